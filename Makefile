@@ -1,0 +1,49 @@
+# Everything a fresh machine needs is Python 3.11 or newer and make.
+PYTHON ?= python3
+BIN := .venv/bin
+SCENARIO := ur5e_hexagon_arm
+DEMO_DIR := runs/demo
+
+export OMP_NUM_THREADS ?= 1
+export PIP_DISABLE_PIP_VERSION_CHECK := 1
+
+.PHONY: help demo test benchmark clean
+
+help:
+	@echo "make demo       install into .venv and run the reference scenario"
+	@echo "make test       install into .venv with the development tools and check everything"
+	@echo "make benchmark  measure speed and accuracy (benchmarks/)"
+	@echo "make clean      remove .venv, caches and runs"
+
+demo: .venv/installed
+	$(BIN)/cosim run $(SCENARIO) --out $(DEMO_DIR)
+	@echo
+	@echo "The recording is $(DEMO_DIR)/recording.rrd, its figures are in $(DEMO_DIR)/summary.json."
+	@echo "Open it with:  $(BIN)/cosim view $(DEMO_DIR)"
+
+test: .venv/installed-dev
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+	$(BIN)/python -m pytest
+
+benchmark: .venv/installed-dev
+	@for script in benchmarks/*.py; do echo "== $$script"; $(BIN)/python "$$script" || exit 1; done
+
+clean:
+	rm -rf .venv runs build dist .pytest_cache .ruff_cache .mypy_cache .hypothesis
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +
+
+.venv/created:
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' \
+	    || { echo "cosim needs Python 3.11 or newer; choose one: make PYTHON=python3.11"; exit 1; }
+	$(PYTHON) -m venv .venv
+	@touch $@
+
+.venv/installed: .venv/created pyproject.toml
+	$(BIN)/python -m pip install --quiet --editable .
+	@touch $@
+
+.venv/installed-dev: .venv/created pyproject.toml
+	$(BIN)/python -m pip install --quiet --editable ".[dev]"
+	@touch $@ .venv/installed

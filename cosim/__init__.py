@@ -1,0 +1,53 @@
+"""Cosimulation of rigid cobots with soft, cable-driven pneumatic end effectors.
+
+`run(scenario)` runs a scenario and returns its arrays; `list_scenarios()` names those that come with
+cosim. Importing cosim is cheap: the simulator is loaded on first use.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from cosim.api import run as run
+    from cosim.errors import ConvergenceError as ConvergenceError
+    from cosim.errors import CosimError as CosimError
+    from cosim.errors import InputError as InputError
+    from cosim.errors import InstabilityError as InstabilityError
+    from cosim.errors import MeshError as MeshError
+    from cosim.errors import ScenarioError as ScenarioError
+    from cosim.errors import SolverError as SolverError
+    from cosim.errors import UnreachableError as UnreachableError
+    from cosim.resources import list_scenarios as list_scenarios
+    from cosim.result import RunResult as RunResult
+    from cosim.scenario.loading import load_scenario as load_scenario
+
+__version__ = "0.1.0"
+
+_HOMES = {
+    "ConvergenceError": "cosim.errors",
+    "CosimError": "cosim.errors",
+    "InputError": "cosim.errors",
+    "InstabilityError": "cosim.errors",
+    "MeshError": "cosim.errors",
+    "RunResult": "cosim.result",
+    "ScenarioError": "cosim.errors",
+    "SolverError": "cosim.errors",
+    "UnreachableError": "cosim.errors",
+    "list_scenarios": "cosim.resources",
+    "load_scenario": "cosim.scenario.loading",
+    "run": "cosim.api",
+}
+
+__all__ = ["__version__", *sorted(_HOMES)]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOMES:
+        raise AttributeError(f"module 'cosim' has no attribute '{name}'; it has {', '.join(__all__)}")
+    return getattr(import_module(_HOMES[name]), name)
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

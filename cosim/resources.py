@@ -1,0 +1,81 @@
+"""Finds the data files that come with cosim: robots and scenarios.
+
+An installed wheel carries them inside the package (`cosim/_data`); a clone, or an editable install of
+one, has them at the top of the repository. Both are found without regard to the working directory.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from cosim.errors import InputError
+
+EXAMPLE_ROBOT_DATA_ARMS = ("ur3", "ur5", "ur10", "panda")
+_PACKAGE = Path(__file__).resolve().parent
+
+
+def data_directory() -> Path:
+    """Return the directory that holds `robots/` and `scenarios/`.
+
+    Raises:
+        InputError: neither the installed package nor a clone around it holds them.
+    """
+    for candidate in (_PACKAGE / "_data", _PACKAGE.parent):
+        if (candidate / "robots").is_dir() and (candidate / "scenarios").is_dir():
+            return candidate
+    raise InputError(f"no robots/ and scenarios/ beside or inside {_PACKAGE}; reinstall cosim")
+
+
+def robot_path(name: str) -> Path:
+    """Return the path of `robots/<name>`, a directory or a file, without checking that it exists."""
+    return data_directory() / "robots" / name
+
+
+def list_soft_robots() -> tuple[str, ...]:
+    """Return the names of the soft robots that come with cosim, sorted."""
+    return tuple(sorted(path.stem for path in robot_path("").glob("*.toml")))
+
+
+def list_own_arms() -> tuple[str, ...]:
+    """Return the names of the rigid arms described under `robots/`, sorted."""
+    directories = (path for path in robot_path("").iterdir() if path.is_dir())
+    return tuple(sorted(path.name for path in directories if not path.name.startswith((".", "_"))))
+
+
+def list_arms() -> tuple[str, ...]:
+    """Return the names of all rigid arms: our own, then those of example-robot-data."""
+    own = list_own_arms()
+    return own + tuple(name for name in EXAMPLE_ROBOT_DATA_ARMS if name not in own)
+
+
+def list_scenarios() -> tuple[str, ...]:
+    """Return the names of the scenarios that come with cosim, sorted."""
+    return tuple(sorted(path.stem for path in (data_directory() / "scenarios").glob("*.toml")))
+
+
+def soft_robot_path(name_or_path: str | Path) -> Path:
+    """Return the file of a soft robot, given by name or as a path that ends in .toml.
+
+    Raises:
+        InputError: there is no such file; the message lists the names that exist.
+    """
+    return _find("soft robot", name_or_path, "robots", list_soft_robots())
+
+
+def scenario_path(name_or_path: str | Path) -> Path:
+    """Return the file of a scenario, given by name or as a path that ends in .toml.
+
+    Raises:
+        InputError: there is no such file; the message lists the names that exist.
+    """
+    return _find("scenario", name_or_path, "scenarios", list_scenarios())
+
+
+def _find(kind: str, name_or_path: str | Path, folder: str, names: tuple[str, ...]) -> Path:
+    if isinstance(name_or_path, str) and name_or_path in names:
+        return data_directory() / folder / f"{name_or_path}.toml"
+    path = Path(name_or_path)
+    if path.suffix == ".toml" and path.is_file():
+        return path
+    hint = "" if path.suffix == ".toml" else ", or give the path of a .toml file"
+    raise InputError(f"no {kind} '{name_or_path}'; there are: {', '.join(names) or 'none'}{hint}")

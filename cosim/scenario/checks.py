@@ -1,0 +1,135 @@
+"""Rules that tie several values of a scenario together."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+from cosim.errors import ScenarioError
+from cosim.resources import list_arms
+from cosim.scenario.schema import Phase, Scenario, SceneObject, TipTarget
+from cosim.scenario.soft_robot import Cable, SoftRobot
+from cosim.scenario.suggestions import unknown_name_message
+
+_SIZE_ENTRIES = {"box": 3, "sphere": 1, "cylinder": 2, "capsule": 2}
+
+
+def check_scenario(scenario: Scenario) -> None:
+    """Check what single values cannot show: names that must exist, lengths that must agree.
+
+    Raises:
+        ScenarioError: the first rule that is broken.
+    """
+    if scenario.robot not in list_arms():
+        raise ScenarioError("robot", unknown_name_message("arm", scenario.robot, list_arms()))
+    check_soft_robot(scenario.soft_robot, "soft_robot")
+    _check_unique((entry.name for entry in scenario.objects), "object")
+    _check_unique((entry.name for entry in scenario.phases), "phase")
+    cables = scenario.soft_robot.cables
+    if scenario.start.cable_tension_N:
+        _check_tensions(scenario.start.cable_tension_N, cables, "start.cable_tension_N")
+    for scene_object in scenario.objects:
+        _check_object(scene_object, f"object.{scene_object.name}")
+    for phase in scenario.phases:
+        _check_phase(phase, scenario, f"phase.{phase.name}")
+
+
+def check_soft_robot(robot: SoftRobot, path: str) -> None:
+    """Check a soft robot's geometry, clamped rings and cables; `path` is that of its table.
+
+    Raises:
+        ScenarioError: the first rule that is broken.
+    """
+    chamber = robot.chamber
+    smallest = chamber.corner_radius_m * chamber.taper ** (chamber.units - 1)
+    if smallest <= chamber.hole_radius_m:
+        raise ScenarioError(
+            f"{path}.chamber.hole_radius_m",
+            f"{chamber.hole_radius_m:g} must be below the last unit's corner radius, {smallest:.4g}",
+        )
+    if robot.mass.node_mass_kg == 0.0 and robot.film.density_kg_m3 == 0.0:
+        raise ScenarioError(
+            f"{path}.mass.node_mass_kg",
+            "every node needs mass; give node_mass_kg or film.density_kg_m3 above 0",
+        )
+    _check_rings(robot.base, robot, f"{path}.base")
+    _check_unique((cable.name for cable in robot.cables), f"{path}.cable")
+    for cable in robot.cables:
+        _check_cable(cable, robot, f"{path}.cable.{cable.name}")
+
+
+def _check_cable(cable: Cable, robot: SoftRobot, path: str) -> None:
+    sides, units = robot.chamber.sides, robot.chamber.units
+    if cable.corner >= sides:
+        raise ScenarioError(f"{path}.corner", f"{cable.corner} does not exist; corners 0 to {sides - 1} do")
+    first, last = cable.units
+    if last > units:
+        raise ScenarioError(f"{path}.units", f"unit {last} does not exist; units 1 to {units} do")
+    if first >= last:
+        raise ScenarioError(f"{path}.units", f"[{first}, {last}] must run from a unit to a later one")
+    if (cable.capstan_factor is None) == (cable.friction_coefficient is None):
+        given = "neither" if cable.capstan_factor is None else "both"
+        raise ScenarioError(path, f"give capstan_factor or friction_coefficient; {given} is given")
+
+
+def _check_object(scene_object: SceneObject, path: str) -> None:
+    expected = _SIZE_ENTRIES[scene_object.shape]
+    if len(scene_object.size_m) != expected:
+        raise ScenarioError(
+            f"{path}.size_m", f"has {len(scene_object.size_m)} entries; a {scene_object.shape} has {expected}"
+        )
+
+
+def _check_phase(phase: Phase, scenario: Scenario, path: str) -> None:
+    robot = scenario.soft_robot
+    if phase.duration_s < scenario.clock.tick_s:
+        raise ScenarioError(
+            f"{path}.duration_s", f"{phase.duration_s:g} is shorter than a tick ({scenario.clock.tick_s:g} s)"
+        )
+    _check_rings(phase.clamp, robot, f"{path}.clamp")
+    if phase.cable_tension_N is not None:
+        _check_tensions(phase.cable_tension_N, robot.cables, f"{path}.cable_tension_N")
+    moves = [key for key in ("flange", "flange_turn", "flange_shift_m") if getattr(phase, key) is not None]
+    if phase.flange is not None and len(moves) > 1:
+        raise ScenarioError(f"{path}.{moves[1]}", "cannot stand beside flange, which already gives the pose")
+    if phase.tip_target is not None:
+        _check_tip_target(phase.tip_target, phase, moves, robot, path)
+
+
+def _check_tip_target(
+    target: TipTarget, phase: Phase, moves: Sequence[str], robot: SoftRobot, path: str
+) -> None:
+    where = f"{path}.tip_target"
+    if (target.position_m is None) == (target.height_m is None):
+        given = "neither" if target.position_m is None else "both"
+        raise ScenarioError(where, f"give position_m or height_m; {given} is given")
+    if moves:
+        raise ScenarioError(f"{path}.{moves[0]}", "cannot stand beside tip_target in one phase")
+    if target.reach_with != "cables":
+        if target.height_m is not None:
+            raise ScenarioError(f"{where}.height_m", "needs reach_with = 'cables'")
+        return
+    if not robot.cables:
+        raise ScenarioError(f"{where}.reach_with", f"soft robot '{robot.name}' has no cables")
+    if phase.cable_tension_N is not None:
+        raise ScenarioError(f"{path}.cable_tension_N", "cannot stand beside a target reached with cables")
+
+
+def _check_tensions(tensions: Sequence[float], cables: Sequence[Cable], path: str) -> None:
+    if len(tensions) != len(cables):
+        names = ", ".join(cable.name for cable in cables) or "none"
+        raise ScenarioError(path, f"has {len(tensions)} entries; there are {len(cables)} cables: {names}")
+
+
+def _check_rings(rings: Iterable[str], robot: SoftRobot, path: str) -> None:
+    known = robot.ring_names()
+    for ring in rings:
+        if ring not in known:
+            raise ScenarioError(path, unknown_name_message("ring", ring, known))
+
+
+def _check_unique(names: Iterable[str], path: str) -> None:
+    seen: set[str] = set()
+    for name in names:
+        if name in seen:
+            raise ScenarioError(f"{path}.{name}", "the name is used twice; names must differ")
+        seen.add(name)

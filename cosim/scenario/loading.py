@@ -1,0 +1,117 @@
+"""Loads scenario and soft-robot files into their frozen dataclasses."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from cosim.errors import InputError, ScenarioError
+from cosim.resources import scenario_path, soft_robot_path
+from cosim.scenario.checks import check_scenario, check_soft_robot
+from cosim.scenario.overrides import apply_override, merge, plain
+from cosim.scenario.parsing import describe, parse
+from cosim.scenario.schema import Scenario
+from cosim.scenario.soft_robot import SoftRobot
+from cosim.scenario.writing import to_table
+
+
+def load_scenario(source: str | Path | Scenario, overrides: Mapping[str, Any] | None = None) -> Scenario:
+    """Return a checked scenario.
+
+    Args:
+        source: name of a scenario that comes with cosim, path of a .toml file, or a scenario.
+        overrides: values by key path, such as {"phase.inflate.pressure_Pa": 20e3}.
+
+    Raises:
+        InputError: there is no such scenario.
+        ScenarioError: a key or value is wrong; the message starts with the key's path.
+    """
+    overrides = dict(overrides or {})
+    if isinstance(source, Scenario):
+        table, folder = to_table(source), Path()
+    else:
+        path = scenario_path(source)
+        table, folder = read_table(path), path.parent
+        table.setdefault("name", path.stem)
+    if "soft_robot" in overrides:
+        apply_override(table, "soft_robot", overrides.pop("soft_robot"))
+        folder = Path()
+    if "soft_robot" in table:
+        table["soft_robot"] = _expand_soft_robot(table["soft_robot"], folder)
+    for key, value in overrides.items():
+        apply_override(table, key, value)
+    return resolve(parse(Scenario, table))
+
+
+def load_soft_robot(name_or_path: str | Path) -> SoftRobot:
+    """Return a checked soft robot, by name or path of its file.
+
+    Raises:
+        InputError: there is no such soft robot.
+        ScenarioError: a key or value is wrong.
+    """
+    robot = parse(SoftRobot, read_table(soft_robot_path(name_or_path)), "soft_robot")
+    check_soft_robot(robot, "soft_robot")
+    return robot
+
+
+def resolve(scenario: Scenario) -> Scenario:
+    """Return the scenario with its rules checked and omitted start tensions filled with zeros.
+
+    Raises:
+        ScenarioError: see `cosim.scenario.checks`.
+    """
+    check_scenario(scenario)
+    tensions = scenario.start.cable_tension_N or (0.0,) * len(scenario.soft_robot.cables)
+    return replace(scenario, start=replace(scenario.start, cable_tension_N=tensions))
+
+
+def read_table(path: Path) -> dict[str, Any]:
+    """Return the tables of a TOML file.
+
+    Raises:
+        ScenarioError: the file cannot be read, or is not TOML; `path` is the file's name.
+    """
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise ScenarioError(str(path), f"cannot be read: {error.strerror}") from error
+    except UnicodeDecodeError as error:
+        raise ScenarioError(str(path), f"is not UTF-8 text: byte {error.start}") from error
+    except tomllib.TOMLDecodeError as error:
+        raise ScenarioError(str(path), f"is not TOML: {error}") from error
+
+
+def question(path: Path) -> str:
+    """Return the first comment of a scenario file: the question that it answers."""
+    lines = []
+    for line in path.read_text(encoding="utf-8").splitlines():
+        if not line.startswith("#"):
+            break
+        lines.append(line.lstrip("#").strip())
+    text = " ".join(line for line in lines if line)
+    return text.removeprefix("Question:").strip()
+
+
+def _expand_soft_robot(value: Any, folder: Path) -> Any:
+    """Return the full table of a soft robot given by name, path, or changes to a file."""
+    if isinstance(value, str):
+        return _soft_robot_table(value, folder)
+    if isinstance(value, Mapping) and "file" in value:
+        changes = {key: item for key, item in value.items() if key != "file"}
+        if not isinstance(value["file"], str):
+            raise ScenarioError("soft_robot.file", f"expected a name or path, got {describe(value['file'])}")
+        return merge(_soft_robot_table(value["file"], folder), plain(changes))
+    return value
+
+
+def _soft_robot_table(name: str, folder: Path) -> dict[str, Any]:
+    beside = folder / name
+    try:
+        path = beside if beside.suffix == ".toml" and beside.is_file() else soft_robot_path(name)
+    except InputError as error:
+        raise ScenarioError("soft_robot", str(error)) from error
+    return read_table(path)

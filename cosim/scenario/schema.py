@@ -1,0 +1,216 @@
+"""Schema of a scenario file: frozen, SI units in the names of the keys, world frame, z up.
+
+A rigid target is a pose of the flange. `direction` is the flange's z axis, out of the flange. At
+`roll_rad = 0` the flange is turned the shortest way from hanging straight down with its x axis along the
+world's x axis; pointing straight up it is turned half a turn about the world's y axis instead.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Annotated, Literal, final
+
+from cosim.scenario.constraints import (
+    Bounds,
+    Colour,
+    Count,
+    Direction,
+    Length,
+    Name,
+    NonNegative,
+    Positive,
+    Pressure,
+    Quaternion,
+    Text,
+    Vector3,
+)
+from cosim.scenario.soft_robot import SoftRobot
+
+Tensions = tuple[NonNegative, ...]
+
+
+@final
+@dataclass(frozen=True)
+class Clock:
+    """The lockstep clock: rigid and soft side advance by one tick at a time."""
+
+    tick_s: Annotated[float, Bounds(above=0.0, at_most=0.1)] = 0.002
+
+
+@final
+@dataclass(frozen=True)
+class Solver:
+    """How the soft side is solved.
+
+    Args:
+        residual_tolerance_N: largest force component left at an equilibrium or a converged step.
+        newton_iterations_max: bound for an equilibrium (quasistatic mode and the start).
+        dynamic_newton_iterations: Newton iterations per tick in the dynamic mode.
+        integrator: of the dynamic mode.
+        damping_per_s: mass-proportional damping, force = -damping_per_s * m * v.
+        stiffness_damping_s: stiffness-proportional damping, force = -stiffness_damping_s * K v.
+    """
+
+    residual_tolerance_N: Positive = 1e-6
+    newton_iterations_max: Count = 100
+    dynamic_newton_iterations: Count = 1
+    integrator: Literal["implicit_euler", "bdf2"] = "implicit_euler"
+    damping_per_s: NonNegative = 0.0
+    stiffness_damping_s: NonNegative = 0.0
+
+
+@final
+@dataclass(frozen=True)
+class ChamberModel:
+    """Switches for comparison with the published open-chamber data.
+
+    Args:
+        closed: the end holes carry pressure (caps); otherwise the films only.
+        all_hinges: every interior edge carries a hinge; otherwise the published subset.
+    """
+
+    closed: bool = True
+    all_hinges: bool = True
+
+
+@final
+@dataclass(frozen=True)
+class Recording:
+    """How often the recording holds a picture and a point of the plots, in simulated time."""
+
+    frames_per_s: Positive = 60.0
+    plots_per_s: Positive = 100.0
+
+
+@final
+@dataclass(frozen=True)
+class FlangePose:
+    """Absolute pose of the flange: origin, z axis, roll about it (see the module's text)."""
+
+    position_m: Vector3
+    direction: Direction
+    roll_rad: float = 0.0
+
+
+@final
+@dataclass(frozen=True)
+class FlangeTurn:
+    """Right-handed rotation about the flange's origin, world axis, from where the phase starts."""
+
+    axis: Direction
+    angle_rad: float
+
+
+@final
+@dataclass(frozen=True)
+class TipTarget:
+    """Where the soft tip should be at the end of a phase: `position_m`, or only its height.
+
+    Args:
+        position_m: of the centre of the last hole ring, world.
+        direction: unit normal of the last hole ring, away from the base, world.
+        height_m: world z of the tip; only with reach_with = "cables".
+        reach_with: "flange": the flange goes where the deformed tip meets the target;
+            "cables": the flange stays, tensions are found;
+            "none": the flange goes where the undeformed tip would meet it (to see the error).
+    """
+
+    position_m: Vector3 | None = None
+    direction: Direction | None = None
+    height_m: float | None = None
+    reach_with: Literal["flange", "cables", "none"] = "flange"
+
+
+@final
+@dataclass(frozen=True)
+class Start:
+    """State before the first tick; an empty list of tensions means none."""
+
+    flange: FlangePose
+    pressure_Pa: Pressure = 0.0
+    cable_tension_N: Tensions = ()
+
+
+@final
+@dataclass(frozen=True)
+class SceneObject:
+    """A rigid body of the scene.
+
+    Args:
+        size_m: box: three edge lengths; sphere: radius; cylinder, capsule: radius and length.
+        position_m: of its centre, world.
+        quaternion: (w, x, y, z), world from object; normalised on use.
+        mass_kg: omitted = fixed to the world.
+    """
+
+    name: Name
+    shape: Literal["box", "sphere", "cylinder", "capsule"]
+    size_m: Annotated[tuple[Positive, ...], Length(at_least=1, at_most=3)]
+    position_m: Vector3
+    quaternion: Quaternion = (1.0, 0.0, 0.0, 0.0)
+    mass_kg: Positive | None = None
+    rgba: Colour = (0.55, 0.57, 0.60, 1.0)
+
+
+@final
+@dataclass(frozen=True)
+class Phase:
+    """One stretch of the run; what is omitted stays as it is.
+
+    Args:
+        duration_s: of the ramp.
+        settle_s: held afterwards, at the end values.
+        increments: of the ramp, in the quasistatic mode.
+        ramp: "smooth" is the minimum-jerk quintic.
+        pressure_Pa: gauge pressure at the end of the ramp.
+        cable_tension_N: at the base end of each cable, at the end of the ramp.
+        flange: absolute pose at the end of the ramp.
+        flange_turn: relative rotation; may be combined with `flange_shift_m`.
+        flange_shift_m: relative displacement, world axes.
+        clamp: rings held rigidly to the flange from here on, as they are when the phase starts.
+        tip_target: where the tip should end up.
+    """
+
+    name: Name
+    duration_s: Positive
+    settle_s: NonNegative = 0.0
+    increments: Count = 100
+    ramp: Literal["smooth", "linear", "step"] = "smooth"
+    pressure_Pa: Pressure | None = None
+    cable_tension_N: Tensions | None = None
+    flange: FlangePose | None = None
+    flange_turn: FlangeTurn | None = None
+    flange_shift_m: Vector3 | None = None
+    clamp: tuple[str, ...] = ()
+    tip_target: TipTarget | None = None
+
+
+@final
+@dataclass(frozen=True)
+class Scenario:
+    """Everything a run depends on.
+
+    Args:
+        name: of the scenario; the file's name if omitted.
+        robot: rigid arm: a directory of robots/, or an arm of example-robot-data.
+        soft_robot: in the file a name, a path, or a table `{file = NAME, ...}` of changes to that file.
+        payload_compensation: the arm's feedforward knows the soft arm's weight.
+        objects: `[[object]]` in the file.
+        phases: `[[phase]]` in the file.
+    """
+
+    schema: Literal[1]
+    name: Name
+    title: Text
+    robot: str
+    soft_robot: SoftRobot
+    start: Start
+    phases: Annotated[tuple[Phase, ...], Length(at_least=1)] = field(metadata={"key": "phase"})
+    mode: Literal["dynamic", "quasistatic"] = "dynamic"
+    gravity_m_s2: Vector3 = (0.0, 0.0, -9.81)
+    payload_compensation: bool = True
+    clock: Clock = Clock()
+    solver: Solver = Solver()
+    chamber: ChamberModel = ChamberModel()
+    recording: Recording = Recording()
+    objects: tuple[SceneObject, ...] = field(default=(), metadata={"key": "object"})

@@ -1,0 +1,141 @@
+"""Schema of a soft robot's file (`robots/*.toml`): frozen, SI units in the names of the keys."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Annotated, Literal, final
+
+from cosim.scenario.constraints import (
+    Bounds,
+    Count,
+    Fraction,
+    Increasing,
+    Length,
+    Name,
+    NonNegative,
+    Positive,
+    Text,
+)
+
+HeightFractions = Annotated[tuple[Fraction, Fraction, Fraction], Increasing()]
+UnitRange = tuple[Count, Count]
+
+
+@final
+@dataclass(frozen=True)
+class Chamber:
+    """Geometry of a straight stack of polygonal units, drawn along the flange's z axis.
+
+    Args:
+        kind: the only geometry so far.
+        sides: corners of each unit.
+        units: number of units.
+        corner_radius_m: distance of the first unit's corners from the axis.
+        taper: corner radius of a unit divided by that of the unit before it.
+        hole_radius_m: distance of the corners of the hole rings between units from the axis.
+        mid_ring_fraction: 0 puts the mid rings' corners at the hole, 1 at the unit's corner.
+        unit_height_m: drawn height of one unit.
+        ring_heights: of lower mid, outer and upper mid ring, as fractions of the unit's height.
+        first_corner_rad: angle of corner 0 from the flange's x axis about its z axis; omitted:
+            -pi / sides, so that the edge between corners 0 and 1 faces +x.
+        refine: how often each triangle is divided into four.
+    """
+
+    sides: Annotated[int, Bounds(at_least=3, at_most=64)]
+    units: Annotated[int, Bounds(at_least=1, at_most=200)]
+    corner_radius_m: Positive
+    hole_radius_m: Positive
+    unit_height_m: Positive
+    ring_heights: HeightFractions
+    kind: Literal["polygonal_stack"] = "polygonal_stack"
+    taper: Annotated[float, Bounds(above=0.0, at_most=1.0)] = 1.0
+    mid_ring_fraction: Fraction = 0.5
+    first_corner_rad: float | None = None
+    refine: Annotated[int, Bounds(at_least=0, at_most=4)] = 0
+
+
+@final
+@dataclass(frozen=True)
+class Film:
+    """Elastic sheet of the chamber walls."""
+
+    young_modulus_Pa: Positive
+    poisson_ratio: Annotated[float, Bounds(above=-1.0, below=0.5)]
+    thickness_m: Positive
+    density_kg_m3: NonNegative = 0.0
+
+
+@final
+@dataclass(frozen=True)
+class Hinge:
+    """Rotational springs of the folds.
+
+    Args:
+        stiffness_factor: spring constant of each hinge divided by E t^3 / 12 [N m/rad].
+        fold_barrier_rad: the moment diverges below this dihedral angle and above 2 pi minus it.
+    """
+
+    stiffness_factor: NonNegative = 1.0
+    fold_barrier_rad: Annotated[float, Bounds(at_least=0.0, below=3.141592653589793)] = 0.0
+
+
+@final
+@dataclass(frozen=True)
+class Mass:
+    """Mass beyond that of the film.
+
+    Args:
+        node_mass_kg: at every node.
+        seam_mass_kg: at every node of the outer rings (a unit's frame), in addition.
+    """
+
+    node_mass_kg: NonNegative = 0.0
+    seam_mass_kg: NonNegative = 0.0
+
+
+@final
+@dataclass(frozen=True)
+class Cable:
+    """A cable along one corner line, through the outer ring of each unit of a range.
+
+    Exactly one of the two loss models is given.
+
+    Args:
+        corner: 0 to sides - 1; counted about the flange's z axis.
+        units: first and last unit with an eyelet, counted from 1.
+        capstan_factor: tension beyond an eyelet divided by the tension before it.
+        friction_coefficient: mu in exp(-mu * wrap angle) at each eyelet.
+    """
+
+    name: Name
+    corner: Annotated[int, Bounds(at_least=0)]
+    units: UnitRange
+    capstan_factor: Annotated[float, Bounds(above=0.0, at_most=1.0)] | None = None
+    friction_coefficient: NonNegative | None = None
+
+
+@final
+@dataclass(frozen=True)
+class SoftRobot:
+    """A soft robot: geometry, film, folds, masses, clamped rings and cables.
+
+    Args:
+        base: rings clamped to the flange from the start, such as "unit_1.hole".
+        cables: `[[cable]]` in the file.
+    """
+
+    name: Name
+    source: Text
+    chamber: Chamber
+    film: Film
+    hinge: Hinge = Hinge()
+    mass: Mass = Mass()
+    base: Annotated[tuple[str, ...], Length(at_least=1)] = ("unit_1.hole",)
+    cables: tuple[Cable, ...] = field(default=(), metadata={"key": "cable"})
+    schema: Literal[1] = 1
+
+    def ring_names(self) -> tuple[str, ...]:
+        """Return the names of all rings, base to tip."""
+        rings = ("hole", "lower", "outer", "upper")
+        units = range(1, self.chamber.units + 1)
+        return (*(f"unit_{unit}.{ring}" for unit in units for ring in rings), "tip")
