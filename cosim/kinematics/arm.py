@@ -1,0 +1,187 @@
+"""A serial arm as a Pinocchio model: poses, Jacobians and dynamics."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+import pinocchio as pin
+
+from cosim.arm_files import ArmFile
+from cosim.errors import InputError
+from cosim.frames import Array, Pose
+
+_STANDARD_GRAVITY = (0.0, 0.0, -9.81)
+
+
+@dataclass(frozen=True)
+class Payload:
+    """A rigid body fixed to the flange.
+
+    Args:
+        mass_kg: not negative.
+        center_of_mass: (3,) [m], flange frame.
+        inertia: (3, 3) [kg m^2], about the centre of mass, flange axes.
+    """
+
+    mass_kg: float
+    center_of_mass: Array
+    inertia: Array
+
+    def __post_init__(self) -> None:
+        if not (np.isfinite(self.mass_kg) and self.mass_kg >= 0.0):
+            raise InputError(f"payload mass is {self.mass_kg} kg; it must be finite and not negative")
+
+
+@final
+class Arm:
+    """A serial arm fixed to the world, with its flange frame.
+
+    Args:
+        arm: the arm to read.
+        world_from_base: pose of the arm's root link.
+        gravity: (3,) [m/s^2], world.
+
+    Raises:
+        InputError: a joint of the arm is not a plain one-axis joint (continuous ones, for example).
+    """
+
+    def __init__(
+        self,
+        arm: ArmFile,
+        world_from_base: Pose | None = None,
+        gravity: Array | tuple[float, float, float] = _STANDARD_GRAVITY,
+    ) -> None:
+        model = pin.buildModelFromXML(arm.urdf)
+        if model.nq != model.nv:
+            raise InputError(
+                f"arm {arm.name!r} has a continuous joint; give it limits (type revolute) to use it here"
+            )
+        if tuple(model.names[1:]) != arm.joint_names:
+            raise InputError(f"arm {arm.name!r}: joints {tuple(model.names[1:])}, expected {arm.joint_names}")
+        base = world_from_base or Pose()
+        model.jointPlacements[1] = _placement(base) * model.jointPlacements[1]
+        model.gravity.linear = np.array(gravity, dtype=np.float64)
+        self.name = arm.name
+        self.joint_names = arm.joint_names
+        self.home = arm.home
+        self._model = model
+        self._data = model.createData()
+        self._frame = model.getFrameId(arm.flange_frame)
+        self._last_joint_from_flange = pin.SE3(model.frames[self._frame].placement)
+        self._bare_inertia = pin.Inertia(model.inertias[model.njoints - 1])
+        self._loaded = pin.Model(model)
+        self._loaded_data = self._loaded.createData()
+        self._payload: Payload | None = None
+
+    @property
+    def joint_count(self) -> int:
+        """Number of joints."""
+        return int(self._model.nv)
+
+    @property
+    def lower(self) -> Array:
+        """Lower joint limits (joints,) [rad]."""
+        return np.array(self._model.lowerPositionLimit)
+
+    @property
+    def upper(self) -> Array:
+        """Upper joint limits (joints,) [rad]."""
+        return np.array(self._model.upperPositionLimit)
+
+    @property
+    def velocity_limit(self) -> Array:
+        """Largest joint speeds (joints,) [rad/s]."""
+        return np.array(self._model.upperVelocityLimit)
+
+    @property
+    def effort_limit(self) -> Array:
+        """Largest joint torques (joints,) [N m]."""
+        return np.array(self._model.upperEffortLimit)
+
+    @property
+    def shoulder(self) -> Array:
+        """Origin of the first joint (3,) [m], world; it does not move."""
+        return np.array(self._model.jointPlacements[1].translation)
+
+    @property
+    def reach(self) -> float:
+        """Length of the chain from the first joint's origin to the flange origin [m].
+
+        No configuration puts the flange farther from `shoulder` than this sum of link lengths.
+        """
+        links = [self._model.jointPlacements[i].translation for i in range(2, self._model.njoints)]
+        return float(sum(np.linalg.norm(link) for link in [*links, self._last_joint_from_flange.translation]))
+
+    def forward(self, q: Array) -> Pose:
+        """Return world_from_flange at joint angles q (joints,) [rad]."""
+        pin.forwardKinematics(self._model, self._data, q)
+        placement = pin.updateFramePlacement(self._model, self._data, self._frame)
+        return Pose(placement.rotation, placement.translation)
+
+    def jacobian(self, q: Array) -> Array:
+        """Return J (6, joints) with [linear; angular] = J qd, at the flange origin, world axes.
+
+        Args:
+            q: (joints,) [rad].
+        """
+        return np.array(
+            pin.computeFrameJacobian(self._model, self._data, q, self._frame, pin.LOCAL_WORLD_ALIGNED)
+        )
+
+    def mass_matrix(self, q: Array) -> Array:
+        """Return the joint-space mass matrix (joints, joints) [kg m^2] of the links, without armature.
+
+        Args:
+            q: (joints,) [rad].
+        """
+        upper = np.triu(pin.crba(self._model, self._data, q))
+        return np.asarray(upper + np.triu(upper, 1).T)
+
+    def gravity_torque(self, q: Array, payload: Payload | None = None) -> Array:
+        """Return the joint torques (joints,) [N m] that hold the arm still against gravity.
+
+        Args:
+            q: (joints,) [rad].
+            payload: fixed to the flange.
+        """
+        model, data = self._loaded_with(payload)
+        return np.array(pin.computeGeneralizedGravity(model, data, q))
+
+    def inverse_dynamics(
+        self,
+        q: Array,
+        velocity: Array,
+        acceleration: Array,
+        armature: Array | None = None,
+        payload: Payload | None = None,
+    ) -> Array:
+        """Return tau = (M + diag(armature)) a + c(q, v) + g(q) (joints,) [N m] (Featherstone's RNEA).
+
+        Args:
+            q: (joints,) [rad].
+            velocity: (joints,) [rad/s].
+            acceleration: (joints,) [rad/s^2].
+            armature: (joints,) [kg m^2], rotor inertias seen at the joints.
+            payload: fixed to the flange.
+        """
+        model, data = self._loaded_with(payload)
+        torque = np.array(pin.rnea(model, data, q, velocity, acceleration))
+        return torque if armature is None else torque + armature * acceleration
+
+    def _loaded_with(self, payload: Payload | None) -> tuple[pin.Model, pin.Data]:
+        if payload is None:
+            return self._model, self._data
+        if payload is not self._payload:
+            load = pin.Inertia(
+                payload.mass_kg, np.asarray(payload.center_of_mass), np.asarray(payload.inertia)
+            )
+            last = self._model.njoints - 1
+            self._loaded.inertias[last] = self._bare_inertia + self._last_joint_from_flange.act(load)
+            self._payload = payload
+        return self._loaded, self._loaded_data
+
+
+def _placement(pose: Pose) -> pin.SE3:
+    return pin.SE3(np.array(pose.rotation), np.array(pose.translation))

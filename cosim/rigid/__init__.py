@@ -1,0 +1,7 @@
+"""The rigid side: arm, servos, objects and their contacts, hosted by MuJoCo."""
+
+from cosim.rigid.description import SceneDescription, SceneObject, ServoGains
+from cosim.rigid.scene import RigidScene, RigidState
+from cosim.rigid.shapes import BodyShape
+
+__all__ = ["BodyShape", "RigidScene", "RigidState", "SceneDescription", "SceneObject", "ServoGains"]

@@ -1,0 +1,131 @@
+"""What a rigid scene is made of: an arm on its base, its servos, and objects around it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from cosim.arm_files import ArmFile
+from cosim.errors import InputError
+from cosim.frames import Array, Pose
+
+SIZES = {
+    "box": ("edge x", "edge y", "edge z"),
+    "sphere": ("radius",),
+    "cylinder": ("radius", "length"),
+    "capsule": ("radius", "length between the centres of its caps"),
+    "plane": ("edge x", "edge y"),
+}
+
+
+@dataclass(frozen=True)
+class SceneObject:
+    """A rigid body of one primitive shape.
+
+    Args:
+        name: unique in the scene.
+        shape: one of `SIZES`; axes of cylinder, capsule and the plane's normal are the body's z.
+        size_m: full dimensions [m], in the order that `SIZES` says.
+        position_m: (3,) [m], centre, world.
+        quaternion: (w, x, y, z), world from object.
+        mass_kg: 0 for an object that stands still.
+        rgba: colour, components 0 to 1.
+        friction: sliding friction coefficient.
+
+    Raises:
+        InputError: unknown shape, wrong number of dimensions, or a value outside its bounds.
+    """
+
+    name: str
+    shape: str
+    size_m: tuple[float, ...]
+    position_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    quaternion: tuple[float, float, float, float] = (1.0, 0.0, 0.0, 0.0)
+    mass_kg: float = 0.0
+    rgba: tuple[float, float, float, float] = (0.75, 0.55, 0.35, 1.0)
+    friction: float = 0.8
+
+    def __post_init__(self) -> None:
+        where = f"object {self.name!r}"
+        if self.shape not in SIZES:
+            raise InputError(f"{where}: unknown shape {self.shape!r}; there are {', '.join(SIZES)}")
+        if len(self.size_m) != len(SIZES[self.shape]):
+            wanted = ", ".join(SIZES[self.shape])
+            raise InputError(f"{where}: a {self.shape} takes {wanted}; got {len(self.size_m)} numbers")
+        if not all(np.isfinite(s) and s > 0.0 for s in self.size_m):
+            raise InputError(f"{where}: size_m is {self.size_m}; every dimension must be above 0")
+        if not (np.isfinite(self.mass_kg) and self.mass_kg >= 0.0):
+            raise InputError(f"{where}: mass_kg is {self.mass_kg}; it must be finite and not negative")
+        if self.shape == "plane" and self.mass_kg > 0.0:
+            raise InputError(f"{where}: a plane cannot move, so its mass_kg must be 0")
+        if not (np.isfinite(self.friction) and self.friction >= 0.0):
+            raise InputError(f"{where}: friction is {self.friction}; it must be finite and not negative")
+        if not (np.all(np.isfinite(self.quaternion)) and np.linalg.norm(self.quaternion) > 1e-6):
+            raise InputError(f"{where}: quaternion is {self.quaternion}; it must not be zero")
+        if not np.all(np.isfinite(self.position_m)):
+            raise InputError(f"{where}: position_m is {self.position_m}; it must be finite")
+
+
+@dataclass(frozen=True)
+class ServoGains:
+    """Gains of the joint servos, torque = stiffness (q_ref - q) + damping (v_ref - v) + feedforward.
+
+    Args:
+        stiffness: (joints,) [N m/rad].
+        damping: (joints,) [N m s/rad].
+    """
+
+    stiffness: Array
+    damping: Array
+
+    @classmethod
+    def for_efforts(cls, effort: Array) -> ServoGains:
+        """Return gains that grow with the joint's torque limit.
+
+        500 max(1, effort / 37.5 N m) and a fifth of it: on the UR5e 2000/400 and 500/100, the values
+        in common use for this arm in MuJoCo.
+
+        Args:
+            effort: (joints,) [N m].
+        """
+        stiffness = 500.0 * np.maximum(1.0, np.asarray(effort, dtype=np.float64) / 37.5)
+        return cls(stiffness, 0.2 * stiffness)
+
+
+@dataclass(frozen=True)
+class SceneDescription:
+    """Everything that a rigid scene is built from.
+
+    Args:
+        arm: fixed to the world.
+        tick_s: length of a step [s].
+        gravity: (3,) [m/s^2], world.
+        world_from_base: pose of the arm's root link.
+        objects: bodies around the arm.
+        floor_height_m: height of a floor plane [m], or None for no floor.
+        armature: rotor inertia seen at each joint [kg m^2].
+        gains: of the servos; from the arm's torque limits unless given.
+
+    Raises:
+        InputError: a value outside its bounds, or two objects of one name.
+    """
+
+    arm: ArmFile
+    tick_s: float = 0.002
+    gravity: tuple[float, float, float] = (0.0, 0.0, -9.81)
+    world_from_base: Pose = field(default_factory=Pose)
+    objects: tuple[SceneObject, ...] = ()
+    floor_height_m: float | None = 0.0
+    armature: float = 0.1
+    gains: ServoGains | None = None
+
+    def __post_init__(self) -> None:
+        if not (np.isfinite(self.tick_s) and self.tick_s > 0.0):
+            raise InputError(f"tick_s is {self.tick_s}; it must be above 0")
+        if not (np.isfinite(self.armature) and self.armature >= 0.0):
+            raise InputError(f"armature is {self.armature} kg m^2; it must be finite and not negative")
+        names = [item.name for item in self.objects]
+        twice = sorted({name for name in names if names.count(name) > 1})
+        if twice:
+            raise InputError(f"two objects are called {', '.join(map(repr, twice))}; names must be unique")

@@ -1,0 +1,132 @@
+"""Compiles a scene description into a MuJoCo model."""
+
+from __future__ import annotations
+
+import copy
+import xml.etree.ElementTree as ElementTree
+
+import mujoco
+import numpy as np
+
+from cosim.errors import InputError
+from cosim.frames import Pose
+from cosim.rigid.description import SceneDescription, SceneObject, ServoGains
+
+VISUAL_GROUP = 1  # MuJoCo's URDF reader puts what is drawn into this geom group
+FLANGE_SITE = "flange"
+FORCE_SENSOR, TORQUE_SENSOR = "flange_force", "flange_torque"
+
+# Robot links meet floor and objects but not one another; floor and objects meet everything.
+_ROBOT_CONTACT = (1, 2)
+_OBJECT_CONTACT = (2, 3)
+_GEOM_TYPES = {
+    "box": mujoco.mjtGeom.mjGEOM_BOX,
+    "sphere": mujoco.mjtGeom.mjGEOM_SPHERE,
+    "cylinder": mujoco.mjtGeom.mjGEOM_CYLINDER,
+    "capsule": mujoco.mjtGeom.mjGEOM_CAPSULE,
+    "plane": mujoco.mjtGeom.mjGEOM_PLANE,
+}
+_READABLE_MESHES = (".stl", ".obj", ".msh")
+_MESH_GREY = "0.80 0.81 0.83 1"
+_FLOOR_GREY = (0.86, 0.87, 0.88, 1.0)
+
+
+def compile_model(description: SceneDescription) -> mujoco.MjModel:
+    """Return the MuJoCo model of a scene.
+
+    Raises:
+        InputError: MuJoCo refuses the arm's file or an object.
+    """
+    arm = description.arm
+    try:
+        spec = mujoco.MjSpec.from_string(_mujoco_urdf(arm.urdf))
+    except ValueError as error:
+        raise InputError(f"arm {arm.name!r}: MuJoCo cannot read {arm.urdf_path}: {error}") from None
+    spec.compiler.degree = False
+    spec.option.timestep = description.tick_s
+    spec.option.gravity = description.gravity
+    spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    _place_base(spec, description.world_from_base)
+    _prepare_arm(spec, description)
+    if description.floor_height_m is not None:
+        height = description.floor_height_m
+        floor = SceneObject("floor", "plane", (4.0, 4.0), (0.0, 0.0, height), rgba=_FLOOR_GREY)
+        _add_object(spec, floor)
+    for item in description.objects:
+        _add_object(spec, item)
+    try:
+        return spec.compile()
+    except ValueError as error:
+        raise InputError(f"MuJoCo refuses the scene with arm {arm.name!r}: {error}") from None
+
+
+def _mujoco_urdf(urdf: str) -> str:
+    """Return the URDF with MuJoCo's reading options and only meshes that MuJoCo can decode."""
+    robot = ElementTree.fromstring(urdf)
+    for link in robot.findall("link"):
+        files = [mesh.get("filename", "") for shape in link.findall("visual") for mesh in shape.iter("mesh")]
+        if all(file.lower().endswith(_READABLE_MESHES) for file in files):
+            continue
+        for shape in link.findall("visual"):
+            link.remove(shape)
+        for shape in link.findall("collision"):
+            drawn = copy.deepcopy(shape)
+            drawn.tag = "visual"
+            material = ElementTree.SubElement(drawn, "material", name="link")
+            ElementTree.SubElement(material, "color", rgba=_MESH_GREY)
+            link.append(drawn)
+    options = {"discardvisual": "false", "fusestatic": "false", "strippath": "false"}
+    ElementTree.SubElement(ElementTree.SubElement(robot, "mujoco"), "compiler", options)
+    return ElementTree.tostring(robot, encoding="unicode")
+
+
+def _place_base(spec: mujoco.MjSpec, world_from_base: Pose) -> None:
+    for body in spec.worldbody.bodies:
+        placed = world_from_base @ Pose.from_quaternion(np.array(body.quat), np.array(body.pos))
+        body.pos, body.quat = placed.translation, placed.quaternion
+
+
+def _prepare_arm(spec: mujoco.MjSpec, description: SceneDescription) -> None:
+    """Give the arm its rotor inertia, servos, contact filter, flange site and sensors."""
+    arm = description.arm
+    joints = [spec.joint(name) for name in arm.joint_names]
+    gains = description.gains or ServoGains.for_efforts(np.array([joint.actfrcrange[1] for joint in joints]))
+    inputs = mujoco.mjtCtrlInput
+    all_inputs = int(inputs.mjINPUT_POS) | int(inputs.mjINPUT_VEL) | int(inputs.mjINPUT_FF)
+    for joint, stiffness, damping in zip(joints, gains.stiffness, gains.damping, strict=True):
+        joint.armature = description.armature
+        servo = spec.add_actuator(
+            name=f"{joint.name}_servo", target=joint.name, trntype=mujoco.mjtTrn.mjTRN_JOINT
+        )
+        servo.set_to_pid(kp=stiffness, kv=damping, ctrlspec=all_inputs)
+    for geom in spec.geoms:
+        if geom.contype or geom.conaffinity:
+            geom.contype, geom.conaffinity = _ROBOT_CONTACT
+    flange = spec.body(arm.flange_frame)
+    flange.add_site(name=FLANGE_SITE)
+    for name, kind in (
+        (FORCE_SENSOR, mujoco.mjtSensor.mjSENS_FORCE),
+        (TORQUE_SENSOR, mujoco.mjtSensor.mjSENS_TORQUE),
+    ):
+        spec.add_sensor(name=name, type=kind, objtype=mujoco.mjtObj.mjOBJ_SITE, objname=FLANGE_SITE)
+
+
+def _add_object(spec: mujoco.MjSpec, item: SceneObject) -> None:
+    body = spec.worldbody.add_body(name=item.name, pos=item.position_m, quat=item.quaternion)
+    if item.mass_kg > 0.0:
+        body.add_freejoint()
+        # Otherwise MuJoCo ignores later edits of the body's armature.
+        body.simple = 0
+    size = np.zeros(3)
+    size[: len(item.size_m)] = item.size_m
+    halved = size * 0.5
+    if item.shape in ("sphere", "cylinder", "capsule"):
+        halved[0] = size[0]
+    if item.shape == "plane":
+        halved[2] = 0.1
+    geom = body.add_geom(name=item.name, type=_GEOM_TYPES[item.shape], size=halved, rgba=item.rgba)
+    geom.group = VISUAL_GROUP
+    geom.contype, geom.conaffinity = _OBJECT_CONTACT
+    geom.friction = [item.friction, 0.005, 0.0001]
+    if item.mass_kg > 0.0:
+        geom.mass = item.mass_kg

@@ -1,0 +1,341 @@
+"""The rigid scene: an arm with servos, and objects, stepped in two halves by MuJoCo.
+
+One tick of the coupling reads
+
+    scene.set_control(...); scene.apply_flange_wrench(...)
+    scene.finish_step()     accelerations, integration, flange sensor
+    scene.begin_step()      positions and velocities of the new state
+
+so that, between two ticks, everything readable belongs to one and the same instant.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import final
+
+import mujoco
+import numpy as np
+
+from cosim.errors import InstabilityError
+from cosim.frames import Array, Pose, Twist, Wrench
+from cosim.rigid.description import SceneDescription
+from cosim.rigid.model import FLANGE_SITE, FORCE_SENSOR, TORQUE_SENSOR, compile_model
+from cosim.rigid.shapes import BodyShape, body_shapes
+from cosim.rigid.statics import droop
+
+_STATE = mujoco.mjtState.mjSTATE_INTEGRATION
+_BAD_STATE = (
+    mujoco.mjtWarning.mjWARN_BADQPOS,
+    mujoco.mjtWarning.mjWARN_BADQVEL,
+    mujoco.mjtWarning.mjWARN_BADQACC,
+    mujoco.mjtWarning.mjWARN_BADCTRL,
+)
+
+
+@dataclass(frozen=True)
+class RigidState:
+    """Everything that a step depends on or leaves behind; made by `RigidScene.save_state`."""
+
+    integration: Array
+    armature: Array
+    acceleration: Array
+    flange_load: Array
+
+
+@final
+class RigidScene:
+    """An arm on its base with servos, a flange sensor, and objects around it.
+
+    Joint quantities are ordered as `joint_names`; bodies as `body_names`, the world first.
+
+    Args:
+        description: what the scene is made of.
+
+    Raises:
+        InputError: MuJoCo refuses the arm's file or an object.
+    """
+
+    def __init__(self, description: SceneDescription) -> None:
+        self.description = description
+        self._model = compile_model(description)
+        self._data = mujoco.MjData(self._model)
+        self._scratch = mujoco.MjData(self._model)
+        names = description.arm.joint_names
+        joints = [self._model.joint(name).id for name in names]
+        # Slices, not index arrays: the arm's joints are compiled first and in order.
+        self._q = _slice(self._model.jnt_qposadr[joints])
+        self._v = _slice(self._model.jnt_dofadr[joints])
+        self._site = self._model.site(FLANGE_SITE).id
+        self._flange_body = int(self._model.site_bodyid[self._site])
+        self._sensors = (
+            _slice_of_sensor(self._model, FORCE_SENSOR),
+            _slice_of_sensor(self._model, TORQUE_SENSOR),
+        )
+        self._control = self._data.ctrl.reshape(len(names), 3)
+        self._armature = self._model.dof_armature[self._v].copy()
+        self._flange_load = np.zeros(6)
+        self.set_joint_state(description.arm.home, np.zeros(len(names)))
+        self.set_control(description.arm.home)
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """Names of the arm's joints, base to flange."""
+        return self.description.arm.joint_names
+
+    @property
+    def body_names(self) -> tuple[str, ...]:
+        """Names of all bodies, the world first."""
+        return tuple(self._model.body(i).name for i in range(self._model.nbody))
+
+    @property
+    def shapes(self) -> tuple[BodyShape, ...]:
+        """What is drawn of the bodies."""
+        return body_shapes(self._model)
+
+    @property
+    def tick_s(self) -> float:
+        """Length of a step [s]."""
+        return float(self._model.opt.timestep)
+
+    @property
+    def time_s(self) -> float:
+        """Simulated time [s]."""
+        return float(self._data.time)
+
+    @property
+    def joint_position(self) -> Array:
+        """(joints,) [rad]."""
+        return np.array(self._data.qpos[self._q])
+
+    @property
+    def joint_velocity(self) -> Array:
+        """(joints,) [rad/s]."""
+        return np.array(self._data.qvel[self._v])
+
+    @property
+    def joint_acceleration(self) -> Array:
+        """(joints,) [rad/s^2], of the last finished step."""
+        return np.array(self._data.qacc[self._v])
+
+    @property
+    def servo_torque(self) -> Array:
+        """(joints,) [N m] that the servos gave in the last finished step, within the arm's limits."""
+        return np.array(self._data.qfrc_actuator[self._v])
+
+    @property
+    def effort_limit(self) -> Array:
+        """Largest servo torques (joints,) [N m]."""
+        return np.array(self._model.jnt_actfrcrange[: len(self.joint_names), 1])
+
+    @property
+    def servo_stiffness(self) -> Array:
+        """(joints,) [N m/rad]."""
+        return np.array(-self._model.actuator_biasprm[: len(self.joint_names), 1])
+
+    @property
+    def servo_damping(self) -> Array:
+        """(joints,) [N m s/rad]."""
+        return np.array(-self._model.actuator_biasprm[: len(self.joint_names), 2])
+
+    @property
+    def armature(self) -> Array:
+        """Rotor inertia (joints,) [kg m^2], without what `set_added_armature` adds."""
+        return np.array(self._armature)
+
+    @property
+    def added_armature(self) -> Array:
+        """(joints,) [kg m^2] as set by `set_added_armature`."""
+        return np.asarray(self._model.dof_armature[self._v] - self._armature)
+
+    @property
+    def flange_pose(self) -> Pose:
+        """world_from_flange."""
+        return Pose(self._data.site_xmat[self._site], self._data.site_xpos[self._site])
+
+    @property
+    def flange_twist(self) -> Twist:
+        """Velocity of the flange, at its origin, world axes."""
+        twist = np.empty(6)
+        mujoco.mj_objectVelocity(self._model, self._data, mujoco.mjtObj.mjOBJ_SITE, self._site, twist, False)
+        return Twist(twist[3:], twist[:3])
+
+    @property
+    def flange_jacobian(self) -> Array:
+        """J (6, joints) with [linear; angular] = J qd, at the flange origin, world axes."""
+        jacobian = np.empty((6, self._model.nv))
+        mujoco.mj_jacSite(self._model, self._data, jacobian[:3], jacobian[3:], self._site)
+        return jacobian[:, self._v]
+
+    @property
+    def mass_matrix(self) -> Array:
+        """Joint-space mass matrix (joints, joints) [kg m^2], armature included."""
+        full = np.empty((self._model.nv, self._model.nv))
+        mujoco.mj_fullM(self._model, self._data, full)
+        return np.array(full[self._v, self._v])
+
+    @property
+    def bias_torque(self) -> Array:
+        """c(q, v) + g(q) (joints,) [N m]: what the joints need at zero acceleration."""
+        return np.array(self._data.qfrc_bias[self._v])
+
+    def body_poses(self) -> tuple[Array, Array]:
+        """Return positions (bodies, 3) [m] and quaternions (bodies, 4) (w, x, y, z), world from body."""
+        return self._data.xpos.copy(), self._data.xquat.copy()
+
+    def flange_sensor(self) -> Wrench:
+        """Return the load that what hangs on the flange puts on the arm, in the last finished step.
+
+        At the flange origin, world axes, as a force/torque sensor between arm and flange measures it.
+        """
+        return Wrench(self._flange_load[:3], self._flange_load[3:])
+
+    def set_joint_state(self, position: Array, velocity: Array | None = None) -> None:
+        """Put the arm at an angle and a speed; everything readable follows.
+
+        Args:
+            position: (joints,) [rad].
+            velocity: (joints,) [rad/s], zero unless given.
+        """
+        self._data.qpos[self._q] = position
+        self._data.qvel[self._v] = 0.0 if velocity is None else velocity
+        self.begin_step()
+
+    def set_control(
+        self, position: Array, velocity: Array | None = None, feedforward: Array | None = None
+    ) -> None:
+        """Set what the servos track from now on.
+
+        Args:
+            position: (joints,) [rad].
+            velocity: (joints,) [rad/s], zero unless given.
+            feedforward: (joints,) [N m], zero unless given.
+        """
+        self._control[:, 0] = position
+        self._control[:, 1] = 0.0 if velocity is None else velocity
+        self._control[:, 2] = 0.0 if feedforward is None else feedforward
+
+    def apply_flange_wrench(self, wrench: Wrench) -> None:
+        """Set the load on the flange from now on: at the flange origin, world axes."""
+        # MuJoCo applies a body's external wrench at its inertial frame, so the torque moves there.
+        arm = self._data.site_xpos[self._site] - self._data.xipos[self._flange_body]
+        applied = self._data.xfrc_applied[self._flange_body]
+        applied[:3] = wrench.force
+        applied[3:] = wrench.moved(-arm).torque
+
+    def apply_joint_torque(self, torque: Array) -> None:
+        """Set a torque (joints,) [N m] on the joints from now on, besides servos and flange load."""
+        self._data.qfrc_applied[self._v] = torque
+
+    def set_added_armature(self, diagonal: Array) -> None:
+        """Carry an algorithmic mass as extra rotor inertia, from the step in progress on.
+
+        Args:
+            diagonal: (joints,) [kg m^2], not negative.
+        """
+        self._model.dof_armature[self._v] = self._armature + diagonal
+        mujoco.mj_makeM(self._model, self._data)
+        mujoco.mj_factorM(self._model, self._data)
+
+    def begin_step(self) -> None:
+        """Bring poses, velocities and inertia up to the present joint state (first half of a step)."""
+        mujoco.mj_step1(self._model, self._data)
+
+    def finish_step(self) -> None:
+        """Compute accelerations, advance the state by a tick and read the sensor (second half).
+
+        Raises:
+            InstabilityError: the state is no longer finite.
+        """
+        mujoco.mj_step2(self._model, self._data)
+        # Site axes still belong to the instant of the reading until `begin_step`.
+        self._read_sensor()
+        # MuJoCo counts a warning when a state goes bad: never go on from there.
+        if any(self._data.warning[kind].number for kind in _BAD_STATE):
+            raise InstabilityError(
+                f"the rigid scene became unstable at {self._data.time:.4f} s: MuJoCo found a non-finite or "
+                "huge state; use a shorter tick_s or check masses and loads"
+            )
+
+    def read_sensor_at_rest(self) -> Wrench:
+        """Return what the flange sensor shows when nothing moves, and keep it as its reading."""
+        self._data.qacc[:] = 0.0
+        mujoco.mj_rnePostConstraint(self._model, self._data)
+        mujoco.mj_sensorAcc(self._model, self._data)
+        self._read_sensor()
+        return self.flange_sensor()
+
+    def flange_mobility(self, tick_s: float | None = None) -> Array:
+        """Return W = J (M + h D)^-1 J^T (6, 6): flange velocity change per flange impulse.
+
+        Linear then angular, at the flange origin, world axes; M with armature, D the servo damping.
+
+        Args:
+            tick_s: h [s]; the scene's own tick unless given.
+        """
+        jacobian = self.flange_jacobian
+        step = self.tick_s if tick_s is None else tick_s
+        inertia = self.mass_matrix + step * np.diag(self.servo_damping)
+        return np.asarray(jacobian @ np.linalg.solve(inertia, jacobian.T))
+
+    def static_configuration(
+        self, reference: Array, feedforward: Array | None = None, wrench: Wrench | None = None
+    ) -> Array:
+        """Return the angles (joints,) [rad] at which the servos hold a constant load; nothing changes.
+
+        Solves stiffness (q_ref - q) + feedforward + J(q)^T wrench = g(q).
+
+        Args:
+            reference: q_ref (joints,) [rad].
+            feedforward: (joints,) [N m], zero unless given.
+            wrench: on the flange, at its origin, world axes; none unless given.
+
+        Raises:
+            ConvergenceError: no equilibrium, or one that asks for more than the joints' torque.
+        """
+        np.copyto(self._scratch.qpos, self._data.qpos)
+        load = wrench or Wrench()
+        return droop(
+            self._model,
+            self._scratch,
+            site=self._site,
+            positions=self._q,
+            dofs=self._v,
+            joint_names=self.joint_names,
+            reference=np.asarray(reference, dtype=np.float64),
+            feedforward=np.zeros(len(self.joint_names)) if feedforward is None else feedforward,
+            load=np.concatenate((load.force, load.torque)),
+        )
+
+    def save_state(self) -> RigidState:
+        """Return a copy of the whole state, from which `restore_state` repeats steps bit for bit."""
+        integration = np.empty(mujoco.mj_stateSize(self._model, _STATE))
+        mujoco.mj_getState(self._model, self._data, integration, _STATE)
+        armature = np.array(self._model.dof_armature)
+        return RigidState(integration, armature, np.array(self._data.qacc), self._flange_load.copy())
+
+    def restore_state(self, state: RigidState) -> None:
+        """Return to a state of `save_state`, model edits included; everything readable follows."""
+        self._model.dof_armature[:] = state.armature
+        mujoco.mj_setState(self._model, self._data, state.integration, _STATE)
+        self.begin_step()
+        self._data.qacc[:] = state.acceleration
+        self._flange_load[:] = state.flange_load
+
+    def _read_sensor(self) -> None:
+        axes = self._data.site_xmat[self._site].reshape(3, 3)
+        # MuJoCo reports what the arm exerts on the flange, the wanted load is its opposite.
+        for part, sensor in enumerate(self._sensors):
+            self._flange_load[3 * part : 3 * part + 3] = -axes @ self._data.sensordata[sensor]
+
+
+def _slice(addresses: Array) -> slice:
+    first, count = int(addresses[0]), len(addresses)
+    if not np.array_equal(addresses, np.arange(first, first + count)):
+        raise AssertionError("the arm's joints are not consecutive in the compiled model")
+    return slice(first, first + count)
+
+
+def _slice_of_sensor(model: mujoco.MjModel, name: str) -> slice:
+    address = int(model.sensor(name).adr[0])
+    return slice(address, address + 3)

@@ -1,0 +1,76 @@
+"""Reads what is drawn of a MuJoCo model's bodies as plain triangle meshes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from cosim.frames import Array, IntArray, Pose
+from cosim.rigid import tessellation
+from cosim.rigid.model import VISUAL_GROUP
+
+_TILE_M = 0.25
+_DARKER = 0.90
+
+
+@dataclass(frozen=True)
+class BodyShape:
+    """A triangle mesh fixed to a rigid body, for drawing only.
+
+    Args:
+        body: index into `RigidScene.body_names`.
+        vertices: (n, 3) [m], body frame.
+        triangles: (m, 3), counter-clockwise seen from outside.
+        rgba: colour, components 0 to 1.
+    """
+
+    body: int
+    vertices: Array
+    triangles: IntArray
+    rgba: tuple[float, float, float, float]
+
+
+def body_shapes(model: mujoco.MjModel) -> tuple[BodyShape, ...]:
+    """Return a mesh for each drawn geom, two for a plane (a checkerboard)."""
+    shapes = []
+    for geom in np.flatnonzero(model.geom_group == VISUAL_GROUP):
+        body_from_geom = Pose.from_quaternion(model.geom_quat[geom], model.geom_pos[geom])
+        red, green, blue, alpha = (float(c) for c in model.geom_rgba[geom])
+        for shade, (vertices, triangles) in zip((1.0, _DARKER), _meshes(model, int(geom)), strict=False):
+            shapes.append(
+                BodyShape(
+                    int(model.geom_bodyid[geom]),
+                    body_from_geom.apply(vertices),
+                    np.asarray(triangles, dtype=np.int64),
+                    (shade * red, shade * green, shade * blue, alpha),
+                )
+            )
+    return tuple(shapes)
+
+
+def _meshes(model: mujoco.MjModel, geom: int) -> tuple[tessellation.Mesh, ...]:
+    size, kind = model.geom_size[geom], mujoco.mjtGeom(model.geom_type[geom])
+    match kind:
+        case mujoco.mjtGeom.mjGEOM_BOX:
+            return (tessellation.box(size),)
+        case mujoco.mjtGeom.mjGEOM_SPHERE:
+            return (tessellation.sphere(size[0]),)
+        case mujoco.mjtGeom.mjGEOM_CYLINDER:
+            return (tessellation.cylinder(size[0], size[1]),)
+        case mujoco.mjtGeom.mjGEOM_CAPSULE:
+            return (tessellation.capsule(size[0], size[1]),)
+        case mujoco.mjtGeom.mjGEOM_PLANE:
+            return tessellation.checkerboard(size[:2], _TILE_M)
+        case mujoco.mjtGeom.mjGEOM_MESH:
+            return (_mesh(model, int(model.geom_dataid[geom])),)
+        case _:
+            raise ValueError(f"geom {geom}: no way to draw {kind.name}")
+
+
+def _mesh(model: mujoco.MjModel, mesh: int) -> tessellation.Mesh:
+    first, count = model.mesh_vertadr[mesh], model.mesh_vertnum[mesh]
+    start, faces = model.mesh_faceadr[mesh], model.mesh_facenum[mesh]
+    vertices = model.mesh_vert[first : first + count].astype(np.float64)
+    return vertices, model.mesh_face[start : start + faces].astype(np.int64)

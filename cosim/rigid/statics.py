@@ -1,0 +1,82 @@
+"""Quasi-static rest of a servo-held arm: where it droops to under a constant load."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+
+from cosim.errors import ConvergenceError
+from cosim.frames import Array
+
+_ITERATIONS = 60
+_TORQUE_TOLERANCE = 1e-10  # N m; a stiffness of 500 N m/rad turns it into 2e-13 rad
+
+
+def droop(
+    model: mujoco.MjModel,
+    scratch: mujoco.MjData,
+    *,
+    site: int,
+    positions: slice,
+    dofs: slice,
+    joint_names: tuple[str, ...],
+    reference: Array,
+    feedforward: Array,
+    load: Array,
+) -> Array:
+    """Return the joint angles at which servo torque, gravity and a flange load balance.
+
+    Fixed-point steps q += residual / stiffness. They contract because gravity and load change far less
+    over an angle than the servo does (on the UR5e by a factor of about 30).
+
+    Args:
+        model: with one position servo per joint, in joint order.
+        scratch: its configuration holds the other bodies; overwritten.
+        site: of the flange.
+        positions: of the arm in qpos.
+        dofs: of the arm in qvel.
+        joint_names: for messages.
+        reference: (joints,) [rad].
+        feedforward: (joints,) [N m].
+        load: (6,) force [N] and torque [N m] at the flange origin, world axes.
+
+    Raises:
+        ConvergenceError: no equilibrium found, or it asks for more than the joints' torque.
+    """
+    joints = len(joint_names)
+    stiffness = -model.actuator_biasprm[:joints, 1]
+    scratch.qvel[:] = 0.0
+    jacobian, gravity = np.empty((6, model.nv)), np.empty(model.nv)
+    q = reference.copy()
+    servo = residual = np.zeros(joints)
+    for iteration in range(_ITERATIONS):
+        scratch.qpos[positions] = q
+        mujoco.mj_fwdKinematics(model, scratch)
+        mujoco.mj_comVel(model, scratch)
+        mujoco.mj_rne(model, scratch, 0, gravity)
+        mujoco.mj_jacSite(model, scratch, jacobian[:3], jacobian[3:], site)
+        servo = stiffness * (reference - q) + feedforward
+        residual = servo + jacobian[:, dofs].T @ load - gravity[dofs]
+        if np.max(np.abs(residual)) < _TORQUE_TOLERANCE:
+            _check_torque(servo, model.jnt_actfrcrange[:joints, 1], joint_names, iteration)
+            return q
+        q = q + residual / stiffness
+    worst = int(np.argmax(np.abs(residual)))
+    raise ConvergenceError(
+        f"the arm's servos find no rest under this load: joint {joint_names[worst]} is still "
+        f"{abs(residual[worst]):.3g} N m out of balance after {_ITERATIONS} iterations",
+        residual_N=float(np.abs(residual[worst])),
+        iterations=_ITERATIONS,
+    )
+
+
+def _check_torque(servo: Array, limit: Array, joint_names: tuple[str, ...], iterations: int) -> None:
+    excess = np.abs(servo) - limit
+    worst = int(np.argmax(excess))
+    if excess[worst] > 0.0:
+        raise ConvergenceError(
+            f"holding this load takes {abs(servo[worst]):.1f} N m at joint {joint_names[worst]}, which can "
+            f"give {limit[worst]:.1f} N m; bring the arm closer in or make the load lighter",
+            residual_N=float(excess[worst]),
+            iterations=iterations,
+        )
