@@ -1,0 +1,60 @@
+"""Every error that cosim raises on purpose.
+
+CosimError
+├── InputError              the user's data is wrong; nothing has run yet (exit code 2)
+│   ├── ScenarioError       a scenario or robot file: carries the path of the key
+│   ├── MeshError           degenerate, inverted or unconnected meshes
+│   └── UnreachableError    no configuration reaches the wanted pose; carries the closest one
+└── SolverError             the physics could not be solved (exit code 1)
+    ├── ConvergenceError    Newton's method stopped; carries outcome, residual, iterations
+    └── InstabilityError    a non-finite number or runaway state appeared
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+
+class CosimError(Exception):
+    """Base of every error that cosim raises on purpose."""
+
+
+class InputError(CosimError):
+    """The user's data is wrong; nothing has been run or written."""
+
+
+class ScenarioError(InputError):
+    """A scenario or robot file holds a wrong key or value; `path` names the key."""
+
+    def __init__(self, path: str, message: str) -> None:
+        self.path = path
+        super().__init__(f"{path}: {message}" if path else message)
+
+
+class MeshError(InputError):
+    """A mesh is degenerate, inverted, or refers to nodes that do not exist."""
+
+
+class UnreachableError(InputError):
+    """No allowed configuration reaches the wanted pose; `closest` is the best one found."""
+
+    def __init__(self, message: str, closest: Any = None) -> None:
+        self.closest = closest
+        super().__init__(message)
+
+
+class SolverError(CosimError):
+    """The physics could not be solved."""
+
+
+class ConvergenceError(SolverError):
+    """Newton's method stopped before the residual fell below its bound."""
+
+    def __init__(self, message: str, residual_N: float, iterations: int) -> None:
+        self.residual_N = residual_N
+        self.iterations = iterations
+        super().__init__(message)
+
+
+class InstabilityError(SolverError):
+    """A non-finite number or a runaway state appeared."""

@@ -1,0 +1,174 @@
+"""Poses, twists and wrenches.
+
+Naming: `world_from_tool` maps coordinates of the tool frame into the world frame, so that
+`world_from_tool @ tool_from_tip` reads as a chain. Quaternions are (w, x, y, z) everywhere.
+Twists and wrenches are taken at a named point, along world axes.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array: TypeAlias = NDArray[np.float64]
+IntArray: TypeAlias = NDArray[np.int64]
+
+
+def _frozen(value: object, shape: tuple[int, ...]) -> Array:
+    array = np.array(value, dtype=np.float64).reshape(shape)
+    array.setflags(write=False)
+    return array
+
+
+def cross_matrix(vector: Array) -> Array:
+    """Return the matrix S with S @ b = vector x b.
+
+    Args:
+        vector: (3,).
+    """
+    x, y, z = vector
+    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+
+
+def rotation_from_vector(vector: Array) -> Array:
+    """Return the rotation exp(S(vector)) by Rodrigues' formula.
+
+    Args:
+        vector: (3,), axis times angle [rad].
+    """
+    angle = float(np.linalg.norm(vector))
+    skew = cross_matrix(vector)
+    if angle < 1e-8:
+        return np.eye(3) + skew + 0.5 * skew @ skew
+    return np.eye(3) + np.sin(angle) / angle * skew + (1.0 - np.cos(angle)) / angle**2 * skew @ skew
+
+
+def vector_from_rotation(rotation: Array) -> Array:
+    """Return the axis times angle [rad] of a rotation, angle in [0, pi].
+
+    Args:
+        rotation: (3, 3), orthonormal.
+    """
+    w, *xyz = quaternion_from_rotation(rotation)
+    sine = float(np.linalg.norm(xyz))
+    if sine < 1e-12:
+        return 2.0 * np.array(xyz)
+    return 2.0 * np.arctan2(sine, w) / sine * np.array(xyz)
+
+
+def quaternion_from_rotation(rotation: Array) -> Array:
+    """Return the unit quaternion (w, x, y, z), w >= 0, of a rotation (Shepperd's method).
+
+    Args:
+        rotation: (3, 3), orthonormal.
+    """
+    trace = rotation[0, 0] + rotation[1, 1] + rotation[2, 2]
+    k = int(np.argmax([trace, rotation[0, 0], rotation[1, 1], rotation[2, 2]]))
+    q = np.empty(4)
+    if k == 0:
+        q[0] = 1.0 + trace
+        q[1:] = (
+            rotation[2, 1] - rotation[1, 2],
+            rotation[0, 2] - rotation[2, 0],
+            rotation[1, 0] - rotation[0, 1],
+        )
+    else:
+        i, j, m = k - 1, k % 3, (k + 1) % 3
+        q[1 + i] = 1.0 + rotation[i, i] - rotation[j, j] - rotation[m, m]
+        q[1 + j] = rotation[j, i] + rotation[i, j]
+        q[1 + m] = rotation[m, i] + rotation[i, m]
+        q[0] = rotation[m, j] - rotation[j, m]
+    q /= np.linalg.norm(q)
+    return q if q[0] >= 0.0 else -q
+
+
+def rotation_from_quaternion(quaternion: Array) -> Array:
+    """Return the rotation of a quaternion (w, x, y, z), normalised first.
+
+    Args:
+        quaternion: (4,), not zero.
+    """
+    w, x, y, z = np.asarray(quaternion, dtype=np.float64) / np.linalg.norm(quaternion)
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+
+
+@dataclass(frozen=True)
+class Pose:
+    """Rigid transform y = rotation @ x + translation.
+
+    Args:
+        rotation: (3, 3), orthonormal, determinant 1.
+        translation: (3,) [m].
+    """
+
+    rotation: Array = field(default_factory=lambda: np.eye(3))
+    translation: Array = field(default_factory=lambda: np.zeros(3))
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "rotation", _frozen(self.rotation, (3, 3)))
+        object.__setattr__(self, "translation", _frozen(self.translation, (3,)))
+
+    @classmethod
+    def from_quaternion(cls, quaternion: Array, translation: Array) -> Pose:
+        """Return the pose of a quaternion (w, x, y, z) and a translation (3,) [m]."""
+        return cls(rotation_from_quaternion(quaternion), translation)
+
+    @property
+    def quaternion(self) -> Array:
+        """Unit quaternion (w, x, y, z), w >= 0."""
+        return quaternion_from_rotation(self.rotation)
+
+    def __matmul__(self, other: Pose) -> Pose:
+        return Pose(self.rotation @ other.rotation, self.rotation @ other.translation + self.translation)
+
+    def inverse(self) -> Pose:
+        """Return the pose that undoes this one."""
+        return Pose(self.rotation.T, -self.rotation.T @ self.translation)
+
+    def apply(self, points: Array) -> Array:
+        """Map points (..., 3) [m] by this pose."""
+        return np.asarray(points @ self.rotation.T + self.translation)
+
+
+@dataclass(frozen=True)
+class Twist:
+    """Velocity of a frame: of its origin [m/s] and angular [rad/s], world axes, shape (3,) each."""
+
+    linear: Array = field(default_factory=lambda: np.zeros(3))
+    angular: Array = field(default_factory=lambda: np.zeros(3))
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "linear", _frozen(self.linear, (3,)))
+        object.__setattr__(self, "angular", _frozen(self.angular, (3,)))
+
+
+@dataclass(frozen=True)
+class Wrench:
+    """Force [N] and torque [N m] about a named point, world axes, shape (3,) each."""
+
+    force: Array = field(default_factory=lambda: np.zeros(3))
+    torque: Array = field(default_factory=lambda: np.zeros(3))
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "force", _frozen(self.force, (3,)))
+        object.__setattr__(self, "torque", _frozen(self.torque, (3,)))
+
+    def __add__(self, other: Wrench) -> Wrench:
+        return Wrench(self.force + other.force, self.torque + other.torque)
+
+    def moved(self, offset: Array) -> Wrench:
+        """Return the same load about a point at `offset` (3,) [m] from the present one."""
+        return Wrench(self.force, self.torque - np.cross(offset, self.force))
+
+    def power(self, twist: Twist) -> float:
+        """Return force . linear + torque . angular [W], both about the same point."""
+        return float(self.force @ twist.linear + self.torque @ twist.angular)

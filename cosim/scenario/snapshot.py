@@ -1,0 +1,138 @@
+"""What a run shows of itself: one frozen description of the stage, one snapshot per tick."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from cosim.frames import Array, IntArray, Pose, Twist, Wrench
+
+
+@dataclass(frozen=True)
+class RigidShape:
+    """A triangle mesh fixed to a rigid body, for drawing only.
+
+    Args:
+        body: index into `Stage.body_names`.
+        vertices: (n, 3) [m], body frame.
+        triangles: (m, 3), counter-clockwise seen from outside.
+        rgba: colour, components 0 to 1.
+    """
+
+    body: int
+    vertices: Array
+    triangles: IntArray
+    rgba: tuple[float, float, float, float]
+
+
+@dataclass(frozen=True)
+class Stage:
+    """Everything about a run that does not change while it runs.
+
+    Args:
+        scenario: name of the scenario.
+        title: one line for people.
+        mode: "dynamic" or "quasistatic".
+        tick_s: length of a tick [s].
+        duration_s: simulated time of the whole run [s].
+        ticks: number of ticks of the whole run.
+        phase_names: in order.
+        body_names: rigid bodies, in the order of `Snapshot.body_position`.
+        shapes: what is drawn of the rigid bodies.
+        soft_triangles: (m, 3) node indices of the film, outward orientation.
+        cables: node indices of each cable, base to tip.
+        soft_weight_N: weight of the soft robot [N].
+        gravity: (3,) [m/s^2], world.
+        membrane_stress: node positions (n, 3) [m] -> largest principal stress (m,) [Pa].
+        report: Markdown lines on what is modelled (masses, counts, switches).
+    """
+
+    scenario: str
+    title: str
+    mode: str
+    tick_s: float
+    duration_s: float
+    ticks: int
+    phase_names: tuple[str, ...]
+    body_names: tuple[str, ...]
+    shapes: tuple[RigidShape, ...]
+    soft_triangles: IntArray
+    cables: tuple[IntArray, ...]
+    soft_weight_N: float
+    gravity: Array
+    membrane_stress: Callable[[Array], Array]
+    report: str
+
+
+@dataclass(frozen=True)
+class LedgerEntry:
+    """What the interface exchanged in one tick.
+
+    Args:
+        wrench: that the soft robot exerts on the flange, at the flange origin, world axes.
+        rigid_power_W: power of the wrench that the rigid side received.
+        soft_power_W: power that the soft side took in at its clamped nodes.
+        residual_N: largest component of the out-of-balance force of the soft step.
+        newton_iterations: of the soft step.
+        stability_ratio: largest eigenvalue of (flange mobility x algorithmic mass of the soft side).
+        algorithmic_mass: whether it was carried as armature in this tick.
+    """
+
+    wrench: Wrench
+    rigid_power_W: float
+    soft_power_W: float
+    residual_N: float
+    newton_iterations: int
+    stability_ratio: float
+    algorithmic_mass: bool
+
+    @property
+    def power_error_W(self) -> float:
+        """Power that appears or vanishes at the interface [W]."""
+        return self.rigid_power_W + self.soft_power_W
+
+
+@dataclass(frozen=True)
+class Snapshot:
+    """State at the end of one tick; arrays are owned by the snapshot.
+
+    Args:
+        tick: count from 1; 0 is the state before the first tick.
+        time_s: tick times tick length [s].
+        phase: index into `Stage.phase_names`.
+        joint_position: (joints,) [rad].
+        joint_target: (joints,) [rad], what the controller was asked for.
+        body_position: (bodies, 3) [m], world.
+        body_quaternion: (bodies, 4), (w, x, y, z), world from body.
+        node_position: (nodes, 3) [m], world.
+        world_from_flange: pose of the flange.
+        flange_twist: of the flange origin, world axes.
+        pressure_Pa: gauge pressure in the chamber.
+        cable_tension_N: (cables,) at the base end.
+        tip_position: (3,) [m], mean of the last hole ring.
+        tip_direction: (3,), unit normal of the last hole ring, away from the base.
+        sag_m: distance of the tip from where the same arm, straight and rigid along the flange
+            axis at its present length, would have it.
+        tip_target: (3,) [m] or None.
+        ledger: what the interface exchanged.
+        tick_wall_s: wall time of this tick [s].
+    """
+
+    tick: int
+    time_s: float
+    phase: int
+    joint_position: Array
+    joint_target: Array
+    body_position: Array
+    body_quaternion: Array
+    node_position: Array
+    world_from_flange: Pose
+    flange_twist: Twist
+    pressure_Pa: float
+    cable_tension_N: Array
+    tip_position: Array
+    tip_direction: Array
+    sag_m: float
+    tip_target: Array | None
+    ledger: LedgerEntry
+    tick_wall_s: float

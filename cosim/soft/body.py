@@ -1,0 +1,164 @@
+"""The soft body: what it is made of (frozen) and the loads on it (frozen)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import final
+
+import numpy as np
+
+from cosim.errors import MeshError
+from cosim.frames import Array, IntArray
+from cosim.soft.cable import Cable
+from cosim.soft.hinge import Hinges
+from cosim.soft.membrane import Film, Membranes
+
+
+@final
+@dataclass(frozen=True)
+class SoftBody:
+    """A film chamber with hinges and cables, described once.
+
+    Args:
+        positions: (n, 3) [m], drawn shape, frame of the flange.
+        membranes: film triangles.
+        hinges: rotational springs.
+        caps: hole rings that close the chamber, fan normals outward.
+        closed: whether the caps carry pressure; False is the paper's open chamber.
+        cables: routed cables.
+        node_mass: (n,) [kg].
+        base: nodes that follow the flange.
+        tip: nodes of the last hole ring, in order.
+        rings: names of node groups.
+    """
+
+    positions: Array
+    membranes: Membranes
+    hinges: Hinges
+    caps: tuple[IntArray, ...]
+    closed: bool
+    cables: tuple[Cable, ...]
+    node_mass: Array
+    base: IntArray
+    tip: IntArray
+    rings: Mapping[str, IntArray] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        count = len(self.positions)
+        groups: dict[str, IntArray] = {
+            "triangles": self.membranes.triangles,
+            "hinges": self.hinges.nodes,
+            "base": self.base,
+            "tip": self.tip,
+            **{f"cap {k}": ring for k, ring in enumerate(self.caps)},
+            **{f"cable {k}": cable.nodes for k, cable in enumerate(self.cables)},
+        }
+        for name, nodes in groups.items():
+            if nodes.size and (nodes.min() < 0 or nodes.max() >= count):
+                bad = int(nodes.min() if nodes.min() < 0 else nodes.max())
+                raise MeshError(f"{name} refers to node {bad}; there are nodes 0 to {count - 1}")
+        if self.node_mass.shape != (count,) or not (self.node_mass >= 0.0).all():
+            raise MeshError(f"node masses must be {count} numbers that are not negative")
+        if not np.isfinite(self.positions).all():
+            raise MeshError("the drawn shape holds positions that are not finite")
+
+    @classmethod
+    def from_arrays(
+        cls,
+        positions: Array,
+        triangles: IntArray,
+        film: Film,
+        *,
+        hinge_nodes: IntArray | None = None,
+        hinge_stiffness: Array | float = 0.0,
+        hinge_rest_angle: Array | None = None,
+        fold_barrier_rad: float = 0.0,
+        caps: tuple[IntArray, ...] = (),
+        closed: bool = True,
+        cables: tuple[Cable, ...] = (),
+        node_mass: Array | float = 0.0,
+        base: IntArray | None = None,
+        tip: IntArray | None = None,
+        rings: Mapping[str, IntArray] | None = None,
+    ) -> SoftBody:
+        """Return a body from plain arrays, so that foreign meshes run.
+
+        Args:
+            positions: (n, 3) [m], stress-free shape of the film.
+            triangles: (m, 3), outward orientation.
+            film: material.
+            hinge_nodes: (h, 4) nodes i, j, k, l; j-k is the edge.
+            hinge_stiffness: (h,) or one number [N m/rad].
+            hinge_rest_angle: (h,) [rad]; the drawn shape's angles if omitted.
+            fold_barrier_rad: angle below which the fold barrier acts; 0 for none.
+            caps: rings that close the chamber.
+            closed: whether the caps carry pressure.
+            cables: routed cables.
+            node_mass: (n,) or one number [kg].
+            base: nodes that follow the flange.
+            tip: nodes whose mean is the tip, in order around the ring.
+            rings: names of node groups.
+
+        Raises:
+            MeshError: degenerate triangles, unknown nodes, negative masses.
+        """
+        x = np.ascontiguousarray(positions, dtype=np.float64)
+        tri = np.ascontiguousarray(triangles, dtype=np.int64)
+        if tri.size and (tri.min() < 0 or tri.max() >= len(x)):
+            raise MeshError(f"triangles refer to node {int(tri.max())}; there are nodes 0 to {len(x) - 1}")
+        nodes = np.zeros((0, 4), np.int64) if hinge_nodes is None else np.ascontiguousarray(hinge_nodes, np.int64)
+        stiffness = np.array(np.broadcast_to(hinge_stiffness, (len(nodes),)), dtype=np.float64)
+        hinges = Hinges(nodes, stiffness, np.zeros(len(nodes)), fold_barrier_rad)
+        rest = hinges.angles(x) if hinge_rest_angle is None else np.array(hinge_rest_angle, dtype=np.float64)
+        return cls(
+            positions=x,
+            membranes=Membranes.from_shape(x, tri, film),
+            hinges=Hinges(nodes, stiffness, rest, fold_barrier_rad),
+            caps=tuple(np.ascontiguousarray(ring, np.int64) for ring in caps),
+            closed=closed,
+            cables=cables,
+            node_mass=np.array(np.broadcast_to(node_mass, (len(x),)), dtype=np.float64),
+            base=np.zeros(0, np.int64) if base is None else np.ascontiguousarray(base, np.int64),
+            tip=np.zeros(0, np.int64) if tip is None else np.ascontiguousarray(tip, np.int64),
+            rings=dict(rings or {}),
+        )
+
+    @property
+    def nodes(self) -> int:
+        """Number of nodes."""
+        return len(self.positions)
+
+    @property
+    def mass_kg(self) -> float:
+        """Total mass."""
+        return float(self.node_mass.sum())
+
+    def tip_position(self, positions: Array) -> Array:
+        """Return the mean of the tip ring (3,) [m]."""
+        return np.asarray(positions[self.tip].mean(axis=0))
+
+    def tip_direction(self, positions: Array) -> Array:
+        """Return the unit normal (3,) of the tip ring, pointing away from the body.
+
+        The vector area of the ring, sum_i r_i x r_i+1 / 2, as ordered for the cap.
+        """
+        r = positions[self.tip]
+        area = np.cross(r, np.roll(r, -1, axis=0)).sum(axis=0)
+        return np.asarray(area / np.linalg.norm(area))
+
+
+@final
+@dataclass(frozen=True)
+class Loads:
+    """What acts on a body at one instant.
+
+    Args:
+        pressure_Pa: gauge pressure of the gas.
+        cable_tension_N: tension of each cable at its base end.
+        gravity: (3,) [m/s^2].
+    """
+
+    pressure_Pa: float = 0.0
+    cable_tension_N: tuple[float, ...] = ()
+    gravity: tuple[float, float, float] = (0.0, 0.0, -9.81)

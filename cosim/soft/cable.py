@@ -1,0 +1,111 @@
+"""Cables under a prescribed tension, routed through eyelets at nodes.
+
+Segment i between eyelets has the length L_i and the tension T_i = T_0 c_i, so that
+    energy = sum_i T_i L_i,
+    gradient = T_i t_i on its far node and -T_i t_i on its near node, t_i the unit direction,
+    hessian = T_i / L_i (1 - t_i t_i^T).
+Equal and opposite pairs: a cable adds no net force or moment. c_i = c^(i+1) with a loss factor c per
+eyelet (segment 0 has passed one eyelet), or exp(-mu x wrap angle) up to the segment (capstan). A cable
+cannot push: negative tensions are refused, zero tension is a slack cable.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+
+from cosim.errors import InputError
+from cosim.frames import Array, IntArray
+from cosim.soft.kernels import BLOCKS, INDEX_TABLE, MATRIX, REAL, VECTOR, add_block, kernel
+
+
+@kernel(REAL(MATRIX, INDEX_TABLE, VECTOR, INDEX_TABLE, MATRIX, BLOCKS))
+def add_segments(x, segments, tension, slots, force, blocks):  # type: ignore[no-untyped-def]
+    """Add all segments' gradient to force, their Hessian to blocks if slots is not empty.
+
+    Returns the energy [J].
+    """
+    k = np.empty((3, 3))
+    minus = np.empty((3, 3))
+    t = np.empty(3)
+    with_hessian = slots.shape[0] > 0
+    energy = 0.0
+    for e in range(segments.shape[0]):
+        pull = tension[e]
+        if pull == 0.0:
+            continue
+        a, b = segments[e, 0], segments[e, 1]
+        length = 0.0
+        for r in range(3):
+            t[r] = x[b, r] - x[a, r]
+            length += t[r] * t[r]
+        length = np.sqrt(length)
+        energy += pull * length
+        for r in range(3):
+            t[r] /= length
+            force[a, r] -= pull * t[r]
+            force[b, r] += pull * t[r]
+        if with_hessian:
+            for r in range(3):
+                for c in range(3):
+                    k[r, c] = -pull / length * t[r] * t[c]
+                k[r, r] += pull / length
+                for c in range(3):
+                    minus[r, c] = -k[r, c]
+            add_block(blocks, slots[e, 0], k)
+            add_block(blocks, slots[e, 1], minus)
+            add_block(blocks, slots[e, 2], k)
+    return energy
+
+
+@final
+@dataclass(frozen=True)
+class Cable:
+    """One routed cable.
+
+    Args:
+        nodes: (eyelets,) node indices, base to tip; the last one is the anchor.
+        loss_factor: c, tension ratio per eyelet passed (1 for none).
+        friction_coefficient: mu of the capstan law; 0 for none.
+    """
+
+    nodes: IntArray
+    loss_factor: float = 1.0
+    friction_coefficient: float = 0.0
+
+    def __post_init__(self) -> None:
+        if len(self.nodes) < 2 or len(set(np.asarray(self.nodes).tolist())) != len(self.nodes):
+            raise InputError(
+                f"a cable needs at least two different eyelets and no eyelet twice; got nodes "
+                f"{np.asarray(self.nodes).tolist()}"
+            )
+        if not 0.0 < self.loss_factor <= 1.0:
+            raise InputError(f"cable loss factor {self.loss_factor} must lie in (0, 1]")
+        if not self.friction_coefficient >= 0.0:
+            raise InputError(f"cable friction coefficient {self.friction_coefficient} must not be negative")
+
+    @property
+    def segments(self) -> IntArray:
+        """(eyelets - 1, 2) near and far node of each segment."""
+        return np.stack([self.nodes[:-1], self.nodes[1:]], axis=1)
+
+    def tension_ratio(self, positions: Array) -> Array:
+        """Return T_i / T_0 (eyelets - 1,) at the given shape.
+
+        Args:
+            positions: (n, 3) [m].
+        """
+        ratio = self.loss_factor ** np.arange(1.0, len(self.nodes))
+        if self.friction_coefficient > 0.0:
+            step = np.diff(positions[self.nodes], axis=0)
+            step = step / np.linalg.norm(step, axis=1)[:, None]
+            cosine = np.clip((step[1:] * step[:-1]).sum(axis=1), -1.0, 1.0)
+            wrap = np.concatenate([[0.0], np.cumsum(np.arccos(cosine))])
+            ratio = ratio * np.exp(-self.friction_coefficient * wrap)
+        return ratio
+
+    def length(self, positions: Array) -> float:
+        """Return the length of the routed polyline [m]."""
+        return float(np.linalg.norm(np.diff(positions[self.nodes], axis=0), axis=1).sum())

@@ -1,0 +1,61 @@
+"""How the numba kernels are compiled: for one fixed signature each, cached on disk, without fast-math.
+
+Importing a kernel compiles nothing; `compile_kernels` in compilation.py does, once, and says so.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+import numba
+
+Function = TypeVar("Function", bound=Callable[..., Any])
+
+# fastmath stays off: NaN must stay visible, and results must not depend on the compiler's mood.
+# error_model="numpy" lets a division by zero give inf (a named outcome later) and keeps loops vectorised.
+_OPTIONS: dict[str, Any] = {"cache": True, "nogil": True, "error_model": "numpy"}
+
+REAL = numba.float64
+INTEGER = numba.int64
+VECTOR = numba.float64[::1]
+MATRIX = numba.float64[:, ::1]
+BLOCKS = numba.float64[:, :, ::1]
+INDICES = numba.int64[::1]
+INDEX_TABLE = numba.int64[:, ::1]
+
+
+def kernel(signature: Any) -> Callable[[Function], Function]:
+    """Return a decorator that turns a function into a kernel with one fixed signature.
+
+    Args:
+        signature: numba signature, kept as `fixed_signature` for `compile_kernels`.
+    """
+
+    def decorate(function: Function) -> Function:
+        dispatcher: Any = numba.njit(function, **_OPTIONS)
+        dispatcher.fixed_signature = signature
+        result: Function = dispatcher
+        return result
+
+    return decorate
+
+
+def inlined(function: Function) -> Function:
+    """Mark a small function that kernels call; it is compiled with each of them."""
+    result: Function = numba.njit(function, inline="never", **_OPTIONS)
+    return result
+
+
+@inlined
+def add_block(blocks: Any, slot: int, value: Any) -> None:
+    """Add a 3 x 3 value to block `slot`, or its transpose to block -1 - slot."""
+    if slot >= 0:
+        for r in range(3):
+            for c in range(3):
+                blocks[slot, r, c] += value[r, c]
+    else:
+        slot = -1 - slot
+        for r in range(3):
+            for c in range(3):
+                blocks[slot, r, c] += value[c, r]

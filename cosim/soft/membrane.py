@@ -1,0 +1,216 @@
+"""Constant-strain film triangles: plane stress, St. Venant-Kirchhoff on the Green strain.
+
+With F = sum_a x_a g_a^T (3 x 2), E = (F^T F - 1) / 2 and the membrane force N = C : E [N/m],
+    energy = A (E : C : E) / 2,
+    gradient_a = A F N g_a,
+    hessian_ab = A ((g_a . N g_b) 1 + B_a^T C B_b),   B_a = dE/dx_a.
+Source: any text on nonlinear finite elements, e.g. Bonet and Wood, chapter 9.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+
+from cosim.errors import MeshError
+from cosim.frames import Array, IntArray
+from cosim.soft.kernels import BLOCKS, INDEX_TABLE, MATRIX, REAL, VECTOR, add_block, inlined, kernel
+
+
+@final
+@dataclass(frozen=True)
+class Film:
+    """Isotropic elastic film.
+
+    Args:
+        young_modulus_Pa: Young's modulus.
+        poisson_ratio: between -1 and 1/2.
+        thickness_m: thickness.
+    """
+
+    young_modulus_Pa: float
+    poisson_ratio: float
+    thickness_m: float
+
+    @property
+    def membrane_stiffness(self) -> Array:
+        """(3, 3) [N/m]: maps (E11, E22, 2 E12) to (N11, N22, N12)."""
+        nu = self.poisson_ratio
+        factor = self.young_modulus_Pa * self.thickness_m / (1.0 - nu * nu)
+        return factor * np.array([[1.0, nu, 0.0], [nu, 1.0, 0.0], [0.0, 0.0, 0.5 * (1.0 - nu)]])
+
+    @property
+    def bending_stiffness_Nm(self) -> float:
+        """E t^3 / 12 [N m], the paper's hinge stiffness for unit edge factor."""
+        return self.young_modulus_Pa * self.thickness_m**3 / 12.0
+
+
+@inlined
+def _columns(x, triangle, g, f):  # type: ignore[no-untyped-def]
+    """Fill f = F^T (2, 3) for one triangle and return E11, E22, 2 E12."""
+    a, b, c = triangle[0], triangle[1], triangle[2]
+    for k in range(3):
+        d1 = x[b, k] - x[a, k]
+        d2 = x[c, k] - x[a, k]
+        f[0, k] = d1 * g[1, 0] + d2 * g[2, 0]
+        f[1, k] = d1 * g[1, 1] + d2 * g[2, 1]
+    e11 = 0.5 * (f[0, 0] * f[0, 0] + f[0, 1] * f[0, 1] + f[0, 2] * f[0, 2] - 1.0)
+    e22 = 0.5 * (f[1, 0] * f[1, 0] + f[1, 1] * f[1, 1] + f[1, 2] * f[1, 2] - 1.0)
+    e12 = f[0, 0] * f[1, 0] + f[0, 1] * f[1, 1] + f[0, 2] * f[1, 2]
+    return e11, e22, e12
+
+
+@inlined
+def _pair_block(f, stiffness, ga, gb, geometric, area, out):  # type: ignore[no-untyped-def]
+    """Fill out = area (geometric 1 + B_a^T C B_b) with B_a = u1_a f1^T + u2_a f2^T."""
+    # C u_q for u_1 = (gb0, 0, gb1) and u_2 = (0, gb1, gb0), in the strain components (E11, E22, 2 E12)
+    p0 = stiffness[0, 0] * gb[0] + stiffness[0, 2] * gb[1]
+    p1 = stiffness[1, 0] * gb[0] + stiffness[1, 2] * gb[1]
+    p2 = stiffness[2, 0] * gb[0] + stiffness[2, 2] * gb[1]
+    q0 = stiffness[0, 1] * gb[1] + stiffness[0, 2] * gb[0]
+    q1 = stiffness[1, 1] * gb[1] + stiffness[1, 2] * gb[0]
+    q2 = stiffness[2, 1] * gb[1] + stiffness[2, 2] * gb[0]
+    c11 = area * (ga[0] * p0 + ga[1] * p2)
+    c21 = area * (ga[1] * p1 + ga[0] * p2)
+    c12 = area * (ga[0] * q0 + ga[1] * q2)
+    c22 = area * (ga[1] * q1 + ga[0] * q2)
+    for r in range(3):
+        left1 = f[0, r] * c11 + f[1, r] * c21
+        left2 = f[0, r] * c12 + f[1, r] * c22
+        for c in range(3):
+            out[r, c] = left1 * f[0, c] + left2 * f[1, c]
+        out[r, r] += area * geometric
+
+
+@kernel(REAL(MATRIX, INDEX_TABLE, BLOCKS, VECTOR, MATRIX, INDEX_TABLE, MATRIX, BLOCKS))
+def add_membranes(x, triangles, gradients, areas, stiffness, slots, force, blocks):  # type: ignore[no-untyped-def]
+    """Add all triangles' gradient to force and, if slots is not empty, their Hessian to blocks.
+
+    Returns the energy [J].
+    """
+    f = np.empty((2, 3))
+    fn = np.empty((2, 3))
+    k11 = np.empty((3, 3))
+    k21 = np.empty((3, 3))
+    k22 = np.empty((3, 3))
+    k10 = np.empty((3, 3))
+    k20 = np.empty((3, 3))
+    k00 = np.empty((3, 3))
+    with_hessian = slots.shape[0] > 0
+    energy = 0.0
+    for e in range(triangles.shape[0]):
+        g = gradients[e]
+        area = areas[e]
+        e11, e22, e12 = _columns(x, triangles[e], g, f)
+        n11 = stiffness[0, 0] * e11 + stiffness[0, 1] * e22 + stiffness[0, 2] * e12
+        n22 = stiffness[1, 0] * e11 + stiffness[1, 1] * e22 + stiffness[1, 2] * e12
+        n12 = stiffness[2, 0] * e11 + stiffness[2, 1] * e22 + stiffness[2, 2] * e12
+        energy += 0.5 * area * (e11 * n11 + e22 * n22 + e12 * n12)
+        for k in range(3):
+            fn[0, k] = area * (f[0, k] * n11 + f[1, k] * n12)
+            fn[1, k] = area * (f[0, k] * n12 + f[1, k] * n22)
+        i0, i1, i2 = triangles[e, 0], triangles[e, 1], triangles[e, 2]
+        for k in range(3):
+            r1 = fn[0, k] * g[1, 0] + fn[1, k] * g[1, 1]
+            r2 = fn[0, k] * g[2, 0] + fn[1, k] * g[2, 1]
+            force[i1, k] += r1
+            force[i2, k] += r2
+            force[i0, k] -= r1 + r2
+        if with_hessian:
+            s11 = g[1, 0] * (n11 * g[1, 0] + n12 * g[1, 1]) + g[1, 1] * (n12 * g[1, 0] + n22 * g[1, 1])
+            s21 = g[2, 0] * (n11 * g[1, 0] + n12 * g[1, 1]) + g[2, 1] * (n12 * g[1, 0] + n22 * g[1, 1])
+            s22 = g[2, 0] * (n11 * g[2, 0] + n12 * g[2, 1]) + g[2, 1] * (n12 * g[2, 0] + n22 * g[2, 1])
+            _pair_block(f, stiffness, g[1], g[1], s11, area, k11)
+            _pair_block(f, stiffness, g[2], g[1], s21, area, k21)
+            _pair_block(f, stiffness, g[2], g[2], s22, area, k22)
+            # the gradients g_a sum to zero, so the blocks of node 0 follow from the others
+            for r in range(3):
+                for c in range(3):
+                    k10[r, c] = -k11[r, c] - k21[c, r]
+                    k20[r, c] = -k21[r, c] - k22[r, c]
+            for r in range(3):
+                for c in range(3):
+                    k00[r, c] = -k10[r, c] - k20[r, c]
+            add_block(blocks, slots[e, 0], k00)
+            add_block(blocks, slots[e, 1], k10)
+            add_block(blocks, slots[e, 2], k11)
+            add_block(blocks, slots[e, 3], k20)
+            add_block(blocks, slots[e, 4], k21)
+            add_block(blocks, slots[e, 5], k22)
+    return energy
+
+
+@final
+@dataclass(frozen=True)
+class Membranes:
+    """All film triangles of a body.
+
+    Args:
+        triangles: (m, 3) node indices.
+        shape_gradients: (m, 3, 2) [1/m], g_a in each triangle's own plane axes.
+        areas: (m,) [m^2], drawn shape.
+        film: material.
+    """
+
+    triangles: IntArray
+    shape_gradients: Array
+    areas: Array
+    film: Film
+
+    @classmethod
+    def from_shape(cls, positions: Array, triangles: IntArray, film: Film) -> Membranes:
+        """Return the triangles, stress free in the given shape.
+
+        Args:
+            positions: (n, 3) [m], drawn shape.
+            triangles: (m, 3) node indices.
+            film: material.
+
+        Raises:
+            MeshError: a triangle has no area.
+        """
+        d1 = positions[triangles[:, 1]] - positions[triangles[:, 0]]
+        d2 = positions[triangles[:, 2]] - positions[triangles[:, 0]]
+        normal = np.cross(d1, d2)
+        twice_area = np.linalg.norm(normal, axis=1)
+        longest = np.maximum((d1**2).sum(1), (d2**2).sum(1))
+        bad = np.flatnonzero(~(twice_area > 1e-9 * longest))
+        if len(bad):
+            e = int(bad[0])
+            raise MeshError(
+                f"triangle {e} (nodes {triangles[e].tolist()}) has area {0.5 * twice_area[e]:.3g} m^2; "
+                f"a film triangle needs an area above 1e-9 of its longest edge squared; "
+                f"{len(bad)} of {len(triangles)} triangles fall short"
+            )
+        axis1 = d1 / np.linalg.norm(d1, axis=1)[:, None]
+        axis2 = np.cross(normal / twice_area[:, None], axis1)
+        # rows of the inverse of [[d1.a1, d2.a1], [0, d2.a2]] are the gradients of nodes 1 and 2
+        a, b, d = (d1 * axis1).sum(1), (d2 * axis1).sum(1), (d2 * axis2).sum(1)
+        gradients = np.zeros((len(triangles), 3, 2))
+        gradients[:, 1] = np.stack([1.0 / a, -b / (a * d)], axis=1)
+        gradients[:, 2, 1] = 1.0 / d
+        gradients[:, 0] = -gradients[:, 1] - gradients[:, 2]
+        return cls(triangles, gradients, 0.5 * twice_area, film)
+
+    def strain(self, positions: Array) -> Array:
+        """Return the Green strain (m, 3) as (E11, E22, 2 E12) in each triangle's axes.
+
+        Args:
+            positions: (n, 3) [m].
+        """
+        f = np.einsum("mak,mai->mik", positions[self.triangles], self.shape_gradients)
+        metric = np.einsum("mik,mjk->mij", f, f)
+        return np.stack([0.5 * (metric[:, 0, 0] - 1), 0.5 * (metric[:, 1, 1] - 1), metric[:, 0, 1]], axis=1)
+
+    def principal_stress(self, positions: Array) -> Array:
+        """Return the principal second Piola-Kirchhoff stresses (m, 2) [Pa], largest first.
+
+        Args:
+            positions: (n, 3) [m].
+        """
+        s = self.strain(positions) @ self.film.membrane_stiffness.T / self.film.thickness_m
+        mean, half = 0.5 * (s[:, 0] + s[:, 1]), 0.5 * (s[:, 0] - s[:, 1])
+        radius = np.hypot(half, s[:, 2])
+        return np.stack([mean + radius, mean - radius], axis=1)

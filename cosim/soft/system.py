@@ -1,0 +1,153 @@
+"""Assembly: potential, gradient and Hessian of a soft body at given positions."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+
+from cosim.frames import Array, IntArray
+from cosim.soft.body import Loads, SoftBody
+from cosim.soft.cable import add_segments
+from cosim.soft.hinge import add_hinges
+from cosim.soft.membrane import add_membranes
+from cosim.soft.pattern import BlockPattern
+from cosim.soft.pressure import add_cap, add_pressure, cap_force
+
+_NO_TABLE = np.zeros((0, 0), np.int64)
+_NO_SLOTS = np.zeros(0, np.int64)
+
+
+@final
+@dataclass(frozen=True)
+class Inertia:
+    """Inertia of an implicit step as an elastic bed: coefficient c, target y.
+
+    energy = sum c |x - y|^2 / 2, gradient = c (x - y), Hessian = c 1.
+
+    Args:
+        coefficient: (n,) [N/m], mass over the squared step, plus damping.
+        target: (n, 3) [m], where free flight would take each node.
+    """
+
+    coefficient: Array
+    target: Array
+
+
+@final
+class SoftSystem:
+    """Workspace in which one body's potential and derivatives are assembled; nothing is allocated per call.
+
+    After `evaluate`: `gradient` (n, 3) [N], `blocks` (pattern.blocks, 3, 3) [N/m], `angles` (h,) [rad],
+    `volume` [m^3]. They are overwritten by the next call.
+    """
+
+    def __init__(self, body: SoftBody) -> None:
+        self.body = body
+        self._segments = np.concatenate(
+            [np.zeros((0, 2), np.int64), *(cable.segments for cable in body.cables)], axis=0
+        )
+        triangles, hinges = body.membranes.triangles, body.hinges.nodes
+        cap_elements = [ring[None, :] for ring in body.caps]
+        self.pattern = BlockPattern.from_elements(body.nodes, [triangles, hinges, self._segments, *cap_elements])
+        self._triangle_slots = self.pattern.slots(triangles)
+        self._hinge_slots = self.pattern.slots(hinges)
+        self._segment_slots = self.pattern.slots(self._segments)
+        self._cap_slots = [np.ascontiguousarray(self.pattern.slots(c)[0]) for c in cap_elements]
+        self._diagonal = np.flatnonzero(self.pattern.row == self.pattern.column)
+        self._stiffness = body.membranes.film.membrane_stiffness
+        self._mass = body.node_mass[:, None]
+        self.gradient = np.zeros((body.nodes, 3))
+        self.blocks = np.zeros((self.pattern.blocks, 3, 3))
+        self.angles = body.hinges.angles(body.positions)
+        self.volume = 0.0
+        self.open_cap_stiffness: list[tuple[IntArray, Array]] = []
+
+    @property
+    def conservative(self) -> bool:
+        """Whether all loads have a potential."""
+        return self.body.closed or not self.body.caps
+
+    def segment_tension(self, positions: Array, loads: Loads) -> Array:
+        """Return the tension of every cable segment (segments,) [N] at the given shape."""
+        parts = [
+            tension * cable.tension_ratio(positions)
+            for cable, tension in zip(self.body.cables, loads.cable_tension_N, strict=True)
+        ]
+        return np.concatenate([np.zeros(0), *parts])
+
+    def evaluate(
+        self,
+        positions: Array,
+        loads: Loads,
+        segment_tension: Array,
+        reference_angles: Array,
+        *,
+        inertia: Inertia | None = None,
+        hessian: bool = True,
+    ) -> float:
+        """Assemble potential, gradient and (unless told not to) Hessian.
+
+        Args:
+            positions: (n, 3) [m], world, C-contiguous.
+            loads: pressure, tension, gravity.
+            segment_tension: (segments,) [N], from `segment_tension`.
+            reference_angles: (h,) [rad] at the last accepted state; angles are unwrapped against them.
+            inertia: of an implicit step; None in statics.
+            hessian: whether to fill `blocks`.
+
+        Returns:
+            The potential [J]; infinite when films have crossed at a hinge.
+        """
+        body, x = self.body, positions
+        self.gradient[:] = 0.0
+        if hessian:
+            self.blocks[:] = 0.0
+        table = (lambda slots: slots) if hessian else (lambda _slots: _NO_TABLE)
+        membranes, hinges = body.membranes, body.hinges
+        energy = add_membranes(
+            x, membranes.triangles, membranes.shape_gradients, membranes.areas, self._stiffness,
+            table(self._triangle_slots), self.gradient, self.blocks,
+        )  # fmt: skip
+        energy += add_hinges(
+            x, hinges.nodes, hinges.stiffness, hinges.rest_angle, hinges.fold_barrier_rad, reference_angles,
+            table(self._hinge_slots), self.gradient, self.blocks, self.angles,
+        )  # fmt: skip
+        if len(self._segments):
+            energy += add_segments(
+                x, self._segments, segment_tension, table(self._segment_slots), self.gradient, self.blocks
+            )
+        energy += self._add_gas(x, loads.pressure_Pa, hessian)
+        gravity = np.array(loads.gravity)
+        self.gradient -= self._mass * gravity
+        energy -= float((self._mass[:, 0] @ x) @ gravity)
+        if inertia is not None:
+            energy += self._add_inertia(x, inertia, hessian)
+        return energy
+
+    def _add_gas(self, x: Array, pressure: float, hessian: bool) -> float:
+        slots = self._triangle_slots if hessian else _NO_TABLE
+        self.volume = add_pressure(
+            x, self.body.membranes.triangles, pressure, slots, self.gradient, self.blocks
+        )
+        for ring, cap_slots in zip(self.body.caps, self._cap_slots, strict=True):
+            self.volume += add_cap(
+                x, ring, pressure, cap_slots if hessian else _NO_SLOTS, self.gradient, self.blocks
+            )
+        if not self.conservative:
+            self.open_cap_stiffness = []
+            for ring in self.body.caps:
+                force, derivative = cap_force(x, ring, pressure)
+                self.gradient[ring] += force
+                self.open_cap_stiffness.append((ring, derivative))
+        return -pressure * self.volume
+
+    def _add_inertia(self, x: Array, inertia: Inertia, hessian: bool) -> float:
+        offset = x - inertia.target
+        pull = inertia.coefficient[:, None] * offset
+        self.gradient += pull
+        if hessian:
+            for r in range(3):
+                self.blocks[self._diagonal, r, r] += inertia.coefficient
+        return 0.5 * float(np.einsum("nr,nr->", pull, offset))
