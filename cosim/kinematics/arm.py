@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import final
 
@@ -38,6 +39,9 @@ class Payload:
 class Arm:
     """A serial arm fixed to the world, with its flange frame.
 
+    Attributes: `name`; `joint_names`; `home` (joints,) [rad]; `lower` and `upper` (joints,), the joint
+    limits [rad]; `turns_fully` (joints,), whether a joint can reach every direction.
+
     Args:
         arm: the arm to read.
         world_from_base: pose of the arm's root link.
@@ -68,6 +72,9 @@ class Arm:
         self.home = arm.home
         self._model = model
         self._data = model.createData()
+        self.lower = _limits(model.lowerPositionLimit)
+        self.upper = _limits(model.upperPositionLimit)
+        self.turns_fully = self.upper - self.lower >= 2.0 * np.pi - 1e-6
         self._frame = model.getFrameId(arm.flange_frame)
         self._last_joint_from_flange = pin.SE3(model.frames[self._frame].placement)
         self._bare_inertia = pin.Inertia(model.inertias[model.njoints - 1])
@@ -79,16 +86,6 @@ class Arm:
     def joint_count(self) -> int:
         """Number of joints."""
         return int(self._model.nv)
-
-    @property
-    def lower(self) -> Array:
-        """Lower joint limits (joints,) [rad]."""
-        return np.array(self._model.lowerPositionLimit)
-
-    @property
-    def upper(self) -> Array:
-        """Upper joint limits (joints,) [rad]."""
-        return np.array(self._model.upperPositionLimit)
 
     @property
     def velocity_limit(self) -> Array:
@@ -119,6 +116,28 @@ class Arm:
         pin.forwardKinematics(self._model, self._data, q)
         placement = pin.updateFramePlacement(self._model, self._data, self._frame)
         return Pose(placement.rotation, placement.translation)
+
+    def error_towards(self, target: Pose) -> Callable[[Array], tuple[Array, Array]]:
+        """Return the function q -> (e (6,), de/dq (6, joints)) with e = log(flange_from_target).
+
+        Linear [m] then angular [rad], flange axes; zero where the flange is at the target.
+
+        Args:
+            target: world_from_flange.
+        """
+        model, data, frame = self._model, self._data, self._frame
+        world_from_target = _placement(target)
+
+        def error(q: Array) -> tuple[Array, Array]:
+            pin.computeJointJacobians(model, data, q)
+            flange_from_target = pin.updateFramePlacement(model, data, frame).actInv(world_from_target)
+            derivative = pin.getFrameJacobian(model, data, frame, pin.LOCAL)
+            return (
+                pin.log6(flange_from_target).vector,
+                -pin.Jlog6(flange_from_target.inverse()) @ derivative,
+            )
+
+        return error
 
     def jacobian(self, q: Array) -> Array:
         """Return J (6, joints) with [linear; angular] = J qd, at the flange origin, world axes.
@@ -181,6 +200,12 @@ class Arm:
             self._loaded.inertias[last] = self._bare_inertia + self._last_joint_from_flange.act(load)
             self._payload = payload
         return self._loaded, self._loaded_data
+
+
+def _limits(values: Array) -> Array:
+    limits = np.array(values)
+    limits.setflags(write=False)
+    return limits
 
 
 def _placement(pose: Pose) -> pin.SE3:

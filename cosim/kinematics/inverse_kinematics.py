@@ -1,0 +1,256 @@
+"""Inverse kinematics by Levenberg-Marquardt steps with seeded restarts."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.linalg.lapack import dposv
+
+from cosim.errors import InputError, UnreachableError
+from cosim.frames import Array, Pose, vector_from_rotation
+from cosim.kinematics.arm import Arm
+
+_FULL_TURN = 2.0 * np.pi
+_CONVERGED = 1e-18  # squared error; steps converge quadratically, so the last digits are cheap
+_MARGIN = 1e-9  # rad, rounding of a limit
+
+PoseError = Callable[[Array], tuple[Array, Array]]
+
+
+@dataclass(frozen=True)
+class InverseKinematicsOptions:
+    """How hard to look for a configuration.
+
+    Args:
+        tolerance_m: accepted position error [m].
+        tolerance_rad: accepted rotation error [rad].
+        damping: factor c of the damping lambda = c |error|^2.
+        iterations: at most, per start.
+        patience: a start is given up when the squared error has not fallen to 0.3 of its value so many
+            iterations ago.
+        restarts: at most, beyond the start from the seed.
+        near_rad: a solution no joint of which is farther from the seed is taken at once.
+        candidates: otherwise this many solutions are compared and the nearest to the seed is taken.
+        random_seed: of the restarts; equal seeds give equal solutions.
+    """
+
+    tolerance_m: float = 1e-6
+    tolerance_rad: float = 1e-6
+    damping: float = 0.03
+    iterations: int = 60
+    patience: int = 12
+    restarts: int = 200
+    near_rad: float = 0.5
+    candidates: int = 4
+    random_seed: int = 0
+
+
+@dataclass(frozen=True)
+class Solution:
+    """A configuration whose flange is at the wanted pose.
+
+    Args:
+        q: (joints,) [rad], within the limits.
+        position_error_m: distance of the flange origin from the wanted one [m].
+        rotation_error_rad: angle between the flange and the wanted one [rad].
+        iterations: over all starts.
+        restarts: starts beyond the one from the seed.
+    """
+
+    q: Array
+    position_error_m: float
+    rotation_error_rad: float
+    iterations: int
+    restarts: int
+
+
+@dataclass
+class _Search:
+    """What has been found so far."""
+
+    solutions: list[Array]
+    best: Array
+    best_error: float = np.inf
+    iterations: int = 0
+
+
+def solve(arm: Arm, target: Pose, seed: Array, options: InverseKinematicsOptions | None = None) -> Solution:
+    """Return a configuration near the seed whose flange is at a pose.
+
+    Steps dq = -J^T (J J^T + lambda I)^-1 e with e = log(flange_from_target) and lambda = c |e|^2
+    (Levenberg-Marquardt, damping after Sugihara, IEEE Trans. Robotics 27, 2011), from the seed and then
+    from points scattered around it ever more widely. Joints that can make a full turn are left free
+    meanwhile and brought into their limits, as near to the seed as these allow, afterwards.
+
+    Args:
+        arm: the arm.
+        target: world_from_flange.
+        seed: (joints,) [rad].
+        options: defaults unless given.
+
+    Raises:
+        InputError: the target or the seed is not finite, or the seed has the wrong length.
+        UnreachableError: nothing found; `closest` holds the closest pose.
+    """
+    chosen = options or InverseKinematicsOptions()
+    start = _checked_seed(arm, target, seed)
+    error = arm.error_towards(target)
+    rng = np.random.default_rng(chosen.random_seed)
+    search = _Search([], start)
+    in_reach = bool(np.linalg.norm(target.translation - arm.shoulder) <= arm.reach + chosen.tolerance_m)
+    # Out of reach, a few starts serve to name the closest pose.
+    restarts = chosen.restarts if in_reach else min(4, chosen.restarts)
+    attempt = 0
+    for attempt in range(restarts + 1):
+        guess = _scattered(arm, start, min(np.pi, 0.4 * attempt), rng) if attempt else start
+        found = _descend(arm, error, np.clip(guess, arm.lower, arm.upper), chosen, search)
+        if found is not None:
+            search.solutions.append(_nearest_turn(arm, found, start))
+            near = np.max(np.abs(search.solutions[-1] - start)) <= chosen.near_rad
+            if near or len(search.solutions) >= chosen.candidates:
+                break
+    if not search.solutions:
+        # The starts are given up early; finish the best one, which also makes the pose named the closest.
+        found = _descend(arm, error, search.best, _thorough(chosen), search)
+        if found is None:
+            raise _unreachable(arm, target, search, _reason(arm, target, attempt, in_reach))
+        search.solutions.append(_nearest_turn(arm, found, start))
+    q = min(search.solutions, key=lambda candidate: float(np.linalg.norm(candidate - start)))
+    position, rotation = _distance(arm.forward(q), target)
+    return Solution(q, position, rotation, search.iterations, attempt)
+
+
+def follow(
+    arm: Arm,
+    path: Sequence[Pose],
+    start: Array,
+    *,
+    largest_step_rad: float = 0.5,
+    options: InverseKinematicsOptions | None = None,
+) -> Array:
+    """Return configurations (poses, joints) [rad] along a path, without a change of branch.
+
+    Args:
+        arm: the arm.
+        path: world_from_flange, closely spaced.
+        start: (joints,) [rad], at or near the first pose.
+        largest_step_rad: most that a joint may turn from one pose to the next.
+        options: tolerances and iterations; there are no restarts.
+
+    Raises:
+        InputError: a pose or the start is not finite, or the start has the wrong length.
+        UnreachableError: the branch ends (singularity or joint limit) or a joint would have to jump.
+    """
+    chosen = options or InverseKinematicsOptions()
+    q, configurations = start, []
+    for index, target in enumerate(path):
+        seed = _checked_seed(arm, target, q)
+        error = arm.error_towards(target)
+        search = _Search([], seed)
+        found = _descend(arm, error, seed, chosen, search)
+        if found is None:
+            reason = f"the branch followed ends before pose {index} of the path"
+            raise _unreachable(arm, target, search, reason)
+        step = np.abs(found - seed)
+        worst = int(np.argmax(step))
+        outside = (found < arm.lower - _MARGIN) | (found > arm.upper + _MARGIN)
+        if step[worst] > largest_step_rad or np.any(outside):
+            joint = worst if step[worst] > largest_step_rad else int(np.argmax(outside))
+            raise UnreachableError(
+                f"pose {index} of the path: joint {arm.joint_names[joint]} would have to go from "
+                f"{seed[joint]:.3f} to {found[joint]:.3f} rad (limits {arm.lower[joint]:.3f} to "
+                f"{arm.upper[joint]:.3f}, largest step {largest_step_rad:.3f}); "
+                "use a finer path or another start",
+                closest=arm.forward(seed),
+            )
+        configurations.append(found)
+        q = found
+    return np.array(configurations)
+
+
+def _checked_seed(arm: Arm, target: Pose, seed: Array) -> Array:
+    if not (np.all(np.isfinite(target.translation)) and np.all(np.isfinite(target.rotation))):
+        raise InputError(f"the wanted pose is not finite: {target}")
+    start = np.array(seed, dtype=np.float64)
+    if start.shape != (arm.joint_count,) or not np.all(np.isfinite(start)):
+        raise InputError(f"the seed is {seed}; arm {arm.name!r} needs {arm.joint_count} finite angles")
+    return start
+
+
+def _descend(
+    arm: Arm, error: PoseError, start: Array, options: InverseKinematicsOptions, search: _Search
+) -> Array | None:
+    """Return where the steps from a start converge to, or None; the best point goes into `search`."""
+    q, history = start, []
+    for _ in range(options.iterations):
+        deviation, derivative = error(q)
+        squared = float(deviation @ deviation)
+        search.iterations += 1
+        if squared < search.best_error:
+            search.best, search.best_error = q, squared
+        history.append(squared)
+        stalled = len(history) > options.patience and squared > 0.3 * history[-1 - options.patience]
+        if squared < _CONVERGED or stalled:
+            break
+        q = q + _step(deviation, derivative, options.damping * squared)
+        q = np.where(arm.turns_fully, q, np.clip(q, arm.lower, arm.upper))
+    position, rotation = np.linalg.norm(deviation[:3]), np.linalg.norm(deviation[3:])
+    return q if position <= options.tolerance_m and rotation <= options.tolerance_rad else None
+
+
+def _step(deviation: Array, derivative: Array, damping: float) -> Array:
+    # The small form: rows of a pose, whatever the number of joints.
+    normal = derivative @ derivative.T
+    normal.flat[:: len(deviation) + 1] += damping + 1e-12
+    _, weights, failed = dposv(normal, deviation)
+    return np.zeros(derivative.shape[1]) if failed else -derivative.T @ weights
+
+
+def _scattered(arm: Arm, start: Array, spread: float, rng: np.random.Generator) -> Array:
+    """Return a start near another one; a joint thrown out of its limits falls anywhere within them."""
+    guess = start + spread * rng.standard_normal(arm.joint_count)
+    inside = (guess >= arm.lower) & (guess <= arm.upper)
+    return np.where(inside, guess, rng.uniform(arm.lower, arm.upper))
+
+
+def _nearest_turn(arm: Arm, q: Array, seed: Array) -> Array:
+    """Return q with full turns added so that it lies in the limits, as near to the seed as possible."""
+    lowest = np.ceil((arm.lower - _MARGIN - q) / _FULL_TURN)
+    highest = np.floor((arm.upper + _MARGIN - q) / _FULL_TURN)
+    turns = np.clip(np.round((seed - q) / _FULL_TURN), lowest, highest)
+    shifted = q + _FULL_TURN * np.where(arm.turns_fully, turns, 0.0)
+    return np.asarray(np.clip(shifted, arm.lower, arm.upper))
+
+
+def _distance(pose: Pose, target: Pose) -> tuple[float, float]:
+    position = float(np.linalg.norm(pose.translation - target.translation))
+    return position, float(np.linalg.norm(vector_from_rotation(pose.rotation.T @ target.rotation)))
+
+
+def _thorough(options: InverseKinematicsOptions) -> InverseKinematicsOptions:
+    return replace(options, iterations=2 * options.iterations, patience=2 * options.iterations)
+
+
+def _reason(arm: Arm, target: Pose, restarts: int, in_reach: bool) -> str:
+    if in_reach:
+        return f"{restarts + 1} starts found no configuration within the joint limits"
+    far = np.linalg.norm(target.translation - arm.shoulder)
+    return f"it is {far:.3f} m from the first joint, the arm's reach is {arm.reach:.3f} m"
+
+
+def _unreachable(arm: Arm, target: Pose, search: _Search, reason: str) -> UnreachableError:
+    closest = arm.forward(search.best)
+    position, rotation = _distance(closest, target)
+    return UnreachableError(
+        f"arm {arm.name!r} cannot bring its flange to {_text(target)}: {reason}; the closest pose found is "
+        f"{_text(closest)}, {1e3 * position:.3g} mm and {np.rad2deg(rotation):.3g} deg away",
+        closest=closest,
+    )
+
+
+def _text(pose: Pose) -> str:
+    position = ", ".join(f"{value:.4f}" for value in pose.translation)
+    quaternion = ", ".join(f"{value:.4f}" for value in pose.quaternion)
+    return f"({position}) m, quaternion ({quaternion})"
