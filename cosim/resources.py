@@ -10,7 +10,6 @@ from pathlib import Path
 
 from cosim.errors import InputError
 
-EXAMPLE_ROBOT_DATA_ARMS = ("ur3", "ur5", "ur10", "panda")
 _PACKAGE = Path(__file__).resolve().parent
 
 
@@ -26,26 +25,14 @@ def data_directory() -> Path:
     raise InputError(f"no robots/ and scenarios/ beside or inside {_PACKAGE}; reinstall cosim")
 
 
-def robot_path(name: str) -> Path:
-    """Return the path of `robots/<name>`, a directory or a file, without checking that it exists."""
-    return data_directory() / "robots" / name
+def robots_directory() -> Path:
+    """Return the directory of the robots that come with cosim."""
+    return data_directory() / "robots"
 
 
 def list_soft_robots() -> tuple[str, ...]:
     """Return the names of the soft robots that come with cosim, sorted."""
-    return tuple(sorted(path.stem for path in robot_path("").glob("*.toml")))
-
-
-def list_own_arms() -> tuple[str, ...]:
-    """Return the names of the rigid arms described under `robots/`, sorted."""
-    directories = (path for path in robot_path("").iterdir() if path.is_dir())
-    return tuple(sorted(path.name for path in directories if not path.name.startswith((".", "_"))))
-
-
-def list_arms() -> tuple[str, ...]:
-    """Return the names of all rigid arms: our own, then those of example-robot-data."""
-    own = list_own_arms()
-    return own + tuple(name for name in EXAMPLE_ROBOT_DATA_ARMS if name not in own)
+    return tuple(sorted(path.stem for path in robots_directory().glob("*.toml")))
 
 
 def list_scenarios() -> tuple[str, ...]:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
+from cosim.arm_files import arm_names
 from cosim.errors import ScenarioError
-from cosim.resources import list_arms
 from cosim.scenario.schema import Phase, Scenario, SceneObject, TipTarget
 from cosim.scenario.soft_robot import Cable, SoftRobot
 from cosim.scenario.suggestions import unknown_name_message
@@ -19,8 +19,8 @@ def check_scenario(scenario: Scenario) -> None:
     Raises:
         ScenarioError: the first rule that is broken.
     """
-    if scenario.robot not in list_arms():
-        raise ScenarioError("robot", unknown_name_message("arm", scenario.robot, list_arms()))
+    if scenario.robot not in arm_names():
+        raise ScenarioError("robot", unknown_name_message("arm", scenario.robot, arm_names()))
     check_soft_robot(scenario.soft_robot, "soft_robot")
     _check_unique((entry.name for entry in scenario.objects), "object")
     _check_unique((entry.name for entry in scenario.phases), "phase")

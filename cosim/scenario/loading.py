@@ -5,6 +5,7 @@ from __future__ import annotations
 import tomllib
 from collections.abc import Mapping
 from dataclasses import replace
+from itertools import takewhile
 from pathlib import Path
 from typing import Any
 
@@ -86,14 +87,10 @@ def read_table(path: Path) -> dict[str, Any]:
 
 
 def question(path: Path) -> str:
-    """Return the first comment of a scenario file: the question that it answers."""
-    lines = []
-    for line in path.read_text(encoding="utf-8").splitlines():
-        if not line.startswith("#"):
-            break
-        lines.append(line.lstrip("#").strip())
-    text = " ".join(line for line in lines if line)
-    return text.removeprefix("Question:").strip()
+    """Return the first paragraph of a scenario file's first comment: the question that it answers."""
+    lines = takewhile(lambda line: line.strip("# "), path.read_text(encoding="utf-8").splitlines())
+    comments = takewhile(lambda line: line.startswith("#"), lines)
+    return " ".join(line.strip("# ") for line in comments).removeprefix("Question:").strip()
 
 
 def _expand_soft_robot(value: Any, folder: Path) -> Any:

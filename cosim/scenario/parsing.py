@@ -30,7 +30,7 @@ def parse(schema: type[Schema], table: Mapping[str, Any], path: str = "") -> Sch
     Raises:
         ScenarioError: an unknown or missing key, a wrong type, or a value out of bounds.
     """
-    annotations = _annotations(schema)
+    annotations = _annotations(schema)  # type: ignore[arg-type]
     known = {key_of(entry): entry for entry in fields(schema)}  # type: ignore[arg-type]
     for key in table:
         if key not in known:

@@ -1,0 +1,47 @@
+"""Running a scenario from Python."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from cosim.driver import Options, build_simulation, execute, rerun_recorder
+from cosim.result import ResultBuilder, RunResult
+from cosim.run_files import default_directory
+from cosim.scenario.loading import load_scenario
+from cosim.scenario.schema import Scenario
+
+
+def run(
+    scenario: str | Path | Scenario,
+    *,
+    overrides: Mapping[str, Any] | None = None,
+    out: str | Path | None = None,
+    recording: bool = False,
+) -> RunResult:
+    """Run a scenario and return its arrays.
+
+    Args:
+        scenario: name of a scenario that comes with cosim, path of a .toml file, or a scenario.
+        overrides: values by key path, such as {"mode": "quasistatic", "phase.inflate.pressure_Pa": 20e3}.
+        out: directory for scenario.toml, summary.json and the recording; None writes none unless a
+            recording is asked for, which then goes to `runs/`.
+        recording: whether to write `recording.rrd`.
+
+    Raises:
+        InputError: the scenario is wrong or asks for what cannot be reached.
+        SolverError: the physics could not be solved; the files, if any, say how far it came.
+    """
+    started = time.perf_counter()
+    checked = load_scenario(scenario, overrides)
+    directory = Path(out) if out is not None else default_directory(checked.name) if recording else None
+    arrays = ResultBuilder(checked.recording.frames_per_s)
+    options = Options(directory, rerun_recorder if recording else None, [arrays])
+    outcome = execute(checked, build_simulation, options, started)
+    if outcome.error is not None:
+        if directory is not None:
+            outcome.error.add_note(f"what was simulated is in {directory}")
+        raise outcome.error
+    return arrays.result(outcome.summary, directory)

@@ -1,0 +1,58 @@
+"""Ends a run in good order on Ctrl-C or SIGTERM."""
+
+from __future__ import annotations
+
+import signal
+from types import FrameType, TracebackType
+from typing import Any, final
+
+from cosim.scenario.snapshot import Snapshot, Stage
+
+
+@final
+class Interruption:
+    """While entered, the first signal asks the running loop to stop; a second one stops at once.
+
+    Before the loop runs there is nothing to save, so a signal then raises KeyboardInterrupt too.
+    """
+
+    def __init__(self) -> None:
+        self.signal_number: int | None = None
+        self._running = False
+        self._previous: dict[int, Any] = {}
+
+    def __enter__(self) -> Interruption:
+        for number in (signal.SIGINT, signal.SIGTERM):
+            self._previous[number] = signal.signal(number, self._handle)
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        for number, handler in self._previous.items():
+            signal.signal(number, handler)
+
+    @property
+    def exit_code(self) -> int:
+        """128 plus the signal's number, as shells have it."""
+        return 128 + (self.signal_number or signal.SIGINT)
+
+    def reason(self) -> str | None:
+        """Return why the loop should stop, or None."""
+        return None if self.signal_number is None else signal.Signals(self.signal_number).name
+
+    def open(self, stage: Stage) -> None:
+        """Note that the loop runs: from here on there is something to save."""
+        self._running = True
+
+    def observe(self, snapshot: Snapshot) -> None:
+        """Nothing to do; `reason` is asked after every tick."""
+
+    def close(self) -> None:
+        """Nothing to do; the files are still being closed."""
+
+    def _handle(self, number: int, frame: FrameType | None) -> None:
+        repeated = self.signal_number is not None
+        self.signal_number = number
+        if repeated or not self._running:
+            raise KeyboardInterrupt

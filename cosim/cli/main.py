@@ -1,0 +1,94 @@
+"""The command line: `cosim run`, `cosim list`, `cosim view`.
+
+Exit codes: 0 done, 1 the physics could not be solved, 2 wrong input, 128 + n stopped by signal n.
+"""
+
+from __future__ import annotations
+
+import argparse
+import subprocess
+import sys
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+from cosim import __version__
+from cosim.errors import InputError, SolverError
+
+EXIT_DONE, EXIT_UNSOLVED, EXIT_INPUT, EXIT_INTERRUPTED = 0, 1, 2, 130
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line and return its exit code."""
+    started = time.perf_counter()
+    options = _parser().parse_args(arguments)
+    try:
+        if options.command == "run":
+            return _run(options, started)
+        return _list() if options.command == "list" else _view(options.directory)
+    except InputError as error:
+        print(f"cosim: error: {error}", file=sys.stderr)
+        return EXIT_INPUT
+    except SolverError as error:
+        print(f"cosim: not solved: {error}", file=sys.stderr)
+        return EXIT_UNSOLVED
+    except KeyboardInterrupt:
+        print("cosim: interrupted", file=sys.stderr)
+        return EXIT_INTERRUPTED
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="cosim",
+        description="Cosimulation of rigid cobots with soft, cable-driven pneumatic end effectors.",
+    )
+    parser.add_argument("--version", action="version", version=f"cosim {__version__}")
+    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
+    run = commands.add_parser("run", help="run a scenario")
+    run.add_argument("scenario", metavar="SCENARIO", help="name (see 'cosim list') or path of a .toml file")
+    run.add_argument(
+        "--set",
+        dest="assignments",
+        metavar="KEY=VALUE",
+        action="append",
+        default=[],
+        help="change a value, such as mode=quasistatic or phase.inflate.pressure_Pa=20e3; may be repeated",
+    )
+    run.add_argument("--out", metavar="DIR", type=Path, help="directory of the results (default: runs/...)")
+    run.add_argument("--no-recording", action="store_true", help="write no recording.rrd")
+    run.add_argument("--quiet", action="store_true", help="show errors only")
+    commands.add_parser("list", help="list the scenarios and the questions they answer")
+    view = commands.add_parser("view", help="open the recording of a run")
+    view.add_argument("directory", metavar="DIR", type=Path, help="directory of a run, or a .rrd file")
+    return parser
+
+
+def _run(options: argparse.Namespace, started: float) -> int:
+    from cosim.cli.running import run_command  # here, so that --help and list need no engine
+
+    return run_command(
+        options.scenario,
+        options.assignments,
+        options.out,
+        recording=not options.no_recording,
+        quiet=options.quiet,
+        started=started,
+    )
+
+
+def _list() -> int:
+    from cosim.resources import list_scenarios, scenario_path
+    from cosim.scenario.loading import question
+
+    names = list_scenarios()
+    width = max(map(len, names), default=0)
+    for name in names:
+        print(f"{name:<{width}}  {question(scenario_path(name))}")
+    return EXIT_DONE
+
+
+def _view(directory: Path) -> int:
+    recording = directory / "recording.rrd" if directory.is_dir() else directory
+    if not recording.is_file():
+        raise InputError(f"no recording at {recording}; make one: cosim run SCENARIO --out {directory}")
+    return subprocess.call([sys.executable, "-m", "rerun", str(recording)])

@@ -1,0 +1,77 @@
+"""The progress line: phase, simulated time, real-time factor, time left."""
+
+from __future__ import annotations
+
+import time
+from typing import TextIO, final
+
+from cosim.scenario.snapshot import Snapshot, Stage
+
+_REDRAW_S = 0.2
+_BAR = 24
+
+
+@final
+class Progress:
+    """Draws one line that renews itself on a terminal; elsewhere one line per finished phase.
+
+    Args:
+        stream: where to draw, usually stderr.
+    """
+
+    def __init__(self, stream: TextIO) -> None:
+        self._stream = stream
+        self._terminal = stream.isatty()
+        self._stage: Stage | None = None
+        self._last: Snapshot | None = None
+        self._started = self._drawn = 0.0
+
+    def open(self, stage: Stage) -> None:
+        """Start the clock."""
+        self._stage = stage
+        self._started = self._drawn = time.perf_counter()
+
+    def observe(self, snapshot: Snapshot) -> None:
+        """Take in one snapshot; draw at most five times a second."""
+        now = time.perf_counter()
+        if not self._terminal and self._last is not None and snapshot.phase != self._last.phase:
+            self._write(self._last, now, "\n")
+        self._last = snapshot
+        if self._terminal and now - self._drawn >= _REDRAW_S:
+            self._drawn = now
+            self._write(snapshot, now, "")
+
+    def close(self) -> None:
+        """Draw the last state and leave the line."""
+        if self._last is not None:
+            self._write(self._last, time.perf_counter(), "\n")
+
+    def _write(self, snapshot: Snapshot, now: float, end: str) -> None:
+        if self._stage is None:
+            return
+        line = progress_line(self._stage, snapshot, now - self._started)
+        start = "\r\x1b[K" if self._terminal else ""
+        self._stream.write(start + line + end)
+        self._stream.flush()
+
+
+def progress_line(stage: Stage, snapshot: Snapshot, wall_s: float) -> str:
+    """Return the text of the progress line after `wall_s` seconds of the loop."""
+    share = snapshot.tick / stage.ticks if stage.ticks else 1.0
+    filled = min(_BAR, int(_BAR * share))
+    factor = snapshot.time_s / wall_s if wall_s > 0.0 else 0.0
+    left = (
+        f"{clock(wall_s * (1.0 - share) / share)} left" if 0.0 < share < 1.0 else "done" if share else "..."
+    )
+    bar = "#" * filled + "." * (_BAR - filled)
+    return (
+        f"[{bar}] {100 * share:3.0f} %  {stage.phase_names[snapshot.phase]:<12} "
+        f"{snapshot.time_s:.2f}/{stage.duration_s:.2f} s  x{factor:.2f} real time  {left}"
+    )
+
+
+def clock(seconds: float) -> str:
+    """Return a duration as minutes:seconds or hours:minutes:seconds."""
+    minutes, rest = divmod(round(seconds), 60)
+    hours, minutes = divmod(minutes, 60)
+    return f"{hours}:{minutes:02d}:{rest:02d}" if hours else f"{minutes}:{rest:02d}"

@@ -1,0 +1,79 @@
+"""`cosim run`: from the command line's words to an exit code."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from cosim.cli.interruption import Interruption
+from cosim.cli.progress import Progress
+from cosim.driver import Options, Outcome, Watcher, build_simulation, execute, rerun_recorder
+from cosim.run_files import RECORDING, SUMMARY, check_directory, default_directory
+from cosim.scenario.loading import load_scenario
+from cosim.scenario.overrides import parse_assignment
+
+
+def run_command(
+    scenario_name: str,
+    assignments: Sequence[str],
+    out: Path | None,
+    *,
+    recording: bool,
+    quiet: bool,
+    started: float,
+) -> int:
+    """Run a scenario and return the exit code.
+
+    Args:
+        scenario_name: name or path.
+        assignments: texts of the form key=value.
+        out: directory of the results; None: under runs/.
+        recording: whether to write one.
+        quiet: show errors only.
+        started: `time.perf_counter()` at the start of the command.
+
+    Raises:
+        InputError: the scenario or directory is wrong; nothing was written.
+        SolverError: the physics could not be solved; the files say how far it came.
+    """
+    scenario = load_scenario(scenario_name, dict(map(parse_assignment, assignments)))
+    directory = out if out is not None else default_directory(scenario.name)
+    check_directory(directory)
+    if not quiet:
+        print(f"{scenario.title}\n{_announcement()}", file=sys.stderr)
+    with Interruption() as interruption:
+        watchers: list[Watcher] = [interruption] if quiet else [interruption, Progress(sys.stderr)]
+        make_recorder = rerun_recorder if recording else None
+        options = Options(directory, make_recorder, watchers, interruption.reason)
+        outcome = execute(scenario, build_simulation, options, started)
+    return _report(outcome, directory, interruption, quiet=quiet)
+
+
+def _announcement() -> str:
+    return "Building the models; the first run on a machine also compiles the kernels."
+
+
+def _report(outcome: Outcome, directory: Path, interruption: Interruption, *, quiet: bool) -> int:
+    if not quiet:
+        print(_closing_lines(outcome.summary, directory), file=sys.stderr)
+    if outcome.summary["status"] == "interrupted":
+        print(f"cosim: interrupted; what was simulated is in {directory}", file=sys.stderr)
+        return interruption.exit_code
+    if outcome.error is not None:
+        print(f"cosim: what was simulated is in {directory}", file=sys.stderr)
+        raise outcome.error
+    return 0
+
+
+def _closing_lines(summary: dict[str, Any], directory: Path) -> str:
+    factor = summary["real_time_factor"] or 0.0
+    lines = [
+        f"{summary['status']}: {summary['simulated_s']:.2f} s simulated in {summary['wall_s']:.2f} s "
+        f"(x{factor:.2f} real time), {summary['newton_iterations']} Newton iterations",
+        f"figures:   {directory / SUMMARY}",
+    ]
+    if (directory / RECORDING).exists():
+        lines.append(f"recording: {directory / RECORDING}   open it: cosim view {directory}")
+    return "\n".join(lines)

@@ -1,0 +1,179 @@
+"""Runs a built simulation: feeds its snapshots to observers, and ends in good order whatever happens."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass
+from itertools import chain
+from pathlib import Path
+from typing import Any, Protocol, final
+
+from cosim import __version__
+from cosim.errors import SolverError
+from cosim.recording.recorder import NullRecorder, Recorder
+from cosim.run_files import RunFiles, check_directory
+from cosim.scenario.schema import Recording, Scenario
+from cosim.scenario.snapshot import Snapshot, Stage
+from cosim.scenario.summary import Status, SummaryBuilder, summary_markdown
+
+Observe = Callable[[Snapshot], None]
+
+
+class Simulation(Protocol):
+    """What can be run."""
+
+    @property
+    def stage(self) -> Stage:
+        """Everything that does not change during the run."""
+
+    def steps(self) -> Iterator[Snapshot]:
+        """Yield the state before the first tick, then that after every tick."""
+
+
+class Watcher(Protocol):
+    """What follows a run while it lasts."""
+
+    def open(self, stage: Stage) -> None:
+        """The simulation is built; nothing has been written yet."""
+
+    def observe(self, snapshot: Snapshot) -> None:
+        """Take in one snapshot."""
+
+    def close(self) -> None:
+        """The run has ended, one way or another."""
+
+
+@final
+@dataclass(frozen=True)
+class Ending:
+    """How a run ended; `error` is None unless something was raised."""
+
+    status: Status
+    reason: str | None = None
+    error: BaseException | None = None
+
+
+@final
+@dataclass(frozen=True)
+class Options:
+    """How a scenario is run.
+
+    Args:
+        directory: where the files go; None writes none.
+        make_recorder: makes the recorder of a file; None for no recording.
+        watchers: shown every snapshot.
+        stop: asked after every tick; a text ends the run as interrupted, for that reason.
+    """
+
+    directory: Path | None = None
+    make_recorder: Callable[[Path, Recording], Recorder] | None = None
+    watchers: Sequence[Watcher] = ()
+    stop: Callable[[], str | None] = lambda: None
+
+
+@final
+@dataclass(frozen=True)
+class Outcome:
+    """What is left of a run.
+
+    Args:
+        summary: as in summary.json.
+        error: what ended the run, if anything was raised.
+    """
+
+    summary: dict[str, Any]
+    error: BaseException | None
+
+
+def execute(
+    scenario: Scenario, build: Callable[[Scenario], Simulation], options: Options, started: float
+) -> Outcome:
+    """Build and run a scenario; the files are complete when this returns.
+
+    Args:
+        scenario: checked.
+        build: makes the simulation.
+        options: see there.
+        started: `time.perf_counter()` at the start of the command.
+
+    Raises:
+        InputError: the scenario cannot be built, or the directory not be written; nothing was written.
+    """
+    if options.directory is not None:
+        check_directory(options.directory)
+    simulation = build(scenario)
+    stage, snapshots = simulation.stage, _with_first(simulation.steps())
+    with ExitStack() as stack:
+        for watcher in options.watchers:
+            watcher.open(stage)
+            stack.callback(watcher.close)
+        return _run(scenario, stage, snapshots, options, started)
+
+
+def _run(
+    scenario: Scenario, stage: Stage, snapshots: Iterator[Snapshot], options: Options, started: float
+) -> Outcome:
+    files = RunFiles(options.directory) if options.directory is not None else None
+    recorder: Recorder = NullRecorder()
+    if files is not None:
+        files.begin(scenario)
+        if options.make_recorder is not None:
+            recorder = options.make_recorder(files.recording, scenario.recording)
+    recorder.open(stage)
+    loop_started = time.perf_counter()
+    summary = SummaryBuilder(stage, loop_started - started, __version__)
+    watching = (watcher.observe for watcher in options.watchers)
+    ending = drive(snapshots, [summary.observe, recorder.record, *watching], options.stop)
+    figures = summary.finish(ending.status, ending.reason, time.perf_counter() - loop_started)
+    try:
+        recorder.close(summary_markdown(figures), ending.status)
+    finally:
+        if files is not None:
+            files.finish(figures)
+    return Outcome(figures, ending.error)
+
+
+def build_simulation(scenario: Scenario) -> Simulation:
+    """Return the simulation of a checked scenario; loads the engines, which wrong input need not wait for."""
+    from cosim.scenario.build import build
+
+    return build(scenario)
+
+
+def rerun_recorder(path: Path, settings: Recording) -> Recorder:
+    """Return the recorder that writes a Rerun recording."""
+    from cosim.recording.rerun_recorder import RerunRecorder
+
+    return RerunRecorder(path, frames_per_s=settings.frames_per_s, plots_per_s=settings.plots_per_s)
+
+
+def drive(
+    snapshots: Iterator[Snapshot], observers: Sequence[Observe], stop: Callable[[], str | None]
+) -> Ending:
+    """Feed every snapshot to every observer, in order, until the end, a stop or an exception."""
+    try:
+        for snapshot in snapshots:
+            for observe in observers:
+                observe(snapshot)
+            reason = stop()
+            if reason is not None:
+                return Ending("interrupted", reason)
+    except KeyboardInterrupt as error:
+        return Ending("interrupted", "keyboard interrupt", error)
+    except Exception as error:  # whatever it is, the recording and the summary are to be readable
+        return Ending("failed", f"{type(error).__name__}: {error}", error)
+    return Ending("completed")
+
+
+def _with_first(steps: Iterator[Snapshot]) -> Iterator[Snapshot]:
+    """Compute the first snapshot now: wrong input then shows before anything is written."""
+    try:
+        return chain([next(steps)], steps)
+    except SolverError as error:
+        return map(_raise, [error])  # raised inside the loop, which writes what is known
+
+
+def _raise(error: SolverError) -> Snapshot:
+    raise error

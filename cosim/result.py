@@ -1,0 +1,162 @@
+"""What `cosim.run` returns: the summary and arrays over time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, final
+
+import numpy as np
+
+from cosim.frames import Array, IntArray
+from cosim.scenario.snapshot import Snapshot, Stage
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class RunResult:
+    """A run as arrays, one row per snapshot (the state before the first tick, then every tick).
+
+    World frame, SI units. Node positions are kept at the recording's frame rate only.
+
+    Args:
+        stage: what does not change during the run (film triangles, cable routes, names).
+        summary: as in summary.json.
+        directory: where the files are, or None if none were written.
+        tick: (rows,) count of ticks.
+        time_s: (rows,).
+        phase: (rows,) index into `stage.phase_names`.
+        joint_position: (rows, joints) [rad].
+        joint_target: (rows, joints) [rad].
+        flange_position: (rows, 3) [m].
+        flange_quaternion: (rows, 4), (w, x, y, z).
+        flange_force: (rows, 3) [N], that the soft robot exerts on the flange.
+        flange_torque: (rows, 3) [N m], the same, about the flange's origin.
+        tip_position: (rows, 3) [m], centre of the last hole ring.
+        tip_direction: (rows, 3), its unit normal.
+        sag_m: (rows,).
+        pressure_Pa: (rows,), gauge.
+        cable_tension_N: (rows, cables), at the base end.
+        residual_N: (rows,) of the soft step.
+        newton_iterations: (rows,) of the soft step.
+        power_error_W: (rows,) at the interface.
+        stability_ratio: (rows,) of the coupling.
+        tick_wall_s: (rows,) wall time.
+        frame_time_s: (frames,).
+        node_position: (frames, nodes, 3) [m].
+    """
+
+    stage: Stage
+    summary: dict[str, Any]
+    directory: Path | None
+    tick: IntArray
+    time_s: Array
+    phase: IntArray
+    joint_position: Array
+    joint_target: Array
+    flange_position: Array
+    flange_quaternion: Array
+    flange_force: Array
+    flange_torque: Array
+    tip_position: Array
+    tip_direction: Array
+    sag_m: Array
+    pressure_Pa: Array
+    cable_tension_N: Array
+    residual_N: Array
+    newton_iterations: IntArray
+    power_error_W: Array
+    stability_ratio: Array
+    tick_wall_s: Array
+    frame_time_s: Array
+    node_position: Array
+
+    @property
+    def status(self) -> str:
+        """How the run ended: "completed", "interrupted" or "failed"."""
+        return str(self.summary["status"])
+
+
+_ROUNDING_S = 1e-9
+"""Far below a tick, far above the rounding error of a time."""
+
+
+@final
+class ResultBuilder:
+    """Follows a run and gathers its arrays.
+
+    Args:
+        frames_per_s: how often node positions are kept, in simulated time.
+    """
+
+    def __init__(self, frames_per_s: float) -> None:
+        self._stage: Stage | None = None
+        self._frame_s = 1.0 / frames_per_s
+        self._next_frame_s = 0.0
+        self._rows: dict[str, list[Any]] = {}
+        self._frame_time_s: list[float] = []
+        self._node_position: list[Array] = []
+
+    def open(self, stage: Stage) -> None:
+        """Take in what does not change during the run."""
+        self._stage = stage
+
+    def observe(self, snapshot: Snapshot) -> None:
+        """Take in one snapshot."""
+        for name, value in _row(snapshot).items():
+            self._rows.setdefault(name, []).append(value)
+        if snapshot.time_s >= self._next_frame_s - _ROUNDING_S:
+            self._frame_time_s.append(snapshot.time_s)
+            self._node_position.append(snapshot.node_position)
+            frames = np.floor((snapshot.time_s + _ROUNDING_S) / self._frame_s)
+            self._next_frame_s = (frames + 1.0) * self._frame_s
+
+    def close(self) -> None:
+        """Nothing to do."""
+
+    def result(self, summary: dict[str, Any], directory: Path | None) -> RunResult:
+        """Return the arrays of all snapshots so far.
+
+        Raises:
+            ValueError: the run has not been opened.
+        """
+        if self._stage is None:
+            raise ValueError("no run has been opened")
+        return RunResult(
+            stage=self._stage,
+            summary=summary,
+            directory=directory,
+            frame_time_s=np.array(self._frame_time_s),
+            node_position=np.array(self._node_position),
+            **{name: np.array(self._rows.get(name, ())) for name in _ROW_NAMES},
+        )
+
+
+_ROW_NAMES = frozenset(RunResult.__dataclass_fields__) - {
+    "stage", "summary", "directory", "frame_time_s", "node_position",
+}  # fmt: skip
+
+
+def _row(snapshot: Snapshot) -> dict[str, Any]:
+    ledger, flange = snapshot.ledger, snapshot.world_from_flange
+    return {
+        "tick": snapshot.tick,
+        "time_s": snapshot.time_s,
+        "phase": snapshot.phase,
+        "joint_position": snapshot.joint_position,
+        "joint_target": snapshot.joint_target,
+        "flange_position": flange.translation,
+        "flange_quaternion": flange.quaternion,
+        "flange_force": ledger.wrench.force,
+        "flange_torque": ledger.wrench.torque,
+        "tip_position": snapshot.tip_position,
+        "tip_direction": snapshot.tip_direction,
+        "sag_m": snapshot.sag_m,
+        "pressure_Pa": snapshot.pressure_Pa,
+        "cable_tension_N": snapshot.cable_tension_N,
+        "residual_N": ledger.residual_N,
+        "newton_iterations": ledger.newton_iterations,
+        "power_error_W": ledger.power_error_W,
+        "stability_ratio": ledger.stability_ratio,
+        "tick_wall_s": snapshot.tick_wall_s,
+    }

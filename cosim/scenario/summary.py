@@ -1,0 +1,171 @@
+"""The figures of a run, gathered tick by tick; `docs/summary.md` documents every key."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, Literal, final
+
+import numpy as np
+
+from cosim.scenario.snapshot import Snapshot, Stage
+
+SUMMARY_SCHEMA = 1
+Status = Literal["completed", "interrupted", "failed"]
+
+
+@final
+class SummaryBuilder:
+    """Gathers the figures of a run from its snapshots and keeps only what the summary needs.
+
+    Args:
+        stage: of the run.
+        startup_s: wall time from the start of the command to the first snapshot.
+        version: of cosim.
+    """
+
+    def __init__(self, stage: Stage, startup_s: float, version: str) -> None:
+        self._stage = stage
+        self._startup_s = startup_s
+        self._version = version
+        self._phases: list[dict[str, Any]] = []
+        self._last: Snapshot | None = None
+        self._newton_iterations = 0
+        self._phase_iterations = 0
+        self._max_residual_N = 0.0
+        self._max_power_error_W = 0.0
+        self._max_stability_ratio = 0.0
+
+    def observe(self, snapshot: Snapshot) -> None:
+        """Take in one snapshot; they come in order, tick 0 first."""
+        if self._last is not None and snapshot.phase != self._last.phase:
+            self._close_phase(complete=True)
+        ledger = snapshot.ledger
+        self._newton_iterations += ledger.newton_iterations
+        self._phase_iterations += ledger.newton_iterations
+        self._max_residual_N = max(self._max_residual_N, ledger.residual_N)
+        self._max_power_error_W = max(self._max_power_error_W, abs(ledger.power_error_W))
+        self._max_stability_ratio = max(self._max_stability_ratio, ledger.stability_ratio)
+        self._last = snapshot
+
+    def finish(self, status: Status, reason: str | None, wall_s: float) -> dict[str, Any]:
+        """Return the summary, ready for JSON (numbers that are not finite become None).
+
+        Args:
+            status: how the run ended.
+            reason: why it was interrupted or failed, else None.
+            wall_s: wall time from the first snapshot to the end.
+        """
+        if self._last is not None:
+            self._close_phase(complete=status == "completed")
+        stage, last = self._stage, self._last
+        simulated_s = last.time_s if last is not None else 0.0
+        summary = {
+            "schema": SUMMARY_SCHEMA,
+            "cosim_version": self._version,
+            "scenario": stage.scenario,
+            "title": stage.title,
+            "mode": stage.mode,
+            "status": status,
+            "reason": reason,
+            "tick_s": stage.tick_s,
+            "startup_s": self._startup_s,
+            "wall_s": wall_s,
+            "simulated_s": simulated_s,
+            "real_time_factor": simulated_s / wall_s if wall_s > 0.0 else None,
+            "ticks": last.tick if last is not None else 0,
+            "planned_ticks": stage.ticks,
+            "newton_iterations": self._newton_iterations,
+            "max_equilibrium_residual_N": self._max_residual_N,
+            "max_interface_power_error_W": self._max_power_error_W,
+            "max_stability_ratio": self._max_stability_ratio,
+            "soft_weight_N": stage.soft_weight_N,
+            "phases": self._phases,
+        }
+        return {key: json_ready(value) for key, value in summary.items()}
+
+    def _close_phase(self, *, complete: bool) -> None:
+        if self._last is None:
+            return
+        name = self._stage.phase_names[self._last.phase]
+        self._phases.append(_phase_figures(self._last, name, self._phase_iterations, complete))
+        self._phase_iterations = 0
+
+
+def _phase_figures(last: Snapshot, name: str, newton_iterations: int, complete: bool) -> dict[str, Any]:
+    wrench = last.ledger.wrench
+    figures: dict[str, Any] = {
+        "name": name,
+        "complete": complete,
+        "end_s": last.time_s,
+        "newton_iterations": newton_iterations,
+        "pressure_Pa": last.pressure_Pa,
+        "cable_tension_N": last.cable_tension_N,
+        "joint_position_rad": last.joint_position,
+        "flange_position_m": last.world_from_flange.translation,
+        "flange_quaternion": last.world_from_flange.quaternion,
+        "tip_position_m": last.tip_position,
+        "tip_direction": last.tip_direction,
+        "sag_m": last.sag_m,
+        "flange_wrench": {"force_N": wrench.force, "torque_Nm": wrench.torque},
+    }
+    if last.tip_target is not None:
+        figures["tip_target_m"] = last.tip_target
+        figures["tip_error_m"] = float(np.linalg.norm(last.tip_position - last.tip_target))
+    return figures
+
+
+def json_ready(value: Any) -> Any:
+    """Return a value of JSON's own kinds; numbers that are not finite become None."""
+    if isinstance(value, dict):
+        return {key: json_ready(item) for key, item in value.items()}
+    if isinstance(value, np.ndarray | np.generic):
+        return json_ready(value.tolist())
+    if isinstance(value, list | tuple):
+        return [json_ready(item) for item in value]
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value
+
+
+def summary_markdown(summary: dict[str, Any]) -> str:
+    """Return the summary as a Markdown text for people."""
+    factor = summary["real_time_factor"]
+    lines = [
+        f"## {summary['title']}",
+        "",
+        f"Status: **{summary['status']}**" + (f" ({summary['reason']})" if summary["reason"] else ""),
+        "",
+        f"- {summary['simulated_s']:.3f} s simulated in {summary['wall_s']:.2f} s"
+        + (f", real-time factor {factor:.2f}" if factor is not None else ""),
+        f"- {summary['ticks']} of {summary['planned_ticks']} ticks of {1e3 * summary['tick_s']:g} ms, "
+        f"{summary['newton_iterations']} Newton iterations",
+        f"- largest residual {_figure(summary['max_equilibrium_residual_N'])} N, "
+        f"largest power error {_figure(summary['max_interface_power_error_W'])} W",
+        "",
+        "| phase | end [s] | pressure [kPa] | cables [N] | tip [mm] | sag [mm] | tip error [mm] |",
+        "|---|---|---|---|---|---|---|",
+    ]
+    return "\n".join(lines + [_phase_row(phase) for phase in summary["phases"]]) + "\n"
+
+
+def _figure(value: float | None) -> str:
+    return "not finite" if value is None else f"{value:.2e}"
+
+
+def _phase_row(phase: dict[str, Any]) -> str:
+    cells = (
+        phase["name"] + ("" if phase["complete"] else " (incomplete)"),
+        f"{phase['end_s']:.2f}",
+        _scaled(phase["pressure_Pa"], 1e-3),
+        _scaled(phase["cable_tension_N"], 1.0),
+        _scaled(phase["tip_position_m"], 1e3),
+        _scaled(phase["sag_m"], 1e3),
+        _scaled(phase["tip_error_m"], 1e3, 3) if "tip_error_m" in phase else "",
+    )
+    return "| " + " | ".join(cells) + " |"
+
+
+def _scaled(value: Any, scale: float, digits: int = 1) -> str:
+    if isinstance(value, list):
+        return ", ".join(_scaled(item, scale, digits) for item in value)
+    return "?" if value is None else f"{scale * value:.{digits}f}"

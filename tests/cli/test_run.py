@@ -1,0 +1,233 @@
+"""`cosim run` on a made-up simulation: files, exit codes, interruption, failure."""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+import signal
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from cosim.cli import running
+from cosim.cli.main import main
+from cosim.cli.progress import Progress, clock
+from cosim.errors import ConvergenceError, UnreachableError
+from cosim.recording.recorder import Recorder
+from cosim.scenario.loading import load_scenario
+from cosim.scenario.snapshot import Snapshot, Stage
+
+REFERENCE = "ur5e_hexagon_arm"
+TICKS = 25
+
+
+class NotingRecorder(Recorder):
+    """Notes what it was given in a text file instead of a recording."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.ticks: list[int] = []
+
+    def open(self, stage: Stage) -> None:
+        self.path.write_text("open", encoding="utf-8")
+
+    def record(self, snapshot: Snapshot) -> None:
+        self.ticks.append(snapshot.tick)
+
+    def close(self, summary_markdown: str, status: str) -> None:
+        self.path.write_text(f"{status} {len(self.ticks)}\n{summary_markdown}", encoding="utf-8")
+
+
+@pytest.fixture
+def run(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, made_up_build: Callable[..., Any]
+) -> Callable[..., tuple[int, Path]]:
+    """Return a function that runs the reference scenario made up; `at_tick` may raise or signal."""
+
+    def command(
+        *arguments: str, at_tick: Callable[[int], None] = lambda tick: None, out: Path = tmp_path / "out"
+    ) -> tuple[int, Path]:
+        monkeypatch.setattr(running, "build_simulation", made_up_build(at_tick))
+        monkeypatch.setattr(running, "rerun_recorder", lambda path, settings: NotingRecorder(path))
+        return main(["run", REFERENCE, "--out", str(out), *arguments]), out
+
+    return command
+
+
+def summary_of(directory: Path) -> dict[str, Any]:
+    summary: dict[str, Any] = json.loads((directory / "summary.json").read_text(encoding="utf-8"))
+    return summary
+
+
+def test_a_run_leaves_scenario_summary_and_recording(run: Callable[..., tuple[int, Path]]) -> None:
+    code, out = run("--set", "clock.tick_s=0.004")
+    assert code == 0
+    assert sorted(path.name for path in out.iterdir()) == ["recording.rrd", "scenario.toml", "summary.json"]
+    assert load_scenario(out / "scenario.toml") == load_scenario(REFERENCE, {"clock.tick_s": 0.004})
+    summary = summary_of(out)
+    assert summary["status"] == "completed"
+    assert summary["ticks"] == TICKS
+    assert summary["simulated_s"] == pytest.approx(TICKS * 0.004)
+    # the first snapshot and every tick, in order, once
+    assert (out / "recording.rrd").read_text(encoding="utf-8").startswith(f"completed {TICKS + 1}\n")
+
+
+def test_no_recording_means_none(run: Callable[..., tuple[int, Path]]) -> None:
+    run()  # leaves a recording, which the next run must not leave standing beside its own summary
+    code, out = run("--no-recording")
+    assert code == 0
+    assert sorted(path.name for path in out.iterdir()) == ["scenario.toml", "summary.json"]
+
+
+def test_quiet_says_nothing(run: Callable[..., tuple[int, Path]], capsys: pytest.CaptureFixture[str]) -> None:
+    assert run("--quiet")[0] == 0
+    assert capsys.readouterr() == ("", "")
+
+
+def test_a_run_says_where_its_files_are(
+    run: Callable[..., tuple[int, Path]], capsys: pytest.CaptureFixture[str]
+) -> None:
+    _, out = run()
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert f"cosim view {out}" in captured.err
+    # not a terminal: one line per phase
+    for name in ("hang", "inflate", "turn", "lift", "reach"):
+        assert sum(f" {name} " in line for line in captured.err.splitlines()) == 1
+
+
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_a_signal_ends_the_run_in_good_order(
+    run: Callable[..., tuple[int, Path]], number: signal.Signals, code: int
+) -> None:
+    before = signal.getsignal(number)
+
+    def at_tick(tick: int) -> None:
+        if tick == 7:
+            os.kill(os.getpid(), number)
+
+    assert run("--quiet", at_tick=at_tick)[0] == code
+    assert signal.getsignal(number) is before
+
+
+def test_an_interrupted_summary_says_so(run: Callable[..., tuple[int, Path]]) -> None:
+    def at_tick(tick: int) -> None:
+        if tick == 7:
+            os.kill(os.getpid(), signal.SIGINT)
+
+    code, out = run(at_tick=at_tick)
+    summary = summary_of(out)
+    assert code == 130
+    assert (summary["status"], summary["reason"], summary["ticks"]) == ("interrupted", "SIGINT", 7)
+    assert [(phase["name"], phase["complete"]) for phase in summary["phases"]] == [
+        ("hang", True),
+        ("inflate", False),
+    ]
+    assert (out / "recording.rrd").read_text(encoding="utf-8").startswith("interrupted 8\n")
+
+
+def test_a_second_signal_does_not_wait_for_the_tick(run: Callable[..., tuple[int, Path]]) -> None:
+    def at_tick(tick: int) -> None:
+        if tick == 7:
+            os.kill(os.getpid(), signal.SIGINT)
+            os.kill(os.getpid(), signal.SIGINT)
+            raise AssertionError("the second signal should have ended the tick")
+
+    code, out = run(at_tick=at_tick)
+    assert code == 130
+    assert summary_of(out)["status"] == "interrupted"
+    assert summary_of(out)["ticks"] == 6
+
+
+def test_a_failure_leaves_what_was_simulated(
+    run: Callable[..., tuple[int, Path]], capsys: pytest.CaptureFixture[str]
+) -> None:
+    def at_tick(tick: int) -> None:
+        if tick == 12:
+            raise ConvergenceError("stalled at 3 N", residual_N=3.0, iterations=50)
+
+    code, out = run(at_tick=at_tick)
+    summary = summary_of(out)
+    assert code == 1
+    assert (summary["status"], summary["ticks"]) == ("failed", 11)
+    assert summary["reason"] == "ConvergenceError: stalled at 3 N"
+    assert (out / "recording.rrd").read_text(encoding="utf-8").startswith("failed 12\n")
+    assert "cosim: not solved: stalled at 3 N" in capsys.readouterr().err
+
+
+def test_a_failure_before_the_first_snapshot_leaves_a_summary(run: Callable[..., tuple[int, Path]]) -> None:
+    def at_tick(tick: int) -> None:
+        raise ConvergenceError("no equilibrium to start from", residual_N=3.0, iterations=50)
+
+    code, out = run(at_tick=at_tick)
+    assert code == 1
+    assert summary_of(out)["status"] == "failed"
+    assert summary_of(out)["phases"] == []
+
+
+def test_wrong_input_found_while_building_writes_nothing(run: Callable[..., tuple[int, Path]]) -> None:
+    def at_tick(tick: int) -> None:
+        raise UnreachableError("start.flange: out of reach")
+
+    code, out = run(at_tick=at_tick)
+    assert code == 2
+    assert not out.exists()
+
+
+def test_a_fault_of_the_program_is_not_hidden(run: Callable[..., tuple[int, Path]], tmp_path: Path) -> None:
+    def at_tick(tick: int) -> None:
+        if tick == 3:
+            raise ZeroDivisionError("a fault")
+
+    with pytest.raises(ZeroDivisionError):
+        run(at_tick=at_tick)
+    assert summary_of(tmp_path / "out")["reason"] == "ZeroDivisionError: a fault"
+
+
+def test_the_default_directory_is_new_each_time(
+    run: Callable[..., tuple[int, Path]], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    run()
+    monkeypatch.chdir(tmp_path)
+    assert main(["run", REFERENCE, "--quiet"]) == 0
+    assert main(["run", REFERENCE, "--quiet"]) == 0
+    assert len(list((tmp_path / "runs").glob(f"{REFERENCE}-*/summary.json"))) == 2
+
+
+def test_list_names_every_scenario_with_its_question(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["list"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert any(line.startswith(REFERENCE) and line.endswith("?") for line in lines)
+
+
+def test_view_without_recording_says_how_to_make_one(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["view", str(tmp_path)]) == 2
+    assert "cosim run" in capsys.readouterr().err
+
+
+def test_the_progress_line_renews_itself_on_a_terminal(made_up_build: Callable[..., Any]) -> None:
+    class Terminal(io.StringIO):
+        def isatty(self) -> bool:
+            return True
+
+    stream = Terminal()
+    progress = Progress(stream)
+    simulation = made_up_build()(load_scenario(REFERENCE))
+    progress.open(simulation.stage)
+    for snapshot in simulation.steps():
+        progress.observe(snapshot)
+    progress.close()
+    drawn = stream.getvalue()
+    assert drawn.count("\n") == 1
+    assert drawn.startswith("\r")
+    assert "100 %" in drawn.splitlines()[-1]
+
+
+@pytest.mark.parametrize(("seconds", "text"), [(0.4, "0:00"), (61.0, "1:01"), (3725.0, "1:02:05")])
+def test_durations_are_shown_as_clocks(seconds: float, text: str) -> None:
+    assert clock(seconds) == text

@@ -1,0 +1,90 @@
+"""Made-up runs: snapshots of a soft arm of one triangle, without any physics."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+
+from cosim.frames import Pose, Twist, Wrench
+from cosim.scenario.schema import Scenario
+from cosim.scenario.snapshot import LedgerEntry, Snapshot, Stage
+
+TICKS_PER_PHASE = 5
+
+
+def made_up_stage(scenario: Scenario) -> Stage:
+    """Return a stage with the scenario's phases, each of 5 ticks."""
+    ticks = TICKS_PER_PHASE * len(scenario.phases)
+    return Stage(
+        scenario=scenario.name,
+        title=scenario.title,
+        mode=scenario.mode,
+        tick_s=scenario.clock.tick_s,
+        duration_s=ticks * scenario.clock.tick_s,
+        ticks=ticks,
+        phase_names=tuple(phase.name for phase in scenario.phases),
+        body_names=("base", "tool"),
+        shapes=(),
+        soft_triangles=np.array([[0, 1, 2]]),
+        cables=(np.array([0, 1]),),
+        soft_weight_N=8.52,
+        gravity=np.array(scenario.gravity_m_s2),
+        membrane_stress=lambda positions: np.zeros(1),
+        report="made up",
+    )
+
+
+def made_up_snapshot(tick: int, tick_s: float) -> Snapshot:
+    """Return a snapshot whose numbers all grow with the tick."""
+    wrench = Wrench(np.array([0.0, 0.0, -8.52]), np.array([0.1, 0.2, 0.3]))
+    entry = LedgerEntry(wrench, 1.0, -1.0 + 1e-6 * tick, 1e-9 * tick, 2, 0.01 * tick, False)
+    return Snapshot(
+        tick=tick,
+        time_s=tick * tick_s,
+        phase=max(tick - 1, 0) // TICKS_PER_PHASE,
+        joint_position=np.full(6, 0.1 * tick),
+        joint_target=np.full(6, 0.1 * tick),
+        body_position=np.zeros((2, 3)),
+        body_quaternion=np.tile([1.0, 0.0, 0.0, 0.0], (2, 1)),
+        node_position=np.full((3, 3), float(tick)),
+        world_from_flange=Pose(np.eye(3), np.array([0.3, 0.0, 0.7])),
+        flange_twist=Twist(),
+        pressure_Pa=100.0 * tick,
+        cable_tension_N=np.array([1.0 * tick]),
+        tip_position=np.array([0.3, 0.0, 0.5 + 0.001 * tick]),
+        tip_direction=np.array([0.0, 0.0, -1.0]),
+        sag_m=0.001 * tick,
+        tip_target=None,
+        ledger=entry,
+        tick_wall_s=1e-4,
+    )
+
+
+@dataclass
+class MadeUpSimulation:
+    """Yields made-up snapshots; `at_tick` is called with each tick before it is yielded."""
+
+    stage: Stage
+    at_tick: Callable[[int], None] = lambda tick: None
+
+    def steps(self) -> Iterator[Snapshot]:
+        """Yield tick 0 to the last."""
+        for tick in range(self.stage.ticks + 1):
+            self.at_tick(tick)
+            snapshot = made_up_snapshot(tick, self.stage.tick_s)
+            last_phase = tick > self.stage.ticks - TICKS_PER_PHASE
+            target = np.array([0.3, 0.0, 0.5]) if last_phase else None
+            yield replace(snapshot, tip_target=target)
+
+
+@pytest.fixture
+def made_up_build() -> Callable[..., Callable[[Scenario], MadeUpSimulation]]:
+    """Return `factory(at_tick)`, which makes a `build` for the driver."""
+
+    def factory(at_tick: Callable[[int], None] = lambda tick: None) -> Callable[[Scenario], MadeUpSimulation]:
+        return lambda scenario: MadeUpSimulation(made_up_stage(scenario), at_tick)
+
+    return factory
