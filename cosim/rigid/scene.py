@@ -17,20 +17,15 @@ from typing import final
 import mujoco
 import numpy as np
 
-from cosim.errors import InstabilityError
-from cosim.frames import Array, Pose, Twist, Wrench
+from cosim.frames import Array, Pose, Twist, Wrench, cross_matrix
 from cosim.rigid.description import SceneDescription
-from cosim.rigid.model import FLANGE_SITE, FORCE_SENSOR, TORQUE_SENSOR, compile_model
+from cosim.rigid.layout import ArmLayout
+from cosim.rigid.model import compile_model
 from cosim.rigid.shapes import BodyShape, body_shapes
+from cosim.rigid.stability import raise_if_unstable, silence_warning_file
 from cosim.rigid.statics import droop
 
 _STATE = mujoco.mjtState.mjSTATE_INTEGRATION
-_BAD_STATE = (
-    mujoco.mjtWarning.mjWARN_BADQPOS,
-    mujoco.mjtWarning.mjWARN_BADQVEL,
-    mujoco.mjtWarning.mjWARN_BADQACC,
-    mujoco.mjtWarning.mjWARN_BADCTRL,
-)
 
 
 @dataclass(frozen=True)
@@ -59,23 +54,16 @@ class RigidScene:
     def __init__(self, description: SceneDescription) -> None:
         self.description = description
         self._model = compile_model(description)
+        silence_warning_file()
         self._data = mujoco.MjData(self._model)
         self._scratch = mujoco.MjData(self._model)
-        names = description.arm.joint_names
-        joints = [self._model.joint(name).id for name in names]
-        # Slices, not index arrays: the arm's joints are compiled first and in order.
-        self._q = _slice(self._model.jnt_qposadr[joints])
-        self._v = _slice(self._model.jnt_dofadr[joints])
-        self._site = self._model.site(FLANGE_SITE).id
-        self._flange_body = int(self._model.site_bodyid[self._site])
-        self._sensors = (
-            _slice_of_sensor(self._model, FORCE_SENSOR),
-            _slice_of_sensor(self._model, TORQUE_SENSOR),
-        )
-        self._control = self._data.ctrl.reshape(len(names), 3)
+        self._layout = layout = ArmLayout.of(self._model, description.arm.joint_names)
+        self._q, self._v, self._site = layout.positions, layout.dofs, layout.site
+        # Servo inputs are interleaved: position, velocity, feedforward of each joint in turn.
+        self._control = self._data.ctrl.reshape(-1, 3)
         self._armature = self._model.dof_armature[self._v].copy()
         self._flange_load = np.zeros(6)
-        self.set_joint_state(description.arm.home, np.zeros(len(names)))
+        self.set_joint_state(description.arm.home)
         self.set_control(description.arm.home)
 
     @property
@@ -126,27 +114,22 @@ class RigidScene:
     @property
     def effort_limit(self) -> Array:
         """Largest servo torques (joints,) [N m]."""
-        return np.array(self._model.jnt_actfrcrange[: len(self.joint_names), 1])
+        return np.array(self._model.jnt_actfrcrange[self._layout.joints, 1])
 
     @property
     def servo_stiffness(self) -> Array:
         """(joints,) [N m/rad]."""
-        return np.array(-self._model.actuator_biasprm[: len(self.joint_names), 1])
+        return np.array(-self._model.actuator_biasprm[self._layout.joints, 1])
 
     @property
     def servo_damping(self) -> Array:
         """(joints,) [N m s/rad]."""
-        return np.array(-self._model.actuator_biasprm[: len(self.joint_names), 2])
+        return np.array(-self._model.actuator_biasprm[self._layout.joints, 2])
 
     @property
     def armature(self) -> Array:
         """Rotor inertia (joints,) [kg m^2], without what `set_added_armature` adds."""
         return np.array(self._armature)
-
-    @property
-    def added_armature(self) -> Array:
-        """(joints,) [kg m^2] as set by `set_added_armature`."""
-        return np.asarray(self._model.dof_armature[self._v] - self._armature)
 
     @property
     def flange_pose(self) -> Pose:
@@ -218,10 +201,10 @@ class RigidScene:
     def apply_flange_wrench(self, wrench: Wrench) -> None:
         """Set the load on the flange from now on: at the flange origin, world axes."""
         # MuJoCo applies a body's external wrench at its inertial frame, so the torque moves there.
-        arm = self._data.site_xpos[self._site] - self._data.xipos[self._flange_body]
-        applied = self._data.xfrc_applied[self._flange_body]
+        arm = self._data.site_xpos[self._site] - self._data.xipos[self._layout.body]
+        applied = self._data.xfrc_applied[self._layout.body]
         applied[:3] = wrench.force
-        applied[3:] = wrench.moved(-arm).torque
+        applied[3:] = wrench.torque + cross_matrix(arm) @ wrench.force
 
     def apply_joint_torque(self, torque: Array) -> None:
         """Set a torque (joints,) [N m] on the joints from now on, besides servos and flange load."""
@@ -250,12 +233,7 @@ class RigidScene:
         mujoco.mj_step2(self._model, self._data)
         # Site axes still belong to the instant of the reading until `begin_step`.
         self._read_sensor()
-        # MuJoCo counts a warning when a state goes bad: never go on from there.
-        if any(self._data.warning[kind].number for kind in _BAD_STATE):
-            raise InstabilityError(
-                f"the rigid scene became unstable at {self._data.time:.4f} s: MuJoCo found a non-finite or "
-                "huge state; use a shorter tick_s or check masses and loads"
-            )
+        raise_if_unstable(self._data)
 
     def read_sensor_at_rest(self) -> Wrench:
         """Return what the flange sensor shows when nothing moves, and keep it as its reading."""
@@ -298,9 +276,7 @@ class RigidScene:
         return droop(
             self._model,
             self._scratch,
-            site=self._site,
-            positions=self._q,
-            dofs=self._v,
+            layout=self._layout,
             joint_names=self.joint_names,
             reference=np.asarray(reference, dtype=np.float64),
             feedforward=np.zeros(len(self.joint_names)) if feedforward is None else feedforward,
@@ -325,17 +301,5 @@ class RigidScene:
     def _read_sensor(self) -> None:
         axes = self._data.site_xmat[self._site].reshape(3, 3)
         # MuJoCo reports what the arm exerts on the flange, the wanted load is its opposite.
-        for part, sensor in enumerate(self._sensors):
-            self._flange_load[3 * part : 3 * part + 3] = -axes @ self._data.sensordata[sensor]
-
-
-def _slice(addresses: Array) -> slice:
-    first, count = int(addresses[0]), len(addresses)
-    if not np.array_equal(addresses, np.arange(first, first + count)):
-        raise AssertionError("the arm's joints are not consecutive in the compiled model")
-    return slice(first, first + count)
-
-
-def _slice_of_sensor(model: mujoco.MjModel, name: str) -> slice:
-    address = int(model.sensor(name).adr[0])
-    return slice(address, address + 3)
+        self._flange_load[:3] = -axes @ self._data.sensordata[self._layout.force]
+        self._flange_load[3:] = -axes @ self._data.sensordata[self._layout.torque]

@@ -73,4 +73,6 @@ def _mesh(model: mujoco.MjModel, mesh: int) -> tessellation.Mesh:
     first, count = model.mesh_vertadr[mesh], model.mesh_vertnum[mesh]
     start, faces = model.mesh_faceadr[mesh], model.mesh_facenum[mesh]
     vertices = model.mesh_vert[first : first + count].astype(np.float64)
-    return vertices, model.mesh_face[start : start + faces].astype(np.int64)
+    # Every triangle gets its own corners, so that the edges of the casting stay sharp when shaded.
+    corners = vertices[model.mesh_face[start : start + faces].reshape(-1)]
+    return corners, np.arange(len(corners), dtype=np.int64).reshape(-1, 3)

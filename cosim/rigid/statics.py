@@ -7,6 +7,7 @@ import numpy as np
 
 from cosim.errors import ConvergenceError
 from cosim.frames import Array
+from cosim.rigid.layout import ArmLayout
 
 _ITERATIONS = 60
 _TORQUE_TOLERANCE = 1e-10  # N m; a stiffness of 500 N m/rad turns it into 2e-13 rad
@@ -16,9 +17,7 @@ def droop(
     model: mujoco.MjModel,
     scratch: mujoco.MjData,
     *,
-    site: int,
-    positions: slice,
-    dofs: slice,
+    layout: ArmLayout,
     joint_names: tuple[str, ...],
     reference: Array,
     feedforward: Array,
@@ -32,9 +31,7 @@ def droop(
     Args:
         model: with one position servo per joint, in joint order.
         scratch: its configuration holds the other bodies; overwritten.
-        site: of the flange.
-        positions: of the arm in qpos.
-        dofs: of the arm in qvel.
+        layout: of the arm in the model.
         joint_names: for messages.
         reference: (joints,) [rad].
         feedforward: (joints,) [N m].
@@ -43,22 +40,21 @@ def droop(
     Raises:
         ConvergenceError: no equilibrium found, or it asks for more than the joints' torque.
     """
-    joints = len(joint_names)
-    stiffness = -model.actuator_biasprm[:joints, 1]
+    stiffness = -model.actuator_biasprm[layout.joints, 1]
     scratch.qvel[:] = 0.0
     jacobian, gravity = np.empty((6, model.nv)), np.empty(model.nv)
     q = reference.copy()
-    servo = residual = np.zeros(joints)
+    servo = residual = np.zeros_like(q)
     for iteration in range(_ITERATIONS):
-        scratch.qpos[positions] = q
+        scratch.qpos[layout.positions] = q
         mujoco.mj_fwdKinematics(model, scratch)
         mujoco.mj_comVel(model, scratch)
         mujoco.mj_rne(model, scratch, 0, gravity)
-        mujoco.mj_jacSite(model, scratch, jacobian[:3], jacobian[3:], site)
+        mujoco.mj_jacSite(model, scratch, jacobian[:3], jacobian[3:], layout.site)
         servo = stiffness * (reference - q) + feedforward
-        residual = servo + jacobian[:, dofs].T @ load - gravity[dofs]
+        residual = servo + jacobian[:, layout.dofs].T @ load - gravity[layout.dofs]
         if np.max(np.abs(residual)) < _TORQUE_TOLERANCE:
-            _check_torque(servo, model.jnt_actfrcrange[:joints, 1], joint_names, iteration)
+            _check_torque(servo, model.jnt_actfrcrange[layout.joints, 1], joint_names, iteration)
             return q
         q = q + residual / stiffness
     worst = int(np.argmax(np.abs(residual)))
