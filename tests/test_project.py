@@ -1,0 +1,81 @@
+"""README, Makefile and package agree with each other; a wheel carries its data."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+import tomllib
+import zipfile
+from pathlib import Path
+
+import pytest
+
+import cosim
+from cosim.cli.main import main
+from cosim.resources import list_scenarios, list_soft_robots
+
+ROOT = Path(__file__).resolve().parents[1]
+README = (ROOT / "README.md").read_text(encoding="utf-8")
+
+
+def test_every_make_target_of_the_readme_exists() -> None:
+    targets = set(re.findall(r"^([a-z]+):", (ROOT / "Makefile").read_text(encoding="utf-8"), re.MULTILINE))
+    named = set(
+        re.findall(r"\bmake ([a-z]+)\b", "\n".join(re.findall(r"```sh\n(.*?)```", README, re.DOTALL)))
+    )
+    assert {"demo", "test"} <= named <= targets
+
+
+def test_continuous_integration_runs_the_readmes_test_command() -> None:
+    assert "make test" in (ROOT / ".ci" / "run").read_text(encoding="utf-8")
+
+
+def test_every_command_of_the_readme_is_understood(capsys: pytest.CaptureFixture[str]) -> None:
+    shell = "\n".join(re.findall(r"```sh\n(.*?)```", README, re.DOTALL))
+    used = set(re.findall(r"^cosim (\w+)", shell, re.MULTILINE))
+    with pytest.raises(SystemExit):
+        main(["--help"])
+    shown = capsys.readouterr().out
+    assert used == {"list", "run", "view"}
+    assert all(re.search(rf"^\s+{command}\s", shown, re.MULTILINE) for command in used)
+
+
+def test_every_scenario_and_file_of_the_readme_exists() -> None:
+    for name in re.findall(r"^cosim run (\w+) ", README, re.MULTILINE):
+        assert name in list_scenarios()
+    for target in re.findall(r"\]\((?!https?:)([^)]+)\)", README):
+        assert (ROOT / target).exists(), f"README points to {target}"
+
+
+def test_the_citation_has_the_packages_version() -> None:
+    text = (ROOT / "CITATION.cff").read_text(encoding="utf-8")
+    assert re.search(rf"^version: {re.escape(cosim.__version__)}$", text, re.MULTILINE)
+
+
+def test_an_installed_wheel_finds_its_data_from_another_directory(tmp_path: Path) -> None:
+    pytest.importorskip("hatchling", reason="needs the development tools: pip install -e .[dev]")
+    build = [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", str(tmp_path / "dist")]
+    subprocess.run(build, cwd=ROOT, check=True, capture_output=True)
+    (wheel,) = (tmp_path / "dist").glob("*.whl")
+    site, elsewhere = tmp_path / "site", tmp_path / "elsewhere"
+    elsewhere.mkdir()
+    with zipfile.ZipFile(wheel) as archive:
+        archive.extractall(site)
+    code = (
+        f"import sys; sys.path.insert(0, {str(site)!r}); import cosim; from cosim import resources as r;"
+        "assert cosim.__file__.startswith(sys.path[0]), cosim.__file__;"
+        "cosim.load_scenario('ur5e_hexagon_arm'); assert (r.robots_directory() / 'ur5e').is_dir();"
+        "print(*r.list_scenarios(), *r.list_soft_robots())"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=elsewhere, check=True, capture_output=True, text=True
+    )
+    assert done.stdout.split() == [*list_scenarios(), *list_soft_robots()]
+
+
+def test_dependencies_are_bounded_where_their_interfaces_move() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    for name in ("mujoco", "pin", "rerun-sdk"):
+        (entry,) = (text for text in project["dependencies"] if re.match(rf"{name}[^a-z-]", text))
+        assert "<" in entry or "==" in entry
