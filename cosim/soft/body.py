@@ -13,6 +13,7 @@ from cosim.frames import Array, IntArray
 from cosim.soft.cable import Cable
 from cosim.soft.hinge import Hinges
 from cosim.soft.membrane import Film, Membranes
+from cosim.soft.surface import dihedral_angle
 
 
 @final
@@ -109,8 +110,7 @@ class SoftBody:
             raise MeshError(f"triangles refer to node {int(tri.max())}; there are nodes 0 to {len(x) - 1}")
         nodes = np.zeros((0, 4), np.int64) if hinge_nodes is None else np.ascontiguousarray(hinge_nodes, np.int64)
         stiffness = np.array(np.broadcast_to(hinge_stiffness, (len(nodes),)), dtype=np.float64)
-        hinges = Hinges(nodes, stiffness, np.zeros(len(nodes)), fold_barrier_rad)
-        rest = hinges.angles(x) if hinge_rest_angle is None else np.array(hinge_rest_angle, dtype=np.float64)
+        rest = dihedral_angle(x, nodes) if hinge_rest_angle is None else np.array(hinge_rest_angle, dtype=np.float64)
         return cls(
             positions=x,
             membranes=Membranes.from_shape(x, tri, film),

@@ -178,16 +178,3 @@ class Hinges:
     stiffness: Array
     rest_angle: Array
     fold_barrier_rad: float
-
-    def angles(self, positions: Array) -> Array:
-        """Return the dihedral angles (h,) in [0, 2 pi) [rad].
-
-        Args:
-            positions: (n, 3) [m].
-        """
-        i, j, k, m = (positions[self.nodes[:, a]] for a in range(4))
-        edge = k - j
-        normal_i, normal_l = np.cross(i - j, edge), np.cross(edge, k - m)
-        sine = np.einsum("hr,hr->h", edge, np.cross(normal_i, normal_l)) / np.linalg.norm(edge, axis=1)
-        angle = np.arctan2(sine, np.einsum("hr,hr->h", normal_i, normal_l))
-        return np.asarray(np.where(angle < 0.0, angle + TURN, angle))

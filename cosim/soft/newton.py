@@ -120,37 +120,43 @@ class NewtonSolver:
         """
         system = self.system
         tension = system.segment_tension(start, loads)
-        x = np.ascontiguousarray(start)
-        energy = system.evaluate(x, loads, tension, reference_angles, inertia=inertia)
+        x, angles = np.ascontiguousarray(start), reference_angles
+        energy = system.evaluate(x, loads, tension, angles, inertia=inertia, hessian=False)
         residual = self._residual()
-        factorisations = shifted = 0
-        for iteration in range(options.iterations_max + 1):
-            if not (np.isfinite(residual) and np.isfinite(energy)):
-                outcome = Outcome.NOT_FINITE
+        iterations = factorisations = shifted = 0
+        while True:
+            outcome = self._verdict(residual, energy, iterations, options)
+            if outcome is not None:
                 break
-            if residual < options.tolerance_N:
-                outcome = Outcome.CONVERGED
-                break
-            if iteration == options.iterations_max:
-                outcome = Outcome.ITERATION_LIMIT
-                break
+            angles = system.angles.copy()
+            system.evaluate(x, loads, tension, angles, inertia=inertia)
             attempts = self._factor(options)
             factorisations += abs(attempts)
             shifted += abs(attempts) > 1
             if attempts < 0:
                 outcome = Outcome.INDEFINITE
                 break
-            angles = system.angles.copy()
             step = self.linear.solve(-system.gradient)
+            iterations += 1
             found = self._search(x, step, energy, residual, loads, tension, angles, options, inertia)
             if found is None:
-                energy = system.evaluate(x, loads, tension, angles, inertia=inertia)
+                system.evaluate(x, loads, tension, angles, inertia=inertia, hessian=False)
                 outcome = Outcome.NO_DESCENT
                 break
             x, energy, residual = found
         return NewtonResult(
-            x, system.angles.copy(), outcome, residual, iteration, factorisations, energy, shifted
+            x, system.angles.copy(), outcome, residual, iterations, factorisations, energy, shifted
         )
+
+    @staticmethod
+    def _verdict(residual: float, energy: float, iterations: int, options: NewtonOptions) -> Outcome | None:
+        if not (np.isfinite(residual) and np.isfinite(energy)):
+            return Outcome.NOT_FINITE
+        if residual < options.tolerance_N:
+            return Outcome.CONVERGED
+        if iterations >= options.iterations_max:
+            return Outcome.ITERATION_LIMIT
+        return None
 
     def _residual(self) -> float:
         return float(np.abs(self.system.gradient[self.free]).max(initial=0.0))
@@ -189,7 +195,7 @@ class NewtonSolver:
         rounding = 1e-13 * (1.0 + abs(energy))
         for _ in range(options.halvings_max):
             trial = x + factor * step
-            trial_energy = system.evaluate(trial, loads, tension, angles, inertia=inertia)
+            trial_energy = system.evaluate(trial, loads, tension, angles, inertia=inertia, hessian=False)
             trial_residual = self._residual()
             if system.conservative:
                 enough = trial_energy <= energy + 1e-4 * factor * slope + rounding

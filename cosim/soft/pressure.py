@@ -9,8 +9,6 @@ subtracts what the caps contribute, so that each film node carries a third of it
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from cosim.frames import Array, IntArray, cross_matrix
@@ -146,19 +144,3 @@ def cap_force(positions: Array, ring: IntArray, pressure_Pa: float) -> tuple[Arr
         force += weight[:, None] * share
         derivative += np.einsum("a,rbs->arbs", weight, change)
     return force, derivative.reshape(3 * count, 3 * count)
-
-
-def enclosed_volume(positions: Array, triangles: IntArray, caps: Sequence[IntArray]) -> float:
-    """Return the volume [m^3] inside a film closed by fans over its cap rings.
-
-    Args:
-        positions: (n, 3) [m].
-        triangles: (m, 3), outward orientation.
-        caps: rings, each ordered so that the fan's normal points out of the gas.
-    """
-    a, b, c = (positions[triangles[:, k]] for k in range(3))
-    volume = float(np.einsum("mr,mr->", a, np.cross(b, c)))
-    for ring in caps:
-        r = positions[ring]
-        volume += float(r.mean(axis=0) @ np.cross(r, np.roll(r, -1, axis=0)).sum(axis=0))
-    return volume / 6.0

@@ -14,6 +14,7 @@ from cosim.soft.hinge import add_hinges
 from cosim.soft.membrane import add_membranes
 from cosim.soft.pattern import BlockPattern
 from cosim.soft.pressure import add_cap, add_pressure, cap_force
+from cosim.soft.surface import dihedral_angle
 
 _NO_TABLE = np.zeros((0, 0), np.int64)
 _NO_SLOTS = np.zeros(0, np.int64)
@@ -60,7 +61,7 @@ class SoftSystem:
         self._mass = body.node_mass[:, None]
         self.gradient = np.zeros((body.nodes, 3))
         self.blocks = np.zeros((self.pattern.blocks, 3, 3))
-        self.angles = body.hinges.angles(body.positions)
+        self.angles = dihedral_angle(body.positions, body.hinges.nodes)
         self.volume = 0.0
         self.open_cap_stiffness: list[tuple[IntArray, Array]] = []
 

@@ -1,0 +1,114 @@
+"""Implicit time steps of a soft body: each is the minimum of an incremental potential.
+
+Implicit Euler:  y = x_n + h v_n,  M (x - y) / h^2 = f(x),  v = (x - x_n) / h.
+BDF2, s = 2 h / 3:  a = (4 x_n - x_n-1) / 3,  y = a + s (4 v_n - v_n-1) / 3,  M (x - y) / s^2 = f(x),
+v = (x - a) / s; its first step is implicit Euler.
+Mass-proportional damping alpha adds M alpha v. Source: Hairer and Wanner, Solving ODEs II, chapter III.1.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Literal, TypeAlias, final
+
+import numpy as np
+
+from cosim.errors import ConvergenceError, InputError
+from cosim.frames import Array, Pose
+from cosim.soft.body import Loads
+from cosim.soft.newton import NewtonOptions, NewtonResult, NewtonSolver, Outcome
+from cosim.soft.state import Clamp, SoftState
+from cosim.soft.system import Inertia
+
+Integrator: TypeAlias = Literal["implicit_euler", "bdf2"]
+
+
+@final
+@dataclass(frozen=True)
+class StepOptions:
+    """How a time step is solved.
+
+    Args:
+        integrator: "implicit_euler" (first order, damps) or "bdf2" (second order, damps less).
+        iterations: Newton iterations of an ordinary step.
+        residual_bound_N: a step whose residual is above this after them goes on iterating.
+        newton: bounds of the iteration.
+        damping_per_s: alpha [1/s].
+    """
+
+    integrator: Integrator = "implicit_euler"
+    iterations: int = 1
+    residual_bound_N: float = 1.0
+    newton: NewtonOptions = NewtonOptions()
+    damping_per_s: float = 0.0
+
+
+@final
+class ImplicitStepper:
+    """Steps one body with a given clamp.
+
+    Args:
+        solver: Newton's method for the body with that clamp.
+        clamp: nodes held by the flange.
+        options: how steps are solved.
+    """
+
+    def __init__(self, solver: NewtonSolver, clamp: Clamp, options: StepOptions) -> None:
+        self.solver = solver
+        self.clamp = clamp
+        self.options = options
+
+    def step(
+        self, state: SoftState, world_from_flange: Pose, loads: Loads, step_s: float
+    ) -> tuple[SoftState, NewtonResult]:
+        """Advance by one step, with the flange at its new pose.
+
+        Args:
+            state: at the beginning.
+            world_from_flange: pose of the flange at the end.
+            loads: at the end.
+            step_s: h [s].
+
+        Raises:
+            InputError: the step is not positive.
+            ConvergenceError: no acceptable solution; the caller still holds `state`.
+        """
+        if not step_s > 0.0:
+            raise InputError(f"step {step_s} s must be positive")
+        base, span, speed = self._scheme(state, step_s)
+        damping = self.options.damping_per_s
+        mass = self.solver.system.body.node_mass
+        # M (v - speed) / s + alpha M v with v = (x - base) / s, written as one elastic bed
+        weight = mass * (1.0 + damping * span) / span**2
+        target = base + span / (1.0 + damping * span) * speed
+        start = self.clamp.place(state.positions + step_s * state.velocities, world_from_flange)
+        result = self._solve(start, state, loads, Inertia(weight, target))
+        velocities = (result.positions - base) / span
+        earlier = (state.positions, state.velocities)
+        return SoftState(result.positions, velocities, result.angles, earlier), result
+
+    def _scheme(self, state: SoftState, h: float) -> tuple[Array, float, Array]:
+        """Return (base, span, speed): v = (x - base) / span, acceleration = (v - speed) / span."""
+        if self.options.integrator == "implicit_euler" or state.earlier is None:
+            return state.positions, h, state.velocities
+        x1, v1 = state.earlier
+        return (4.0 * state.positions - x1) / 3.0, 2.0 * h / 3.0, (4.0 * state.velocities - v1) / 3.0
+
+    def _solve(self, start: Array, state: SoftState, loads: Loads, inertia: Inertia) -> NewtonResult:
+        options = self.options
+        first = replace(options.newton, iterations_max=options.iterations)
+        result = self.solver.solve(start, state.angles, loads, first, inertia)
+        if result.outcome is Outcome.ITERATION_LIMIT and result.residual_N <= options.residual_bound_N:
+            return result
+        if result.outcome is Outcome.ITERATION_LIMIT and options.newton.iterations_max > options.iterations:
+            spent = result.iterations
+            result = self.solver.solve(result.positions, result.angles, loads, options.newton, inertia)
+            result = replace(result, iterations=spent + result.iterations)
+        if not result.converged or not np.isfinite(result.positions).all():
+            raise ConvergenceError(
+                f"the soft step did not converge: {result.outcome.value}; residual {result.residual_N:.3g} N "
+                f"after {result.iterations} iterations; try a shorter tick or a gentler ramp",
+                result.residual_N,
+                result.iterations,
+            )
+        return result

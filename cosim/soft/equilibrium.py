@@ -1,0 +1,152 @@
+"""Static equilibrium of a soft body on a flange, followed from a known one."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+
+from cosim.errors import ConvergenceError
+from cosim.frames import Array, Pose, Wrench, rotation_from_vector, vector_from_rotation
+from cosim.soft.body import Loads
+from cosim.soft.newton import NewtonOptions, NewtonResult, NewtonSolver
+from cosim.soft.state import Clamp, SoftState
+
+_SPLITS_MAX = 8
+_FRICTION_ROUNDS_MAX = 30
+
+
+@final
+@dataclass(frozen=True)
+class Equilibrium:
+    """A solved equilibrium.
+
+    Args:
+        state: at rest.
+        world_from_flange: pose of the flange.
+        loads: that it carries.
+        wrench: exerted on the flange, at its origin, world axes.
+        residual_N: largest out-of-balance component on a free node.
+        iterations: Newton iterations spent since the equilibrium it was followed from.
+        potential_J: potential energy, loads included.
+        shifted: iterations that met an indefinite tangent.
+    """
+
+    state: SoftState
+    world_from_flange: Pose
+    loads: Loads
+    wrench: Wrench
+    residual_N: float
+    iterations: int
+    potential_J: float
+    shifted: int
+
+
+@final
+class EquilibriumSolver:
+    """Follows equilibria of one body with a given clamp.
+
+    Args:
+        solver: Newton's method for the body with that clamp.
+        clamp: nodes held by the flange.
+        options: bounds of the iteration.
+    """
+
+    def __init__(self, solver: NewtonSolver, clamp: Clamp, options: NewtonOptions) -> None:
+        self.solver = solver
+        self.clamp = clamp
+        self.options = options
+
+    def solve(
+        self, state: SoftState, world_from_flange: Pose, loads: Loads, start: Array | None = None
+    ) -> Equilibrium:
+        """Find the equilibrium near a state in one go.
+
+        Args:
+            state: a state whose hinge angles are known.
+            world_from_flange: pose of the flange.
+            loads: that act.
+            start: (n, 3) [m], better guess of the positions, if there is one.
+
+        Raises:
+            ConvergenceError: none was found.
+        """
+        guess = self.clamp.place(state.positions if start is None else start, world_from_flange)
+        result = self.solver.solve(guess, state.angles, loads, self.options)
+        result = self._settle_friction(result, loads)
+        if not result.converged:
+            raise ConvergenceError(
+                f"no equilibrium found: {result.outcome.value}; residual {result.residual_N:.3g} N, bound "
+                f"{self.options.tolerance_N:.3g} N, {result.iterations} iterations",
+                result.residual_N,
+                result.iterations,
+            )
+        wrench = self.clamp.wrench(self.solver.system.gradient, result.positions, world_from_flange)
+        return Equilibrium(
+            SoftState.at_rest(result.positions, result.angles), world_from_flange, loads, wrench,
+            result.residual_N, result.iterations, result.potential_J, result.shifted,
+        )  # fmt: skip
+
+    def follow(self, begin: Equilibrium, world_from_flange: Pose, loads: Loads) -> Equilibrium:
+        """Follow an equilibrium to another flange pose and other loads, in as few pieces as it takes.
+
+        The body is first carried rigidly with the flange. A piece that does not converge is halved.
+
+        Args:
+            begin: where to start.
+            world_from_flange: wanted pose of the flange.
+            loads: wanted loads.
+
+        Raises:
+            ConvergenceError: a piece of 1/256 of the way did not converge.
+        """
+        here, done, piece, spent = begin, 0.0, 1.0, 0
+        while done < 1.0:
+            share = min(1.0, done + piece)
+            pose = _between(begin.world_from_flange, world_from_flange, share)
+            load = _mixed(begin.loads, loads, share)
+            motion = pose @ here.world_from_flange.inverse()
+            try:
+                found = self.solve(here.state.carried(motion), pose, load)
+            except ConvergenceError as error:
+                spent += error.iterations
+                piece *= 0.5
+                if piece < 0.5**_SPLITS_MAX:
+                    raise
+                continue
+            here, done, spent = found, share, spent + found.iterations
+        return Equilibrium(
+            here.state, here.world_from_flange, here.loads, here.wrench, here.residual_N, spent,
+            here.potential_J, here.shifted,
+        )  # fmt: skip
+
+    def _settle_friction(self, result: NewtonResult, loads: Loads) -> NewtonResult:
+        """Repeat while capstan friction changes the segment tensions: friction has no potential."""
+        system = self.solver.system
+        if not any(cable.friction_coefficient for cable in system.body.cables):
+            return result
+        for _ in range(_FRICTION_ROUNDS_MAX):
+            again = self.solver.solve(result.positions, result.angles, loads, self.options)
+            if again.iterations == 0 or not again.converged:
+                return again
+            result = again
+        return result
+
+
+def _between(begin: Pose, end: Pose, share: float) -> Pose:
+    turn = vector_from_rotation(end.rotation @ begin.rotation.T)
+    rotation = rotation_from_vector(share * turn) @ begin.rotation
+    return Pose(rotation, (1.0 - share) * begin.translation + share * end.translation) if share < 1.0 else end
+
+
+def _mixed(begin: Loads, end: Loads, share: float) -> Loads:
+    def mix(a: object, b: object) -> Array:
+        return (1.0 - share) * np.asarray(a, dtype=np.float64) + share * np.asarray(b, dtype=np.float64)
+
+    gx, gy, gz = mix(begin.gravity, end.gravity).tolist()
+    return Loads(
+        float(mix(begin.pressure_Pa, end.pressure_Pa)),
+        tuple(mix(begin.cable_tension_N, end.cable_tension_N).tolist()),
+        (gx, gy, gz),
+    )
