@@ -146,7 +146,7 @@ def rerun_recorder(path: Path, settings: Recording) -> Recorder:
     """Return the recorder that writes a Rerun recording."""
     from cosim.recording.rerun_recorder import RerunRecorder
 
-    return RerunRecorder(path, frames_per_s=settings.frames_per_s, plots_per_s=settings.plots_per_s)
+    return RerunRecorder(path, frames_per_s=settings.frames_per_s)
 
 
 def drive(

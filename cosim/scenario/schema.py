@@ -76,10 +76,9 @@ class ChamberModel:
 @final
 @dataclass(frozen=True)
 class Recording:
-    """How often the recording holds a picture and a point of the plots, in simulated time."""
+    """How often the recording holds the scene, in simulated time; curves have a point per tick."""
 
     frames_per_s: Positive = 60.0
-    plots_per_s: Positive = 100.0
 
 
 @final
