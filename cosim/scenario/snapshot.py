@@ -5,7 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from cosim.frames import Array, IntArray, Pose, Twist, Wrench
+from cosim.coupling.ledger import LedgerEntry
+from cosim.frames import Array, IntArray, Pose, Twist
+
+__all__ = ["LedgerEntry", "RigidShape", "Snapshot", "Stage"]
 
 
 @dataclass(frozen=True)
@@ -62,34 +65,6 @@ class Stage:
     gravity: Array
     membrane_stress: Callable[[Array], Array]
     report: str
-
-
-@dataclass(frozen=True)
-class LedgerEntry:
-    """What the interface exchanged in one tick.
-
-    Args:
-        wrench: that the soft robot exerts on the flange, at the flange origin, world axes.
-        rigid_power_W: power of the wrench that the rigid side received.
-        soft_power_W: power that the soft side took in at its clamped nodes.
-        residual_N: largest component of the out-of-balance force of the soft step.
-        newton_iterations: of the soft step.
-        stability_ratio: largest eigenvalue of (flange mobility x algorithmic mass of the soft side).
-        algorithmic_mass: whether it was carried as armature in this tick.
-    """
-
-    wrench: Wrench
-    rigid_power_W: float
-    soft_power_W: float
-    residual_N: float
-    newton_iterations: int
-    stability_ratio: float
-    algorithmic_mass: bool
-
-    @property
-    def power_error_W(self) -> float:
-        """Power that appears or vanishes at the interface [W]."""
-        return self.rigid_power_W + self.soft_power_W
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,37 @@
+"""What the two sides of the interface exchange in a tick."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import final
+
+from cosim.frames import Wrench
+
+
+@final
+@dataclass(frozen=True)
+class LedgerEntry:
+    """What the interface exchanged in one tick.
+
+    Args:
+        wrench: that the soft robot exerts on the flange, at the flange origin, world axes.
+        rigid_power_W: power of the wrench that the rigid side received.
+        soft_power_W: power that the soft side took in at its clamped nodes.
+        residual_N: largest component of the out-of-balance force of the soft step.
+        newton_iterations: of the soft step.
+        stability_ratio: largest eigenvalue of (flange mobility x algorithmic mass of the soft side).
+        algorithmic_mass: whether it was carried as armature in this tick.
+    """
+
+    wrench: Wrench
+    rigid_power_W: float
+    soft_power_W: float
+    residual_N: float
+    newton_iterations: int
+    stability_ratio: float
+    algorithmic_mass: bool
+
+    @property
+    def power_error_W(self) -> float:
+        """Power that appears or vanishes at the interface [W]."""
+        return self.rigid_power_W + self.soft_power_W

@@ -1,0 +1,96 @@
+"""The soft side of the coupling: a body on the flange, stepped or solved for equilibrium."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+
+from cosim.coupling.mass import MassProperties
+from cosim.frames import IntArray, Pose, Wrench
+from cosim.soft.body import Loads, SoftBody
+from cosim.soft.dynamics import ImplicitStepper, StepOptions
+from cosim.soft.equilibrium import Equilibrium, EquilibriumSolver
+from cosim.soft.newton import NewtonOptions, NewtonSolver
+from cosim.soft.state import Clamp, SoftState
+from cosim.soft.system import SoftSystem
+
+
+@final
+@dataclass(frozen=True)
+class SoftReply:
+    """What the soft side answers to a motion of the flange.
+
+    Args:
+        wrench: exerted on the flange, at its origin, world axes.
+        power_W: power taken in at the clamped nodes, sum of nodal reaction times nodal velocity.
+        residual_N: largest out-of-balance component.
+        iterations: Newton iterations.
+    """
+
+    wrench: Wrench
+    power_W: float
+    residual_N: float
+    iterations: int
+
+
+@final
+class SoftArm:
+    """A soft body held by the flange; owns solver and state.
+
+    Args:
+        body: what it is.
+        world_from_flange: where the flange is at first; the body starts in its drawn shape.
+        statics: bounds of equilibrium solutions.
+        dynamics: how time steps are solved.
+    """
+
+    def __init__(
+        self, body: SoftBody, world_from_flange: Pose, statics: NewtonOptions, dynamics: StepOptions
+    ) -> None:
+        self.body = body
+        self.state = SoftState.drawn(body, world_from_flange)
+        self._system = SoftSystem(body)
+        self._statics, self._dynamics = statics, dynamics
+        self._hold(Clamp.of_base(body))
+
+    def _hold(self, clamp: Clamp) -> None:
+        self.clamp = clamp
+        newton = NewtonSolver(self._system, clamp.mask(self.body.nodes))
+        self.equilibrium_solver = EquilibriumSolver(newton, clamp, self._statics)
+        self._stepper = ImplicitStepper(newton, clamp, self._dynamics)
+
+    def hold_also(self, nodes: IntArray, world_from_flange: Pose) -> None:
+        """Hold further nodes rigidly to the flange, where they are now.
+
+        Args:
+            nodes: (m,) indices.
+            world_from_flange: present pose of the flange.
+        """
+        self._hold(self.clamp.extended(nodes, self.state.positions, world_from_flange))
+
+    def advance(self, world_from_flange: Pose, loads: Loads, step_s: float) -> SoftReply:
+        """Advance by one step, with the flange at its new pose.
+
+        Args:
+            world_from_flange: at the end of the step.
+            loads: at the end of the step.
+            step_s: length [s].
+
+        Raises:
+            ConvergenceError: no acceptable solution; the state is that before the step.
+        """
+        self.state, result = self._stepper.step(self.state, world_from_flange, loads, step_s)
+        gradient, nodes = self._system.gradient, self.clamp.nodes
+        wrench = self.clamp.wrench(gradient, self.state.positions, world_from_flange)
+        power = float(np.einsum("kr,kr->", gradient[nodes], self.state.velocities[nodes]))
+        return SoftReply(wrench, power, result.residual_N, result.iterations)
+
+    def settle(self, found: Equilibrium) -> None:
+        """Take over an equilibrium as the present state."""
+        self.state = found.state
+
+    def mass_properties(self) -> MassProperties:
+        """Return mass, centre and inertia at the present shape."""
+        return MassProperties.of(self.body.node_mass, self.state.positions)

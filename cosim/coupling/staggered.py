@@ -1,0 +1,115 @@
+"""The serial staggered exchange: one MuJoCo step with the last wrench, one soft step with the new pose.
+
+Per tick: the wrench of the tick before acts on the flange while MuJoCo steps; the soft side then takes
+one implicit step with the flange's new pose and returns the next wrench. Where the soft side is heavy for the flange
+(stability ratio above a bound), its algorithmic mass A rides along as joint armature, and A times the last
+joint acceleration is given back as torque, so that only the change of acceleration meets it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+
+from cosim.coupling.ledger import LedgerEntry
+from cosim.coupling.mass import armature_bound, stability_ratio
+from cosim.coupling.soft_arm import SoftArm
+from cosim.frames import Array, Wrench
+from cosim.rigid.scene import RigidScene
+from cosim.soft.body import Loads
+
+# Shape and configuration hardly change in 20 ms; the ratio costs as much as the rest of the exchange.
+_RATIO_EVERY_TICKS = 10
+
+
+@final
+@dataclass(frozen=True)
+class ServoCommand:
+    """What the arm's servos are asked for in a tick.
+
+    Args:
+        position: (joints,) [rad].
+        velocity: (joints,) [rad/s].
+        feedforward: (joints,) [N m].
+    """
+
+    position: Array
+    velocity: Array
+    feedforward: Array
+
+
+@final
+class StaggeredCoupling:
+    """Advances arm and soft body by one tick at a time.
+
+    Args:
+        scene: rigid side.
+        soft: soft side.
+        wrench: of the soft side at the start, at the flange origin, world axes.
+        ratio_bound: stability ratio above which the algorithmic mass is carried.
+    """
+
+    def __init__(self, scene: RigidScene, soft: SoftArm, wrench: Wrench, ratio_bound: float = 0.5) -> None:
+        self.scene = scene
+        self.soft = soft
+        self._wrench = wrench
+        self._ratio_bound = ratio_bound
+        self._ratio = 0.0
+        self._added = np.zeros(len(scene.joint_names))
+        self._ticks = 0
+
+    @property
+    def wrench(self) -> Wrench:
+        """What the soft side exerts on the flange at present, at its origin, world axes."""
+        return self._wrench
+
+    def tick(self, command: ServoCommand, loads: Loads) -> LedgerEntry:
+        """Advance both sides by one tick.
+
+        Args:
+            command: for the servos.
+            loads: on the soft body at the end of the tick.
+
+        Raises:
+            InstabilityError: the rigid side is no longer finite.
+            ConvergenceError: the soft step has no solution.
+        """
+        scene = self.scene
+        if self._ticks % _RATIO_EVERY_TICKS == 0:
+            self._weigh()
+        self._ticks += 1
+        scene.set_control(command.position, command.velocity, command.feedforward)
+        received = self._wrench
+        scene.apply_flange_wrench(received)
+        if self._added.any():
+            scene.apply_joint_torque(self._added * scene.joint_acceleration)
+        scene.finish_step()
+        scene.begin_step()
+        reply = self.soft.advance(scene.flange_pose, loads, scene.tick_s)
+        self._wrench = reply.wrench
+        return LedgerEntry(
+            wrench=reply.wrench,
+            rigid_power_W=received.power(scene.flange_twist),
+            soft_power_W=reply.power_W,
+            residual_N=reply.residual_N,
+            newton_iterations=reply.iterations,
+            stability_ratio=self._ratio,
+            algorithmic_mass=bool(self._added.any()),
+        )
+
+    def _weigh(self) -> None:
+        """Bring the stability ratio, and with it the carried algorithmic mass, up to date."""
+        scene = self.scene
+        if self._added.any():
+            scene.set_added_armature(np.zeros_like(self._added))
+        mass = self.soft.mass_properties().spatial(scene.flange_pose.translation)
+        self._ratio = stability_ratio(scene.flange_mobility(), mass)
+        carry = self._ratio > self._ratio_bound
+        added = armature_bound(scene.flange_jacobian, mass) if carry else np.zeros_like(self._added)
+        if added.any():
+            scene.set_added_armature(added)
+        elif self._added.any():
+            scene.apply_joint_torque(added)
+        self._added = added
