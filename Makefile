@@ -41,9 +41,11 @@ clean:
 	@touch $@
 
 .venv/installed: .venv/created pyproject.toml
+	@echo "Installing cosim into .venv; this takes a minute or two ..."
 	$(BIN)/python -m pip install --quiet --editable .
 	@touch $@
 
 .venv/installed-dev: .venv/created pyproject.toml
+	@echo "Installing cosim and the development tools into .venv; this takes a minute or two ..."
 	$(BIN)/python -m pip install --quiet --editable ".[dev]"
 	@touch $@ .venv/installed
