@@ -1,0 +1,62 @@
+"""Flange poses and motions of a scenario."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from cosim.frames import Pose
+from cosim.scenario.flange import moved, pose_of, rotation_from_direction
+from cosim.scenario.schema import FlangePose, FlangeTurn
+
+# products of a few rotation matrices: rounding of a few 1e-16
+ROUNDING = 1e-14
+
+
+def test_hanging_down_keeps_the_worlds_x_axis() -> None:
+    pose = pose_of(FlangePose((0.3, 0.0, 0.7), (0.0, 0.0, -2.0)))
+    assert pose.rotation == pytest.approx(np.diag([1.0, -1.0, -1.0]), abs=ROUNDING)
+    assert pose.translation.tolist() == [0.3, 0.0, 0.7]
+
+
+def test_pointing_up_is_half_a_turn_about_y_from_hanging() -> None:
+    assert rotation_from_direction(np.array([0.0, 0.0, 1.0])) == pytest.approx(
+        np.diag([-1.0, -1.0, 1.0]), abs=ROUNDING
+    )
+
+
+@pytest.mark.parametrize("roll", [0.0, 0.7, -2.0])
+def test_every_direction_gives_a_rotation_with_that_z_axis(roll: float) -> None:
+    random = np.random.default_rng(1)
+    for direction in random.normal(size=(100, 3)):
+        rotation = rotation_from_direction(direction, roll)
+        assert rotation @ rotation.T == pytest.approx(np.eye(3), abs=1e-12)  # 1 / (1 + c) amplifies rounding
+        assert np.linalg.det(rotation) == pytest.approx(1.0)
+        assert rotation[:, 2] == pytest.approx(direction / np.linalg.norm(direction), abs=1e-12)
+
+
+def test_the_roll_turns_right_handed_about_the_flanges_z_axis() -> None:
+    plain, rolled = (rotation_from_direction(np.array([1.0, 0.0, 0.0]), roll) for roll in (0.0, 0.5))
+    assert plain.T @ rolled == pytest.approx(
+        np.array([[np.cos(0.5), -np.sin(0.5), 0.0], [np.sin(0.5), np.cos(0.5), 0.0], [0.0, 0.0, 1.0]]),
+        abs=ROUNDING,
+    )
+
+
+def test_the_reference_turn_swings_the_tip_towards_x_with_the_flanges_x_axis_up() -> None:
+    start = pose_of(FlangePose((0.3, 0.0, 0.7), (0.0, 0.0, -1.0)))
+    angle = 0.28 * np.pi
+    end = moved(start, FlangeTurn((0.0, 3.0, 0.0), -angle), None)
+    assert end.rotation[:, 2] == pytest.approx([np.sin(angle), 0.0, -np.cos(angle)], abs=ROUNDING)
+    assert end.rotation[2, 0] > 0.0  # the cables, on the flange's +x side, end on top
+    assert end.translation == pytest.approx(start.translation)
+    assert end.rotation == pytest.approx(rotation_from_direction(end.rotation[:, 2]), abs=ROUNDING)
+
+
+def test_half_of_a_motion_done_twice_is_the_motion() -> None:
+    turn, shift = FlangeTurn((1.0, 2.0, -0.5), 1.1), np.array([0.1, -0.2, 0.3])
+    start = Pose(rotation_from_direction(np.array([0.2, 0.5, -0.3])), np.array([1.0, 2.0, 3.0]))
+    once = moved(start, turn, shift)
+    twice = moved(moved(start, turn, shift, 0.5), turn, shift, 0.5)
+    assert twice.rotation == pytest.approx(once.rotation, abs=ROUNDING)
+    assert twice.translation == pytest.approx(once.translation, abs=ROUNDING)
