@@ -40,7 +40,8 @@ class Arm:
     """A serial arm fixed to the world, with its flange frame.
 
     Attributes: `name`; `joint_names`; `home` (joints,) [rad]; `lower` and `upper` (joints,), the joint
-    limits [rad]; `turns_fully` (joints,), whether a joint can reach every direction.
+    limits [rad]; `turns_fully` (joints,), whether a joint can reach every direction; `joint_damping`
+    (joints,), viscous friction from the arm's file [N m s/rad].
 
     Args:
         arm: the arm to read.
@@ -72,9 +73,10 @@ class Arm:
         self.home = arm.home
         self._model = model
         self._data = model.createData()
-        self.lower = _limits(model.lowerPositionLimit)
-        self.upper = _limits(model.upperPositionLimit)
+        self.lower = _read_only(model.lowerPositionLimit)
+        self.upper = _read_only(model.upperPositionLimit)
         self.turns_fully = self.upper - self.lower >= 2.0 * np.pi - 1e-6
+        self.joint_damping = _read_only(model.damping)
         self._frame = model.getFrameId(arm.flange_frame)
         self._last_joint_from_flange = pin.SE3(model.frames[self._frame].placement)
         self._bare_inertia = pin.Inertia(model.inertias[model.njoints - 1])
@@ -176,7 +178,9 @@ class Arm:
         armature: Array | None = None,
         payload: Payload | None = None,
     ) -> Array:
-        """Return tau = (M + diag(armature)) a + c(q, v) + g(q) (joints,) [N m] (Featherstone's RNEA).
+        """Return tau = (M + diag(armature)) a + c(q, v) + d v + g(q) (joints,) [N m] (Featherstone's RNEA).
+
+        d is the viscous joint friction that the arm's file names, if it does.
 
         Args:
             q: (joints,) [rad].
@@ -186,8 +190,8 @@ class Arm:
             payload: fixed to the flange.
         """
         model, data = self._loaded_with(payload)
-        torque = np.array(pin.rnea(model, data, q, velocity, acceleration))
-        return torque if armature is None else torque + armature * acceleration
+        torque = pin.rnea(model, data, q, velocity, acceleration) + self.joint_damping * velocity
+        return np.asarray(torque if armature is None else torque + armature * acceleration)
 
     def _loaded_with(self, payload: Payload | None) -> tuple[pin.Model, pin.Data]:
         if payload is None:
@@ -202,10 +206,10 @@ class Arm:
         return self._loaded, self._loaded_data
 
 
-def _limits(values: Array) -> Array:
-    limits = np.array(values)
-    limits.setflags(write=False)
-    return limits
+def _read_only(values: Array) -> Array:
+    copied = np.array(values)
+    copied.setflags(write=False)
+    return copied
 
 
 def _placement(pose: Pose) -> pin.SE3:

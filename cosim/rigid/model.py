@@ -52,9 +52,9 @@ def compile_model(description: SceneDescription) -> mujoco.MjModel:
         height = description.floor_height_m
         floor = SceneObject("floor", "plane", (4.0, 4.0), (0.0, 0.0, height), rgba=_FLOOR_GREY)
         _add_object(spec, floor)
-    for item in description.objects:
-        _add_object(spec, item)
     try:
+        for item in description.objects:
+            _add_object(spec, item)
         return spec.compile()
     except ValueError as error:
         raise InputError(f"MuJoCo refuses the scene with arm {arm.name!r}: {error}") from None

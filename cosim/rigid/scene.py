@@ -246,14 +246,15 @@ class RigidScene:
     def flange_mobility(self, tick_s: float | None = None) -> Array:
         """Return W = J (M + h D)^-1 J^T (6, 6): flange velocity change per flange impulse.
 
-        Linear then angular, at the flange origin, world axes; M with armature, D the servo damping.
+        Linear then angular, at the flange origin, world axes; M with armature, D of servos and joints.
 
         Args:
             tick_s: h [s]; the scene's own tick unless given.
         """
         jacobian = self.flange_jacobian
         step = self.tick_s if tick_s is None else tick_s
-        inertia = self.mass_matrix + step * np.diag(self.servo_damping)
+        damping = self.servo_damping + self._model.dof_damping[self._v]
+        inertia = self.mass_matrix + step * np.diag(damping)
         return np.asarray(jacobian @ np.linalg.solve(inertia, jacobian.T))
 
     def static_configuration(

@@ -1,0 +1,69 @@
+"""Scene descriptions refuse what cannot be built and say why."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from cosim.arm_files import find_arm
+from cosim.errors import ConvergenceError, InputError
+from cosim.frames import Wrench
+from cosim.rigid import RigidScene, SceneDescription, SceneObject, ServoGains
+
+ARM = find_arm("ur5e")
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ({"shape": "cone", "size_m": (1.0,)}, "unknown shape 'cone'; there are box, sphere"),
+        ({"shape": "box", "size_m": (1.0,)}, "a box takes edge x, edge y, edge z; got 1 numbers"),
+        ({"shape": "sphere", "size_m": (-1.0,)}, "every dimension must be above 0"),
+        ({"shape": "sphere", "size_m": (1.0,), "mass_kg": -1.0}, "mass_kg is -1.0"),
+        ({"shape": "sphere", "size_m": (1.0,), "mass_kg": np.nan}, "mass_kg is nan"),
+        ({"shape": "plane", "size_m": (1.0, 1.0), "mass_kg": 1.0}, "a plane cannot move"),
+        ({"shape": "sphere", "size_m": (1.0,), "friction": -0.1}, "friction is -0.1"),
+        ({"shape": "sphere", "size_m": (1.0,), "quaternion": (0.0, 0.0, 0.0, 0.0)}, "must not be zero"),
+        ({"shape": "sphere", "size_m": (1.0,), "position_m": (np.inf, 0.0, 0.0)}, "must be finite"),
+    ],
+)
+def test_impossible_objects(values: dict[str, object], message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        SceneObject("thing", **values)
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ({"tick_s": 0.0}, "tick_s is 0.0; it must be above 0"),
+        ({"armature": -1.0}, "armature is -1.0"),
+        ({"objects": (SceneObject("a", "sphere", (0.1,)),) * 2}, "two objects are called 'a'"),
+    ],
+)
+def test_impossible_scenes(values: dict[str, object], message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        SceneDescription(ARM, **values)
+
+
+def test_object_named_like_a_link_is_refused() -> None:
+    with pytest.raises(InputError, match="MuJoCo refuses the scene"):
+        RigidScene(SceneDescription(ARM, objects=(SceneObject("forearm_link", "sphere", (0.1,)),)))
+
+
+def test_gains_of_the_ur5e_are_the_usual_ones() -> None:
+    scene = RigidScene(SceneDescription(ARM))
+    np.testing.assert_allclose(scene.servo_stiffness, [2000, 2000, 2000, 500, 500, 500])
+    np.testing.assert_allclose(scene.servo_damping, [400, 400, 400, 100, 100, 100])
+
+
+def test_gains_can_be_chosen() -> None:
+    gains = ServoGains(np.arange(1.0, 7.0), np.arange(2.0, 8.0))
+    scene = RigidScene(SceneDescription(ARM, gains=gains))
+    np.testing.assert_allclose(scene.servo_stiffness, gains.stiffness)
+    np.testing.assert_allclose(scene.servo_damping, gains.damping)
+
+
+def test_load_beyond_the_arms_torque_is_named() -> None:
+    scene = RigidScene(SceneDescription(ARM))
+    with pytest.raises(ConvergenceError, match=r"holding this load takes .* N m at joint .*which can give"):
+        scene.static_configuration(ARM.home, wrench=Wrench(np.array([0.0, 0.0, -300.0]), np.zeros(3)))
