@@ -184,6 +184,7 @@ def _descend(
 ) -> Array | None:
     """Return where the steps from a start converge to, or None; the best point goes into `search`."""
     q, history = start, []
+    limited = np.flatnonzero(~arm.turns_fully)
     for _ in range(options.iterations):
         deviation, derivative = error(q)
         squared = float(deviation @ deviation)
@@ -195,7 +196,8 @@ def _descend(
         if squared < _CONVERGED or stalled:
             break
         q = q + _step(deviation, derivative, options.damping * squared)
-        q = np.where(arm.turns_fully, q, np.clip(q, arm.lower, arm.upper))
+        if limited.size:
+            q[limited] = np.clip(q[limited], arm.lower[limited], arm.upper[limited])
     position, rotation = np.linalg.norm(deviation[:3]), np.linalg.norm(deviation[3:])
     return q if position <= options.tolerance_m and rotation <= options.tolerance_rad else None
 

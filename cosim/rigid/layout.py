@@ -20,7 +20,7 @@ class ArmLayout:
         positions: in qpos.
         dofs: in qvel.
         site: the flange.
-        body: that carries the flange.
+        mount: massless body at the flange.
         force: of the flange's force sensor in sensordata.
         torque: of the flange's torque sensor in sensordata.
     """
@@ -29,7 +29,7 @@ class ArmLayout:
     positions: slice
     dofs: slice
     site: int
-    body: int
+    mount: int
     force: slice
     torque: slice
 
@@ -44,7 +44,7 @@ class ArmLayout:
             positions=_consecutive(model.jnt_qposadr[joints]),
             dofs=_consecutive(model.jnt_dofadr[joints]),
             site=site,
-            body=int(model.site_bodyid[site]),
+            mount=int(model.site_bodyid[site]),
             force=slice(force, force + 3),
             torque=slice(torque, torque + 3),
         )

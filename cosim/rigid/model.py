@@ -13,7 +13,7 @@ from cosim.frames import Pose
 from cosim.rigid.description import SceneDescription, SceneObject, ServoGains
 
 VISUAL_GROUP = 1  # MuJoCo's URDF reader puts what is drawn into this geom group
-FLANGE_SITE = "flange"
+FLANGE_MOUNT, FLANGE_SITE = "flange_mount", "flange"
 FORCE_SENSOR, TORQUE_SENSOR = "flange_force", "flange_torque"
 
 # Robot links meet floor and objects but not one another; floor and objects meet everything.
@@ -102,8 +102,9 @@ def _prepare_arm(spec: mujoco.MjSpec, description: SceneDescription) -> None:
     for geom in spec.geoms:
         if geom.contype or geom.conaffinity:
             geom.contype, geom.conaffinity = _ROBOT_CONTACT
-    flange = spec.body(arm.flange_frame)
-    flange.add_site(name=FLANGE_SITE)
+    # A massless body of its own: loads act at its origin, and the sensor above it sees them alone.
+    mount = spec.body(arm.flange_frame).add_body(name=FLANGE_MOUNT)
+    mount.add_site(name=FLANGE_SITE)
     for name, kind in (
         (FORCE_SENSOR, mujoco.mjtSensor.mjSENS_FORCE),
         (TORQUE_SENSOR, mujoco.mjtSensor.mjSENS_TORQUE),

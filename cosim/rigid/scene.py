@@ -17,7 +17,7 @@ from typing import final
 import mujoco
 import numpy as np
 
-from cosim.frames import Array, Pose, Twist, Wrench, cross_matrix
+from cosim.frames import Array, Pose, Twist, Wrench
 from cosim.rigid.description import SceneDescription
 from cosim.rigid.layout import ArmLayout
 from cosim.rigid.model import compile_model
@@ -200,11 +200,8 @@ class RigidScene:
 
     def apply_flange_wrench(self, wrench: Wrench) -> None:
         """Set the load on the flange from now on: at the flange origin, world axes."""
-        # MuJoCo applies a body's external wrench at its inertial frame, so the torque moves there.
-        arm = self._data.site_xpos[self._site] - self._data.xipos[self._layout.body]
-        applied = self._data.xfrc_applied[self._layout.body]
-        applied[:3] = wrench.force
-        applied[3:] = wrench.torque + cross_matrix(arm) @ wrench.force
+        applied = self._data.xfrc_applied[self._layout.mount]
+        applied[:3], applied[3:] = wrench.force, wrench.torque
 
     def apply_joint_torque(self, torque: Array) -> None:
         """Set a torque (joints,) [N m] on the joints from now on, besides servos and flange load."""
@@ -293,6 +290,7 @@ class RigidScene:
 
     def restore_state(self, state: RigidState) -> None:
         """Return to a state of `save_state`, model edits included; everything readable follows."""
+        self._data.warning.number[:] = 0
         self._model.dof_armature[:] = state.armature
         mujoco.mj_setState(self._model, self._data, state.integration, _STATE)
         self.begin_step()

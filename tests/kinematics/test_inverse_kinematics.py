@@ -28,7 +28,12 @@ def test_random_reachable_poses_from_random_starts(arm: Arm, count: int) -> None
     rng = np.random.default_rng(5)
     for _ in range(count):
         target = arm.forward(rng.uniform(arm.lower, arm.upper))
-        solution = solve(arm, target, rng.uniform(arm.lower, arm.upper))
+        seed = rng.uniform(arm.lower, arm.upper)
+        solution = solve(arm, target, seed)
+        for turn in (-2.0 * np.pi, 2.0 * np.pi):
+            other = solution.q + turn  # no joint may be nearer to the seed a full turn away
+            allowed = (other >= arm.lower) & (other <= arm.upper)
+            assert not np.any(allowed & (np.abs(other - seed) < np.abs(solution.q - seed)))
         assert_reached(arm, solution.q, target)
         assert solution.position_error_m < 1e-6
         assert solution.rotation_error_rad < 1e-6
