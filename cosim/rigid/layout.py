@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from cosim.frames import IntArray
+from cosim.frames import Array, IntArray
 from cosim.rigid.model import FLANGE_SITE, FORCE_SENSOR, TORQUE_SENSOR
 
 
@@ -48,6 +48,12 @@ class ArmLayout:
             force=slice(force, force + 3),
             torque=slice(torque, torque + 3),
         )
+
+
+def effort_limit(model: mujoco.MjModel, layout: ArmLayout) -> Array:
+    """Return the largest servo torques (joints,) [N m]; infinite where the arm's file names none."""
+    limited = model.jnt_actfrclimited[layout.joints]
+    return np.where(limited, model.jnt_actfrcrange[layout.joints, 1], np.inf)
 
 
 def _consecutive(addresses: IntArray) -> slice:

@@ -19,7 +19,7 @@ import numpy as np
 
 from cosim.frames import Array, Pose, Twist, Wrench
 from cosim.rigid.description import SceneDescription
-from cosim.rigid.layout import ArmLayout
+from cosim.rigid.layout import ArmLayout, effort_limit
 from cosim.rigid.model import compile_model
 from cosim.rigid.shapes import BodyShape, body_shapes
 from cosim.rigid.stability import raise_if_unstable, silence_warning_file
@@ -113,8 +113,8 @@ class RigidScene:
 
     @property
     def effort_limit(self) -> Array:
-        """Largest servo torques (joints,) [N m]."""
-        return np.array(self._model.jnt_actfrcrange[self._layout.joints, 1])
+        """Largest servo torques (joints,) [N m]; infinite where the arm's file names none."""
+        return effort_limit(self._model, self._layout)
 
     @property
     def servo_stiffness(self) -> Array:

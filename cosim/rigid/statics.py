@@ -7,7 +7,7 @@ import numpy as np
 
 from cosim.errors import ConvergenceError
 from cosim.frames import Array
-from cosim.rigid.layout import ArmLayout
+from cosim.rigid.layout import ArmLayout, effort_limit
 
 _ITERATIONS = 60
 _TORQUE_TOLERANCE = 1e-10  # N m; a stiffness of 500 N m/rad turns it into 2e-13 rad
@@ -54,7 +54,7 @@ def droop(
         servo = stiffness * (reference - q) + feedforward
         residual = servo + jacobian[:, layout.dofs].T @ load - gravity[layout.dofs]
         if np.max(np.abs(residual)) < _TORQUE_TOLERANCE:
-            _check_torque(servo, model.jnt_actfrcrange[layout.joints, 1], joint_names, iteration)
+            _check_torque(servo, effort_limit(model, layout), joint_names, iteration)
             return q
         q = q + residual / stiffness
     worst = int(np.argmax(np.abs(residual)))

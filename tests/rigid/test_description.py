@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import re
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -61,6 +64,14 @@ def test_gains_can_be_chosen() -> None:
     scene = RigidScene(SceneDescription(ARM, gains=gains))
     np.testing.assert_allclose(scene.servo_stiffness, gains.stiffness)
     np.testing.assert_allclose(scene.servo_damping, gains.damping)
+
+
+def test_an_arm_without_torque_limits_is_not_held_back() -> None:
+    unlimited = replace(ARM, urdf=re.sub(r'effort="\d+"', 'effort="0"', ARM.urdf))
+    scene = RigidScene(SceneDescription(unlimited))
+    assert np.all(np.isinf(scene.effort_limit))
+    settled = scene.static_configuration(ARM.home, wrench=Wrench(np.array([0.0, 0.0, -300.0]), np.zeros(3)))
+    assert np.max(np.abs(settled - ARM.home)) > 0.05
 
 
 def test_load_beyond_the_arms_torque_is_named() -> None:
