@@ -8,16 +8,17 @@ Twists and wrenches are taken at a named point, along world axes.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 Array: TypeAlias = NDArray[np.float64]
 IntArray: TypeAlias = NDArray[np.int64]
+Mask: TypeAlias = NDArray[np.bool_]
 
 
-def _frozen(value: object, shape: tuple[int, ...]) -> Array:
+def _frozen(value: Any, shape: tuple[int, ...]) -> Array:
     array = np.array(value, dtype=np.float64).reshape(shape)
     array.setflags(write=False)
     return array
@@ -42,8 +43,9 @@ def rotation_from_vector(vector: Array) -> Array:
     angle = float(np.linalg.norm(vector))
     skew = cross_matrix(vector)
     if angle < 1e-8:
-        return np.eye(3) + skew + 0.5 * skew @ skew
-    return np.eye(3) + np.sin(angle) / angle * skew + (1.0 - np.cos(angle)) / angle**2 * skew @ skew
+        return np.asarray(np.eye(3) + skew + 0.5 * skew @ skew)
+    sine, versine = np.sin(angle) / angle, (1.0 - np.cos(angle)) / angle**2
+    return np.asarray(np.eye(3) + sine * skew + versine * skew @ skew)
 
 
 def vector_from_rotation(rotation: Array) -> Array:
@@ -56,7 +58,7 @@ def vector_from_rotation(rotation: Array) -> Array:
     sine = float(np.linalg.norm(xyz))
     if sine < 1e-12:
         return 2.0 * np.array(xyz)
-    return 2.0 * np.arctan2(sine, w) / sine * np.array(xyz)
+    return np.asarray(2.0 * np.arctan2(sine, w) / sine * np.array(xyz))
 
 
 def quaternion_from_rotation(rotation: Array) -> Array:
@@ -137,6 +139,17 @@ class Pose:
     def apply(self, points: Array) -> Array:
         """Map points (..., 3) [m] by this pose."""
         return np.asarray(points @ self.rotation.T + self.translation)
+
+    def interpolated(self, end: Pose, share: float) -> Pose:
+        """Return the pose at a share of the shortest way to another; exactly that at 1.
+
+        The origin moves on a line, the rotation about one axis.
+        """
+        if share >= 1.0:
+            return end
+        turn = vector_from_rotation(end.rotation @ self.rotation.T)
+        origin = (1.0 - share) * self.translation + share * end.translation
+        return Pose(rotation_from_vector(share * turn) @ self.rotation, origin)
 
 
 @dataclass(frozen=True)

@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import final
+from dataclasses import dataclass, replace
+from typing import TypeAlias, final
 
 import numpy as np
 
 from cosim.coupling.mass import MassProperties
-from cosim.frames import IntArray, Pose, Wrench
+from cosim.errors import ConvergenceError
+from cosim.frames import Array, IntArray, Pose, Wrench
 from cosim.soft.body import Loads, SoftBody
 from cosim.soft.dynamics import ImplicitStepper, StepOptions
 from cosim.soft.equilibrium import Equilibrium, EquilibriumSolver
 from cosim.soft.newton import NewtonOptions, NewtonSolver
 from cosim.soft.state import Clamp, SoftState
 from cosim.soft.system import SoftSystem
+
+_HALVINGS_MAX = 5
+
+_Drive: TypeAlias = tuple[Pose, Loads]
 
 
 @final
@@ -53,6 +58,9 @@ class SoftArm:
         self.state = SoftState.drawn(body, world_from_flange)
         self._system = SoftSystem(body)
         self._statics, self._dynamics = statics, dynamics
+        self._flange = world_from_flange
+        self._loads = Loads(0.0, (0.0,) * len(body.cables), (0.0, 0.0, 0.0))
+        self._residual = 0.0
         self._hold(Clamp.of_base(body))
 
     def _hold(self, clamp: Clamp) -> None:
@@ -81,15 +89,40 @@ class SoftArm:
         Raises:
             ConvergenceError: no acceptable solution; the state is that before the step.
         """
-        self.state, result = self._stepper.step(self.state, world_from_flange, loads, step_s)
-        gradient, nodes = self._system.gradient, self.clamp.nodes
-        wrench = self.clamp.wrench(gradient, self.state.positions, world_from_flange)
-        power = float(np.einsum("kr,kr->", gradient[nodes], self.state.velocities[nodes]))
-        return SoftReply(wrench, power, result.residual_N, result.iterations)
+        start = (self._flange, self._loads)
+        iterations = self._step(start, (world_from_flange, loads), step_s, _HALVINGS_MAX)
+        self._flange, self._loads = world_from_flange, loads
+        wrench = self.clamp.wrench(self._system.gradient, self.state.positions, world_from_flange)
+        power = float(np.einsum("kr,kr->", self.reaction, self.state.velocities[self.clamp.nodes]))
+        return SoftReply(wrench, power, self._residual, iterations)
+
+    def _step(self, begin: _Drive, end: _Drive, step_s: float, halvings: int) -> int:
+        """Take one step, or two halves where it does not converge; return the Newton iterations."""
+        (flange, loads) = end
+        try:
+            self.state, result = self._stepper.step(self.state, flange, loads, step_s)
+        except ConvergenceError as error:
+            if halvings == 0:
+                raise
+            middle = (begin[0].interpolated(flange, 0.5), begin[1].interpolated(loads, 0.5))
+            # a two-step integrator cannot look back over a change of step
+            self.state = replace(self.state, earlier=None)
+            spent = error.iterations + self._step(begin, middle, 0.5 * step_s, halvings - 1)
+            spent += self._step(middle, end, 0.5 * step_s, halvings - 1)
+            self.state = replace(self.state, earlier=None)
+            return spent
+        self._residual = result.residual_N
+        return result.iterations
 
     def settle(self, found: Equilibrium) -> None:
         """Take over an equilibrium as the present state."""
         self.state = found.state
+        self._flange, self._loads = found.world_from_flange, found.loads
+
+    @property
+    def reaction(self) -> Array:
+        """Force (k, 3) [N] that the flange supplies to each held node, at the last solution."""
+        return self._system.gradient[self.clamp.nodes]
 
     def mass_properties(self) -> MassProperties:
         """Return mass, centre and inertia at the present shape."""

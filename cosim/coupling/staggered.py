@@ -1,9 +1,9 @@
 """The serial staggered exchange: one MuJoCo step with the last wrench, one soft step with the new pose.
 
 Per tick: the wrench of the tick before acts on the flange while MuJoCo steps; the soft side then takes
-one implicit step with the flange's new pose and returns the next wrench. Where the soft side is heavy for the flange
-(stability ratio above a bound), its algorithmic mass A rides along as joint armature, and A times the last
-joint acceleration is given back as torque, so that only the change of acceleration meets it.
+one implicit step with the flange's new pose and returns the next wrench. Where the soft side is heavy for
+the flange (stability ratio above a bound), its algorithmic mass A rides along as joint armature, and A times
+the last joint acceleration is given back as torque, so that only the change of acceleration meets it.
 """
 
 from __future__ import annotations

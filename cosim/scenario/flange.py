@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+import math
+from dataclasses import dataclass
+from typing import final
+
 import numpy as np
 
-from cosim.frames import Array, Pose, cross_matrix, rotation_from_vector
+from cosim.frames import Array, Pose, cross_matrix, rotation_from_vector, vector_from_rotation
 from cosim.scenario.schema import FlangePose, FlangeTurn
 
 _DOWN = np.array([0.0, 0.0, -1.0])
 _HANGING = np.diag([1.0, -1.0, -1.0])
 _HALF_TURN_ABOUT_Y = np.diag([-1.0, 1.0, -1.0])
+_KNOT_TURN_RAD = 0.05
+_KNOT_SHIFT_M = 0.02
 _OPPOSITE = 1e-9
 """1 + cosine below which the shortest turn has no unique axis."""
 
@@ -40,19 +46,49 @@ def pose_of(flange: FlangePose) -> Pose:
     return Pose(rotation, np.array(flange.position_m))
 
 
-def moved(start: Pose, turn: FlangeTurn | None, shift_m: Array | None, share: float = 1.0) -> Pose:
-    """Return a pose turned about its own origin and shifted, both along world axes.
+@final
+@dataclass(frozen=True)
+class FlangeWay:
+    """A motion of the flange: its origin on a line, its rotation about one world axis.
 
     Args:
-        start: world from flange.
-        turn: right-handed, or None.
-        shift_m: (3,) [m], or None.
-        share: of the whole motion, 0 to 1.
+        begin: world from flange, at share 0.
+        turn: (3,) [rad], axis times angle; may exceed half a turn.
+        shift: (3,) [m].
     """
-    rotation, translation = start.rotation, start.translation
-    if turn is not None:
-        axis = np.array(turn.axis) / np.linalg.norm(turn.axis)
-        rotation = rotation_from_vector(share * turn.angle_rad * axis) @ rotation
-    if shift_m is not None:
-        translation = translation + share * np.asarray(shift_m)
-    return Pose(rotation, translation)
+
+    begin: Pose
+    turn: Array
+    shift: Array
+
+    @classmethod
+    def to(cls, begin: Pose, end: Pose) -> FlangeWay:
+        """Return the shortest way from one pose to another."""
+        turn = vector_from_rotation(end.rotation @ begin.rotation.T)
+        return cls(begin, turn, end.translation - begin.translation)
+
+    def at(self, share: float) -> Pose:
+        """Return world_from_flange at a share of the way."""
+        rotation = rotation_from_vector(share * self.turn) @ self.begin.rotation
+        return Pose(rotation, self.begin.translation + share * self.shift)
+
+    @classmethod
+    def relative(cls, begin: Pose, turn: FlangeTurn | None, shift_m: Array | None) -> FlangeWay:
+        """Return a turn about the flange's own origin and a shift, both along world axes."""
+        vector = np.zeros(3)
+        if turn is not None:
+            vector = turn.angle_rad / np.linalg.norm(turn.axis) * np.array(turn.axis)
+        return cls(begin, vector, np.zeros(3) if shift_m is None else np.asarray(shift_m, dtype=np.float64))
+
+    @property
+    def end(self) -> Pose:
+        """World from flange at share 1."""
+        return self.at(1.0)
+
+    @property
+    def pieces(self) -> int:
+        """Into how many small motions the way is cut; 0 where nothing moves."""
+        turn, shift = float(np.linalg.norm(self.turn)), float(np.linalg.norm(self.shift))
+        if turn < 1e-12 and shift < 1e-12:
+            return 0
+        return max(4, math.ceil(turn / _KNOT_TURN_RAD), math.ceil(shift / _KNOT_SHIFT_M))

@@ -105,22 +105,24 @@ class SoftBody:
             MeshError: degenerate triangles, unknown nodes, negative masses.
         """
         x = np.ascontiguousarray(positions, dtype=np.float64)
-        tri = np.ascontiguousarray(triangles, dtype=np.int64)
+        tri = _indices(triangles)
         if tri.size and (tri.min() < 0 or tri.max() >= len(x)):
             raise MeshError(f"triangles refer to node {int(tri.max())}; there are nodes 0 to {len(x) - 1}")
-        nodes = np.zeros((0, 4), np.int64) if hinge_nodes is None else np.ascontiguousarray(hinge_nodes, np.int64)
+        nodes = np.zeros((0, 4), np.int64) if hinge_nodes is None else _indices(hinge_nodes)
         stiffness = np.array(np.broadcast_to(hinge_stiffness, (len(nodes),)), dtype=np.float64)
-        rest = dihedral_angle(x, nodes) if hinge_rest_angle is None else np.array(hinge_rest_angle, dtype=np.float64)
+        if nodes.size and (nodes.min() < 0 or nodes.max() >= len(x)):
+            raise MeshError(f"hinges refer to node {int(nodes.max())}; there are nodes 0 to {len(x) - 1}")
+        rest = dihedral_angle(x, nodes) if hinge_rest_angle is None else np.array(hinge_rest_angle)
         return cls(
             positions=x,
             membranes=Membranes.from_shape(x, tri, film),
             hinges=Hinges(nodes, stiffness, rest, fold_barrier_rad),
-            caps=tuple(np.ascontiguousarray(ring, np.int64) for ring in caps),
+            caps=tuple(_indices(ring) for ring in caps),
             closed=closed,
             cables=cables,
             node_mass=np.array(np.broadcast_to(node_mass, (len(x),)), dtype=np.float64),
-            base=np.zeros(0, np.int64) if base is None else np.ascontiguousarray(base, np.int64),
-            tip=np.zeros(0, np.int64) if tip is None else np.ascontiguousarray(tip, np.int64),
+            base=_indices(() if base is None else base),
+            tip=_indices(() if tip is None else tip),
             rings=dict(rings or {}),
         )
 
@@ -148,6 +150,10 @@ class SoftBody:
         return np.asarray(area / np.linalg.norm(area))
 
 
+def _indices(values: object) -> IntArray:
+    return np.ascontiguousarray(values, dtype=np.int64)
+
+
 @final
 @dataclass(frozen=True)
 class Loads:
@@ -162,3 +168,12 @@ class Loads:
     pressure_Pa: float = 0.0
     cable_tension_N: tuple[float, ...] = ()
     gravity: tuple[float, float, float] = (0.0, 0.0, -9.81)
+
+    def interpolated(self, end: Loads, share: float) -> Loads:
+        """Return the loads at a share of the way to others; exactly those at 1."""
+        if share >= 1.0:
+            return end
+        tension = (1.0 - share) * np.array(self.cable_tension_N) + share * np.array(end.cable_tension_N)
+        gx, gy, gz = ((1.0 - share) * np.array(self.gravity) + share * np.array(end.gravity)).tolist()
+        pressure = (1.0 - share) * self.pressure_Pa + share * end.pressure_Pa
+        return Loads(pressure, tuple(tension.tolist()), (gx, gy, gz))

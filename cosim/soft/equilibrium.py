@@ -5,10 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import final
 
-import numpy as np
-
 from cosim.errors import ConvergenceError
-from cosim.frames import Array, Pose, Wrench, rotation_from_vector, vector_from_rotation
+from cosim.frames import Array, Pose, Wrench
 from cosim.soft.body import Loads
 from cosim.soft.newton import NewtonOptions, NewtonResult, NewtonSolver
 from cosim.soft.state import Clamp, SoftState
@@ -104,8 +102,8 @@ class EquilibriumSolver:
         here, done, piece, spent = begin, 0.0, 1.0, 0
         while done < 1.0:
             share = min(1.0, done + piece)
-            pose = _between(begin.world_from_flange, world_from_flange, share)
-            load = _mixed(begin.loads, loads, share)
+            pose = begin.world_from_flange.interpolated(world_from_flange, share)
+            load = begin.loads.interpolated(loads, share)
             motion = pose @ here.world_from_flange.inverse()
             try:
                 found = self.solve(here.state.carried(motion), pose, load)
@@ -132,21 +130,3 @@ class EquilibriumSolver:
                 return again
             result = again
         return result
-
-
-def _between(begin: Pose, end: Pose, share: float) -> Pose:
-    turn = vector_from_rotation(end.rotation @ begin.rotation.T)
-    rotation = rotation_from_vector(share * turn) @ begin.rotation
-    return Pose(rotation, (1.0 - share) * begin.translation + share * end.translation) if share < 1.0 else end
-
-
-def _mixed(begin: Loads, end: Loads, share: float) -> Loads:
-    def mix(a: object, b: object) -> Array:
-        return (1.0 - share) * np.asarray(a, dtype=np.float64) + share * np.asarray(b, dtype=np.float64)
-
-    gx, gy, gz = mix(begin.gravity, end.gravity).tolist()
-    return Loads(
-        float(mix(begin.pressure_Pa, end.pressure_Pa)),
-        tuple(mix(begin.cable_tension_N, end.cable_tension_N).tolist()),
-        (gx, gy, gz),
-    )

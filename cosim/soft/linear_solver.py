@@ -11,7 +11,7 @@ from scipy.sparse import coo_matrix, csc_matrix
 from scipy.sparse.csgraph import reverse_cuthill_mckee
 from scipy.sparse.linalg import SuperLU, splu
 
-from cosim.frames import Array, IntArray
+from cosim.frames import Array, IntArray, Mask
 from cosim.soft.kernels import INDICES, REAL, VECTOR, kernel
 from cosim.soft.pattern import BlockPattern
 
@@ -35,7 +35,7 @@ class LinearSolver(ABC):
         free: (n,) bool, nodes that can move.
     """
 
-    def __init__(self, pattern: BlockPattern, free: Array) -> None:
+    def __init__(self, pattern: BlockPattern, free: Mask) -> None:
         self.pattern = pattern
         self.free_nodes: IntArray = np.flatnonzero(free)
         self.size = 3 * len(self.free_nodes)
@@ -77,7 +77,7 @@ def _lower_entries(pattern: BlockPattern, rank: IntArray) -> tuple[IntArray, Int
 class BandedCholesky(LinearSolver):
     """LAPACK's banded Cholesky in reverse Cuthill-McKee order; refuses an indefinite matrix."""
 
-    def __init__(self, pattern: BlockPattern, free: Array) -> None:
+    def __init__(self, pattern: BlockPattern, free: Mask) -> None:
         super().__init__(pattern, free)
         kept = free[pattern.row] & free[pattern.column]
         local = np.full(pattern.nodes, -1, dtype=np.int64)
@@ -117,7 +117,7 @@ class GeneralLU(LinearSolver):
     `extra` holds (nodes, (3 k, 3 k) matrix) parts added to the symmetric blocks before factorising.
     """
 
-    def __init__(self, pattern: BlockPattern, free: Array) -> None:
+    def __init__(self, pattern: BlockPattern, free: Mask) -> None:
         super().__init__(pattern, free)
         self._rank = np.full(pattern.nodes, -1, dtype=np.int64)
         self._rank[self.free_nodes] = np.arange(len(self.free_nodes))
@@ -131,16 +131,16 @@ class GeneralLU(LinearSolver):
         value = blocks.reshape(-1)[self._source]
         lower = coo_matrix((value, (self._row, self._column)), shape=(self.size,) * 2)
         strict = self._row != self._column
-        upper = coo_matrix(
-            (value[strict], (self._column[strict], self._row[strict])), shape=(self.size,) * 2
-        )
+        upper = coo_matrix((value[strict], (self._column[strict], self._row[strict])), shape=(self.size,) * 2)
         total = (lower + upper).tocsc()
         for nodes, part in self.extra:
             dofs = (3 * self._rank[nodes][:, None] + np.arange(3)).ravel()
             inside = np.repeat(self._rank[nodes] >= 0, 3)
             rows, columns = np.meshgrid(dofs[inside], dofs[inside], indexing="ij")
             value = part[np.ix_(inside, inside)].ravel()
-            total = total + coo_matrix((value, (rows.ravel(), columns.ravel())), shape=(self.size,) * 2).tocsc()
+            total = (
+                total + coo_matrix((value, (rows.ravel(), columns.ravel())), shape=(self.size,) * 2).tocsc()
+            )
         if shift:
             total = total + shift * coo_matrix((np.ones(self.size), (range(self.size),) * 2)).tocsc()
         return total.tocsc()

@@ -16,7 +16,7 @@ from typing import final
 
 import numpy as np
 
-from cosim.frames import Array
+from cosim.frames import Array, Mask
 from cosim.soft.body import Loads
 from cosim.soft.linear_solver import BandedCholesky, GeneralLU, LinearSolver
 from cosim.soft.system import Inertia, SoftSystem
@@ -94,7 +94,7 @@ class NewtonSolver:
         clamped: (n,) bool, nodes whose positions are given.
     """
 
-    def __init__(self, system: SoftSystem, clamped: Array) -> None:
+    def __init__(self, system: SoftSystem, clamped: Mask) -> None:
         self.system = system
         self.clamped = clamped
         self.free = ~clamped
@@ -200,7 +200,7 @@ class NewtonSolver:
             if system.conservative:
                 enough = trial_energy <= energy + 1e-4 * factor * slope + rounding
             else:
-                # work of the out-of-balance force along the step (Crisfield's line search): needs no potential
+                # work of the out-of-balance force along the step (Crisfield's line search)
                 work = float(np.einsum("nr,nr->", system.gradient, step))
                 enough = bool(np.isfinite(trial_energy)) and abs(work) <= 0.9 * abs(slope)
             if enough or (np.isfinite(trial_energy) and trial_residual < 0.1 * residual):

@@ -63,7 +63,9 @@ class TipFrame:
         shift = moved.mean(axis=0)
         x, _, z = self.rotation.T
         area = np.cross(ring, np.roll(ring, -1, axis=0)).sum(axis=0)
-        d_area = (np.cross(moved, np.roll(ring, -1, axis=0)) + np.cross(ring, np.roll(moved, -1, axis=0))).sum(0)
+        d_area = (
+            np.cross(moved, np.roll(ring, -1, axis=0)) + np.cross(ring, np.roll(moved, -1, axis=0))
+        ).sum(0)
         dz = (d_area - (d_area @ z) * z) / np.linalg.norm(area)
         arm, d_arm = ring[0] - self.position, moved[0] - shift
         flat = arm - (arm @ z) * z

@@ -7,7 +7,7 @@ from typing import final
 
 import numpy as np
 
-from cosim.frames import Array, IntArray, Pose, Wrench
+from cosim.frames import Array, IntArray, Mask, Pose, Wrench
 from cosim.soft.body import SoftBody
 from cosim.soft.surface import dihedral_angle
 
@@ -42,7 +42,7 @@ class Clamp:
         offsets = world_from_flange.inverse().apply(positions[new])
         return Clamp(np.concatenate([self.nodes, new]), np.concatenate([self.offsets, offsets]))
 
-    def mask(self, count: int) -> Array:
+    def mask(self, count: int) -> Mask:
         """Return (count,) bool, true where a node is held."""
         held = np.zeros(count, dtype=bool)
         held[self.nodes] = True

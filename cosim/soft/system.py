@@ -38,7 +38,7 @@ class Inertia:
 
 @final
 class SoftSystem:
-    """Workspace in which one body's potential and derivatives are assembled; nothing is allocated per call.
+    """Workspace in which one body's potential and derivatives are assembled.
 
     After `evaluate`: `gradient` (n, 3) [N], `blocks` (pattern.blocks, 3, 3) [N/m], `angles` (h,) [rad],
     `volume` [m^3]. They are overwritten by the next call.
@@ -51,7 +51,9 @@ class SoftSystem:
         )
         triangles, hinges = body.membranes.triangles, body.hinges.nodes
         cap_elements = [ring[None, :] for ring in body.caps]
-        self.pattern = BlockPattern.from_elements(body.nodes, [triangles, hinges, self._segments, *cap_elements])
+        self.pattern = BlockPattern.from_elements(
+            body.nodes, [triangles, hinges, self._segments, *cap_elements]
+        )
         self._triangle_slots = self.pattern.slots(triangles)
         self._hinge_slots = self.pattern.slots(hinges)
         self._segment_slots = self.pattern.slots(self._segments)
@@ -142,7 +144,8 @@ class SoftSystem:
                 force, derivative = cap_force(x, ring, pressure)
                 self.gradient[ring] += force
                 self.open_cap_stiffness.append((ring, derivative))
-        return -pressure * self.volume
+        energy: float = -pressure * self.volume
+        return energy
 
     def _add_inertia(self, x: Array, inertia: Inertia, hessian: bool) -> float:
         offset = x - inertia.target

@@ -9,6 +9,7 @@ Source: implicit function theorem; DESIGN section 4 for the exact tangent.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import final
 
@@ -59,7 +60,7 @@ class TipTarget:
             # only the rotation about the two axes across the direction counts
             across = tip.rotation[:, :2].T
             rows.append(np.concatenate([np.zeros((2, 3)), across], axis=1))
-            errors.append(across @ _shortest_turn(tip.direction, wanted))
+            errors.append(across @ shortest_turn(tip.direction, wanted))
         return np.concatenate(rows), np.concatenate(errors)
 
     def distance(self, tip: TipFrame) -> tuple[float, float]:
@@ -72,7 +73,7 @@ class TipTarget:
         if self.rotation is not None:
             angle = float(np.linalg.norm(vector_from_rotation(self.rotation @ tip.rotation.T)))
         elif self.direction is not None:
-            angle = float(np.linalg.norm(_shortest_turn(tip.direction, self.direction)))
+            angle = float(np.linalg.norm(shortest_turn(tip.direction, self.direction)))
         return position, angle
 
 
@@ -187,9 +188,16 @@ def find_tensions(
     return _iterate(solver, begin, target, options, improve, "cable tension")
 
 
-def _iterate(solver, begin, target, options, improve, what):  # type: ignore[no-untyped-def]
+def _iterate(
+    solver: EquilibriumSolver,
+    begin: Equilibrium,
+    target: TipTarget,
+    options: TargetOptions,
+    improve: Callable[[Equilibrium], Equilibrium],
+    what: str,
+) -> TargetSolution:
     here = begin
-    best: TargetSolution | None = None
+    best = TargetSolution(begin, np.inf, np.inf, 0)
     for iteration in range(options.iterations_max + 1):
         tip = TipFrame.of(solver.solver.system.body, here.state.positions)
         position, angle = target.distance(tip)
@@ -197,7 +205,7 @@ def _iterate(solver, begin, target, options, improve, what):  # type: ignore[no-
         if position <= options.position_tolerance_m and angle <= options.angle_tolerance_rad:
             return found
         lever = options.lever_m
-        if best is None or position + lever * angle < best.position_error_m + lever * best.angle_error_rad:
+        if position + lever * angle < best.position_error_m + lever * best.angle_error_rad:
             best = found
         if iteration < options.iterations_max:
             try:
@@ -217,7 +225,7 @@ def _closest(best: TargetSolution, what: str) -> str:
     )
 
 
-def _shortest_turn(begin: Array, end: Array) -> Array:
+def shortest_turn(begin: Array, end: Array) -> Array:
     """Return the rotation vector [rad] that turns one direction into another the shortest way."""
     begin, end = begin / np.linalg.norm(begin), end / np.linalg.norm(end)
     axis = np.cross(begin, end)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from cosim.frames import Pose
-from cosim.scenario.flange import moved, pose_of, rotation_from_direction
+from cosim.scenario.flange import FlangeWay, pose_of, rotation_from_direction
 from cosim.scenario.schema import FlangePose, FlangeTurn
 
 # products of a few rotation matrices: rounding of a few 1e-16
@@ -46,7 +46,7 @@ def test_the_roll_turns_right_handed_about_the_flanges_z_axis() -> None:
 def test_the_reference_turn_swings_the_tip_towards_x_with_the_flanges_x_axis_up() -> None:
     start = pose_of(FlangePose((0.3, 0.0, 0.7), (0.0, 0.0, -1.0)))
     angle = 0.28 * np.pi
-    end = moved(start, FlangeTurn((0.0, 3.0, 0.0), -angle), None)
+    end = FlangeWay.relative(start, FlangeTurn((0.0, 3.0, 0.0), -angle), None).end
     assert end.rotation[:, 2] == pytest.approx([np.sin(angle), 0.0, -np.cos(angle)], abs=ROUNDING)
     assert end.rotation[2, 0] > 0.0  # the cables, on the flange's +x side, end on top
     assert end.translation == pytest.approx(start.translation)
@@ -56,7 +56,8 @@ def test_the_reference_turn_swings_the_tip_towards_x_with_the_flanges_x_axis_up(
 def test_half_of_a_motion_done_twice_is_the_motion() -> None:
     turn, shift = FlangeTurn((1.0, 2.0, -0.5), 1.1), np.array([0.1, -0.2, 0.3])
     start = Pose(rotation_from_direction(np.array([0.2, 0.5, -0.3])), np.array([1.0, 2.0, 3.0]))
-    once = moved(start, turn, shift)
-    twice = moved(moved(start, turn, shift, 0.5), turn, shift, 0.5)
+    once = FlangeWay.relative(start, turn, shift).end
+    half = FlangeWay.relative(start, turn, shift).at(0.5)
+    twice = FlangeWay.relative(half, turn, shift).at(0.5)
     assert twice.rotation == pytest.approx(once.rotation, abs=ROUNDING)
     assert twice.translation == pytest.approx(once.translation, abs=ROUNDING)

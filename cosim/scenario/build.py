@@ -1,0 +1,117 @@
+"""Joins the parts of a checked scenario into a simulation; the only place that knows all of them."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cosim.arm_files import find_arm
+from cosim.coupling.soft_arm import SoftArm
+from cosim.errors import ScenarioError, SolverError
+from cosim.kinematics.arm import Arm
+from cosim.rigid.description import SceneDescription, SceneObject
+from cosim.rigid.scene import RigidScene
+from cosim.scenario.dynamic import DynamicSimulation
+from cosim.scenario.flange import pose_of
+from cosim.scenario.parts import Parts
+from cosim.scenario.plan import make_plan
+from cosim.scenario.quasistatic import QuasistaticSimulation
+from cosim.scenario.schema import Scenario
+from cosim.scenario.schema import SceneObject as SceneObjectSchema
+from cosim.scenario.snapshot import RigidShape, Stage
+from cosim.scenario.soft_build import build_soft_body
+from cosim.soft.body import SoftBody
+from cosim.soft.dynamics import StepOptions
+from cosim.soft.newton import NewtonOptions
+
+
+def build(scenario: Scenario) -> DynamicSimulation | QuasistaticSimulation:
+    """Return the simulation of a scenario, planned and ready to step.
+
+    Args:
+        scenario: checked by `load_scenario`.
+
+    Raises:
+        InputError: a pose or target cannot be reached, a mesh is degenerate.
+    """
+    file = find_arm(scenario.robot)
+    arm = Arm(file, gravity=scenario.gravity_m_s2)
+    body = build_soft_body(scenario.soft_robot, scenario.chamber)
+    start = pose_of(scenario.start.flange)
+    statics = NewtonOptions(
+        tolerance_N=scenario.solver.residual_tolerance_N, iterations_max=scenario.solver.newton_iterations_max
+    )
+    dynamics = StepOptions(
+        integrator=scenario.solver.integrator,
+        iterations=scenario.solver.dynamic_newton_iterations,
+        newton=statics,
+        damping_per_s=scenario.solver.damping_per_s,
+    )
+    try:
+        plan = make_plan(scenario, arm, SoftArm(body, start, statics, dynamics))
+    except SolverError as error:
+        raise ScenarioError("start", f"no equilibrium to start from: {error}") from error
+    scene = RigidScene(
+        SceneDescription(
+            arm=file,
+            tick_s=scenario.clock.tick_s,
+            gravity=scenario.gravity_m_s2,
+            objects=tuple(_object(entry) for entry in scenario.objects),
+        )
+    )
+    parts = Parts(scenario, plan, arm, scene, SoftArm(body, start, statics, dynamics))
+    if scenario.mode == "quasistatic":
+        ticks = sum(phase.increments for phase in scenario.phases)
+        duration = sum(phase.duration_s + phase.settle_s for phase in scenario.phases)
+        return QuasistaticSimulation(parts, _stage(parts, body, ticks, duration / ticks))
+    ticks = sum(parts.ticks(phase) for phase in scenario.phases)
+    return DynamicSimulation(parts, _stage(parts, body, ticks, scenario.clock.tick_s))
+
+
+def _object(entry: SceneObjectSchema) -> SceneObject:
+    return SceneObject(
+        name=entry.name,
+        shape=entry.shape,
+        size_m=entry.size_m,
+        position_m=entry.position_m,
+        quaternion=entry.quaternion,
+        mass_kg=entry.mass_kg or 0.0,
+        rgba=entry.rgba,
+    )
+
+
+def _stage(parts: Parts, body: SoftBody, ticks: int, tick_s: float) -> Stage:
+    scenario, scene = parts.scenario, parts.scene
+    return Stage(
+        scenario=scenario.name,
+        title=scenario.title,
+        mode=scenario.mode,
+        tick_s=tick_s,
+        duration_s=ticks * tick_s,
+        ticks=ticks,
+        phase_names=tuple(phase.name for phase in scenario.phases),
+        body_names=scene.body_names,
+        shapes=tuple(RigidShape(s.body, s.vertices, s.triangles, s.rgba) for s in scene.shapes),
+        soft_triangles=body.membranes.triangles,
+        cables=tuple(cable.nodes for cable in body.cables),
+        soft_weight_N=body.mass_kg * float(np.linalg.norm(scenario.gravity_m_s2)),
+        gravity=np.array(scenario.gravity_m_s2),
+        membrane_stress=lambda positions: body.membranes.principal_stress(positions)[:, 0],
+        report=_report(parts, body),
+    )
+
+
+def _report(parts: Parts, body: SoftBody) -> str:
+    scenario = parts.scenario
+    integrator = scenario.solver.integrator.replace("_", " ")
+    lines = {
+        "Arm": f"{scenario.robot}, {parts.arm.joint_count} joints, servos with inverse-dynamics feedforward",
+        "Soft robot": f"{scenario.soft_robot.name}, {1e3 * body.mass_kg:.0f} g, {body.nodes} nodes, "
+        f"{len(body.membranes.triangles)} triangles, {len(body.hinges.nodes)} hinges, "
+        f"{len(body.cables)} cables",
+        "Chamber": "closed by caps" if body.closed else "open ends (no cap force)",
+        "Motion": "quasistatic" if scenario.mode == "quasistatic" else f"dynamic, {integrator}",
+        "Exchange": "staggered, both ways at every tick",
+        "Payload compensation": "on" if scenario.payload_compensation else "off",
+        "Contact": "none: nothing in this scene touches the soft robot",
+    }
+    return "\n".join(f"- **{name}**: {text}" for name, text in lines.items())

@@ -1,0 +1,105 @@
+"""The parts of a run that both modes step, and what a snapshot reads off them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+
+from cosim.coupling.ledger import LedgerEntry
+from cosim.coupling.soft_arm import SoftArm
+from cosim.frames import Array, Pose, Twist
+from cosim.kinematics.arm import Arm, Payload
+from cosim.rigid.scene import RigidScene
+from cosim.scenario.plan import PhasePlan, Plan
+from cosim.scenario.schema import Phase, Scenario
+from cosim.scenario.snapshot import Snapshot
+from cosim.soft.body import Loads
+from cosim.soft.center_line import center_line_length, hole_rings
+
+
+@final
+@dataclass(frozen=True)
+class Moment:
+    """Where a run is: tick and time, phase, and what drives it.
+
+    Args:
+        tick: count from 0.
+        time_s: simulated time [s].
+        phase: index of the phase.
+        joint_target: (joints,) [rad], reference of the servos.
+        loads: on the soft body.
+        flange: world_from_flange.
+        twist: of the flange origin, world axes.
+    """
+
+    tick: int
+    time_s: float
+    phase: int
+    joint_target: Array
+    loads: Loads
+    flange: Pose
+    twist: Twist
+
+
+@final
+class Parts:
+    """Rigid side, soft side, arm kinematics and plan of one run.
+
+    Args:
+        scenario: checked.
+        plan: made from it.
+        arm: kinematics and inverse dynamics.
+        scene: rigid side.
+        soft: soft side.
+    """
+
+    def __init__(self, scenario: Scenario, plan: Plan, arm: Arm, scene: RigidScene, soft: SoftArm) -> None:
+        self.scenario, self.plan = scenario, plan
+        self.arm, self.scene, self.soft = arm, scene, soft
+        self._rings = hole_rings(soft.body)
+
+    def ticks(self, phase: Phase) -> int:
+        """Return how many ticks of the clock a phase lasts, at least one."""
+        return max(1, round((phase.duration_s + phase.settle_s) / self.scenario.clock.tick_s))
+
+    def payload(self, world_from_flange: Pose) -> Payload | None:
+        """Return the soft body as a rigid payload at its present shape; None with compensation off."""
+        if not self.scenario.payload_compensation:
+            return None
+        mass = self.soft.mass_properties()
+        center, inertia = mass.in_frame(world_from_flange)
+        return Payload(mass.mass_kg, center, inertia)
+
+    def clamp(self, plan: PhasePlan, world_from_flange: Pose) -> None:
+        """Hold what a phase holds, from now on."""
+        if len(plan.clamp):
+            self.soft.hold_also(plan.clamp, world_from_flange)
+
+    def snapshot(self, moment: Moment, ledger: LedgerEntry, wall_s: float) -> Snapshot:
+        """Return the present state as a snapshot."""
+        body, x = self.soft.body, self.soft.state.positions
+        position, quaternion = self.scene.body_poses()
+        tip = body.tip_position(x)
+        straight = center_line_length(self._rings, x) * moment.flange.rotation[:, 2]
+        return Snapshot(
+            tick=moment.tick,
+            time_s=moment.time_s,
+            phase=moment.phase,
+            joint_position=self.scene.joint_position,
+            joint_target=moment.joint_target,
+            body_position=position,
+            body_quaternion=quaternion,
+            node_position=x,
+            world_from_flange=moment.flange,
+            flange_twist=moment.twist,
+            pressure_Pa=moment.loads.pressure_Pa,
+            cable_tension_N=np.array(moment.loads.cable_tension_N),
+            tip_position=tip,
+            tip_direction=body.tip_direction(x),
+            sag_m=float(np.linalg.norm(tip - moment.flange.translation - straight)),
+            tip_target=self.plan.phases[moment.phase].tip_target,
+            ledger=ledger,
+            tick_wall_s=wall_s,
+        )

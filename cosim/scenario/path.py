@@ -1,0 +1,111 @@
+"""The flange's way through a phase, and the joint angles along it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from cosim.errors import UnreachableError
+from cosim.frames import Array, Pose
+from cosim.kinematics.arm import Arm
+from cosim.kinematics.inverse_kinematics import follow, solve
+from cosim.scenario.flange import FlangeWay
+from cosim.scenario.ramp import Progress
+
+_START_CONFIGURATIONS = 12
+
+
+@final
+@dataclass(frozen=True)
+class JointPath:
+    """Joint angles over the progress s of a phase.
+
+    Args:
+        first: (joints,) [rad], at s = 0.
+        spline: cubic over s, or None where the arm stands still.
+    """
+
+    first: Array
+    spline: CubicSpline | None
+
+    @property
+    def last(self) -> Array:
+        """(joints,) [rad], at s = 1."""
+        return self.first if self.spline is None else np.asarray(self.spline(1.0))
+
+    def at(self, progress: Progress) -> tuple[Array, Array, Array]:
+        """Return position, velocity and acceleration (joints,) [rad, rad/s, rad/s^2]."""
+        if self.spline is None:
+            still = np.zeros_like(self.first)
+            return self.first, still, still
+        q, slope, curve = (np.asarray(self.spline(progress.value, order)) for order in range(3))
+        return q, slope * progress.rate, curve * progress.rate**2 + slope * progress.acceleration
+
+
+def plan_joints(
+    arm: Arm, start: Pose, ways: list[FlangeWay], blame: Callable[[int], str]
+) -> tuple[JointPath, ...]:
+    """Return the joint paths of all phases, on one branch of the inverse kinematics.
+
+    Several start configurations are tried, the one nearest to the arm's home first, until one can follow
+    every phase.
+
+    Args:
+        arm: the arm.
+        start: pose of the flange before the first phase.
+        ways: motion of the flange in each phase.
+        blame: names the key of the scenario that asks for pose k (-1: the start).
+
+    Raises:
+        UnreachableError: the start or a path cannot be reached; the message begins with the key.
+    """
+    try:
+        nearest = solve(arm, start, arm.home).q
+    except UnreachableError as error:
+        raise UnreachableError(f"{blame(-1)}: {error}", error.closest) from error
+    failure: UnreachableError | None = None
+    for candidate in _configurations(arm, start, nearest):
+        try:
+            return _follow_all(arm, ways, candidate, blame)
+        except UnreachableError as error:
+            failure = failure or error
+    assert failure is not None
+    raise failure
+
+
+def _configurations(arm: Arm, start: Pose, nearest: Array) -> list[Array]:
+    rng = np.random.default_rng(0)
+    found = [nearest]
+    for _ in range(_START_CONFIGURATIONS):
+        seed = rng.uniform(np.maximum(arm.lower, -math.pi), np.minimum(arm.upper, math.pi))
+        try:
+            q = solve(arm, start, seed).q
+        except UnreachableError:
+            continue
+        if all(np.abs(q - other).max() > 1e-3 for other in found):
+            found.append(q)
+    return [nearest, *sorted(found[1:], key=lambda q: float(np.linalg.norm(q - arm.home)))]
+
+
+def _follow_all(
+    arm: Arm, ways: list[FlangeWay], q: Array, blame: Callable[[int], str]
+) -> tuple[JointPath, ...]:
+    paths: list[JointPath] = []
+    for index, way in enumerate(ways):
+        count = way.pieces
+        if count == 0:
+            paths.append(JointPath(q, None))
+            continue
+        poses = [way.at(k / count) for k in range(1, count + 1)]
+        try:
+            knots = np.concatenate([q[None], follow(arm, poses, q)])
+        except UnreachableError as error:
+            raise UnreachableError(f"{blame(index)}: {error}", error.closest) from error
+        paths.append(JointPath(q, CubicSpline(np.linspace(0.0, 1.0, count + 1), knots)))
+        q = paths[-1].last
+    return tuple(paths)

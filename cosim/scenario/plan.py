@@ -1,0 +1,222 @@
+"""The plan of a run: for every phase where flange, pressure and tensions begin and end.
+
+Targets of the tip are solved here, on the static model, before anything runs: an unreachable one is an
+input error.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+
+from cosim.coupling.soft_arm import SoftArm
+from cosim.errors import InputError, ScenarioError, SolverError, UnreachableError
+from cosim.frames import Array, IntArray, Pose, rotation_from_vector
+from cosim.kinematics.arm import Arm
+from cosim.scenario.flange import FlangeWay, pose_of
+from cosim.scenario.path import JointPath, plan_joints
+from cosim.scenario.schema import Phase, Scenario, Start, TipTarget
+from cosim.soft import tip_target as soft_target
+from cosim.soft.body import Loads, SoftBody
+from cosim.soft.center_line import center_line_length, hole_rings
+from cosim.soft.equilibrium import Equilibrium
+
+# A static path is cut finer than the joint path only where loads change much: these pieces suffice
+# for the branch to be the one that a slow motion follows.
+_LOAD_PIECES = 4
+
+
+@final
+@dataclass(frozen=True)
+class PhasePlan:
+    """One phase, ready to run.
+
+    Args:
+        phase: as in the scenario.
+        joints: joint angles along it.
+        begin: loads at its start.
+        end: loads at its end.
+        clamp: nodes held from its start on, besides those held already.
+        tip_target: (3,) [m]; components that are free are NaN; None without a target.
+    """
+
+    phase: Phase
+    joints: JointPath
+    begin: Loads
+    end: Loads
+    clamp: IntArray
+    tip_target: Array | None
+
+
+@final
+@dataclass(frozen=True)
+class Plan:
+    """All phases of a run, and where it starts.
+
+    Args:
+        start: pose of the flange.
+        joints: (joints,) [rad] at the start.
+        loads: at the start.
+        phases: in order.
+    """
+
+    start: Pose
+    joints: Array
+    loads: Loads
+    phases: tuple[PhasePlan, ...]
+
+
+def start_loads(start: Start, body: SoftBody, gravity: tuple[float, float, float]) -> Loads:
+    """Return the loads before the first phase; tensions left out are zero."""
+    tension = start.cable_tension_N or (0.0,) * len(body.cables)
+    return Loads(start.pressure_Pa, tuple(tension), gravity)
+
+
+def start_equilibrium(soft: SoftArm, flange: Pose, loads: Loads) -> Equilibrium:
+    """Return the equilibrium before the first phase: hung up without pressure, then loaded.
+
+    Raises:
+        ConvergenceError: there is none near the drawn shape.
+    """
+    hanging = Loads(0.0, (0.0,) * len(soft.body.cables), loads.gravity)
+    hung = soft.equilibrium_solver.solve(soft.state, flange, hanging)
+    return soft.equilibrium_solver.follow(hung, flange, loads)
+
+
+def make_plan(scenario: Scenario, arm: Arm, soft: SoftArm) -> Plan:
+    """Return the plan of a scenario.
+
+    Args:
+        scenario: checked.
+        arm: its kinematics.
+        soft: a soft side to try the phases on, statically; its state is used up.
+
+    Raises:
+        ScenarioError: a pose or target cannot be reached; `path` names the key.
+    """
+    start = pose_of(scenario.start.flange)
+    loads = start_loads(scenario.start, soft.body, scenario.gravity_m_s2)
+    here = start_equilibrium(soft, start, loads)
+    drafts: list[_Draft] = []
+    for phase in scenario.phases:
+        clamp = _clamped_nodes(soft.body, phase)
+        if len(clamp):
+            soft.settle(here)
+            soft.hold_also(clamp, here.world_from_flange)
+        draft = _draft(soft, here, phase, clamp)
+        drafts.append(draft)
+        here = draft.end
+    keys = ["start.flange", *(_flange_key(phase) for phase in scenario.phases)]
+    try:
+        joints = plan_joints(arm, start, [draft.way for draft in drafts], lambda k: keys[k + 1])
+    except UnreachableError as error:
+        raise ScenarioError("", str(error)) from error
+    plans = tuple(
+        PhasePlan(
+            draft.phase, path, draft.begin.loads, draft.end.loads, draft.clamp,
+            _target_point(draft.phase.tip_target),
+        )
+        for draft, path in zip(drafts, joints, strict=True)
+    )  # fmt: skip
+    return Plan(start, joints[0].first, loads, plans)
+
+
+@final
+@dataclass(frozen=True)
+class _Draft:
+    """A phase whose flange motion is known, before the arm's joints are."""
+
+    phase: Phase
+    way: FlangeWay
+    begin: Equilibrium
+    end: Equilibrium
+    clamp: IntArray
+
+
+def _clamped_nodes(body: SoftBody, phase: Phase) -> IntArray:
+    if not phase.clamp:
+        return np.zeros(0, np.int64)
+    return np.unique(np.concatenate([body.rings[name] for name in phase.clamp]))
+
+
+def _flange_key(phase: Phase) -> str:
+    for key in ("flange", "flange_turn", "flange_shift_m", "tip_target"):
+        if getattr(phase, key) is not None:
+            return f"phase.{phase.name}.{key}"
+    return f"phase.{phase.name}"
+
+
+def _target_point(target: TipTarget | None) -> Array | None:
+    if target is None:
+        return None
+    if target.position_m is not None:
+        return np.array(target.position_m)
+    return np.array([np.nan, np.nan, target.height_m])
+
+
+def _draft(soft: SoftArm, here: Equilibrium, phase: Phase, clamp: IntArray) -> _Draft:
+    """Return the phase with its flange motion and the equilibrium at its end."""
+    try:
+        loads = _end_loads(here.loads, phase)
+        if phase.tip_target is None:
+            way = _way(here.world_from_flange, phase)
+            return _Draft(phase, way, here, _walk(soft, here, way, loads), clamp)
+        still = _walk(soft, here, FlangeWay.to(here.world_from_flange, here.world_from_flange), loads)
+        wanted = _reach(soft, still, phase.tip_target)
+        way = FlangeWay.to(here.world_from_flange, wanted.world_from_flange)
+        # the state at the end must be the one that this motion leads to, not the one the search ended in
+        return _Draft(phase, way, here, _walk(soft, here, way, wanted.loads), clamp)
+    except (UnreachableError, SolverError) as error:
+        raise ScenarioError(_flange_key(phase), f"the static plan fails: {error}") from error
+
+
+def _end_loads(loads: Loads, phase: Phase) -> Loads:
+    pressure = loads.pressure_Pa if phase.pressure_Pa is None else phase.pressure_Pa
+    tension = loads.cable_tension_N if phase.cable_tension_N is None else phase.cable_tension_N
+    return Loads(pressure, tuple(tension), loads.gravity)
+
+
+def _way(here: Pose, phase: Phase) -> FlangeWay:
+    if phase.flange is not None:
+        return FlangeWay.to(here, pose_of(phase.flange))
+    shift = None if phase.flange_shift_m is None else np.array(phase.flange_shift_m)
+    return FlangeWay.relative(here, phase.flange_turn, shift)
+
+
+def _walk(soft: SoftArm, begin: Equilibrium, way: FlangeWay, loads: Loads) -> Equilibrium:
+    count = max(way.pieces, _LOAD_PIECES if loads != begin.loads else 0)
+    here = begin
+    for k in range(1, count + 1):
+        load = begin.loads.interpolated(loads, k / count)
+        here = soft.equilibrium_solver.follow(here, way.at(k / count), load)
+    return here
+
+
+def _reach(soft: SoftArm, here: Equilibrium, target: TipTarget) -> Equilibrium:
+    wanted = soft_target.TipTarget(
+        position=None if target.position_m is None else np.array(target.position_m),
+        direction=None if target.direction is None else np.array(target.direction),
+        height=target.height_m,
+    )
+    solver = soft.equilibrium_solver
+    if target.reach_with == "cables":
+        return soft_target.find_tensions(solver, here, wanted).equilibrium
+    if target.reach_with == "flange":
+        return soft_target.find_flange_pose(solver, here, wanted).equilibrium
+    guess = _rigid_guess(soft.body, here, wanted)
+    return _walk(soft, here, FlangeWay.to(here.world_from_flange, guess), here.loads)
+
+
+def _rigid_guess(body: SoftBody, here: Equilibrium, target: soft_target.TipTarget) -> Pose:
+    """Return the flange pose that would meet the target if the arm were straight along the flange's axis."""
+    if target.position is None:
+        raise InputError("a target without position_m needs reach_with = 'cables'")
+    rotation = here.world_from_flange.rotation
+    axis = rotation[:, 2]
+    if target.direction is not None:
+        turn = soft_target.shortest_turn(axis, target.direction)
+        rotation = rotation_from_vector(turn) @ rotation
+        axis = rotation[:, 2]
+    return Pose(rotation, target.position - center_line_length(hole_rings(body), here.state.positions) * axis)

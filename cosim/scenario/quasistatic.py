@@ -1,0 +1,122 @@
+"""The quasistatic mode: a chain of equilibria of the soft body and of the arm's servos."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from typing import final
+
+import numpy as np
+
+from cosim.coupling.ledger import LedgerEntry
+from cosim.errors import ConvergenceError
+from cosim.frames import Array, Twist, vector_from_rotation
+from cosim.scenario.parts import Moment, Parts
+from cosim.scenario.plan import start_equilibrium
+from cosim.scenario.ramp import Progress
+from cosim.scenario.snapshot import Snapshot, Stage
+from cosim.soft.body import Loads
+from cosim.soft.equilibrium import Equilibrium
+
+_SETTLED_RAD = 1e-9
+_DROOP_ROUNDS_MAX = 20
+
+
+@final
+class QuasistaticSimulation:
+    """Solves a planned run increment by increment.
+
+    Args:
+        parts: of the run.
+        stage: its unchanging description.
+    """
+
+    def __init__(self, parts: Parts, stage: Stage) -> None:
+        self._parts = parts
+        self.stage = stage
+        self._earlier: Array | None = None
+
+    def steps(self) -> Iterator[Snapshot]:
+        """Yield the equilibrium before the first increment, then that of every increment.
+
+        Raises:
+            SolverError: the physics could not be solved; the snapshots so far stand.
+        """
+        parts, began = self._parts, time.perf_counter()
+        plan, scene = parts.plan, parts.scene
+        scene.set_joint_state(plan.joints)
+        here = start_equilibrium(parts.soft, scene.flange_pose, plan.loads)
+        here, spent = self._with_droop(here, plan.joints, here.iterations)
+        tick, start_s = 0, 0.0
+        moment = Moment(0, 0.0, 0, plan.joints, plan.loads, here.world_from_flange, Twist())
+        yield self._snapshot(moment, here, spent, 0.0, began)
+        for index, phase in enumerate(plan.phases):
+            parts.clamp(phase, here.world_from_flange)
+            self._earlier = None
+            span = (phase.phase.duration_s + phase.phase.settle_s) / phase.phase.increments
+            for increment in range(1, phase.phase.increments + 1):
+                began = time.perf_counter()
+                share = increment / phase.phase.increments
+                reference = phase.joints.at(Progress(share, 0.0, 0.0))[0]
+                loads = phase.begin.interpolated(phase.end, share)
+                before = here
+                here, spent = self._advance(before, reference, loads)
+                tick += 1
+                twist, power = _mean_motion(parts, before, here, span)
+                moment = Moment(
+                    tick, start_s + increment * span, index, reference, loads, here.world_from_flange, twist
+                )
+                yield self._snapshot(moment, here, spent, power, began)
+            start_s += phase.phase.duration_s + phase.phase.settle_s
+
+    def _snapshot(
+        self, moment: Moment, here: Equilibrium, spent: int, soft_power_W: float, began: float
+    ) -> Snapshot:
+        rigid_power = here.wrench.power(moment.twist)
+        ledger = LedgerEntry(here.wrench, rigid_power, soft_power_W, here.residual_N, spent, 0.0, False)
+        return self._parts.snapshot(moment, ledger, time.perf_counter() - began)
+
+    def _advance(self, here: Equilibrium, reference: Array, loads: Loads) -> tuple[Equilibrium, int]:
+        """Return the next equilibrium of arm and soft body, and the Newton iterations spent."""
+        scene, soft = self._parts.scene, self._parts.soft
+        offset = scene.joint_position - self._last_reference
+        scene.set_joint_state(reference + offset)
+        pose = scene.flange_pose
+        local = here.world_from_flange.inverse().apply(here.state.positions)
+        # the shape goes on as it changed in the last increment, seen from the flange
+        guess = local if self._earlier is None else 2.0 * local - self._earlier
+        self._earlier = local
+        try:
+            found = soft.equilibrium_solver.solve(here.state, pose, loads, pose.apply(guess))
+            spent = found.iterations
+        except ConvergenceError as error:
+            found = soft.equilibrium_solver.follow(here, pose, loads)
+            spent = error.iterations + found.iterations
+        return self._with_droop(found, reference, spent)
+
+    def _with_droop(self, found: Equilibrium, reference: Array, spent: int) -> tuple[Equilibrium, int]:
+        """Let the servos give way to the wrench until arm and soft body agree."""
+        parts, scene, soft = self._parts, self._parts.scene, self._parts.soft
+        still = np.zeros_like(reference)
+        for _ in range(_DROOP_ROUNDS_MAX):
+            soft.settle(found)
+            payload = parts.payload(found.world_from_flange)
+            feedforward = parts.arm.inverse_dynamics(reference, still, still, payload=payload)
+            joints = scene.static_configuration(reference, feedforward, found.wrench)
+            moved = float(np.abs(joints - scene.joint_position).max())
+            if moved < _SETTLED_RAD:
+                break
+            scene.set_joint_state(joints)
+            found = soft.equilibrium_solver.follow(found, scene.flange_pose, found.loads)
+            spent += found.iterations
+        self._last_reference = reference
+        return found, spent
+
+
+def _mean_motion(parts: Parts, before: Equilibrium, after: Equilibrium, span_s: float) -> tuple[Twist, float]:
+    """Return the flange's mean twist over an increment, and the power its nodes took in at that rate."""
+    old, new = before.world_from_flange, after.world_from_flange
+    turn = vector_from_rotation(new.rotation @ old.rotation.T)
+    twist = Twist((new.translation - old.translation) / span_s, turn / span_s)
+    displacement = (after.state.positions - before.state.positions)[parts.soft.clamp.nodes]
+    return twist, float(np.einsum("kr,kr->", parts.soft.reaction, displacement)) / span_s

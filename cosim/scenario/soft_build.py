@@ -1,0 +1,95 @@
+"""Makes a soft body from a soft robot's description."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cosim.frames import Array, IntArray, Mask
+from cosim.scenario.schema import ChamberModel
+from cosim.scenario.soft_robot import Cable as CableSchema
+from cosim.scenario.soft_robot import SoftRobot
+from cosim.soft.body import SoftBody
+from cosim.soft.cable import Cable
+from cosim.soft.chamber import Mesh, PolygonalStack
+from cosim.soft.membrane import Film
+from cosim.soft.refinement import refine
+from cosim.soft.surface import interior_hinges, triangle_area
+
+
+def build_mesh(robot: SoftRobot) -> Mesh:
+    """Return the chamber's mesh in the flange frame."""
+    c = robot.chamber
+    stack = PolygonalStack(
+        c.sides, c.units, c.corner_radius_m, c.hole_radius_m, c.unit_height_m, c.taper,
+        c.mid_ring_fraction, c.ring_heights, c.first_corner_rad,
+    )  # fmt: skip
+    return refine(stack.mesh(), c.refine)
+
+
+def build_soft_body(robot: SoftRobot, model: ChamberModel) -> SoftBody:
+    """Return the soft body of a robot, in the flange frame.
+
+    Args:
+        robot: its description.
+        model: comparison switches.
+
+    Raises:
+        MeshError: the geometry gives degenerate triangles.
+    """
+    mesh = build_mesh(robot)
+    film = Film(robot.film.young_modulus_Pa, robot.film.poisson_ratio, robot.film.thickness_m)
+    hinges = interior_hinges(mesh.triangles, mesh.seam)
+    if not model.all_hinges:
+        hinges = hinges[~_diagonal_to_edge_midpoint(mesh, hinges)]
+    base = np.unique(np.concatenate([mesh.ring(name) for name in robot.base]))
+    return SoftBody.from_arrays(
+        mesh.positions,
+        mesh.triangles,
+        film,
+        hinge_nodes=hinges,
+        hinge_stiffness=robot.hinge.stiffness_factor * film.bending_stiffness_Nm,
+        fold_barrier_rad=robot.hinge.fold_barrier_rad,
+        caps=mesh.caps,
+        closed=model.closed,
+        cables=tuple(_cable(mesh, entry) for entry in robot.cables),
+        node_mass=_node_mass(mesh, robot),
+        base=base,
+        tip=mesh.ring(mesh.tip_ring),
+        rings=mesh.rings,
+    )
+
+
+def _cable(mesh: Mesh, entry: CableSchema) -> Cable:
+    first, last = entry.units
+    route = mesh.corner_line(entry.corner)[first - 1 : last]
+    return Cable(
+        route,
+        1.0 if entry.capstan_factor is None else entry.capstan_factor,
+        entry.friction_coefficient or 0.0,
+    )
+
+
+def _node_mass(mesh: Mesh, robot: SoftRobot) -> Array:
+    mass = np.full(len(mesh.positions), robot.mass.node_mass_kg)
+    mass[mesh.seam] += robot.mass.seam_mass_kg
+    areal = robot.film.density_kg_m3 * robot.film.thickness_m
+    share = areal / 3.0 * triangle_area(mesh.positions, mesh.triangles)
+    for corner in range(3):
+        np.add.at(mass, mesh.triangles[:, corner], share)
+    return mass
+
+
+def _diagonal_to_edge_midpoint(mesh: Mesh, hinges: IntArray) -> Mask:
+    """Return which hinges lie on an edge from a mid ring's corner to an outer edge midpoint.
+
+    The paper's code leaves these without springs (source: hinge list of its example UR_Pneumatic).
+    """
+    corner = np.zeros(len(mesh.positions), dtype=bool)
+    midpoint = np.zeros(len(mesh.positions), dtype=bool)
+    for name, ring in mesh.rings.items():
+        if name.endswith((".lower", ".upper")):
+            corner[ring[::2]] = True
+        elif name.endswith(".outer"):
+            midpoint[ring[1::2]] = True
+    j, k = hinges[:, 1], hinges[:, 2]
+    return np.asarray((corner[j] & midpoint[k]) | (corner[k] & midpoint[j]))
