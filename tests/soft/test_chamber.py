@@ -168,7 +168,7 @@ def test_volume_of_a_unit() -> None:
     a, b = radii[:-1], radii[1:]
     exact = 0.5 * n * np.sin(2 * np.pi / n) * np.sum(slab * (a * a + a * b + b * b) / 3)
     assert enclosed_volume(mesh.positions, mesh.triangles, mesh.caps) == pytest.approx(exact, rel=1e-12)
-    moved = mesh.positions + (0.4, -0.2, 0.9)  # cancels 1e-4 m^3 terms down to 1e-5
+    moved = mesh.positions + np.array((0.4, -0.2, 0.9))  # cancels 1e-4 m^3 terms down to 1e-5
     assert enclosed_volume(moved, mesh.triangles, mesh.caps) == pytest.approx(exact, rel=1e-10)
 
 
@@ -258,7 +258,7 @@ def test_broken_meshes_are_refused(positions: Array, triangles: object, message:
 
 def test_unknown_rings_and_corners_are_named() -> None:
     mesh = SQUARE_CORE.mesh()
-    with pytest.raises(MeshError, match="no ring 'rim'; there are unit_1.hole, unit_1.lower"):
+    with pytest.raises(MeshError, match=r"no ring 'rim'; there are unit_1\.hole, unit_1\.lower"):
         mesh.ring("rim")
     with pytest.raises(MeshError, match="no corner 4; corners 0 to 3 exist"):
         mesh.corner_line(4)

@@ -1,0 +1,192 @@
+"""The curves of a recording: what is plotted, in which unit, under which name."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from cosim.recording.colours import (
+    GREEN,
+    GREY,
+    ORANGE,
+    PINK,
+    SKY,
+    VERMILION,
+    WHITE,
+    Colour,
+    series_colours,
+)
+from cosim.scenario.snapshot import Snapshot, Stage
+
+SMALLEST_RESIDUAL_N = 1e-16
+"""Shown for an exact zero, which has no logarithm."""
+
+
+@dataclass(frozen=True)
+class Plot:
+    """One plot with its curves.
+
+    Args:
+        entity: path under `/plots`; one below another plot's path joins that plot.
+        title: with the unit; empty if the curves join another plot.
+        tab: the tab it is shown in.
+        series: name of each curve.
+        colours: of each curve.
+        values: the curves' values in a snapshot, in the title's unit; not a number: no point.
+        legend: whether the plot names its curves.
+        peaks: whether crowded curves show their largest value rather than their range.
+    """
+
+    entity: str
+    title: str
+    tab: str
+    series: tuple[str, ...]
+    colours: Sequence[Colour]
+    values: Callable[[Snapshot], Iterable[float]]
+    legend: bool = True
+    peaks: bool = False
+
+
+def plots_of(stage: Stage, joints: int) -> tuple[Plot, ...]:
+    """Return the plots of a run, in the order in which they are shown.
+
+    Args:
+        stage: what is run.
+        joints: of the arm.
+    """
+    return (*_robot_plots(stage), *_interface_plots(), *_run_plots(stage, joints))
+
+
+def _robot_plots(stage: Stage) -> list[Plot]:
+    cables = len(stage.cables)
+    plots = [
+        Plot(
+            "pressure",
+            "Pressure [kPa]",
+            "Robot",
+            ("gauge pressure",),
+            [SKY],
+            lambda s: (1e-3 * s.pressure_Pa,),
+            legend=False,
+        ),
+        Plot(
+            "tip_position",
+            "Tip position, world [mm]",
+            "Robot",
+            ("x", "y", "z"),
+            [VERMILION, GREEN, SKY],
+            lambda s: 1e3 * s.tip_position,
+        ),
+    ]
+    if cables:
+        names = tuple(f"cable {k + 1}" for k in range(cables))
+        tension = Plot(
+            "tension",
+            "Cable tension [N]",
+            "Robot",
+            names,
+            series_colours(cables),
+            lambda s: s.cable_tension_N,
+        )
+        plots.insert(1, tension)
+    plots += [
+        Plot("sag", "Sag [mm]", "Robot", ("sag",), [ORANGE], lambda s: (1e3 * s.sag_m,)),
+        Plot("sag/target", "", "Robot", ("tip to target",), [GREEN], lambda s: (1e3 * target_distance(s),)),
+    ]
+    return plots
+
+
+def _interface_plots() -> list[Plot]:
+    return [
+        Plot(
+            "flange_force",
+            "Force on the flange, world [N]",
+            "Interface",
+            ("x", "y", "z"),
+            [VERMILION, GREEN, SKY],
+            lambda s: s.ledger.wrench.force,
+        ),
+        Plot(
+            "flange_torque",
+            "Torque on the flange, world [N m]",
+            "Interface",
+            ("x", "y", "z"),
+            [VERMILION, GREEN, SKY],
+            lambda s: s.ledger.wrench.torque,
+        ),
+        Plot(
+            "power_error",
+            "Power lost at the interface [W]",
+            "Interface",
+            ("power error",),
+            [PINK],
+            lambda s: (s.ledger.power_error_W,),
+            legend=False,
+        ),
+        Plot(
+            "stability",
+            "Stability ratio of the coupling",
+            "Interface",
+            ("mass ratio",),
+            [ORANGE],
+            lambda s: (s.ledger.stability_ratio,),
+            legend=False,
+        ),
+    ]
+
+
+def _run_plots(stage: Stage, joints: int) -> list[Plot]:
+    real_time = stage.mode == "dynamic"
+    cost = Plot(
+        "tick_cost",
+        "Cost of a tick [ms]",
+        "Run",
+        ("wall time", "tick length") if real_time else ("wall time",),
+        [ORANGE, GREY],
+        (lambda s: (1e3 * s.tick_wall_s, 1e3 * stage.tick_s))
+        if real_time
+        else (lambda s: (1e3 * s.tick_wall_s,)),
+        peaks=True,
+    )
+    tracking = Plot(
+        "joint_error",
+        "Joint error [mrad]",
+        "Run",
+        tuple(f"joint {k + 1}" for k in range(joints)),
+        series_colours(joints),
+        lambda s: 1e3 * (s.joint_position - s.joint_target),
+    )
+    return [
+        Plot(
+            "residual",
+            "Out-of-balance force [log10 N]",
+            "Run",
+            ("residual",),
+            [SKY],
+            lambda s: (math.log10(max(s.ledger.residual_N, SMALLEST_RESIDUAL_N)),),
+            legend=False,
+            peaks=True,
+        ),
+        Plot(
+            "newton",
+            "Newton iterations per tick",
+            "Run",
+            ("iterations",),
+            [WHITE],
+            lambda s: (s.ledger.newton_iterations,),
+            legend=False,
+            peaks=True,
+        ),
+        cost,
+        tracking,
+    ]
+
+
+def target_distance(snapshot: Snapshot) -> float:
+    """Return the distance of the tip from its target [m]; not a number while there is none."""
+    if snapshot.tip_target is None:
+        return math.nan
+    return float(np.linalg.norm(snapshot.tip_position - snapshot.tip_target))

@@ -1,0 +1,51 @@
+"""What every recorder offers to a run."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from typing import final
+
+from cosim.scenario.snapshot import Snapshot, Stage
+
+
+class Recorder(ABC):
+    """Receives the stage once, then every snapshot of a run in order, then the outcome."""
+
+    @abstractmethod
+    def open(self, stage: Stage) -> None:
+        """Begin a recording.
+
+        Args:
+            stage: what does not change during the run.
+        """
+
+    @abstractmethod
+    def record(self, snapshot: Snapshot) -> None:
+        """Take in one snapshot; ticks must rise.
+
+        Args:
+            snapshot: state at the end of a tick. Recorders may keep it: its arrays must not be reused.
+        """
+
+    @abstractmethod
+    def close(self, summary_markdown: str, status: str) -> None:
+        """Finish the recording so that it can be read, however the run ended.
+
+        Args:
+            summary_markdown: what a person should know of the run.
+            status: how it ended, such as "completed", "interrupted" or "failed".
+        """
+
+
+@final
+class NullRecorder(Recorder):
+    """Records nothing."""
+
+    def open(self, stage: Stage) -> None:
+        """Do nothing."""
+
+    def record(self, snapshot: Snapshot) -> None:
+        """Do nothing."""
+
+    def close(self, summary_markdown: str, status: str) -> None:
+        """Do nothing."""

@@ -1,0 +1,181 @@
+"""Writes a run as a Rerun recording."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Final, final
+
+import numpy as np
+import rerun as rr
+
+from cosim.errors import InputError
+from cosim.recording.blueprint import blueprint
+from cosim.recording.camera import close_eye, scene_eye
+from cosim.recording.colours import series_colours
+from cosim.recording.column_buffer import PlotBuffer, time_columns
+from cosim.recording.plots import plots_of
+from cosim.recording.recorder import Recorder
+from cosim.recording.scene import Scene
+from cosim.recording.stress_legend import log_stress_legend
+from cosim.scenario.snapshot import Snapshot, Stage
+
+APPLICATION_ID: Final = "cosim"
+STRESS_RANGE_PA: Final = (0.0, 25e6)
+FRAMES_PER_S: Final = 60.0
+_SECOND_NS: Final = 1_000_000_000
+_PHASE: Final = "/phase"
+_SUMMARY: Final = "/summary"
+
+
+@final
+class RerunRecorder(Recorder):
+    """Writes one file: curves at every tick, the scene at a limited frame rate.
+
+    Everything is gathered in memory and written once per simulated second, so a process that is
+    killed loses at most that second.
+
+    Args:
+        path: of the file; missing folders are made, an old file is replaced.
+        frames_per_s: frames of the scene per simulated second.
+        stress_range_Pa: stress of the first and last colour of the film; fixed, so that colours can
+            be compared over the whole run.
+        recording_id: joins recordings of one run; None makes a new one.
+
+    Raises:
+        InputError: the frame rate or the stress range is impossible.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        *,
+        frames_per_s: float = FRAMES_PER_S,
+        stress_range_Pa: tuple[float, float] = STRESS_RANGE_PA,
+        recording_id: str | None = None,
+    ) -> None:
+        if not 0.0 < frames_per_s < np.inf:
+            raise InputError(f"frames_per_s is {frames_per_s}; it must be above 0")
+        if not -np.inf < stress_range_Pa[0] < stress_range_Pa[1] < np.inf:
+            raise InputError(f"stress_range_Pa is {stress_range_Pa}; the second must exceed the first")
+        self._path = path
+        self._frame_ns = _SECOND_NS / frames_per_s
+        self._stress_range_Pa = stress_range_Pa
+        self._recording_id = recording_id
+        self._run: _Run | None = None
+
+    def open(self, stage: Stage) -> None:
+        """Make the file; see `Recorder.open`."""
+        self._path.parent.mkdir(parents=True, exist_ok=True)
+        stream = rr.RecordingStream(APPLICATION_ID, recording_id=self._recording_id)
+        stream.save(self._path)
+        self._run = _Run(stream, stage, self._frame_ns, self._stress_range_Pa)
+
+    def record(self, snapshot: Snapshot) -> None:
+        """Take in one snapshot; see `Recorder.record`.
+
+        Raises:
+            RuntimeError: the recorder is not open.
+        """
+        if self._run is None:
+            raise RuntimeError("the recorder is not open: call open(stage) before record(snapshot)")
+        self._run.record(snapshot)
+
+    def close(self, summary_markdown: str, status: str) -> None:
+        """Write what is left and end the file; does nothing if it is not open. See `Recorder.close`."""
+        if self._run is not None:
+            self._run.close(summary_markdown, status)
+            self._run = None
+
+
+@final
+class _Run:
+    """State of one open recording."""
+
+    def __init__(
+        self,
+        stream: rr.RecordingStream,
+        stage: Stage,
+        frame_ns: float,
+        stress_range_Pa: tuple[float, float],
+    ) -> None:
+        self._stream = stream
+        self._stage = stage
+        self._frame_ns = frame_ns
+        self._stress_range_Pa = stress_range_Pa
+        self._tick_ns = round(stage.tick_s * _SECOND_NS)
+        self._curves: PlotBuffer | None = None
+        self._scene: Scene | None = None
+        self._frames: list[Snapshot] = []
+        self._frame = -1
+        self._drawn_tick = -1
+        self._flushed_s = 0
+        self._phase = -1
+        self._last: Snapshot | None = None
+        self._log_static()
+
+    def record(self, snapshot: Snapshot) -> None:
+        curves = self._curves or self._begin(snapshot)
+        if snapshot.phase != self._phase:
+            self._begin_phase(snapshot)
+        curves.append(snapshot)
+        self._last = snapshot
+        time_ns = snapshot.tick * self._tick_ns
+        frame = int(time_ns / self._frame_ns)
+        if frame != self._frame or snapshot.tick == self._stage.ticks:
+            self._frame = frame
+            self._drawn_tick = snapshot.tick
+            self._frames.append(snapshot)
+        if time_ns // _SECOND_NS != self._flushed_s:
+            self._flushed_s = time_ns // _SECOND_NS
+            self._flush()
+
+    def close(self, summary_markdown: str, status: str) -> None:
+        if self._last is not None and self._last.tick != self._drawn_tick:
+            self._frames.append(self._last)
+        self._flush()
+        text = f"{summary_markdown}\n\n{self._stage.report}"
+        self._log_summary(text)
+        self._stream.send_property("outcome", rr.AnyValues(status=status))
+        self._stream.disconnect()
+
+    def _log_static(self) -> None:
+        stage, stream = self._stage, self._stream
+        stream.send_recording_name(f"{stage.scenario}: {stage.title}")
+        parameters = rr.AnyValues(
+            scenario=stage.scenario, mode=stage.mode, tick_s=stage.tick_s, ticks=stage.ticks
+        )
+        stream.send_property("run", parameters)
+        stream.send_property("outcome", rr.AnyValues(status="running"))
+        log_stress_legend(stream, self._stress_range_Pa)
+        names = list(stage.phase_names)
+        colours = [(*colour, 255) for colour in series_colours(len(names))]
+        phases = rr.StateConfiguration(values=names, labels=names, colors=colours)
+        stream.log(_PHASE, phases, static=True)
+        self._log_summary(f"# {stage.title}\n\nThe run has not ended yet.\n\n{stage.report}")
+
+    def _log_summary(self, text: str) -> None:
+        self._stream.log(_SUMMARY, rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN), static=True)
+
+    def _begin(self, first: Snapshot) -> PlotBuffer:
+        """Lay out the views and draw what stands still: both need the first shape."""
+        stage = self._stage
+        plots = plots_of(stage, len(first.joint_position))
+        self._stream.send_blueprint(blueprint(plots, scene_eye(stage, first), close_eye(stage, first)))
+        self._scene = Scene(self._stream, stage, first, self._stress_range_Pa)
+        self._curves = PlotBuffer(self._stream, plots, self._tick_ns)
+        return self._curves
+
+    def _begin_phase(self, snapshot: Snapshot) -> None:
+        self._phase = snapshot.phase
+        name = self._stage.phase_names[snapshot.phase]
+        times = time_columns([snapshot.tick], self._tick_ns)
+        self._stream.send_columns(_PHASE, times, rr.StateChange.columns(state=[name]))
+
+    def _flush(self) -> None:
+        if self._curves is not None:
+            self._curves.flush()
+        if self._scene is not None and self._frames:
+            times = time_columns([frame.tick for frame in self._frames], self._tick_ns)
+            self._scene.send(self._frames, times)
+            self._frames.clear()
+        self._stream.flush()

@@ -1,0 +1,129 @@
+"""The three-dimensional part of a recording."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from typing import Final, final
+
+import numpy as np
+import rerun as rr
+
+from cosim.frames import Array, IntArray
+from cosim.recording.blueprint import FOLLOW
+from cosim.recording.camera import close_eye, soft_size
+from cosim.recording.colours import GREY, ORANGE, Colour
+from cosim.recording.creases import crease_lines
+from cosim.recording.line_strips import send_lines
+from cosim.recording.loads import LoadArrows
+from cosim.recording.membrane_colours import MembraneColours
+from cosim.recording.rigid_mesh import rigid_mesh
+from cosim.recording.tip import TipMarks
+from cosim.scenario.snapshot import Snapshot, Stage
+
+_SEAM: Final = (12, 14, 20)
+_LINE_RADIUS_M: Final = {"seams": 5e-4, "cables": 1.2e-3}
+_FOLLOWED: Final = 0.38
+"""Where the close camera looks, from flange (0) to tip (1)."""
+_HALF_TAUT_N: Final = 1.0
+"""Tension at which a cable's colour is halfway between slack and taut."""
+
+
+@final
+class Scene:
+    """Logs arm, floor and everything that is drawn of the soft robot.
+
+    Args:
+        stream: to write to.
+        stage: what is run.
+        first: the first snapshot; its shape shows where the film is welded.
+        stress_range_Pa: ends of the colour scale [Pa].
+    """
+
+    def __init__(
+        self, stream: rr.RecordingStream, stage: Stage, first: Snapshot, stress_range_Pa: tuple[float, float]
+    ) -> None:
+        self._stream = stream
+        self._stage = stage
+        nodes = len(first.node_position)
+        self._colours = MembraneColours(stage.soft_triangles, nodes, stress_range_Pa)
+        self._seams = crease_lines(first.node_position, stage.soft_triangles)
+        self._paths = [f"/world/rigid/{rr.escape_entity_path_part(name)}" for name in stage.body_names]
+        self._drawn = sorted({shape.body for shape in stage.shapes})
+        size = soft_size(stage, first)
+        self._loads = LoadArrows(stream, stage, size, close_eye(stage, first))
+        self._tip = TipMarks(stream, first.tip_position)
+        self._log_static()
+
+    def send(self, frames: Sequence[Snapshot], times: Sequence[rr.TimeColumn]) -> None:
+        """Write frames.
+
+        Args:
+            frames: in the order of time.
+            times: time columns of the same length.
+        """
+        self._send_bodies(frames, times)
+        self._send_film(frames, times)
+        self._send_cables(frames, times)
+        self._loads.send(frames, times)
+        self._tip.send(frames, times)
+
+    def _log_static(self) -> None:
+        log = self._stream.log
+        log("/world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
+        count: Counter[int] = Counter()
+        for shape in self._stage.shapes:
+            path = f"{self._paths[shape.body]}/{count[shape.body]}"
+            count[shape.body] += 1
+            log(path, rigid_mesh(shape, self._stage.body_names[shape.body]), static=True)
+        # Vertex data would shadow the frames if it were static: indices alone.
+        indices = self._stage.soft_triangles.astype(np.uint32)
+        log("/world/soft/film", rr.Mesh3D.from_fields(triangle_indices=indices), static=True)
+
+    def _send_bodies(self, frames: Sequence[Snapshot], times: Sequence[rr.TimeColumn]) -> None:
+        positions = np.stack([frame.body_position for frame in frames], axis=1)
+        quaternions = np.stack([frame.body_quaternion for frame in frames], axis=1)[..., [1, 2, 3, 0]]
+        for body in self._drawn:
+            columns = rr.Transform3D.columns(translation=positions[body], quaternion=quaternions[body])
+            self._stream.send_columns(self._paths[body], times, columns)
+        flange = np.array([frame.world_from_flange.translation for frame in frames])
+        tip = np.array([frame.tip_position for frame in frames])
+        seen = flange + _FOLLOWED * (tip - flange)
+        self._stream.send_columns(FOLLOW, times, rr.Transform3D.columns(translation=seen))
+
+    def _send_film(self, frames: Sequence[Snapshot], times: Sequence[rr.TimeColumn]) -> None:
+        positions = np.stack([frame.node_position for frame in frames])
+        colours = [self._colours.packed(p, self._stage.membrane_stress(p)) for p in positions]
+        flat = positions.astype(np.float32).reshape(-1, 3)
+        columns = rr.Mesh3D.columns(vertex_positions=flat, vertex_colors=np.concatenate(colours))
+        self._stream.send_columns(
+            "/world/soft/film", times, columns.partition([positions.shape[1]] * len(frames))
+        )
+        self._send_node_lines(
+            "seams", positions, self._seams, times, [_SEAM] * (len(self._seams) * len(frames))
+        )
+
+    def _send_cables(self, frames: Sequence[Snapshot], times: Sequence[rr.TimeColumn]) -> None:
+        positions = np.stack([frame.node_position for frame in frames])
+        tension = np.concatenate([frame.cable_tension_N for frame in frames])[:, None]
+        taut = tension / (tension + _HALF_TAUT_N)
+        colours = (1.0 - taut) * np.array(GREY) + taut * np.array(ORANGE)
+        self._send_node_lines("cables", positions, self._stage.cables, times, colours.astype(int).tolist())
+
+    def _send_node_lines(
+        self,
+        name: str,
+        positions: Array,
+        lines: Sequence[IntArray],
+        times: Sequence[rr.TimeColumn],
+        colours: Sequence[Colour],
+    ) -> None:
+        if not lines:
+            return
+        points = positions[:, np.concatenate(lines)].reshape(-1, 3)
+        lengths = np.tile([len(line) for line in lines], len(positions))
+        per_frame = np.full(len(positions), len(lines))
+        send_lines(
+            self._stream, f"/world/soft/{name}", times, points, lengths, per_frame,
+            colours=colours, radius_m=_LINE_RADIUS_M[name],
+        )  # fmt: skip

@@ -1,0 +1,36 @@
+"""The colour scale of the film's stress, as a picture with numbers."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+import rerun as rr
+
+from cosim.recording.colours import WHITE, stress_scale
+
+PATH: Final = "/stress_scale"
+_WIDTH: Final = 512
+_HEIGHT: Final = 20
+_TICKS: Final = 6
+LEGEND_X: Final = (-20.0, _WIDTH + 20.0)
+LEGEND_Y: Final = (-4.0, _HEIGHT + 26.0)
+
+
+def log_stress_legend(stream: rr.RecordingStream, stress_range_Pa: tuple[float, float]) -> None:
+    """Log the scale with evenly spaced numbers.
+
+    Args:
+        stream: to write to.
+        stress_range_Pa: stress of the first and last colour [Pa].
+    """
+    row = stress_scale(_WIDTH)[:, :3]
+    stream.log(f"{PATH}/colours", rr.Image(np.tile(row, (_HEIGHT, 1, 1))), static=True)
+    share = np.linspace(0.0, 1.0, _TICKS)
+    low, high = stress_range_Pa
+    x, y = share * _WIDTH, np.full(_TICKS, _HEIGHT + 4.0)
+    labels = [f"{1e-6 * (low + s * (high - low)):.3g}" for s in share]
+    ticks = rr.Points2D(
+        np.stack([x, y], axis=1), radii=[1.0], colors=[WHITE], labels=labels, show_labels=True
+    )
+    stream.log(f"{PATH}/numbers", ticks, static=True)

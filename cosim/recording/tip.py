@@ -1,0 +1,63 @@
+"""The tip's path and the point it is sent to."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Final, final
+
+import numpy as np
+import rerun as rr
+
+from cosim.frames import Array
+from cosim.recording.blueprint import TIP_PATH
+from cosim.recording.colours import GREEN, PINK
+from cosim.recording.line_strips import send_lines
+from cosim.scenario.snapshot import Snapshot
+
+_TARGET: Final = "/world/target"
+_CROSS_M: Final = 0.06
+_CROSS_RADIUS_M: Final = 1.3e-3
+_PATH_RADIUS_M: Final = 8e-4
+
+
+@final
+class TipMarks:
+    """Draws the path as one step per frame, which the viewer joins, and the target as a cross.
+
+    Args:
+        stream: to write to.
+        start: (3,) [m], tip before the first frame.
+    """
+
+    def __init__(self, stream: rr.RecordingStream, start: Array) -> None:
+        self._stream = stream
+        self._tip = start
+
+    def send(self, frames: Sequence[Snapshot], times: Sequence[rr.TimeColumn]) -> None:
+        """Write frames; `times` has as many rows."""
+        tips = np.stack([self._tip, *(frame.tip_position for frame in frames)])
+        self._tip = frames[-1].tip_position
+        steps = np.stack([tips[:-1], tips[1:]], axis=1)
+        ones = np.ones(len(frames), dtype=np.int64)
+        send_lines(
+            self._stream, TIP_PATH, times, steps.reshape(-1, 3), 2 * ones, ones,
+            colours=[PINK] * len(frames), radius_m=_PATH_RADIUS_M,
+        )  # fmt: skip
+        self._send_target([frame.tip_target for frame in frames], times)
+
+    def _send_target(self, targets: Sequence[Array | None], times: Sequence[rr.TimeColumn]) -> None:
+        given = np.array([target for target in targets if target is not None]).reshape(-1, 3)
+        rows = np.array([target is not None for target in targets], dtype=np.int64)
+        arms = 0.5 * _CROSS_M * np.stack([-np.eye(3), np.eye(3)], axis=1)
+        points = (given[:, None, None] + arms).reshape(-1, 3)
+        lines = 3 * len(given)
+        send_lines(
+            self._stream, _TARGET, times, points, np.full(lines, 2), 3 * rows,
+            colours=[GREEN] * lines, radius_m=_CROSS_RADIUS_M,
+        )  # fmt: skip
+        below = given - (0.0, 0.0, 0.5 * _CROSS_M)
+        label = [
+            *rr.Points3D.columns(positions=below, labels=["target"] * len(given)).partition(rows),
+            *rr.Points3D.columns(colors=[GREEN] * len(targets), radii=[1e-4] * len(targets)),
+        ]
+        self._stream.send_columns(f"{_TARGET}/label", times, label)
