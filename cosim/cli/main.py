@@ -6,6 +6,7 @@ Exit codes: 0 done, 1 the physics could not be solved, 2 wrong input, 128 + n st
 from __future__ import annotations
 
 import argparse
+import os
 import subprocess
 import sys
 import time
@@ -21,6 +22,8 @@ EXIT_DONE, EXIT_UNSOLVED, EXIT_INPUT, EXIT_INTERRUPTED = 0, 1, 2, 130
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit code."""
     started = time.perf_counter()
+    # before numpy is imported: threads only slow the small dense algebra of a run down
+    os.environ.setdefault("OMP_NUM_THREADS", "1")
     options = _parser().parse_args(arguments)
     try:
         if options.command == "run":

@@ -13,6 +13,7 @@ from cosim.driver import Options, Outcome, Watcher, build_simulation, execute, r
 from cosim.run_files import RECORDING, SUMMARY, check_directory, default_directory
 from cosim.scenario.loading import load_scenario
 from cosim.scenario.overrides import parse_assignment
+from cosim.soft.compilation import compile_kernels
 
 
 def run_command(
@@ -42,7 +43,8 @@ def run_command(
     directory = out if out is not None else default_directory(scenario.name)
     check_directory(directory)
     if not quiet:
-        print(f"{scenario.title}\n{_announcement()}", file=sys.stderr)
+        print(scenario.title, file=sys.stderr)
+    compile_kernels(_ignore if quiet else _tell)
     with Interruption() as interruption:
         watchers: list[Watcher] = [interruption] if quiet else [interruption, Progress(sys.stderr)]
         make_recorder = rerun_recorder if recording else None
@@ -51,8 +53,12 @@ def run_command(
     return _report(outcome, directory, interruption, quiet=quiet)
 
 
-def _announcement() -> str:
-    return "Building the models; the first run on a machine also compiles the kernels."
+def _tell(text: str) -> None:
+    print(text, file=sys.stderr)
+
+
+def _ignore(_text: str) -> None:
+    """Say nothing."""
 
 
 def _report(outcome: Outcome, directory: Path, interruption: Interruption, *, quiet: bool) -> int:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from cosim.arm_files import find_arm
@@ -24,6 +26,9 @@ from cosim.soft.dynamics import StepOptions
 from cosim.soft.newton import NewtonOptions
 
 
+_REUSE_MAX = 6  # iterations with a kept factorisation: beyond, a new one is cheaper
+
+
 def build(scenario: Scenario) -> DynamicSimulation | QuasistaticSimulation:
     """Return the simulation of a scenario, planned and ready to step.
 
@@ -43,7 +48,7 @@ def build(scenario: Scenario) -> DynamicSimulation | QuasistaticSimulation:
     dynamics = StepOptions(
         integrator=scenario.solver.integrator,
         iterations=scenario.solver.dynamic_newton_iterations,
-        newton=statics,
+        newton=replace(statics, reuse_max=_REUSE_MAX),
         damping_per_s=scenario.solver.damping_per_s,
     )
     try:

@@ -28,16 +28,18 @@ class StepOptions:
 
     Args:
         integrator: "implicit_euler" (first order, damps) or "bdf2" (second order, damps less).
-        iterations: Newton iterations of an ordinary step.
+        tolerance_N: a step whose residual is below this is done.
+        iterations: new tangents of an ordinary step, besides iterations with a kept one.
         residual_bound_N: a step whose residual is above this after them goes on iterating.
         newton: bounds of the iteration.
         damping_per_s: alpha [1/s].
     """
 
     integrator: Integrator = "implicit_euler"
+    tolerance_N: float = 1e-3
     iterations: int = 1
     residual_bound_N: float = 0.1
-    newton: NewtonOptions = NewtonOptions()
+    newton: NewtonOptions = NewtonOptions(reuse_max=6)
     damping_per_s: float = 0.0
 
 
@@ -83,7 +85,7 @@ class ImplicitStepper:
         # free flight is the better start, unless it lets films cross; then the step begins where it is
         for flight in (step_s, 0.0):
             start = self.clamp.place(state.positions + flight * state.velocities, world_from_flange)
-            result = self._solve(start, state, loads, inertia)
+            result = self._solve(start, state, world_from_flange, loads, inertia)
             if result.outcome is not Outcome.NOT_FINITE:
                 break
         if not result.converged and not self._acceptable(result):
@@ -104,14 +106,17 @@ class ImplicitStepper:
         x1, v1 = state.earlier
         return (4.0 * state.positions - x1) / 3.0, 2.0 * h / 3.0, (4.0 * state.velocities - v1) / 3.0
 
-    def _solve(self, start: Array, state: SoftState, loads: Loads, inertia: Inertia) -> NewtonResult:
-        options = self.options
-        first = replace(options.newton, iterations_max=options.iterations)
-        result = self.solver.solve(start, state.angles, loads, first, inertia)
+    def _solve(
+        self, start: Array, state: SoftState, flange: Pose, loads: Loads, inertia: Inertia
+    ) -> NewtonResult:
+        options, frame = self.options, flange.rotation
+        full = replace(options.newton, tolerance_N=options.tolerance_N)
+        first = replace(full, iterations_max=options.iterations)
+        result = self.solver.solve(start, state.angles, loads, first, inertia, frame)
         if result.outcome is not Outcome.ITERATION_LIMIT or self._acceptable(result):
             return result
         spent = result.iterations
-        result = self.solver.solve(result.positions, result.angles, loads, options.newton, inertia)
+        result = self.solver.solve(result.positions, result.angles, loads, full, inertia, frame)
         return replace(result, iterations=spent + result.iterations)
 
     def _acceptable(self, result: NewtonResult) -> bool:

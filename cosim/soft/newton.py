@@ -5,6 +5,8 @@ the factor exists otherwise (inertia correction); the step is then halved until 
 (or, for loads without a potential, the work of the
 out-of-balance force along the step). A step that lets films cross at a hinge has an
 infinite potential and is halved as well.
+In dynamics the factor of an earlier step may serve for a while, turned with the flange: an iteration with it
+costs a tenth, and is undone when the residual does not fall.
 Source: Nocedal and Wright, Numerical Optimization, 2nd ed., sections 3.4 and 3.5.
 """
 
@@ -39,10 +41,12 @@ class NewtonOptions:
 
     Args:
         tolerance_N: largest component of the out-of-balance force on a free node.
-        iterations_max: iterations before giving up.
+        iterations_max: iterations with a new tangent before giving up.
         shift_start_N_m: first mu tried on an indefinite tangent.
         shift_max_N_m: largest mu tried.
         halvings_max: how often a step is halved before giving up.
+        reuse_max: iterations per solution with a factorisation that is kept; 0 for Newton's method proper.
+        reuse_rate: such an iteration must bring the residual below this share of the last one.
         step_max_m: longest nodal displacement in one iteration.
     """
 
@@ -52,6 +56,8 @@ class NewtonOptions:
     shift_max_N_m: float = 1e8
     halvings_max: int = 30
     step_max_m: float = 0.05
+    reuse_max: int = 0
+    reuse_rate: float = 0.5
 
 
 @final
@@ -64,8 +70,8 @@ class NewtonResult:
         angles: (h,) [rad], unwrapped hinge angles there.
         outcome: how it ended.
         residual_N: largest out-of-balance component on a free node.
-        iterations: linear solves.
-        factorisations: attempts included.
+        iterations: linear solves, those with a kept factorisation included.
+        factorisations: of new tangents, attempts included.
         potential_J: there, inertia included.
         shifted: iterations in which the tangent was indefinite.
     """
@@ -86,6 +92,48 @@ class NewtonResult:
 
 
 @final
+@dataclass(frozen=True)
+class _Point:
+    """Positions with their potential and residual; `system.gradient` belongs to the newest one."""
+
+    positions: Array
+    energy: float
+    residual: float
+
+
+@final
+@dataclass(frozen=True)
+class _Problem:
+    """What is minimised in one solution."""
+
+    system: SoftSystem
+    free: Mask
+    loads: Loads
+    tension: Array
+    inertia: Inertia | None
+
+    def at(self, positions: Array, angles: Array, *, hessian: bool = False) -> _Point:
+        energy = self.system.evaluate(
+            positions, self.loads, self.tension, angles, inertia=self.inertia, hessian=hessian
+        )
+        return _Point(positions, energy, float(np.abs(self.system.gradient[self.free]).max(initial=0.0)))
+
+    @property
+    def kind(self) -> float:
+        """Tells apart tangents that cannot stand for each other: statics, or the step's inertia."""
+        return 0.0 if self.inertia is None else float(self.inertia.coefficient.sum())
+
+
+@final
+@dataclass(frozen=True)
+class _KeptFactor:
+    """For which problem, and at which flange rotation, the factorisation in store was made."""
+
+    kind: float
+    frame: Array
+
+
+@final
 class NewtonSolver:
     """Newton's method for one body with a given set of clamped nodes; owns the factorisation.
 
@@ -100,6 +148,7 @@ class NewtonSolver:
         self.free = ~clamped
         kind: type[LinearSolver] = BandedCholesky if system.conservative else GeneralLU
         self.linear: LinearSolver = kind(system.pattern, self.free)
+        self._kept: _KeptFactor | None = None
 
     def solve(
         self,
@@ -108,6 +157,7 @@ class NewtonSolver:
         loads: Loads,
         options: NewtonOptions,
         inertia: Inertia | None = None,
+        frame: Array | None = None,
     ) -> NewtonResult:
         """Find the stationary point of the potential near `start`.
 
@@ -117,49 +167,70 @@ class NewtonSolver:
             loads: pressure, tension, gravity.
             options: bounds.
             inertia: of an implicit step; None in statics.
+            frame: (3, 3), rotation of the flange; a factorisation that is kept turns with it.
         """
         system = self.system
-        tension = system.segment_tension(start, loads)
-        x, angles = np.ascontiguousarray(start), reference_angles
-        energy = system.evaluate(x, loads, tension, angles, inertia=inertia, hessian=False)
-        residual = self._residual()
-        iterations = factorisations = shifted = 0
+        problem = _Problem(system, self.free, loads, system.segment_tension(start, loads), inertia)
+        turned = np.eye(3) if frame is None else frame
+        point = problem.at(np.ascontiguousarray(start), reference_angles)
+        angles = system.angles.copy()
+        tangents = factorisations = shifted = reused = 0
         while True:
-            outcome = self._verdict(residual, energy, iterations, options)
+            outcome = self._verdict(point, tangents, options)
+            if outcome not in (None, Outcome.ITERATION_LIMIT):
+                break
+            if reused < options.reuse_max:
+                found = self._reuse(problem, point, angles, turned, options)
+                if found is not None:
+                    point, reused, angles = found, reused + 1, system.angles.copy()
+                    continue
             if outcome is not None:
                 break
-            angles = system.angles.copy()
-            system.evaluate(x, loads, tension, angles, inertia=inertia)
+            problem.at(point.positions, angles, hessian=True)
             attempts = self._factor(options)
             factorisations += abs(attempts)
             shifted += abs(attempts) > 1
+            self._kept = _KeptFactor(problem.kind, turned) if attempts == 1 else None
             if attempts < 0:
                 outcome = Outcome.INDEFINITE
                 break
+            tangents += 1
             step = self.linear.solve(-system.gradient)
-            iterations += 1
-            found = self._search(x, step, energy, residual, loads, tension, angles, options, inertia)
+            found = self._search(problem, point, step, angles, options)
             if found is None:
-                system.evaluate(x, loads, tension, angles, inertia=inertia, hessian=False)
-                outcome = Outcome.NO_DESCENT
+                point, outcome = problem.at(point.positions, angles), Outcome.NO_DESCENT
                 break
-            x, energy, residual = found
+            point, angles = found, system.angles.copy()
         return NewtonResult(
-            x, system.angles.copy(), outcome, residual, iterations, factorisations, energy, shifted
-        )
+            point.positions, system.angles.copy(), outcome, point.residual, tangents + reused,
+            factorisations, point.energy, shifted,
+        )  # fmt: skip
 
     @staticmethod
-    def _verdict(residual: float, energy: float, iterations: int, options: NewtonOptions) -> Outcome | None:
-        if not (np.isfinite(residual) and np.isfinite(energy)):
+    def _verdict(point: _Point, tangents: int, options: NewtonOptions) -> Outcome | None:
+        if not (np.isfinite(point.residual) and np.isfinite(point.energy)):
             return Outcome.NOT_FINITE
-        if residual < options.tolerance_N:
+        if point.residual < options.tolerance_N:
             return Outcome.CONVERGED
-        if iterations >= options.iterations_max:
-            return Outcome.ITERATION_LIMIT
-        return None
+        return Outcome.ITERATION_LIMIT if tangents >= options.iterations_max else None
 
-    def _residual(self) -> float:
-        return float(np.abs(self.system.gradient[self.free]).max(initial=0.0))
+    def _reuse(
+        self, problem: _Problem, point: _Point, angles: Array, frame: Array, options: NewtonOptions
+    ) -> _Point | None:
+        """Return the point one step on with the factorisation in store, or None where it does not serve."""
+        kept = self._kept
+        if kept is None or kept.kind != problem.kind:
+            return None
+        turn = frame @ kept.frame.T  # from the rotation of the factorisation to the present one
+        step = self.linear.solve(-self.system.gradient @ turn) @ turn.T
+        if not np.abs(step).max() <= options.step_max_m:
+            return None
+        trial = problem.at(point.positions + step, angles)
+        if np.isfinite(trial.energy) and trial.residual <= options.reuse_rate * point.residual:
+            return trial
+        self._kept = None
+        problem.at(point.positions, angles)
+        return None
 
     def _factor(self, options: NewtonOptions) -> int:
         """Factorise with growing shift; return the number of attempts, negative if all failed."""
@@ -175,35 +246,24 @@ class NewtonSolver:
         return attempts
 
     def _search(
-        self,
-        x: Array,
-        step: Array,
-        energy: float,
-        residual: float,
-        loads: Loads,
-        tension: Array,
-        angles: Array,
-        options: NewtonOptions,
-        inertia: Inertia | None,
-    ) -> tuple[Array, float, float] | None:
-        """Return accepted (positions, energy, residual) along the step, or None."""
+        self, problem: _Problem, point: _Point, step: Array, angles: Array, options: NewtonOptions
+    ) -> _Point | None:
+        """Return the accepted point along the step, or None."""
         system = self.system
         longest = float(np.abs(step).max())
         slope = float(np.einsum("nr,nr->", system.gradient, step))
         factor = min(1.0, options.step_max_m / longest) if longest > 0.0 else 1.0
         # what rounding can hide in a sum of terms of this size
-        rounding = 1e-13 * (1.0 + abs(energy))
+        rounding = 1e-13 * (1.0 + abs(point.energy))
         for _ in range(options.halvings_max):
-            trial = x + factor * step
-            trial_energy = system.evaluate(trial, loads, tension, angles, inertia=inertia, hessian=False)
-            trial_residual = self._residual()
+            trial = problem.at(point.positions + factor * step, angles)
             if system.conservative:
-                enough = trial_energy <= energy + 1e-4 * factor * slope + rounding
+                enough = trial.energy <= point.energy + 1e-4 * factor * slope + rounding
             else:
                 # work of the out-of-balance force along the step (Crisfield's line search)
                 work = float(np.einsum("nr,nr->", system.gradient, step))
-                enough = bool(np.isfinite(trial_energy)) and abs(work) <= 0.9 * abs(slope)
-            if enough or (np.isfinite(trial_energy) and trial_residual < 0.1 * residual):
-                return trial, trial_energy, trial_residual
+                enough = bool(np.isfinite(trial.energy)) and abs(work) <= 0.9 * abs(slope)
+            if enough or (np.isfinite(trial.energy) and trial.residual < 0.1 * point.residual):
+                return trial
             factor *= 0.5
         return None

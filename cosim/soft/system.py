@@ -109,7 +109,7 @@ class SoftSystem:
             self.blocks[:] = 0.0
         table = (lambda slots: slots) if hessian else (lambda _slots: _NO_TABLE)
         membranes, hinges = body.membranes, body.hinges
-        energy = add_membranes(
+        energy: float = add_membranes(
             x, membranes.triangles, membranes.shape_gradients, membranes.areas, self._stiffness,
             table(self._triangle_slots), self.gradient, self.blocks,
         )  # fmt: skip

@@ -1,0 +1,34 @@
+"""Compiles every kernel of the soft model once, and says so when it takes long."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from types import ModuleType
+from typing import Any
+
+from cosim.soft import cable, hinge, linear_solver, membrane, pressure
+
+_MODULES: tuple[ModuleType, ...] = (cable, hinge, linear_solver, membrane, pressure)
+
+
+def compile_kernels(announce: Callable[[str], None] = lambda _text: None) -> None:
+    """Compile the kernels, or load them from numba's cache on disk.
+
+    Args:
+        announce: told in one sentence, before the wait, when they have to be compiled.
+    """
+    kernels: list[Any] = [
+        value
+        for module in _MODULES
+        for value in vars(module).values()
+        if getattr(value, "fixed_signature", None) is not None
+    ]
+    told = False
+    for kernel in kernels:
+        kernel.compile(kernel.fixed_signature)
+        if not told and sum(kernel.stats.cache_misses.values()):
+            announce(
+                f"Compiling {len(kernels)} kernels: the first run on a machine takes some 20 s longer; "
+                "the result is kept for later runs."
+            )
+            told = True
