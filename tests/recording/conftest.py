@@ -9,8 +9,10 @@ from typing import Any, TypeAlias
 import numpy as np
 import pytest
 import rerun as rr
+from rerun.chunk import RrdReader
 
 from cosim.frames import Array, Pose, Twist, Wrench, quaternion_from_rotation, rotation_from_vector
+from cosim.recording.rerun_recorder import RerunRecorder
 from cosim.scenario.snapshot import LedgerEntry, RigidShape, Snapshot, Stage
 from cosim.soft.chamber import PolygonalStack
 
@@ -62,7 +64,7 @@ def make_snapshot(stage: Stage, tick: int, **changes: Any) -> Snapshot:
     nodes = flange.apply(MESH.positions * (1.0, 1.0, 1.0 + 3.0 * time))
     tip = nodes[MESH.ring("tip")].mean(axis=0)
     ledger = LedgerEntry(
-        wrench=Wrench((0.1, 0.0, -2.0), (0.0, 0.2 * late, 0.0)),
+        wrench=Wrench(np.array([0.1, 0.0, -2.0]), np.array([0.0, 0.2 * late, 0.0])),
         rigid_power_W=0.02,
         soft_power_W=-0.019,
         residual_N=0.0 if tick == 0 else 1e-7,
@@ -93,6 +95,46 @@ def make_snapshot(stage: Stage, tick: int, **changes: Any) -> Snapshot:
     return Snapshot(**(values | changes))
 
 
+class Recorded:
+    """All chunks of a recording, by entity and component."""
+
+    def __init__(self, path: Path) -> None:
+        self.chunks = [chunk for chunk in RrdReader(path).stream().to_chunks() if not chunk.is_empty]
+        self.entities = {str(chunk.entity_path) for chunk in self.chunks}
+
+    def batches(self, entity: str, component: str) -> list[Any]:
+        """Return the record batches that hold a component of an entity."""
+        found = [chunk.to_record_batch() for chunk in self.chunks if str(chunk.entity_path) == entity]
+        return [batch for batch in found if component in batch.schema.names]
+
+    def static(self, entity: str, component: str) -> Any:
+        """Return the latest static value."""
+        batches = self.batches(entity, component)
+        assert batches, f"{entity} has no {component}"
+        assert "sim_time" not in batches[-1].schema.names
+        return batches[-1].column(component).to_pylist()[-1]
+
+    def by_time(self, entity: str, component: str) -> dict[int, Any]:
+        """Return the values of a component by time [ns], in order."""
+        rows: dict[int, Any] = {}
+        for batch in self.batches(entity, component):
+            times = batch.column("sim_time").cast("int64").to_pylist()
+            assert not rows.keys() & set(times), "two rows at one time"
+            rows |= dict(zip(times, batch.column(component).to_pylist(), strict=True))
+        return dict(sorted(rows.items()))
+
+
+def record(
+    path: Path, stage: Stage, make_snapshot: MakeSnapshot, ticks: int | None = None, **options: Any
+) -> Recorded:
+    recorder = RerunRecorder(path, **options)
+    recorder.open(stage)
+    for tick in range((stage.ticks if ticks is None else ticks) + 1):
+        recorder.record(make_snapshot(stage, tick))
+    recorder.close("## The end", "completed")
+    return Recorded(path)
+
+
 @pytest.fixture(name="make_stage")
 def _make_stage() -> MakeStage:
     return make_stage
@@ -116,3 +158,13 @@ def strict() -> Iterator[None]:
 def rrd(tmp_path: Path) -> Path:
     """Path of a recording in a folder that does not exist yet."""
     return tmp_path / "run" / "recording.rrd"
+
+
+@pytest.fixture(name="read")
+def _read() -> Callable[[Path], Recorded]:
+    return Recorded
+
+
+@pytest.fixture(name="record")
+def _record() -> Callable[..., Recorded]:
+    return record

@@ -111,6 +111,7 @@ def test_cameras_see_everything(make_stage: MakeStage, make_snapshot: MakeSnapsh
         ray = point - eye.position
         angle = np.arccos(-ray @ eye.direction / np.linalg.norm(ray))
         assert angle < np.radians(36.0)  # corner of a square picture 55 degrees high
+    assert eye.direction[1] < -0.5  # to the right of the way from base to flange, which is +x
     close = close_eye(stage, first)
     assert np.linalg.norm(close.position) < np.linalg.norm(eye.position - eye.target)
     assert close.left @ close.direction == pytest.approx(0.0, abs=1e-15)

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import subprocess
-import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -14,58 +11,16 @@ import pytest
 from numpy.typing import NDArray
 from rerun.chunk import RrdReader
 
-from cosim.errors import InputError
-from cosim.recording.recorder import NullRecorder
-from cosim.recording.rerun_recorder import RerunRecorder
 from cosim.scenario.snapshot import Snapshot, Stage
 
 pytestmark = pytest.mark.usefixtures("strict")
 
 MakeStage = Callable[..., Stage]
 MakeSnapshot = Callable[..., Snapshot]
+Record = Callable[..., Any]
 FILM = "/world/soft/film"
 SINGLE = 6e-8
 """Relative rounding error of single precision, in which the viewer keeps positions."""
-
-
-class Recorded:
-    """All chunks of a recording, by entity and component."""
-
-    def __init__(self, path: Path) -> None:
-        self.chunks = [chunk for chunk in RrdReader(path).stream().to_chunks() if not chunk.is_empty]
-        self.entities = {str(chunk.entity_path) for chunk in self.chunks}
-
-    def batches(self, entity: str, component: str) -> list[Any]:
-        """Return the record batches that hold a component of an entity."""
-        found = [chunk.to_record_batch() for chunk in self.chunks if str(chunk.entity_path) == entity]
-        return [batch for batch in found if component in batch.schema.names]
-
-    def static(self, entity: str, component: str) -> Any:
-        """Return the latest static value."""
-        batches = self.batches(entity, component)
-        assert batches, f"{entity} has no {component}"
-        assert "sim_time" not in batches[-1].schema.names
-        return batches[-1].column(component).to_pylist()[-1]
-
-    def by_time(self, entity: str, component: str) -> dict[int, Any]:
-        """Return the values of a component by time [ns], in order."""
-        rows: dict[int, Any] = {}
-        for batch in self.batches(entity, component):
-            times = batch.column("sim_time").cast("int64").to_pylist()
-            assert not rows.keys() & set(times), "two rows at one time"
-            rows |= dict(zip(times, batch.column(component).to_pylist(), strict=True))
-        return dict(sorted(rows.items()))
-
-
-def record(
-    path: Path, stage: Stage, make_snapshot: MakeSnapshot, ticks: int | None = None, **options: Any
-) -> Recorded:
-    recorder = RerunRecorder(path, **options)
-    recorder.open(stage)
-    for tick in range((stage.ticks if ticks is None else ticks) + 1):
-        recorder.record(make_snapshot(stage, tick))
-    recorder.close("## The end", "completed")
-    return Recorded(path)
 
 
 def frame_times(stage: Stage, frames_per_s: float) -> list[int]:
@@ -77,7 +32,7 @@ def frame_times(stage: Stage, frames_per_s: float) -> list[int]:
 
 
 def test_everything_that_changes_is_on_both_timelines(
-    rrd: Path, make_stage: MakeStage, make_snapshot: MakeSnapshot
+    rrd: Path, make_stage: MakeStage, make_snapshot: MakeSnapshot, record: Record
 ) -> None:
     # Without a time the viewer would ignore rows silently.
     recorded = record(rrd, make_stage(), make_snapshot)
@@ -93,7 +48,7 @@ def test_everything_that_changes_is_on_both_timelines(
 
 
 def test_frames_come_at_their_rate_and_curves_at_every_tick(
-    rrd: Path, make_stage: MakeStage, make_snapshot: MakeSnapshot
+    rrd: Path, make_stage: MakeStage, make_snapshot: MakeSnapshot, record: Record
 ) -> None:
     stage = make_stage()
     recorded = record(rrd, stage, make_snapshot, frames_per_s=30.0)
@@ -115,7 +70,7 @@ def test_frames_come_at_their_rate_and_curves_at_every_tick(
 
 
 def test_film_is_drawn_as_it_was_simulated(
-    rrd: Path, make_stage: MakeStage, make_snapshot: MakeSnapshot
+    rrd: Path, make_stage: MakeStage, make_snapshot: MakeSnapshot, record: Record
 ) -> None:
     stage = make_stage()
     recorded = record(rrd, stage, make_snapshot)
@@ -125,7 +80,9 @@ def test_film_is_drawn_as_it_was_simulated(
         np.testing.assert_allclose(drawn, nodes, rtol=SINGLE, atol=1e-9)
 
 
-def test_no_vertex_data_is_static(rrd: Path, make_stage: MakeStage, make_snapshot: MakeSnapshot) -> None:
+def test_no_vertex_data_is_static(
+    rrd: Path, make_stage: MakeStage, make_snapshot: MakeSnapshot, record: Record
+) -> None:
     # Static data hides what changes for the same component.
     recorded = record(rrd, make_stage(), make_snapshot, ticks=10)
     for chunk in recorded.chunks:
@@ -134,7 +91,9 @@ def test_no_vertex_data_is_static(rrd: Path, make_stage: MakeStage, make_snapsho
             assert [name for name in names if name.startswith("Mesh3D")] == ["Mesh3D:triangle_indices"]
 
 
-def test_bodies_carry_their_shapes(rrd: Path, make_stage: MakeStage, make_snapshot: MakeSnapshot) -> None:
+def test_bodies_carry_their_shapes(
+    rrd: Path, make_stage: MakeStage, make_snapshot: MakeSnapshot, record: Record
+) -> None:
     stage = make_stage()
     recorded = record(rrd, stage, make_snapshot, ticks=100)
     shape = stage.shapes[0]
@@ -149,7 +108,9 @@ def test_bodies_carry_their_shapes(rrd: Path, make_stage: MakeStage, make_snapsh
     assert "/world/rigid/world" not in recorded.entities  # nothing is drawn of it
 
 
-def test_colours_follow_the_stress(rrd: Path, make_stage: MakeStage, make_snapshot: MakeSnapshot) -> None:
+def test_colours_follow_the_stress(
+    rrd: Path, make_stage: MakeStage, make_snapshot: MakeSnapshot, record: Record
+) -> None:
     def brightness(packed: NDArray[np.uint32]) -> float:
         channels = [(packed >> shift) & 0xFF for shift in (24, 16, 8)]
         return float(np.mean(np.array([0.2126, 0.7152, 0.0722]) @ np.array(channels)))
@@ -167,7 +128,7 @@ def test_colours_follow_the_stress(rrd: Path, make_stage: MakeStage, make_snapsh
 
 
 def test_target_shows_only_while_there_is_one(
-    rrd: Path, make_stage: MakeStage, make_snapshot: MakeSnapshot
+    rrd: Path, make_stage: MakeStage, make_snapshot: MakeSnapshot, record: Record
 ) -> None:
     recorded = record(rrd, make_stage(), make_snapshot)
     lines = {
@@ -180,7 +141,7 @@ def test_target_shows_only_while_there_is_one(
 
 
 def test_without_targets_no_curve_of_them(
-    rrd: Path, make_stage: MakeStage, make_snapshot: MakeSnapshot
+    rrd: Path, make_stage: MakeStage, make_snapshot: MakeSnapshot, record: Record
 ) -> None:
     recorded = record(rrd, make_stage(), make_snapshot, ticks=100)
     assert "/plots/sag/target" not in recorded.entities
@@ -188,7 +149,7 @@ def test_without_targets_no_curve_of_them(
 
 
 def test_force_ends_at_the_flange_and_torque_turns_about_it(
-    rrd: Path, make_stage: MakeStage, make_snapshot: MakeSnapshot
+    rrd: Path, make_stage: MakeStage, make_snapshot: MakeSnapshot, record: Record
 ) -> None:
     stage = make_stage()
     recorded = record(rrd, stage, make_snapshot)
@@ -205,7 +166,7 @@ def test_force_ends_at_the_flange_and_torque_turns_about_it(
 
 
 def test_summary_and_outcome_are_the_last_word(
-    rrd: Path, make_stage: MakeStage, make_snapshot: MakeSnapshot
+    rrd: Path, make_stage: MakeStage, make_snapshot: MakeSnapshot, record: Record
 ) -> None:
     recorded = record(rrd, make_stage(), make_snapshot, ticks=3)
     assert recorded.static("/summary", "TextDocument:text") == ["## The end\n\nModel: made up."]
@@ -216,106 +177,8 @@ def test_summary_and_outcome_are_the_last_word(
 
 
 def test_interrupted_run_ends_with_its_last_snapshot(
-    rrd: Path, make_stage: MakeStage, make_snapshot: MakeSnapshot
+    rrd: Path, make_stage: MakeStage, make_snapshot: MakeSnapshot, record: Record
 ) -> None:
     recorded = record(rrd, make_stage(), make_snapshot, ticks=601)
     assert max(recorded.by_time(FILM, "Mesh3D:vertex_positions")) == 601 * 2_000_000
     assert RrdReader(rrd).store() is not None  # the footer is there
-
-
-@pytest.mark.filterwarnings("ignore:RRD file has no footer")
-def test_killed_process_leaves_all_but_the_last_second(rrd: Path, tmp_path: Path) -> None:
-    script = tmp_path / "killed.py"
-    script.write_text(
-        "import os, runpy, sys\n"
-        "from pathlib import Path\n"
-        "from cosim.recording.rerun_recorder import RerunRecorder\n"
-        f"made_up = runpy.run_path({str(Path(__file__).with_name('conftest.py'))!r})\n"
-        "stage = made_up['make_stage']()\n"
-        "recorder = RerunRecorder(Path(sys.argv[1]))\n"
-        "recorder.open(stage)\n"
-        "for tick in range(700):\n"
-        "    recorder.record(made_up['make_snapshot'](stage, tick))\n"
-        "os._exit(1)\n"
-    )
-    environment = os.environ | {"PYTHONPATH": str(Path(__file__).parents[2])}
-    subprocess.run([sys.executable, str(script), str(rrd)], check=False, env=environment, timeout=60)
-    times = Recorded(rrd).by_time("/plots/pressure", "Scalars:scalars")
-    assert list(times) == [2_000_000 * tick for tick in range(501)]
-
-
-@pytest.mark.parametrize("mode", ["dynamic", "quasistatic"])
-def test_bare_stage_is_recorded(
-    rrd: Path, make_stage: MakeStage, make_snapshot: MakeSnapshot, mode: str
-) -> None:
-    # One triangle, no cable, nothing rigid, no weight, no gravity.
-    triangle = np.array([[0, 1, 2]])
-    stage = make_stage(
-        mode=mode,
-        shapes=(),
-        cables=(),
-        soft_triangles=triangle,
-        soft_weight_N=0.0,
-        gravity=np.zeros(3),
-        membrane_stress=lambda positions: np.zeros(1),
-    )
-    recorder = RerunRecorder(rrd)
-    recorder.open(stage)
-    corners = np.array([[0.3, 0, 0.5], [0.4, 0, 0.5], [0.3, 0.1, 0.4]])
-    for tick in range(20):
-        changes = {"node_position": corners, "cable_tension_N": np.zeros(0), "tip_target": None}
-        recorder.record(make_snapshot(stage, tick, **changes))
-    recorder.close("", "completed")
-    recorded = Recorded(rrd)
-    assert recorded.static(FILM, "Mesh3D:triangle_indices") == [[0, 1, 2]]
-    cost = next(iter(recorded.by_time("/plots/tick_cost", "Scalars:scalars").values()))
-    assert cost == ([1.0, 2.0] if mode == "dynamic" else [1.0])  # a tick has no length in statics
-
-
-def test_run_without_a_tick_leaves_a_readable_file(rrd: Path, make_stage: MakeStage) -> None:
-    recorder = RerunRecorder(rrd)
-    recorder.open(make_stage())
-    recorder.close("nothing", "failed")
-    recorder.close("again", "failed")  # closing twice changes nothing
-    assert Recorded(rrd).static("/__properties/outcome", "status") == ["failed"]
-
-
-def test_equal_ids_join_recordings(rrd: Path, make_stage: MakeStage) -> None:
-    ids = []
-    for name in ("a", "b"):
-        recorder = RerunRecorder(rrd.with_name(name), recording_id="run-7")
-        recorder.open(make_stage())
-        recorder.close("", "completed")
-        ids.append(rrd.with_name(name).read_bytes().count(b"run-7"))
-    assert min(ids) > 0
-
-
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"frames_per_s": 0.0}, r"frames_per_s is 0\.0"),
-        ({"frames_per_s": float("nan")}, "frames_per_s is nan"),
-        ({"stress_range_Pa": (1e6, 1e6)}, r"stress_range_Pa is \(1000000\.0, 1000000\.0\)"),
-    ],
-)
-def test_impossible_options_are_refused(rrd: Path, options: dict[str, Any], message: str) -> None:
-    with pytest.raises(InputError, match=message):
-        RerunRecorder(rrd, **options)
-    assert not rrd.parent.exists()
-
-
-def test_recording_before_opening_is_refused(
-    rrd: Path, make_stage: MakeStage, make_snapshot: MakeSnapshot
-) -> None:
-    with pytest.raises(RuntimeError, match=r"call open\(stage\)"):
-        RerunRecorder(rrd).record(make_snapshot(make_stage(), 0))
-
-
-def test_null_recorder_writes_nothing(
-    tmp_path: Path, make_stage: MakeStage, make_snapshot: MakeSnapshot
-) -> None:
-    recorder = NullRecorder()
-    recorder.open(make_stage())
-    recorder.record(make_snapshot(make_stage(), 0))
-    recorder.close("", "completed")
-    assert list(tmp_path.iterdir()) == []

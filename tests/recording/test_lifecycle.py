@@ -1,0 +1,122 @@
+"""How a recording begins and ends, whatever happens in between."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cosim.errors import InputError
+from cosim.recording.recorder import NullRecorder
+from cosim.recording.rerun_recorder import RerunRecorder
+from cosim.scenario.snapshot import Snapshot, Stage
+
+pytestmark = pytest.mark.usefixtures("strict")
+
+MakeStage = Callable[..., Stage]
+MakeSnapshot = Callable[..., Snapshot]
+Read = Callable[[Path], Any]
+
+
+@pytest.mark.filterwarnings("ignore:RRD file has no footer")
+def test_killed_process_leaves_all_but_the_last_second(rrd: Path, tmp_path: Path, read: Read) -> None:
+    script = tmp_path / "killed.py"
+    script.write_text(
+        "import os, runpy, sys\n"
+        "from pathlib import Path\n"
+        "from cosim.recording.rerun_recorder import RerunRecorder\n"
+        f"made_up = runpy.run_path({str(Path(__file__).with_name('conftest.py'))!r})\n"
+        "stage = made_up['make_stage']()\n"
+        "recorder = RerunRecorder(Path(sys.argv[1]))\n"
+        "recorder.open(stage)\n"
+        "for tick in range(700):\n"
+        "    recorder.record(made_up['make_snapshot'](stage, tick))\n"
+        "os._exit(1)\n"
+    )
+    environment = os.environ | {"PYTHONPATH": str(Path(__file__).parents[2])}
+    subprocess.run([sys.executable, str(script), str(rrd)], check=False, env=environment, timeout=60)
+    times = read(rrd).by_time("/plots/pressure", "Scalars:scalars")
+    assert list(times) == [2_000_000 * tick for tick in range(501)]
+
+
+@pytest.mark.parametrize("mode", ["dynamic", "quasistatic"])
+def test_bare_stage_is_recorded(
+    rrd: Path, make_stage: MakeStage, make_snapshot: MakeSnapshot, read: Read, mode: str
+) -> None:
+    # One triangle, no cable, nothing rigid, no weight, no gravity.
+    triangle = np.array([[0, 1, 2]])
+    stage = make_stage(
+        mode=mode,
+        shapes=(),
+        cables=(),
+        soft_triangles=triangle,
+        soft_weight_N=0.0,
+        gravity=np.zeros(3),
+        membrane_stress=lambda positions: np.zeros(1),
+    )
+    recorder = RerunRecorder(rrd)
+    recorder.open(stage)
+    corners = np.array([[0.3, 0, 0.5], [0.4, 0, 0.5], [0.3, 0.1, 0.4]])
+    for tick in range(20):
+        changes = {"node_position": corners, "cable_tension_N": np.zeros(0), "tip_target": None}
+        recorder.record(make_snapshot(stage, tick, **changes))
+    recorder.close("", "completed")
+    recorded = read(rrd)
+    assert recorded.static("/world/soft/film", "Mesh3D:triangle_indices") == [[0, 1, 2]]
+    cost = next(iter(recorded.by_time("/plots/tick_cost", "Scalars:scalars").values()))
+    assert cost == ([1.0, 2.0] if mode == "dynamic" else [1.0])  # a tick has no length in statics
+
+
+def test_run_without_a_tick_leaves_a_readable_file(rrd: Path, make_stage: MakeStage, read: Read) -> None:
+    recorder = RerunRecorder(rrd)
+    recorder.open(make_stage())
+    recorder.close("nothing", "failed")
+    recorder.close("again", "failed")  # closing twice changes nothing
+    assert read(rrd).static("/__properties/outcome", "status") == ["failed"]
+
+
+def test_equal_ids_join_recordings(rrd: Path, make_stage: MakeStage) -> None:
+    ids = []
+    for name in ("a", "b"):
+        recorder = RerunRecorder(rrd.with_name(name), recording_id="run-7")
+        recorder.open(make_stage())
+        recorder.close("", "completed")
+        ids.append(rrd.with_name(name).read_bytes().count(b"run-7"))
+    assert min(ids) > 0
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"frames_per_s": 0.0}, r"frames_per_s is 0\.0"),
+        ({"frames_per_s": float("nan")}, "frames_per_s is nan"),
+        ({"stress_range_Pa": (1e6, 1e6)}, r"stress_range_Pa is \(1000000\.0, 1000000\.0\)"),
+    ],
+)
+def test_impossible_options_are_refused(rrd: Path, options: dict[str, Any], message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        RerunRecorder(rrd, **options)
+    assert not rrd.parent.exists()
+
+
+def test_recording_before_opening_is_refused(
+    rrd: Path, make_stage: MakeStage, make_snapshot: MakeSnapshot
+) -> None:
+    with pytest.raises(RuntimeError, match=r"call open\(stage\)"):
+        RerunRecorder(rrd).record(make_snapshot(make_stage(), 0))
+
+
+def test_null_recorder_writes_nothing(
+    tmp_path: Path, make_stage: MakeStage, make_snapshot: MakeSnapshot
+) -> None:
+    recorder = NullRecorder()
+    recorder.open(make_stage())
+    recorder.record(make_snapshot(make_stage(), 0))
+    recorder.close("", "completed")
+    assert list(tmp_path.iterdir()) == []
