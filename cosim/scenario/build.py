@@ -43,10 +43,13 @@ def build(scenario: Scenario) -> DynamicSimulation | QuasistaticSimulation:
     body = build_soft_body(scenario.soft_robot, scenario.chamber)
     start = pose_of(scenario.start.flange)
     statics = NewtonOptions(
-        tolerance_N=scenario.solver.residual_tolerance_N, iterations_max=scenario.solver.newton_iterations_max
+        tolerance_N=scenario.solver.residual_tolerance_N,
+        start_tolerance_N=scenario.solver.residual_tolerance_N,
+        iterations_max=scenario.solver.newton_iterations_max,
     )
     dynamics = StepOptions(
         integrator=scenario.solver.integrator,
+        tolerance_N=scenario.solver.dynamic_tolerance_N,
         iterations=scenario.solver.dynamic_newton_iterations,
         newton=replace(statics, reuse_max=_REUSE_MAX),
         damping_per_s=scenario.solver.damping_per_s,

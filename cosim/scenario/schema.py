@@ -45,7 +45,9 @@ class Solver:
     Args:
         residual_tolerance_N: largest force component left at an equilibrium or a converged step.
         newton_iterations_max: bound for an equilibrium (quasistatic mode and the start).
-        dynamic_newton_iterations: Newton iterations per tick in the dynamic mode.
+        dynamic_tolerance_N: largest force component left in a tick of the dynamic mode.
+        dynamic_newton_iterations: new tangents per tick in the dynamic mode, besides iterations with a
+            kept one; a tick that is left far from balance takes more.
         integrator: of the dynamic mode.
         damping_per_s: mass-proportional damping, force = -damping_per_s * m * v.
         stiffness_damping_s: stiffness-proportional damping, force = -stiffness_damping_s * K v.
@@ -53,6 +55,7 @@ class Solver:
 
     residual_tolerance_N: Positive = 1e-6
     newton_iterations_max: Count = 100
+    dynamic_tolerance_N: Positive = 1e-4
     dynamic_newton_iterations: Count = 1
     integrator: Literal["implicit_euler", "bdf2"] = "implicit_euler"
     damping_per_s: NonNegative = 0.0

@@ -36,7 +36,7 @@ class StepOptions:
     """
 
     integrator: Integrator = "implicit_euler"
-    tolerance_N: float = 1e-3
+    tolerance_N: float = 1e-4
     iterations: int = 1
     residual_bound_N: float = 0.1
     newton: NewtonOptions = NewtonOptions(reuse_max=6)

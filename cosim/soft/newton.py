@@ -41,6 +41,7 @@ class NewtonOptions:
 
     Args:
         tolerance_N: largest component of the out-of-balance force on a free node.
+        start_tolerance_N: the same for a start that is taken as it is, without an iteration.
         iterations_max: iterations with a new tangent before giving up.
         shift_start_N_m: first mu tried on an indefinite tangent.
         shift_max_N_m: largest mu tried.
@@ -51,6 +52,7 @@ class NewtonOptions:
     """
 
     tolerance_N: float = 1e-6
+    start_tolerance_N: float = 1e-6
     iterations_max: int = 60
     shift_start_N_m: float = 0.05
     shift_max_N_m: float = 1e8
@@ -176,7 +178,7 @@ class NewtonSolver:
         angles = system.angles.copy()
         tangents = factorisations = shifted = reused = 0
         while True:
-            outcome = self._verdict(point, tangents, options)
+            outcome = self._verdict(point, tangents, reused, options)
             if outcome not in (None, Outcome.ITERATION_LIMIT):
                 break
             if reused < options.reuse_max:
@@ -207,10 +209,12 @@ class NewtonSolver:
         )  # fmt: skip
 
     @staticmethod
-    def _verdict(point: _Point, tangents: int, options: NewtonOptions) -> Outcome | None:
+    def _verdict(point: _Point, tangents: int, reused: int, options: NewtonOptions) -> Outcome | None:
         if not (np.isfinite(point.residual) and np.isfinite(point.energy)):
             return Outcome.NOT_FINITE
-        if point.residual < options.tolerance_N:
+        # many small forces of one sign add up: a start is accepted by the stricter bound only
+        moved = tangents + reused > 0
+        if point.residual < (options.tolerance_N if moved else options.start_tolerance_N):
             return Outcome.CONVERGED
         return Outcome.ITERATION_LIMIT if tangents >= options.iterations_max else None
 
