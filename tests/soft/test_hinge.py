@@ -1,0 +1,209 @@
+"""Rotational springs: derivatives in every range of the angle, rigid motions, the fold barrier's law."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from cosim.frames import Array
+from cosim.soft.hinge import Hinges, add_hinges
+from cosim.soft.surface import dihedral_angle
+from tests.derivatives import RELATIVE, Evaluate, assembled, derivative_errors
+from tests.soft.bodies import hexagon_arm, random_rotation, shapes
+
+UNITS = 2
+K = 2.0e-3
+THETA1 = 0.1 * np.pi
+REST = 2.5
+TURN = 2.0 * np.pi
+INFINITE = np.array([np.inf])
+
+
+def folded(angle: float) -> Array:
+    """Return nodes i, j, k, l (4, 3) [m] of two unequal triangles folded to an angle, askew in space."""
+    i = np.array([0.003, -0.008, 0.0])
+    across = 0.006 * np.array([0.0, -np.cos(angle), -np.sin(angle)])
+    points = np.array([i, [0.0, 0.0, 0.0], [0.01, 0.0, 0.0], np.array([0.008, 0.0, 0.0]) + across])
+    return points @ random_rotation(5).T + (0.1, 0.2, -0.3)
+
+
+def evaluation(hinges: Hinges, reference: Array, nodes: int) -> Evaluate:
+    angles = np.zeros(len(hinges.nodes))
+
+    def add(x, slots, force, blocks):  # type: ignore[no-untyped-def]
+        return add_hinges(
+            x, hinges.nodes, hinges.stiffness, hinges.rest_angle, hinges.fold_barrier_rad, reference,
+            slots, force, blocks, angles,
+        )  # fmt: skip
+
+    return assembled(hinges.nodes, add, nodes)
+
+
+def spring(
+    reference: float, *, rest: float = REST, theta1: float = THETA1, order: Array | None = None
+) -> Evaluate:
+    nodes = (np.arange(4) if order is None else order)[None]
+    hinges = Hinges(nodes, np.array([K]), np.array([rest]), theta1)
+    return evaluation(hinges, np.array([reference]), 4)
+
+
+def test_the_fixture_has_the_angle_it_says() -> None:
+    hinge = np.array([[0, 1, 2, 3]])
+    for angle in (0.05, 1.0, np.pi, 4.0, 6.2):
+        # l starts folded onto i at angle 0 and lies opposite at pi
+        assert dihedral_angle(folded(angle), hinge)[0] == pytest.approx(angle, abs=1e-12)
+
+
+# angle, theta1, reference: the linear range, both barriers, no barrier, and unwrapped past 2 pi and below 0
+RANGES = {
+    "linear": (2.0, THETA1, 2.0),
+    "flat": (np.pi, THETA1, np.pi),
+    "linear, other side": (4.5, THETA1, 4.5),
+    "lower barrier": (0.1, THETA1, 0.1),
+    "lower barrier, nearly closed": (0.02, THETA1, 0.02),
+    "upper barrier": (TURN - 0.1, THETA1, TURN - 0.1),
+    "upper barrier, nearly closed": (TURN - 0.02, THETA1, TURN - 0.02),
+    "no barrier": (0.1, 0.0, 0.1),
+    "unwrapped past 2 pi": (0.05, 0.0, TURN - 0.05),
+    "unwrapped below 0": (TURN - 0.05, 0.0, 0.05),
+}
+
+
+@pytest.mark.parametrize("name", RANGES)
+@pytest.mark.parametrize("seed", range(4))
+def test_derivatives_of_one_spring(name: str, seed: int) -> None:
+    angle, theta1, reference = RANGES[name]
+    order = np.random.default_rng(seed).permutation(4)
+    x = np.empty((4, 3))
+    x[order] = folded(angle)
+    # a thousandth of the heights (6 and 8 mm), and of how far the barrier is from infinite
+    step = 6e-6 * min(1.0, angle, TURN - angle)
+    assert max(derivative_errors(spring(reference, theta1=theta1, order=order), x, step)) < RELATIVE
+
+
+@pytest.mark.parametrize("shape", ["random", "nearly flat", "inflated"])
+def test_derivatives_of_every_hinge_of_a_chamber(shape: str) -> None:
+    x, hinges = shapes(UNITS)[shape], hexagon_arm(UNITS).hinges
+    angles = dihedral_angle(x, hinges.nodes)
+    barriers = 0
+    for e, nodes in enumerate(hinges.nodes):
+        order = np.argsort(np.argsort(nodes))  # keeps which node of the four has the lowest number
+        barrier = hinges.fold_barrier_rad
+        alone = Hinges(order[None], hinges.stiffness[e : e + 1], hinges.rest_angle[e : e + 1], barrier)
+        gap = min(angles[e], TURN - angles[e])
+        barriers += gap < barrier
+        evaluate = evaluation(alone, angles[e : e + 1], 4)
+        y = x[np.sort(nodes)]
+        assert max(derivative_errors(evaluate, y, 2e-6 * min(1.0, gap))) < RELATIVE, e
+    assert barriers > 0 or shape != "nearly flat"  # the drawn shape starts inside the barrier
+
+
+@pytest.mark.parametrize(("angle", "reference", "unwrapped"), [
+    (0.05, TURN - 0.05, TURN + 0.05),
+    (TURN - 0.05, 0.05, -0.05),
+    (1.0, TURN + 0.5, TURN + 1.0),
+    (3.0, 3.5, 3.0),
+])  # fmt: skip
+def test_angles_are_unwrapped_against_the_last_state(
+    angle: float, reference: float, unwrapped: float
+) -> None:
+    angles, force = np.zeros(1), np.zeros((4, 3))
+    energy = add_hinges(
+        folded(angle), np.array([[0, 1, 2, 3]]), np.array([K]), np.array([REST]), 0.0, np.array([reference]),
+        np.zeros((0, 0), np.int64), force, np.zeros((0, 3, 3)), angles,
+    )  # fmt: skip
+    assert angles[0] == pytest.approx(unwrapped, abs=1e-12)
+    assert energy == pytest.approx(0.5 * K * (unwrapped - REST) ** 2, rel=1e-12)
+
+
+@pytest.mark.parametrize("reference", [TURN - 0.01, 0.01])
+def test_crossed_films_have_infinite_energy_and_no_force(reference: float) -> None:
+    energy, gradient, hessian = spring(reference)(folded(TURN - reference))
+    assert energy == np.inf
+    assert not gradient.any()
+    assert not hessian.any()
+
+
+def moment(angle: float, rest: float = REST) -> float:
+    """Return the moment that the law gives: the force that l feels across its triangle, times its height."""
+    _, gradient, _ = spring(angle, rest=rest)(folded(angle))
+    # dtheta/dx_l has length 1 / height, and points against growing angle seen from the other triangle
+    change = folded(angle + 1e-6)[3] - folded(angle - 1e-6)[3]
+    return float(gradient[3] @ change) / 2e-6
+
+
+@pytest.mark.parametrize("angle", [0.5, 1.7, 2.5, 3.5, 5.9])
+def test_moment_in_the_linear_range(angle: float) -> None:
+    assert moment(angle) == pytest.approx(K * (angle - REST), rel=1e-8, abs=1e-12)  # differences of 1e-6 rad
+    _, gradient, _ = spring(angle)(folded(angle))
+    assert np.linalg.norm(gradient[0]) == pytest.approx(abs(K * (angle - REST)) / 0.008, abs=1e-14)
+    assert np.linalg.norm(gradient[3]) == pytest.approx(abs(K * (angle - REST)) / 0.006, abs=1e-14)
+
+
+def law(angle: float, rest: float = REST) -> tuple[float, float, float]:
+    """Return (energy, moment, tangent) by the formula of Liu and Paulino."""
+    if THETA1 < angle < TURN - THETA1:
+        return 0.5 * K * (angle - rest) ** 2, K * (angle - rest), K
+    if angle > np.pi:
+        energy, moment, tangent = law(TURN - angle, TURN - rest)
+        return energy, -moment, tangent
+    a = 0.5 * np.pi * (THETA1 - angle) / THETA1
+    c = 2.0 * THETA1 / np.pi
+    energy = 0.5 * (THETA1 - rest) ** 2 + (THETA1 - rest) * (angle - THETA1) - c * c * np.log(np.cos(a))
+    return K * energy, K * (THETA1 - rest) - K * c * np.tan(a), K / np.cos(a) ** 2
+
+
+@pytest.mark.parametrize("angle", [0.003, 0.1, 0.3, TURN - 0.3, TURN - 0.1, TURN - 0.003])
+def test_the_barrier_follows_its_formula(angle: float) -> None:
+    energy, _, _ = spring(angle)(folded(angle))
+    assert energy == pytest.approx(law(angle)[0], rel=1e-9)
+    assert moment(angle) == pytest.approx(law(angle)[1], rel=1e-4)  # differences of 1e-6 rad at 3e-3 rad
+
+
+@pytest.mark.parametrize("edge", [THETA1, TURN - THETA1])
+def test_the_barrier_joins_the_linear_range_smoothly(edge: float) -> None:
+    tiny = 1e-9
+    before, after = (spring(edge + s * tiny)(folded(edge + s * tiny)) for s in (-1.0, 1.0))
+    # energy and moment differ by slope times 2e-9, the tangent by (2e-9)^2: it is flat there
+    assert before[0] == pytest.approx(after[0], rel=1e-8)
+    assert before[1] == pytest.approx(after[1], rel=1e-7, abs=1e-8)
+    assert before[2] == pytest.approx(after[2], rel=1e-6, abs=1e-5 * np.abs(after[2]).max())
+
+
+def test_the_barrier_has_no_bound() -> None:
+    gaps = 10.0 ** -np.arange(4.0, 8.0)
+    for angles in (gaps, TURN - gaps):
+        moments = np.array([moment_of(a) for a in angles])
+        energies = np.array([spring(a)(folded(a))[0] for a in angles])
+        # tan(pi/2 - u) ~ 1/u: ten times closer, ten times the moment; the energy grows with the logarithm
+        assert np.abs(moments[1:] / moments[:-1]) == pytest.approx(10.0, rel=0.05)
+        assert (np.diff(energies) > 0.0).all()
+
+
+def moment_of(angle: float) -> float:
+    return float(np.linalg.norm(spring(angle)(folded(angle))[1][3])) * 0.006
+
+
+def test_springs_are_in_balance_and_turn_with_the_body() -> None:
+    x, body = shapes(UNITS)["random"], hexagon_arm(UNITS)
+    reference = dihedral_angle(x, body.hinges.nodes)
+    evaluate, turn = evaluation(body.hinges, reference, body.nodes), random_rotation(6)
+    energy, gradient, _ = evaluate(x)
+    size = np.abs(gradient).sum()
+    assert np.abs(gradient.sum(axis=0)).max() < 1e-13 * size
+    assert np.abs(np.cross(x, gradient).sum(axis=0)).max() < 1e-13 * size * np.abs(x).max()
+    turned_energy, turned_gradient, _ = evaluate(x @ turn.T + (0.5, 0.0, -1.0))
+    assert turned_energy == pytest.approx(energy, rel=1e-10)
+    assert turned_gradient == pytest.approx(gradient @ turn.T, abs=1e-9 * np.abs(gradient).max())
+
+
+def test_without_slots_the_gradient_is_the_same() -> None:
+    x = folded(1.3)
+    energy, gradient, _ = spring(1.3)(x)
+    force = np.zeros((4, 3))
+    found = add_hinges(
+        x, np.array([[0, 1, 2, 3]]), np.array([K]), np.array([REST]), THETA1, np.array([1.3]),
+        np.zeros((0, 0), np.int64), force, np.zeros((0, 3, 3)), np.zeros(1),
+    )  # fmt: skip
+    assert found == energy
+    assert (force == gradient).all()
