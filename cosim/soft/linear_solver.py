@@ -1,4 +1,4 @@
-"""Direct solvers for the tangent stiffness of the free nodes, behind one small interface."""
+"""Direct solvers for the tangent stiffness of the free components, behind one small interface."""
 
 from __future__ import annotations
 
@@ -27,18 +27,24 @@ def _scatter(values, source, destination, diagonal, shift, band):  # type: ignor
             band[diagonal[k]] += shift
 
 
+def by_component(mask: Mask) -> Mask:
+    """Return a mask of nodes (n,) as one of components (n, 3); one of components as it is."""
+    return np.repeat(mask[:, None], 3, axis=1) if mask.ndim == 1 else mask
+
+
 class LinearSolver(ABC):
-    """Factorises K + shift 1 of the free nodes and solves with it.
+    """Factorises K + shift 1 of the free components and solves with it.
 
     Args:
         pattern: of the whole body.
-        free: (n,) bool, nodes that can move.
+        free: (n,) bool, nodes that can move, or (n, 3) bool, world components that can.
     """
 
     def __init__(self, pattern: BlockPattern, free: Mask) -> None:
         self.pattern = pattern
-        self.free_nodes: IntArray = np.flatnonzero(free)
-        self.size = 3 * len(self.free_nodes)
+        self.free: Mask = by_component(free)
+        self.free_nodes: IntArray = np.flatnonzero(self.free.any(axis=1))
+        self.size = int(self.free.sum())
 
     @abstractmethod
     def factor(self, blocks: Array, shift: float = 0.0) -> bool:
@@ -51,25 +57,38 @@ class LinearSolver(ABC):
 
     @abstractmethod
     def solve(self, load: Array) -> Array:
-        """Return the displacement (n, 3) [m] under a load (n, 3) [N]; zero at clamped nodes."""
+        """Return the displacement (n, 3) [m] under a load (n, 3) [N]; zero where clamped."""
 
 
-def _lower_entries(pattern: BlockPattern, rank: IntArray) -> tuple[IntArray, IntArray, IntArray]:
-    """Return (row, column, index into blocks.ravel()) of the lower triangle in the order `rank`.
+def _numbering(free: Mask, order: IntArray) -> IntArray:
+    """Return the equation (n, 3) of each component, -1 where clamped, with the nodes taken in `order`."""
+    number = np.full(free.shape, -1, dtype=np.int64)
+    nodes, components = np.nonzero(free[order])
+    number[order[nodes], components] = np.arange(len(nodes))
+    return number
+
+
+def _dofs(number: IntArray) -> IntArray:
+    """Return the component 3 node + axis (size,) that each equation stands for."""
+    components = np.flatnonzero(number.ravel() >= 0)
+    return np.asarray(components[np.argsort(number.ravel()[components])])
+
+
+def _lower_entries(pattern: BlockPattern, number: IntArray) -> tuple[IntArray, IntArray, IntArray]:
+    """Return (row, column, index into blocks.ravel()) of the lower triangle.
 
     Args:
         pattern: of the whole body.
-        rank: (n,) position of each node, negative where clamped.
+        number: (n, 3) equation of each component, -1 where clamped.
     """
-    kept = np.flatnonzero((rank[pattern.row] >= 0) & (rank[pattern.column] >= 0))
     r, c = (axis.ravel() for axis in np.meshgrid(np.arange(3), np.arange(3), indexing="ij"))
-    row = (3 * rank[pattern.row[kept]][:, None] + r).ravel()
-    column = (3 * rank[pattern.column[kept]][:, None] + c).ravel()
-    index = (9 * kept[:, None] + 3 * r + c).ravel()
+    row = number[pattern.row][:, r]
+    column = number[pattern.column][:, c]
     # diagonal blocks hold both triangles of a symmetric block: keep the lower one only
-    same = np.repeat(pattern.row[kept] == pattern.column[kept], 9)
-    keep = ~(same & (row < column))
-    row, column, index = row[keep], column[keep], index[keep]
+    twice = (pattern.row == pattern.column)[:, None] & (r < c)
+    kept = (row >= 0) & (column >= 0) & ~twice
+    index = np.flatnonzero(kept)
+    row, column = row[kept], column[kept]
     return np.maximum(row, column), np.minimum(row, column), index
 
 
@@ -79,7 +98,8 @@ class BandedCholesky(LinearSolver):
 
     def __init__(self, pattern: BlockPattern, free: Mask) -> None:
         super().__init__(pattern, free)
-        kept = free[pattern.row] & free[pattern.column]
+        movable: Mask = np.asarray(self.free.any(axis=1))
+        kept = movable[pattern.row] & movable[pattern.column]
         local = np.full(pattern.nodes, -1, dtype=np.int64)
         local[self.free_nodes] = np.arange(len(self.free_nodes))
         rows, columns = local[pattern.row[kept]], local[pattern.column[kept]]
@@ -87,14 +107,13 @@ class BandedCholesky(LinearSolver):
         orders = [np.arange(len(self.free_nodes)), reverse_cuthill_mckee((graph + graph.T).tocsr(), True)]
         ranks = [np.argsort(order) for order in orders]
         best = min(ranks, key=lambda rank: int(np.abs(rank[rows] - rank[columns]).max(initial=0)))
-        rank = np.full(pattern.nodes, -1, dtype=np.int64)
-        rank[self.free_nodes] = best
-        row, column, self._source = _lower_entries(pattern, rank)
+        number = _numbering(self.free, self.free_nodes[np.argsort(best)])
+        row, column, self._source = _lower_entries(pattern, number)
         self.bandwidth = int((row - column).max(initial=0))
         self._destination = (row - column) + column * (self.bandwidth + 1)
         self._diagonal = np.arange(self.size) * (self.bandwidth + 1)
         self._band = np.zeros(self.size * (self.bandwidth + 1))
-        self._dofs = (3 * self.free_nodes[np.argsort(best)][:, None] + np.arange(3)).ravel()
+        self._dofs = _dofs(number)
         self._factor: Array = np.zeros((0, 0))
 
     def factor(self, blocks: Array, shift: float = 0.0) -> bool:
@@ -119,23 +138,22 @@ class GeneralLU(LinearSolver):
 
     def __init__(self, pattern: BlockPattern, free: Mask) -> None:
         super().__init__(pattern, free)
-        self._rank = np.full(pattern.nodes, -1, dtype=np.int64)
-        self._rank[self.free_nodes] = np.arange(len(self.free_nodes))
-        self._row, self._column, self._source = _lower_entries(pattern, self._rank)
-        self._dofs = (3 * self.free_nodes[:, None] + np.arange(3)).ravel()
+        self._number = _numbering(self.free, self.free_nodes)
+        self._row, self._column, self._source = _lower_entries(pattern, self._number)
+        self._dofs = _dofs(self._number)
         self._factor: SuperLU | None = None
         self.extra: list[tuple[IntArray, Array]] = []
 
     def matrix(self, blocks: Array, shift: float = 0.0) -> csc_matrix:
-        """Return the whole matrix (size, size) of the free nodes."""
+        """Return the whole matrix (size, size) of the free components."""
         value = blocks.reshape(-1)[self._source]
         lower = coo_matrix((value, (self._row, self._column)), shape=(self.size,) * 2)
         strict = self._row != self._column
         upper = coo_matrix((value[strict], (self._column[strict], self._row[strict])), shape=(self.size,) * 2)
         total = (lower + upper).tocsc()
         for nodes, part in self.extra:
-            dofs = (3 * self._rank[nodes][:, None] + np.arange(3)).ravel()
-            inside = np.repeat(self._rank[nodes] >= 0, 3)
+            dofs = self._number[nodes].ravel()
+            inside = dofs >= 0
             rows, columns = np.meshgrid(dofs[inside], dofs[inside], indexing="ij")
             value = part[np.ix_(inside, inside)].ravel()
             total = (

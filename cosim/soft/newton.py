@@ -40,7 +40,7 @@ class NewtonOptions:
     """Bounds of Newton's method.
 
     Args:
-        tolerance_N: largest component of the out-of-balance force on a free node.
+        tolerance_N: largest free component of the out-of-balance force.
         start_tolerance_N: the same for a start that is taken as it is, without an iteration.
         iterations_max: iterations with a new tangent before giving up.
         shift_start_N_m: first mu tried on an indefinite tangent.
@@ -71,7 +71,7 @@ class NewtonResult:
         positions: (n, 3) [m].
         angles: (h,) [rad], unwrapped hinge angles there.
         outcome: how it ended.
-        residual_N: largest out-of-balance component on a free node.
+        residual_N: largest free out-of-balance component.
         iterations: linear solves, those with a kept factorisation included.
         factorisations: of new tangents, attempts included.
         potential_J: there, inertia included.
@@ -137,11 +137,12 @@ class _KeptFactor:
 
 @final
 class NewtonSolver:
-    """Newton's method for one body with a given set of clamped nodes; owns the factorisation.
+    """Newton's method for one body with given clamped nodes or components; owns the factorisation.
 
     Args:
         system: assembled body.
-        clamped: (n,) bool, nodes whose positions are given.
+        clamped: (n,) bool, nodes whose positions are given, or (n, 3) bool, world components that are
+            given: a node on a plane of symmetry has one.
     """
 
     def __init__(self, system: SoftSystem, clamped: Mask) -> None:
@@ -164,7 +165,7 @@ class NewtonSolver:
         """Find the stationary point of the potential near `start`.
 
         Args:
-            start: (n, 3) [m], clamped nodes where they shall be.
+            start: (n, 3) [m], clamped nodes and components where they shall be.
             reference_angles: (h,) [rad], unwrapped angles of the last accepted state.
             loads: pressure, tension, gravity.
             options: bounds.
