@@ -12,7 +12,7 @@ from cosim.scenario.snapshot import Snapshot, Stage
 from cosim.soft.surface import triangle_area
 
 _UP: Final = np.array([0.0, 0.0, 1.0])
-_HALF_VIEW: Final = np.radians(24.0)
+_HALF_VIEW: Final = np.radians(25.5)
 """A little less than half of the viewer's field of view."""
 _FLOOR_M: Final = 2.0
 """Shapes that are larger stand for the surroundings."""

@@ -68,8 +68,8 @@ class LoadArrows:
         self._send_labels("weight", centre + weight + self._beside, text, WHITE, times)
         self._send_arrows("flange_force", flange - pull, pull, VERMILION, times)
         sizes = zip(np.linalg.norm(force, axis=1), np.linalg.norm(torque, axis=1), strict=True)
-        texts = [f"on flange {newton:.1f} N, {moment:.2f} N m" for newton, moment in sizes]
-        self._send_labels("flange_force", flange - 0.6 * pull + self._beside, texts, VERMILION, times)
+        texts = [f"on flange\n{newton:.1f} N\n{moment:.2f} N m" for newton, moment in sizes]
+        self._send_labels("flange_force", flange - 0.6 * pull + self._beside, texts, WHITE, times)
         self._send_arcs(flange, torque, times)
 
     def _send_arrows(
