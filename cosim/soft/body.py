@@ -163,11 +163,13 @@ class Loads:
         pressure_Pa: gauge pressure of the gas.
         cable_tension_N: tension of each cable at its base end.
         gravity: (3,) [m/s^2].
+        nodal_force: (n, 3) [N], dead load (it keeps its direction), world axes; None for none.
     """
 
     pressure_Pa: float = 0.0
     cable_tension_N: tuple[float, ...] = ()
     gravity: tuple[float, float, float] = (0.0, 0.0, -9.81)
+    nodal_force: Array | None = None
 
     def interpolated(self, end: Loads, share: float) -> Loads:
         """Return the loads at a share of the way to others; exactly those at 1."""
@@ -176,4 +178,12 @@ class Loads:
         tension = (1.0 - share) * np.array(self.cable_tension_N) + share * np.array(end.cable_tension_N)
         gx, gy, gz = ((1.0 - share) * np.array(self.gravity) + share * np.array(end.gravity)).tolist()
         pressure = (1.0 - share) * self.pressure_Pa + share * end.pressure_Pa
-        return Loads(pressure, tuple(tension.tolist()), (gx, gy, gz))
+        force = _weighted(self.nodal_force, end.nodal_force, share)
+        return Loads(pressure, tuple(tension.tolist()), (gx, gy, gz), force)
+
+
+def _weighted(begin: Array | None, end: Array | None, share: float) -> Array | None:
+    """Return (1 - share) begin + share end, where None stands for zero."""
+    if begin is None or end is None:
+        return share * end if end is not None else (1.0 - share) * begin if begin is not None else None
+    return (1.0 - share) * begin + share * end

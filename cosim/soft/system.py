@@ -94,7 +94,7 @@ class SoftSystem:
 
         Args:
             positions: (n, 3) [m], world, C-contiguous.
-            loads: pressure, tension, gravity.
+            loads: pressure, tension, gravity, nodal forces.
             segment_tension: (segments,) [N], from `segment_tension`.
             reference_angles: (h,) [rad] at the last accepted state; angles are unwrapped against them.
             inertia: of an implicit step; None in statics.
@@ -125,6 +125,9 @@ class SoftSystem:
         gravity = np.array(loads.gravity)
         self.gradient -= self._mass * gravity
         energy -= float((self._mass[:, 0] @ x) @ gravity)
+        if loads.nodal_force is not None:
+            self.gradient -= loads.nodal_force
+            energy -= float(np.einsum("nr,nr->", loads.nodal_force, x))
         if inertia is not None:
             energy += self._add_inertia(x, inertia, hessian)
         return energy

@@ -10,7 +10,7 @@ Source: implicit function theorem; DESIGN section 4 for the exact tangent.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import final
 
 import numpy as np
@@ -18,7 +18,6 @@ from scipy.optimize import lsq_linear
 
 from cosim.errors import ConvergenceError, UnreachableError
 from cosim.frames import Array, Pose, cross_matrix, rotation_from_vector, vector_from_rotation
-from cosim.soft.body import Loads
 from cosim.soft.equilibrium import Equilibrium, EquilibriumSolver
 from cosim.soft.sensitivity import Sensitivity, TipFrame
 
@@ -182,7 +181,7 @@ def find_tensions(
         problem = np.concatenate([matrix, keep]), np.concatenate([missing, np.zeros(len(tension))])
         change = lsq_linear(*problem, bounds=(lower - 1e-12, upper + 1e-12)).x
         pulled = np.maximum(tension + change, 0.0)
-        loads = Loads(here.loads.pressure_Pa, tuple(pulled.tolist()), here.loads.gravity)
+        loads = replace(here.loads, cable_tension_N=tuple(pulled.tolist()))
         return solver.follow(here, here.world_from_flange, loads)
 
     return _iterate(solver, begin, target, options, improve, "cable tension")
