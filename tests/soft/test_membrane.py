@@ -6,76 +6,45 @@ import numpy as np
 import pytest
 
 from cosim.errors import MeshError
-from cosim.frames import Array
-from cosim.soft.membrane import Film, Membranes, add_membranes
-from tests.derivatives import RELATIVE, Evaluate, assembled, derivative_errors
+from cosim.frames import Array, IntArray
+from cosim.soft.body import Loads, SoftBody
+from cosim.soft.membrane import Film, Membranes
+from cosim.soft.system import SoftSystem
+from tests.derivatives import RELATIVE, Evaluate, dense, derivative_errors
 from tests.soft.bodies import FILM, hexagon_arm, random_rotation, shapes
 
 UNITS = 2
+ONE = np.array([[0, 1, 2]])
 STEP_M = 5e-6
 """A thousandth of the shortest edges. The energy is a quartic polynomial, so only rounding is left."""
 
 
-def evaluation(membranes: Membranes, nodes: int) -> Evaluate:
-    stiffness = membranes.film.membrane_stiffness
+def evaluation(drawn: Array, triangles: IntArray) -> Evaluate:
+    """Return the evaluation of a body that is nothing but film."""
+    system = SoftSystem(SoftBody.from_arrays(drawn, triangles, FILM))
+    nothing = Loads(0.0, (), (0.0, 0.0, 0.0))
 
-    def add(x, slots, force, blocks):  # type: ignore[no-untyped-def]
-        return add_membranes(
-            x,
-            membranes.triangles,
-            membranes.shape_gradients,
-            membranes.areas,
-            stiffness,
-            slots,
-            force,
-            blocks,
-        )
+    def evaluate(x: Array) -> tuple[float, Array, Array]:
+        energy = system.evaluate(np.ascontiguousarray(x), nothing, np.zeros(0), np.zeros(0))
+        return energy, system.gradient.copy(), dense(system.pattern, system.blocks)
 
-    return assembled(membranes.triangles, add, nodes)
-
-
-def single(membranes: Membranes, e: int, order: Array) -> tuple[Evaluate, Array]:
-    """Return triangle e alone, its three nodes numbered in a given order, and the nodes it had."""
-    nodes = np.empty(3, dtype=np.int64)
-    nodes[order] = membranes.triangles[e]
-    alone = Membranes(
-        order[None], membranes.shape_gradients[e : e + 1], membranes.areas[e : e + 1], membranes.film
-    )
-    return evaluation(alone, 3), nodes
+    return evaluate
 
 
 @pytest.mark.parametrize("shape", ["random", "nearly flat", "inflated"])
 def test_derivatives_of_every_triangle(shape: str) -> None:
-    x, membranes = shapes(UNITS)[shape], hexagon_arm(UNITS).membranes
-    random = np.random.default_rng(1)
-    for e in range(len(membranes.triangles)):
-        evaluate, nodes = single(membranes, e, random.permutation(3))
-        assert max(derivative_errors(evaluate, x[nodes], STEP_M)) < RELATIVE, e
-
-
-def test_without_slots_the_gradient_is_the_same_and_no_block_is_touched() -> None:
-    x, body = shapes(UNITS)["random"], hexagon_arm(UNITS)
-    m = body.membranes
-    energy, gradient, _ = evaluation(m, body.nodes)(x)
-    force, blocks = np.zeros_like(x), np.zeros((1, 3, 3))
-    found = add_membranes(
-        x,
-        m.triangles,
-        m.shape_gradients,
-        m.areas,
-        FILM.membrane_stiffness,
-        np.zeros((0, 0), np.int64),
-        force,
-        blocks,
-    )
-    assert found == energy
-    assert (force == gradient).all()
-    assert not blocks.any()
+    x, body, random = shapes(UNITS)[shape], hexagon_arm(UNITS), np.random.default_rng(1)
+    for triangle in body.membranes.triangles:
+        order = random.permutation(3)  # alone, with its three nodes numbered anyhow
+        nodes = np.empty(3, dtype=np.int64)
+        nodes[order] = triangle
+        evaluate = evaluation(body.positions[nodes], order[None])
+        assert max(derivative_errors(evaluate, x[nodes], STEP_M)) < RELATIVE, triangle
 
 
 def test_rigid_motion_changes_nothing_but_the_axes() -> None:
     x, body = shapes(UNITS)["random"], hexagon_arm(UNITS)
-    evaluate, turn = evaluation(body.membranes, body.nodes), random_rotation(2)
+    evaluate, turn = evaluation(body.positions, body.membranes.triangles), random_rotation(2)
     energy, gradient, _ = evaluate(x)
     turned_energy, turned_gradient, _ = evaluate(x @ turn.T + (1.0, -2.0, 0.5))
     # moving by metres costs digits of strains of 1e-2 on edges of 1e-2 m
@@ -85,7 +54,7 @@ def test_rigid_motion_changes_nothing_but_the_axes() -> None:
 
 def test_film_forces_balance() -> None:
     x, body = shapes(UNITS)["random"], hexagon_arm(UNITS)
-    _, gradient, _ = evaluation(body.membranes, body.nodes)(x)
+    _, gradient, _ = evaluation(body.positions, body.membranes.triangles)(x)
     size = np.abs(gradient).sum()
     assert np.abs(gradient.sum(axis=0)).max() < 1e-14 * size
     assert np.abs(np.cross(x, gradient).sum(axis=0)).max() < 1e-14 * size * np.abs(x).max()
@@ -96,7 +65,7 @@ def test_one_triangle_in_uniaxial_tension(angle: float) -> None:
     # Stretched by s along u and by r across, r^2 = 1 - nu (s^2 - 1), the lateral stress vanishes, so
     # W = E t A ((s^2 - 1) / 2)^2 / 2; the triangle lies askew in space and to u.
     drawn = np.array([[0.0, 0.0, 0.0], [0.03, 0.004, 0.0], [0.007, 0.02, 0.0]]) @ random_rotation(3).T
-    membranes = Membranes.from_shape(drawn, np.array([[0, 1, 2]]), FILM)
+    membranes = Membranes.from_shape(drawn, ONE, FILM)
     e1 = (drawn[1] - drawn[0]) / np.linalg.norm(drawn[1] - drawn[0])
     normal = np.cross(drawn[1] - drawn[0], drawn[2] - drawn[0])
     area = 0.5 * float(np.linalg.norm(normal))
@@ -107,7 +76,7 @@ def test_one_triangle_in_uniaxial_tension(angle: float) -> None:
     strain = 0.5 * (stretch**2 - 1.0)
     narrowing = np.sqrt(1.0 - 2.0 * FILM.poisson_ratio * strain)
     x = np.outer(drawn @ along, stretch * along) + np.outer(drawn @ across, narrowing * across)
-    energy, gradient, _ = evaluation(membranes, 3)(x)
+    energy, gradient, _ = evaluation(drawn, ONE)(x)
     assert energy == pytest.approx(
         0.5 * FILM.young_modulus_Pa * FILM.thickness_m * area * strain**2, rel=1e-12
     )
@@ -123,10 +92,9 @@ def test_one_triangle_in_uniaxial_tension(angle: float) -> None:
 
 def test_shear_stores_the_energy_of_the_shear_modulus() -> None:
     drawn = np.array([[0.0, 0.0, 0.0], [0.01, 0.0, 0.0], [0.0, 0.01, 0.0]])
-    membranes = Membranes.from_shape(drawn, np.array([[0, 1, 2]]), FILM)
     gamma = 1e-3
     lean = np.array([[1.0, gamma, 0.0], [0.0, np.sqrt(1.0 - gamma**2), 0.0], [0.0, 0.0, 1.0]])
-    energy, _, _ = evaluation(membranes, 3)(drawn @ lean.T)
+    energy, _, _ = evaluation(drawn, ONE)(drawn @ lean.T)
     modulus = FILM.young_modulus_Pa / (2.0 * (1.0 + FILM.poisson_ratio))
     assert energy == pytest.approx(0.5 * modulus * FILM.thickness_m * 0.5e-4 * gamma**2, rel=1e-9)
 

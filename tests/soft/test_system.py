@@ -70,6 +70,17 @@ def test_every_row_of_the_hessian() -> None:
     assert rows.max() < RELATIVE
 
 
+def test_without_hessian_energy_and_gradient_are_the_same() -> None:
+    x, body = shapes(UNITS)["inflated"], hexagon_arm(UNITS)
+    system = SoftSystem(body)
+    tension, angles = system.segment_tension(x, LOADS), dihedral_angle(x, body.hinges.nodes)
+    energy = system.evaluate(x, LOADS, tension, angles)
+    gradient, blocks = system.gradient.copy(), system.blocks.copy()
+    assert system.evaluate(x, LOADS, tension, angles, hessian=False) == energy
+    assert (system.gradient == gradient).all()
+    assert (system.blocks == blocks).all()
+
+
 def test_inertia_is_an_elastic_bed() -> None:
     body = hexagon_arm(1)
     x, bed = shapes(1)["random"], inertia_bed(body)

@@ -1,0 +1,112 @@
+"""Direct solvers against dense algebra."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from cosim.frames import Array
+from cosim.soft.linear_solver import BandedCholesky, GeneralLU, LinearSolver
+from cosim.soft.pattern import BlockPattern
+from tests.derivatives import dense
+
+NODES = 14
+ELEMENTS = [
+    np.array([[0, 5, 9], [13, 2, 7], [5, 7, 1], [11, 3, 4], [9, 13, 8], [6, 10, 12]]),
+    np.array([[12, 0], [4, 8], [10, 3]]),
+]
+SOLVERS = [BandedCholesky, GeneralLU]
+
+
+def definite(pattern: BlockPattern) -> tuple[Array, Array]:
+    """Return blocks of a positive definite matrix with the pattern, and the matrix (3 n, 3 n)."""
+    blocks = np.random.default_rng(0).normal(size=(pattern.blocks, 3, 3))
+    same = pattern.row == pattern.column
+    blocks[same] = blocks[same] + blocks[same].transpose(0, 2, 1) + 25.0 * np.eye(3)
+    return blocks, dense(pattern, blocks)
+
+
+def problem() -> tuple[BlockPattern, Array, Array, Array, Array, Array]:
+    pattern = BlockPattern.from_elements(NODES, ELEMENTS)
+    free = np.ones(NODES, dtype=bool)
+    free[[2, 9]] = False
+    blocks, matrix = definite(pattern)
+    return pattern, free, blocks, matrix, np.repeat(free, 3), np.random.default_rng(1).normal(size=(NODES, 3))
+
+
+@pytest.mark.parametrize("kind", SOLVERS)
+@pytest.mark.parametrize("shift", [0.0, 7.0])
+def test_solvers_agree_with_dense_algebra(kind: type[LinearSolver], shift: float) -> None:
+    pattern, free, blocks, matrix, dofs, load = problem()
+    solver = kind(pattern, free)
+    assert solver.size == dofs.sum()
+    assert solver.factor(blocks, shift)
+    inner = matrix[np.ix_(dofs, dofs)] + shift * np.eye(dofs.sum())
+    expected = np.linalg.solve(inner, load.ravel()[dofs])
+    found = solver.solve(load)
+    assert found.ravel()[dofs] == pytest.approx(expected, rel=1e-12, abs=1e-13)
+    assert not found[~free].any()
+
+
+@pytest.mark.parametrize("kind", SOLVERS)
+def test_a_factor_is_replaced_by_the_next(kind: type[LinearSolver]) -> None:
+    pattern, free, blocks, matrix, dofs, load = problem()
+    solver = kind(pattern, free)
+    solver.factor(blocks, 3.0)
+    solver.factor(2.0 * blocks)
+    expected = np.linalg.solve(2.0 * matrix[np.ix_(dofs, dofs)], load.ravel()[dofs])
+    assert solver.solve(load).ravel()[dofs] == pytest.approx(expected, rel=1e-12, abs=1e-13)
+
+
+def test_cholesky_refuses_an_indefinite_matrix_until_the_shift_suffices() -> None:
+    pattern, free, blocks, matrix, dofs, _ = problem()
+    blocks[pattern.row == pattern.column] -= 40.0 * np.eye(3)
+    lowest = np.linalg.eigvalsh(matrix[np.ix_(dofs, dofs)]).min() - 40.0
+    solver = BandedCholesky(pattern, free)
+    assert lowest < 0.0
+    assert not solver.factor(blocks)
+    assert not solver.factor(blocks, 0.99 * -lowest)
+    assert solver.factor(blocks, 1.01 * -lowest)
+
+
+def test_unsymmetric_parts_reach_the_general_solver() -> None:
+    pattern, free, blocks, matrix, dofs, load = problem()
+    nodes = np.array([7, 2, 12])  # one of them clamped
+    part = np.random.default_rng(2).normal(size=(9, 9))
+    solver = GeneralLU(pattern, free)
+    solver.extra = [(nodes, part)]
+    solver.factor(blocks)
+    places = (3 * nodes[:, None] + np.arange(3)).ravel()
+    matrix[np.ix_(places, places)] += part
+    expected = np.linalg.solve(matrix[np.ix_(dofs, dofs)], load.ravel()[dofs])
+    assert solver.solve(load).ravel()[dofs] == pytest.approx(expected, rel=1e-11, abs=1e-13)
+
+
+def test_the_band_is_no_wider_than_as_numbered() -> None:
+    pattern, free, *_ = problem()
+    local = np.cumsum(free) - 1
+    kept = free[pattern.row] & free[pattern.column]
+    numbered = 3 * np.abs(local[pattern.row[kept]] - local[pattern.column[kept]]).max() + 2
+    assert BandedCholesky(pattern, free).bandwidth <= numbered
+
+
+def test_a_node_without_stiffness_is_not_definite_and_a_shift_helps() -> None:
+    pattern = BlockPattern.from_elements(3, [np.array([[0, 1]])])  # node 2 hangs on nothing
+    blocks = np.zeros((pattern.blocks, 3, 3))
+    blocks[(pattern.row == pattern.column) & (pattern.row < 2)] = np.eye(3)
+    solver = BandedCholesky(pattern, np.ones(3, dtype=bool))
+    assert not solver.factor(blocks)
+    assert solver.factor(blocks, 0.5)
+    assert solver.solve(np.ones((3, 3)))[2] == pytest.approx([2.0, 2.0, 2.0])
+
+
+def test_pattern_holds_each_pair_once_and_finds_it_both_ways() -> None:
+    pattern = BlockPattern.from_elements(5, [np.array([[3, 1, 0], [1, 3, 4]]), np.zeros((0, 2), np.int64)])
+    pairs = set(zip(pattern.row.tolist(), pattern.column.tolist(), strict=True))
+    assert pairs == {(k, k) for k in range(5)} | {(1, 0), (3, 0), (3, 1), (4, 1), (4, 3)}
+    assert pattern.blocks == len(pairs)
+    slots = pattern.slots(np.array([[3, 1], [1, 3]]))
+    forward, backward = slots[1, 1], slots[0, 1]  # row after column, and the pair named the other way
+    assert forward >= 0 > backward
+    assert forward == -1 - backward
+    assert (pattern.row[forward], pattern.column[forward]) == (3, 1)

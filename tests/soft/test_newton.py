@@ -1,0 +1,156 @@
+"""Newton's method: speed, named ends, indefinite tangents, films that must not cross."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from cosim.frames import Array
+from cosim.soft.newton import NewtonOptions, NewtonResult, Outcome
+from cosim.soft.state import SoftState
+from tests.soft.bodies import HANGING, Held, PRESSURE_Pa, held, hexagon_arm, hung, no_load
+
+EXACT = NewtonOptions(tolerance_N=1e-9, start_tolerance_N=1e-9)
+
+
+def inflated(arm: Held, options: NewtonOptions, **loads: object) -> NewtonResult:
+    """Return what one solution from the drawn shape gives under pressure at once."""
+    drawn = SoftState.drawn(arm.body, HANGING)
+    given = no_load(arm.body, **{"pressure_Pa": PRESSURE_Pa, **loads})
+    return arm.newton.solve(drawn.positions, drawn.angles, given, options)
+
+
+def residuals(arm: Held, start: Array, angles: Array, count: int, **loads: object) -> list[float]:
+    """Return the residuals after 0, 1, ..., count iterations."""
+    given = no_load(arm.body, **loads)
+    return [
+        arm.newton.solve(start, angles, given, replace(EXACT, iterations_max=k)).residual_N
+        for k in range(count + 1)
+    ]
+
+
+@pytest.mark.parametrize("closed", [True, False])
+def test_convergence_is_quadratic(closed: bool) -> None:
+    # Not so with any wrong term in the Hessian; open chambers have an unsymmetric one.
+    arm = held(hexagon_arm(3, closed=closed))
+    begin = hung(arm, pressure_Pa=PRESSURE_Pa, cable_tension_N=(2.0, 3.0)).state
+    given = {"pressure_Pa": 1.02 * PRESSURE_Pa, "cable_tension_N": (2.0, 3.0)}
+    r = residuals(arm, begin.positions, begin.angles, 4, **given)
+    # once below 0.01 N each residual is about the square of the last (in N, factor 2 as measured)
+    assert r[2] < 0.01, r
+    assert r[3] < 5.0 * r[2] ** 2, r
+    assert r[4] < 5.0 * r[3] ** 2 + 1e-10, r
+
+
+def test_deflated_arm_takes_the_full_pressure_in_one_increment() -> None:
+    # the tangent of the flat arm under 30 kPa is indefinite
+    arm = held(hexagon_arm(10))
+    result = inflated(arm, NewtonOptions(iterations_max=200))
+    assert result.outcome is Outcome.CONVERGED
+    assert result.shifted > 0
+    assert result.factorisations > result.iterations
+    slow = hung(arm)
+    for k in range(1, 11):
+        slow = arm.equilibrium.follow(slow, HANGING, no_load(arm.body, pressure_Pa=PRESSURE_Pa * k / 10))
+    # residuals of 1e-6 N on a bending stiffness of 0.02 N/m
+    assert arm.body.tip_position(result.positions) == pytest.approx(
+        arm.body.tip_position(slow.state.positions), abs=1e-4
+    )
+
+
+def test_iteration_limit() -> None:
+    result = inflated(held(hexagon_arm(2)), NewtonOptions(iterations_max=2))
+    assert result.outcome is Outcome.ITERATION_LIMIT
+    assert result.iterations == 2
+    assert result.residual_N > 1e-6
+    assert not result.converged
+
+
+def test_positions_that_are_not_finite() -> None:
+    arm = held(hexagon_arm(1))
+    drawn = SoftState.drawn(arm.body, HANGING)
+    drawn.positions[20, 1] = np.nan
+    result = arm.newton.solve(drawn.positions, drawn.angles, no_load(arm.body), NewtonOptions())
+    assert result.outcome is Outcome.NOT_FINITE
+    assert result.iterations == 0
+
+
+def test_a_start_with_crossed_films_is_not_finite() -> None:
+    arm = held(hexagon_arm(2))
+    drawn = SoftState.drawn(arm.body, HANGING)
+    crossed = drawn.positions.copy()
+    lower, upper = arm.body.rings["unit_1.upper"], arm.body.rings["unit_2.lower"]
+    crossed[lower], crossed[upper] = drawn.positions[upper], drawn.positions[lower]
+    result = arm.newton.solve(crossed, drawn.angles, no_load(arm.body), NewtonOptions())
+    assert result.outcome is Outcome.NOT_FINITE
+
+
+def test_no_shift_makes_the_tangent_definite() -> None:
+    result = inflated(held(hexagon_arm(2)), NewtonOptions(shift_start_N_m=1e-6, shift_max_N_m=1e-5))
+    assert result.outcome is Outcome.INDEFINITE
+    # 0, 1e-6 and 6e-6; 3.6e-5 is above the bound
+    assert result.factorisations == 3
+
+
+def test_no_descent() -> None:
+    # one trial only, of a step that overshoots
+    result = inflated(held(hexagon_arm(2)), NewtonOptions(halvings_max=1, step_max_m=1.0))
+    assert result.outcome is Outcome.NO_DESCENT
+    assert np.isfinite(result.positions).all()
+    assert result.residual_N > 1e-6
+
+
+def test_a_solution_is_left_as_it_is() -> None:
+    arm = held(hexagon_arm(2))
+    found = hung(arm, pressure_Pa=PRESSURE_Pa)
+    again = arm.newton.solve(found.state.positions, found.state.angles, found.loads, NewtonOptions())
+    assert again.outcome is Outcome.CONVERGED
+    assert again.iterations == 0
+    assert (again.positions == found.state.positions).all()
+
+
+def test_clamped_nodes_stay_and_carry_the_residual() -> None:
+    arm = held(hexagon_arm(2))
+    result = inflated(arm, NewtonOptions())
+    drawn = SoftState.drawn(arm.body, HANGING)
+    assert (result.positions[arm.body.base] == drawn.positions[arm.body.base]).all()
+    assert np.abs(arm.system.gradient[arm.body.base]).max() > 0.01
+    assert np.abs(arm.system.gradient[arm.newton.free]).max() == result.residual_N < 1e-6
+
+
+@pytest.mark.parametrize(
+    "loads",
+    [
+        {"pressure_Pa": 0.0, "gravity": (0.0, 0.0, 40.0)},
+        {"pressure_Pa": 0.0, "cable_tension_N": (8.0, 8.0)},
+        {"pressure_Pa": PRESSURE_Pa, "cable_tension_N": (20.0, 0.0)},
+    ],
+    ids=["pushed together", "pulled together", "bent"],
+)
+def test_films_never_cross(loads: dict[str, object]) -> None:
+    # without the barrier's infinite energy in the line search these loads fold films through each other
+    arm = held(hexagon_arm(4))
+    here = hung(arm)
+    for k in range(1, 6):
+        share = k / 5
+        here = arm.equilibrium.follow(
+            here, HANGING, here.loads.interpolated(no_load(arm.body, **loads), share)
+        )
+        assert here.state.angles.min() > 0.0
+        assert here.state.angles.max() < 2.0 * np.pi
+    barrier = arm.body.hinges.fold_barrier_rad
+    assert min(here.state.angles.min(), 2.0 * np.pi - here.state.angles.max()) < barrier
+
+
+def test_a_kept_factorisation_gives_the_same_solution() -> None:
+    arm = held(hexagon_arm(3))
+    begin = hung(arm, pressure_Pa=PRESSURE_Pa)
+    loads = no_load(arm.body, pressure_Pa=1.01 * PRESSURE_Pa)
+    fresh = arm.newton.solve(begin.state.positions, begin.state.angles, loads, EXACT)
+    kept = arm.newton.solve(begin.state.positions, begin.state.angles, loads, replace(EXACT, reuse_max=30))
+    assert kept.converged
+    assert kept.factorisations < fresh.factorisations
+    # residuals of 1e-9 N over the softest stiffness
+    assert kept.positions == pytest.approx(fresh.positions, abs=1e-7)
