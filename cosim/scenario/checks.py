@@ -51,6 +51,11 @@ def check_soft_robot(robot: SoftRobot, path: str) -> None:
             f"{path}.mass.node_mass_kg",
             "every node needs mass; give node_mass_kg or film.density_kg_m3 above 0",
         )
+    if robot.film.compressive_fraction and robot.film.law != "tension_field":
+        raise ScenarioError(
+            f"{path}.film.compressive_fraction",
+            f"goes with law = 'tension_field'; the law is '{robot.film.law}'",
+        )
     _check_rings(robot.base, robot, f"{path}.base")
     _check_unique((cable.name for cable in robot.cables), f"{path}.cable")
     for cable in robot.cables:

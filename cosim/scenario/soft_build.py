@@ -11,7 +11,7 @@ from cosim.scenario.soft_robot import SoftRobot
 from cosim.soft.body import SoftBody
 from cosim.soft.cable import Cable
 from cosim.soft.chamber import Mesh, PolygonalStack
-from cosim.soft.membrane import Film
+from cosim.soft.film import Film
 from cosim.soft.refinement import refine
 from cosim.soft.surface import interior_hinges, triangle_area
 
@@ -26,6 +26,12 @@ def build_mesh(robot: SoftRobot) -> Mesh:
     return refine(stack.mesh(), c.refine)
 
 
+def build_film(robot: SoftRobot) -> Film:
+    """Return the film of a robot's walls."""
+    f = robot.film
+    return Film(f.young_modulus_Pa, f.poisson_ratio, f.thickness_m, f.law, f.compressive_fraction)
+
+
 def build_soft_body(robot: SoftRobot, model: ChamberModel) -> SoftBody:
     """Return the soft body of a robot, in the flange frame.
 
@@ -37,7 +43,7 @@ def build_soft_body(robot: SoftRobot, model: ChamberModel) -> SoftBody:
         MeshError: the geometry gives degenerate triangles.
     """
     mesh = build_mesh(robot)
-    film = Film(robot.film.young_modulus_Pa, robot.film.poisson_ratio, robot.film.thickness_m)
+    film = build_film(robot)
     hinges = interior_hinges(mesh.triangles, mesh.seam)
     if not model.all_hinges:
         hinges = hinges[~_diagonal_to_edge_midpoint(mesh, hinges)]

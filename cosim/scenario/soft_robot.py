@@ -57,12 +57,20 @@ class Chamber:
 @final
 @dataclass(frozen=True)
 class Film:
-    """Elastic sheet of the chamber walls."""
+    """Elastic sheet of the chamber walls.
+
+    Args:
+        law: "plain"; "tension_field": a film that wrinkles without resistance; "edge_strain": strain as bars
+            along the triangles' edges measure it (for comparison with published data).
+        compressive_fraction: of the plain law's compressive stiffness that a tension field keeps.
+    """
 
     young_modulus_Pa: Positive
     poisson_ratio: Annotated[float, Bounds(above=-1.0, below=0.5)]
     thickness_m: Positive
     density_kg_m3: NonNegative = 0.0
+    law: Literal["plain", "tension_field", "edge_strain"] = "plain"
+    compressive_fraction: Annotated[float, Bounds(at_least=0.0, at_most=1.0)] = 0.0
 
 
 @final

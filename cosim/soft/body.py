@@ -11,8 +11,9 @@ import numpy as np
 from cosim.errors import MeshError
 from cosim.frames import Array, IntArray
 from cosim.soft.cable import Cable
+from cosim.soft.film import Film
 from cosim.soft.hinge import Hinges
-from cosim.soft.membrane import Film, Membranes
+from cosim.soft.membrane import Membranes
 from cosim.soft.surface import dihedral_angle
 
 

@@ -1,50 +1,38 @@
-"""Constant-strain film triangles: plane stress, St. Venant-Kirchhoff on the Green strain.
+"""Constant-strain film triangles in plane stress, under one of three laws on the Green strain.
 
-With F = sum_a x_a g_a^T (3 x 2), E = (F^T F - 1) / 2 and the membrane force N = C : E [N/m],
-    energy = A (E : C : E) / 2,
+With F = sum_a x_a g_a^T (3 x 2), E = (F^T F - 1) / 2, the energy density psi(E) of the law, the membrane
+force N = dpsi/dE [N/m] and the tangent C = dN/dE,
+    energy = A psi,
     gradient_a = A F N g_a,
     hessian_ab = A ((g_a . N g_b) 1 + B_a^T C B_b),   B_a = dE/dx_a.
+Laws: "plain", St. Venant-Kirchhoff, psi = E : C : E / 2; "tension_field" and "edge_strain", see their files.
 Source: any text on nonlinear finite elements, e.g. Bonet and Wood, chapter 9.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import final
 
 import numpy as np
 
 from cosim.errors import MeshError
 from cosim.frames import Array, IntArray
-from cosim.soft.kernels import BLOCKS, INDEX_TABLE, MATRIX, REAL, VECTOR, add_block, inlined, kernel
-
-
-@final
-@dataclass(frozen=True)
-class Film:
-    """Isotropic elastic film.
-
-    Args:
-        young_modulus_Pa: Young's modulus.
-        poisson_ratio: between -1 and 1/2.
-        thickness_m: thickness.
-    """
-
-    young_modulus_Pa: float
-    poisson_ratio: float
-    thickness_m: float
-
-    @property
-    def membrane_stiffness(self) -> Array:
-        """(3, 3) [N/m]: maps (E11, E22, 2 E12) to (N11, N22, N12)."""
-        nu = self.poisson_ratio
-        factor = self.young_modulus_Pa * self.thickness_m / (1.0 - nu * nu)
-        return factor * np.array([[1.0, nu, 0.0], [nu, 1.0, 0.0], [0.0, 0.0, 0.5 * (1.0 - nu)]])
-
-    @property
-    def bending_stiffness_Nm(self) -> float:
-        """E t^3 / 12 [N m], the paper's hinge stiffness for unit edge factor."""
-        return self.young_modulus_Pa * self.thickness_m**3 / 12.0
+from cosim.soft.edge_strain import edge_strain
+from cosim.soft.film import EDGE_STRAIN, PLAIN, TENSION_FIELD, Film
+from cosim.soft.kernels import (
+    BLOCKS,
+    INDEX_TABLE,
+    INTEGER,
+    MATRIX,
+    REAL,
+    VECTOR,
+    add_block,
+    inlined,
+    kernel,
+)
+from cosim.soft.tension_field import film_states, tension_field
 
 
 @inlined
@@ -84,11 +72,23 @@ def _pair_block(f, stiffness, ga, gb, geometric, area, out):  # type: ignore[no-
         out[r, r] += area * geometric
 
 
-@kernel(REAL(MATRIX, INDEX_TABLE, BLOCKS, VECTOR, MATRIX, INDEX_TABLE, MATRIX, BLOCKS))
-def add_membranes(x, triangles, gradients, areas, stiffness, slots, force, blocks):  # type: ignore[no-untyped-def]
+@inlined
+def _first_node_blocks(k11, k21, k22, k10, k20, k00):  # type: ignore[no-untyped-def]
+    """Fill the blocks of node 0: the gradients g_a sum to zero, so they follow from the others."""
+    for r in range(3):
+        for c in range(3):
+            k10[r, c] = -k11[r, c] - k21[c, r]
+            k20[r, c] = -k21[r, c] - k22[r, c]
+    for r in range(3):
+        for c in range(3):
+            k00[r, c] = -k10[r, c] - k20[r, c]
+
+
+@kernel(REAL(MATRIX, INDEX_TABLE, BLOCKS, VECTOR, MATRIX, INTEGER, REAL, INDEX_TABLE, MATRIX, BLOCKS))
+def add_membranes(x, triangles, gradients, areas, stiffness, law, fraction, slots, force, blocks):  # type: ignore[no-untyped-def]
     """Add all triangles' gradient to force and, if slots is not empty, their Hessian to blocks.
 
-    Returns the energy [J].
+    `law` is a law code of the film, `fraction` the compressive fraction. Returns the energy [J].
     """
     f = np.empty((2, 3))
     fn = np.empty((2, 3))
@@ -98,16 +98,28 @@ def add_membranes(x, triangles, gradients, areas, stiffness, slots, force, block
     k10 = np.empty((3, 3))
     k20 = np.empty((3, 3))
     k00 = np.empty((3, 3))
+    n = np.empty(3)
+    rows = np.empty((3, 3))
+    columns = np.empty((3, 3))
+    tangent = stiffness.copy()
     with_hessian = slots.shape[0] > 0
     energy = 0.0
     for e in range(triangles.shape[0]):
         g = gradients[e]
         area = areas[e]
         e11, e22, e12 = _columns(x, triangles[e], g, f)
-        n11 = stiffness[0, 0] * e11 + stiffness[0, 1] * e22 + stiffness[0, 2] * e12
-        n22 = stiffness[1, 0] * e11 + stiffness[1, 1] * e22 + stiffness[1, 2] * e12
-        n12 = stiffness[2, 0] * e11 + stiffness[2, 1] * e22 + stiffness[2, 2] * e12
-        energy += 0.5 * area * (e11 * n11 + e22 * n22 + e12 * n12)
+        if law == PLAIN:
+            n11 = stiffness[0, 0] * e11 + stiffness[0, 1] * e22 + stiffness[0, 2] * e12
+            n22 = stiffness[1, 0] * e11 + stiffness[1, 1] * e22 + stiffness[1, 2] * e12
+            n12 = stiffness[2, 0] * e11 + stiffness[2, 1] * e22 + stiffness[2, 2] * e12
+            energy += 0.5 * area * (e11 * n11 + e22 * n22 + e12 * n12)
+        else:
+            if law == TENSION_FIELD:
+                density = tension_field(e11, e22, e12, stiffness, fraction, n, tangent)
+            else:
+                density = edge_strain(e11, e22, e12, g, stiffness, rows, columns, n, tangent)
+            n11, n22, n12 = n[0], n[1], n[2]
+            energy += area * density
         for k in range(3):
             fn[0, k] = area * (f[0, k] * n11 + f[1, k] * n12)
             fn[1, k] = area * (f[0, k] * n12 + f[1, k] * n22)
@@ -122,17 +134,10 @@ def add_membranes(x, triangles, gradients, areas, stiffness, slots, force, block
             s11 = g[1, 0] * (n11 * g[1, 0] + n12 * g[1, 1]) + g[1, 1] * (n12 * g[1, 0] + n22 * g[1, 1])
             s21 = g[2, 0] * (n11 * g[1, 0] + n12 * g[1, 1]) + g[2, 1] * (n12 * g[1, 0] + n22 * g[1, 1])
             s22 = g[2, 0] * (n11 * g[2, 0] + n12 * g[2, 1]) + g[2, 1] * (n12 * g[2, 0] + n22 * g[2, 1])
-            _pair_block(f, stiffness, g[1], g[1], s11, area, k11)
-            _pair_block(f, stiffness, g[2], g[1], s21, area, k21)
-            _pair_block(f, stiffness, g[2], g[2], s22, area, k22)
-            # the gradients g_a sum to zero, so the blocks of node 0 follow from the others
-            for r in range(3):
-                for c in range(3):
-                    k10[r, c] = -k11[r, c] - k21[c, r]
-                    k20[r, c] = -k21[r, c] - k22[r, c]
-            for r in range(3):
-                for c in range(3):
-                    k00[r, c] = -k10[r, c] - k20[r, c]
+            _pair_block(f, tangent, g[1], g[1], s11, area, k11)
+            _pair_block(f, tangent, g[2], g[1], s21, area, k21)
+            _pair_block(f, tangent, g[2], g[2], s22, area, k22)
+            _first_node_blocks(k11, k21, k22, k10, k20, k00)
             add_block(blocks, slots[e, 0], k00)
             add_block(blocks, slots[e, 1], k10)
             add_block(blocks, slots[e, 2], k11)
@@ -140,6 +145,24 @@ def add_membranes(x, triangles, gradients, areas, stiffness, slots, force, block
             add_block(blocks, slots[e, 4], k21)
             add_block(blocks, slots[e, 5], k22)
     return energy
+
+
+@kernel(MATRIX(MATRIX, BLOCKS, MATRIX, INTEGER, REAL))
+def film_forces(strain, gradients, stiffness, law, fraction):  # type: ignore[no-untyped-def]
+    """Return the membrane force (m, 3) [N/m] as (N11, N22, N12) at Green strains (m, 3), by the law."""
+    force = np.empty((strain.shape[0], 3))
+    tangent = np.empty((3, 3))
+    rows = np.empty((3, 3))
+    columns = np.empty((3, 3))
+    for e in range(strain.shape[0]):
+        e11, e22, e12 = strain[e, 0], strain[e, 1], strain[e, 2]
+        if law == EDGE_STRAIN:
+            edge_strain(e11, e22, e12, gradients[e], stiffness, rows, columns, force[e], tangent)
+        else:
+            # with the whole compressive stiffness the tension field is the plain law
+            share = fraction if law == TENSION_FIELD else 1.0
+            tension_field(e11, e22, e12, stiffness, share, force[e], tangent)
+    return force
 
 
 @final
@@ -194,6 +217,26 @@ class Membranes:
         gradients[:, 0] = -gradients[:, 1] - gradients[:, 2]
         return cls(triangles, gradients, 0.5 * twice_area, film)
 
+    def add(self, positions: Array, slots: IntArray, force: Array, blocks: Array) -> float:
+        """Add the gradient to force and, if slots is not empty, the Hessian to blocks; return the energy [J].
+
+        Args:
+            positions: (n, 3) [m], C-contiguous.
+            slots: (m, 6) of the pattern, or empty.
+            force: (n, 3) [N].
+            blocks: (pattern.blocks, 3, 3) [N/m].
+        """
+        film = self.film
+        energy: float = add_membranes(
+            positions, self.triangles, self.shape_gradients, self.areas, self._stiffness,
+            film.law_code, film.compressive_fraction, slots, force, blocks,
+        )  # fmt: skip
+        return energy
+
+    @cached_property
+    def _stiffness(self) -> Array:
+        return self.film.membrane_stiffness
+
     def strain(self, positions: Array) -> Array:
         """Return the Green strain (m, 3) as (E11, E22, 2 E12) in each triangle's axes.
 
@@ -204,13 +247,25 @@ class Membranes:
         metric = np.einsum("mik,mjk->mij", f, f)
         return np.stack([0.5 * (metric[:, 0, 0] - 1), 0.5 * (metric[:, 1, 1] - 1), metric[:, 0, 1]], axis=1)
 
-    def principal_stress(self, positions: Array) -> Array:
-        """Return the principal second Piola-Kirchhoff stresses (m, 2) [Pa], largest first.
+    def states(self, positions: Array) -> IntArray:
+        """Return SLACK, WRINKLED or TAUT (m,), as a tension field would have each triangle.
 
         Args:
             positions: (n, 3) [m].
         """
-        s = self.strain(positions) @ self.film.membrane_stiffness.T / self.film.thickness_m
-        mean, half = 0.5 * (s[:, 0] + s[:, 1]), 0.5 * (s[:, 0] - s[:, 1])
-        radius = np.hypot(half, s[:, 2])
-        return np.stack([mean + radius, mean - radius], axis=1)
+        return film_states(self.strain(positions), self.film.poisson_ratio)
+
+    def principal_stress(self, positions: Array) -> Array:
+        """Return the principal second Piola-Kirchhoff stresses (m, 2) [Pa] of the law, largest first.
+
+        Args:
+            positions: (n, 3) [m].
+        """
+        film = self.film
+        n = film_forces(
+            self.strain(positions), self.shape_gradients, self._stiffness,
+            film.law_code, film.compressive_fraction,
+        )  # fmt: skip
+        mean, half = 0.5 * (n[:, 0] + n[:, 1]), 0.5 * (n[:, 0] - n[:, 1])
+        radius = np.hypot(half, n[:, 2])
+        return np.stack([mean + radius, mean - radius], axis=1) / film.thickness_m

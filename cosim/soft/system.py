@@ -11,7 +11,6 @@ from cosim.frames import Array, IntArray
 from cosim.soft.body import Loads, SoftBody
 from cosim.soft.cable import add_segments
 from cosim.soft.hinge import add_hinges
-from cosim.soft.membrane import add_membranes
 from cosim.soft.pattern import BlockPattern
 from cosim.soft.pressure import add_cap, add_pressure, cap_force
 from cosim.soft.surface import dihedral_angle
@@ -59,7 +58,6 @@ class SoftSystem:
         self._segment_slots = self.pattern.slots(self._segments)
         self._cap_slots = [np.ascontiguousarray(self.pattern.slots(c)[0]) for c in cap_elements]
         self._diagonal = np.flatnonzero(self.pattern.row == self.pattern.column)
-        self._stiffness = body.membranes.film.membrane_stiffness
         self._mass = body.node_mass[:, None]
         self.gradient = np.zeros((body.nodes, 3))
         self.blocks = np.zeros((self.pattern.blocks, 3, 3))
@@ -108,11 +106,8 @@ class SoftSystem:
         if hessian:
             self.blocks[:] = 0.0
         table = (lambda slots: slots) if hessian else (lambda _slots: _NO_TABLE)
-        membranes, hinges = body.membranes, body.hinges
-        energy: float = add_membranes(
-            x, membranes.triangles, membranes.shape_gradients, membranes.areas, self._stiffness,
-            table(self._triangle_slots), self.gradient, self.blocks,
-        )  # fmt: skip
+        hinges = body.hinges
+        energy: float = body.membranes.add(x, table(self._triangle_slots), self.gradient, self.blocks)
         energy += add_hinges(
             x, hinges.nodes, hinges.stiffness, hinges.rest_angle, hinges.fold_barrier_rad, reference_angles,
             table(self._hinge_slots), self.gradient, self.blocks, self.angles,

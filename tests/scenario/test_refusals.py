@@ -30,6 +30,17 @@ WRONG_VALUES = {
     "shorter than a tick": ("phase.turn.duration_s=0.0001", "phase.turn.duration_s", "shorter than a tick"),
     "negative thickness": ("soft_robot.film.thickness_m=-1e-4", "soft_robot.film.thickness_m", "above 0"),
     "poisson ratio": ("soft_robot.film.poisson_ratio=0.5", "soft_robot.film.poisson_ratio", "below 0.5"),
+    "unknown film law": ("soft_robot.film.law=tension", "soft_robot.film.law", "'tension_field'"),
+    "compression without tension field": (
+        "soft_robot.film.compressive_fraction=0.1",
+        "soft_robot.film.compressive_fraction",
+        "'plain'",
+    ),
+    "too much compression": (
+        "soft_robot.film.compressive_fraction=1.1",
+        "soft_robot.film.compressive_fraction",
+        "1",
+    ),
     "below vacuum": ("start.pressure_Pa=-2e5", "start.pressure_Pa", "at least -100000"),
     "unknown robot": ("robot=ur6e", "robot", "there are"),
     "unknown soft robot": ("soft_robot=hexagon_leg", "soft_robot", "hexagon_arm"),
