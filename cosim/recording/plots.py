@@ -186,7 +186,10 @@ def _run_plots(stage: Stage, joints: int) -> list[Plot]:
 
 
 def target_distance(snapshot: Snapshot) -> float:
-    """Return the distance of the tip from its target [m]; not a number while there is none."""
+    """Return the distance of the tip from its target [m]; not a number while there is none.
+
+    A component of the target that is not a number is free and does not count.
+    """
     if snapshot.tip_target is None:
         return math.nan
-    return float(np.linalg.norm(snapshot.tip_position - snapshot.tip_target))
+    return float(np.sqrt(np.nansum((snapshot.tip_position - snapshot.tip_target) ** 2)))

@@ -43,7 +43,7 @@ class TipMarks:
             self._stream, TIP_PATH, times, steps.reshape(-1, 3), 2 * ones, ones,
             colours=[PINK] * len(frames), radius_m=_PATH_RADIUS_M,
         )  # fmt: skip
-        self._send_target([frame.tip_target for frame in frames], times)
+        self._send_target([_shown_target(frame) for frame in frames], times)
 
     def _send_target(self, targets: Sequence[Array | None], times: Sequence[rr.TimeColumn]) -> None:
         given = np.array([target for target in targets if target is not None]).reshape(-1, 3)
@@ -61,3 +61,10 @@ class TipMarks:
             *rr.Points3D.columns(colors=[GREEN] * len(targets), radii=[1e-4] * len(targets)),
         ]
         self._stream.send_columns(f"{_TARGET}/label", times, label)
+
+
+def _shown_target(frame: Snapshot) -> Array | None:
+    """The target; where a component of it is free (not a number), the tip's own."""
+    if frame.tip_target is None:
+        return None
+    return np.where(np.isnan(frame.tip_target), frame.tip_position, frame.tip_target)

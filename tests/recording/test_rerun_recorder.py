@@ -140,6 +140,23 @@ def test_target_shows_only_while_there_is_one(
     assert list(distances) == [2_000_000 * tick for tick in range(375, 751)]
 
 
+def test_free_components_of_a_target_follow_the_tip(
+    rrd: Path, make_stage: MakeStage, make_snapshot: MakeSnapshot, record: Record
+) -> None:
+    # A target of height alone leaves x and y free: not a number in the snapshot.
+    stage = make_stage()
+
+    def at_a_height(stage: Stage, tick: int) -> Snapshot:
+        return make_snapshot(stage, tick, tip_target=np.array([np.nan, np.nan, 0.4]))
+
+    recorded = record(rrd, stage, at_a_height, ticks=50)
+    tip = at_a_height(stage, 50).tip_position
+    cross = np.array(list(recorded.by_time("/world/target", "LineStrips3D:strips").values())[-1])
+    np.testing.assert_allclose(cross.mean(axis=(0, 1)), [tip[0], tip[1], 0.4], rtol=4 * SINGLE)
+    distance = list(recorded.by_time("/plots/sag/target", "Scalars:scalars").values())[-1]
+    np.testing.assert_allclose(distance, [1e3 * abs(tip[2] - 0.4)])
+
+
 def test_without_targets_no_curve_of_them(
     rrd: Path, make_stage: MakeStage, make_snapshot: MakeSnapshot, record: Record
 ) -> None:
