@@ -125,6 +125,14 @@ def test_a_wrinkled_film_is_a_bundle_of_threads(angle: float) -> None:
         assert compression == pytest.approx(0.0, abs=1e-9 * tension)
 
 
+@pytest.mark.parametrize("strain", [(0.01, -0.0019, 0.0), (0.004, 0.01, 0.003), (0.006, 0.006, 0.0)])
+def test_a_taut_film_is_the_plain_one(strain: tuple[float, float, float]) -> None:
+    x = strained(strain)  # the first is taut by a narrow margin: e2 > -nu e1 = -0.002
+    relaxed, plain = evaluation(one_triangle(film("tension field")), 3), evaluation(one_triangle(FILM), 3)
+    for a, b in zip(relaxed(x), plain(x), strict=True):
+        assert a == pytest.approx(b, rel=1e-13, abs=1e-13 * float(np.abs(b).max()))
+
+
 def test_slack_film_is_free() -> None:
     membranes = one_triangle(film("tension field"))
     energy, gradient, hessian = evaluation(membranes, 3)(strained(STATES["slack"]))
