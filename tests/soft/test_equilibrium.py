@@ -1,0 +1,97 @@
+"""Following equilibria: weight on the flange, halving, friction, branches that do not depend on the way."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from cosim.errors import ConvergenceError
+from cosim.frames import Pose, rotation_from_vector
+from cosim.soft.cable import Cable
+from cosim.soft.newton import NewtonOptions
+from tests.soft.bodies import HANGING, PRESSURE_Pa, held, hexagon_arm, hung, no_load
+
+TURNED = Pose(rotation_from_vector(np.array([0.2, -0.9, 0.3])) @ HANGING.rotation, np.array([0.4, 0.1, 0.6]))
+
+
+@pytest.mark.parametrize("closed", [True, False])
+def test_the_flange_carries_weight_at_the_centre_of_mass(closed: bool) -> None:
+    arm = held(hexagon_arm(4, closed=closed))
+    found = arm.equilibrium.follow(
+        hung(arm, pressure_Pa=PRESSURE_Pa),
+        TURNED,
+        no_load(arm.body, pressure_Pa=PRESSURE_Pa, cable_tension_N=(1.0, 2.0)),
+    )
+    weight = arm.body.node_mass[:, None] * np.array([0.0, 0.0, -9.81])
+    lever = found.state.positions - TURNED.translation
+    if closed:  # an open chamber's net thrust comes on top
+        assert found.wrench.force == pytest.approx(weight.sum(axis=0), abs=1e-5)
+        assert found.wrench.torque == pytest.approx(np.cross(lever, weight).sum(axis=0), abs=1e-6)
+    else:
+        assert np.linalg.norm(found.wrench.force - weight.sum(axis=0)) > 0.1
+    assert found.residual_N < 1e-6
+    assert found.world_from_flange is TURNED
+
+
+def test_without_gravity_shapes_turn_with_the_flange() -> None:
+    arm = held(hexagon_arm(3))
+    loads = {"pressure_Pa": PRESSURE_Pa, "cable_tension_N": (2.0, 0.0), "gravity": (0.0, 0.0, 0.0)}
+    here = hung(arm, **loads)
+    there = arm.equilibrium.follow(here, TURNED, here.loads)
+    motion = TURNED @ HANGING.inverse()
+    assert there.state.positions == pytest.approx(motion.apply(here.state.positions), abs=1e-6)
+    assert there.iterations <= 1  # carried rigidly, it is in balance up to rounding
+    assert there.wrench.force == pytest.approx(np.zeros(3), abs=1e-5)
+
+
+def test_pieces_are_halved_where_needed() -> None:
+    plenty, few = held(hexagon_arm(3)), held(hexagon_arm(3), NewtonOptions(iterations_max=6))
+    begin, loads = hung(plenty), no_load(plenty.body, pressure_Pa=PRESSURE_Pa)
+    whole, pieces = (arm.equilibrium.follow(begin, HANGING, loads) for arm in (plenty, few))
+    assert whole.iterations > 6  # so six are not enough at once
+    assert pieces.iterations > whole.iterations
+    assert pieces.loads == whole.loads
+    assert pieces.state.positions == pytest.approx(whole.state.positions, abs=1e-6)
+
+
+def test_a_way_that_cannot_be_followed_is_an_error() -> None:
+    arm = held(hexagon_arm(2))
+    begin = hung(arm)
+    one = held(hexagon_arm(2), NewtonOptions(iterations_max=1))
+    with pytest.raises(ConvergenceError, match="iteration limit") as caught:
+        one.equilibrium.follow(begin, HANGING, no_load(arm.body, pressure_Pa=PRESSURE_Pa))
+    assert caught.value.residual_N > 1e-6
+
+
+def test_following_nowhere_stays() -> None:
+    arm = held(hexagon_arm(2))
+    begin = hung(arm, pressure_Pa=PRESSURE_Pa)
+    again = arm.equilibrium.follow(begin, HANGING, begin.loads)
+    assert again.iterations == 0
+    assert (again.state.positions == begin.state.positions).all()
+
+
+def test_a_cable_with_friction_settles() -> None:
+    # friction has no potential: tensions depend on the shape, which depends on the tensions
+    body = hexagon_arm(4)
+    cables = tuple(Cable(cable.nodes, 1.0, 0.4) for cable in body.cables)
+    arm = held(hexagon_arm(4, cables=cables))
+    found = hung(arm, pressure_Pa=PRESSURE_Pa, cable_tension_N=(6.0, 2.0))
+    x = found.state.positions
+    tension = arm.system.segment_tension(x, found.loads)
+    assert tension[0] == 6.0
+    assert tension[2] < 0.999 * 6.0
+    arm.system.evaluate(x, found.loads, tension, found.state.angles)
+    # with the tensions of the shape that was found, not those of the one before
+    assert np.abs(arm.system.gradient[arm.newton.free]).max() < 1e-6
+
+
+def test_energy_does_not_depend_on_the_way() -> None:
+    arm = held(hexagon_arm(3))
+    first = hung(arm, pressure_Pa=PRESSURE_Pa)
+    loads = no_load(arm.body, pressure_Pa=0.7 * PRESSURE_Pa, cable_tension_N=(1.0, 0.0))
+    direct = arm.equilibrium.follow(first, TURNED, loads)
+    detour = arm.equilibrium.follow(first, HANGING, loads)
+    detour = arm.equilibrium.follow(detour, TURNED, loads)
+    assert detour.potential_J == pytest.approx(direct.potential_J, rel=1e-9)
+    assert detour.state.positions == pytest.approx(direct.state.positions, abs=1e-5)
