@@ -110,7 +110,8 @@ def _phase_figures(last: Snapshot, name: str, newton_iterations: int, complete: 
     }
     if last.tip_target is not None:
         figures["tip_target_m"] = last.tip_target
-        figures["tip_error_m"] = float(np.linalg.norm(last.tip_position - last.tip_target))
+        # components that the target leaves free are NaN
+        figures["tip_error_m"] = float(np.sqrt(np.nansum((last.tip_position - last.tip_target) ** 2)))
     return figures
 
 

@@ -1,0 +1,10 @@
+"""Runs the command line as `python -m cosim`."""
+
+from __future__ import annotations
+
+import sys
+
+from cosim.cli.main import main
+
+if __name__ == "__main__":
+    sys.exit(main())
