@@ -13,17 +13,22 @@ from cosim.soft.cable import Cable
 from cosim.soft.chamber import Mesh, PolygonalStack
 from cosim.soft.film import Film
 from cosim.soft.refinement import refine
+from cosim.soft.shell_hinges import bending_measure, shell_stiffness
 from cosim.soft.surface import interior_hinges, triangle_area
 
 
 def build_mesh(robot: SoftRobot) -> Mesh:
     """Return the chamber's mesh in the flange frame."""
+    return refine(_coarse_mesh(robot), robot.chamber.refine)
+
+
+def _coarse_mesh(robot: SoftRobot) -> Mesh:
     c = robot.chamber
     stack = PolygonalStack(
         c.sides, c.units, c.corner_radius_m, c.hole_radius_m, c.unit_height_m, c.taper,
         c.mid_ring_fraction, c.ring_heights, c.first_corner_rad,
     )  # fmt: skip
-    return refine(stack.mesh(), c.refine)
+    return stack.mesh()
 
 
 def build_film(robot: SoftRobot) -> Film:
@@ -44,16 +49,14 @@ def build_soft_body(robot: SoftRobot, model: ChamberModel) -> SoftBody:
     """
     mesh = build_mesh(robot)
     film = build_film(robot)
-    hinges = interior_hinges(mesh.triangles, mesh.seam)
-    if not model.all_hinges:
-        hinges = hinges[~_diagonal_to_edge_midpoint(mesh, hinges)]
+    hinges, stiffness = _hinges(robot, model, mesh, film)
     base = np.unique(np.concatenate([mesh.ring(name) for name in robot.base]))
     return SoftBody.from_arrays(
         mesh.positions,
         mesh.triangles,
         film,
         hinge_nodes=hinges,
-        hinge_stiffness=robot.hinge.stiffness_factor * film.bending_stiffness_Nm,
+        hinge_stiffness=stiffness,
         fold_barrier_rad=robot.hinge.fold_barrier_rad,
         caps=mesh.caps,
         closed=model.closed,
@@ -75,9 +78,32 @@ def _cable(mesh: Mesh, entry: CableSchema) -> Cable:
     )
 
 
+def _hinges(robot: SoftRobot, model: ChamberModel, mesh: Mesh, film: Film) -> tuple[IntArray, Array]:
+    """Return hinge nodes (h, 4) and their stiffness (h,) [N m/rad].
+
+    The published subset of hinges exists on the unrefined mesh only; a refined mesh has all hinges, with
+    a uniform stiffness scaled to the bending measure of the unrefined ones.
+    """
+    coarse = _coarse_mesh(robot)
+    drawn = interior_hinges(coarse.triangles, coarse.seam)
+    if not model.all_hinges:
+        drawn = drawn[~_diagonal_to_edge_midpoint(coarse, drawn)]
+    hinges = drawn if robot.chamber.refine == 0 else interior_hinges(mesh.triangles, mesh.seam)
+    factor = robot.hinge.stiffness_factor
+    if robot.hinge.rule == "shell":
+        rigidity = factor * film.flexural_rigidity_Nm
+        return hinges, shell_stiffness(mesh.positions, mesh.triangles, hinges, rigidity)
+    uniform = np.full(len(hinges), factor * film.bending_stiffness_Nm)
+    if robot.chamber.refine > 0:
+        uniform *= bending_measure(coarse.positions, drawn) / bending_measure(mesh.positions, hinges)
+    return hinges, uniform
+
+
 def _node_mass(mesh: Mesh, robot: SoftRobot) -> Array:
-    mass = np.full(len(mesh.positions), robot.mass.node_mass_kg)
-    mass[mesh.seam] += robot.mass.seam_mass_kg
+    """Return the mass (n,) [kg] of each node; a refined mesh spreads what the unrefined one carries."""
+    coarse = _coarse_mesh(robot)
+    mass = np.full(len(mesh.positions), robot.mass.node_mass_kg * len(coarse.positions) / len(mesh.positions))
+    mass[mesh.seam] += robot.mass.seam_mass_kg * len(coarse.seam) / len(mesh.seam)
     areal = robot.film.density_kg_m3 * robot.film.thickness_m
     share = areal / 3.0 * triangle_area(mesh.positions, mesh.triangles)
     for corner in range(3):

@@ -79,10 +79,15 @@ class Hinge:
     """Rotational springs of the folds.
 
     Args:
-        stiffness_factor: spring constant of each hinge divided by E t^3 / 12 [N m/rad].
+        rule: "uniform": every hinge has the same spring constant (scaled on a refined mesh, so that the mean
+            energy of bending to a cylinder stays); "shell": each by the triangles beside it, so that the film
+            bends like a shell.
+        stiffness_factor: uniform: spring constant divided by E t^3 / 12 [N m/rad]; shell: flexural rigidity
+            divided by E t^3 / (12 (1 - nu^2)).
         fold_barrier_rad: the moment diverges below this dihedral angle and above 2 pi minus it.
     """
 
+    rule: Literal["uniform", "shell"] = "uniform"
     stiffness_factor: NonNegative = 1.0
     fold_barrier_rad: Annotated[float, Bounds(at_least=0.0, below=3.141592653589793)] = 0.0
 
@@ -93,8 +98,10 @@ class Mass:
     """Mass beyond that of the film.
 
     Args:
-        node_mass_kg: at every node.
-        seam_mass_kg: at every node of the outer rings (a unit's frame), in addition.
+        node_mass_kg: at every node of the unrefined mesh.
+        seam_mass_kg: at every node of its outer rings (a unit's frame), in addition.
+
+    A refined mesh spreads the same totals evenly over its nodes.
     """
 
     node_mass_kg: NonNegative = 0.0

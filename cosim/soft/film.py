@@ -64,3 +64,8 @@ class Film:
     def bending_stiffness_Nm(self) -> float:
         """E t^3 / 12 [N m], the paper's hinge stiffness for unit edge factor."""
         return self.young_modulus_Pa * self.thickness_m**3 / 12.0
+
+    @property
+    def flexural_rigidity_Nm(self) -> float:
+        """E t^3 / (12 (1 - nu^2)) [N m], bending moment per width over curvature."""
+        return self.bending_stiffness_Nm / (1.0 - self.poisson_ratio**2)

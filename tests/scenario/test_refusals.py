@@ -36,6 +36,7 @@ WRONG_VALUES = {
         "soft_robot.film.compressive_fraction",
         "'plain'",
     ),
+    "unknown hinge rule": ("soft_robot.hinge.rule=plate", "soft_robot.hinge.rule", "'shell'"),
     "too much compression": (
         "soft_robot.film.compressive_fraction=1.1",
         "soft_robot.film.compressive_fraction",
