@@ -42,6 +42,8 @@ EXAMPLES = (
     "UR_Pneumatic",
 )
 BOUND = 5e-3
+
+
 @dataclass(frozen=True)
 class Increment:
     """One step of a stage.

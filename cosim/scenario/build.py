@@ -3,28 +3,25 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
 from cosim.arm_files import find_arm
 from cosim.coupling.soft_arm import SoftArm
 from cosim.errors import ScenarioError, SolverError
-from cosim.kinematics.arm import Arm
-from cosim.rigid.description import SceneDescription, SceneObject
-from cosim.rigid.scene import RigidScene
+from cosim.scenario.carrier import Carrier, HeldBase
 from cosim.scenario.dynamic import DynamicSimulation
 from cosim.scenario.flange import pose_of
 from cosim.scenario.parts import Parts
-from cosim.scenario.plan import make_plan
+from cosim.scenario.plan import JointPlanner, Plan, make_plan
 from cosim.scenario.quasistatic import QuasistaticSimulation
-from cosim.scenario.schema import Scenario
-from cosim.scenario.schema import SceneObject as SceneObjectSchema
-from cosim.scenario.snapshot import RigidShape, Stage
+from cosim.scenario.schema import NO_ARM, Scenario
+from cosim.scenario.snapshot import Stage
 from cosim.scenario.soft_build import build_soft_body
 from cosim.soft.body import SoftBody
 from cosim.soft.dynamics import StepOptions
 from cosim.soft.newton import NewtonOptions
-
 
 _REUSE_MAX = 6  # iterations with a kept factorisation: beyond, a new one is cheaper
 
@@ -38,8 +35,6 @@ def build(scenario: Scenario) -> DynamicSimulation | QuasistaticSimulation:
     Raises:
         InputError: a pose or target cannot be reached, a mesh is degenerate.
     """
-    file = find_arm(scenario.robot)
-    arm = Arm(file, gravity=scenario.gravity_m_s2)
     body = build_soft_body(scenario.soft_robot, scenario.chamber)
     start = pose_of(scenario.start.flange)
     statics = NewtonOptions(
@@ -54,19 +49,10 @@ def build(scenario: Scenario) -> DynamicSimulation | QuasistaticSimulation:
         newton=replace(statics, reuse_max=_REUSE_MAX),
         damping_per_s=scenario.solver.damping_per_s,
     )
-    try:
-        plan = make_plan(scenario, arm, SoftArm(body, start, statics, dynamics))
-    except SolverError as error:
-        raise ScenarioError("start", f"no equilibrium to start from: {error}") from error
-    scene = RigidScene(
-        SceneDescription(
-            arm=file,
-            tick_s=scenario.clock.tick_s,
-            gravity=scenario.gravity_m_s2,
-            objects=tuple(_object(entry) for entry in scenario.objects),
-        )
-    )
-    parts = Parts(scenario, plan, arm, scene, SoftArm(body, start, statics, dynamics))
+    soft = SoftArm(body, start, statics, dynamics)
+    trial = SoftArm(body, start, statics, dynamics)
+    plan, carrier = (_held_base if scenario.robot == NO_ARM else _arm)(scenario, trial, soft)
+    parts = Parts(scenario, plan, carrier, soft)
     if scenario.mode == "quasistatic":
         ticks = sum(phase.increments for phase in scenario.phases)
         duration = sum(phase.duration_s + phase.settle_s for phase in scenario.phases)
@@ -75,20 +61,43 @@ def build(scenario: Scenario) -> DynamicSimulation | QuasistaticSimulation:
     return DynamicSimulation(parts, _stage(parts, body, ticks, scenario.clock.tick_s))
 
 
-def _object(entry: SceneObjectSchema) -> SceneObject:
-    return SceneObject(
-        name=entry.name,
-        shape=entry.shape,
-        size_m=entry.size_m,
-        position_m=entry.position_m,
-        quaternion=entry.quaternion,
-        mass_kg=entry.mass_kg or 0.0,
-        rgba=entry.rgba,
+def _held_base(scenario: Scenario, trial: SoftArm, soft: SoftArm) -> tuple[Plan, Carrier]:
+    plan = _plan(scenario, HeldBase.plan, trial)
+    return plan, HeldBase(soft, plan.start, scenario.clock.tick_s)
+
+
+def _arm(scenario: Scenario, trial: SoftArm, soft: SoftArm) -> tuple[Plan, Carrier]:
+    # imported here: a scene without an arm waits for neither engine
+    from cosim.kinematics.arm import Arm
+    from cosim.rigid.description import SceneDescription
+    from cosim.rigid.scene import RigidScene
+    from cosim.scenario.arm_carrier import ArmCarrier
+    from cosim.scenario.path import plan_joints
+    from cosim.scenario.scene_objects import rigid_object
+
+    file = find_arm(scenario.robot)
+    arm = Arm(file, gravity=scenario.gravity_m_s2)
+    plan = _plan(scenario, partial(plan_joints, arm), trial)
+    scene = RigidScene(
+        SceneDescription(
+            arm=file,
+            tick_s=scenario.clock.tick_s,
+            gravity=scenario.gravity_m_s2,
+            objects=tuple(rigid_object(entry) for entry in scenario.objects),
+        )
     )
+    return plan, ArmCarrier(scenario.robot, arm, scene, soft, scenario.payload_compensation)
+
+
+def _plan(scenario: Scenario, plan_joints: JointPlanner, trial: SoftArm) -> Plan:
+    try:
+        return make_plan(scenario, plan_joints, trial)
+    except SolverError as error:
+        raise ScenarioError("start", f"no equilibrium to start from: {error}") from error
 
 
 def _stage(parts: Parts, body: SoftBody, ticks: int, tick_s: float) -> Stage:
-    scenario, scene = parts.scenario, parts.scene
+    scenario, carrier = parts.scenario, parts.carrier
     return Stage(
         scenario=scenario.name,
         title=scenario.title,
@@ -97,8 +106,8 @@ def _stage(parts: Parts, body: SoftBody, ticks: int, tick_s: float) -> Stage:
         duration_s=ticks * tick_s,
         ticks=ticks,
         phase_names=tuple(phase.name for phase in scenario.phases),
-        body_names=scene.body_names,
-        shapes=tuple(RigidShape(s.body, s.vertices, s.triangles, s.rgba) for s in scene.shapes),
+        body_names=carrier.body_names,
+        shapes=carrier.shapes,
         soft_triangles=body.membranes.triangles,
         cables=tuple(cable.nodes for cable in body.cables),
         soft_weight_N=body.mass_kg * float(np.linalg.norm(scenario.gravity_m_s2)),
@@ -112,14 +121,12 @@ def _report(parts: Parts, body: SoftBody) -> str:
     scenario = parts.scenario
     integrator = scenario.solver.integrator.replace("_", " ")
     lines = {
-        "Arm": f"{scenario.robot}, {parts.arm.joint_count} joints, servos with inverse-dynamics feedforward",
+        **parts.carrier.report,
         "Soft robot": f"{scenario.soft_robot.name}, {1e3 * body.mass_kg:.0f} g, {body.nodes} nodes, "
         f"{len(body.membranes.triangles)} triangles, {len(body.hinges.nodes)} hinges, "
         f"{len(body.cables)} cables",
         "Chamber": "closed by caps" if body.closed else "open ends (no cap force)",
         "Motion": "quasistatic" if scenario.mode == "quasistatic" else f"dynamic, {integrator}",
-        "Exchange": "staggered, both ways at every tick",
-        "Payload compensation": "on" if scenario.payload_compensation else "off",
         "Contact": "none: nothing in this scene touches the soft robot",
     }
     return "\n".join(f"- **{name}**: {text}" for name, text in lines.items())

@@ -6,7 +6,8 @@ from collections.abc import Iterable, Sequence
 
 from cosim.arm_files import arm_names
 from cosim.errors import ScenarioError
-from cosim.scenario.schema import Phase, Scenario, SceneObject, TipTarget
+from cosim.scenario.holding_checks import check_holding, check_rings
+from cosim.scenario.schema import NO_ARM, Phase, Scenario, SceneObject, TipTarget
 from cosim.scenario.soft_robot import Cable, SoftRobot
 from cosim.scenario.suggestions import unknown_name_message
 
@@ -19,8 +20,9 @@ def check_scenario(scenario: Scenario) -> None:
     Raises:
         ScenarioError: the first rule that is broken.
     """
-    if scenario.robot not in arm_names():
-        raise ScenarioError("robot", unknown_name_message("arm", scenario.robot, arm_names()))
+    robots = (*arm_names(), NO_ARM)
+    if scenario.robot not in robots:
+        raise ScenarioError("robot", unknown_name_message("arm", scenario.robot, robots))
     check_soft_robot(scenario.soft_robot, "soft_robot")
     _check_unique((entry.name for entry in scenario.objects), "object")
     _check_unique((entry.name for entry in scenario.phases), "phase")
@@ -31,6 +33,7 @@ def check_scenario(scenario: Scenario) -> None:
         _check_object(scene_object, f"object.{scene_object.name}")
     for phase in scenario.phases:
         _check_phase(phase, scenario, f"phase.{phase.name}")
+    check_holding(scenario)
 
 
 def check_soft_robot(robot: SoftRobot, path: str) -> None:
@@ -56,7 +59,7 @@ def check_soft_robot(robot: SoftRobot, path: str) -> None:
             f"{path}.film.compressive_fraction",
             f"goes with law = 'tension_field'; the law is '{robot.film.law}'",
         )
-    _check_rings(robot.base, robot, f"{path}.base")
+    check_rings(robot.base, robot, f"{path}.base")
     _check_unique((cable.name for cable in robot.cables), f"{path}.cable")
     for cable in robot.cables:
         _check_cable(cable, robot, f"{path}.cable.{cable.name}")
@@ -90,7 +93,6 @@ def _check_phase(phase: Phase, scenario: Scenario, path: str) -> None:
         raise ScenarioError(
             f"{path}.duration_s", f"{phase.duration_s:g} is shorter than a tick ({scenario.clock.tick_s:g} s)"
         )
-    _check_rings(phase.clamp, robot, f"{path}.clamp")
     if phase.cable_tension_N is not None:
         _check_tensions(phase.cable_tension_N, robot.cables, f"{path}.cable_tension_N")
     moves = [key for key in ("flange", "flange_turn", "flange_shift_m") if getattr(phase, key) is not None]
@@ -123,13 +125,6 @@ def _check_tensions(tensions: Sequence[float], cables: Sequence[Cable], path: st
     if len(tensions) != len(cables):
         names = ", ".join(cable.name for cable in cables) or "none"
         raise ScenarioError(path, f"has {len(tensions)} entries; there are {len(cables)} cables: {names}")
-
-
-def _check_rings(rings: Iterable[str], robot: SoftRobot, path: str) -> None:
-    known = robot.ring_names()
-    for ring in rings:
-        if ring not in known:
-            raise ScenarioError(path, unknown_name_message("ring", ring, known))
 
 
 def _check_unique(names: Iterable[str], path: str) -> None:

@@ -1,4 +1,4 @@
-"""The dynamic mode: arm and soft body advance by one tick of the lockstep clock at a time."""
+"""The dynamic mode: carrier and soft body advance by one tick of the lockstep clock at a time."""
 
 from __future__ import annotations
 
@@ -8,13 +8,11 @@ from typing import final
 
 from cosim.coupling.clock import Clock
 from cosim.coupling.ledger import LedgerEntry
-from cosim.coupling.staggered import ServoCommand, StaggeredCoupling
 from cosim.frames import Twist
 from cosim.scenario.parts import Moment, Parts
-from cosim.scenario.plan import PhasePlan, start_equilibrium
+from cosim.scenario.plan import start_equilibrium
 from cosim.scenario.ramp import progress
 from cosim.scenario.snapshot import Snapshot, Stage
-from cosim.soft.body import Loads
 
 
 @final
@@ -37,36 +35,27 @@ class DynamicSimulation:
             SolverError: the physics could not be solved; the snapshots so far stand.
         """
         parts, began = self._parts, time.perf_counter()
-        plan, scene, soft = parts.plan, parts.scene, parts.soft
-        scene.set_joint_state(plan.joints)
-        found = start_equilibrium(soft, scene.flange_pose, plan.loads)
+        plan, carrier, soft = parts.plan, parts.carrier, parts.soft
+        carrier.stand(plan.joints)
+        found = start_equilibrium(soft, carrier.flange_pose, plan.loads)
         soft.settle(found)
         ledger = LedgerEntry(found.wrench, 0.0, 0.0, found.residual_N, found.iterations, 0.0, False)
-        moment = Moment(0, 0.0, 0, plan.joints, plan.loads, scene.flange_pose, Twist())
+        moment = Moment(0, 0.0, 0, plan.joints, plan.loads, carrier.flange_pose, Twist())
         yield parts.snapshot(moment, ledger, time.perf_counter() - began)
-        coupling = StaggeredCoupling(scene, soft, found.wrench)
+        carrier.couple(found.wrench)
         clock = Clock(self.stage.tick_s)
-        for index, phase in enumerate(plan.phases):
-            parts.clamp(phase, scene.flange_pose)
-            for elapsed in range(1, parts.ticks(phase.phase) + 1):
+        for index, planned in enumerate(plan.phases):
+            planned.holding.apply(soft, carrier.flange_pose)
+            phase = planned.phase
+            for elapsed in range(1, parts.ticks(phase) + 1):
                 began = time.perf_counter()
                 clock = clock.advanced()
-                command, loads = self._drive(phase, elapsed)
-                ledger = coupling.tick(command, loads)
+                now = progress(phase.ramp, (elapsed - 1) * clock.tick_s, phase.duration_s)
+                then = progress(phase.ramp, elapsed * clock.tick_s, phase.duration_s)
+                loads = planned.begin.interpolated(planned.end, then.value)
+                reference, ledger = carrier.tick(planned.joints, now, then, loads)
                 moment = Moment(
-                    clock.tick, clock.time_s, index, command.position, loads,
-                    scene.flange_pose, scene.flange_twist,
+                    clock.tick, clock.time_s, index, reference, loads,
+                    carrier.flange_pose, carrier.flange_twist,
                 )  # fmt: skip
                 yield parts.snapshot(moment, ledger, time.perf_counter() - began)
-
-    def _drive(self, plan: PhasePlan, elapsed: int) -> tuple[ServoCommand, Loads]:
-        """Return the servo command for the tick and the loads at its end."""
-        parts, phase, tick_s = self._parts, plan.phase, self.stage.tick_s
-        # the servos act on the error at the start of the tick, so they get the reference of that instant
-        now = progress(phase.ramp, (elapsed - 1) * tick_s, phase.duration_s)
-        then = progress(phase.ramp, elapsed * tick_s, phase.duration_s)
-        position, velocity, acceleration = plan.joints.at(now)
-        feedforward = parts.arm.inverse_dynamics(
-            position, velocity, acceleration, parts.scene.armature, parts.payload(parts.scene.flange_pose)
-        )
-        return ServoCommand(position, velocity, feedforward), plan.begin.interpolated(plan.end, then.value)

@@ -10,9 +10,8 @@ import numpy as np
 from cosim.coupling.ledger import LedgerEntry
 from cosim.coupling.soft_arm import SoftArm
 from cosim.frames import Array, Pose, Twist
-from cosim.kinematics.arm import Arm, Payload
-from cosim.rigid.scene import RigidScene
-from cosim.scenario.plan import PhasePlan, Plan
+from cosim.scenario.carrier import Carrier
+from cosim.scenario.plan import Plan
 from cosim.scenario.schema import Phase, Scenario
 from cosim.scenario.snapshot import Snapshot
 from cosim.soft.body import Loads
@@ -45,49 +44,35 @@ class Moment:
 
 @final
 class Parts:
-    """Rigid side, soft side, arm kinematics and plan of one run.
+    """Carrier, soft side and plan of one run.
 
     Args:
         scenario: checked.
         plan: made from it.
-        arm: kinematics and inverse dynamics.
-        scene: rigid side.
+        carrier: of the flange.
         soft: soft side.
     """
 
-    def __init__(self, scenario: Scenario, plan: Plan, arm: Arm, scene: RigidScene, soft: SoftArm) -> None:
+    def __init__(self, scenario: Scenario, plan: Plan, carrier: Carrier, soft: SoftArm) -> None:
         self.scenario, self.plan = scenario, plan
-        self.arm, self.scene, self.soft = arm, scene, soft
+        self.carrier, self.soft = carrier, soft
         self._rings = hole_rings(soft.body)
 
     def ticks(self, phase: Phase) -> int:
         """Return how many ticks of the clock a phase lasts, at least one."""
         return max(1, round((phase.duration_s + phase.settle_s) / self.scenario.clock.tick_s))
 
-    def payload(self, world_from_flange: Pose) -> Payload | None:
-        """Return the soft body as a rigid payload at its present shape; None with compensation off."""
-        if not self.scenario.payload_compensation:
-            return None
-        mass = self.soft.mass_properties()
-        center, inertia = mass.in_frame(world_from_flange)
-        return Payload(mass.mass_kg, center, inertia)
-
-    def clamp(self, plan: PhasePlan, world_from_flange: Pose) -> None:
-        """Hold what a phase holds, from now on."""
-        if len(plan.clamp):
-            self.soft.hold_also(plan.clamp, world_from_flange)
-
     def snapshot(self, moment: Moment, ledger: LedgerEntry, wall_s: float) -> Snapshot:
         """Return the present state as a snapshot."""
         body, x = self.soft.body, self.soft.state.positions
-        position, quaternion = self.scene.body_poses()
+        position, quaternion = self.carrier.body_poses()
         tip = body.tip_position(x)
         straight = center_line_length(self._rings, x) * moment.flange.rotation[:, 2]
         return Snapshot(
             tick=moment.tick,
             time_s=moment.time_s,
             phase=moment.phase,
-            joint_position=self.scene.joint_position,
+            joint_position=self.carrier.joint_position,
             joint_target=moment.joint_target,
             body_position=position,
             body_quaternion=quaternion,

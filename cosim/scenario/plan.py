@@ -6,17 +6,18 @@ input error.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import final
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import TypeAlias, final
 
 import numpy as np
 
 from cosim.coupling.soft_arm import SoftArm
 from cosim.errors import InputError, ScenarioError, SolverError, UnreachableError
-from cosim.frames import Array, IntArray, Pose, rotation_from_vector
-from cosim.kinematics.arm import Arm
+from cosim.frames import Array, IntArray, Mask, Pose, rotation_from_vector
 from cosim.scenario.flange import FlangeWay, pose_of
-from cosim.scenario.path import JointPath, plan_joints
+from cosim.scenario.joint_path import JointPath
+from cosim.scenario.node_groups import held_components, nodal_force, nodes_of
 from cosim.scenario.schema import Phase, Scenario, Start, TipTarget
 from cosim.soft import tip_target as soft_target
 from cosim.soft.body import Loads, SoftBody
@@ -26,6 +27,31 @@ from cosim.soft.equilibrium import Equilibrium
 # A static path is cut finer than the joint path only where loads change much: these pieces suffice
 # for the branch to be the one that a slow motion follows.
 _LOAD_PIECES = 4
+
+
+JointPlanner: TypeAlias = Callable[[Pose, list[FlangeWay], Callable[[int], str]], tuple[JointPath, ...]]
+"""Start pose, ways of all phases, and the key to blame for phase k (-1: the start) -> joint paths."""
+
+
+@final
+@dataclass(frozen=True)
+class Holding:
+    """What is held otherwise from the start of a phase on.
+
+    Args:
+        release: (m,) nodes let go.
+        hold: (n, 3) bool, components held from then on.
+    """
+
+    release: IntArray
+    hold: Mask
+
+    def apply(self, soft: SoftArm, world_from_flange: Pose) -> None:
+        """Change what a soft body is held by, where it is now."""
+        if len(self.release):
+            soft.let_go(self.release)
+        if self.hold.any():
+            soft.hold_also(self.hold, world_from_flange)
 
 
 @final
@@ -38,7 +64,7 @@ class PhasePlan:
         joints: joint angles along it.
         begin: loads at its start.
         end: loads at its end.
-        clamp: nodes held from its start on, besides those held already.
+        holding: what is held otherwise from its start on.
         tip_target: (3,) [m]; components that are free are NaN; None without a target.
     """
 
@@ -46,7 +72,7 @@ class PhasePlan:
     joints: JointPath
     begin: Loads
     end: Loads
-    clamp: IntArray
+    holding: Holding
     tip_target: Array | None
 
 
@@ -85,41 +111,32 @@ def start_equilibrium(soft: SoftArm, flange: Pose, loads: Loads) -> Equilibrium:
     return soft.equilibrium_solver.follow(hung, flange, loads)
 
 
-def make_plan(scenario: Scenario, arm: Arm, soft: SoftArm) -> Plan:
+def make_plan(scenario: Scenario, plan_joints: JointPlanner, soft: SoftArm) -> Plan:
     """Return the plan of a scenario.
 
     Args:
         scenario: checked.
-        arm: its kinematics.
-        soft: a soft side to try the phases on, statically; its state is used up.
+        plan_joints: finds the joint angles for the flange's motion.
+        soft: a soft side to try the phases on, statically, up to the last one with a tip target; its
+            state is used up.
 
     Raises:
         ScenarioError: a pose or target cannot be reached; `path` names the key.
     """
     start = pose_of(scenario.start.flange)
     loads = start_loads(scenario.start, soft.body, scenario.gravity_m_s2)
-    here = start_equilibrium(soft, start, loads)
-    drafts: list[_Draft] = []
-    for phase in scenario.phases:
-        clamp = _clamped_nodes(soft.body, phase)
-        if len(clamp):
-            soft.settle(here)
-            soft.hold_also(clamp, here.world_from_flange)
-        draft = _draft(soft, here, phase, clamp)
-        drafts.append(draft)
-        here = draft.end
+    drafts = _drafts(scenario, soft, start, loads)
     keys = ["start.flange", *(_flange_key(phase) for phase in scenario.phases)]
     try:
-        joints = plan_joints(arm, start, [draft.way for draft in drafts], lambda k: keys[k + 1])
+        joints = plan_joints(start, [draft.way for draft in drafts], lambda k: keys[k + 1])
     except UnreachableError as error:
         raise ScenarioError("", str(error)) from error
     plans = tuple(
         PhasePlan(
-            draft.phase, path, draft.begin.loads, draft.end.loads, draft.clamp,
-            _target_point(draft.phase.tip_target),
+            draft.phase, path, draft.begin, draft.end, draft.holding, _target_point(draft.phase.tip_target)
         )
         for draft, path in zip(drafts, joints, strict=True)
-    )  # fmt: skip
+    )
     return Plan(start, joints[0].first, loads, plans)
 
 
@@ -130,15 +147,39 @@ class _Draft:
 
     phase: Phase
     way: FlangeWay
-    begin: Equilibrium
-    end: Equilibrium
-    clamp: IntArray
+    begin: Loads
+    end: Loads
+    holding: Holding
 
 
-def _clamped_nodes(body: SoftBody, phase: Phase) -> IntArray:
-    if not phase.clamp:
-        return np.zeros(0, np.int64)
-    return np.unique(np.concatenate([body.rings[name] for name in phase.clamp]))
+def _drafts(scenario: Scenario, soft: SoftArm, start: Pose, loads: Loads) -> list[_Draft]:
+    """Return all phases; only those up to the last tip target need the statics of the soft body."""
+    sides = scenario.soft_robot.chamber.sides
+    targets = [index for index, phase in enumerate(scenario.phases) if phase.tip_target is not None]
+    solved = 1 + max(targets, default=-1)
+    drafts: list[_Draft] = []
+    if solved:
+        here = start_equilibrium(soft, start, loads)
+        for phase in scenario.phases[:solved]:
+            holding = _holding(soft.body, sides, phase)
+            soft.settle(here)
+            holding.apply(soft, here.world_from_flange)
+            end_loads = _end_loads(here.loads, phase, soft.body, sides)
+            way, end = _solve_phase(soft, here, phase, end_loads)
+            drafts.append(_Draft(phase, way, here.loads, end.loads, holding))
+            here = end
+        start, loads = here.world_from_flange, here.loads
+    for phase in scenario.phases[solved:]:
+        way, end_loads = _way(start, phase), _end_loads(loads, phase, soft.body, sides)
+        drafts.append(_Draft(phase, way, loads, end_loads, _holding(soft.body, sides, phase)))
+        start, loads = way.end, end_loads
+    return drafts
+
+
+def _holding(body: SoftBody, sides: int, phase: Phase) -> Holding:
+    hold = held_components(body, sides, phase.supports)
+    hold[nodes_of(body, sides, phase.clamp, None)] = True
+    return Holding(nodes_of(body, sides, phase.release, None), hold)
 
 
 def _flange_key(phase: Phase) -> str:
@@ -156,26 +197,32 @@ def _target_point(target: TipTarget | None) -> Array | None:
     return np.array([np.nan, np.nan, target.height_m])
 
 
-def _draft(soft: SoftArm, here: Equilibrium, phase: Phase, clamp: IntArray) -> _Draft:
-    """Return the phase with its flange motion and the equilibrium at its end."""
+def _solve_phase(
+    soft: SoftArm, here: Equilibrium, phase: Phase, loads: Loads
+) -> tuple[FlangeWay, Equilibrium]:
+    """Return the flange's way through a phase and the equilibrium at its end."""
     try:
-        loads = _end_loads(here.loads, phase)
         if phase.tip_target is None:
             way = _way(here.world_from_flange, phase)
-            return _Draft(phase, way, here, _walk(soft, here, way, loads), clamp)
+            return way, _walk(soft, here, way, loads)
         still = _walk(soft, here, FlangeWay.to(here.world_from_flange, here.world_from_flange), loads)
         wanted = _reach(soft, still, phase.tip_target)
         way = FlangeWay.to(here.world_from_flange, wanted.world_from_flange)
         # the state at the end must be the one that this motion leads to, not the one the search ended in
-        return _Draft(phase, way, here, _walk(soft, here, way, wanted.loads), clamp)
+        return way, _walk(soft, here, way, wanted.loads)
     except (UnreachableError, SolverError) as error:
         raise ScenarioError(_flange_key(phase), f"the static plan fails: {error}") from error
 
 
-def _end_loads(loads: Loads, phase: Phase) -> Loads:
-    pressure = loads.pressure_Pa if phase.pressure_Pa is None else phase.pressure_Pa
-    tension = loads.cable_tension_N if phase.cable_tension_N is None else phase.cable_tension_N
-    return Loads(pressure, tuple(tension), loads.gravity)
+def _end_loads(loads: Loads, phase: Phase, body: SoftBody, sides: int) -> Loads:
+    """Return the loads at the end of a phase; the same object where the phase changes none."""
+    if phase.pressure_Pa is not None:
+        loads = replace(loads, pressure_Pa=phase.pressure_Pa)
+    if phase.cable_tension_N is not None:
+        loads = replace(loads, cable_tension_N=tuple(phase.cable_tension_N))
+    if phase.forces:
+        loads = replace(loads, nodal_force=nodal_force(body, sides, phase.forces))
+    return loads
 
 
 def _way(here: Pose, phase: Phase) -> FlangeWay:
@@ -186,7 +233,7 @@ def _way(here: Pose, phase: Phase) -> FlangeWay:
 
 
 def _walk(soft: SoftArm, begin: Equilibrium, way: FlangeWay, loads: Loads) -> Equilibrium:
-    count = max(way.pieces, _LOAD_PIECES if loads != begin.loads else 0)
+    count = max(way.pieces, _LOAD_PIECES if loads is not begin.loads else 0)
     here = begin
     for k in range(1, count + 1):
         load = begin.loads.interpolated(loads, k / count)

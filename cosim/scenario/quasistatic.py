@@ -1,4 +1,4 @@
-"""The quasistatic mode: a chain of equilibria of the soft body and of the arm's servos."""
+"""The quasistatic mode: a chain of equilibria of the soft body and of what carries it."""
 
 from __future__ import annotations
 
@@ -18,7 +18,6 @@ from cosim.scenario.snapshot import Snapshot, Stage
 from cosim.soft.body import Loads
 from cosim.soft.equilibrium import Equilibrium
 
-_SETTLED_RAD = 1e-9
 _DROOP_ROUNDS_MAX = 20
 
 
@@ -43,15 +42,15 @@ class QuasistaticSimulation:
             SolverError: the physics could not be solved; the snapshots so far stand.
         """
         parts, began = self._parts, time.perf_counter()
-        plan, scene = parts.plan, parts.scene
-        scene.set_joint_state(plan.joints)
-        here = start_equilibrium(parts.soft, scene.flange_pose, plan.loads)
+        plan, carrier = parts.plan, parts.carrier
+        carrier.stand(plan.joints)
+        here = start_equilibrium(parts.soft, carrier.flange_pose, plan.loads)
         here, spent = self._with_droop(here, plan.joints, here.iterations)
         tick, start_s = 0, 0.0
         moment = Moment(0, 0.0, 0, plan.joints, plan.loads, here.world_from_flange, Twist())
         yield self._snapshot(moment, here, spent, 0.0, began)
         for index, phase in enumerate(plan.phases):
-            parts.clamp(phase, here.world_from_flange)
+            phase.holding.apply(parts.soft, here.world_from_flange)
             self._earlier = None
             span = (phase.phase.duration_s + phase.phase.settle_s) / phase.phase.increments
             for increment in range(1, phase.phase.increments + 1):
@@ -77,11 +76,10 @@ class QuasistaticSimulation:
         return self._parts.snapshot(moment, ledger, time.perf_counter() - began)
 
     def _advance(self, here: Equilibrium, reference: Array, loads: Loads) -> tuple[Equilibrium, int]:
-        """Return the next equilibrium of arm and soft body, and the Newton iterations spent."""
-        scene, soft = self._parts.scene, self._parts.soft
-        offset = scene.joint_position - self._last_reference
-        scene.set_joint_state(reference + offset)
-        pose = scene.flange_pose
+        """Return the next equilibrium of carrier and soft body, and the Newton iterations spent."""
+        carrier, soft = self._parts.carrier, self._parts.soft
+        carrier.bring(reference)
+        pose = carrier.flange_pose
         local = here.world_from_flange.inverse().apply(here.state.positions)
         # the shape goes on as it changed in the last increment, seen from the flange
         guess = local if self._earlier is None else 2.0 * local - self._earlier
@@ -95,21 +93,14 @@ class QuasistaticSimulation:
         return self._with_droop(found, reference, spent)
 
     def _with_droop(self, found: Equilibrium, reference: Array, spent: int) -> tuple[Equilibrium, int]:
-        """Let the servos give way to the wrench until arm and soft body agree."""
-        parts, scene, soft = self._parts, self._parts.scene, self._parts.soft
-        still = np.zeros_like(reference)
+        """Let the carrier give way to the wrench until it and the soft body agree."""
+        carrier, soft = self._parts.carrier, self._parts.soft
         for _ in range(_DROOP_ROUNDS_MAX):
             soft.settle(found)
-            payload = parts.payload(found.world_from_flange)
-            feedforward = parts.arm.inverse_dynamics(reference, still, still, payload=payload)
-            joints = scene.static_configuration(reference, feedforward, found.wrench)
-            moved = float(np.abs(joints - scene.joint_position).max())
-            if moved < _SETTLED_RAD:
+            if not carrier.give_way(reference, found.wrench):
                 break
-            scene.set_joint_state(joints)
-            found = soft.equilibrium_solver.follow(found, scene.flange_pose, found.loads)
+            found = soft.equilibrium_solver.follow(found, carrier.flange_pose, found.loads)
             spent += found.iterations
-        self._last_reference = reference
         return found, spent
 
 

@@ -8,7 +8,7 @@ world's x axis; pointing straight up it is turned half a turn about the world's 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Annotated, Literal, final
+from typing import Annotated, Final, Literal, final
 
 from cosim.scenario.constraints import (
     Bounds,
@@ -26,6 +26,7 @@ from cosim.scenario.constraints import (
 )
 from cosim.scenario.soft_robot import SoftRobot
 
+NO_ARM: Final = "none"
 Tensions = tuple[NonNegative, ...]
 
 
@@ -156,6 +157,38 @@ class SceneObject:
 
 @final
 @dataclass(frozen=True)
+class Support:
+    """Nodes held in the world; only without an arm.
+
+    Args:
+        rings: such as "unit_1.outer".
+        corners: of these rings, 0 to sides - 1; omitted: all nodes of the rings.
+        axes: world axes along which they are held, where they are when the phase starts.
+    """
+
+    rings: Annotated[tuple[str, ...], Length(at_least=1)]
+    corners: tuple[int, ...] | None = None
+    axes: Literal["x", "y", "z", "xy", "xz", "yz", "xyz"] = "xyz"
+
+
+@final
+@dataclass(frozen=True)
+class Force:
+    """A dead load on nodes, at the end of the ramp.
+
+    Args:
+        rings: such as "unit_5.outer".
+        corners: of these rings, 0 to sides - 1; omitted: all nodes of the rings.
+        total_N: shared evenly by the nodes, world axes.
+    """
+
+    rings: Annotated[tuple[str, ...], Length(at_least=1)]
+    total_N: Vector3
+    corners: tuple[int, ...] | None = None
+
+
+@final
+@dataclass(frozen=True)
 class Phase:
     """One stretch of the run; what is omitted stays as it is.
 
@@ -169,7 +202,10 @@ class Phase:
         flange: absolute pose at the end of the ramp.
         flange_turn: relative rotation; may be combined with `flange_shift_m`.
         flange_shift_m: relative displacement, world axes.
+        release: rings let go when the phase starts, before anything else is held.
         clamp: rings held rigidly to the flange from here on, as they are when the phase starts.
+        supports: `[[phase.support]]` in the file; held from here on, besides what is held already.
+        forces: `[[phase.force]]` in the file; together they replace the forces of earlier phases.
         tip_target: where the tip should end up.
     """
 
@@ -183,7 +219,10 @@ class Phase:
     flange: FlangePose | None = None
     flange_turn: FlangeTurn | None = None
     flange_shift_m: Vector3 | None = None
+    release: tuple[str, ...] = ()
     clamp: tuple[str, ...] = ()
+    supports: tuple[Support, ...] = field(default=(), metadata={"key": "support"})
+    forces: tuple[Force, ...] = field(default=(), metadata={"key": "force"})
     tip_target: TipTarget | None = None
 
 
@@ -194,7 +233,8 @@ class Scenario:
 
     Args:
         name: of the scenario; the file's name if omitted.
-        robot: rigid arm: a directory of robots/, or an arm of example-robot-data.
+        robot: rigid arm: a directory of robots/, or an arm of example-robot-data; "none": the base is
+            held where the flange starts, and nothing of an arm is loaded.
         soft_robot: in the file a name, a path, or a table `{file = NAME, ...}` of changes to that file.
         payload_compensation: the arm's feedforward knows the soft arm's weight.
         objects: `[[object]]` in the file.

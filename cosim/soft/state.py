@@ -15,57 +15,76 @@ from cosim.soft.surface import dihedral_angle
 @final
 @dataclass(frozen=True)
 class Clamp:
-    """Nodes held rigidly to the flange.
+    """Nodes held rigidly to the flange, as a whole or in single world components.
 
     Args:
-        nodes: (k,) indices.
+        nodes: (k,) indices, ascending.
         offsets: (k, 3) [m], their places in the flange frame.
+        components: (k, 3) bool, the world components in which each is held.
     """
 
     nodes: IntArray
     offsets: Array
+    components: Mask
 
     @classmethod
     def of_base(cls, body: SoftBody) -> Clamp:
         """Return the clamp of the body's base nodes, where they are drawn."""
-        return cls(body.base, body.positions[body.base])
+        nodes = np.unique(body.base)
+        return cls(nodes, body.positions[nodes], np.ones((len(nodes), 3), dtype=bool))
 
-    def extended(self, nodes: IntArray, positions: Array, world_from_flange: Pose) -> Clamp:
-        """Return a clamp that also holds `nodes` where they are now.
+    def extended(self, held: Mask, positions: Array, world_from_flange: Pose) -> Clamp:
+        """Return a clamp that also holds further components where they are now.
 
         Args:
-            nodes: (m,) further nodes.
+            held: (n, 3) bool, components to hold besides those held already.
             positions: (n, 3) [m], world, of all nodes.
             world_from_flange: present pose of the flange.
         """
-        new = np.setdiff1d(nodes, self.nodes)
-        offsets = world_from_flange.inverse().apply(positions[new])
-        return Clamp(np.concatenate([self.nodes, new]), np.concatenate([self.offsets, offsets]))
+        mask = self.mask(len(positions)) | held
+        offsets = world_from_flange.inverse().apply(positions)
+        whole = self.components.all(axis=1)
+        offsets[self.nodes[whole]] = self.offsets[whole]
+        nodes = np.flatnonzero(mask.any(axis=1))
+        return Clamp(nodes, offsets[nodes], mask[nodes])
+
+    def without(self, nodes: IntArray) -> Clamp:
+        """Return a clamp that lets the given nodes go."""
+        kept = ~np.isin(self.nodes, nodes)
+        return Clamp(self.nodes[kept], self.offsets[kept], self.components[kept])
 
     def mask(self, count: int) -> Mask:
-        """Return (count,) bool, true where a node is held."""
-        held = np.zeros(count, dtype=bool)
-        held[self.nodes] = True
+        """Return (count, 3) bool, true where a component is held."""
+        held = np.zeros((count, 3), dtype=bool)
+        held[self.nodes] = self.components
         return held
 
     def place(self, positions: Array, world_from_flange: Pose) -> Array:
-        """Return the positions (n, 3) [m] with the held nodes where the flange has them."""
+        """Return the positions (n, 3) [m] with the held components where the flange has them."""
         placed = np.array(positions)
-        placed[self.nodes] = world_from_flange.apply(self.offsets)
+        target = world_from_flange.apply(self.offsets)
+        placed[self.nodes] = np.where(self.components, target, placed[self.nodes])
         return placed
+
+    def reaction(self, gradient: Array) -> Array:
+        """Return the force (k, 3) [N] that the flange supplies to each held node, free components zero.
+
+        Args:
+            gradient: (n, 3) [N], of the potential, inertia included.
+        """
+        return np.where(self.components, gradient[self.nodes], 0.0)
 
     def wrench(self, gradient: Array, positions: Array, world_from_flange: Pose) -> Wrench:
         """Return what the body exerts on the flange, at its origin, world axes.
 
-        force = -sum_k r_k, torque = -sum_k (x_k - o) x r_k, with r the gradient of the potential (inertia
-        included) at the held nodes: the force that the flange must supply.
+        force = -sum_k r_k, torque = -sum_k (x_k - o) x r_k, with r the reactions at the held nodes.
 
         Args:
             gradient: (n, 3) [N].
             positions: (n, 3) [m], world.
             world_from_flange: pose of the flange, o its origin.
         """
-        reaction = gradient[self.nodes]
+        reaction = self.reaction(gradient)
         arm = positions[self.nodes] - world_from_flange.translation
         return Wrench(-reaction.sum(axis=0), -np.cross(arm, reaction).sum(axis=0))
 

@@ -1,0 +1,111 @@
+"""An arm with servos as the carrier of the flange."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import final
+
+import numpy as np
+
+from cosim.coupling.ledger import LedgerEntry
+from cosim.coupling.soft_arm import SoftArm
+from cosim.coupling.staggered import ServoCommand, StaggeredCoupling
+from cosim.frames import Array, Pose, Twist, Wrench
+from cosim.kinematics.arm import Arm, Payload
+from cosim.rigid.scene import RigidScene
+from cosim.scenario.carrier import Carrier
+from cosim.scenario.joint_path import JointPath
+from cosim.scenario.ramp import Progress
+from cosim.scenario.snapshot import RigidShape
+from cosim.soft.body import Loads
+
+_SETTLED_RAD = 1e-9
+
+
+@final
+class ArmCarrier(Carrier):
+    """Moves the flange by servos with inverse-dynamics feedforward.
+
+    Args:
+        name: of the arm.
+        arm: kinematics and inverse dynamics.
+        scene: rigid side.
+        soft: soft side.
+        payload_compensation: whether the feedforward knows the soft robot's weight.
+    """
+
+    def __init__(
+        self, name: str, arm: Arm, scene: RigidScene, soft: SoftArm, payload_compensation: bool
+    ) -> None:
+        self._name, self._arm, self._scene, self._soft = name, arm, scene, soft
+        self._compensation = payload_compensation
+        self._reference = np.zeros(arm.joint_count)
+        self._coupling: StaggeredCoupling | None = None
+
+    @property
+    def flange_pose(self) -> Pose:
+        return self._scene.flange_pose
+
+    @property
+    def flange_twist(self) -> Twist:
+        return self._scene.flange_twist
+
+    @property
+    def joint_position(self) -> Array:
+        return self._scene.joint_position
+
+    @property
+    def body_names(self) -> tuple[str, ...]:
+        return self._scene.body_names
+
+    @property
+    def shapes(self) -> tuple[RigidShape, ...]:
+        return tuple(RigidShape(s.body, s.vertices, s.triangles, s.rgba) for s in self._scene.shapes)
+
+    @property
+    def report(self) -> Mapping[str, str]:
+        return {
+            "Arm": f"{self._name}, {self._arm.joint_count} joints, servos with inverse-dynamics feedforward",
+            "Exchange": "staggered, both ways at every tick",
+            "Payload compensation": "on" if self._compensation else "off",
+        }
+
+    def body_poses(self) -> tuple[Array, Array]:
+        return self._scene.body_poses()
+
+    def stand(self, joints: Array) -> None:
+        self._scene.set_joint_state(joints)
+        self._reference = joints
+
+    def bring(self, reference: Array) -> None:
+        self._scene.set_joint_state(reference + self._scene.joint_position - self._reference)
+        self._reference = reference
+
+    def give_way(self, reference: Array, wrench: Wrench) -> bool:
+        scene, still = self._scene, np.zeros_like(reference)
+        feedforward = self._arm.inverse_dynamics(reference, still, still, payload=self._payload())
+        joints = scene.static_configuration(reference, feedforward, wrench)
+        if float(np.abs(joints - scene.joint_position).max()) < _SETTLED_RAD:
+            return False
+        scene.set_joint_state(joints)
+        return True
+
+    def couple(self, wrench: Wrench) -> None:
+        self._coupling = StaggeredCoupling(self._scene, self._soft, wrench)
+
+    def tick(self, path: JointPath, now: Progress, then: Progress, loads: Loads) -> tuple[Array, LedgerEntry]:
+        assert self._coupling is not None, "couple() comes before tick()"
+        # the servos act on the error at the start of the tick, so they get the reference of that instant
+        position, velocity, acceleration = path.at(now)
+        feedforward = self._arm.inverse_dynamics(
+            position, velocity, acceleration, self._scene.armature, self._payload()
+        )
+        return position, self._coupling.tick(ServoCommand(position, velocity, feedforward), loads)
+
+    def _payload(self) -> Payload | None:
+        """Return the soft body as a rigid payload at its present shape; None with compensation off."""
+        if not self._compensation:
+            return None
+        mass = self._soft.mass_properties()
+        center, inertia = mass.in_frame(self._scene.flange_pose)
+        return Payload(mass.mass_kg, center, inertia)

@@ -1,0 +1,153 @@
+"""What carries the flange, as both modes of a run see it; and the simplest carrier, a held base."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping
+from typing import final
+
+import numpy as np
+
+from cosim.coupling.ledger import LedgerEntry
+from cosim.coupling.soft_arm import SoftArm
+from cosim.frames import Array, Pose, Twist, Wrench
+from cosim.scenario.flange import FlangeWay
+from cosim.scenario.joint_path import JointPath
+from cosim.scenario.ramp import Progress
+from cosim.scenario.snapshot import RigidShape
+from cosim.soft.body import Loads
+
+
+class Carrier(ABC):
+    """Carries the flange along its planned way, and is acted on by the soft robot.
+
+    Statics: `stand`, then `bring` and `give_way` for every increment. Dynamics: `stand`, `couple`, then
+    `tick`.
+    """
+
+    @property
+    @abstractmethod
+    def flange_pose(self) -> Pose:
+        """World from flange."""
+
+    @property
+    @abstractmethod
+    def flange_twist(self) -> Twist:
+        """Of the flange's origin, world axes."""
+
+    @property
+    @abstractmethod
+    def joint_position(self) -> Array:
+        """(joints,) [rad]."""
+
+    @property
+    @abstractmethod
+    def body_names(self) -> tuple[str, ...]:
+        """Rigid bodies, in the order of `body_poses`."""
+
+    @property
+    @abstractmethod
+    def shapes(self) -> tuple[RigidShape, ...]:
+        """What is drawn of the rigid bodies."""
+
+    @property
+    @abstractmethod
+    def report(self) -> Mapping[str, str]:
+        """What is modelled of it, by heading."""
+
+    @abstractmethod
+    def body_poses(self) -> tuple[Array, Array]:
+        """Return positions (bodies, 3) [m] and quaternions (bodies, 4), world from body."""
+
+    @abstractmethod
+    def stand(self, joints: Array) -> None:
+        """Go to joint angles (joints,) [rad], at rest."""
+
+    @abstractmethod
+    def bring(self, reference: Array) -> None:
+        """Move on to new references (joints,) [rad] at rest, the deflection under load unchanged."""
+
+    @abstractmethod
+    def give_way(self, reference: Array, wrench: Wrench) -> bool:
+        """Go where the soft robot's wrench at the flange pushes it; return whether it still moved."""
+
+    @abstractmethod
+    def couple(self, wrench: Wrench) -> None:
+        """Begin a lockstep run; `wrench` acts on the flange at its start."""
+
+    @abstractmethod
+    def tick(self, path: JointPath, now: Progress, then: Progress, loads: Loads) -> tuple[Array, LedgerEntry]:
+        """Advance carrier and soft robot by one tick.
+
+        Args:
+            path: joint angles of the phase.
+            now: progress at the start of the tick.
+            then: progress at its end.
+            loads: on the soft body at its end.
+
+        Returns:
+            The references (joints,) [rad] of the tick, and what was exchanged.
+        """
+
+
+@final
+class HeldBase(Carrier):
+    """Holds the flange where it starts: no arm, no joints, no rigid bodies.
+
+    Args:
+        soft: the soft side.
+        world_from_flange: where.
+        tick_s: of the lockstep clock [s].
+    """
+
+    def __init__(self, soft: SoftArm, world_from_flange: Pose, tick_s: float) -> None:
+        self._soft, self._pose, self._tick_s = soft, world_from_flange, tick_s
+
+    @staticmethod
+    def plan(start: Pose, ways: list[FlangeWay], blame: Callable[[int], str]) -> tuple[JointPath, ...]:
+        """Return a path without joints for every phase."""
+        return tuple(JointPath(np.zeros(0), None) for _ in ways)
+
+    @property
+    def flange_pose(self) -> Pose:
+        return self._pose
+
+    @property
+    def flange_twist(self) -> Twist:
+        return Twist()
+
+    @property
+    def joint_position(self) -> Array:
+        return np.zeros(0)
+
+    @property
+    def body_names(self) -> tuple[str, ...]:
+        return ()
+
+    @property
+    def shapes(self) -> tuple[RigidShape, ...]:
+        return ()
+
+    @property
+    def report(self) -> Mapping[str, str]:
+        return {"Arm": "none: the base is held where it starts"}
+
+    def body_poses(self) -> tuple[Array, Array]:
+        return np.zeros((0, 3)), np.zeros((0, 4))
+
+    def stand(self, joints: Array) -> None:
+        pass
+
+    def bring(self, reference: Array) -> None:
+        pass
+
+    def give_way(self, reference: Array, wrench: Wrench) -> bool:
+        return False
+
+    def couple(self, wrench: Wrench) -> None:
+        pass
+
+    def tick(self, path: JointPath, now: Progress, then: Progress, loads: Loads) -> tuple[Array, LedgerEntry]:
+        reply = self._soft.advance(self._pose, loads, self._tick_s)
+        entry = LedgerEntry(reply.wrench, 0.0, reply.power_W, reply.residual_N, reply.iterations, 0.0, False)
+        return path.first, entry

@@ -1,0 +1,48 @@
+"""Node groups that a scenario names by rings and corners, and what holds or loads them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from cosim.frames import Array, IntArray, Mask
+from cosim.scenario.schema import Force, Support
+from cosim.soft.body import SoftBody
+
+_AXES = "xyz"
+
+
+def nodes_of(body: SoftBody, sides: int, rings: Sequence[str], corners: Sequence[int] | None) -> IntArray:
+    """Return the nodes (m,) of rings, ascending, or only those at some corners.
+
+    Args:
+        body: whose nodes.
+        sides: corners of each ring.
+        rings: names.
+        corners: 0 to sides - 1; None for all nodes of the rings.
+    """
+    found = []
+    for name in rings:
+        ring = body.rings[name]
+        found.append(ring if corners is None else ring[np.array(corners, np.int64) * len(ring) // sides])
+    return np.unique(np.concatenate([np.zeros(0, np.int64), *found]))
+
+
+def held_components(body: SoftBody, sides: int, supports: Sequence[Support]) -> Mask:
+    """Return (n, 3) bool, the world components that supports hold."""
+    held = np.zeros((body.nodes, 3), dtype=bool)
+    for support in supports:
+        nodes = nodes_of(body, sides, support.rings, support.corners)
+        for axis in support.axes:
+            held[nodes, _AXES.index(axis)] = True
+    return held
+
+
+def nodal_force(body: SoftBody, sides: int, forces: Sequence[Force]) -> Array:
+    """Return (n, 3) [N], each force shared evenly by its nodes."""
+    total = np.zeros((body.nodes, 3))
+    for force in forces:
+        nodes = nodes_of(body, sides, force.rings, force.corners)
+        total[nodes] += np.array(force.total_N) / len(nodes)
+    return total
