@@ -76,7 +76,7 @@ class SoftArm:
             held: (n, 3) bool, world components.
             world_from_flange: present pose of the flange.
         """
-        self._hold(self.clamp.extended(held, self.state.positions, world_from_flange))
+        self._hold(self.clamp.holding(held, self.state.positions, world_from_flange))
 
     def let_go(self, nodes: IntArray) -> None:
         """Hold the given nodes (m,) no longer."""

@@ -33,7 +33,13 @@ class Clamp:
         nodes = np.unique(body.base)
         return cls(nodes, body.positions[nodes], np.ones((len(nodes), 3), dtype=bool))
 
-    def extended(self, held: Mask, positions: Array, world_from_flange: Pose) -> Clamp:
+    def extended(self, nodes: IntArray, positions: Array, world_from_flange: Pose) -> Clamp:
+        """Return a clamp that also holds `nodes` (m,) as a whole; see `holding`."""
+        held = np.zeros((len(positions), 3), dtype=bool)
+        held[nodes] = True
+        return self.holding(held, positions, world_from_flange)
+
+    def holding(self, held: Mask, positions: Array, world_from_flange: Pose) -> Clamp:
         """Return a clamp that also holds further components where they are now.
 
         Args:
