@@ -9,7 +9,7 @@ import numpy as np
 
 from cosim.coupling.mass import MassProperties
 from cosim.errors import ConvergenceError
-from cosim.frames import Array, IntArray, Mask, Pose, Wrench
+from cosim.frames import Array, IntArray, Pose, Wrench
 from cosim.soft.body import Loads, SoftBody
 from cosim.soft.dynamics import ImplicitStepper, StepOptions
 from cosim.soft.equilibrium import Equilibrium, EquilibriumSolver
@@ -69,18 +69,14 @@ class SoftArm:
         self.equilibrium_solver = EquilibriumSolver(newton, clamp, self._statics)
         self._stepper = ImplicitStepper(newton, clamp, self._dynamics)
 
-    def hold_also(self, held: Mask, world_from_flange: Pose) -> None:
-        """Hold further components where they are now; what is held as a whole goes with the flange.
+    def hold_also(self, nodes: IntArray, world_from_flange: Pose) -> None:
+        """Hold further nodes rigidly to the flange, where they are now.
 
         Args:
-            held: (n, 3) bool, world components.
+            nodes: (m,) indices.
             world_from_flange: present pose of the flange.
         """
-        self._hold(self.clamp.holding(held, self.state.positions, world_from_flange))
-
-    def let_go(self, nodes: IntArray) -> None:
-        """Hold the given nodes (m,) no longer."""
-        self._hold(self.clamp.without(nodes))
+        self._hold(self.clamp.extended(nodes, self.state.positions, world_from_flange))
 
     def advance(self, world_from_flange: Pose, loads: Loads, step_s: float) -> SoftReply:
         """Advance by one step, with the flange at its new pose.
@@ -93,8 +89,12 @@ class SoftArm:
         Raises:
             ConvergenceError: no acceptable solution; the state is that before the step.
         """
-        start = (self._flange, self._loads)
-        iterations = self._step(start, (world_from_flange, loads), step_s, _HALVINGS_MAX)
+        start, before = (self._flange, self._loads), self.state
+        try:
+            iterations = self._step(start, (world_from_flange, loads), step_s, _HALVINGS_MAX)
+        except ConvergenceError:
+            self.state = before
+            raise
         self._flange, self._loads = world_from_flange, loads
         wrench = self.clamp.wrench(self._system.gradient, self.state.positions, world_from_flange)
         power = float(np.einsum("kr,kr->", self.reaction, self.state.velocities[self.clamp.nodes]))
@@ -126,7 +126,7 @@ class SoftArm:
     @property
     def reaction(self) -> Array:
         """Force (k, 3) [N] that the flange supplies to each held node, at the last solution."""
-        return self.clamp.reaction(self._system.gradient)
+        return self._system.gradient[self.clamp.nodes]
 
     def mass_properties(self) -> MassProperties:
         """Return mass, centre and inertia at the present shape."""

@@ -1,0 +1,78 @@
+"""The soft body as a rigid mass; bounds of its algorithmic mass."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from cosim.coupling.mass import MassProperties, armature_bound, stability_ratio
+from cosim.frames import Array, Pose
+from tests.soft.bodies import random_rotation
+
+RANDOM = np.random.default_rng(0)
+MASS = RANDOM.uniform(0.1, 1.0, 30)
+POSITIONS = RANDOM.normal(size=(30, 3)) + np.array([0.3, -0.2, 0.7])
+ORIGIN = np.array([0.1, 0.4, -0.2])
+
+
+def node_sum(origin: Array) -> Array:
+    """Return sum m G^T G, G (3, 6) a node's velocity per linear and angular velocity at the origin."""
+    matrix = np.zeros((6, 6))
+    for mass, position in zip(MASS, POSITIONS, strict=True):
+        g = np.concatenate([np.eye(3), np.cross(np.eye(3), position - origin)]).T
+        matrix += mass * g.T @ g
+    return matrix
+
+
+def test_spatial_mass_is_the_sum_over_nodes() -> None:
+    properties = MassProperties.of(MASS, POSITIONS)
+    assert properties.mass_kg == pytest.approx(MASS.sum())
+    assert properties.spatial(ORIGIN) == pytest.approx(node_sum(ORIGIN), rel=1e-12, abs=1e-12)
+
+
+def test_spatial_mass_gives_kinetic_energy() -> None:
+    linear, angular = np.array([0.3, -0.4, 0.1]), np.array([1.0, 2.0, -0.5])
+    twist = np.concatenate([linear, angular])
+    velocity = linear + np.cross(angular, POSITIONS - ORIGIN)
+    energy = 0.5 * float(MASS @ (velocity**2).sum(axis=1))
+    matrix = MassProperties.of(MASS, POSITIONS).spatial(ORIGIN)
+    assert 0.5 * twist @ matrix @ twist == pytest.approx(energy, rel=1e-13)
+
+
+def test_inertia_of_a_ring() -> None:
+    angle = 2.0 * np.pi / 12.0 * np.arange(12)
+    ring = np.stack([0.2 * np.cos(angle), 0.2 * np.sin(angle), np.full(12, 0.5)], axis=1)
+    properties = MassProperties.of(np.full(12, 0.25), ring)
+    assert properties.center == pytest.approx([0.0, 0.0, 0.5])
+    assert properties.inertia == pytest.approx(np.diag([0.06, 0.06, 0.12]), abs=1e-15)
+
+
+def test_properties_in_a_frame() -> None:
+    frame = Pose(random_rotation(3), np.array([1.0, 2.0, 3.0]))
+    inside = MassProperties.of(MASS, POSITIONS)
+    center, inertia = MassProperties.of(MASS, frame.apply(POSITIONS)).in_frame(frame)
+    assert center == pytest.approx(inside.center)
+    assert inertia == pytest.approx(inside.inertia)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_the_armature_is_never_too_small(seed: int) -> None:
+    jacobian = np.random.default_rng(seed).normal(size=(6, 6))
+    matrix = MassProperties.of(MASS, POSITIONS).spatial(ORIGIN)
+    bound = armature_bound(jacobian, matrix)
+    excess = np.diag(bound) - jacobian.T @ matrix @ jacobian
+    # positive semidefinite by diagonal dominance; rounding of sums near 1e2
+    assert np.linalg.eigvalsh(excess).min() > -1e-12 * bound.max()
+    # tight where nothing is coupled
+    assert armature_bound(np.eye(6), np.diag(np.arange(1.0, 7.0))) == pytest.approx(np.arange(1.0, 7.0))
+
+
+def test_ratio_of_two_masses() -> None:
+    # a free mass of 2 kg carrying 3 kg: 3 / 2
+    assert stability_ratio(np.eye(6) / 2.0, 3.0 * np.eye(6)) == pytest.approx(1.5)
+    half = np.random.default_rng(5).normal(size=(6, 6))
+    mobility = half @ half.T
+    matrix = MassProperties.of(MASS, POSITIONS).spatial(ORIGIN)
+    root = np.linalg.cholesky(matrix)
+    largest = np.linalg.eigvalsh(root.T @ mobility @ root).max()
+    assert stability_ratio(mobility, matrix) == pytest.approx(largest, rel=1e-9)

@@ -1,0 +1,147 @@
+"""The soft side on its own: replies to flange motions, sub-steps, what a failure leaves."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cosim.coupling.soft_arm import SoftArm
+from cosim.errors import ConvergenceError
+from cosim.frames import Array, Pose, Twist, rotation_from_vector, vector_from_rotation
+from cosim.soft.dynamics import ImplicitStepper, StepOptions
+from cosim.soft.newton import NewtonOptions
+from tests.soft.bodies import HANGING, PRESSURE_Pa, hexagon_arm, no_load
+
+STEP_S = 0.002
+TIGHT = StepOptions(
+    tolerance_N=1e-8, iterations=50, residual_bound_N=0.0, newton=NewtonOptions(1e-8, start_tolerance_N=1e-9)
+)
+SHIFT = np.array([2.0, 1.0, -3.0])  # half the flange's acceleration [m/s^2]
+TURN = np.array([3.0, -4.0, 5.0])  # the same of its rotation [rad/s^2]
+
+
+def hanging_arm(units: int = 3, dynamics: StepOptions = TIGHT) -> SoftArm:
+    """Return an inflated arm at rest."""
+    arm = SoftArm(hexagon_arm(units), HANGING, NewtonOptions(), dynamics)
+    solver = arm.equilibrium_solver
+    hung = solver.solve(arm.state, HANGING, no_load(arm.body))
+    arm.settle(solver.follow(hung, HANGING, no_load(arm.body, pressure_Pa=PRESSURE_Pa)))
+    return arm
+
+
+def moving(time_s: float, turn: Array = TURN) -> Pose:
+    """Return a flange that accelerates and turns about one axis."""
+    return Pose(
+        rotation_from_vector(turn * time_s**2) @ HANGING.rotation, HANGING.translation + SHIFT * time_s**2
+    )
+
+
+def test_at_rest_the_reply_is_the_weight() -> None:
+    arm = hanging_arm()
+    loads = no_load(arm.body, pressure_Pa=PRESSURE_Pa)
+    for _ in range(5):
+        reply = arm.advance(HANGING, loads, STEP_S)
+    weight = 9.81 * arm.body.mass_kg
+    assert reply.wrench.force == pytest.approx([0.0, 0.0, -weight], abs=1e-6 * weight)
+    assert reply.wrench.torque == pytest.approx(np.zeros(3), abs=1e-6)
+    assert reply.power_W == pytest.approx(0.0, abs=1e-8)
+
+
+def test_reaction_changes_momentum_and_angular_momentum() -> None:
+    # Newton and Euler for the whole body: what the flange supplies, plus weight, is d(momentum)/dt
+    arm = hanging_arm()
+    mass, loads = arm.body.node_mass, no_load(arm.body, pressure_Pa=PRESSURE_Pa)
+    weight, largest = mass[:, None] * np.array(loads.gravity), 0.0
+    for k in range(1, 21):
+        before, flange = arm.state.velocities, moving(k * STEP_S)
+        reply = arm.advance(flange, loads, STEP_S)
+        gained = mass[:, None] * (arm.state.velocities - before) / STEP_S
+        # residuals of 1e-8 N on 132 nodes
+        assert -reply.wrench.force + weight.sum(axis=0) == pytest.approx(gained.sum(axis=0), abs=2e-6)
+        offset = arm.state.positions - flange.translation
+        supplied = -reply.wrench.torque + np.cross(offset, weight).sum(axis=0)
+        assert supplied == pytest.approx(np.cross(offset, gained).sum(axis=0), abs=2e-7)
+        largest = max(largest, float(np.linalg.norm(gained.sum(axis=0))))
+    assert largest > 0.5  # some 7 m/s^2 on 0.27 kg
+
+
+@pytest.mark.parametrize(("turn", "relative"), [(np.zeros(3), 1e-9), (TURN, 0.01)])
+def test_reply_power_is_minus_wrench_times_twist(turn: Array, relative: float) -> None:
+    # Held nodes move with the flange, at the mean velocity of the step: exactly so if it only shifts. If it
+    # turns by 1e-3 rad in a step, chords are shorter than arcs, and the films squeeze the base ring hard.
+    arm, loads, powers, errors = hanging_arm(), no_load(hexagon_arm(3), pressure_Pa=PRESSURE_Pa), [], []
+    for k in range(1, 21):
+        before, after = moving((k - 1) * STEP_S, turn), moving(k * STEP_S, turn)
+        reply = arm.advance(after, loads, STEP_S)
+        spin = vector_from_rotation(after.rotation @ before.rotation.T) / STEP_S
+        twist = Twist((after.translation - before.translation) / STEP_S, spin)
+        powers.append(reply.power_W)
+        errors.append(reply.power_W + reply.wrench.power(twist))
+    assert max(powers) > 0.05
+    assert np.abs(errors).max() < relative * np.abs(powers).max()
+
+
+def test_held_nodes_follow_the_flange_exactly() -> None:
+    arm = hanging_arm()
+    rim = arm.body.rings["unit_1.outer"]
+    arm.hold_also(rim, HANGING)
+    local = HANGING.inverse().apply(arm.state.positions)
+    arm.advance(moving(0.03), no_load(arm.body, pressure_Pa=PRESSURE_Pa), STEP_S)
+    held = np.concatenate([arm.body.base, rim])
+    assert moving(0.03).inverse().apply(arm.state.positions)[held] == pytest.approx(local[held], abs=1e-14)
+    assert len(arm.reaction) == len(held)
+
+
+def test_a_step_that_fails_is_taken_in_halves(monkeypatch: pytest.MonkeyPatch) -> None:
+    taken: list[float] = []
+    step = ImplicitStepper.step
+
+    def short_ones_only(self: ImplicitStepper, state: Any, flange: Pose, loads: Any, step_s: float) -> Any:
+        if step_s > 0.3 * STEP_S:
+            raise ConvergenceError("too long", 1.0, 10)
+        taken.append(step_s)
+        return step(self, state, flange, loads, step_s)
+
+    arm, flange = hanging_arm(), moving(0.02)
+    loads = no_load(arm.body, pressure_Pa=0.9 * PRESSURE_Pa)
+    with monkeypatch.context() as patch:
+        patch.setattr(ImplicitStepper, "step", short_ones_only)
+        reply = arm.advance(flange, loads, STEP_S)
+    assert taken == [0.25 * STEP_S] * 4
+    assert reply.iterations >= 30 + 4  # the iterations of the three failures count as well
+    # pose and loads go there on the straight way: as four steps asked for one by one
+    other, begin = hanging_arm(), no_load(arm.body, pressure_Pa=PRESSURE_Pa)
+    for k in range(1, 5):
+        share = 0.25 * k
+        pose = HANGING.interpolated(flange, share)
+        expected = other.advance(pose, begin.interpolated(loads, share), 0.25 * STEP_S)
+    assert arm.state.positions == pytest.approx(other.state.positions, abs=1e-9)
+    assert reply.wrench.force == pytest.approx(expected.wrench.force, abs=1e-4)
+
+
+def test_after_a_failure_the_state_is_that_before(monkeypatch: pytest.MonkeyPatch) -> None:
+    arm = hanging_arm()
+    before, lengths = arm.state, []
+    step = ImplicitStepper.step
+
+    def first_half_only(self: ImplicitStepper, state: Any, flange: Pose, loads: Any, step_s: float) -> Any:
+        lengths.append(step_s)
+        if len(lengths) == 2:
+            return step(self, state, flange, loads, step_s)
+        raise ConvergenceError("no", 1.0, 1)
+
+    monkeypatch.setattr(ImplicitStepper, "step", first_half_only)
+    with pytest.raises(ConvergenceError):
+        arm.advance(moving(0.01), no_load(arm.body, pressure_Pa=PRESSURE_Pa), STEP_S)
+    assert min(lengths) == STEP_S / 32  # five halvings
+    assert arm.state is before
+
+
+def test_mass_properties_are_of_the_present_shape() -> None:
+    arm = hanging_arm()
+    mass = arm.mass_properties()
+    assert mass.mass_kg == pytest.approx(arm.body.mass_kg)
+    assert mass.center == pytest.approx(arm.body.node_mass @ arm.state.positions / arm.body.mass_kg)
+    assert mass.center[2] < HANGING.translation[2] - 0.01
