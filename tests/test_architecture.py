@@ -21,13 +21,14 @@ JOINING = PHYSICS | {"coupling"}
 MAY_IMPORT = {
     "basics": {"basics"},
     "soft": {"basics"},
+    "verification": {"basics", "soft"},
     "rigid": {"basics"},
     "kinematics": {"basics"},
     "coupling": PHYSICS,
     "scenario": JOINING,
     "recording": JOINING | {"scenario"},
     "top": JOINING | {"scenario", "recording"},
-    "cli": JOINING | {"scenario", "recording", "top"},
+    "cli": JOINING | {"scenario", "recording", "top", "verification"},
 }
 SOLE_IMPORTERS = {"mujoco": "rigid", "pinocchio": "kinematics", "rerun": "recording"}
 MAX_FILE_LINES = 320
@@ -90,6 +91,8 @@ def test_layers_import_downwards_only(path: Path) -> None:
         ("scenario/x.py", "cosim.recording.recorder"),
         ("scenario/x.py", "rerun.blueprint"),
         ("recording/x.py", "cosim.driver"),
+        ("soft/x.py", "cosim.verification.suite"),
+        ("verification/x.py", "cosim.scenario.schema"),
         ("frames.py", "cosim.soft.body"),
     ],
 )

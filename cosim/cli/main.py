@@ -1,6 +1,6 @@
-"""The command line: `cosim run`, `cosim list`, `cosim view`.
+"""The command line: `cosim run`, `cosim list`, `cosim view`, `cosim verify`.
 
-Exit codes: 0 done, 1 the physics could not be solved, 2 wrong input, 128 + n stopped by signal n.
+Exit codes: 0 done, 1 the physics could not be solved or verified, 2 wrong input, 128 + n stopped by signal n.
 """
 
 from __future__ import annotations
@@ -28,6 +28,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         if options.command == "run":
             return _run(options, started)
+        if options.command == "verify":
+            return _verify(options)
         return _list() if options.command == "list" else _view(options.directory)
     except InputError as error:
         print(f"cosim: error: {error}", file=sys.stderr)
@@ -63,6 +65,10 @@ def _parser() -> argparse.ArgumentParser:
     commands.add_parser("list", help="list the scenarios and the questions they answer")
     view = commands.add_parser("view", help="open the recording of a run")
     view.add_argument("directory", metavar="DIR", type=Path, help="directory of a run, or a .rrd file")
+    verify = commands.add_parser("verify", help="check the soft model against known answers")
+    verify.add_argument("cases", metavar="CASE", nargs="*", help="names of cases (default: all of them)")
+    verify.add_argument("--json", metavar="FILE", type=Path, help="write the results to a file as well")
+    verify.add_argument("--list", action="store_true", help="list the cases and the sources of their answers")
     return parser
 
 
@@ -77,6 +83,12 @@ def _run(options: argparse.Namespace, started: float) -> int:
         quiet=options.quiet,
         started=started,
     )
+
+
+def _verify(options: argparse.Namespace) -> int:
+    from cosim.cli.verify import list_command, verify_command  # here, because it loads the kernels
+
+    return list_command() if options.list else verify_command(options.cases, options.json)
 
 
 def _list() -> int:

@@ -1,0 +1,102 @@
+"""The suite's results as a table and as JSON."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Sequence
+from typing import Any
+
+from cosim import __version__
+from cosim.verification.case import Figure
+from cosim.verification.suite import CaseResult
+
+HEADER = ("quantity", "value", "reference", "error", "tolerance", "order", "")
+_WIDTHS = (46, 12, 12, 9, 9, 5, 4)
+
+
+def case_lines(result: CaseResult) -> str:
+    """Return the table's lines of one case."""
+    verdict = "pass" if result.passed else "FAIL"
+    lines = [f"{result.case.name}: {result.case.title} ({result.seconds:.2f} s) {verdict}"]
+    lines += ["  " + _joined(_cells(figure)) for figure in result.figures]
+    if result.failure:
+        lines.append(f"  not solved: {result.failure}")
+    return "\n".join(lines)
+
+
+def header_line() -> str:
+    """Return the table's first line."""
+    return "  " + _joined(HEADER)
+
+
+def closing_line(results: Sequence[CaseResult]) -> str:
+    """Return how many cases passed, and in which time."""
+    passed = sum(result.passed for result in results)
+    seconds = sum(result.seconds for result in results)
+    failed = [result.case.name for result in results if not result.passed]
+    tail = f"; failed: {', '.join(failed)}" if failed else ""
+    return f"{passed} of {len(results)} cases passed in {seconds:.1f} s{tail}"
+
+
+def as_json(results: Sequence[CaseResult]) -> str:
+    """Return all results as a JSON document; numbers that are not finite become null."""
+    cases = [
+        {
+            "name": result.case.name,
+            "title": result.case.title,
+            "source": result.case.source,
+            "seconds": result.seconds,
+            "passed": result.passed,
+            "failure": result.failure or None,
+            "figures": [_figure(figure) for figure in result.figures],
+        }
+        for result in results
+    ]
+    passed = all(result.passed for result in results)
+    document = {"cosim": __version__, "passed": passed, "cases": cases}
+    return json.dumps(document, indent=2, allow_nan=False) + "\n"
+
+
+def _figure(figure: Figure) -> dict[str, Any]:
+    return {
+        "quantity": figure.quantity,
+        "unit": figure.unit,
+        "value": _finite(figure.value),
+        "reference": figure.reference,
+        "error": _finite(figure.error),
+        "tolerance": figure.tolerance,
+        "error_is": "absolute" if figure.absolute else "relative",
+        "observed_order": _finite(figure.observed_order),
+        "passed": figure.passed,
+    }
+
+
+def _finite(value: float | None) -> float | None:
+    return value if value is not None and math.isfinite(value) else None
+
+
+def _cells(figure: Figure) -> tuple[str, ...]:
+    unit = "" if figure.unit == "1" else f" [{figure.unit}]"
+    order = _finite(figure.observed_order)
+    return (
+        figure.quantity + unit,
+        f"{figure.value:.6g}",
+        f"{figure.reference:.6g}",
+        _error(figure.error, figure.absolute),
+        _error(figure.tolerance, figure.absolute),
+        "" if order is None else f"{order:.2f}",
+        "" if figure.passed else "FAIL",
+    )
+
+
+def _error(value: float, absolute: bool) -> str:
+    return f"{value:.1e}" if absolute else f"{100.0 * value:.3f} %"
+
+
+def _joined(cells: Sequence[str]) -> str:
+    first, *others = (
+        f"{cell:<{width}}" if k == 0 else f"{cell:>{width}}"
+        for k, (cell, width) in enumerate(zip(cells, _WIDTHS, strict=True))
+    )
+    return " ".join([first, *others]).rstrip()

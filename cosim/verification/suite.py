@@ -1,0 +1,98 @@
+"""The suite: every case in the order of the table, and how one is run."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import final
+
+from cosim.errors import InputError, SolverError
+from cosim.verification.case import Case, Figure
+from cosim.verification.cases.cantilever_modes import CantileverModes
+from cosim.verification.cases.capstan import Capstan
+from cosim.verification.cases.catenary import Catenary
+from cosim.verification.cases.euler_buckling import EulerBuckling, PostBuckling
+from cosim.verification.cases.free_flight import FreeFlight
+from cosim.verification.cases.heavy_cantilever import HeavyCantilever
+from cosim.verification.cases.hencky_membrane import HenckyMembrane
+from cosim.verification.cases.inflated_beam import InflatedCantilever, InflatedThreePoint
+from cosim.verification.cases.pouch_motor import PouchMotor
+from cosim.verification.cases.pressurised_cylinder import PressurisedCylinder
+from cosim.verification.cases.pressurised_sphere import PressurisedSphere
+from cosim.verification.cases.rigid_motion import RigidMotion
+from cosim.verification.cases.roll_up import RollUp
+from cosim.verification.cases.squeezed_tube import SqueezedTube
+from cosim.verification.cases.time_order import TimeOrder
+from cosim.verification.cases.tip_loaded_cantilever import TipLoadedCantilever
+
+CASES: tuple[Case, ...] = (
+    TipLoadedCantilever(),
+    HeavyCantilever(),
+    RollUp(),
+    EulerBuckling(),
+    PostBuckling(),
+    Catenary(),
+    Capstan(),
+    PressurisedSphere(),
+    PressurisedCylinder(),
+    HenckyMembrane(),
+    SqueezedTube(),
+    PouchMotor(),
+    InflatedCantilever(),
+    InflatedThreePoint(),
+    RigidMotion(),
+    CantileverModes(),
+    TimeOrder(),
+    FreeFlight(),
+)
+
+
+@final
+@dataclass(frozen=True)
+class CaseResult:
+    """What one case found.
+
+    Args:
+        case: which one.
+        figures: its numbers; empty when it could not be solved.
+        seconds: wall-clock time.
+        failure: why it could not be solved; empty if it could.
+    """
+
+    case: Case
+    figures: tuple[Figure, ...]
+    seconds: float
+    failure: str = ""
+
+    @property
+    def passed(self) -> bool:
+        """Whether it was solved and every figure is within its tolerance."""
+        return not self.failure and bool(self.figures) and all(figure.passed for figure in self.figures)
+
+
+def select(names: Sequence[str], cases: Sequence[Case] = CASES) -> tuple[Case, ...]:
+    """Return the named cases in the order asked for; all of them if none is named.
+
+    Args:
+        names: names of cases.
+        cases: to choose from.
+
+    Raises:
+        InputError: there is no such case.
+    """
+    known = {case.name: case for case in cases}
+    unknown = [name for name in names if name not in known]
+    if unknown:
+        raise InputError(f"no verification case {unknown[0]!r}; there are: {', '.join(known)}")
+    return tuple(known[name] for name in names) if names else tuple(cases)
+
+
+def run_case(case: Case) -> CaseResult:
+    """Run one case; a case that cannot be solved has failed, and says why."""
+    started = time.perf_counter()
+    try:
+        figures, failure = case.run(), ""
+    except SolverError as error:
+        figures, failure = (), str(error)
+    return CaseResult(case, figures, time.perf_counter() - started, failure)
