@@ -136,7 +136,8 @@ def _show(figures: dict[str, Any], best: dict[str, Any], still: dict[str, Any]) 
         print(f"    {milliseconds:7.4f}  {label}")
     print(
         f"quasistatic, {still['ticks']} increments: {still['wall_s']:.2f} s, "
-        f"{still['newton_iterations']} Newton iterations, largest residual {still['max_equilibrium_residual_N']:.1e} N"
+        f"{still['newton_iterations']} Newton iterations, "
+        f"largest residual {still['max_equilibrium_residual_N']:.1e} N"
     )
     for phase in still["phases"]:
         tip = ", ".join(f"{1e3 * value:.2f}" for value in phase["tip_position_m"])
