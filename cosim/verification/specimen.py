@@ -18,7 +18,7 @@ from cosim.soft.system import SoftSystem
 UNLOADED = Loads(gravity=(0.0, 0.0, 0.0))
 """No pressure, no weight, no forces."""
 
-NO_CLAMP = Clamp(np.zeros(0, np.int64), np.zeros((0, 3)))
+NO_CLAMP = Clamp(np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros((0, 3), dtype=bool))
 """Nothing follows a flange: what is held stays where it starts."""
 
 
