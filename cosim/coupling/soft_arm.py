@@ -9,7 +9,7 @@ import numpy as np
 
 from cosim.coupling.mass import MassProperties
 from cosim.errors import ConvergenceError
-from cosim.frames import Array, IntArray, Pose, Wrench
+from cosim.frames import Array, IntArray, Mask, Pose, Wrench
 from cosim.soft.body import Loads, SoftBody
 from cosim.soft.dynamics import ImplicitStepper, StepOptions
 from cosim.soft.equilibrium import Equilibrium, EquilibriumSolver
@@ -69,14 +69,18 @@ class SoftArm:
         self.equilibrium_solver = EquilibriumSolver(newton, clamp, self._statics)
         self._stepper = ImplicitStepper(newton, clamp, self._dynamics)
 
-    def hold_also(self, nodes: IntArray, world_from_flange: Pose) -> None:
-        """Hold further nodes rigidly to the flange, where they are now.
+    def hold_also(self, held: Mask, world_from_flange: Pose) -> None:
+        """Hold further components where they are now; what is held as a whole goes with the flange.
 
         Args:
-            nodes: (m,) indices.
+            held: (n, 3) bool, world components.
             world_from_flange: present pose of the flange.
         """
-        self._hold(self.clamp.extended(nodes, self.state.positions, world_from_flange))
+        self._hold(self.clamp.holding(held, self.state.positions, world_from_flange))
+
+    def let_go(self, nodes: IntArray) -> None:
+        """Hold the given nodes (m,) no longer."""
+        self._hold(self.clamp.without(nodes))
 
     def advance(self, world_from_flange: Pose, loads: Loads, step_s: float) -> SoftReply:
         """Advance by one step, with the flange at its new pose.
@@ -126,7 +130,7 @@ class SoftArm:
     @property
     def reaction(self) -> Array:
         """Force (k, 3) [N] that the flange supplies to each held node, at the last solution."""
-        return self._system.gradient[self.clamp.nodes]
+        return self.clamp.reaction(self._system.gradient)
 
     def mass_properties(self) -> MassProperties:
         """Return mass, centre and inertia at the present shape."""
