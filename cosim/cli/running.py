@@ -13,7 +13,6 @@ from cosim.driver import Options, Outcome, Watcher, build_simulation, execute, r
 from cosim.run_files import RECORDING, SUMMARY, check_directory, default_directory
 from cosim.scenario.loading import load_scenario
 from cosim.scenario.overrides import parse_assignment
-from cosim.soft.compilation import compile_kernels
 
 
 def run_command(
@@ -44,6 +43,8 @@ def run_command(
     check_directory(directory)
     if not quiet:
         print(scenario.title, file=sys.stderr)
+    from cosim.soft.compilation import compile_kernels  # here, so that wrong input needs no engine
+
     compile_kernels(_ignore if quiet else _tell)
     with Interruption() as interruption:
         watchers: list[Watcher] = [interruption] if quiet else [interruption, Progress(sys.stderr)]

@@ -86,7 +86,9 @@ def test_reply_power_is_minus_wrench_times_twist(turn: Array, relative: float) -
 def test_held_nodes_follow_the_flange_exactly() -> None:
     arm = hanging_arm()
     rim = arm.body.rings["unit_1.outer"]
-    arm.hold_also(rim, HANGING)
+    hold = np.zeros((arm.body.nodes, 3), dtype=bool)
+    hold[rim] = True
+    arm.hold_also(hold, HANGING)
     local = HANGING.inverse().apply(arm.state.positions)
     arm.advance(moving(0.03), no_load(arm.body, pressure_Pa=PRESSURE_Pa), STEP_S)
     held = np.concatenate([arm.body.base, rim])
