@@ -12,6 +12,7 @@ from cosim.errors import MeshError
 from cosim.frames import Array, IntArray
 from cosim.soft.cable import Cable
 from cosim.soft.film import Film
+from cosim.soft.gas import SealedGas
 from cosim.soft.hinge import Hinges
 from cosim.soft.membrane import Membranes
 from cosim.soft.surface import dihedral_angle
@@ -165,22 +166,28 @@ class Loads:
         cable_tension_N: tension of each cable at its base end.
         gravity: (3,) [m/s^2].
         nodal_force: (n, 3) [N], dead load (it keeps its direction), world axes; None for none.
+        gas: sealed gas in place of a given pressure; it needs a closed body.
     """
 
     pressure_Pa: float = 0.0
     cable_tension_N: tuple[float, ...] = ()
     gravity: tuple[float, float, float] = (0.0, 0.0, -9.81)
     nodal_force: Array | None = None
+    gas: SealedGas | None = None
 
     def interpolated(self, end: Loads, share: float) -> Loads:
-        """Return the loads at a share of the way to others; exactly those at 1."""
+        """Return the loads at a share of the way to others; exactly those at 1.
+
+        Between two sealed gases the mass changes at the first one's volume; sealing is done at once.
+        """
         if share >= 1.0:
             return end
         tension = (1.0 - share) * np.array(self.cable_tension_N) + share * np.array(end.cable_tension_N)
         gx, gy, gz = ((1.0 - share) * np.array(self.gravity) + share * np.array(end.gravity)).tolist()
         pressure = (1.0 - share) * self.pressure_Pa + share * end.pressure_Pa
         force = _weighted(self.nodal_force, end.nodal_force, share)
-        return Loads(pressure, tuple(tension.tolist()), (gx, gy, gz), force)
+        gas = end.gas if self.gas is None or end.gas is None else self.gas.towards(end.gas, share)
+        return Loads(pressure, tuple(tension.tolist()), (gx, gy, gz), force, gas)
 
 
 def _weighted(begin: Array | None, end: Array | None, share: float) -> Array | None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from dataclasses import dataclass
 from typing import final
 
 import numpy as np
@@ -32,8 +33,26 @@ def by_component(mask: Mask) -> Mask:
     return np.repeat(mask[:, None], 3, axis=1) if mask.ndim == 1 else mask
 
 
+@final
+@dataclass(frozen=True)
+class RankOne:
+    """A dense term coefficient * v v^T beside the sparse matrix.
+
+    Args:
+        vector: (n, 3), v.
+        coefficient: its weight.
+    """
+
+    vector: Array
+    coefficient: float
+
+
 class LinearSolver(ABC):
-    """Factorises K + shift 1 of the free components and solves with it.
+    """Factorises A = K + shift 1 + c v v^T of the free components and solves with it.
+
+    The dense term never enters the sparse factor of S = K + shift 1: with z = S^-1 v and y = S^-1 load the
+    solution is y - z c (v . y) / (1 + c v . z) (Sherman and Morrison). Where S is positive definite, so is A
+    if and only if that denominator is positive.
 
     Args:
         pattern: of the whole body.
@@ -45,19 +64,42 @@ class LinearSolver(ABC):
         self.free: Mask = by_component(free)
         self.free_nodes: IntArray = np.flatnonzero(self.free.any(axis=1))
         self.size = int(self.free.sum())
+        self._rank_one: tuple[Array, Array] | None = None
 
-    @abstractmethod
-    def factor(self, blocks: Array, shift: float = 0.0) -> bool:
+    def factor(self, blocks: Array, shift: float = 0.0, rank_one: RankOne | None = None) -> bool:
         """Factorise; False when the matrix is not positive definite (where the method can tell).
 
         Args:
             blocks: (pattern.blocks, 3, 3) [N/m].
             shift: added to the diagonal [N/m].
+            rank_one: dense term, or None.
         """
+        self._rank_one = None
+        if not self._factorise(blocks, shift):
+            return False
+        if rank_one is not None:
+            z = self._solve_sparse(rank_one.vector)
+            denominator = 1.0 + rank_one.coefficient * float(np.einsum("nr,nr->", rank_one.vector, z))
+            if not denominator > 0.0:
+                return False
+            self._rank_one = (rank_one.vector, rank_one.coefficient / denominator * z)
+        return True
 
-    @abstractmethod
     def solve(self, load: Array) -> Array:
         """Return the displacement (n, 3) [m] under a load (n, 3) [N]; zero where clamped."""
+        solution = self._solve_sparse(load)
+        if self._rank_one is not None:
+            vector, answer = self._rank_one
+            solution -= answer * float(np.einsum("nr,nr->", vector, solution))
+        return solution
+
+    @abstractmethod
+    def _factorise(self, blocks: Array, shift: float) -> bool:
+        """Factorise the sparse part; False when it is not positive definite (where the method can tell)."""
+
+    @abstractmethod
+    def _solve_sparse(self, load: Array) -> Array:
+        """Solve with the sparse part."""
 
 
 def _numbering(free: Mask, order: IntArray) -> IntArray:
@@ -116,13 +158,13 @@ class BandedCholesky(LinearSolver):
         self._dofs = _dofs(number)
         self._factor: Array = np.zeros((0, 0))
 
-    def factor(self, blocks: Array, shift: float = 0.0) -> bool:
+    def _factorise(self, blocks: Array, shift: float) -> bool:
         _scatter(blocks.reshape(-1), self._source, self._destination, self._diagonal, shift, self._band)
         matrix = self._band.reshape(self.size, self.bandwidth + 1).T
         self._factor, info = lapack.dpbtrf(matrix, lower=1, overwrite_ab=1)
         return bool(info == 0)
 
-    def solve(self, load: Array) -> Array:
+    def _solve_sparse(self, load: Array) -> Array:
         solution, _ = lapack.dpbtrs(self._factor, load.reshape(-1)[self._dofs], lower=1, overwrite_b=1)
         result = np.zeros(3 * self.pattern.nodes)
         result[self._dofs] = solution
@@ -163,11 +205,11 @@ class GeneralLU(LinearSolver):
             total = total + shift * coo_matrix((np.ones(self.size), (range(self.size),) * 2)).tocsc()
         return total.tocsc()
 
-    def factor(self, blocks: Array, shift: float = 0.0) -> bool:
+    def _factorise(self, blocks: Array, shift: float) -> bool:
         self._factor = splu(self.matrix(blocks, shift))
         return True
 
-    def solve(self, load: Array) -> Array:
+    def _solve_sparse(self, load: Array) -> Array:
         assert self._factor is not None, "factor() comes before solve()"
         result = np.zeros(3 * self.pattern.nodes)
         result[self._dofs] = self._factor.solve(load.reshape(-1)[self._dofs])

@@ -243,7 +243,7 @@ class NewtonSolver:
             # d(gradient)/dx gains what the missing caps take away
             self.linear.extra = self.system.open_cap_stiffness
         attempts, shift = 1, 0.0
-        while not self.linear.factor(self.system.blocks, shift):
+        while not self.linear.factor(self.system.blocks, shift, self.system.rank_one):
             shift = max(options.shift_start_N_m, 6.0 * shift)
             if shift > options.shift_max_N_m:
                 return -attempts

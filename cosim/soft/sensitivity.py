@@ -97,7 +97,7 @@ class Sensitivity:
         system.evaluate(state.positions, loads, tension, state.angles)
         if isinstance(solver.linear, GeneralLU):
             solver.linear.extra = system.open_cap_stiffness
-        if not solver.linear.factor(system.blocks):
+        if not solver.linear.factor(system.blocks, rank_one=system.rank_one):
             raise ConvergenceError(
                 "the equilibrium is not stable (its tangent stiffness has a negative eigenvalue), so it has "
                 "no useful sensitivity; change the pressure or the flange pose",

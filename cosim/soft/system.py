@@ -7,10 +7,13 @@ from typing import final
 
 import numpy as np
 
+from cosim.errors import InputError
 from cosim.frames import Array, IntArray
 from cosim.soft.body import Loads, SoftBody
 from cosim.soft.cable import add_segments
+from cosim.soft.gas import SealedGas
 from cosim.soft.hinge import add_hinges
+from cosim.soft.linear_solver import RankOne
 from cosim.soft.pattern import BlockPattern
 from cosim.soft.pressure import add_cap, add_pressure, cap_force
 from cosim.soft.surface import dihedral_angle
@@ -40,7 +43,8 @@ class SoftSystem:
     """Workspace in which one body's potential and derivatives are assembled.
 
     After `evaluate`: `gradient` (n, 3) [N], `blocks` (pattern.blocks, 3, 3) [N/m], `angles` (h,) [rad],
-    `volume` [m^3]. They are overwritten by the next call.
+    `volume` [m^3], `pressure_Pa` (gauge), `rank_one` (the dense part of the Hessian under a sealed gas).
+    They are overwritten by the next call.
     """
 
     def __init__(self, body: SoftBody) -> None:
@@ -63,6 +67,8 @@ class SoftSystem:
         self.blocks = np.zeros((self.pattern.blocks, 3, 3))
         self.angles = dihedral_angle(body.positions, body.hinges.nodes)
         self.volume = 0.0
+        self.pressure_Pa = 0.0
+        self.rank_one: RankOne | None = None
         self.open_cap_stiffness: list[tuple[IntArray, Array]] = []
 
     @property
@@ -116,7 +122,7 @@ class SoftSystem:
             energy += add_segments(
                 x, self._segments, segment_tension, table(self._segment_slots), self.gradient, self.blocks
             )
-        energy += self._add_gas(x, loads.pressure_Pa, hessian)
+        energy += self._add_gas(x, loads, hessian)
         gravity = np.array(loads.gravity)
         self.gradient -= self._mass * gravity
         energy -= float((self._mass[:, 0] @ x) @ gravity)
@@ -127,23 +133,42 @@ class SoftSystem:
             energy += self._add_inertia(x, inertia, hessian)
         return energy
 
-    def _add_gas(self, x: Array, pressure: float, hessian: bool) -> float:
-        slots = self._triangle_slots if hessian else _NO_TABLE
-        self.volume = add_pressure(
-            x, self.body.membranes.triangles, pressure, slots, self.gradient, self.blocks
-        )
-        for ring, cap_slots in zip(self.body.caps, self._cap_slots, strict=True):
-            self.volume += add_cap(
-                x, ring, pressure, cap_slots if hessian else _NO_SLOTS, self.gradient, self.blocks
-            )
+    def _add_gas(self, x: Array, loads: Loads, hessian: bool) -> float:
+        self.rank_one = None
+        if loads.gas is None:
+            pressure = loads.pressure_Pa
+        else:
+            pressure = self._sealed_pressure(x, loads.gas)
+            if not np.isfinite(pressure):
+                return np.inf
+        self.pressure_Pa = pressure
+        self.volume = self._add_pressure(x, pressure, self.gradient, hessian)
         if not self.conservative:
             self.open_cap_stiffness = []
             for ring in self.body.caps:
                 force, derivative = cap_force(x, ring, pressure)
                 self.gradient[ring] += force
                 self.open_cap_stiffness.append((ring, derivative))
-        energy: float = -pressure * self.volume
-        return energy
+        return -pressure * self.volume if loads.gas is None else loads.gas.potential(self.volume)
+
+    def _add_pressure(self, x: Array, pressure: float, gradient: Array, hessian: bool) -> float:
+        """Add the gradient and Hessian of -p V at a given pressure; return V [m^3]."""
+        slots = self._triangle_slots if hessian else _NO_TABLE
+        volume: float = add_pressure(x, self.body.membranes.triangles, pressure, slots, gradient, self.blocks)
+        for ring, cap_slots in zip(self.body.caps, self._cap_slots, strict=True):
+            volume += add_cap(x, ring, pressure, cap_slots if hessian else _NO_SLOTS, gradient, self.blocks)
+        return volume
+
+    def _sealed_pressure(self, x: Array, gas: SealedGas) -> float:
+        """Return the gauge pressure [Pa] of a sealed gas; keep its dense part of the Hessian."""
+        if not self.conservative:
+            raise InputError("a sealed gas needs a closed body; this one has open caps")
+        slope = np.zeros_like(x)
+        self.volume = self._add_pressure(x, -1.0, slope, hessian=False)
+        pressure = gas.gauge_pressure(self.volume)
+        if np.isfinite(pressure):
+            self.rank_one = RankOne(slope, gas.stiffness(self.volume))
+        return pressure
 
     def _add_inertia(self, x: Array, inertia: Inertia, hessian: bool) -> float:
         offset = x - inertia.target

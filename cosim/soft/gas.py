@@ -1,0 +1,152 @@
+"""Gas whose amount is given instead of its pressure: sealed chambers, leaks, chambers joined by an orifice.
+
+Sealed, p V^gamma stays (p absolute). With the atmosphere p_a outside, the gas has the potential
+    U(V) = p_a (V - V_0) + p_0 V_0 ((V_0 / V)^(gamma - 1) - 1) / (gamma - 1),
+for gamma = 1: p_a (V - V_0) - p_0 V_0 ln(V / V_0). So dU/dV = -(p - p_a) and d2U/dV2 = gamma p / V > 0:
+in the Hessian of a body the latter is the dense rank-one term (gamma p / V) grad V grad V^T.
+gamma is 1 for slow (isothermal) and 1.4 for fast (adiabatic) changes of air.
+Mass that flows out leaves with the state of the gas; mass that flows in arrives with the temperature of the
+gas it joins. Flow is exchanged between steps, at the volumes of the moment and in closed form, so no step is
+too long.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Final, final
+
+from cosim.errors import InputError
+
+STANDARD_ATMOSPHERE_Pa: Final = 101325.0
+AIR_CONSTANT_J_kg_K: Final = 287.05
+
+
+@final
+@dataclass(frozen=True)
+class SealedGas:
+    """An amount of ideal gas in a closed chamber, by one of its states.
+
+    Args:
+        pressure_Pa: absolute pressure at that volume.
+        volume_m3: volume.
+        exponent: gamma, 1 (isothermal) to 1.4 (adiabatic air) or above.
+        ambient_Pa: absolute pressure outside.
+        temperature_K: at that volume.
+        gas_constant_J_kg_K: of the gas.
+
+    Raises:
+        InputError: a value that is not positive, or gamma below 1.
+    """
+
+    pressure_Pa: float
+    volume_m3: float
+    exponent: float = 1.4
+    ambient_Pa: float = STANDARD_ATMOSPHERE_Pa
+    temperature_K: float = 293.15
+    gas_constant_J_kg_K: float = AIR_CONSTANT_J_kg_K
+
+    def __post_init__(self) -> None:
+        for name in ("pressure_Pa", "volume_m3", "temperature_K", "gas_constant_J_kg_K"):
+            if not 0.0 < getattr(self, name) < math.inf:
+                raise InputError(f"{name} of a sealed gas is {getattr(self, name)}; it must be positive")
+        if not 1.0 <= self.exponent < math.inf:
+            raise InputError(f"exponent of a sealed gas is {self.exponent}; it must be at least 1")
+        if not 0.0 <= self.ambient_Pa < math.inf:
+            raise InputError(f"ambient_Pa is {self.ambient_Pa}; it must not be negative")
+
+    @property
+    def mass_kg(self) -> float:
+        """Mass of the gas, p V / (R T)."""
+        return self.pressure_Pa * self.volume_m3 / (self.gas_constant_J_kg_K * self.temperature_K)
+
+    def absolute_pressure(self, volume_m3: float) -> float:
+        """Return p [Pa] at a volume [m^3]; infinite where there is none."""
+        if not volume_m3 > 0.0:
+            return math.inf
+        return self.pressure_Pa * math.pow(self.volume_m3 / volume_m3, self.exponent)
+
+    def gauge_pressure(self, volume_m3: float) -> float:
+        """Return p - p_a [Pa] at a volume [m^3], what acts on the film."""
+        return self.absolute_pressure(volume_m3) - self.ambient_Pa
+
+    def potential(self, volume_m3: float) -> float:
+        """Return U [J] at a volume [m^3], zero at the given state; infinite where there is no volume."""
+        if not volume_m3 > 0.0:
+            return math.inf
+        growth, excess = math.log(volume_m3 / self.volume_m3), self.exponent - 1.0
+        # (e^(-excess growth) - 1) / excess, and its limit -growth
+        work = math.expm1(-excess * growth) / excess if excess else -growth
+        outside = self.ambient_Pa * (volume_m3 - self.volume_m3)
+        return outside + self.pressure_Pa * self.volume_m3 * work
+
+    def stiffness(self, volume_m3: float) -> float:
+        """Return -dp/dV = gamma p / V [Pa/m^3] at a volume [m^3]."""
+        return self.exponent * self.absolute_pressure(volume_m3) / volume_m3
+
+    def at(self, volume_m3: float) -> SealedGas:
+        """Return the same gas, stated at another volume [m^3].
+
+        Raises:
+            InputError: the volume is not positive.
+        """
+        pressure = self.absolute_pressure(volume_m3)
+        heated = self.temperature_K * pressure * volume_m3 / (self.pressure_Pa * self.volume_m3)
+        return replace(self, pressure_Pa=pressure, volume_m3=volume_m3, temperature_K=heated)
+
+    def with_mass(self, mass_kg: float) -> SealedGas:
+        """Return the gas with another mass [kg] at the same volume and temperature.
+
+        Raises:
+            InputError: the mass is not positive.
+        """
+        return replace(self, pressure_Pa=self.pressure_Pa * mass_kg / self.mass_kg)
+
+    def towards(self, end: SealedGas, share: float) -> SealedGas:
+        """Return a gas between this one and another, with a share of the other's pressure at this volume."""
+        there = end.at(self.volume_m3)
+        return replace(
+            there,
+            pressure_Pa=(1.0 - share) * self.pressure_Pa + share * there.pressure_Pa,
+            temperature_K=(1.0 - share) * self.temperature_K + share * there.temperature_K,
+        )
+
+
+def leak(gas: SealedGas, volume_m3: float, conductance_kg_s_Pa: float, step_s: float) -> SealedGas:
+    """Return the gas after it has leaked for a while, dm/dt = -c (p - p_a).
+
+    At constant volume and temperature p - p_a decays as exp(-c R T t / V), whatever the step.
+
+    Args:
+        gas: before.
+        volume_m3: of the chamber.
+        conductance_kg_s_Pa: c, at least 0.
+        step_s: time.
+    """
+    here = gas.at(volume_m3)
+    rise = here.pressure_Pa / here.mass_kg  # dp/dm = R T / V
+    share = -math.expm1(-conductance_kg_s_Pa * rise * step_s)
+    return here.with_mass(here.mass_kg - share * (here.pressure_Pa - here.ambient_Pa) / rise)
+
+
+def exchange(
+    gases: tuple[SealedGas, SealedGas],
+    volumes_m3: tuple[float, float],
+    conductance_kg_s_Pa: float,
+    step_s: float,
+) -> tuple[SealedGas, SealedGas]:
+    """Return two gases after mass has flowed through an orifice: dm_2/dt = c (p_1 - p_2) = -dm_1/dt.
+
+    At constant volumes and temperatures p_1 - p_2 decays as exp(-c (R T_1 / V_1 + R T_2 / V_2) t).
+
+    Args:
+        gases: before.
+        volumes_m3: of their chambers.
+        conductance_kg_s_Pa: c, at least 0.
+        step_s: time.
+    """
+    first, second = (gas.at(volume) for gas, volume in zip(gases, volumes_m3, strict=True))
+    rise = first.pressure_Pa / first.mass_kg + second.pressure_Pa / second.mass_kg
+    share = -math.expm1(-conductance_kg_s_Pa * rise * step_s)
+    moved = share * (first.pressure_Pa - second.pressure_Pa) / rise
+    return first.with_mass(first.mass_kg - moved), second.with_mass(second.mass_kg + moved)
