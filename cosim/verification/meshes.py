@@ -123,3 +123,12 @@ def tube(radius_m: float, length_m: float, sides: int, rows: int) -> tuple[Array
     c, d = b + sides, a + sides
     first, second = np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1)
     return positions, np.stack([first, second], axis=1).reshape(-1, 3).astype(np.int64)
+
+
+def held_on_axis(sides: int, nodes: int) -> Mask:
+    """Return (n, 3) bool for a tube: ring 0 stays in its plane, three components stop rigid motion."""
+    held = np.zeros((nodes, 3), dtype=bool)
+    held[:sides, 2] = True
+    held[[0, sides // 2], 1] = True
+    held[sides // 4, 0] = True
+    return held

@@ -7,27 +7,17 @@ from typing import ClassVar, final
 
 import numpy as np
 
-from cosim.frames import Mask
 from cosim.soft.body import SoftBody
 from cosim.soft.film import Film
 from cosim.soft.newton import NewtonOptions
 from cosim.verification.case import Case, Figure, observed_order
-from cosim.verification.meshes import tube
+from cosim.verification.meshes import held_on_axis, tube
 from cosim.verification.specimen import UNLOADED, Specimen
 
 FILM = Film(300e6, 0.3, 1e-4)
 RADIUS_M, LENGTH_M = 0.04, 0.08
 PRESSURE_PA = 100.0
 COARSE, FINE = 32, 64
-
-
-def held_on_axis(sides: int, nodes: int) -> Mask:
-    """Return (n, 3) bool: ring 0 stays in its plane, and three of its components stop rigid motion."""
-    held = np.zeros((nodes, 3), dtype=bool)
-    held[:sides, 2] = True
-    held[[0, sides // 2], 1] = True
-    held[sides // 4, 0] = True
-    return held
 
 
 def inflated(sides: int) -> tuple[float, float, float, float]:

@@ -1,0 +1,114 @@
+"""Every case of the suite notices a fault in the model: each fault is put in and must be found."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cosim.soft import system
+from cosim.soft.cable import Cable
+from cosim.soft.dynamics import ImplicitStepper
+from cosim.soft.film import Film
+from cosim.soft.system import SoftSystem
+from cosim.verification.suite import CASES, run_case, select
+
+Fault = Callable[[pytest.MonkeyPatch], None]
+
+
+def stiff_hinges(patch: pytest.MonkeyPatch) -> None:
+    """Hinges 2 % too stiff."""
+    true = system.add_hinges
+    patch.setattr(system, "add_hinges", lambda x, nodes, k, *rest: true(x, nodes, 1.02 * k, *rest))
+
+
+def strong_pressure(patch: pytest.MonkeyPatch) -> None:
+    """Gas pushes 5 % too hard."""
+    true = SoftSystem._add_gas
+    patch.setattr(SoftSystem, "_add_gas", lambda self, x, p, *rest: true(self, x, 1.05 * p, *rest))
+
+
+def stiff_film(patch: pytest.MonkeyPatch) -> None:
+    """Film 5 % too stiff."""
+    true = Film.membrane_stiffness.fget
+    assert true is not None
+    patch.setattr(Film, "membrane_stiffness", property(lambda self: 1.05 * true(self)))
+
+
+def film_without_wrinkles(patch: pytest.MonkeyPatch) -> None:
+    """The tension field is ignored."""
+    patch.setattr(Film, "law_code", property(lambda _self: 0))
+
+
+def heavy_nodes(patch: pytest.MonkeyPatch) -> None:
+    """Weight 2 % too large."""
+    true = SoftSystem.__init__
+
+    def heavier(self: SoftSystem, body: Any) -> None:
+        true(self, body)
+        self._mass = 1.02 * self._mass
+
+    patch.setattr(SoftSystem, "__init__", heavier)
+
+
+def half_wrap(patch: pytest.MonkeyPatch) -> None:
+    """Friction of cables sees half of the wrap angle."""
+    true = Cable.tension_ratio
+    patch.setattr(Cable, "tension_ratio", lambda self, x: np.sqrt(true(self, x)))
+
+
+def one_sided_cables(patch: pytest.MonkeyPatch) -> None:
+    """Cables pull 0.1 % less at their near ends than at their far ones."""
+    true = system.add_segments
+
+    def unbalanced(x: Any, segments: Any, tension: Any, slots: Any, force: Any, blocks: Any) -> float:
+        pull = np.zeros_like(force)
+        energy: float = true(x, segments, tension, slots, pull, blocks)
+        pull[segments[0, 0]] *= 0.999
+        force += pull
+        return energy
+
+    patch.setattr(system, "add_segments", unbalanced)
+
+
+def first_order_steps(patch: pytest.MonkeyPatch) -> None:
+    """BDF2 forgets its second last state: it is implicit Euler."""
+    patch.setattr(ImplicitStepper, "_scheme", lambda _self, state, h: (state.positions, h, state.velocities))
+
+
+FOUND_BY: dict[Fault, set[str]] = {
+    stiff_hinges: {
+        "tip_loaded_cantilever",
+        "heavy_cantilever",
+        "roll_up",
+        "euler_buckling",
+        "post_buckling",
+        "cantilever_modes",
+    },
+    strong_pressure: {
+        "pressurised_sphere",
+        "pressurised_cylinder",
+        "hencky_membrane",
+        "squeezed_tube",
+        "pouch_motor",
+    },
+    stiff_film: {"pressurised_sphere", "pressurised_cylinder", "inflated_cantilever", "inflated_three_point"},
+    film_without_wrinkles: {"square_airbag", "mylar_balloon", "square_pillow"},
+    heavy_nodes: {"heavy_cantilever", "catenary"},
+    half_wrap: {"capstan"},
+    one_sided_cables: {"rigid_motion", "free_flight"},
+    first_order_steps: {"time_order", "free_flight"},
+}
+
+
+@pytest.mark.parametrize("fault", FOUND_BY, ids=lambda fault: fault.__name__)
+def test_the_fault_is_found(fault: Fault, monkeypatch: pytest.MonkeyPatch) -> None:
+    fault(monkeypatch)
+    cases = select(sorted(FOUND_BY[fault]))
+    assert [case.name for case in cases if run_case(case).passed] == []
+
+
+def test_every_case_finds_a_fault() -> None:
+    assert {case.name for case in CASES} == set().union(*FOUND_BY.values())
