@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from cosim.frames import Array, IntArray, Mask
@@ -12,6 +14,7 @@ from cosim.soft.body import SoftBody
 from cosim.soft.cable import Cable
 from cosim.soft.chamber import Mesh, PolygonalStack
 from cosim.soft.film import Film
+from cosim.soft.frame_ring import FrameRings
 from cosim.soft.refinement import refine
 from cosim.soft.shell_hinges import bending_measure, shell_stiffness
 from cosim.soft.surface import interior_hinges, triangle_area
@@ -51,7 +54,7 @@ def build_soft_body(robot: SoftRobot, model: ChamberModel) -> SoftBody:
     film = build_film(robot)
     hinges, stiffness = _hinges(robot, model, mesh, film)
     base = np.unique(np.concatenate([mesh.ring(name) for name in robot.base]))
-    return SoftBody.from_arrays(
+    body = SoftBody.from_arrays(
         mesh.positions,
         mesh.triangles,
         film,
@@ -66,6 +69,7 @@ def build_soft_body(robot: SoftRobot, model: ChamberModel) -> SoftBody:
         tip=mesh.ring(mesh.tip_ring),
         rings=mesh.rings,
     )
+    return replace(body, frames=_frames(mesh, robot))
 
 
 def _cable(mesh: Mesh, entry: CableSchema) -> Cable:
@@ -97,6 +101,13 @@ def _hinges(robot: SoftRobot, model: ChamberModel, mesh: Mesh, film: Film) -> tu
     if robot.chamber.refine > 0:
         uniform *= bending_measure(coarse.positions, drawn) / bending_measure(mesh.positions, hinges)
     return hinges, uniform
+
+
+def _frames(mesh: Mesh, robot: SoftRobot) -> FrameRings | None:
+    if robot.frame.kind == "none":
+        return None
+    rings = np.array([ring for name, ring in mesh.rings.items() if name.endswith(".outer")])
+    return FrameRings.from_shape(mesh.positions, rings, robot.frame.stiffness_N_m)
 
 
 def _node_mass(mesh: Mesh, robot: SoftRobot) -> Array:

@@ -94,6 +94,20 @@ class Hinge:
 
 @final
 @dataclass(frozen=True)
+class Frame:
+    """Printed frames around the outer ring of every unit.
+
+    Args:
+        kind: "none", or "stiff": each outer ring keeps its drawn shape and moves almost as a rigid body.
+        stiffness_N_m: of the springs that keep the shape.
+    """
+
+    kind: Literal["none", "stiff"] = "none"
+    stiffness_N_m: Positive = 1e6
+
+
+@final
+@dataclass(frozen=True)
 class Mass:
     """Mass beyond that of the film.
 
@@ -144,6 +158,7 @@ class SoftRobot:
     chamber: Chamber
     film: Film
     hinge: Hinge = Hinge()
+    frame: Frame = Frame()
     mass: Mass = Mass()
     base: Annotated[tuple[str, ...], Length(at_least=1)] = ("unit_1.hole",)
     cables: tuple[Cable, ...] = field(default=(), metadata={"key": "cable"})

@@ -12,6 +12,7 @@ from cosim.errors import MeshError
 from cosim.frames import Array, IntArray
 from cosim.soft.cable import Cable
 from cosim.soft.film import Film
+from cosim.soft.frame_ring import FrameRings
 from cosim.soft.gas import SealedGas
 from cosim.soft.hinge import Hinges
 from cosim.soft.membrane import Membranes
@@ -34,6 +35,7 @@ class SoftBody:
         base: nodes that follow the flange.
         tip: nodes of the last hole ring, in order.
         rings: names of node groups.
+        frames: stiff frames around rings, or None.
     """
 
     positions: Array
@@ -46,6 +48,7 @@ class SoftBody:
     base: IntArray
     tip: IntArray
     rings: Mapping[str, IntArray] = field(default_factory=dict)
+    frames: FrameRings | None = None
 
     def __post_init__(self) -> None:
         count = len(self.positions)
@@ -55,6 +58,7 @@ class SoftBody:
             "base": self.base,
             "tip": self.tip,
             **{f"cap {k}": ring for k, ring in enumerate(self.caps)},
+            "frames": np.zeros(0, np.int64) if self.frames is None else self.frames.rings,
             **{f"cable {k}": cable.nodes for k, cable in enumerate(self.cables)},
         }
         for name, nodes in groups.items():

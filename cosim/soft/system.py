@@ -54,9 +54,11 @@ class SoftSystem:
         )
         triangles, hinges = body.membranes.triangles, body.hinges.nodes
         cap_elements = [ring[None, :] for ring in body.caps]
+        frames = np.zeros((0, 0), np.int64) if body.frames is None else body.frames.rings
         self.pattern = BlockPattern.from_elements(
-            body.nodes, [triangles, hinges, self._segments, *cap_elements]
+            body.nodes, [triangles, hinges, self._segments, *cap_elements, frames]
         )
+        self._frame_slots = self.pattern.slots(frames)
         self._triangle_slots = self.pattern.slots(triangles)
         self._hinge_slots = self.pattern.slots(hinges)
         self._segment_slots = self.pattern.slots(self._segments)
@@ -122,6 +124,8 @@ class SoftSystem:
             energy += add_segments(
                 x, self._segments, segment_tension, table(self._segment_slots), self.gradient, self.blocks
             )
+        if body.frames is not None:
+            energy += body.frames.add(x, table(self._frame_slots), self.gradient, self.blocks)
         energy += self._add_gas(x, loads, hessian)
         gravity = np.array(loads.gravity)
         self.gradient -= self._mass * gravity

@@ -36,6 +36,8 @@ WRONG_VALUES = {
         "soft_robot.film.compressive_fraction",
         "'plain'",
     ),
+    "unknown frame": ("soft_robot.frame.kind=rigid", "soft_robot.frame.kind", "'stiff'"),
+    "limp frame": ("soft_robot.frame.stiffness_N_m=0", "soft_robot.frame.stiffness_N_m", "above 0"),
     "unknown hinge rule": ("soft_robot.hinge.rule=plate", "soft_robot.hinge.rule", "'shell'"),
     "too much compression": (
         "soft_robot.film.compressive_fraction=1.1",

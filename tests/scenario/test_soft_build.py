@@ -74,6 +74,15 @@ def test_refinement_keeps_the_mass(robot: SoftRobot) -> None:
     assert fine.mass_kg == pytest.approx(coarse.mass_kg, rel=1e-12)
 
 
+@pytest.mark.parametrize("levels", [0, 1])
+def test_frames_ring_the_outer_rims(robot: SoftRobot, levels: int) -> None:
+    assert refined(robot, levels).frames is None
+    framed = replace(robot, frame=replace(robot.frame, kind="stiff"))
+    body = refined(framed, levels)
+    assert body.frames is not None
+    np.testing.assert_array_equal(body.frames.rings, body.rings["unit_1.outer"][None])
+
+
 @pytest.mark.parametrize(
     ("levels", "rule"),
     [(0, "uniform"), (1, "uniform"), (2, "uniform"), (0, "shell"), (1, "shell"), (2, "shell"), (3, "shell")],
