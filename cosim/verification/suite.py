@@ -23,6 +23,7 @@ from cosim.verification.cases.pressurised_cylinder import PressurisedCylinder
 from cosim.verification.cases.pressurised_sphere import PressurisedSphere
 from cosim.verification.cases.rigid_motion import RigidMotion
 from cosim.verification.cases.roll_up import RollUp
+from cosim.verification.cases.sealed_gas import SealedGasSphere
 from cosim.verification.cases.square_airbag import SquareAirbag
 from cosim.verification.cases.square_pillow import SquarePillow
 from cosim.verification.cases.squeezed_tube import SqueezedTube
@@ -40,6 +41,7 @@ CASES: tuple[Case, ...] = (
     PressurisedSphere(),
     PressurisedCylinder(),
     HenckyMembrane(),
+    SealedGasSphere(),
     SqueezedTube(),
     PouchMotor(),
     InflatedCantilever(),

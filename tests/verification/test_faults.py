@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 
 from cosim.soft import system
+from cosim.soft.body import Loads
 from cosim.soft.cable import Cable
 from cosim.soft.dynamics import ImplicitStepper
 from cosim.soft.film import Film
+from cosim.soft.gas import SealedGas
 from cosim.soft.system import SoftSystem
 from cosim.verification.suite import CASES, run_case, select
 
@@ -27,7 +30,17 @@ def stiff_hinges(patch: pytest.MonkeyPatch) -> None:
 def strong_pressure(patch: pytest.MonkeyPatch) -> None:
     """Gas pushes 5 % too hard."""
     true = SoftSystem._add_gas
-    patch.setattr(SoftSystem, "_add_gas", lambda self, x, p, *rest: true(self, x, 1.05 * p, *rest))
+
+    def stronger(self: SoftSystem, x: Any, loads: Loads, hessian: bool) -> float:
+        return true(self, x, replace(loads, pressure_Pa=1.05 * loads.pressure_Pa), hessian)
+
+    patch.setattr(SoftSystem, "_add_gas", stronger)
+
+
+def stiff_gas(patch: pytest.MonkeyPatch) -> None:
+    """A sealed gas is 3 % too stiff."""
+    true = SealedGas.stiffness
+    patch.setattr(SealedGas, "stiffness", lambda self, volume: 1.03 * true(self, volume))
 
 
 def stiff_film(patch: pytest.MonkeyPatch) -> None:
@@ -97,6 +110,7 @@ FOUND_BY: dict[Fault, set[str]] = {
     stiff_film: {"pressurised_sphere", "pressurised_cylinder", "inflated_cantilever", "inflated_three_point"},
     film_without_wrinkles: {"square_airbag", "mylar_balloon", "square_pillow"},
     heavy_nodes: {"heavy_cantilever", "catenary"},
+    stiff_gas: {"sealed_gas"},
     half_wrap: {"capstan"},
     one_sided_cables: {"rigid_motion", "free_flight"},
     first_order_steps: {"time_order", "free_flight"},

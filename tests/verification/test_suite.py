@@ -51,6 +51,13 @@ def test_every_case_has_a_name_of_its_own_and_a_source() -> None:
     assert all(case.title and case.source for case in CASES)
 
 
+def test_the_document_names_every_case_in_text_and_table() -> None:
+    text = (Path(__file__).resolve().parents[2] / "docs" / "verification.md").read_text(encoding="utf-8")
+    described, _, table = text.partition("## Table of the last run")
+    assert [case.name for case in CASES if f"`{case.name}`" not in described] == []
+    assert [case.name for case in CASES if f"| `{case.name}` |" not in table] == []
+
+
 def test_every_integrator_is_verified() -> None:
     assert set(THEORY) == set(get_args(Integrator))
 

@@ -24,9 +24,9 @@ CONSTRUCTED = 0.2055
 class SquarePillow(Case):
     """Volume of a pillow with p / E t = 1e-4.
 
-    The tension field converges to 0.2026 +- 0.0002 (0.2016, 0.2023, 0.2025, 0.2026 on 12, 24, 32 and 48
-    squares), whichever way the squares are cut, also without any symmetry and from scattered starts. That is
-    1.4 % below the construction, which should be a lower bound; so that comparison has 2 % of tolerance.
+    The tension field converges to 0.2026 +- 0.0002: 0.2016, 0.2023, 0.2025, 0.2026 on 12, 24, 32 and 48
+    squares. That is 1.4 % below the construction, which should be a lower bound; so that comparison has 2 % of
+    tolerance. docs/verification.md says what was tried.
     """
 
     name: ClassVar[str] = "square_pillow"
