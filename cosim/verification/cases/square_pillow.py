@@ -25,8 +25,8 @@ class SquarePillow(Case):
     """Volume of a pillow with p / E t = 1e-4.
 
     The tension field converges to 0.2026 +- 0.0002: 0.2016, 0.2023, 0.2025, 0.2026 on 12, 24, 32 and 48
-    squares. That is 1.4 % below the construction, which should be a lower bound; so that comparison has 2 % of
-    tolerance. docs/verification.md says what was tried.
+    squares. That is 1.4 % below the construction, which should be a lower bound; so that comparison has 2 %
+    of tolerance. docs/verification.md says what was tried.
     """
 
     name: ClassVar[str] = "square_pillow"
