@@ -1,0 +1,43 @@
+"""How the numba kernels of the contact query are compiled: on demand, cached on disk, without fast-math."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+import numba
+
+Function = TypeVar("Function", bound=Callable[..., Any])
+
+# fastmath stays off: NaN must stay visible. A division by zero gives inf, and loops stay vectorised.
+_OPTIONS: dict[str, Any] = {"cache": True, "nogil": True, "error_model": "numpy"}
+
+REAL = numba.float64
+INTEGER = numba.int64
+VECTOR = numba.float64[::1]
+MATRIX = numba.float64[:, ::1]
+BLOCKS = numba.float64[:, :, ::1]
+INDICES = numba.int64[::1]
+INDEX_TABLE = numba.int64[:, ::1]
+
+
+def kernel(signature: Any) -> Callable[[Function], Function]:
+    """Return a decorator that turns a function into a kernel with one fixed signature.
+
+    Args:
+        signature: numba signature, kept as `fixed_signature` for compilation ahead of a run.
+    """
+
+    def decorate(function: Function) -> Function:
+        dispatcher: Any = numba.njit(function, **_OPTIONS)
+        dispatcher.fixed_signature = signature
+        result: Function = dispatcher
+        return result
+
+    return decorate
+
+
+def inlined(function: Function) -> Function:
+    """Mark a small function that kernels call; it is compiled with each of them."""
+    result: Function = numba.njit(function, **_OPTIONS)
+    return result
