@@ -11,6 +11,7 @@ import numpy as np
 from cosim.errors import MeshError
 from cosim.frames import Array, IntArray
 from cosim.soft.cable import Cable
+from cosim.soft.contact import ContactPlanes
 from cosim.soft.film import Film
 from cosim.soft.frame_ring import FrameRings
 from cosim.soft.gas import SealedGas
@@ -171,6 +172,7 @@ class Loads:
         gravity: (3,) [m/s^2].
         nodal_force: (n, 3) [N], dead load (it keeps its direction), world axes; None for none.
         gas: sealed gas in place of a given pressure; it needs a closed body.
+        contact: what may be touched; None for nothing.
     """
 
     pressure_Pa: float = 0.0
@@ -178,6 +180,7 @@ class Loads:
     gravity: tuple[float, float, float] = (0.0, 0.0, -9.81)
     nodal_force: Array | None = None
     gas: SealedGas | None = None
+    contact: ContactPlanes | None = None
 
     def interpolated(self, end: Loads, share: float) -> Loads:
         """Return the loads at a share of the way to others; exactly those at 1.
@@ -191,7 +194,7 @@ class Loads:
         pressure = (1.0 - share) * self.pressure_Pa + share * end.pressure_Pa
         force = _weighted(self.nodal_force, end.nodal_force, share)
         gas = end.gas if self.gas is None or end.gas is None else self.gas.towards(end.gas, share)
-        return Loads(pressure, tuple(tension.tolist()), (gx, gy, gz), force, gas)
+        return Loads(pressure, tuple(tension.tolist()), (gx, gy, gz), force, gas, end.contact)
 
 
 def _weighted(begin: Array | None, end: Array | None, share: float) -> Array | None:

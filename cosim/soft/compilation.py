@@ -6,9 +6,20 @@ from collections.abc import Callable
 from types import ModuleType
 from typing import Any
 
-from cosim.soft import cable, frame_ring, hinge, linear_solver, membrane, pressure
+from cosim.soft import (
+    cable,
+    contact,
+    contact_surface,
+    frame_ring,
+    hinge,
+    linear_solver,
+    membrane,
+    pressure,
+)
 
-_MODULES: tuple[ModuleType, ...] = (cable, frame_ring, hinge, linear_solver, membrane, pressure)
+_MODULES: tuple[ModuleType, ...] = (
+    cable, contact, contact_surface, frame_ring, hinge, linear_solver, membrane, pressure,
+)  # fmt: skip
 
 
 def compile_kernels(announce: Callable[[str], None] = lambda _text: None) -> None:

@@ -111,6 +111,9 @@ class ImplicitStepper:
     ) -> NewtonResult:
         options, frame = self.options, flange.rotation
         full = replace(options.newton, tolerance_N=options.tolerance_N)
+        # a contact that is half solved would push with a force of its own making
+        if loads.contact is not None:
+            return self.solver.solve(start, state.angles, loads, full, inertia, frame)
         first = replace(full, iterations_max=options.iterations)
         result = self.solver.solve(start, state.angles, loads, first, inertia, frame)
         if result.outcome is not Outcome.ITERATION_LIMIT or self._acceptable(result):

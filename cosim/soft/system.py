@@ -133,6 +133,8 @@ class SoftSystem:
         if loads.nodal_force is not None:
             self.gradient -= loads.nodal_force
             energy -= float(np.einsum("nr,nr->", loads.nodal_force, x))
+        if loads.contact is not None:
+            energy += loads.contact.add(x, self.gradient, self.blocks, hessian=hessian)
         if inertia is not None:
             energy += self._add_inertia(x, inertia, hessian)
         return energy
