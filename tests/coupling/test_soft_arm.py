@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -107,20 +108,47 @@ def test_a_step_that_fails_is_taken_in_halves(monkeypatch: pytest.MonkeyPatch) -
         return step(self, state, flange, loads, step_s)
 
     arm, flange = hanging_arm(), moving(0.02)
+    first, begin = moving(0.01), no_load(arm.body, pressure_Pa=0.97 * PRESSURE_Pa)
     loads = no_load(arm.body, pressure_Pa=0.9 * PRESSURE_Pa)
+    arm.advance(first, begin, STEP_S)
     with monkeypatch.context() as patch:
         patch.setattr(ImplicitStepper, "step", short_ones_only)
         reply = arm.advance(flange, loads, STEP_S)
     assert taken == [0.25 * STEP_S] * 4
     assert reply.iterations >= 30 + 4  # the iterations of the three failures count as well
     # pose and loads go there on the straight way: as four steps asked for one by one
-    other, begin = hanging_arm(), no_load(arm.body, pressure_Pa=PRESSURE_Pa)
+    other = hanging_arm()
+    other.advance(first, begin, STEP_S)
     for k in range(1, 5):
         share = 0.25 * k
-        pose = HANGING.interpolated(flange, share)
+        pose = first.interpolated(flange, share)
         expected = other.advance(pose, begin.interpolated(loads, share), 0.25 * STEP_S)
     assert arm.state.positions == pytest.approx(other.state.positions, abs=1e-9)
     assert reply.wrench.force == pytest.approx(expected.wrench.force, abs=1e-4)
+
+
+def test_a_two_step_integrator_does_not_look_back_over_a_change_of_step(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    had_earlier: list[bool] = []
+    step = ImplicitStepper.step
+
+    def halves_only(self: ImplicitStepper, state: Any, flange: Pose, loads: Any, step_s: float) -> Any:
+        if step_s > 0.6 * STEP_S:
+            raise ConvergenceError("too long", 1.0, 1)
+        had_earlier.append(state.earlier is not None)
+        return step(self, state, flange, loads, step_s)
+
+    arm = hanging_arm(dynamics=replace(TIGHT, integrator="bdf2"))
+    loads = no_load(arm.body, pressure_Pa=PRESSURE_Pa)
+    for k in (1, 2):
+        arm.advance(moving(k * STEP_S), loads, STEP_S)
+    assert arm.state.earlier is not None
+    with monkeypatch.context() as patch:
+        patch.setattr(ImplicitStepper, "step", halves_only)
+        arm.advance(moving(3 * STEP_S), loads, STEP_S)
+    assert had_earlier == [False, True]  # both halves are of one length
+    assert arm.state.earlier is None  # the next step is a whole one again
 
 
 def test_after_a_failure_the_state_is_that_before(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -123,6 +123,17 @@ def test_damping_slows_free_flight_by_its_formula(integrator: Integrator, alpha:
     assert speeds == pytest.approx(expected, abs=1e-7)
 
 
+def test_damping_acts_on_the_whole_against_outer_loads() -> None:
+    # free fall with drag alpha m v: v_n+1 = (v_n + h g) / (1 + alpha h), towards g / alpha
+    arm, h, alpha, speed = afloat(), 0.004, 30.0, 0.0
+    state, move = flying(arm, np.zeros(3)), stepper(arm, damping_per_s=alpha)
+    for _ in range(100):
+        state, _ = move.step(state, Pose(), Loads(), h)
+        speed = (speed + h * 9.81) / (1.0 + alpha * h)
+        assert state.velocities == pytest.approx(np.tile([0.0, 0.0, -speed], (48, 1)), abs=1e-7)
+    assert speed == pytest.approx(9.81 / alpha, rel=1e-4)
+
+
 @pytest.mark.parametrize("integrator", INTEGRATORS)
 def test_motion_dies_out_in_the_static_equilibrium(integrator: Integrator) -> None:
     arm = held(hexagon_arm(2))

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 
 from cosim.errors import ConvergenceError
 from cosim.frames import Pose, rotation_from_vector
+from cosim.soft.body import Loads
 from cosim.soft.cable import Cable
+from cosim.soft.equilibrium import EquilibriumSolver
 from cosim.soft.newton import NewtonOptions
+from cosim.soft.state import SoftState
 from tests.soft.bodies import HANGING, PRESSURE_Pa, held, hexagon_arm, hung, no_load
 
 TURNED = Pose(rotation_from_vector(np.array([0.2, -0.9, 0.3])) @ HANGING.rotation, np.array([0.4, 0.1, 0.6]))
@@ -52,6 +57,41 @@ def test_pieces_are_halved_where_needed() -> None:
     assert pieces.iterations > whole.iterations
     assert pieces.loads == whole.loads
     assert pieces.state.positions == pytest.approx(whole.state.positions, abs=1e-6)
+
+
+def test_halved_pieces_cover_the_way_and_count_what_failed(monkeypatch: pytest.MonkeyPatch) -> None:
+    arm = held(hexagon_arm(2))
+    begin, loads = hung(arm), no_load(arm.body, pressure_Pa=8000.0)
+    tried: list[tuple[float, int]] = []
+    solve = EquilibriumSolver.solve
+
+    def short_pieces_only(self: EquilibriumSolver, state: Any, pose: Pose, load: Loads) -> Any:
+        last = max((pressure for pressure, spent in tried if spent), default=0.0)
+        if load.pressure_Pa - last > 2500.0:
+            tried.append((load.pressure_Pa, 0))
+            raise ConvergenceError("too far", 1.0, 100)
+        found = solve(self, state, pose, load)
+        tried.append((load.pressure_Pa, found.iterations))
+        return found
+
+    with monkeypatch.context() as patch:
+        patch.setattr(EquilibriumSolver, "solve", short_pieces_only)
+        found = arm.equilibrium.follow(begin, HANGING, loads)
+    assert [pressure for pressure, _ in tried] == [8000.0, 4000.0, 2000.0, 4000.0, 6000.0, 8000.0]
+    assert found.iterations == 200 + sum(spent for _, spent in tried)
+    assert found.loads is loads
+
+
+def test_a_state_is_carried_with_its_velocities() -> None:
+    body = hexagon_arm(1)
+    drawn = SoftState.drawn(body, HANGING)
+    spin = np.array([0.0, 0.0, 2.0])
+    flying = SoftState(drawn.positions, np.cross(spin, drawn.positions), drawn.angles)
+    motion = Pose(rotation_from_vector(np.array([0.4, 0.2, -1.0])), np.array([1.0, 2.0, 3.0]))
+    carried = flying.carried(motion)
+    turned = motion.rotation @ spin
+    assert carried.positions == pytest.approx(motion.apply(drawn.positions))
+    assert carried.velocities == pytest.approx(np.cross(turned, carried.positions - motion.translation))
 
 
 def test_a_way_that_cannot_be_followed_is_an_error() -> None:

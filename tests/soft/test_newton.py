@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cosim.frames import Array
+from cosim.frames import Array, Pose, rotation_from_vector
 from cosim.soft.newton import NewtonOptions, NewtonResult, Outcome
 from cosim.soft.state import SoftState
 from tests.soft.bodies import HANGING, Held, PRESSURE_Pa, held, hexagon_arm, hung, no_load
@@ -154,3 +154,40 @@ def test_a_kept_factorisation_gives_the_same_solution() -> None:
     assert kept.factorisations < fresh.factorisations
     # residuals of 1e-9 N over the softest stiffness
     assert kept.positions == pytest.approx(fresh.positions, abs=1e-7)
+
+
+def test_a_kept_factorisation_turns_with_the_flange() -> None:
+    # the whole problem turned by half a right angle, gravity too: no new tangent is needed
+    arm = held(hexagon_arm(3))
+    begin = hung(arm, pressure_Pa=PRESSURE_Pa)
+    turn = Pose(rotation_from_vector(np.array([0.3, -0.7, 0.2])), np.zeros(3))
+    arm.newton.solve(
+        begin.state.positions, begin.state.angles, no_load(arm.body, pressure_Pa=1.001 * PRESSURE_Pa), EXACT,
+        frame=HANGING.rotation,
+    )  # fmt: skip
+    carried = begin.state.carried(turn)
+    gx, gy, gz = (turn.rotation @ np.array(begin.loads.gravity)).tolist()
+    loads = no_load(arm.body, pressure_Pa=1.002 * PRESSURE_Pa, gravity=(gx, gy, gz))
+    result = arm.newton.solve(
+        carried.positions, carried.angles, loads, replace(EXACT, reuse_max=40, tolerance_N=1e-7),
+        frame=turn.rotation @ HANGING.rotation,
+    )  # fmt: skip
+    assert result.converged
+    assert result.iterations > 0
+    assert result.factorisations == 0
+
+
+def test_a_start_is_accepted_by_its_own_bound_only() -> None:
+    arm = held(hexagon_arm(2))
+    begin = hung(arm, pressure_Pa=PRESSURE_Pa)
+    loads = no_load(arm.body, pressure_Pa=PRESSURE_Pa * (1.0 + 1e-6))
+    start = arm.newton.solve(
+        begin.state.positions, begin.state.angles, loads, replace(EXACT, iterations_max=0)
+    )
+    assert 1e-9 < start.residual_N < 1e-4
+    loose = NewtonOptions(tolerance_N=1e-3, start_tolerance_N=1e-3)
+    strict = replace(loose, start_tolerance_N=0.5 * start.residual_N)
+    for options, iterations in ((loose, 0), (strict, 1)):
+        result = arm.newton.solve(begin.state.positions, begin.state.angles, loads, options)
+        assert result.converged
+        assert result.iterations == iterations

@@ -68,6 +68,23 @@ def test_convergence_to_a_target_is_fast(arm: Held, begin: Equilibrium) -> None:
     assert find_flange_pose(arm.equilibrium, begin, target, tight).iterations <= 5
 
 
+def test_one_step_leaves_an_error_of_second_order(arm: Held, begin: Equilibrium) -> None:
+    # a wrong lever would leave 10 mm of a turn by 0.1 rad, a wrong sign of the sag 1 mm
+    errors = []
+    for tilt in (0.1, 0.05):
+        turn = rotation_from_vector(np.array([0.6 * tilt, -0.8 * tilt, 0.0]))
+        pose = Pose(turn @ HANGING.rotation, HANGING.translation)
+        there = arm.equilibrium.follow(begin, pose, begin.loads)
+        tip = TipFrame.of(arm.body, there.state.positions)
+        once = TargetOptions(position_tolerance_m=0.0, iterations_max=1)
+        with pytest.raises(UnreachableError) as caught:
+            find_flange_pose(arm.equilibrium, begin, TipTarget(tip.position, rotation=tip.rotation), once)
+        assert caught.value.closest.iterations == 1
+        errors.append(caught.value.closest.position_error_m)
+    assert errors[0] < 1e-3
+    assert errors[1] < 0.35 * errors[0]
+
+
 def test_a_target_already_met_needs_nothing(arm: Held, begin: Equilibrium) -> None:
     tip = TipFrame.of(arm.body, begin.state.positions)
     found = find_flange_pose(arm.equilibrium, begin, TipTarget(position=tip.position))
