@@ -6,6 +6,8 @@ With principal Green strains e1 >= e2, thickness t, Young's modulus E, Poisson's
     taut      otherwise:                psi = e : C : e / 2, the plain law.
 psi is convex with a continuous gradient; its second derivative jumps where the state changes.
 A share f of the plain law can stay, f psi_plain + (1 - f) psi: the film's bending resists fine wrinkles.
+With f = 0 a slack triangle resists nothing and may collapse, which a hinge beside it cannot bear: where
+hinges are, f should be 1e-4 or more.
 Source: Pipkin, IMA J. Appl. Math. 36 (1986) 85-99; Steigmann, Proc. R. Soc. A 429 (1990) 141-173.
 """
 
