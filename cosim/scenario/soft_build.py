@@ -6,7 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from cosim.frames import Array, IntArray, Mask
+from cosim.frames import Array, IntArray
+from cosim.scenario.published_hinges import without_spring
 from cosim.scenario.schema import ChamberModel
 from cosim.scenario.soft_robot import Cable as CableSchema
 from cosim.scenario.soft_robot import SoftRobot
@@ -91,7 +92,7 @@ def _hinges(robot: SoftRobot, model: ChamberModel, mesh: Mesh, film: Film) -> tu
     coarse = _coarse_mesh(robot)
     drawn = interior_hinges(coarse.triangles, coarse.seam)
     if not model.all_hinges:
-        drawn = drawn[~_diagonal_to_edge_midpoint(coarse, drawn)]
+        drawn = drawn[~without_spring(coarse, drawn)]
     hinges = drawn if robot.chamber.refine == 0 else interior_hinges(mesh.triangles, mesh.seam)
     factor = robot.hinge.stiffness_factor
     if robot.hinge.rule == "shell":
@@ -120,19 +121,3 @@ def _node_mass(mesh: Mesh, robot: SoftRobot) -> Array:
     for corner in range(3):
         np.add.at(mass, mesh.triangles[:, corner], share)
     return mass
-
-
-def _diagonal_to_edge_midpoint(mesh: Mesh, hinges: IntArray) -> Mask:
-    """Return which hinges lie on an edge from a mid ring's corner to an outer edge midpoint.
-
-    The paper's code leaves these without springs (source: hinge list of its example UR_Pneumatic).
-    """
-    corner = np.zeros(len(mesh.positions), dtype=bool)
-    midpoint = np.zeros(len(mesh.positions), dtype=bool)
-    for name, ring in mesh.rings.items():
-        if name.endswith((".lower", ".upper")):
-            corner[ring[::2]] = True
-        elif name.endswith(".outer"):
-            midpoint[ring[1::2]] = True
-    j, k = hinges[:, 1], hinges[:, 2]
-    return np.asarray((corner[j] & midpoint[k]) | (corner[k] & midpoint[j]))
