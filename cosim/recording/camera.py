@@ -69,8 +69,9 @@ def scene_eye(stage: Stage, first: Snapshot) -> Eye:
 def _points_to_show(stage: Stage, first: Snapshot) -> Array:
     """All nodes and rigid corners but those of the floor, and where the soft robot may swing: (n, 3) [m]."""
     reach = soft_size(stage, first)
-    swing = first.world_from_flange.translation + reach * np.array(
-        [[1, 0, 0], [-1, 0, 0], [0, 0, -1], [0, 0, 0.5]]
+    flange = first.world_from_flange
+    swing = flange.translation + reach * np.array(
+        [[1, 0, 0], [-1, 0, 0], [0, 0, -1], [0, 0, 0.5], flange.rotation[:, 2]]
     )
     points = [first.node_position, swing]
     for shape in stage.shapes:

@@ -24,6 +24,8 @@ from cosim.scenario.snapshot import Snapshot, Stage
 SMALLEST_RESIDUAL_N = 1e-16
 """Shown for an exact zero, which has no logarithm."""
 
+_OF_AN_ARM = frozenset({"power_error", "stability", "joint_error"})
+
 
 @dataclass(frozen=True)
 class Plot:
@@ -55,9 +57,10 @@ def plots_of(stage: Stage, joints: int) -> tuple[Plot, ...]:
 
     Args:
         stage: what is run.
-        joints: of the arm.
+        joints: of the arm; 0 without one.
     """
-    return (*_robot_plots(stage), *_interface_plots(), *_run_plots(stage, joints))
+    plots = (*_robot_plots(stage), *_interface_plots(), *_run_plots(stage, joints))
+    return plots if joints else tuple(plot for plot in plots if plot.entity not in _OF_AN_ARM)
 
 
 def _robot_plots(stage: Stage) -> list[Plot]:
