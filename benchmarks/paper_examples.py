@@ -1,11 +1,13 @@
 """The paper's examples at true equilibrium: our nodes against those of an independent solution.
 
-    python benchmarks/paper_examples.py [--json FILE] [--law LAW] [EXAMPLE ...]
+    python benchmarks/paper_examples.py [--json FILE] [--law LAW] [--lagged] [EXAMPLE ...]
 
 Mesh, hinges, supports, routes and increments are read from tests/reference/*.npz and followed stage by stage.
 The references are the paper's lumped model (its public code: Sim-FAST by Y. Zhu, CC-BY 4.0) with a correct
 constant-strain triangle, solved at the pressure of the present geometry. Bound: the largest node error
 of any stage stays below 0.5 % of the example's extension.
+With --lagged the pressure force is that of the shape before each increment, as in the published code: what
+then still differs from its output is its element. No bound applies.
 """
 
 from __future__ import annotations
@@ -16,7 +18,7 @@ import os
 import sys
 import time
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from itertools import groupby
 from pathlib import Path
 from typing import Any, get_args
@@ -65,6 +67,7 @@ class Comparison:
         error_m: distance of the node that is farthest away.
         extension_m: of the example, base to tip ring, by inflation.
         own_output_m: the same distance from the paper's own output.
+        tip_direction: (3,), unit normal of the tip ring.
     """
 
     example: str
@@ -72,6 +75,7 @@ class Comparison:
     error_m: float
     extension_m: float
     own_output_m: float
+    tip_direction: tuple[float, ...]
     iterations: int
     seconds: float
 
@@ -156,11 +160,16 @@ def stages_of(data: Any, body: SoftBody) -> Iterator[tuple[str, list[Increment]]
 
 @dataclass
 class Follower:
-    """Follows an example's equilibria; `positions` and `angles` are those of the last one."""
+    """Follows an example's equilibria; `positions` and `angles` are those of the last one.
+
+    Args:
+        lagged: whether each increment takes the pressure force of the shape before it.
+    """
 
     body: SoftBody
     positions: Array
     angles: Array
+    lagged: bool = False
 
     def follow(self, clamped: Mask, increments: list[Increment]) -> int:
         """Solve increment by increment; return the Newton iterations.
@@ -176,22 +185,34 @@ class Follower:
         options = NewtonOptions(tolerance_N=1e-7, start_tolerance_N=1e-7, iterations_max=200)
         spent = 0
         for increment in increments:
+            loads = self._with_lag(solver.system, increment.loads) if self.lagged else increment.loads
             centre = self.positions[self.body.base].mean(axis=0)
             start = (self.positions - centre) @ rotation_from_vector(increment.turn).T + centre
-            found = solver.solve(start, self.angles, increment.loads, options)
+            found = solver.solve(start, self.angles, loads, options)
             spent += found.iterations
             if not found.converged:
                 raise RuntimeError(f"{found.outcome.value}; residual {found.residual_N:.1e} N")
             self.positions, self.angles = found.positions, found.angles
         return spent
 
+    def _with_lag(self, system: SoftSystem, loads: Loads) -> Loads:
+        """Return the loads with the gas replaced by dead forces, those of the present shape."""
+        without = replace(loads, pressure_Pa=0.0)
+        tension = system.segment_tension(self.positions, loads)
+        gradients = []
+        for case in (without, loads):
+            system.evaluate(self.positions, case, tension, self.angles, hessian=False)
+            gradients.append(system.gradient.copy())
+        assert loads.nodal_force is not None
+        return replace(without, nodal_force=loads.nodal_force + gradients[0] - gradients[1])
 
-def compare(example: str, law: FilmLaw) -> Iterator[Comparison]:
-    """Run one example and yield a comparison per stage."""
+
+def compare(example: str, law: FilmLaw, lagged: bool = False) -> Iterator[Comparison]:
+    """Run one example and yield a comparison per stage; see `Follower` for `lagged`."""
     data = np.load(REFERENCE / f"{example}.npz")
     body = body_of(data, law)
     drawn = data["X_reference_m"]
-    follower = Follower(body, drawn.copy(), dihedral_angle(drawn, body.hinges.nodes))
+    follower = Follower(body, drawn.copy(), dihedral_angle(drawn, body.hinges.nodes), lagged)
     extension = tip_shift(body, data["X_end_inflate_true_equilibrium_correctCST_m"])
     for stage, increments in stages_of(data, body):
         began = time.perf_counter()
@@ -203,6 +224,7 @@ def compare(example: str, law: FilmLaw) -> Iterator[Comparison]:
             farthest(follower.positions, wanted),
             extension,
             farthest(follower.positions, data[f"X_end_{stage}_m"]),
+            tuple(body.tip_direction(follower.positions).tolist()),
             iterations,
             time.perf_counter() - began,
         )
@@ -223,20 +245,21 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("examples", nargs="*", metavar="EXAMPLE", help=f"of {', '.join(EXAMPLES)}")
     parser.add_argument("--law", choices=get_args(FilmLaw), default="edge_strain", help="of the film")
+    parser.add_argument("--lagged", action="store_true", help="pressure of the shape before each increment")
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the figures here as well")
     options = parser.parse_args()
     print(f"{'example':<26}{'stage':<9}{'error [mm]':>11}{'% of extension':>16}"
           f"{'to own output [mm]':>20}{'iterations':>12}{'s':>7}")  # fmt: skip
     rows = []
     for example in options.examples or EXAMPLES:
-        for row in compare(example, options.law):
+        for row in compare(example, options.law, options.lagged):
             rows.append(row)
-            print(f"{row.example:<26}{row.stage:<9}{1e3 * row.error_m:>11.5f}{100 * row.share:>16.4f}"
+            print(f"{row.example:<26}{row.stage:<9}{1e3 * row.error_m:>11.1e}{100 * row.share:>16.1e}"
                   f"{1e3 * row.own_output_m:>20.3f}{row.iterations:>12}{row.seconds:>7.1f}")  # fmt: skip
     if options.json:
         entries = [{**asdict(row), "share_of_extension": row.share} for row in rows]
         options.json.write_text(json.dumps({"bound": BOUND, "rows": entries}, indent=2) + "\n")
-    return int(any(row.share > BOUND for row in rows))
+    return int(not options.lagged and any(row.share > BOUND for row in rows))
 
 
 if __name__ == "__main__":
