@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 from cosim.cli.interruption import Interruption
@@ -13,6 +14,7 @@ from cosim.driver import Options, Outcome, Watcher, build_simulation, execute, r
 from cosim.run_files import RECORDING, SUMMARY, check_directory, default_directory
 from cosim.scenario.loading import load_scenario
 from cosim.scenario.overrides import parse_assignment
+from cosim.scenario.schema import NO_ARM
 
 
 def run_command(
@@ -45,13 +47,19 @@ def run_command(
         print(scenario.title, file=sys.stderr)
     from cosim.soft.compilation import compile_kernels  # here, so that wrong input needs no engine
 
-    compile_kernels(_ignore if quiet else _tell)
+    compile_kernels(_ignore if quiet else _tell, () if scenario.robot == NO_ARM else _contact_kernels())
     with Interruption() as interruption:
         watchers: list[Watcher] = [interruption] if quiet else [interruption, Progress(sys.stderr)]
         make_recorder = rerun_recorder if recording else None
         options = Options(directory, make_recorder, watchers, interruption.reason)
         outcome = execute(scenario, build_simulation, options, started)
     return _report(outcome, directory, interruption, quiet=quiet)
+
+
+def _contact_kernels() -> tuple[ModuleType, ...]:
+    from cosim.rigid.compilation import KERNEL_MODULES  # here: it brings MuJoCo, which some scenes do without
+
+    return KERNEL_MODULES
 
 
 def _tell(text: str) -> None:

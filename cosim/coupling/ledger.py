@@ -21,6 +21,10 @@ class LedgerEntry:
         newton_iterations: of the soft step.
         stability_ratio: largest eigenvalue of (flange mobility x algorithmic mass of the soft side).
         algorithmic_mass: whether it was carried as armature in this tick.
+        contacts: points of the film that press on something.
+        contact_force_N: sum of their normal forces.
+        contact_depth_m: how deep the deepest of them is; negative while nothing has sunk in.
+        contact_ratio: largest algorithmic mass of the film over the inertia of a free body that it touches.
     """
 
     wrench: Wrench
@@ -30,6 +34,10 @@ class LedgerEntry:
     newton_iterations: int
     stability_ratio: float
     algorithmic_mass: bool
+    contacts: int = 0
+    contact_force_N: float = 0.0
+    contact_depth_m: float = 0.0
+    contact_ratio: float = 0.0
 
     @property
     def power_error_W(self) -> float:

@@ -11,6 +11,8 @@ from cosim.coupling.mass import MassProperties
 from cosim.errors import ConvergenceError
 from cosim.frames import Array, IntArray, Mask, Pose, Wrench
 from cosim.soft.body import Loads, SoftBody
+from cosim.soft.contact import ContactPlanes
+from cosim.soft.contact_surface import ContactSurface
 from cosim.soft.dynamics import ImplicitStepper, StepOptions
 from cosim.soft.equilibrium import Equilibrium, EquilibriumSolver
 from cosim.soft.newton import NewtonOptions, NewtonSolver
@@ -103,6 +105,26 @@ class SoftArm:
         wrench = self.clamp.wrench(self._system.gradient, self.state.positions, world_from_flange)
         power = float(np.einsum("kr,kr->", self.reaction, self.state.velocities[self.clamp.nodes]))
         return SoftReply(wrench, power, self._residual, iterations)
+
+    def contact_surface(self) -> ContactSurface:
+        """Return where the body can be touched."""
+        return ContactSurface.of(self.body, self._system.pattern)
+
+    def response(self, forces: Array, contact: ContactPlanes, step_s: float) -> Array | None:
+        """Return how far small forces would have moved the nodes within the last step.
+
+        Args:
+            forces: (k, n, 3) [N], k cases.
+            contact: with the body.
+            step_s: length of the step [s].
+
+        Returns:
+            (k, n, 3) [m]; None where the tangent is indefinite.
+        """
+        loads = replace(self._loads, contact=contact)
+        if not self._stepper.factorise(self.state, self._flange, loads, step_s):
+            return None
+        return np.array([self._stepper.solver.linear.solve(force) for force in forces])
 
     def _step(self, begin: _Drive, end: _Drive, step_s: float, halvings: int) -> int:
         """Take one step, or two halves where it does not converge; return the Newton iterations."""

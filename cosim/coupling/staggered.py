@@ -4,18 +4,21 @@ Per tick: the wrench of the tick before acts on the flange while MuJoCo steps; t
 one implicit step with the flange's new pose and returns the next wrench. Where the soft side is heavy for
 the flange (stability ratio above a bound), its algorithmic mass A rides along as joint armature, and A times
 the last joint acceleration is given back as torque, so that only the change of acceleration meets it.
+Where the scene can be touched, contacts are found between the two steps, and act on bodies one tick later.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import final
 
 import numpy as np
 
+from cosim.coupling.body_mass import BodyMass
+from cosim.coupling.contact import NOTHING_TOUCHED, ContactExchange, ContactReport
 from cosim.coupling.ledger import LedgerEntry
 from cosim.coupling.mass import armature_bound, stability_ratio
-from cosim.coupling.soft_arm import SoftArm
+from cosim.coupling.soft_arm import SoftArm, SoftReply
 from cosim.frames import Array, Wrench
 from cosim.rigid.scene import RigidScene
 from cosim.soft.body import Loads
@@ -49,9 +52,17 @@ class StaggeredCoupling:
         soft: soft side.
         wrench: of the soft side at the start, at the flange origin, world axes.
         ratio_bound: stability ratio above which the algorithmic mass is carried.
+        contact: of the soft body with the scene; None where it is not modelled.
     """
 
-    def __init__(self, scene: RigidScene, soft: SoftArm, wrench: Wrench, ratio_bound: float = 0.5) -> None:
+    def __init__(
+        self,
+        scene: RigidScene,
+        soft: SoftArm,
+        wrench: Wrench,
+        ratio_bound: float = 0.5,
+        contact: ContactExchange | None = None,
+    ) -> None:
         self.scene = scene
         self.soft = soft
         self._wrench = wrench
@@ -59,6 +70,9 @@ class StaggeredCoupling:
         self._ratio = 0.0
         self._added = np.zeros(len(scene.joint_names))
         self._ticks = 0
+        self.contact = contact
+        self.touched: ContactReport = NOTHING_TOUCHED
+        self._body_mass = BodyMass(contact, soft, scene.tick_s) if contact is not None else None
 
     @property
     def wrench(self) -> Wrench:
@@ -87,7 +101,7 @@ class StaggeredCoupling:
             scene.apply_joint_torque(self._added * scene.joint_acceleration)
         scene.finish_step()
         scene.begin_step()
-        reply = self.soft.advance(scene.flange_pose, loads, scene.tick_s)
+        reply = self._advance_soft(loads)
         self._wrench = reply.wrench
         return LedgerEntry(
             wrench=reply.wrench,
@@ -97,7 +111,23 @@ class StaggeredCoupling:
             newton_iterations=reply.iterations,
             stability_ratio=self._ratio,
             algorithmic_mass=bool(self._added.any()),
+            contacts=self.touched.count,
+            contact_force_N=self.touched.normal_force_N,
+            contact_depth_m=self.touched.depth_m,
+            contact_ratio=0.0 if self._body_mass is None else self._body_mass.ratio,
         )
+
+    def _advance_soft(self, loads: Loads) -> SoftReply:
+        """Take the soft step, with the contacts that are there."""
+        scene, soft = self.scene, self.soft
+        if self.contact is None or self._body_mass is None:
+            return soft.advance(scene.flange_pose, loads, scene.tick_s)
+        planes = self.contact.find(soft.state, scene.tick_s)
+        loads = loads if planes is None else replace(loads, contact=planes)
+        reply = soft.advance(scene.flange_pose, loads, scene.tick_s)
+        self.touched = self.contact.settle(soft.state.positions)
+        self._body_mass.update()
+        return reply
 
     def _weigh(self) -> None:
         """Bring the stability ratio, and with it the carried algorithmic mass, up to date."""

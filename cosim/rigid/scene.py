@@ -18,6 +18,8 @@ import mujoco
 import numpy as np
 
 from cosim.frames import Array, Pose, Twist, Wrench
+from cosim.rigid.bodies import Bodies, touchable_geoms
+from cosim.rigid.contact_query import ContactQuery
 from cosim.rigid.description import SceneDescription
 from cosim.rigid.layout import ArmLayout, effort_limit
 from cosim.rigid.model import compile_model
@@ -63,6 +65,7 @@ class RigidScene:
         self._control = self._data.ctrl.reshape(-1, 3)
         self._armature = self._model.dof_armature[self._v].copy()
         self._flange_load = np.zeros(6)
+        self.bodies = Bodies(self._model, self._data)
         self.set_joint_state(description.arm.home)
         self.set_control(description.arm.home)
 
@@ -172,6 +175,10 @@ class RigidScene:
         At the flange origin, world axes, as a force/torque sensor between arm and flange measures it.
         """
         return Wrench(self._flange_load[:3], self._flange_load[3:])
+
+    def contact_query(self) -> ContactQuery:
+        """Return the distances to everything that collides, the arm itself left out."""
+        return ContactQuery(self._model, self._data, touchable_geoms(self._model, self._layout.mount))
 
     def set_joint_state(self, position: Array, velocity: Array | None = None) -> None:
         """Put the arm at an angle and a speed; everything readable follows.

@@ -7,6 +7,7 @@ from typing import final
 
 import numpy as np
 
+from cosim.coupling.contact import ContactExchange
 from cosim.coupling.ledger import LedgerEntry
 from cosim.coupling.soft_arm import SoftArm
 from cosim.coupling.staggered import ServoCommand, StaggeredCoupling
@@ -18,6 +19,7 @@ from cosim.scenario.joint_path import JointPath
 from cosim.scenario.ramp import Progress
 from cosim.scenario.snapshot import RigidShape
 from cosim.soft.body import Loads
+from cosim.soft.contact import ContactLaw
 
 _SETTLED_RAD = 1e-9
 
@@ -32,13 +34,21 @@ class ArmCarrier(Carrier):
         scene: rigid side.
         soft: soft side.
         payload_compensation: whether the feedforward knows the soft robot's weight.
+        contact: law of the soft robot's contact with the scene in the dynamic mode; None for no contact.
     """
 
     def __init__(
-        self, name: str, arm: Arm, scene: RigidScene, soft: SoftArm, payload_compensation: bool
+        self,
+        name: str,
+        arm: Arm,
+        scene: RigidScene,
+        soft: SoftArm,
+        payload_compensation: bool,
+        contact: ContactLaw | None = None,
     ) -> None:
         self._name, self._arm, self._scene, self._soft = name, arm, scene, soft
         self._compensation = payload_compensation
+        self._contact_law = contact
         self._reference = np.zeros(arm.joint_count)
         self._coupling: StaggeredCoupling | None = None
 
@@ -91,7 +101,11 @@ class ArmCarrier(Carrier):
         return True
 
     def couple(self, wrench: Wrench) -> None:
-        self._coupling = StaggeredCoupling(self._scene, self._soft, wrench)
+        scene, soft, law = self._scene, self._soft, self._contact_law
+        contact = None
+        if law is not None:
+            contact = ContactExchange(scene.contact_query(), scene.bodies, soft.contact_surface(), law)
+        self._coupling = StaggeredCoupling(scene, soft, wrench, contact=contact)
 
     def tick(self, path: JointPath, now: Progress, then: Progress, loads: Loads) -> tuple[Array, LedgerEntry]:
         assert self._coupling is not None, "couple() comes before tick()"

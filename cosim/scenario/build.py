@@ -20,6 +20,7 @@ from cosim.scenario.schema import NO_ARM, Scenario
 from cosim.scenario.snapshot import Stage
 from cosim.scenario.soft_build import build_soft_body
 from cosim.soft.body import SoftBody
+from cosim.soft.contact import ContactLaw
 from cosim.soft.dynamics import StepOptions
 from cosim.soft.newton import NewtonOptions
 
@@ -86,7 +87,17 @@ def _arm(scenario: Scenario, trial: SoftArm, soft: SoftArm) -> tuple[Plan, Carri
             objects=tuple(rigid_object(entry) for entry in scenario.objects),
         )
     )
-    return plan, ArmCarrier(scenario.robot, arm, scene, soft, scenario.payload_compensation)
+    return plan, ArmCarrier(
+        scenario.robot, arm, scene, soft, scenario.payload_compensation, _contact_law(scenario)
+    )
+
+
+def _contact_law(scenario: Scenario) -> ContactLaw | None:
+    """Return the law of contact; None where contact is switched off or not modelled."""
+    given = scenario.contact
+    if not given.enabled or scenario.mode == "quasistatic":
+        return None
+    return ContactLaw(given.stiffness_N_m3, given.smoothing_m, given.stick_m)
 
 
 def _plan(scenario: Scenario, plan_joints: JointPlanner, trial: SoftArm) -> Plan:
@@ -127,6 +138,16 @@ def _report(parts: Parts, body: SoftBody) -> str:
         f"{len(body.cables)} cables",
         "Chamber": "closed by caps" if body.closed else "open ends (no cap force)",
         "Motion": "quasistatic" if scenario.mode == "quasistatic" else f"dynamic, {integrator}",
-        "Contact": "none: nothing in this scene touches the soft robot",
+        "Contact": _contact_report(scenario),
     }
     return "\n".join(f"- **{name}**: {text}" for name, text in lines.items())
+
+
+def _contact_report(scenario: Scenario) -> str:
+    law = _contact_law(scenario)
+    if scenario.robot == NO_ARM:
+        return "none: there is nothing to touch"
+    if law is None:
+        return "not modelled" + (" in the quasistatic mode" if scenario.contact.enabled else ": switched off")
+    things = ", ".join(["floor", *(entry.name for entry in scenario.objects)])
+    return f"with {things}; {law.stiffness_N_m3:.0e} N/m^3, friction sticks within {1e3 * law.stick_m:g} mm"

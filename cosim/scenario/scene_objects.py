@@ -16,4 +16,5 @@ def rigid_object(entry: SceneObjectSchema) -> SceneObject:
         quaternion=entry.quaternion,
         mass_kg=entry.mass_kg or 0.0,
         rgba=entry.rgba,
+        friction=entry.friction,
     )

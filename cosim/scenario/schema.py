@@ -65,6 +65,24 @@ class Solver:
 
 @final
 @dataclass(frozen=True)
+class Contact:
+    """Contact of the soft robot with floor and objects, in the dynamic mode.
+
+    Args:
+        enabled: whether it is modelled.
+        stiffness_N_m3: pressure per depth.
+        smoothing_m: width of the transition; contact begins at half of it before touching.
+        stick_m: tangential distance at which the full friction acts.
+    """
+
+    enabled: bool = True
+    stiffness_N_m3: Positive = 3e8
+    smoothing_m: Positive = 1e-4
+    stick_m: Positive = 1e-4
+
+
+@final
+@dataclass(frozen=True)
 class ChamberModel:
     """Switches for comparison with the published open-chamber data.
 
@@ -144,6 +162,7 @@ class SceneObject:
         position_m: of its centre, world.
         quaternion: (w, x, y, z), world from object; normalised on use.
         mass_kg: omitted = fixed to the world.
+        friction: coefficient of sliding.
     """
 
     name: Name
@@ -153,6 +172,7 @@ class SceneObject:
     quaternion: Quaternion = (1.0, 0.0, 0.0, 0.0)
     mass_kg: Positive | None = None
     rgba: Colour = (0.55, 0.57, 0.60, 1.0)
+    friction: NonNegative = 0.8
 
 
 @final
@@ -253,6 +273,7 @@ class Scenario:
     payload_compensation: bool = True
     clock: Clock = Clock()
     solver: Solver = Solver()
+    contact: Contact = Contact()
     chamber: ChamberModel = ChamberModel()
     recording: Recording = Recording()
     objects: tuple[SceneObject, ...] = field(default=(), metadata={"key": "object"})

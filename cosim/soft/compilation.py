@@ -22,15 +22,18 @@ _MODULES: tuple[ModuleType, ...] = (
 )  # fmt: skip
 
 
-def compile_kernels(announce: Callable[[str], None] = lambda _text: None) -> None:
+def compile_kernels(
+    announce: Callable[[str], None] = lambda _text: None, more: tuple[ModuleType, ...] = ()
+) -> None:
     """Compile the kernels, or load them from numba's cache on disk.
 
     Args:
         announce: told in one sentence, before the wait, when they have to be compiled.
+        more: modules with further kernels.
     """
     kernels: list[Any] = [
         value
-        for module in _MODULES
+        for module in (*_MODULES, *more)
         for value in vars(module).values()
         if getattr(value, "fixed_signature", None) is not None
     ]

@@ -19,7 +19,7 @@ here on the distance from an anchor instead of the displacement in a step.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import final
 
 import numpy as np
@@ -189,6 +189,28 @@ class ContactPlanes:
         point = np.einsum("ka,kar->kr", self.weights, positions[self.nodes])
         distance = np.einsum("kr,kr->k", self.normal, point) - self.offset
         return ContactForces(point, -gradient, pressing, distance)
+
+    def sticking(self, found: ContactForces, coefficient: Array) -> ContactPlanes:
+        """Return the contacts as they answer a small motion from rest: stick springs slack, friction present.
+
+        Args:
+            found: the contact points at the end of the step.
+            coefficient: (k,) of friction.
+        """
+        return replace(self, anchor=found.point, friction=coefficient * found.normal_force)
+
+    def tangents(self, positions: Array) -> Array:
+        """Return the stiffness (k, 3, 3) [N/m] of each contact while its stick spring is slack.
+
+        Args:
+            positions: (n, 3) [m], of the nodes, the anchors at the contact points.
+        """
+        point = np.einsum("ka,kar->kr", self.weights, positions[self.nodes])
+        depth = 0.5 * self.law.smoothing_m - (np.einsum("kr,kr->k", self.normal, point) - self.offset)
+        pressing = self.stiffness * np.clip(depth / self.law.smoothing_m, 0.0, 1.0)
+        dragging = 2.0 * self.friction / self.law.stick_m
+        outer = self.normal[:, :, None] * self.normal[:, None, :]
+        return np.asarray(dragging[:, None, None] * np.eye(3) + (pressing - dragging)[:, None, None] * outer)
 
     def dragged_anchor(self, found: ContactForces) -> Array:
         """Return where the anchors (k, 3) [m] are after a step: at most `stick` behind their points.

@@ -76,12 +76,7 @@ class ImplicitStepper:
         if not step_s > 0.0:
             raise InputError(f"step {step_s} s must be positive")
         base, span, speed = self._scheme(state, step_s)
-        damping = self.options.damping_per_s
-        mass = self.solver.system.body.node_mass
-        # M (v - speed) / s + alpha M v with v = (x - base) / s, written as one elastic bed
-        weight = mass * (1.0 + damping * span) / span**2
-        target = base + span / (1.0 + damping * span) * speed
-        inertia = Inertia(weight, target)
+        inertia = self._inertia(base, span, speed)
         # free flight is the better start, unless it lets films cross; then the step begins where it is
         for flight in (step_s, 0.0):
             start = self.clamp.place(state.positions + flight * state.velocities, world_from_flange)
@@ -98,6 +93,26 @@ class ImplicitStepper:
         velocities = (result.positions - base) / span
         earlier = (state.positions, state.velocities)
         return SoftState(result.positions, velocities, result.angles, earlier), result
+
+    def factorise(self, state: SoftState, world_from_flange: Pose, loads: Loads, step_s: float) -> bool:
+        """Factorise the tangent of a step that ends at a state; False where it is indefinite.
+
+        Args:
+            state: at the end of a step.
+            world_from_flange: pose of the flange there.
+            loads: there.
+            step_s: h [s].
+        """
+        inertia = self._inertia(*self._scheme(state, step_s))
+        return self.solver.factorise(
+            state.positions, state.angles, loads, inertia, world_from_flange.rotation
+        )
+
+    def _inertia(self, base: Array, span: float, speed: Array) -> Inertia:
+        """Return M (v - speed) / s + alpha M v with v = (x - base) / s, written as one elastic bed."""
+        damping = self.options.damping_per_s
+        weight = self.solver.system.body.node_mass * (1.0 + damping * span) / span**2
+        return Inertia(weight, base + span / (1.0 + damping * span) * speed)
 
     def _scheme(self, state: SoftState, h: float) -> tuple[Array, float, Array]:
         """Return (base, span, speed): v = (x - base) / span, acceleration = (v - speed) / span."""

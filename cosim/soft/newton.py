@@ -209,6 +209,27 @@ class NewtonSolver:
             factorisations, point.energy, shifted,
         )  # fmt: skip
 
+    def factorise(
+        self, positions: Array, angles: Array, loads: Loads, inertia: Inertia | None, frame: Array
+    ) -> bool:
+        """Factorise the tangent at a given shape into `linear`; False where it is indefinite.
+
+        Args:
+            positions: (n, 3) [m].
+            angles: (h,) [rad], unwrapped hinge angles there.
+            loads: that act.
+            inertia: of an implicit step; None in statics.
+            frame: (3, 3), rotation of the flange.
+        """
+        system = self.system
+        gradient = system.gradient.copy()
+        problem = _Problem(system, self.free, loads, system.segment_tension(positions, loads), inertia)
+        problem.at(positions, angles, hessian=True)
+        system.gradient[:] = gradient
+        definite = self.linear.factor(system.blocks)
+        self._kept = _KeptFactor(problem.kind, frame) if definite else None
+        return definite
+
     @staticmethod
     def _verdict(point: _Point, tangents: int, reused: int, options: NewtonOptions) -> Outcome | None:
         if not (np.isfinite(point.residual) and np.isfinite(point.energy)):

@@ -1,0 +1,221 @@
+"""Contact between the film and the rigid scene: one search per tick, forces on both sides.
+
+Per tick, after MuJoCo's step: the surfaces near the film are found at the new poses and frozen as tangent
+planes; the soft step solves with them; what its contact points press with acts on the bodies in MuJoCo's
+next step, at the same points, with the opposite sign. Each contact keeps where its stick spring is tied on
+the obstacle, and its normal force, which bounds the friction of the next tick.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+
+from cosim.frames import Array, IntArray
+from cosim.rigid.bodies import Bodies
+from cosim.rigid.contact_query import ContactQuery
+from cosim.rigid.features import near_film
+from cosim.soft.contact import ContactForces, ContactLaw, ContactPlanes
+from cosim.soft.contact_surface import ContactSurface, Extent
+from cosim.soft.state import SoftState
+
+_REACH_M = 1e-3  # looked ahead besides what the film moves in a tick
+_BEHIND_M = 5e-3  # how far behind the film a corner still counts as one that came through it
+_FEATURE_AREA_M2 = 5e-5  # each stands for: a corner must hold back the film around it by itself
+
+
+@final
+@dataclass(frozen=True)
+class ContactMemory:
+    """What contacts carry from one tick to the next.
+
+    Args:
+        key: (k,) ascending; names the pair of contact point and shape.
+        normal_force: (k,) [N].
+        offset: (k, 3) [m], shape frame: from where the shape carries the point to the anchor.
+        place: (k, 3) [m], world: for features, where they were; for points of the film, not used.
+    """
+
+    key: IntArray
+    normal_force: Array
+    offset: Array
+    place: Array
+
+    @classmethod
+    def empty(cls) -> ContactMemory:
+        """Return the memory of no contact."""
+        return cls(np.zeros(0, np.int64), np.zeros(0), np.zeros((0, 3)), np.zeros((0, 3)))
+
+    def look_up(self, key: IntArray) -> tuple[IntArray, IntArray]:
+        """Return (places in `key`, places in memory) of the pairs that are remembered."""
+        at = np.searchsorted(self.key, key)
+        inside = np.flatnonzero(at < len(self.key))
+        same = inside[self.key[at[inside]] == key[inside]]
+        return same, at[same]
+
+
+@final
+@dataclass(frozen=True)
+class ContactReport:
+    """What the contacts of one tick did.
+
+    Args:
+        bodies: (b,) touched bodies.
+        force: (b, 3) [N] on each, world axes.
+        torque: (b, 3) [N m] on each, about the world's origin.
+        count: contact points that press.
+        normal_force_N: sum over them.
+        depth_m: of the deepest.
+    """
+
+    bodies: IntArray
+    force: Array
+    torque: Array
+    count: int
+    normal_force_N: float
+    depth_m: float
+
+
+NOTHING_TOUCHED = ContactReport(np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros((0, 3)), 0, 0.0, 0.0)
+
+
+@final
+class ContactExchange:
+    """Finds contacts, remembers them, and loads the bodies.
+
+    Args:
+        query: distances to what can be touched.
+        bodies: of the scene.
+        surface: of the soft body.
+        law: of contact.
+    """
+
+    def __init__(
+        self, query: ContactQuery, bodies: Bodies, surface: ContactSurface, law: ContactLaw | None = None
+    ) -> None:
+        self.query, self.bodies, self.surface = query, bodies, surface
+        self.law = law or ContactLaw()
+        self.memory = ContactMemory.empty()
+        self.planes: ContactPlanes | None = None
+        self.sticking: ContactPlanes | None = None
+        self.shape: IntArray = np.zeros(0, np.int64)
+        self._key: IntArray = np.zeros(0, np.int64)
+        self._carrier: Array = np.zeros((0, 3))
+        self._points = 0
+
+    def find(self, state: SoftState, tick_s: float) -> ContactPlanes | None:
+        """Return what the film may touch in the coming step; None for nothing.
+
+        Args:
+            state: of the soft body before the step.
+            tick_s: length of the step [s].
+        """
+        self.planes = None
+        self.query.update()
+        extent = Extent.of(state.positions, state.velocities)
+        reach = 0.5 * self.law.smoothing_m + _REACH_M + 2.0 * extent.speed_m_s * tick_s
+        active = self.query.near(extent.low, extent.high, reach)
+        if len(active):
+            self.planes = self._planes(state.positions, extent, reach, active)
+        if self.planes is None:
+            self.memory = ContactMemory.empty()
+        return self.planes
+
+    def _planes(self, x: Array, extent: Extent, reach: float, active: IntArray) -> ContactPlanes | None:
+        surface, query = self.surface, self.query
+        points = surface.points(x)
+        hits = query.distances(points, reach, active)
+        chosen = query.features.of(active)
+        places = query.feature_positions(chosen)
+        around = ((places > extent.low - reach) & (places < extent.high + reach)).all(axis=1)
+        chosen, places = chosen[around], places[around]
+        film = near_film(places, x, surface.triangles, reach, _BEHIND_M)
+        if not len(hits) + len(film):
+            return None
+        feature = chosen[film.point]
+        self.shape = np.concatenate([hits.shape, query.features.shape[feature]])
+        self._points = len(hits)
+        self._key = np.concatenate([hits.shape * len(surface) + hits.point, feature + self._first_feature])
+        nodes = np.concatenate([surface.nodes[hits.point], surface.triangles[film.triangle]])
+        weights = np.concatenate([surface.weights[hits.point], film.weight])
+        slots = np.concatenate([surface.slots[hits.point], surface.triangle_slots[film.triangle]])
+        normal = np.concatenate([hits.normal, -film.normal])
+        distance = np.concatenate([hits.distance, film.distance])
+        area = np.concatenate([surface.area[hits.point], np.full(len(film), _FEATURE_AREA_M2)])
+        touched = np.concatenate(
+            [points[hits.point], np.einsum("ka,kar->kr", film.weight, x[surface.triangles[film.triangle]])]
+        )
+        self._carrier = np.concatenate([query.position[hits.shape], places[film.point]])
+        anchor, normal_force = self._recall(touched)
+        return ContactPlanes(
+            nodes=nodes,
+            weights=weights,
+            slots=slots,
+            normal=normal,
+            offset=np.einsum("kr,kr->k", normal, touched) - distance,
+            stiffness=self.law.stiffness_N_m3 * area,
+            friction=query.friction[self.shape] * normal_force,
+            anchor=anchor,
+            law=self.law,
+        )
+
+    @property
+    def _first_feature(self) -> int:
+        return len(self.query) * len(self.surface)
+
+    def _recall(self, touched: Array) -> tuple[Array, Array]:
+        """Return anchors (k, 3) [m] and normal forces (k,) [N] of the last tick; new ones start afresh."""
+        memory, anchor, normal_force = self.memory, touched.copy(), np.zeros(len(touched))
+        here, there = memory.look_up(self._key)
+        if len(here):
+            turned = np.einsum("krs,ks->kr", self.query.rotation[self.shape[here]], memory.offset[there])
+            # the anchor of a point of the film rides on the shape; a feature has moved under the film,
+            # whose point there is another one than before: the stretch goes on from where it was
+            moved = self._carrier[here] - memory.place[there]
+            film = here < self._points
+            anchor[here] = turned + np.where(film[:, None], self._carrier[here], touched[here] + moved)
+            normal_force[here] = memory.normal_force[there]
+        return anchor, normal_force
+
+    def settle(self, positions: Array) -> ContactReport:
+        """Take in the end of the soft step: remember the contacts and load the bodies.
+
+        Args:
+            positions: (n, 3) [m], of the nodes at the end of the step.
+        """
+        if self.planes is None:
+            self.sticking = None
+            report = NOTHING_TOUCHED
+        else:
+            found = self.planes.at(positions)
+            self.sticking = self.planes.sticking(found, self.query.friction[self.shape])
+            self._remember(self.planes, found)
+            report = self._report(found)
+        self.bodies.apply(report.bodies, report.force, report.torque)
+        return report
+
+    def _remember(self, planes: ContactPlanes, found: ContactForces) -> None:
+        film = np.arange(len(planes)) < self._points
+        anchor = planes.dragged_anchor(found)
+        offset = anchor - np.where(film[:, None], self._carrier, found.point)
+        local = np.einsum("ksr,ks->kr", self.query.rotation[self.shape], offset)
+        kept = found.normal_force > 0.0
+        self.memory = ContactMemory(
+            self._key[kept], found.normal_force[kept], local[kept], self._carrier[kept]
+        )
+
+    def _report(self, found: ContactForces) -> ContactReport:
+        pressing = found.normal_force > 0.0
+        # a point that has just come off may still rub: friction is bounded by the last tick's normal force
+        acting = np.abs(found.force).max(axis=1) > 0.0
+        point, force = found.point[acting], -found.force[acting]
+        bodies, place = np.unique(self.query.body[self.shape[acting]], return_inverse=True)
+        total, torque = np.zeros((len(bodies), 3)), np.zeros((len(bodies), 3))
+        np.add.at(total, place, force)
+        np.add.at(torque, place, np.cross(point, force))
+        depth = -float(found.distance[pressing].min()) if pressing.any() else 0.0
+        return ContactReport(
+            bodies, total, torque, int(pressing.sum()), float(found.normal_force.sum()), depth
+        )

@@ -1,0 +1,94 @@
+"""A cube between two inflated balls whose far sides are held: the smallest grasp."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from cosim.arm_files import find_arm
+from cosim.coupling.body_mass import BodyMass
+from cosim.coupling.contact import ContactExchange, ContactReport
+from cosim.coupling.soft_arm import SoftArm
+from cosim.frames import Array, Pose
+from cosim.rigid.description import SceneDescription, SceneObject
+from cosim.rigid.scene import RigidScene
+from cosim.soft.body import Loads, SoftBody
+from cosim.soft.contact import ContactLaw
+from cosim.soft.dynamics import StepOptions
+from cosim.soft.film import Film
+from cosim.soft.newton import NewtonOptions
+from tests.soft.bodies import icosphere
+
+EDGE_M, RADIUS_M, OVERLAP_M, PRESSURE_PA = 0.04, 0.025, 0.004, 5e3
+GRASP = np.array([0.0, 0.0, 1.5])  # above everything else in the scene
+
+
+def pads() -> SoftBody:
+    """Return two balls at either side of the grasp, their far caps held."""
+    x, triangles = icosphere(2, RADIUS_M)
+    # a corner of the mesh never lies on a plane of symmetry of the cube
+    away = 0.5 * EDGE_M + RADIUS_M - OVERLAP_M
+    both = np.concatenate([x + np.array([away, 0.0, 0.0]), x * (-1.0, 1.0, 1.0) - np.array([away, 0.0, 0.0])])
+    mirrored = triangles[:, ::-1] + len(x)
+    held = np.flatnonzero(np.abs(both[:, 0]) > away + 0.6 * RADIUS_M)
+    film = Film(1e8, 0.3, 1e-4)
+    return SoftBody.from_arrays(
+        both, np.concatenate([triangles, mirrored]), film, node_mass=1.2e-4, base=held, tip=held
+    )
+
+
+class Grasp:
+    """The cube and its pads, stepped in lockstep.
+
+    Args:
+        mass_kg: of the cube.
+        tick_s: of the clock.
+        carried: whether the film's algorithmic mass rides on the cube.
+        law: of contact.
+        gravity: (3,) [m/s^2].
+    """
+
+    def __init__(
+        self,
+        mass_kg: float,
+        tick_s: float,
+        *,
+        carried: bool = True,
+        law: ContactLaw | None = None,
+        gravity: tuple[float, float, float] = (0.0, 0.0, -9.81),
+    ) -> None:
+        cube = SceneObject("cube", "box", (EDGE_M,) * 3, (0.0, 0.0, 1.5), mass_kg=mass_kg)
+        self.scene = RigidScene(
+            SceneDescription(find_arm("ur5e"), tick_s=tick_s, gravity=gravity, objects=(cube,))
+        )
+        self.scene.set_control(self.scene.joint_position)
+        options = StepOptions(tolerance_N=1e-6, damping_per_s=5.0)
+        self.flange = Pose(np.eye(3), GRASP)
+        self.soft = SoftArm(pads(), self.flange, NewtonOptions(), options)
+        x = self.soft.state.positions.copy()
+        face = 0.5 * EDGE_M
+        x[:, 0] = np.where(np.abs(x[:, 0]) < face, np.copysign(face, x[:, 0]), x[:, 0])
+        self.soft.state = replace(self.soft.state, positions=x)
+        self.exchange = ContactExchange(
+            self.scene.contact_query(), self.scene.bodies, self.soft.contact_surface(), law
+        )
+        self.mass = BodyMass(self.exchange, self.soft, tick_s) if carried else None
+        self.loads = Loads(PRESSURE_PA, (), gravity)
+        self._cube = self.scene.body_names.index("cube")
+
+    def tick(self) -> ContactReport:
+        """Advance by one tick."""
+        self.scene.finish_step()
+        self.scene.begin_step()
+        planes = self.exchange.find(self.soft.state, self.scene.tick_s)
+        self.soft.advance(self.flange, replace(self.loads, contact=planes), self.scene.tick_s)
+        report = self.exchange.settle(self.soft.state.positions)
+        if self.mass is not None:
+            self.mass.update()
+        return report
+
+    @property
+    def cube_position(self) -> Array:
+        """(3,) [m], world."""
+        return np.array(self.scene.body_poses()[0][self._cube])

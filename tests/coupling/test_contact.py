@@ -1,0 +1,170 @@
+"""Contact between film and rigid bodies: balance, corners, held objects, light objects."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from cosim.arm_files import find_arm
+from cosim.coupling.body_mass import bounding_diagonal
+from cosim.coupling.contact import ContactExchange
+from cosim.coupling.soft_arm import SoftArm
+from cosim.errors import SolverError
+from cosim.frames import Array, Pose, rotation_from_vector
+from cosim.rigid.contact_query import ContactQuery
+from cosim.rigid.description import SceneDescription, SceneObject
+from cosim.rigid.features import near_film
+from cosim.rigid.scene import RigidScene
+from cosim.soft.body import Loads, SoftBody
+from cosim.soft.dynamics import StepOptions
+from cosim.soft.film import Film
+from cosim.soft.newton import NewtonOptions
+from tests.coupling.pads import GRASP, Grasp
+from tests.soft.bodies import icosphere, random_rotation
+
+
+def nodal_contact_force(grasp: Grasp) -> Array:
+    """Return what the contacts put on the film's nodes (n, 3) [N] at the end of the last tick."""
+    planes, x = grasp.exchange.planes, grasp.soft.state.positions
+    assert planes is not None
+    gradient = np.zeros_like(x)
+    planes.add(x, gradient, np.zeros((0, 3, 3)), hessian=False)
+    return -gradient
+
+
+def test_action_equals_reaction_at_every_tick() -> None:
+    grasp = Grasp(0.02, 2e-3)
+    for _ in range(60):
+        report = grasp.tick()
+        assert report.count > 10
+        x, force = grasp.soft.state.positions, nodal_contact_force(grasp)
+        scale = np.abs(force).sum()
+        assert np.abs(force.sum(axis=0) + report.force.sum(axis=0)).max() < 1e-10 * scale
+        torque = np.cross(x, force).sum(axis=0) + report.torque.sum(axis=0)
+        # about the grasp: the world's origin is far away
+        about = torque - np.cross(GRASP, force.sum(axis=0) + report.force.sum(axis=0))
+        assert np.abs(about).max() < 1e-10 * scale
+
+
+def test_mujoco_gets_the_reported_load() -> None:
+    grasp = Grasp(0.02, 2e-3)
+    for _ in range(20):
+        report = grasp.tick()
+    twin = Grasp(0.02, 2e-3)
+    before = grasp.cube_position
+    del twin
+    cube = list(report.bodies).index(grasp.scene.body_names.index("cube"))
+    velocity = []
+    for _ in range(2):
+        velocity.append(grasp.cube_position)
+        grasp.scene.finish_step()
+        grasp.scene.begin_step()
+    # the load stays while nobody changes it: second difference of the position under force and armature
+    change = grasp.cube_position - 2.0 * velocity[1] + velocity[0]
+    inertia = 0.02 + (grasp.mass.added_to("cube")[:3] if grasp.mass is not None else 0.0)
+    expected = (report.force[cube] + np.array([0.0, 0.0, -9.81 * 0.02])) / inertia * (2e-3) ** 2
+    np.testing.assert_allclose(change, expected, atol=1e-9)
+    np.testing.assert_array_equal(before, velocity[0])
+
+
+def test_a_cube_is_held_without_creep() -> None:
+    grasp = Grasp(0.02, 2e-3)
+    heights = []
+    for _ in range(1000):
+        grasp.tick()
+        heights.append(grasp.cube_position[2])
+    creep = (heights[-1] - heights[499]) / (500 * 2e-3)
+    assert abs(creep) < 1e-3 / 60.0
+    assert -1e-3 < heights[-1] - GRASP[2] < 0.0
+    report = grasp.tick()
+    weight = 0.02 * 9.81
+    assert report.force.sum(axis=0) == pytest.approx([0.0, 0.0, weight], abs=0.01 * weight)
+
+
+@pytest.mark.parametrize("tick_s", [5e-4, 1e-3, 2e-3, 5e-3])
+def test_ten_grams_between_pads_are_stable_at_every_tick_length(tick_s: float) -> None:
+    grasp = Grasp(0.01, tick_s)
+    path = []
+    for _ in range(round(0.3 / tick_s)):
+        grasp.tick()
+        path.append(grasp.cube_position - GRASP)
+    assert np.abs(path).max() < 2e-3
+    assert np.ptp(path[-len(path) // 5 :], axis=0).max() < 1e-4
+
+
+def test_without_the_carried_mass_ten_grams_are_thrown_out() -> None:
+    grasp = Grasp(0.01, 5e-3, carried=False)
+    furthest = 0.0
+    for _ in range(60):
+        try:
+            grasp.tick()
+        except SolverError:
+            return
+        furthest = max(furthest, float(np.abs(grasp.cube_position - GRASP).max()))
+    assert furthest > 0.01
+
+
+def test_the_bounding_diagonal_bounds() -> None:
+    turn = random_rotation(0)
+    matrix = turn @ np.diag([1.0, 5.0, 0.01]) @ turn.T
+    bound = bounding_diagonal(matrix)
+    assert np.linalg.eigvalsh(np.diag(bound) - matrix).min() > -1e-12
+    assert np.linalg.eigvalsh(np.diag(0.999 * bound) - matrix).min() < 0.0
+    np.testing.assert_allclose(bounding_diagonal(np.diag([2.0, 3.0])), [2.0, 3.0])
+
+
+def ball() -> SoftBody:
+    """Return an inflatable ball of 50 mm radius, 7.6 mm between nodes, its upper cap held."""
+    x, triangles = icosphere(3, 0.05)
+    held = np.flatnonzero(x[:, 2] > 0.035)
+    return SoftBody.from_arrays(x, triangles, Film(1e9, 0.3, 5e-5), node_mass=3e-5, base=held, tip=held)
+
+
+def scene_with(*objects: SceneObject) -> RigidScene:
+    return RigidScene(
+        SceneDescription(find_arm("ur5e"), tick_s=2e-3, objects=objects, gravity=(0.0, 0.0, 0.0))
+    )
+
+
+@pytest.mark.parametrize("shift", [(0.0, 0.0), (0.004, 0.002), (-0.003, 0.011)])
+def test_a_corner_does_not_slip_in_between_the_nodes(shift: tuple[float, float]) -> None:
+    edges = np.linalg.norm(np.diff(ball().positions[ball().membranes.triangles], axis=1), axis=2)
+    assert edges.mean() == pytest.approx(7.6e-3, rel=0.1)
+    edge = 0.06
+    # standing on a corner, with another one pointing up
+    upright = rotation_from_vector(np.arccos(1.0 / np.sqrt(3.0)) * np.array([1.0, -1.0, 0.0]) / np.sqrt(2.0))
+    block = SceneObject("block", "box", (edge,) * 3, (*shift, 1.0), tuple(Pose(upright).quaternion.tolist()))
+    scene = scene_with(block)
+    top = 1.0 + edge * np.sqrt(3.0) / 2.0
+    flange = Pose(np.eye(3), np.array([0.0, 0.0, top + 0.0505]))
+    soft = SoftArm(ball(), flange, NewtonOptions(), StepOptions(tolerance_N=1e-5, damping_per_s=5.0))
+    exchange = ContactExchange(scene.contact_query(), scene.bodies, soft.contact_surface())
+    loads = Loads(5e3, (), (0.0, 0.0, 0.0))
+    corner = np.array([[*shift, top]])
+    worst, pressed = 0.0, 0.0
+    for tick in range(120):
+        height = top + 0.0505 - 0.01 * min(1.0, tick / 100)
+        planes = exchange.find(soft.state, 2e-3)
+        soft.advance(Pose(np.eye(3), np.array([0.0, 0.0, height])), replace(loads, contact=planes), 2e-3)
+        report = exchange.settle(soft.state.positions)
+        found = near_film(corner, soft.state.positions, soft.body.membranes.triangles, 0.02, 0.02)
+        worst, pressed = max(worst, -float(found.distance[0])), max(pressed, report.normal_force_N)
+    assert pressed > 0.5
+    assert worst < 1e-3
+
+
+def test_far_from_everything_nothing_is_found_or_remembered() -> None:
+    scene = scene_with(SceneObject("far", "sphere", (0.05,), (0.0, 1.0, 1.0)))
+    soft = SoftArm(ball(), Pose(np.eye(3), np.array([0.0, 0.0, 1.0])), NewtonOptions(), StepOptions())
+    exchange = ContactExchange(scene.contact_query(), scene.bodies, soft.contact_surface())
+    assert exchange.find(soft.state, 2e-3) is None
+    assert exchange.settle(soft.state.positions).count == 0
+    assert len(exchange.memory.key) == 0
+
+
+def test_the_arm_is_no_obstacle_to_what_it_carries() -> None:
+    scene = scene_with(SceneObject("ball", "sphere", (0.05,), (0.0, 1.0, 1.0)))
+    query: ContactQuery = scene.contact_query()
+    assert set(scene.bodies.names(query.body)) == {"floor", "ball"}
