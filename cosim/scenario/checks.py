@@ -24,6 +24,7 @@ def check_scenario(scenario: Scenario) -> None:
     if scenario.robot not in robots:
         raise ScenarioError("robot", unknown_name_message("arm", scenario.robot, robots))
     check_soft_robot(scenario.soft_robot, "soft_robot")
+    _check_calibrated(scenario)
     _check_unique((entry.name for entry in scenario.objects), "object")
     _check_unique((entry.name for entry in scenario.phases), "phase")
     cables = scenario.soft_robot.cables
@@ -34,6 +35,22 @@ def check_scenario(scenario: Scenario) -> None:
     for phase in scenario.phases:
         _check_phase(phase, scenario, f"phase.{phase.name}")
     check_holding(scenario)
+
+
+def _check_calibrated(scenario: Scenario) -> None:
+    robot = scenario.soft_robot
+    if not scenario.chamber.calibrated:
+        return
+    if robot.calibration is None:
+        raise ScenarioError(
+            "chamber.calibrated",
+            f"soft robot '{robot.name}' has no [calibration]; make one: cosim calibrate {robot.name} --write",
+        )
+    if robot.chamber.refine != 0:
+        raise ScenarioError(
+            "chamber.calibrated",
+            f"a calibration is of the unrefined mesh; soft_robot.chamber.refine is {robot.chamber.refine}",
+        )
 
 
 def check_soft_robot(robot: SoftRobot, path: str) -> None:

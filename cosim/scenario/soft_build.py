@@ -10,7 +10,7 @@ from cosim.frames import Array, IntArray
 from cosim.scenario.published_hinges import without_spring
 from cosim.scenario.schema import ChamberModel
 from cosim.scenario.soft_robot import Cable as CableSchema
-from cosim.scenario.soft_robot import SoftRobot
+from cosim.scenario.soft_robot import Calibration, SoftRobot
 from cosim.soft.body import SoftBody
 from cosim.soft.cable import Cable
 from cosim.soft.chamber import Mesh, PolygonalStack
@@ -41,6 +41,23 @@ def build_film(robot: SoftRobot) -> Film:
     return Film(f.young_modulus_Pa, f.poisson_ratio, f.thickness_m, f.law, f.compressive_fraction)
 
 
+def calibrated_model(robot: SoftRobot, calibration: Calibration) -> SoftRobot:
+    """Return the robot with a calibration applied to its film and hinges."""
+    film = replace(
+        robot.film,
+        law="tension_field",
+        compressive_fraction=calibration.compressive_fraction,
+        young_modulus_Pa=calibration.film_modulus_factor * robot.film.young_modulus_Pa,
+    )
+    # the hinge factor is relative to the real film
+    hinge = replace(
+        robot.hinge,
+        rule="uniform",
+        stiffness_factor=calibration.hinge_factor / calibration.film_modulus_factor,
+    )
+    return replace(robot, film=film, hinge=hinge, calibration=None)
+
+
 def build_soft_body(robot: SoftRobot, model: ChamberModel) -> SoftBody:
     """Return the soft body of a robot, in the flange frame.
 
@@ -51,6 +68,8 @@ def build_soft_body(robot: SoftRobot, model: ChamberModel) -> SoftBody:
     Raises:
         MeshError: the geometry gives degenerate triangles.
     """
+    if model.calibrated and robot.calibration is not None:
+        robot = calibrated_model(robot, robot.calibration)
     mesh = build_mesh(robot)
     film = build_film(robot)
     hinges, stiffness = _hinges(robot, model, mesh, film)

@@ -145,12 +145,37 @@ class Cable:
 
 @final
 @dataclass(frozen=True)
+class Calibration:
+    """Parameters of the unrefined mesh that make it answer like the refined one; made by `cosim calibrate`.
+
+    Args:
+        film_modulus_factor: effective over real Young's modulus.
+        compressive_fraction: of the plain law's compressive stiffness; the law becomes "tension_field".
+        hinge_factor: spring constant of each hinge over E t^3 / 12 of the real film.
+        reference_refine: refinement of the model that was taken as truth.
+        pressure_range_Pa: that was fitted.
+        largest_error: relative, of the extension, over loads (pressure, axial force) that were not fitted.
+        largest_lateral_error: relative, of the deflection under lateral forces.
+    """
+
+    film_modulus_factor: Positive
+    compressive_fraction: Annotated[float, Bounds(at_least=0.0, at_most=1.0)]
+    hinge_factor: NonNegative
+    reference_refine: Count = 2
+    pressure_range_Pa: tuple[Positive, Positive] = (5e3, 40e3)
+    largest_error: NonNegative = 0.0
+    largest_lateral_error: NonNegative = 0.0
+
+
+@final
+@dataclass(frozen=True)
 class SoftRobot:
     """A soft robot: geometry, film, folds, masses, clamped rings and cables.
 
     Args:
         base: rings clamped to the flange from the start, such as "unit_1.hole".
         cables: `[[cable]]` in the file.
+        calibration: of the unrefined mesh; used where a scenario says `chamber.calibrated = true`.
     """
 
     name: Name
@@ -162,6 +187,7 @@ class SoftRobot:
     mass: Mass = Mass()
     base: Annotated[tuple[str, ...], Length(at_least=1)] = ("unit_1.hole",)
     cables: tuple[Cable, ...] = field(default=(), metadata={"key": "cable"})
+    calibration: Calibration | None = None
     schema: Literal[1] = 1
 
     def ring_names(self) -> tuple[str, ...]:
