@@ -30,6 +30,10 @@ from cosim.soft.state import Clamp, SoftState
 from cosim.soft.system import SoftSystem
 
 _PIECES = 4
+# logarithm of the modulus factor, compressive fraction, hinge factor
+_STARTS = ((0.0, 0.2, 1.0), (-1.0, 0.5, 1.0))
+_BOUNDS = ((-4.0, 1e-3, 0.0), (2.0, 1.0, 30.0))
+_SCALE = (0.5, 0.2, 1.0)
 _LATERAL_WEIGHT = 0.2  # decides between parameters that serve pressure and axial loads equally well
 _FAILED = 1.0  # relative error that a set of parameters without equilibrium is charged with
 
@@ -116,41 +120,44 @@ def calibrate(
     tell(f"solving the refined model ({4**refine} times the triangles) under {len(cases)} loads")
     refined, refined_s = _timed(refined_model(specimen, refine), cases)
     coarse, coarse_s = _timed(specimen, cases)
-
-    def error(parameters: Array, wanted: Sequence[LoadCase], truth: Array) -> Array:
-        try:
-            return responses(calibrated_model(specimen, _calibration(parameters)), wanted) / truth - 1.0
-        except ConvergenceError:
-            return np.full(len(wanted), _FAILED)
-
-    lateral = np.array([case.lateral != 0.0 for case in cases])
-    weight = np.where(lateral, _LATERAL_WEIGHT, 1.0)[: len(fit)]
-
-    def cost(parameters: Array) -> Array:
-        return weight * error(parameters, fit, refined[: len(fit)])
-
-    best = None
-    for start in ((0.0, 0.2, 1.0), (-1.0, 0.5, 1.0)):
-        tell(f"fitting from compressive fraction {start[1]:g}")
-        found = least_squares(
-            cost, start, bounds=((-4.0, 1e-3, 0.0), (2.0, 1.0, 30.0)),
-            x_scale=(0.5, 0.2, 1.0), diff_step=1e-3, ftol=1e-5, xtol=1e-5,
-        )  # fmt: skip
-        best = found if best is None or found.cost < best.cost else best
-    assert best is not None
-    calibrated = (1.0 + error(best.x, cases, refined)) * refined
+    parameters = _fit(specimen, fit, refined[: len(fit)], tell)
+    calibrated = (1.0 + _error(specimen, parameters, cases, refined)) * refined
     miss = np.abs(calibrated / refined - 1.0)
+    lateral = np.array([case.lateral != 0.0 for case in cases])
     checked = ~lateral & (np.arange(len(cases)) >= len(fit))
     calibration = replace(
-        _calibration(best.x),
+        _calibration(parameters),
         reference_refine=refine,
         pressure_range_Pa=pressure_range_Pa,
         largest_error=float(miss[checked].max()),
         largest_lateral_error=float(miss[lateral].max()),
     )
-    return CalibrationReport(
-        calibration, cases, len(fit), refined, coarse, calibrated, refined_s / max(coarse_s, 1e-9)
-    )
+    speedup = refined_s / max(coarse_s, 1e-9)
+    return CalibrationReport(calibration, cases, len(fit), refined, coarse, calibrated, speedup)
+
+
+def _fit(specimen: SoftRobot, cases: Sequence[LoadCase], truth: Array, tell: Callable[[str], None]) -> Array:
+    """Return the parameters (3,) that serve the cases best, from two starts."""
+    weight = np.array([_LATERAL_WEIGHT if case.lateral else 1.0 for case in cases])
+
+    def cost(parameters: Array) -> Array:
+        return weight * _error(specimen, parameters, cases, truth)
+
+    fits = []
+    for start in _STARTS:
+        tell(f"fitting from compressive fraction {start[1]:g}")
+        fits.append(
+            least_squares(cost, start, bounds=_BOUNDS, x_scale=_SCALE, diff_step=1e-3, ftol=1e-5, xtol=1e-5)
+        )
+    return np.asarray(min(fits, key=lambda found: float(found.cost)).x)
+
+
+def _error(specimen: SoftRobot, parameters: Array, cases: Sequence[LoadCase], truth: Array) -> Array:
+    """Return the relative errors of the calibrated coarse mesh."""
+    try:
+        return responses(calibrated_model(specimen, _calibration(parameters)), cases) / truth - 1.0
+    except ConvergenceError:
+        return np.full(len(cases), _FAILED)
 
 
 def _calibration(parameters: Array) -> Calibration:

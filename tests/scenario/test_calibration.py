@@ -22,7 +22,7 @@ VALUES = Calibration(film_modulus_factor=0.5, compressive_fraction=0.25, hinge_f
 
 @pytest.fixture(scope="module")
 def report() -> CalibrationReport:
-    """One framed unit against its model with four times the triangles: small, and free of wrinkling branches."""
+    """One framed unit against four times the triangles: small, and free of wrinkling branches."""
     return calibrate(load_soft_robot("framed_hexagon_arm"), refine=1, units=1)
 
 
