@@ -45,8 +45,10 @@ class BodyMass:
         """Bring the carried mass up to date after a soft step."""
         planes = self._exchange.sticking
         if planes is None or not len(self._inertia):
-            self._carry(np.zeros_like(self._added))
-            self.ratio = 0.0
+            if self.ratio:
+                self._carry(np.zeros_like(self._added))
+                self._touching[:] = 0.0
+                self.ratio = 0.0
             return
         tangents = planes.tangents(self._soft.state.positions)
         stiffness = np.trace(tangents, axis1=1, axis2=2)

@@ -119,7 +119,7 @@ class ContactExchange:
         active = self.query.near(extent.low, extent.high, reach)
         if len(active):
             self.planes = self._planes(state.positions, extent, reach, active)
-        if self.planes is None:
+        if self.planes is None and len(self.memory.key):
             self.memory = ContactMemory.empty()
         return self.planes
 

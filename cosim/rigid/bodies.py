@@ -59,6 +59,8 @@ class Bodies:
             force: (b, 3) [N], world axes.
             torque: (b, 3) [N m], about the world's origin, world axes.
         """
+        if not len(bodies) + len(self._loaded):
+            return
         applied = self._data.xfrc_applied
         applied[self._loaded] = 0.0
         # MuJoCo takes torques about the centre of mass

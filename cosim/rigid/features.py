@@ -104,18 +104,23 @@ def _film_near(points, x, triangles, reach, depth, out_point, out_triangle, out_
     weight, kept, offset, face = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
     furthest = max(reach, depth)
     count = 0
+    low, high = np.empty((triangles.shape[0], 3)), np.empty((triangles.shape[0], 3))
+    for t in range(triangles.shape[0]):
+        for r in range(3):
+            a, b, c = x[triangles[t, 0], r], x[triangles[t, 1], r], x[triangles[t, 2], r]
+            low[t, r], high[t, r] = min(a, b, c), max(a, b, c)
     for n in range(points.shape[0]):
         p = points[n]
         best, nearest, lean, sign = furthest * furthest, -1, 0.0, 1.0
+        bound, px, py, pz = furthest * (1.0 + _TIE), p[0], p[1], p[2]
         for t in range(triangles.shape[0]):
-            a, b, c = x[triangles[t, 0]], x[triangles[t, 1]], x[triangles[t, 2]]
-            bound = np.sqrt(best)
-            apart = False
-            for r in range(3):
-                if min(a[r], b[r], c[r]) - p[r] > bound or p[r] - max(a[r], b[r], c[r]) > bound:
-                    apart = True
-            if apart:
+            if low[t, 0] - px > bound or px - high[t, 0] > bound:
                 continue
+            if low[t, 1] - py > bound or py - high[t, 1] > bound:
+                continue
+            if low[t, 2] - pz > bound or pz - high[t, 2] > bound:
+                continue
+            a, b, c = x[triangles[t, 0]], x[triangles[t, 1]], x[triangles[t, 2]]
             closest_on_triangle(p, a, b, c, weight)
             square, height, area = 0.0, 0.0, 0.0
             for r in range(3):
@@ -130,7 +135,8 @@ def _film_near(points, x, triangles, reach, depth, out_point, out_triangle, out_
             closer = square < best * (1.0 - _TIE)
             if closer or (square <= best * (1.0 + _TIE) and abs(height) > lean):
                 nearest, lean, sign = t, abs(height), 1.0 if height >= 0.0 else -1.0
-                best = min(best, square) if not closer else square
+                best = min(best, square)
+                bound = np.sqrt(best) * (1.0 + _TIE)
                 for r in range(3):
                     s, q = (r + 1) % 3, (r + 2) % 3
                     kept[r] = weight[r]
