@@ -41,6 +41,9 @@ class RunResult:
         newton_iterations: (rows,) of the soft step.
         power_error_W: (rows,) at the interface.
         stability_ratio: (rows,) of the coupling.
+        contacts: (rows,) points of the film that press on something.
+        contact_force_N: (rows,) sum of their normal forces.
+        contact_depth_m: (rows,) of the deepest.
         tick_wall_s: (rows,) wall time.
         frame_time_s: (frames,).
         node_position: (frames, nodes, 3) [m].
@@ -67,6 +70,9 @@ class RunResult:
     newton_iterations: IntArray
     power_error_W: Array
     stability_ratio: Array
+    contacts: IntArray
+    contact_force_N: Array
+    contact_depth_m: Array
     tick_wall_s: Array
     frame_time_s: Array
     node_position: Array
@@ -158,5 +164,8 @@ def _row(snapshot: Snapshot) -> dict[str, Any]:
         "newton_iterations": ledger.newton_iterations,
         "power_error_W": ledger.power_error_W,
         "stability_ratio": ledger.stability_ratio,
+        "contacts": ledger.contacts,
+        "contact_force_N": ledger.contact_force_N,
+        "contact_depth_m": ledger.contact_depth_m,
         "tick_wall_s": snapshot.tick_wall_s,
     }

@@ -34,6 +34,8 @@ class SummaryBuilder:
         self._max_residual_N = 0.0
         self._max_power_error_W = 0.0
         self._max_stability_ratio = 0.0
+        self._max_contact_force_N = 0.0
+        self._max_contact_depth_m = 0.0
 
     def observe(self, snapshot: Snapshot) -> None:
         """Take in one snapshot; they come in order, tick 0 first."""
@@ -45,6 +47,8 @@ class SummaryBuilder:
         self._max_residual_N = max(self._max_residual_N, ledger.residual_N)
         self._max_power_error_W = max(self._max_power_error_W, abs(ledger.power_error_W))
         self._max_stability_ratio = max(self._max_stability_ratio, ledger.stability_ratio)
+        self._max_contact_force_N = max(self._max_contact_force_N, ledger.contact_force_N)
+        self._max_contact_depth_m = max(self._max_contact_depth_m, ledger.contact_depth_m)
         self._last = snapshot
 
     def finish(self, status: Status, reason: str | None, wall_s: float) -> dict[str, Any]:
@@ -78,6 +82,8 @@ class SummaryBuilder:
             "max_equilibrium_residual_N": self._max_residual_N,
             "max_interface_power_error_W": self._max_power_error_W,
             "max_stability_ratio": self._max_stability_ratio,
+            "max_contact_force_N": self._max_contact_force_N,
+            "max_contact_depth_m": self._max_contact_depth_m,
             "soft_weight_N": stage.soft_weight_N,
             "phases": self._phases,
         }

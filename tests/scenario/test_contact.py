@@ -1,0 +1,66 @@
+"""A soft robot that presses on an object of its scenario."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import cosim
+
+SCENARIO = """
+schema = 1
+title = "An inflated core is lowered onto a block"
+robot = "ur5e"
+soft_robot = "square_core"
+recording = { frames_per_s = 10.0 }
+solver = { damping_per_s = 20.0 }
+
+[start]
+flange = { position_m = [0.4, 0.0, 0.5], direction = [0.0, 0.0, -1.0] }
+
+[[object]]
+name = "block"
+shape = "box"
+size_m = [0.2, 0.2, 0.1]
+position_m = [0.4, 0.0, 0.407]
+
+[[phase]]
+name = "inflate"
+duration_s = 0.4
+pressure_Pa = 10e3
+
+[[phase]]
+name = "press"
+duration_s = 0.4
+settle_s = 0.8
+flange_shift_m = [0.0, 0.0, -0.01]
+"""
+
+
+def run(tmp_path: Path, **overrides: Any) -> cosim.RunResult:
+    """Return the run of the scenario with changes."""
+    path = tmp_path / "press.toml"
+    path.write_text(SCENARIO, encoding="utf-8")
+    return cosim.run(path, overrides=overrides)
+
+
+def test_the_flange_feels_what_the_block_bears(tmp_path: Path) -> None:
+    result = run(tmp_path)
+    assert result.contacts[0] == 0
+    weight = result.summary["soft_weight_N"]
+    borne = result.flange_force[-1, 2] + weight
+    assert result.contact_force_N[-1] > 1.0
+    # friction bears nothing upwards on a level block; what is left moves by less than this
+    assert borne == pytest.approx(result.contact_force_N[-1], rel=0.01)
+    assert 0.0 < result.contact_depth_m[-1] < 1e-3
+    assert result.summary["max_contact_force_N"] == result.contact_force_N.max()
+    assert "block" in result.stage.report
+
+
+def test_switched_off_the_block_is_not_felt(tmp_path: Path) -> None:
+    result = run(tmp_path, **{"contact.enabled": False})
+    assert result.contacts.max() == 0
+    assert result.flange_force[-1, 2] == pytest.approx(-result.summary["soft_weight_N"], rel=0.01)
+    assert "switched off" in result.stage.report
