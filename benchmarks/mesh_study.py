@@ -1,6 +1,6 @@
 """How far is each mesh from the truth: extension, potential and stability against refinement and film law.
 
-    python benchmarks/mesh_study.py [--json FILE] [--plot FILE] [--levels 3] [--quick]
+    python benchmarks/mesh_study.py [--json FILE] [--plot FILE] [--markdown FILE] [--levels 3] [--quick]
 
 Specimens as in the finite-element reference: open end holes, first hole ring held, the others kept from
 going sideways, no weight, seam without hinge, film bending as a discrete shell. Reference values:
@@ -48,7 +48,7 @@ SPECIMENS = {
 }
 VARIANTS = (("plain", False), ("tension_field", False), ("plain", True))
 FRAME_STIFFNESS_N_M = 1e6
-FRACTIONS = (0.3, 0.1, 0.03, 0.01, 0.0)
+FRACTIONS = (0.3, 0.1, 0.03, 0.01, 1e-3, 1e-4)  # the last one keeps slack triangles from collapsing
 STEPS_KPA = (0.1, 0.25, 0.5, 1.0, *PRESSURES_KPA)
 
 
@@ -216,9 +216,42 @@ def plot(rows: list[dict[str, Any]], path: Path) -> None:
             )  # fmt: skip
         axis.set(title=name, xlabel="pressure [kPa]", ylabel="extension [mm]")
         axis.grid(alpha=0.3)
-    axes[0][0].legend(fontsize=7)
+    axes[0][0].legend(fontsize=7, loc="upper left", bbox_to_anchor=(2.35, 1.0))
     figure.tight_layout()
-    figure.savefig(path, dpi=130)
+    figure.savefig(path, dpi=130, bbox_inches="tight")
+
+
+def table(rows: list[dict[str, Any]]) -> str:
+    """Return the extensions [mm] as Markdown, one row a specimen, variant and refinement."""
+    head = "| specimen | film | refine | triangles | " + " | ".join(f"{p:g} kPa" for p in PRESSURES_KPA)
+    lines = [head + " | CPU s |", "|---" * (5 + len(PRESSURES_KPA)) + "|"]
+    groups = dict.fromkeys((r["specimen"], r["law"], r["framed"], r["level"]) for r in rows)
+    for name, law, framed, level in groups:
+        mine = [
+            r
+            for r in rows
+            if (r["specimen"], r["law"], r["framed"], r["level"]) == (name, law, framed, level)
+        ]
+        mine = [r for r in mine if "extension_mm" in r]
+        if not mine:
+            continue
+        values = {r["pressure_kPa"]: _cell(r) for r in mine}
+        cells = " | ".join(values.get(p, "no equilibrium") for p in PRESSURES_KPA)
+        film = f"{'framed, ' if framed else ''}{law.replace('_', ' ')}"
+        lines.append(
+            f"| {name} | {film} | {level} | {mine[0]['triangles']} | {cells} | {mine[-1]['cpu_s']:.1f} |"
+        )
+    return "\n".join(lines) + "\n"
+
+
+def _cell(row: dict[str, Any]) -> str:
+    text = f"{row['extension_mm']:.1f}"
+    lower = row.get("lower_potential_mJ", row["potential_mJ"])
+    if lower < row["potential_mJ"] - 0.05:
+        text += f" ({row['lower_extension_mm']:.1f} at {lower - row['potential_mJ']:+.0f} mJ)"
+    if row["negative_pivots"]:
+        text += f" [{row['negative_pivots']} negative]"
+    return text
 
 
 def main() -> None:
@@ -226,6 +259,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--json", type=Path)
     parser.add_argument("--plot", type=Path)
+    parser.add_argument("--markdown", type=Path)
     parser.add_argument("--levels", type=int, default=3, help="finest refinement")
     parser.add_argument("--quick", action="store_true", help="no search for lower states")
     options = parser.parse_args()
@@ -237,6 +271,8 @@ def main() -> None:
                 rows += study(name, level, law, framed, lower=level < 3 and not options.quick)
     if options.json:
         options.json.write_text(json.dumps(rows, indent=1) + "\n")
+    if options.markdown:
+        options.markdown.write_text(table(rows))
     if options.plot:
         plot(rows, options.plot)
 

@@ -34,6 +34,19 @@ def cross_matrix(vector: Array) -> Array:
     return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
 
 
+def cross(a: Array, b: Array) -> Array:
+    """Return a x b along the last axis; several times faster than numpy's on few vectors.
+
+    Args:
+        a: (..., 3).
+        b: (..., 3), of the same shape.
+    """
+    result = np.empty_like(a)
+    for r, s, t in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        result[..., r] = a[..., s] * b[..., t] - a[..., t] * b[..., s]
+    return result
+
+
 def rotation_from_vector(vector: Array) -> Array:
     """Return the rotation exp(S(vector)) by Rodrigues' formula.
 
@@ -180,7 +193,7 @@ class Wrench:
 
     def moved(self, offset: Array) -> Wrench:
         """Return the same load about a point at `offset` (3,) [m] from the present one."""
-        return Wrench(self.force, self.torque - np.cross(offset, self.force))
+        return Wrench(self.force, self.torque - cross(np.asarray(offset, dtype=np.float64), self.force))
 
     def power(self, twist: Twist) -> float:
         """Return force . linear + torque . angular [W], both about the same point."""

@@ -9,7 +9,7 @@ from typing import final
 import numpy as np
 
 from cosim.errors import MeshError
-from cosim.frames import Array, IntArray
+from cosim.frames import Array, IntArray, cross
 from cosim.soft.cable import Cable
 from cosim.soft.contact import ContactPlanes
 from cosim.soft.film import Film
@@ -153,7 +153,7 @@ class SoftBody:
         The vector area of the ring, sum_i r_i x r_i+1 / 2, as ordered for the cap.
         """
         r = positions[self.tip]
-        area = np.cross(r, np.roll(r, -1, axis=0)).sum(axis=0)
+        area = cross(r, r[np.arange(1, len(r) + 1) % len(r)]).sum(axis=0)
         return np.asarray(area / np.linalg.norm(area))
 
 

@@ -13,12 +13,13 @@ from cosim.soft import (
     frame_ring,
     hinge,
     linear_solver,
+    mass_terms,
     membrane,
     pressure,
 )
 
 _MODULES: tuple[ModuleType, ...] = (
-    cable, contact, contact_surface, frame_ring, hinge, linear_solver, membrane, pressure,
+    cable, contact, contact_surface, frame_ring, hinge, linear_solver, mass_terms, membrane, pressure,
 )  # fmt: skip
 
 

@@ -7,7 +7,7 @@ from typing import final
 
 import numpy as np
 
-from cosim.frames import Array, IntArray, Mask, Pose, Wrench
+from cosim.frames import Array, IntArray, Mask, Pose, Wrench, cross
 from cosim.soft.body import SoftBody
 from cosim.soft.surface import dihedral_angle
 
@@ -92,7 +92,7 @@ class Clamp:
         """
         reaction = self.reaction(gradient)
         arm = positions[self.nodes] - world_from_flange.translation
-        return Wrench(-reaction.sum(axis=0), -np.cross(arm, reaction).sum(axis=0))
+        return Wrench(-reaction.sum(axis=0), -cross(arm, reaction).sum(axis=0))
 
 
 @final

@@ -14,6 +14,7 @@ from cosim.soft.cable import add_segments
 from cosim.soft.gas import SealedGas
 from cosim.soft.hinge import add_hinges
 from cosim.soft.linear_solver import RankOne
+from cosim.soft.mass_terms import add_gravity, add_inertia
 from cosim.soft.pattern import BlockPattern
 from cosim.soft.pressure import add_cap, add_pressure, cap_force
 from cosim.soft.surface import dihedral_angle
@@ -64,7 +65,6 @@ class SoftSystem:
         self._segment_slots = self.pattern.slots(self._segments)
         self._cap_slots = [np.ascontiguousarray(self.pattern.slots(c)[0]) for c in cap_elements]
         self._diagonal = np.flatnonzero(self.pattern.row == self.pattern.column)
-        self._mass = body.node_mass[:, None]
         self.gradient = np.zeros((body.nodes, 3))
         self.blocks = np.zeros((self.pattern.blocks, 3, 3))
         self.angles = dihedral_angle(body.positions, body.hinges.nodes)
@@ -127,16 +127,17 @@ class SoftSystem:
         if body.frames is not None:
             energy += body.frames.add(x, table(self._frame_slots), self.gradient, self.blocks)
         energy += self._add_gas(x, loads, hessian)
-        gravity = np.array(loads.gravity)
-        self.gradient -= self._mass * gravity
-        energy -= float((self._mass[:, 0] @ x) @ gravity)
+        energy += add_gravity(x, body.node_mass, np.array(loads.gravity), self.gradient)
         if loads.nodal_force is not None:
             self.gradient -= loads.nodal_force
             energy -= float(np.einsum("nr,nr->", loads.nodal_force, x))
         if loads.contact is not None:
             energy += loads.contact.add(x, self.gradient, self.blocks, hessian=hessian)
         if inertia is not None:
-            energy += self._add_inertia(x, inertia, hessian)
+            diagonal = self._diagonal if hessian else _NO_SLOTS
+            energy += add_inertia(
+                x, inertia.coefficient, inertia.target, diagonal, self.gradient, self.blocks
+            )
         return energy
 
     def _add_gas(self, x: Array, loads: Loads, hessian: bool) -> float:
@@ -175,12 +176,3 @@ class SoftSystem:
         if np.isfinite(pressure):
             self.rank_one = RankOne(slope, gas.stiffness(self.volume))
         return pressure
-
-    def _add_inertia(self, x: Array, inertia: Inertia, hessian: bool) -> float:
-        offset = x - inertia.target
-        pull = inertia.coefficient[:, None] * offset
-        self.gradient += pull
-        if hessian:
-            for r in range(3):
-                self.blocks[self._diagonal, r, r] += inertia.coefficient
-        return 0.5 * float(np.einsum("nr,nr->", pull, offset))
