@@ -57,13 +57,8 @@ def film_without_wrinkles(patch: pytest.MonkeyPatch) -> None:
 
 def heavy_nodes(patch: pytest.MonkeyPatch) -> None:
     """Weight 2 % too large."""
-    true = SoftSystem.__init__
-
-    def heavier(self: SoftSystem, body: Any) -> None:
-        true(self, body)
-        self._mass = 1.02 * self._mass
-
-    patch.setattr(SoftSystem, "__init__", heavier)
+    true = system.add_gravity
+    patch.setattr(system, "add_gravity", lambda x, mass, *rest: true(x, 1.02 * mass, *rest))
 
 
 def half_wrap(patch: pytest.MonkeyPatch) -> None:
