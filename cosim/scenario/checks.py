@@ -27,7 +27,7 @@ def check_scenario(scenario: Scenario) -> None:
     _check_calibrated(scenario)
     _check_unique((entry.name for entry in scenario.objects), "object")
     _check_unique((entry.name for entry in scenario.phases), "phase")
-    cables = scenario.soft_robot.cables
+    cables = scenario.soft_robot.cable_names()
     if scenario.start.cable_tension_N:
         _check_tensions(scenario.start.cable_tension_N, cables, "start.cable_tension_N")
     for scene_object in scenario.objects:
@@ -111,7 +111,7 @@ def _check_phase(phase: Phase, scenario: Scenario, path: str) -> None:
             f"{path}.duration_s", f"{phase.duration_s:g} is shorter than a tick ({scenario.clock.tick_s:g} s)"
         )
     if phase.cable_tension_N is not None:
-        _check_tensions(phase.cable_tension_N, robot.cables, f"{path}.cable_tension_N")
+        _check_tensions(phase.cable_tension_N, robot.cable_names(), f"{path}.cable_tension_N")
     moves = [key for key in ("flange", "flange_turn", "flange_shift_m") if getattr(phase, key) is not None]
     if phase.flange is not None and len(moves) > 1:
         raise ScenarioError(f"{path}.{moves[1]}", "cannot stand beside flange, which already gives the pose")
@@ -138,9 +138,9 @@ def _check_tip_target(
         raise ScenarioError(f"{path}.cable_tension_N", "cannot stand beside a target reached with cables")
 
 
-def _check_tensions(tensions: Sequence[float], cables: Sequence[Cable], path: str) -> None:
+def _check_tensions(tensions: Sequence[float], cables: Sequence[str], path: str) -> None:
     if len(tensions) != len(cables):
-        names = ", ".join(cable.name for cable in cables) or "none"
+        names = ", ".join(cables) or "none"
         raise ScenarioError(path, f"has {len(tensions)} entries; there are {len(cables)} cables: {names}")
 
 

@@ -66,7 +66,7 @@ def resolve(scenario: Scenario) -> Scenario:
         ScenarioError: see `cosim.scenario.checks`.
     """
     check_scenario(scenario)
-    tensions = scenario.start.cable_tension_N or (0.0,) * len(scenario.soft_robot.cables)
+    tensions = scenario.start.cable_tension_N or (0.0,) * len(scenario.soft_robot.cable_names())
     return replace(scenario, start=replace(scenario.start, cable_tension_N=tensions))
 
 

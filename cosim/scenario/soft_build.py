@@ -14,6 +14,7 @@ from cosim.scenario.soft_robot import Calibration, SoftRobot
 from cosim.soft.body import SoftBody
 from cosim.soft.cable import Cable
 from cosim.soft.chamber import Mesh, PolygonalStack
+from cosim.soft.copies import around_axis, copies
 from cosim.soft.film import Film
 from cosim.soft.frame_ring import FrameRings
 from cosim.soft.refinement import refine
@@ -89,7 +90,11 @@ def build_soft_body(robot: SoftRobot, model: ChamberModel) -> SoftBody:
         tip=mesh.ring(mesh.tip_ring),
         rings=mesh.rings,
     )
-    return replace(body, frames=_frames(mesh, robot))
+    body = replace(body, frames=_frames(mesh, robot))
+    if robot.copies is None:
+        return body
+    c = robot.copies
+    return copies(body, around_axis(c.count, c.radius_m, c.tilt_rad, c.spin_rad, c.height_m))
 
 
 def _cable(mesh: Mesh, entry: CableSchema) -> Cable:

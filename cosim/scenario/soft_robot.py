@@ -145,6 +145,29 @@ class Cable:
 
 @final
 @dataclass(frozen=True)
+class Copies:
+    """The robot several times on one flange, evenly spaced about its z axis, such as fingers on a palm.
+
+    Ring names mean the first copy, towards the flange's +x; the rings of copy k are called copy_k/NAME.
+    Cables come copy by copy.
+
+    Args:
+        count: of the copies.
+        radius_m: of their origins from the flange's z axis.
+        tilt_rad: outwards, of their z axes from the flange's.
+        spin_rad: about their own z axes; at 0 their x axes point away from the flange's z axis.
+        height_m: of their origins along the flange's z axis.
+    """
+
+    count: Annotated[int, Bounds(at_least=1, at_most=12)]
+    radius_m: NonNegative
+    tilt_rad: float = 0.0
+    spin_rad: float = 0.0
+    height_m: float = 0.0
+
+
+@final
+@dataclass(frozen=True)
 class Calibration:
     """Parameters of the unrefined mesh that make it answer like the refined one; made by `cosim calibrate`.
 
@@ -174,7 +197,8 @@ class SoftRobot:
 
     Args:
         base: rings clamped to the flange from the start, such as "unit_1.hole".
-        cables: `[[cable]]` in the file.
+        cables: `[[cable]]` in the file, of one copy.
+        copies: how often, and where, all this is on the flange; omitted: once, along its z axis.
         calibration: of the unrefined mesh; used where a scenario says `chamber.calibrated = true`.
     """
 
@@ -187,8 +211,15 @@ class SoftRobot:
     mass: Mass = Mass()
     base: Annotated[tuple[str, ...], Length(at_least=1)] = ("unit_1.hole",)
     cables: tuple[Cable, ...] = field(default=(), metadata={"key": "cable"})
+    copies: Copies | None = None
     calibration: Calibration | None = None
     schema: Literal[1] = 1
+
+    def cable_names(self) -> tuple[str, ...]:
+        """Return the names of all cables, copy by copy."""
+        own = tuple(cable.name for cable in self.cables)
+        count = 1 if self.copies is None else self.copies.count
+        return own + tuple(f"copy_{k}/{name}" for k in range(2, count + 1) for name in own)
 
     def ring_names(self) -> tuple[str, ...]:
         """Return the names of all rings, base to tip."""

@@ -1,4 +1,4 @@
-"""A soft robot that presses on an object of its scenario."""
+"""A soft robot that presses on an object of its scenario; a gripper that lifts one."""
 
 from __future__ import annotations
 
@@ -8,6 +8,8 @@ from typing import Any
 import pytest
 
 import cosim
+from cosim.driver import build_simulation
+from cosim.scenario.loading import load_scenario
 
 SCENARIO = """
 schema = 1
@@ -64,3 +66,21 @@ def test_switched_off_the_block_is_not_felt(tmp_path: Path) -> None:
     assert result.contacts.max() == 0
     assert result.flange_force[-1, 2] == pytest.approx(-result.summary["soft_weight_N"], rel=0.01)
     assert "switched off" in result.stage.report
+
+
+def test_a_gripper_lifts_a_roll_and_keeps_it() -> None:
+    """100 g, 0.2 m up: the roll follows the flange, and stays in the air."""
+    simulation = build_simulation(load_scenario("gripper_lifts_roll"))
+    roll = simulation.stage.body_names.index("roll")
+    heights, gaps, phases = [], [], []
+    for snapshot in simulation.steps():
+        heights.append(snapshot.body_position[roll, 2])
+        gaps.append(heights[-1] - snapshot.world_from_flange.translation[2])
+        phases.append(snapshot.phase)
+    lift = phases.index(3)
+    assert heights[-1] - heights[0] > 0.19
+    # it swings a little between the fingers, but does not slide through them
+    assert abs(gaps[-1] - gaps[lift]) < 1e-3
+    weight = 0.1 * 9.81
+    # three fingers hold it by friction: N >= weight / mu
+    assert snapshot.ledger.contact_force_N >= weight / 0.8
