@@ -35,7 +35,8 @@ class RunResult:
         tip_position: (rows, 3) [m], centre of the last hole ring.
         tip_direction: (rows, 3), its unit normal.
         sag_m: (rows,).
-        pressure_Pa: (rows,), gauge.
+        pressure_Pa: (rows,), gauge; of a sealed gas at its present volume.
+        volume_m3: (rows,) of the chamber.
         cable_tension_N: (rows, cables), at the base end.
         residual_N: (rows,) of the soft step.
         newton_iterations: (rows,) of the soft step.
@@ -65,6 +66,7 @@ class RunResult:
     tip_direction: Array
     sag_m: Array
     pressure_Pa: Array
+    volume_m3: Array
     cable_tension_N: Array
     residual_N: Array
     newton_iterations: IntArray
@@ -159,6 +161,7 @@ def _row(snapshot: Snapshot) -> dict[str, Any]:
         "tip_direction": snapshot.tip_direction,
         "sag_m": snapshot.sag_m,
         "pressure_Pa": snapshot.pressure_Pa,
+        "volume_m3": snapshot.volume_m3,
         "cable_tension_N": snapshot.cable_tension_N,
         "residual_N": ledger.residual_N,
         "newton_iterations": ledger.newton_iterations,

@@ -53,6 +53,7 @@ def made_up_snapshot(tick: int, tick_s: float) -> Snapshot:
         world_from_flange=Pose(np.eye(3), np.array([0.3, 0.0, 0.7])),
         flange_twist=Twist(),
         pressure_Pa=100.0 * tick,
+        volume_m3=1e-4 * (1.0 + tick),
         cable_tension_N=np.array([1.0 * tick]),
         tip_position=np.array([0.3, 0.0, 0.5 + 0.001 * tick]),
         tip_direction=np.array([0.0, 0.0, -1.0]),

@@ -154,6 +154,17 @@ class SoftArm:
         """Force (k, 3) [N] that the flange supplies to each held node, at the last solution."""
         return self.clamp.reaction(self._system.gradient)
 
+    @property
+    def volume_m3(self) -> float:
+        """Volume inside film and caps at the present shape."""
+        return self._system.enclosed_volume(self.state.positions)
+
+    @property
+    def pressure_Pa(self) -> float:
+        """Gauge pressure in the chamber: the given one, or that of the sealed gas at the present volume."""
+        gas = self._loads.gas
+        return self._loads.pressure_Pa if gas is None else gas.gauge_pressure(self.volume_m3)
+
     def mass_properties(self) -> MassProperties:
         """Return mass, centre and inertia at the present shape."""
         return MassProperties.of(self.body.node_mass, self.state.positions)

@@ -72,13 +72,19 @@ def _space(name: str, origin: str, eye: Eye) -> rrb.Spatial3DView:
     )
 
 
-def _tabs(plots: Sequence[Plot]) -> list[rrb.Grid]:
+def _tabs(plots: Sequence[Plot]) -> list[rrb.Vertical]:
     shown = [plot for plot in plots if plot.title]
     groups = {
         tab: [_plot(plot) for plot in group] for tab, group in groupby(shown, key=lambda plot: plot.tab)
     }
-    # An odd number in two columns would leave a hole.
-    return [rrb.Grid(*views, grid_columns=2 - len(views) % 2, name=tab) for tab, views in groups.items()]
+    return [rrb.Vertical(*_rows(views), name=tab) for tab, views in groups.items()]
+
+
+def _rows(views: Sequence[rrb.TimeSeriesView]) -> list[rrb.Horizontal]:
+    """Return rows of two, the first of one where the number is odd."""
+    odd = len(views) % 2
+    starts = [0] * odd + list(range(odd, len(views), 2))
+    return [rrb.Horizontal(*views[k : k + 1 if k < odd else k + 2]) for k in starts]
 
 
 def _plot(plot: Plot) -> rrb.TimeSeriesView:

@@ -76,6 +76,15 @@ def _robot_plots(stage: Stage) -> list[Plot]:
             legend=False,
         ),
         Plot(
+            "volume",
+            "Chamber volume [ml]",
+            "Robot",
+            ("volume",),
+            [GREEN],
+            lambda s: (1e6 * s.volume_m3,),
+            legend=False,
+        ),
+        Plot(
             "tip_position",
             "Tip position, world [mm]",
             "Robot",
@@ -94,7 +103,7 @@ def _robot_plots(stage: Stage) -> list[Plot]:
             series_colours(cables),
             lambda s: s.cable_tension_N,
         )
-        plots.insert(1, tension)
+        plots.insert(2, tension)
     plots += [
         Plot("sag", "Sag [mm]", "Robot", ("sag",), [ORANGE], lambda s: (1e3 * s.sag_m,)),
         Plot("sag/target", "", "Robot", ("tip to target",), [GREEN], lambda s: (1e3 * target_distance(s),)),

@@ -13,6 +13,7 @@ from cosim.errors import ScenarioError, SolverError
 from cosim.scenario.carrier import Carrier, HeldBase
 from cosim.scenario.dynamic import DynamicSimulation
 from cosim.scenario.flange import pose_of
+from cosim.scenario.gas_rules import gas_report
 from cosim.scenario.parts import Parts
 from cosim.scenario.plan import JointPlanner, Plan, make_plan
 from cosim.scenario.quasistatic import QuasistaticSimulation
@@ -137,6 +138,7 @@ def _report(parts: Parts, body: SoftBody) -> str:
         f"{len(body.membranes.triangles)} triangles, {len(body.hinges.nodes)} hinges, "
         f"{len(body.cables)} cables",
         "Chamber": "closed by caps" if body.closed else "open ends (no cap force)",
+        "Gas": gas_report(scenario),
         "Motion": "quasistatic" if scenario.mode == "quasistatic" else f"dynamic, {integrator}",
         "Contact": _contact_report(scenario),
     }

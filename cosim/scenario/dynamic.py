@@ -9,6 +9,7 @@ from typing import final
 from cosim.coupling.clock import Clock
 from cosim.coupling.ledger import LedgerEntry
 from cosim.frames import Twist
+from cosim.scenario.chamber_gas import ChamberGas
 from cosim.scenario.parts import Moment, Parts
 from cosim.scenario.plan import start_equilibrium
 from cosim.scenario.ramp import progress
@@ -43,16 +44,18 @@ class DynamicSimulation:
         moment = Moment(0, 0.0, 0, plan.joints, plan.loads, carrier.flange_pose, Twist())
         yield parts.snapshot(moment, ledger, time.perf_counter() - began)
         carrier.couple(found.wrench)
-        clock = Clock(self.stage.tick_s)
+        clock, gas = Clock(self.stage.tick_s), ChamberGas(parts.scenario.gas)
         for index, planned in enumerate(plan.phases):
             planned.holding.apply(soft, carrier.flange_pose)
+            gas.begin(planned.gas, soft)
             phase = planned.phase
             for elapsed in range(1, parts.ticks(phase) + 1):
                 began = time.perf_counter()
                 clock = clock.advanced()
                 now = progress(phase.ramp, (elapsed - 1) * clock.tick_s, phase.duration_s)
                 then = progress(phase.ramp, elapsed * clock.tick_s, phase.duration_s)
-                loads = planned.begin.interpolated(planned.end, then.value)
+                gas.pass_time(soft, clock.tick_s)
+                loads = gas.between(planned.begin, planned.end, then.value)
                 reference, ledger = carrier.tick(planned.joints, now, then, loads)
                 moment = Moment(
                     clock.tick, clock.time_s, index, reference, loads,

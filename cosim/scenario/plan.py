@@ -15,7 +15,9 @@ import numpy as np
 from cosim.coupling.soft_arm import SoftArm
 from cosim.errors import InputError, ScenarioError, SolverError, UnreachableError
 from cosim.frames import Array, IntArray, Mask, Pose, rotation_from_vector
+from cosim.scenario.chamber_gas import ChamberGas
 from cosim.scenario.flange import FlangeWay, pose_of
+from cosim.scenario.gas_rules import GasRule, gas_rules
 from cosim.scenario.joint_path import JointPath
 from cosim.scenario.node_groups import held_components, nodal_force, nodes_of
 from cosim.scenario.schema import Phase, Scenario, Start, TipTarget
@@ -27,6 +29,7 @@ from cosim.soft.equilibrium import Equilibrium
 # A static path is cut finer than the joint path only where loads change much: these pieces suffice
 # for the branch to be the one that a slow motion follows.
 _LOAD_PIECES = 4
+_LEAK_PIECES = 8
 
 
 JointPlanner: TypeAlias = Callable[[Pose, list[FlangeWay], Callable[[int], str]], tuple[JointPath, ...]]
@@ -62,8 +65,9 @@ class PhasePlan:
     Args:
         phase: as in the scenario.
         joints: joint angles along it.
-        begin: loads at its start.
-        end: loads at its end.
+        begin: loads at its start; while the gas is sealed, their pressure means nothing.
+        end: loads at its end, the same.
+        gas: how the gas is given.
         holding: what is held otherwise from its start on.
         tip_target: (3,) [m]; components that are free are NaN; None without a target.
     """
@@ -72,6 +76,7 @@ class PhasePlan:
     joints: JointPath
     begin: Loads
     end: Loads
+    gas: GasRule
     holding: Holding
     tip_target: Array | None
 
@@ -133,10 +138,11 @@ def make_plan(scenario: Scenario, plan_joints: JointPlanner, soft: SoftArm) -> P
         raise ScenarioError("", str(error)) from error
     plans = tuple(
         PhasePlan(
-            draft.phase, path, draft.begin, draft.end, draft.holding, _target_point(draft.phase.tip_target)
+            draft.phase, path, replace(draft.begin, gas=None), replace(draft.end, gas=None), rule,
+            draft.holding, _target_point(draft.phase.tip_target),
         )
-        for draft, path in zip(drafts, joints, strict=True)
-    )
+        for draft, path, rule in zip(drafts, joints, gas_rules(scenario.phases), strict=True)
+    )  # fmt: skip
     return Plan(start, joints[0].first, loads, plans)
 
 
@@ -159,21 +165,36 @@ def _drafts(scenario: Scenario, soft: SoftArm, start: Pose, loads: Loads) -> lis
     solved = 1 + max(targets, default=-1)
     drafts: list[_Draft] = []
     if solved:
-        here = start_equilibrium(soft, start, loads)
-        for phase in scenario.phases[:solved]:
+        here, gas = start_equilibrium(soft, start, loads), ChamberGas(scenario.gas)
+        soft.settle(here)
+        for phase, rule in zip(scenario.phases[:solved], gas_rules(scenario.phases), strict=False):
             holding = _holding(soft.body, sides, phase)
-            soft.settle(here)
             holding.apply(soft, here.world_from_flange)
+            gas.begin(rule, soft)
+            here = replace(here, loads=gas.filled(here.loads))
             end_loads = _end_loads(here.loads, phase, soft.body, sides)
             way, end = _solve_phase(soft, here, phase, end_loads)
             drafts.append(_Draft(phase, way, here.loads, end.loads, holding))
-            here = end
+            here = _leaked(soft, end, gas, rule, phase)
         start, loads = here.world_from_flange, here.loads
     for phase in scenario.phases[solved:]:
         way, end_loads = _way(start, phase), _end_loads(loads, phase, soft.body, sides)
         drafts.append(_Draft(phase, way, loads, end_loads, _holding(soft.body, sides, phase)))
         start, loads = way.end, end_loads
     return drafts
+
+
+def _leaked(soft: SoftArm, here: Equilibrium, gas: ChamberGas, rule: GasRule, phase: Phase) -> Equilibrium:
+    """Return the equilibrium at the end of a phase, what leaks in its time gone; settles it."""
+    soft.settle(here)
+    for _ in range(_LEAK_PIECES if rule.leak_kg_s_Pa else 0):
+        gas.pass_time(soft, (phase.duration_s + phase.settle_s) / _LEAK_PIECES)
+        try:
+            here = soft.equilibrium_solver.follow(here, here.world_from_flange, gas.filled(here.loads))
+        except SolverError as error:
+            raise ScenarioError(f"phase.{phase.name}", f"the static plan fails: {error}") from error
+        soft.settle(here)
+    return here
 
 
 def _holding(body: SoftBody, sides: int, phase: Phase) -> Holding:

@@ -11,6 +11,7 @@ import numpy as np
 from cosim.coupling.ledger import LedgerEntry
 from cosim.errors import ConvergenceError
 from cosim.frames import Array, Twist, vector_from_rotation
+from cosim.scenario.chamber_gas import ChamberGas
 from cosim.scenario.parts import Moment, Parts
 from cosim.scenario.plan import start_equilibrium
 from cosim.scenario.ramp import Progress
@@ -46,18 +47,20 @@ class QuasistaticSimulation:
         carrier.stand(plan.joints)
         here = start_equilibrium(parts.soft, carrier.flange_pose, plan.loads)
         here, spent = self._with_droop(here, plan.joints, here.iterations)
-        tick, start_s = 0, 0.0
+        tick, start_s, gas = 0, 0.0, ChamberGas(parts.scenario.gas)
         moment = Moment(0, 0.0, 0, plan.joints, plan.loads, here.world_from_flange, Twist())
         yield self._snapshot(moment, here, spent, 0.0, began)
         for index, phase in enumerate(plan.phases):
             phase.holding.apply(parts.soft, here.world_from_flange)
+            gas.begin(phase.gas, parts.soft)
             self._earlier = None
             span = (phase.phase.duration_s + phase.phase.settle_s) / phase.phase.increments
             for increment in range(1, phase.phase.increments + 1):
                 began = time.perf_counter()
                 share = increment / phase.phase.increments
                 reference = phase.joints.at(Progress(share, 0.0, 0.0))[0]
-                loads = phase.begin.interpolated(phase.end, share)
+                gas.pass_time(parts.soft, span)
+                loads = gas.between(phase.begin, phase.end, share)
                 before = here
                 here, spent = self._advance(before, reference, loads)
                 tick += 1

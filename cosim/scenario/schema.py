@@ -99,6 +99,22 @@ class ChamberModel:
 
 @final
 @dataclass(frozen=True)
+class Gas:
+    """The gas in the chamber, wherever a phase seals it.
+
+    Args:
+        exponent: gamma of p V^gamma, from 1 (slow, isothermal) to 1.4 (fast, adiabatic air).
+        ambient_Pa: absolute pressure outside.
+        temperature_K: of the gas when it is sealed; only a leak depends on it.
+    """
+
+    exponent: Annotated[float, Bounds(at_least=1.0, at_most=2.0)] = 1.4
+    ambient_Pa: NonNegative = 101325.0
+    temperature_K: Positive = 293.15
+
+
+@final
+@dataclass(frozen=True)
 class Recording:
     """How often the recording holds the scene, in simulated time; curves have a point per tick."""
 
@@ -219,6 +235,9 @@ class Phase:
         settle_s: held afterwards, at the end values.
         increments: of the ramp, in the quasistatic mode.
         ramp: "smooth" is the minimum-jerk quintic.
+        gas: "prescribed": the pressure is given; "sealed": what is in the chamber when the phase starts stays
+            in it, and its pressure follows from the volume. Prescribed until a phase seals it.
+        leak_kg_s_Pa: mass that a sealed gas loses per second and pascal of gauge pressure.
         pressure_Pa: gauge pressure at the end of the ramp.
         cable_tension_N: at the base end of each cable, at the end of the ramp.
         flange: absolute pose at the end of the ramp.
@@ -236,6 +255,8 @@ class Phase:
     settle_s: NonNegative = 0.0
     increments: Count = 100
     ramp: Literal["smooth", "linear", "step"] = "smooth"
+    gas: Literal["prescribed", "sealed"] | None = None
+    leak_kg_s_Pa: NonNegative | None = None
     pressure_Pa: Pressure | None = None
     cable_tension_N: Tensions | None = None
     flange: FlangePose | None = None
@@ -277,5 +298,6 @@ class Scenario:
     solver: Solver = Solver()
     contact: Contact = Contact()
     chamber: ChamberModel = ChamberModel()
+    gas: Gas = Gas()
     recording: Recording = Recording()
     objects: tuple[SceneObject, ...] = field(default=(), metadata={"key": "object"})

@@ -82,7 +82,8 @@ class Snapshot:
         node_position: (nodes, 3) [m], world.
         world_from_flange: pose of the flange.
         flange_twist: of the flange origin, world axes.
-        pressure_Pa: gauge pressure in the chamber.
+        pressure_Pa: gauge pressure in the chamber, of a sealed gas at its present volume.
+        volume_m3: inside the film, hole rings closed by flat fans.
         cable_tension_N: (cables,) at the base end.
         tip_position: (3,) [m], mean of the last hole ring.
         tip_direction: (3,), unit normal of the last hole ring, away from the base.
@@ -104,6 +105,7 @@ class Snapshot:
     world_from_flange: Pose
     flange_twist: Twist
     pressure_Pa: float
+    volume_m3: float
     cable_tension_N: Array
     tip_position: Array
     tip_direction: Array

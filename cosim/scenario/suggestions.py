@@ -5,6 +5,7 @@ from __future__ import annotations
 from difflib import get_close_matches
 
 _UNITS = (
+    "kg_s_Pa",
     "m_s2",
     "kg_m3",
     "g_cm3",
@@ -33,6 +34,7 @@ _UNITS = (
     "degrees",
     "kg",
     "g",
+    "K",
 )
 
 

@@ -105,6 +105,7 @@ def _phase_figures(last: Snapshot, name: str, newton_iterations: int, complete: 
         "end_s": last.time_s,
         "newton_iterations": newton_iterations,
         "pressure_Pa": last.pressure_Pa,
+        "volume_m3": last.volume_m3,
         "cable_tension_N": last.cable_tension_N,
         "joint_position_rad": last.joint_position,
         "flange_position_m": last.world_from_flange.translation,

@@ -78,6 +78,10 @@ class SoftSystem:
         """Whether all loads have a potential."""
         return self.body.closed or not self.body.caps
 
+    def enclosed_volume(self, positions: Array) -> float:
+        """Return the volume [m^3] inside film and caps at positions (n, 3) [m]; evaluates nothing else."""
+        return self._add_pressure(positions, 0.0, np.zeros_like(positions), hessian=False)
+
     def segment_tension(self, positions: Array, loads: Loads) -> Array:
         """Return the tension of every cable segment (segments,) [N] at the given shape."""
         parts = [

@@ -84,6 +84,7 @@ def make_snapshot(stage: Stage, tick: int, **changes: Any) -> Snapshot:
         "world_from_flange": flange,
         "flange_twist": Twist(),
         "pressure_Pa": 1e4 * time,
+        "volume_m3": 1e-4 * (1.0 + time),
         "cable_tension_N": np.array([3.0, 0.0]) * late,
         "tip_position": tip,
         "tip_direction": turn[:, 2],
