@@ -18,7 +18,7 @@ from cosim.frames import Array, cross_matrix
 from cosim.soft.contact import ContactPlanes
 
 _RENEW_EVERY_TICKS = 10
-_RATIO_BOUND = 0.5
+_RATIO_BOUND = 1.0  # above it the explicit exchange can grow
 
 
 @final
