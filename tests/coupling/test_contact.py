@@ -168,3 +168,13 @@ def test_the_arm_is_no_obstacle_to_what_it_carries() -> None:
     scene = scene_with(SceneObject("ball", "sphere", (0.05,), (0.0, 1.0, 1.0)))
     query: ContactQuery = scene.contact_query()
     assert set(scene.bodies.names(query.body)) == {"floor", "ball"}
+
+
+def test_a_cube_too_heavy_to_be_held_slides_under_coulombs_force() -> None:
+    grasp, shares = Grasp(1.2, 1e-3), []
+    for _ in range(48):
+        report = grasp.tick()
+        shares.append(report.force[:, 2].sum() / report.normal_force_N)
+    assert grasp.cube_position[2] - GRASP[2] < -5e-3
+    # every contact slides downwards by now; the coefficient of the cube is 0.8
+    assert np.mean(shares[24:]) == pytest.approx(0.8, rel=0.01)
