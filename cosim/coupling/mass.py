@@ -36,7 +36,8 @@ class MassProperties:
     def of(cls, node_mass: Array, positions: Array) -> MassProperties:
         """Return those of nodes (n,) [kg] at positions (n, 3) [m]."""
         mass = float(node_mass.sum())
-        center = node_mass @ positions / mass
+        # what weighs nothing may have its centre anywhere
+        center = node_mass @ positions / mass if mass > 0.0 else positions.mean(axis=0)
         offset = positions - center
         second = (node_mass[:, None] * offset).T @ offset
         return cls(mass, center, np.trace(second) * np.eye(3) - second)

@@ -8,8 +8,8 @@ from typing import final
 
 import numpy as np
 
-from cosim.errors import MeshError
 from cosim.frames import Array, IntArray, cross
+from cosim.errors import InputError, MeshError
 from cosim.soft.cable import Cable
 from cosim.soft.contact import ContactPlanes
 from cosim.soft.film import Film
@@ -66,8 +66,9 @@ class SoftBody:
             if nodes.size and (nodes.min() < 0 or nodes.max() >= count):
                 bad = int(nodes.min() if nodes.min() < 0 else nodes.max())
                 raise MeshError(f"{name} refers to node {bad}; there are nodes 0 to {count - 1}")
-        if self.node_mass.shape != (count,) or not (self.node_mass >= 0.0).all():
-            raise MeshError(f"node masses must be {count} numbers that are not negative")
+        mass = self.node_mass
+        if mass.shape != (count,) or not ((mass >= 0.0) & (mass < np.inf)).all():
+            raise MeshError(f"node masses must be {count} finite numbers that are not negative")
         if not np.isfinite(self.positions).all():
             raise MeshError("the drawn shape holds positions that are not finite")
 
@@ -173,6 +174,9 @@ class Loads:
         nodal_force: (n, 3) [N], dead load (it keeps its direction), world axes; None for none.
         gas: sealed gas in place of a given pressure; it needs a closed body.
         contact: what may be touched; None for nothing.
+
+    Raises:
+        InputError: a negative tension: cables cannot push.
     """
 
     pressure_Pa: float = 0.0
@@ -181,6 +185,12 @@ class Loads:
     nodal_force: Array | None = None
     gas: SealedGas | None = None
     contact: ContactPlanes | None = None
+
+    def __post_init__(self) -> None:
+        if not all(tension >= 0.0 for tension in self.cable_tension_N):
+            raise InputError(
+                f"cable tensions are {self.cable_tension_N} N; a cable cannot push, give 0 or more"
+            )
 
     def interpolated(self, end: Loads, share: float) -> Loads:
         """Return the loads at a share of the way to others; exactly those at 1.

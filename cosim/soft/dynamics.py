@@ -8,6 +8,7 @@ Mass-proportional damping alpha adds M alpha v. Source: Hairer and Wanner, Solvi
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from typing import Literal, TypeAlias, final
 
@@ -70,11 +71,11 @@ class ImplicitStepper:
             step_s: h [s].
 
         Raises:
-            InputError: the step is not positive.
+            InputError: the step is not positive, or not finite.
             ConvergenceError: no acceptable solution; the caller still holds `state`.
         """
-        if not step_s > 0.0:
-            raise InputError(f"step {step_s} s must be positive")
+        if not 0.0 < step_s < math.inf:
+            raise InputError(f"step {step_s} s must be positive and finite")
         base, span, speed = self._scheme(state, step_s)
         inertia = self._inertia(base, span, speed)
         # free flight is the better start, unless it lets films cross; then the step begins where it is

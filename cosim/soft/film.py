@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Final, Literal, TypeAlias, final
 
@@ -25,13 +26,13 @@ class Film:
 
     Args:
         young_modulus_Pa: Young's modulus.
-        poisson_ratio: between -1 and 1/2.
+        poisson_ratio: between -1 and 1 (plane stress; 1/2 is incompressible).
         thickness_m: thickness.
         law: how the film answers to strain.
         compressive_fraction: of the plain law's compressive stiffness that a "tension_field" keeps, 0 to 1.
 
     Raises:
-        InputError: an unknown law, or a fraction that does not fit it.
+        InputError: a constant out of its bounds, an unknown law, or a fraction that does not fit it.
     """
 
     young_modulus_Pa: float
@@ -41,6 +42,13 @@ class Film:
     compressive_fraction: float = 0.0
 
     def __post_init__(self) -> None:
+        for name in ("young_modulus_Pa", "thickness_m"):
+            if not 0.0 < getattr(self, name) < math.inf:
+                raise InputError(f"{name} is {getattr(self, name)}; it must be positive and finite")
+        if not -1.0 < self.poisson_ratio < 1.0:
+            raise InputError(
+                f"poisson_ratio is {self.poisson_ratio}; it must lie between -1 and 1 (exclusive)"
+            )
         if self.law not in _LAWS:
             raise InputError(f"film law {self.law!r} is unknown; there are {', '.join(_LAWS)}")
         if not 0.0 <= self.compressive_fraction <= 1.0:

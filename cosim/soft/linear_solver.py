@@ -173,7 +173,7 @@ class BandedCholesky(LinearSolver):
 
 @final
 class GeneralLU(LinearSolver):
-    """SuperLU for tangents that are not symmetric; cannot tell whether the matrix is definite.
+    """SuperLU for tangents that are not symmetric; refuses a singular matrix, not an indefinite one.
 
     `extra` holds (nodes, (3 k, 3 k) matrix) parts added to the symmetric blocks before factorising.
     """
@@ -206,7 +206,10 @@ class GeneralLU(LinearSolver):
         return total.tocsc()
 
     def _factorise(self, blocks: Array, shift: float) -> bool:
-        self._factor = splu(self.matrix(blocks, shift))
+        try:
+            self._factor = splu(self.matrix(blocks, shift))
+        except RuntimeError:  # SuperLU's word for a pivot that is exactly zero
+            return False
         return True
 
     def _solve_sparse(self, load: Array) -> Array:

@@ -226,7 +226,9 @@ class NewtonSolver:
         problem = _Problem(system, self.free, loads, system.segment_tension(positions, loads), inertia)
         problem.at(positions, angles, hessian=True)
         system.gradient[:] = gradient
-        definite = self.linear.factor(system.blocks)
+        if isinstance(self.linear, GeneralLU):
+            self.linear.extra = system.open_cap_stiffness
+        definite = self.linear.factor(system.blocks, rank_one=system.rank_one)
         self._kept = _KeptFactor(problem.kind, frame) if definite else None
         return definite
 

@@ -16,7 +16,6 @@ from cosim.frames import Array
 from cosim.soft.body import SoftBody
 from cosim.soft.cable import add_segments
 from cosim.soft.equilibrium import Equilibrium
-from cosim.soft.linear_solver import GeneralLU
 from cosim.soft.newton import NewtonSolver
 
 _NO_SLOTS = np.zeros((0, 0), np.int64)
@@ -93,11 +92,8 @@ class Sensitivity:
         self._equilibrium = equilibrium
         system, state, loads = solver.system, equilibrium.state, equilibrium.loads
         self._positions = state.positions
-        tension = system.segment_tension(state.positions, loads)
-        system.evaluate(state.positions, loads, tension, state.angles)
-        if isinstance(solver.linear, GeneralLU):
-            solver.linear.extra = system.open_cap_stiffness
-        if not solver.linear.factor(system.blocks, rank_one=system.rank_one):
+        # through the solver, which has to know that its factorisation is another one now
+        if not solver.factorise(state.positions, state.angles, loads, None, np.eye(3)):
             raise ConvergenceError(
                 "the equilibrium is not stable (its tangent stiffness has a negative eigenvalue), so it has "
                 "no useful sensitivity; change the pressure or the flange pose",

@@ -30,6 +30,12 @@ def test_spatial_mass_is_the_sum_over_nodes() -> None:
     assert properties.spatial(ORIGIN) == pytest.approx(node_sum(ORIGIN), rel=1e-12, abs=1e-12)
 
 
+def test_what_weighs_nothing_has_a_centre_all_the_same() -> None:
+    properties = MassProperties.of(np.zeros(30), POSITIONS)
+    assert properties.center == pytest.approx(POSITIONS.mean(axis=0))
+    assert not properties.spatial(ORIGIN).any()
+
+
 def test_spatial_mass_gives_kinetic_energy() -> None:
     linear, angular = np.array([0.3, -0.4, 0.1]), np.array([1.0, 2.0, -0.5])
     twist = np.concatenate([linear, angular])

@@ -110,3 +110,12 @@ def test_pattern_holds_each_pair_once_and_finds_it_both_ways() -> None:
     assert forward >= 0 > backward
     assert forward == -1 - backward
     assert (pattern.row[forward], pattern.column[forward]) == (3, 1)
+
+
+@pytest.mark.parametrize("kind", SOLVERS)
+def test_a_singular_matrix_is_refused_and_a_shift_helps(kind: type[LinearSolver]) -> None:
+    pattern, free, blocks, _, dofs, load = problem()
+    solver = kind(pattern, free)
+    assert not solver.factor(0.0 * blocks)
+    assert solver.factor(0.0 * blocks, 2.0)
+    assert solver.solve(load).ravel()[dofs] == pytest.approx(0.5 * load.ravel()[dofs])

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -89,6 +91,23 @@ def test_the_tip_looks_away_from_the_body() -> None:
     assert frame.position == pytest.approx([0.0, 0.0, 0.006])
     toward_first = body.positions[body.tip[0]] - frame.position
     assert frame.rotation[:, 0] == pytest.approx(toward_first / np.linalg.norm(toward_first))
+
+
+def test_the_solver_knows_that_its_factorisation_is_another_one() -> None:
+    arm = held(hexagon_arm(2))
+    here = hung(arm, pressure_Pa=PRESSURE_Pa)
+    solver, reuse = held(arm.body).newton, NewtonOptions(reuse_max=30)
+    Sensitivity(solver, here)
+    more = no_load(arm.body, pressure_Pa=1.001 * PRESSURE_Pa)
+    again = solver.solve(here.state.positions, here.state.angles, more, reuse)
+    assert again.converged
+    assert again.factorisations == 0  # the tangent of the sensitivity serves
+    soft = no_load(arm.body, pressure_Pa=-1e6)  # collapsing: no stable tangent
+    with pytest.raises(ConvergenceError):
+        Sensitivity(solver, replace(here, loads=soft))
+    once_more = solver.solve(here.state.positions, here.state.angles, more, reuse)
+    assert once_more.converged
+    assert once_more.factorisations > 0  # and a failed one is not used
 
 
 def test_no_cables_no_columns() -> None:
