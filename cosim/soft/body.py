@@ -8,8 +8,8 @@ from typing import final
 
 import numpy as np
 
-from cosim.frames import Array, IntArray, cross
 from cosim.errors import InputError, MeshError
+from cosim.frames import Array, IntArray, cross
 from cosim.soft.cable import Cable
 from cosim.soft.contact import ContactPlanes
 from cosim.soft.film import Film
