@@ -51,7 +51,6 @@ class Solver:
             kept one; a tick that is left far from balance takes more.
         integrator: of the dynamic mode.
         damping_per_s: mass-proportional damping, force = -damping_per_s * m * v.
-        stiffness_damping_s: stiffness-proportional damping, force = -stiffness_damping_s * K v.
     """
 
     residual_tolerance_N: Positive = 1e-6
@@ -60,7 +59,6 @@ class Solver:
     dynamic_newton_iterations: Count = 1
     integrator: Literal["implicit_euler", "bdf2"] = "implicit_euler"
     damping_per_s: NonNegative = 0.0
-    stiffness_damping_s: NonNegative = 0.0
 
 
 @final

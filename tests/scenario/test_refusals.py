@@ -80,6 +80,11 @@ WRONG_VALUES = {
         "tip_target",
     ),
     "height without cables": ("phase.reach.tip_target={height_m=0.6}", "phase.reach.tip_target", "cables"),
+    "damping that there is not": (
+        "solver.stiffness_damping_s=0.01",
+        "solver.stiffness_damping_s",
+        "unknown key",
+    ),
     "later schema": ("schema=2", "schema", "allowed: 1"),
     "size of a shape": (
         'object=[{name="ball",shape="sphere",size_m=[1,1],position_m=[0,0,0]}]',
