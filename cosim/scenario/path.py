@@ -11,11 +11,12 @@ from scipy.interpolate import CubicSpline
 from cosim.errors import UnreachableError
 from cosim.frames import Array, Pose
 from cosim.kinematics.arm import Arm
-from cosim.kinematics.inverse_kinematics import follow, solve
+from cosim.kinematics.inverse_kinematics import InverseKinematicsOptions, follow, solve
 from cosim.scenario.flange import FlangeWay
 from cosim.scenario.joint_path import JointPath
 
 _START_CONFIGURATIONS = 12
+_END_OPTIONS = InverseKinematicsOptions(candidates=1)
 
 
 def plan_joints(
@@ -24,7 +25,8 @@ def plan_joints(
     """Return the joint paths of all phases, on one branch of the inverse kinematics.
 
     Several start configurations are tried, the one nearest to the arm's home first, until one can follow
-    every phase.
+    every phase. Where none can, an end pose that is out of reach says more than the place where a path broke
+    off, so it is named instead.
 
     Args:
         arm: the arm.
@@ -46,7 +48,19 @@ def plan_joints(
         except UnreachableError as error:
             failure = failure or error
     assert failure is not None
+    _check_ends(arm, ways, nearest, blame)
     raise failure
+
+
+def _check_ends(arm: Arm, ways: list[FlangeWay], seed: Array, blame: Callable[[int], str]) -> None:
+    """Raise UnreachableError for the first phase whose end no configuration reaches, on whatever branch."""
+    for index, way in enumerate(ways):
+        if way.pieces == 0:
+            continue
+        try:
+            solve(arm, way.end, seed, _END_OPTIONS)
+        except UnreachableError as error:
+            raise UnreachableError(f"{blame(index)}: {error}", error.closest) from error
 
 
 def _configurations(arm: Arm, start: Pose, nearest: Array) -> list[Array]:

@@ -129,13 +129,19 @@ def make_plan(scenario: Scenario, plan_joints: JointPlanner, soft: SoftArm) -> P
         ScenarioError: a pose or target cannot be reached; `path` names the key.
     """
     start = pose_of(scenario.start.flange)
+    keys = ["start.flange", *(_flange_key(phase) for phase in scenario.phases)]
+
+    def joints_along(ways: list[FlangeWay]) -> tuple[JointPath, ...]:
+        try:
+            return plan_joints(start, ways, lambda k: keys[k + 1])
+        except UnreachableError as error:
+            raise ScenarioError("", str(error)) from error
+
+    # the statics take longer: what does not depend on them is refused first
+    joints_along(_given_ways(scenario, start))
     loads = start_loads(scenario.start, soft.body, scenario.gravity_m_s2)
     drafts = _drafts(scenario, soft, start, loads)
-    keys = ["start.flange", *(_flange_key(phase) for phase in scenario.phases)]
-    try:
-        joints = plan_joints(start, [draft.way for draft in drafts], lambda k: keys[k + 1])
-    except UnreachableError as error:
-        raise ScenarioError("", str(error)) from error
+    joints = joints_along([draft.way for draft in drafts])
     plans = tuple(
         PhasePlan(
             draft.phase, path, replace(draft.begin, gas=None), replace(draft.end, gas=None), rule,
@@ -144,6 +150,16 @@ def make_plan(scenario: Scenario, plan_joints: JointPlanner, soft: SoftArm) -> P
         for draft, path, rule in zip(drafts, joints, gas_rules(scenario.phases), strict=True)
     )  # fmt: skip
     return Plan(start, joints[0].first, loads, plans)
+
+
+def _given_ways(scenario: Scenario, start: Pose) -> list[FlangeWay]:
+    """Return the flange's way through the phases before the first whose end depends on the soft body."""
+    ways: list[FlangeWay] = []
+    for phase in scenario.phases:
+        if phase.tip_target is not None and phase.tip_target.reach_with != "cables":
+            break
+        ways.append(_way(start if not ways else ways[-1].end, phase))
+    return ways
 
 
 @final
