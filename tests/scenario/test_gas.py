@@ -33,6 +33,12 @@ def rows(result: RunResult, name: str) -> Array:
     return np.flatnonzero(result.phase == result.stage.phase_names.index(name))
 
 
+def leaning(result: RunResult) -> tuple[float, float]:
+    """Return how far the tip is off the axis and how high it is [m], at the end."""
+    x, y, z = result.tip_position[-1]
+    return float(np.hypot(x, y)), float(z)
+
+
 @pytest.mark.parametrize("mode", ["quasistatic", "dynamic"])
 @pytest.mark.parametrize("exponent", [1.0, 1.4])
 def test_a_sealed_chamber_keeps_its_gas(mode: str, exponent: float) -> None:
@@ -60,7 +66,8 @@ def test_sealed_and_given_pressure_agree_at_the_pressure_reached() -> None:
     sealed = run(phase("push", gas="sealed", force=PUSH))
     given = run(phase("push", pressure_Pa=float(sealed.pressure_Pa[-1]), force=PUSH))
     assert given.volume_m3[-1] == pytest.approx(sealed.volume_m3[-1], rel=1e-8)
-    assert given.tip_position[-1] == pytest.approx(sealed.tip_position[-1], abs=1e-8)
+    # the pushed stack leans over; to which of its equivalent sides, rounding decides
+    assert leaning(given) == pytest.approx(leaning(sealed), abs=1e-8)
 
 
 @pytest.mark.parametrize("mode", ["quasistatic", "dynamic"])
