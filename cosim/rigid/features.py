@@ -12,7 +12,7 @@ from typing import final
 import numpy as np
 
 from cosim.frames import Array, IntArray
-from cosim.rigid.kernels import INDEX_TABLE, INDICES, INTEGER, MATRIX, REAL, kernel
+from cosim.kernels import INDEX_TABLE, INDICES, INTEGER, MATRIX, REAL, kernel
 from cosim.rigid.mesh_distance import closest_on_triangle
 from cosim.rigid.signed_distance import ShapeKind, Shapes
 

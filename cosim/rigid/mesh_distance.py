@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from cosim.frames import Array
-from cosim.rigid.kernels import BLOCKS, MATRIX, inlined, kernel
+from cosim.kernels import BLOCKS, MATRIX, inlined, kernel
 
 FAR = 1e9  # distance reported where a surface is not defined
 _FOOT_ITERATIONS = 8

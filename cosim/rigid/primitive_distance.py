@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cosim.rigid.kernels import inlined
+from cosim.kernels import inlined
 
 _ROOT_ITERATIONS_MAX = 200
 _ROOT_RELATIVE = 1e-14

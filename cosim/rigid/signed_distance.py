@@ -9,7 +9,7 @@ from typing import final
 import numpy as np
 
 from cosim.frames import Array, IntArray
-from cosim.rigid.kernels import BLOCKS, INDEX_TABLE, INDICES, INTEGER, MATRIX, REAL, VECTOR, inlined, kernel
+from cosim.kernels import BLOCKS, INDEX_TABLE, INDICES, INTEGER, MATRIX, REAL, VECTOR, inlined, kernel
 from cosim.rigid.mesh_distance import FAR, grid, height_field, hull
 from cosim.rigid.primitive_distance import box, capsule, cylinder, ellipsoid, plane, sphere
 

@@ -18,7 +18,8 @@ import numpy as np
 
 from cosim.errors import InputError
 from cosim.frames import Array, IntArray
-from cosim.soft.kernels import BLOCKS, INDEX_TABLE, MATRIX, REAL, VECTOR, add_block, kernel
+from cosim.kernels import BLOCKS, INDEX_TABLE, MATRIX, REAL, VECTOR, kernel
+from cosim.soft.blocks import add_block
 
 
 @kernel(REAL(MATRIX, INDEX_TABLE, VECTOR, INDEX_TABLE, MATRIX, BLOCKS))

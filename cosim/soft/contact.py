@@ -26,7 +26,8 @@ import numpy as np
 
 from cosim.errors import InputError
 from cosim.frames import Array, IntArray
-from cosim.soft.kernels import BLOCKS, INDEX_TABLE, MATRIX, REAL, VECTOR, add_block, inlined, kernel
+from cosim.kernels import BLOCKS, INDEX_TABLE, MATRIX, REAL, VECTOR, inlined, kernel
+from cosim.soft.blocks import add_block
 
 _NO_TABLE = np.zeros((0, 0), np.int64)
 

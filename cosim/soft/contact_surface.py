@@ -13,8 +13,8 @@ from typing import final
 import numpy as np
 
 from cosim.frames import Array, IntArray
+from cosim.kernels import INDEX_TABLE, MATRIX, VECTOR, kernel
 from cosim.soft.body import SoftBody
-from cosim.soft.kernels import INDEX_TABLE, MATRIX, VECTOR, kernel
 from cosim.soft.pattern import BlockPattern
 from cosim.soft.surface import directed_edges, triangle_area
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 
-from cosim.soft.kernels import inlined
+from cosim.kernels import inlined
 
 
 @inlined

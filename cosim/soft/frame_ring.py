@@ -17,7 +17,8 @@ import numpy as np
 
 from cosim.errors import MeshError
 from cosim.frames import Array, IntArray
-from cosim.soft.kernels import BLOCKS, INDEX_TABLE, MATRIX, REAL, add_block, kernel
+from cosim.kernels import BLOCKS, INDEX_TABLE, MATRIX, REAL, kernel
+from cosim.soft.blocks import add_block
 
 
 @kernel(REAL(MATRIX, INDEX_TABLE, BLOCKS, MATRIX, REAL, INDEX_TABLE, MATRIX, BLOCKS))

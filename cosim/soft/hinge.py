@@ -19,7 +19,8 @@ from typing import final
 import numpy as np
 
 from cosim.frames import Array, IntArray
-from cosim.soft.kernels import BLOCKS, INDEX_TABLE, MATRIX, REAL, VECTOR, add_block, inlined, kernel
+from cosim.kernels import BLOCKS, INDEX_TABLE, MATRIX, REAL, VECTOR, inlined, kernel
+from cosim.soft.blocks import add_block
 
 TURN = 2.0 * math.pi
 

@@ -13,7 +13,7 @@ from scipy.sparse.csgraph import reverse_cuthill_mckee
 from scipy.sparse.linalg import SuperLU, splu
 
 from cosim.frames import Array, IntArray, Mask
-from cosim.soft.kernels import INDICES, REAL, VECTOR, kernel
+from cosim.kernels import INDICES, REAL, VECTOR, kernel
 from cosim.soft.pattern import BlockPattern
 
 

@@ -6,7 +6,7 @@ inertia:  energy = sum c |x - y|^2 / 2,     gradient = c (x - y),     Hessian = 
 
 from __future__ import annotations
 
-from cosim.soft.kernels import BLOCKS, INDICES, MATRIX, REAL, VECTOR, kernel
+from cosim.kernels import BLOCKS, INDICES, MATRIX, REAL, VECTOR, kernel
 
 
 @kernel(REAL(MATRIX, VECTOR, VECTOR, MATRIX))

@@ -19,19 +19,10 @@ import numpy as np
 
 from cosim.errors import MeshError
 from cosim.frames import Array, IntArray
+from cosim.kernels import BLOCKS, INDEX_TABLE, INTEGER, MATRIX, REAL, VECTOR, inlined, kernel
+from cosim.soft.blocks import add_block
 from cosim.soft.edge_strain import edge_strain
 from cosim.soft.film import EDGE_STRAIN, PLAIN, TENSION_FIELD, Film
-from cosim.soft.kernels import (
-    BLOCKS,
-    INDEX_TABLE,
-    INTEGER,
-    MATRIX,
-    REAL,
-    VECTOR,
-    add_block,
-    inlined,
-    kernel,
-)
 from cosim.soft.tension_field import film_states, tension_field
 
 

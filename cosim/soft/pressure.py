@@ -12,7 +12,8 @@ from __future__ import annotations
 import numpy as np
 
 from cosim.frames import Array, IntArray, cross_matrix
-from cosim.soft.kernels import BLOCKS, INDEX_TABLE, INDICES, MATRIX, REAL, add_block, inlined, kernel
+from cosim.kernels import BLOCKS, INDEX_TABLE, INDICES, MATRIX, REAL, inlined, kernel
+from cosim.soft.blocks import add_block
 
 
 @inlined

@@ -19,7 +19,7 @@ from typing import Final
 import numpy as np
 
 from cosim.frames import Array, IntArray
-from cosim.soft.kernels import inlined
+from cosim.kernels import inlined
 
 SLACK: Final = 0
 WRINKLED: Final = 1

@@ -1,4 +1,7 @@
-"""How the numba kernels of the contact query are compiled: on demand, cached on disk, without fast-math."""
+"""How the numba kernels are compiled: for one fixed signature each, cached on disk, without fast-math.
+
+Importing a kernel compiles nothing; `compile_kernels` in compilation.py does, once, and says so.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +12,8 @@ import numba
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
-# fastmath stays off: NaN must stay visible. A division by zero gives inf, and loops stay vectorised.
+# fastmath stays off: NaN must stay visible, and results must not depend on the compiler's mood.
+# error_model="numpy" lets a division by zero give inf (a named outcome later) and keeps loops vectorised.
 _OPTIONS: dict[str, Any] = {"cache": True, "nogil": True, "error_model": "numpy"}
 
 REAL = numba.float64
@@ -25,7 +29,7 @@ def kernel(signature: Any) -> Callable[[Function], Function]:
     """Return a decorator that turns a function into a kernel with one fixed signature.
 
     Args:
-        signature: numba signature, kept as `fixed_signature` for compilation ahead of a run.
+        signature: numba signature, kept as `fixed_signature` for `compile_kernels`.
     """
 
     def decorate(function: Function) -> Function:
@@ -39,5 +43,5 @@ def kernel(signature: Any) -> Callable[[Function], Function]:
 
 def inlined(function: Function) -> Function:
     """Mark a small function that kernels call; it is compiled with each of them."""
-    result: Function = numba.njit(function, **_OPTIONS)
+    result: Function = numba.njit(function, inline="never", **_OPTIONS)
     return result
