@@ -27,8 +27,9 @@ MAY_IMPORT = {
     "coupling": PHYSICS,
     "scenario": JOINING,
     "recording": JOINING | {"scenario"},
+    "trade": JOINING | {"scenario"},
     "top": JOINING | {"scenario", "recording"},
-    "cli": JOINING | {"scenario", "recording", "top", "verification"},
+    "cli": JOINING | {"scenario", "recording", "top", "verification", "trade"},
 }
 SOLE_IMPORTERS = {"mujoco": "rigid", "pinocchio": "kinematics", "rerun": "recording"}
 MAX_FILE_LINES = 320

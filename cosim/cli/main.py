@@ -1,4 +1,5 @@
-"""The command line: `cosim run`, `cosim list`, `cosim view`, `cosim verify`.
+"""The command line: `cosim run`, `cosim list`, `cosim view`, `cosim verify`,
+`cosim calibrate`, `cosim trade`.
 
 Exit codes: 0 done, 1 the physics could not be solved or verified, 2 wrong input, 128 + n stopped by signal n.
 """
@@ -12,6 +13,7 @@ import sys
 import time
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 from cosim import __version__
 from cosim.errors import InputError, SolverError
@@ -32,6 +34,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
             return _verify(options)
         if options.command == "calibrate":
             return _calibrate(options)
+        if options.command == "trade":
+            return _trade(options)
         return _list() if options.command == "list" else _view(options.directory)
     except InputError as error:
         print(f"cosim: error: {error}", file=sys.stderr)
@@ -76,7 +80,19 @@ def _parser() -> argparse.ArgumentParser:
     calibrate.add_argument("--refine", type=int, default=2, choices=(1, 2, 3), help="of the refined model")
     calibrate.add_argument("--units", type=int, default=2, help="of the stack that is loaded (default: 2)")
     calibrate.add_argument("--write", action="store_true", help="put the result into the soft robot's file")
+    _add_trade(commands)
     return parser
+
+
+def _add_trade(commands: Any) -> None:
+    trade = commands.add_parser("trade", help="measure a scenario's speed against its accuracy")
+    trade.add_argument("scenario", metavar="SCENARIO", help="name (see 'cosim list') or path of a .toml file")
+    trade.add_argument("--out", metavar="DIR", type=Path, help="directory of the results (default: runs/...)")
+    wish = trade.add_mutually_exclusive_group()
+    wish.add_argument("--budget", metavar="FACTOR", help="pick the most accurate member that fast: 1.0x")
+    wish.add_argument("--tolerance", metavar="LENGTH", help="pick the fastest member as near as this: 1mm")
+    trade.add_argument("--quick", action="store_true", help="fewer members, none with a refined mesh")
+    trade.add_argument("--scale-time", type=float, default=1.0, help="factor on the phases' durations")
 
 
 def _run(options: argparse.Namespace, started: float) -> int:
@@ -102,6 +118,20 @@ def _calibrate(options: argparse.Namespace) -> int:
     from cosim.cli.calibrate import calibrate_command  # here, because it loads the kernels
 
     return calibrate_command(options.soft_robot, options.refine, options.units, write=options.write)
+
+
+def _trade(options: argparse.Namespace) -> int:
+    from cosim.cli.trade import trade_command  # here, because it loads the kernels
+    from cosim.run_files import default_directory
+
+    return trade_command(
+        options.scenario,
+        options.out or default_directory(f"trade_{Path(options.scenario).stem}"),
+        budget=options.budget,
+        tolerance=options.tolerance,
+        quick=options.quick,
+        time_scale=options.scale_time,
+    )
 
 
 def _list() -> int:

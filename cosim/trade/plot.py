@@ -1,0 +1,73 @@
+"""A trade as a picture: tip and force error against the real-time factor, Pareto front marked."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from cosim.trade.choice import pareto_front
+from cosim.trade.measuring import Measured
+
+_STYLES = {
+    "Euler, 1 tangent": ("o", "tab:blue"),
+    "Euler, converged": ("s", "tab:cyan"),
+    "BDF2, 1 tangent": ("^", "tab:red"),
+    "BDF2, converged": ("v", "tab:orange"),
+}
+
+
+def can_draw() -> bool:
+    """Whether matplotlib is installed."""
+    try:
+        import matplotlib  # noqa: F401
+    except ImportError:
+        return False
+    return True
+
+
+def draw(title: str, results: Sequence[Measured], path: Path) -> None:
+    """Draw the members of the group "time" into a PNG file; needs matplotlib.
+
+    Args:
+        title: of the scenario.
+        results: all members.
+        path: of the file.
+    """
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    shown = [result for result in results if result.comparable and result.member.group == "time"]
+    front = pareto_front(shown)
+    figure = Figure(figsize=(11.0, 4.6))
+    FigureCanvasAgg(figure)
+    left, right = figure.subplots(1, 2)
+    _scatter(left, shown, [1e3 * result.tip_error_m for result in shown])
+    left.plot([r.real_time_factor for r in front], [1e3 * r.tip_error_m for r in front], "k--", lw=0.8,
+              label="Pareto front")  # fmt: skip
+    left.set_ylabel("largest tip error [mm]")
+    _scatter(right, shown, [result.force_error_N for result in shown])
+    right.set_ylabel("largest error of the flange force [N]")
+    for axes in (left, right):
+        axes.set_xscale("log")
+        axes.set_yscale("log")
+        axes.set_xlabel("real-time factor (CPU time of one core)")
+        axes.axvline(1.0, color="0.7", lw=0.8)
+        axes.grid(alpha=0.3)
+    left.legend(fontsize=7)
+    figure.suptitle(title, fontsize=10)
+    figure.tight_layout()
+    figure.savefig(path, dpi=110)
+
+
+def _scatter(axes: Any, results: Sequence[Measured], errors: Sequence[float]) -> None:
+    labelled = set()
+    for result, error in zip(results, errors, strict=True):
+        scheme, tick, iterations = result.member.name.split(", ")
+        label = f"{scheme}, {iterations}"
+        marker, colour = _STYLES.get(label, ("x", "black"))
+        axes.plot(result.real_time_factor, error, marker=marker, color=colour, ls="",
+                  label=None if label in labelled else label)  # fmt: skip
+        axes.annotate(tick, (result.real_time_factor, error), fontsize=6, xytext=(4, 3),
+                      textcoords="offset points")  # fmt: skip
+        labelled.add(label)

@@ -1,0 +1,19 @@
+"""What a trade needs of a simulation."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import Protocol, TypeAlias
+
+from cosim.scenario.schema import Scenario
+from cosim.scenario.snapshot import Snapshot
+
+
+class Steps(Protocol):
+    """Something that can be stepped."""
+
+    def steps(self) -> Iterator[Snapshot]:
+        """Yield the state before the first tick, then that after every tick."""
+
+
+Build: TypeAlias = Callable[[Scenario], Steps]
