@@ -50,7 +50,6 @@ def draw(title: str, results: Sequence[Measured], path: Path) -> None:
     right.set_ylabel("largest error of the flange force [N]")
     for axes in (left, right):
         axes.set_xscale("log")
-        axes.set_yscale("log")
         axes.set_xlabel("real-time factor (CPU time of one core)")
         axes.axvline(1.0, color="0.7", lw=0.8)
         axes.grid(alpha=0.3)
@@ -71,3 +70,5 @@ def _scatter(axes: Any, results: Sequence[Measured], errors: Sequence[float]) ->
         axes.annotate(tick, (result.real_time_factor, error), fontsize=6, xytext=(4, 3),
                       textcoords="offset points")  # fmt: skip
         labelled.add(label)
+    if errors and min(errors) > 0.0:
+        axes.set_yscale("log")

@@ -1,0 +1,211 @@
+"""`cosim trade`: members, errors against the reference, Pareto front, choice, files."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cosim.cli import trade as command
+from cosim.cli.main import main
+from cosim.errors import InputError
+from cosim.scenario.build import build
+from cosim.scenario.loading import load_scenario
+from cosim.scenario.schema import Scenario
+from cosim.trade.choice import pareto_front, parse_budget, parse_tolerance, pick
+from cosim.trade.measuring import Measured, measure
+from cosim.trade.members import Member, members_of
+from cosim.trade.plot import draw
+from cosim.trade.report import as_json, choice_lines, markdown
+
+REFERENCE = "ur5e_hexagon_arm"
+MADE_UP = [("fast", 8.0, 0.02), ("slow and bad", 1.0, 0.03), ("middle", 4.0, 0.005), ("good", 0.5, 0.001)]
+
+
+def made_up() -> list[Measured]:
+    """Return a reference and four members with given speeds and errors."""
+    reference = Measured(Member("finest", "time", {}, reference=True), 0.1, 0.0, 0.0, 0.0, 0.0, 2.0)
+    changes = {"clock.tick_s": 0.001, "phase.a.duration_s": 1.0}
+    rows = [
+        Measured(Member(f"{name}, 1 ms, 1 tangent", "time", changes),
+                 factor, error, error, error, 10.0 * error, 2.0)
+        for name, factor, error in MADE_UP
+    ]  # fmt: skip
+    return [reference, *rows, Measured(Member("lost", "time", {}), failure="ConvergenceError: no; at all")]
+
+
+def names(results: list[Measured]) -> list[str]:
+    return [result.member.name.split(",")[0] for result in results]
+
+
+def small(**changes: Any) -> Scenario:
+    """Return two units on a held base that are blown up fast."""
+    return load_scenario(
+        REFERENCE,
+        {
+            "robot": "none",
+            "soft_robot": {"file": "hexagon_arm", "chamber": {"units": 2}, "cable": []},
+            "start.cable_tension_N": [],
+            "phase": [
+                {"name": "inflate", "duration_s": 0.1, "pressure_Pa": 20e3},
+                {"name": "rest", "duration_s": 0.04},
+            ],
+            **changes,
+        },
+    )
+
+
+def test_the_front_leaves_out_what_is_beaten_twice() -> None:
+    assert names(pareto_front(made_up())) == ["fast", "middle", "good"]
+
+
+@pytest.mark.parametrize(
+    ("wish", "name"),
+    [
+        (("budget", 1.0), "middle"),
+        (("budget", 5.0), "fast"),
+        (("tolerance", 0.006), "middle"),
+        (("tolerance", 0.5), "fast"),
+        (("tolerance", 0.001), "good"),
+    ],
+)
+def test_the_choice_meets_the_wish(wish: tuple[str, float], name: str) -> None:
+    found = pick(made_up(), wish)
+    assert found is not None
+    assert names([found]) == [name]
+    assert "--set clock.tick_s=0.001" in choice_lines(made_up(), wish)
+    assert "phase" not in choice_lines(made_up(), wish)
+
+
+@pytest.mark.parametrize("wish", [("budget", 9.0), ("tolerance", 1e-5)])
+def test_a_wish_may_be_out_of_reach(wish: tuple[str, float]) -> None:
+    assert pick(made_up(), wish) is None
+    assert choice_lines(made_up(), wish).startswith("No member")
+
+
+def test_words_of_wishes() -> None:
+    assert parse_budget("1.5x") == ("budget", 1.5)
+    assert parse_budget("2") == ("budget", 2.0)
+    for text, metres in (("1mm", 1e-3), ("0.5 mm", 5e-4), ("3e-3", 3e-3), ("20 um", 2e-5), ("1 m", 1.0)):
+        assert parse_tolerance(text)[1] == pytest.approx(metres)
+    for text in ("fast", "-1x", "0", "nan", "inf"):
+        with pytest.raises(InputError, match="real-time factor"):
+            parse_budget(text)
+        with pytest.raises(InputError, match="length"):
+            parse_tolerance(text)
+
+
+def test_report_and_figures() -> None:
+    table = markdown("made up", made_up())
+    assert "| * | middle, 1 ms, 1 tangent | 4.00 | 5 | 5 | 5 | 0.05 | 2.00 |" in table
+    assert "| ref | finest | 0.10 |" in table
+    assert "failed: ConvergenceError: no |" in table
+    document = json.loads(as_json("made up", made_up(), ("budget", 1.0)))
+    assert document["choice"] == "middle, 1 ms, 1 tangent"
+    assert [entry["pareto"] for entry in document["members"]] == [False, True, False, True, True, False]
+    assert document["members"][-1]["tip_error_m"] is None
+
+
+def test_the_plot_is_a_picture(tmp_path: Path) -> None:
+    pytest.importorskip("matplotlib")
+    draw("made up", made_up(), tmp_path / "trade.png")
+    assert (tmp_path / "trade.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_members_of_the_reference_scenario_all_load() -> None:
+    scenario = load_scenario(REFERENCE)
+    for quick in (False, True):
+        members = members_of(scenario, quick=quick, time_scale=0.5)
+        assert len({member.name for member in members}) == len(members)
+        assert members[0].reference
+        assert members[0].changes["clock.tick_s"] < min(m.changes["clock.tick_s"] for m in members[1:])
+        for member in members:
+            changed = load_scenario(scenario, member.changes)
+            seconds = [sum(p.duration_s + p.settle_s for p in run.phases) for run in (changed, scenario)]
+            assert seconds[0] == pytest.approx(0.5 * seconds[1], abs=0.2)
+            for phase in changed.phases:
+                ticks = phase.duration_s / changed.clock.tick_s
+                assert ticks == pytest.approx(round(ticks), abs=1e-6)
+    groups = [member.group for member in members_of(scenario) if member.reference]
+    assert groups == ["time", "model"]
+
+
+def test_members_need_a_dynamic_run_and_a_positive_factor() -> None:
+    with pytest.raises(InputError, match="quasistatic"):
+        members_of(load_scenario(REFERENCE, {"mode": "quasistatic"}))
+    with pytest.raises(InputError, match="time scale"):
+        members_of(load_scenario(REFERENCE), time_scale=0.0)
+
+
+def test_errors_shrink_with_the_tick_at_the_integrators_order() -> None:
+    converged = {"solver.dynamic_newton_iterations": 50, "solver.dynamic_tolerance_N": 1e-8}
+    members = [
+        Member("finest", "time", {**converged, "clock.tick_s": 2.5e-4, "solver.integrator": "bdf2"}, True)
+    ]
+    for integrator in ("implicit_euler", "bdf2"):
+        for tick in (0.002, 0.001):
+            changes = {**converged, "clock.tick_s": tick, "solver.integrator": integrator}
+            members.append(Member(f"{integrator} {tick}", "time", changes))
+    told: list[Measured] = []
+    # slow and damped, so that the errors are those of the motion and not of the film's vibrations
+    phase = {"name": "inflate", "duration_s": 0.4, "pressure_Pa": 20e3}
+    slow = small(**{"start.pressure_Pa": 10e3, "solver.damping_per_s": 20.0, "phase": [phase]})
+    results = measure(slow, members, build, told.append)
+    assert told == results
+    assert results[0].tip_error_m == 0.0
+    euler, half_euler, bdf2, half_bdf2 = (result.force_error_N for result in results[1:])
+    assert euler / half_euler == pytest.approx(2.0, abs=0.25)
+    assert bdf2 / half_bdf2 == pytest.approx(4.0, abs=0.7)
+    assert bdf2 < 0.5 * euler
+    assert results[4].tip_rms_m < 0.5 * results[2].tip_rms_m
+    for result in results:
+        assert result.real_time_factor > 0.0
+        assert np.isfinite([result.tip_error_m, result.end_error_m, result.force_error_N]).all()
+        assert result.tip_error_m >= result.tip_rms_m
+    assert not results[0].comparable
+    assert results[1].force_error_N > 1e-4
+
+
+def test_a_member_that_fails_leaves_the_others() -> None:
+    members = [
+        Member("finest", "time", {"clock.tick_s": 0.005}, True),
+        Member("impossible", "time", {"clock.tick_s": 0.01, "start.pressure_Pa": "high"}),
+        Member("coarse", "time", {"clock.tick_s": 0.01}),
+    ]
+    results = measure(small(), members, build, lambda result: None)
+    assert [bool(result.failure) for result in results] == [False, True, False]
+    assert "ScenarioError" in results[1].failure
+    assert results[2].comparable
+
+
+def test_the_command_writes_table_figures_and_plot(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    made_up_build: Callable[..., Any],
+) -> None:
+    monkeypatch.setattr(command, "build_simulation", made_up_build())
+    out = tmp_path / "out"
+    assert main(["trade", REFERENCE, "--quick", "--out", str(out), "--budget", "1e-9x"]) == 0
+    written = capsys.readouterr().out
+    assert "Run it with: --set clock.tick_s=" in written
+    assert (out / "trade.md").read_text(encoding="utf-8") in written
+    document = json.loads((out / "trade.json").read_text(encoding="utf-8"))
+    assert document["scenario"] == REFERENCE
+    assert len(document["members"]) == len(members_of(load_scenario(REFERENCE), quick=True))
+    monkeypatch.setattr(command, "can_draw", lambda: False)
+    assert main(["trade", REFERENCE, "--quick", "--out", str(tmp_path / "b"), "--budget", "1e12x"]) == 1
+    captured = capsys.readouterr()
+    assert "No member" in captured.out
+    assert "needs matplotlib" in captured.err
+    assert not (tmp_path / "b" / "trade.png").exists()
+
+
+@pytest.mark.parametrize("words", [["--budget", "fast"], ["--tolerance", "0"], ["--scale-time", "-1"]])
+def test_wrong_words_are_refused_before_anything_runs(words: list[str], tmp_path: Path) -> None:
+    assert main(["trade", REFERENCE, "--out", str(tmp_path / "out"), *words]) == 2
+    assert not (tmp_path / "out").exists()
