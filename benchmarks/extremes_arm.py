@@ -19,15 +19,15 @@ ARM_MASS_KG = 17.7  # the UR5e's moving links
 TICKS_MAX = 400
 RUNAWAY_M = 10.0
 SHORT_NODES = 90  # of two units
-# flange positions and directions from comfortable to singular
+# flange positions and directions; at those marked singular the arm's Jacobian loses rank
 POSES: Mapping[str, tuple[tuple[float, float, float], tuple[float, float, float]]] = {
     "ordinary": ((0.3, 0.0, 0.7), (0.0, 0.0, -1.0)),
-    "arm nearly straight": ((0.80, 0.0, 0.35), (1.0, 0.0, -0.2)),
-    "arm straight, almost": ((0.88, 0.1, 0.2), (1.0, 0.0, 0.0)),
-    "over the shoulder": ((0.02, 0.01, 1.0), (0.0, 0.0, 1.0)),
-    "on the shoulder's axis": ((0.0, 0.0, 1.05), (0.0, 0.0, 1.0)),
-    "wrist axes in line": ((0.45, 0.1333, 0.5), (0.0, -1.0, 0.0)),
-    "near the base": ((0.16, 0.0, 0.4), (0.0, 0.0, -1.0)),
+    "nearly straight": ((0.80, 0.0, 0.35), (1.0, 0.0, -0.2)),
+    "straight (singular)": ((0.891935, 0.159943, 0.321674), (0.124149, 0.267499, -0.955527)),
+    "at the shoulder (singular)": ((0.009614, 0.169391, 0.546152), (0.096527, 0.362358, -0.927027)),
+    "wrist in line (singular)": ((0.372, 0.2329, 0.4097), (0.0, 1.0, 0.0)),
+    "upright": ((-0.0196, 0.2285, 1.0799), (-0.2955, 0.9553, 0.0059)),
+    "too near the base": ((0.16, 0.0, 0.4), (0.0, 0.0, -1.0)),
     "out of reach": ((1.5, 0.0, 0.7), (0.0, 0.0, -1.0)),
 }
 
