@@ -24,8 +24,8 @@ from typing import Any
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from benchmarks.extremes import Extreme, Verdict, probe
-from benchmarks.extremes_arm import POSES, ArmExtreme, probe_arm
+from benchmarks.atlas.extremes import Extreme, Verdict, probe
+from benchmarks.atlas.on_arm import POSES, ArmExtreme, probe_arm
 
 TICKS_S = (1e-5, 3e-5, 1e-4, 3e-4, 1e-3, 2e-3, 5e-3, 1e-2, 2e-2, 3e-2, 5e-2, 0.1)
 FEW_TICKS_S = (1e-5, 1e-4, 5e-4, 2e-3, 5e-3, 1e-2, 2e-2, 5e-2, 0.1)
@@ -184,7 +184,7 @@ def _finish(results: list[dict[str, Any]], seconds: float, options: argparse.Nam
         summary = {"points": len(points), "kinds": counts, "named": names, "cpu_s": seconds, "maps": results}
         options.json.write_text(json.dumps(summary, indent=1) + "\n", encoding="utf-8")
     if options.png:
-        from benchmarks.stability_plot import draw  # matplotlib is a development tool
+        from benchmarks.atlas.plot import draw  # matplotlib is a development tool
 
         draw(results, options.png)
     return 1 if nameless or missing else 0

@@ -11,8 +11,8 @@ import pytest
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
-from benchmarks.extremes import RANGES, Extreme, judged, probe
-from benchmarks.extremes_arm import POSES, ArmExtreme, overrides, probe_arm
+from benchmarks.atlas.extremes import RANGES, Extreme, judged, probe
+from benchmarks.atlas.on_arm import POSES, ArmExtreme, overrides, probe_arm
 from benchmarks.stability import maps, unstable_reference
 from cosim.errors import ConvergenceError
 from cosim.frames import Wrench

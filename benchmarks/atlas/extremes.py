@@ -1,6 +1,6 @@
 """Soft arms at the ends of what may be asked for: what is varied, how one is driven, how it ended.
 
-Used by the stability atlas (stability.py) and by the tests that draw from the same ranges.
+Used by the stability atlas (benchmarks/stability.py) and by the tests that draw from the same ranges.
 """
 
 from __future__ import annotations

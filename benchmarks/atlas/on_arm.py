@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.extremes import Verdict, judged
+from benchmarks.atlas.extremes import Verdict, judged
 from cosim.scenario.build import build
 from cosim.scenario.loading import load_scenario
 from cosim.scenario.snapshot import Snapshot

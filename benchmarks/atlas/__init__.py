@@ -1,0 +1,1 @@
+"""Parts of the stability atlas that the tests use as well."""
