@@ -6,7 +6,7 @@ CosimError
 │   ├── MeshError           degenerate, inverted or unconnected meshes
 │   └── UnreachableError    no configuration reaches the wanted pose; carries the closest one
 └── SolverError             the physics could not be solved (exit code 1)
-    ├── ConvergenceError    Newton's method stopped; carries outcome, residual, iterations
+    ├── ConvergenceError    Newton's method stopped; carries residual and iterations
     └── InstabilityError    a non-finite number or runaway state appeared
 """
 
