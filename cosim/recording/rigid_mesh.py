@@ -8,15 +8,15 @@ import numpy as np
 import rerun as rr
 from scipy.sparse import csr_array
 
+from cosim.body_shape import BodyShape
 from cosim.frames import Array, IntArray
 from cosim.recording.colours import FLOOR_SHADE
-from cosim.scenario.snapshot import RigidShape
 
 FLOOR_NAME: Final = "floor"
 _SHARP: Final = float(np.cos(np.radians(35.0)))
 
 
-def rigid_mesh(shape: RigidShape, body: str) -> rr.Mesh3D:
+def rigid_mesh(shape: BodyShape, body: str) -> rr.Mesh3D:
     """Return a mesh with normals, smooth over curved faces and sharp at edges.
 
     Args:

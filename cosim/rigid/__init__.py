@@ -2,6 +2,5 @@
 
 from cosim.rigid.description import SceneDescription, SceneObject, ServoGains
 from cosim.rigid.scene import RigidScene, RigidState
-from cosim.rigid.shapes import BodyShape
 
-__all__ = ["BodyShape", "RigidScene", "RigidState", "SceneDescription", "SceneObject", "ServoGains"]
+__all__ = ["RigidScene", "RigidState", "SceneDescription", "SceneObject", "ServoGains"]

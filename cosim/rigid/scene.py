@@ -17,13 +17,14 @@ from typing import final
 import mujoco
 import numpy as np
 
+from cosim.body_shape import BodyShape
 from cosim.frames import Array, Pose, Twist, Wrench
 from cosim.rigid.bodies import Bodies, touchable_geoms
 from cosim.rigid.contact_query import ContactQuery
 from cosim.rigid.description import SceneDescription
 from cosim.rigid.layout import ArmLayout, effort_limit
 from cosim.rigid.model import compile_model
-from cosim.rigid.shapes import BodyShape, body_shapes
+from cosim.rigid.shapes import body_shapes
 from cosim.rigid.stability import raise_if_unstable, silence_warning_file
 from cosim.rigid.statics import droop
 

@@ -2,34 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import mujoco
 import numpy as np
 
-from cosim.frames import Array, IntArray, Pose
+from cosim.body_shape import BodyShape
+from cosim.frames import Pose
 from cosim.rigid import tessellation
 from cosim.rigid.model import VISUAL_GROUP
 
 _TILE_M = 0.25
 _DARKER = 0.90
-
-
-@dataclass(frozen=True)
-class BodyShape:
-    """A triangle mesh fixed to a rigid body, for drawing only.
-
-    Args:
-        body: index into `RigidScene.body_names`.
-        vertices: (n, 3) [m], body frame.
-        triangles: (m, 3), counter-clockwise seen from outside.
-        rgba: colour, components 0 to 1.
-    """
-
-    body: int
-    vertices: Array
-    triangles: IntArray
-    rgba: tuple[float, float, float, float]
 
 
 def body_shapes(model: mujoco.MjModel) -> tuple[BodyShape, ...]:

@@ -7,6 +7,7 @@ from typing import final
 
 import numpy as np
 
+from cosim.body_shape import BodyShape
 from cosim.coupling.contact import ContactExchange
 from cosim.coupling.ledger import LedgerEntry
 from cosim.coupling.soft_arm import SoftArm
@@ -17,7 +18,6 @@ from cosim.rigid.scene import RigidScene
 from cosim.scenario.carrier import Carrier
 from cosim.scenario.joint_path import JointPath
 from cosim.scenario.ramp import Progress
-from cosim.scenario.snapshot import RigidShape
 from cosim.soft.body import Loads
 from cosim.soft.contact import ContactLaw
 
@@ -69,8 +69,8 @@ class ArmCarrier(Carrier):
         return self._scene.body_names
 
     @property
-    def shapes(self) -> tuple[RigidShape, ...]:
-        return tuple(RigidShape(s.body, s.vertices, s.triangles, s.rgba) for s in self._scene.shapes)
+    def shapes(self) -> tuple[BodyShape, ...]:
+        return self._scene.shapes
 
     @property
     def report(self) -> Mapping[str, str]:

@@ -8,13 +8,13 @@ from typing import final
 
 import numpy as np
 
+from cosim.body_shape import BodyShape
 from cosim.coupling.ledger import LedgerEntry
 from cosim.coupling.soft_arm import SoftArm
 from cosim.frames import Array, Pose, Twist, Wrench
 from cosim.scenario.flange import FlangeWay
 from cosim.scenario.joint_path import JointPath
 from cosim.scenario.ramp import Progress
-from cosim.scenario.snapshot import RigidShape
 from cosim.soft.body import Loads
 
 
@@ -47,7 +47,7 @@ class Carrier(ABC):
 
     @property
     @abstractmethod
-    def shapes(self) -> tuple[RigidShape, ...]:
+    def shapes(self) -> tuple[BodyShape, ...]:
         """What is drawn of the rigid bodies."""
 
     @property
@@ -125,7 +125,7 @@ class HeldBase(Carrier):
         return ()
 
     @property
-    def shapes(self) -> tuple[RigidShape, ...]:
+    def shapes(self) -> tuple[BodyShape, ...]:
         return ()
 
     @property

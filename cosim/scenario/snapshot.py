@@ -5,27 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from cosim.body_shape import BodyShape
 from cosim.coupling.ledger import LedgerEntry
 from cosim.frames import Array, IntArray, Pose, Twist
 
-__all__ = ["LedgerEntry", "RigidShape", "Snapshot", "Stage"]
-
-
-@dataclass(frozen=True)
-class RigidShape:
-    """A triangle mesh fixed to a rigid body, for drawing only.
-
-    Args:
-        body: index into `Stage.body_names`.
-        vertices: (n, 3) [m], body frame.
-        triangles: (m, 3), counter-clockwise seen from outside.
-        rgba: colour, components 0 to 1.
-    """
-
-    body: int
-    vertices: Array
-    triangles: IntArray
-    rgba: tuple[float, float, float, float]
+__all__ = ["BodyShape", "LedgerEntry", "Snapshot", "Stage"]
 
 
 @dataclass(frozen=True)
@@ -58,7 +42,7 @@ class Stage:
     ticks: int
     phase_names: tuple[str, ...]
     body_names: tuple[str, ...]
-    shapes: tuple[RigidShape, ...]
+    shapes: tuple[BodyShape, ...]
     soft_triangles: IntArray
     cables: tuple[IntArray, ...]
     soft_weight_N: float

@@ -13,14 +13,14 @@ from rerun.chunk import RrdReader
 
 from cosim.frames import Array, Pose, Twist, Wrench, quaternion_from_rotation, rotation_from_vector
 from cosim.recording.rerun_recorder import RerunRecorder
-from cosim.scenario.snapshot import LedgerEntry, RigidShape, Snapshot, Stage
+from cosim.scenario.snapshot import BodyShape, LedgerEntry, Snapshot, Stage
 from cosim.soft.chamber import PolygonalStack
 
 MakeStage: TypeAlias = Callable[..., Stage]
 MakeSnapshot: TypeAlias = Callable[..., Snapshot]
 
 MESH = PolygonalStack(sides=4, units=3, corner_radius_m=0.04, hole_radius_m=0.004, unit_height_m=0.004).mesh()
-TETRAHEDRON = RigidShape(
+TETRAHEDRON = BodyShape(
     body=1,
     vertices=0.1 * np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]], dtype=float),
     triangles=np.array([[0, 1, 2], [0, 3, 1], [0, 2, 3], [1, 3, 2]]),
