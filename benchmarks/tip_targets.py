@@ -27,8 +27,9 @@ from cosim.kinematics import Arm, solve
 from cosim.scenario.build import build
 from cosim.scenario.flange import FlangeWay, pose_of
 from cosim.scenario.loading import load_scenario
+from cosim.scenario.phase_schema import FlangePose, Phase, Start, TipTarget
 from cosim.scenario.plan import start_equilibrium
-from cosim.scenario.schema import FlangePose, Phase, Scenario, Start, TipTarget
+from cosim.scenario.schema import Scenario
 from cosim.scenario.soft_build import build_soft_body
 from cosim.soft import tip_target as search
 from cosim.soft.body import Loads

@@ -14,8 +14,9 @@ from cosim import __version__
 from cosim.errors import SolverError
 from cosim.recording.recorder import NullRecorder, Recorder
 from cosim.run_files import RunFiles, check_directory
-from cosim.scenario.schema import Recording, Scenario
+from cosim.scenario.schema import Scenario
 from cosim.scenario.snapshot import Snapshot, Stage
+from cosim.scenario.solver_schema import Recording
 from cosim.scenario.summary import Status, SummaryBuilder, summary_markdown
 
 Observe = Callable[[Snapshot], None]

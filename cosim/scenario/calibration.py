@@ -20,9 +20,9 @@ from scipy.optimize import least_squares
 
 from cosim.errors import ConvergenceError
 from cosim.frames import Array, Pose
-from cosim.scenario.schema import ChamberModel
 from cosim.scenario.soft_build import build_soft_body, calibrated_model
 from cosim.scenario.soft_robot import Calibration, SoftRobot
+from cosim.scenario.solver_schema import ChamberModel
 from cosim.soft.body import Loads, SoftBody
 from cosim.soft.equilibrium import Equilibrium, EquilibriumSolver
 from cosim.soft.newton import NewtonOptions, NewtonSolver

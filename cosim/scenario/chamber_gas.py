@@ -7,7 +7,7 @@ from typing import final
 
 from cosim.coupling.soft_arm import SoftArm
 from cosim.scenario.gas_rules import GasRule
-from cosim.scenario.schema import Gas
+from cosim.scenario.solver_schema import Gas
 from cosim.soft.body import Loads
 from cosim.soft.gas import SealedGas, leak
 

@@ -8,7 +8,9 @@ from cosim.arm_files import arm_names
 from cosim.errors import ScenarioError
 from cosim.scenario.gas_rules import check_gas
 from cosim.scenario.holding_checks import check_holding, check_rings
-from cosim.scenario.schema import NO_ARM, Phase, Scenario, SceneObject, TipTarget
+from cosim.scenario.object_schema import SceneObject
+from cosim.scenario.phase_schema import Phase, TipTarget
+from cosim.scenario.schema import NO_ARM, Scenario
 from cosim.scenario.soft_robot import Cable, SoftRobot
 from cosim.scenario.suggestions import unknown_name_message
 

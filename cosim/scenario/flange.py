@@ -9,7 +9,7 @@ from typing import final
 import numpy as np
 
 from cosim.frames import Array, Pose, cross_matrix, rotation_from_vector, vector_from_rotation
-from cosim.scenario.schema import FlangePose, FlangeTurn
+from cosim.scenario.phase_schema import FlangePose, FlangeTurn
 
 _DOWN = np.array([0.0, 0.0, -1.0])
 _HANGING = np.diag([1.0, -1.0, -1.0])

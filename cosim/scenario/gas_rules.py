@@ -7,7 +7,8 @@ from dataclasses import dataclass
 from typing import final
 
 from cosim.errors import ScenarioError
-from cosim.scenario.schema import Phase, Scenario
+from cosim.scenario.phase_schema import Phase
+from cosim.scenario.schema import Scenario
 
 
 @final

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from cosim.errors import ScenarioError
-from cosim.scenario.schema import NO_ARM, Force, Phase, Scenario, Support
+from cosim.scenario.phase_schema import Force, Phase, Support
+from cosim.scenario.schema import NO_ARM, Scenario
 from cosim.scenario.soft_robot import SoftRobot
 from cosim.scenario.suggestions import unknown_name_message
 

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from cosim.frames import Array, IntArray, Mask
-from cosim.scenario.schema import Force, Support
+from cosim.scenario.phase_schema import Force, Support
 from cosim.soft.body import SoftBody
 
 _AXES = "xyz"

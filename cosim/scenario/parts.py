@@ -11,8 +11,9 @@ from cosim.coupling.ledger import LedgerEntry
 from cosim.coupling.soft_arm import SoftArm
 from cosim.frames import Array, Pose, Twist
 from cosim.scenario.carrier import Carrier
+from cosim.scenario.phase_schema import Phase
 from cosim.scenario.plan import Plan
-from cosim.scenario.schema import Phase, Scenario
+from cosim.scenario.schema import Scenario
 from cosim.scenario.snapshot import Snapshot
 from cosim.soft.body import Loads
 from cosim.soft.center_line import center_line_length, hole_rings

@@ -20,7 +20,8 @@ from cosim.scenario.flange import FlangeWay, pose_of
 from cosim.scenario.gas_rules import GasRule, gas_rules
 from cosim.scenario.joint_path import JointPath
 from cosim.scenario.node_groups import held_components, nodal_force, nodes_of
-from cosim.scenario.schema import Phase, Scenario, Start, TipTarget
+from cosim.scenario.phase_schema import Phase, Start, TipTarget
+from cosim.scenario.schema import Scenario
 from cosim.soft import tip_target as soft_target
 from cosim.soft.body import Loads, SoftBody
 from cosim.soft.center_line import center_line_length, hole_rings

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from cosim.rigid.description import SceneObject
-from cosim.scenario.schema import SceneObject as SceneObjectSchema
+from cosim.scenario.object_schema import SceneObject as SceneObjectSchema
 
 
 def rigid_object(entry: SceneObjectSchema) -> SceneObject:

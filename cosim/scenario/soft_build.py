@@ -8,9 +8,9 @@ import numpy as np
 
 from cosim.frames import Array, IntArray
 from cosim.scenario.published_hinges import without_spring
-from cosim.scenario.schema import ChamberModel
 from cosim.scenario.soft_robot import Cable as CableSchema
 from cosim.scenario.soft_robot import Calibration, SoftRobot
+from cosim.scenario.solver_schema import ChamberModel
 from cosim.soft.body import SoftBody
 from cosim.soft.cable import Cable
 from cosim.soft.chamber import Mesh, PolygonalStack

@@ -13,9 +13,9 @@ from cosim.errors import ScenarioError
 from cosim.resources import soft_robot_path
 from cosim.scenario.calibration import CalibrationReport, calibrate
 from cosim.scenario.loading import load_scenario, load_soft_robot
-from cosim.scenario.schema import ChamberModel
 from cosim.scenario.soft_build import build_soft_body
 from cosim.scenario.soft_robot import Calibration
+from cosim.scenario.solver_schema import ChamberModel
 
 VALUES = Calibration(film_modulus_factor=0.5, compressive_fraction=0.25, hinge_factor=2.0)
 

@@ -7,7 +7,7 @@ import pytest
 
 from cosim.frames import Pose
 from cosim.scenario.flange import FlangeWay, pose_of, rotation_from_direction
-from cosim.scenario.schema import FlangePose, FlangeTurn
+from cosim.scenario.phase_schema import FlangePose, FlangeTurn
 
 # products of a few rotation matrices: rounding of a few 1e-16
 ROUNDING = 1e-14

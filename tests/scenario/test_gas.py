@@ -13,7 +13,7 @@ from cosim.frames import Array
 from cosim.result import RunResult
 from cosim.scenario.build import build
 from cosim.scenario.loading import load_scenario
-from cosim.scenario.schema import Gas
+from cosim.scenario.solver_schema import Gas
 
 AMBIENT_Pa = Gas().ambient_Pa
 INFLATE: dict[str, Any] = {"name": "inflate", "duration_s": 0.5, "increments": 20, "pressure_Pa": 5e3}

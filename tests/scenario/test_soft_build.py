@@ -9,9 +9,9 @@ import pytest
 
 from cosim.resources import scenario_path
 from cosim.scenario.loading import load_scenario
-from cosim.scenario.schema import ChamberModel
 from cosim.scenario.soft_build import build_soft_body
 from cosim.scenario.soft_robot import SoftRobot
+from cosim.scenario.solver_schema import ChamberModel
 from cosim.soft.body import Loads, SoftBody
 from cosim.soft.newton import NewtonOptions, NewtonSolver
 from cosim.soft.shell_hinges import bending_measure

@@ -17,8 +17,8 @@ from cosim.frames import Array
 from cosim.result import RunResult
 from cosim.scenario.build import build
 from cosim.scenario.loading import load_scenario
-from cosim.scenario.schema import ChamberModel
 from cosim.scenario.soft_build import build_soft_body
+from cosim.scenario.solver_schema import ChamberModel
 from cosim.scenario.writing import scenario_text
 
 REFERENCE = Path(__file__).resolve().parents[1] / "reference"
