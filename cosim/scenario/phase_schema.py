@@ -1,0 +1,149 @@
+"""Schema of the start and the phases of a scenario: where the flange goes, what is loaded and held.
+
+A rigid target is a pose of the flange. `direction` is the flange's z axis, out of the flange. At
+`roll_rad = 0` the flange is turned the shortest way from hanging straight down with its x axis along the
+world's x axis; pointing straight up it is turned half a turn about the world's y axis instead.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Annotated, Literal, final
+
+from cosim.scenario.constraints import (
+    Count,
+    Direction,
+    Length,
+    Name,
+    NonNegative,
+    Positive,
+    Pressure,
+    Vector3,
+)
+
+Tensions = tuple[NonNegative, ...]
+
+
+@final
+@dataclass(frozen=True)
+class FlangePose:
+    """Absolute pose of the flange: origin, z axis, roll about it (see the module's text)."""
+
+    position_m: Vector3
+    direction: Direction
+    roll_rad: float = 0.0
+
+
+@final
+@dataclass(frozen=True)
+class FlangeTurn:
+    """Right-handed rotation about the flange's origin, world axis, from where the phase starts."""
+
+    axis: Direction
+    angle_rad: float
+
+
+@final
+@dataclass(frozen=True)
+class TipTarget:
+    """Where the soft tip should be at the end of a phase: `position_m`, or only its height.
+
+    Args:
+        position_m: of the centre of the last hole ring, world.
+        direction: unit normal of the last hole ring, away from the base, world.
+        height_m: world z of the tip; only with reach_with = "cables".
+        reach_with: "flange": the flange goes where the deformed tip meets the target;
+            "cables": the flange stays, tensions are found;
+            "none": the flange goes where the undeformed tip would meet it (to see the error).
+    """
+
+    position_m: Vector3 | None = None
+    direction: Direction | None = None
+    height_m: float | None = None
+    reach_with: Literal["flange", "cables", "none"] = "flange"
+
+
+@final
+@dataclass(frozen=True)
+class Start:
+    """State before the first tick; an empty list of tensions means none."""
+
+    flange: FlangePose
+    pressure_Pa: Pressure = 0.0
+    cable_tension_N: Tensions = ()
+
+
+@final
+@dataclass(frozen=True)
+class Support:
+    """Nodes held in the world; only without an arm.
+
+    Args:
+        rings: such as "unit_1.outer".
+        corners: of these rings, 0 to sides - 1; omitted: all nodes of the rings.
+        axes: world axes along which they are held, where they are when the phase starts.
+    """
+
+    rings: Annotated[tuple[str, ...], Length(at_least=1)]
+    corners: tuple[int, ...] | None = None
+    axes: Literal["x", "y", "z", "xy", "xz", "yz", "xyz"] = "xyz"
+
+
+@final
+@dataclass(frozen=True)
+class Force:
+    """A dead load on nodes, at the end of the ramp.
+
+    Args:
+        rings: such as "unit_5.outer".
+        corners: of these rings, 0 to sides - 1; omitted: all nodes of the rings.
+        total_N: shared evenly by the nodes, world axes.
+    """
+
+    rings: Annotated[tuple[str, ...], Length(at_least=1)]
+    total_N: Vector3
+    corners: tuple[int, ...] | None = None
+
+
+@final
+@dataclass(frozen=True)
+class Phase:
+    """One stretch of the run; what is omitted stays as it is.
+
+    Args:
+        duration_s: of the ramp.
+        settle_s: held afterwards, at the end values.
+        increments: of the ramp, in the quasistatic mode.
+        ramp: "smooth" is the minimum-jerk quintic.
+        gas: "prescribed": the pressure is given; "sealed": what is in the chamber when the phase starts stays
+            in it, and its pressure follows from the volume. Prescribed until a phase seals it.
+        leak_kg_s_Pa: mass that a sealed gas loses per second and pascal of gauge pressure.
+        pressure_Pa: gauge pressure at the end of the ramp.
+        cable_tension_N: at the base end of each cable, at the end of the ramp.
+        flange: absolute pose at the end of the ramp.
+        flange_turn: relative rotation; may be combined with `flange_shift_m`.
+        flange_shift_m: relative displacement, world axes.
+        release: rings let go when the phase starts, before anything else is held.
+        clamp: rings held rigidly to the flange from here on, as they are when the phase starts.
+        supports: `[[phase.support]]` in the file; held from here on, besides what is held already.
+        forces: `[[phase.force]]` in the file; together they replace the forces of earlier phases.
+        tip_target: where the tip should end up.
+    """
+
+    name: Name
+    duration_s: Positive
+    settle_s: NonNegative = 0.0
+    increments: Count = 100
+    ramp: Literal["smooth", "linear", "step"] = "smooth"
+    gas: Literal["prescribed", "sealed"] | None = None
+    leak_kg_s_Pa: NonNegative | None = None
+    pressure_Pa: Pressure | None = None
+    cable_tension_N: Tensions | None = None
+    flange: FlangePose | None = None
+    flange_turn: FlangeTurn | None = None
+    flange_shift_m: Vector3 | None = None
+    release: tuple[str, ...] = ()
+    clamp: tuple[str, ...] = ()
+    supports: tuple[Support, ...] = field(default=(), metadata={"key": "support"})
+    forces: tuple[Force, ...] = field(default=(), metadata={"key": "force"})
+    tip_target: TipTarget | None = None

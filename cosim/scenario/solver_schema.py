@@ -1,0 +1,97 @@
+"""Schema of how a scenario is computed and recorded: clock, solver, contact, gas, recording."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated, Literal, final
+
+from cosim.scenario.constraints import Bounds, Count, NonNegative, Positive
+
+
+@final
+@dataclass(frozen=True)
+class Clock:
+    """The lockstep clock: rigid and soft side advance by one tick at a time."""
+
+    tick_s: Annotated[float, Bounds(above=0.0, at_most=0.1)] = 0.002
+
+
+@final
+@dataclass(frozen=True)
+class Solver:
+    """How the soft side is solved.
+
+    Args:
+        residual_tolerance_N: largest force component left at an equilibrium or a converged step.
+        newton_iterations_max: bound for an equilibrium (quasistatic mode and the start).
+        dynamic_tolerance_N: largest force component left in a tick of the dynamic mode.
+        dynamic_newton_iterations: new tangents per tick in the dynamic mode, besides iterations with a
+            kept one; a tick that is left far from balance takes more.
+        integrator: of the dynamic mode.
+        damping_per_s: mass-proportional damping, force = -damping_per_s * m * v.
+    """
+
+    residual_tolerance_N: Positive = 1e-6
+    newton_iterations_max: Count = 100
+    dynamic_tolerance_N: Positive = 1e-4
+    dynamic_newton_iterations: Count = 1
+    integrator: Literal["implicit_euler", "bdf2"] = "implicit_euler"
+    damping_per_s: NonNegative = 0.0
+
+
+@final
+@dataclass(frozen=True)
+class Contact:
+    """Contact of the soft robot with floor and objects, in the dynamic mode.
+
+    Args:
+        enabled: whether it is modelled.
+        stiffness_N_m3: pressure per depth.
+        smoothing_m: width of the transition; contact begins at half of it before touching.
+        stick_m: tangential distance at which the full friction acts.
+    """
+
+    enabled: bool = True
+    stiffness_N_m3: Positive = 3e8
+    smoothing_m: Positive = 1e-4
+    stick_m: Positive = 1e-4
+
+
+@final
+@dataclass(frozen=True)
+class ChamberModel:
+    """Switches for comparison with the published open-chamber data.
+
+    Args:
+        closed: the end holes carry pressure (caps); otherwise the films only.
+        all_hinges: every interior edge carries a hinge; otherwise the published subset.
+        calibrated: film and hinges as in the soft robot's `[calibration]`; otherwise as in its file.
+    """
+
+    closed: bool = True
+    all_hinges: bool = True
+    calibrated: bool = False
+
+
+@final
+@dataclass(frozen=True)
+class Gas:
+    """The gas in the chamber, wherever a phase seals it.
+
+    Args:
+        exponent: gamma of p V^gamma, from 1 (slow, isothermal) to 1.4 (fast, adiabatic air).
+        ambient_Pa: absolute pressure outside.
+        temperature_K: of the gas when it is sealed; only a leak depends on it.
+    """
+
+    exponent: Annotated[float, Bounds(at_least=1.0, at_most=2.0)] = 1.4
+    ambient_Pa: NonNegative = 101325.0
+    temperature_K: Positive = 293.15
+
+
+@final
+@dataclass(frozen=True)
+class Recording:
+    """How often the recording holds the scene, in simulated time; curves have a point per tick."""
+
+    frames_per_s: Positive = 60.0
