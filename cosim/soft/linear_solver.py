@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
 from typing import final
 
 import numpy as np
@@ -14,6 +13,7 @@ from scipy.sparse.linalg import SuperLU, splu
 
 from cosim.frames import Array, IntArray, Mask
 from cosim.kernels import INDICES, REAL, VECTOR, kernel
+from cosim.soft.low_rank import LowRank, LowRankCorrection
 from cosim.soft.pattern import BlockPattern
 
 
@@ -33,26 +33,10 @@ def by_component(mask: Mask) -> Mask:
     return np.repeat(mask[:, None], 3, axis=1) if mask.ndim == 1 else mask
 
 
-@final
-@dataclass(frozen=True)
-class RankOne:
-    """A dense term coefficient * v v^T beside the sparse matrix.
-
-    Args:
-        vector: (n, 3), v.
-        coefficient: its weight.
-    """
-
-    vector: Array
-    coefficient: float
-
-
 class LinearSolver(ABC):
-    """Factorises A = K + shift 1 + c v v^T of the free components and solves with it.
+    """Factorises A = K + shift 1 + sum_k c_k v_k v_k^T of the free components and solves with it.
 
-    The dense term never enters the sparse factor of S = K + shift 1: with z = S^-1 v and y = S^-1 load the
-    solution is y - z c (v . y) / (1 + c v . z) (Sherman and Morrison). Where S is positive definite, so is A
-    if and only if that denominator is positive.
+    The dense terms never enter the sparse factor of K + shift 1; see `low_rank`.
 
     Args:
         pattern: of the whole body.
@@ -64,33 +48,31 @@ class LinearSolver(ABC):
         self.free: Mask = by_component(free)
         self.free_nodes: IntArray = np.flatnonzero(self.free.any(axis=1))
         self.size = int(self.free.sum())
-        self._rank_one: tuple[Array, Array] | None = None
+        self._correction: LowRankCorrection | None = None
 
-    def factor(self, blocks: Array, shift: float = 0.0, rank_one: RankOne | None = None) -> bool:
+    def factor(self, blocks: Array, shift: float = 0.0, low_rank: LowRank | None = None) -> bool:
         """Factorise; False when the matrix is not positive definite (where the method can tell).
 
         Args:
             blocks: (pattern.blocks, 3, 3) [N/m].
             shift: added to the diagonal [N/m].
-            rank_one: dense term, or None.
+            low_rank: dense terms, or None.
         """
-        self._rank_one = None
+        self._correction = None
         if not self._factorise(blocks, shift):
             return False
-        if rank_one is not None:
-            z = self._solve_sparse(rank_one.vector)
-            denominator = 1.0 + rank_one.coefficient * float(np.einsum("nr,nr->", rank_one.vector, z))
-            if not denominator > 0.0:
+        if low_rank is not None and low_rank.coefficients.any():
+            correction = LowRankCorrection(low_rank, self._solve_sparse)
+            if not correction.definite:
                 return False
-            self._rank_one = (rank_one.vector, rank_one.coefficient / denominator * z)
+            self._correction = correction
         return True
 
     def solve(self, load: Array) -> Array:
         """Return the displacement (n, 3) [m] under a load (n, 3) [N]; zero where clamped."""
-        solution = self._solve_sparse(load)
-        if self._rank_one is not None:
-            vector, answer = self._rank_one
-            solution -= answer * float(np.einsum("nr,nr->", vector, solution))
+        solution = np.asarray(self._solve_sparse(load[None])[0])
+        if self._correction is not None:
+            self._correction.apply(solution)
         return solution
 
     @abstractmethod
@@ -98,8 +80,8 @@ class LinearSolver(ABC):
         """Factorise the sparse part; False when it is not positive definite (where the method can tell)."""
 
     @abstractmethod
-    def _solve_sparse(self, load: Array) -> Array:
-        """Solve with the sparse part."""
+    def _solve_sparse(self, loads: Array) -> Array:
+        """Return the displacements (k, n, 3) [m] of the sparse part under loads (k, n, 3) [N]."""
 
 
 def _numbering(free: Mask, order: IntArray) -> IntArray:
@@ -164,11 +146,14 @@ class BandedCholesky(LinearSolver):
         self._factor, info = lapack.dpbtrf(matrix, lower=1, overwrite_ab=1)
         return bool(info == 0)
 
-    def _solve_sparse(self, load: Array) -> Array:
-        solution, _ = lapack.dpbtrs(self._factor, load.reshape(-1)[self._dofs], lower=1, overwrite_b=1)
-        result = np.zeros(3 * self.pattern.nodes)
-        result[self._dofs] = solution
-        return result.reshape(-1, 3)
+    def _solve_sparse(self, loads: Array) -> Array:
+        count = len(loads)
+        # one row per load is the Fortran order that LAPACK asks for
+        right = loads.reshape(count, -1)[:, self._dofs].T
+        solution, _ = lapack.dpbtrs(self._factor, right, lower=1, overwrite_b=1)
+        result = np.zeros((count, 3 * self.pattern.nodes))
+        result[:, self._dofs] = solution.T
+        return result.reshape(count, -1, 3)
 
 
 @final
@@ -212,8 +197,9 @@ class GeneralLU(LinearSolver):
             return False
         return True
 
-    def _solve_sparse(self, load: Array) -> Array:
+    def _solve_sparse(self, loads: Array) -> Array:
         assert self._factor is not None, "factor() comes before solve()"
-        result = np.zeros(3 * self.pattern.nodes)
-        result[self._dofs] = self._factor.solve(load.reshape(-1)[self._dofs])
-        return result.reshape(-1, 3)
+        count = len(loads)
+        result = np.zeros((count, 3 * self.pattern.nodes))
+        result[:, self._dofs] = self._factor.solve(loads.reshape(count, -1)[:, self._dofs].T).T
+        return result.reshape(count, -1, 3)

@@ -228,7 +228,7 @@ class NewtonSolver:
         system.gradient[:] = gradient
         if isinstance(self.linear, GeneralLU):
             self.linear.extra = system.open_cap_stiffness
-        definite = self.linear.factor(system.blocks, rank_one=system.rank_one)
+        definite = self.linear.factor(system.blocks, low_rank=system.low_rank)
         self._kept = _KeptFactor(problem.kind, frame) if definite else None
         return definite
 
@@ -266,7 +266,7 @@ class NewtonSolver:
             # d(gradient)/dx gains what the missing caps take away
             self.linear.extra = self.system.open_cap_stiffness
         attempts, shift = 1, 0.0
-        while not self.linear.factor(self.system.blocks, shift, self.system.rank_one):
+        while not self.linear.factor(self.system.blocks, shift, self.system.low_rank):
             shift = max(options.shift_start_N_m, 6.0 * shift)
             if shift > options.shift_max_N_m:
                 return -attempts

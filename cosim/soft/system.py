@@ -13,7 +13,7 @@ from cosim.soft.body import Loads, SoftBody
 from cosim.soft.cable import add_segments
 from cosim.soft.gas import SealedGas
 from cosim.soft.hinge import add_hinges
-from cosim.soft.linear_solver import RankOne
+from cosim.soft.low_rank import LowRank
 from cosim.soft.mass_terms import add_gravity, add_inertia
 from cosim.soft.pattern import BlockPattern
 from cosim.soft.pressure import add_cap, add_pressure, cap_force
@@ -44,7 +44,7 @@ class SoftSystem:
     """Workspace in which one body's potential and derivatives are assembled.
 
     After `evaluate`: `gradient` (n, 3) [N], `blocks` (pattern.blocks, 3, 3) [N/m], `angles` (h,) [rad],
-    `volume` [m^3], `pressure_Pa` (gauge), `rank_one` (the dense part of the Hessian under a sealed gas).
+    `volume` [m^3], `pressure_Pa` (gauge), `low_rank` (dense parts of the Hessian, such as of a sealed gas).
     They are overwritten by the next call.
     """
 
@@ -70,7 +70,7 @@ class SoftSystem:
         self.angles = dihedral_angle(body.positions, body.hinges.nodes)
         self.volume = 0.0
         self.pressure_Pa = 0.0
-        self.rank_one: RankOne | None = None
+        self.low_rank: LowRank | None = None
         self.open_cap_stiffness: list[tuple[IntArray, Array]] = []
 
     @property
@@ -145,7 +145,7 @@ class SoftSystem:
         return energy
 
     def _add_gas(self, x: Array, loads: Loads, hessian: bool) -> float:
-        self.rank_one = None
+        self.low_rank = None
         if loads.gas is None:
             pressure = loads.pressure_Pa
         else:
@@ -178,5 +178,5 @@ class SoftSystem:
         self.volume = self._add_pressure(x, -1.0, slope, hessian=False)
         pressure = gas.gauge_pressure(self.volume)
         if np.isfinite(pressure):
-            self.rank_one = RankOne(slope, gas.stiffness(self.volume))
+            self.low_rank = LowRank(slope[None], np.array([gas.stiffness(self.volume)]))
         return pressure

@@ -73,7 +73,7 @@ class Specimen:
         """Return whether the tangent stiffness is positive definite there."""
         x, loads = equilibrium.state.positions, equilibrium.loads
         self.system.evaluate(x, loads, self.system.segment_tension(x, loads), equilibrium.state.angles)
-        return self.newton.linear.factor(self.system.blocks, rank_one=self.system.rank_one)
+        return self.newton.linear.factor(self.system.blocks, low_rank=self.system.low_rank)
 
     def stiffness(self, equilibrium: Equilibrium) -> Array:
         """Return the dense tangent stiffness (3 n, 3 n) [N/m] of all components, free or not."""
@@ -83,7 +83,6 @@ class Specimen:
         dense[pattern.row, :, pattern.column] = self.system.blocks
         dense[pattern.column, :, pattern.row] = self.system.blocks.transpose(0, 2, 1)
         matrix = dense.reshape(3 * pattern.nodes, 3 * pattern.nodes)
-        if self.system.rank_one is not None:
-            slope = self.system.rank_one.vector.ravel()
-            matrix += self.system.rank_one.coefficient * np.outer(slope, slope)
+        if self.system.low_rank is not None:
+            matrix += self.system.low_rank.matrix()
         return matrix

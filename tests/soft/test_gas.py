@@ -12,7 +12,8 @@ from cosim.errors import InputError
 from cosim.frames import Array
 from cosim.soft.body import Loads, SoftBody
 from cosim.soft.gas import SealedGas, STANDARD_ATMOSPHERE_Pa, exchange, leak
-from cosim.soft.linear_solver import BandedCholesky, GeneralLU, RankOne
+from cosim.soft.linear_solver import BandedCholesky, GeneralLU
+from cosim.soft.low_rank import LowRank
 from cosim.soft.newton import NewtonOptions, NewtonResult, NewtonSolver
 from cosim.soft.surface import dihedral_angle, enclosed_volume
 from cosim.soft.system import SoftSystem
@@ -62,9 +63,8 @@ def test_derivatives_with_a_sealed_gas(shape: str) -> None:
     def evaluate(y: Array) -> tuple[float, Array, Array]:
         energy = system.evaluate(y, loads, np.zeros(len(system._segments)), reference)
         matrix = dense(system.pattern, system.blocks)
-        assert system.rank_one is not None
-        slope = system.rank_one.vector.ravel()
-        matrix += system.rank_one.coefficient * np.outer(slope, slope)
+        assert system.low_rank is not None
+        matrix += system.low_rank.matrix()
         return energy, system.gradient.copy(), matrix
 
     assert max(derivative_errors(evaluate, x, 5e-7)) < 20.0 * RELATIVE  # stiff film: rounding of 1e-9 J
@@ -81,7 +81,7 @@ def test_a_sealed_gas_pushes_like_the_pressure_it_has() -> None:
     assert 0.0 < pressure < 3e4
     system.evaluate(x, no_load(body, pressure_Pa=pressure), none, reference)
     assert gradient == pytest.approx(system.gradient, abs=1e-12 * np.abs(gradient).max())
-    assert system.rank_one is None
+    assert system.low_rank is None
 
 
 @pytest.mark.parametrize("kind", [BandedCholesky, GeneralLU])
@@ -92,8 +92,8 @@ def test_the_dense_term_is_solved_without_a_dense_matrix(
     body, x = hexagon_arm(1), inflated_positions(1)
     system, random = SoftSystem(body), np.random.default_rng(3)
     system.evaluate(x, no_load(body, gas=air(volume_of(body, x))), np.zeros(0), system.angles)
-    assert system.rank_one is not None
-    slope = system.rank_one.vector
+    assert system.low_rank is not None
+    slope = system.low_rank.vectors[0]
     free = random.random((body.nodes, 3)) < 0.8
     load = random.normal(size=x.shape)
     matrix = dense(system.pattern, system.blocks) + coefficient * np.outer(slope, slope)
@@ -104,12 +104,12 @@ def test_the_dense_term_is_solved_without_a_dense_matrix(
         matrix[np.ix_(keep, keep)] + shift * np.eye(keep.sum()), load.ravel()[keep]
     )
     solver = kind(system.pattern, free)
-    assert solver.factor(system.blocks, shift, RankOne(slope, coefficient))
+    assert solver.factor(system.blocks, shift, one(slope, coefficient))
     # condition about 1e4, and 1e9 |grad V|^2 = 1e3 times the shift taken off again
     assert solver.solve(load).ravel() == pytest.approx(expected, abs=1e-9 * np.abs(expected).max())
     assert solver.factor(system.blocks, shift)
     without = solver.solve(load)
-    assert solver.factor(system.blocks, shift, RankOne(slope, 0.0))
+    assert solver.factor(system.blocks, shift, one(slope, 0.0))
     assert (solver.solve(load) == without).all()
 
 
@@ -122,8 +122,34 @@ def test_a_negative_dense_term_that_spoils_definiteness_is_refused() -> None:
     matrix = dense(system.pattern, system.blocks) + shift * np.eye(x.size)
     direction = np.random.default_rng(4).normal(size=x.shape)
     bound = 1.0 / float(direction.ravel() @ np.linalg.solve(matrix, direction.ravel()))
-    assert solver.factor(system.blocks, shift, RankOne(direction, -0.999 * bound))
-    assert not solver.factor(system.blocks, shift, RankOne(direction, -1.001 * bound))
+    assert solver.factor(system.blocks, shift, one(direction, -0.999 * bound))
+    assert not solver.factor(system.blocks, shift, one(direction, -1.001 * bound))
+
+
+@pytest.mark.parametrize("kind", [BandedCholesky, GeneralLU])
+def test_several_dense_terms_of_either_sign(kind: type[BandedCholesky] | type[GeneralLU]) -> None:
+    body, x = hexagon_arm(1), inflated_positions(1)
+    system, random = SoftSystem(body), np.random.default_rng(5)
+    system.evaluate(x, no_load(body), np.zeros(0), system.angles)
+    free = random.random((body.nodes, 3)) < 0.8
+    keep, shift = free.ravel(), 1e4
+    terms = LowRank(random.normal(size=(4, *x.shape)), np.array([1e5, -30.0, 0.0, 2e2]))
+    matrix = dense(system.pattern, system.blocks) + terms.matrix() + shift * np.eye(x.size)
+    assert np.linalg.eigvalsh(matrix[np.ix_(keep, keep)]).min() > 0.0
+    load = random.normal(size=x.shape)
+    expected = np.zeros(x.size)
+    expected[keep] = np.linalg.solve(matrix[np.ix_(keep, keep)], load.ravel()[keep])
+    solver = kind(system.pattern, free)
+    assert solver.factor(system.blocks, shift, terms)
+    # condition about 1e5
+    assert solver.solve(load).ravel() == pytest.approx(expected, abs=1e-10 * np.abs(expected).max())
+    spoilt = LowRank(terms.vectors, np.array([1e5, -1e5, 0.0, 2e2]))
+    assert not solver.factor(system.blocks, shift, spoilt)
+
+
+def one(vector: Array, coefficient: float) -> LowRank:
+    """Return a single dense term."""
+    return LowRank(vector[None], np.array([coefficient]))
 
 
 def balloon() -> tuple[SoftBody, Array]:

@@ -1,0 +1,80 @@
+"""Dense terms of low rank beside a sparse matrix: A = S + sum_k c_k v_k v_k^T.
+
+They never enter the sparse factor of S. With w_k = |c_k|^1/2 v_k, the signs s_k of c_k, Z = S^-1 W and
+H = diag(s) + W^T Z the solution of A x = b is
+
+    x = y - Z H^-1 W^T y,   y = S^-1 b   (Sherman, Morrison and Woodbury).
+
+Where S is positive definite, so is A if and only if H has as many negative eigenvalues as c has negative
+entries (both count the inertia of one bordered matrix, by its two Schur complements).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+from scipy.linalg import lu_factor, lu_solve
+
+from cosim.frames import Array
+
+
+@final
+@dataclass(frozen=True)
+class LowRank:
+    """The terms sum_k c_k v_k v_k^T.
+
+    Args:
+        vectors: (k, n, 3), v_k.
+        coefficients: (k,), c_k.
+    """
+
+    vectors: Array
+    coefficients: Array
+
+    @classmethod
+    def joined(cls, parts: Sequence[LowRank]) -> LowRank | None:
+        """Return all terms of several sums as one; None where there is none."""
+        parts = [part for part in parts if len(part.coefficients)]
+        if len(parts) <= 1:
+            return parts[0] if parts else None
+        return cls(
+            np.concatenate([part.vectors for part in parts]),
+            np.concatenate([part.coefficients for part in parts]),
+        )
+
+    def matrix(self) -> Array:
+        """Return the sum as a dense matrix (3 n, 3 n)."""
+        flat = self.vectors.reshape(len(self.coefficients), -1)
+        return np.asarray(flat.T @ (self.coefficients[:, None] * flat))
+
+
+@final
+class LowRankCorrection:
+    """Corrects solutions with S to solutions with A.
+
+    Args:
+        terms: to add to S; not all zero.
+        solve: returns S^-1 applied to each of (k, n, 3) loads.
+    """
+
+    def __init__(self, terms: LowRank, solve: Callable[[Array], Array]) -> None:
+        acting = terms.coefficients != 0.0
+        coefficients = terms.coefficients[acting]
+        vectors = np.sqrt(np.abs(coefficients))[:, None, None] * terms.vectors[acting]
+        self._vectors = vectors.reshape(len(coefficients), -1)
+        self._answers = solve(vectors).reshape(len(coefficients), -1)
+        inner = self._vectors @ self._answers.T
+        inner = 0.5 * (inner + inner.T) + np.diag(np.sign(coefficients))
+        self.definite = bool(np.isfinite(inner).all()) and bool(
+            (np.linalg.eigvalsh(inner) <= 0.0).sum() == (coefficients < 0.0).sum()
+        )
+        self._inner = lu_factor(inner, check_finite=False) if self.definite else None
+
+    def apply(self, solution: Array) -> None:
+        """Turn y = S^-1 b (n, 3) into A^-1 b, in place."""
+        assert self._inner is not None, "only a definite sum is solved with"
+        share = lu_solve(self._inner, self._vectors @ solution.ravel(), check_finite=False)
+        solution -= (share @ self._answers).reshape(solution.shape)
