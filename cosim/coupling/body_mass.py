@@ -13,7 +13,7 @@ from typing import final
 import numpy as np
 
 from cosim.coupling.contact import ContactExchange
-from cosim.coupling.soft_arm import SoftArm
+from cosim.coupling.soft_side import SoftSide
 from cosim.frames import Array, cross_matrix
 from cosim.soft.contact import ContactPlanes
 
@@ -31,7 +31,7 @@ class BodyMass:
         tick_s: h [s].
     """
 
-    def __init__(self, exchange: ContactExchange, soft: SoftArm, tick_s: float) -> None:
+    def __init__(self, exchange: ContactExchange, soft: SoftSide, tick_s: float) -> None:
         self._exchange, self._soft, self._tick_s = exchange, soft, tick_s
         free = exchange.bodies.free
         self._inertia = exchange.bodies.inertia(free)

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TypeAlias, final
 
 import numpy as np
 
-from cosim.coupling.mass import MassProperties
+from cosim.coupling.soft_side import SoftReply, SoftSide
 from cosim.errors import ConvergenceError
-from cosim.frames import Array, IntArray, Mask, Pose, Wrench
+from cosim.frames import Array, IntArray, Mask, Pose
 from cosim.soft.body import Loads, SoftBody
 from cosim.soft.contact import ContactPlanes
 from cosim.soft.contact_surface import ContactSurface
@@ -18,6 +18,7 @@ from cosim.soft.equilibrium import Equilibrium, EquilibriumSolver
 from cosim.soft.newton import NewtonOptions, NewtonSolver
 from cosim.soft.state import Clamp, SoftState
 from cosim.soft.system import SoftSystem
+from cosim.soft.tip_target import TipTarget, find_flange_pose, find_tensions
 
 _HALVINGS_MAX = 5
 
@@ -25,25 +26,7 @@ _Drive: TypeAlias = tuple[Pose, Loads]
 
 
 @final
-@dataclass(frozen=True)
-class SoftReply:
-    """What the soft side answers to a motion of the flange.
-
-    Args:
-        wrench: exerted on the flange, at its origin, world axes.
-        power_W: power taken in at the clamped nodes, sum of nodal reaction times nodal velocity.
-        residual_N: largest out-of-balance component.
-        iterations: Newton iterations.
-    """
-
-    wrench: Wrench
-    power_W: float
-    residual_N: float
-    iterations: int
-
-
-@final
-class SoftArm:
+class SoftArm(SoftSide):
     """A soft body held by the flange; owns solver and state.
 
     Args:
@@ -144,6 +127,30 @@ class SoftArm:
         self._residual = result.residual_N
         return result.iterations
 
+    def start(self, world_from_flange: Pose, loads: Loads) -> Equilibrium:
+        """Return the equilibrium before the first phase: hung up without pressure, then loaded."""
+        hanging = Loads(0.0, (0.0,) * len(self.body.cables), loads.gravity)
+        hung = self.solve(self.state, world_from_flange, hanging)
+        return self.follow(hung, world_from_flange, loads)
+
+    def solve(
+        self, state: SoftState, world_from_flange: Pose, loads: Loads, start: Array | None = None
+    ) -> Equilibrium:
+        """Find the equilibrium near a state in one go; the present state stays."""
+        return self.equilibrium_solver.solve(state, world_from_flange, loads, start)
+
+    def follow(self, begin: Equilibrium, world_from_flange: Pose, loads: Loads) -> Equilibrium:
+        """Follow an equilibrium to another flange pose and other loads; the present state stays."""
+        return self.equilibrium_solver.follow(begin, world_from_flange, loads)
+
+    def find_tensions(self, begin: Equilibrium, target: TipTarget) -> Equilibrium:
+        """Return the equilibrium whose cable tensions bring the tip to a target; the flange stays."""
+        return find_tensions(self.equilibrium_solver, begin, target).equilibrium
+
+    def find_flange_pose(self, begin: Equilibrium, target: TipTarget) -> Equilibrium:
+        """Return the equilibrium whose flange pose brings the tip to a target; the loads stay."""
+        return find_flange_pose(self.equilibrium_solver, begin, target).equilibrium
+
     def settle(self, found: Equilibrium) -> None:
         """Take over an equilibrium as the present state."""
         self.state = found.state
@@ -153,6 +160,10 @@ class SoftArm:
     def reaction(self) -> Array:
         """Force (k, 3) [N] that the flange supplies to each held node, at the last solution."""
         return self.clamp.reaction(self._system.gradient)
+
+    def work_taken_in(self, displacement: Array) -> float:
+        """Return the work [J] of what the flange supplies at the last solution, over a displacement."""
+        return float(np.einsum("kr,kr->", self.reaction, displacement[self.clamp.nodes]))
 
     @property
     def volume_m3(self) -> float:
@@ -164,7 +175,3 @@ class SoftArm:
         """Gauge pressure in the chamber: the given one, or that of the sealed gas at the present volume."""
         gas = self._loads.gas
         return self._loads.pressure_Pa if gas is None else gas.gauge_pressure(self.volume_m3)
-
-    def mass_properties(self) -> MassProperties:
-        """Return mass, centre and inertia at the present shape."""
-        return MassProperties.of(self.body.node_mass, self.state.positions)

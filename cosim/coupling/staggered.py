@@ -18,7 +18,7 @@ from cosim.coupling.body_mass import BodyMass
 from cosim.coupling.contact import NOTHING_TOUCHED, ContactExchange, ContactReport
 from cosim.coupling.ledger import LedgerEntry
 from cosim.coupling.mass import armature_bound, stability_ratio
-from cosim.coupling.soft_arm import SoftArm, SoftReply
+from cosim.coupling.soft_side import SoftReply, SoftSide
 from cosim.frames import Array, Wrench
 from cosim.rigid.scene import RigidScene
 from cosim.soft.body import Loads
@@ -58,7 +58,7 @@ class StaggeredCoupling:
     def __init__(
         self,
         scene: RigidScene,
-        soft: SoftArm,
+        soft: SoftSide,
         wrench: Wrench,
         ratio_bound: float = 0.5,
         contact: ContactExchange | None = None,

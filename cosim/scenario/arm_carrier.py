@@ -10,7 +10,7 @@ import numpy as np
 from cosim.body_shape import BodyShape
 from cosim.coupling.contact import ContactExchange
 from cosim.coupling.ledger import LedgerEntry
-from cosim.coupling.soft_arm import SoftArm
+from cosim.coupling.soft_side import SoftSide
 from cosim.coupling.staggered import ServoCommand, StaggeredCoupling
 from cosim.frames import Array, Pose, Twist, Wrench
 from cosim.kinematics.arm import Arm, Payload
@@ -42,7 +42,7 @@ class ArmCarrier(Carrier):
         name: str,
         arm: Arm,
         scene: RigidScene,
-        soft: SoftArm,
+        soft: SoftSide,
         payload_compensation: bool,
         contact: ContactLaw | None = None,
     ) -> None:

@@ -10,7 +10,7 @@ import numpy as np
 
 from cosim.body_shape import BodyShape
 from cosim.coupling.ledger import LedgerEntry
-from cosim.coupling.soft_arm import SoftArm
+from cosim.coupling.soft_side import SoftSide
 from cosim.frames import Array, Pose, Twist, Wrench
 from cosim.scenario.flange import FlangeWay
 from cosim.scenario.joint_path import JointPath
@@ -100,7 +100,7 @@ class HeldBase(Carrier):
         tick_s: of the lockstep clock [s].
     """
 
-    def __init__(self, soft: SoftArm, world_from_flange: Pose, tick_s: float) -> None:
+    def __init__(self, soft: SoftSide, world_from_flange: Pose, tick_s: float) -> None:
         self._soft, self._pose, self._tick_s = soft, world_from_flange, tick_s
 
     @staticmethod

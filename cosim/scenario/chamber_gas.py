@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import final
 
-from cosim.coupling.soft_arm import SoftArm
+from cosim.coupling.soft_side import SoftSide
 from cosim.scenario.gas_rules import GasRule
 from cosim.scenario.solver_schema import Gas
 from cosim.soft.body import Loads
@@ -26,7 +26,7 @@ class ChamberGas:
         self._sealed: SealedGas | None = None
         self._pressure_Pa = 0.0
 
-    def begin(self, rule: GasRule, soft: SoftArm) -> None:
+    def begin(self, rule: GasRule, soft: SoftSide) -> None:
         """Begin a phase: seal what is in the chamber, or open it; nothing changes at this instant.
 
         Raises:
@@ -58,7 +58,7 @@ class ChamberGas:
             return self.filled(begin).interpolated(end, share)
         return self.filled(begin.interpolated(end, share))
 
-    def pass_time(self, soft: SoftArm, step_s: float) -> None:
+    def pass_time(self, soft: SoftSide, step_s: float) -> None:
         """Let a sealed gas leak for a while, at the present volume."""
         if self._sealed is None:
             return

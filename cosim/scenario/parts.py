@@ -8,7 +8,7 @@ from typing import final
 import numpy as np
 
 from cosim.coupling.ledger import LedgerEntry
-from cosim.coupling.soft_arm import SoftArm
+from cosim.coupling.soft_side import SoftSide
 from cosim.frames import Array, Pose, Twist
 from cosim.scenario.carrier import Carrier
 from cosim.scenario.phase_schema import Phase
@@ -54,7 +54,7 @@ class Parts:
         soft: soft side.
     """
 
-    def __init__(self, scenario: Scenario, plan: Plan, carrier: Carrier, soft: SoftArm) -> None:
+    def __init__(self, scenario: Scenario, plan: Plan, carrier: Carrier, soft: SoftSide) -> None:
         self.scenario, self.plan = scenario, plan
         self.carrier, self.soft = carrier, soft
         self._rings = hole_rings(soft.body)

@@ -12,7 +12,7 @@ from typing import TypeAlias, final
 
 import numpy as np
 
-from cosim.coupling.soft_arm import SoftArm
+from cosim.coupling.soft_side import SoftSide
 from cosim.errors import InputError, ScenarioError, SolverError, UnreachableError
 from cosim.frames import Array, IntArray, Mask, Pose, rotation_from_vector
 from cosim.scenario.chamber_gas import ChamberGas
@@ -50,7 +50,7 @@ class Holding:
     release: IntArray
     hold: Mask
 
-    def apply(self, soft: SoftArm, world_from_flange: Pose) -> None:
+    def apply(self, soft: SoftSide, world_from_flange: Pose) -> None:
         """Change what a soft body is held by, where it is now."""
         if len(self.release):
             soft.let_go(self.release)
@@ -106,18 +106,16 @@ def start_loads(start: Start, body: SoftBody, gravity: tuple[float, float, float
     return Loads(start.pressure_Pa, tuple(tension), gravity)
 
 
-def start_equilibrium(soft: SoftArm, flange: Pose, loads: Loads) -> Equilibrium:
+def start_equilibrium(soft: SoftSide, flange: Pose, loads: Loads) -> Equilibrium:
     """Return the equilibrium before the first phase: hung up without pressure, then loaded.
 
     Raises:
         ConvergenceError: there is none near the drawn shape.
     """
-    hanging = Loads(0.0, (0.0,) * len(soft.body.cables), loads.gravity)
-    hung = soft.equilibrium_solver.solve(soft.state, flange, hanging)
-    return soft.equilibrium_solver.follow(hung, flange, loads)
+    return soft.start(flange, loads)
 
 
-def make_plan(scenario: Scenario, plan_joints: JointPlanner, soft: SoftArm) -> Plan:
+def make_plan(scenario: Scenario, plan_joints: JointPlanner, soft: SoftSide) -> Plan:
     """Return the plan of a scenario.
 
     Args:
@@ -175,7 +173,7 @@ class _Draft:
     holding: Holding
 
 
-def _drafts(scenario: Scenario, soft: SoftArm, start: Pose, loads: Loads) -> list[_Draft]:
+def _drafts(scenario: Scenario, soft: SoftSide, start: Pose, loads: Loads) -> list[_Draft]:
     """Return all phases; only those up to the last tip target need the statics of the soft body."""
     sides = scenario.soft_robot.chamber.sides
     targets = [index for index, phase in enumerate(scenario.phases) if phase.tip_target is not None]
@@ -201,13 +199,13 @@ def _drafts(scenario: Scenario, soft: SoftArm, start: Pose, loads: Loads) -> lis
     return drafts
 
 
-def _leaked(soft: SoftArm, here: Equilibrium, gas: ChamberGas, rule: GasRule, phase: Phase) -> Equilibrium:
+def _leaked(soft: SoftSide, here: Equilibrium, gas: ChamberGas, rule: GasRule, phase: Phase) -> Equilibrium:
     """Return the equilibrium at the end of a phase, what leaks in its time gone; settles it."""
     soft.settle(here)
     for _ in range(_LEAK_PIECES if rule.leak_kg_s_Pa else 0):
         gas.pass_time(soft, (phase.duration_s + phase.settle_s) / _LEAK_PIECES)
         try:
-            here = soft.equilibrium_solver.follow(here, here.world_from_flange, gas.filled(here.loads))
+            here = soft.follow(here, here.world_from_flange, gas.filled(here.loads))
         except SolverError as error:
             raise ScenarioError(f"phase.{phase.name}", f"the static plan fails: {error}") from error
         soft.settle(here)
@@ -236,7 +234,7 @@ def _target_point(target: TipTarget | None) -> Array | None:
 
 
 def _solve_phase(
-    soft: SoftArm, here: Equilibrium, phase: Phase, loads: Loads
+    soft: SoftSide, here: Equilibrium, phase: Phase, loads: Loads
 ) -> tuple[FlangeWay, Equilibrium]:
     """Return the flange's way through a phase and the equilibrium at its end."""
     try:
@@ -270,26 +268,25 @@ def _way(here: Pose, phase: Phase) -> FlangeWay:
     return FlangeWay.relative(here, phase.flange_turn, shift)
 
 
-def _walk(soft: SoftArm, begin: Equilibrium, way: FlangeWay, loads: Loads) -> Equilibrium:
+def _walk(soft: SoftSide, begin: Equilibrium, way: FlangeWay, loads: Loads) -> Equilibrium:
     count = max(way.pieces, _LOAD_PIECES if loads is not begin.loads else 0)
     here = begin
     for k in range(1, count + 1):
         load = begin.loads.interpolated(loads, k / count)
-        here = soft.equilibrium_solver.follow(here, way.at(k / count), load)
+        here = soft.follow(here, way.at(k / count), load)
     return here
 
 
-def _reach(soft: SoftArm, here: Equilibrium, target: TipTarget) -> Equilibrium:
+def _reach(soft: SoftSide, here: Equilibrium, target: TipTarget) -> Equilibrium:
     wanted = soft_target.TipTarget(
         position=None if target.position_m is None else np.array(target.position_m),
         direction=None if target.direction is None else np.array(target.direction),
         height=target.height_m,
     )
-    solver = soft.equilibrium_solver
     if target.reach_with == "cables":
-        return soft_target.find_tensions(solver, here, wanted).equilibrium
+        return soft.find_tensions(here, wanted)
     if target.reach_with == "flange":
-        return soft_target.find_flange_pose(solver, here, wanted).equilibrium
+        return soft.find_flange_pose(here, wanted)
     guess = _rigid_guess(soft.body, here, wanted)
     return _walk(soft, here, FlangeWay.to(here.world_from_flange, guess), here.loads)
 

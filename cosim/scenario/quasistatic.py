@@ -6,8 +6,6 @@ import time
 from collections.abc import Iterator
 from typing import final
 
-import numpy as np
-
 from cosim.coupling.ledger import LedgerEntry
 from cosim.errors import ConvergenceError
 from cosim.frames import Array, Twist, vector_from_rotation
@@ -88,10 +86,10 @@ class QuasistaticSimulation:
         guess = local if self._earlier is None else 2.0 * local - self._earlier
         self._earlier = local
         try:
-            found = soft.equilibrium_solver.solve(here.state, pose, loads, pose.apply(guess))
+            found = soft.solve(here.state, pose, loads, pose.apply(guess))
             spent = found.iterations
         except ConvergenceError as error:
-            found = soft.equilibrium_solver.follow(here, pose, loads)
+            found = soft.follow(here, pose, loads)
             spent = error.iterations + found.iterations
         return self._with_droop(found, reference, spent)
 
@@ -102,7 +100,7 @@ class QuasistaticSimulation:
             soft.settle(found)
             if not carrier.give_way(reference, found.wrench):
                 break
-            found = soft.equilibrium_solver.follow(found, carrier.flange_pose, found.loads)
+            found = soft.follow(found, carrier.flange_pose, found.loads)
             spent += found.iterations
         return found, spent
 
@@ -112,5 +110,5 @@ def _mean_motion(parts: Parts, before: Equilibrium, after: Equilibrium, span_s: 
     old, new = before.world_from_flange, after.world_from_flange
     turn = vector_from_rotation(new.rotation @ old.rotation.T)
     twist = Twist((new.translation - old.translation) / span_s, turn / span_s)
-    displacement = (after.state.positions - before.state.positions)[parts.soft.clamp.nodes]
-    return twist, float(np.einsum("kr,kr->", parts.soft.reaction, displacement)) / span_s
+    displacement = after.state.positions - before.state.positions
+    return twist, parts.soft.work_taken_in(displacement) / span_s
