@@ -9,9 +9,11 @@ import numpy as np
 
 from cosim.body_shape import BodyShape
 from cosim.coupling.contact import ContactExchange
+from cosim.coupling.coupling import Coupling
+from cosim.coupling.interface import Interface, ServoCommand
 from cosim.coupling.ledger import LedgerEntry
 from cosim.coupling.soft_side import SoftSide
-from cosim.coupling.staggered import ServoCommand, StaggeredCoupling
+from cosim.coupling.staggered import StaggeredCoupling
 from cosim.frames import Array, Pose, Twist, Wrench
 from cosim.kinematics.arm import Arm, Payload
 from cosim.rigid.scene import RigidScene
@@ -50,7 +52,7 @@ class ArmCarrier(Carrier):
         self._compensation = payload_compensation
         self._contact_law = contact
         self._reference = np.zeros(arm.joint_count)
-        self._coupling: StaggeredCoupling | None = None
+        self._coupling: Coupling | None = None
 
     @property
     def flange_pose(self) -> Pose:
@@ -105,7 +107,7 @@ class ArmCarrier(Carrier):
         contact = None
         if law is not None:
             contact = ContactExchange(scene.contact_query(), scene.bodies, soft.contact_surface(), law)
-        self._coupling = StaggeredCoupling(scene, soft, wrench, contact=contact)
+        self._coupling = StaggeredCoupling(Interface(scene, soft, wrench, contact))
 
     def tick(self, path: JointPath, now: Progress, then: Progress, loads: Loads) -> tuple[Array, LedgerEntry]:
         assert self._coupling is not None, "couple() comes before tick()"

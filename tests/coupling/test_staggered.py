@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 from cosim.arm_files import find_arm
+from cosim.coupling.interface import Interface, ServoCommand
 from cosim.coupling.ledger import LedgerEntry
 from cosim.coupling.soft_arm import SoftArm
-from cosim.coupling.staggered import ServoCommand, StaggeredCoupling
+from cosim.coupling.staggered import StaggeredCoupling
 from cosim.errors import SolverError
 from cosim.frames import Array, Wrench
 from cosim.kinematics import Arm, solve
@@ -64,7 +65,7 @@ def rig(carried_kg: float = 0.0, ratio_bound: float = 0.5, tick_s: float = 0.002
     hung = solver.solve(soft.state, scene.flange_pose, no_load(body))
     found = solver.follow(hung, scene.flange_pose, loads)
     soft.settle(found)
-    coupling = StaggeredCoupling(scene, soft, found.wrench, ratio_bound)
+    coupling = StaggeredCoupling(Interface(scene, soft, found.wrench), ratio_bound)
     return Rig(arm, scene, soft, coupling, joints, loads)
 
 
@@ -218,7 +219,7 @@ def test_nothing_stays_when_the_body_gets_light() -> None:
             here.loads,
         )
     )
-    here.soft = here.coupling.soft = light
+    here.soft = here.coupling.interface.soft = light
     entries = here.ticks(1000)
     assert not entries[-1].algorithmic_mass
     assert np.abs(here.scene.joint_position - here.joints).max() < 1e-7

@@ -1,0 +1,39 @@
+"""A scheme of exchange: how rigid and soft side advance together by a tick."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+
+from cosim.coupling.interface import Interface, ServoCommand
+from cosim.coupling.ledger import LedgerEntry
+from cosim.frames import Wrench
+from cosim.soft.body import Loads
+
+
+class Coupling(ABC):
+    """Advances arm and soft body by one tick at a time.
+
+    Args:
+        interface: between them.
+    """
+
+    def __init__(self, interface: Interface) -> None:
+        self.interface = interface
+
+    @property
+    def wrench(self) -> Wrench:
+        """What the soft side exerts on the flange at present, at its origin, world axes."""
+        return self.interface.wrench
+
+    @abstractmethod
+    def tick(self, command: ServoCommand, loads: Loads) -> LedgerEntry:
+        """Advance both sides by one tick.
+
+        Args:
+            command: for the servos.
+            loads: on the soft body at the end of the tick.
+
+        Raises:
+            InstabilityError: the rigid side is no longer finite.
+            ConvergenceError: the soft step, or the exchange, has no solution.
+        """
