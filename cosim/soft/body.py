@@ -169,14 +169,16 @@ class Loads:
 
     Args:
         pressure_Pa: gauge pressure of the gas.
-        cable_tension_N: tension of each cable at its base end.
+        cable_tension_N: tension of each cable at its base end; without meaning where its length is commanded.
         gravity: (3,) [m/s^2].
         nodal_force: (n, 3) [N], dead load (it keeps its direction), world axes; None for none.
         gas: sealed gas in place of a given pressure; it needs a closed body.
         contact: what may be touched; None for nothing.
+        cable_length_m: unstretched length of each cable whose length is commanded, None for one whose tension
+            is; empty where no length is.
 
     Raises:
-        InputError: a negative tension: cables cannot push.
+        InputError: a negative tension: cables cannot push; a length that is not above 0.
     """
 
     pressure_Pa: float = 0.0
@@ -185,17 +187,21 @@ class Loads:
     nodal_force: Array | None = None
     gas: SealedGas | None = None
     contact: ContactPlanes | None = None
+    cable_length_m: tuple[float | None, ...] = ()
 
     def __post_init__(self) -> None:
         if not all(tension >= 0.0 for tension in self.cable_tension_N):
             raise InputError(
                 f"cable tensions are {self.cable_tension_N} N; a cable cannot push, give 0 or more"
             )
+        if not all(length is None or length > 0.0 for length in self.cable_length_m):
+            raise InputError(f"cable lengths are {self.cable_length_m} m; they must be above 0")
 
     def interpolated(self, end: Loads, share: float) -> Loads:
         """Return the loads at a share of the way to others; exactly those at 1.
 
-        Between two sealed gases the mass changes at the first one's volume; sealing is done at once.
+        Between two sealed gases the mass changes at the first one's volume; sealing is done at once, and so
+        is the change of a cable from commanded tension to commanded length.
         """
         if share >= 1.0:
             return end
@@ -204,7 +210,8 @@ class Loads:
         pressure = (1.0 - share) * self.pressure_Pa + share * end.pressure_Pa
         force = _weighted(self.nodal_force, end.nodal_force, share)
         gas = end.gas if self.gas is None or end.gas is None else self.gas.towards(end.gas, share)
-        return Loads(pressure, tuple(tension.tolist()), (gx, gy, gz), force, gas, end.contact)
+        lengths = _lengths(self.cable_length_m, end.cable_length_m, share)
+        return Loads(pressure, tuple(tension.tolist()), (gx, gy, gz), force, gas, end.contact, lengths)
 
 
 def _weighted(begin: Array | None, end: Array | None, share: float) -> Array | None:
@@ -212,3 +219,15 @@ def _weighted(begin: Array | None, end: Array | None, share: float) -> Array | N
     if begin is None or end is None:
         return share * end if end is not None else (1.0 - share) * begin if begin is not None else None
     return (1.0 - share) * begin + share * end
+
+
+def _lengths(
+    begin: tuple[float | None, ...], end: tuple[float | None, ...], share: float
+) -> tuple[float | None, ...]:
+    """Return the commanded lengths between two, of the cables that have one at the end."""
+    if len(begin) != len(end):
+        return end
+    return tuple(
+        b if a is None or b is None else (1.0 - share) * a + share * b
+        for a, b in zip(begin, end, strict=True)
+    )

@@ -1,4 +1,4 @@
-"""Cables under a prescribed tension, routed through eyelets at nodes.
+"""Cables under a prescribed tension, routed through eyelets at nodes (commanded lengths: `cable_length`).
 
 Segment i between eyelets has the length L_i and the tension T_i = T_0 c_i, so that
     energy = sum_i T_i L_i,
@@ -70,11 +70,14 @@ class Cable:
         nodes: (eyelets,) node indices, base to tip; the last one is the anchor.
         loss_factor: c, tension ratio per eyelet passed (1 for none).
         friction_coefficient: mu of the capstan law; 0 for none.
+        stiffness_N_m: tension per stretch of the whole cable, E A over its length; acts only where its length
+            is commanded.
     """
 
     nodes: IntArray
     loss_factor: float = 1.0
     friction_coefficient: float = 0.0
+    stiffness_N_m: float = 1e4
 
     def __post_init__(self) -> None:
         if len(self.nodes) < 2 or len(set(np.asarray(self.nodes).tolist())) != len(self.nodes):
@@ -86,6 +89,8 @@ class Cable:
             raise InputError(f"cable loss factor {self.loss_factor} must lie in (0, 1]")
         if not self.friction_coefficient >= 0.0:
             raise InputError(f"cable friction coefficient {self.friction_coefficient} must not be negative")
+        if not 0.0 < self.stiffness_N_m < np.inf:
+            raise InputError(f"cable stiffness {self.stiffness_N_m} N/m must be positive and finite")
 
     @property
     def segments(self) -> IntArray:
@@ -109,4 +114,9 @@ class Cable:
 
     def length(self, positions: Array) -> float:
         """Return the length of the routed polyline [m]."""
-        return float(np.linalg.norm(np.diff(positions[self.nodes], axis=0), axis=1).sum())
+        return float(self.segment_lengths(positions).sum())
+
+    def segment_lengths(self, positions: Array) -> Array:
+        """Return the length of every segment (eyelets - 1,) [m]."""
+        step = np.diff(positions[self.nodes], axis=0)
+        return np.asarray(np.sqrt((step * step).sum(axis=1)))

@@ -10,7 +10,6 @@ import numpy as np
 from cosim.errors import MeshError
 from cosim.frames import Array, Pose, rotation_from_vector
 from cosim.soft.body import SoftBody
-from cosim.soft.cable import Cable
 
 
 def copies(body: SoftBody, poses: Sequence[Pose]) -> SoftBody:
@@ -50,11 +49,7 @@ def copies(body: SoftBody, poses: Sequence[Pose]) -> SoftBody:
         ),
         caps=tuple(cap + s for s in shift for cap in body.caps),
         closed=body.closed,
-        cables=tuple(
-            Cable(cable.nodes + s, cable.loss_factor, cable.friction_coefficient)
-            for s in shift
-            for cable in body.cables
-        ),
+        cables=tuple(replace(cable, nodes=cable.nodes + s) for s in shift for cable in body.cables),
         node_mass=np.tile(body.node_mass, number),
         base=np.concatenate([body.base + s for s in shift]),
         tip=body.tip,

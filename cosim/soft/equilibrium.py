@@ -120,9 +120,13 @@ class EquilibriumSolver:
         )  # fmt: skip
 
     def _settle_friction(self, result: NewtonResult, loads: Loads) -> NewtonResult:
-        """Repeat while capstan friction changes the segment tensions: friction has no potential."""
-        system = self.solver.system
-        if not any(cable.friction_coefficient for cable in system.body.cables):
+        """Repeat while losses along the cables change with the shape: friction has no potential."""
+        cables = self.solver.system.body.cables
+        lengths = loads.cable_length_m or (None,) * len(cables)
+        pairs = zip(cables, lengths, strict=True)
+        if not any(
+            cable.friction_coefficient or (cable.loss_factor < 1.0 and length) for cable, length in pairs
+        ):
             return result
         for _ in range(_FRICTION_ROUNDS_MAX):
             again = self.solver.solve(result.positions, result.angles, loads, self.options)

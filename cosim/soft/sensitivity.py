@@ -11,7 +11,7 @@ from typing import final
 
 import numpy as np
 
-from cosim.errors import ConvergenceError
+from cosim.errors import ConvergenceError, InputError
 from cosim.frames import Array
 from cosim.soft.body import SoftBody
 from cosim.soft.cable import add_segments
@@ -113,8 +113,17 @@ class Sensitivity:
         return np.stack(columns, axis=1)
 
     def to_tension(self) -> Array:
-        """Return d(tip motion)/d(cable tension) (6, cables) [m/N, rad/N]; the flange stays."""
+        """Return d(tip motion)/d(cable tension) (6, cables) [m/N, rad/N]; the flange stays.
+
+        Raises:
+            InputError: a cable's length is commanded, so that its tension is not free.
+        """
         columns = []
+        if any(length is not None for length in self._equilibrium.loads.cable_length_m):
+            raise InputError(
+                "cable tensions are looked for while a cable's length is commanded "
+                f"({self._equilibrium.loads.cable_length_m} m); command its tension first"
+            )
         for cable in self._solver.system.body.cables:
             gradient = np.zeros_like(self._positions)
             ratio = cable.tension_ratio(self._positions)

@@ -11,6 +11,7 @@ from cosim.errors import InputError
 from cosim.frames import Array, IntArray
 from cosim.soft.body import Loads, SoftBody
 from cosim.soft.cable import add_segments
+from cosim.soft.cable_length import pull, segment_weight
 from cosim.soft.gas import SealedGas
 from cosim.soft.hinge import add_hinges
 from cosim.soft.low_rank import LowRank
@@ -71,6 +72,7 @@ class SoftSystem:
         self.volume = 0.0
         self.pressure_Pa = 0.0
         self.low_rank: LowRank | None = None
+        self._dense: list[LowRank] = []
         self.open_cap_stiffness: list[tuple[IntArray, Array]] = []
 
     @property
@@ -83,10 +85,14 @@ class SoftSystem:
         return self._add_pressure(positions, 0.0, np.zeros_like(positions), hessian=False)
 
     def segment_tension(self, positions: Array, loads: Loads) -> Array:
-        """Return the tension of every cable segment (segments,) [N] at the given shape."""
+        """Return what losses at a given shape make of the loads in every cable segment (segments,).
+
+        The tension [N]; of a cable whose length is commanded the weight w_i (see `cable_length`).
+        """
+        lengths = loads.cable_length_m or (None,) * len(self.body.cables)
         parts = [
-            tension * cable.tension_ratio(positions)
-            for cable, tension in zip(self.body.cables, loads.cable_tension_N, strict=True)
+            tension * cable.tension_ratio(positions) if length is None else segment_weight(cable, positions)
+            for cable, tension, length in zip(self.body.cables, loads.cable_tension_N, lengths, strict=True)
         ]
         return np.concatenate([np.zeros(0), *parts])
 
@@ -105,7 +111,7 @@ class SoftSystem:
         Args:
             positions: (n, 3) [m], world, C-contiguous.
             loads: pressure, tension, gravity, nodal forces.
-            segment_tension: (segments,) [N], from `segment_tension`.
+            segment_tension: (segments,), from `segment_tension`.
             reference_angles: (h,) [rad] at the last accepted state; angles are unwrapped against them.
             inertia: of an implicit step; None in statics.
             hessian: whether to fill `blocks`.
@@ -124,13 +130,16 @@ class SoftSystem:
             x, hinges.nodes, hinges.stiffness, hinges.rest_angle, hinges.fold_barrier_rad, reference_angles,
             table(self._hinge_slots), self.gradient, self.blocks, self.angles,
         )  # fmt: skip
+        self._dense = []
         if len(self._segments):
-            energy += add_segments(
-                x, self._segments, segment_tension, table(self._segment_slots), self.gradient, self.blocks
+            tension, rest = self._pulls(x, loads, segment_tension)
+            energy += rest + add_segments(
+                x, self._segments, tension, table(self._segment_slots), self.gradient, self.blocks
             )
         if body.frames is not None:
             energy += body.frames.add(x, table(self._frame_slots), self.gradient, self.blocks)
         energy += self._add_gas(x, loads, hessian)
+        self.low_rank = LowRank.joined(self._dense)
         energy += add_gravity(x, body.node_mass, np.array(loads.gravity), self.gradient)
         if loads.nodal_force is not None:
             self.gradient -= loads.nodal_force
@@ -144,8 +153,21 @@ class SoftSystem:
             )
         return energy
 
+    def _pulls(self, x: Array, loads: Loads, given: Array) -> tuple[Array, float]:
+        """Return the tension of all segments (segments,) [N], and the energy beyond sum T_i L_i [J]."""
+        if not loads.cable_length_m:
+            return given, 0.0
+        tension, energy, first = given.copy(), 0.0, 0
+        for cable, length in zip(self.body.cables, loads.cable_length_m, strict=True):
+            own = slice(first, first + len(cable.nodes) - 1)
+            if length is not None:
+                tension[own], rest, dense = pull(cable, x, given[own], length)
+                energy += rest
+                self._dense.append(dense)
+            first = own.stop
+        return tension, energy
+
     def _add_gas(self, x: Array, loads: Loads, hessian: bool) -> float:
-        self.low_rank = None
         if loads.gas is None:
             pressure = loads.pressure_Pa
         else:
@@ -178,5 +200,5 @@ class SoftSystem:
         self.volume = self._add_pressure(x, -1.0, slope, hessian=False)
         pressure = gas.gauge_pressure(self.volume)
         if np.isfinite(pressure):
-            self.low_rank = LowRank(slope[None], np.array([gas.stiffness(self.volume)]))
+            self._dense.append(LowRank(slope[None], np.array([gas.stiffness(self.volume)])))
         return pressure
