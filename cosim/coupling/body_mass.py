@@ -8,6 +8,7 @@ factor for which D is not below h^2 S. The price: it also is that much more iner
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import final
 
 import numpy as np
@@ -19,6 +20,18 @@ from cosim.soft.contact import ContactPlanes
 
 _RENEW_EVERY_TICKS = 10
 _RATIO_BOUND = 1.0  # above it the explicit exchange can grow
+
+
+@final
+@dataclass(frozen=True)
+class BodyMassState:
+    """Where a `BodyMass` is: the arguments are its attributes of these names."""
+
+    touching: Array
+    renewed: Array
+    added: Array
+    age: int
+    ratio: float
 
 
 @final
@@ -66,6 +79,15 @@ class BodyMass:
         self.ratio = float(ratio.max(initial=0.0))
         heavy = (ratio > _RATIO_BOUND) & (total > 0.0)
         self._carry(np.where(heavy[:, None], self._renewed, 0.0))
+
+    def save_state(self) -> BodyMassState:
+        """Return what the next update depends on."""
+        return BodyMassState(self._touching.copy(), self._renewed.copy(), self._added, self._age, self.ratio)
+
+    def restore_state(self, state: BodyMassState) -> None:
+        """Return to a state of `save_state`; the scene, which carries the mass, has been restored before."""
+        self._touching, self._renewed = state.touching.copy(), state.renewed.copy()
+        self._added, self._age, self.ratio = state.added, state.age, state.ratio
 
     def added_to(self, name: str) -> Array:
         """Return what a free body carries (6,): along world axes [kg], then about body axes [kg m^2]."""

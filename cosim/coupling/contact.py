@@ -82,6 +82,20 @@ NOTHING_TOUCHED = ContactReport(np.zeros(0, np.int64), np.zeros((0, 3)), np.zero
 
 
 @final
+@dataclass(frozen=True)
+class ContactState:
+    """Where an exchange is: the arguments are its attributes of these names."""
+
+    memory: ContactMemory
+    planes: ContactPlanes | None
+    sticking: ContactPlanes | None
+    shape: IntArray
+    key: IntArray
+    carrier: Array
+    points: int
+
+
+@final
 class ContactExchange:
     """Finds contacts, remembers them, and loads the bodies.
 
@@ -195,6 +209,19 @@ class ContactExchange:
             report = self._report(found)
         self.bodies.apply(report.bodies, report.force, report.torque)
         return report
+
+    def save_state(self) -> ContactState:
+        """Return what the next tick depends on; nothing is copied, no array is written to in place."""
+        return ContactState(
+            self.memory, self.planes, self.sticking, self.shape, self._key, self._carrier, self._points
+        )
+
+    def restore_state(self, state: ContactState) -> None:
+        """Return to a state of `save_state`; the scene has been restored before."""
+        self.memory, self.planes, self.sticking = state.memory, state.planes, state.sticking
+        self.shape, self._key = state.shape, state.key
+        self._carrier, self._points = state.carrier, state.points
+        self.query.update()
 
     def _remember(self, planes: ContactPlanes, found: ContactForces) -> None:
         film = np.arange(len(planes)) < self._points

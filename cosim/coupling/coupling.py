@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from typing import Any
 
 from cosim.coupling.interface import Interface, ServoCommand
 from cosim.coupling.ledger import LedgerEntry
@@ -24,6 +25,18 @@ class Coupling(ABC):
     def wrench(self) -> Wrench:
         """What the soft side exerts on the flange at present, at its origin, world axes."""
         return self.interface.wrench
+
+    @abstractmethod
+    def save_state(self) -> Any:
+        """Return what the next tick depends on besides the states of scene and soft side."""
+
+    @abstractmethod
+    def restore_state(self, state: Any) -> None:
+        """Return to a state of `save_state`; scene and soft side have been restored before.
+
+        Raises:
+            InputError: the state does not fit.
+        """
 
     @abstractmethod
     def tick(self, command: ServoCommand, loads: Loads) -> LedgerEntry:

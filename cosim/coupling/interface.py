@@ -5,10 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import final
 
-from cosim.coupling.body_mass import BodyMass
-from cosim.coupling.contact import NOTHING_TOUCHED, ContactExchange, ContactReport
+from cosim.coupling.body_mass import BodyMass, BodyMassState
+from cosim.coupling.contact import NOTHING_TOUCHED, ContactExchange, ContactReport, ContactState
 from cosim.coupling.mass import stability_ratio
 from cosim.coupling.soft_side import SoftReply, SoftSide
+from cosim.errors import InputError
 from cosim.frames import Array, Wrench
 from cosim.rigid.scene import RigidScene
 from cosim.soft.body import Loads
@@ -28,6 +29,24 @@ class ServoCommand:
     position: Array
     velocity: Array
     feedforward: Array
+
+
+@final
+@dataclass(frozen=True)
+class InterfaceState:
+    """Where an interface is, without scene and soft side.
+
+    Args:
+        wrench: on the flange in the next tick.
+        touched: contacts of the last tick.
+        contact: of the soft body with the scene; None where it is not modelled.
+        body_mass: that free bodies carry, the same.
+    """
+
+    wrench: Wrench
+    touched: ContactReport
+    contact: ContactState | None
+    body_mass: BodyMassState | None
 
 
 @final
@@ -61,6 +80,27 @@ class Interface:
     def stability_ratio(self, algorithmic_mass: Array) -> float:
         """Return the largest eigenvalue of flange mobility times algorithmic mass (6, 6)."""
         return stability_ratio(self.scene.flange_mobility(), algorithmic_mass)
+
+    def save_state(self) -> InterfaceState:
+        """Return what the next exchange depends on besides the states of scene and soft side."""
+        contact = None if self.contact is None else self.contact.save_state()
+        mass = None if self.body_mass is None else self.body_mass.save_state()
+        return InterfaceState(self.wrench, self.touched, contact, mass)
+
+    def restore_state(self, state: InterfaceState) -> None:
+        """Return to a state of `save_state`; scene and soft side have been restored before.
+
+        Raises:
+            InputError: contact is modelled in the one and not in the other.
+        """
+        if (self.contact is None) is not (state.contact is None):
+            where = "the saved state" if self.contact is None else "this run"
+            raise InputError(f"contact is modelled in {where} only")
+        self.wrench, self.touched = state.wrench, state.touched
+        if self.contact is not None and state.contact is not None:
+            self.contact.restore_state(state.contact)
+        if self.body_mass is not None and state.body_mass is not None:
+            self.body_mass.restore_state(state.body_mass)
 
     def advance_soft(self, loads: Loads) -> SoftReply:
         """Take the soft step to the flange's present pose, with the contacts that are there."""

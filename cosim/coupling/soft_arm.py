@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TypeAlias, final
 
 import numpy as np
 
 from cosim.coupling.soft_side import SoftReply, SoftSide
-from cosim.errors import ConvergenceError
+from cosim.errors import ConvergenceError, InputError
 from cosim.frames import Array, IntArray, Mask, Pose
 from cosim.soft.body import Loads, SoftBody
 from cosim.soft.contact import ContactPlanes
 from cosim.soft.contact_surface import ContactSurface
 from cosim.soft.dynamics import ImplicitStepper, StepOptions
 from cosim.soft.equilibrium import Equilibrium, EquilibriumSolver
+from cosim.soft.kept_factor import NewtonState
 from cosim.soft.newton import NewtonOptions, NewtonSolver
 from cosim.soft.state import Clamp, SoftState
 from cosim.soft.system import SoftSystem
@@ -23,6 +24,28 @@ from cosim.soft.tip_target import TipTarget, find_flange_pose, find_tensions
 _HALVINGS_MAX = 5
 
 _Drive: TypeAlias = tuple[Pose, Loads]
+
+
+@final
+@dataclass(frozen=True)
+class SoftArmState:
+    """What the next step of a soft arm depends on.
+
+    Args:
+        soft: shape and motion.
+        clamp: what is held.
+        flange: pose of the flange at the end of the last step.
+        loads: there.
+        residual_N: of the last step.
+        newton: what its solver has kept.
+    """
+
+    soft: SoftState
+    clamp: Clamp
+    flange: Pose
+    loads: Loads
+    residual_N: float
+    newton: NewtonState
 
 
 @final
@@ -155,6 +178,27 @@ class SoftArm(SoftSide):
         """Take over an equilibrium as the present state."""
         self.state = found.state
         self._flange, self._loads = found.world_from_flange, found.loads
+
+    def save_state(self) -> SoftArmState:
+        """Return what the next step depends on; costs no copy but one of the nodal forces."""
+        newton = self.equilibrium_solver.solver.save_state()
+        return SoftArmState(self.state, self.clamp, self._flange, self._loads, self._residual, newton)
+
+    def restore_state(self, state: SoftArmState) -> None:
+        """Return to a state of `save_state`, of this arm or of one with the same body.
+
+        Raises:
+            InputError: the state is of a body with another number of nodes.
+        """
+        if len(state.soft.positions) != self.body.nodes:
+            raise InputError(
+                f"the saved soft robot has {len(state.soft.positions)} nodes, this one {self.body.nodes}"
+            )
+        if state.clamp is not self.clamp:
+            self._hold(state.clamp)
+        self.state, self._residual = state.soft, state.residual_N
+        self._flange, self._loads = state.flange, state.loads
+        self.equilibrium_solver.solver.restore_state(state.newton)
 
     @property
     def reaction(self) -> Array:

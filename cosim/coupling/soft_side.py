@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import final
+from typing import Any, final
 
 from cosim.coupling.mass import MassProperties
 from cosim.frames import Array, IntArray, Mask, Pose, Wrench
@@ -159,6 +159,18 @@ class SoftSide(ABC):
 
         Args:
             displacement: (n, 3) [m], of all nodes.
+        """
+
+    @abstractmethod
+    def save_state(self) -> Any:
+        """Return everything that the next step depends on, as a frozen dataclass; see `stateful`."""
+
+    @abstractmethod
+    def restore_state(self, state: Any) -> None:
+        """Return to a state of `save_state`, of this side or of one with the same body.
+
+        Raises:
+            InputError: the state is of another body.
         """
 
     @property

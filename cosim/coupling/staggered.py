@@ -9,18 +9,38 @@ Where the scene can be touched, contacts are found between the two steps, and ac
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import final
 
 import numpy as np
 
 from cosim.coupling.coupling import Coupling
-from cosim.coupling.interface import Interface, ServoCommand
+from cosim.coupling.interface import Interface, InterfaceState, ServoCommand
 from cosim.coupling.ledger import LedgerEntry
 from cosim.coupling.mass import armature_bound
+from cosim.frames import Array
 from cosim.soft.body import Loads
 
 # Shape and configuration hardly change in 20 ms; the ratio costs as much as the rest of the exchange.
 RATIO_EVERY_TICKS = 10
+
+
+@final
+@dataclass(frozen=True)
+class StaggeredState:
+    """Where a `StaggeredCoupling` is.
+
+    Args:
+        interface: what it acts on.
+        ratio: stability ratio.
+        added: (joints,) [kg m^2], carried algorithmic mass.
+        ticks: done.
+    """
+
+    interface: InterfaceState
+    ratio: float
+    added: Array
+    ticks: int
 
 
 @final
@@ -70,6 +90,13 @@ class StaggeredCoupling(Coupling):
             contact_depth_m=touched.depth_m,
             contact_ratio=interface.contact_ratio,
         )
+
+    def save_state(self) -> StaggeredState:
+        return StaggeredState(self.interface.save_state(), self._ratio, self._added, self._ticks)
+
+    def restore_state(self, state: StaggeredState) -> None:
+        self.interface.restore_state(state.interface)
+        self._ratio, self._added, self._ticks = state.ratio, state.added, state.ticks
 
     def _weigh(self) -> None:
         """Bring the stability ratio, and with it the carried algorithmic mass, up to date."""

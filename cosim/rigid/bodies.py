@@ -14,6 +14,8 @@ from cosim.frames import Array, IntArray
 class Bodies:
     """Loads on bodies and armature of free ones; a view into a scene's model and state.
 
+    `loaded` names the bodies that bear a load of `apply`.
+
     Args:
         model: compiled scene.
         data: its state.
@@ -24,7 +26,7 @@ class Bodies:
         joints = np.flatnonzero(model.jnt_type == mujoco.mjtJoint.mjJNT_FREE)
         self.free: IntArray = np.asarray(model.jnt_bodyid[joints], dtype=np.int64)
         self._dofs = model.jnt_dofadr[joints][:, None] + np.arange(6)
-        self._loaded: IntArray = np.zeros(0, np.int64)
+        self.loaded: IntArray = np.zeros(0, np.int64)
         self._own_armature = model.dof_armature[self._dofs].copy()
 
     def names(self, bodies: IntArray) -> tuple[str, ...]:
@@ -59,14 +61,14 @@ class Bodies:
             force: (b, 3) [N], world axes.
             torque: (b, 3) [N m], about the world's origin, world axes.
         """
-        if not len(bodies) + len(self._loaded):
+        if not len(bodies) + len(self.loaded):
             return
         applied = self._data.xfrc_applied
-        applied[self._loaded] = 0.0
+        applied[self.loaded] = 0.0
         # MuJoCo takes torques about the centre of mass
         applied[bodies, :3] = force
         applied[bodies, 3:] = torque - np.cross(self._data.xipos[bodies], force)
-        self._loaded = np.array(bodies)
+        self.loaded = np.array(bodies)
 
     def set_added_armature(self, added: Array) -> None:
         """Carry an algorithmic mass on the free bodies, from the step in progress on.

@@ -11,13 +11,13 @@ so that, between two ticks, everything readable belongs to one and the same inst
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import final
 
 import mujoco
 import numpy as np
 
 from cosim.body_shape import BodyShape
+from cosim.errors import InputError
 from cosim.frames import Array, Pose, Twist, Wrench
 from cosim.rigid.bodies import Bodies, touchable_geoms
 from cosim.rigid.contact_query import ContactQuery
@@ -26,19 +26,10 @@ from cosim.rigid.layout import ArmLayout, effort_limit
 from cosim.rigid.model import compile_model
 from cosim.rigid.shapes import body_shapes
 from cosim.rigid.stability import raise_if_unstable, silence_warning_file
+from cosim.rigid.state import RigidState
 from cosim.rigid.statics import droop
 
 _STATE = mujoco.mjtState.mjSTATE_INTEGRATION
-
-
-@dataclass(frozen=True)
-class RigidState:
-    """Everything that a step depends on or leaves behind; made by `RigidScene.save_state`."""
-
-    integration: Array
-    armature: Array
-    acceleration: Array
-    flange_load: Array
 
 
 @final
@@ -294,11 +285,20 @@ class RigidScene:
         integration = np.empty(mujoco.mj_stateSize(self._model, _STATE))
         mujoco.mj_getState(self._model, self._data, integration, _STATE)
         armature = np.array(self._model.dof_armature)
-        return RigidState(integration, armature, np.array(self._data.qacc), self._flange_load.copy())
+        acceleration, load = np.array(self._data.qacc), self._flange_load.copy()
+        return RigidState(integration, armature, acceleration, load, self.bodies.loaded)
 
     def restore_state(self, state: RigidState) -> None:
-        """Return to a state of `save_state`, model edits included; everything readable follows."""
+        """Return to a state of `save_state`, model edits included; everything readable follows.
+
+        Raises:
+            InputError: the state is of a scene with other bodies or joints.
+        """
+        size = mujoco.mj_stateSize(self._model, _STATE)
+        if len(state.integration) != size:
+            raise InputError(f"the saved scene has {len(state.integration)} numbers, this one {size}")
         self._data.warning.number[:] = 0
+        self.bodies.loaded = state.loaded
         self._model.dof_armature[:] = state.armature
         mujoco.mj_setState(self._model, self._data, state.integration, _STATE)
         self.begin_step()

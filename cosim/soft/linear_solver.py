@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from typing import final
+from dataclasses import dataclass
+from typing import Any, final
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.linalg import lapack
 from scipy.sparse import coo_matrix, csc_matrix
 from scipy.sparse.csgraph import reverse_cuthill_mckee
@@ -31,6 +33,20 @@ def _scatter(values, source, destination, diagonal, shift, band):  # type: ignor
 def by_component(mask: Mask) -> Mask:
     """Return a mask of nodes (n,) as one of components (n, 3); one of components as it is."""
     return np.repeat(mask[:, None], 3, axis=1) if mask.ndim == 1 else mask
+
+
+@final
+@dataclass(frozen=True)
+class FactorState:
+    """A factorisation, for `LinearSolver.restore_state`; its arrays are not written to again.
+
+    Args:
+        parts: of the sparse factor, as the kind of solver has them.
+        correction: by the dense terms; None without any.
+    """
+
+    parts: tuple[NDArray[Any], ...]
+    correction: LowRankCorrection | None
 
 
 class LinearSolver(ABC):
@@ -62,7 +78,7 @@ class LinearSolver(ABC):
         if not self._factorise(blocks, shift):
             return False
         if low_rank is not None and low_rank.coefficients.any():
-            correction = LowRankCorrection(low_rank, self._solve_sparse)
+            correction = LowRankCorrection.of(low_rank, self._solve_sparse)
             if not correction.definite:
                 return False
             self._correction = correction
@@ -74,6 +90,23 @@ class LinearSolver(ABC):
         if self._correction is not None:
             self._correction.apply(solution)
         return solution
+
+    def save_state(self) -> FactorState:
+        """Return the factorisation in store."""
+        return FactorState(self._lend_factor(), self._correction)
+
+    def restore_state(self, state: FactorState) -> None:
+        """Take a factorisation of `save_state`, of a solver with the same pattern and free components."""
+        self._correction = state.correction
+        self._take_factor(state.parts)
+
+    @abstractmethod
+    def _lend_factor(self) -> tuple[NDArray[Any], ...]:
+        """Return the arrays of the sparse factor; they are not written to from now on."""
+
+    @abstractmethod
+    def _take_factor(self, parts: tuple[NDArray[Any], ...]) -> None:
+        """Take the sparse factor from arrays of `_lend_factor`, which are not written to."""
 
     @abstractmethod
     def _factorise(self, blocks: Array, shift: float) -> bool:
@@ -137,14 +170,24 @@ class BandedCholesky(LinearSolver):
         self._destination = (row - column) + column * (self.bandwidth + 1)
         self._diagonal = np.arange(self.size) * (self.bandwidth + 1)
         self._band = np.zeros(self.size * (self.bandwidth + 1))
+        self._lent = False  # whether a saved state holds the band
         self._dofs = _dofs(number)
         self._factor: Array = np.zeros((0, 0))
 
     def _factorise(self, blocks: Array, shift: float) -> bool:
+        if self._lent:
+            self._band, self._lent = np.empty_like(self._band), False
         _scatter(blocks.reshape(-1), self._source, self._destination, self._diagonal, shift, self._band)
         matrix = self._band.reshape(self.size, self.bandwidth + 1).T
         self._factor, info = lapack.dpbtrf(matrix, lower=1, overwrite_ab=1)
         return bool(info == 0)
+
+    def _lend_factor(self) -> tuple[NDArray[Any], ...]:
+        self._lent = True
+        return (self._factor,)
+
+    def _take_factor(self, parts: tuple[NDArray[Any], ...]) -> None:
+        (self._factor,) = parts
 
     def _solve_sparse(self, loads: Array) -> Array:
         count = len(loads)
@@ -169,6 +212,7 @@ class GeneralLU(LinearSolver):
         self._row, self._column, self._source = _lower_entries(pattern, self._number)
         self._dofs = _dofs(self._number)
         self._factor: SuperLU | None = None
+        self._factorised = csc_matrix((self.size, self.size))
         self.extra: list[tuple[IntArray, Array]] = []
 
     def matrix(self, blocks: Array, shift: float = 0.0) -> csc_matrix:
@@ -191,11 +235,21 @@ class GeneralLU(LinearSolver):
         return total.tocsc()
 
     def _factorise(self, blocks: Array, shift: float) -> bool:
+        self._factorised = self.matrix(blocks, shift)
         try:
-            self._factor = splu(self.matrix(blocks, shift))
+            self._factor = splu(self._factorised)
         except RuntimeError:  # SuperLU's word for a pivot that is exactly zero
             return False
         return True
+
+    def _lend_factor(self) -> tuple[NDArray[Any], ...]:
+        return self._factorised.data, self._factorised.indices, self._factorised.indptr
+
+    def _take_factor(self, parts: tuple[NDArray[Any], ...]) -> None:
+        if self._factorised.data is not parts[0]:
+            # SuperLU gives no factor out, but makes the same one of the same matrix
+            self._factorised = csc_matrix(parts, shape=(self.size,) * 2)
+            self._factor = splu(self._factorised)
 
     def _solve_sparse(self, loads: Array) -> Array:
         assert self._factor is not None, "factor() comes before solve()"

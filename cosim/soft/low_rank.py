@@ -18,7 +18,7 @@ from typing import final
 import numpy as np
 from scipy.linalg import lu_factor, lu_solve
 
-from cosim.frames import Array
+from cosim.frames import Array, IntArray
 
 
 @final
@@ -52,29 +52,47 @@ class LowRank:
 
 
 @final
+@dataclass(frozen=True)
 class LowRankCorrection:
     """Corrects solutions with S to solutions with A.
 
     Args:
-        terms: to add to S; not all zero.
-        solve: returns S^-1 applied to each of (k, n, 3) loads.
+        vectors: (k, 3 n), w_k.
+        answers: (k, 3 n), S^-1 w_k.
+        inner: LU factor of H and its pivots; None where A is not positive definite.
     """
 
-    def __init__(self, terms: LowRank, solve: Callable[[Array], Array]) -> None:
+    vectors: Array
+    answers: Array
+    inner: tuple[Array, IntArray] | None
+
+    @classmethod
+    def of(cls, terms: LowRank, solve: Callable[[Array], Array]) -> LowRankCorrection:
+        """Return the correction by some terms.
+
+        Args:
+            terms: to add to S; not all zero.
+            solve: returns S^-1 applied to each of (k, n, 3) loads.
+        """
         acting = terms.coefficients != 0.0
         coefficients = terms.coefficients[acting]
         vectors = np.sqrt(np.abs(coefficients))[:, None, None] * terms.vectors[acting]
-        self._vectors = vectors.reshape(len(coefficients), -1)
-        self._answers = solve(vectors).reshape(len(coefficients), -1)
-        inner = self._vectors @ self._answers.T
+        answers = solve(vectors).reshape(len(coefficients), -1)
+        vectors = vectors.reshape(len(coefficients), -1)
+        inner = vectors @ answers.T
         inner = 0.5 * (inner + inner.T) + np.diag(np.sign(coefficients))
-        self.definite = bool(np.isfinite(inner).all()) and bool(
+        definite = bool(np.isfinite(inner).all()) and bool(
             (np.linalg.eigvalsh(inner) <= 0.0).sum() == (coefficients < 0.0).sum()
         )
-        self._inner = lu_factor(inner, check_finite=False) if self.definite else None
+        return cls(vectors, answers, lu_factor(inner, check_finite=False) if definite else None)
+
+    @property
+    def definite(self) -> bool:
+        """Whether A is positive definite, if S is."""
+        return self.inner is not None
 
     def apply(self, solution: Array) -> None:
         """Turn y = S^-1 b (n, 3) into A^-1 b, in place."""
-        assert self._inner is not None, "only a definite sum is solved with"
-        share = lu_solve(self._inner, self._vectors @ solution.ravel(), check_finite=False)
-        solution -= (share @ self._answers).reshape(solution.shape)
+        assert self.inner is not None, "only a definite sum is solved with"
+        share = lu_solve(self.inner, self.vectors @ solution.ravel(), check_finite=False)
+        solution -= (share @ self.answers).reshape(solution.shape)

@@ -20,6 +20,7 @@ import numpy as np
 
 from cosim.frames import Array, Mask
 from cosim.soft.body import Loads
+from cosim.soft.kept_factor import KeptFactor, NewtonState
 from cosim.soft.linear_solver import BandedCholesky, GeneralLU, LinearSolver
 from cosim.soft.system import Inertia, SoftSystem
 
@@ -127,15 +128,6 @@ class _Problem:
 
 
 @final
-@dataclass(frozen=True)
-class _KeptFactor:
-    """For which problem, and at which flange rotation, the factorisation in store was made."""
-
-    kind: float
-    frame: Array
-
-
-@final
 class NewtonSolver:
     """Newton's method for one body with given clamped nodes or components; owns the factorisation.
 
@@ -151,7 +143,7 @@ class NewtonSolver:
         self.free = ~clamped
         kind: type[LinearSolver] = BandedCholesky if system.conservative else GeneralLU
         self.linear: LinearSolver = kind(system.pattern, self.free)
-        self._kept: _KeptFactor | None = None
+        self._kept: KeptFactor | None = None
 
     def solve(
         self,
@@ -193,7 +185,7 @@ class NewtonSolver:
             attempts = self._factor(options)
             factorisations += abs(attempts)
             shifted += abs(attempts) > 1
-            self._kept = _KeptFactor(problem.kind, turned) if attempts == 1 else None
+            self._kept = KeptFactor(problem.kind, turned) if attempts == 1 else None
             if attempts < 0:
                 outcome = Outcome.INDEFINITE
                 break
@@ -229,8 +221,20 @@ class NewtonSolver:
         if isinstance(self.linear, GeneralLU):
             self.linear.extra = system.open_cap_stiffness
         definite = self.linear.factor(system.blocks, low_rank=system.low_rank)
-        self._kept = _KeptFactor(problem.kind, frame) if definite else None
+        self._kept = KeptFactor(problem.kind, frame) if definite else None
         return definite
+
+    def save_state(self) -> NewtonState:
+        """Return what the next solution depends on besides its arguments."""
+        factor = None if self._kept is None else self.linear.save_state()
+        return NewtonState(self._kept, factor, self.system.gradient.copy())
+
+    def restore_state(self, state: NewtonState) -> None:
+        """Return to a state of `save_state`, of a solver with the same clamp."""
+        self._kept = state.kept
+        if state.factor is not None:
+            self.linear.restore_state(state.factor)
+        self.system.gradient[:] = state.gradient
 
     @staticmethod
     def _verdict(point: _Point, tangents: int, reused: int, options: NewtonOptions) -> Outcome | None:

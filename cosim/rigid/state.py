@@ -1,0 +1,28 @@
+"""What `RigidScene.save_state` returns."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import final
+
+from cosim.frames import Array, IntArray
+
+
+@final
+@dataclass(frozen=True)
+class RigidState:
+    """Everything that a step depends on or leaves behind.
+
+    Args:
+        integration: MuJoCo's own state vector, inputs and warm start included.
+        armature: (dofs,) [kg m^2] or [kg], carried algorithmic mass included.
+        acceleration: (dofs,) of the last finished step.
+        flange_load: (6,) reading of the flange sensor.
+        loaded: bodies that contact loads at present.
+    """
+
+    integration: Array
+    armature: Array
+    acceleration: Array
+    flange_load: Array
+    loaded: IntArray

@@ -1,0 +1,34 @@
+"""A factorisation that serves later solutions as well, and what Newton's method saves of itself."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import final
+
+from cosim.frames import Array
+from cosim.soft.linear_solver import FactorState
+
+
+@final
+@dataclass(frozen=True)
+class KeptFactor:
+    """For which problem, and at which flange rotation, the factorisation in store was made."""
+
+    kind: float
+    frame: Array
+
+
+@final
+@dataclass(frozen=True)
+class NewtonState:
+    """What a solver carries from one solution to the next: kept factors change the iterates.
+
+    Args:
+        kept: what the factorisation was made for; None where none is kept.
+        factor: the factorisation; None where none is kept.
+        gradient: (n, 3) [N], at the last solution.
+    """
+
+    kept: KeptFactor | None
+    factor: FactorState | None
+    gradient: Array

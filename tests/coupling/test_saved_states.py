@@ -1,0 +1,186 @@
+"""A coupled pair that returns to a saved state goes on as it did from there the first time, bit for bit."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cosim.coupling.ledger import LedgerEntry
+from cosim.coupling.soft_arm import SoftArm
+from cosim.errors import InputError
+from cosim.frames import Array, Pose, rotation_from_vector
+from cosim.soft.dynamics import StepOptions
+from cosim.soft.linear_solver import BandedCholesky, GeneralLU
+from cosim.soft.newton import NewtonOptions
+from tests.coupling.pads import Grasp
+from tests.coupling.test_staggered import Rig, rig
+from tests.soft.bodies import HANGING, hexagon_arm, no_load
+
+STEP_S = 0.002
+LIGHT_KG = 0.005  # at 2 ms the pads' answer is many times heavier: it is carried as armature
+
+
+def swung(arm: SoftArm, first: int, last: int, pressure_Pa: float = 5e3) -> list[Array]:
+    """Return the positions after each of the steps of a swinging flange, and the forces at its nodes."""
+    loads, found = no_load(arm.body, pressure_Pa=pressure_Pa), []
+    for k in range(first, last):
+        turn = rotation_from_vector(np.array([0.0, 0.02 * np.sin(0.1 * k), 0.0]))
+        reply = arm.advance(Pose(turn @ HANGING.rotation, HANGING.translation), loads, STEP_S)
+        found += [arm.state.positions, arm.reaction, np.array([reply.power_W, reply.residual_N])]
+    return found
+
+
+def soft_arm(closed: bool = True, **options: Any) -> SoftArm:
+    """Return an arm of two units in its drawn shape."""
+    return SoftArm(
+        hexagon_arm(2, closed=closed), HANGING, NewtonOptions(), StepOptions(damping_per_s=5.0, **options)
+    )
+
+
+def same(found: list[Array], expected: list[Array]) -> bool:
+    """Whether all arrays are equal bit for bit."""
+    return all(np.array_equal(a, b) for a, b in zip(found, expected, strict=True))
+
+
+@pytest.mark.parametrize("integrator", ["implicit_euler", "bdf2"])
+@pytest.mark.parametrize("closed", [True, False])
+def test_a_soft_arm_repeats_itself(integrator: str, closed: bool) -> None:
+    arm = soft_arm(closed, integrator=integrator)
+    assert isinstance(arm.equilibrium_solver.solver.linear, BandedCholesky if closed else GeneralLU)
+    swung(arm, 0, 20)
+    state = arm.save_state()
+    assert state.soft.earlier is not None
+    assert state.newton.factor is not None  # the next step begins with a factorisation of this one
+    expected = swung(arm, 20, 32)
+    arm.restore_state(state)
+    assert same(swung(arm, 20, 32), expected)
+    other = soft_arm(closed, integrator=integrator)
+    swung(other, 0, 3, 2e3)
+    other.restore_state(state)
+    assert same(swung(other, 20, 32), expected)
+
+
+@pytest.mark.parametrize("integrator", ["implicit_euler", "bdf2"])
+def test_the_kept_factorisation_and_the_step_before_are_parts_of_the_state(integrator: str) -> None:
+    arm = soft_arm(integrator=integrator)
+    swung(arm, 0, 20)
+    state = arm.save_state()
+    expected = swung(arm, 20, 32)
+    if integrator == "bdf2":
+        state = replace(state, soft=replace(state.soft, earlier=None))
+    else:
+        state = replace(state, newton=replace(state.newton, kept=None, factor=None))
+    arm.restore_state(state)
+    assert not same(swung(arm, 20, 32), expected)
+
+
+def test_saving_changes_nothing_and_branches_do_not_disturb_each_other() -> None:
+    arm, other = soft_arm(), soft_arm()
+    plain = swung(other, 0, 24)
+    found, states = [], []
+    for k in range(24):
+        states.append(arm.save_state())
+        found += swung(arm, k, k + 1)
+    assert same(found, plain)
+    # a branch taken in between, with other loads, spoils neither the states nor their factorisations
+    arm.restore_state(states[10])
+    swung(arm, 10, 20, 1e3)
+    for k in (20, 5, 10):
+        arm.restore_state(states[k])
+        assert same(swung(arm, k, 24), plain[3 * k :])
+
+
+def test_what_is_held_is_part_of_the_state() -> None:
+    arm = soft_arm()
+    swung(arm, 0, 5)
+    state = arm.save_state()
+    expected = swung(arm, 5, 10)
+    held = np.zeros((arm.body.nodes, 3), dtype=bool)
+    held[arm.body.tip] = True
+    arm.hold_also(held, HANGING)
+    swung(arm, 5, 8)
+    arm.restore_state(state)
+    assert same(swung(arm, 5, 10), expected)
+
+
+def test_a_state_of_another_body_is_refused() -> None:
+    arm = soft_arm()
+    other = SoftArm(hexagon_arm(1), HANGING, NewtonOptions(), StepOptions())
+    with pytest.raises(InputError, match="has 90 nodes, this one 48"):
+        other.restore_state(arm.save_state())
+
+
+def grasped(here: Grasp, ticks: int) -> list[Array]:
+    """Return what a grasp does in some ticks."""
+    found = []
+    for _ in range(ticks):
+        report = here.tick()
+        assert here.mass is not None
+        found += [here.soft.state.positions, here.cube_position, report.force, report.torque]
+        found += [here.mass.added_to("cube")]
+    return found
+
+
+def states_of(here: Grasp) -> tuple[Any, ...]:
+    """Return the states of all parts of a grasp."""
+    assert here.mass is not None
+    return (
+        here.scene.save_state(), here.soft.save_state(), here.exchange.save_state(), here.mass.save_state(),
+    )  # fmt: skip
+
+
+def restore(here: Grasp, states: tuple[Any, ...]) -> None:
+    """Bring all parts of a grasp to their states."""
+    assert here.mass is not None
+    parts: tuple[Any, ...] = (here.scene, here.soft, here.exchange, here.mass)
+    for part, state in zip(parts, states, strict=True):
+        part.restore_state(state)
+
+
+def test_a_grasp_repeats_itself_with_friction_and_carried_mass() -> None:
+    here = Grasp(LIGHT_KG, STEP_S)
+    grasped(here, 60)
+    states = states_of(here)
+    assert here.mass is not None
+    assert here.mass.added_to("cube").any()
+    memory = here.exchange.memory
+    assert len(memory.key) > 10
+    expected = grasped(here, 25)
+    restore(here, states)
+    assert same(grasped(here, 25), expected)
+    other = Grasp(LIGHT_KG, STEP_S)
+    grasped(other, 7)
+    restore(other, states)
+    assert same(grasped(other, 25), expected)
+    # the anchors of the stick springs matter
+    restore(here, states)
+    here.exchange.memory = replace(memory, offset=np.zeros_like(memory.offset))
+    assert not same(grasped(here, 25), expected)
+
+
+def driven(here: Rig, first: int, last: int) -> list[Array]:
+    """Return what a coupled pair does while its joints swing."""
+    found = []
+    for k in range(first, last):
+        entry: LedgerEntry = here.ticks(1, 0.02 * np.sin(0.1 * k))[0]
+        figures = (entry.rigid_power_W, entry.soft_power_W, entry.residual_N, entry.stability_ratio)
+        found += [here.scene.joint_position, here.soft.state.positions, entry.wrench.force, np.array(figures)]
+    return found
+
+
+@pytest.mark.parametrize("carried_kg", [0.0, 16.0])
+def test_a_staggered_pair_repeats_itself(carried_kg: float) -> None:
+    here = rig(carried_kg)
+    driven(here, 0, 13)  # between two weighings
+    states = here.scene.save_state(), here.soft.save_state(), here.coupling.save_state()
+    assert states[2].added.any() == (carried_kg > 0.0)
+    expected = driven(here, 13, 30)
+    other = rig(carried_kg)
+    for pair in (here, other):
+        pair.scene.restore_state(states[0])
+        pair.soft.restore_state(states[1])
+        pair.coupling.restore_state(states[2])
+        assert same(driven(pair, 13, 30), expected)
