@@ -17,7 +17,7 @@ TEXT_SUFFIXES = {".py", ".toml", ".md", ".cff", ".urdf", ".yaml", ".yml", ".sh",
 BASICS = {"errors", "frames", "resources", "arm_files", "body_shape", "kernels", "stateful", "__init__"}
 TOP = {"api", "driver", "result", "run_files"}
 PHYSICS = {"basics", "soft", "rigid", "kinematics"}
-JOINING = PHYSICS | {"coupling"}
+JOINING = PHYSICS | {"coupling", "actuation"}
 MAY_IMPORT = {
     "basics": {"basics"},
     "soft": {"basics"},
@@ -25,6 +25,7 @@ MAY_IMPORT = {
     "rigid": {"basics"},
     "kinematics": {"basics"},
     "coupling": PHYSICS,
+    "actuation": {"basics", "soft"},
     "scenario": JOINING,
     "recording": JOINING | {"scenario"},
     "trade": JOINING | {"scenario"},
@@ -95,6 +96,7 @@ def test_layers_import_downwards_only(path: Path) -> None:
         ("soft/x.py", "cosim.verification.suite"),
         ("verification/x.py", "cosim.scenario.schema"),
         ("frames.py", "cosim.soft.body"),
+        ("actuation/x.py", "cosim.scenario.schema"),
     ],
 )
 def test_the_rule_finds_violations(file: str, module: str) -> None:
