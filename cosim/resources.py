@@ -58,6 +58,17 @@ def scenario_path(name_or_path: str | Path) -> Path:
     return _find("scenario", name_or_path, "scenarios", list_scenarios())
 
 
+def list_object_meshes() -> tuple[str, ...]:
+    """Return the names of the mesh files that come with cosim, sorted."""
+    folder = robots_directory() / "objects"
+    return tuple(sorted(path.name for path in folder.glob("*") if path.suffix in (".stl", ".obj")))
+
+
+def object_mesh_path(name: str) -> Path:
+    """Return where a mesh file that comes with cosim is, whether or not there is one of that name."""
+    return robots_directory() / "objects" / name
+
+
 def _find(kind: str, name_or_path: str | Path, folder: str, names: tuple[str, ...]) -> Path:
     if isinstance(name_or_path, str) and name_or_path in names:
         return data_directory() / folder / f"{name_or_path}.toml"

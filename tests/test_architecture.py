@@ -14,7 +14,9 @@ PYTHON_FILES = SOURCES + sorted((ROOT / "tests").rglob("*.py")) + sorted((ROOT /
 TEXT_SUFFIXES = {".py", ".toml", ".md", ".cff", ".urdf", ".yaml", ".yml", ".sh", ""}
 
 # What a layer may import, besides itself. `top` joins everything for the command line and cosim.run.
-BASICS = {"errors", "frames", "resources", "arm_files", "body_shape", "kernels", "stateful", "__init__"}
+BASICS = {
+    "errors", "frames", "resources", "arm_files", "body_shape", "kernels", "mesh_files", "stateful", "__init__"
+}  # fmt: skip
 TOP = {"api", "driver", "result", "run_files"}
 PHYSICS = {"basics", "soft", "rigid", "kinematics"}
 JOINING = PHYSICS | {"coupling", "actuation"}

@@ -18,6 +18,7 @@ from cosim.errors import InputError
 from cosim.frames import Array, IntArray
 from cosim.rigid.features import FeaturePoints, feature_points
 from cosim.rigid.mesh_distance import surface_distance
+from cosim.rigid.object_bodies import hollow
 from cosim.rigid.signed_distance import Hits, ShapeKind, Shapes, near_box, near_points
 
 _GRID_CELLS = 40  # along the longest edge of a distance grid
@@ -90,6 +91,7 @@ def shapes_of(model: mujoco.MjModel, geoms: IntArray) -> Shapes:
     """
     count = len(geoms)
     kind = np.asarray(model.geom_type[geoms], dtype=np.int64)
+    kind[hollow(model)[geoms]] = ShapeKind.GRID
     known = {int(value) for value in ShapeKind}
     for geom, value in zip(geoms, kind, strict=True):
         if int(value) not in known:

@@ -9,62 +9,74 @@ import numpy as np
 from cosim.arm_files import ArmFile
 from cosim.errors import InputError
 from cosim.frames import Array, Pose
-
-SIZES = {
-    "box": ("edge x", "edge y", "edge z"),
-    "sphere": ("radius",),
-    "cylinder": ("radius", "length"),
-    "capsule": ("radius", "length between the centres of its caps"),
-    "plane": ("edge x", "edge y"),
-}
+from cosim.mesh_files import TriangleMesh
+from cosim.rigid.geometry import Geometry
 
 
 @dataclass(frozen=True)
 class SceneObject:
-    """A rigid body of one primitive shape.
+    """A rigid body of one shape, or of several parts.
 
     Args:
         name: unique in the scene.
-        shape: one of `SIZES`; axes of cylinder, capsule and the plane's normal are the body's z.
+        shape: one of `SIZES`, about the body's frame; None for a body that is made of its parts.
         size_m: full dimensions [m], in the order that `SIZES` says.
-        position_m: (3,) [m], centre, world.
+        position_m: (3,) [m], of the body's frame, world; the centre of a shape that is no mesh.
         quaternion: (w, x, y, z), world from object.
-        mass_kg: 0 for an object that stands still.
+        mass_kg: 0 for an object that stands still; parts share it by volume times relative density.
         rgba: colour, components 0 to 1.
         friction: sliding friction coefficient.
+        mesh: of shape "mesh", see `Geometry`.
+        convex: of shape "mesh", see `Geometry`.
+        parts: further solids on the same body; they may overlap.
 
     Raises:
         InputError: unknown shape, wrong number of dimensions, or a value outside its bounds.
     """
 
     name: str
-    shape: str
-    size_m: tuple[float, ...]
+    shape: str | None = None
+    size_m: tuple[float, ...] = ()
     position_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
     quaternion: tuple[float, float, float, float] = (1.0, 0.0, 0.0, 0.0)
     mass_kg: float = 0.0
     rgba: tuple[float, float, float, float] = (0.75, 0.55, 0.35, 1.0)
     friction: float = 0.8
+    mesh: TriangleMesh | None = None
+    convex: bool = True
+    parts: tuple[Geometry, ...] = ()
 
     def __post_init__(self) -> None:
         where = f"object {self.name!r}"
-        if self.shape not in SIZES:
-            raise InputError(f"{where}: unknown shape {self.shape!r}; there are {', '.join(SIZES)}")
-        if len(self.size_m) != len(SIZES[self.shape]):
-            wanted = ", ".join(SIZES[self.shape])
-            raise InputError(f"{where}: a {self.shape} takes {wanted}; got {len(self.size_m)} numbers")
-        if not all(np.isfinite(s) and s > 0.0 for s in self.size_m):
-            raise InputError(f"{where}: size_m is {self.size_m}; every dimension must be above 0")
+        try:
+            solids = self.geometries
+        except InputError as error:
+            raise InputError(f"{where}: {error}") from None
+        if not solids:
+            raise InputError(f"{where}: has neither a shape nor parts")
         if not (np.isfinite(self.mass_kg) and self.mass_kg >= 0.0):
             raise InputError(f"{where}: mass_kg is {self.mass_kg}; it must be finite and not negative")
-        if self.shape == "plane" and self.mass_kg > 0.0:
+        if self.mass_kg > 0.0 and any(solid.shape == "plane" for solid in solids):
             raise InputError(f"{where}: a plane cannot move, so its mass_kg must be 0")
-        if not (np.isfinite(self.friction) and self.friction >= 0.0):
-            raise InputError(f"{where}: friction is {self.friction}; it must be finite and not negative")
         if not (np.all(np.isfinite(self.quaternion)) and np.linalg.norm(self.quaternion) > 1e-6):
             raise InputError(f"{where}: quaternion is {self.quaternion}; it must not be zero")
         if not np.all(np.isfinite(self.position_m)):
             raise InputError(f"{where}: position_m is {self.position_m}; it must be finite")
+
+    @property
+    def geometries(self) -> tuple[Geometry, ...]:
+        """All solids of the body, its own shape first."""
+        if self.shape is None:
+            return self.parts
+        own = Geometry(
+            self.shape,
+            self.size_m,
+            rgba=self.rgba,
+            friction=self.friction,
+            mesh=self.mesh,
+            convex=self.convex,
+        )
+        return (own, *self.parts)
 
 
 @dataclass(frozen=True)

@@ -158,11 +158,15 @@ def grid(p, table, origin, spacing, normal):  # type: ignore[no-untyped-def]
 @inlined
 def _solid_angle(p, a, b, c):  # type: ignore[no-untyped-def]
     """Return the signed solid angle of a triangle seen from p (van Oosterom and Strackee, 1983)."""
-    u, v, w = a - p, b - p, c - p
-    lu, lv, lw = np.sqrt((u * u).sum()), np.sqrt((v * v).sum()), np.sqrt((w * w).sum())
-    volume = u[0] * (v[1] * w[2] - v[2] * w[1])
-    volume += u[1] * (v[2] * w[0] - v[0] * w[2]) + u[2] * (v[0] * w[1] - v[1] * w[0])
-    below = lu * lv * lw + (u * v).sum() * lw + (v * w).sum() * lu + (w * u).sum() * lv
+    # component by component: temporary arrays would cost ten times as much
+    ux, uy, uz = a[0] - p[0], a[1] - p[1], a[2] - p[2]
+    vx, vy, vz = b[0] - p[0], b[1] - p[1], b[2] - p[2]
+    wx, wy, wz = c[0] - p[0], c[1] - p[1], c[2] - p[2]
+    lu, lv = np.sqrt(ux * ux + uy * uy + uz * uz), np.sqrt(vx * vx + vy * vy + vz * vz)
+    lw = np.sqrt(wx * wx + wy * wy + wz * wz)
+    uv, vw, wu = ux * vx + uy * vy + uz * vz, vx * wx + vy * wy + vz * wz, wx * ux + wy * uy + wz * uz
+    volume = ux * (vy * wz - vz * wy) + uy * (vz * wx - vx * wz) + uz * (vx * wy - vy * wx)
+    below = lu * lv * lw + uv * lw + vw * lu + wu * lv
     return 2.0 * np.arctan2(volume, below)
 
 

@@ -11,21 +11,13 @@ import numpy as np
 from cosim.errors import InputError
 from cosim.frames import Pose
 from cosim.rigid.description import SceneDescription, SceneObject, ServoGains
+from cosim.rigid.object_bodies import add_object, prepare
 
-VISUAL_GROUP = 1  # MuJoCo's URDF reader puts what is drawn into this geom group
 FLANGE_MOUNT, FLANGE_SITE = "flange_mount", "flange"
 FORCE_SENSOR, TORQUE_SENSOR = "flange_force", "flange_torque"
 
-# Robot links meet floor and objects but not one another; floor and objects meet everything.
+# Robot links meet floor and objects but not one another.
 _ROBOT_CONTACT = (1, 2)
-_OBJECT_CONTACT = (2, 3)
-_GEOM_TYPES = {
-    "box": mujoco.mjtGeom.mjGEOM_BOX,
-    "sphere": mujoco.mjtGeom.mjGEOM_SPHERE,
-    "cylinder": mujoco.mjtGeom.mjGEOM_CYLINDER,
-    "capsule": mujoco.mjtGeom.mjGEOM_CAPSULE,
-    "plane": mujoco.mjtGeom.mjGEOM_PLANE,
-}
 _READABLE_MESHES = (".stl", ".obj", ".msh")
 _MESH_GREY = "0.80 0.81 0.83 1"
 _FLOOR_GREY = (0.86, 0.87, 0.88, 1.0)
@@ -51,10 +43,11 @@ def compile_model(description: SceneDescription) -> mujoco.MjModel:
     if description.floor_height_m is not None:
         height = description.floor_height_m
         floor = SceneObject("floor", "plane", (4.0, 4.0), (0.0, 0.0, height), rgba=_FLOOR_GREY)
-        _add_object(spec, floor)
+        add_object(spec, floor)
+    prepare(spec)
     try:
         for item in description.objects:
-            _add_object(spec, item)
+            add_object(spec, item)
         return spec.compile()
     except ValueError as error:
         raise InputError(f"MuJoCo refuses the scene with arm {arm.name!r}: {error}") from None
@@ -110,24 +103,3 @@ def _prepare_arm(spec: mujoco.MjSpec, description: SceneDescription) -> None:
         (TORQUE_SENSOR, mujoco.mjtSensor.mjSENS_TORQUE),
     ):
         spec.add_sensor(name=name, type=kind, objtype=mujoco.mjtObj.mjOBJ_SITE, objname=FLANGE_SITE)
-
-
-def _add_object(spec: mujoco.MjSpec, item: SceneObject) -> None:
-    body = spec.worldbody.add_body(name=item.name, pos=item.position_m, quat=item.quaternion)
-    if item.mass_kg > 0.0:
-        body.add_freejoint()
-        # Otherwise MuJoCo ignores later edits of the body's armature.
-        body.simple = 0
-    size = np.zeros(3)
-    size[: len(item.size_m)] = item.size_m
-    halved = size * 0.5
-    if item.shape in ("sphere", "cylinder", "capsule"):
-        halved[0] = size[0]
-    if item.shape == "plane":
-        halved[2] = 0.1
-    geom = body.add_geom(name=item.name, type=_GEOM_TYPES[item.shape], size=halved, rgba=item.rgba)
-    geom.group = VISUAL_GROUP
-    geom.contype, geom.conaffinity = _OBJECT_CONTACT
-    geom.friction = [item.friction, 0.005, 0.0001]
-    if item.mass_kg > 0.0:
-        geom.mass = item.mass_kg

@@ -8,7 +8,7 @@ import numpy as np
 from cosim.body_shape import BodyShape
 from cosim.frames import Pose
 from cosim.rigid import tessellation
-from cosim.rigid.model import VISUAL_GROUP
+from cosim.rigid.object_bodies import VISUAL_GROUP
 
 _TILE_M = 0.25
 _DARKER = 0.90
@@ -39,6 +39,8 @@ def _meshes(model: mujoco.MjModel, geom: int) -> tuple[tessellation.Mesh, ...]:
             return (tessellation.box(size),)
         case mujoco.mjtGeom.mjGEOM_SPHERE:
             return (tessellation.sphere(size[0]),)
+        case mujoco.mjtGeom.mjGEOM_ELLIPSOID:
+            return (tessellation.ellipsoid(size),)
         case mujoco.mjtGeom.mjGEOM_CYLINDER:
             return (tessellation.cylinder(size[0], size[1]),)
         case mujoco.mjtGeom.mjGEOM_CAPSULE:

@@ -73,6 +73,12 @@ def sphere(radius: float) -> Mesh:
     return revolved(ring, radius * np.sin(latitude))
 
 
+def ellipsoid(half: Array) -> Mesh:
+    """Return an ellipsoid with half axes (3,) [m] about the origin."""
+    vertices, triangles = sphere(1.0)
+    return vertices * half, triangles
+
+
 def capsule(radius: float, half_length: float) -> Mesh:
     """Return a capsule along z; `half_length` reaches to the centres of its caps [m]."""
     latitude = np.linspace(0.0, 0.5 * np.pi, SEGMENTS // 4 + 1)

@@ -8,13 +8,11 @@ from cosim.arm_files import arm_names
 from cosim.errors import ScenarioError
 from cosim.scenario.gas_rules import check_gas
 from cosim.scenario.holding_checks import check_holding, check_rings
-from cosim.scenario.object_schema import SceneObject
+from cosim.scenario.object_checks import check_object
 from cosim.scenario.phase_schema import Phase, TipTarget
 from cosim.scenario.schema import NO_ARM, Scenario
 from cosim.scenario.soft_robot import Cable, SoftRobot
 from cosim.scenario.suggestions import unknown_name_message
-
-_SIZE_ENTRIES = {"box": 3, "sphere": 1, "cylinder": 2, "capsule": 2}
 
 
 def check_scenario(scenario: Scenario) -> None:
@@ -34,7 +32,7 @@ def check_scenario(scenario: Scenario) -> None:
     if scenario.start.cable_tension_N:
         _check_tensions(scenario.start.cable_tension_N, cables, "start.cable_tension_N")
     for scene_object in scenario.objects:
-        _check_object(scene_object, f"object.{scene_object.name}")
+        check_object(scene_object, f"object.{scene_object.name}")
     for phase in scenario.phases:
         _check_phase(phase, scenario, f"phase.{phase.name}")
     check_holding(scenario)
@@ -98,14 +96,6 @@ def _check_cable(cable: Cable, robot: SoftRobot, path: str) -> None:
     if (cable.capstan_factor is None) == (cable.friction_coefficient is None):
         given = "neither" if cable.capstan_factor is None else "both"
         raise ScenarioError(path, f"give capstan_factor or friction_coefficient; {given} is given")
-
-
-def _check_object(scene_object: SceneObject, path: str) -> None:
-    expected = _SIZE_ENTRIES[scene_object.shape]
-    if len(scene_object.size_m) != expected:
-        raise ScenarioError(
-            f"{path}.size_m", f"has {len(scene_object.size_m)} entries; a {scene_object.shape} has {expected}"
-        )
 
 
 def _check_phase(phase: Phase, scenario: Scenario, path: str) -> None:

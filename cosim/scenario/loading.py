@@ -12,6 +12,7 @@ from typing import Any
 from cosim.errors import InputError, ScenarioError
 from cosim.resources import scenario_path, soft_robot_path
 from cosim.scenario.checks import check_scenario, check_soft_robot
+from cosim.scenario.mesh_lookup import with_mesh_paths
 from cosim.scenario.overrides import apply_override, merge, plain
 from cosim.scenario.parsing import describe, parse
 from cosim.scenario.schema import Scenario
@@ -37,6 +38,7 @@ def load_scenario(source: str | Path | Scenario, overrides: Mapping[str, Any] | 
         path = scenario_path(source)
         table, folder = read_table(path), path.parent
         table.setdefault("name", path.stem)
+    place = folder
     if "soft_robot" in overrides:
         apply_override(table, "soft_robot", overrides.pop("soft_robot"))
         folder = Path()
@@ -44,7 +46,8 @@ def load_scenario(source: str | Path | Scenario, overrides: Mapping[str, Any] | 
         table["soft_robot"] = _expand_soft_robot(table["soft_robot"], folder)
     for key, value in overrides.items():
         apply_override(table, key, value)
-    return resolve(parse(Scenario, table))
+    scenario = parse(Scenario, table)
+    return resolve(replace(scenario, objects=with_mesh_paths(scenario.objects, place)))
 
 
 def load_soft_robot(name_or_path: str | Path) -> SoftRobot:

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+from cosim.mesh_files import TriangleMesh, read_mesh
 from cosim.rigid.description import SceneObject
+from cosim.rigid.geometry import Geometry
+from cosim.scenario.mesh_lookup import mesh_path
+from cosim.scenario.object_schema import Part
 from cosim.scenario.object_schema import SceneObject as SceneObjectSchema
 
 
@@ -17,4 +21,25 @@ def rigid_object(entry: SceneObjectSchema) -> SceneObject:
         mass_kg=entry.mass_kg or 0.0,
         rgba=entry.rgba,
         friction=entry.friction,
+        mesh=_mesh(entry),
+        convex=entry.convex,
+        parts=tuple(_geometry(part, entry) for part in entry.parts),
     )
+
+
+def _geometry(part: Part, entry: SceneObjectSchema) -> Geometry:
+    return Geometry(
+        shape=part.shape,
+        size_m=part.size_m,
+        position_m=part.position_m,
+        quaternion=part.quaternion,
+        rgba=entry.rgba if part.rgba is None else part.rgba,
+        friction=entry.friction if part.friction is None else part.friction,
+        relative_density=part.relative_density,
+        mesh=_mesh(part),
+        convex=part.convex,
+    )
+
+
+def _mesh(entry: SceneObjectSchema | Part) -> TriangleMesh | None:
+    return None if entry.file is None else read_mesh(mesh_path(entry.file)).scaled(entry.scale)

@@ -25,10 +25,11 @@ def volume(mesh: tessellation.Mesh) -> float:
     [
         (tessellation.box(np.array([0.1, 0.2, 0.3])), 8 * 0.1 * 0.2 * 0.3),
         (tessellation.sphere(0.2), 4 / 3 * np.pi * 0.2**3),
+        (tessellation.ellipsoid(np.array([0.1, 0.2, 0.3])), 4 / 3 * np.pi * 0.1 * 0.2 * 0.3),
         (tessellation.cylinder(0.1, 0.3), np.pi * 0.1**2 * 0.6),
         (tessellation.capsule(0.1, 0.3), np.pi * 0.1**2 * 0.6 + 4 / 3 * np.pi * 0.1**3),
     ],
-    ids=["box", "sphere", "cylinder", "capsule"],
+    ids=["box", "sphere", "ellipsoid", "cylinder", "capsule"],
 )
 def test_volume_is_positive_and_right(mesh: tessellation.Mesh, exact: float) -> None:
     assert 0.97 * exact < volume(mesh) <= exact * (1 + 1e-12)

@@ -91,6 +91,32 @@ WRONG_VALUES = {
         "object.ball.size_m",
         "a sphere has 1",
     ),
+    "object of nothing": ('object=[{name="ball",position_m=[0,0,0]}]', "object.ball", "give a shape"),
+    "unknown shape": (
+        'object=[{name="ball",shape="cone",position_m=[0,0,0]}]',
+        "object.ball.shape",
+        "'ellipsoid', 'mesh'",
+    ),
+    "size of a part": (
+        'object=[{name="plant",position_m=[0,0,0],part=[{shape="box",size_m=[1]}]}]',
+        "object.plant.part.1.size_m",
+        "a box has 3",
+    ),
+    "mesh without file": (
+        'object=[{name="spool",shape="mesh",position_m=[0,0,0]}]',
+        "object.spool.file",
+        "is missing",
+    ),
+    "file of a ball": (
+        'object=[{name="ball",shape="sphere",size_m=[1],file="spool.obj",position_m=[0,0,0]}]',
+        "object.ball.file",
+        "shape = 'mesh'",
+    ),
+    "mesh that is not there": (
+        'object=[{name="spool",shape="mesh",file="reel.stl",position_m=[0,0,0]}]',
+        "object.spool.file",
+        "spool.obj",
+    ),
 }
 
 
@@ -144,6 +170,17 @@ def test_a_foreign_directory_is_refused(tmp_path: Path, capsys: pytest.CaptureFi
     assert main(["run", REFERENCE, "--out", str(tmp_path)]) == 2
     assert "not a run's" in capsys.readouterr().err
     assert [path.name for path in tmp_path.iterdir()] == ["thesis.tex"]
+
+
+def test_an_open_mesh_beside_the_scenario_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "leaf.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", encoding="utf-8")
+    scenario = tmp_path / "mine.toml"
+    scenario.write_text(scenario_path(REFERENCE).read_text(encoding="utf-8"), encoding="utf-8")
+    wrong = 'object=[{name="leaf",shape="mesh",file="leaf.obj",position_m=[0,0,0]}]'
+    line = refused(["run", str(scenario), "--set", wrong], tmp_path, capsys)
+    assert "object.leaf.file: leaf.obj: is not closed: 3 of 3 edges" in line
 
 
 def test_units_are_recognised_in_files_too(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

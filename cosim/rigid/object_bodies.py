@@ -1,0 +1,93 @@
+"""Puts objects into a MuJoCo specification: one body each, one geom for every convex solid of it."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+
+from cosim.frames import Array
+from cosim.mesh_files import TriangleMesh
+from cosim.rigid.description import SceneObject
+from cosim.rigid.geometry import Geometry
+
+VISUAL_GROUP = 1  # MuJoCo's URDF reader puts what is drawn into this geom group
+_CONTACT = (2, 3)  # floor and objects meet everything
+_GEOM_TYPES = {
+    "box": mujoco.mjtGeom.mjGEOM_BOX,
+    "sphere": mujoco.mjtGeom.mjGEOM_SPHERE,
+    "cylinder": mujoco.mjtGeom.mjGEOM_CYLINDER,
+    "capsule": mujoco.mjtGeom.mjGEOM_CAPSULE,
+    "ellipsoid": mujoco.mjtGeom.mjGEOM_ELLIPSOID,
+    "mesh": mujoco.mjtGeom.mjGEOM_MESH,
+    "plane": mujoco.mjtGeom.mjGEOM_PLANE,
+}
+_ROUND = ("sphere", "cylinder", "capsule")  # given by their radius, not by their diameter
+_HOLLOW = 1.0  # user value of a geom whose surface, not its hull, soft robots touch
+
+
+def prepare(spec: mujoco.MjSpec) -> None:
+    """Make room for what objects tell about their geoms."""
+    spec.nuser_geom = 1
+
+
+def hollow(model: mujoco.MjModel) -> Array:
+    """Return which geoms (g,) soft robots touch by a table of distances instead of the convex hull."""
+    if not model.nuser_geom:
+        return np.zeros(model.ngeom, dtype=bool)
+    return np.asarray(model.geom_user[:, 0] == _HOLLOW)
+
+
+def add_object(spec: mujoco.MjSpec, item: SceneObject) -> None:
+    """Add an object's body."""
+    body = spec.worldbody.add_body(name=item.name, pos=item.position_m, quat=item.quaternion)
+    if item.mass_kg > 0.0:
+        body.add_freejoint()
+        # Otherwise MuJoCo ignores later edits of the body's armature.
+        body.simple = 0
+    add_geometries(spec, body, item)
+
+
+def add_geometries(spec: mujoco.MjSpec, body: mujoco.MjsBody, item: SceneObject) -> None:
+    """Add the geoms of an object to its body, and share its mass among them."""
+    solids = [(solid, mesh) for solid in item.geometries for mesh in _convex_meshes(solid)]
+    weight = [s.relative_density * (s.volume_m3 if m is None else m.volume_m3) for s, m in solids]
+    for k, (solid, mesh) in enumerate(solids):
+        name = item.name if k == 0 else f"{item.name}/{k + 1}"
+        geom = body.add_geom(name=name, type=_GEOM_TYPES[solid.shape], pos=solid.position_m)
+        geom.quat, geom.rgba = solid.quaternion, solid.rgba
+        if mesh is None:
+            geom.size = _mujoco_size(solid)
+        else:
+            geom.meshname = _add_mesh(spec, name, mesh)
+            geom.userdata = [0.0 if solid.convex else _HOLLOW]
+        geom.group = VISUAL_GROUP
+        geom.contype, geom.conaffinity = _CONTACT
+        geom.friction = [solid.friction, 0.005, 0.0001]
+        if item.mass_kg > 0.0:
+            geom.mass = item.mass_kg * weight[k] / sum(weight)
+
+
+def _convex_meshes(solid: Geometry) -> tuple[TriangleMesh | None, ...]:
+    if solid.mesh is None:
+        return (None,)
+    return solid.mesh.shells() if solid.convex else (solid.mesh,)
+
+
+def _mujoco_size(solid: Geometry) -> Array:
+    size = np.zeros(3)
+    size[: len(solid.size_m)] = solid.size_m
+    if solid.shape == "ellipsoid":
+        return size
+    halved = 0.5 * size
+    if solid.shape in _ROUND:
+        halved[0] = size[0]
+    if solid.shape == "plane":
+        halved[2] = 0.1
+    return halved
+
+
+def _add_mesh(spec: mujoco.MjSpec, name: str, mesh: TriangleMesh) -> str:
+    asset = spec.add_mesh(name=name)
+    asset.uservert, asset.userface = mesh.vertices.ravel().tolist(), mesh.triangles.ravel().tolist()
+    asset.inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_EXACT
+    return name
