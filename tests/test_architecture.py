@@ -15,7 +15,8 @@ TEXT_SUFFIXES = {".py", ".toml", ".md", ".cff", ".urdf", ".yaml", ".yml", ".sh",
 
 # What a layer may import, besides itself. `top` joins everything for the command line and cosim.run.
 BASICS = {
-    "errors", "frames", "resources", "arm_files", "body_shape", "kernels", "mesh_files", "stateful", "__init__"
+    "errors", "frames", "resources", "arm_files", "body_shape", "kernels", "mesh_files", "stateful",
+    "__init__",
 }  # fmt: skip
 TOP = {"api", "driver", "result", "run_files"}
 PHYSICS = {"basics", "soft", "rigid", "kinematics"}
