@@ -1,0 +1,64 @@
+"""The case in cosim, and the truth that all are measured against: cosim's own with a tick of 0.1 ms."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from benchmarks.peers.case import DAMPING_PER_S, GRAVITY_M_S2, Case, LOW_Pa, Run, gravity_at, pressure_at, run
+from cosim.frames import Pose
+from cosim.scenario.loading import load_scenario
+from cosim.scenario.soft_build import build_soft_body
+from cosim.soft.body import Loads, SoftBody
+from cosim.soft.dynamics import ImplicitStepper, Integrator, StepOptions
+from cosim.soft.equilibrium import EquilibriumSolver
+from cosim.soft.newton import NewtonOptions, NewtonSolver
+from cosim.soft.state import Clamp, SoftState
+from cosim.soft.system import SoftSystem
+
+_HANGING = Pose(np.diag([1.0, -1.0, -1.0]))
+
+
+def film_only() -> SoftBody:
+    """Return the hexagonal arm hanging down, without hinges and cables."""
+    scenario = load_scenario("ur5e_hexagon_arm")
+    body = build_soft_body(scenario.soft_robot, scenario.chamber)
+    hinges = replace(body.hinges, stiffness=0.0 * body.hinges.stiffness, fold_barrier_rad=0.0)
+    return replace(
+        body, positions=np.ascontiguousarray(_HANGING.apply(body.positions)), hinges=hinges, cables=()
+    )
+
+
+def make_case() -> tuple[SoftBody, Case]:
+    """Return the body and the case with its start, the equilibrium at the low pressure."""
+    body = film_only()
+    clamp = Clamp.of_base(body)
+    newton = NewtonSolver(SoftSystem(body), clamp.mask(body.nodes))
+    solver = EquilibriumSolver(newton, clamp, NewtonOptions(tolerance_N=1e-8, start_tolerance_N=1e-8))
+    loads = Loads(LOW_Pa, (), (0.0, 0.0, -GRAVITY_M_S2))
+    start = solver.solve(SoftState.drawn(body, Pose()), Pose(), loads).state.positions
+    film = body.membranes.film
+    case = Case(
+        body.positions, start, body.membranes.triangles, body.caps, np.unique(body.base), body.tip,
+        body.node_mass, film.young_modulus_Pa, film.poisson_ratio, film.thickness_m,
+    )  # fmt: skip
+    return body, case
+
+
+def simulate(body: SoftBody, case: Case, tick_s: float, integrator: Integrator, iterations: int = 1) -> Run:
+    """Return the run of cosim's lumped model."""
+    clamp = Clamp.of_base(body)
+    newton = NewtonSolver(SoftSystem(body), clamp.mask(body.nodes))
+    options = StepOptions(integrator, iterations=iterations, damping_per_s=DAMPING_PER_S)
+    if iterations > 1:
+        options = replace(options, tolerance_N=1e-6)
+    stepper = ImplicitStepper(newton, clamp, options)
+    state = SoftState.at_rest(np.array(case.start), SoftState.drawn(body, Pose()).angles)
+
+    def step(time_s: float) -> None:
+        nonlocal state
+        loads = Loads(pressure_at(time_s), (), gravity_at(time_s))
+        state, _ = stepper.step(state, Pose(), loads, tick_s)
+
+    return run(case, tick_s, step, lambda: state.positions[case.tip].mean(axis=0))

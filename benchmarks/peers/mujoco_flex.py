@@ -1,0 +1,59 @@
+"""The case in plain MuJoCo: a 2D flex with stretching elasticity, follower pressure written by hand."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+
+from benchmarks.peers.case import DAMPING_PER_S, Case, FollowerPressure, Run, gravity_at, pressure_at, run
+from cosim.rigid.stability import silence_warning_file
+
+
+def _numbers(values: np.ndarray) -> str:
+    return " ".join(map(repr, values.ravel().tolist()))
+
+
+def model_of(case: Case, tick_s: float, integrator: str) -> mujoco.MjModel:
+    """Return the arm as a flex whose vertices slide along the world's axes; the base is pinned."""
+    xml = f"""
+    <mujoco>
+      <option timestep="{tick_s}" integrator="{integrator}" solver="Newton" tolerance="1e-10">
+        <flag contact="disable" autoreset="disable"/>
+      </option>
+      <worldbody>
+        <flexcomp name="arm" type="direct" dim="2" mass="1" radius="0.0005"
+                  point="{_numbers(case.drawn)}" element="{_numbers(case.triangles)}">
+          <pin id="{_numbers(case.base)}"/>
+          <elasticity young="{case.young_Pa}" poisson="{case.poisson}" thickness="{case.thickness_m}"
+                      elastic2d="stretch"/>
+        </flexcomp>
+      </worldbody>
+    </mujoco>"""
+    return mujoco.MjModel.from_xml_string(xml)
+
+
+def simulate(case: Case, tick_s: float, integrator: str = "discrete") -> Run:
+    """Return the run of MuJoCo at a tick; `integrator` as MuJoCo names it."""
+    silence_warning_file()
+    model = model_of(case, tick_s, integrator)
+    data = mujoco.MjData(model)
+    moving = np.setdiff1d(np.arange(len(case.drawn)), case.base)
+    bodies = model.flex_vertbodyid[moving]
+    model.body_mass[bodies] = case.mass[moving]
+    model.dof_damping[:] = np.repeat(DAMPING_PER_S * case.mass[moving], 3)
+    mujoco.mj_setConst(model, mujoco.MjData(model))
+    mujoco.mj_resetData(model, data)
+    data.qpos[:] = (case.start - case.drawn)[moving].ravel()
+    mujoco.mj_forward(model, data)
+    pressure, positions = FollowerPressure(case), np.array(case.drawn)
+
+    def place() -> np.ndarray:
+        positions[moving] = case.drawn[moving] + data.qpos.reshape(-1, 3)
+        return positions
+
+    def step(time_s: float) -> None:
+        model.opt.gravity[:] = gravity_at(time_s)
+        data.xfrc_applied[bodies, :3] = pressure(place(), pressure_at(time_s))[moving]
+        mujoco.mj_step(model, data)
+
+    return run(case, tick_s, step, lambda: place()[case.tip].mean(axis=0))
