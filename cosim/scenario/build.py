@@ -2,30 +2,24 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from functools import partial
 
 import numpy as np
 
 from cosim.arm_files import find_arm
-from cosim.coupling.soft_arm import SoftArm
+from cosim.coupling.soft_side import SoftSide
 from cosim.errors import ScenarioError, SolverError
 from cosim.scenario.carrier import Carrier, HeldBase
 from cosim.scenario.dynamic import DynamicSimulation
-from cosim.scenario.flange import pose_of
+from cosim.scenario.fidelity import fidelity_report, soft_sides
 from cosim.scenario.gas_rules import gas_report
 from cosim.scenario.parts import Parts
 from cosim.scenario.plan import JointPlanner, Plan, make_plan
 from cosim.scenario.quasistatic import QuasistaticSimulation
 from cosim.scenario.schema import NO_ARM, Scenario
 from cosim.scenario.snapshot import Stage
-from cosim.scenario.soft_build import build_soft_body
 from cosim.soft.body import SoftBody
 from cosim.soft.contact import ContactLaw
-from cosim.soft.dynamics import StepOptions
-from cosim.soft.newton import NewtonOptions
-
-_REUSE_MAX = 6  # iterations with a kept factorisation: beyond, a new one is cheaper
 
 
 def build(scenario: Scenario) -> DynamicSimulation | QuasistaticSimulation:
@@ -37,38 +31,23 @@ def build(scenario: Scenario) -> DynamicSimulation | QuasistaticSimulation:
     Raises:
         InputError: a pose or target cannot be reached, a mesh is degenerate.
     """
-    body = build_soft_body(scenario.soft_robot, scenario.chamber)
-    start = pose_of(scenario.start.flange)
-    statics = NewtonOptions(
-        tolerance_N=scenario.solver.residual_tolerance_N,
-        start_tolerance_N=scenario.solver.residual_tolerance_N,
-        iterations_max=scenario.solver.newton_iterations_max,
-    )
-    dynamics = StepOptions(
-        integrator=scenario.solver.integrator,
-        tolerance_N=scenario.solver.dynamic_tolerance_N,
-        iterations=scenario.solver.dynamic_newton_iterations,
-        newton=replace(statics, reuse_max=_REUSE_MAX),
-        damping_per_s=scenario.solver.damping_per_s,
-    )
-    soft = SoftArm(body, start, statics, dynamics)
-    trial = SoftArm(body, start, statics, dynamics)
+    trial, soft = soft_sides(scenario)
     plan, carrier = (_held_base if scenario.robot == NO_ARM else _arm)(scenario, trial, soft)
     parts = Parts(scenario, plan, carrier, soft)
     if scenario.mode == "quasistatic":
         ticks = sum(phase.increments for phase in scenario.phases)
         duration = sum(phase.duration_s + phase.settle_s for phase in scenario.phases)
-        return QuasistaticSimulation(parts, _stage(parts, body, ticks, duration / ticks))
+        return QuasistaticSimulation(parts, _stage(parts, soft.body, ticks, duration / ticks))
     ticks = sum(parts.ticks(phase) for phase in scenario.phases)
-    return DynamicSimulation(parts, _stage(parts, body, ticks, scenario.clock.tick_s))
+    return DynamicSimulation(parts, _stage(parts, soft.body, ticks, scenario.clock.tick_s))
 
 
-def _held_base(scenario: Scenario, trial: SoftArm, soft: SoftArm) -> tuple[Plan, Carrier]:
+def _held_base(scenario: Scenario, trial: SoftSide, soft: SoftSide) -> tuple[Plan, Carrier]:
     plan = _plan(scenario, HeldBase.plan, trial)
     return plan, HeldBase(soft, plan.start, scenario.clock.tick_s)
 
 
-def _arm(scenario: Scenario, trial: SoftArm, soft: SoftArm) -> tuple[Plan, Carrier]:
+def _arm(scenario: Scenario, trial: SoftSide, soft: SoftSide) -> tuple[Plan, Carrier]:
     # imported here: a scene without an arm waits for neither engine
     from cosim.kinematics.arm import Arm
     from cosim.rigid.description import SceneDescription
@@ -101,7 +80,7 @@ def _contact_law(scenario: Scenario) -> ContactLaw | None:
     return ContactLaw(given.stiffness_N_m3, given.smoothing_m, given.stick_m)
 
 
-def _plan(scenario: Scenario, plan_joints: JointPlanner, trial: SoftArm) -> Plan:
+def _plan(scenario: Scenario, plan_joints: JointPlanner, trial: SoftSide) -> Plan:
     try:
         return make_plan(scenario, plan_joints, trial)
     except SolverError as error:
@@ -137,6 +116,7 @@ def _report(parts: Parts, body: SoftBody) -> str:
         "Soft robot": f"{scenario.soft_robot.name}, {1e3 * body.mass_kg:.0f} g, {body.nodes} nodes, "
         f"{len(body.membranes.triangles)} triangles, {len(body.hinges.nodes)} hinges, "
         f"{len(body.cables)} cables",
+        "Fidelity": fidelity_report(scenario),
         "Chamber": "closed by caps" if body.closed else "open ends (no cap force)",
         "Gas": gas_report(scenario),
         "Motion": "quasistatic" if scenario.mode == "quasistatic" else f"dynamic, {integrator}",

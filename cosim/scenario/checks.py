@@ -6,6 +6,7 @@ from collections.abc import Iterable, Sequence
 
 from cosim.arm_files import arm_names
 from cosim.errors import ScenarioError
+from cosim.scenario.fidelity_checks import check_fidelity
 from cosim.scenario.gas_rules import check_gas
 from cosim.scenario.holding_checks import check_holding, check_rings
 from cosim.scenario.object_checks import check_object
@@ -36,6 +37,7 @@ def check_scenario(scenario: Scenario) -> None:
     for phase in scenario.phases:
         _check_phase(phase, scenario, f"phase.{phase.name}")
     check_holding(scenario)
+    check_fidelity(scenario)
     check_gas(scenario)
 
 

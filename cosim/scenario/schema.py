@@ -24,6 +24,8 @@ class Scenario:
         robot: rigid arm: a directory of robots/, or an arm of example-robot-data; "none": the base is
             held where the flange starts, and nothing of an arm is loaded.
         soft_robot: in the file a name, a path, or a table `{file = NAME, ...}` of changes to that file.
+        fidelity: of the soft robot. "rigid": it keeps the shape it starts in, mass only; "lumped": the mesh
+            of its file; "refined": every triangle of that divided into four.
         payload_compensation: the arm's feedforward knows the soft arm's weight.
         objects: `[[object]]` in the file.
         phases: `[[phase]]` in the file.
@@ -37,6 +39,7 @@ class Scenario:
     start: Start
     phases: Annotated[tuple[Phase, ...], Length(at_least=1)] = field(metadata={"key": "phase"})
     mode: Literal["dynamic", "quasistatic"] = "dynamic"
+    fidelity: Literal["rigid", "lumped", "refined"] = "lumped"
     gravity_m_s2: Vector3 = (0.0, 0.0, -9.81)
     payload_compensation: bool = True
     clock: Clock = Clock()

@@ -44,6 +44,20 @@ class StepOptions:
     damping_per_s: float = 0.0
 
 
+def difference_scheme(integrator: Integrator, state: SoftState, h: float) -> tuple[Array, float, Array]:
+    """Return (base, span, speed) of the next step: v = (x - base) / span, acceleration = (v - speed) / span.
+
+    Args:
+        integrator: see the module's text.
+        state: at the beginning of the step.
+        h: its length [s].
+    """
+    if integrator == "implicit_euler" or state.earlier is None:
+        return state.positions, h, state.velocities
+    x1, v1 = state.earlier
+    return (4.0 * state.positions - x1) / 3.0, 2.0 * h / 3.0, (4.0 * state.velocities - v1) / 3.0
+
+
 @final
 class ImplicitStepper:
     """Steps one body with a given clamp.
@@ -76,7 +90,7 @@ class ImplicitStepper:
         """
         if not 0.0 < step_s < math.inf:
             raise InputError(f"step {step_s} s must be positive and finite")
-        base, span, speed = self._scheme(state, step_s)
+        base, span, speed = difference_scheme(self.options.integrator, state, step_s)
         inertia = self._inertia(base, span, speed)
         # free flight is the better start, unless it lets films cross; then the step begins where it is
         for flight in (step_s, 0.0):
@@ -104,7 +118,7 @@ class ImplicitStepper:
             loads: there.
             step_s: h [s].
         """
-        inertia = self._inertia(*self._scheme(state, step_s))
+        inertia = self._inertia(*difference_scheme(self.options.integrator, state, step_s))
         return self.solver.factorise(
             state.positions, state.angles, loads, inertia, world_from_flange.rotation
         )
@@ -114,13 +128,6 @@ class ImplicitStepper:
         damping = self.options.damping_per_s
         weight = self.solver.system.body.node_mass * (1.0 + damping * span) / span**2
         return Inertia(weight, base + span / (1.0 + damping * span) * speed)
-
-    def _scheme(self, state: SoftState, h: float) -> tuple[Array, float, Array]:
-        """Return (base, span, speed): v = (x - base) / span, acceleration = (v - speed) / span."""
-        if self.options.integrator == "implicit_euler" or state.earlier is None:
-            return state.positions, h, state.velocities
-        x1, v1 = state.earlier
-        return (4.0 * state.positions - x1) / 3.0, 2.0 * h / 3.0, (4.0 * state.velocities - v1) / 3.0
 
     def _solve(
         self, start: Array, state: SoftState, flange: Pose, loads: Loads, inertia: Inertia

@@ -1,0 +1,148 @@
+"""The soft side that does not deform: the flange feels its weight, inertia and contacts, nothing else."""
+
+from __future__ import annotations
+
+from typing import final
+
+import numpy as np
+
+from cosim.coupling.mass import MassProperties
+from cosim.coupling.soft_side import SoftReply, SoftSide
+from cosim.errors import InputError
+from cosim.frames import Array, IntArray, Mask, Pose, Wrench, cross
+from cosim.soft.body import Loads
+from cosim.soft.contact import ContactPlanes
+from cosim.soft.contact_surface import ContactSurface
+from cosim.soft.dynamics import StepOptions, difference_scheme
+from cosim.soft.equilibrium import Equilibrium
+from cosim.soft.state import SoftState
+from cosim.soft.tip_target import TipTarget
+
+
+@final
+class FrozenBody(SoftSide):
+    """A soft body that keeps the shape of its start; every node moves with the flange.
+
+    What the flange supplies to node i, with the time integrator of the flexible body:
+    r_i = m_i (a_i + alpha v_i - g) - f_i; the wrench is -(sum r_i, sum (x_i - o) x r_i). Gas and cables are
+    forces within the body and have no part in it.
+
+    Args:
+        flexible: the same body with its elasticity; it finds the shape of the start.
+        dynamics: integrator and damping alpha.
+    """
+
+    def __init__(self, flexible: SoftSide, dynamics: StepOptions) -> None:
+        self.body, self.state = flexible.body, flexible.state
+        self._flexible, self._dynamics = flexible, dynamics
+        self._pressure = 0.0
+        self._freeze(self.body.positions)
+
+    def _freeze(self, shape: Array) -> None:
+        """Keep a shape (n, 3) [m], flange frame."""
+        self._shape = shape
+        self._mass = MassProperties.of(self.body.node_mass, shape)
+        self._volume = self._flexible.volume_m3
+        self._flange = Pose()
+        self._supplied = np.zeros_like(shape)
+
+    def start(self, world_from_flange: Pose, loads: Loads) -> Equilibrium:
+        """Return the flexible body's equilibrium before the first phase; its shape is kept from here on."""
+        found = self._flexible.start(world_from_flange, loads)
+        self._flexible.settle(found)
+        self._freeze(found.world_from_flange.inverse().apply(found.state.positions))
+        return self.follow(found, world_from_flange, loads)
+
+    def advance(self, world_from_flange: Pose, loads: Loads, step_s: float) -> SoftReply:
+        """Advance by one step, with the flange at its new pose."""
+        base, span, speed = difference_scheme(self._dynamics.integrator, self.state, step_s)
+        before, x = self.state, np.ascontiguousarray(world_from_flange.apply(self._shape))
+        v = (x - base) / span
+        acceleration = (v - speed) / span + self._dynamics.damping_per_s * v
+        self.state = SoftState(x, v, before.angles, (before.positions, before.velocities))
+        self._take(world_from_flange, loads, acceleration)
+        power = float(np.einsum("nr,nr->", self._supplied, v))
+        return SoftReply(self._wrench(x), power, 0.0, 0)
+
+    def _take(self, flange: Pose, loads: Loads, acceleration: Array) -> None:
+        """Find what the flange supplies to the nodes at their acceleration (n, 3) [m/s^2]."""
+        self._flange = flange
+        self._pressure = loads.pressure_Pa if loads.gas is None else loads.gas.gauge_pressure(self.volume_m3)
+        self._supplied = self.body.node_mass[:, None] * (acceleration - np.array(loads.gravity))
+        if loads.nodal_force is not None:
+            self._supplied -= loads.nodal_force
+        if loads.contact is not None:
+            x = self.state.positions
+            loads.contact.add(x, self._supplied, np.zeros((0, 3, 3)), hessian=False)
+
+    def _wrench(self, x: Array) -> Wrench:
+        arm = x - self._flange.translation
+        return Wrench(-self._supplied.sum(axis=0), -cross(arm, self._supplied).sum(axis=0))
+
+    def solve(
+        self, state: SoftState, world_from_flange: Pose, loads: Loads, start: Array | None = None
+    ) -> Equilibrium:
+        """Return the kept shape at a pose of the flange; there is nothing to solve."""
+        x = np.ascontiguousarray(world_from_flange.apply(self._shape))
+        self._take(world_from_flange, loads, np.zeros(3))
+        potential = -float(self.body.node_mass @ x @ np.array(loads.gravity))
+        return Equilibrium(
+            SoftState.at_rest(x, state.angles),
+            world_from_flange,
+            loads,
+            self._wrench(x),
+            0.0,
+            0,
+            potential,
+            0,
+        )
+
+    def follow(self, begin: Equilibrium, world_from_flange: Pose, loads: Loads) -> Equilibrium:
+        """Return the kept shape at a pose of the flange; there is nothing to follow."""
+        return self.solve(begin.state, world_from_flange, loads)
+
+    def find_tensions(self, begin: Equilibrium, target: TipTarget) -> Equilibrium:
+        """Refuse: a frozen body does not answer to its cables."""
+        raise InputError("cables do not move a frozen body; plan its tip targets on the flexible one")
+
+    def find_flange_pose(self, begin: Equilibrium, target: TipTarget) -> Equilibrium:
+        """Refuse: the tip of a frozen body is not where the target asks the sagging one to be."""
+        raise InputError("a frozen body does not sag; plan its tip targets on the flexible one")
+
+    def settle(self, found: Equilibrium) -> None:
+        """Take over an equilibrium as the present state."""
+        self.state = found.state
+        self._take(found.world_from_flange, found.loads, np.zeros(3))
+
+    def hold_also(self, held: Mask, world_from_flange: Pose) -> None:
+        """Do nothing: every node is held already."""
+
+    def let_go(self, nodes: IntArray) -> None:
+        """Do nothing: a frozen body stays on the flange."""
+
+    def contact_surface(self) -> ContactSurface:
+        """Return where the body can be touched."""
+        return self._flexible.contact_surface()
+
+    def response(self, forces: Array, contact: ContactPlanes, step_s: float) -> Array | None:
+        """Return zeros (k, n, 3): the nodes go where the flange goes."""
+        return np.zeros_like(forces)
+
+    def work_taken_in(self, displacement: Array) -> float:
+        """Return the work [J] of what the flange supplies at the last solution, over a displacement."""
+        return float(np.einsum("nr,nr->", self._supplied, displacement))
+
+    @property
+    def volume_m3(self) -> float:
+        """Volume inside film and caps of the kept shape."""
+        return self._volume
+
+    @property
+    def pressure_Pa(self) -> float:
+        """Gauge pressure in the chamber: the given one, or that of the sealed gas, whose volume stays."""
+        return self._pressure
+
+    def mass_properties(self) -> MassProperties:
+        """Return mass, centre and inertia at the present pose."""
+        turn, mass = self._flange.rotation, self._mass
+        return MassProperties(mass.mass_kg, self._flange.apply(mass.center), turn @ mass.inertia @ turn.T)

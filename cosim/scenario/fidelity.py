@@ -1,0 +1,100 @@
+"""The ladder of fidelities: which model stands for the soft robot in a run."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from cosim.coupling.frozen_body import FrozenBody
+from cosim.coupling.soft_arm import SoftArm
+from cosim.coupling.soft_side import SoftSide
+from cosim.scenario.calibration import refined_model
+from cosim.scenario.flange import pose_of
+from cosim.scenario.schema import Scenario
+from cosim.scenario.soft_build import build_soft_body
+from cosim.scenario.soft_robot import SoftRobot
+from cosim.scenario.solver_schema import ChamberModel
+from cosim.soft.body import SoftBody
+from cosim.soft.dynamics import StepOptions
+from cosim.soft.newton import NewtonOptions
+
+_REUSE_MAX = 6  # iterations with a kept factorisation: beyond, a new one is cheaper
+
+
+def soft_sides(scenario: Scenario) -> tuple[SoftSide, SoftSide]:
+    """Return two soft sides of a scenario: one to plan its phases on, one to run.
+
+    They are of one model, but that a rigid one is planned on the lumped one: tensions and flange poses
+    are then those of the run that it stands for.
+
+    Args:
+        scenario: checked.
+
+    Raises:
+        MeshError: the geometry gives degenerate triangles.
+    """
+    body = fidelity_body(scenario)
+    trial, soft = _flexible(scenario, body), _flexible(scenario, body)
+    if scenario.fidelity == "rigid":
+        return trial, FrozenBody(soft, dynamic_options(scenario))
+    return trial, soft
+
+
+def fidelity_body(scenario: Scenario) -> SoftBody:
+    """Return the soft body of a scenario, with the mesh of its fidelity, in the flange frame."""
+    return build_soft_body(*_described(scenario))
+
+
+def _described(scenario: Scenario) -> tuple[SoftRobot, ChamberModel]:
+    """Return the soft robot and the comparison switches with a refined mesh where it is asked for.
+
+    A calibration is of the unrefined mesh. Its place is taken by the model that it was fitted to, a plain
+    film that bends as a shell.
+    """
+    robot, model = scenario.soft_robot, scenario.chamber
+    if scenario.fidelity != "refined":
+        return robot, model
+    finer = robot.chamber.refine + 1
+    if model.calibrated:
+        return refined_model(robot, finer), replace(model, calibrated=False)
+    return replace(robot, chamber=replace(robot.chamber, refine=finer)), model
+
+
+def _flexible(scenario: Scenario, body: SoftBody) -> SoftArm:
+    start = pose_of(scenario.start.flange)
+    return SoftArm(body, start, static_options(scenario), dynamic_options(scenario))
+
+
+def static_options(scenario: Scenario) -> NewtonOptions:
+    """Return how equilibria of a scenario are solved."""
+    return NewtonOptions(
+        tolerance_N=scenario.solver.residual_tolerance_N,
+        start_tolerance_N=scenario.solver.residual_tolerance_N,
+        iterations_max=scenario.solver.newton_iterations_max,
+    )
+
+
+def dynamic_options(scenario: Scenario) -> StepOptions:
+    """Return how ticks of a scenario are solved."""
+    return StepOptions(
+        integrator=scenario.solver.integrator,
+        tolerance_N=scenario.solver.dynamic_tolerance_N,
+        iterations=scenario.solver.dynamic_newton_iterations,
+        newton=replace(static_options(scenario), reuse_max=_REUSE_MAX),
+        damping_per_s=scenario.solver.damping_per_s,
+    )
+
+
+def fidelity_report(scenario: Scenario) -> str:
+    """Return in words how finely the soft robot is modelled."""
+    targets = [phase.name for phase in scenario.phases if phase.tip_target is not None]
+    if scenario.fidelity == "rigid":
+        planned = f"; the targets of {', '.join(targets)} are planned on the lumped model" if targets else ""
+        return f"rigid: the shape of the start is kept, weight and inertia only{planned}"
+    if scenario.fidelity == "refined":
+        law = (
+            "; plain film and shell hinges in place of the calibration" if scenario.chamber.calibrated else ""
+        )
+        return f"refined: every triangle divided into four{law}"
+    return "lumped: the mesh of the soft robot's file" + (
+        ", calibrated" if scenario.chamber.calibrated else ""
+    )

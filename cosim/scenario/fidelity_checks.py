@@ -1,0 +1,36 @@
+"""Rules on what a scenario's fidelity can show."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from cosim.errors import ScenarioError
+from cosim.scenario.schema import Scenario
+
+_REFINE_MAX: Final = 4
+
+
+def check_fidelity(scenario: Scenario) -> None:
+    """Check that nothing is asked of a fidelity that it leaves out.
+
+    Raises:
+        ScenarioError: the first rule that is broken.
+    """
+    if scenario.fidelity == "refined" and scenario.soft_robot.chamber.refine >= _REFINE_MAX:
+        raise ScenarioError(
+            "fidelity",
+            f"'refined' is one refinement more than soft_robot.chamber.refine, which is at its bound of "
+            f"{_REFINE_MAX} already",
+        )
+    if scenario.fidelity != "rigid":
+        return
+    if not scenario.chamber.closed:
+        raise ScenarioError(
+            "fidelity", "'rigid' needs chamber.closed = true: it leaves out how an open chamber's gas pushes"
+        )
+    for phase in scenario.phases:
+        for key, given in (("release", phase.release), ("support", phase.supports)):
+            if given:
+                raise ScenarioError(
+                    f"phase.{phase.name}.{key}", "cannot stand beside fidelity = 'rigid': every node is held"
+                )
