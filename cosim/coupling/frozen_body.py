@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import final
 
 import numpy as np
@@ -20,6 +21,28 @@ from cosim.soft.tip_target import TipTarget
 
 
 @final
+@dataclass(frozen=True)
+class FrozenState:
+    """What the next step of a frozen body depends on.
+
+    Args:
+        soft: where the nodes are, and how they move.
+        shape: (n, 3) [m], that is kept, flange frame.
+        volume_m3: of it.
+        pressure_Pa: gauge, of the last step.
+        flange: pose of the flange at its end.
+        supplied: (n, 3) [N], by the flange to each node.
+    """
+
+    soft: SoftState
+    shape: Array
+    volume_m3: float
+    pressure_Pa: float
+    flange: Pose
+    supplied: Array
+
+
+@final
 class FrozenBody(SoftSide):
     """A soft body that keeps the shape of its start; every node moves with the flange.
 
@@ -35,22 +58,21 @@ class FrozenBody(SoftSide):
     def __init__(self, flexible: SoftSide, dynamics: StepOptions) -> None:
         self.body, self.state = flexible.body, flexible.state
         self._flexible, self._dynamics = flexible, dynamics
-        self._pressure = 0.0
-        self._freeze(self.body.positions)
+        self._pressure, self._flange = 0.0, Pose()
+        self._supplied = np.zeros_like(self.body.positions)
+        self._keep(self.body.positions, flexible.volume_m3)
 
-    def _freeze(self, shape: Array) -> None:
+    def _keep(self, shape: Array, volume_m3: float) -> None:
         """Keep a shape (n, 3) [m], flange frame."""
-        self._shape = shape
+        self._shape, self._volume = shape, volume_m3
         self._mass = MassProperties.of(self.body.node_mass, shape)
-        self._volume = self._flexible.volume_m3
-        self._flange = Pose()
-        self._supplied = np.zeros_like(shape)
 
     def start(self, world_from_flange: Pose, loads: Loads) -> Equilibrium:
         """Return the flexible body's equilibrium before the first phase; its shape is kept from here on."""
         found = self._flexible.start(world_from_flange, loads)
         self._flexible.settle(found)
-        self._freeze(found.world_from_flange.inverse().apply(found.state.positions))
+        shape = found.world_from_flange.inverse().apply(found.state.positions)
+        self._keep(shape, self._flexible.volume_m3)
         return self.follow(found, world_from_flange, loads)
 
     def advance(self, world_from_flange: Pose, loads: Loads, step_s: float) -> SoftReply:
@@ -113,6 +135,24 @@ class FrozenBody(SoftSide):
         """Take over an equilibrium as the present state."""
         self.state = found.state
         self._take(found.world_from_flange, found.loads, np.zeros(3))
+
+    def save_state(self) -> FrozenState:
+        """Return what the next step depends on."""
+        return FrozenState(
+            self.state, self._shape, self._volume, self._pressure, self._flange, self._supplied
+        )
+
+    def restore_state(self, state: FrozenState) -> None:
+        """Return to a state of `save_state`, of this body or of one with the same mesh.
+
+        Raises:
+            InputError: the state is of a body with another number of nodes.
+        """
+        if len(state.shape) != self.body.nodes:
+            raise InputError(f"the saved soft robot has {len(state.shape)} nodes, this one {self.body.nodes}")
+        self._keep(state.shape, state.volume_m3)
+        self.state, self._pressure = state.soft, state.pressure_Pa
+        self._flange, self._supplied = state.flange, state.supplied
 
     def hold_also(self, held: Mask, world_from_flange: Pose) -> None:
         """Do nothing: every node is held already."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -109,3 +111,18 @@ def test_targets_of_the_tip_are_refused() -> None:
     for find in (arm.find_tensions, arm.find_flange_pose):
         with pytest.raises(InputError, match="plan its tip targets on the flexible one"):
             find(here, TipTarget(position=np.zeros(3)))
+
+
+def test_it_goes_on_from_a_saved_state_bit_for_bit() -> None:
+    arm, other = frozen("bdf2"), frozen("bdf2")
+    loads = no_load(arm.body, pressure_Pa=1e3)
+    arm.advance(turning(0.001), loads, STEP_S)
+    saved = arm.save_state()
+    expected = arm.advance(turning(0.003), loads, STEP_S)
+    other.restore_state(saved)
+    assert other.pressure_Pa == 1e3
+    again = other.advance(turning(0.003), loads, STEP_S)
+    assert (again.wrench.force == expected.wrench.force).all()
+    assert (other.state.velocities == arm.state.velocities).all()
+    with pytest.raises(InputError, match="nodes"):
+        other.restore_state(replace(saved, shape=saved.shape[:-1]))
