@@ -35,8 +35,10 @@ class RunResult:
         tip_position: (rows, 3) [m], centre of the last hole ring.
         tip_direction: (rows, 3), its unit normal.
         sag_m: (rows,).
-        pressure_Pa: (rows,), gauge; of a sealed gas at its present volume.
-        volume_m3: (rows,) of the chamber.
+        pressure_Pa: (rows,), gauge, in the first chamber; of a sealed gas at its present volume.
+        volume_m3: (rows,) of all chambers.
+        chamber_pressure_Pa: (rows, chambers), gauge.
+        chamber_volume_m3: (rows, chambers).
         cable_tension_N: (rows, cables), at the base end.
         residual_N: (rows,) of the soft step.
         newton_iterations: (rows,) of the soft step.
@@ -67,6 +69,8 @@ class RunResult:
     sag_m: Array
     pressure_Pa: Array
     volume_m3: Array
+    chamber_pressure_Pa: Array
+    chamber_volume_m3: Array
     cable_tension_N: Array
     residual_N: Array
     newton_iterations: IntArray
@@ -162,6 +166,8 @@ def _row(snapshot: Snapshot) -> dict[str, Any]:
         "sag_m": snapshot.sag_m,
         "pressure_Pa": snapshot.pressure_Pa,
         "volume_m3": snapshot.volume_m3,
+        "chamber_pressure_Pa": snapshot.chamber_pressure_Pa,
+        "chamber_volume_m3": snapshot.chamber_volume_m3,
         "cable_tension_N": snapshot.cable_tension_N,
         "residual_N": ledger.residual_N,
         "newton_iterations": ledger.newton_iterations,

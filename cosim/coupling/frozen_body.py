@@ -28,16 +28,16 @@ class FrozenState:
     Args:
         soft: where the nodes are, and how they move.
         shape: (n, 3) [m], that is kept, flange frame.
-        volume_m3: of it.
-        pressure_Pa: gauge, of the last step.
+        volumes_m3: of its chambers.
+        pressures_Pa: gauge, of its chambers in the last step.
         flange: pose of the flange at its end.
         supplied: (n, 3) [N], by the flange to each node.
     """
 
     soft: SoftState
     shape: Array
-    volume_m3: float
-    pressure_Pa: float
+    volumes_m3: tuple[float, ...]
+    pressures_Pa: tuple[float, ...]
     flange: Pose
     supplied: Array
 
@@ -58,13 +58,13 @@ class FrozenBody(SoftSide):
     def __init__(self, flexible: SoftSide, dynamics: StepOptions) -> None:
         self.body, self.state = flexible.body, flexible.state
         self._flexible, self._dynamics = flexible, dynamics
-        self._pressure, self._flange = 0.0, Pose()
+        self._pressures, self._flange = flexible.pressures_Pa, Pose()
         self._supplied = np.zeros_like(self.body.positions)
-        self._keep(self.body.positions, flexible.volume_m3)
+        self._keep(self.body.positions, flexible.volumes_m3)
 
-    def _keep(self, shape: Array, volume_m3: float) -> None:
+    def _keep(self, shape: Array, volumes_m3: tuple[float, ...]) -> None:
         """Keep a shape (n, 3) [m], flange frame."""
-        self._shape, self._volume = shape, volume_m3
+        self._shape, self._volumes = shape, volumes_m3
         self._mass = MassProperties.of(self.body.node_mass, shape)
 
     def start(self, world_from_flange: Pose, loads: Loads) -> Equilibrium:
@@ -72,7 +72,7 @@ class FrozenBody(SoftSide):
         found = self._flexible.start(world_from_flange, loads)
         self._flexible.settle(found)
         shape = found.world_from_flange.inverse().apply(found.state.positions)
-        self._keep(shape, self._flexible.volume_m3)
+        self._keep(shape, self._flexible.volumes_m3)
         return self.follow(found, world_from_flange, loads)
 
     def advance(self, world_from_flange: Pose, loads: Loads, step_s: float) -> SoftReply:
@@ -89,7 +89,7 @@ class FrozenBody(SoftSide):
     def _take(self, flange: Pose, loads: Loads, acceleration: Array) -> None:
         """Find what the flange supplies to the nodes at their acceleration (n, 3) [m/s^2]."""
         self._flange = flange
-        self._pressure = loads.pressure_Pa if loads.gas is None else loads.gas.gauge_pressure(self.volume_m3)
+        self._pressures = loads.pressures_at(self._volumes)
         self._supplied = self.body.node_mass[:, None] * (acceleration - np.array(loads.gravity))
         if loads.nodal_force is not None:
             self._supplied -= loads.nodal_force
@@ -139,7 +139,7 @@ class FrozenBody(SoftSide):
     def save_state(self) -> FrozenState:
         """Return what the next step depends on."""
         return FrozenState(
-            self.state, self._shape, self._volume, self._pressure, self._flange, self._supplied
+            self.state, self._shape, self._volumes, self._pressures, self._flange, self._supplied
         )
 
     def restore_state(self, state: FrozenState) -> None:
@@ -150,8 +150,8 @@ class FrozenBody(SoftSide):
         """
         if len(state.shape) != self.body.nodes:
             raise InputError(f"the saved soft robot has {len(state.shape)} nodes, this one {self.body.nodes}")
-        self._keep(state.shape, state.volume_m3)
-        self.state, self._pressure = state.soft, state.pressure_Pa
+        self._keep(state.shape, state.volumes_m3)
+        self.state, self._pressures = state.soft, state.pressures_Pa
         self._flange, self._supplied = state.flange, state.supplied
 
     def hold_also(self, held: Mask, world_from_flange: Pose) -> None:
@@ -173,14 +173,14 @@ class FrozenBody(SoftSide):
         return float(np.einsum("nr,nr->", self._supplied, displacement))
 
     @property
-    def volume_m3(self) -> float:
-        """Volume inside film and caps of the kept shape."""
-        return self._volume
+    def volumes_m3(self) -> tuple[float, ...]:
+        """Volume inside film and caps of each chamber of the kept shape."""
+        return self._volumes
 
     @property
-    def pressure_Pa(self) -> float:
-        """Gauge pressure in the chamber: the given one, or that of the sealed gas, whose volume stays."""
-        return self._pressure
+    def pressures_Pa(self) -> tuple[float, ...]:
+        """Gauge pressure in each chamber: the given one, or that of the sealed gas, whose volume stays."""
+        return self._pressures
 
     def mass_properties(self) -> MassProperties:
         """Return mass, centre and inertia at the present pose."""

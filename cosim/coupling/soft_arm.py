@@ -210,12 +210,12 @@ class SoftArm(SoftSide):
         return float(np.einsum("kr,kr->", self.reaction, displacement[self.clamp.nodes]))
 
     @property
-    def volume_m3(self) -> float:
-        """Volume inside film and caps at the present shape."""
-        return self._system.enclosed_volume(self.state.positions)
+    def volumes_m3(self) -> tuple[float, ...]:
+        """Volume inside film and caps of each chamber at the present shape."""
+        return self._system.gas.enclosed_volumes(self.state.positions)
 
     @property
-    def pressure_Pa(self) -> float:
-        """Gauge pressure in the chamber: the given one, or that of the sealed gas at the present volume."""
-        gas = self._loads.gas
-        return self._loads.pressure_Pa if gas is None else gas.gauge_pressure(self.volume_m3)
+    def pressures_Pa(self) -> tuple[float, ...]:
+        """Gauge pressure in each chamber: the given one, or that of the sealed gas at the present volume."""
+        loads, count = self._loads, self._system.gas.count
+        return loads.pressures(count) if loads.gas is None else loads.pressures_at(self.volumes_m3)

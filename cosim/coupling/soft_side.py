@@ -175,13 +175,13 @@ class SoftSide(ABC):
 
     @property
     @abstractmethod
-    def volume_m3(self) -> float:
-        """Volume inside film and caps at the present shape."""
+    def volumes_m3(self) -> tuple[float, ...]:
+        """Volume inside film and caps of each chamber at the present shape."""
 
     @property
     @abstractmethod
-    def pressure_Pa(self) -> float:
-        """Gauge pressure in the chamber: the given one, or that of the sealed gas at the present volume."""
+    def pressures_Pa(self) -> tuple[float, ...]:
+        """Gauge pressure in each chamber: the given one, or that of the sealed gas at the present volume."""
 
     def mass_properties(self) -> MassProperties:
         """Return mass, centre and inertia at the present shape."""

@@ -64,25 +64,26 @@ def plots_of(stage: Stage, joints: int) -> tuple[Plot, ...]:
 
 
 def _robot_plots(stage: Stage) -> list[Plot]:
-    cables = len(stage.cables)
+    cables, chambers = len(stage.cables), stage.chamber_names
+    several = len(chambers) > 1
     plots = [
         Plot(
             "pressure",
             "Pressure [kPa]",
             "Robot",
-            ("gauge pressure",),
-            [SKY],
-            lambda s: (1e-3 * s.pressure_Pa,),
-            legend=False,
+            chambers if several else ("gauge pressure",),
+            series_colours(len(chambers)) if several else [SKY],
+            lambda s: 1e-3 * s.chamber_pressure_Pa,
+            legend=several,
         ),
         Plot(
             "volume",
             "Chamber volume [ml]",
             "Robot",
-            ("volume",),
-            [GREEN],
-            lambda s: (1e6 * s.volume_m3,),
-            legend=False,
+            chambers if several else ("volume",),
+            series_colours(len(chambers)) if several else [GREEN],
+            lambda s: 1e6 * s.chamber_volume_m3,
+            legend=several,
         ),
         Plot(
             "tip_position",

@@ -20,6 +20,7 @@ from cosim.scenario.schema import NO_ARM, Scenario
 from cosim.scenario.snapshot import Stage
 from cosim.soft.body import SoftBody
 from cosim.soft.contact import ContactLaw
+from cosim.soft.gas_chamber import gas_chambers
 
 
 def build(scenario: Scenario) -> DynamicSimulation | QuasistaticSimulation:
@@ -101,6 +102,7 @@ def _stage(parts: Parts, body: SoftBody, ticks: int, tick_s: float) -> Stage:
         shapes=carrier.shapes,
         soft_triangles=body.membranes.triangles,
         cables=tuple(cable.nodes for cable in body.cables),
+        chamber_names=tuple(chamber.name for chamber in gas_chambers(body)),
         soft_weight_N=body.mass_kg * float(np.linalg.norm(scenario.gravity_m_s2)),
         gravity=np.array(scenario.gravity_m_s2),
         membrane_stress=lambda positions: body.membranes.principal_stress(positions)[:, 0],

@@ -1,4 +1,4 @@
-"""The gas in the chamber through a run: at a given pressure, or a sealed amount that may leak."""
+"""The gas in the chambers through a run: each at a given pressure, or a sealed amount that may flow."""
 
 from __future__ import annotations
 
@@ -7,14 +7,16 @@ from typing import final
 
 from cosim.coupling.soft_side import SoftSide
 from cosim.scenario.gas_rules import GasRule
+from cosim.scenario.per_chamber import as_load
 from cosim.scenario.solver_schema import Gas
 from cosim.soft.body import Loads
-from cosim.soft.gas import SealedGas, leak
+from cosim.soft.gas import SealedGas, exchange, leak
+from cosim.soft.gas_chamber import gas_chambers
 
 
 @final
 class ChamberGas:
-    """Knows what is in the chamber at present, and puts it into the planned loads.
+    """Knows what is in each chamber at present, and puts it into the planned loads.
 
     Args:
         settings: of the gas where it is sealed.
@@ -22,46 +24,96 @@ class ChamberGas:
 
     def __init__(self, settings: Gas) -> None:
         self._settings = settings
-        self._leak_kg_s_Pa = 0.0
-        self._sealed: SealedGas | None = None
-        self._pressure_Pa = 0.0
+        self._rules: tuple[GasRule, ...] = ()
+        self._sealed: list[SealedGas | None] = []
+        self._pressures: tuple[float, ...] = ()
+        self._orifices: list[tuple[int, int, float]] = []
 
-    def begin(self, rule: GasRule, soft: SoftSide) -> None:
-        """Begin a phase: seal what is in the chamber, or open it; nothing changes at this instant.
+    def begin(self, rules: tuple[GasRule, ...], soft: SoftSide) -> None:
+        """Begin a phase: seal what is in the chambers, or open them; nothing changes at this instant.
+
+        Args:
+            rules: of each chamber.
+            soft: in its present shape.
 
         Raises:
-            InputError: there is nothing to seal, as the chamber has no volume.
+            InputError: there is nothing to seal, as a chamber has no volume.
         """
-        self._pressure_Pa, self._leak_kg_s_Pa = soft.pressure_Pa, rule.leak_kg_s_Pa
-        if not rule.sealed:
-            self._sealed = None
-        elif self._sealed is None:
-            settings = self._settings
-            self._sealed = SealedGas(
-                settings.ambient_Pa + self._pressure_Pa, soft.volume_m3, settings.exponent,
-                settings.ambient_Pa, settings.temperature_K,
-            )  # fmt: skip
+        self._pressures, self._rules = soft.pressures_Pa, rules
+        places = {chamber.name: k for k, chamber in enumerate(gas_chambers(soft.body))}
+        self._orifices = [
+            (places[entry.chambers[0]], places[entry.chambers[1]], entry.conductance_kg_s_Pa)
+            for entry in self._settings.orifices
+        ]
+        before = self._sealed or [None] * len(rules)
+        if not any(rule.sealed for rule in rules):
+            self._sealed = [None] * len(rules)
+            return
+        settings, volumes = self._settings, soft.volumes_m3
+        self._sealed = [
+            None
+            if not rule.sealed
+            else gas
+            or SealedGas(
+                settings.ambient_Pa + pressure, volume, settings.exponent, settings.ambient_Pa,
+                settings.temperature_K,
+            )
+            for rule, gas, pressure, volume in zip(rules, before, self._pressures, volumes, strict=True)
+        ]  # fmt: skip
+
+    @property
+    def flows(self) -> bool:
+        """Whether gas leaks or passes through an orifice in the present phase."""
+        return any(rule.leak_kg_s_Pa for rule in self._rules) or bool(self._open_orifices())
 
     def filled(self, loads: Loads) -> Loads:
-        """Return loads with what is in the chamber in place of the pressure."""
-        return replace(loads, pressure_Pa=self._pressure_Pa, gas=self._sealed)
+        """Return loads with what is in the chambers in place of the pressure."""
+        return self._with(loads, self._pressures)
 
     def between(self, begin: Loads, end: Loads, share: float) -> Loads:
-        """Return the loads at a share of a phase: only a given pressure changes as planned.
+        """Return the loads at a share of a phase: only given pressures change as planned.
 
         Args:
             begin: planned, at the start of the phase.
             end: planned, at its end.
             share: 0 to 1.
         """
-        if self._sealed is None:
-            return self.filled(begin).interpolated(end, share)
-        return self.filled(begin.interpolated(end, share))
+        loads = begin.interpolated(end, share)
+        planned = end.pressures(len(self._pressures))
+        pressures = tuple(
+            now if gas is not None else wanted if share >= 1.0 else (1.0 - share) * now + share * wanted
+            for gas, now, wanted in zip(self._sealed, self._pressures, planned, strict=True)
+        )
+        return self._with(loads, pressures)
+
+    def _with(self, loads: Loads, pressures: tuple[float, ...]) -> Loads:
+        sealed = any(gas is not None for gas in self._sealed)
+        gas = as_load(tuple(self._sealed)) if sealed else None
+        return replace(loads, pressure_Pa=as_load(pressures), gas=gas)
 
     def pass_time(self, soft: SoftSide, step_s: float) -> None:
-        """Let a sealed gas leak for a while, at the present volume."""
-        if self._sealed is None:
+        """Let sealed gases leak, and flow through orifices, for a while at the present volumes."""
+        if all(gas is None for gas in self._sealed):
             return
-        self._pressure_Pa = soft.pressure_Pa
-        if self._leak_kg_s_Pa:
-            self._sealed = leak(self._sealed, soft.volume_m3, self._leak_kg_s_Pa, step_s)
+        now = soft.pressures_Pa
+        triples = zip(self._sealed, now, self._pressures, strict=True)
+        self._pressures = tuple(kept if gas is None else present for gas, present, kept in triples)
+        if not self.flows:
+            return
+        volumes = soft.volumes_m3
+        for k, (rule, gas) in enumerate(zip(self._rules, self._sealed, strict=True)):
+            if gas is not None and rule.leak_kg_s_Pa:
+                self._sealed[k] = leak(gas, volumes[k], rule.leak_kg_s_Pa, step_s)
+        for first, second, conductance in self._open_orifices():
+            one, other = self._sealed[first], self._sealed[second]
+            if one is not None and other is not None:
+                pair, space = (one, other), (volumes[first], volumes[second])
+                self._sealed[first], self._sealed[second] = exchange(pair, space, conductance, step_s)
+
+    def _open_orifices(self) -> list[tuple[int, int, float]]:
+        """Return (chamber, chamber, conductance [kg/(s Pa)]) of orifices with sealed gas on both sides."""
+        return [
+            (first, second, conductance)
+            for first, second, conductance in self._orifices
+            if self._sealed[first] is not None and self._sealed[second] is not None
+        ]

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from cosim.errors import ScenarioError
+from cosim.scenario.name_patterns import matching
 from cosim.scenario.phase_schema import Force, Phase, Support
 from cosim.scenario.schema import NO_ARM, Scenario
 from cosim.scenario.soft_robot import SoftRobot
@@ -22,7 +23,7 @@ def check_holding(scenario: Scenario) -> None:
     if scenario.robot == NO_ARM and scenario.objects:
         raise ScenarioError("object", f"needs an arm; robot is '{NO_ARM}'")
     robot = scenario.soft_robot
-    held, supported = set(robot.base), False
+    held, supported = expanded(robot.base, robot), False
     for phase in scenario.phases:
         path = f"phase.{phase.name}"
         for key in ("release", "clamp"):
@@ -32,23 +33,29 @@ def check_holding(scenario: Scenario) -> None:
         for place, force in enumerate(phase.forces, start=1):
             _check_group(force, robot, f"{path}.force.{place}")
         _check_carrier(phase, scenario.robot, path)
-        _check_release(phase, held, path)
-        held = held - set(phase.release) | set(phase.clamp)
+        _check_release(phase, held, robot, path)
+        held = held - expanded(phase.release, robot) | expanded(phase.clamp, robot)
         supported = supported or bool(phase.supports)
         if not held and not supported:
             raise ScenarioError(f"{path}.release", "lets go of all that holds the soft robot; support it")
 
 
 def check_rings(rings: Iterable[str], robot: SoftRobot, path: str) -> None:
-    """Check that rings exist.
+    """Check that rings, or patterns of rings, exist.
 
     Raises:
         ScenarioError: one does not; the message lists those that do.
     """
     known = robot.ring_names()
     for ring in rings:
-        if ring not in known:
+        if not matching(ring, known):
             raise ScenarioError(path, unknown_name_message("ring", ring, known))
+
+
+def expanded(rings: Iterable[str], robot: SoftRobot) -> set[str]:
+    """Return the names of the rings that names and patterns stand for."""
+    known = robot.ring_names()
+    return {name for ring in rings for name in matching(ring, known)}
 
 
 def _check_group(group: Support | Force, robot: SoftRobot, path: str) -> None:
@@ -81,9 +88,9 @@ def _check_carrier(phase: Phase, robot: str, path: str) -> None:
         )
 
 
-def _check_release(phase: Phase, held: set[str], path: str) -> None:
+def _check_release(phase: Phase, held: set[str], robot: SoftRobot, path: str) -> None:
     for ring in phase.release:
-        if ring not in held:
+        if not expanded([ring], robot) <= held:
             raise ScenarioError(
                 f"{path}.release", f"'{ring}' is not held; held are: {', '.join(sorted(held)) or 'none'}"
             )

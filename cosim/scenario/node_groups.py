@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from cosim.frames import Array, IntArray, Mask
+from cosim.scenario.name_patterns import matching
 from cosim.scenario.phase_schema import Force, Support
 from cosim.soft.body import SoftBody
 
@@ -19,11 +20,11 @@ def nodes_of(body: SoftBody, sides: int, rings: Sequence[str], corners: Sequence
     Args:
         body: whose nodes.
         sides: corners of each ring.
-        rings: names.
+        rings: names, or patterns of names.
         corners: 0 to sides - 1; None for all nodes of the rings.
     """
     found = []
-    for name in rings:
+    for name in (name for pattern in rings for name in matching(pattern, body.rings)):
         ring = body.rings[name]
         found.append(ring if corners is None else ring[np.array(corners, np.int64) * len(ring) // sides])
     return np.unique(np.concatenate([np.zeros(0, np.int64), *found]))

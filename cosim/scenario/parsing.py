@@ -87,17 +87,26 @@ def _convert(annotation: Any, value: Any, path: str) -> Any:
                 raise ScenarioError(path, message)
         return converted
     if origin in (Union, types.UnionType):  # X | None: TOML has no null, so a value given is an X
-        (inner,) = (argument for argument in get_args(annotation) if argument is not type(None))
-        return _convert(inner, value, path)
+        options = [argument for argument in get_args(annotation) if argument is not type(None)]
+        return _convert(_fitting(options, value), value, path)
     if origin is Literal:
         return _choice(get_args(annotation), value, path)
     if origin is tuple:
         return _sequence(get_args(annotation), value, path)
+    if origin is Mapping:
+        _, inner = get_args(annotation)
+        return {key: _convert(inner, item, join(path, key)) for key, item in value.items()}
     if is_dataclass(annotation):
         if not isinstance(value, Mapping):
             raise ScenarioError(path, f"expected a table, got {describe(value)}")
         return parse(annotation, value, path)  # type: ignore[arg-type]
     return _scalar(annotation, value, path)
+
+
+def _fitting(options: list[Any], value: Any) -> Any:
+    """Return which of several annotations a value is for: a list, a table, or the first one."""
+    kind = tuple if isinstance(value, list) else Mapping if isinstance(value, Mapping) else None
+    return next((option for option in options if kind and get_origin(option) is kind), options[0])
 
 
 def _choice(choices: tuple[Any, ...], value: Any, path: str) -> Any:

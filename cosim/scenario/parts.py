@@ -68,6 +68,7 @@ class Parts:
         body, x = self.soft.body, self.soft.state.positions
         position, quaternion = self.carrier.body_poses()
         tip = body.tip_position(x)
+        pressures, volumes = self.soft.pressures_Pa, self.soft.volumes_m3
         straight = center_line_length(self._rings, x) * moment.flange.rotation[:, 2]
         return Snapshot(
             tick=moment.tick,
@@ -80,8 +81,10 @@ class Parts:
             node_position=x,
             world_from_flange=moment.flange,
             flange_twist=moment.twist,
-            pressure_Pa=self.soft.pressure_Pa,
-            volume_m3=self.soft.volume_m3,
+            pressure_Pa=pressures[0],
+            volume_m3=sum(volumes),
+            chamber_pressure_Pa=np.array(pressures),
+            chamber_volume_m3=np.array(volumes),
             cable_tension_N=np.array(moment.loads.cable_tension_N),
             tip_position=tip,
             tip_direction=body.tip_direction(x),

@@ -20,6 +20,7 @@ from cosim.scenario.constraints import (
     Pressure,
     Vector3,
 )
+from cosim.scenario.per_chamber import PerChamber
 
 Tensions = tuple[NonNegative, ...]
 
@@ -66,10 +67,16 @@ class TipTarget:
 @final
 @dataclass(frozen=True)
 class Start:
-    """State before the first tick; an empty list of tensions means none."""
+    """State before the first tick; an empty list of tensions means none.
+
+    Args:
+        flange: where it is.
+        pressure_Pa: gauge pressure; of all chambers, or a list, or a table by chamber.
+        cable_tension_N: at the base end of each cable.
+    """
 
     flange: FlangePose
-    pressure_Pa: Pressure = 0.0
+    pressure_Pa: PerChamber[Pressure] = 0.0
     cable_tension_N: Tensions = ()
 
 
@@ -110,6 +117,8 @@ class Force:
 class Phase:
     """One stretch of the run; what is omitted stays as it is.
 
+    What belongs to the gas is one value for all chambers, or a list, or a table by chamber.
+
     Args:
         duration_s: of the ramp.
         settle_s: held afterwards, at the end values.
@@ -135,9 +144,9 @@ class Phase:
     settle_s: NonNegative = 0.0
     increments: Count = 100
     ramp: Literal["smooth", "linear", "step"] = "smooth"
-    gas: Literal["prescribed", "sealed"] | None = None
-    leak_kg_s_Pa: NonNegative | None = None
-    pressure_Pa: Pressure | None = None
+    gas: PerChamber[Literal["prescribed", "sealed"]] | None = None
+    leak_kg_s_Pa: PerChamber[NonNegative] | None = None
+    pressure_Pa: PerChamber[Pressure] | None = None
     cable_tension_N: Tensions | None = None
     flange: FlangePose | None = None
     flange_turn: FlangeTurn | None = None

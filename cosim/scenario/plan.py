@@ -20,12 +20,14 @@ from cosim.scenario.flange import FlangeWay, pose_of
 from cosim.scenario.gas_rules import GasRule, gas_rules
 from cosim.scenario.joint_path import JointPath
 from cosim.scenario.node_groups import held_components, nodal_force, nodes_of
+from cosim.scenario.per_chamber import PerChamber, as_load, values_after
 from cosim.scenario.phase_schema import Phase, Start, TipTarget
 from cosim.scenario.schema import Scenario
 from cosim.soft import tip_target as soft_target
 from cosim.soft.body import Loads, SoftBody
 from cosim.soft.center_line import center_line_length, hole_rings
 from cosim.soft.equilibrium import Equilibrium
+from cosim.soft.gas_chamber import gas_chambers, of_each
 
 # A static path is cut finer than the joint path only where loads change much: these pieces suffice
 # for the branch to be the one that a slow motion follows.
@@ -68,7 +70,7 @@ class PhasePlan:
         joints: joint angles along it.
         begin: loads at its start; while the gas is sealed, their pressure means nothing.
         end: loads at its end, the same.
-        gas: how the gas is given.
+        gas: how the gas of each chamber is given.
         holding: what is held otherwise from its start on.
         tip_target: (3,) [m]; components that are free are NaN; None without a target.
     """
@@ -77,7 +79,7 @@ class PhasePlan:
     joints: JointPath
     begin: Loads
     end: Loads
-    gas: GasRule
+    gas: tuple[GasRule, ...]
     holding: Holding
     tip_target: Array | None
 
@@ -101,9 +103,16 @@ class Plan:
 
 
 def start_loads(start: Start, body: SoftBody, gravity: tuple[float, float, float]) -> Loads:
-    """Return the loads before the first phase; tensions left out are zero."""
+    """Return the loads before the first phase; tensions and pressures left out are zero."""
     tension = start.cable_tension_N or (0.0,) * len(body.cables)
-    return Loads(start.pressure_Pa, tuple(tension), gravity)
+    return Loads(_pressures(0.0, start.pressure_Pa, body), tuple(tension), gravity)
+
+
+def _pressures(
+    before: float | tuple[float, ...], given: PerChamber[float], body: SoftBody
+) -> float | tuple[float, ...]:
+    names = [chamber.name for chamber in gas_chambers(body)]
+    return as_load(values_after(of_each(before, len(names), "pressure"), given, names, "pressure_Pa"))
 
 
 def start_equilibrium(soft: SoftSide, flange: Pose, loads: Loads) -> Equilibrium:
@@ -146,7 +155,7 @@ def make_plan(scenario: Scenario, plan_joints: JointPlanner, soft: SoftSide) -> 
             draft.phase, path, replace(draft.begin, gas=None), replace(draft.end, gas=None), rule,
             draft.holding, _target_point(draft.phase.tip_target),
         )
-        for draft, path, rule in zip(drafts, joints, gas_rules(scenario.phases), strict=True)
+        for draft, path, rule in zip(drafts, joints, gas_rules(scenario), strict=True)
     )  # fmt: skip
     return Plan(start, joints[0].first, loads, plans)
 
@@ -182,7 +191,7 @@ def _drafts(scenario: Scenario, soft: SoftSide, start: Pose, loads: Loads) -> li
     if solved:
         here, gas = start_equilibrium(soft, start, loads), ChamberGas(scenario.gas)
         soft.settle(here)
-        for phase, rule in zip(scenario.phases[:solved], gas_rules(scenario.phases), strict=False):
+        for phase, rule in zip(scenario.phases[:solved], gas_rules(scenario), strict=False):
             holding = _holding(soft.body, sides, phase)
             holding.apply(soft, here.world_from_flange)
             gas.begin(rule, soft)
@@ -190,7 +199,7 @@ def _drafts(scenario: Scenario, soft: SoftSide, start: Pose, loads: Loads) -> li
             end_loads = _end_loads(here.loads, phase, soft.body, sides)
             way, end = _solve_phase(soft, here, phase, end_loads)
             drafts.append(_Draft(phase, way, here.loads, end.loads, holding))
-            here = _leaked(soft, end, gas, rule, phase)
+            here = _leaked(soft, end, gas, phase)
         start, loads = here.world_from_flange, here.loads
     for phase in scenario.phases[solved:]:
         way, end_loads = _way(start, phase), _end_loads(loads, phase, soft.body, sides)
@@ -199,10 +208,10 @@ def _drafts(scenario: Scenario, soft: SoftSide, start: Pose, loads: Loads) -> li
     return drafts
 
 
-def _leaked(soft: SoftSide, here: Equilibrium, gas: ChamberGas, rule: GasRule, phase: Phase) -> Equilibrium:
-    """Return the equilibrium at the end of a phase, what leaks in its time gone; settles it."""
+def _leaked(soft: SoftSide, here: Equilibrium, gas: ChamberGas, phase: Phase) -> Equilibrium:
+    """Return the equilibrium at the end of a phase, what flows in its time gone; settles it."""
     soft.settle(here)
-    for _ in range(_LEAK_PIECES if rule.leak_kg_s_Pa else 0):
+    for _ in range(_LEAK_PIECES if gas.flows else 0):
         gas.pass_time(soft, (phase.duration_s + phase.settle_s) / _LEAK_PIECES)
         try:
             here = soft.follow(here, here.world_from_flange, gas.filled(here.loads))
@@ -253,7 +262,7 @@ def _solve_phase(
 def _end_loads(loads: Loads, phase: Phase, body: SoftBody, sides: int) -> Loads:
     """Return the loads at the end of a phase; the same object where the phase changes none."""
     if phase.pressure_Pa is not None:
-        loads = replace(loads, pressure_Pa=phase.pressure_Pa)
+        loads = replace(loads, pressure_Pa=_pressures(loads.pressure_Pa, phase.pressure_Pa, body))
     if phase.cable_tension_N is not None:
         loads = replace(loads, cable_tension_N=tuple(phase.cable_tension_N))
     if phase.forces:

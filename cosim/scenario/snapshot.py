@@ -28,6 +28,7 @@ class Stage:
         shapes: what is drawn of the rigid bodies.
         soft_triangles: (m, 3) node indices of the film, outward orientation.
         cables: node indices of each cable, base to tip.
+        chamber_names: of the gas chambers.
         soft_weight_N: weight of the soft robot [N].
         gravity: (3,) [m/s^2], world.
         membrane_stress: node positions (n, 3) [m] -> largest principal stress (m,) [Pa].
@@ -45,6 +46,7 @@ class Stage:
     shapes: tuple[BodyShape, ...]
     soft_triangles: IntArray
     cables: tuple[IntArray, ...]
+    chamber_names: tuple[str, ...]
     soft_weight_N: float
     gravity: Array
     membrane_stress: Callable[[Array], Array]
@@ -66,8 +68,10 @@ class Snapshot:
         node_position: (nodes, 3) [m], world.
         world_from_flange: pose of the flange.
         flange_twist: of the flange origin, world axes.
-        pressure_Pa: gauge pressure in the chamber, of a sealed gas at its present volume.
-        volume_m3: inside the film, hole rings closed by flat fans.
+        pressure_Pa: gauge pressure in the first chamber, of a sealed gas at its present volume.
+        volume_m3: inside the film of all chambers, hole rings closed by flat fans.
+        chamber_pressure_Pa: (chambers,), gauge, in the order of `Stage.chamber_names`.
+        chamber_volume_m3: (chambers,).
         cable_tension_N: (cables,) at the base end.
         tip_position: (3,) [m], mean of the last hole ring.
         tip_direction: (3,), unit normal of the last hole ring, away from the base.
@@ -90,6 +94,8 @@ class Snapshot:
     flange_twist: Twist
     pressure_Pa: float
     volume_m3: float
+    chamber_pressure_Pa: Array
+    chamber_volume_m3: Array
     cable_tension_N: Array
     tip_position: Array
     tip_direction: Array

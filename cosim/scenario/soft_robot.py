@@ -16,6 +16,7 @@ from cosim.scenario.constraints import (
     Positive,
     Text,
 )
+from cosim.soft.gas_chamber import ONLY_CHAMBER
 
 HeightFractions = Annotated[tuple[Fraction, Fraction, Fraction], Increasing()]
 UnitRange = tuple[Count, Count]
@@ -148,8 +149,8 @@ class Cable:
 class Copies:
     """The robot several times on one flange, evenly spaced about its z axis, such as fingers on a palm.
 
-    Ring names mean the first copy, towards the flange's +x; the rings of copy k are called copy_k/NAME.
-    Cables come copy by copy.
+    Ring names mean the first copy, towards the flange's +x; the rings of copy k are called copy_k/NAME, and
+    copy_*/NAME means those of all. Cables come copy by copy; each copy has a gas chamber, copy_k.
 
     Args:
         count: of the copies.
@@ -221,8 +222,16 @@ class SoftRobot:
         count = 1 if self.copies is None else self.copies.count
         return own + tuple(f"copy_{k}/{name}" for k in range(2, count + 1) for name in own)
 
+    def chamber_names(self) -> tuple[str, ...]:
+        """Return the names of all gas chambers: "chamber", or one for each copy."""
+        if self.copies is None:
+            return (ONLY_CHAMBER,)
+        return tuple(f"copy_{k}" for k in range(1, self.copies.count + 1))
+
     def ring_names(self) -> tuple[str, ...]:
-        """Return the names of all rings, base to tip."""
+        """Return the names of all rings, base to tip, then those of each copy."""
         rings = ("hole", "lower", "outer", "upper")
         units = range(1, self.chamber.units + 1)
-        return (*(f"unit_{unit}.{ring}" for unit in units for ring in rings), "tip")
+        own = (*(f"unit_{unit}.{ring}" for unit in units for ring in rings), "tip")
+        count = 0 if self.copies is None else self.copies.count
+        return own + tuple(f"copy_{k}/{name}" for k in range(1, count + 1) for name in own)

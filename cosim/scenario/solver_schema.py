@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Annotated, Literal, final
 
 from cosim.scenario.constraints import Bounds, Count, NonNegative, Positive
@@ -75,18 +75,34 @@ class ChamberModel:
 
 @final
 @dataclass(frozen=True)
+class Orifice:
+    """A hole or hose between two chambers; gas flows while both are sealed, dm/dt = conductance (p_1 - p_2).
+
+    Args:
+        chambers: names of the two.
+        conductance_kg_s_Pa: mass per second and pascal.
+    """
+
+    chambers: tuple[str, str]
+    conductance_kg_s_Pa: Positive
+
+
+@final
+@dataclass(frozen=True)
 class Gas:
-    """The gas in the chamber, wherever a phase seals it.
+    """The gas in the chambers, wherever a phase seals it.
 
     Args:
         exponent: gamma of p V^gamma, from 1 (slow, isothermal) to 1.4 (fast, adiabatic air).
         ambient_Pa: absolute pressure outside.
         temperature_K: of the gas when it is sealed; only a leak depends on it.
+        orifices: `[[gas.orifice]]` in the file.
     """
 
     exponent: Annotated[float, Bounds(at_least=1.0, at_most=2.0)] = 1.4
     ambient_Pa: NonNegative = 101325.0
     temperature_K: Positive = 293.15
+    orifices: tuple[Orifice, ...] = field(default=(), metadata={"key": "orifice"})
 
 
 @final

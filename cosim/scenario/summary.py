@@ -93,7 +93,8 @@ class SummaryBuilder:
         if self._last is None:
             return
         name = self._stage.phase_names[self._last.phase]
-        self._phases.append(_phase_figures(self._last, name, self._phase_iterations, complete))
+        figures = _phase_figures(self._last, name, self._phase_iterations, complete)
+        self._phases.append(figures | _chamber_figures(self._last, self._stage.chamber_names))
         self._phase_iterations = 0
 
 
@@ -120,6 +121,15 @@ def _phase_figures(last: Snapshot, name: str, newton_iterations: int, complete: 
         # components that the target leaves free are NaN
         figures["tip_error_m"] = float(np.sqrt(np.nansum((last.tip_position - last.tip_target) ** 2)))
     return figures
+
+
+def _chamber_figures(last: Snapshot, names: tuple[str, ...]) -> dict[str, Any]:
+    """Return pressure and volume of each chamber, where there are several."""
+    if len(names) == 1:
+        return {}
+    pairs = zip(last.chamber_pressure_Pa, last.chamber_volume_m3, strict=True)
+    figures = [{"pressure_Pa": pressure, "volume_m3": volume} for pressure, volume in pairs]
+    return {"chambers": dict(zip(names, figures, strict=True))}
 
 
 def json_ready(value: Any) -> Any:
@@ -164,7 +174,7 @@ def _phase_row(phase: dict[str, Any]) -> str:
     cells = (
         phase["name"] + ("" if phase["complete"] else " (incomplete)"),
         f"{phase['end_s']:.2f}",
-        _scaled(phase["pressure_Pa"], 1e-3),
+        _scaled([entry["pressure_Pa"] for entry in phase.get("chambers", {0: phase}).values()], 1e-3),
         _scaled(phase["cable_tension_N"], 1.0),
         _scaled(phase["tip_position_m"], 1e3),
         _scaled(phase["sag_m"], 1e3),

@@ -21,6 +21,8 @@ def to_table(value: Any) -> Any:
         return {key: to_table(item) for key, item in entries if item is not None}
     if isinstance(value, tuple):
         return [to_table(item) for item in value]
+    if isinstance(value, Mapping):
+        return {key: to_table(item) for key, item in value.items()}
     return value
 
 

@@ -15,6 +15,14 @@ from cosim.soft.contact import ContactPlanes
 from cosim.soft.film import Film
 from cosim.soft.frame_ring import FrameRings
 from cosim.soft.gas import SealedGas
+from cosim.soft.gas_chamber import (
+    GasChamber,
+    Gases,
+    check_chambers,
+    gas_between,
+    of_each,
+    pressure_between,
+)
 from cosim.soft.hinge import Hinges
 from cosim.soft.membrane import Membranes
 from cosim.soft.surface import dihedral_angle
@@ -37,6 +45,7 @@ class SoftBody:
         tip: nodes of the last hole ring, in order.
         rings: names of node groups.
         frames: stiff frames around rings, or None.
+        chambers: which parts enclose a gas of their own; none: all of it encloses one.
     """
 
     positions: Array
@@ -50,6 +59,7 @@ class SoftBody:
     tip: IntArray
     rings: Mapping[str, IntArray] = field(default_factory=dict)
     frames: FrameRings | None = None
+    chambers: tuple[GasChamber, ...] = ()
 
     def __post_init__(self) -> None:
         count = len(self.positions)
@@ -71,6 +81,7 @@ class SoftBody:
             raise MeshError(f"node masses must be {count} finite numbers that are not negative")
         if not np.isfinite(self.positions).all():
             raise MeshError("the drawn shape holds positions that are not finite")
+        check_chambers(self.chambers, len(self.membranes.triangles), len(self.caps))
 
     @classmethod
     def from_arrays(
@@ -168,11 +179,11 @@ class Loads:
     """What acts on a body at one instant.
 
     Args:
-        pressure_Pa: gauge pressure of the gas.
+        pressure_Pa: gauge pressure of the gas, in all chambers or in each.
         cable_tension_N: tension of each cable at its base end; without meaning where its length is commanded.
         gravity: (3,) [m/s^2].
         nodal_force: (n, 3) [N], dead load (it keeps its direction), world axes; None for none.
-        gas: sealed gas in place of a given pressure; it needs a closed body.
+        gas: sealed gas in place of a given pressure, in all chambers or in each; it needs a closed body.
         contact: what may be touched; None for nothing.
         cable_length_m: unstretched length of each cable whose length is commanded, None for one whose tension
             is; empty where no length is.
@@ -181,11 +192,11 @@ class Loads:
         InputError: a negative tension: cables cannot push; a length that is not above 0.
     """
 
-    pressure_Pa: float = 0.0
+    pressure_Pa: float | tuple[float, ...] = 0.0
     cable_tension_N: tuple[float, ...] = ()
     gravity: tuple[float, float, float] = (0.0, 0.0, -9.81)
     nodal_force: Array | None = None
-    gas: SealedGas | None = None
+    gas: Gases = None
     contact: ContactPlanes | None = None
     cable_length_m: tuple[float | None, ...] = ()
 
@@ -197,6 +208,28 @@ class Loads:
         if not all(length is None or length > 0.0 for length in self.cable_length_m):
             raise InputError(f"cable lengths are {self.cable_length_m} m; they must be above 0")
 
+    def pressures(self, chambers: int) -> tuple[float, ...]:
+        """Return the given gauge pressure [Pa] of each of so many chambers.
+
+        Raises:
+            InputError: there are more or fewer values than chambers.
+        """
+        return of_each(self.pressure_Pa, chambers, "pressure")
+
+    def gases(self, chambers: int) -> tuple[SealedGas | None, ...]:
+        """Return the sealed gas of each of so many chambers, None where the pressure is given.
+
+        Raises:
+            InputError: there are more or fewer values than chambers.
+        """
+        return of_each(self.gas, chambers, "gas")
+
+    def pressures_at(self, volumes_m3: tuple[float, ...]) -> tuple[float, ...]:
+        """Return the gauge pressure [Pa] in each chamber, that of sealed gases at these volumes [m^3]."""
+        given = self.pressures(len(volumes_m3))
+        gases = zip(self.gases(len(volumes_m3)), given, volumes_m3, strict=True)
+        return tuple(p if gas is None else gas.gauge_pressure(volume) for gas, p, volume in gases)
+
     def interpolated(self, end: Loads, share: float) -> Loads:
         """Return the loads at a share of the way to others; exactly those at 1.
 
@@ -207,9 +240,9 @@ class Loads:
             return end
         tension = (1.0 - share) * np.array(self.cable_tension_N) + share * np.array(end.cable_tension_N)
         gx, gy, gz = ((1.0 - share) * np.array(self.gravity) + share * np.array(end.gravity)).tolist()
-        pressure = (1.0 - share) * self.pressure_Pa + share * end.pressure_Pa
+        pressure = pressure_between(self.pressure_Pa, end.pressure_Pa, share)
         force = _weighted(self.nodal_force, end.nodal_force, share)
-        gas = end.gas if self.gas is None or end.gas is None else self.gas.towards(end.gas, share)
+        gas = gas_between(self.gas, end.gas, share)
         lengths = _lengths(self.cable_length_m, end.cable_length_m, share)
         return Loads(pressure, tuple(tension.tolist()), (gx, gy, gz), force, gas, end.contact, lengths)
 

@@ -10,13 +10,15 @@ import numpy as np
 from cosim.errors import MeshError
 from cosim.frames import Array, Pose, rotation_from_vector
 from cosim.soft.body import SoftBody
+from cosim.soft.gas_chamber import GasChamber, gas_chambers
 
 
 def copies(body: SoftBody, poses: Sequence[Pose]) -> SoftBody:
-    """Return copies of a body side by side, as one body; they share nothing but the flange and the loads.
+    """Return copies of a body side by side, as one body; they share nothing but the flange and gravity.
 
-    The first copy gives the tip and keeps the names of its rings; those of copy k = 2, 3, ... are called
-    `copy_k/` and the name. Cables come copy by copy.
+    The gas chamber of copy k is called `copy_k`. The first copy gives the tip and keeps the names of its
+    rings, which are `copy_1/` and the name as well; those of copy k = 2, 3, ... are called `copy_k/` and the
+    name. Cables come copy by copy.
 
     Args:
         body: in the flange frame.
@@ -30,7 +32,7 @@ def copies(body: SoftBody, poses: Sequence[Pose]) -> SoftBody:
     count, number = body.nodes, len(poses)
     shift = [count * k for k in range(number)]
     rings = dict(body.rings)
-    for k in range(1, number):
+    for k in range(number):
         rings.update({f"copy_{k + 1}/{name}": ring + shift[k] for name, ring in body.rings.items()})
     membranes, hinges, frames = body.membranes, body.hinges, body.frames
     return SoftBody(
@@ -62,6 +64,19 @@ def copies(body: SoftBody, poses: Sequence[Pose]) -> SoftBody:
             projections=np.tile(frames.projections, (number, 1, 1)),
             lengths=np.tile(frames.lengths, (number, 1)),
         ),
+        chambers=_chambers(body, number),
+    )
+
+
+def _chambers(body: SoftBody, number: int) -> tuple[GasChamber, ...]:
+    """Return the chambers of all copies: "copy_2", or "copy_2/NAME" where a copy has several."""
+    triangles, caps, own = len(body.membranes.triangles), len(body.caps), gas_chambers(body)
+    return tuple(
+        part.shifted(
+            f"copy_{k + 1}" if len(own) == 1 else f"copy_{k + 1}/{part.name}", k * triangles, k * caps
+        )
+        for k in range(number)
+        for part in own
     )
 
 

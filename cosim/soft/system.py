@@ -7,17 +7,15 @@ from typing import final
 
 import numpy as np
 
-from cosim.errors import InputError
 from cosim.frames import Array, IntArray
 from cosim.soft.body import Loads, SoftBody
 from cosim.soft.cable import add_segments
 from cosim.soft.cable_length import pull, segment_weight
-from cosim.soft.gas import SealedGas
+from cosim.soft.gas_elements import GasElements
 from cosim.soft.hinge import add_hinges
 from cosim.soft.low_rank import LowRank
 from cosim.soft.mass_terms import add_gravity, add_inertia
 from cosim.soft.pattern import BlockPattern
-from cosim.soft.pressure import add_cap, add_pressure, cap_force
 from cosim.soft.surface import dihedral_angle
 
 _NO_TABLE = np.zeros((0, 0), np.int64)
@@ -45,8 +43,8 @@ class SoftSystem:
     """Workspace in which one body's potential and derivatives are assembled.
 
     After `evaluate`: `gradient` (n, 3) [N], `blocks` (pattern.blocks, 3, 3) [N/m], `angles` (h,) [rad],
-    `volume` [m^3], `pressure_Pa` (gauge), `low_rank` (dense parts of the Hessian, such as of a sealed gas).
-    They are overwritten by the next call.
+    `gas` (volume and pressure of each chamber), `low_rank` (dense parts of the Hessian, such as of sealed
+    gas). They are overwritten by the next call.
     """
 
     def __init__(self, body: SoftBody) -> None:
@@ -64,25 +62,33 @@ class SoftSystem:
         self._triangle_slots = self.pattern.slots(triangles)
         self._hinge_slots = self.pattern.slots(hinges)
         self._segment_slots = self.pattern.slots(self._segments)
-        self._cap_slots = [np.ascontiguousarray(self.pattern.slots(c)[0]) for c in cap_elements]
         self._diagonal = np.flatnonzero(self.pattern.row == self.pattern.column)
         self.gradient = np.zeros((body.nodes, 3))
         self.blocks = np.zeros((self.pattern.blocks, 3, 3))
         self.angles = dihedral_angle(body.positions, body.hinges.nodes)
-        self.volume = 0.0
-        self.pressure_Pa = 0.0
+        self.gas = GasElements(body, self.pattern)
         self.low_rank: LowRank | None = None
         self._dense: list[LowRank] = []
-        self.open_cap_stiffness: list[tuple[IntArray, Array]] = []
 
     @property
     def conservative(self) -> bool:
         """Whether all loads have a potential."""
         return self.body.closed or not self.body.caps
 
-    def enclosed_volume(self, positions: Array) -> float:
-        """Return the volume [m^3] inside film and caps at positions (n, 3) [m]; evaluates nothing else."""
-        return self._add_pressure(positions, 0.0, np.zeros_like(positions), hessian=False)
+    @property
+    def volume(self) -> float:
+        """Volume [m^3] of all chambers together."""
+        return sum(self.gas.volumes)
+
+    @property
+    def pressure_Pa(self) -> float:
+        """Gauge pressure in the first chamber."""
+        return self.gas.pressures[0]
+
+    @property
+    def open_cap_stiffness(self) -> list[tuple[IntArray, Array]]:
+        """What missing caps add to the stiffness, by ring."""
+        return self.gas.open_cap_stiffness
 
     def segment_tension(self, positions: Array, loads: Loads) -> Array:
         """Return what losses at a given shape make of the loads in every cable segment (segments,).
@@ -168,37 +174,6 @@ class SoftSystem:
         return tension, energy
 
     def _add_gas(self, x: Array, loads: Loads, hessian: bool) -> float:
-        if loads.gas is None:
-            pressure = loads.pressure_Pa
-        else:
-            pressure = self._sealed_pressure(x, loads.gas)
-            if not np.isfinite(pressure):
-                return np.inf
-        self.pressure_Pa = pressure
-        self.volume = self._add_pressure(x, pressure, self.gradient, hessian)
-        if not self.conservative:
-            self.open_cap_stiffness = []
-            for ring in self.body.caps:
-                force, derivative = cap_force(x, ring, pressure)
-                self.gradient[ring] += force
-                self.open_cap_stiffness.append((ring, derivative))
-        return -pressure * self.volume if loads.gas is None else loads.gas.potential(self.volume)
-
-    def _add_pressure(self, x: Array, pressure: float, gradient: Array, hessian: bool) -> float:
-        """Add the gradient and Hessian of -p V at a given pressure; return V [m^3]."""
-        slots = self._triangle_slots if hessian else _NO_TABLE
-        volume: float = add_pressure(x, self.body.membranes.triangles, pressure, slots, gradient, self.blocks)
-        for ring, cap_slots in zip(self.body.caps, self._cap_slots, strict=True):
-            volume += add_cap(x, ring, pressure, cap_slots if hessian else _NO_SLOTS, gradient, self.blocks)
-        return volume
-
-    def _sealed_pressure(self, x: Array, gas: SealedGas) -> float:
-        """Return the gauge pressure [Pa] of a sealed gas; keep its dense part of the Hessian."""
-        if not self.conservative:
-            raise InputError("a sealed gas needs a closed body; this one has open caps")
-        slope = np.zeros_like(x)
-        self.volume = self._add_pressure(x, -1.0, slope, hessian=False)
-        pressure = gas.gauge_pressure(self.volume)
-        if np.isfinite(pressure):
-            self._dense.append(LowRank(slope[None], np.array([gas.stiffness(self.volume)])))
-        return pressure
+        energy = self.gas.add(x, loads, self.gradient, self.blocks, hessian=hessian)
+        self._dense += [] if self.gas.low_rank is None else [self.gas.low_rank]
+        return energy

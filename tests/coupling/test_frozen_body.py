@@ -39,13 +39,13 @@ def test_it_keeps_the_inflated_shape_of_the_start_and_its_weight() -> None:
     arm, flexible = frozen(), SoftArm(hexagon_arm(2), HANGING, NewtonOptions(), StepOptions())
     found = flexible.start(HANGING, no_load(arm.body, pressure_Pa=PRESSURE_Pa))
     assert arm.state.positions == pytest.approx(found.state.positions, abs=1e-12)
-    assert arm.volume_m3 > 2.0 * SoftArm(arm.body, HANGING, NewtonOptions(), StepOptions()).volume_m3
+    assert arm.volumes_m3[0] > 2.0 * SoftArm(arm.body, HANGING, NewtonOptions(), StepOptions()).volumes_m3[0]
     loads = no_load(arm.body, pressure_Pa=0.0)
     reply = arm.advance(HANGING, loads, STEP_S)
     assert arm.state.positions == pytest.approx(found.state.positions, abs=1e-12)
     assert reply.wrench.force == pytest.approx(found.wrench.force, abs=1e-5)
     assert reply.wrench.torque == pytest.approx(found.wrench.torque, abs=1e-6)
-    assert arm.pressure_Pa == 0.0
+    assert arm.pressures_Pa[0] == 0.0
 
 
 @pytest.mark.parametrize(("integrator", "order"), [("implicit_euler", 1), ("bdf2", 2)])
