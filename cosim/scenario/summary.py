@@ -124,9 +124,7 @@ def _phase_figures(last: Snapshot, name: str, newton_iterations: int, complete: 
 
 
 def _chamber_figures(last: Snapshot, names: tuple[str, ...]) -> dict[str, Any]:
-    """Return pressure and volume of each chamber, where there are several."""
-    if len(names) == 1:
-        return {}
+    """Return pressure and volume of each chamber, by name."""
     pairs = zip(last.chamber_pressure_Pa, last.chamber_volume_m3, strict=True)
     figures = [{"pressure_Pa": pressure, "volume_m3": volume} for pressure, volume in pairs]
     return {"chambers": dict(zip(names, figures, strict=True))}
@@ -174,7 +172,7 @@ def _phase_row(phase: dict[str, Any]) -> str:
     cells = (
         phase["name"] + ("" if phase["complete"] else " (incomplete)"),
         f"{phase['end_s']:.2f}",
-        _scaled([entry["pressure_Pa"] for entry in phase.get("chambers", {0: phase}).values()], 1e-3),
+        _scaled([entry["pressure_Pa"] for entry in phase["chambers"].values()], 1e-3),
         _scaled(phase["cable_tension_N"], 1.0),
         _scaled(phase["tip_position_m"], 1e3),
         _scaled(phase["sag_m"], 1e3),
