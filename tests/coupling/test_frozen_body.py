@@ -120,7 +120,7 @@ def test_it_goes_on_from_a_saved_state_bit_for_bit() -> None:
     saved = arm.save_state()
     expected = arm.advance(turning(0.003), loads, STEP_S)
     other.restore_state(saved)
-    assert other.pressure_Pa == 1e3
+    assert other.pressures_Pa[0] == 1e3
     again = other.advance(turning(0.003), loads, STEP_S)
     assert (again.wrench.force == expected.wrench.force).all()
     assert (other.state.velocities == arm.state.velocities).all()
