@@ -10,6 +10,7 @@ from cosim.soft import (
     cable,
     contact,
     contact_surface,
+    dissected_cholesky,
     frame_ring,
     hinge,
     linear_solver,
@@ -19,7 +20,8 @@ from cosim.soft import (
 )
 
 _MODULES: tuple[ModuleType, ...] = (
-    cable, contact, contact_surface, frame_ring, hinge, linear_solver, mass_terms, membrane, pressure,
+    cable, contact, contact_surface, dissected_cholesky, frame_ring, hinge, linear_solver, mass_terms,
+    membrane, pressure,
 )  # fmt: skip
 
 
@@ -32,12 +34,13 @@ def compile_kernels(
         announce: told in one sentence, before the wait, when they have to be compiled.
         more: modules with further kernels.
     """
-    kernels: list[Any] = [
-        value
+    found: dict[int, Any] = {
+        id(value): value
         for module in (*_MODULES, *more)
         for value in vars(module).values()
         if getattr(value, "fixed_signature", None) is not None
-    ]
+    }
+    kernels = list(found.values())
     told = False
     for kernel in kernels:
         kernel.compile(kernel.fixed_signature)

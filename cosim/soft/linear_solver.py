@@ -20,7 +20,7 @@ from cosim.soft.pattern import BlockPattern
 
 
 @kernel((VECTOR, INDICES, INDICES, INDICES, REAL, VECTOR))
-def _scatter(values, source, destination, diagonal, shift, band):  # type: ignore[no-untyped-def]
+def scatter(values, source, destination, diagonal, shift, band):  # type: ignore[no-untyped-def]
     """Write values[source] to band[destination] and add shift to its diagonal; zero elsewhere."""
     band[:] = 0.0
     for k in range(source.shape[0]):
@@ -131,7 +131,7 @@ def _dofs(number: IntArray) -> IntArray:
     return np.asarray(components[np.argsort(number.ravel()[components])])
 
 
-def _lower_entries(pattern: BlockPattern, number: IntArray) -> tuple[IntArray, IntArray, IntArray]:
+def lower_entries(pattern: BlockPattern, number: IntArray) -> tuple[IntArray, IntArray, IntArray]:
     """Return (row, column, index into blocks.ravel()) of the lower triangle.
 
     Args:
@@ -165,7 +165,7 @@ class BandedCholesky(LinearSolver):
         ranks = [np.argsort(order) for order in orders]
         best = min(ranks, key=lambda rank: int(np.abs(rank[rows] - rank[columns]).max(initial=0)))
         number = _numbering(self.free, self.free_nodes[np.argsort(best)])
-        row, column, self._source = _lower_entries(pattern, number)
+        row, column, self._source = lower_entries(pattern, number)
         self.bandwidth = int((row - column).max(initial=0))
         self._destination = (row - column) + column * (self.bandwidth + 1)
         self._diagonal = np.arange(self.size) * (self.bandwidth + 1)
@@ -177,7 +177,7 @@ class BandedCholesky(LinearSolver):
     def _factorise(self, blocks: Array, shift: float) -> bool:
         if self._lent:
             self._band, self._lent = np.empty_like(self._band), False
-        _scatter(blocks.reshape(-1), self._source, self._destination, self._diagonal, shift, self._band)
+        scatter(blocks.reshape(-1), self._source, self._destination, self._diagonal, shift, self._band)
         matrix = self._band.reshape(self.size, self.bandwidth + 1).T
         self._factor, info = lapack.dpbtrf(matrix, lower=1, overwrite_ab=1)
         return bool(info == 0)
@@ -209,7 +209,7 @@ class GeneralLU(LinearSolver):
     def __init__(self, pattern: BlockPattern, free: Mask) -> None:
         super().__init__(pattern, free)
         self._number = _numbering(self.free, self.free_nodes)
-        self._row, self._column, self._source = _lower_entries(pattern, self._number)
+        self._row, self._column, self._source = lower_entries(pattern, self._number)
         self._dofs = _dofs(self._number)
         self._factor: SuperLU | None = None
         self._factorised = csc_matrix((self.size, self.size))

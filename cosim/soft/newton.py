@@ -20,8 +20,9 @@ import numpy as np
 
 from cosim.frames import Array, Mask
 from cosim.soft.body import Loads
+from cosim.soft.dissected_cholesky import cholesky
 from cosim.soft.kept_factor import KeptFactor, NewtonState
-from cosim.soft.linear_solver import BandedCholesky, GeneralLU, LinearSolver
+from cosim.soft.linear_solver import GeneralLU, LinearSolver
 from cosim.soft.system import Inertia, SoftSystem
 
 
@@ -141,8 +142,11 @@ class NewtonSolver:
         self.system = system
         self.clamped = clamped
         self.free = ~clamped
-        kind: type[LinearSolver] = BandedCholesky if system.conservative else GeneralLU
-        self.linear: LinearSolver = kind(system.pattern, self.free)
+        self.linear: LinearSolver = (
+            cholesky(system.pattern, self.free, system.eyelets)
+            if system.conservative
+            else GeneralLU(system.pattern, self.free)
+        )
         self._kept: KeptFactor | None = None
 
     def solve(

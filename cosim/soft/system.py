@@ -90,6 +90,11 @@ class SoftSystem:
         """What missing caps add to the stiffness, by ring."""
         return self.gas.open_cap_stiffness
 
+    @property
+    def eyelets(self) -> IntArray:
+        """Nodes (m,) that cables tie together across the mesh."""
+        return np.unique(self._segments)
+
     def segment_tension(self, positions: Array, loads: Loads) -> Array:
         """Return what losses at a given shape make of the loads in every cable segment (segments,).
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from cosim.frames import Array
+from cosim.soft.dissected_cholesky import DissectedCholesky
 from cosim.soft.linear_solver import BandedCholesky, GeneralLU, LinearSolver
 from cosim.soft.pattern import BlockPattern
 from tests.derivatives import dense
@@ -15,7 +16,7 @@ ELEMENTS = [
     np.array([[0, 5, 9], [13, 2, 7], [5, 7, 1], [11, 3, 4], [9, 13, 8], [6, 10, 12]]),
     np.array([[12, 0], [4, 8], [10, 3]]),
 ]
-SOLVERS = [BandedCholesky, GeneralLU]
+SOLVERS = [BandedCholesky, DissectedCholesky, GeneralLU]
 
 
 def definite(pattern: BlockPattern) -> tuple[Array, Array]:
@@ -58,11 +59,12 @@ def test_a_factor_is_replaced_by_the_next(kind: type[LinearSolver]) -> None:
     assert solver.solve(load).ravel()[dofs] == pytest.approx(expected, rel=1e-12, abs=1e-13)
 
 
-def test_cholesky_refuses_an_indefinite_matrix_until_the_shift_suffices() -> None:
+@pytest.mark.parametrize("kind", SOLVERS[:2])
+def test_cholesky_refuses_an_indefinite_matrix_until_the_shift_suffices(kind: type[LinearSolver]) -> None:
     pattern, free, blocks, matrix, dofs, _ = problem()
     blocks[pattern.row == pattern.column] -= 40.0 * np.eye(3)
     lowest = np.linalg.eigvalsh(matrix[np.ix_(dofs, dofs)]).min() - 40.0
-    solver = BandedCholesky(pattern, free)
+    solver = kind(pattern, free)
     assert lowest < 0.0
     assert not solver.factor(blocks)
     assert not solver.factor(blocks, 0.99 * -lowest)
@@ -90,11 +92,12 @@ def test_the_band_is_no_wider_than_as_numbered() -> None:
     assert BandedCholesky(pattern, free).bandwidth <= numbered
 
 
-def test_a_node_without_stiffness_is_not_definite_and_a_shift_helps() -> None:
+@pytest.mark.parametrize("kind", SOLVERS[:2])
+def test_a_node_without_stiffness_is_not_definite_and_a_shift_helps(kind: type[LinearSolver]) -> None:
     pattern = BlockPattern.from_elements(3, [np.array([[0, 1]])])  # node 2 hangs on nothing
     blocks = np.zeros((pattern.blocks, 3, 3))
     blocks[(pattern.row == pattern.column) & (pattern.row < 2)] = np.eye(3)
-    solver = BandedCholesky(pattern, np.ones(3, dtype=bool))
+    solver = kind(pattern, np.ones(3, dtype=bool))
     assert not solver.factor(blocks)
     assert solver.factor(blocks, 0.5)
     assert solver.solve(np.ones((3, 3)))[2] == pytest.approx([2.0, 2.0, 2.0])
