@@ -138,3 +138,11 @@ def test_the_required_region_is_looked_at() -> None:
     outside = {"tick_s": 0.1, "pressure_Pa": 30e3, "kind": "named"}
     bad = {"tick_s": 2e-2, "pressure_Pa": 100e3, "kind": "named"}
     assert unstable_reference([good, outside, bad]) == [bad]
+
+
+@pytest.mark.parametrize("pressure_Pa", [10e3, 30e3])
+def test_a_hurried_turn_is_not_slow_at_20_ms(pressure_Pa: float) -> None:
+    """Newton's method starts with the flange where it turns far in a tick; from free flight it took 25 to 42."""
+    found = probe_arm(ArmExtreme(tick_s=0.02, pressure_Pa=pressure_Pa))
+    assert found.kind == "stable"
+    assert found.iterations < 12.5

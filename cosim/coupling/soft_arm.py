@@ -136,7 +136,7 @@ class SoftArm(SoftSide):
         """Take one step, or two halves where it does not converge; return the Newton iterations."""
         (flange, loads) = end
         try:
-            self.state, result = self._stepper.step(self.state, flange, loads, step_s)
+            self.state, result = self._stepper.step(self.state, flange, loads, step_s, begin[0])
         except ConvergenceError as error:
             if halvings == 0:
                 raise

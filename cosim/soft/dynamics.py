@@ -12,6 +12,8 @@ import math
 from dataclasses import dataclass, replace
 from typing import Literal, TypeAlias, final
 
+import numpy as np
+
 from cosim.errors import ConvergenceError, InputError
 from cosim.frames import Array, Pose
 from cosim.soft.body import Loads
@@ -20,6 +22,9 @@ from cosim.soft.state import Clamp, SoftState
 from cosim.soft.system import Inertia
 
 Integrator: TypeAlias = Literal["implicit_euler", "bdf2"]
+
+
+_LARGE_TURN_RAD = 0.01  # above it, another start of Newton's method pays for looking for it
 
 
 @final
@@ -58,6 +63,12 @@ def difference_scheme(integrator: Integrator, state: SoftState, h: float) -> tup
     return (4.0 * state.positions - x1) / 3.0, 2.0 * h / 3.0, (4.0 * state.velocities - v1) / 3.0
 
 
+def _turn(before: Pose, after: Pose) -> float:
+    """Return the angle [rad] between two poses."""
+    cosine = 0.5 * (float(np.einsum("rs,rs->", before.rotation, after.rotation)) - 1.0)
+    return math.acos(min(1.0, max(-1.0, cosine)))
+
+
 @final
 class ImplicitStepper:
     """Steps one body with a given clamp.
@@ -74,7 +85,12 @@ class ImplicitStepper:
         self.options = options
 
     def step(
-        self, state: SoftState, world_from_flange: Pose, loads: Loads, step_s: float
+        self,
+        state: SoftState,
+        world_from_flange: Pose,
+        loads: Loads,
+        step_s: float,
+        before: Pose | None = None,
     ) -> tuple[SoftState, NewtonResult]:
         """Advance by one step, with the flange at its new pose.
 
@@ -83,6 +99,7 @@ class ImplicitStepper:
             world_from_flange: pose of the flange at the end.
             loads: at the end.
             step_s: h [s].
+            before: pose of the flange at the beginning; with it, a large turn finds a better start.
 
         Raises:
             InputError: the step is not positive, or not finite.
@@ -92,9 +109,12 @@ class ImplicitStepper:
             raise InputError(f"step {step_s} s must be positive and finite")
         base, span, speed = difference_scheme(self.options.integrator, state, step_s)
         inertia = self._inertia(base, span, speed)
+        starts = [state.positions + step_s * state.velocities, state.positions]
+        if before is not None and _turn(before, world_from_flange) > _LARGE_TURN_RAD:
+            starts = self._ranked(starts, state, before, world_from_flange, loads, inertia)
         # free flight is the better start, unless it lets films cross; then the step begins where it is
-        for flight in (step_s, 0.0):
-            start = self.clamp.place(state.positions + flight * state.velocities, world_from_flange)
+        for free in starts:
+            start = self.clamp.place(free, world_from_flange)
             result = self._solve(start, state, world_from_flange, loads, inertia)
             if result.outcome is not Outcome.NOT_FINITE:
                 break
@@ -122,6 +142,24 @@ class ImplicitStepper:
         return self.solver.factorise(
             state.positions, state.angles, loads, inertia, world_from_flange.rotation
         )
+
+    def _ranked(
+        self, starts: list[Array], state: SoftState, before: Pose, after: Pose, loads: Loads, inertia: Inertia
+    ) -> list[Array]:
+        """Return the starts and that which goes with the flange, the one of least potential first.
+
+        Free flight goes along tangents: where the flange turns far in a step, it stretches the film.
+        """
+        system, positions = self.solver.system, state.positions
+        carried = np.ascontiguousarray((after @ before.inverse()).apply(positions))
+        tension = system.segment_tension(positions, loads)
+
+        def potential(start: Array) -> float:
+            placed = self.clamp.place(start, after)
+            value = system.evaluate(placed, loads, tension, state.angles, inertia=inertia, hessian=False)
+            return value if math.isfinite(value) else math.inf
+
+        return sorted([*starts, carried], key=potential)
 
     def _inertia(self, base: Array, span: float, speed: Array) -> Inertia:
         """Return M (v - speed) / s + alpha M v with v = (x - base) / s, written as one elastic bed."""
