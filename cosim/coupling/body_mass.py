@@ -13,9 +13,11 @@ from typing import final
 
 import numpy as np
 
+from cosim.coupling.body_stiffness import body_stiffness
 from cosim.coupling.contact import ContactExchange
+from cosim.coupling.jointed_mass import JointedMass, JointedMassState
 from cosim.coupling.soft_side import SoftSide
-from cosim.frames import Array, cross_matrix
+from cosim.frames import Array
 from cosim.soft.contact import ContactPlanes
 
 _RENEW_EVERY_TICKS = 10
@@ -31,12 +33,13 @@ class BodyMassState:
     renewed: Array
     added: Array
     age: int
-    ratio: float
+    free_ratio: float
+    jointed: JointedMassState
 
 
 @final
 class BodyMass:
-    """Keeps the armature of the free bodies up to date.
+    """Keeps the armature of the free bodies, and what bodies on joints carry, up to date.
 
     Args:
         exchange: contacts.
@@ -52,19 +55,34 @@ class BodyMass:
         self._renewed = np.zeros((len(free), 6))
         self._added = np.zeros((len(free), 6))
         self._age = 0
-        self.ratio = 0.0
+        self._free_ratio = 0.0
+        self._jointed = JointedMass(exchange, soft, tick_s)
+
+    @property
+    def ratio(self) -> float:
+        """Largest algorithmic mass over the inertia of a body that moves with it; carried above 1."""
+        return max(self._free_ratio, self._jointed.ratio)
 
     def update(self) -> None:
         """Bring the carried mass up to date after a soft step."""
         planes = self._exchange.sticking
-        if planes is None or not len(self._inertia):
-            if self.ratio:
-                self._carry(np.zeros_like(self._added))
-                self._touching[:] = 0.0
-                self.ratio = 0.0
+        if planes is None:
+            self._jointed.update(None, np.zeros(0))
+            self._let_go()
             return
         tangents = planes.tangents(self._soft.state.positions)
         stiffness = np.trace(tangents, axis1=1, axis2=2)
+        self._jointed.update(planes, stiffness)
+        if len(self._inertia):
+            self._update_free(planes, tangents, stiffness)
+
+    def _let_go(self) -> None:
+        if self._free_ratio:
+            self._carry(np.zeros_like(self._added))
+            self._touching[:] = 0.0
+            self._free_ratio = 0.0
+
+    def _update_free(self, planes: ContactPlanes, tangents: Array, stiffness: Array) -> None:
         owner = self._exchange.query.body[self._exchange.shape]
         total = np.array([stiffness[owner == body].sum() for body in self._exchange.bodies.free])
         self._age += 1
@@ -76,18 +94,20 @@ class BodyMass:
             for k in range(len(total)):
                 self._renewed[k] = self._mass(k, planes, tangents) if total[k] > 0.0 else 0.0
         ratio = (self._renewed / self._inertia).max(axis=1)
-        self.ratio = float(ratio.max(initial=0.0))
+        self._free_ratio = float(ratio.max(initial=0.0))
         heavy = (ratio > _RATIO_BOUND) & (total > 0.0)
         self._carry(np.where(heavy[:, None], self._renewed, 0.0))
 
     def save_state(self) -> BodyMassState:
         """Return what the next update depends on."""
-        return BodyMassState(self._touching.copy(), self._renewed.copy(), self._added, self._age, self.ratio)
+        free = self._touching.copy(), self._renewed.copy(), self._added, self._age, self._free_ratio
+        return BodyMassState(*free, self._jointed.save_state())
 
     def restore_state(self, state: BodyMassState) -> None:
         """Return to a state of `save_state`; the scene, which carries the mass, has been restored before."""
         self._touching, self._renewed = state.touching.copy(), state.renewed.copy()
-        self._added, self._age, self.ratio = state.added, state.age, state.ratio
+        self._added, self._age, self._free_ratio = state.added, state.age, state.free_ratio
+        self._jointed.restore_state(state.jointed)
 
     def added_to(self, name: str) -> Array:
         """Return what a free body carries (6,): along world axes [kg], then about body axes [kg m^2]."""
@@ -101,25 +121,8 @@ class BodyMass:
 
     def _mass(self, k: int, planes: ContactPlanes, tangents: Array) -> Array:
         """Return D (6,) of the k-th free body: along world axes, then about body axes."""
-        exchange, positions = self._exchange, self._soft.state.positions
-        body = exchange.bodies.free[k : k + 1]
-        mine = np.flatnonzero(exchange.query.body[exchange.shape] == body[0])
-        nodes, weights = planes.nodes[mine], planes.weights[mine]
-        point = np.einsum("ka,kar->kr", weights, positions[nodes])
-        arm = point - exchange.bodies.origins(body)
-        motion = np.zeros((len(mine), 3, 6))  # of the points with the body: G = [1, -S(arm) R]
-        motion[:, :, :3] = np.eye(3)
-        turn = exchange.bodies.rotations(body)[0]
-        motion[:, :, 3:] = [-cross_matrix(a) @ turn for a in arm]
-        push = np.einsum("krs,ksj->krj", tangents[mine], motion)
-        pushed = np.zeros((len(positions), 6, 3))
-        for a in range(3):
-            np.add.at(pushed, nodes[:, a], weights[:, a, None, None] * push.transpose(0, 2, 1))
-        forces = np.ascontiguousarray(pushed.transpose(1, 0, 2))
-        following = self._soft.response(forces, planes, self._tick_s)
-        stiffness = np.einsum("kri,krj->ij", motion, push)
-        if following is not None:
-            stiffness -= np.einsum("inr,jnr->ij", forces, following)
+        body = self._exchange.bodies.free[k : k + 1]
+        stiffness = body_stiffness(self._exchange, self._soft, planes, tangents, body, self._tick_s)
         return self._tick_s**2 * bounding_diagonal(stiffness)
 
 

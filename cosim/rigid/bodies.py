@@ -8,13 +8,14 @@ import mujoco
 import numpy as np
 
 from cosim.frames import Array, IntArray
+from cosim.rigid.carried_mass import CarriedMass
 
 
 @final
 class Bodies:
     """Loads on bodies and armature of free ones; a view into a scene's model and state.
 
-    `loaded` names the bodies that bear a load of `apply`.
+    `loaded` names the bodies that bear a load of `apply`; `carried` is the inertia of those on joints.
 
     Args:
         model: compiled scene.
@@ -28,6 +29,7 @@ class Bodies:
         self._dofs = model.jnt_dofadr[joints][:, None] + np.arange(6)
         self.loaded: IntArray = np.zeros(0, np.int64)
         self._own_armature = model.dof_armature[self._dofs].copy()
+        self.carried = CarriedMass(model, data)
 
     def names(self, bodies: IntArray) -> tuple[str, ...]:
         """Return the names of bodies (b,)."""
@@ -77,8 +79,12 @@ class Bodies:
             added: (free bodies, 6), along world axes [kg], then about body axes [kg m^2].
         """
         self._model.dof_armature[self._dofs] = self._own_armature + added
-        mujoco.mj_makeM(self._model, self._data)
-        mujoco.mj_factorM(self._model, self._data)
+        self.carried.renew()
+
+    def on_joints(self, bodies: IntArray) -> IntArray:
+        """Return those of bodies (b,) that move, but not freely: hinged ones, segments of a wire."""
+        moving = self._model.body_weldid[bodies] != 0
+        return np.asarray(bodies[moving & ~np.isin(bodies, self.free)])
 
 
 def touchable_geoms(model: mujoco.MjModel, mount: int) -> IntArray:

@@ -11,6 +11,8 @@ from cosim.errors import InputError
 from cosim.frames import Array, Pose
 from cosim.mesh_files import TriangleMesh
 from cosim.rigid.geometry import Geometry
+from cosim.rigid.joint import Joint
+from cosim.rigid.wire import Wire
 
 
 @dataclass(frozen=True)
@@ -29,6 +31,7 @@ class SceneObject:
         mesh: of shape "mesh", see `Geometry`.
         convex: of shape "mesh", see `Geometry`.
         parts: further solids on the same body; they may overlap.
+        joint: that it hangs on; None for a body that is free, or stands still.
 
     Raises:
         InputError: unknown shape, wrong number of dimensions, or a value outside its bounds.
@@ -45,6 +48,7 @@ class SceneObject:
     mesh: TriangleMesh | None = None
     convex: bool = True
     parts: tuple[Geometry, ...] = ()
+    joint: Joint | None = None
 
     def __post_init__(self) -> None:
         where = f"object {self.name!r}"
@@ -58,6 +62,8 @@ class SceneObject:
             raise InputError(f"{where}: mass_kg is {self.mass_kg}; it must be finite and not negative")
         if self.mass_kg > 0.0 and any(solid.shape == "plane" for solid in solids):
             raise InputError(f"{where}: a plane cannot move, so its mass_kg must be 0")
+        if self.joint is not None and self.mass_kg == 0.0:
+            raise InputError(f"{where}: what hangs on a joint needs a mass_kg above 0")
         if not (np.all(np.isfinite(self.quaternion)) and np.linalg.norm(self.quaternion) > 1e-6):
             raise InputError(f"{where}: quaternion is {self.quaternion}; it must not be zero")
         if not np.all(np.isfinite(self.position_m)):
@@ -115,12 +121,13 @@ class SceneDescription:
         gravity: (3,) [m/s^2], world.
         world_from_base: pose of the arm's root link.
         objects: bodies around the arm.
+        wires: around the arm.
         floor_height_m: height of a floor plane [m], or None for no floor.
         armature: rotor inertia seen at each joint [kg m^2].
         gains: of the servos; from the arm's torque limits unless given.
 
     Raises:
-        InputError: a value outside its bounds, or two objects of one name.
+        InputError: a value outside its bounds, two things of one name, or a parent that is not there.
     """
 
     arm: ArmFile
@@ -128,6 +135,7 @@ class SceneDescription:
     gravity: tuple[float, float, float] = (0.0, 0.0, -9.81)
     world_from_base: Pose = field(default_factory=Pose)
     objects: tuple[SceneObject, ...] = ()
+    wires: tuple[Wire, ...] = ()
     floor_height_m: float | None = 0.0
     armature: float = 0.1
     gains: ServoGains | None = None
@@ -137,7 +145,31 @@ class SceneDescription:
             raise InputError(f"tick_s is {self.tick_s}; it must be above 0")
         if not (np.isfinite(self.armature) and self.armature >= 0.0):
             raise InputError(f"armature is {self.armature} kg m^2; it must be finite and not negative")
-        names = [item.name for item in self.objects]
+        names = [item.name for item in self.objects] + [wire.name for wire in self.wires]
         twice = sorted({name for name in names if names.count(name) > 1})
         if twice:
             raise InputError(f"two objects are called {', '.join(map(repr, twice))}; names must be unique")
+        held = [name for wire in self.wires for name in (wire.first, wire.last)]
+        for name in held:
+            if name is not None and name not in {item.name for item in self.objects}:
+                raise InputError(f"a wire is held by {name!r}; there is no such object")
+        self.objects_by_parent()
+
+    def objects_by_parent(self) -> tuple[SceneObject, ...]:
+        """Return the objects in an order in which each comes after the one that it hangs on.
+
+        Raises:
+            InputError: an object hangs on itself, or on one that is not there.
+        """
+        ordered: list[SceneObject] = []
+        waiting = list(self.objects)
+        while waiting:
+            there = {None, *(item.name for item in ordered)}
+            ready = [item for item in waiting if (item.joint and item.joint.parent) in there]
+            if not ready:
+                names = ", ".join(repr(item.name) for item in waiting)
+                raise InputError(f"{names}: hang on themselves, or on an object that is not there")
+            ordered += ready
+            there |= {item.name for item in ready}
+            waiting = [item for item in waiting if item.name not in there]
+        return tuple(ordered)

@@ -12,6 +12,7 @@ from cosim.errors import InputError
 from cosim.frames import Pose
 from cosim.rigid.description import SceneDescription, SceneObject, ServoGains
 from cosim.rigid.object_bodies import add_object, prepare
+from cosim.rigid.wire_bodies import add_wire, relax_wire
 
 FLANGE_MOUNT, FLANGE_SITE = "flange_mount", "flange"
 FORCE_SENSOR, TORQUE_SENSOR = "flange_force", "flange_torque"
@@ -43,14 +44,20 @@ def compile_model(description: SceneDescription) -> mujoco.MjModel:
     if description.floor_height_m is not None:
         height = description.floor_height_m
         floor = SceneObject("floor", "plane", (4.0, 4.0), (0.0, 0.0, height), rgba=_FLOOR_GREY)
-        add_object(spec, floor)
+        add_object(spec, floor, {}, description.tick_s)
     prepare(spec)
     try:
-        for item in description.objects:
-            add_object(spec, item)
-        return spec.compile()
+        objects = {item.name: item for item in description.objects}
+        for item in description.objects_by_parent():
+            add_object(spec, item, objects, description.tick_s)
+        for wire in description.wires:
+            add_wire(spec, wire, objects, description.tick_s)
+        model = spec.compile()
     except ValueError as error:
         raise InputError(f"MuJoCo refuses the scene with arm {arm.name!r}: {error}") from None
+    for wire in description.wires:
+        relax_wire(model, wire)
+    return model
 
 
 def _mujoco_urdf(urdf: str) -> str:

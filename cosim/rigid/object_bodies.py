@@ -5,10 +5,11 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from cosim.frames import Array
+from cosim.frames import Array, Pose
 from cosim.mesh_files import TriangleMesh
 from cosim.rigid.description import SceneObject
 from cosim.rigid.geometry import Geometry
+from cosim.rigid.joint import Joint
 
 VISUAL_GROUP = 1  # MuJoCo's URDF reader puts what is drawn into this geom group
 _CONTACT = (2, 3)  # floor and objects meet everything
@@ -22,6 +23,7 @@ _GEOM_TYPES = {
     "plane": mujoco.mjtGeom.mjGEOM_PLANE,
 }
 _ROUND = ("sphere", "cylinder", "capsule")  # given by their radius, not by their diameter
+HARD = [0.9999, 0.9999, 0.001, 0.5, 2.0]  # of a constraint that hardly gives way; 1 would be rigid
 _HOLLOW = 1.0  # user value of a geom whose surface, not its hull, soft robots touch
 
 
@@ -37,14 +39,54 @@ def hollow(model: mujoco.MjModel) -> Array:
     return np.asarray(model.geom_user[:, 0] == _HOLLOW)
 
 
-def add_object(spec: mujoco.MjSpec, item: SceneObject) -> None:
-    """Add an object's body."""
-    body = spec.worldbody.add_body(name=item.name, pos=item.position_m, quat=item.quaternion)
-    if item.mass_kg > 0.0:
+def world_pose(item: SceneObject) -> Pose:
+    """Return world from object, where the scene is drawn."""
+    quaternion = np.array(item.quaternion, dtype=np.float64)
+    return Pose.from_quaternion(quaternion, np.array(item.position_m))
+
+
+def add_object(
+    spec: mujoco.MjSpec, item: SceneObject, objects: dict[str, SceneObject], tick_s: float
+) -> None:
+    """Add an object's body to what it hangs on.
+
+    Args:
+        spec: holds the object's parent already.
+        item: to add.
+        objects: of the scene by name.
+        tick_s: length of a step [s], for the springs, see `Joint`.
+    """
+    joint = item.joint
+    if joint is None or joint.parent is None:
+        parent, outer = spec.worldbody, Pose()
+    else:
+        parent, outer = spec.body(joint.parent), world_pose(objects[joint.parent])
+        spec.add_exclude(bodyname1=joint.parent, bodyname2=item.name)
+    placed = outer.inverse() @ world_pose(item)
+    body = parent.add_body(name=item.name, pos=placed.translation, quat=placed.quaternion)
+    if joint is not None:
+        _add_joint(body, item, joint, tick_s)
+    elif item.mass_kg > 0.0:
         body.add_freejoint()
+    if item.mass_kg > 0.0:
         # Otherwise MuJoCo ignores later edits of the body's armature.
         body.simple = 0
     add_geometries(spec, body, item)
+
+
+def _add_joint(body: mujoco.MjsBody, item: SceneObject, joint: Joint, tick_s: float) -> None:
+    kinds = {"hinge": mujoco.mjtJoint.mjJNT_HINGE, "slide": mujoco.mjtJoint.mjJNT_SLIDE}
+    own = body.add_joint(name=item.name, type=kinds[joint.kind])
+    object_from_world = world_pose(item).inverse()
+    own.axis = object_from_world.rotation @ np.array(joint.axis)
+    own.pos = object_from_world.apply(np.array([joint.anchor_m]))[0]
+    own.frictionloss, own.solimp_friction = joint.friction, HARD
+    # linear, quadratic, cubic
+    own.stiffness = [joint.stiffness, 0.0, 0.0]
+    own.damping = [joint.damping + joint.stiffness * tick_s, 0.0, 0.0]
+    own.limited = joint.limits is not None
+    if joint.limits is not None:
+        own.range = joint.limits
 
 
 def add_geometries(spec: mujoco.MjSpec, body: mujoco.MjsBody, item: SceneObject) -> None:

@@ -213,12 +213,12 @@ class RigidScene:
             diagonal: (joints,) [kg m^2], not negative.
         """
         self._model.dof_armature[self._v] = self._armature + diagonal
-        mujoco.mj_makeM(self._model, self._data)
-        mujoco.mj_factorM(self._model, self._data)
+        self.bodies.carried.renew()
 
     def begin_step(self) -> None:
         """Bring poses, velocities and inertia up to the present joint state (first half of a step)."""
         mujoco.mj_step1(self._model, self._data)
+        self.bodies.carried.follow()
 
     def finish_step(self) -> None:
         """Compute accelerations, advance the state by a tick and read the sensor (second half).
@@ -286,7 +286,10 @@ class RigidScene:
         mujoco.mj_getState(self._model, self._data, integration, _STATE)
         armature = np.array(self._model.dof_armature)
         acceleration, load = np.array(self._data.qacc), self._flange_load.copy()
-        return RigidState(integration, armature, acceleration, load, self.bodies.loaded)
+        carried = self.bodies.carried
+        return RigidState(
+            integration, armature, acceleration, load, self.bodies.loaded, carried.bodies, carried.inertia
+        )
 
     def restore_state(self, state: RigidState) -> None:
         """Return to a state of `save_state`, model edits included; everything readable follows.
@@ -299,6 +302,7 @@ class RigidScene:
             raise InputError(f"the saved scene has {len(state.integration)} numbers, this one {size}")
         self._data.warning.number[:] = 0
         self.bodies.loaded = state.loaded
+        self.bodies.carried.bodies, self.bodies.carried.inertia = state.carrying, state.carried
         self._model.dof_armature[:] = state.armature
         mujoco.mj_setState(self._model, self._data, state.integration, _STATE)
         self.begin_step()

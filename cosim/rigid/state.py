@@ -19,6 +19,8 @@ class RigidState:
         acceleration: (dofs,) of the last finished step.
         flange_load: (6,) reading of the flange sensor.
         loaded: bodies that contact loads at present.
+        carrying: bodies on joints that carry extra inertia.
+        carried: their inertia (b, 6, 6).
     """
 
     integration: Array
@@ -26,3 +28,5 @@ class RigidState:
     acceleration: Array
     flange_load: Array
     loaded: IntArray
+    carrying: IntArray
+    carried: Array

@@ -55,7 +55,7 @@ def _arm(scenario: Scenario, trial: SoftSide, soft: SoftSide) -> tuple[Plan, Car
     from cosim.rigid.scene import RigidScene
     from cosim.scenario.arm_carrier import ArmCarrier
     from cosim.scenario.path import plan_joints
-    from cosim.scenario.scene_objects import rigid_object
+    from cosim.scenario.scene_objects import rigid_object, rigid_wire
 
     file = find_arm(scenario.robot)
     arm = Arm(file, gravity=scenario.gravity_m_s2)
@@ -66,6 +66,7 @@ def _arm(scenario: Scenario, trial: SoftSide, soft: SoftSide) -> tuple[Plan, Car
             tick_s=scenario.clock.tick_s,
             gravity=scenario.gravity_m_s2,
             objects=tuple(rigid_object(entry) for entry in scenario.objects),
+            wires=tuple(rigid_wire(entry) for entry in scenario.wires),
         )
     )
     return plan, ArmCarrier(
@@ -133,5 +134,6 @@ def _contact_report(scenario: Scenario) -> str:
         return "none: there is nothing to touch"
     if law is None:
         return "not modelled" + (" in the quasistatic mode" if scenario.contact.enabled else ": switched off")
-    things = ", ".join(["floor", *(entry.name for entry in scenario.objects)])
+    names = [entry.name for entry in scenario.objects] + [wire.name for wire in scenario.wires]
+    things = ", ".join(["floor", *names])
     return f"with {things}; {law.stiffness_N_m3:.0e} N/m^3, friction sticks within {1e3 * law.stick_m:g} mm"

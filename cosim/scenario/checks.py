@@ -9,7 +9,7 @@ from cosim.errors import ScenarioError
 from cosim.scenario.fidelity_checks import check_fidelity
 from cosim.scenario.gas_rules import check_gas
 from cosim.scenario.holding_checks import check_holding, check_rings
-from cosim.scenario.object_checks import check_object
+from cosim.scenario.object_checks import check_objects
 from cosim.scenario.phase_schema import Phase, TipTarget
 from cosim.scenario.schema import NO_ARM, Scenario
 from cosim.scenario.soft_robot import Cable, SoftRobot
@@ -28,12 +28,12 @@ def check_scenario(scenario: Scenario) -> None:
     check_soft_robot(scenario.soft_robot, "soft_robot")
     _check_calibrated(scenario)
     _check_unique((entry.name for entry in scenario.objects), "object")
+    _check_unique([entry.name for entry in scenario.objects] + [wire.name for wire in scenario.wires], "wire")
     _check_unique((entry.name for entry in scenario.phases), "phase")
     cables = scenario.soft_robot.cable_names()
     if scenario.start.cable_tension_N:
         _check_tensions(scenario.start.cable_tension_N, cables, "start.cable_tension_N")
-    for scene_object in scenario.objects:
-        check_object(scene_object, f"object.{scene_object.name}")
+    check_objects(scenario.objects, scenario.wires)
     for phase in scenario.phases:
         _check_phase(phase, scenario, f"phase.{phase.name}")
     check_holding(scenario)

@@ -4,12 +4,75 @@ from __future__ import annotations
 
 from typing import Final
 
+import numpy as np
+
 from cosim.errors import MeshError, ScenarioError
 from cosim.mesh_files import read_mesh
 from cosim.scenario.mesh_lookup import mesh_path
-from cosim.scenario.object_schema import Part, SceneObject
+from cosim.scenario.object_schema import Hinge, Part, SceneObject
+from cosim.scenario.suggestions import unknown_name_message
+from cosim.scenario.wire_schema import Wire
 
 _SIZE_ENTRIES: Final = {"box": 3, "sphere": 1, "cylinder": 2, "capsule": 2, "ellipsoid": 3, "mesh": 0}
+
+
+def check_objects(objects: tuple[SceneObject, ...], wires: tuple[Wire, ...]) -> None:
+    """Check the objects and wires of a scenario, one by one and together.
+
+    Raises:
+        ScenarioError: the first rule that is broken.
+    """
+    names = tuple(entry.name for entry in objects)
+    for entry in objects:
+        check_object(entry, f"object.{entry.name}")
+        _check_joint(entry, names, f"object.{entry.name}")
+    parents = {entry.name: joint.parent for entry in objects if (joint := entry.hinge or entry.slide)}
+    for entry in objects:
+        _check_line(entry.name, parents)
+    for wire in wires:
+        _check_wire(wire, names, f"wire.{wire.name}")
+
+
+def _check_joint(entry: SceneObject, names: tuple[str, ...], path: str) -> None:
+    if entry.hinge is not None and entry.slide is not None:
+        raise ScenarioError(f"{path}.slide", "cannot stand beside hinge; an object has one joint")
+    joint, key = entry.hinge or entry.slide, "hinge" if entry.hinge is not None else "slide"
+    if joint is None:
+        return
+    if entry.mass_kg is None:
+        raise ScenarioError(f"{path}.mass_kg", f"is missing; what hangs on a {key} needs mass")
+    if joint.parent is not None and joint.parent not in names:
+        raise ScenarioError(f"{path}.{key}.parent", unknown_name_message("object", joint.parent, names))
+    unit = "rad" if isinstance(joint, Hinge) else "m"
+    limits = joint.range_rad if isinstance(joint, Hinge) else joint.range_m
+    if limits is not None and not (limits[0] <= 0.0 <= limits[1] and limits[0] < limits[1]):
+        raise ScenarioError(
+            f"{path}.{key}.range_{unit}", f"{list(limits)} must increase and hold 0, where the object starts"
+        )
+
+
+def _check_line(name: str, parents: dict[str, str | None]) -> None:
+    """Follow the parents from an object on; none may come twice."""
+    line = [name]
+    while (parent := parents.get(line[-1])) is not None:
+        if parent in line:
+            raise ScenarioError(f"object.{name}", f"hangs on itself: {' on '.join([*line, parent])}")
+        line.append(parent)
+
+
+def _check_wire(wire: Wire, names: tuple[str, ...], path: str) -> None:
+    for key in ("first", "last"):
+        held = getattr(wire, key)
+        if held is not None and held not in names:
+            raise ScenarioError(f"{path}.{key}", unknown_name_message("object", held, names))
+    points = np.array(wire.points_m)
+    length = float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
+    if length / wire.segments <= 2.0 * wire.radius_m:
+        most = int(length / (2.0 * wire.radius_m))
+        raise ScenarioError(
+            f"{path}.segments",
+            f"{wire.segments} segments of {length:.3g} m are not longer than thick; fewer than {most} are",
+        )
 
 
 def check_object(entry: SceneObject, path: str) -> None:

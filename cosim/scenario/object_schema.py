@@ -6,6 +6,10 @@ shells (pieces that share no vertex) are touched as their convex hulls, which is
 convex: cut a concave solid into convex shells in one file. With `convex = false` the film touches the surface
 itself through a table of distances (cells of 1/40 of its longest edge, trilinear: blunt by a fraction of a
 cell at edges), while rigid bodies meet the hull of the whole.
+
+With a `hinge` or a `slide` an object hangs on the world or on another object, its `parent`, and turns or
+shifts from where the scenario puts it; it does not collide with its parent. Poses, axes and anchors are
+those of the world at the start, also with a parent.
 """
 
 from __future__ import annotations
@@ -13,7 +17,16 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Annotated, Literal, TypeAlias, final
 
-from cosim.scenario.constraints import Colour, Length, Name, NonNegative, Positive, Quaternion, Vector3
+from cosim.scenario.constraints import (
+    Colour,
+    Direction,
+    Length,
+    Name,
+    NonNegative,
+    Positive,
+    Quaternion,
+    Vector3,
+)
 
 Shape: TypeAlias = Literal["box", "sphere", "cylinder", "capsule", "ellipsoid", "mesh"]
 Size: TypeAlias = Annotated[tuple[Positive, ...], Length(at_most=3)]
@@ -53,6 +66,48 @@ class Part:
 
 @final
 @dataclass(frozen=True)
+class Hinge:
+    """Turns an object about an axis; the moment is -stiffness q - damping dq/dt - dry friction.
+
+    Args:
+        axis: world.
+        anchor_m: a point on the axis, world.
+        parent: name of an object; omitted: the world.
+        range_rad: smallest and largest angle, 0 at the start; omitted: free.
+        friction_Nm: dry, such as the brake of a spool.
+    """
+
+    axis: Direction
+    anchor_m: Vector3
+    parent: str | None = None
+    range_rad: tuple[float, float] | None = None
+    damping_Nms: NonNegative = 0.0
+    stiffness_Nm: NonNegative = 0.0
+    friction_Nm: NonNegative = 0.0
+
+
+@final
+@dataclass(frozen=True)
+class Slide:
+    """Shifts an object along an axis; the force is -stiffness q - damping dq/dt - dry friction.
+
+    Args:
+        axis: world.
+        parent: name of an object; omitted: the world.
+        range_m: smallest and largest shift, 0 at the start; omitted: free.
+        friction_N: dry.
+    """
+
+    axis: Direction
+    parent: str | None = None
+    range_m: tuple[float, float] | None = None
+    damping_Ns_m: NonNegative = 0.0
+    stiffness_N_m: NonNegative = 0.0
+    friction_N: NonNegative = 0.0
+
+
+@final
+@dataclass(frozen=True)
 class SceneObject:
     """A rigid body of the scene.
 
@@ -67,6 +122,8 @@ class SceneObject:
         quaternion: (w, x, y, z), world from object; normalised on use.
         mass_kg: of all its solids together; omitted = fixed to the world.
         friction: coefficient of sliding.
+        hinge: that it hangs on; needs mass_kg.
+        slide: the same; an object has one of them, or none.
         parts: `[[object.part]]` in the file.
     """
 
@@ -81,4 +138,6 @@ class SceneObject:
     mass_kg: Positive | None = None
     rgba: Colour = GREY
     friction: NonNegative = 0.8
+    hinge: Hinge | None = None
+    slide: Slide | None = None
     parts: tuple[Part, ...] = field(default=(), metadata={"key": "part"})

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import fields
+
 from cosim.mesh_files import TriangleMesh, read_mesh
 from cosim.rigid.description import SceneObject
 from cosim.rigid.geometry import Geometry
+from cosim.rigid.joint import Joint
+from cosim.rigid.wire import Wire
 from cosim.scenario.mesh_lookup import mesh_path
 from cosim.scenario.object_schema import Part
 from cosim.scenario.object_schema import SceneObject as SceneObjectSchema
+from cosim.scenario.wire_schema import Wire as WireSchema
 
 
 def rigid_object(entry: SceneObjectSchema) -> SceneObject:
@@ -24,7 +29,27 @@ def rigid_object(entry: SceneObjectSchema) -> SceneObject:
         mesh=_mesh(entry),
         convex=entry.convex,
         parts=tuple(_geometry(part, entry) for part in entry.parts),
+        joint=_joint(entry),
     )
+
+
+def rigid_wire(entry: WireSchema) -> Wire:
+    """Return a scenario's wire for the rigid scene."""
+    return Wire(**{field.name: getattr(entry, field.name) for field in fields(entry)})
+
+
+def _joint(entry: SceneObjectSchema) -> Joint | None:
+    if (hinge := entry.hinge) is not None:
+        return Joint(
+            "hinge", hinge.axis, hinge.anchor_m, hinge.parent, hinge.range_rad,
+            hinge.damping_Nms, hinge.stiffness_Nm, hinge.friction_Nm,
+        )  # fmt: skip
+    if (slide := entry.slide) is not None:
+        return Joint(
+            "slide", slide.axis, entry.position_m, slide.parent, slide.range_m,
+            slide.damping_Ns_m, slide.stiffness_N_m, slide.friction_N,
+        )  # fmt: skip
+    return None
 
 
 def _geometry(part: Part, entry: SceneObjectSchema) -> Geometry:

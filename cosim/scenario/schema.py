@@ -10,6 +10,7 @@ from cosim.scenario.object_schema import SceneObject
 from cosim.scenario.phase_schema import Phase, Start
 from cosim.scenario.soft_robot import SoftRobot
 from cosim.scenario.solver_schema import ChamberModel, Clock, Contact, Gas, Recording, Solver
+from cosim.scenario.wire_schema import Wire
 
 NO_ARM: Final = "none"
 
@@ -28,6 +29,7 @@ class Scenario:
             of its file; "refined": every triangle of that divided into four.
         payload_compensation: the arm's feedforward knows the soft arm's weight.
         objects: `[[object]]` in the file.
+        wires: `[[wire]]` in the file.
         phases: `[[phase]]` in the file.
     """
 
@@ -49,3 +51,4 @@ class Scenario:
     gas: Gas = Gas()
     recording: Recording = Recording()
     objects: tuple[SceneObject, ...] = field(default=(), metadata={"key": "object"})
+    wires: tuple[Wire, ...] = field(default=(), metadata={"key": "wire"})

@@ -13,6 +13,7 @@ from cosim.coupling.soft_arm import SoftArm
 from cosim.frames import Array, Pose
 from cosim.rigid.description import SceneDescription, SceneObject
 from cosim.rigid.scene import RigidScene
+from cosim.rigid.wire import Wire
 from cosim.soft.body import Loads, SoftBody
 from cosim.soft.contact import ContactLaw
 from cosim.soft.dynamics import StepOptions
@@ -47,6 +48,8 @@ class Grasp:
         carried: whether the film's algorithmic mass rides on the cube.
         law: of contact.
         gravity: (3,) [m/s^2].
+        objects: held instead of the free cube; one is called "cube" unless there is a wire.
+        wires: besides.
     """
 
     def __init__(
@@ -57,10 +60,13 @@ class Grasp:
         carried: bool = True,
         law: ContactLaw | None = None,
         gravity: tuple[float, float, float] = (0.0, 0.0, -9.81),
+        objects: tuple[SceneObject, ...] | None = None,
+        wires: tuple[Wire, ...] = (),
     ) -> None:
-        cube = SceneObject("cube", "box", (EDGE_M,) * 3, (0.0, 0.0, 1.5), mass_kg=mass_kg)
+        if objects is None:
+            objects = (SceneObject("cube", "box", (EDGE_M,) * 3, (0.0, 0.0, 1.5), mass_kg=mass_kg),)
         self.scene = RigidScene(
-            SceneDescription(find_arm("ur5e"), tick_s=tick_s, gravity=gravity, objects=(cube,))
+            SceneDescription(find_arm("ur5e"), tick_s=tick_s, gravity=gravity, objects=objects, wires=wires)
         )
         self.scene.set_control(self.scene.joint_position)
         options = StepOptions(tolerance_N=1e-6, damping_per_s=5.0)
@@ -75,7 +81,7 @@ class Grasp:
         )
         self.mass = BodyMass(self.exchange, self.soft, tick_s) if carried else None
         self.loads = Loads(PRESSURE_PA, (), gravity)
-        self._cube = self.scene.body_names.index("cube")
+        self._cube = self.scene.body_names.index(f"{wires[0].name}/2" if wires else "cube")
 
     def tick(self) -> ContactReport:
         """Advance by one tick."""
@@ -90,5 +96,5 @@ class Grasp:
 
     @property
     def cube_position(self) -> Array:
-        """(3,) [m], world."""
+        """(3,) [m], world; of the second segment of a wire."""
         return np.array(self.scene.body_poses()[0][self._cube])

@@ -112,6 +112,51 @@ WRONG_VALUES = {
         "object.ball.file",
         "shape = 'mesh'",
     ),
+    "two joints": (
+        'object=[{name="lid",shape="sphere",size_m=[1],position_m=[0,0,0],mass_kg=1,'
+        "hinge={axis=[0,0,1],anchor_m=[0,0,0]},slide={axis=[0,0,1]}}]",
+        "object.lid.slide",
+        "beside hinge",
+    ),
+    "hinge without mass": (
+        'object=[{name="lid",shape="sphere",size_m=[1],position_m=[0,0,0],slide={axis=[0,0,1]}}]',
+        "object.lid.mass_kg",
+        "is missing",
+    ),
+    "parent that is not there": (
+        'object=[{name="lid",shape="sphere",size_m=[1],position_m=[0,0,0],mass_kg=1,'
+        'slide={axis=[0,0,1],parent="box"}}]',
+        "object.lid.slide.parent",
+        "no object 'box'",
+    ),
+    "range without the start": (
+        'object=[{name="lid",shape="sphere",size_m=[1],position_m=[0,0,0],mass_kg=1,'
+        "hinge={axis=[0,0,1],anchor_m=[0,0,0],range_rad=[0.1,1]}}]",
+        "object.lid.hinge.range_rad",
+        "hold 0",
+    ),
+    "object that hangs on itself": (
+        'object=[{name="lid",shape="sphere",size_m=[1],position_m=[0,0,0],mass_kg=1,'
+        'slide={axis=[0,0,1],parent="lid"}}]',
+        "object.lid",
+        "lid on lid",
+    ),
+    "wire on nothing": (
+        'wire=[{name="cord",points_m=[[0,0,0],[0,0,1]],radius_m=0.01,mass_kg=1,first="spool"}]',
+        "wire.cord.first",
+        "no object 'spool'",
+    ),
+    "wire of pearls": (
+        'wire=[{name="cord",points_m=[[0,0,0],[0,0,1]],radius_m=0.03,mass_kg=1}]',
+        "wire.cord.segments",
+        "fewer than 16",
+    ),
+    "wire named like a wire": (
+        'wire=[{name="a",points_m=[[0,0,0],[0,0,1]],radius_m=0.01,mass_kg=1},'
+        '{name="a",points_m=[[0,0,0],[0,0,1]],radius_m=0.01,mass_kg=1}]',
+        "wire.a",
+        "used twice",
+    ),
     "mesh that is not there": (
         'object=[{name="spool",shape="mesh",file="reel.stl",position_m=[0,0,0]}]',
         "object.spool.file",
