@@ -30,7 +30,13 @@ class Simulation(Protocol):
         """Everything that does not change during the run."""
 
     def steps(self) -> Iterator[Snapshot]:
-        """Yield the state before the first tick, then that after every tick."""
+        """Yield the state before the first tick, unless the run has begun, then that after every tick."""
+
+    def save_state(self) -> Any:
+        """Return what the ticks to come depend on."""
+
+    def restore_state(self, state: Any) -> None:
+        """Return to a state of `save_state`; `steps` goes on from there."""
 
 
 class Watcher(Protocol):

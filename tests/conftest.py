@@ -73,15 +73,25 @@ class MadeUpSimulation:
 
     stage: Stage
     at_tick: Callable[[int], None] = lambda tick: None
+    next_tick: int = 0
 
     def steps(self) -> Iterator[Snapshot]:
-        """Yield tick 0 to the last."""
-        for tick in range(self.stage.ticks + 1):
+        """Yield tick 0 to the last, or those that are left."""
+        for tick in range(self.next_tick, self.stage.ticks + 1):
             self.at_tick(tick)
             snapshot = made_up_snapshot(tick, self.stage.tick_s)
             last_phase = tick > self.stage.ticks - TICKS_PER_PHASE
             target = np.array([0.3, 0.0, 0.5]) if last_phase else None
+            self.next_tick = tick + 1
             yield replace(snapshot, tip_target=target)
+
+    def save_state(self) -> int:
+        """Return the next tick."""
+        return self.next_tick
+
+    def restore_state(self, state: int) -> None:
+        """Go on with a tick."""
+        self.next_tick = state
 
 
 @pytest.fixture

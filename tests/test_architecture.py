@@ -16,7 +16,7 @@ TEXT_SUFFIXES = {".py", ".toml", ".md", ".cff", ".urdf", ".yaml", ".yml", ".sh",
 # What a layer may import, besides itself. `top` joins everything for the command line and cosim.run.
 BASICS = {
     "errors", "frames", "resources", "arm_files", "body_shape", "kernels", "mesh_files", "stateful",
-    "__init__",
+    "state_archive", "__init__",
 }  # fmt: skip
 TOP = {"api", "driver", "result", "run_files"}
 PHYSICS = {"basics", "soft", "rigid", "kinematics"}

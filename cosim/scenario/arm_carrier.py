@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import final
+from dataclasses import dataclass
+from typing import Any, final
 
 import numpy as np
 
@@ -14,9 +15,11 @@ from cosim.coupling.interface import Interface, ServoCommand
 from cosim.coupling.ledger import LedgerEntry
 from cosim.coupling.soft_side import SoftSide
 from cosim.coupling.staggered import StaggeredCoupling
+from cosim.errors import InputError
 from cosim.frames import Array, Pose, Twist, Wrench
 from cosim.kinematics.arm import Arm, Payload
 from cosim.rigid.scene import RigidScene
+from cosim.rigid.state import RigidState
 from cosim.scenario.carrier import Carrier
 from cosim.scenario.joint_path import JointPath
 from cosim.scenario.ramp import Progress
@@ -24,6 +27,22 @@ from cosim.soft.body import Loads
 from cosim.soft.contact import ContactLaw
 
 _SETTLED_RAD = 1e-9
+
+
+@final
+@dataclass(frozen=True)
+class ArmCarrierState:
+    """Where arm and scene are.
+
+    Args:
+        scene: rigid side.
+        reference: (joints,) [rad] of the last increment, in statics.
+        coupling: exchange with the soft side; None in statics.
+    """
+
+    scene: RigidState
+    reference: Array
+    coupling: Any
 
 
 @final
@@ -108,6 +127,23 @@ class ArmCarrier(Carrier):
         if law is not None:
             contact = ContactExchange(scene.contact_query(), scene.bodies, soft.contact_surface(), law)
         self._coupling = StaggeredCoupling(Interface(scene, soft, wrench, contact))
+
+    def save_state(self) -> ArmCarrierState:
+        coupling = None if self._coupling is None else self._coupling.save_state()
+        return ArmCarrierState(self._scene.save_state(), self._reference, coupling)
+
+    def restore_state(self, state: ArmCarrierState | None) -> None:
+        if state is None:
+            raise InputError("the saved state is of a held base, this flange is carried")
+        self._scene.restore_state(state.scene)
+        self._reference = state.reference
+        if state.coupling is None:
+            self._coupling = None
+            return
+        if self._coupling is None:
+            self.couple(Wrench())
+        assert self._coupling is not None, "couple() has just made it"
+        self._coupling.restore_state(state.coupling)
 
     def tick(self, path: JointPath, now: Progress, then: Progress, loads: Loads) -> tuple[Array, LedgerEntry]:
         assert self._coupling is not None, "couple() comes before tick()"

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
-from typing import final
+from typing import Any, final
 
 import numpy as np
 
 from cosim.body_shape import BodyShape
 from cosim.coupling.ledger import LedgerEntry
 from cosim.coupling.soft_side import SoftSide
+from cosim.errors import InputError
 from cosim.frames import Array, Pose, Twist, Wrench
 from cosim.scenario.flange import FlangeWay
 from cosim.scenario.joint_path import JointPath
@@ -70,6 +71,18 @@ class Carrier(ABC):
     @abstractmethod
     def give_way(self, reference: Array, wrench: Wrench) -> bool:
         """Go where the soft robot's wrench at the flange pushes it; return whether it still moved."""
+
+    @abstractmethod
+    def save_state(self) -> Any:
+        """Return everything that the steps to come depend on, as a frozen dataclass; see `stateful`."""
+
+    @abstractmethod
+    def restore_state(self, state: Any) -> None:
+        """Return to a state of `save_state`; the soft side has been restored before.
+
+        Raises:
+            InputError: the state does not fit.
+        """
 
     @abstractmethod
     def couple(self, wrench: Wrench) -> None:
@@ -146,6 +159,13 @@ class HeldBase(Carrier):
 
     def couple(self, wrench: Wrench) -> None:
         pass
+
+    def save_state(self) -> None:
+        return None
+
+    def restore_state(self, state: object) -> None:
+        if state is not None:
+            raise InputError("the saved state is of a flange that is carried, this base is held")
 
     def tick(self, path: JointPath, now: Progress, then: Progress, loads: Loads) -> tuple[Array, LedgerEntry]:
         reply = self._soft.advance(self._pose, loads, self._tick_s)

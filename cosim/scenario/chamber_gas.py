@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import final
 
 from cosim.coupling.soft_side import SoftSide
@@ -12,6 +12,24 @@ from cosim.scenario.solver_schema import Gas
 from cosim.soft.body import Loads
 from cosim.soft.gas import SealedGas, exchange, leak
 from cosim.soft.gas_chamber import gas_chambers
+
+
+@final
+@dataclass(frozen=True)
+class ChamberGasState:
+    """Where a `ChamberGas` is.
+
+    Args:
+        sealed: amount of gas in each chamber; None while its pressure is given.
+        pressures_Pa: gauge, of each chamber at the last look.
+        rules: of each chamber in the present phase.
+        orifices: (chamber, chamber, conductance [kg/(s Pa)]).
+    """
+
+    sealed: tuple[SealedGas | None, ...]
+    pressures_Pa: tuple[float, ...]
+    rules: tuple[GasRule, ...]
+    orifices: tuple[tuple[int, int, float], ...]
 
 
 @final
@@ -117,3 +135,12 @@ class ChamberGas:
             for first, second, conductance in self._orifices
             if self._sealed[first] is not None and self._sealed[second] is not None
         ]
+
+    def save_state(self) -> ChamberGasState:
+        """Return what is in the chambers."""
+        return ChamberGasState(tuple(self._sealed), self._pressures, self._rules, tuple(self._orifices))
+
+    def restore_state(self, state: ChamberGasState) -> None:
+        """Return to a state of `save_state`."""
+        self._sealed, self._pressures = list(state.sealed), state.pressures_Pa
+        self._rules, self._orifices = state.rules, list(state.orifices)

@@ -3,21 +3,21 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
 from typing import final
 
 from cosim.coupling.clock import Clock
 from cosim.coupling.ledger import LedgerEntry
+from cosim.errors import InputError
 from cosim.frames import Twist
-from cosim.scenario.chamber_gas import ChamberGas
 from cosim.scenario.parts import Moment, Parts
-from cosim.scenario.plan import start_equilibrium
+from cosim.scenario.plan import PhasePlan, start_equilibrium
 from cosim.scenario.ramp import progress
 from cosim.scenario.snapshot import Snapshot, Stage
+from cosim.scenario.stepped_run import Cursor, SteppedRun
 
 
 @final
-class DynamicSimulation:
+class DynamicSimulation(SteppedRun):
     """Steps a planned run in lockstep.
 
     Args:
@@ -26,39 +26,37 @@ class DynamicSimulation:
     """
 
     def __init__(self, parts: Parts, stage: Stage) -> None:
-        self._parts = parts
-        self.stage = stage
+        super().__init__(parts, stage, [parts.ticks(planned.phase) for planned in parts.plan.phases])
 
-    def steps(self) -> Iterator[Snapshot]:
-        """Yield the state at rest before the first tick, then that after every tick.
-
-        Raises:
-            SolverError: the physics could not be solved; the snapshots so far stand.
-        """
-        parts, began = self._parts, time.perf_counter()
+    def _start(self, began: float) -> Snapshot:
+        parts = self._parts
         plan, carrier, soft = parts.plan, parts.carrier, parts.soft
         carrier.stand(plan.joints)
         found = start_equilibrium(soft, carrier.flange_pose, plan.loads)
         soft.settle(found)
         ledger = LedgerEntry(found.wrench, 0.0, 0.0, found.residual_N, found.iterations, 0.0, False)
         moment = Moment(0, 0.0, 0, plan.joints, plan.loads, carrier.flange_pose, Twist())
-        yield parts.snapshot(moment, ledger, time.perf_counter() - began)
         carrier.couple(found.wrench)
-        clock, gas = Clock(self.stage.tick_s), ChamberGas(parts.scenario.gas)
-        for index, planned in enumerate(plan.phases):
-            planned.holding.apply(soft, carrier.flange_pose)
-            gas.begin(planned.gas, soft)
-            phase = planned.phase
-            for elapsed in range(1, parts.ticks(phase) + 1):
-                began = time.perf_counter()
-                clock = clock.advanced()
-                now = progress(phase.ramp, (elapsed - 1) * clock.tick_s, phase.duration_s)
-                then = progress(phase.ramp, elapsed * clock.tick_s, phase.duration_s)
-                gas.pass_time(soft, clock.tick_s)
-                loads = gas.between(planned.begin, planned.end, then.value)
-                reference, ledger = carrier.tick(planned.joints, now, then, loads)
-                moment = Moment(
-                    clock.tick, clock.time_s, index, reference, loads,
-                    carrier.flange_pose, carrier.flange_twist,
-                )  # fmt: skip
-                yield parts.snapshot(moment, ledger, time.perf_counter() - began)
+        return parts.snapshot(moment, ledger, time.perf_counter() - began)
+
+    def _step(self, planned: PhasePlan, to: Cursor, began: float) -> Snapshot:
+        parts, phase, clock = self._parts, planned.phase, Clock(self.stage.tick_s, to.tick)
+        carrier, soft = parts.carrier, parts.soft
+        if to.done == 1:
+            self._begin_phase(planned, carrier.flange_pose)
+        now = progress(phase.ramp, (to.done - 1) * clock.tick_s, phase.duration_s)
+        then = progress(phase.ramp, to.done * clock.tick_s, phase.duration_s)
+        self._gas.pass_time(soft, clock.tick_s)
+        loads = self._gas.between(planned.begin, planned.end, then.value)
+        reference, ledger = carrier.tick(planned.joints, now, then, loads)
+        moment = Moment(
+            clock.tick, clock.time_s, to.phase, reference, loads, carrier.flange_pose, carrier.flange_twist
+        )
+        return parts.snapshot(moment, ledger, time.perf_counter() - began)
+
+    def _save_own(self) -> None:
+        return None
+
+    def _restore_own(self, state: object) -> None:
+        if state is not None:
+            raise InputError("the saved state is of a quasistatic run, this one is dynamic")

@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import accumulate
 from typing import final
 
 from cosim.coupling.ledger import LedgerEntry
-from cosim.errors import ConvergenceError
+from cosim.errors import ConvergenceError, InputError
 from cosim.frames import Array, Twist, vector_from_rotation
-from cosim.scenario.chamber_gas import ChamberGas
 from cosim.scenario.parts import Moment, Parts
-from cosim.scenario.plan import start_equilibrium
+from cosim.scenario.plan import PhasePlan, start_equilibrium
 from cosim.scenario.ramp import Progress
 from cosim.scenario.snapshot import Snapshot, Stage
+from cosim.scenario.stepped_run import Cursor, SteppedRun
 from cosim.soft.body import Loads
 from cosim.soft.equilibrium import Equilibrium
 
@@ -21,7 +22,21 @@ _DROOP_ROUNDS_MAX = 20
 
 
 @final
-class QuasistaticSimulation:
+@dataclass(frozen=True)
+class QuasistaticState:
+    """What the next increment starts from.
+
+    Args:
+        here: the present equilibrium.
+        earlier: (n, 3) [m], flange frame, shape before the last increment; None at the start of a phase.
+    """
+
+    here: Equilibrium
+    earlier: Array | None
+
+
+@final
+class QuasistaticSimulation(SteppedRun):
     """Solves a planned run increment by increment.
 
     Args:
@@ -30,44 +45,47 @@ class QuasistaticSimulation:
     """
 
     def __init__(self, parts: Parts, stage: Stage) -> None:
-        self._parts = parts
-        self.stage = stage
+        phases = [planned.phase for planned in parts.plan.phases]
+        super().__init__(parts, stage, [phase.increments for phase in phases])
+        self._ends_s = list(accumulate(phase.duration_s + phase.settle_s for phase in phases))
+        self._here: Equilibrium | None = None
         self._earlier: Array | None = None
 
-    def steps(self) -> Iterator[Snapshot]:
-        """Yield the equilibrium before the first increment, then that of every increment.
-
-        Raises:
-            SolverError: the physics could not be solved; the snapshots so far stand.
-        """
-        parts, began = self._parts, time.perf_counter()
+    def _start(self, began: float) -> Snapshot:
+        parts = self._parts
         plan, carrier = parts.plan, parts.carrier
         carrier.stand(plan.joints)
         here = start_equilibrium(parts.soft, carrier.flange_pose, plan.loads)
-        here, spent = self._with_droop(here, plan.joints, here.iterations)
-        tick, start_s, gas = 0, 0.0, ChamberGas(parts.scenario.gas)
-        moment = Moment(0, 0.0, 0, plan.joints, plan.loads, here.world_from_flange, Twist())
-        yield self._snapshot(moment, here, spent, 0.0, began)
-        for index, phase in enumerate(plan.phases):
-            phase.holding.apply(parts.soft, here.world_from_flange)
-            gas.begin(phase.gas, parts.soft)
+        self._here, spent = self._with_droop(here, plan.joints, here.iterations)
+        moment = Moment(0, 0.0, 0, plan.joints, plan.loads, self._here.world_from_flange, Twist())
+        return self._snapshot(moment, self._here, spent, 0.0, began)
+
+    def _step(self, planned: PhasePlan, to: Cursor, began: float) -> Snapshot:
+        parts, phase, before = self._parts, planned.phase, self._here
+        assert before is not None, "the run has begun"
+        if to.done == 1:
+            self._begin_phase(planned, before.world_from_flange)
             self._earlier = None
-            span = (phase.phase.duration_s + phase.phase.settle_s) / phase.phase.increments
-            for increment in range(1, phase.phase.increments + 1):
-                began = time.perf_counter()
-                share = increment / phase.phase.increments
-                reference = phase.joints.at(Progress(share, 0.0, 0.0))[0]
-                gas.pass_time(parts.soft, span)
-                loads = gas.between(phase.begin, phase.end, share)
-                before = here
-                here, spent = self._advance(before, reference, loads)
-                tick += 1
-                twist, power = _mean_motion(parts, before, here, span)
-                moment = Moment(
-                    tick, start_s + increment * span, index, reference, loads, here.world_from_flange, twist
-                )
-                yield self._snapshot(moment, here, spent, power, began)
-            start_s += phase.phase.duration_s + phase.phase.settle_s
+        span = (phase.duration_s + phase.settle_s) / phase.increments
+        share = to.done / phase.increments
+        reference = planned.joints.at(Progress(share, 0.0, 0.0))[0]
+        self._gas.pass_time(parts.soft, span)
+        loads = self._gas.between(planned.begin, planned.end, share)
+        here, spent = self._advance(before, reference, loads)
+        self._here = here
+        twist, power = _mean_motion(parts, before, here, span)
+        time_s = (self._ends_s[to.phase - 1] if to.phase else 0.0) + to.done * span
+        moment = Moment(to.tick, time_s, to.phase, reference, loads, here.world_from_flange, twist)
+        return self._snapshot(moment, here, spent, power, began)
+
+    def _save_own(self) -> QuasistaticState:
+        assert self._here is not None, "the run has begun"
+        return QuasistaticState(self._here, self._earlier)
+
+    def _restore_own(self, state: object) -> None:
+        if not isinstance(state, QuasistaticState):
+            raise InputError("the saved state is of a dynamic run, this one is quasistatic")
+        self._here, self._earlier = state.here, state.earlier
 
     def _snapshot(
         self, moment: Moment, here: Equilibrium, spent: int, soft_power_W: float, began: float

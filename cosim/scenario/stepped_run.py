@@ -1,0 +1,156 @@
+"""A planned run that is stepped, saved between two steps, and continued from what was saved."""
+
+from __future__ import annotations
+
+import time
+from abc import ABC, abstractmethod
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any, final
+
+from cosim.errors import InputError
+from cosim.frames import Pose
+from cosim.scenario.chamber_gas import ChamberGas, ChamberGasState
+from cosim.scenario.parts import Parts
+from cosim.scenario.plan import PhasePlan
+from cosim.scenario.snapshot import Snapshot, Stage
+
+
+@final
+@dataclass(frozen=True)
+class Cursor:
+    """Where in its plan a run is.
+
+    Args:
+        tick: steps taken in all.
+        phase: index of the phase.
+        done: steps taken in that phase.
+    """
+
+    tick: int = 0
+    phase: int = 0
+    done: int = 0
+
+    def following(self, counts: Sequence[int]) -> Cursor | None:
+        """Return where the next step ends, with so many steps in each phase; None at the end of the plan."""
+        if self.done < counts[self.phase]:
+            return Cursor(self.tick + 1, self.phase, self.done + 1)
+        if self.phase + 1 < len(counts):
+            return Cursor(self.tick + 1, self.phase + 1, 1)
+        return None
+
+
+@final
+@dataclass(frozen=True)
+class RunState:
+    """Everything that the steps to come depend on, besides the scenario.
+
+    Args:
+        cursor: where in the plan.
+        soft: of the soft side.
+        carrier: of what carries the flange, contacts and exchange included.
+        gas: in the chamber.
+        own: of the mode of the run.
+    """
+
+    cursor: Cursor
+    soft: Any
+    carrier: Any
+    gas: ChamberGasState
+    own: Any
+
+
+class SteppedRun(ABC):
+    """Steps a planned run.
+
+    Args:
+        parts: of the run.
+        stage: its unchanging description.
+        counts: steps of each phase, at least one.
+    """
+
+    def __init__(self, parts: Parts, stage: Stage, counts: Sequence[int]) -> None:
+        self._parts, self.stage, self._counts = parts, stage, tuple(counts)
+        self._gas = ChamberGas(parts.scenario.gas)
+        self._cursor: Cursor | None = None
+
+    @property
+    def tick(self) -> int | None:
+        """Steps taken so far; None before the state at rest is known."""
+        return None if self._cursor is None else self._cursor.tick
+
+    def steps(self) -> Iterator[Snapshot]:
+        """Yield the state at rest, unless the run has begun, then that after every step to come.
+
+        In between the run may be saved, or restored: the next step is the one after that state's.
+
+        Raises:
+            SolverError: the physics could not be solved; the snapshots so far stand.
+        """
+        if self._cursor is None:
+            began = time.perf_counter()
+            first = self._start(began)
+            self._cursor = Cursor()
+            yield first
+        while (to := self._cursor.following(self._counts)) is not None:
+            began, planned = time.perf_counter(), self._parts.plan.phases[to.phase]
+            snapshot = self._step(planned, to, began)
+            self._cursor = to
+            yield snapshot
+
+    def save_state(self) -> RunState:
+        """Return the present state; costs little, as arrays are shared.
+
+        Raises:
+            InputError: the run has not begun.
+        """
+        if self._cursor is None:
+            raise InputError("a run can be saved once its state at rest is known: take the first of steps()")
+        parts = self._parts
+        return RunState(
+            self._cursor, parts.soft.save_state(), parts.carrier.save_state(), self._gas.save_state(),
+            self._save_own(),
+        )  # fmt: skip
+
+    def restore_state(self, state: RunState) -> None:
+        """Return to a state of `save_state`, of this run or of one whose parts have the same sizes.
+
+        Raises:
+            InputError: the state does not fit.
+        """
+        cursor, counts = state.cursor, self._counts
+        if cursor.phase >= len(counts) or cursor.done > counts[cursor.phase]:
+            raise InputError(
+                f"the saved state is at step {cursor.done} of phase {cursor.phase + 1}; here the phases have "
+                f"{', '.join(map(str, counts))} steps"
+            )
+        self._restore_own(state.own)
+        self._parts.soft.restore_state(state.soft)
+        self._parts.carrier.restore_state(state.carrier)
+        self._gas.restore_state(state.gas)
+        self._cursor = cursor
+
+    def _begin_phase(self, planned: PhasePlan, flange: Pose) -> None:
+        """Change what is held and how the gas is given, with the flange where it is."""
+        planned.holding.apply(self._parts.soft, flange)
+        self._gas.begin(planned.gas, self._parts.soft)
+
+    @abstractmethod
+    def _start(self, began: float) -> Snapshot:
+        """Bring everything to rest where the plan starts; `began` is when the work on it did."""
+
+    @abstractmethod
+    def _step(self, planned: PhasePlan, to: Cursor, began: float) -> Snapshot:
+        """Take the step of a phase that ends at `to`; `began` is when the work on it did."""
+
+    @abstractmethod
+    def _save_own(self) -> Any:
+        """Return what the steps to come depend on besides soft side, carrier and gas; None for nothing."""
+
+    @abstractmethod
+    def _restore_own(self, state: Any) -> None:
+        """Return to a state of `_save_own`.
+
+        Raises:
+            InputError: the state is of a run in the other mode.
+        """
