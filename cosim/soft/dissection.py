@@ -1,8 +1,9 @@
 """Nested dissection: an order of elimination for large meshes, as a tree of separators.
 
-A connected part is cut by a level of its breadth-first search from an end, the least of those near the
-middle; what is on either side is cut again, and eliminated before the level. Nodes that tie far places
-together, such as the eyelets of a cable, would blur the levels: they are kept out and eliminated last.
+A connected part is cut by a level of its breadth-first search from an end: the one with the least
+size^1.5 / (size of the smaller side). What is on either side is cut again, and eliminated before it. Nodes
+that tie far places together, such as the eyelets of a cable, would blur the levels: they are kept out and
+eliminated last.
 Source: George and Liu, Computer Solution of Large Sparse Positive Definite Systems, 1981, chapter 8.
 """
 
@@ -18,7 +19,7 @@ from scipy.sparse.csgraph import breadth_first_order, connected_components, shor
 from cosim.frames import IntArray
 
 _LEAF_NODES = 20  # parts no larger are eliminated in one go
-_MIDDLE = (0.35, 0.65)  # share of the nodes below a level that may cut
+_SMALLER_SIDE = 0.1  # least share of the nodes
 
 
 @final
@@ -59,15 +60,17 @@ def _parts(graph: csr_matrix, nodes: IntArray) -> list[IntArray]:
     if count > 1:
         return [group for k in range(count) for group in _parts(graph, nodes[label == k])]
     level = _levels(inner)
+    # what touches nothing beyond its level stays on the near side
+    row = np.repeat(np.arange(len(nodes)), np.diff(inner.indptr))
+    reaching = np.zeros(len(nodes), dtype=bool)
+    reaching[row[level[inner.indices] > level[row]]] = True
+    size = np.bincount(level[reaching], minlength=level.max() + 1)
     below = np.cumsum(np.bincount(level))
-    share = below / len(nodes)
-    middle = np.flatnonzero((share[:-1] > _MIDDLE[0]) & (share[1:] - np.diff(share) < _MIDDLE[1]))
-    middle = middle[middle > 0]
-    if not len(middle):
+    smaller = np.minimum(below - size, len(nodes) - below)
+    possible = np.flatnonzero(smaller >= max(1.0, _SMALLER_SIDE * len(nodes)))
+    if not len(possible):
         return [nodes]
-    cut = int(middle[np.argmin(np.bincount(level)[middle])])
-    # what touches nothing beyond the level stays on the near side
-    reaching = np.asarray(inner[:, level == cut + 1].sum(axis=1)).ravel() > 0
+    cut = int(possible[np.argmin(size[possible] ** 1.5 / smaller[possible])])
     separator = (level == cut) & reaching
     near, far = (level <= cut) & ~separator, level > cut
     return [*_parts(graph, nodes[near]), *_parts(graph, nodes[far]), nodes[separator]]
