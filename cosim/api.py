@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from cosim.driver import Options, build_simulation, execute, rerun_recorder
+from cosim.driver import Options, build_simulation, execute, rerun_recorder, with_fidelity_chosen
 from cosim.result import ResultBuilder, RunResult
 from cosim.run_files import default_directory
 from cosim.scenario.loading import load_scenario
@@ -35,7 +35,7 @@ def run(
         SolverError: the physics could not be solved; the files, if any, say how far it came.
     """
     started = time.perf_counter()
-    checked = load_scenario(scenario, overrides)
+    checked = with_fidelity_chosen(load_scenario(scenario, overrides), lambda _text: None)
     directory = Path(out) if out is not None else default_directory(checked.name) if recording else None
     arrays = ResultBuilder(checked.recording.frames_per_s)
     options = Options(directory, rerun_recorder if recording else None, [arrays])

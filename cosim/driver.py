@@ -149,6 +149,23 @@ def build_simulation(scenario: Scenario) -> Simulation:
     return build(scenario)
 
 
+def with_fidelity_chosen(scenario: Scenario, tell: Callable[[str], None]) -> Scenario:
+    """Return the scenario with `fidelity = "auto"` replaced by what meets its `[auto]`.
+
+    Args:
+        scenario: checked.
+        tell: told what is measured, and what is chosen.
+
+    Raises:
+        ScenarioError: nothing meets it.
+    """
+    if scenario.fidelity != "auto":
+        return scenario
+    from cosim.trade.auto import cache_directory, settled  # here: few runs measure anything
+
+    return settled(scenario, build_simulation, cache_directory(), tell)
+
+
 def rerun_recorder(path: Path, settings: Recording) -> Recorder:
     """Return the recorder that writes a Rerun recording."""
     from cosim.recording.rerun_recorder import RerunRecorder

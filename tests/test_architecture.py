@@ -32,7 +32,7 @@ MAY_IMPORT = {
     "scenario": JOINING,
     "recording": JOINING | {"scenario"},
     "trade": JOINING | {"scenario"},
-    "top": JOINING | {"scenario", "recording"},
+    "top": JOINING | {"scenario", "recording", "trade"},
     "cli": JOINING | {"scenario", "recording", "top", "verification", "trade"},
 }
 SOLE_IMPORTERS = {"mujoco": "rigid", "pinocchio": "kinematics", "rerun": "recording"}

@@ -88,9 +88,24 @@ def _add_trade(commands: Any) -> None:
     trade = commands.add_parser("trade", help="measure a scenario's speed against its accuracy")
     trade.add_argument("scenario", metavar="SCENARIO", help="name (see 'cosim list') or path of a .toml file")
     trade.add_argument("--out", metavar="DIR", type=Path, help="directory of the results (default: runs/...)")
+    trade.add_argument(
+        "--set",
+        dest="assignments",
+        metavar="KEY=VALUE",
+        action="append",
+        default=[],
+        help="change a value of the scenario first; may be repeated",
+    )
     wish = trade.add_mutually_exclusive_group()
     wish.add_argument("--budget", metavar="FACTOR", help="pick the most accurate member that fast: 1.0x")
     wish.add_argument("--tolerance", metavar="LENGTH", help="pick the fastest member as near as this: 1mm")
+    trade.add_argument("--force-tolerance", metavar="FORCE", help="and as near in the flange force: 0.1N")
+    trade.add_argument(
+        "--against",
+        choices=("finest", "refined"),
+        default="finest",
+        help="what a choice is measured against: the same mesh at the finest tick, or the refined mesh",
+    )
     trade.add_argument("--quick", action="store_true", help="fewer members, none with a refined mesh")
     trade.add_argument("--scale-time", type=float, default=1.0, help="factor on the phases' durations")
 
@@ -129,6 +144,9 @@ def _trade(options: argparse.Namespace) -> int:
         options.out or default_directory(f"trade_{Path(options.scenario).stem}"),
         budget=options.budget,
         tolerance=options.tolerance,
+        force_tolerance=options.force_tolerance,
+        assignments=options.assignments,
+        truth=options.against,
         quick=options.quick,
         time_scale=options.scale_time,
     )

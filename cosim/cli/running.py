@@ -10,7 +10,15 @@ from typing import Any
 
 from cosim.cli.interruption import Interruption
 from cosim.cli.progress import Progress
-from cosim.driver import Options, Outcome, Watcher, build_simulation, execute, rerun_recorder
+from cosim.driver import (
+    Options,
+    Outcome,
+    Watcher,
+    build_simulation,
+    execute,
+    rerun_recorder,
+    with_fidelity_chosen,
+)
 from cosim.run_files import RECORDING, SUMMARY, check_directory, default_directory
 from cosim.scenario.loading import load_scenario
 from cosim.scenario.overrides import parse_assignment
@@ -48,6 +56,7 @@ def run_command(
     from cosim.soft.compilation import compile_kernels  # here, so that wrong input needs no engine
 
     compile_kernels(_ignore if quiet else _tell, () if scenario.robot == NO_ARM else _contact_kernels())
+    scenario = with_fidelity_chosen(scenario, _ignore if quiet else _tell)
     with Interruption() as interruption:
         watchers: list[Watcher] = [interruption] if quiet else [interruption, Progress(sys.stderr)]
         make_recorder = rerun_recorder if recording else None

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from cosim.driver import build_simulation
-from cosim.errors import InputError
 from cosim.run_files import check_directory
 from cosim.scenario.loading import load_scenario
+from cosim.scenario.overrides import parse_assignment
 from cosim.soft.compilation import compile_kernels
-from cosim.trade.choice import Wish, parse_budget, parse_tolerance
+from cosim.trade.choice import Wish, parse_budget, parse_force, parse_tolerance
 from cosim.trade.measuring import Measured, measure
-from cosim.trade.members import members_of
+from cosim.trade.members import Truth, members_of
 from cosim.trade.plot import can_draw, draw
 from cosim.trade.report import as_json, choice_lines, markdown
 
@@ -25,8 +27,11 @@ def trade_command(
     *,
     budget: str | None = None,
     tolerance: str | None = None,
+    force_tolerance: str | None = None,
+    assignments: Sequence[str] = (),
     quick: bool = False,
     time_scale: float = 1.0,
+    truth: Truth = "finest",
 ) -> int:
     """Run a scenario's members, write table, JSON and plot; return 0, or 1 if no member meets the wish.
 
@@ -35,15 +40,19 @@ def trade_command(
         out: directory of the results.
         budget: least real-time factor, such as "1.0x".
         tolerance: largest tip error, such as "1mm".
+        force_tolerance: largest error of the flange force, such as "0.1N".
+        assignments: changes to the scenario, texts of the form key=value.
         quick: fewer members.
         time_scale: factor on the duration of every phase.
+        truth: what a choice is measured against.
 
     Raises:
         InputError: wrong words, or a directory that cannot be written; nothing was run.
     """
-    wish = _wish(budget, tolerance)
-    scenario = load_scenario(scenario_name)
-    members = members_of(scenario, quick=quick, time_scale=time_scale)
+    wish = _wish(budget, tolerance, force_tolerance)
+    scenario = load_scenario(scenario_name, dict(map(parse_assignment, assignments)))
+    scenario = replace(scenario, fidelity="lumped", auto=None)
+    members = members_of(scenario, quick=quick, time_scale=time_scale, truth=truth)
     check_directory(out)
     compile_kernels(_tell)
     results = measure(scenario, members, build_simulation, lambda result: _tell(_line(result)))
@@ -63,12 +72,14 @@ def trade_command(
     return int(line.startswith("No member"))
 
 
-def _wish(budget: str | None, tolerance: str | None) -> Wish | None:
-    if budget is not None and tolerance is not None:
-        raise InputError("give --budget or --tolerance, not both")
-    if budget is not None:
-        return parse_budget(budget)
-    return None if tolerance is None else parse_tolerance(tolerance)
+def _wish(budget: str | None, tolerance: str | None, force: str | None) -> Wish | None:
+    if budget is None and tolerance is None and force is None:
+        return None
+    return Wish(
+        None if budget is None else parse_budget(budget),
+        None if tolerance is None else parse_tolerance(tolerance),
+        None if force is None else parse_force(force),
+    )
 
 
 def _line(result: Measured) -> str:

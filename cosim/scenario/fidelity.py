@@ -7,6 +7,7 @@ from dataclasses import replace
 from cosim.coupling.frozen_body import FrozenBody
 from cosim.coupling.soft_arm import SoftArm
 from cosim.coupling.soft_side import SoftSide
+from cosim.errors import ScenarioError
 from cosim.scenario.calibration import refined_model
 from cosim.scenario.flange import pose_of
 from cosim.scenario.schema import Scenario
@@ -30,8 +31,11 @@ def soft_sides(scenario: Scenario) -> tuple[SoftSide, SoftSide]:
         scenario: checked.
 
     Raises:
+        ScenarioError: the fidelity is still to be chosen.
         MeshError: the geometry gives degenerate triangles.
     """
+    if scenario.fidelity == "auto":
+        raise ScenarioError("fidelity", "'auto' is settled before a run is built; see cosim.trade.auto")
     body = fidelity_body(scenario)
     trial, soft = _flexible(scenario, body), _flexible(scenario, body)
     if scenario.fidelity == "rigid":
@@ -86,6 +90,11 @@ def dynamic_options(scenario: Scenario) -> StepOptions:
 
 def fidelity_report(scenario: Scenario) -> str:
     """Return in words how finely the soft robot is modelled."""
+    chosen = scenario.auto.chosen if scenario.auto is not None else None
+    return _rung(scenario) + (f"; chosen by measurement: {chosen}" if chosen else "")
+
+
+def _rung(scenario: Scenario) -> str:
     targets = [phase.name for phase in scenario.phases if phase.tip_target is not None]
     if scenario.fidelity == "rigid":
         planned = f"; the targets of {', '.join(targets)} are planned on the lumped model" if targets else ""

@@ -16,6 +16,7 @@ def check_fidelity(scenario: Scenario) -> None:
     Raises:
         ScenarioError: the first rule that is broken.
     """
+    _check_auto(scenario)
     if scenario.fidelity == "refined" and scenario.soft_robot.chamber.refine >= _REFINE_MAX:
         raise ScenarioError(
             "fidelity",
@@ -34,3 +35,18 @@ def check_fidelity(scenario: Scenario) -> None:
                 raise ScenarioError(
                     f"phase.{phase.name}.{key}", "cannot stand beside fidelity = 'rigid': every node is held"
                 )
+
+
+def _check_auto(scenario: Scenario) -> None:
+    wish = scenario.auto
+    if scenario.fidelity != "auto":
+        if wish is not None and wish.chosen is None:
+            raise ScenarioError("auto", f"goes with fidelity = 'auto'; the fidelity is '{scenario.fidelity}'")
+        return
+    if scenario.mode != "dynamic":
+        raise ScenarioError("fidelity", f"'auto' chooses among dynamic runs; the mode is '{scenario.mode}'")
+    if wish is None or (wish.budget, wish.tolerance_m, wish.force_tolerance_N) == (None, None, None):
+        raise ScenarioError(
+            "auto", "is missing a wish; fidelity = 'auto' needs auto.budget (least real-time factor), "
+            "auto.tolerance_m (of the tip) or auto.force_tolerance_N",
+        )  # fmt: skip

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from typing import Annotated, Final, Literal, final
 
 from cosim.scenario.constraints import Length, Name, Text, Vector3
+from cosim.scenario.fidelity_schema import Auto, Fidelity
 from cosim.scenario.object_schema import SceneObject
 from cosim.scenario.phase_schema import Phase, Start
 from cosim.scenario.soft_robot import SoftRobot
@@ -26,7 +27,8 @@ class Scenario:
             held where the flange starts, and nothing of an arm is loaded.
         soft_robot: in the file a name, a path, or a table `{file = NAME, ...}` of changes to that file.
         fidelity: of the soft robot. "rigid": it keeps the shape it starts in, mass only; "lumped": the mesh
-            of its file; "refined": every triangle of that divided into four.
+            of its file; "refined": every triangle of that divided into four; "auto": chosen by a short trade,
+            tick and integrator with it, so that `[auto]` is met.
         payload_compensation: the arm's feedforward knows the soft arm's weight.
         objects: `[[object]]` in the file.
         wires: `[[wire]]` in the file.
@@ -41,7 +43,8 @@ class Scenario:
     start: Start
     phases: Annotated[tuple[Phase, ...], Length(at_least=1)] = field(metadata={"key": "phase"})
     mode: Literal["dynamic", "quasistatic"] = "dynamic"
-    fidelity: Literal["rigid", "lumped", "refined"] = "lumped"
+    fidelity: Fidelity = "lumped"
+    auto: Auto | None = None
     gravity_m_s2: Vector3 = (0.0, 0.0, -9.81)
     payload_compensation: bool = True
     clock: Clock = Clock()

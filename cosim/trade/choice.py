@@ -3,15 +3,49 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TypeAlias
+from dataclasses import dataclass
+from typing import final
 
 from cosim.errors import InputError
 from cosim.trade.measuring import Measured
 
-Wish: TypeAlias = tuple[str, float]
-"""("budget", least real-time factor) or ("tolerance", largest tip error [m])."""
-
 _LENGTHS_m = {"mm": 1e-3, "um": 1e-6, "cm": 1e-2, "m": 1.0}
+
+
+@final
+@dataclass(frozen=True)
+class Wish:
+    """What a member shall meet; None: anything will do.
+
+    Args:
+        budget: least real-time factor.
+        tolerance_m: largest tip error.
+        force_N: largest error of the flange force.
+    """
+
+    budget: float | None = None
+    tolerance_m: float | None = None
+    force_N: float | None = None
+
+    def met_by(self, result: Measured) -> bool:
+        """Whether a member meets all of it."""
+        return (
+            (self.budget is None or result.real_time_factor >= self.budget)
+            and (self.tolerance_m is None or result.tip_error_m <= self.tolerance_m)
+            and (self.force_N is None or result.force_error_N <= self.force_N)
+        )
+
+    @property
+    def words(self) -> str:
+        """The wish in words."""
+        parts = []
+        if self.budget is not None:
+            parts.append(f"budget real-time factor {self.budget:g}")
+        if self.tolerance_m is not None:
+            parts.append(f"tolerance tip error {1e3 * self.tolerance_m:g} mm")
+        if self.force_N is not None:
+            parts.append(f"tolerance flange force {self.force_N:g} N")
+        return ", ".join(parts) or "no wish"
 
 
 def pareto_front(results: Sequence[Measured]) -> list[Measured]:
@@ -27,33 +61,38 @@ def pareto_front(results: Sequence[Measured]) -> list[Measured]:
     return front
 
 
+def candidates(results: Sequence[Measured]) -> list[Measured]:
+    """Return the members of the table that a choice is made from: the first one."""
+    group = results[0].member.group if results else "time"
+    return [result for result in results if result.member.group == group]
+
+
 def pick(results: Sequence[Measured], wish: Wish) -> Measured | None:
     """Return the member that meets a wish best, or None if none meets it.
 
     Args:
         results: of one group.
-        wish: a budget takes the least tip error at that speed; a tolerance the greatest speed within it.
+        wish: with a budget, the least tip error is best; without, the greatest speed.
     """
-    kind, bound = wish
-    front = pareto_front(results)
-    if kind == "budget":
-        fast = [result for result in front if result.real_time_factor >= bound]
-        return fast[-1] if fast else None
-    exact = [result for result in front if result.tip_error_m <= bound]
-    return exact[0] if exact else None
+    able = [result for result in results if result.comparable and wish.met_by(result)]
+    if not able:
+        return None
+    if wish.budget is not None:
+        return min(able, key=lambda result: (result.tip_error_m, -result.real_time_factor))
+    return max(able, key=lambda result: (result.real_time_factor, -result.tip_error_m))
 
 
-def parse_budget(text: str) -> Wish:
-    """Return the wish of a text such as "1.0x".
+def parse_budget(text: str) -> float:
+    """Return the real-time factor of a text such as "1.0x".
 
     Raises:
         InputError: it is none.
     """
-    return "budget", _positive(text.strip().removesuffix("x"), text, "a real-time factor, such as 1.0x")
+    return _positive(text.strip().removesuffix("x"), text, "a real-time factor, such as 1.0x")
 
 
-def parse_tolerance(text: str) -> Wish:
-    """Return the wish of a text such as "1mm"; metres if there is no unit.
+def parse_tolerance(text: str) -> float:
+    """Return the length [m] of a text such as "1mm"; metres if there is no unit.
 
     Raises:
         InputError: it is none.
@@ -61,9 +100,17 @@ def parse_tolerance(text: str) -> Wish:
     number = text.strip()
     for unit, metres in _LENGTHS_m.items():
         if number.endswith(unit):
-            number = number.removesuffix(unit)
-            return "tolerance", metres * _positive(number, text, "a length, such as 1mm")
-    return "tolerance", _positive(number, text, "a length, such as 1mm")
+            return metres * _positive(number.removesuffix(unit), text, "a length, such as 1mm")
+    return _positive(number, text, "a length, such as 1mm")
+
+
+def parse_force(text: str) -> float:
+    """Return the force [N] of a text such as "0.1N".
+
+    Raises:
+        InputError: it is none.
+    """
+    return _positive(text.strip().removesuffix("N"), text, "a force, such as 0.1N")
 
 
 def _positive(number: str, text: str, wanted: str) -> float:

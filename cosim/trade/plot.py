@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from cosim.trade.choice import pareto_front
+from cosim.trade.choice import candidates, pareto_front
 from cosim.trade.measuring import Measured
 
 _STYLES = {
@@ -14,6 +14,8 @@ _STYLES = {
     "Euler, converged": ("s", "tab:cyan"),
     "BDF2, 1 tangent": ("^", "tab:red"),
     "BDF2, converged": ("v", "tab:orange"),
+    "rigid": ("D", "tab:gray"),
+    "section": ("P", "tab:green"),
 }
 
 
@@ -27,7 +29,7 @@ def can_draw() -> bool:
 
 
 def draw(title: str, results: Sequence[Measured], path: Path) -> None:
-    """Draw the members of the group "time" into a PNG file; needs matplotlib.
+    """Draw the members that a choice is made from into a PNG file; needs matplotlib.
 
     Args:
         title: of the scenario.
@@ -37,7 +39,7 @@ def draw(title: str, results: Sequence[Measured], path: Path) -> None:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    shown = [result for result in results if result.comparable and result.member.group == "time"]
+    shown = [result for result in candidates(results) if result.comparable]
     front = pareto_front(shown)
     figure = Figure(figsize=(11.0, 4.6))
     FigureCanvasAgg(figure)
@@ -62,9 +64,9 @@ def draw(title: str, results: Sequence[Measured], path: Path) -> None:
 def _scatter(axes: Any, results: Sequence[Measured], errors: Sequence[float]) -> None:
     labelled = set()
     for result, error in zip(results, errors, strict=True):
-        scheme, tick, iterations = result.member.name.split(", ")
-        label = f"{scheme}, {iterations}"
+        label = result.member.family or "other models"
         marker, colour = _STYLES.get(label, ("x", "black"))
+        tick = f"{1e3 * float(result.member.changes.get('clock.tick_s', 0.0)):g} ms"
         axes.plot(result.real_time_factor, error, marker=marker, color=colour, ls="",
                   label=None if label in labelled else label)  # fmt: skip
         axes.annotate(tick, (result.real_time_factor, error), fontsize=6, xytext=(4, 3),

@@ -8,15 +8,15 @@ from collections.abc import Sequence
 from typing import Any
 
 from cosim import __version__
-from cosim.trade.choice import Wish, pareto_front, pick
+from cosim.trade.choice import Wish, candidates, pareto_front, pick
 from cosim.trade.measuring import Measured
 
 GROUPS = {
-    "time": "How time is stepped",
+    "time": "Fidelity, and how time is stepped",
     "model": "What is modelled (all at one tick)",
 }
-_HEAD = "| | member | real-time factor | tip, largest [mm] | tip, rms [mm] | tip, phase ends [mm] | force, largest [N] | iterations a tick |"  # noqa: E501
-_RULE = "|---|---|---:|---:|---:|---:|---:|---:|"
+_HEAD = "| | member | real-time factor | tip, largest [mm] | tip, rms [mm] | tip, phase ends [mm] | force, largest [N] | contact, rms [N] | iterations a tick |"  # noqa: E501
+_RULE = "|---|---|---:|---:|---:|---:|---:|---:|---:|"
 
 
 def markdown(title: str, results: Sequence[Measured]) -> str:
@@ -40,10 +40,10 @@ def _rows(results: Sequence[Measured]) -> list[str]:
     for result in results:
         mark = "ref" if result.member.reference else "*" if result in front else ""
         if result.failure:
-            rows.append(f"| {mark} | {result.member.name} | failed: {_short(result.failure)} | | | | | |")
+            rows.append(f"| {mark} | {result.member.name} | failed: {_short(result.failure)} | | | | | | |")
             continue
         errors = [1e3 * result.tip_error_m, 1e3 * result.tip_rms_m, 1e3 * result.end_error_m,
-                  result.force_error_N]  # fmt: skip
+                  result.force_error_N, result.contact_error_N]  # fmt: skip
         shown = [_number(error) if not result.member.reference else "" for error in errors]
         cells = [f"{result.real_time_factor:.2f}", *shown, f"{result.iterations:.2f}"]
         rows.append(f"| {mark} | {result.member.name} | " + " | ".join(cells) + " |")
@@ -61,31 +61,30 @@ def _number(value: float) -> str:
 
 def choice_lines(results: Sequence[Measured], wish: Wish) -> str:
     """Return which member meets a wish, and how to run it."""
-    kind, bound = wish
-    wanted = f"real-time factor {bound:g}" if kind == "budget" else f"tip error {1e3 * bound:g} mm"
-    found = pick([result for result in results if result.member.group == "time"], wish)
+    found = pick(candidates(results), wish)
     if found is None:
-        return f"No member meets {kind} {wanted}."
+        return f"No member meets {wish.words}."
     return (
-        f"For {kind} {wanted}: {found.member.name} (x{found.real_time_factor:.2f} real time, "
-        f"{1e3 * found.tip_error_m:.3g} mm). Run it with: {found.member.words}"
+        f"For {wish.words}: {found.member.name} (x{found.real_time_factor:.2f} real time, "
+        f"{1e3 * found.tip_error_m:.3g} mm, {found.force_error_N:.3g} N). Run it with: {found.member.words}"
     )
 
 
 def as_json(title: str, results: Sequence[Measured], wish: Wish | None) -> str:
     """Return everything as a JSON document; numbers that are not finite become null."""
-    chosen = pick([r for r in results if r.member.group == "time"], wish) if wish else None
+    chosen = pick(candidates(results), wish) if wish else None
     fronts = [r for group in GROUPS for r in pareto_front([m for m in results if m.member.group == group])]
     document = {
         "cosim": __version__,
         "scenario": title,
         "choice": chosen.member.name if chosen else None,
-        "members": [_entry(result, result in fronts) for result in results],
+        "members": [{**entry(result), "pareto": result in fronts} for result in results],
     }
     return json.dumps(document, indent=2, allow_nan=False) + "\n"
 
 
-def _entry(result: Measured, on_front: bool) -> dict[str, Any]:
+def entry(result: Measured) -> dict[str, Any]:
+    """Return a member and its figures in JSON's own kinds."""
     numbers = {
         name: value if math.isfinite(value) else None
         for name, value in vars(result).items()
@@ -97,7 +96,6 @@ def _entry(result: Measured, on_front: bool) -> dict[str, Any]:
         "group": member.group,
         "reference": member.reference,
         "changes": dict(member.changes),
-        "pareto": on_front,
         **numbers,
         "failure": result.failure or None,
     }

@@ -16,7 +16,7 @@ from cosim.errors import InputError
 from cosim.scenario.build import build
 from cosim.scenario.loading import load_scenario
 from cosim.scenario.schema import Scenario
-from cosim.trade.choice import pareto_front, parse_budget, parse_tolerance, pick
+from cosim.trade.choice import Wish, pareto_front, parse_budget, parse_force, parse_tolerance, pick
 from cosim.trade.measuring import Measured, measure
 from cosim.trade.members import Member, members_of
 from cosim.trade.plot import draw
@@ -28,11 +28,11 @@ MADE_UP = [("fast", 8.0, 0.02), ("slow and bad", 1.0, 0.03), ("middle", 4.0, 0.0
 
 def made_up() -> list[Measured]:
     """Return a reference and four members with given speeds and errors."""
-    reference = Measured(Member("finest", "time", {}, reference=True), 0.1, 0.0, 0.0, 0.0, 0.0, 2.0)
+    reference = Measured(Member("finest", "time", {}, reference=True), 0.1, 0.0, 0.0, 0.0, 0.0, 0.0, 2.0)
     changes = {"clock.tick_s": 0.001, "phase.a.duration_s": 1.0}
     rows = [
         Measured(Member(f"{name}, 1 ms, 1 tangent", "time", changes),
-                 factor, error, error, error, 10.0 * error, 2.0)
+                 factor, error, error, error, 10.0 * error, 0.3, 2.0)
         for name, factor, error in MADE_UP
     ]  # fmt: skip
     return [reference, *rows, Measured(Member("lost", "time", {}), failure="ConvergenceError: no; at all")]
@@ -66,14 +66,16 @@ def test_the_front_leaves_out_what_is_beaten_twice() -> None:
 @pytest.mark.parametrize(
     ("wish", "name"),
     [
-        (("budget", 1.0), "middle"),
-        (("budget", 5.0), "fast"),
-        (("tolerance", 0.006), "middle"),
-        (("tolerance", 0.5), "fast"),
-        (("tolerance", 0.001), "good"),
+        (Wish(budget=1.0), "middle"),
+        (Wish(budget=5.0), "fast"),
+        (Wish(tolerance_m=0.006), "middle"),
+        (Wish(tolerance_m=0.5), "fast"),
+        (Wish(tolerance_m=0.001), "good"),
+        (Wish(tolerance_m=0.5, force_N=0.05), "middle"),
+        (Wish(budget=0.1, force_N=0.05), "good"),
     ],
 )
-def test_the_choice_meets_the_wish(wish: tuple[str, float], name: str) -> None:
+def test_the_choice_meets_the_wish(wish: Wish, name: str) -> None:
     found = pick(made_up(), wish)
     assert found is not None
     assert names([found]) == [name]
@@ -81,30 +83,33 @@ def test_the_choice_meets_the_wish(wish: tuple[str, float], name: str) -> None:
     assert "phase" not in choice_lines(made_up(), wish)
 
 
-@pytest.mark.parametrize("wish", [("budget", 9.0), ("tolerance", 1e-5)])
-def test_a_wish_may_be_out_of_reach(wish: tuple[str, float]) -> None:
+@pytest.mark.parametrize("wish", [Wish(budget=9.0), Wish(tolerance_m=1e-5), Wish(1.0, force_N=0.01)])
+def test_a_wish_may_be_out_of_reach(wish: Wish) -> None:
     assert pick(made_up(), wish) is None
     assert choice_lines(made_up(), wish).startswith("No member")
 
 
 def test_words_of_wishes() -> None:
-    assert parse_budget("1.5x") == ("budget", 1.5)
-    assert parse_budget("2") == ("budget", 2.0)
+    assert parse_budget("1.5x") == 1.5
+    assert parse_budget("2") == 2.0
+    assert parse_force("0.1 N") == 0.1
     for text, metres in (("1mm", 1e-3), ("0.5 mm", 5e-4), ("3e-3", 3e-3), ("20 um", 2e-5), ("1 m", 1.0)):
-        assert parse_tolerance(text)[1] == pytest.approx(metres)
+        assert parse_tolerance(text) == pytest.approx(metres)
     for text in ("fast", "-1x", "0", "nan", "inf"):
         with pytest.raises(InputError, match="real-time factor"):
             parse_budget(text)
         with pytest.raises(InputError, match="length"):
             parse_tolerance(text)
+        with pytest.raises(InputError, match="force"):
+            parse_force(text)
 
 
 def test_report_and_figures() -> None:
     table = markdown("made up", made_up())
-    assert "| * | middle, 1 ms, 1 tangent | 4.00 | 5 | 5 | 5 | 0.05 | 2.00 |" in table
+    assert "| * | middle, 1 ms, 1 tangent | 4.00 | 5 | 5 | 5 | 0.05 | 0.3 | 2.00 |" in table
     assert "| ref | finest | 0.10 |" in table
     assert "failed: ConvergenceError: no |" in table
-    document = json.loads(as_json("made up", made_up(), ("budget", 1.0)))
+    document = json.loads(as_json("made up", made_up(), Wish(budget=1.0)))
     assert document["choice"] == "middle, 1 ms, 1 tangent"
     assert [entry["pareto"] for entry in document["members"]] == [False, True, False, True, True, False]
     assert document["members"][-1]["tip_error_m"] is None
@@ -192,7 +197,7 @@ def test_the_command_writes_table_figures_and_plot(
     out = tmp_path / "out"
     assert main(["trade", REFERENCE, "--quick", "--out", str(out), "--budget", "1e-9x"]) == 0
     written = capsys.readouterr().out
-    assert "Run it with: --set clock.tick_s=" in written
+    assert "Run it with: --set fidelity=" in written
     assert (out / "trade.md").read_text(encoding="utf-8") in written
     document = json.loads((out / "trade.json").read_text(encoding="utf-8"))
     assert document["scenario"] == REFERENCE

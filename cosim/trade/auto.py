@@ -1,0 +1,118 @@
+"""Chooses fidelity, tick and integrator of a scenario by a short trade, whose figures are kept on disk."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from cosim import __version__
+from cosim.errors import ScenarioError
+from cosim.scenario.loading import load_scenario
+from cosim.scenario.schema import Scenario
+from cosim.scenario.writing import to_table
+from cosim.trade.choice import Wish, pareto_front, pick
+from cosim.trade.measuring import Measured, measure
+from cosim.trade.members import Member, short_members
+from cosim.trade.report import entry
+from cosim.trade.simulation import Build
+
+_WITHOUT = ("name", "title", "recording", "fidelity", "auto")
+"""What the figures of a scenario do not depend on."""
+
+
+def settled(scenario: Scenario, build: Build, cache: Path, tell: Callable[[str], None]) -> Scenario:
+    """Return the scenario with its fidelity chosen, if it asks for that; otherwise as it is.
+
+    Args:
+        scenario: checked.
+        build: makes a simulation.
+        cache: directory of kept figures.
+        tell: told what is measured and what is chosen.
+
+    Raises:
+        ScenarioError: no member meets the wish; the message names the nearest.
+    """
+    if scenario.fidelity != "auto" or scenario.auto is None:
+        return scenario
+    wish = Wish(scenario.auto.budget, scenario.auto.tolerance_m, scenario.auto.force_tolerance_N)
+    results, source = figures(replace(scenario, fidelity="lumped", auto=None), build, cache, tell)
+    found = pick(results, wish)
+    if found is None:
+        raise ScenarioError("auto", f"no member meets {wish.words}; {_nearest(results)}")
+    said = f"{found.member.name}: {_figures(found)}"
+    tell(f"auto: chose {said} ({source})")
+    plain = replace(scenario, fidelity="lumped", auto=None)
+    chosen = load_scenario(plain, found.member.changes)
+    return replace(chosen, auto=replace(scenario.auto, chosen=said))
+
+
+def figures(
+    scenario: Scenario, build: Build, cache: Path, tell: Callable[[str], None]
+) -> tuple[list[Measured], str]:
+    """Return the measured members of a scenario, and where the figures come from."""
+    members = short_members()
+    path = cache / f"trade_{content_hash(scenario, members)}.json"
+    kept = _read(path, members)
+    if kept is not None:
+        return kept, f"measured before: {path}"
+    tell(f"auto: measuring {len(members)} ways to run '{scenario.name}', once")
+    results = measure(scenario, members, build, lambda _result: None)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    partial = path.with_suffix(f".{os.getpid()}")
+    partial.write_text(json.dumps([entry(result) for result in results], indent=1), encoding="utf-8")
+    partial.replace(path)
+    return results, f"measured now, kept in {path}"
+
+
+def content_hash(scenario: Scenario, members: Sequence[Member]) -> str:
+    """Return what names the figures of a scenario: a hash of all that they depend on."""
+    table = {key: value for key, value in to_table(scenario).items() if key not in _WITHOUT}
+    ways = [dict(member.changes) for member in members]
+    text = json.dumps([__version__, table, ways], sort_keys=True)
+    return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+
+def cache_directory() -> Path:
+    """Return the user's directory of kept figures."""
+    base = os.environ.get("XDG_CACHE_HOME")
+    return (Path(base) if base else Path.home() / ".cache") / "cosim"
+
+
+def _read(path: Path, members: Sequence[Member]) -> list[Measured] | None:
+    """Return kept figures; None where there are none that can be read."""
+    try:
+        rows: list[dict[str, Any]] = json.loads(path.read_text(encoding="utf-8"))
+        numbers = [{key: row[key] for key in Measured.numbers()} for row in rows]
+        failures = [row["failure"] or "" for row in rows]
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
+    if len(rows) != len(members):
+        return None
+    return [
+        Measured(member, failure=failure, **{key: _number(value) for key, value in row.items()})
+        for member, row, failure in zip(members, numbers, failures, strict=True)
+    ]
+
+
+def _number(value: float | None) -> float:
+    return float("nan") if value is None else float(value)
+
+
+def _figures(result: Measured) -> str:
+    return (
+        f"x{result.real_time_factor:.2f} real time, tip {1e3 * result.tip_error_m:.3g} mm, "
+        f"force {result.force_error_N:.3g} N off"
+    )
+
+
+def _nearest(results: Sequence[Measured]) -> str:
+    front = pareto_front(results)
+    if not front:
+        return "none of them ran to its end"
+    ends = {id(result): result for result in (front[0], front[-1])}.values()
+    return "there are " + " and ".join(f"{result.member.name} ({_figures(result)})" for result in ends)

@@ -1,0 +1,146 @@
+"""`fidelity = "auto"`: what is chosen meets its wish by construction; figures are measured once."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import cosim
+from cosim.errors import ScenarioError
+from cosim.scenario.build import build
+from cosim.scenario.loading import load_scenario
+from cosim.scenario.schema import Scenario
+from cosim.scenario.writing import scenario_text
+from cosim.trade import auto
+from cosim.trade.measuring import Measured
+from cosim.trade.members import Member, short_members
+
+WORDS = {"fidelity": "auto", "auto.tolerance_m": 1e-3}
+
+
+def small(**changes: Any) -> Scenario:
+    """Return two units on a held base that are blown up fast."""
+    given = {
+        "robot": "none",
+        "soft_robot": {"file": "hexagon_arm", "chamber": {"units": 2}, "cable": []},
+        "start.cable_tension_N": [],
+        "phase": [{"name": "inflate", "duration_s": 0.1, "pressure_Pa": 20e3}],
+    }
+    return load_scenario("ur5e_hexagon_arm", {**given, **changes})
+
+
+def made_up_measure(calls: list[int]) -> Callable[..., list[Measured]]:
+    """Return a measurement in which a coarser tick is faster and worse: error [m] = tick / 10."""
+
+    def measure(_scenario: Scenario, members: tuple[Member, ...], _build: Any, _tell: Any) -> list[Measured]:
+        calls.append(len(members))
+        results = []
+        for member in members:
+            tick = member.changes["clock.tick_s"]
+            if member.changes["fidelity"] == "rigid":
+                results.append(Measured(member, failure="InputError: no rigid one here"))
+                continue
+            error = 0.0 if member.reference else 0.1 * tick
+            results.append(Measured(member, 1e3 * tick, error, error, error, 10.0 * error, 0.0, 1.0))
+        return results
+
+    return measure
+
+
+@pytest.fixture
+def calls(monkeypatch: pytest.MonkeyPatch) -> list[int]:
+    made: list[int] = []
+    monkeypatch.setattr(auto, "measure", made_up_measure(made))
+    return made
+
+
+@pytest.mark.parametrize(
+    ("wish", "tick_s"),
+    [
+        ({"auto.tolerance_m": 1.1e-3}, 0.01),
+        ({"auto.tolerance_m": 1.0}, 0.02),
+        ({"auto.budget": 4.0}, 0.005),
+        ({"auto.budget": 1.0}, 0.002),
+        ({"auto.tolerance_m": 1.0, "auto.force_tolerance_N": 6e-3}, 0.005),
+        ({"auto.budget": 6.0, "auto.tolerance_m": 1.5e-3}, 0.01),
+    ],
+)
+def test_the_choice_meets_the_wish(
+    wish: dict[str, float], tick_s: float, calls: list[int], tmp_path: Path
+) -> None:
+    told: list[str] = []
+    chosen = auto.settled(small(fidelity="auto", **wish), build, tmp_path, told.append)
+    assert chosen.clock.tick_s == tick_s
+    assert chosen.fidelity != "auto"
+    assert chosen.auto is not None
+    assert chosen.auto.chosen is not None
+    assert chosen.auto.chosen in told[-1]
+    # the scenario as it ran says what was chosen, and runs again without a measurement
+    again = tmp_path / "again.toml"
+    again.write_text(scenario_text(chosen), encoding="utf-8")
+    assert load_scenario(again) == chosen
+
+
+def test_figures_are_measured_once_and_serve_every_wish(calls: list[int], tmp_path: Path) -> None:
+    told: list[str] = []
+    auto.settled(small(**WORDS), build, tmp_path, told.append)
+    auto.settled(small(fidelity="auto", **{"auto.budget": 1.0}), build, tmp_path, told.append)
+    auto.settled(small(**WORDS, title="another name for it"), build, tmp_path, told.append)
+    assert calls == [len(short_members())]
+    assert "measured before" in told[-1]
+    auto.settled(small(**WORDS, **{"solver.damping_per_s": 3.0}), build, tmp_path, told.append)
+    assert len(calls) == 2  # another motion, other figures
+    for path in tmp_path.glob("trade_*.json"):
+        path.write_text("{", encoding="utf-8")
+    auto.settled(small(**WORDS), build, tmp_path, told.append)
+    assert len(calls) == 3
+
+
+def test_a_wish_that_nothing_meets_is_refused_with_the_nearest(calls: list[int], tmp_path: Path) -> None:
+    with pytest.raises(
+        ScenarioError, match=r"auto: no member meets tolerance tip error 1e-06 mm.*BDF2, 2 ms"
+    ):
+        auto.settled(small(fidelity="auto", **{"auto.tolerance_m": 1e-9}), build, tmp_path, lambda _t: None)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"fidelity": "auto"}, "auto: is missing a wish"),
+        ({"auto.budget": 1.0}, "auto: goes with fidelity = 'auto'; the fidelity is 'lumped'"),
+        ({"fidelity": "auto", "auto.budget": 0.0}, "auto.budget: "),
+        ({**WORDS, "mode": "quasistatic"}, "fidelity: 'auto' chooses among dynamic runs"),
+    ],
+)
+def test_wrong_wishes_are_refused(changes: dict[str, Any], message: str) -> None:
+    with pytest.raises(ScenarioError, match=message):
+        small(**changes)
+
+
+def test_a_scenario_without_the_wish_stays_as_it_is(tmp_path: Path) -> None:
+    scenario = small()
+    assert auto.settled(scenario, build, tmp_path, lambda _text: None) is scenario
+    assert not list(tmp_path.iterdir())
+
+
+def test_an_unsettled_scenario_is_not_built() -> None:
+    with pytest.raises(ScenarioError, match="settled before a run is built"):
+        build(small(**WORDS))
+
+
+def test_a_run_measures_and_keeps_the_figures(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    phases = [{"name": "inflate", "duration_s": 0.02, "pressure_Pa": 1e3}]
+    result = cosim.run(small(fidelity="auto", **{"auto.tolerance_m": 1.0}, phase=phases))
+    (path,) = (tmp_path / "cosim").glob("trade_*.json")
+    rows = {row["name"]: row for row in json.loads(path.read_text(encoding="utf-8"))}
+    assert "chosen by measurement: " in result.stage.report
+    able = [row for row in rows.values() if not row["reference"] and not row["failure"]]
+    fastest = max(able, key=lambda row: float(row["real_time_factor"]))
+    assert fastest["name"] in result.stage.report
+    assert np.isclose(result.stage.tick_s, fastest["changes"]["clock.tick_s"])
