@@ -47,6 +47,9 @@ class RunResult:
         contacts: (rows,) points of the film that press on something.
         contact_force_N: (rows,) sum of their normal forces.
         contact_depth_m: (rows,) of the deepest.
+        self_contacts: (rows,) points of the film that press on another film of the soft robot.
+        self_contact_force_N: (rows,) sum of their normal forces.
+        self_contact_depth_m: (rows,) of the deepest.
         tick_wall_s: (rows,) wall time.
         frame_time_s: (frames,).
         node_position: (frames, nodes, 3) [m].
@@ -79,6 +82,9 @@ class RunResult:
     contacts: IntArray
     contact_force_N: Array
     contact_depth_m: Array
+    self_contacts: IntArray
+    self_contact_force_N: Array
+    self_contact_depth_m: Array
     tick_wall_s: Array
     frame_time_s: Array
     node_position: Array
@@ -176,5 +182,8 @@ def _row(snapshot: Snapshot) -> dict[str, Any]:
         "contacts": ledger.contacts,
         "contact_force_N": ledger.contact_force_N,
         "contact_depth_m": ledger.contact_depth_m,
+        "self_contacts": ledger.self_contacts,
+        "self_contact_force_N": ledger.self_contact_force_N,
+        "self_contact_depth_m": ledger.self_contact_depth_m,
         "tick_wall_s": snapshot.tick_wall_s,
     }

@@ -22,7 +22,7 @@ from cosim.driver import (
 from cosim.run_files import RECORDING, SUMMARY, check_directory, default_directory
 from cosim.scenario.loading import load_scenario
 from cosim.scenario.overrides import parse_assignment
-from cosim.scenario.schema import NO_ARM
+from cosim.scenario.schema import NO_ARM, Scenario
 
 
 def run_command(
@@ -55,7 +55,7 @@ def run_command(
         print(scenario.title, file=sys.stderr)
     from cosim.soft.compilation import compile_kernels  # here, so that wrong input needs no engine
 
-    compile_kernels(_ignore if quiet else _tell, () if scenario.robot == NO_ARM else _contact_kernels())
+    compile_kernels(_ignore if quiet else _tell, _further_kernels(scenario))
     scenario = with_fidelity_chosen(scenario, _ignore if quiet else _tell)
     with Interruption() as interruption:
         watchers: list[Watcher] = [interruption] if quiet else [interruption, Progress(sys.stderr)]
@@ -65,10 +65,18 @@ def run_command(
     return _report(outcome, directory, interruption, quiet=quiet)
 
 
-def _contact_kernels() -> tuple[ModuleType, ...]:
-    from cosim.rigid.compilation import KERNEL_MODULES  # here: it brings MuJoCo, which some scenes do without
+def _further_kernels(scenario: Scenario) -> tuple[ModuleType, ...]:
+    """Return the modules with kernels that some scenarios do without."""
+    modules: tuple[ModuleType, ...] = ()
+    if scenario.contact.self_contact:
+        from cosim.soft import film_contact, film_points, film_search
 
-    return KERNEL_MODULES
+        modules = (film_contact, film_points, film_search)
+    if scenario.robot != NO_ARM:
+        from cosim.rigid.compilation import KERNEL_MODULES  # here: it brings MuJoCo
+
+        modules += KERNEL_MODULES
+    return modules
 
 
 def _tell(text: str) -> None:

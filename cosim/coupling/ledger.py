@@ -25,6 +25,9 @@ class LedgerEntry:
         contact_force_N: sum of their normal forces.
         contact_depth_m: how deep the deepest of them is; negative while nothing has sunk in.
         contact_ratio: largest algorithmic mass of the film over the inertia of a free body that it touches.
+        self_contacts: points of the film that press on another film of the soft robot.
+        self_contact_force_N: sum of their normal forces.
+        self_contact_depth_m: how deep the deepest of them is behind the other film; negative while none is.
     """
 
     wrench: Wrench
@@ -38,6 +41,9 @@ class LedgerEntry:
     contact_force_N: float = 0.0
     contact_depth_m: float = 0.0
     contact_ratio: float = 0.0
+    self_contacts: int = 0
+    self_contact_force_N: float = 0.0
+    self_contact_depth_m: float = 0.0
 
     @property
     def power_error_W(self) -> float:

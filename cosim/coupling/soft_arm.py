@@ -17,6 +17,7 @@ from cosim.soft.dynamics import ImplicitStepper, StepOptions
 from cosim.soft.equilibrium import Equilibrium, EquilibriumSolver
 from cosim.soft.kept_factor import NewtonState
 from cosim.soft.newton import NewtonOptions, NewtonSolver
+from cosim.soft.self_contact import FilmContactLaw, SelfContact
 from cosim.soft.state import Clamp, SoftState
 from cosim.soft.system import SoftSystem
 from cosim.soft.tip_target import TipTarget, find_flange_pose, find_tensions
@@ -57,15 +58,22 @@ class SoftArm(SoftSide):
         world_from_flange: where the flange is at first; the body starts in its drawn shape.
         statics: bounds of equilibrium solutions.
         dynamics: how time steps are solved.
+        self_contact: law of the films' contact with one another; None where it is not modelled.
     """
 
     def __init__(
-        self, body: SoftBody, world_from_flange: Pose, statics: NewtonOptions, dynamics: StepOptions
+        self,
+        body: SoftBody,
+        world_from_flange: Pose,
+        statics: NewtonOptions,
+        dynamics: StepOptions,
+        self_contact: FilmContactLaw | None = None,
     ) -> None:
         self.body = body
         self.state = SoftState.drawn(body, world_from_flange)
         self._system = SoftSystem(body)
         self._statics, self._dynamics = statics, dynamics
+        self._films = None if self_contact is None else SelfContact(body, self._system.pattern, self_contact)
         self._flange = world_from_flange
         self._loads = Loads(0.0, (0.0,) * len(body.cables), (0.0, 0.0, 0.0))
         self._residual = 0.0
@@ -74,8 +82,8 @@ class SoftArm(SoftSide):
     def _hold(self, clamp: Clamp) -> None:
         self.clamp = clamp
         newton = NewtonSolver(self._system, clamp.mask(self.body.nodes))
-        self.equilibrium_solver = EquilibriumSolver(newton, clamp, self._statics)
-        self._stepper = ImplicitStepper(newton, clamp, self._dynamics)
+        self.equilibrium_solver = EquilibriumSolver(newton, clamp, self._statics, self._films)
+        self._stepper = ImplicitStepper(newton, clamp, self._dynamics, self._films)
 
     def hold_also(self, held: Mask, world_from_flange: Pose) -> None:
         """Hold further components where they are now; what is held as a whole goes with the flange.
@@ -177,7 +185,8 @@ class SoftArm(SoftSide):
     def settle(self, found: Equilibrium) -> None:
         """Take over an equilibrium as the present state."""
         self.state = found.state
-        self._flange, self._loads = found.world_from_flange, found.loads
+        # the films that touch are found anew in every step
+        self._flange, self._loads = found.world_from_flange, replace(found.loads, self_contact=None)
 
     def save_state(self) -> SoftArmState:
         """Return what the next step depends on; costs no copy but one of the nodal forces."""

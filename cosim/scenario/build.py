@@ -12,6 +12,7 @@ from cosim.errors import ScenarioError, SolverError
 from cosim.scenario.carrier import Carrier, HeldBase
 from cosim.scenario.dynamic import DynamicSimulation
 from cosim.scenario.fidelity import fidelity_report, soft_sides
+from cosim.scenario.film_rules import film_report
 from cosim.scenario.gas_rules import gas_report
 from cosim.scenario.parts import Parts
 from cosim.scenario.plan import JointPlanner, Plan, make_plan
@@ -124,6 +125,7 @@ def _report(parts: Parts, body: SoftBody) -> str:
         "Gas": gas_report(scenario),
         "Motion": "quasistatic" if scenario.mode == "quasistatic" else f"dynamic, {integrator}",
         "Contact": _contact_report(scenario),
+        "Self contact": film_report(scenario, body),
     }
     return "\n".join(f"- **{name}**: {text}" for name, text in lines.items())
 

@@ -9,6 +9,7 @@ from cosim.coupling.soft_arm import SoftArm
 from cosim.coupling.soft_side import SoftSide
 from cosim.errors import ScenarioError
 from cosim.scenario.calibration import refined_model
+from cosim.scenario.film_rules import film_law
 from cosim.scenario.flange import pose_of
 from cosim.scenario.schema import Scenario
 from cosim.scenario.soft_build import build_soft_body
@@ -65,7 +66,7 @@ def _described(scenario: Scenario) -> tuple[SoftRobot, ChamberModel]:
 
 def _flexible(scenario: Scenario, body: SoftBody) -> SoftArm:
     start = pose_of(scenario.start.flange)
-    return SoftArm(body, start, static_options(scenario), dynamic_options(scenario))
+    return SoftArm(body, start, static_options(scenario), dynamic_options(scenario), film_law(scenario))
 
 
 def static_options(scenario: Scenario) -> NewtonOptions:

@@ -11,6 +11,7 @@ from cosim.coupling.ledger import LedgerEntry
 from cosim.coupling.soft_side import SoftSide
 from cosim.frames import Array, Pose, Twist
 from cosim.scenario.carrier import Carrier
+from cosim.scenario.film_rules import with_film_contacts
 from cosim.scenario.phase_schema import Phase
 from cosim.scenario.plan import Plan
 from cosim.scenario.schema import Scenario
@@ -90,6 +91,6 @@ class Parts:
             tip_direction=body.tip_direction(x),
             sag_m=float(np.linalg.norm(tip - moment.flange.translation - straight)),
             tip_target=self.plan.phases[moment.phase].tip_target,
-            ledger=ledger,
+            ledger=with_film_contacts(ledger, self.soft.state),
             tick_wall_s=wall_s,
         )

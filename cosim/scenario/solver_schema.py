@@ -42,19 +42,23 @@ class Solver:
 @final
 @dataclass(frozen=True)
 class Contact:
-    """Contact of the soft robot with floor and objects, in the dynamic mode.
+    """Contact of the soft robot with floor and objects, in the dynamic mode; and with itself, in both modes.
 
     Args:
-        enabled: whether it is modelled.
+        enabled: whether contact with floor and objects is modelled.
         stiffness_N_m3: pressure per depth.
         smoothing_m: width of the transition; contact begins at half of it before touching.
         stick_m: tangential distance at which the full friction acts.
+        self_contact: whether units and fingers touch one another, by the same law.
+        self_friction: coefficient of sliding between films; without meaning in the quasistatic mode.
     """
 
     enabled: bool = True
     stiffness_N_m3: Positive = 3e8
     smoothing_m: Positive = 1e-4
     stick_m: Positive = 1e-4
+    self_contact: bool = False
+    self_friction: NonNegative = 0.5
 
 
 @final

@@ -36,6 +36,8 @@ class SummaryBuilder:
         self._max_stability_ratio = 0.0
         self._max_contact_force_N = 0.0
         self._max_contact_depth_m = 0.0
+        self._max_self_contact_force_N = 0.0
+        self._max_self_contact_depth_m = 0.0
 
     def observe(self, snapshot: Snapshot) -> None:
         """Take in one snapshot; they come in order, tick 0 first."""
@@ -49,6 +51,8 @@ class SummaryBuilder:
         self._max_stability_ratio = max(self._max_stability_ratio, ledger.stability_ratio)
         self._max_contact_force_N = max(self._max_contact_force_N, ledger.contact_force_N)
         self._max_contact_depth_m = max(self._max_contact_depth_m, ledger.contact_depth_m)
+        self._max_self_contact_force_N = max(self._max_self_contact_force_N, ledger.self_contact_force_N)
+        self._max_self_contact_depth_m = max(self._max_self_contact_depth_m, ledger.self_contact_depth_m)
         self._last = snapshot
 
     def finish(self, status: Status, reason: str | None, wall_s: float) -> dict[str, Any]:
@@ -84,6 +88,8 @@ class SummaryBuilder:
             "max_stability_ratio": self._max_stability_ratio,
             "max_contact_force_N": self._max_contact_force_N,
             "max_contact_depth_m": self._max_contact_depth_m,
+            "max_self_contact_force_N": self._max_self_contact_force_N,
+            "max_self_contact_depth_m": self._max_self_contact_depth_m,
             "soft_weight_N": stage.soft_weight_N,
             "phases": self._phases,
         }

@@ -13,6 +13,7 @@ from cosim.frames import Array, IntArray, cross
 from cosim.soft.cable import Cable
 from cosim.soft.contact import ContactPlanes
 from cosim.soft.film import Film
+from cosim.soft.film_contact import FilmPairs
 from cosim.soft.frame_ring import FrameRings
 from cosim.soft.gas import SealedGas
 from cosim.soft.gas_chamber import (
@@ -187,6 +188,7 @@ class Loads:
         contact: what may be touched; None for nothing.
         cable_length_m: unstretched length of each cable whose length is commanded, None for one whose tension
             is; empty where no length is.
+        self_contact: films that may touch one another; None for none.
 
     Raises:
         InputError: a negative tension: cables cannot push; a length that is not above 0.
@@ -199,6 +201,7 @@ class Loads:
     gas: Gases = None
     contact: ContactPlanes | None = None
     cable_length_m: tuple[float | None, ...] = ()
+    self_contact: FilmPairs | None = None
 
     def __post_init__(self) -> None:
         if not all(tension >= 0.0 for tension in self.cable_tension_N):
@@ -244,7 +247,16 @@ class Loads:
         force = _weighted(self.nodal_force, end.nodal_force, share)
         gas = gas_between(self.gas, end.gas, share)
         lengths = _lengths(self.cable_length_m, end.cable_length_m, share)
-        return Loads(pressure, tuple(tension.tolist()), (gx, gy, gz), force, gas, end.contact, lengths)
+        return Loads(
+            pressure,
+            tuple(tension.tolist()),
+            (gx, gy, gz),
+            force,
+            gas,
+            end.contact,
+            lengths,
+            end.self_contact,
+        )
 
 
 def _weighted(begin: Array | None, end: Array | None, share: float) -> Array | None:

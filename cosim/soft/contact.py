@@ -57,7 +57,7 @@ class ContactLaw:
 
 
 @inlined
-def _pressing(depth, width):  # type: ignore[no-untyped-def]
+def pressing_law(depth, width):  # type: ignore[no-untyped-def]
     """Return energy, force and stiffness over k at a depth."""
     if depth <= 0.0:
         return 0.0, 0.0, 0.0
@@ -68,7 +68,7 @@ def _pressing(depth, width):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def _dragging(length, stick):  # type: ignore[no-untyped-def]
+def dragging_law(length, stick):  # type: ignore[no-untyped-def]
     """Return f0, f1 / |u| and the derivative of f1 by |u| at |u| = length."""
     share = length / stick
     if share < 1.0:
@@ -104,7 +104,7 @@ def _add_contacts(  # type: ignore[no-untyped-def]
             distance += n[r] * point
             u[r] = point - anchor[e, r]
             along += n[r] * u[r]
-        level, push, rate = _pressing(0.5 * width - distance, width)
+        level, push, rate = pressing_law(0.5 * width - distance, width)
         pressing[e] = stiffness[e] * push
         energy += stiffness[e] * level
         for r in range(3):
@@ -117,7 +117,7 @@ def _add_contacts(  # type: ignore[no-untyped-def]
                 u[r] -= along * n[r]
                 square += u[r] * u[r]
             length = np.sqrt(square)
-            level, secant, rate = _dragging(length, stick)
+            level, secant, rate = dragging_law(length, stick)
             energy += friction[e] * level
             fold = friction[e] * (rate - secant) / max(square, 1e-300)
             for r in range(3):

@@ -18,6 +18,7 @@ from cosim.errors import ConvergenceError, InputError
 from cosim.frames import Array, Pose
 from cosim.soft.body import Loads
 from cosim.soft.newton import NewtonOptions, NewtonResult, NewtonSolver, Outcome
+from cosim.soft.self_contact import SelfContact
 from cosim.soft.state import Clamp, SoftState
 from cosim.soft.system import Inertia
 
@@ -77,12 +78,20 @@ class ImplicitStepper:
         solver: Newton's method for the body with that clamp.
         clamp: nodes held by the flange.
         options: how steps are solved.
+        self_contact: of the body's films with one another; None where it is not modelled.
     """
 
-    def __init__(self, solver: NewtonSolver, clamp: Clamp, options: StepOptions) -> None:
+    def __init__(
+        self,
+        solver: NewtonSolver,
+        clamp: Clamp,
+        options: StepOptions,
+        self_contact: SelfContact | None = None,
+    ) -> None:
         self.solver = solver
         self.clamp = clamp
         self.options = options
+        self.self_contact = self_contact
 
     def step(
         self,
@@ -109,6 +118,7 @@ class ImplicitStepper:
             raise InputError(f"step {step_s} s must be positive and finite")
         base, span, speed = difference_scheme(self.options.integrator, state, step_s)
         inertia = self._inertia(base, span, speed)
+        loads = self._with_films(state, loads, step_s)
         starts = [state.positions + step_s * state.velocities, state.positions]
         if before is not None and _turn(before, world_from_flange) > _LARGE_TURN_RAD:
             starts = self._ranked(starts, state, before, world_from_flange, loads, inertia)
@@ -126,8 +136,15 @@ class ImplicitStepper:
                 result.iterations,
             )
         velocities = (result.positions - base) / span
-        earlier = (state.positions, state.velocities)
-        return SoftState(result.positions, velocities, result.angles, earlier), result
+        earlier, pairs = (state.positions, state.velocities), loads.self_contact
+        touching = None if pairs is None else pairs.memory(result.positions)
+        return SoftState(result.positions, velocities, result.angles, earlier, touching), result
+
+    def _with_films(self, state: SoftState, loads: Loads, step_s: float) -> Loads:
+        """Return the loads with the films that may touch one another in the step."""
+        if self.self_contact is None:
+            return loads
+        return replace(loads, self_contact=self.self_contact.step_pairs(state, step_s))
 
     def factorise(self, state: SoftState, world_from_flange: Pose, loads: Loads, step_s: float) -> bool:
         """Factorise the tangent of a step that ends at a state; False where it is indefinite.
@@ -139,6 +156,7 @@ class ImplicitStepper:
             step_s: h [s].
         """
         inertia = self._inertia(*difference_scheme(self.options.integrator, state, step_s))
+        loads = self._with_films(state, loads, step_s)
         return self.solver.factorise(
             state.positions, state.angles, loads, inertia, world_from_flange.rotation
         )
@@ -173,7 +191,7 @@ class ImplicitStepper:
         options, frame = self.options, flange.rotation
         full = replace(options.newton, tolerance_N=options.tolerance_N)
         # a contact that is half solved would push with a force of its own making
-        if loads.contact is not None:
+        if loads.contact is not None or loads.self_contact is not None:
             return self.solver.solve(start, state.angles, loads, full, inertia, frame)
         first = replace(full, iterations_max=options.iterations)
         result = self.solver.solve(start, state.angles, loads, first, inertia, frame)

@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import final
 
 from cosim.errors import ConvergenceError
 from cosim.frames import Array, Pose, Wrench
 from cosim.soft.body import Loads
 from cosim.soft.newton import NewtonOptions, NewtonResult, NewtonSolver
+from cosim.soft.self_contact import SelfContact
 from cosim.soft.state import Clamp, SoftState
 
 _SPLITS_MAX = 8
 _FRICTION_ROUNDS_MAX = 30
+_FILM_ROUNDS_MAX = 20
+_FOOT_SLACK = 0.02  # more in every round
 
 
 @final
@@ -49,12 +52,20 @@ class EquilibriumSolver:
         solver: Newton's method for the body with that clamp.
         clamp: nodes held by the flange.
         options: bounds of the iteration.
+        self_contact: of the body's films with one another; None where it is not modelled.
     """
 
-    def __init__(self, solver: NewtonSolver, clamp: Clamp, options: NewtonOptions) -> None:
+    def __init__(
+        self,
+        solver: NewtonSolver,
+        clamp: Clamp,
+        options: NewtonOptions,
+        self_contact: SelfContact | None = None,
+    ) -> None:
         self.solver = solver
         self.clamp = clamp
         self.options = options
+        self.self_contact = self_contact
 
     def solve(
         self, state: SoftState, world_from_flange: Pose, loads: Loads, start: Array | None = None
@@ -71,7 +82,7 @@ class EquilibriumSolver:
             ConvergenceError: none was found.
         """
         guess = self.clamp.place(state.positions if start is None else start, world_from_flange)
-        result = self.solver.solve(guess, state.angles, loads, self.options)
+        result, loads = self._settle_films(guess, state.angles, loads)
         result = self._settle_friction(result, loads)
         if not result.converged:
             raise ConvergenceError(
@@ -80,9 +91,11 @@ class EquilibriumSolver:
                 result.residual_N,
                 result.iterations,
             )
+        pairs = loads.self_contact
+        touching = None if pairs is None else pairs.memory(result.positions, resting=True)
         wrench = self.clamp.wrench(self.solver.system.gradient, result.positions, world_from_flange)
         return Equilibrium(
-            SoftState.at_rest(result.positions, result.angles), world_from_flange, loads, wrench,
+            SoftState.at_rest(result.positions, result.angles, touching), world_from_flange, loads, wrench,
             result.residual_N, result.iterations, result.potential_J, result.shifted,
         )  # fmt: skip
 
@@ -118,6 +131,36 @@ class EquilibriumSolver:
             here.state, here.world_from_flange, here.loads, here.wrench, here.residual_N, spent,
             here.potential_J, here.shifted,
         )  # fmt: skip
+
+    def _settle_films(self, start: Array, angles: Array, loads: Loads) -> tuple[NewtonResult, Loads]:
+        """Solve, and repeat while other films touch than those that were found before the solution.
+
+        Returns:
+            The solution, and the loads with the pairs of films it was found with.
+
+        Raises:
+            ConvergenceError: the pairs keep changing.
+        """
+        films = self.self_contact
+        if films is None:
+            return self.solver.solve(start, angles, loads, self.options), loads
+        pairs, spent, shifted = films.static_pairs(start), 0, 0
+        for round_ in range(_FILM_ROUNDS_MAX):
+            loads = replace(loads, self_contact=pairs)
+            result = self.solver.solve(start, angles, loads, self.options)
+            settled = round_ > 0 and result.iterations == 0
+            spent, shifted = spent + result.iterations, shifted + result.shifted
+            if settled or not result.converged:
+                return replace(result, iterations=spent, shifted=shifted), loads
+            start, angles = result.positions, result.angles
+            # a foot at the edge of two triangles could change sides for ever: it sticks more and more
+            pairs = films.static_pairs(start, pairs, _FOOT_SLACK * round_)
+        raise ConvergenceError(
+            f"no equilibrium found: the films that touch one another still change after {_FILM_ROUNDS_MAX} "
+            f"rounds, {len(pairs or ())} pairs; try smaller increments",
+            result.residual_N,
+            spent,
+        )
 
     def _settle_friction(self, result: NewtonResult, loads: Loads) -> NewtonResult:
         """Repeat while losses along the cables change with the shape: friction has no potential."""

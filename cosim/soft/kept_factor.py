@@ -7,6 +7,7 @@ from typing import final
 
 from cosim.frames import Array
 from cosim.soft.linear_solver import FactorState
+from cosim.soft.pattern import BlockPattern
 
 
 @final
@@ -27,8 +28,10 @@ class NewtonState:
         kept: what the factorisation was made for; None where none is kept.
         factor: the factorisation; None where none is kept.
         gradient: (n, 3) [N], at the last solution.
+        wide: pattern of the factorisation where films touched one another; None for the body's own.
     """
 
     kept: KeptFactor | None
     factor: FactorState | None
     gradient: Array
+    wide: BlockPattern | None = None

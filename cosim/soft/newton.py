@@ -23,6 +23,7 @@ from cosim.soft.body import Loads
 from cosim.soft.dissected_cholesky import cholesky
 from cosim.soft.kept_factor import KeptFactor, NewtonState
 from cosim.soft.linear_solver import GeneralLU, LinearSolver
+from cosim.soft.pattern import BlockPattern
 from cosim.soft.system import Inertia, SoftSystem
 
 
@@ -142,11 +143,8 @@ class NewtonSolver:
         self.system = system
         self.clamped = clamped
         self.free = ~clamped
-        self.linear: LinearSolver = (
-            cholesky(system.pattern, self.free, system.eyelets)
-            if system.conservative
-            else GeneralLU(system.pattern, self.free)
-        )
+        self._narrow = self._solver_for(system.pattern)
+        self.linear: LinearSolver = self._narrow
         self._kept: KeptFactor | None = None
 
     def solve(
@@ -222,20 +220,20 @@ class NewtonSolver:
         problem = _Problem(system, self.free, loads, system.segment_tension(positions, loads), inertia)
         problem.at(positions, angles, hessian=True)
         system.gradient[:] = gradient
-        if isinstance(self.linear, GeneralLU):
-            self.linear.extra = system.open_cap_stiffness
-        definite = self.linear.factor(system.blocks, low_rank=system.low_rank)
+        definite = self._fitted_solver().factor(system.tangent_blocks, low_rank=system.low_rank)
         self._kept = KeptFactor(problem.kind, frame) if definite else None
         return definite
 
     def save_state(self) -> NewtonState:
         """Return what the next solution depends on besides its arguments."""
         factor = None if self._kept is None else self.linear.save_state()
-        return NewtonState(self._kept, factor, self.system.gradient.copy())
+        wide = None if self.linear is self._narrow else self.linear.pattern
+        return NewtonState(self._kept, factor, self.system.gradient.copy(), wide)
 
     def restore_state(self, state: NewtonState) -> None:
         """Return to a state of `save_state`, of a solver with the same clamp."""
         self._kept = state.kept
+        self._fit(self.system.pattern if state.wide is None else state.wide)
         if state.factor is not None:
             self.linear.restore_state(state.factor)
         self.system.gradient[:] = state.gradient
@@ -270,16 +268,32 @@ class NewtonSolver:
 
     def _factor(self, options: NewtonOptions) -> int:
         """Factorise with growing shift; return the number of attempts, negative if all failed."""
-        if isinstance(self.linear, GeneralLU):
-            # d(gradient)/dx gains what the missing caps take away
-            self.linear.extra = self.system.open_cap_stiffness
+        system, linear = self.system, self._fitted_solver()
         attempts, shift = 1, 0.0
-        while not self.linear.factor(self.system.blocks, shift, self.system.low_rank):
+        while not linear.factor(system.tangent_blocks, shift, system.low_rank):
             shift = max(options.shift_start_N_m, 6.0 * shift)
             if shift > options.shift_max_N_m:
                 return -attempts
             attempts += 1
         return attempts
+
+    def _fitted_solver(self) -> LinearSolver:
+        """Return the linear solver, made for the pattern of the present tangent."""
+        self._fit(self.system.tangent_pattern)
+        if isinstance(self.linear, GeneralLU):
+            # d(gradient)/dx gains what the missing caps take away
+            self.linear.extra = self.system.open_cap_stiffness
+        return self.linear
+
+    def _fit(self, pattern: BlockPattern) -> None:
+        if self.linear.pattern is not pattern:
+            narrow = pattern is self.system.pattern
+            self.linear = self._narrow if narrow else self._solver_for(pattern)
+
+    def _solver_for(self, pattern: BlockPattern) -> LinearSolver:
+        if self.system.conservative:
+            return cholesky(pattern, self.free, self.system.eyelets)
+        return GeneralLU(pattern, self.free)
 
     def _search(
         self, problem: _Problem, point: _Point, step: Array, angles: Array, options: NewtonOptions

@@ -38,7 +38,7 @@ def _tangent(solver: NewtonSolver, equilibrium: Equilibrium) -> csc_matrix:
     system, state, loads = solver.system, equilibrium.state, equilibrium.loads
     tension = system.segment_tension(state.positions, loads)
     system.evaluate(state.positions, loads, tension, state.angles)
-    return GeneralLU(system.pattern, solver.free).matrix(system.blocks)
+    return GeneralLU(system.tangent_pattern, solver.free).matrix(system.tangent_blocks)
 
 
 @final

@@ -9,6 +9,7 @@ import numpy as np
 
 from cosim.frames import Array, IntArray, Mask, Pose, Wrench, cross
 from cosim.soft.body import SoftBody
+from cosim.soft.film_memory import FilmMemory
 from cosim.soft.surface import dihedral_angle
 
 
@@ -105,12 +106,14 @@ class SoftState:
         velocities: (n, 3) [m/s].
         angles: (h,) [rad], unwrapped hinge angles.
         earlier: positions and velocities one step before, for two-step integrators.
+        touching: films that press on one another; None for none.
     """
 
     positions: Array
     velocities: Array
     angles: Array
     earlier: tuple[Array, Array] | None = None
+    touching: FilmMemory | None = None
 
     @classmethod
     def drawn(cls, body: SoftBody, world_from_flange: Pose) -> SoftState:
@@ -119,13 +122,14 @@ class SoftState:
         return cls(positions, np.zeros_like(positions), dihedral_angle(body.positions, body.hinges.nodes))
 
     @classmethod
-    def at_rest(cls, positions: Array, angles: Array) -> SoftState:
+    def at_rest(cls, positions: Array, angles: Array, touching: FilmMemory | None = None) -> SoftState:
         """Return a state without velocity."""
-        return cls(positions, np.zeros_like(positions), angles)
+        return cls(positions, np.zeros_like(positions), angles, None, touching)
 
     def carried(self, motion: Pose) -> SoftState:
         """Return the state moved rigidly by `motion` (world to world)."""
         turn = motion.rotation.T
         return SoftState(
-            np.ascontiguousarray(motion.apply(self.positions)), self.velocities @ turn, self.angles
-        )
+            np.ascontiguousarray(motion.apply(self.positions)), self.velocities @ turn, self.angles, None,
+            None if self.touching is None else self.touching.carried(motion),
+        )  # fmt: skip

@@ -44,7 +44,8 @@ class SoftSystem:
 
     After `evaluate`: `gradient` (n, 3) [N], `blocks` (pattern.blocks, 3, 3) [N/m], `angles` (h,) [rad],
     `gas` (volume and pressure of each chamber), `low_rank` (dense parts of the Hessian, such as of sealed
-    gas). They are overwritten by the next call.
+    gas). `tangent_pattern` and `tangent_blocks` are the sparse Hessian: the body's own, or a wider one where
+    films touch one another. They are overwritten by the next call.
     """
 
     def __init__(self, body: SoftBody) -> None:
@@ -65,6 +66,7 @@ class SoftSystem:
         self._diagonal = np.flatnonzero(self.pattern.row == self.pattern.column)
         self.gradient = np.zeros((body.nodes, 3))
         self.blocks = np.zeros((self.pattern.blocks, 3, 3))
+        self.tangent_pattern, self.tangent_blocks = self.pattern, self.blocks
         self.angles = dihedral_angle(body.positions, body.hinges.nodes)
         self.gas = GasElements(body, self.pattern)
         self.low_rank: LowRank | None = None
@@ -162,7 +164,19 @@ class SoftSystem:
             energy += add_inertia(
                 x, inertia.coefficient, inertia.target, diagonal, self.gradient, self.blocks
             )
-        return energy
+        return energy + self._add_self_contact(x, loads, hessian)
+
+    def _add_self_contact(self, x: Array, loads: Loads, hessian: bool) -> float:
+        """Add the contacts between films to the gradient and, with all there is, to the wider tangent."""
+        pairs = loads.self_contact
+        if hessian:
+            self.tangent_pattern, self.tangent_blocks = self.pattern, self.blocks
+        if pairs is None:
+            return 0.0
+        if hessian:
+            self.tangent_pattern = pairs.coupled.pattern
+            self.tangent_blocks = pairs.coupled.blocks(self.blocks)
+        return pairs.add(x, self.gradient, self.tangent_blocks, hessian=hessian)
 
     def _pulls(self, x: Array, loads: Loads, given: Array) -> tuple[Array, float]:
         """Return the tension of all segments (segments,) [N], and the energy beyond sum T_i L_i [J]."""

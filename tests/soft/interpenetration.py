@@ -1,0 +1,65 @@
+"""How deep units of a film are in one another, by winding numbers: independent of the contact search."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cosim.frames import Array, IntArray
+from cosim.soft.body import SoftBody
+from cosim.soft.film_faces import FilmFaces
+from cosim.soft.film_points import FilmPoints
+
+
+def deepest_m(body: SoftBody, positions: Array) -> float:
+    """Return how far the deepest contact point inside another unit is from that unit's film [m]; 0 for none.
+
+    Args:
+        body: whose film it is.
+        positions: (n, 3) [m].
+    """
+    faces = FilmFaces.of(body)
+    points = FilmPoints.of(faces, body.positions)
+    places = np.einsum("pa,par->pr", points.weights, positions[points.nodes])
+    deepest = 0.0
+    for unit in range(faces.units):
+        triangles = faces.triangles[faces.unit == unit]
+        corners = np.concatenate([positions[triangles], _lids(positions, triangles)])
+        others = (points.home[:, 1] != unit) & ~np.isin(points.nodes, triangles).any(axis=1)
+        others &= ((places > corners.min(axis=(0, 1))) & (places < corners.max(axis=(0, 1)))).all(axis=1)
+        inside = places[others][_winding(places[others], corners) > 0.5]
+        if len(inside):
+            deepest = max(deepest, float(_distance(inside, positions[triangles]).max()))
+    return deepest
+
+
+def _lids(positions: Array, triangles: IntArray) -> Array:
+    """Return triangles (k, 3, 3) [m] that close the holes of a surface."""
+    edges = {(a, b) for t in triangles.tolist() for a, b in zip(t, [*t[1:], t[0]], strict=True)}
+    onward = {b: a for a, b in edges if (b, a) not in edges}
+    lids = []
+    while onward:
+        first, there = onward.popitem()
+        ring = [first]
+        while there != first:
+            ring.append(there)
+            there = onward.pop(there)
+        rim = positions[ring]
+        lids += [(rim.mean(axis=0), a, b) for a, b in zip(rim, np.roll(rim, -1, axis=0), strict=True)]
+    return np.array(lids).reshape(-1, 3, 3)
+
+
+def _winding(points: Array, corners: Array) -> Array:
+    """Return how often a closed surface (k, 3, 3) winds around each point (van Oosterom and Strackee)."""
+    a, b, c = (corners[None, :, k] - points[:, None] for k in range(3))
+    la, lb, lc = (np.linalg.norm(v, axis=2) for v in (a, b, c))
+    sine = np.einsum("ptr,ptr->pt", a, np.cross(b, c))
+    cosine = la * lb * lc
+    cosine += lc * (a * b).sum(axis=2) + la * (b * c).sum(axis=2) + lb * (c * a).sum(axis=2)
+    return np.asarray(np.arctan2(sine, cosine).sum(axis=1) / (2.0 * np.pi))
+
+
+def _distance(points: Array, corners: Array) -> Array:
+    """Return the distance [m] of each point from the nearest of triangles (k, 3, 3), sampled finely."""
+    grid = [(i, j, 12 - i - j) for i in range(13) for j in range(13 - i)]
+    samples = np.einsum("sj,tjr->tsr", np.array(grid) / 12.0, corners).reshape(-1, 3)
+    return np.asarray(np.linalg.norm(points[:, None] - samples[None], axis=2).min(axis=1))

@@ -1,0 +1,92 @@
+"""Contact between films: exact derivatives, momentum, who meets whom, two cushions against one on a plane."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from cosim.frames import Array
+from cosim.soft.contact import ContactLaw
+from cosim.soft.coupled_pattern import CoupledPattern
+from cosim.soft.film_contact import FilmPairs, feet
+from cosim.soft.pattern import BlockPattern
+from tests.derivatives import RELATIVE, dense, derivative_errors
+from tests.soft.bodies import random_rotation
+
+LAW = ContactLaw(stiffness_N_m3=3e8, smoothing_m=1e-3, stick_m=1e-3)
+COUNT = 24
+
+
+def scattered_pairs(seed: int = 0) -> tuple[FilmPairs, Array]:
+    """Return points on either side of triangles of some 10 mm, feet in and around them; and positions."""
+    rng = np.random.default_rng(seed)
+    x = np.empty((6 * COUNT, 3))
+    nodes = np.arange(6 * COUNT).reshape(COUNT, 6)
+    for row in nodes:
+        turn, origin = random_rotation(int(row[0]) + seed), rng.normal(size=3)
+        flat = 1e-3 * np.array([[0.0, 0.0, 0.0], [10.0, 0.0, 0.0], [2.0, 9.0, 0.0]])
+        flat += 1e-3 * rng.normal(size=(3, 3))
+        above = flat.mean(axis=0) + 3e-3 * rng.normal(size=(3, 3))
+        above[:, 2] = rng.uniform(-3e-3, 1.5e-3) + 1e-4 * rng.normal(size=3)
+        x[row] = np.concatenate([above, flat]) @ turn.T + origin
+    weights = np.array([[1.0, 0.0, 0.0], [0.5, 0.5, 0.0], [1.0 / 3.0] * 3])[rng.integers(3, size=COUNT)]
+    foot, normal, _ = feet(x, nodes, weights)
+    coupled = CoupledPattern.of(BlockPattern.from_elements(len(x), []), nodes)
+    return FilmPairs(
+        key=np.arange(COUNT),
+        triangle=np.arange(COUNT),
+        nodes=nodes,
+        weights=weights,
+        stiffness=rng.uniform(1e2, 1e4, COUNT),
+        friction=rng.uniform(0.0, 2.0, COUNT) * (np.arange(COUNT) % 3 > 0),
+        foot=foot,
+        normal=normal,
+        stretch=1e-3 * rng.normal(size=(COUNT, 3)),
+        law=LAW,
+        coupled=coupled,
+        slots=coupled.pattern.slots(nodes),
+    ), x  # fmt: skip
+
+
+def evaluate(pairs: FilmPairs, x: Array) -> tuple[float, Array, Array]:
+    force, blocks = np.zeros_like(x), np.zeros((pairs.coupled.pattern.blocks, 3, 3))
+    energy = pairs.add(np.ascontiguousarray(x), force, blocks, hessian=True)
+    return energy, force, dense(pairs.coupled.pattern, blocks)
+
+
+def test_derivatives_are_exact_in_front_within_the_transition_and_beyond() -> None:
+    pairs, x = scattered_pairs()
+    depth = 0.5 * LAW.smoothing_m - feet(x, pairs.nodes, pairs.weights)[2]
+    for low, high in ((-1.0, 0.0), (0.0, LAW.smoothing_m), (LAW.smoothing_m, 1.0)):
+        assert ((low < depth) & (depth < high)).sum() > 2  # every branch is met
+    # away from where the feet were taken
+    moved = x + 2e-4 * np.random.default_rng(1).normal(size=x.shape)
+    assert max(derivative_errors(lambda y: evaluate(pairs, y), moved, 1e-7)) < 20.0 * RELATIVE
+    smooth = replace(pairs, friction=np.zeros(COUNT))
+    assert max(derivative_errors(lambda y: evaluate(smooth, y), moved, 1e-7)) < 20.0 * RELATIVE
+
+
+def test_pressing_keeps_momentum_and_angular_momentum_rubbing_keeps_momentum() -> None:
+    pairs, x = scattered_pairs()
+    for friction, angular in ((0.0, True), (1.0, False)):
+        force = evaluate(replace(pairs, friction=friction * pairs.friction), x)[1]
+        size = np.abs(force).max()
+        for row in pairs.nodes:
+            assert np.abs(force[row].sum(axis=0)).max() < 1e-12 * size
+            moment = np.cross(x[row] - x[row[0]], force[row]).sum(axis=0)
+            if angular:
+                assert np.abs(moment).max() < 1e-14 * size * 10.0
+            else:  # what is left: the gap and the stretch times the friction
+                assert np.abs(moment).max() < 1e-2 * size
+
+
+def test_rigid_motion_changes_nothing_but_the_axes() -> None:
+    pairs, x = scattered_pairs()
+    turn = random_rotation(5)
+    moved = x @ turn.T + np.array([0.3, -1.0, 2.0])
+    energy, force, _ = evaluate(replace(pairs, friction=np.zeros(COUNT)), x)
+    again, turned, _ = evaluate(replace(pairs, friction=np.zeros(COUNT)), moved)
+    assert again == pytest.approx(energy, rel=1e-11)
+    np.testing.assert_allclose(turned, force @ turn.T, atol=1e-10 * np.abs(force).max())

@@ -1,0 +1,210 @@
+"""Contact of a body with itself: who can meet whom, cushions, a curled arm, sliding, a state that returns."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from cosim.errors import InputError
+from cosim.frames import Array, Pose
+from cosim.soft.body import Loads, SoftBody
+from cosim.soft.contact import ContactLaw
+from cosim.soft.contact_surface import ContactSurface
+from cosim.soft.copies import copies
+from cosim.soft.dynamics import ImplicitStepper, StepOptions
+from cosim.soft.equilibrium import Equilibrium, EquilibriumSolver
+from cosim.soft.film import Film
+from cosim.soft.film_faces import FilmFaces, Relation
+from cosim.soft.film_points import FilmPoints
+from cosim.soft.newton import NewtonOptions, NewtonSolver
+from cosim.soft.self_contact import FilmContactLaw, SelfContact
+from cosim.soft.state import Clamp, SoftState
+from cosim.soft.surface import triangle_area
+from cosim.soft.system import SoftSystem
+from tests.soft.bodies import HANGING, PRESSURE_Pa, held, hexagon_arm, icosphere, no_load
+from tests.soft.contacts import half_space
+from tests.soft.interpenetration import deepest_m
+
+UP = np.array([0.0, 0.0, 1.0])
+LAW = ContactLaw()
+
+
+def test_a_stack_has_a_unit_per_chamber_and_two_faces_per_unit() -> None:
+    body = hexagon_arm(4)
+    faces = FilmFaces.of(body)
+    assert faces.units == 4
+    relation, unit = faces.relation, faces.unit_of_face
+    assert relation.shape == (8, 8)
+    assert (relation == relation.T).all()
+    step = np.abs(unit[:, None] - unit[None, :])
+    assert (relation[step == 0] == Relation.NONE).all()
+    assert (relation[step > 1] == Relation.APART).all()
+    # of the four pairs of faces of two neighbours one meets in the valley, seen from both sides
+    assert (relation[step == 1] == Relation.VALLEY).sum() == 2 * 3
+    points = FilmPoints.of(faces, body.positions)
+    film = triangle_area(body.positions, body.membranes.triangles).sum()
+    assert points.area.sum() == pytest.approx(film, rel=1e-12)
+
+
+def test_one_unit_alone_cannot_meet_itself() -> None:
+    x, triangles = icosphere(1, 0.05)
+    body = SoftBody.from_arrays(x, triangles, Film(1e9, 0.3, 1e-4), node_mass=1e-3)
+    films = SelfContact(body, SoftSystem(body).pattern, FilmContactLaw(LAW))
+    assert not films.faces.can_meet
+    assert films.static_pairs(x) is None
+
+
+def test_a_negative_friction_coefficient_is_refused() -> None:
+    with pytest.raises(InputError, match=r"friction coefficient is -0\.1"):
+        FilmContactLaw(LAW, -0.1)
+
+
+def squeezed(body: SoftBody, gaps: list[float], turned: bool) -> list[tuple[Equilibrium, float]]:
+    """Return equilibria of an inflated body, and the force [N] on its lower end.
+
+    Args:
+        body: one cushion, or two of which the second is upside down.
+        gaps: heights of the plane, or half the distance of the two ends, one after the other [m].
+        turned: whether the body is two cushions.
+    """
+    system, clamp = SoftSystem(body), Clamp.of_base(body)
+    newton = NewtonSolver(system, clamp.mask(body.nodes))
+    films = SelfContact(body, system.pattern, FilmContactLaw(LAW)) if turned else None
+    surface, state, found = ContactSurface.of(body, system.pattern), SoftState.drawn(body, Pose()), []
+    upper = clamp.offsets[:, 2] > 0.01
+    stiff = replace(LAW, stiffness_N_m3=2.0 * LAW.stiffness_N_m3, smoothing_m=0.5 * LAW.smoothing_m)
+    before = gaps[0]
+    for height in gaps:
+        offsets, start = clamp.offsets.copy(), state.positions.copy()
+        offsets[upper, 2] = 2.0 * height
+        # the second cushion goes along with its end
+        start[body.nodes // 2 if turned else body.nodes :, 2] += 2.0 * (height - before)
+        before = height
+        plane = None if turned else half_space(surface, -UP, -height, stiff)
+        solver = EquilibriumSolver(
+            newton, replace(clamp, offsets=offsets), NewtonOptions(tolerance_N=1e-7), films
+        )
+        loads = Loads(PRESSURE_Pa, gravity=(0.0, 0.0, 0.0), contact=plane)
+        here = solver.solve(state, Pose(), loads, start)
+        state = here.state
+        found.append((here, float(system.gradient[clamp.nodes[~upper], 2].sum())))
+    return found
+
+
+def test_two_cushions_pressed_together_answer_like_one_on_a_plane() -> None:
+    """By symmetry a plane lies between them; film on film shares the depth, so that law is twice as stiff."""
+    one = hexagon_arm(1, cables=())
+    free = squeezed(one, [1.0], turned=False)[0][0].state.positions[:, 2].max()
+    gaps = [free * share for share in (0.97, 0.93, 0.88)]
+    alone = squeezed(one, [1.0, *gaps], turned=False)[1:]
+    both = copies(one, [Pose(), Pose(np.diag([1.0, -1.0, -1.0]), np.array([0.0, 0.0, 2.0]))])
+    pair = squeezed(both, [1.0, *gaps], turned=True)[1:]
+    for (single, force), (double, felt) in zip(alone, pair, strict=True):
+        assert force > 1.0
+        assert felt == pytest.approx(force, rel=1e-2)
+        touching = double.state.touching
+        assert touching is not None
+        assert touching.normal_force_N == pytest.approx(felt, rel=0.03)  # its normals lean a little
+        np.testing.assert_allclose(double.state.positions[: one.nodes], single.state.positions, atol=2e-4)
+
+
+def curled(films: bool, tension_N: float) -> tuple[SoftBody, Equilibrium]:
+    """Return three units whose cables pull, at equilibrium."""
+    body = hexagon_arm(3)
+    arm = held(body)
+    law = SelfContact(body, arm.system.pattern, FilmContactLaw(LAW)) if films else None
+    solver = EquilibriumSolver(arm.newton, arm.clamp, NewtonOptions(), law)
+    here = solver.solve(SoftState.drawn(body, HANGING), HANGING, no_load(body))
+    for share in (0.25, 0.5, 1.0):
+        here = solver.follow(here, HANGING, no_load(body, pressure_Pa=share * PRESSURE_Pa))
+    for share in np.linspace(0.1, 1.0, 10):
+        tension = (share * tension_N,) * 2
+        here = solver.follow(here, HANGING, no_load(body, pressure_Pa=PRESSURE_Pa, cable_tension_N=tension))
+    return body, here
+
+
+def test_units_of_a_curled_arm_press_on_one_another_instead_of_passing_through() -> None:
+    body, through = curled(films=False, tension_N=20.0)
+    depth = deepest_m(body, through.state.positions)
+    assert depth > 3e-3
+    body, pressed = curled(films=True, tension_N=20.0)
+    touching = pressed.state.touching
+    assert touching is not None
+    assert touching.normal_force_N > 10.0
+    left = deepest_m(body, pressed.state.positions)
+    # the search sees what winding numbers see, and nothing else; samples of the film are up to 1 mm off
+    assert left == pytest.approx(touching.depth_m, abs=1.5e-4)
+    assert left < 0.35 * depth
+    assert pressed.residual_N < 1e-6
+
+
+def test_where_nothing_touches_the_equilibrium_is_the_same() -> None:
+    states = [curled(films, tension_N=1.0)[1].state for films in (True, False)]
+    assert states[0].touching is None
+    np.testing.assert_allclose(states[0].positions, states[1].positions, rtol=0.0, atol=1e-12)
+
+
+def brick(edge_m: float, mass_kg: float) -> SoftBody:
+    """Return a stiff film box of half the height, in two prongs of faces braced by their diagonals."""
+    corners = 0.5 * edge_m * (np.array(list(np.ndindex(2, 2, 2))) * 2.0 - 1.0) * (1.0, 1.0, 0.5)
+    faces = [[0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1], [2, 3, 7], [2, 7, 6],
+             [0, 2, 6], [0, 6, 4], [1, 5, 7], [1, 7, 3]]  # fmt: skip
+    return SoftBody.from_arrays(corners, np.array(faces), Film(1e9, 0.3, 1e-4), node_mass=mass_kg / 8)
+
+
+def slide(tangent: float, friction: float, ticks: int, tick_s: float = 2e-3) -> Array:
+    """Return where a small brick on a large one is (ticks,) [m]; the slope is tilted within 200 ticks."""
+    large, small = brick(0.08, 0.4), brick(0.04, 0.05)
+    upper = small.positions + np.array([3e-3, 2e-3, 0.03])
+    body = SoftBody.from_arrays(
+        np.concatenate([large.positions, upper]),
+        np.concatenate([large.membranes.triangles, small.membranes.triangles + 8]),
+        Film(1e9, 0.3, 1e-4),
+        node_mass=np.concatenate([large.node_mass, small.node_mass]),
+        base=np.arange(8),
+    )
+    system, clamp = SoftSystem(body), Clamp.of_base(body)
+    films = SelfContact(body, system.pattern, FilmContactLaw(LAW, friction))
+    newton = NewtonSolver(system, clamp.mask(body.nodes))
+    stepper = ImplicitStepper(newton, clamp, StepOptions(tolerance_N=1e-9), films)
+    state, place = SoftState.drawn(body, Pose()), []
+    for tick in range(ticks):
+        angle = np.arctan(tangent * min(1.0, tick / 200))
+        gravity = (9.81 * np.sin(angle), 0.0, -9.81 * np.cos(angle))
+        state, _ = stepper.step(state, Pose(), Loads(gravity=gravity), tick_s)
+        place.append(state.positions[8:, 0].mean())
+    return np.array(place)
+
+
+def test_a_brick_on_a_brick_slips_at_its_friction_angle_within_one_percent() -> None:
+    still = slide(0.99 * 0.3, 0.3, 400)
+    assert abs(still[-1] - still[-101]) < 1e-3 / 60.0 * 0.2  # less than 1 mm/min
+    sliding = slide(1.01 * 0.3, 0.3, 400)
+    # the mean speed of two stretches of 50 ticks, 100 ticks apart
+    gained = ((sliding[-1] - sliding[-51]) - (sliding[-101] - sliding[-151])) / (50 * 2e-3)
+    acceleration = 9.81 * 0.01 * 0.3 / np.hypot(1.0, 1.01 * 0.3)
+    assert gained == pytest.approx(acceleration * 100 * 2e-3, rel=0.1)
+
+
+def test_two_cushions_that_collide_keep_their_momentum() -> None:
+    one = hexagon_arm(1, cables=(), base=np.zeros(0, np.int64))
+    body = copies(one, [Pose(), Pose(np.diag([1.0, -1.0, -1.0]), np.array([4e-3, 0.0, 0.035]))])
+    system, clamp = SoftSystem(body), Clamp.of_base(body)
+    films = SelfContact(body, system.pattern, FilmContactLaw(LAW, 0.5))
+    newton = NewtonSolver(system, clamp.mask(body.nodes))
+    stepper = ImplicitStepper(newton, clamp, StepOptions(tolerance_N=1e-9), films)
+    state = SoftState.drawn(body, Pose())
+    speed = np.where(np.arange(body.nodes) < one.nodes, 0.5, -0.5)
+    state = replace(state, velocities=speed[:, None] * [0.2, 0.0, 1.0])
+    loads, most = Loads(5e3, gravity=(0.0, 0.0, 0.0)), 0.0
+    start = body.node_mass @ state.velocities
+    for _ in range(60):
+        state, _ = stepper.step(state, Pose(), loads, 1e-3)
+        most = max(most, 0.0 if state.touching is None else state.touching.normal_force_N)
+    assert most > 5.0
+    given = body.node_mass[: one.nodes].sum() * 0.5
+    np.testing.assert_allclose(body.node_mass @ state.velocities, start, atol=1e-8 * given)
+    lower = body.node_mass[: one.nodes] @ state.velocities[: one.nodes]
+    assert lower[2] < 0.2 * given  # it has been stopped
