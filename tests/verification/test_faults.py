@@ -9,10 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cosim.soft import system
+from cosim.soft import dynamics, system
 from cosim.soft.body import Loads
 from cosim.soft.cable import Cable
-from cosim.soft.dynamics import ImplicitStepper
 from cosim.soft.film import Film
 from cosim.soft.gas import SealedGas
 from cosim.soft.system import SoftSystem
@@ -83,7 +82,9 @@ def one_sided_cables(patch: pytest.MonkeyPatch) -> None:
 
 def first_order_steps(patch: pytest.MonkeyPatch) -> None:
     """BDF2 forgets its second last state: it is implicit Euler."""
-    patch.setattr(ImplicitStepper, "_scheme", lambda _self, state, h: (state.positions, h, state.velocities))
+    patch.setattr(
+        dynamics, "difference_scheme", lambda _kind, state, h: (state.positions, h, state.velocities)
+    )
 
 
 FOUND_BY: dict[Fault, set[str]] = {
