@@ -45,6 +45,8 @@ def _check_calibrated(scenario: Scenario) -> None:
     robot = scenario.soft_robot
     if not scenario.chamber.calibrated:
         return
+    if robot.attachments:
+        raise ScenarioError("chamber.calibrated", "is of one soft robot; this one has attachments")
     if robot.calibration is None:
         raise ScenarioError(
             "chamber.calibrated",
@@ -84,6 +86,29 @@ def check_soft_robot(robot: SoftRobot, path: str) -> None:
     _check_unique((cable.name for cable in robot.cables), f"{path}.cable")
     for cable in robot.cables:
         _check_cable(cable, robot, f"{path}.cable.{cable.name}")
+    check_attachments(robot, path)
+
+
+def check_attachments(robot: SoftRobot, path: str) -> None:
+    """Check what a soft robot carries on its tip; `path` is that of the robot's table.
+
+    Raises:
+        ScenarioError: the first rule that is broken.
+    """
+    _check_unique((entry.name for entry in robot.attachments), f"{path}.attach")
+    for entry in robot.attachments:
+        where, part = f"{path}.attach.{entry.name}", entry.robot
+        check_soft_robot(part, f"{where}.robot")
+        if robot.copies is not None:
+            raise ScenarioError(where, "cannot stand beside copies, which have no single tip")
+        if part.film != robot.film:
+            raise ScenarioError(f"{where}.robot.film", f"differs from the film of '{robot.name}'; must not")
+        if part.hinge.fold_barrier_rad != robot.hinge.fold_barrier_rad:
+            raise ScenarioError(
+                f"{where}.robot.hinge.fold_barrier_rad",
+                f"{part.hinge.fold_barrier_rad:g} differs from that of '{robot.name}', "
+                f"{robot.hinge.fold_barrier_rad:g}; must not",
+            )
 
 
 def _check_cable(cable: Cable, robot: SoftRobot, path: str) -> None:

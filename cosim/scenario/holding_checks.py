@@ -64,7 +64,7 @@ def _check_group(group: Support | Force, robot: SoftRobot, path: str) -> None:
         return
     if not group.corners:
         raise ScenarioError(f"{path}.corners", "is empty; leave it out for all nodes of the rings")
-    sides = robot.chamber.sides
+    sides = min(robot.sides_of(ring) for ring in expanded(group.rings, robot))
     for corner in group.corners:
         if not 0 <= corner < sides:
             raise ScenarioError(f"{path}.corners", f"{corner} does not exist; corners 0 to {sides - 1} do")

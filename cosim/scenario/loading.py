@@ -57,7 +57,8 @@ def load_soft_robot(name_or_path: str | Path) -> SoftRobot:
         InputError: there is no such soft robot.
         ScenarioError: a key or value is wrong.
     """
-    robot = parse(SoftRobot, read_table(soft_robot_path(name_or_path)), "soft_robot")
+    path = soft_robot_path(name_or_path)
+    robot = parse(SoftRobot, _complete(read_table(path), path.parent, "soft_robot"), "soft_robot")
     check_soft_robot(robot, "soft_robot")
     return robot
 
@@ -96,22 +97,33 @@ def question(path: Path) -> str:
     return " ".join(line.strip("# ") for line in comments).removeprefix("Question:").strip()
 
 
-def _expand_soft_robot(value: Any, folder: Path) -> Any:
+def _expand_soft_robot(value: Any, folder: Path, path: str = "soft_robot") -> Any:
     """Return the full table of a soft robot given by name, path, or changes to a file."""
     if isinstance(value, str):
-        return _soft_robot_table(value, folder)
-    if isinstance(value, Mapping) and "file" in value:
-        changes = {key: item for key, item in value.items() if key != "file"}
-        if not isinstance(value["file"], str):
-            raise ScenarioError("soft_robot.file", f"expected a name or path, got {describe(value['file'])}")
-        return merge(_soft_robot_table(value["file"], folder), plain(changes))
-    return value
+        return _soft_robot_table(value, folder, path)
+    return _complete(value, folder, path) if isinstance(value, Mapping) else value
 
 
-def _soft_robot_table(name: str, folder: Path) -> dict[str, Any]:
+def _complete(table: Mapping[str, Any], folder: Path, path: str) -> dict[str, Any]:
+    """Return the table of a soft robot with the files that it and its attachments start from put in."""
+    full = plain(table)
+    if "file" in full:
+        file = full.pop("file")
+        if not isinstance(file, str):
+            raise ScenarioError(f"{path}.file", f"expected a name or path, got {describe(file)}")
+        full = merge(_soft_robot_table(file, folder, path), full)
+    entries = full.get("attach")
+    for entry in entries if isinstance(entries, list) else ():
+        if isinstance(entry, dict) and "robot" in entry:
+            where = f"{path}.attach.{entry.get('name', '?')}.robot"
+            entry["robot"] = _expand_soft_robot(entry["robot"], folder, where)
+    return dict(full)
+
+
+def _soft_robot_table(name: str, folder: Path, path: str) -> dict[str, Any]:
     beside = folder / name
     try:
-        path = beside if beside.suffix == ".toml" and beside.is_file() else soft_robot_path(name)
+        file = beside if beside.suffix == ".toml" and beside.is_file() else soft_robot_path(name)
     except InputError as error:
-        raise ScenarioError("soft_robot", str(error)) from error
-    return read_table(path)
+        raise ScenarioError(path, str(error)) from error
+    return _complete(read_table(file), file.parent, path)

@@ -19,7 +19,7 @@ from cosim.scenario.chamber_gas import ChamberGas
 from cosim.scenario.flange import FlangeWay, pose_of
 from cosim.scenario.gas_rules import GasRule, gas_rules
 from cosim.scenario.joint_path import JointPath
-from cosim.scenario.node_groups import held_components, nodal_force, nodes_of
+from cosim.scenario.node_groups import SidesOf, held_components, nodal_force, nodes_of
 from cosim.scenario.per_chamber import PerChamber, as_load, values_after
 from cosim.scenario.phase_schema import Phase, Start, TipTarget
 from cosim.scenario.schema import Scenario
@@ -184,7 +184,7 @@ class _Draft:
 
 def _drafts(scenario: Scenario, soft: SoftSide, start: Pose, loads: Loads) -> list[_Draft]:
     """Return all phases; only those up to the last tip target need the statics of the soft body."""
-    sides = scenario.soft_robot.chamber.sides
+    sides = scenario.soft_robot.sides_of
     targets = [index for index, phase in enumerate(scenario.phases) if phase.tip_target is not None]
     solved = 1 + max(targets, default=-1)
     drafts: list[_Draft] = []
@@ -221,7 +221,7 @@ def _leaked(soft: SoftSide, here: Equilibrium, gas: ChamberGas, phase: Phase) ->
     return here
 
 
-def _holding(body: SoftBody, sides: int, phase: Phase) -> Holding:
+def _holding(body: SoftBody, sides: SidesOf, phase: Phase) -> Holding:
     hold = held_components(body, sides, phase.supports)
     hold[nodes_of(body, sides, phase.clamp, None)] = True
     return Holding(nodes_of(body, sides, phase.release, None), hold)
@@ -259,7 +259,7 @@ def _solve_phase(
         raise ScenarioError(_flange_key(phase), f"the static plan fails: {error}") from error
 
 
-def _end_loads(loads: Loads, phase: Phase, body: SoftBody, sides: int) -> Loads:
+def _end_loads(loads: Loads, phase: Phase, body: SoftBody, sides: SidesOf) -> Loads:
     """Return the loads at the end of a phase; the same object where the phase changes none."""
     if phase.pressure_Pa is not None:
         loads = replace(loads, pressure_Pa=_pressures(loads.pressure_Pa, phase.pressure_Pa, body))

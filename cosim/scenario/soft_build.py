@@ -6,11 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from cosim.frames import Array, IntArray
+from cosim.frames import Array, IntArray, Pose
 from cosim.scenario.published_hinges import without_spring
+from cosim.scenario.soft_robot import ARM_CHAMBER, Attachment, Calibration, SoftRobot
 from cosim.scenario.soft_robot import Cable as CableSchema
-from cosim.scenario.soft_robot import Calibration, SoftRobot
 from cosim.scenario.solver_schema import ChamberModel
+from cosim.soft.attachment import Plate, attached
 from cosim.soft.body import SoftBody
 from cosim.soft.cable import Cable
 from cosim.soft.chamber import Mesh, PolygonalStack
@@ -91,10 +92,19 @@ def build_soft_body(robot: SoftRobot, model: ChamberModel) -> SoftBody:
         rings=mesh.rings,
     )
     body = replace(body, frames=_frames(mesh, robot))
-    if robot.copies is None:
-        return body
-    c = robot.copies
-    return copies(body, around_axis(c.count, c.radius_m, c.tilt_rad, c.spin_rad, c.height_m))
+    if robot.copies is not None:
+        c = robot.copies
+        body = copies(body, around_axis(c.count, c.radius_m, c.tilt_rad, c.spin_rad, c.height_m))
+    for entry in robot.attachments:
+        body = _with_attachment(body, entry, model)
+    return body
+
+
+def _with_attachment(body: SoftBody, entry: Attachment, model: ChamberModel) -> SoftBody:
+    top = body.tip_position(body.positions) + np.array([0.0, 0.0, entry.height_m])
+    plate = Plate(entry.plate.mass_kg, entry.plate.stiffness_N_m)
+    part = build_soft_body(entry.robot, model)
+    return attached(body, ARM_CHAMBER, part, entry.name, Pose(np.eye(3), top), plate)
 
 
 def _cable(mesh: Mesh, entry: CableSchema) -> Cable:

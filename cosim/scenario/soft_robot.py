@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Annotated, Literal, final
+from typing import Annotated, Final, Literal, final
 
 from cosim.scenario.constraints import (
     Bounds,
@@ -19,6 +19,9 @@ from cosim.scenario.constraints import (
 from cosim.soft.gas_chamber import ONLY_CHAMBER
 
 HeightFractions = Annotated[tuple[Fraction, Fraction, Fraction], Increasing()]
+ARM_CHAMBER: Final = "arm"
+"""Name of the gas chamber of a robot that carries others."""
+
 UnitRange = tuple[Count, Count]
 
 
@@ -193,6 +196,39 @@ class Calibration:
 
 @final
 @dataclass(frozen=True)
+class Plate:
+    """A stiff plate between two soft robots.
+
+    Args:
+        mass_kg: spread over the nodes that it joins.
+        stiffness_N_m: of the springs that keep its shape.
+    """
+
+    mass_kg: NonNegative = 0.0
+    stiffness_N_m: Positive = 1e6
+
+
+@final
+@dataclass(frozen=True)
+class Attachment:
+    """Another soft robot on the tip of this one; a plate joins its base rings to the tip ring.
+
+    Its rings, cables and chambers are called NAME/ and their own name.
+
+    Args:
+        robot: in the file a table `{file = NAME, ...}` of changes to that file, as in a scenario; its own
+            `copies` stand about the axis of the tip.
+        height_m: of its origin beyond the tip ring, along the axis.
+    """
+
+    name: Name
+    robot: SoftRobot
+    height_m: NonNegative = 0.0
+    plate: Plate = Plate()
+
+
+@final
+@dataclass(frozen=True)
 class SoftRobot:
     """A soft robot: geometry, film, folds, masses, clamped rings and cables.
 
@@ -200,6 +236,7 @@ class SoftRobot:
         base: rings clamped to the flange from the start, such as "unit_1.hole".
         cables: `[[cable]]` in the file, of one copy.
         copies: how often, and where, all this is on the flange; omitted: once, along its z axis.
+        attachments: `[[attach]]` in the file.
         calibration: of the unrefined mesh; used where a scenario says `chamber.calibrated = true`.
     """
 
@@ -213,25 +250,46 @@ class SoftRobot:
     base: Annotated[tuple[str, ...], Length(at_least=1)] = ("unit_1.hole",)
     cables: tuple[Cable, ...] = field(default=(), metadata={"key": "cable"})
     copies: Copies | None = None
+    attachments: tuple[Attachment, ...] = field(default=(), metadata={"key": "attach"})
     calibration: Calibration | None = None
     schema: Literal[1] = 1
 
     def cable_names(self) -> tuple[str, ...]:
-        """Return the names of all cables, copy by copy."""
+        """Return the names of all cables, copy by copy, then those of attachments."""
         own = tuple(cable.name for cable in self.cables)
         count = 1 if self.copies is None else self.copies.count
-        return own + tuple(f"copy_{k}/{name}" for k in range(2, count + 1) for name in own)
+        own += tuple(f"copy_{k}/{name}" for k in range(2, count + 1) for name in own)
+        return own + tuple(
+            f"{part.name}/{name}" for part in self.attachments for name in part.robot.cable_names()
+        )
 
     def chamber_names(self) -> tuple[str, ...]:
-        """Return the names of all gas chambers: "chamber", or one for each copy."""
-        if self.copies is None:
-            return (ONLY_CHAMBER,)
-        return tuple(f"copy_{k}" for k in range(1, self.copies.count + 1))
+        """Return the names of all gas chambers: "chamber" ("arm" with attachments), or one for each copy."""
+        count = 0 if self.copies is None else self.copies.count
+        own = tuple(f"copy_{k}" for k in range(1, count + 1))
+        if not own:
+            own = (ARM_CHAMBER if self.attachments else ONLY_CHAMBER,)
+        for part in self.attachments:
+            names = part.robot.chamber_names()
+            own += (
+                (part.name,) if names == (ONLY_CHAMBER,) else tuple(f"{part.name}/{name}" for name in names)
+            )
+        return own
 
     def ring_names(self) -> tuple[str, ...]:
-        """Return the names of all rings, base to tip, then those of each copy."""
+        """Return the names of all rings, base to tip, then those of each copy, then those of attachments."""
         rings = ("hole", "lower", "outer", "upper")
         units = range(1, self.chamber.units + 1)
         own = (*(f"unit_{unit}.{ring}" for unit in units for ring in rings), "tip")
         count = 0 if self.copies is None else self.copies.count
-        return own + tuple(f"copy_{k}/{name}" for k in range(1, count + 1) for name in own)
+        own += tuple(f"copy_{k}/{name}" for k in range(1, count + 1) for name in own)
+        return own + tuple(
+            f"{part.name}/{name}" for part in self.attachments for name in part.robot.ring_names()
+        )
+
+    def sides_of(self, ring: str) -> int:
+        """Return how many corners a ring has, this robot's or that of an attachment."""
+        for part in self.attachments:
+            if ring.startswith(f"{part.name}/"):
+                return part.robot.sides_of(ring.removeprefix(f"{part.name}/"))
+        return self.chamber.sides

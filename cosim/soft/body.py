@@ -46,6 +46,7 @@ class SoftBody:
         tip: nodes of the last hole ring, in order.
         rings: names of node groups.
         frames: stiff frames around rings, or None.
+        plates: stiff plates, each joining a group of nodes.
         chambers: which parts enclose a gas of their own; none: all of it encloses one.
     """
 
@@ -60,6 +61,7 @@ class SoftBody:
     tip: IntArray
     rings: Mapping[str, IntArray] = field(default_factory=dict)
     frames: FrameRings | None = None
+    plates: tuple[FrameRings, ...] = ()
     chambers: tuple[GasChamber, ...] = ()
 
     def __post_init__(self) -> None:
@@ -71,6 +73,7 @@ class SoftBody:
             "tip": self.tip,
             **{f"cap {k}": ring for k, ring in enumerate(self.caps)},
             "frames": np.zeros(0, np.int64) if self.frames is None else self.frames.rings,
+            **{f"plate {k}": plate.rings for k, plate in enumerate(self.plates)},
             **{f"cable {k}": cable.nodes for k, cable in enumerate(self.cables)},
         }
         for name, nodes in groups.items():

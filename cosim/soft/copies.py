@@ -64,6 +64,7 @@ def copies(body: SoftBody, poses: Sequence[Pose]) -> SoftBody:
             projections=np.tile(frames.projections, (number, 1, 1)),
             lengths=np.tile(frames.lengths, (number, 1)),
         ),
+        plates=tuple(plate.shifted(s) for s in shift for plate in body.plates),
         chambers=_chambers(body, number),
     )
 

@@ -1,7 +1,8 @@
-"""Stiff frames around rings of nodes: a ring keeps its drawn shape and moves almost like a rigid body.
+"""Stiff frames around groups of nodes: a group keeps its drawn shape and moves almost like a rigid body.
 
-With the drawn positions X (m, 3) of a ring and P = 1 - Q Q^T, the columns of Q a basis of constants and
-of coordinates in the ring's plane, P x is how far the nodes deviate from the closest affine image of X.
+A group is a ring, or the nodes on one plate. With its drawn positions X (m, 3) and P = 1 - Q Q^T, the columns
+of Q a basis of constants and of coordinates in the plane (or space) of X, P x is how far the nodes deviate
+from the closest affine image of X.
     energy = k |P x|^2 / 2 + sum over chords k (l - L)^2 / 2,   chords from each node i to node i + m // 3.
 The first term resists warping, out of the plane too, and knows no rigid motion; the chords resist what an
 affine image can still do, stretch and shear. As k grows the ring becomes rigid; the error falls with 1 / k.
@@ -10,7 +11,7 @@ affine image can still do, stretch and shear. As k grows the ring becomes rigid;
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import final
 
 import numpy as np
@@ -19,6 +20,8 @@ from cosim.errors import MeshError
 from cosim.frames import Array, IntArray
 from cosim.kernels import BLOCKS, INDEX_TABLE, MATRIX, REAL, kernel
 from cosim.soft.blocks import add_block
+
+_ORDERS_TRIED = 100
 
 
 @kernel(REAL(MATRIX, INDEX_TABLE, BLOCKS, MATRIX, REAL, INDEX_TABLE, MATRIX, BLOCKS))
@@ -124,6 +127,33 @@ class FrameRings:
         chords = np.roll(drawn, -(rings.shape[1] // 3), axis=1) - drawn
         return cls(rings, projections, np.linalg.norm(chords, axis=2), stiffness_N_m)
 
+    @classmethod
+    def plate(cls, positions: Array, nodes: IntArray, stiffness_N_m: float) -> FrameRings:
+        """Return one frame of nodes that sit on a plate, in any order.
+
+        The order decides which chords there are: of several, the one is taken that resists every strain most.
+
+        Args:
+            positions: (n, 3) [m], drawn shape.
+            nodes: (m,) on the plate.
+            stiffness_N_m: k.
+
+        Raises:
+            MeshError: see `from_shape`.
+        """
+        random = np.random.default_rng(0)
+        orders = [nodes, *(random.permutation(nodes) for _ in range(_ORDERS_TRIED))]
+
+        def weakest(order: IntArray) -> float:
+            strains = _strain_of_chords(positions[order])
+            return float(np.linalg.svd(strains, compute_uv=False).min())
+
+        return cls.from_shape(positions, max(orders, key=weakest)[None], stiffness_N_m)
+
+    def shifted(self, nodes: int) -> FrameRings:
+        """Return the same frames where this many nodes come before theirs."""
+        return replace(self, rings=self.rings + nodes)
+
     def add(self, positions: Array, slots: IntArray, force: Array, blocks: Array) -> float:
         """Add the gradient to force and, if slots is not empty, the Hessian to blocks; return the energy [J].
 
@@ -145,10 +175,18 @@ def _projection(ring: Array, number: int) -> Array:
     directions, sizes, _ = np.linalg.svd(centred, full_matrices=False)
     if sizes[1] < 1e-6 * sizes[0] or sizes[0] == 0.0:
         raise MeshError(f"frame ring {number} lies on a line; a frame needs a plane")
-    u, v = (directions[:, :2] * sizes[:2]).T
-    u, v = (np.roll(w, -(len(ring) // 3)) - w for w in (u, v))
-    if np.linalg.matrix_rank(np.stack([u * u, v * v, u * v], axis=1), tol=1e-6 * sizes[0] ** 2) < 3:
+    wide = sizes > 1e-6 * sizes[0]
+    spread = directions[:, wide] * sizes[wide]
+    if np.linalg.matrix_rank(_strain_of_chords(spread), tol=1e-6 * sizes[0]) < math.comb(wide.sum() + 1, 2):
         raise MeshError(f"frame ring {number} can shear along its chords; add nodes to it")
     # a drawn ring that is not flat has a third coordinate to keep
-    basis = np.column_stack([np.full(len(ring), len(ring) ** -0.5), directions[:, sizes > 1e-6 * sizes[0]]])
+    basis = np.column_stack([np.full(len(ring), len(ring) ** -0.5), directions[:, wide]])
     return np.asarray(np.eye(len(ring)) - basis @ basis.T)
+
+
+def _strain_of_chords(points: Array) -> Array:
+    """Return the stretch (m, strains) [m] of each chord of points (m, d) by each affine strain."""
+    chord = np.roll(points, -(len(points) // 3), axis=0) - points
+    first, second = np.triu_indices(points.shape[1])
+    length = np.linalg.norm(chord, axis=1)
+    return np.asarray(chord[:, first] * chord[:, second] / length[:, None])

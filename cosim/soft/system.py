@@ -55,11 +55,12 @@ class SoftSystem:
         )
         triangles, hinges = body.membranes.triangles, body.hinges.nodes
         cap_elements = [ring[None, :] for ring in body.caps]
-        frames = np.zeros((0, 0), np.int64) if body.frames is None else body.frames.rings
+        self._frames = [*body.plates] if body.frames is None else [body.frames, *body.plates]
+        frames = [frame.rings for frame in self._frames]
         self.pattern = BlockPattern.from_elements(
-            body.nodes, [triangles, hinges, self._segments, *cap_elements, frames]
+            body.nodes, [triangles, hinges, self._segments, *cap_elements, *frames]
         )
-        self._frame_slots = self.pattern.slots(frames)
+        self._frame_slots = [self.pattern.slots(rings) for rings in frames]
         self._triangle_slots = self.pattern.slots(triangles)
         self._hinge_slots = self.pattern.slots(hinges)
         self._segment_slots = self.pattern.slots(self._segments)
@@ -149,8 +150,8 @@ class SoftSystem:
             energy += rest + add_segments(
                 x, self._segments, tension, table(self._segment_slots), self.gradient, self.blocks
             )
-        if body.frames is not None:
-            energy += body.frames.add(x, table(self._frame_slots), self.gradient, self.blocks)
+        for frame, slots in zip(self._frames, self._frame_slots, strict=True):
+            energy += frame.add(x, table(slots), self.gradient, self.blocks)
         energy += self._add_gas(x, loads, hessian)
         self.low_rank = LowRank.joined(self._dense)
         energy += add_gravity(x, body.node_mass, np.array(loads.gravity), self.gradient)

@@ -1,0 +1,98 @@
+"""Soft robots that carry others on their tips: files, names, refusals, and a first run."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cosim.errors import ScenarioError
+from cosim.scenario.build import build
+from cosim.scenario.loading import load_scenario, load_soft_robot
+from cosim.scenario.soft_build import build_soft_body
+from cosim.scenario.solver_schema import ChamberModel
+from cosim.scenario.writing import scenario_text
+
+ARM = "arm_with_gripper"
+FINGERS = ("gripper/copy_1", "gripper/copy_2", "gripper/copy_3")
+
+
+def scenario_with(**changes: Any) -> Any:
+    return load_scenario("hexagon_arm_bending", {"soft_robot": ARM, "phase": [SHORT], **changes})
+
+
+SHORT: dict[str, Any] = {"name": "inflate", "duration_s": 0.02, "pressure_Pa": {"arm": 2e3, "gripper": 1e3}}
+
+
+def test_names_in_the_schema_are_those_of_the_body() -> None:
+    robot = load_soft_robot(ARM)
+    body = build_soft_body(robot, ChamberModel())
+    assert robot.chamber_names() == ("arm", *FINGERS)
+    assert tuple(part.name for part in body.chambers) == robot.chamber_names()
+    assert set(body.rings) == set(robot.ring_names())
+    names = robot.cable_names()
+    assert len(names) == len(body.cables) == 8
+    assert names[:3] == ("right", "left", "gripper/corner_0")
+    assert names[-1] == "gripper/copy_3/corner_1"
+    assert robot.sides_of("gripper/copy_2/tip") == 4
+    assert robot.sides_of("unit_3.outer") == 6
+
+
+def test_cables_of_fingers_run_along_the_side_that_faces_the_axis() -> None:
+    body = build_soft_body(load_soft_robot(ARM), ChamberModel())
+    for k, cable in enumerate(body.cables[2:]):
+        finger = body.rings[f"gripper/copy_{1 + k // 2}/unit_1.outer"]
+        radius = np.linalg.norm(body.positions[:, :2], axis=1)
+        assert radius[cable.nodes[0]] < radius[finger].mean()
+
+
+def test_the_plate_holds_the_fingers_while_chambers_fill() -> None:
+    simulation = build(scenario_with(mode="dynamic"))
+    *_, last = simulation.steps()
+    np.testing.assert_allclose(last.chamber_pressure_Pa, [2e3, 1e3, 1e3, 1e3], rtol=1e-12)
+    body = simulation._parts.soft.body
+    nodes = body.plates[0].rings[0]
+    spans = [
+        np.linalg.norm(x[nodes][:, None] - x[nodes][None], axis=2)
+        for x in (body.positions, last.node_position)
+    ]
+    assert np.abs(spans[1] - spans[0]).max() < 1e-4
+
+
+def test_the_resolved_scenario_loads_again_to_the_same(tmp_path: Path) -> None:
+    scenario = scenario_with()
+    path = tmp_path / "again.toml"
+    path.write_text(scenario_text(scenario), encoding="utf-8")
+    assert load_scenario(path) == scenario
+
+
+REFUSED: dict[str, tuple[str, Any, str, str]] = {
+    "film": ("robot.film.thickness_m", 1e-3, "robot.film", "must not"),
+    "barrier": ("robot.hinge.fold_barrier_rad", 0.1, "robot.hinge.fold_barrier_rad", "0.1"),
+    "corner": ("robot.cable.corner_0.corner", 4, "robot.cable.corner_0.corner", "0 to 3"),
+    "key": ("plate.mass_g", 30.0, "plate.mass_g", "mass_kg"),
+    "height": ("height_m", -0.1, "height_m", "at least 0"),
+}
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_wrong_attachments_are_refused_by_the_key(case: str) -> None:
+    key, value, path, word = REFUSED[case]
+    with pytest.raises(ScenarioError) as caught:
+        scenario_with(**{f"soft_robot.attach.gripper.{key}": value})
+    assert caught.value.path == f"soft_robot.attach.gripper.{path}"
+    assert word in str(caught.value)
+
+
+def test_a_carrier_has_one_tip() -> None:
+    with pytest.raises(ScenarioError, match="single tip"):
+        scenario_with(**{"soft_robot.copies": {"count": 2, "radius_m": 0.1}})
+
+
+def test_an_attachment_s_file_must_exist(tmp_path: Path) -> None:
+    path = tmp_path / "mine.toml"
+    path.write_text('file = "hexagon_arm"\nattach = [{name = "a", robot = "gripper_fingr"}]\n', "utf-8")
+    with pytest.raises(ScenarioError, match=r"soft_robot\.attach\.a\.robot.*gripper_finger"):
+        load_soft_robot(path)
