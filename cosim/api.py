@@ -4,14 +4,18 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from cosim.driver import Options, build_simulation, execute, rerun_recorder, with_fidelity_chosen
 from cosim.result import ResultBuilder, RunResult
 from cosim.run_files import default_directory
 from cosim.scenario.loading import load_scenario
 from cosim.scenario.schema import Scenario
+
+if TYPE_CHECKING:
+    from cosim.actuation.controller import AnyController
 
 
 def run(
@@ -20,6 +24,7 @@ def run(
     overrides: Mapping[str, Any] | None = None,
     out: str | Path | None = None,
     recording: bool = False,
+    controllers: Mapping[str, AnyController] | None = None,
 ) -> RunResult:
     """Run a scenario and return its arrays.
 
@@ -29,6 +34,7 @@ def run(
         out: directory for scenario.toml, summary.json and the recording; None writes none unless a
             recording is asked for, which then goes to `runs/`.
         recording: whether to write `recording.rrd`.
+        controllers: the scenario's controllers of kind "python", by name.
 
     Raises:
         InputError: the scenario is wrong or asks for what cannot be reached.
@@ -39,7 +45,8 @@ def run(
     directory = Path(out) if out is not None else default_directory(checked.name) if recording else None
     arrays = ResultBuilder(checked.recording.frames_per_s)
     options = Options(directory, rerun_recorder if recording else None, [arrays])
-    outcome = execute(checked, build_simulation, options, started)
+    build = build_simulation if controllers is None else partial(build_simulation, controllers=controllers)
+    outcome = execute(checked, build, options, started)
     if outcome.error is not None:
         if directory is not None:
             outcome.error.add_note(f"what was simulated is in {directory}")

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
-from typing import Any, Protocol, final
+from typing import TYPE_CHECKING, Any, Protocol, final
 
 from cosim import __version__
 from cosim.errors import SolverError
@@ -18,6 +18,9 @@ from cosim.scenario.schema import Scenario
 from cosim.scenario.snapshot import Snapshot, Stage
 from cosim.scenario.solver_schema import Recording
 from cosim.scenario.summary import Status, SummaryBuilder, summary_markdown
+
+if TYPE_CHECKING:
+    from cosim.actuation.controller import AnyController
 
 Observe = Callable[[Snapshot], None]
 
@@ -142,11 +145,13 @@ def _run(
     return Outcome(figures, ending.error)
 
 
-def build_simulation(scenario: Scenario) -> Simulation:
+def build_simulation(
+    scenario: Scenario, controllers: Mapping[str, AnyController] | None = None
+) -> Simulation:
     """Return the simulation of a checked scenario; loads the engines, which wrong input need not wait for."""
     from cosim.scenario.build import build
 
-    return build(scenario)
+    return build(scenario, controllers)
 
 
 def with_fidelity_chosen(scenario: Scenario, tell: Callable[[str], None]) -> Scenario:

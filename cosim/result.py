@@ -40,6 +40,9 @@ class RunResult:
         chamber_pressure_Pa: (rows, chambers), gauge.
         chamber_volume_m3: (rows, chambers).
         cable_tension_N: (rows, cables), at the base end.
+        cable_length_m: (rows, cables), of the routes; (rows, 0) in a scenario without devices.
+        cable_unstretched_m: (rows, cables), off the drum; not a number while the tension is commanded.
+        bending_angle_rad: (rows,), between tip direction and flange axis; not a number without devices.
         residual_N: (rows,) of the soft step.
         newton_iterations: (rows,) of the soft step.
         power_error_W: (rows,) at the interface.
@@ -75,6 +78,9 @@ class RunResult:
     chamber_pressure_Pa: Array
     chamber_volume_m3: Array
     cable_tension_N: Array
+    cable_length_m: Array
+    cable_unstretched_m: Array
+    bending_angle_rad: Array
     residual_N: Array
     newton_iterations: IntArray
     power_error_W: Array
@@ -95,6 +101,7 @@ class RunResult:
         return str(self.summary["status"])
 
 
+_NONE = np.zeros(0)
 _ROUNDING_S = 1e-9
 """Far below a tick, far above the rounding error of a time."""
 
@@ -175,6 +182,9 @@ def _row(snapshot: Snapshot) -> dict[str, Any]:
         "chamber_pressure_Pa": snapshot.chamber_pressure_Pa,
         "chamber_volume_m3": snapshot.chamber_volume_m3,
         "cable_tension_N": snapshot.cable_tension_N,
+        "cable_length_m": _NONE if snapshot.devices is None else snapshot.devices.cable_length_m,
+        "cable_unstretched_m": _NONE if snapshot.devices is None else snapshot.devices.unstretched_m,
+        "bending_angle_rad": np.nan if snapshot.devices is None else snapshot.devices.bending_angle_rad,
         "residual_N": ledger.residual_N,
         "newton_iterations": ledger.newton_iterations,
         "power_error_W": ledger.power_error_W,

@@ -32,6 +32,8 @@ class Measurement:
         pressure_Pa: gauge pressure of each chamber.
         cable_tension_N: at the base end of each cable, by its name.
         cable_length_m: of each cable's route, by its name.
+        cable_unstretched_m: commanded length of each cable, by its name; while its tension is commanded, the
+            length by which it would be the same.
         joint_position: (joints,) [rad].
     """
 
@@ -43,6 +45,7 @@ class Measurement:
     pressure_Pa: tuple[float, ...]
     cable_tension_N: Mapping[str, float]
     cable_length_m: Mapping[str, float]
+    cable_unstretched_m: Mapping[str, float]
     joint_position: Array
 
 

@@ -40,7 +40,7 @@ class FeedbackLoop(Controller[LoopState]):
     Args:
         quantity: that is measured; a higher output is expected to raise it.
         law: from its error to the output.
-        output: a tension, or how much shorter a cable is than its route was at the start.
+        output: a tension, or how much shorter a cable is than it was at the start.
         cables: names.
 
     Raises:
@@ -59,7 +59,7 @@ class FeedbackLoop(Controller[LoopState]):
     def start(self, seen: Measurement) -> LoopState:
         if self.output == "cable_tension_N":
             return LoopState(self.law.begin(seen.cable_tension_N[self.cables[0]]))
-        return LoopState(self.law.begin(0.0), tuple(seen.cable_length_m[name] for name in self.cables))
+        return LoopState(self.law.begin(0.0), tuple(seen.cable_unstretched_m[name] for name in self.cables))
 
     def act(self, state: LoopState, seen: Measurement) -> tuple[LoopState, Command]:
         if seen.setpoint is None:

@@ -11,7 +11,7 @@ import rerun.blueprint as rrb
 
 from cosim.recording.camera import Eye
 from cosim.recording.colours import BACKGROUND
-from cosim.recording.plots import Plot
+from cosim.recording.plot import Plot
 from cosim.recording.stress_legend import LEGEND_X, LEGEND_Y
 
 TIMELINE: Final = "sim_time"

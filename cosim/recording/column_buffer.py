@@ -10,7 +10,7 @@ import rerun as rr
 
 from cosim.frames import Array, IntArray
 from cosim.recording.blueprint import TICKS, TIMELINE
-from cosim.recording.plots import Plot
+from cosim.recording.plot import Plot
 from cosim.scenario.snapshot import Snapshot
 
 

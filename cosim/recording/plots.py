@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -16,40 +14,16 @@ from cosim.recording.colours import (
     SKY,
     VERMILION,
     WHITE,
-    Colour,
     series_colours,
 )
+from cosim.recording.device_plots import device_plots
+from cosim.recording.plot import Plot
 from cosim.scenario.snapshot import Snapshot, Stage
 
 SMALLEST_RESIDUAL_N = 1e-16
 """Shown for an exact zero, which has no logarithm."""
 
 _OF_AN_ARM = frozenset({"power_error", "stability", "joint_error"})
-
-
-@dataclass(frozen=True)
-class Plot:
-    """One plot with its curves.
-
-    Args:
-        entity: path under `/plots`; one below another plot's path joins that plot.
-        title: with the unit; empty if the curves join another plot.
-        tab: the tab it is shown in.
-        series: name of each curve.
-        colours: of each curve.
-        values: the curves' values in a snapshot, in the title's unit; not a number: no point.
-        legend: whether the plot names its curves.
-        peaks: whether crowded curves show their largest value rather than their range.
-    """
-
-    entity: str
-    title: str
-    tab: str
-    series: tuple[str, ...]
-    colours: Sequence[Colour]
-    values: Callable[[Snapshot], Iterable[float]]
-    legend: bool = True
-    peaks: bool = False
 
 
 def plots_of(stage: Stage, joints: int) -> tuple[Plot, ...]:
@@ -59,7 +33,7 @@ def plots_of(stage: Stage, joints: int) -> tuple[Plot, ...]:
         stage: what is run.
         joints: of the arm; 0 without one.
     """
-    plots = (*_robot_plots(stage), *_interface_plots(), *_run_plots(stage, joints))
+    plots = (*_robot_plots(stage), *device_plots(stage), *_interface_plots(), *_run_plots(stage, joints))
     return plots if joints else tuple(plot for plot in plots if plot.entity not in _OF_AN_ARM)
 
 

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from functools import partial
 
 import numpy as np
 
+from cosim.actuation.controller import AnyController
 from cosim.arm_files import find_arm
 from cosim.coupling.soft_side import SoftSide
 from cosim.errors import ScenarioError, SolverError
+from cosim.scenario.actuation import Actuation
 from cosim.scenario.carrier import Carrier, HeldBase
+from cosim.scenario.device_report import device_names, device_report
 from cosim.scenario.dynamic import DynamicSimulation
 from cosim.scenario.fidelity import fidelity_report, soft_sides
 from cosim.scenario.film_rules import film_report
@@ -24,18 +28,22 @@ from cosim.soft.contact import ContactLaw
 from cosim.soft.gas_chamber import gas_chambers
 
 
-def build(scenario: Scenario) -> DynamicSimulation | QuasistaticSimulation:
+def build(
+    scenario: Scenario, controllers: Mapping[str, AnyController] | None = None
+) -> DynamicSimulation | QuasistaticSimulation:
     """Return the simulation of a scenario, planned and ready to step.
 
     Args:
         scenario: checked by `load_scenario`.
+        controllers: of kind "python", by name.
 
     Raises:
-        InputError: a pose or target cannot be reached, a mesh is degenerate.
+        InputError: a pose or target cannot be reached, a mesh is degenerate, a controller is missing.
     """
     trial, soft = soft_sides(scenario)
+    actuation = Actuation(scenario, soft.body, controllers)
     plan, carrier = (_held_base if scenario.robot == NO_ARM else _arm)(scenario, trial, soft)
-    parts = Parts(scenario, plan, carrier, soft)
+    parts = Parts(scenario, plan, carrier, soft, actuation)
     if scenario.mode == "quasistatic":
         ticks = sum(phase.increments for phase in scenario.phases)
         duration = sum(phase.duration_s + phase.settle_s for phase in scenario.phases)
@@ -109,6 +117,8 @@ def _stage(parts: Parts, body: SoftBody, ticks: int, tick_s: float) -> Stage:
         gravity=np.array(scenario.gravity_m_s2),
         membrane_stress=lambda positions: body.membranes.principal_stress(positions)[:, 0],
         report=_report(parts, body),
+        cable_names=scenario.soft_robot.cable_names(),
+        devices=device_names(scenario),
     )
 
 
@@ -123,6 +133,7 @@ def _report(parts: Parts, body: SoftBody) -> str:
         "Fidelity": fidelity_report(scenario),
         "Chamber": "closed by caps" if body.closed else "open ends (no cap force)",
         "Gas": gas_report(scenario),
+        **device_report(scenario),
         "Motion": "quasistatic" if scenario.mode == "quasistatic" else f"dynamic, {integrator}",
         "Contact": _contact_report(scenario),
         "Self contact": film_report(scenario, body),

@@ -84,6 +84,14 @@ class ChamberGas:
         """Whether gas leaks or passes through an orifice in the present phase."""
         return any(rule.leak_kg_s_Pa for rule in self._rules) or bool(self._open_orifices())
 
+    def content(self, chamber: int) -> SealedGas | None:
+        """Return the sealed gas in a chamber (by index); None while its pressure is given."""
+        return self._sealed[chamber]
+
+    def put(self, chamber: int, gas: SealedGas) -> None:
+        """Replace the sealed gas in a chamber (by index)."""
+        self._sealed[chamber] = gas
+
     def filled(self, loads: Loads) -> Loads:
         """Return loads with what is in the chambers in place of the pressure."""
         return self._with(loads, self._pressures)

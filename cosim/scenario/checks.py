@@ -6,6 +6,7 @@ from collections.abc import Iterable, Sequence
 
 from cosim.arm_files import arm_names
 from cosim.errors import ScenarioError
+from cosim.scenario.device_checks import check_devices
 from cosim.scenario.fidelity_checks import check_fidelity
 from cosim.scenario.gas_rules import check_gas
 from cosim.scenario.holding_checks import check_holding, check_rings
@@ -30,6 +31,9 @@ def check_scenario(scenario: Scenario) -> None:
     _check_unique((entry.name for entry in scenario.objects), "object")
     _check_unique([entry.name for entry in scenario.objects] + [wire.name for wire in scenario.wires], "wire")
     _check_unique((entry.name for entry in scenario.phases), "phase")
+    _check_unique((entry.name for entry in scenario.pumps), "pump")
+    _check_unique((entry.name for entry in scenario.winches), "winch")
+    _check_unique((entry.name for entry in scenario.controllers), "controller")
     cables = scenario.soft_robot.cable_names()
     if scenario.start.cable_tension_N:
         _check_tensions(scenario.start.cable_tension_N, cables, "start.cable_tension_N")
@@ -39,6 +43,7 @@ def check_scenario(scenario: Scenario) -> None:
     check_holding(scenario)
     check_fidelity(scenario)
     check_gas(scenario)
+    check_devices(scenario)
 
 
 def _check_calibrated(scenario: Scenario) -> None:

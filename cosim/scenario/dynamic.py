@@ -42,12 +42,14 @@ class DynamicSimulation(SteppedRun):
     def _step(self, planned: PhasePlan, to: Cursor, began: float) -> Snapshot:
         parts, phase, clock = self._parts, planned.phase, Clock(self.stage.tick_s, to.tick)
         carrier, soft = parts.carrier, parts.soft
+        before_s = clock.time_s - clock.tick_s
         if to.done == 1:
-            self._begin_phase(planned, carrier.flange_pose)
+            self._begin_phase(planned, carrier.flange_pose, before_s)
         now = progress(phase.ramp, (to.done - 1) * clock.tick_s, phase.duration_s)
         then = progress(phase.ramp, to.done * clock.tick_s, phase.duration_s)
         self._gas.pass_time(soft, clock.tick_s)
-        loads = self._gas.between(planned.begin, planned.end, then.value)
+        parts.work_devices(self._gas, before_s, then.value)
+        loads = parts.actuation.loads(self._gas.between(planned.begin, planned.end, then.value))
         reference, ledger = carrier.tick(planned.joints, now, then, loads)
         moment = Moment(
             clock.tick, clock.time_s, to.phase, reference, loads, carrier.flange_pose, carrier.flange_twist

@@ -95,6 +95,8 @@ def _convert(annotation: Any, value: Any, path: str) -> Any:
         return _sequence(get_args(annotation), value, path)
     if origin is Mapping:
         _, inner = get_args(annotation)
+        if not isinstance(value, Mapping):
+            raise ScenarioError(path, f"expected a table, got {describe(value)}")
         return {key: _convert(inner, item, join(path, key)) for key, item in value.items()}
     if is_dataclass(annotation):
         if not isinstance(value, Mapping):

@@ -10,10 +10,12 @@ import numpy as np
 from cosim.coupling.ledger import LedgerEntry
 from cosim.coupling.soft_side import SoftSide
 from cosim.frames import Array, Pose, Twist
+from cosim.scenario.actuation import Actuation, Instant
 from cosim.scenario.carrier import Carrier
+from cosim.scenario.chamber_gas import ChamberGas
 from cosim.scenario.film_rules import with_film_contacts
 from cosim.scenario.phase_schema import Phase
-from cosim.scenario.plan import Plan
+from cosim.scenario.plan import PhasePlan, Plan
 from cosim.scenario.schema import Scenario
 from cosim.scenario.snapshot import Snapshot
 from cosim.soft.body import Loads
@@ -53,16 +55,32 @@ class Parts:
         plan: made from it.
         carrier: of the flange.
         soft: soft side.
+        actuation: devices.
     """
 
-    def __init__(self, scenario: Scenario, plan: Plan, carrier: Carrier, soft: SoftSide) -> None:
+    def __init__(
+        self, scenario: Scenario, plan: Plan, carrier: Carrier, soft: SoftSide, actuation: Actuation
+    ) -> None:
         self.scenario, self.plan = scenario, plan
-        self.carrier, self.soft = carrier, soft
+        self.carrier, self.soft, self.actuation = carrier, soft, actuation
         self._rings = hole_rings(soft.body)
 
     def ticks(self, phase: Phase) -> int:
         """Return how many ticks of the clock a phase lasts, at least one."""
         return max(1, round((phase.duration_s + phase.settle_s) / self.scenario.clock.tick_s))
+
+    def begin_devices(self, planned: PhasePlan, time_s: float) -> None:
+        """Let devices take over what a phase asks, at the present state."""
+        if self.actuation.active:
+            self.actuation.begin_phase(planned, self.soft, self._instant(time_s))
+
+    def work_devices(self, gas: ChamberGas, time_s: float, share: float) -> None:
+        """Let devices act for the tick or increment that begins at a time and ends at a share of the ramp."""
+        if self.actuation.active:
+            self.actuation.act(gas, self.soft, self._instant(time_s), share)
+
+    def _instant(self, time_s: float) -> Instant:
+        return Instant(time_s, self.carrier.flange_pose, self.carrier.joint_position)
 
     def snapshot(self, moment: Moment, ledger: LedgerEntry, wall_s: float) -> Snapshot:
         """Return the present state as a snapshot."""
@@ -70,6 +88,8 @@ class Parts:
         position, quaternion = self.carrier.body_poses()
         tip = body.tip_position(x)
         pressures, volumes = self.soft.pressures_Pa, self.soft.volumes_m3
+        devices = self.actuation.report(self.soft, moment.flange)
+        tension = np.array(moment.loads.cable_tension_N) if devices is None else devices.cable_tension_N
         straight = center_line_length(self._rings, x) * moment.flange.rotation[:, 2]
         return Snapshot(
             tick=moment.tick,
@@ -86,11 +106,12 @@ class Parts:
             volume_m3=sum(volumes),
             chamber_pressure_Pa=np.array(pressures),
             chamber_volume_m3=np.array(volumes),
-            cable_tension_N=np.array(moment.loads.cable_tension_N),
+            cable_tension_N=tension,
             tip_position=tip,
             tip_direction=body.tip_direction(x),
             sag_m=float(np.linalg.norm(tip - moment.flange.translation - straight)),
             tip_target=self.plan.phases[moment.phase].tip_target,
             ledger=with_film_contacts(ledger, self.soft.state),
             tick_wall_s=wall_s,
+            devices=devices,
         )

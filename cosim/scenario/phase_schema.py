@@ -7,6 +7,7 @@ world's x axis; pointing straight up it is turned half a turn about the world's 
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Annotated, Literal, final
 
@@ -129,6 +130,13 @@ class Phase:
         leak_kg_s_Pa: mass that a sealed gas loses per second and pascal of gauge pressure.
         pressure_Pa: gauge pressure at the end of the ramp.
         cable_tension_N: at the base end of each cable, at the end of the ramp.
+        cable_length_m: unstretched length between first and last eyelet at the end of the ramp, by cable; it
+            stays commanded until a tension is.
+        cable_shortening_m: the same, as the change since the start of the phase.
+        pump_pressure_Pa: setpoint from the start of the phase on, by pump; while the gas is sealed.
+        control: controllers that act in this phase without a setpoint.
+        control_bending_angle_rad: setpoint of the angle between tip direction and flange axis, by controller.
+        control_tip_height_m: setpoint of the tip's world z, by controller.
         flange: absolute pose at the end of the ramp.
         flange_turn: relative rotation; may be combined with `flange_shift_m`.
         flange_shift_m: relative displacement, world axes.
@@ -148,6 +156,12 @@ class Phase:
     leak_kg_s_Pa: PerChamber[NonNegative] | None = None
     pressure_Pa: PerChamber[Pressure] | None = None
     cable_tension_N: Tensions | None = None
+    cable_length_m: Mapping[str, Positive] | None = None
+    cable_shortening_m: Mapping[str, float] | None = None
+    pump_pressure_Pa: Mapping[str, Pressure] | None = None
+    control: tuple[str, ...] = ()
+    control_bending_angle_rad: Mapping[str, float] | None = None
+    control_tip_height_m: Mapping[str, float] | None = None
     flange: FlangePose | None = None
     flange_turn: FlangeTurn | None = None
     flange_shift_m: Vector3 | None = None

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from typing import Annotated, Final, Literal, final
 
 from cosim.scenario.constraints import Length, Name, Text, Vector3
+from cosim.scenario.device_schema import ControllerDevice, PumpDevice, WinchDevice
 from cosim.scenario.fidelity_schema import Auto, Fidelity
 from cosim.scenario.object_schema import SceneObject
 from cosim.scenario.phase_schema import Phase, Start
@@ -33,6 +34,7 @@ class Scenario:
         objects: `[[object]]` in the file.
         wires: `[[wire]]` in the file.
         phases: `[[phase]]` in the file.
+        pumps, winches, controllers: `[[pump]]`, `[[winch]]`, `[[controller]]` in the file.
     """
 
     schema: Literal[1]
@@ -55,3 +57,6 @@ class Scenario:
     recording: Recording = Recording()
     objects: tuple[SceneObject, ...] = field(default=(), metadata={"key": "object"})
     wires: tuple[Wire, ...] = field(default=(), metadata={"key": "wire"})
+    pumps: tuple[PumpDevice, ...] = field(default=(), metadata={"key": "pump"})
+    winches: tuple[WinchDevice, ...] = field(default=(), metadata={"key": "winch"})
+    controllers: tuple[ControllerDevice, ...] = field(default=(), metadata={"key": "controller"})

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from cosim.body_shape import BodyShape
 from cosim.coupling.ledger import LedgerEntry
 from cosim.frames import Array, IntArray, Pose, Twist
+from cosim.scenario.actuation_report import ActuationReport, DeviceNames
 
 __all__ = ["BodyShape", "LedgerEntry", "Snapshot", "Stage"]
 
@@ -32,6 +33,8 @@ class Stage:
         soft_weight_N: weight of the soft robot [N].
         gravity: (3,) [m/s^2], world.
         membrane_stress: node positions (n, 3) [m] -> largest principal stress (m,) [Pa].
+        cable_names: in the order of `cables`.
+        devices: what of pumps, winches and controllers there is to show; None without any.
         report: Markdown lines on what is modelled (masses, counts, switches).
     """
 
@@ -51,6 +54,8 @@ class Stage:
     gravity: Array
     membrane_stress: Callable[[Array], Array]
     report: str
+    cable_names: tuple[str, ...] = ()
+    devices: DeviceNames | None = None
 
 
 @dataclass(frozen=True)
@@ -80,6 +85,7 @@ class Snapshot:
         tip_target: (3,) [m] or None.
         ledger: what the interface exchanged.
         tick_wall_s: wall time of this tick [s].
+        devices: what pumps, winches and controllers do; None in a scenario without.
     """
 
     tick: int
@@ -103,3 +109,4 @@ class Snapshot:
     tip_target: Array | None
     ledger: LedgerEntry
     tick_wall_s: float
+    devices: ActuationReport | None = None

@@ -114,6 +114,7 @@ def _cable(mesh: Mesh, entry: CableSchema) -> Cable:
         route,
         1.0 if entry.capstan_factor is None else entry.capstan_factor,
         entry.friction_coefficient or 0.0,
+        entry.stiffness_N_m,
     )
 
 

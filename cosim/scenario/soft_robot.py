@@ -138,6 +138,7 @@ class Cable:
         units: first and last unit with an eyelet, counted from 1.
         capstan_factor: tension beyond an eyelet divided by the tension before it.
         friction_coefficient: mu in exp(-mu * wrap angle) at each eyelet.
+        stiffness_N_m: tension per stretch of the whole cable; matters only where its length is commanded.
     """
 
     name: Name
@@ -145,6 +146,7 @@ class Cable:
     units: UnitRange
     capstan_factor: Annotated[float, Bounds(above=0.0, at_most=1.0)] | None = None
     friction_coefficient: NonNegative | None = None
+    stiffness_N_m: Positive = 1e4
 
 
 @final

@@ -10,6 +10,7 @@ from typing import Any, final
 
 from cosim.errors import InputError
 from cosim.frames import Pose
+from cosim.scenario.actuation import ActuationState
 from cosim.scenario.chamber_gas import ChamberGas, ChamberGasState
 from cosim.scenario.parts import Parts
 from cosim.scenario.plan import PhasePlan
@@ -50,6 +51,7 @@ class RunState:
         soft: of the soft side.
         carrier: of what carries the flange, contacts and exchange included.
         gas: in the chamber.
+        devices: of pumps, winches and controllers.
         own: of the mode of the run.
     """
 
@@ -57,6 +59,7 @@ class RunState:
     soft: Any
     carrier: Any
     gas: ChamberGasState
+    devices: ActuationState
     own: Any
 
 
@@ -109,7 +112,7 @@ class SteppedRun(ABC):
         parts = self._parts
         return RunState(
             self._cursor, parts.soft.save_state(), parts.carrier.save_state(), self._gas.save_state(),
-            self._save_own(),
+            parts.actuation.save_state(), self._save_own(),
         )  # fmt: skip
 
     def restore_state(self, state: RunState) -> None:
@@ -128,12 +131,14 @@ class SteppedRun(ABC):
         self._parts.soft.restore_state(state.soft)
         self._parts.carrier.restore_state(state.carrier)
         self._gas.restore_state(state.gas)
+        self._parts.actuation.restore_state(state.devices)
         self._cursor = cursor
 
-    def _begin_phase(self, planned: PhasePlan, flange: Pose) -> None:
-        """Change what is held and how the gas is given, with the flange where it is."""
+    def _begin_phase(self, planned: PhasePlan, flange: Pose, time_s: float) -> None:
+        """Change what is held, how the gas is given and what devices do, with the flange where it is."""
         planned.holding.apply(self._parts.soft, flange)
         self._gas.begin(planned.gas, self._parts.soft)
+        self._parts.begin_devices(planned, time_s)
 
     @abstractmethod
     def _start(self, began: float) -> Snapshot:

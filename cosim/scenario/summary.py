@@ -7,6 +7,7 @@ from typing import Any, Literal, final
 
 import numpy as np
 
+from cosim.scenario.device_figures import DeviceFigures
 from cosim.scenario.snapshot import Snapshot, Stage
 
 SUMMARY_SCHEMA = 1
@@ -38,6 +39,7 @@ class SummaryBuilder:
         self._max_contact_depth_m = 0.0
         self._max_self_contact_force_N = 0.0
         self._max_self_contact_depth_m = 0.0
+        self._devices = None if stage.devices is None else DeviceFigures(stage.devices)
 
     def observe(self, snapshot: Snapshot) -> None:
         """Take in one snapshot; they come in order, tick 0 first."""
@@ -54,6 +56,8 @@ class SummaryBuilder:
         self._max_self_contact_force_N = max(self._max_self_contact_force_N, ledger.self_contact_force_N)
         self._max_self_contact_depth_m = max(self._max_self_contact_depth_m, ledger.self_contact_depth_m)
         self._last = snapshot
+        if self._devices is not None:
+            self._devices.observe(snapshot)
 
     def finish(self, status: Status, reason: str | None, wall_s: float) -> dict[str, Any]:
         """Return the summary, ready for JSON (numbers that are not finite become None).
@@ -100,7 +104,10 @@ class SummaryBuilder:
             return
         name = self._stage.phase_names[self._last.phase]
         figures = _phase_figures(self._last, name, self._phase_iterations, complete)
-        self._phases.append(figures | _chamber_figures(self._last, self._stage.chamber_names))
+        figures |= _chamber_figures(self._last, self._stage.chamber_names)
+        self._phases.append(
+            figures if self._devices is None else figures | {"devices": self._devices.close_phase()}
+        )
         self._phase_iterations = 0
 
 

@@ -23,7 +23,7 @@ PI = ProportionalIntegral(1.5, 6.0, PERIOD_s, -math.inf, math.inf)
 def seen(**changes: object) -> Measurement:
     at_rest = Measurement(
         0.0, 0.5, np.zeros(3), np.array([0.0, 0.0, 1.0]), 0.2, (0.0,), {"a": 3.0, "b": 0.0},
-        {"a": 0.2, "b": 0.3}, np.zeros(0),
+        {"a": 0.21, "b": 0.31}, {"a": 0.2, "b": 0.3}, np.zeros(0),
     )  # fmt: skip
     return replace(at_rest, **changes)  # type: ignore[arg-type]
 
@@ -96,7 +96,7 @@ def test_a_loop_commands_tension_or_length_of_its_cables() -> None:
     state, command = tension.act(tension.start(seen()), seen())
     assert dict(command.cable_tension_N) == {"a": pytest.approx(3.1)}  # from where it was
     length = FeedbackLoop("tip_height_m", law, "cable_shortening_m", ("a", "b"))
-    state2, command = length.act(length.start(seen()), seen(cable_length_m={"a": 9.0, "b": 9.0}))
+    state2, command = length.act(length.start(seen()), seen(cable_unstretched_m={"a": 9.0, "b": 9.0}))
     # z = 0 is below 0.5: shorter, counted from the lengths at the start
     assert dict(command.cable_length_m) == {"a": pytest.approx(0.1), "b": pytest.approx(0.2)}
     assert (state.unstretched_m, state2.unstretched_m) == ((), (0.2, 0.3))

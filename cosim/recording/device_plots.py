@@ -1,0 +1,95 @@
+"""The curves of pumps, winches and controllers; only those that a scenario has."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Sequence
+from typing import Final
+
+from cosim.recording.colours import GREEN, ORANGE, SKY, Colour, series_colours
+from cosim.recording.plot import Plot
+from cosim.scenario.actuation_report import ActuationReport, DeviceNames
+from cosim.scenario.snapshot import Snapshot, Stage
+
+_TAB: Final = "Devices"
+_SHOWN: Final[dict[str, tuple[str, float]]] = {
+    "bending_angle_rad": ("Bending angle [deg]", math.degrees(1.0)),
+    "tip_height_m": ("Tip height [mm]", 1e3),
+}
+"""What controllers measure: title and scale."""
+
+
+def device_plots(stage: Stage) -> list[Plot]:
+    """Return the plots of a scenario's devices; none where it has none."""
+    names = stage.devices
+    if names is None:
+        return []
+    return [*_control_plots(names), *_cable_plots(stage, names), *_pump_plots(names)]
+
+
+def _plot(
+    entity: str,
+    title: str,
+    series: tuple[str, ...],
+    values: Callable[[ActuationReport], Iterable[float]],
+    colours: Sequence[Colour] | None = None,
+) -> Plot:
+    def of(snapshot: Snapshot) -> Iterable[float]:
+        assert snapshot.devices is not None, "a stage with devices has snapshots with devices"
+        return values(snapshot.devices)
+
+    shown = series_colours(len(series)) if colours is None else colours
+    return Plot(entity, title, _TAB, series, shown, of)
+
+
+def _control_plots(names: DeviceNames) -> list[Plot]:
+    measured = {quantity for _, quantity in names.controllers}
+    plots = []
+    for quantity, (title, scale) in _SHOWN.items():
+        if quantity in measured:
+            own = {name for name, measures in names.controllers if measures == quantity}
+            plots.append(_control_plot(quantity, title, scale, own))
+    return plots
+
+
+def _control_plot(quantity: str, title: str, scale: float, own: set[str]) -> Plot:
+    def values(devices: ActuationReport) -> tuple[float, float]:
+        for control in devices.controls:
+            if control.name in own and control.measured is not None and control.setpoint is not None:
+                return scale * control.measured, scale * control.setpoint
+        return math.nan, math.nan
+
+    return _plot(f"control/{quantity}", title, ("measured", "setpoint"), values, [SKY, ORANGE])
+
+
+def _cable_plots(stage: Stage, names: DeviceNames) -> list[Plot]:
+    if not names.lengths:
+        return []
+    cables = stage.cable_names
+    plots = [
+        _plot("cable_length", "Cable route [mm]", cables, lambda d: 1e3 * d.cable_length_m),
+        _plot("cable_unstretched", "Cable off the drum [mm]", cables, lambda d: 1e3 * d.unstretched_m),
+    ]
+    if names.winches:
+        plots.append(_plot("lost_steps", "Lost steps", cables, lambda d: d.lost_steps.astype(float)))
+    return plots
+
+
+def _pump_plots(names: DeviceNames) -> list[Plot]:
+    if not names.pumps:
+        return []
+    on = ("running", "venting") if len(names.pumps) == 1 else names.pumps
+
+    def running(devices: ActuationReport) -> tuple[float, ...]:
+        if len(devices.pumps) == 1:
+            return float(devices.pumps[0].on), float(devices.pumps[0].venting)
+        return tuple(float(pump.on) for pump in devices.pumps)
+
+    def delivered(devices: ActuationReport) -> tuple[float, ...]:
+        return tuple(1e6 * pump.delivered_kg for pump in devices.pumps)
+
+    colours = [GREEN, ORANGE] if len(on) == 2 else None
+    return [
+        _plot("pump", "Pump on [1]", on, running, colours),
+        _plot("gas_delivered", "Gas delivered [mg]", names.pumps, delivered),
+    ]

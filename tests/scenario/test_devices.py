@@ -1,0 +1,294 @@
+"""Cable lengths, winches, pumps and controllers in a scenario, from the file to the summary."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import cosim
+from cosim.actuation.controller import Command, Controller, Measurement
+from cosim.driver import build_simulation
+from cosim.scenario.device_figures import control_figures
+from cosim.scenario.loading import load_scenario
+from cosim.scenario.schema import Scenario
+from cosim.scenario.writing import scenario_text
+from cosim.state_archive import read_archive, write_archive
+
+TICK_s = 0.004
+BASE = f"""
+schema = 1
+title = "Three square units with devices"
+robot = "none"
+soft_robot = "square_core_cables"
+gravity_m_s2 = [0.0, 0.0, 0.0]
+clock.tick_s = {TICK_s}
+solver.damping_per_s = 20.0
+[start]
+flange = {{ position_m = [0.0, 0.0, 0.0], direction = [0.0, 0.0, 1.0] }}
+"""
+INFLATE = """
+[[phase]]
+name = "inflate"
+duration_s = 0.4
+increments = 60
+pressure_Pa = 20e3
+"""
+PULL = """
+[[phase]]
+name = "pull"
+duration_s = 0.4
+settle_s = 0.4
+increments = 20
+"""
+WINCH = """
+[[winch]]
+name = "steppers"
+cables = ["corner_0", "corner_1"]
+step_angle_rad = 0.03
+drum_radius_m = 0.01
+step_rate_per_s = 1000.0
+stall_torque_Nm = 0.1
+"""
+PUMP = """
+[[pump]]
+name = "main"
+flow_kg_s = 2e-5
+band_Pa = 200.0
+sensor_delay_s = 0.02
+"""
+CONTROLLER = """
+[[controller]]
+name = "bend"
+kind = "pi"
+period_s = 0.02
+cables = ["corner_0"]
+proportional_gain = 0.2
+integral_gain_per_s = 2.0
+output_max = 0.5
+"""
+SHORTER = "cable_shortening_m = { corner_0 = 0.006 }\n"
+STIFFNESS = 1e4
+
+
+def scenario(tmp_path: Path, *parts: str, overrides: Mapping[str, Any] | None = None) -> Scenario:
+    path = tmp_path / "devices.toml"
+    path.write_text(BASE + "".join(parts), encoding="utf-8")
+    return load_scenario(path, overrides)
+
+
+def last_phase(result: cosim.RunResult) -> dict[str, Any]:
+    phase = result.summary["phases"][-1]
+    return {**phase, **phase["devices"]}
+
+
+def test_a_shortened_cable_pulls_alike_in_statics_and_at_rest_in_dynamics(tmp_path: Path) -> None:
+    given = scenario(tmp_path, INFLATE, PULL + SHORTER + "control = []\n")
+    ends = [
+        last_phase(cosim.run(given, overrides={"mode": mode, "phase.pull.settle_s": settle}))
+        for mode, settle in (("quasistatic", 0.4), ("dynamic", 2.0))
+    ]
+    for end in ends:
+        tension, length = end["cable_tension_N"][0], end["cable_length_m"][0]
+        assert tension > 0.05
+        assert tension == pytest.approx(STIFFNESS * (length - end["cable_unstretched_m"][0]), rel=1e-6)
+        assert end["cable_unstretched_m"][1] is None  # its tension is commanded: none
+        assert end["cable_tension_N"][1] == 0.0
+    assert ends[0]["bending_angle_rad"] > 0.05
+    assert ends[1]["bending_angle_rad"] == pytest.approx(ends[0]["bending_angle_rad"], rel=0.01)
+    assert ends[1]["cable_length_m"] == pytest.approx(ends[0]["cable_length_m"], abs=1e-5)
+
+
+def test_a_winch_goes_in_steps_and_stalls(tmp_path: Path) -> None:
+    ideal = cosim.run(scenario(tmp_path, INFLATE, PULL + SHORTER))
+    wound = cosim.run(scenario(tmp_path, INFLATE, PULL + SHORTER, WINCH))
+    step_m = 0.03 * 0.01
+    # half a step of resolution
+    off = wound.cable_unstretched_m[-1, 0] - ideal.cable_unstretched_m[-1, 0]
+    assert 0.0 < abs(off) <= 0.5 * step_m
+    turned = np.diff(wound.cable_unstretched_m[wound.phase == 1, 0]) / step_m
+    assert turned == pytest.approx(np.round(turned), abs=1e-9)
+    assert last_phase(wound)["lost_steps"] == [0, 0]
+    stall_N = 0.3 * ideal.cable_tension_N[-1, 0]
+    changes = {
+        "winch.steppers.stall_torque_Nm": stall_N * 0.01,
+        "winch.steppers.step_angle_rad": 0.003,
+        "soft_robot.cable.corner_0.stiffness_N_m": 200.0,
+    }
+    weak = cosim.run(scenario(tmp_path, INFLATE, PULL + SHORTER, WINCH), overrides=changes)
+    assert last_phase(weak)["lost_steps"][0] > 0
+    assert weak.cable_tension_N[-1, 0] <= stall_N * (1.0 + 1e-6)
+    assert weak.cable_tension_N[-1, 0] > 0.7 * stall_N
+
+
+def test_from_tension_to_length_and_back_nothing_jumps(tmp_path: Path) -> None:
+    hold = '[[phase]]\nname = "hold"\nduration_s = 0.2\ncable_shortening_m = { corner_0 = 0.0 }\n'
+    let_go = '[[phase]]\nname = "let_go"\nduration_s = 0.2\ncable_tension_N = [0.0, 0.0]\n'
+    pull = PULL + "cable_tension_N = [0.3, 0.0]\n"
+    result = cosim.run(scenario(tmp_path, INFLATE, pull, hold, let_go))
+    tension = result.cable_tension_N[:, 0]
+    assert tension[result.phase == 2] == pytest.approx(0.3, abs=0.02)
+    assert np.abs(np.diff(tension)).max() < 0.02
+    assert tension[-1] == 0.0
+
+
+def test_a_pump_holds_the_pressure_of_a_leaking_chamber(tmp_path: Path) -> None:
+    pumped = (
+        '[[phase]]\nname = "pumped"\nduration_s = 1.2\ngas = "sealed"\nleak_kg_s_Pa = 2e-10\n'
+        "pump_pressure_Pa = { main = 22e3 }\n"
+    )
+    result = cosim.run(scenario(tmp_path, PUMP, INFLATE, pumped))
+    pressure, time_s = result.pressure_Pa, result.time_s
+    filled = pressure[time_s > 1.0]
+    # the band, and what pump and leak do within the sensor's delay, at some 5 kPa/s
+    assert filled.min() > 21e3
+    assert filled.max() < 23e3
+    assert np.ptp(filled) > 200.0
+    figures = last_phase(result)["pumps"]["main"]
+    assert figures["starts"] >= 2
+    assert figures["delivered_kg"] == pytest.approx(2e-5 * figures["on_s"])
+
+
+@dataclass(frozen=True)
+class Ramp(Controller[float]):
+    """Raises one tension by a fixed amount per sample, and checks what it sees."""
+
+    def start(self, seen: Measurement) -> float:
+        return seen.cable_tension_N["corner_1"]
+
+    def act(self, state: float, seen: Measurement) -> tuple[float, Command]:
+        assert seen.setpoint is None
+        assert seen.cable_length_m.keys() == {"corner_0", "corner_1"}
+        return state + 0.05, Command(cable_tension_N={"corner_1": state + 0.05})
+
+
+PYTHON = '[[controller]]\nname = "mine"\nkind = "python"\nperiod_s = 0.1\n'
+
+
+def test_a_controller_from_python_and_its_determinism(tmp_path: Path) -> None:
+    given = scenario(tmp_path, PYTHON, INFLATE, PULL + 'control = ["mine"]\n')
+    first, second = (cosim.run(given, controllers={"mine": Ramp()}) for _ in range(2))
+    tension = first.cable_tension_N[first.phase == 1, 1]
+    held = round(0.1 / TICK_s)
+    # sampled at the start of the phase, held for 25 ticks each
+    assert tension[::held] == pytest.approx(0.05 * np.arange(1, 9))
+    assert (tension == np.repeat(tension[::held], held)[: len(tension)]).all()
+    assert (first.node_position == second.node_position).all()
+    with pytest.raises(cosim.ScenarioError, match=r"controller\.mine\.kind: 'python' needs"):
+        cosim.run(given)
+    with pytest.raises(cosim.InputError, match=r"no .*controller.* 'yours'"):
+        cosim.run(given, controllers={"mine": Ramp(), "yours": Ramp()})
+    with pytest.raises(cosim.InputError, match="'mine' is a int"):
+        cosim.run(given, controllers={"mine": 3})  # type: ignore[dict-item]
+
+
+def test_a_pi_controller_brings_the_angle_to_its_setpoint(tmp_path: Path) -> None:
+    bend = PULL + "control_bending_angle_rad = { bend = 0.1 }\n"
+    result = cosim.run(scenario(tmp_path, CONTROLLER, INFLATE, bend, overrides={"phase.pull.settle_s": 2.6}))
+    figures = last_phase(result)["controllers"]["bend"]
+    assert figures["setpoint"] == 0.1
+    assert figures["measured"] == pytest.approx(0.1, abs=0.005)
+    assert figures["measured"] == pytest.approx(result.bending_angle_rad[-1])
+    assert figures["settling_time_s"] < 2.5
+
+
+def test_a_run_saved_among_devices_goes_on_bit_for_bit(tmp_path: Path) -> None:
+    pumped = (
+        '[[phase]]\nname = "p"\nduration_s = 0.6\ngas = "sealed"\npump_pressure_Pa = { main = 2.2e4 }\n'
+        "control_bending_angle_rad = { bend = 0.1 }\ncable_shortening_m = { corner_1 = 0.002 }\n"
+    )
+    given = scenario(tmp_path, PUMP, WINCH, CONTROLLER, INFLATE, pumped)
+    plain = build_simulation(given)
+    steps = plain.steps()
+    list(islice(steps, 160))
+    state = plain.save_state()
+    write_archive(tmp_path / "state.npz", {}, state)
+    expected = [(s.node_position.tobytes(), repr(s.devices)) for s in steps]
+    other = build_simulation(given)
+    other.restore_state(read_archive(tmp_path / "state.npz"))
+    found = [(s.node_position.tobytes(), repr(s.devices)) for s in other.steps()]
+    assert state.devices.pumps[0].pump.starts > 0
+    assert state.devices.cables[1].winch.commanded > 0
+    assert len(found) == len(expected) == 91
+    assert found == expected
+
+
+def test_figures_of_a_controlled_phase() -> None:
+    time_s = np.linspace(0.0, 10.0, 10001)
+    response = 2.0 - 2.0 * np.exp(-time_s) * np.cos(3.0 * time_s)
+    figures = control_figures(time_s, response, 2.0)
+    assert figures["overshoot"] == pytest.approx(2.0 * np.exp(-np.pi / 3.0), rel=0.06)
+    # the envelope e^-t falls below 0.05 at t = 3.0, the last swing beyond it is at most half a period earlier
+    assert 3.0 - np.pi / 3.0 < figures["settling_time_s"] <= 3.0
+    assert control_figures(time_s, np.sin(20.0 * time_s) - 0.0, 1.0)["settling_time_s"] is None
+    assert control_figures(time_s, np.sin(20.0 * time_s), 1.0)["ripple"] == pytest.approx(1.0, abs=1e-3)
+
+
+def test_every_key_of_the_devices_is_documented(tmp_path: Path) -> None:
+    document = (Path(__file__).resolve().parents[2] / "docs" / "actuation.md").read_text(encoding="utf-8")
+    pumped = (
+        '[[phase]]\nname = "p"\nduration_s = 0.1\ngas = "sealed"\npump_pressure_Pa = { main = 2e4 }\n'
+        "control_bending_angle_rad = { bend = 0.1 }\ncable_shortening_m = { corner_1 = 0.0 }\n"
+    )
+    devices = last_phase(cosim.run(scenario(tmp_path, PUMP, WINCH, CONTROLLER, INFLATE, pumped)))["devices"]
+    for table in (devices, devices["pumps"]["main"], devices["controllers"]["bend"]):
+        assert all(f"`{key}`" in document for key in table)
+
+
+def test_the_resolved_scenario_loads_again(tmp_path: Path) -> None:
+    pumped = '[[phase]]\nname = "p"\nduration_s = 1.0\ngas = "sealed"\npump_pressure_Pa = { main = 2e4 }\n'
+    given = scenario(tmp_path, PUMP, WINCH, CONTROLLER, INFLATE, PULL + SHORTER, pumped)
+    copy = tmp_path / "copy.toml"
+    copy.write_text(scenario_text(given), encoding="utf-8")
+    assert load_scenario(copy) == given
+
+
+@pytest.mark.parametrize(
+    ("parts", "text"),
+    [
+        ((PULL + 'cable_length_m = { corner_9 = 0.1 }\n',), r"phase\.pull\.cable_length_m: .*corner_0"),
+        ((PULL + "cable_length_m = { corner_0 = 0.0 }\n",), r"cable_length_m\.corner_0: .*above 0"),
+        ((PULL + "cable_length_m = 0.1\n",), r"cable_length_m: expected a table"),
+        ((PULL + SHORTER + "cable_tension_N = [0.0, 0.0]\n",), r"cable_shortening_m: .*cable_tension_N"),
+        ((PULL + SHORTER + "cable_length_m = { corner_0 = 0.1 }\n",), "of the same cable"),
+        ((WINCH, WINCH.replace("steppers", "more"), PULL), r"winch\.more\.cables: .*'steppers' already"),
+        ((WINCH, WINCH, PULL), r"winch\.steppers: .*used twice"),
+        ((WINCH.replace("corner_1", "x"), PULL), r"winch\.steppers\.cables"),
+        (("mode='quasistatic'\n", WINCH, PULL), r"winch\.steppers: .*dynamic"),
+        ((PUMP, PULL + "pump_pressure_Pa = { main = 1e3 }\n"), r"pump_pressure_Pa\.main: needs gas"),
+        ((PULL + 'gas = "sealed"\npump_pressure_Pa = { main = 1e3 }\n',), r"pump_pressure_Pa\.main: .*pump"),
+        ((PUMP + 'chamber = "left"\n', PULL), r"pump\.main\.chamber: .*left"),
+        ((CONTROLLER.replace("0.02", "0.021"), PULL), r"controller\.bend\.period_s: .*whole number of ticks"),
+        ((CONTROLLER.replace("integral", "proporti"), PULL), r"controller\.bend\.proporti"),
+        ((CONTROLLER.replace('"pi"', '"bang_bang"'), PULL), r"controller\.bend\.increment: is missing"),
+        ((CONTROLLER + "output_min = -1.0\n", PULL), r"controller\.bend\.output_min: .*push"),
+        ((CONTROLLER + "output_min = 0.5\n", PULL), r"controller\.bend\.output_max: .*above output_min"),
+        ((CONTROLLER.replace("corner_0", "x"), PULL), r"controller\.bend\.cables"),
+        ((CONTROLLER, PULL + "control_tip_height_m = { bend = 0.1 }\n"), "measures bending_angle_rad"),
+        ((CONTROLLER, PULL + 'control = ["bend"]\n'), r"phase\.pull\.control: 'bend' needs a setpoint"),
+        ((CONTROLLER, PULL + "control_bending_angle_rad = { x = 0.1 }\n"), r"control_bending_angle_rad\.x"),
+        (
+            (CONTROLLER, PULL + SHORTER + "control_bending_angle_rad = { bend = 0.1 }\n"),
+            r"control_bending_angle_rad\.bend: moves cable 'corner_0'",
+        ),
+        (
+            (CONTROLLER, PULL + "cable_tension_N = [0, 0]\ncontrol_bending_angle_rad = { bend = 0.1 }\n"),
+            "cable_tension_N commands in the same phase",
+        ),
+        (
+            (INFLATE, PULL + SHORTER + 'tip_target = { height_m = 0.04, reach_with = "cables" }\n'),
+            r"phase\.pull\.tip_target: .*commanded cable length",
+        ),
+    ],
+)  # fmt: skip
+def test_wrong_devices_are_refused(tmp_path: Path, parts: tuple[str, ...], text: str) -> None:
+    front = "".join(part for part in parts if part.startswith("mode"))
+    path = tmp_path / "wrong.toml"
+    path.write_text(front + BASE + "".join(part for part in parts if part != front), encoding="utf-8")
+    with pytest.raises(cosim.ScenarioError, match=text):
+        load_scenario(path)
