@@ -35,6 +35,7 @@ def made_up_stage(scenario: Scenario) -> Stage:
         gravity=np.array(scenario.gravity_m_s2),
         membrane_stress=lambda positions: np.zeros(1),
         report="made up",
+        hinge_energy_share=lambda positions: 0.5,
     )
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from functools import partial
+from typing import TypeAlias
 
 import numpy as np
 
@@ -13,19 +14,24 @@ from cosim.coupling.soft_side import SoftSide
 from cosim.errors import ScenarioError, SolverError
 from cosim.scenario.actuation import Actuation
 from cosim.scenario.carrier import Carrier, HeldBase
+from cosim.scenario.decision import Decision
 from cosim.scenario.device_report import device_names, device_report
 from cosim.scenario.dynamic import DynamicSimulation
 from cosim.scenario.fidelity import fidelity_report, soft_sides
 from cosim.scenario.film_rules import film_report
 from cosim.scenario.gas_rules import gas_report
+from cosim.scenario.modelled import CONTACT, contact_decision, decisions
 from cosim.scenario.parts import Parts
 from cosim.scenario.plan import JointPlanner, Plan, make_plan
 from cosim.scenario.quasistatic import QuasistaticSimulation
+from cosim.scenario.reach import flange_travel
 from cosim.scenario.schema import NO_ARM, Scenario
 from cosim.scenario.snapshot import Stage
-from cosim.soft.body import SoftBody
 from cosim.soft.contact import ContactLaw
+from cosim.soft.energy_share import hinge_energy_share
 from cosim.soft.gas_chamber import gas_chambers
+
+_Arranged: TypeAlias = tuple[Plan, Carrier, tuple[Decision, ...]]
 
 
 def build(
@@ -42,22 +48,24 @@ def build(
     """
     trial, soft = soft_sides(scenario)
     actuation = Actuation(scenario, soft.body, controllers)
-    plan, carrier = (_held_base if scenario.robot == NO_ARM else _arm)(scenario, trial, soft)
+    plan, carrier, modelled = (_held_base if scenario.robot == NO_ARM else _arm)(scenario, trial, soft)
     parts = Parts(scenario, plan, carrier, soft, actuation)
     if scenario.mode == "quasistatic":
         ticks = sum(phase.increments for phase in scenario.phases)
         duration = sum(phase.duration_s + phase.settle_s for phase in scenario.phases)
-        return QuasistaticSimulation(parts, _stage(parts, soft.body, ticks, duration / ticks))
+        return QuasistaticSimulation(parts, _stage(parts, modelled, ticks, duration / ticks))
     ticks = sum(parts.ticks(phase) for phase in scenario.phases)
-    return DynamicSimulation(parts, _stage(parts, soft.body, ticks, scenario.clock.tick_s))
+    return DynamicSimulation(parts, _stage(parts, modelled, ticks, scenario.clock.tick_s))
 
 
-def _held_base(scenario: Scenario, trial: SoftSide, soft: SoftSide) -> tuple[Plan, Carrier]:
+def _held_base(scenario: Scenario, trial: SoftSide, soft: SoftSide) -> _Arranged:
     plan = _plan(scenario, HeldBase.plan, trial)
-    return plan, HeldBase(soft, plan.start, scenario.clock.tick_s)
+    contact = Decision(CONTACT, False, "there is nothing to touch", "robot")
+    modelled = decisions(scenario, soft.body, plan, contact, None)
+    return plan, HeldBase(soft, plan.start, scenario.clock.tick_s), modelled
 
 
-def _arm(scenario: Scenario, trial: SoftSide, soft: SoftSide) -> tuple[Plan, Carrier]:
+def _arm(scenario: Scenario, trial: SoftSide, soft: SoftSide) -> _Arranged:
     # imported here: a scene without an arm waits for neither engine
     from cosim.kinematics.arm import Arm
     from cosim.rigid.description import SceneDescription
@@ -78,16 +86,14 @@ def _arm(scenario: Scenario, trial: SoftSide, soft: SoftSide) -> tuple[Plan, Car
             wires=tuple(rigid_wire(entry) for entry in scenario.wires),
         )
     )
-    return plan, ArmCarrier(
-        scenario.robot, arm, scene, soft, scenario.payload_compensation, _contact_law(scenario)
-    )
+    contact = contact_decision(scenario, soft.body, plan, arm, scene)
+    law = _contact_law(scenario) if contact.included else None
+    carrier = ArmCarrier(scenario.robot, arm, scene, soft, scenario.payload_compensation, law)
+    return plan, carrier, decisions(scenario, soft.body, plan, contact, flange_travel(arm, plan))
 
 
-def _contact_law(scenario: Scenario) -> ContactLaw | None:
-    """Return the law of contact; None where contact is switched off or not modelled."""
+def _contact_law(scenario: Scenario) -> ContactLaw:
     given = scenario.contact
-    if not given.enabled or scenario.mode == "quasistatic":
-        return None
     return ContactLaw(given.stiffness_N_m3, given.smoothing_m, given.stick_m)
 
 
@@ -98,8 +104,8 @@ def _plan(scenario: Scenario, plan_joints: JointPlanner, trial: SoftSide) -> Pla
         raise ScenarioError("start", f"no equilibrium to start from: {error}") from error
 
 
-def _stage(parts: Parts, body: SoftBody, ticks: int, tick_s: float) -> Stage:
-    scenario, carrier = parts.scenario, parts.carrier
+def _stage(parts: Parts, modelled: tuple[Decision, ...], ticks: int, tick_s: float) -> Stage:
+    scenario, carrier, body = parts.scenario, parts.carrier, parts.soft.body
     return Stage(
         scenario=scenario.name,
         title=scenario.title,
@@ -116,14 +122,16 @@ def _stage(parts: Parts, body: SoftBody, ticks: int, tick_s: float) -> Stage:
         soft_weight_N=body.mass_kg * float(np.linalg.norm(scenario.gravity_m_s2)),
         gravity=np.array(scenario.gravity_m_s2),
         membrane_stress=lambda positions: body.membranes.principal_stress(positions)[:, 0],
-        report=_report(parts, body),
         cable_names=scenario.soft_robot.cable_names(),
         devices=device_names(scenario),
+        report=_report(parts, modelled),
+        modelled=modelled,
+        hinge_energy_share=lambda positions: hinge_energy_share(body, positions),
     )
 
 
-def _report(parts: Parts, body: SoftBody) -> str:
-    scenario = parts.scenario
+def _report(parts: Parts, modelled: tuple[Decision, ...]) -> str:
+    scenario, body = parts.scenario, parts.soft.body
     integrator = scenario.solver.integrator.replace("_", " ")
     lines = {
         **parts.carrier.report,
@@ -135,18 +143,19 @@ def _report(parts: Parts, body: SoftBody) -> str:
         "Gas": gas_report(scenario),
         **device_report(scenario),
         "Motion": "quasistatic" if scenario.mode == "quasistatic" else f"dynamic, {integrator}",
-        "Contact": _contact_report(scenario),
         "Self contact": film_report(scenario, body),
+        "Contact": _contact_report(scenario, modelled),
+        "Modelled": "; ".join(entry.line for entry in modelled if entry.included),
+        "Left out": "; ".join(entry.line for entry in modelled if not entry.included) or "nothing",
     }
     return "\n".join(f"- **{name}**: {text}" for name, text in lines.items())
 
 
-def _contact_report(scenario: Scenario) -> str:
+def _contact_report(scenario: Scenario, modelled: tuple[Decision, ...]) -> str:
+    decision = next(entry for entry in modelled if entry.what == CONTACT)
+    if not decision.included:
+        return f"none: {decision.reason}"
     law = _contact_law(scenario)
-    if scenario.robot == NO_ARM:
-        return "none: there is nothing to touch"
-    if law is None:
-        return "not modelled" + (" in the quasistatic mode" if scenario.contact.enabled else ": switched off")
     names = [entry.name for entry in scenario.objects] + [wire.name for wire in scenario.wires]
     things = ", ".join(["floor", *names])
     return f"with {things}; {law.stiffness_N_m3:.0e} N/m^3, friction sticks within {1e3 * law.stick_m:g} mm"

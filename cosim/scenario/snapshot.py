@@ -9,6 +9,7 @@ from cosim.body_shape import BodyShape
 from cosim.coupling.ledger import LedgerEntry
 from cosim.frames import Array, IntArray, Pose, Twist
 from cosim.scenario.actuation_report import ActuationReport, DeviceNames
+from cosim.scenario.decision import Decision
 
 __all__ = ["BodyShape", "LedgerEntry", "Snapshot", "Stage"]
 
@@ -36,6 +37,8 @@ class Stage:
         cable_names: in the order of `cables`.
         devices: what of pumps, winches and controllers there is to show; None without any.
         report: Markdown lines on what is modelled (masses, counts, switches).
+        modelled: what is modelled or left out, and why.
+        hinge_energy_share: node positions (n, 3) [m] -> share of the hinges in the elastic energy.
     """
 
     scenario: str
@@ -56,6 +59,8 @@ class Stage:
     report: str
     cable_names: tuple[str, ...] = ()
     devices: DeviceNames | None = None
+    modelled: tuple[Decision, ...] = ()
+    hinge_energy_share: Callable[[Array], float] | None = None
 
 
 @dataclass(frozen=True)

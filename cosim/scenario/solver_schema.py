@@ -46,6 +46,7 @@ class Contact:
 
     Args:
         enabled: whether contact with floor and objects is modelled.
+        only_in_reach: not where nothing is within the film's reach of the flange's way.
         stiffness_N_m3: pressure per depth.
         smoothing_m: width of the transition; contact begins at half of it before touching.
         stick_m: tangential distance at which the full friction acts.
@@ -54,6 +55,7 @@ class Contact:
     """
 
     enabled: bool = True
+    only_in_reach: bool = True
     stiffness_N_m3: Positive = 3e8
     smoothing_m: Positive = 1e-4
     stick_m: Positive = 1e-4

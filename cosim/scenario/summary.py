@@ -95,6 +95,7 @@ class SummaryBuilder:
             "max_self_contact_force_N": self._max_self_contact_force_N,
             "max_self_contact_depth_m": self._max_self_contact_depth_m,
             "soft_weight_N": stage.soft_weight_N,
+            "modelled": [vars(decision) for decision in stage.modelled],
             "phases": self._phases,
         }
         return {key: json_ready(value) for key, value in summary.items()}
@@ -105,6 +106,8 @@ class SummaryBuilder:
         name = self._stage.phase_names[self._last.phase]
         figures = _phase_figures(self._last, name, self._phase_iterations, complete)
         figures |= _chamber_figures(self._last, self._stage.chamber_names)
+        if self._stage.hinge_energy_share is not None:
+            figures["hinge_energy_share"] = self._stage.hinge_energy_share(self._last.node_position)
         self._phases.append(
             figures if self._devices is None else figures | {"devices": self._devices.close_phase()}
         )

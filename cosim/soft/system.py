@@ -145,7 +145,7 @@ class SoftSystem:
             table(self._hinge_slots), self.gradient, self.blocks, self.angles,
         )  # fmt: skip
         self._dense = []
-        if len(self._segments):
+        if segment_tension.any():  # slack cables add nothing
             tension, rest = self._pulls(x, loads, segment_tension)
             energy += rest + add_segments(
                 x, self._segments, tension, table(self._segment_slots), self.gradient, self.blocks
