@@ -6,6 +6,9 @@ import math
 from collections.abc import Callable, Iterable, Sequence
 from typing import Final
 
+import numpy as np
+
+from cosim.frames import Array
 from cosim.recording.colours import GREEN, ORANGE, SKY, Colour, series_colours
 from cosim.recording.plot import Plot
 from cosim.scenario.actuation_report import ActuationReport, DeviceNames
@@ -35,31 +38,42 @@ def _plot(
     colours: Sequence[Colour] | None = None,
 ) -> Plot:
     def of(snapshot: Snapshot) -> Iterable[float]:
-        assert snapshot.devices is not None, "a stage with devices has snapshots with devices"
-        return values(snapshot.devices)
+        return values(_devices(snapshot))
 
     shown = series_colours(len(series)) if colours is None else colours
     return Plot(entity, title, _TAB, series, shown, of)
 
 
+def _devices(snapshot: Snapshot) -> ActuationReport:
+    assert snapshot.devices is not None, "a stage with devices has snapshots with devices"
+    return snapshot.devices
+
+
 def _control_plots(names: DeviceNames) -> list[Plot]:
     measured = {quantity for _, quantity in names.controllers}
-    plots = []
+    plots: list[Plot] = []
     for quantity, (title, scale) in _SHOWN.items():
         if quantity in measured:
             own = {name for name, measures in names.controllers if measures == quantity}
-            plots.append(_control_plot(quantity, title, scale, own))
+            plots += _control_plot(quantity, title, scale, own)
     return plots
 
 
-def _control_plot(quantity: str, title: str, scale: float, own: set[str]) -> Plot:
-    def values(devices: ActuationReport) -> tuple[float, float]:
-        for control in devices.controls:
-            if control.name in own and control.measured is not None and control.setpoint is not None:
-                return scale * control.measured, scale * control.setpoint
-        return math.nan, math.nan
+def _control_plot(quantity: str, title: str, scale: float, own: set[str]) -> tuple[Plot, Plot]:
+    def measured(snapshot: Snapshot) -> tuple[float]:
+        if quantity == "tip_height_m":
+            return (scale * float(snapshot.tip_position[2]),)
+        return (scale * _devices(snapshot).bending_angle_rad,)
 
-    return _plot(f"control/{quantity}", title, ("measured", "setpoint"), values, [SKY, ORANGE])
+    def setpoint(snapshot: Snapshot) -> tuple[float]:
+        given = [c.setpoint for c in _devices(snapshot).controls if c.name in own and c.setpoint is not None]
+        return (scale * given[0] if given else math.nan,)
+
+    entity = f"control/{quantity}"
+    return (
+        Plot(entity, title, _TAB, ("measured",), [SKY], measured),
+        Plot(f"{entity}/setpoint", "", _TAB, ("setpoint",), [ORANGE], setpoint),
+    )
 
 
 def _cable_plots(stage: Stage, names: DeviceNames) -> list[Plot]:
@@ -68,11 +82,16 @@ def _cable_plots(stage: Stage, names: DeviceNames) -> list[Plot]:
     cables = stage.cable_names
     plots = [
         _plot("cable_length", "Cable route [mm]", cables, lambda d: 1e3 * d.cable_length_m),
-        _plot("cable_unstretched", "Cable off the drum [mm]", cables, lambda d: 1e3 * d.unstretched_m),
+        _plot("cable_unstretched", "Cable off the drum [mm]", cables, lambda d: 1e3 * _off_the_drum(d)),
     ]
     if names.winches:
         plots.append(_plot("lost_steps", "Lost steps", cables, lambda d: d.lost_steps.astype(float)))
     return plots
+
+
+def _off_the_drum(devices: ActuationReport) -> Array:
+    """Return the unstretched length of each cable (cables,) [m]; of one under a given tension its route."""
+    return np.where(np.isnan(devices.unstretched_m), devices.cable_length_m, devices.unstretched_m)
 
 
 def _pump_plots(names: DeviceNames) -> list[Plot]:

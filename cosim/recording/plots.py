@@ -69,7 +69,7 @@ def _robot_plots(stage: Stage) -> list[Plot]:
         ),
     ]
     if cables:
-        names = tuple(f"cable {k + 1}" for k in range(cables))
+        names = stage.cable_names or tuple(f"cable {k + 1}" for k in range(cables))
         tension = Plot(
             "tension",
             "Cable tension [N]",

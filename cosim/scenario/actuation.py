@@ -16,6 +16,7 @@ import numpy as np
 from cosim.actuation.controller import AnyController, Measurement
 from cosim.actuation.zero_order_hold import HoldState
 from cosim.coupling.soft_side import SoftSide
+from cosim.errors import InputError
 from cosim.frames import Array, Pose
 from cosim.scenario.actuation_report import ActuationReport, ControlReport, PumpReport
 from cosim.scenario.cable_drive import CableDrive, CableDriveState, Order
@@ -180,7 +181,22 @@ class Actuation:
         )
 
     def restore_state(self, state: ActuationState) -> None:
-        """Return to a state of `save_state`."""
+        """Return to a state of `save_state`.
+
+        Raises:
+            InputError: it is of a run with other devices.
+        """
+        saved, here = (
+            (len(cables), len(pumps), len(holds))
+            for cables, pumps, holds in (
+                (state.cables, state.pumps, state.holds), (self.cables, self.pumps, self._holds)
+            )
+        )  # fmt: skip
+        if saved != here:
+            raise InputError(
+                f"the saved state has {saved[0]} cables, {saved[1]} pumps, {saved[2]} controllers; here are "
+                f"{here[0]}, {here[1]} and {here[2]}"
+            )
         for drive, cable in zip(self.cables, state.cables, strict=True):
             drive.restore_state(cable)
         for pump, own in zip(self.pumps, state.pumps, strict=True):

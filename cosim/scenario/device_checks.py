@@ -16,6 +16,10 @@ SETPOINTS = {"control_bending_angle_rad": "bending_angle_rad", "control_tip_heig
 
 _NEEDED = {"bang_bang": ("increment",), "pi": ("proportional_gain", "integral_gain_per_s")}
 _PERIOD_ROUNDING = 1e-6
+_WITHOUT_LENGTHS = {
+    "rigid": "keeps its shape, and with it the routes of all cables",
+    "section": "takes cable tensions only",
+}
 
 
 def check_devices(scenario: Scenario) -> None:
@@ -35,6 +39,7 @@ def check_devices(scenario: Scenario) -> None:
     for index, phase in enumerate(scenario.phases):
         path = f"phase.{phase.name}"
         _check_lengths(phase, cables, path)
+        _check_fidelity(phase, scenario, path)
         _check_pumping(phase, index, scenario, path)
         _check_control(phase, scenario.controllers, path)
         moved = moved or uses_lengths(phase) or bool(acting(phase))
@@ -137,6 +142,21 @@ def _check_lengths(phase: Phase, cables: tuple[str, ...], path: str) -> None:
         if name in shortenings:
             raise ScenarioError(
                 f"{path}.cable_shortening_m.{name}", "cannot stand beside cable_length_m of the same cable"
+            )
+
+
+def _check_fidelity(phase: Phase, scenario: Scenario, path: str) -> None:
+    """Check that cables are commanded by length only where the soft robot's model knows lengths."""
+    reason = _WITHOUT_LENGTHS.get(scenario.fidelity)
+    if reason is None:
+        return
+    by_length = {entry.name for entry in scenario.controllers if entry.commands == "cable_shortening_m"}
+    for key in ("cable_length_m", "cable_shortening_m", *SETPOINTS):
+        given = getattr(phase, key) or {}
+        if given and (key not in SETPOINTS or by_length & set(given)):
+            raise ScenarioError(
+                f"{path}.{key}",
+                f"commands cable lengths, while fidelity = '{scenario.fidelity}' {reason}; take 'lumped'",
             )
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -209,6 +209,9 @@ def test_a_run_saved_among_devices_goes_on_bit_for_bit(tmp_path: Path) -> None:
     state = plain.save_state()
     write_archive(tmp_path / "state.npz", {}, state)
     expected = [(s.node_position.tobytes(), repr(s.devices)) for s in steps]
+    fewer = build_simulation(scenario(tmp_path, WINCH, CONTROLLER, INFLATE, PULL))
+    with pytest.raises(cosim.InputError, match="2 cables, 1 pumps, 1 controllers; here are 2, 0 and 1"):
+        fewer.restore_state(replace(state, cursor=replace(state.cursor, done=1)))
     other = build_simulation(given)
     other.restore_state(read_archive(tmp_path / "state.npz"))
     found = [(s.node_position.tobytes(), repr(s.devices)) for s in other.steps()]
@@ -259,6 +262,7 @@ def test_the_resolved_scenario_loads_again(tmp_path: Path) -> None:
         ((WINCH, WINCH.replace("steppers", "more"), PULL), r"winch\.more\.cables: .*'steppers' already"),
         ((WINCH, WINCH, PULL), r"winch\.steppers: .*used twice"),
         ((WINCH.replace("corner_1", "x"), PULL), r"winch\.steppers\.cables"),
+        (("fidelity='rigid'\n", PULL + SHORTER), r"pull\.cable_shortening_m: .*'rigid' keeps its shape"),
         (("mode='quasistatic'\n", WINCH, PULL), r"winch\.steppers: .*dynamic"),
         ((PUMP, PULL + "pump_pressure_Pa = { main = 1e3 }\n"), r"pump_pressure_Pa\.main: needs gas"),
         ((PULL + 'gas = "sealed"\npump_pressure_Pa = { main = 1e3 }\n',), r"pump_pressure_Pa\.main: .*pump"),
@@ -287,7 +291,7 @@ def test_the_resolved_scenario_loads_again(tmp_path: Path) -> None:
     ],
 )  # fmt: skip
 def test_wrong_devices_are_refused(tmp_path: Path, parts: tuple[str, ...], text: str) -> None:
-    front = "".join(part for part in parts if part.startswith("mode"))
+    front = "".join(part for part in parts if part.startswith(("mode", "fidelity")))
     path = tmp_path / "wrong.toml"
     path.write_text(front + BASE + "".join(part for part in parts if part != front), encoding="utf-8")
     with pytest.raises(cosim.ScenarioError, match=text):

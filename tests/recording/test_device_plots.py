@@ -1,0 +1,57 @@
+"""Curves of devices: those that a scenario has, with one value each in every snapshot."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from cosim.recording.plots import plots_of
+from cosim.scenario.actuation_report import ActuationReport, ControlReport, DeviceNames, PumpReport
+from cosim.scenario.loading import load_scenario
+from cosim.scenario.snapshot import Snapshot, Stage
+from tests.conftest import made_up_snapshot, made_up_stage
+
+NAMES = DeviceNames(("main",), (("bend", "bending_angle_rad"), ("lift", "tip_height_m")), True, True)
+REPORT = ActuationReport(
+    cable_tension_N=np.array([1.0]),
+    cable_length_m=np.array([0.2]),
+    unstretched_m=np.array([np.nan]),
+    lost_steps=np.array([3]),
+    bending_angle_rad=np.pi / 6.0,
+    pumps=(PumpReport(1e4, True, False, 2, 0.5, 1e-6),),
+    controls=(ControlReport("bend", np.pi / 4.0, np.pi / 6.0),),
+)
+
+
+@pytest.fixture
+def stage() -> Stage:
+    return replace(made_up_stage(load_scenario("ur5e_hexagon_arm")), cable_names=("left",), devices=NAMES)
+
+
+def values(stage: Stage, snapshot: Snapshot) -> dict[str, list[float]]:
+    return {plot.entity: list(plot.values(snapshot)) for plot in plots_of(stage, 6) if plot.tab == "Devices"}
+
+
+def test_every_device_has_its_curve(stage: Stage) -> None:
+    snapshot = replace(made_up_snapshot(3, 0.002), devices=REPORT)
+    shown = values(stage, snapshot)
+    assert shown["control/bending_angle_rad"] == pytest.approx([30.0])
+    assert shown["control/bending_angle_rad/setpoint"] == pytest.approx([45.0])
+    assert shown["control/tip_height_m"] == pytest.approx([1e3 * snapshot.tip_position[2]])
+    assert np.isnan(shown["control/tip_height_m/setpoint"])  # its controller does not act
+    assert shown["cable_length"] == shown["cable_unstretched"] == pytest.approx([200.0])
+    assert shown["lost_steps"] == [3.0]
+    assert shown["pump"] == [1.0, 0.0]
+    assert shown["gas_delivered"] == pytest.approx([1.0])
+    for plot in plots_of(stage, 6):
+        assert len(list(plot.values(snapshot))) == len(plot.series) == len(plot.colours)
+
+
+def test_a_scenario_without_devices_has_no_such_curves(stage: Stage) -> None:
+    assert values(replace(stage, devices=None), made_up_snapshot(3, 0.002)) == {}
+    only_pump = replace(stage, devices=DeviceNames(("main",), (), False, False))
+    assert values(only_pump, replace(made_up_snapshot(3, 0.002), devices=REPORT)).keys() == {
+        "pump", "gas_delivered",
+    }  # fmt: skip
