@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from itertools import islice
@@ -20,6 +21,7 @@ from cosim.scenario.schema import Scenario
 from cosim.scenario.writing import scenario_text
 from cosim.state_archive import read_archive, write_archive
 
+ROOT = Path(__file__).resolve().parents[2]
 TICK_s = 0.004
 BASE = f"""
 schema = 1
@@ -187,6 +189,15 @@ def test_a_controller_from_python_and_its_determinism(tmp_path: Path) -> None:
         cosim.run(given, controllers={"mine": 3})  # type: ignore[dict-item]
 
 
+def test_the_controller_of_the_document_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    document = (ROOT / "docs" / "actuation.md").read_text(encoding="utf-8")
+    (code,) = re.findall(r"```python\n(.*?)```", document, re.DOTALL)
+    text = scenario(tmp_path, PYTHON.replace("mine", "pulse"), INFLATE, PULL + 'control = ["pulse"]\n')
+    (tmp_path / "mine.toml").write_text(scenario_text(text).replace("corner_0", "a"), encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    exec(code, {"__name__": "example"})
+
+
 def test_a_pi_controller_brings_the_angle_to_its_setpoint(tmp_path: Path) -> None:
     bend = PULL + "control_bending_angle_rad = { bend = 0.1 }\n"
     result = cosim.run(scenario(tmp_path, CONTROLLER, INFLATE, bend, overrides={"phase.pull.settle_s": 2.6}))
@@ -233,7 +244,7 @@ def test_figures_of_a_controlled_phase() -> None:
 
 
 def test_every_key_of_the_devices_is_documented(tmp_path: Path) -> None:
-    document = (Path(__file__).resolve().parents[2] / "docs" / "actuation.md").read_text(encoding="utf-8")
+    document = (ROOT / "docs" / "actuation.md").read_text(encoding="utf-8")
     pumped = (
         '[[phase]]\nname = "p"\nduration_s = 0.1\ngas = "sealed"\npump_pressure_Pa = { main = 2e4 }\n'
         "control_bending_angle_rad = { bend = 0.1 }\ncable_shortening_m = { corner_1 = 0.0 }\n"
