@@ -1,8 +1,8 @@
 """A sparsity pattern that also holds the node pairs of contacts between films.
 
-One factorisation in the wider pattern costs 1.5 to 2 times that in the body's own; a correction by a dense
-term of low rank would cost a solution per contact and direction, and is dearer from some ten contacts on
-(`benchmarks/self_contact.py`).
+Where neighbours touch, a factorisation in the wider pattern costs little more than one in the body's own; a
+dense term of low rank per contact costs six times as much for fifty contacts, and blocks that are dropped and
+made up for on the diagonal do not converge (`benchmarks/self_contact.py`).
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """A film as units and faces: its parts between folds, and which of them can meet outside the gas.
 
-In the drawn shape an edge of the film may be a seam (angle through the gas below 90 degrees: two films
-welded) or a valley (above 270 degrees: the hole ring between two units). Cut at the valleys, the film falls
-into units; cut at the seams as well, into faces. A stack of ten units has twenty faces.
+In the drawn shape an edge of the film may be a seam (angle through the gas below 108 degrees: two films
+welded, or the edge of a box) or a valley (above 252 degrees: the hole ring between two units). Cut at the
+valleys, the film falls into units; cut at the seams as well, into faces. A stack of ten units has twenty.
 """
 
 from __future__ import annotations
@@ -18,6 +18,8 @@ from scipy.sparse.csgraph import connected_components
 from cosim.frames import IntArray
 from cosim.soft.body import SoftBody
 from cosim.soft.surface import dihedral_angle, interior_hinges
+
+_SEAM_RAD = 0.6 * np.pi  # away from right angles, which rounding would put on either side
 
 
 class Relation(enum.IntEnum):
@@ -57,7 +59,7 @@ class FilmFaces:
         hinges = interior_hinges(triangles)
         angle = dihedral_angle(body.positions, hinges)
         sides = _triangles_beside(triangles, hinges)
-        seam, valley = angle < 0.5 * np.pi, angle > 1.5 * np.pi
+        seam, valley = angle < _SEAM_RAD, angle > 2.0 * np.pi - _SEAM_RAD
         unit = _components(len(triangles), sides[~valley])
         face = _components(len(triangles), sides[~valley & ~seam])
         unit_of_face = np.zeros(int(face.max()) + 1, np.int64)

@@ -71,37 +71,32 @@ def _fill_grid(x, triangles, low, size, counts, room, start, entries):  # type: 
 
 
 @inlined
-def _faces(outward, n, bound):  # type: ignore[no-untyped-def]
-    """Return whether the cosine of two directions, one of unit length, is below a bound."""
-    along = outward[0] * n[0] + outward[1] * n[1] + outward[2] * n[2]
+def _cosine(outward, n):  # type: ignore[no-untyped-def]
+    """Return the cosine of the angle between two directions, the second of unit length."""
     size = np.sqrt(outward[0] * outward[0] + outward[1] * outward[1] + outward[2] * outward[2])
-    return along < bound * size
+    return (outward[0] * n[0] + outward[1] * n[1] + outward[2] * n[2]) / size
+
+
+@inlined
+def _share_nodes(nodes, corners):  # type: ignore[no-untyped-def]
+    """Return whether a point and a triangle have a node in common."""
+    for a in range(3):
+        for b in range(3):
+            if nodes[a] == corners[b]:
+                return True
+    return False
 
 
 @kernel(
     INTEGER(
-        MATRIX, MATRIX, MATRIX, INDEX_TABLE, INDEX_TABLE, INDEX_TABLE, INDEX_TABLE, INDEX_TABLE, VECTOR, REAL,
-        INDICES, INDICES, INDICES, REAL, REAL, INDEX_TABLE,
+        MATRIX, MATRIX, MATRIX, INDEX_TABLE, INDEX_TABLE, INDEX_TABLE, MATRIX, INDEX_TABLE, INDEX_TABLE,
+        VECTOR, REAL, INDICES, INDICES, INDICES, REAL, REAL, INDEX_TABLE,
     )
 )  # fmt: skip
 def _over(  # type: ignore[no-untyped-def]
-    x,
-    place,
-    outward,
-    nodes,
-    homes,
-    triangles,
-    films,
-    relation,
-    low,
-    size,
-    counts,
-    start,
-    entries,
-    reach,
-    behind,
-    out,
-):
+    x, place, outward, nodes, homes, triangles, normals, films, relation, low, size, counts, start, entries,
+    reach, behind, out,
+):  # fmt: skip
     """Fill rows (point, triangle) of what lies over what; return how many that takes."""
     n, share, slope = np.empty(3), np.empty(3), np.empty((3, 3))
     units, best = np.empty(_UNITS_NEAR, np.int64), np.empty(_UNITS_NEAR)
@@ -116,15 +111,16 @@ def _over(  # type: ignore[no-untyped-def]
             kind = relation[homes[p, 0], films[t, 0]]
             if kind == 0:
                 continue
-            d = foot_on_plane(x, triangles[t], y, n, share, slope)
-            if min(share[0], share[1], share[2]) < -_MARGIN or d > max(reach, behind) or d < -behind:
+            a, d = triangles[t, 0], 0.0
+            for r in range(3):
+                d += normals[t, r] * (y[r] - x[a, r])
+            if d < -behind or d > (reach if kind == _VALLEY else max(reach, behind)):
                 continue
-            facing = _faces(outward[p], n, _FACING_VALLEY if kind == _VALLEY else _FACING_APART)
-            touching = False
-            for a in range(3):
-                for b in range(3):
-                    touching = touching or nodes[p, a] == triangles[t, b]
-            if kind == _VALLEY and (touching or not facing):
+            facing = _cosine(outward[p], normals[t]) < (_FACING_VALLEY if kind == _VALLEY else _FACING_APART)
+            if kind == _VALLEY and (not facing or _share_nodes(nodes[p], triangles[t])):
+                continue
+            d = foot_on_plane(x, triangles[t], y, n, share, slope)
+            if not min(share[0], share[1], share[2]) >= -_MARGIN:
                 continue
             slot = 0
             while slot < near and units[slot] != films[t, 1]:
@@ -170,7 +166,7 @@ class FilmSearch:
     def __init__(self, faces: FilmFaces, points: FilmPoints) -> None:
         self.faces, self.points = faces, points
         self._films = np.column_stack([faces.face, faces.unit])
-        self._entries = np.empty(32 * len(faces.triangles), np.int64)
+        self._entries = np.empty(64 * len(faces.triangles), np.int64)
         self._out = np.empty((2 * len(points), 2), np.int64)
 
     def near(self, positions: Array, reach_m: float, behind_m: float) -> FilmHits:
@@ -182,7 +178,7 @@ class FilmSearch:
             behind_m: behind it.
         """
         faces, points = self.faces, self.points
-        place, outward = points.outline(positions)
+        place, outward, normals = points.outline(positions)
         low, size, counts = self._grid(positions)
         start = np.empty(int(counts.prod()) + 1, np.int64)
         room = max(reach_m, behind_m)
@@ -193,8 +189,9 @@ class FilmSearch:
             self._entries = np.empty(2 * needed, np.int64)
         while True:
             count = _over(
-                positions, place, outward, points.nodes, points.home, faces.triangles, self._films,
-                faces.relation, low, size, counts, start, self._entries, reach_m, behind_m, self._out,
+                positions, place, outward, points.nodes, points.home, faces.triangles, normals,
+                self._films, faces.relation, low, size, counts, start, self._entries, reach_m, behind_m,
+                self._out,
             )  # fmt: skip
             if count <= len(self._out):
                 break
@@ -202,9 +199,9 @@ class FilmSearch:
         return FilmHits(self._out[:count, 0].copy(), self._out[:count, 1].copy())
 
     def _grid(self, positions: Array) -> tuple[Array, float, IntArray]:
-        """Return lowest corner, cell size [m] and cells along each axis: about one triangle to a cell."""
+        """Return lowest corner, cell size [m] and cells along each axis: half a triangle to a cell."""
         low, high = positions.min(axis=0), positions.max(axis=0)
         corners = positions[self.faces.triangles]
         typical = float((corners.max(axis=1) - corners.min(axis=1)).max(axis=1).mean())
-        size = max(typical, float((high - low).max()) / _CELLS_MAX, 1e-9)
+        size = max(0.5 * typical, float((high - low).max()) / _CELLS_MAX, 1e-9)
         return low, size, np.minimum(((high - low) / size).astype(np.int64) + 1, _CELLS_MAX)

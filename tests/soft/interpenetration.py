@@ -59,7 +59,16 @@ def _winding(points: Array, corners: Array) -> Array:
 
 
 def _distance(points: Array, corners: Array) -> Array:
-    """Return the distance [m] of each point from the nearest of triangles (k, 3, 3), sampled finely."""
-    grid = [(i, j, 12 - i - j) for i in range(13) for j in range(13 - i)]
-    samples = np.einsum("sj,tjr->tsr", np.array(grid) / 12.0, corners).reshape(-1, 3)
-    return np.asarray(np.linalg.norm(points[:, None] - samples[None], axis=2).min(axis=1))
+    """Return the distance [m] of each point (p, 3) from the nearest of triangles (k, 3, 3)."""
+    area = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normal = area / np.linalg.norm(area, axis=1)[:, None]
+    height = np.einsum("ptr,tr->pt", points[:, None] - corners[None, :, 0], normal)
+    over, nearest = np.ones(height.shape, dtype=bool), np.full(height.shape, np.inf)
+    for k in range(3):
+        a, way = corners[:, k], corners[:, (k + 1) % 3] - corners[:, k]
+        from_a = points[:, None] - a[None]
+        along = np.einsum("ptr,tr->pt", from_a, way) / (way**2).sum(axis=1)
+        rest = from_a - np.clip(along, 0.0, 1.0)[:, :, None] * way
+        nearest = np.minimum(nearest, np.linalg.norm(rest, axis=2))
+        over &= np.einsum("ptr,tr->pt", from_a, np.cross(normal, way)) >= 0.0
+    return np.asarray(np.where(over, np.abs(height), nearest).min(axis=1))

@@ -1,0 +1,182 @@
+"""Ways to solve with contacts between films, and what they cost: ten units that cables curl with 20 N.
+
+    python benchmarks/self_contact.py [--json FILE]
+
+Costs of one Newton iteration's parts, the least thread CPU time of many calls, relative to a factorisation in
+the body's own pattern: the wider pattern (factor, solve, and making its solver when the pairs change) against
+the own pattern with a dense term per contact (its normal stiffness alone). Then the iterations from a load
+step to balance with the exact tangent, and with one that fits the own pattern: blocks between the two films
+dropped, those within doubled. Last, depth and cost over the stiffness of the law.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cosim.frames import Array
+from cosim.soft.contact import ContactLaw
+from cosim.soft.equilibrium import Equilibrium, EquilibriumSolver
+from cosim.soft.film_contact import FilmPairs, feet
+from cosim.soft.linear_solver import BandedCholesky
+from cosim.soft.low_rank import LowRank
+from cosim.soft.newton import NewtonOptions
+from cosim.soft.self_contact import FilmContactLaw, SelfContact
+from cosim.soft.state import SoftState
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+from tests.soft.bodies import HANGING, Held, PRESSURE_Pa, held, hexagon_arm, no_load
+from tests.soft.interpenetration import deepest_m
+
+TENSION_N = 20.0
+
+
+def least_ms(work: Callable[[], Any], repeats: int = 60) -> float:
+    """Return the least thread CPU time of many calls [ms]."""
+    times = []
+    for _ in range(repeats):
+        began = time.thread_time()
+        work()
+        times.append(time.thread_time() - began)
+    return 1e3 * min(times)
+
+
+def curl(arm: Held, films: SelfContact | None) -> tuple[Equilibrium, int]:
+    """Return the curled equilibrium and the iterations of the way there."""
+    solver = EquilibriumSolver(arm.newton, arm.clamp, NewtonOptions(), films)
+    here = solver.solve(SoftState.drawn(arm.body, HANGING), HANGING, no_load(arm.body))
+    spent = 0
+    for share in (0.25, 0.5, 1.0):
+        here = solver.follow(here, HANGING, no_load(arm.body, pressure_Pa=share * PRESSURE_Pa))
+    for share in np.linspace(0.05, 1.0, 20):
+        loads = no_load(arm.body, pressure_Pa=PRESSURE_Pa, cable_tension_N=(share * TENSION_N,) * 2)
+        here = solver.follow(here, HANGING, loads)
+        spent += here.iterations
+    return here, spent
+
+
+def solver_costs(arm: Held, here: Equilibrium, pairs: FilmPairs) -> dict[str, float]:
+    """Return the costs of both ways [ms]."""
+    system, x, free = arm.system, here.state.positions, arm.newton.free
+    tension = system.segment_tension(x, here.loads)
+    system.evaluate(x, here.loads, tension, here.state.angles)
+    body, wide = BandedCholesky(system.pattern, free), BandedCholesky(pairs.coupled.pattern, free)
+    own, joined = system.blocks.copy(), system.tangent_blocks.copy()
+    wide.factor(joined)
+    load = np.random.default_rng(0).normal(size=x.shape)
+    forces = pairs.at(x)
+    pressing = np.flatnonzero(forces.normal_force > 0.0)
+    foot, normal, _ = feet(x, pairs.nodes, pairs.weights)
+    vectors = np.zeros((len(pressing), *x.shape))
+    for row, k in enumerate(pressing):
+        for node, weight in zip(pairs.nodes[k], [*pairs.weights[k], *-foot[k]], strict=True):
+            vectors[row, node] += weight * normal[k]
+    dense = LowRank(vectors, pairs.stiffness[pressing])
+    return {
+        "pairs": len(pairs),
+        "pressing": len(pressing),
+        "own_bandwidth": body.bandwidth,
+        "wide_bandwidth": wide.bandwidth,
+        "own_factor_ms": least_ms(lambda: body.factor(own)),
+        "wide_factor_ms": least_ms(lambda: wide.factor(joined)),
+        "wide_solve_ms": least_ms(lambda: wide.solve(load)),
+        "wide_setup_ms": least_ms(lambda: BandedCholesky(pairs.coupled.pattern, free), 10),
+        "low_rank_factor_ms": least_ms(lambda: body.factor(own, low_rank=dense), 10),
+    }
+
+
+def iterations_to_balance(arm: Held, here: Equilibrium, pairs: FilmPairs, *, exact: bool) -> int:
+    """Return the full Newton steps after 0.1 N more tension, with the pairs kept; at most 400."""
+    system, x, angles = arm.system, here.state.positions.copy(), here.state.angles
+    tension = tuple(t + 0.1 for t in here.loads.cable_tension_N)
+    loads = replace(here.loads, cable_tension_N=tension, self_contact=pairs)
+    pattern = pairs.coupled.pattern
+    linear = BandedCholesky(pattern, arm.newton.free)
+    inside = np.zeros(pattern.blocks, dtype=bool)
+    inside[pairs.coupled.from_body] = True
+    for count in range(400):
+        system.evaluate(x, loads, system.segment_tension(x, loads), angles)
+        if np.abs(system.gradient[arm.newton.free]).max() < 1e-6:
+            return count
+        blocks = system.tangent_blocks.copy()
+        if not exact:
+            contact = blocks - pairs.coupled.blocks(system.blocks)
+            blocks += contact
+            blocks[~inside] = 0.0
+        assert linear.factor(blocks)
+        x = x + linear.solve(-system.gradient)
+    return 400
+
+
+def stiffness_row(stiffness_N_m3: float) -> dict[str, float]:
+    """Return how deep and how dear a law is."""
+    arm = held(hexagon_arm(10))
+    films = SelfContact(arm.body, arm.system.pattern, FilmContactLaw(ContactLaw(stiffness_N_m3)))
+    here, spent = curl(arm, films)
+    touching = here.state.touching
+    assert touching is not None
+    return {
+        "stiffness_N_m3": stiffness_N_m3,
+        "iterations": spent,
+        "force_N": touching.normal_force_N,
+        "depth_mm": 1e3 * deepest_m(arm.body, here.state.positions),
+    }
+
+
+def measured() -> dict[str, Any]:
+    """Return all figures."""
+    arm = held(hexagon_arm(10))
+    free, spent = curl(arm, None)
+    films = SelfContact(arm.body, arm.system.pattern, FilmContactLaw(ContactLaw()))
+    here, _ = curl(arm, films)
+    pairs = here.loads.self_contact
+    assert pairs is not None
+    x: Array = here.state.positions
+    costs = solver_costs(arm, here, pairs)
+    return {
+        "solver": costs,
+        "search_ms": least_ms(lambda: films.static_pairs(x)),
+        "iterations_exact": iterations_to_balance(arm, here, pairs, exact=True),
+        "iterations_majoriser": iterations_to_balance(arm, here, pairs, exact=False),
+        "without": {"iterations": spent, "depth_mm": 1e3 * deepest_m(arm.body, free.state.positions)},
+        "laws": [stiffness_row(stiffness) for stiffness in (1e8, 3e8, 1e9, 3e9, 1e10)],
+    }
+
+
+def main() -> None:
+    """Print the table; write JSON where asked."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--json", type=Path)
+    given = parser.parse_args()
+    found = measured()
+    costs = found["solver"]
+    unit = costs["own_factor_ms"]
+    print(
+        f"{costs['pressing']} points press, {costs['pairs']} pairs are near; a factorisation: {unit:.2f} ms"
+    )
+    print(f"bandwidth {costs['own_bandwidth']} -> {costs['wide_bandwidth']}")
+    for name in ("wide_factor_ms", "wide_solve_ms", "wide_setup_ms", "low_rank_factor_ms"):
+        print(f"  {name[:-3]:18s} {costs[name] / unit:6.2f} factorisations")
+    print(f"  {'search':18s} {found['search_ms'] / unit:6.2f} factorisations")
+    print(
+        f"iterations to balance: exact {found['iterations_exact']}, doubled {found['iterations_majoriser']}"
+    )
+    off = found["without"]
+    print(f"without self contact: {off['depth_mm']:.2f} mm, {off['iterations']} iterations")
+    for row in found["laws"]:
+        law, depth, force = row["stiffness_N_m3"], row["depth_mm"], row["force_N"]
+        print(f"  {law:.0e} N/m^3: {depth:.3f} mm, {force:.0f} N, {row['iterations']} iterations")
+    if given.json:
+        given.json.write_text(json.dumps(found, indent=2) + "\n", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
