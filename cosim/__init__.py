@@ -1,6 +1,7 @@
 """Cosimulation of rigid cobots with soft, cable-driven pneumatic end effectors.
 
-`run(scenario)` runs a scenario and returns its arrays; `list_scenarios()` names those that come with
+`run(scenario)` runs a scenario and returns its arrays; `Simulation(scenario)` steps one by hand, to be
+saved, restored and branched; `list_scenarios()` names those that come with
 cosim. Importing cosim is cheap: the simulator is loaded on first use.
 """
 
@@ -22,6 +23,8 @@ if TYPE_CHECKING:
     from cosim.resources import list_scenarios as list_scenarios
     from cosim.result import RunResult as RunResult
     from cosim.scenario.loading import load_scenario as load_scenario
+    from cosim.simulation import SavedState as SavedState
+    from cosim.simulation import Simulation as Simulation
 
 __version__ = "0.1.0"
 
@@ -32,7 +35,9 @@ _HOMES = {
     "InstabilityError": "cosim.errors",
     "MeshError": "cosim.errors",
     "RunResult": "cosim.result",
+    "SavedState": "cosim.simulation",
     "ScenarioError": "cosim.errors",
+    "Simulation": "cosim.simulation",
     "SolverError": "cosim.errors",
     "UnreachableError": "cosim.errors",
     "list_scenarios": "cosim.resources",

@@ -6,13 +6,15 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
-from itertools import chain
+from itertools import chain, islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol, final
+from uuid import uuid4
 
 from cosim import __version__
+from cosim.checkpoint import Checkpoint, CheckpointKeeper, Origin, read_checkpoint
 from cosim.errors import SolverError
-from cosim.recording.recorder import NullRecorder, Recorder
+from cosim.recording.recorder import NullRecorder, Part, Recorder
 from cosim.run_files import RunFiles, check_directory
 from cosim.scenario.schema import Scenario
 from cosim.scenario.snapshot import Snapshot, Stage
@@ -75,12 +77,16 @@ class Options:
         make_recorder: makes the recorder of a file; None for no recording.
         watchers: shown every snapshot.
         stop: asked after every tick; a text ends the run as interrupted, for that reason.
+        checkpoint_every_s: wall time between two checkpoints in the directory.
+        resume: whether to go on with the run in the directory, from its checkpoint.
     """
 
     directory: Path | None = None
-    make_recorder: Callable[[Path, Recording], Recorder] | None = None
+    make_recorder: Callable[[Path, Recording, Part], Recorder] | None = None
     watchers: Sequence[Watcher] = ()
     stop: Callable[[], str | None] = lambda: None
+    checkpoint_every_s: float = 30.0
+    resume: bool = False
 
 
 @final
@@ -100,7 +106,7 @@ class Outcome:
 def execute(
     scenario: Scenario, build: Callable[[Scenario], Simulation], options: Options, started: float
 ) -> Outcome:
-    """Build and run a scenario; the files are complete when this returns.
+    """Build and run a scenario, or the rest of it; the files are complete when this returns.
 
     Args:
         scenario: checked.
@@ -109,40 +115,69 @@ def execute(
         started: `time.perf_counter()` at the start of the command.
 
     Raises:
-        InputError: the scenario cannot be built, or the directory not be written; nothing was written.
+        InputError: the scenario cannot be built, the directory not be written, or the checkpoint not be read;
+            nothing was written.
     """
     if options.directory is not None:
         check_directory(options.directory)
-    simulation = build(scenario)
-    stage, snapshots = simulation.stage, _with_first(simulation.steps())
+    simulation, earlier = build(scenario), None
+    if options.resume:
+        assert options.directory is not None, "a run is resumed in its directory"
+        earlier = read_checkpoint(options.directory)
+        simulation.restore_state(earlier.run)
+    snapshots = _with_first(simulation.steps())
     with ExitStack() as stack:
         for watcher in options.watchers:
-            watcher.open(stage)
+            watcher.open(simulation.stage)
             stack.callback(watcher.close)
-        return _run(scenario, stage, snapshots, options, started)
+        return _run(scenario, simulation, snapshots, options, earlier, started)
 
 
 def _run(
-    scenario: Scenario, stage: Stage, snapshots: Iterator[Snapshot], options: Options, started: float
+    scenario: Scenario,
+    simulation: Simulation,
+    snapshots: Iterator[Snapshot],
+    options: Options,
+    earlier: Checkpoint | None,
+    started: float,
 ) -> Outcome:
-    files = RunFiles(options.directory) if options.directory is not None else None
-    recorder: Recorder = NullRecorder()
-    if files is not None:
-        files.begin(scenario)
-        if options.make_recorder is not None:
-            recorder = options.make_recorder(files.recording, scenario.recording)
-    recorder.open(stage)
     loop_started = time.perf_counter()
-    summary = SummaryBuilder(stage, loop_started - started, __version__)
-    watching = (watcher.observe for watcher in options.watchers)
-    ending = drive(snapshots, [summary.observe, recorder.record, *watching], options.stop)
-    figures = summary.finish(ending.status, ending.reason, time.perf_counter() - loop_started)
+    origin = Origin.of(uuid4().hex, loop_started - started, earlier)
+    files, recorder = _begin_files(scenario, options, Part(origin.run_id, origin.before))
+    recorder.open(simulation.stage)
+    summary = SummaryBuilder(simulation.stage, origin.startup_s, __version__, origin.resumed_at_ticks)
+    if earlier is not None:
+        summary.restore_state(earlier.summary)
+    observers: list[Observe] = [summary.observe, recorder.record]
+    keeper = None
+    if files is not None:
+        every_s = options.checkpoint_every_s
+        keeper = CheckpointKeeper(simulation, summary, origin, files.directory, every_s, recorder.flush)
+        observers = [summary.observe, keeper.observe, recorder.record, keeper.write_when_due]
+    ending = drive(snapshots, [*observers, *(watcher.observe for watcher in options.watchers)], options.stop)
+    wall_s = origin.wall_s + time.perf_counter() - loop_started
+    if keeper is not None:
+        keeper.end(ending.status, ending.error)
+    figures = summary.finish(ending.status, ending.reason, wall_s)
     try:
         recorder.close(summary_markdown(figures), ending.status)
     finally:
         if files is not None:
             files.finish(figures)
     return Outcome(figures, ending.error)
+
+
+def _begin_files(scenario: Scenario, options: Options, part: Part) -> tuple[RunFiles | None, Recorder]:
+    if options.directory is None:
+        return None, NullRecorder()
+    files = RunFiles(options.directory)
+    if options.resume:
+        files.go_on()
+    else:
+        files.begin(scenario)
+    if options.make_recorder is None:
+        return files, NullRecorder()
+    return files, options.make_recorder(files.next_recording(), scenario.recording, part)
 
 
 def build_simulation(
@@ -171,11 +206,11 @@ def with_fidelity_chosen(scenario: Scenario, tell: Callable[[str], None]) -> Sce
     return settled(scenario, build_simulation, cache_directory(), tell)
 
 
-def rerun_recorder(path: Path, settings: Recording) -> Recorder:
+def rerun_recorder(path: Path, settings: Recording, part: Part) -> Recorder:
     """Return the recorder that writes a Rerun recording."""
     from cosim.recording.rerun_recorder import RerunRecorder
 
-    return RerunRecorder(path, frames_per_s=settings.frames_per_s)
+    return RerunRecorder(path, frames_per_s=settings.frames_per_s, part=part)
 
 
 def drive(
@@ -199,7 +234,7 @@ def drive(
 def _with_first(steps: Iterator[Snapshot]) -> Iterator[Snapshot]:
     """Compute the first snapshot now: wrong input then shows before anything is written."""
     try:
-        return chain([next(steps)], steps)
+        return chain(list(islice(steps, 1)), steps)
     except SolverError as error:
         return map(_raise, [error])  # raised inside the loop, which writes what is known
 

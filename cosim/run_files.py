@@ -1,4 +1,8 @@
-"""The directory of a run: `scenario.toml`, `summary.json`, `recording.rrd`."""
+"""The directory of a run: `scenario.toml`, `summary.json`, `recording.rrd`, `checkpoint.npz`.
+
+A run that went on after an interruption has a recording for each part: `recording-2.rrd` and so on; they
+belong together and open as one. The checkpoint is there while the run can go on.
+"""
 
 from __future__ import annotations
 
@@ -15,6 +19,7 @@ from cosim.scenario.writing import scenario_text
 RECORDING = "recording.rrd"
 SCENARIO = "scenario.toml"
 SUMMARY = "summary.json"
+CHECKPOINT = "checkpoint.npz"
 
 
 def default_directory(scenario_name: str) -> Path:
@@ -41,6 +46,12 @@ def check_directory(directory: Path) -> None:
         )
 
 
+def recordings(directory: Path) -> list[Path]:
+    """Return the recordings of the run in a directory, in order."""
+    parts = sorted(directory.glob("recording-*.rrd"), key=lambda path: (len(path.name), path.name))
+    return [path for path in (directory / RECORDING, *parts) if path.is_file()]
+
+
 @final
 class RunFiles:
     """Writes the files of one run; an earlier run in the same directory is replaced.
@@ -52,10 +63,10 @@ class RunFiles:
     def __init__(self, directory: Path) -> None:
         self.directory = directory
 
-    @property
-    def recording(self) -> Path:
-        """Path of the recording."""
-        return self.directory / RECORDING
+    def next_recording(self) -> Path:
+        """Return the path of the recording to write: the first one that does not exist yet."""
+        count = len(recordings(self.directory))
+        return self.directory / (f"recording-{count + 1}.rrd" if count else RECORDING)
 
     def begin(self, scenario: Scenario) -> None:
         """Make the directory, remove an earlier run's files and write the resolved scenario.
@@ -65,11 +76,17 @@ class RunFiles:
         """
         try:
             self.directory.mkdir(parents=True, exist_ok=True)
-            for name in (SUMMARY, RECORDING):
+            for path in recordings(self.directory):
+                path.unlink()
+            for name in (SUMMARY, CHECKPOINT):
                 (self.directory / name).unlink(missing_ok=True)
             (self.directory / SCENARIO).write_text(scenario_text(scenario), encoding="utf-8")
         except OSError as error:
             raise InputError(f"--out {self.directory}: cannot be written: {error.strerror}") from error
+
+    def go_on(self) -> None:
+        """Take away the summary of the part before: the run is not over."""
+        (self.directory / SUMMARY).unlink(missing_ok=True)
 
     def finish(self, summary: dict[str, Any]) -> None:
         """Write the summary; a reader sees all of it or none."""

@@ -18,7 +18,7 @@ BASICS = {
     "errors", "frames", "resources", "arm_files", "body_shape", "kernels", "mesh_files", "stateful",
     "state_archive", "__init__",
 }  # fmt: skip
-TOP = {"api", "driver", "result", "run_files"}
+TOP = {"api", "checkpoint", "code_identity", "driver", "result", "run_files", "simulation"}
 PHYSICS = {"basics", "soft", "rigid", "kinematics"}
 JOINING = PHYSICS | {"coupling", "actuation"}
 MAY_IMPORT = {

@@ -56,7 +56,9 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--version", action="version", version=f"cosim {__version__}")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
     run = commands.add_parser("run", help="run a scenario")
-    run.add_argument("scenario", metavar="SCENARIO", help="name (see 'cosim list') or path of a .toml file")
+    run.add_argument(
+        "scenario", metavar="SCENARIO", nargs="?", help="name (see 'cosim list') or path of a .toml file"
+    )
     run.add_argument(
         "--set",
         dest="assignments",
@@ -66,6 +68,14 @@ def _parser() -> argparse.ArgumentParser:
         help="change a value, such as mode=quasistatic or phase.inflate.pressure_Pa=20e3; may be repeated",
     )
     run.add_argument("--out", metavar="DIR", type=Path, help="directory of the results (default: runs/...)")
+    run.add_argument("--resume", metavar="DIR", type=Path, help="go on with the interrupted run in DIR")
+    run.add_argument(
+        "--checkpoint-every",
+        metavar="SECONDS",
+        type=float,
+        default=30.0,
+        help="wall time between two checkpoints that a run can be resumed from (default: 30)",
+    )
     run.add_argument("--no-recording", action="store_true", help="write no recording.rrd")
     run.add_argument("--quiet", action="store_true", help="show errors only")
     commands.add_parser("list", help="list the scenarios and the questions they answer")
@@ -111,16 +121,24 @@ def _add_trade(commands: Any) -> None:
 
 
 def _run(options: argparse.Namespace, started: float) -> int:
-    from cosim.cli.running import run_command  # here, so that --help and list need no engine
+    from cosim.cli.running import RunOptions, resume_command, run_command  # --help and list need no engine
 
-    return run_command(
-        options.scenario,
-        options.assignments,
-        options.out,
-        recording=not options.no_recording,
-        quiet=options.quiet,
-        started=started,
-    )
+    every_s = options.checkpoint_every
+    if not every_s > 0.0:
+        raise InputError(
+            f"--checkpoint-every {every_s}: must be above 0; inf writes none but at an early end"
+        )
+    how = RunOptions(not options.no_recording, options.quiet, every_s, started)
+    if options.resume is None:
+        if options.scenario is None:
+            raise InputError("run: no SCENARIO given; see 'cosim list', or go on with a run: --resume DIR")
+        return run_command(options.scenario, options.assignments, options.out, how)
+    if options.scenario is not None or options.assignments or options.out is not None:
+        raise InputError(
+            f"--resume {options.resume}: goes on with the scenario of that directory, there; "
+            "give no SCENARIO, no --set and no --out"
+        )
+    return resume_command(options.resume, how)
 
 
 def _verify(options: argparse.Namespace) -> int:
@@ -164,7 +182,10 @@ def _list() -> int:
 
 
 def _view(directory: Path) -> int:
-    recording = directory / "recording.rrd" if directory.is_dir() else directory
-    if not recording.is_file():
-        raise InputError(f"no recording at {recording}; make one: cosim run SCENARIO --out {directory}")
-    return subprocess.call([sys.executable, "-m", "rerun", str(recording)])
+    from cosim.run_files import RECORDING, recordings
+
+    found = recordings(directory) if directory.is_dir() else [directory]
+    if not found or not found[0].is_file():
+        missing = directory / RECORDING if directory.is_dir() else directory
+        raise InputError(f"no recording at {missing}; make one: cosim run SCENARIO --out {directory}")
+    return subprocess.call([sys.executable, "-m", "rerun", *map(str, found)])

@@ -24,6 +24,7 @@ class Progress:
         self._terminal = stream.isatty()
         self._stage: Stage | None = None
         self._last: Snapshot | None = None
+        self._first: Snapshot | None = None
         self._started = self._drawn = 0.0
 
     def open(self, stage: Stage) -> None:
@@ -36,7 +37,7 @@ class Progress:
         now = time.perf_counter()
         if not self._terminal and self._last is not None and snapshot.phase != self._last.phase:
             self._write(self._last, now, "\n")
-        self._last = snapshot
+        self._first, self._last = self._first or snapshot, snapshot
         if self._terminal and now - self._drawn >= _REDRAW_S:
             self._drawn = now
             self._write(snapshot, now, "")
@@ -47,22 +48,21 @@ class Progress:
             self._write(self._last, time.perf_counter(), "\n")
 
     def _write(self, snapshot: Snapshot, now: float, end: str) -> None:
-        if self._stage is None:
+        if self._stage is None or self._first is None:
             return
-        line = progress_line(self._stage, snapshot, now - self._started)
+        line = progress_line(self._stage, snapshot, now - self._started, self._first)
         start = "\r\x1b[K" if self._terminal else ""
         self._stream.write(start + line + end)
         self._stream.flush()
 
 
-def progress_line(stage: Stage, snapshot: Snapshot, wall_s: float) -> str:
-    """Return the text of the progress line after `wall_s` seconds of the loop."""
+def progress_line(stage: Stage, snapshot: Snapshot, wall_s: float, first: Snapshot) -> str:
+    """Return the text of the progress line after `wall_s` seconds of the loop that began with `first`."""
     share = snapshot.tick / stage.ticks if stage.ticks else 1.0
     filled = min(_BAR, int(_BAR * share))
-    factor = snapshot.time_s / wall_s if wall_s > 0.0 else 0.0
-    left = (
-        f"{clock(wall_s * (1.0 - share) / share)} left" if 0.0 < share < 1.0 else "done" if share else "..."
-    )
+    factor = (snapshot.time_s - first.time_s) / wall_s if wall_s > 0.0 else 0.0
+    done, to_do = snapshot.tick - first.tick, stage.ticks - snapshot.tick
+    left = "..." if not done else f"{clock(wall_s * to_do / done)} left" if to_do else "done"
     bar = "#" * filled + "." * (_BAR - filled)
     return (
         f"[{bar}] {100 * share:3.0f} %  {stage.phase_names[snapshot.phase]:<12} "

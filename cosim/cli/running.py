@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import ModuleType
-from typing import Any
+from typing import Any, final
 
+from cosim.checkpoint import check_resumable
 from cosim.cli.interruption import Interruption
 from cosim.cli.progress import Progress
 from cosim.driver import (
@@ -19,30 +21,38 @@ from cosim.driver import (
     rerun_recorder,
     with_fidelity_chosen,
 )
-from cosim.run_files import RECORDING, SUMMARY, check_directory, default_directory
+from cosim.run_files import SCENARIO, SUMMARY, check_directory, default_directory, recordings
 from cosim.scenario.loading import load_scenario
 from cosim.scenario.overrides import parse_assignment
 from cosim.scenario.schema import NO_ARM, Scenario
 
 
-def run_command(
-    scenario_name: str,
-    assignments: Sequence[str],
-    out: Path | None,
-    *,
-    recording: bool,
-    quiet: bool,
-    started: float,
-) -> int:
+@final
+@dataclass(frozen=True)
+class RunOptions:
+    """How a run is done.
+
+    Args:
+        recording: whether to write one.
+        quiet: show errors only.
+        checkpoint_every_s: wall time between two checkpoints.
+        started: `time.perf_counter()` at the start of the command.
+    """
+
+    recording: bool
+    quiet: bool
+    checkpoint_every_s: float
+    started: float
+
+
+def run_command(scenario_name: str, assignments: Sequence[str], out: Path | None, how: RunOptions) -> int:
     """Run a scenario and return the exit code.
 
     Args:
         scenario_name: name or path.
         assignments: texts of the form key=value.
         out: directory of the results; None: under runs/.
-        recording: whether to write one.
-        quiet: show errors only.
-        started: `time.perf_counter()` at the start of the command.
+        how: see there.
 
     Raises:
         InputError: the scenario or directory is wrong; nothing was written.
@@ -51,18 +61,44 @@ def run_command(
     scenario = load_scenario(scenario_name, dict(map(parse_assignment, assignments)))
     directory = out if out is not None else default_directory(scenario.name)
     check_directory(directory)
-    if not quiet:
+    if not how.quiet:
         print(scenario.title, file=sys.stderr)
+    return _execute(scenario, directory, how, resume=False)
+
+
+def resume_command(directory: Path, how: RunOptions) -> int:
+    """Go on with an interrupted run and return the exit code; it is recorded if it was before.
+
+    Args:
+        directory: of the run.
+        how: see there.
+
+    Raises:
+        InputError: the run cannot go on; nothing was written.
+        SolverError: the physics could not be solved; the files say how far it came.
+    """
+    tick = check_resumable(directory)
+    scenario = load_scenario(directory / SCENARIO)
+    if not how.quiet:
+        print(f"{scenario.title}: goes on after tick {tick}", file=sys.stderr)
+    recording = how.recording and bool(recordings(directory))
+    return _execute(scenario, directory, replace(how, recording=recording), resume=True)
+
+
+def _execute(scenario: Scenario, directory: Path, how: RunOptions, *, resume: bool) -> int:
     from cosim.soft.compilation import compile_kernels  # here, so that wrong input needs no engine
 
-    compile_kernels(_ignore if quiet else _tell, _further_kernels(scenario))
-    scenario = with_fidelity_chosen(scenario, _ignore if quiet else _tell)
+    tell = _ignore if how.quiet else _tell
+    compile_kernels(tell, _further_kernels(scenario))
+    scenario = with_fidelity_chosen(scenario, tell)
     with Interruption() as interruption:
-        watchers: list[Watcher] = [interruption] if quiet else [interruption, Progress(sys.stderr)]
-        make_recorder = rerun_recorder if recording else None
-        options = Options(directory, make_recorder, watchers, interruption.reason)
-        outcome = execute(scenario, build_simulation, options, started)
-    return _report(outcome, directory, interruption, quiet=quiet)
+        watchers: list[Watcher] = [interruption] if how.quiet else [interruption, Progress(sys.stderr)]
+        make_recorder = rerun_recorder if how.recording else None
+        options = Options(
+            directory, make_recorder, watchers, interruption.reason, how.checkpoint_every_s, resume
+        )
+        outcome = execute(scenario, build_simulation, options, how.started)
+    return _report(outcome, directory, interruption, quiet=how.quiet)
 
 
 def _further_kernels(scenario: Scenario) -> tuple[ModuleType, ...]:
@@ -91,7 +127,11 @@ def _report(outcome: Outcome, directory: Path, interruption: Interruption, *, qu
     if not quiet:
         print(_closing_lines(outcome.summary, directory), file=sys.stderr)
     if outcome.summary["status"] == "interrupted":
-        print(f"cosim: interrupted; what was simulated is in {directory}", file=sys.stderr)
+        print(
+            f"cosim: interrupted; what was simulated is in {directory}; "
+            f"go on: cosim run --resume {directory}",
+            file=sys.stderr,
+        )
         return interruption.exit_code
     if outcome.error is not None:
         print(f"cosim: what was simulated is in {directory}", file=sys.stderr)
@@ -106,6 +146,7 @@ def _closing_lines(summary: dict[str, Any], directory: Path) -> str:
         f"(x{factor:.2f} real time), {summary['newton_iterations']} Newton iterations",
         f"figures:   {directory / SUMMARY}",
     ]
-    if (directory / RECORDING).exists():
-        lines.append(f"recording: {directory / RECORDING}   open it: cosim view {directory}")
+    written = recordings(directory)
+    if written:
+        lines.append(f"recording: {written[-1]}   open it: cosim view {directory}")
     return "\n".join(lines)

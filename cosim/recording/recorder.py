@@ -3,9 +3,24 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from dataclasses import dataclass
 from typing import final
 
 from cosim.scenario.snapshot import Snapshot, Stage
+
+
+@final
+@dataclass(frozen=True)
+class Part:
+    """Which part of a run a recording holds; the parts of one run open as one recording.
+
+    Args:
+        run_id: of the run.
+        before: first snapshot of the run and the one that this part goes on from; None in the first part.
+    """
+
+    run_id: str
+    before: tuple[Snapshot, Snapshot] | None = None
 
 
 class Recorder(ABC):
@@ -28,6 +43,10 @@ class Recorder(ABC):
         """
 
     @abstractmethod
+    def flush(self) -> None:
+        """Bring what was recorded so far to the disk."""
+
+    @abstractmethod
     def close(self, summary_markdown: str, status: str) -> None:
         """Finish the recording so that it can be read, however the run ended.
 
@@ -45,6 +64,9 @@ class NullRecorder(Recorder):
         """Do nothing."""
 
     def record(self, snapshot: Snapshot) -> None:
+        """Do nothing."""
+
+    def flush(self) -> None:
         """Do nothing."""
 
     def close(self, summary_markdown: str, status: str) -> None:

@@ -14,7 +14,7 @@ from cosim.recording.camera import close_eye, scene_eye
 from cosim.recording.colours import series_colours
 from cosim.recording.column_buffer import PlotBuffer, time_columns
 from cosim.recording.plots import plots_of
-from cosim.recording.recorder import Recorder
+from cosim.recording.recorder import Part, Recorder
 from cosim.recording.scene import Scene
 from cosim.recording.stress_legend import log_stress_legend
 from cosim.scenario.snapshot import Snapshot, Stage
@@ -39,7 +39,7 @@ class RerunRecorder(Recorder):
         frames_per_s: frames of the scene per simulated second.
         stress_range_Pa: stress of the first and last colour of the film; fixed, so that colours can
             be compared over the whole run.
-        recording_id: joins recordings of one run; None makes a new one.
+        part: of the run, so that its recordings open as one; None for a recording that stands alone.
 
     Raises:
         InputError: the frame rate or the stress range is impossible.
@@ -51,7 +51,7 @@ class RerunRecorder(Recorder):
         *,
         frames_per_s: float = FRAMES_PER_S,
         stress_range_Pa: tuple[float, float] = STRESS_RANGE_PA,
-        recording_id: str | None = None,
+        part: Part | None = None,
     ) -> None:
         if not 0.0 < frames_per_s < np.inf:
             raise InputError(f"frames_per_s is {frames_per_s}; it must be above 0")
@@ -60,15 +60,18 @@ class RerunRecorder(Recorder):
         self._path = path
         self._frame_ns = _SECOND_NS / frames_per_s
         self._stress_range_Pa = stress_range_Pa
-        self._recording_id = recording_id
+        self._part = part
         self._run: _Run | None = None
 
     def open(self, stage: Stage) -> None:
         """Make the file; see `Recorder.open`."""
         self._path.parent.mkdir(parents=True, exist_ok=True)
-        stream = rr.RecordingStream(APPLICATION_ID, recording_id=self._recording_id)
+        part = self._part
+        stream = rr.RecordingStream(APPLICATION_ID, recording_id=None if part is None else part.run_id)
         stream.save(self._path)
         self._run = _Run(stream, stage, self._frame_ns, self._stress_range_Pa)
+        if part is not None and part.before is not None:
+            self._run.go_on(*part.before)
 
     def record(self, snapshot: Snapshot) -> None:
         """Take in one snapshot; see `Recorder.record`.
@@ -79,6 +82,11 @@ class RerunRecorder(Recorder):
         if self._run is None:
             raise RuntimeError("the recorder is not open: call open(stage) before record(snapshot)")
         self._run.record(snapshot)
+
+    def flush(self) -> None:
+        """Write what was gathered so far; does nothing if it is not open. See `Recorder.flush`."""
+        if self._run is not None:
+            self._run.flush()
 
     def close(self, summary_markdown: str, status: str) -> None:
         """Write what is left and end the file; does nothing if it is not open. See `Recorder.close`."""
@@ -114,7 +122,7 @@ class _Run:
         self._log_static()
 
     def record(self, snapshot: Snapshot) -> None:
-        curves = self._curves or self._begin(snapshot)
+        curves = self._curves or self.begin(snapshot)
         if snapshot.phase != self._phase:
             self._begin_phase(snapshot)
         curves.append(snapshot)
@@ -127,12 +135,12 @@ class _Run:
             self._frames.append(snapshot)
         if time_ns // _SECOND_NS != self._flushed_s:
             self._flushed_s = time_ns // _SECOND_NS
-            self._flush()
+            self.flush()
 
     def close(self, summary_markdown: str, status: str) -> None:
         if self._last is not None and self._last.tick != self._drawn_tick:
             self._frames.append(self._last)
-        self._flush()
+        self.flush()
         text = f"{summary_markdown}\n\n{self._stage.report}"
         self._log_summary(text)
         self._stream.send_property("outcome", rr.AnyValues(status=status))
@@ -156,7 +164,7 @@ class _Run:
     def _log_summary(self, text: str) -> None:
         self._stream.log(_SUMMARY, rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN), static=True)
 
-    def _begin(self, first: Snapshot) -> PlotBuffer:
+    def begin(self, first: Snapshot) -> PlotBuffer:
         """Lay out the views and draw what stands still: both need the first shape."""
         stage = self._stage
         plots = plots_of(stage, len(first.joint_position))
@@ -165,13 +173,20 @@ class _Run:
         self._curves = PlotBuffer(self._stream, plots, self._tick_ns)
         return self._curves
 
+    def go_on(self, first: Snapshot, last: Snapshot) -> None:
+        """Lay out the views as for the first snapshot of the run, and go on from the last one recorded."""
+        self.begin(first)
+        assert self._scene is not None, "begin() has just made it"
+        self._scene.go_on(last)
+        self._frame = int(last.tick * self._tick_ns / self._frame_ns)
+
     def _begin_phase(self, snapshot: Snapshot) -> None:
         self._phase = snapshot.phase
         name = self._stage.phase_names[snapshot.phase]
         times = time_columns([snapshot.tick], self._tick_ns)
         self._stream.send_columns(_PHASE, times, rr.StateChange.columns(state=[name]))
 
-    def _flush(self) -> None:
+    def flush(self) -> None:
         if self._curves is not None:
             self._curves.flush()
         if self._scene is not None and self._frames:

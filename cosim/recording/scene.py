@@ -55,6 +55,10 @@ class Scene:
         self._tip = TipMarks(stream, first.tip_position)
         self._log_static()
 
+    def go_on(self, last: Snapshot) -> None:
+        """Let the path of the tip go on from where it was."""
+        self._tip = TipMarks(self._stream, last.tip_position)
+
     def send(self, frames: Sequence[Snapshot], times: Sequence[rr.TimeColumn]) -> None:
         """Write frames.
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from copy import copy
+from dataclasses import dataclass
 from typing import Any, Literal, final
 
 import numpy as np
@@ -13,6 +15,27 @@ from cosim.scenario.snapshot import Snapshot, Stage
 SUMMARY_SCHEMA = 1
 Status = Literal["completed", "interrupted", "failed"]
 
+_GIVEN = {"_stage", "_startup_s", "_version", "_resumed_at_ticks", "_last"}  # the rest is gathered
+
+
+@final
+@dataclass(frozen=True)
+class SummaryState:
+    """The figures of a run so far.
+
+    Args:
+        last: snapshot seen.
+        gathered: from all snapshots up to it, by name.
+    """
+
+    last: Snapshot
+    gathered: dict[str, Any]
+
+    @property
+    def tick(self) -> int:
+        """Tick up to which they count."""
+        return self.last.tick
+
 
 @final
 class SummaryBuilder:
@@ -20,14 +43,18 @@ class SummaryBuilder:
 
     Args:
         stage: of the run.
-        startup_s: wall time from the start of the command to the first snapshot.
+        startup_s: wall time from the start of the command to the first snapshot; of all parts of the run.
         version: of cosim.
+        resumed_at_ticks: after which the run went on.
     """
 
-    def __init__(self, stage: Stage, startup_s: float, version: str) -> None:
+    def __init__(
+        self, stage: Stage, startup_s: float, version: str, resumed_at_ticks: tuple[int, ...] = ()
+    ) -> None:
         self._stage = stage
         self._startup_s = startup_s
         self._version = version
+        self._resumed_at_ticks = resumed_at_ticks
         self._phases: list[dict[str, Any]] = []
         self._last: Snapshot | None = None
         self._newton_iterations = 0
@@ -59,13 +86,24 @@ class SummaryBuilder:
         if self._devices is not None:
             self._devices.observe(snapshot)
 
+    def save_state(self) -> SummaryState:
+        """Return the figures so far; there is a snapshot."""
+        assert self._last is not None, "observe() comes before save_state()"
+        gathered = {name: copy(value) for name, value in vars(self).items() if name not in _GIVEN}
+        return SummaryState(self._last, gathered)
+
+    def restore_state(self, state: SummaryState) -> None:
+        """Go on from figures of `save_state`."""
+        self._last = state.last
+        vars(self).update({name: copy(value) for name, value in state.gathered.items()})
+
     def finish(self, status: Status, reason: str | None, wall_s: float) -> dict[str, Any]:
         """Return the summary, ready for JSON (numbers that are not finite become None).
 
         Args:
             status: how the run ended.
             reason: why it was interrupted or failed, else None.
-            wall_s: wall time from the first snapshot to the end.
+            wall_s: wall time from the first snapshot to the end, of all parts of the run.
         """
         if self._last is not None:
             self._close_phase(complete=status == "completed")
@@ -86,6 +124,7 @@ class SummaryBuilder:
             "real_time_factor": simulated_s / wall_s if wall_s > 0.0 else None,
             "ticks": last.tick if last is not None else 0,
             "planned_ticks": stage.ticks,
+            "resumed_at_ticks": self._resumed_at_ticks,
             "newton_iterations": self._newton_iterations,
             "max_equilibrium_residual_N": self._max_residual_N,
             "max_interface_power_error_W": self._max_power_error_W,

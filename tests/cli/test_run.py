@@ -37,6 +37,9 @@ class NotingRecorder(Recorder):
     def record(self, snapshot: Snapshot) -> None:
         self.ticks.append(snapshot.tick)
 
+    def flush(self) -> None:
+        self.path.write_text(f"flushed {len(self.ticks)}", encoding="utf-8")
+
     def close(self, summary_markdown: str, status: str) -> None:
         self.path.write_text(f"{status} {len(self.ticks)}\n{summary_markdown}", encoding="utf-8")
 
@@ -51,7 +54,7 @@ def run(
         *arguments: str, at_tick: Callable[[int], None] = lambda tick: None, out: Path = tmp_path / "out"
     ) -> tuple[int, Path]:
         monkeypatch.setattr(running, "build_simulation", made_up_build(at_tick))
-        monkeypatch.setattr(running, "rerun_recorder", lambda path, settings: NotingRecorder(path))
+        monkeypatch.setattr(running, "rerun_recorder", lambda path, settings, part: NotingRecorder(path))
         return main(["run", REFERENCE, "--out", str(out), *arguments]), out
 
     return command

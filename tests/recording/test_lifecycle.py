@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from cosim.errors import InputError
-from cosim.recording.recorder import NullRecorder
+from cosim.recording.recorder import NullRecorder, Part
 from cosim.recording.rerun_recorder import RerunRecorder
 from cosim.scenario.snapshot import Snapshot, Stage
 
@@ -84,7 +84,7 @@ def test_run_without_a_tick_leaves_a_readable_file(rrd: Path, make_stage: MakeSt
 def test_equal_ids_join_recordings(rrd: Path, make_stage: MakeStage) -> None:
     ids = []
     for name in ("a", "b"):
-        recorder = RerunRecorder(rrd.with_name(name), recording_id="run-7")
+        recorder = RerunRecorder(rrd.with_name(name), part=Part("run-7"))
         recorder.open(make_stage())
         recorder.close("", "completed")
         ids.append(rrd.with_name(name).read_bytes().count(b"run-7"))
@@ -120,3 +120,25 @@ def test_null_recorder_writes_nothing(
     recorder.record(make_snapshot(make_stage(), 0))
     recorder.close("", "completed")
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_later_part_is_laid_out_as_the_first(
+    rrd: Path, make_stage: MakeStage, make_snapshot: MakeSnapshot, read: Read
+) -> None:
+    stage = make_stage()
+    first, last = make_snapshot(stage, 0), make_snapshot(stage, 400)
+    paths = [rrd.with_name(name) for name in ("whole.rrd", "later.rrd")]
+    for path, part, begin in ((paths[0], None, 0), (paths[1], Part("run-7", (first, last)), 401)):
+        recorder = RerunRecorder(path, part=part)
+        recorder.open(stage)
+        for tick in range(begin, 421):
+            recorder.record(make_snapshot(stage, tick))
+        recorder.close("", "completed")
+    whole, later = (read(path) for path in paths)
+    seams, tip = "/world/soft/seams", "/world/soft/tip_path"
+    assert whole.entities == later.entities
+    for entity in (seams, tip):
+        drawn = later.by_time(entity, "LineStrips3D:strips")
+        expected = whole.by_time(entity, "LineStrips3D:strips")
+        assert len(drawn) > 1
+        assert drawn == {time: expected[time] for time in drawn}

@@ -106,6 +106,7 @@ RUNS: dict[str, tuple[str, dict[str, Any]]] = {
     "quasistatic, leaking gas": ("three_unit_inflation", {"phase": [INFLATE, LEAK, PUSH]}),
     "quasistatic, on an arm": ("ur5e_hexagon_arm", {"mode": "quasistatic", "phase": TURN}),
     "dynamic, on an arm": ("ur5e_hexagon_arm", {"clock.tick_s": 0.01, "phase": TURN}),
+    "rigid, on an arm": ("ur5e_hexagon_arm", {"clock.tick_s": 0.01, "phase": TURN[1:], "fidelity": "rigid"}),
 }
 
 

@@ -1,0 +1,254 @@
+"""Checkpoints: what a run needs to go on is written now and then, and when it ends early."""
+
+from __future__ import annotations
+
+import json
+import time
+import warnings
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from hashlib import sha256
+from pathlib import Path
+from typing import Any, Protocol, final
+
+from cosim.code_identity import code_identity
+from cosim.errors import InputError
+from cosim.run_files import CHECKPOINT, SCENARIO, SUMMARY
+from cosim.scenario.snapshot import Snapshot
+from cosim.scenario.summary import Status, SummaryBuilder, SummaryState
+from cosim.state_archive import read_archive, read_header, write_archive
+
+_KEEP_TICKS = 20  # one for every tick would cost some percent: each makes the next factorisation a copy
+_KEEP_S = 1.0
+
+
+@final
+@dataclass(frozen=True)
+class Checkpoint:
+    """A run between two ticks.
+
+    Args:
+        run: state of the simulation.
+        summary: figures so far; holds the last snapshot.
+        first: snapshot of the run; recordings take their layout from it.
+        run_id: joins the recordings of the run.
+        startup_s: wall time of all starts so far.
+        wall_s: wall time of all loops over the ticks so far.
+        resumed_at_ticks: where the run went on before.
+    """
+
+    run: Any
+    summary: SummaryState
+    first: Snapshot
+    run_id: str
+    startup_s: float
+    wall_s: float
+    resumed_at_ticks: tuple[int, ...]
+
+
+@final
+@dataclass(frozen=True)
+class Origin:
+    """Where a loop over the ticks starts.
+
+    Args:
+        run_id: joins the recordings of a run.
+        startup_s: wall time of all starts, this one included.
+        wall_s: wall time of all loops before.
+        resumed_at_ticks: ticks after which the run went on, this time included.
+        checkpoint: that it goes on from.
+    """
+
+    run_id: str
+    startup_s: float
+    wall_s: float = 0.0
+    resumed_at_ticks: tuple[int, ...] = ()
+    checkpoint: Checkpoint | None = None
+
+    @classmethod
+    def of(cls, run_id: str, startup_s: float, checkpoint: Checkpoint | None) -> Origin:
+        """Return the start of a new run of that name, or of the part that goes on from a checkpoint."""
+        if checkpoint is None:
+            return cls(run_id, startup_s)
+        return cls(
+            checkpoint.run_id,
+            checkpoint.startup_s + startup_s,
+            checkpoint.wall_s,
+            (*checkpoint.resumed_at_ticks, checkpoint.summary.tick),
+            checkpoint,
+        )
+
+    @property
+    def before(self) -> tuple[Snapshot, Snapshot] | None:
+        """First snapshot of the run, and the one that the loop goes on from; None for a new run."""
+        return self.checkpoint and (self.checkpoint.first, self.checkpoint.summary.last)
+
+
+class Saves(Protocol):
+    """A simulation, as far as checkpoints need it."""
+
+    def steps(self) -> Iterator[Snapshot]:
+        """Yield the states to come."""
+
+    def save_state(self) -> Any:
+        """Return what the ticks to come depend on."""
+
+    def restore_state(self, state: Any) -> None:
+        """Return to a state of `save_state`."""
+
+
+@final
+class CheckpointKeeper:
+    """Keeps a state in memory every few ticks, and writes one now and then and when the run ends early.
+
+    Args:
+        simulation: whose state.
+        summary: whose figures; it sees every snapshot first.
+        origin: of the loop.
+        directory: of the run.
+        every_s: wall time between two checkpoints; infinite for one at an early end only.
+        before_writing: brings other files up to the tick of the checkpoint.
+    """
+
+    def __init__(
+        self,
+        simulation: Saves,
+        summary: SummaryBuilder,
+        origin: Origin,
+        directory: Path,
+        every_s: float,
+        before_writing: Callable[[], None],
+    ) -> None:
+        self._simulation, self._summary, self._origin = simulation, summary, origin
+        self._directory, self._every_s, self._before_writing = directory, every_s, before_writing
+        before = origin.checkpoint
+        self._first = before and before.first
+        self._kept: tuple[Any, SummaryState] | None = before and (before.run, before.summary)
+        self._age_ticks = 0
+        self._began = self._written = self._renewed = time.perf_counter()
+
+    def observe(self, snapshot: Snapshot) -> None:
+        """Take in one snapshot; the summary has seen it already."""
+        self._first = self._first or snapshot
+        self._age_ticks += 1
+        old = self._age_ticks >= _KEEP_TICKS or time.perf_counter() - self._renewed >= _KEEP_S
+        if old or self._kept is None:
+            self._keep()
+
+    def write_when_due(self, _snapshot: Snapshot) -> None:
+        """Write a checkpoint if the last one is old; everything else has seen the tick already."""
+        if time.perf_counter() - self._written >= self._every_s:
+            self._before_writing()
+            self._keep()
+            self._write()
+            self._written = time.perf_counter()
+
+    def end(self, status: Status, error: BaseException | None) -> None:
+        """Write the state before what ended the run early; remove the checkpoint of a completed run.
+
+        Args:
+            status: how the run ended.
+            error: what was raised, in the middle of a tick.
+        """
+        if status == "completed":
+            (self._directory / CHECKPOINT).unlink(missing_ok=True)
+            return
+        if error is None:
+            self._keep()
+        elif isinstance(error, Exception):
+            self._catch_up()
+        # whoever interrupts in the middle of a tick does not want to wait: the state in memory will do
+        self._write()
+
+    def _keep(self) -> None:
+        self._kept = self._simulation.save_state(), self._summary.save_state()
+        self._age_ticks, self._renewed = 0, time.perf_counter()
+
+    def _catch_up(self) -> None:
+        """Solve again what was solved since the state in memory, bit for bit, up to the failure."""
+        if self._kept is None:
+            return
+        run, figures = self._kept
+        wanted = self._summary.save_state().tick
+        try:
+            self._simulation.restore_state(run)
+            if figures.tick < wanted:
+                next(snapshot for snapshot in self._simulation.steps() if snapshot.tick == wanted)
+        except Exception:  # whatever it is, the older state is better than none
+            return
+        self._keep()
+
+    def _write(self) -> None:
+        """Write the state that is kept; nothing before the first snapshot."""
+        if self._kept is None or self._first is None:
+            return
+        run, summary = self._kept
+        origin = self._origin
+        wall_s = origin.wall_s + time.perf_counter() - self._began
+        state = Checkpoint(
+            run, summary, self._first, origin.run_id, origin.startup_s, wall_s, origin.resumed_at_ticks
+        )
+        header = {
+            "tick": summary.tick,
+            "scenario_sha256": _digest(self._directory),
+            "written_by": code_identity(),
+        }
+        try:
+            write_archive(self._directory / CHECKPOINT, header, state)
+        except (OSError, TypeError) as error:  # a full disk, or a controller's state of an unknown kind
+            # the run itself is sound, and its other files are still to be written
+            warnings.warn(f"no checkpoint could be written: {error}", RuntimeWarning, stacklevel=2)
+
+
+def check_resumable(directory: Path) -> int:
+    """Return the tick after which the run in a directory can go on.
+
+    Raises:
+        InputError: there is no run, it is complete, it left no checkpoint, another program wrote that, or
+            the scenario has been changed since.
+    """
+    scenario, path, where = directory / SCENARIO, directory / CHECKPOINT, f"--resume {directory}:"
+    if not scenario.is_file():
+        raise InputError(f"{where} holds no run, for want of a {SCENARIO}; start one: cosim run SCENARIO")
+    if not path.is_file():
+        if _status(directory) == "completed":
+            raise InputError(f"{where} this run is completed; nothing is left to do")
+        raise InputError(f"{where} the run left no {CHECKPOINT}; run it anew: cosim run {scenario}")
+    header = read_header(path)
+    if header.get("scenario_sha256") != _digest(directory):
+        raise InputError(
+            f"{where} {SCENARIO} has been changed since the checkpoint; run it anew, or branch from Python: "
+            f"cosim.Simulation({str(scenario)!r}, start={str(path)!r})"
+        )
+    before, here = header.get("written_by", {}), code_identity()
+    other = [f"{key} {before.get(key)} (now {here[key]})" for key in here if here[key] != before.get(key)]
+    if other:
+        raise InputError(
+            f"{where} the checkpoint was written with {', '.join(other)}; the run would not go on bit for "
+            f"bit; run it anew: cosim run {scenario}"
+        )
+    return int(header["tick"])
+
+
+def read_checkpoint(directory: Path) -> Checkpoint:
+    """Return the checkpoint of a run whose simulation has been built, so that its classes are known.
+
+    Raises:
+        InputError: it cannot be read.
+    """
+    found = read_archive(directory / CHECKPOINT)
+    if not isinstance(found, Checkpoint):
+        raise InputError(f"{directory / CHECKPOINT}: holds no checkpoint but a {type(found).__name__}")
+    return found
+
+
+def _digest(directory: Path) -> str:
+    return sha256((directory / SCENARIO).read_bytes()).hexdigest()
+
+
+def _status(directory: Path) -> str | None:
+    try:
+        status: str | None = json.loads((directory / SUMMARY).read_text(encoding="utf-8")).get("status")
+    except (OSError, ValueError):
+        return None
+    return status

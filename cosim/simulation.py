@@ -1,0 +1,138 @@
+"""A scenario stepped by hand: saved, restored and branched between two ticks."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from itertools import islice
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, final
+
+from cosim.checkpoint import Checkpoint
+from cosim.driver import build_simulation, with_fidelity_chosen
+from cosim.errors import InputError, SolverError
+from cosim.scenario.loading import load_scenario
+from cosim.scenario.schema import Scenario
+from cosim.scenario.snapshot import Snapshot, Stage
+from cosim.state_archive import read_archive, write_archive
+
+if TYPE_CHECKING:
+    from cosim.actuation.controller import AnyController
+
+
+@final
+@dataclass(frozen=True)
+class SavedState:
+    """A simulation between two ticks; made by `Simulation.save`.
+
+    Args:
+        run: what the ticks to come depend on.
+        snapshot: what it shows of itself.
+    """
+
+    run: Any
+    snapshot: Snapshot
+
+    def write(self, path: str | Path) -> None:
+        """Write the state to a file, from which `Simulation(..., start=path)` goes on."""
+        write_archive(Path(path), {"tick": self.snapshot.tick}, self)
+
+
+@final
+class Simulation:
+    """A scenario that is stepped by hand.
+
+    Args:
+        scenario: name of a scenario that comes with cosim, path of a .toml file, or a scenario.
+        overrides: values by key path, such as {"phase.lift.cable_tension_N": [...]}.
+        start: what to go on from instead of the state at rest: a saved state, a file of one, or the
+            checkpoint.npz of a run. The scenario may differ from the one that was saved, as long as bodies,
+            joints and nodes are as many; what differs acts from the next tick on.
+        controllers: the scenario's controllers of kind "python", by name.
+
+    Raises:
+        InputError: the scenario is wrong, asks for what cannot be reached, or `start` does not fit.
+        SolverError: there is no state at rest to start from.
+    """
+
+    def __init__(
+        self,
+        scenario: str | Path | Scenario,
+        *,
+        overrides: Mapping[str, Any] | None = None,
+        start: SavedState | str | Path | None = None,
+        controllers: Mapping[str, AnyController] | None = None,
+    ) -> None:
+        self.scenario = with_fidelity_chosen(load_scenario(scenario, overrides), lambda _text: None)
+        self._controllers = controllers
+        self._run = build_simulation(self.scenario, controllers)
+        if start is None:
+            self._snapshot = next(self._run.steps())
+        else:
+            self.restore(start)
+
+    @property
+    def stage(self) -> Stage:
+        """Everything that does not change during the run."""
+        return self._run.stage
+
+    @property
+    def snapshot(self) -> Snapshot:
+        """The present state, as it shows itself."""
+        return self._snapshot
+
+    @property
+    def ticks_left(self) -> int:
+        """Ticks to the end of the scenario."""
+        return self.stage.ticks - self._snapshot.tick
+
+    def step(self, ticks: int = 1) -> Snapshot:
+        """Advance by some ticks and return what is there then.
+
+        Raises:
+            InputError: the scenario ends before.
+            SolverError: the physics could not be solved; the simulation is where it was before that tick.
+        """
+        if not 0 <= ticks <= self.ticks_left:
+            raise InputError(f"{ticks} ticks were asked for; the scenario has {self.ticks_left} left")
+        before, done = self._run.save_state(), 0
+        try:
+            for snapshot in islice(self._run.steps(), ticks):
+                self._snapshot, done = snapshot, done + 1
+        except SolverError:
+            # the ticks that were solved are solved again: cheaper than to keep a state before every one
+            self._run.restore_state(before)
+            for _ in islice(self._run.steps(), done):
+                pass
+            raise
+        return self._snapshot
+
+    def save(self) -> SavedState:
+        """Return the present state; it costs little, and saving has no effect on the ticks to come."""
+        return SavedState(self._run.save_state(), self._snapshot)
+
+    def restore(self, saved: SavedState | str | Path) -> None:
+        """Go to a saved state, that of a file, or a run's checkpoint.npz.
+
+        Raises:
+            InputError: the file cannot be read, or the state does not fit this scenario.
+        """
+        found = read_archive(Path(saved)) if isinstance(saved, str | Path) else saved
+        if isinstance(found, Checkpoint):
+            found = SavedState(found.run, found.summary.last)
+        if not isinstance(found, SavedState):
+            raise InputError(f"{saved}: holds no simulation but a {type(found).__name__}")
+        self._run.restore_state(found.run)
+        self._snapshot = found.snapshot
+
+    def branch(self, overrides: Mapping[str, Any] | None = None) -> Simulation:
+        """Return a second simulation at the same point, with a scenario that may differ; see `start`.
+
+        Args:
+            overrides: values by key path.
+
+        Raises:
+            InputError: the changed scenario is wrong, or the present state does not fit it.
+        """
+        controllers = self._controllers
+        return Simulation(self.scenario, overrides=overrides, start=self.save(), controllers=controllers)

@@ -1,0 +1,96 @@
+"""`cosim.Simulation`: stepped by hand, saved, restored, branched."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import cosim
+from cosim.coupling.soft_arm import SoftArm
+from cosim.errors import ConvergenceError, InputError
+from cosim.frames import Pose
+from cosim.state_archive import write_archive
+
+SHORT: dict[str, Any] = {
+    "phase": [{"name": "inflate", "duration_s": 0.2, "increments": 8, "pressure_Pa": 5e3}],
+}
+
+
+def simulation(**options: Any) -> cosim.Simulation:
+    """Return a simulation of 8 increments."""
+    return cosim.Simulation("three_unit_inflation", overrides=SHORT, **options)
+
+
+def test_it_starts_at_rest_and_ends_with_the_scenario() -> None:
+    here = simulation()
+    assert (here.snapshot.tick, here.ticks_left) == (0, 8)
+    assert here.step(3).tick == 3
+    assert here.step().tick == here.snapshot.tick == 4
+    assert here.step(4).tick == 8
+    assert here.ticks_left == 0
+    assert here.step(0).tick == 8
+    result = cosim.run("three_unit_inflation", overrides=SHORT)
+    assert np.array_equal(here.snapshot.tip_position, result.tip_position[-1])
+
+
+@pytest.mark.parametrize("ticks", [9, -1])
+def test_more_than_the_scenario_holds_is_refused(ticks: int) -> None:
+    here = simulation()
+    with pytest.raises(InputError, match=f"{ticks} ticks were asked for; the scenario has 8 left"):
+        here.step(ticks)
+    assert here.snapshot.tick == 0
+
+
+def test_it_returns_to_what_was_saved(tmp_path: Path) -> None:
+    here = simulation()
+    here.step(3)
+    saved = here.save()
+    end = here.step(5)
+    here.restore(saved)
+    assert here.snapshot is saved.snapshot
+    assert np.array_equal(here.step(5).node_position, end.node_position)
+    saved.write(tmp_path / "three.npz")
+    other = simulation(start=tmp_path / "three.npz")
+    assert other.snapshot.tick == 3
+    assert np.array_equal(other.step(5).node_position, end.node_position)
+
+
+def test_a_branch_goes_its_own_way() -> None:
+    here = simulation()
+    here.step(3)
+    softer = here.branch({"phase.inflate.pressure_Pa": 4e3})
+    same = here.branch()
+    assert softer.snapshot.tick == same.snapshot.tick == 3
+    softer.step(5)
+    assert softer.snapshot.pressure_Pa == 4e3
+    end = here.step(5)
+    assert end.pressure_Pa == 5e3
+    assert np.array_equal(same.step(5).node_position, end.node_position)
+
+
+def test_after_a_failure_it_is_where_it_was(monkeypatch: pytest.MonkeyPatch) -> None:
+    here = simulation()
+    here.step(3)
+    other = here.branch()
+
+    def fail(*_: Any) -> None:
+        raise ConvergenceError("no", 1.0, 1)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(SoftArm, "solve", fail)
+        patch.setattr(SoftArm, "follow", fail)
+        with pytest.raises(ConvergenceError):
+            here.step(2)
+    assert here.snapshot.tick == 3
+    assert np.array_equal(here.step(5).node_position, other.step(5).node_position)
+
+
+def test_a_file_that_holds_no_simulation_is_refused(tmp_path: Path) -> None:
+    write_archive(tmp_path / "pose.npz", {}, Pose())
+    with pytest.raises(InputError, match="holds no simulation but a Pose"):
+        simulation(start=tmp_path / "pose.npz")
+    with pytest.raises(InputError, match="no saved state"):
+        simulation(start=tmp_path / "missing.npz")
