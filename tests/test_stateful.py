@@ -18,7 +18,9 @@ SAVED_OTHERWISE = {
     "Bodies": "by RigidScene",
     "CarriedMass": "by RigidScene",
     "ContactQuery": "poses, read anew for every search",
+    "FilmSearch": "workspace, made larger where it does not suffice",
     "GasElements": "workspace, overwritten by every evaluation",
+    "SelfContact": "pattern of the last pairs of films, made anew where it does not serve",
     "SoftSystem": "workspace; NewtonSolver saves the gradient, which is read later",
 }
 

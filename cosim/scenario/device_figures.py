@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from typing import Any, Final, final
 
 import numpy as np
@@ -13,6 +13,24 @@ from cosim.scenario.snapshot import Snapshot
 
 SETTLED_SHARE: Final = 0.05
 """Of the step from the first value to the setpoint, within which a controlled quantity counts as settled."""
+
+
+@final
+@dataclass(frozen=True)
+class DeviceFiguresState:
+    """The figures of a phase so far.
+
+    Args:
+        last: snapshot seen.
+        time_s: of the snapshots of the phase.
+        measured: by each controller, by its name.
+        setpoint: of each controller.
+    """
+
+    last: Snapshot | None
+    time_s: tuple[float, ...]
+    measured: dict[str, tuple[float, ...]]
+    setpoint: dict[str, float]
 
 
 @final
@@ -61,6 +79,17 @@ class DeviceFigures:
         self._time_s: list[float] = []
         self._measured: dict[str, list[float]] = {}
         self._setpoint: dict[str, float] = {}
+
+    def save_state(self) -> DeviceFiguresState:
+        """Return what was gathered since the phase began."""
+        measured = {name: tuple(values) for name, values in self._measured.items()}
+        return DeviceFiguresState(self._last, tuple(self._time_s), measured, dict(self._setpoint))
+
+    def restore_state(self, state: DeviceFiguresState) -> None:
+        """Go on from what was gathered."""
+        self._last, self._time_s = state.last, list(state.time_s)
+        self._measured = {name: list(values) for name, values in state.measured.items()}
+        self._setpoint = dict(state.setpoint)
 
     def _controlled(self, name: str) -> dict[str, Any]:
         measured = np.array(self._measured[name])

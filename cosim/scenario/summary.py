@@ -9,13 +9,14 @@ from typing import Any, Literal, final
 
 import numpy as np
 
-from cosim.scenario.device_figures import DeviceFigures
+from cosim.scenario.device_figures import DeviceFigures, DeviceFiguresState
 from cosim.scenario.snapshot import Snapshot, Stage
 
 SUMMARY_SCHEMA = 1
 Status = Literal["completed", "interrupted", "failed"]
 
-_GIVEN = {"_stage", "_startup_s", "_version", "_resumed_at_ticks", "_last"}  # the rest is gathered
+# of the builder; the rest is gathered
+_GIVEN = {"_stage", "_startup_s", "_version", "_resumed_at_ticks", "_last", "_devices"}
 
 
 @final
@@ -26,10 +27,12 @@ class SummaryState:
     Args:
         last: snapshot seen.
         gathered: from all snapshots up to it, by name.
+        devices: figures of the devices; None without any.
     """
 
     last: Snapshot
     gathered: dict[str, Any]
+    devices: DeviceFiguresState | None
 
     @property
     def tick(self) -> int:
@@ -90,12 +93,14 @@ class SummaryBuilder:
         """Return the figures so far; there is a snapshot."""
         assert self._last is not None, "observe() comes before save_state()"
         gathered = {name: copy(value) for name, value in vars(self).items() if name not in _GIVEN}
-        return SummaryState(self._last, gathered)
+        return SummaryState(self._last, gathered, self._devices and self._devices.save_state())
 
     def restore_state(self, state: SummaryState) -> None:
         """Go on from figures of `save_state`."""
         self._last = state.last
         vars(self).update({name: copy(value) for name, value in state.gathered.items()})
+        if self._devices is not None and state.devices is not None:
+            self._devices.restore_state(state.devices)
 
     def finish(self, status: Status, reason: str | None, wall_s: float) -> dict[str, Any]:
         """Return the summary, ready for JSON (numbers that are not finite become None).

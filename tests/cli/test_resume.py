@@ -17,61 +17,12 @@ from cosim.cli import running
 from cosim.cli.main import main
 from cosim.driver import Simulation, build_simulation
 from cosim.errors import ConvergenceError
-from cosim.recording.recorder import Part
 from cosim.scenario.schema import Scenario
 from cosim.scenario.snapshot import Snapshot, Stage
 from cosim.simulation import Simulation as SteppedByHand
-from tests.cli.test_run import REFERENCE, TICKS, NotingRecorder, summary_of
+from tests.cli.interrupted import Command, figures, interrupt_at
+from tests.cli.test_run import REFERENCE, TICKS, summary_of
 from tests.conftest import MadeUpSimulation
-
-WALL = {"startup_s", "wall_s", "real_time_factor", "resumed_at_ticks"}
-
-
-def figures(directory: Path) -> dict[str, Any]:
-    """Return what of a summary does not depend on the clock on the wall."""
-    return {key: value for key, value in summary_of(directory).items() if key not in WALL}
-
-
-def interrupt_at(last: int, times: int = 1) -> Callable[[int], None]:
-    """Return what sends Ctrl-C while a tick is computed."""
-
-    def at_tick(tick: int) -> None:
-        if tick == last:
-            for _ in range(times):
-                os.kill(os.getpid(), signal.SIGINT)
-
-    return at_tick
-
-
-class Command:
-    """`cosim run` on the made-up simulation; `parts` is what the recorders were made with."""
-
-    def __init__(self, monkeypatch: pytest.MonkeyPatch, made_up_build: Any, directory: Path) -> None:
-        self._patch, self._build, self.directory = monkeypatch, made_up_build, directory
-        self.parts: list[Part] = []
-        self.recorders: list[NotingRecorder] = []
-
-    def __call__(self, *arguments: str, at_tick: Callable[[int], None] = lambda tick: None) -> int:
-        self._patch.setattr(running, "build_simulation", self._build(at_tick))
-        self._patch.setattr(running, "rerun_recorder", self._recorder)
-        return main(["run", *arguments])
-
-    def _recorder(self, path: Path, settings: Any, part: Part) -> NotingRecorder:
-        self.parts.append(part)
-        self.recorders.append(NotingRecorder(path))
-        return self.recorders[-1]
-
-    def start(self, *arguments: str, at_tick: Callable[[int], None] = lambda tick: None) -> int:
-        """Run the scenario from its start."""
-        return self(REFERENCE, "--out", str(self.directory), *arguments, at_tick=at_tick)
-
-    def resume(self, *arguments: str, at_tick: Callable[[int], None] = lambda tick: None) -> int:
-        """Go on."""
-        return self("--resume", str(self.directory), *arguments, at_tick=at_tick)
-
-    def names(self) -> list[str]:
-        """Return the names of the files."""
-        return sorted(path.name for path in self.directory.iterdir())
 
 
 @pytest.fixture
