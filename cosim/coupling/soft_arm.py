@@ -7,6 +7,7 @@ from typing import TypeAlias, final
 
 import numpy as np
 
+from cosim.coupling.flange_path import pose_within
 from cosim.coupling.soft_side import SoftReply, SoftSide
 from cosim.errors import ConvergenceError, InputError
 from cosim.frames import Array, IntArray, Mask, Pose
@@ -19,6 +20,7 @@ from cosim.soft.kept_factor import NewtonState
 from cosim.soft.newton import NewtonOptions, NewtonSolver
 from cosim.soft.self_contact import FilmContactLaw, SelfContact
 from cosim.soft.state import Clamp, SoftState
+from cosim.soft.step_error import pieces_after, step_error
 from cosim.soft.system import SoftSystem
 from cosim.soft.tip_target import TipTarget, find_flange_pose, find_tensions
 
@@ -39,6 +41,9 @@ class SoftArmState:
         loads: there.
         residual_N: of the last step.
         newton: what its solver has kept.
+        flange_before: pose of the flange one step earlier, if there was one.
+        pieces: into which a step is cut.
+        piece_s: length of the last one [s].
     """
 
     soft: SoftState
@@ -47,6 +52,9 @@ class SoftArmState:
     loads: Loads
     residual_N: float
     newton: NewtonState
+    flange_before: Pose | None
+    pieces: int
+    piece_s: float
 
 
 @final
@@ -75,8 +83,10 @@ class SoftArm(SoftSide):
         self._statics, self._dynamics = statics, dynamics
         self._films = None if self_contact is None else SelfContact(body, self._system.pattern, self_contact)
         self._flange = world_from_flange
+        self._flange_before: Pose | None = None
         self._loads = Loads(0.0, (0.0,) * len(body.cables), (0.0, 0.0, 0.0))
         self._residual = 0.0
+        self._pieces, self._piece_s = 1, 0.0
         self._hold(Clamp.of_base(body))
 
     def _hold(self, clamp: Clamp) -> None:
@@ -111,11 +121,11 @@ class SoftArm(SoftSide):
         """
         start, before = (self._flange, self._loads), self.state
         try:
-            iterations = self._step(start, (world_from_flange, loads), step_s, _HALVINGS_MAX)
+            iterations = self._march(start, (world_from_flange, loads), step_s)
         except ConvergenceError:
             self.state = before
             raise
-        self._flange, self._loads = world_from_flange, loads
+        self._flange_before, self._flange, self._loads = self._flange, world_from_flange, loads
         wrench = self.clamp.wrench(self._system.gradient, self.state.positions, world_from_flange)
         power = float(np.einsum("kr,kr->", self.reaction, self.state.velocities[self.clamp.nodes]))
         return SoftReply(wrench, power, self._residual, iterations)
@@ -139,6 +149,36 @@ class SoftArm(SoftSide):
         if not self._stepper.factorise(self.state, self._flange, loads, step_s):
             return None
         return np.array([self._stepper.solver.linear.solve(force) for force in forces])
+
+    def _march(self, begin: _Drive, end: _Drive, step_s: float) -> int:
+        """Take one step, cut into as many pieces as its error asks for; return the Newton iterations."""
+        bound, before = self._dynamics.substep_error_m, self.state
+        if bound is None:
+            return self._step(begin, end, step_s, _HALVINGS_MAX)
+        order = 2 if self._dynamics.integrator == "bdf2" else 1
+        spent = 0
+        while True:
+            pieces = self._pieces
+            iterations, error = self._cut(begin, end, step_s, pieces)
+            spent += iterations
+            self._pieces = pieces_after(pieces, error, bound, order)
+            if error <= bound or self._pieces == pieces:
+                return spent
+            self.state = before
+
+    def _cut(self, begin: _Drive, end: _Drive, step_s: float, pieces: int) -> tuple[int, float]:
+        """Take a step in equal pieces; return the Newton iterations and the largest error of a piece [m]."""
+        length, spent, worst, here = step_s / pieces, 0, 0.0, begin
+        if length != self._piece_s:
+            self.state, self._piece_s = replace(self.state, earlier=None), length
+        for k in range(1, pieces + 1):
+            share, before = k / pieces, self.state
+            flange = pose_within(self._flange_before, begin[0], end[0], share)
+            there = (flange, begin[1].interpolated(end[1], share))
+            spent += self._step(here, there, length, _HALVINGS_MAX)
+            worst = max(worst, step_error(self._dynamics.integrator, before, self.state, length))
+            here = there
+        return spent, worst
 
     def _step(self, begin: _Drive, end: _Drive, step_s: float, halvings: int) -> int:
         """Take one step, or two halves where it does not converge; return the Newton iterations."""
@@ -191,7 +231,11 @@ class SoftArm(SoftSide):
     def save_state(self) -> SoftArmState:
         """Return what the next step depends on; costs no copy but one of the nodal forces."""
         newton = self.equilibrium_solver.solver.save_state()
-        return SoftArmState(self.state, self.clamp, self._flange, self._loads, self._residual, newton)
+        return SoftArmState(
+            self.state, self.clamp, self._flange, self._loads, self._residual, newton,
+            self._flange_before, self._pieces,
+            self._piece_s,
+        )  # fmt: skip
 
     def restore_state(self, state: SoftArmState) -> None:
         """Return to a state of `save_state`, of this arm or of one with the same body.
@@ -207,6 +251,7 @@ class SoftArm(SoftSide):
             self._hold(state.clamp)
         self.state, self._residual = state.soft, state.residual_N
         self._flange, self._loads = state.flange, state.loads
+        self._flange_before, self._pieces, self._piece_s = state.flange_before, state.pieces, state.piece_s
         self.equilibrium_solver.solver.restore_state(state.newton)
 
     @property

@@ -86,6 +86,7 @@ def dynamic_options(scenario: Scenario) -> StepOptions:
         iterations=scenario.solver.dynamic_newton_iterations,
         newton=replace(static_options(scenario), reuse_max=_REUSE_MAX),
         damping_per_s=scenario.solver.damping_per_s,
+        substep_error_m=scenario.solver.substep_error_m,
     )
 
 

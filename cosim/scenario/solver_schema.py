@@ -29,6 +29,8 @@ class Solver:
             kept one; a tick that is left far from balance takes more.
         integrator: of the dynamic mode.
         damping_per_s: mass-proportional damping, force = -damping_per_s * m * v.
+        substep_error_m: the soft side's step is cut into up to 16 pieces where its error in a tick is larger;
+            omitted: never.
     """
 
     residual_tolerance_N: Positive = 1e-6
@@ -37,6 +39,7 @@ class Solver:
     dynamic_newton_iterations: Count = 1
     integrator: Literal["implicit_euler", "bdf2"] = "implicit_euler"
     damping_per_s: NonNegative = 0.0
+    substep_error_m: Positive | None = None
 
 
 @final

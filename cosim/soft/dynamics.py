@@ -40,6 +40,7 @@ class StepOptions:
         residual_bound_N: a step whose residual is above this after them goes on iterating.
         newton: bounds of the iteration.
         damping_per_s: alpha [1/s].
+        substep_error_m: a step whose error is larger is cut into pieces; None: never (see `step_error`).
     """
 
     integrator: Integrator = "implicit_euler"
@@ -48,6 +49,7 @@ class StepOptions:
     residual_bound_N: float = 0.1
     newton: NewtonOptions = NewtonOptions(reuse_max=6)
     damping_per_s: float = 0.0
+    substep_error_m: float | None = None
 
 
 def difference_scheme(integrator: Integrator, state: SoftState, h: float) -> tuple[Array, float, Array]:
