@@ -216,6 +216,11 @@ class Actuation:
         volumes = soft.volumes_m3 if self.pumps else ()
         for pump, setpoint in zip(self.pumps, setpoints, strict=True):
             content = gas.content(pump.chamber)
+            if content is None and setpoint is not None:
+                raise InputError(
+                    f"a controller commands {setpoint:g} Pa of pump '{pump.name}', whose chamber is at a "
+                    "given pressure; give gas = 'sealed' in that phase"
+                )
             if content is not None:
                 gas.put(pump.chamber, pump.work(content, volumes[pump.chamber], self._tick_s, setpoint))
 

@@ -30,6 +30,11 @@ def check_devices(scenario: Scenario) -> None:
     """
     _check_mode(scenario)
     for pump in scenario.pumps:
+        if pump.vent_above_Pa is not None and pump.vent_kg_s_Pa == 0.0:
+            raise ScenarioError(
+                f"pump.{pump.name}.vent_kg_s_Pa",
+                "is missing: the valve of vent_above_Pa lets nothing through",
+            )
         _check_chamber(pump.chamber, scenario.soft_robot.chamber_names(), f"pump.{pump.name}.chamber")
     cables = scenario.soft_robot.cable_names()
     _check_winches(scenario, cables)

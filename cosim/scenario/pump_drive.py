@@ -55,15 +55,13 @@ class PumpDrive:
             pressure_Pa: gauge, in the chamber at present.
         """
         pump = self._state.pump
-        if setpoint_Pa is None:
-            off = None if pump is None else replace(pump, on=False, venting=False)
-            self._state = PumpDriveState(None, off)
-            return
         if pump is None:
             pump = self.pump.standing(pressure_Pa)
         elif self._state.setpoint_Pa is None:
             # the sensor has looked on all the time
             pump = replace(pump, sensor=self.pump.standing(pressure_Pa).sensor)
+        if setpoint_Pa is None:
+            pump = replace(pump, on=False, venting=False)
         self._state = PumpDriveState(setpoint_Pa, pump)
 
     def work(self, gas: SealedGas, volume_m3: float, step_s: float, commanded_Pa: float | None) -> SealedGas:

@@ -189,6 +189,28 @@ def test_a_controller_from_python_and_its_determinism(tmp_path: Path) -> None:
         cosim.run(given, controllers={"mine": 3})  # type: ignore[dict-item]
 
 
+@dataclass(frozen=True)
+class Inflate(Controller[None]):
+    """Asks the pump for one pressure."""
+
+    def start(self, seen: Measurement) -> None:
+        assert seen.pressure_Pa[0] == pytest.approx(20e3)
+
+    def act(self, state: None, seen: Measurement) -> tuple[None, Command]:
+        return None, Command(pump_pressure_Pa={"main": 21e3})
+
+
+def test_a_controller_commands_a_pump_that_no_phase_does(tmp_path: Path) -> None:
+    sealed = '[[phase]]\nname = "p"\nduration_s = 0.6\ncontrol = ["mine"]\ngas = "sealed"\n'
+    mine = {"mine": Inflate()}
+    result = cosim.run(scenario(tmp_path, PUMP, PYTHON, INFLATE, sealed), controllers=mine)
+    assert result.pressure_Pa[-1] == pytest.approx(21e3, abs=300.0)
+    assert last_phase(result)["pumps"]["main"]["setpoint_Pa"] == 21e3
+    given = sealed.replace("sealed", "prescribed")
+    with pytest.raises(cosim.InputError, match="pump 'main', whose chamber is at a given pressure"):
+        cosim.run(scenario(tmp_path, PUMP, PYTHON, INFLATE, given), controllers=mine)
+
+
 def test_the_controller_of_the_document_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     document = (ROOT / "docs" / "actuation.md").read_text(encoding="utf-8")
     (code,) = re.findall(r"```python\n(.*?)```", document, re.DOTALL)
@@ -278,6 +300,7 @@ def test_the_resolved_scenario_loads_again(tmp_path: Path) -> None:
         ((PUMP, PULL + "pump_pressure_Pa = { main = 1e3 }\n"), r"pump_pressure_Pa\.main: needs gas"),
         ((PULL + 'gas = "sealed"\npump_pressure_Pa = { main = 1e3 }\n',), r"pump_pressure_Pa\.main: .*pump"),
         ((PUMP + 'chamber = "left"\n', PULL), r"pump\.main\.chamber: .*left"),
+        ((PUMP + "vent_above_Pa = 1e3\n", PULL), r"pump\.main\.vent_kg_s_Pa: .*nothing through"),
         ((CONTROLLER.replace("0.02", "0.021"), PULL), r"controller\.bend\.period_s: .*whole number of ticks"),
         ((CONTROLLER.replace("integral", "proporti"), PULL), r"controller\.bend\.proporti"),
         ((CONTROLLER.replace('"pi"', '"bang_bang"'), PULL), r"controller\.bend\.increment: is missing"),
