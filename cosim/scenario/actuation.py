@@ -6,15 +6,15 @@ winches turn. A scenario without any of these passes through untouched.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TypeAlias, final
+from typing import final
 
 import numpy as np
 
 from cosim.actuation.controller import AnyController, Measurement
-from cosim.actuation.zero_order_hold import HoldState
+from cosim.actuation.zero_order_hold import Held, HoldState
 from cosim.coupling.soft_side import SoftSide
 from cosim.errors import InputError
 from cosim.frames import Array, Pose
@@ -29,9 +29,6 @@ from cosim.scenario.plan import PhasePlan
 from cosim.scenario.pump_drive import PumpDrive, PumpDriveState
 from cosim.scenario.schema import Scenario
 from cosim.soft.body import Loads, SoftBody
-
-Acting: TypeAlias = tuple[tuple[str, float | None], ...]
-"""Names and setpoints of the controllers that act in a phase."""
 
 
 @final
@@ -59,13 +56,13 @@ class ActuationState:
         cables: of each cable's drive.
         pumps: of each pump.
         holds: of each controller, in the order of the scenario.
-        acting: in the present phase.
+        started: names of the controllers that have been asked in the present phase.
     """
 
     cables: tuple[CableDriveState, ...]
     pumps: tuple[PumpDriveState, ...]
     holds: tuple[HoldState, ...]
-    acting: Acting
+    started: tuple[str, ...]
 
 
 @final
@@ -99,27 +96,33 @@ class Actuation:
         self._quantities = {
             entry.name: "" if entry.kind == "python" else entry.measures for entry in scenario.controllers
         }
-        self._acting: Acting = ()
+        self._started: tuple[str, ...] = ()
+        self._planned: PhasePlan | None = None
+        self._orders: list[Order | None] = []
+        self._setpoints: dict[str, float | None] = {}
         self.active = device_names(scenario) is not None
 
-    def begin_phase(self, planned: PhasePlan, soft: SoftSide, instant: Instant) -> None:
+    def begin_phase(self, planned: PhasePlan, soft: SoftSide) -> None:
         """Take over what a phase asks; nothing moves at this instant."""
         if not self.active:
             return
-        x, orders = soft.state.positions, _orders(planned, self._names)
-        for drive, order in zip(self.cables, orders, strict=True):
-            drive.begin(order, x)
-        self._begin_pumps(planned, soft)
-        before = dict(self._acting)
-        self._acting = tuple(acting(planned.phase).items())
-        for name, setpoint in self._acting:
-            if name not in before:
-                self._holds[name].start(self._measure(soft, instant, setpoint))
+        self._take_over(planned)
+        for drive, order in zip(self.cables, self._orders, strict=True):
+            drive.begin(order, soft.state.positions)
+        pressures = soft.pressures_Pa
+        for pump in self.pumps:
+            given = (planned.phase.pump_pressure_Pa or {}).get(pump.name, pump.setpoint_Pa)
+            sealed = planned.gas[pump.chamber].sealed
+            pump.begin(given if sealed else None, pressures[pump.chamber])
+        self._started = tuple(name for name in self._started if name in self._setpoints)
 
-    def act(self, gas: ChamberGas, soft: SoftSide, instant: Instant, share: float) -> None:
+    def act(
+        self, planned: PhasePlan, gas: ChamberGas, soft: SoftSide, instant: Instant, share: float
+    ) -> None:
         """Let controllers, pumps and winches act for one tick, from the state before it.
 
         Args:
+            planned: the phase.
             gas: in the chambers; pumps change it.
             soft: soft side.
             instant: the rest of what controllers see.
@@ -127,18 +130,21 @@ class Actuation:
         """
         if not self.active:
             return
-        orders: list[Order | None] = [None] * len(self.cables)
-        setpoints: list[float | None] = [None] * len(self.pumps)
-        for name, setpoint in self._acting:
-            held = self._holds[name].tick(partial(self._measure, soft, instant, setpoint))
+        self._take_over(planned)
+        commanded: list[Order | None] = [None] * len(self.cables)
+        given = planned.phase.pump_pressure_Pa or {}
+        pressures = [given.get(pump.name) for pump in self.pumps]
+        for name, setpoint in self._setpoints.items():
+            held = self._ask(name, partial(self._measure, soft, instant, setpoint))
             for k, (tension, length) in enumerate(zip(held.tension_N, held.length_m, strict=True)):
-                given: Order | None = None if tension is None else ("tension", tension)
-                orders[k] = given or (orders[k] if length is None else ("length", length))
-            pairs = zip(held.pump_pressure_Pa, setpoints, strict=True)
-            setpoints = [old if new is None else new for new, old in pairs]
-        self._work_pumps(gas, soft, setpoints)
-        for drive, order in zip(self.cables, orders, strict=True):
-            drive.move(share, order, soft.state.positions, self._tick_s)
+                order: Order | None = None if tension is None else ("tension", tension)
+                commanded[k] = order or (commanded[k] if length is None else ("length", length))
+            pairs = zip(held.pump_pressure_Pa, pressures, strict=True)
+            pressures = [old if new is None else new for new, old in pairs]
+        self._work_pumps(gas, soft, pressures)
+        triples = zip(self.cables, self._orders, commanded, strict=True)
+        for drive, order, command in triples:
+            drive.move(order, share, command, soft.state.positions, self._tick_s)
 
     def loads(self, planned: Loads) -> Loads:
         """Return the loads with the cables as they are driven."""
@@ -167,7 +173,7 @@ class Actuation:
             pumps=tuple(_pump_report(drive) for drive in self.pumps),
             controls=tuple(
                 ControlReport(name, setpoint, values.get(self._quantities[name]))
-                for name, setpoint in self._acting
+                for name, setpoint in self._setpoints.items()
             ),
         )
 
@@ -177,7 +183,7 @@ class Actuation:
             tuple(drive.save_state() for drive in self.cables),
             tuple(pump.save_state() for pump in self.pumps),
             tuple(hold.save_state() for hold in self._holds.values()),
-            self._acting,
+            self._started,
         )
 
     def restore_state(self, state: ActuationState) -> None:
@@ -203,14 +209,20 @@ class Actuation:
             pump.restore_state(own)
         for hold, held in zip(self._holds.values(), state.holds, strict=True):
             hold.restore_state(held)
-        self._acting = state.acting
+        self._started = state.started
 
-    def _begin_pumps(self, planned: PhasePlan, soft: SoftSide) -> None:
-        given, pressures = planned.phase.pump_pressure_Pa or {}, soft.pressures_Pa
-        for pump in self.pumps:
-            sealed = planned.gas[pump.chamber].sealed
-            setpoint = given.get(pump.name, pump.setpoint_Pa) if sealed else None
-            pump.begin(setpoint, pressures[pump.chamber])
+    def _take_over(self, planned: PhasePlan) -> None:
+        """Read what a phase asks: a run that goes on from a saved state may ask something else."""
+        if planned is not self._planned:
+            self._planned, self._orders = planned, _orders(planned, self._names)
+            self._setpoints = acting(planned.phase)
+
+    def _ask(self, name: str, see: Callable[[], Measurement]) -> Held:
+        hold = self._holds[name]
+        if name not in self._started:
+            hold.start(see())
+            self._started += (name,)
+        return hold.tick(see)
 
     def _work_pumps(self, gas: ChamberGas, soft: SoftSide, setpoints: list[float | None]) -> None:
         volumes = soft.volumes_m3 if self.pumps else ()

@@ -21,14 +21,12 @@ class CableDriveState:
 
     Args:
         begin: tension [N] or unstretched length [m] at the start of the phase.
-        end: at the end of its ramp.
         wanted: now.
         length_m: unstretched length off the drum; None while the tension is commanded.
         winch: of the winch while the length is commanded.
     """
 
     begin: float
-    end: float
     wanted: float
     length_m: float | None = None
     winch: WinchState | None = None
@@ -46,7 +44,7 @@ class CableDrive:
 
     def __init__(self, cable: Cable, winch: Winch | None, tension_N: float) -> None:
         self.cable, self.winch = cable, winch
-        self._state = CableDriveState(tension_N, tension_N, tension_N)
+        self._state = CableDriveState(tension_N, tension_N)
 
     @property
     def length_m(self) -> float | None:
@@ -75,34 +73,34 @@ class CableDrive:
         return self.cable.length(positions) - stretch_at(self._state.wanted, self.cable.stiffness_N_m)
 
     def begin(self, order: Order | None, positions: Array) -> None:
-        """Begin a phase; without an order all stays. Nothing changes at this instant."""
-        if order is None:
-            self._state = replace(self._state, begin=self._state.wanted, end=self._state.wanted)
-            return
-        kind, value = order
-        if kind == "tension":
-            now = self._of_tension(positions)
-            end = value
-        else:
-            now = self._of_length(positions)
-            end = value if kind == "length" else now.wanted - value
-        self._state = replace(now, begin=now.wanted, end=end)
+        """Begin a phase; nothing changes at this instant.
 
-    def move(self, share: float, commanded: Order | None, positions: Array, step_s: float) -> None:
+        Args:
+            order: what the phase asks; None: all stays.
+            positions: (n, 3) [m].
+        """
+        state = self._prepared(order, positions)
+        self._state = replace(state, begin=state.wanted)
+
+    def move(
+        self, order: Order | None, share: float, commanded: Order | None, positions: Array, step_s: float
+    ) -> None:
         """Go on to the end of a tick.
 
         Args:
+            order: what the phase asks; None: all stays.
             share: of the phase's ramp, 0 to 1.
             commanded: by a controller, in place of the ramp; None: the ramp.
             positions: (n, 3) [m], at the start of the tick.
             step_s: length of the tick.
         """
-        state = self._state
-        wanted = state.end if share >= 1.0 else state.begin + share * (state.end - state.begin)
         if commanded is not None:
-            by_tension, wanted = commanded[0] == "tension", commanded[1]
-            state = self._of_tension(positions) if by_tension else self._of_length(positions)
-            state = replace(state, begin=wanted, end=wanted)
+            state, wanted = self._prepared(commanded, positions), commanded[1]
+            state = replace(state, begin=wanted)
+        else:
+            state = self._prepared(order, positions)
+            end = _end(order, state.begin)
+            wanted = end if share >= 1.0 else state.begin + share * (end - state.begin)
         state = replace(state, wanted=wanted)
         if state.length_m is not None and self.winch is not None and state.winch is not None:
             tension = base_tension(self.cable, positions, state.length_m)
@@ -120,17 +118,20 @@ class CableDrive:
         """Return to a state of `save_state`."""
         self._state = state
 
-    def _of_tension(self, positions: Array) -> CableDriveState:
-        """Return the state with the tension commanded, at first the present one."""
-        if self._state.length_m is None:
+    def _prepared(self, order: Order | None, positions: Array) -> CableDriveState:
+        """Return the state in which an order can be followed, with the present tension."""
+        if order is None or (order[0] == "tension") == (self._state.length_m is None):
             return self._state
-        tension = self.tension_N(positions)
-        return CableDriveState(tension, tension, tension)
-
-    def _of_length(self, positions: Array) -> CableDriveState:
-        """Return the state with the length commanded, at first the one that keeps the tension."""
-        if self._state.length_m is not None:
-            return self._state
+        if order[0] == "tension":
+            tension = self.tension_N(positions)
+            return CableDriveState(tension, tension)
         length = self.unstretched_m(positions)
         winch = None if self.winch is None else WinchState(length)
-        return CableDriveState(length, length, length, length, winch)
+        return CableDriveState(length, length, length, winch)
+
+
+def _end(order: Order | None, begin: float) -> float:
+    """Return the tension [N] or length [m] at the end of a ramp."""
+    if order is None:
+        return begin
+    return begin - order[1] if order[0] == "shortening" else order[1]

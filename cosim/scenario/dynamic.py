@@ -44,11 +44,11 @@ class DynamicSimulation(SteppedRun):
         carrier, soft = parts.carrier, parts.soft
         before_s = clock.time_s - clock.tick_s
         if to.done == 1:
-            self._begin_phase(planned, carrier.flange_pose, before_s)
+            self._begin_phase(planned, carrier.flange_pose)
         now = progress(phase.ramp, (to.done - 1) * clock.tick_s, phase.duration_s)
         then = progress(phase.ramp, to.done * clock.tick_s, phase.duration_s)
         self._gas.pass_time(soft, clock.tick_s)
-        parts.work_devices(self._gas, before_s, then.value)
+        parts.work_devices(planned, self._gas, before_s, then.value)
         loads = parts.actuation.loads(self._gas.between(planned.begin, planned.end, then.value))
         reference, ledger = carrier.tick(planned.joints, now, then, loads)
         moment = Moment(

@@ -69,18 +69,11 @@ class Parts:
         """Return how many ticks of the clock a phase lasts, at least one."""
         return max(1, round((phase.duration_s + phase.settle_s) / self.scenario.clock.tick_s))
 
-    def begin_devices(self, planned: PhasePlan, time_s: float) -> None:
-        """Let devices take over what a phase asks, at the present state."""
-        if self.actuation.active:
-            self.actuation.begin_phase(planned, self.soft, self._instant(time_s))
-
-    def work_devices(self, gas: ChamberGas, time_s: float, share: float) -> None:
+    def work_devices(self, planned: PhasePlan, gas: ChamberGas, time_s: float, share: float) -> None:
         """Let devices act for the tick or increment that begins at a time and ends at a share of the ramp."""
         if self.actuation.active:
-            self.actuation.act(gas, self.soft, self._instant(time_s), share)
-
-    def _instant(self, time_s: float) -> Instant:
-        return Instant(time_s, self.carrier.flange_pose, self.carrier.joint_position)
+            instant = Instant(time_s, self.carrier.flange_pose, self.carrier.joint_position)
+            self.actuation.act(planned, gas, self.soft, instant, share)
 
     def snapshot(self, moment: Moment, ledger: LedgerEntry, wall_s: float) -> Snapshot:
         """Return the present state as a snapshot."""

@@ -65,13 +65,13 @@ class QuasistaticSimulation(SteppedRun):
         assert before is not None, "the run has begun"
         began_s = self._ends_s[to.phase - 1] if to.phase else 0.0
         if to.done == 1:
-            self._begin_phase(planned, before.world_from_flange, began_s)
+            self._begin_phase(planned, before.world_from_flange)
             self._earlier = None
         span = (phase.duration_s + phase.settle_s) / phase.increments
         share = to.done / phase.increments
         reference = planned.joints.at(Progress(share, 0.0, 0.0))[0]
         self._gas.pass_time(parts.soft, span)
-        parts.work_devices(self._gas, began_s + (to.done - 1) * span, share)
+        parts.work_devices(planned, self._gas, began_s + (to.done - 1) * span, share)
         loads = parts.actuation.loads(self._gas.between(planned.begin, planned.end, share))
         here, spent = self._advance(before, reference, loads)
         self._here = here

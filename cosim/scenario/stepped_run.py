@@ -134,11 +134,11 @@ class SteppedRun(ABC):
         self._parts.actuation.restore_state(state.devices)
         self._cursor = cursor
 
-    def _begin_phase(self, planned: PhasePlan, flange: Pose, time_s: float) -> None:
+    def _begin_phase(self, planned: PhasePlan, flange: Pose) -> None:
         """Change what is held, how the gas is given and what devices do, with the flange where it is."""
         planned.holding.apply(self._parts.soft, flange)
         self._gas.begin(planned.gas, self._parts.soft)
-        self._parts.begin_devices(planned, time_s)
+        self._parts.actuation.begin_phase(planned, self._parts.soft)
 
     @abstractmethod
     def _start(self, began: float) -> Snapshot:

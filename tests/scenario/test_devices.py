@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
@@ -17,71 +16,22 @@ from cosim.actuation.controller import Command, Controller, Measurement
 from cosim.driver import build_simulation
 from cosim.scenario.device_figures import control_figures
 from cosim.scenario.loading import load_scenario
-from cosim.scenario.schema import Scenario
 from cosim.scenario.writing import scenario_text
 from cosim.state_archive import read_archive, write_archive
+from tests.scenario.device_parts import (
+    CONTROLLER,
+    INFLATE,
+    PULL,
+    PUMP,
+    PYTHON,
+    SHORTER,
+    STIFFNESS,
+    WINCH,
+    TICK_s,
+    scenario,
+)
 
 ROOT = Path(__file__).resolve().parents[2]
-TICK_s = 0.004
-BASE = f"""
-schema = 1
-title = "Three square units with devices"
-robot = "none"
-soft_robot = "square_core_cables"
-gravity_m_s2 = [0.0, 0.0, 0.0]
-clock.tick_s = {TICK_s}
-solver.damping_per_s = 20.0
-[start]
-flange = {{ position_m = [0.0, 0.0, 0.0], direction = [0.0, 0.0, 1.0] }}
-"""
-INFLATE = """
-[[phase]]
-name = "inflate"
-duration_s = 0.4
-increments = 60
-pressure_Pa = 20e3
-"""
-PULL = """
-[[phase]]
-name = "pull"
-duration_s = 0.4
-settle_s = 0.4
-increments = 20
-"""
-WINCH = """
-[[winch]]
-name = "steppers"
-cables = ["corner_0", "corner_1"]
-step_angle_rad = 0.03
-drum_radius_m = 0.01
-step_rate_per_s = 1000.0
-stall_torque_Nm = 0.1
-"""
-PUMP = """
-[[pump]]
-name = "main"
-flow_kg_s = 2e-5
-band_Pa = 200.0
-sensor_delay_s = 0.02
-"""
-CONTROLLER = """
-[[controller]]
-name = "bend"
-kind = "pi"
-period_s = 0.02
-cables = ["corner_0"]
-proportional_gain = 0.2
-integral_gain_per_s = 2.0
-output_max = 0.5
-"""
-SHORTER = "cable_shortening_m = { corner_0 = 0.006 }\n"
-STIFFNESS = 1e4
-
-
-def scenario(tmp_path: Path, *parts: str, overrides: Mapping[str, Any] | None = None) -> Scenario:
-    path = tmp_path / "devices.toml"
-    path.write_text(BASE + "".join(parts), encoding="utf-8")
-    return load_scenario(path, overrides)
 
 
 def last_phase(result: cosim.RunResult) -> dict[str, Any]:
@@ -169,9 +119,6 @@ class Ramp(Controller[float]):
         return state + 0.05, Command(cable_tension_N={"corner_1": state + 0.05})
 
 
-PYTHON = '[[controller]]\nname = "mine"\nkind = "python"\nperiod_s = 0.1\n'
-
-
 def test_a_controller_from_python_and_its_determinism(tmp_path: Path) -> None:
     given = scenario(tmp_path, PYTHON, INFLATE, PULL + 'control = ["mine"]\n')
     first, second = (cosim.run(given, controllers={"mine": Ramp()}) for _ in range(2))
@@ -248,6 +195,19 @@ def test_a_run_saved_among_devices_goes_on_bit_for_bit(tmp_path: Path) -> None:
     other = build_simulation(given)
     other.restore_state(read_archive(tmp_path / "state.npz"))
     found = [(s.node_position.tobytes(), repr(s.devices)) for s in other.steps()]
+    # a branch follows its own scenario from there on
+    changed = {
+        "phase.p.control_bending_angle_rad.bend": 0.15,
+        "phase.p.pump_pressure_Pa.main": 2.3e4,
+        "phase.p.cable_shortening_m.corner_1": 0.004,
+    }
+    branch = build_simulation(load_scenario(given, changed))
+    branch.restore_state(state)
+    last = list(branch.steps())[-1].devices
+    assert last is not None
+    assert (last.controls[0].setpoint, last.pumps[0].setpoint_Pa) == (0.15, 2.3e4)
+    ended = plain.save_state().devices.cables[1].wanted
+    assert branch.save_state().devices.cables[1].wanted == pytest.approx(ended - 0.002)
     assert state.devices.pumps[0].pump.starts > 0
     assert state.devices.cables[1].winch.commanded > 0
     assert len(found) == len(expected) == 91
@@ -282,51 +242,3 @@ def test_the_resolved_scenario_loads_again(tmp_path: Path) -> None:
     copy = tmp_path / "copy.toml"
     copy.write_text(scenario_text(given), encoding="utf-8")
     assert load_scenario(copy) == given
-
-
-@pytest.mark.parametrize(
-    ("parts", "text"),
-    [
-        ((PULL + 'cable_length_m = { corner_9 = 0.1 }\n',), r"phase\.pull\.cable_length_m: .*corner_0"),
-        ((PULL + "cable_length_m = { corner_0 = 0.0 }\n",), r"cable_length_m\.corner_0: .*above 0"),
-        ((PULL + "cable_length_m = 0.1\n",), r"cable_length_m: expected a table"),
-        ((PULL + SHORTER + "cable_tension_N = [0.0, 0.0]\n",), r"cable_shortening_m: .*cable_tension_N"),
-        ((PULL + SHORTER + "cable_length_m = { corner_0 = 0.1 }\n",), "of the same cable"),
-        ((WINCH, WINCH.replace("steppers", "more"), PULL), r"winch\.more\.cables: .*'steppers' already"),
-        ((WINCH, WINCH, PULL), r"winch\.steppers: .*used twice"),
-        ((WINCH.replace("corner_1", "x"), PULL), r"winch\.steppers\.cables"),
-        (("fidelity='rigid'\n", PULL + SHORTER), r"pull\.cable_shortening_m: .*'rigid' keeps its shape"),
-        (("mode='quasistatic'\n", WINCH, PULL), r"winch\.steppers: .*dynamic"),
-        ((PUMP, PULL + "pump_pressure_Pa = { main = 1e3 }\n"), r"pump_pressure_Pa\.main: needs gas"),
-        ((PULL + 'gas = "sealed"\npump_pressure_Pa = { main = 1e3 }\n',), r"pump_pressure_Pa\.main: .*pump"),
-        ((PUMP + 'chamber = "left"\n', PULL), r"pump\.main\.chamber: .*left"),
-        ((PUMP + "vent_above_Pa = 1e3\n", PULL), r"pump\.main\.vent_kg_s_Pa: .*nothing through"),
-        ((CONTROLLER.replace("0.02", "0.021"), PULL), r"controller\.bend\.period_s: .*whole number of ticks"),
-        ((CONTROLLER.replace("integral", "proporti"), PULL), r"controller\.bend\.proporti"),
-        ((CONTROLLER.replace('"pi"', '"bang_bang"'), PULL), r"controller\.bend\.increment: is missing"),
-        ((CONTROLLER + "output_min = -1.0\n", PULL), r"controller\.bend\.output_min: .*push"),
-        ((CONTROLLER + "output_min = 0.5\n", PULL), r"controller\.bend\.output_max: .*above output_min"),
-        ((CONTROLLER.replace("corner_0", "x"), PULL), r"controller\.bend\.cables"),
-        ((CONTROLLER, PULL + "control_tip_height_m = { bend = 0.1 }\n"), "measures bending_angle_rad"),
-        ((CONTROLLER, PULL + 'control = ["bend"]\n'), r"phase\.pull\.control: 'bend' needs a setpoint"),
-        ((CONTROLLER, PULL + "control_bending_angle_rad = { x = 0.1 }\n"), r"control_bending_angle_rad\.x"),
-        (
-            (CONTROLLER, PULL + SHORTER + "control_bending_angle_rad = { bend = 0.1 }\n"),
-            r"control_bending_angle_rad\.bend: moves cable 'corner_0'",
-        ),
-        (
-            (CONTROLLER, PULL + "cable_tension_N = [0, 0]\ncontrol_bending_angle_rad = { bend = 0.1 }\n"),
-            "cable_tension_N commands in the same phase",
-        ),
-        (
-            (INFLATE, PULL + SHORTER + 'tip_target = { height_m = 0.04, reach_with = "cables" }\n'),
-            r"phase\.pull\.tip_target: .*commanded cable length",
-        ),
-    ],
-)  # fmt: skip
-def test_wrong_devices_are_refused(tmp_path: Path, parts: tuple[str, ...], text: str) -> None:
-    front = "".join(part for part in parts if part.startswith(("mode", "fidelity")))
-    path = tmp_path / "wrong.toml"
-    path.write_text(front + BASE + "".join(part for part in parts if part != front), encoding="utf-8")
-    with pytest.raises(cosim.ScenarioError, match=text):
-        load_scenario(path)
