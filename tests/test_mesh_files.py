@@ -93,5 +93,5 @@ def test_the_spool_is_three_convex_shells() -> None:
     spool = read_mesh(object_mesh_path("spool.obj"))
     drum, *flanges = sorted(spool.shells(), key=lambda shell: float(np.ptp(shell.vertices[:, 0])))
     polygon = 16.0 * np.sin(2.0 * np.pi / 32)  # area of a 32-gon over its radius squared
-    assert drum.volume_m3 == pytest.approx(polygon * 0.024**2 * 0.046, rel=1e-5)
+    assert drum.volume_m3 == pytest.approx(polygon * 0.024**2 * 0.082, rel=1e-5)
     assert [f.volume_m3 for f in flanges] == pytest.approx([polygon * 0.036**2 * 0.004] * 2, rel=1e-5)

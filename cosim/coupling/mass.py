@@ -42,6 +42,20 @@ class MassProperties:
         second = (node_mass[:, None] * offset).T @ offset
         return cls(mass, center, np.trace(second) * np.eye(3) - second)
 
+    def moved(self, world_from_frame: Pose) -> MassProperties:
+        """Return those in the world of what is given in a frame."""
+        rotation = world_from_frame.rotation
+        center = world_from_frame.apply(self.center[None])[0]
+        return MassProperties(self.mass_kg, center, rotation @ self.inertia @ rotation.T)
+
+    def joined(self, other: MassProperties) -> MassProperties:
+        """Return those of two bodies that move as one."""
+        mass = self.mass_kg + other.mass_kg
+        offset = cross_matrix(self.center - other.center)
+        center = (self.mass_kg * self.center + other.mass_kg * other.center) / mass
+        reduced = self.mass_kg * other.mass_kg / mass
+        return MassProperties(mass, center, self.inertia + other.inertia - reduced * offset @ offset)
+
     def in_frame(self, world_from_frame: Pose) -> tuple[Array, Array]:
         """Return centre (3,) and inertia (3, 3) in a frame's coordinates."""
         rotation = world_from_frame.rotation

@@ -122,6 +122,7 @@ class SceneDescription:
         world_from_base: pose of the arm's root link.
         objects: bodies around the arm.
         wires: around the arm.
+        mounted: bodies fixed to the flange, posed in its frame.
         floor_height_m: height of a floor plane [m], or None for no floor.
         armature: rotor inertia seen at each joint [kg m^2].
         gains: of the servos; from the arm's torque limits unless given.
@@ -136,6 +137,7 @@ class SceneDescription:
     world_from_base: Pose = field(default_factory=Pose)
     objects: tuple[SceneObject, ...] = ()
     wires: tuple[Wire, ...] = ()
+    mounted: tuple[SceneObject, ...] = ()
     floor_height_m: float | None = 0.0
     armature: float = 0.1
     gains: ServoGains | None = None

@@ -11,7 +11,7 @@ import numpy as np
 from cosim.errors import InputError
 from cosim.frames import Pose
 from cosim.rigid.description import SceneDescription, SceneObject, ServoGains
-from cosim.rigid.object_bodies import add_object, prepare
+from cosim.rigid.object_bodies import add_mounted, add_object, prepare
 from cosim.rigid.wire_bodies import add_wire, relax_wire
 
 FLANGE_MOUNT, FLANGE_SITE = "flange_mount", "flange"
@@ -47,6 +47,8 @@ def compile_model(description: SceneDescription) -> mujoco.MjModel:
         add_object(spec, floor, {}, description.tick_s)
     prepare(spec)
     try:
+        for item in description.mounted:
+            add_mounted(spec, spec.body(FLANGE_MOUNT), item, _ROBOT_CONTACT, description.tick_s)
         objects = {item.name: item for item in description.objects}
         for item in description.objects_by_parent():
             add_object(spec, item, objects, description.tick_s)

@@ -74,6 +74,22 @@ def add_object(
     add_geometries(spec, body, item)
 
 
+def add_mounted(
+    spec: mujoco.MjSpec,
+    carrier: mujoco.MjsBody,
+    item: SceneObject,
+    contact: tuple[int, int],
+    tick_s: float,
+) -> None:
+    """Add a body that is fixed to another one, posed in its frame, with the carrier's contact bits."""
+    body = carrier.add_body(name=item.name, pos=item.position_m, quat=item.quaternion)
+    add_geometries(spec, body, item)
+    for geom in body.geoms:
+        geom.contype, geom.conaffinity = contact
+        # MuJoCo's friction creeps, the less the harder the contact: what is clamped must stay
+        geom.priority, geom.solref, geom.solimp = 1, [2.0 * tick_s, 1.0], HARD
+
+
 def _add_joint(body: mujoco.MjsBody, item: SceneObject, joint: Joint, tick_s: float) -> None:
     kinds = {"hinge": mujoco.mjtJoint.mjJNT_HINGE, "slide": mujoco.mjtJoint.mjJNT_SLIDE}
     own = body.add_joint(name=item.name, type=kinds[joint.kind])

@@ -13,6 +13,7 @@ from cosim.coupling.contact import ContactExchange
 from cosim.coupling.coupling import Coupling
 from cosim.coupling.interface import Interface, ServoCommand
 from cosim.coupling.ledger import LedgerEntry
+from cosim.coupling.mass import MassProperties
 from cosim.coupling.soft_side import SoftSide
 from cosim.coupling.staggered import StaggeredCoupling
 from cosim.errors import InputError
@@ -55,6 +56,7 @@ class ArmCarrier(Carrier):
         scene: rigid side.
         soft: soft side.
         payload_compensation: whether the feedforward knows the soft robot's weight.
+        mounted: rigid mass on the flange besides the soft robot, flange frame; None for none.
         contact: law of the soft robot's contact with the scene in the dynamic mode; None for no contact.
     """
 
@@ -66,10 +68,11 @@ class ArmCarrier(Carrier):
         soft: SoftSide,
         payload_compensation: bool,
         contact: ContactLaw | None = None,
+        mounted: MassProperties | None = None,
     ) -> None:
         self._name, self._arm, self._scene, self._soft = name, arm, scene, soft
         self._compensation = payload_compensation
-        self._contact_law = contact
+        self._contact_law, self._mounted = contact, mounted
         self._reference = np.zeros(arm.joint_count)
         self._coupling: Coupling | None = None
 
@@ -155,9 +158,11 @@ class ArmCarrier(Carrier):
         return position, self._coupling.tick(ServoCommand(position, velocity, feedforward), loads)
 
     def _payload(self) -> Payload | None:
-        """Return the soft body as a rigid payload at its present shape; None with compensation off."""
+        """Return what hangs on the flange as a rigid payload, at its present shape; None: unknown to it."""
         if not self._compensation:
             return None
         mass = self._soft.mass_properties()
+        if self._mounted is not None:
+            mass = mass.joined(self._mounted.moved(self._scene.flange_pose))
         center, inertia = mass.in_frame(self._scene.flange_pose)
         return Payload(mass.mass_kg, center, inertia)

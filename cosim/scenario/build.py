@@ -71,10 +71,11 @@ def _arm(scenario: Scenario, trial: SoftSide, soft: SoftSide) -> _Arranged:
     from cosim.rigid.description import SceneDescription
     from cosim.rigid.scene import RigidScene
     from cosim.scenario.arm_carrier import ArmCarrier
+    from cosim.scenario.palm import palm_mass, palm_object
     from cosim.scenario.path import plan_joints
     from cosim.scenario.scene_objects import rigid_object, rigid_wire
 
-    file = find_arm(scenario.robot)
+    file, palm = find_arm(scenario.robot), scenario.soft_robot.palm
     arm = Arm(file, gravity=scenario.gravity_m_s2)
     plan = _plan(scenario, partial(plan_joints, arm), trial)
     scene = RigidScene(
@@ -84,11 +85,13 @@ def _arm(scenario: Scenario, trial: SoftSide, soft: SoftSide) -> _Arranged:
             gravity=scenario.gravity_m_s2,
             objects=tuple(rigid_object(entry) for entry in scenario.objects),
             wires=tuple(rigid_wire(entry) for entry in scenario.wires),
+            mounted=() if palm is None else (palm_object(palm),),
         )
     )
     contact = contact_decision(scenario, soft.body, plan, arm, scene)
     law = _contact_law(scenario) if contact.included else None
-    carrier = ArmCarrier(scenario.robot, arm, scene, soft, scenario.payload_compensation, law)
+    mounted = None if palm is None else palm_mass(palm)
+    carrier = ArmCarrier(scenario.robot, arm, scene, soft, scenario.payload_compensation, law, mounted)
     return plan, carrier, decisions(scenario, soft.body, plan, contact, flange_travel(arm, plan))
 
 

@@ -16,6 +16,8 @@ from cosim.scenario.schema import NO_ARM, Scenario
 from cosim.scenario.soft_robot import Cable, SoftRobot
 from cosim.scenario.suggestions import unknown_name_message
 
+_MOVES = ("flange", "flange_turn", "flange_shift_m", "flange_shake")
+
 
 def check_scenario(scenario: Scenario) -> None:
     """Check what single values cannot show: names that must exist, lengths that must agree.
@@ -138,11 +140,22 @@ def _check_phase(phase: Phase, scenario: Scenario, path: str) -> None:
         )
     if phase.cable_tension_N is not None:
         _check_tensions(phase.cable_tension_N, robot.cable_names(), f"{path}.cable_tension_N")
-    moves = [key for key in ("flange", "flange_turn", "flange_shift_m") if getattr(phase, key) is not None]
+    moves = [key for key in _MOVES if getattr(phase, key) is not None]
     if phase.flange is not None and len(moves) > 1:
         raise ScenarioError(f"{path}.{moves[1]}", "cannot stand beside flange, which already gives the pose")
+    if phase.flange_shake is not None:
+        _check_shake(phase, phase.flange_shake.frequency_Hz, path)
     if phase.tip_target is not None:
         _check_tip_target(phase.tip_target, phase, moves, robot, path)
+
+
+def _check_shake(phase: Phase, frequency_Hz: float, path: str) -> None:
+    if phase.ramp != "linear":
+        raise ScenarioError(f"{path}.ramp", f"flange_shake needs ramp = 'linear'; it is '{phase.ramp}'")
+    if phase.duration_s * frequency_Hz < 3.0:
+        raise ScenarioError(
+            f"{path}.duration_s", f"{phase.duration_s:g} is shorter than 3 periods of flange_shake"
+        )
 
 
 def _check_tip_target(

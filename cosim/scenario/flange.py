@@ -10,6 +10,7 @@ import numpy as np
 
 from cosim.frames import Array, Pose, cross_matrix, rotation_from_vector, vector_from_rotation
 from cosim.scenario.phase_schema import FlangePose, FlangeTurn
+from cosim.scenario.shake import Shake
 
 _DOWN = np.array([0.0, 0.0, -1.0])
 _HANGING = np.diag([1.0, -1.0, -1.0])
@@ -55,11 +56,13 @@ class FlangeWay:
         begin: world from flange, at share 0.
         turn: (3,) [rad], axis times angle; may exceed half a turn.
         shift: (3,) [m].
+        shake: on top; None for none.
     """
 
     begin: Pose
     turn: Array
     shift: Array
+    shake: Shake | None = None
 
     @classmethod
     def to(cls, begin: Pose, end: Pose) -> FlangeWay:
@@ -70,15 +73,20 @@ class FlangeWay:
     def at(self, share: float) -> Pose:
         """Return world_from_flange at a share of the way."""
         rotation = rotation_from_vector(share * self.turn) @ self.begin.rotation
-        return Pose(rotation, self.begin.translation + share * self.shift)
+        place = self.begin.translation + share * self.shift
+        return Pose(rotation, place if self.shake is None else place + self.shake.at(share))
 
     @classmethod
-    def relative(cls, begin: Pose, turn: FlangeTurn | None, shift_m: Array | None) -> FlangeWay:
-        """Return a turn about the flange's own origin and a shift, both along world axes."""
+    def relative(
+        cls, begin: Pose, turn: FlangeTurn | None, shift_m: Array | None, shake: Shake | None = None
+    ) -> FlangeWay:
+        """Return a turn about the flange's own origin, a shift and a shake, along world axes."""
         vector = np.zeros(3)
         if turn is not None:
             vector = turn.angle_rad / np.linalg.norm(turn.axis) * np.array(turn.axis)
-        return cls(begin, vector, np.zeros(3) if shift_m is None else np.asarray(shift_m, dtype=np.float64))
+        return cls(
+            begin, vector, np.zeros(3) if shift_m is None else np.asarray(shift_m, dtype=np.float64), shake
+        )
 
     @property
     def end(self) -> Pose:
@@ -89,6 +97,7 @@ class FlangeWay:
     def pieces(self) -> int:
         """Into how many small motions the way is cut; 0 where nothing moves."""
         turn, shift = float(np.linalg.norm(self.turn)), float(np.linalg.norm(self.shift))
-        if turn < 1e-12 and shift < 1e-12:
+        shaken = 0 if self.shake is None else self.shake.pieces
+        if turn < 1e-12 and shift < 1e-12 and not shaken:
             return 0
-        return max(4, math.ceil(turn / _KNOT_TURN_RAD), math.ceil(shift / _KNOT_SHIFT_M))
+        return max(4, shaken, math.ceil(turn / _KNOT_TURN_RAD), math.ceil(shift / _KNOT_SHIFT_M))

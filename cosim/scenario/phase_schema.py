@@ -47,6 +47,22 @@ class FlangeTurn:
 
 @final
 @dataclass(frozen=True)
+class FlangeShake:
+    """The flange swings to and fro along a line, and ends where it began.
+
+    Args:
+        axis: world.
+        amplitude_m: reached after the first period, kept up to the last one.
+        frequency_Hz: the phase must last at least three periods, and its ramp be linear.
+    """
+
+    axis: Direction
+    amplitude_m: Positive
+    frequency_Hz: Positive
+
+
+@final
+@dataclass(frozen=True)
 class TipTarget:
     """Where the soft tip should be at the end of a phase: `position_m`, or only its height.
 
@@ -140,6 +156,7 @@ class Phase:
         flange: absolute pose at the end of the ramp.
         flange_turn: relative rotation; may be combined with `flange_shift_m`.
         flange_shift_m: relative displacement, world axes.
+        flange_shake: a swing on top of `flange_turn` and `flange_shift_m`.
         release: rings let go when the phase starts, before anything else is held.
         clamp: rings held rigidly to the flange from here on, as they are when the phase starts.
         supports: `[[phase.support]]` in the file; held from here on, besides what is held already.
@@ -165,6 +182,7 @@ class Phase:
     flange: FlangePose | None = None
     flange_turn: FlangeTurn | None = None
     flange_shift_m: Vector3 | None = None
+    flange_shake: FlangeShake | None = None
     release: tuple[str, ...] = ()
     clamp: tuple[str, ...] = ()
     supports: tuple[Support, ...] = field(default=(), metadata={"key": "support"})

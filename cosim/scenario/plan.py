@@ -23,6 +23,7 @@ from cosim.scenario.node_groups import SidesOf, held_components, nodal_force, no
 from cosim.scenario.per_chamber import PerChamber, as_load, values_after
 from cosim.scenario.phase_schema import Phase, Start, TipTarget
 from cosim.scenario.schema import Scenario
+from cosim.scenario.shake import Shake
 from cosim.soft import tip_target as soft_target
 from cosim.soft.body import Loads, SoftBody
 from cosim.soft.center_line import center_line_length, hole_rings
@@ -228,7 +229,7 @@ def _holding(body: SoftBody, sides: SidesOf, phase: Phase) -> Holding:
 
 
 def _flange_key(phase: Phase) -> str:
-    for key in ("flange", "flange_turn", "flange_shift_m", "tip_target"):
+    for key in ("flange", "flange_turn", "flange_shift_m", "flange_shake", "tip_target"):
         if getattr(phase, key) is not None:
             return f"phase.{phase.name}.{key}"
     return f"phase.{phase.name}"
@@ -274,7 +275,7 @@ def _way(here: Pose, phase: Phase) -> FlangeWay:
     if phase.flange is not None:
         return FlangeWay.to(here, pose_of(phase.flange))
     shift = None if phase.flange_shift_m is None else np.array(phase.flange_shift_m)
-    return FlangeWay.relative(here, phase.flange_turn, shift)
+    return FlangeWay.relative(here, phase.flange_turn, shift, Shake.of(phase))
 
 
 def _walk(soft: SoftSide, begin: Equilibrium, way: FlangeWay, loads: Loads) -> Equilibrium:

@@ -7,6 +7,7 @@ from typing import Annotated, Final, Literal, final
 
 from cosim.scenario.constraints import (
     Bounds,
+    Colour,
     Count,
     Fraction,
     Increasing,
@@ -174,6 +175,24 @@ class Copies:
 
 @final
 @dataclass(frozen=True)
+class Palm:
+    """A round plate fixed to the flange, its back on the flange's xy plane; rigid bodies touch it.
+
+    The film does not: it is mounted there. Only with an arm.
+
+    Args:
+        friction: coefficient of sliding.
+    """
+
+    radius_m: Positive
+    thickness_m: Positive
+    mass_kg: Positive
+    friction: NonNegative = 0.8
+    rgba: Colour = (0.25, 0.27, 0.30, 1.0)
+
+
+@final
+@dataclass(frozen=True)
 class Calibration:
     """Parameters of the unrefined mesh that make it answer like the refined one; made by `cosim calibrate`.
 
@@ -239,6 +258,7 @@ class SoftRobot:
         cables: `[[cable]]` in the file, of one copy.
         copies: how often, and where, all this is on the flange; omitted: once, along its z axis.
         attachments: `[[attach]]` in the file.
+        palm: rigid plate that the soft parts are mounted on; omitted: none.
         calibration: of the unrefined mesh; used where a scenario says `chamber.calibrated = true`.
     """
 
@@ -253,6 +273,7 @@ class SoftRobot:
     cables: tuple[Cable, ...] = field(default=(), metadata={"key": "cable"})
     copies: Copies | None = None
     attachments: tuple[Attachment, ...] = field(default=(), metadata={"key": "attach"})
+    palm: Palm | None = None
     calibration: Calibration | None = None
     schema: Literal[1] = 1
 

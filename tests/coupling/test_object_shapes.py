@@ -46,7 +46,7 @@ SHAPES: dict[str, tuple[dict[str, object], float]] = {
     "cylinder": ({"shape": "cylinder", "size_m": (0.02, 0.04)}, 0.02),
     "capsule": ({"shape": "capsule", "size_m": (0.02, 0.03)}, 0.035),
     "ellipsoid": ({"shape": "ellipsoid", "size_m": (0.03, 0.02, 0.025)}, 0.025),
-    "mesh of hulls": ({"shape": "mesh", "mesh": read_mesh(object_mesh_path("spool.obj"))}, 0.026),
+    "mesh of hulls": ({"shape": "mesh", "mesh": read_mesh(object_mesh_path("spool.obj"))}, 0.044),
     "mesh by distances": ({"shape": "mesh", "mesh": octahedron(0.03), "convex": False}, 0.03),
     "compound": ({"parts": leaves()}, 0.026),
 }

@@ -108,9 +108,9 @@ def test_a_hollow_mesh_is_touched_inside_its_hull() -> None:
 def test_the_inertia_of_a_mesh_is_that_of_its_solid() -> None:
     mesh = spool()
     cylinders = (
-        Geometry("cylinder", (0.024, 0.046)),
-        Geometry("cylinder", (0.036, 0.004), (0.0, 0.0, -0.024)),
-        Geometry("cylinder", (0.036, 0.004), (0.0, 0.0, 0.024)),
+        Geometry("cylinder", (0.024, 0.082)),
+        Geometry("cylinder", (0.036, 0.004), (0.0, 0.0, -0.042)),
+        Geometry("cylinder", (0.036, 0.004), (0.0, 0.0, 0.042)),
     )
     round_one = SceneObject("round", mass_kg=0.1, parts=cylinders, position_m=(1.0, 0.0, 0.0))
     scene = scene_of(SceneObject("spool", "mesh", mass_kg=0.1, mesh=mesh), round_one)

@@ -8,6 +8,7 @@ import pytest
 from cosim.frames import Pose
 from cosim.scenario.flange import FlangeWay, pose_of, rotation_from_direction
 from cosim.scenario.phase_schema import FlangePose, FlangeTurn
+from cosim.scenario.shake import Shake
 
 # products of a few rotation matrices: rounding of a few 1e-16
 ROUNDING = 1e-14
@@ -61,3 +62,18 @@ def test_half_of_a_motion_done_twice_is_the_motion() -> None:
     twice = FlangeWay.relative(half, turn, shift).at(0.5)
     assert twice.rotation == pytest.approx(once.rotation, abs=ROUNDING)
     assert twice.translation == pytest.approx(once.translation, abs=ROUNDING)
+
+
+def test_a_shake_begins_and_ends_at_rest_and_reaches_its_amplitude() -> None:
+    shake = Shake(np.array([0.0, 0.02, 0.0]), 5.0)
+    way = FlangeWay(Pose(), np.zeros(3), np.array([0.1, 0.0, 0.0]), shake)
+    share = np.linspace(0.0, 1.0, 2001)
+    path = np.array([way.at(s).translation for s in share])
+    np.testing.assert_allclose(path[:, 0], 0.1 * share, atol=1e-15)
+    assert path[:, 1].max() == pytest.approx(0.02, rel=1e-4)
+    assert path[:, 1].min() == pytest.approx(-0.02, rel=1e-4)
+    assert np.abs(path[[0, -1], 1]).max() < 1e-15
+    assert np.abs(np.diff(path[:, 1])[[0, -1]]).max() < 1e-9
+    middle = path[(share > 0.25) & (share < 0.75), 1]
+    assert np.count_nonzero(np.diff(np.sign(middle[middle != 0.0]))) == 5  # the zeros of 2.5 periods
+    assert way.pieces >= 100

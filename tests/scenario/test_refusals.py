@@ -157,6 +157,16 @@ WRONG_VALUES = {
         "wire.a",
         "used twice",
     ),
+    "shake on a smooth ramp": (
+        "phase.inflate.flange_shake={axis=[1,0,0],amplitude_m=0.01,frequency_Hz=2}",
+        "phase.inflate.ramp",
+        "linear",
+    ),
+    "shake of two periods": (
+        'phase=[{name="a",duration_s=1,ramp="linear",flange_shake={axis=[1,0,0],amplitude_m=0.01,frequency_Hz=2}}]',
+        "phase.a.duration_s",
+        "3 periods",
+    ),
     "mesh that is not there": (
         'object=[{name="spool",shape="mesh",file="reel.stl",position_m=[0,0,0]}]',
         "object.spool.file",
