@@ -19,6 +19,7 @@ FORCE_SENSOR, TORQUE_SENSOR = "flange_force", "flange_torque"
 
 # Robot links meet floor and objects but not one another.
 _ROBOT_CONTACT = (1, 2)
+_NOSLIP_ITERATIONS = 10
 _READABLE_MESHES = (".stl", ".obj", ".msh")
 _MESH_GREY = "0.80 0.81 0.83 1"
 _FLOOR_GREY = (0.86, 0.87, 0.88, 1.0)
@@ -47,6 +48,9 @@ def compile_model(description: SceneDescription) -> mujoco.MjModel:
         add_object(spec, floor, {}, description.tick_s)
     prepare(spec)
     try:
+        if description.mounted:
+            # what a palm clamps must not creep, as MuJoCo's regularised friction does
+            spec.option.noslip_iterations = _NOSLIP_ITERATIONS
         for item in description.mounted:
             add_mounted(spec, spec.body(FLANGE_MOUNT), item, _ROBOT_CONTACT, description.tick_s)
         objects = {item.name: item for item in description.objects}

@@ -69,18 +69,21 @@ def test_switched_off_the_block_is_not_felt(tmp_path: Path) -> None:
 
 
 def test_a_gripper_lifts_a_roll_and_keeps_it() -> None:
-    """100 g, 0.2 m up: the roll follows the flange, and stays in the air."""
-    simulation = build_simulation(load_scenario("gripper_lifts_roll"))
+    """100 g: drawn up against the palm, and lifted off its stand."""
+    quick = [
+        {"name": "inflate", "duration_s": 0.3, "pressure_Pa": 40e3},
+        {"name": "lower", "duration_s": 0.3, "flange_shift_m": [0.0, 0.0, -0.142]},
+        {"name": "close", "duration_s": 0.4, "cable_tension_N": [6.0] * 6},
+        {"name": "lift", "duration_s": 0.3, "flange_shift_m": [0.0, 0.0, 0.05]},
+    ]
+    simulation = build_simulation(load_scenario("gripper_lifts_roll", {"phase": quick}))
     roll = simulation.stage.body_names.index("roll")
-    heights, gaps, phases = [], [], []
+    ends: dict[int, float] = {}
     for snapshot in simulation.steps():
-        heights.append(snapshot.body_position[roll, 2])
-        gaps.append(heights[-1] - snapshot.world_from_flange.translation[2])
-        phases.append(snapshot.phase)
-    lift = phases.index(3)
-    assert heights[-1] - heights[0] > 0.19
-    # it swings a little between the fingers, but does not slide through them
-    assert abs(gaps[-1] - gaps[lift]) < 1e-3
-    weight = 0.1 * 9.81
-    # three fingers hold it by friction: N >= weight / mu
-    assert snapshot.ledger.contact_force_N >= weight / 0.8
+        height = snapshot.body_position[roll, 2]
+        ends[snapshot.phase] = height - snapshot.world_from_flange.translation[2]
+    # the top of the roll, 45 mm above its middle, touches the palm 8 mm below the flange
+    assert ends[2] == pytest.approx(-0.053, abs=1e-3)
+    assert ends[3] == pytest.approx(ends[2], abs=1e-3)
+    assert height > 0.245 + 0.05
+    assert snapshot.ledger.contact_force_N > 0.1 * 9.81

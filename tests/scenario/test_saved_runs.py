@@ -19,10 +19,11 @@ from cosim.state_archive import read_archive, write_archive
 # The fingers start around the roll, so that they soon hold it; three fingers, three points each at most.
 GRASP: dict[str, Any] = {
     "clock.tick_s": 0.004,
-    "start.flange.position_m": [0.45, 0.0, 0.385],
+    "start.flange.position_m": [0.45, 0.0, 0.35],
     "phase": [
-        {"name": "inflate", "duration_s": 0.2, "settle_s": 0.04, "pressure_Pa": 30e3},
-        {"name": "close", "duration_s": 0.4, "settle_s": 0.04, "cable_tension_N": [3.0] * 6},
+        {"name": "inflate", "duration_s": 0.2, "settle_s": 0.04, "pressure_Pa": 40e3},
+        {"name": "lower", "duration_s": 0.2, "flange_shift_m": [0.0, 0.0, -0.042]},
+        {"name": "close", "duration_s": 0.2, "settle_s": 0.04, "cable_tension_N": [6.0] * 6},
         {"name": "lift", "duration_s": 0.2, "flange_shift_m": [0.0, 0.0, 0.02]},
     ],
 }
@@ -76,7 +77,7 @@ def test_a_grasp_goes_on_bit_for_bit(tmp_path: Path) -> None:
     assert same(branch, rest)
     assert not same(branch[1:], rest[:-1])
     # with looser cables the same grasp goes another way
-    phases = [*GRASP["phase"][:2], {**GRASP["phase"][2], "cable_tension_N": [1.0] * 6}]
+    phases = [*GRASP["phase"][:3], {**GRASP["phase"][3], "cable_tension_N": [1.0] * 6}]
     looser = simulation("gripper_lifts_roll", **{**GRASP, "phase": phases})
     looser.restore_state(state)
     assert not same(list(islice(looser.steps(), 20)), rest[:20])
