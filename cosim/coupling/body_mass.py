@@ -21,7 +21,7 @@ from cosim.frames import Array
 from cosim.soft.contact import ContactPlanes
 
 _RENEW_EVERY_TICKS = 10
-_RATIO_BOUND = 1.0  # above it the explicit exchange can grow
+RATIO_BOUND = 1.0  # above it the explicit exchange can grow
 
 
 @final
@@ -63,18 +63,22 @@ class BodyMass:
         """Largest algorithmic mass over the inertia of a body that moves with it; carried above 1."""
         return max(self._free_ratio, self._jointed.ratio)
 
-    def update(self) -> None:
-        """Bring the carried mass up to date after a soft step."""
+    def update(self, *, carry: bool = True) -> None:
+        """Bring the carried mass up to date after a soft step.
+
+        Args:
+            carry: whether bodies do carry it; otherwise only its ratio to them is found.
+        """
         planes = self._exchange.sticking
         if planes is None:
-            self._jointed.update(None, np.zeros(0))
+            self._jointed.update(None, np.zeros(0), carry=carry)
             self._let_go()
             return
         tangents = planes.tangents(self._soft.state.positions)
         stiffness = np.trace(tangents, axis1=1, axis2=2)
-        self._jointed.update(planes, stiffness)
+        self._jointed.update(planes, stiffness, carry=carry)
         if len(self._inertia):
-            self._update_free(planes, tangents, stiffness)
+            self._update_free(planes, tangents, stiffness, carry)
 
     def _let_go(self) -> None:
         if self._free_ratio:
@@ -82,7 +86,7 @@ class BodyMass:
             self._touching[:] = 0.0
             self._free_ratio = 0.0
 
-    def _update_free(self, planes: ContactPlanes, tangents: Array, stiffness: Array) -> None:
+    def _update_free(self, planes: ContactPlanes, tangents: Array, stiffness: Array, carry: bool) -> None:
         owner = self._exchange.query.body[self._exchange.shape]
         total = np.array([stiffness[owner == body].sum() for body in self._exchange.bodies.free])
         self._age += 1
@@ -95,7 +99,7 @@ class BodyMass:
                 self._renewed[k] = self._mass(k, planes, tangents) if total[k] > 0.0 else 0.0
         ratio = (self._renewed / self._inertia).max(axis=1)
         self._free_ratio = float(ratio.max(initial=0.0))
-        heavy = (ratio > _RATIO_BOUND) & (total > 0.0)
+        heavy = (ratio > RATIO_BOUND) & (total > 0.0) & carry
         self._carry(np.where(heavy[:, None], self._renewed, 0.0))
 
     def save_state(self) -> BodyMassState:

@@ -13,7 +13,7 @@ from typing import final
 
 import numpy as np
 
-from cosim.frames import Array, IntArray
+from cosim.frames import Array, IntArray, cross
 from cosim.rigid.bodies import Bodies
 from cosim.rigid.contact_query import ContactQuery
 from cosim.rigid.features import near_film
@@ -209,6 +209,16 @@ class ContactExchange:
             report = self._report(found)
         self.bodies.apply(report.bodies, report.force, report.torque)
         return report
+
+    def film_load(self, positions: Array) -> Array:
+        """Return the force and torque (6,) of the film on all bodies, summed over its nodes (n, 3) [m].
+
+        About the world's origin. What `settle` reports is summed over contact points instead.
+        """
+        gradient = np.zeros_like(positions)
+        if self.planes is not None:
+            self.planes.add(positions, gradient, np.zeros((0, 3, 3)), hessian=False)
+        return np.concatenate([gradient.sum(axis=0), cross(positions, gradient).sum(axis=0)])
 
     def save_state(self) -> ContactState:
         """Return what the next tick depends on; nothing is copied, no array is written to in place."""

@@ -5,8 +5,11 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from typing import Any
 
+import numpy as np
+
 from cosim.coupling.interface import Interface, ServoCommand
 from cosim.coupling.ledger import LedgerEntry
+from cosim.coupling.soft_side import SoftReply
 from cosim.frames import Wrench
 from cosim.soft.body import Loads
 
@@ -50,3 +53,29 @@ class Coupling(ABC):
             InstabilityError: the rigid side is no longer finite.
             ConvergenceError: the soft step, or the exchange, has no solution.
         """
+
+    def _entry(self, reply: SoftReply, acted: Wrench) -> LedgerEntry:
+        """Return what a tick exchanged, whatever the scheme.
+
+        Args:
+            reply: of the soft side.
+            acted: on the flange, at its present origin, world axes.
+        """
+        interface, touched = self.interface, self.interface.touched
+        twist, wrench = interface.scene.flange_twist, reply.wrench
+        size = np.linalg.norm(wrench.force) * np.linalg.norm(twist.linear)
+        size += np.linalg.norm(wrench.torque) * np.linalg.norm(twist.angular)
+        return LedgerEntry(
+            wrench=wrench,
+            rigid_power_W=acted.power(twist),
+            soft_power_W=-wrench.power(twist),
+            residual_N=reply.residual_N,
+            newton_iterations=reply.iterations,
+            stability_ratio=interface.ratio,
+            algorithmic_mass=False,
+            contacts=touched.count,
+            contact_force_N=touched.normal_force_N,
+            contact_depth_m=touched.depth_m,
+            contact_ratio=interface.contact_ratio,
+            power_size_W=float(size),
+        )

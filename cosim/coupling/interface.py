@@ -5,14 +5,21 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import final
 
+import numpy as np
+
 from cosim.coupling.body_mass import BodyMass, BodyMassState
 from cosim.coupling.contact import NOTHING_TOUCHED, ContactExchange, ContactReport, ContactState
 from cosim.coupling.mass import stability_ratio
+from cosim.coupling.momentum import Handed
 from cosim.coupling.soft_side import SoftReply, SoftSide
 from cosim.errors import InputError
 from cosim.frames import Array, Wrench
 from cosim.rigid.scene import RigidScene
 from cosim.soft.body import Loads
+from cosim.soft.dynamics import StepAim
+
+# Shape and configuration hardly change in 20 ms; the ratio costs as much as the rest of the exchange.
+_RATIO_EVERY_TICKS = 10
 
 
 @final
@@ -38,13 +45,19 @@ class InterfaceState:
 
     Args:
         wrench: on the flange in the next tick.
+        handed: what the soft side has handed over at the end of the last tick.
         touched: contacts of the last tick.
+        ratio: stability ratio of the flange when it was last weighed.
+        ticks: done.
         contact: of the soft body with the scene; None where it is not modelled.
         body_mass: that free bodies carry, the same.
     """
 
     wrench: Wrench
+    handed: Handed
     touched: ContactReport
+    ratio: float
+    ticks: int
     contact: ContactState | None
     body_mass: BodyMassState | None
 
@@ -66,26 +79,36 @@ class Interface:
         self.scene, self.soft, self.contact = scene, soft, contact
         self.body_mass = BodyMass(contact, soft, scene.tick_s) if contact is not None else None
         self.wrench = wrench
+        self.handed = Handed.of(wrench, scene.flange_pose.translation, np.zeros(6), 0.0)
         self.touched: ContactReport = NOTHING_TOUCHED
+        self.ratio = 0.0
+        self.ticks = 0
 
     @property
     def contact_ratio(self) -> float:
         """Largest algorithmic mass of the film over the inertia of a free body that it touches."""
         return 0.0 if self.body_mass is None else self.body_mass.ratio
 
-    def algorithmic_mass(self) -> Array:
-        """Return the soft side's mass (6, 6) as a rigid body, at the flange origin, world axes."""
-        return self.soft.mass_properties().spatial(self.scene.flange_pose.translation)
+    @property
+    def to_be_weighed(self) -> bool:
+        """Whether the stability ratio is due to be found anew."""
+        return self.ticks % _RATIO_EVERY_TICKS == 0
 
-    def stability_ratio(self, algorithmic_mass: Array) -> float:
-        """Return the largest eigenvalue of flange mobility times algorithmic mass (6, 6)."""
-        return stability_ratio(self.scene.flange_mobility(), algorithmic_mass)
+    def weigh(self) -> Array:
+        """Find the stability ratio of the flange; nothing may ride on the joints meanwhile.
+
+        Returns:
+            The soft side's mass (6, 6) as a rigid body, at the flange origin, world axes.
+        """
+        mass = self.soft.mass_properties().spatial(self.scene.flange_pose.translation)
+        self.ratio = stability_ratio(self.scene.mobility(), mass)
+        return mass
 
     def save_state(self) -> InterfaceState:
         """Return what the next exchange depends on besides the states of scene and soft side."""
         contact = None if self.contact is None else self.contact.save_state()
         mass = None if self.body_mass is None else self.body_mass.save_state()
-        return InterfaceState(self.wrench, self.touched, contact, mass)
+        return InterfaceState(self.wrench, self.handed, self.touched, self.ratio, self.ticks, contact, mass)
 
     def restore_state(self, state: InterfaceState) -> None:
         """Return to a state of `save_state`; scene and soft side have been restored before.
@@ -96,19 +119,35 @@ class Interface:
         if (self.contact is None) is not (state.contact is None):
             where = "the saved state" if self.contact is None else "this run"
             raise InputError(f"contact is modelled in {where} only")
-        self.wrench, self.touched = state.wrench, state.touched
+        self.wrench, self.handed, self.touched = state.wrench, state.handed, state.touched
+        self.ratio, self.ticks = state.ratio, state.ticks
         if self.contact is not None and state.contact is not None:
             self.contact.restore_state(state.contact)
         if self.body_mass is not None and state.body_mass is not None:
             self.body_mass.restore_state(state.body_mass)
 
-    def advance_soft(self, loads: Loads) -> SoftReply:
-        """Take the soft step to the flange's present pose, with the contacts that are there."""
+    def advance_soft(self, loads: Loads, aim: StepAim | None = None) -> SoftReply:
+        """Take the soft step to the flange's present pose, with the contacts that are there.
+
+        Afterwards the bodies bear the contacts' loads.
+
+        Args:
+            loads: on the soft body at the end of the tick, contacts not counted.
+            aim: how closely; as an ordinary step unless given.
+        """
         scene, soft = self.scene, self.soft
-        if self.contact is None:
-            return soft.advance(scene.flange_pose, loads, scene.tick_s)
-        planes = self.contact.find(soft.state, scene.tick_s)
-        loads = loads if planes is None else replace(loads, contact=planes)
-        reply = soft.advance(scene.flange_pose, loads, scene.tick_s)
-        self.touched = self.contact.settle(soft.state.positions)
+        if self.contact is not None:
+            planes = self.contact.find(soft.state, scene.tick_s)
+            loads = loads if planes is None else replace(loads, contact=planes)
+        if aim is None:
+            reply = soft.advance(scene.flange_pose, loads, scene.tick_s)
+        else:
+            reply = soft.advance_closely(scene.flange_pose, loads, scene.tick_s, aim)
+        self.wrench, film_load = reply.wrench, np.zeros(6)
+        if self.contact is not None:
+            self.touched = self.contact.settle(soft.state.positions)
+            film_load = self.contact.film_load(soft.state.positions)
+        self.handed = Handed.of(
+            reply.wrench, scene.flange_pose.translation, film_load, self.touched.normal_force_N
+        )
         return reply

@@ -50,12 +50,13 @@ class JointedMass:
         self._age = 0
         self.ratio = 0.0
 
-    def update(self, planes: ContactPlanes | None, stiffness: Array) -> None:
+    def update(self, planes: ContactPlanes | None, stiffness: Array, *, carry: bool = True) -> None:
         """Bring the carried mass up to date after a soft step.
 
         Args:
             planes: contacts with slack stick springs; None for none.
             stiffness: (k,) [N/m], of each contact.
+            carry: whether bodies do carry it; otherwise only its ratio to them is found.
         """
         bodies = self._exchange.bodies
         owner = np.zeros(0, np.int64)
@@ -78,7 +79,7 @@ class JointedMass:
         for block, own in zip(inertia, places, strict=True):
             joint[np.ix_(own, own)] = block
         self.ratio = float(np.linalg.eigvals(mobility @ joint).real.max())
-        carries = self.ratio > _RATIO_BOUND
+        carries = carry and self.ratio > _RATIO_BOUND
         bodies.carried.carry(touched[:0] if not carries else touched, inertia[:0] if not carries else inertia)
 
     def save_state(self) -> JointedMassState:

@@ -14,7 +14,7 @@ from cosim.frames import Array, IntArray, Mask, Pose
 from cosim.soft.body import Loads, SoftBody
 from cosim.soft.contact import ContactPlanes
 from cosim.soft.contact_surface import ContactSurface
-from cosim.soft.dynamics import ImplicitStepper, StepOptions
+from cosim.soft.dynamics import ImplicitStepper, StepAim, StepOptions
 from cosim.soft.equilibrium import Equilibrium, EquilibriumSolver
 from cosim.soft.kept_factor import NewtonState
 from cosim.soft.newton import NewtonOptions, NewtonSolver
@@ -86,7 +86,9 @@ class SoftArm(SoftSide):
         self._flange_before: Pose | None = None
         self._loads = Loads(0.0, (0.0,) * len(body.cables), (0.0, 0.0, 0.0))
         self._residual = 0.0
-        self._pieces, self._piece_s = 1, 0.0
+        self._pieces, self._last_pieces, self._piece_s = 1, 1, 0.0
+        # of the last step: where it began, and what the step before it had left
+        self._begin: tuple[_Drive, Pose | None, float] = ((self._flange, self._loads), None, 0.0)
         self._hold(Clamp.of_base(body))
 
     def _hold(self, clamp: Clamp) -> None:
@@ -119,14 +121,29 @@ class SoftArm(SoftSide):
         Raises:
             ConvergenceError: no acceptable solution; the state is that before the step.
         """
-        start, before = (self._flange, self._loads), self.state
+        return self._advance((world_from_flange, loads), step_s, None)
+
+    def advance_closely(
+        self, world_from_flange: Pose, loads: Loads, step_s: float, aim: StepAim
+    ) -> SoftReply:
+        """Advance by one step, as closely as asked for."""
+        return self._advance((world_from_flange, loads), step_s, aim)
+
+    def take_back(self, before: SoftState) -> None:
+        """Undo the last step; the factorisation stays."""
+        self.state = before
+        (self._flange, self._loads), self._flange_before, self._piece_s = self._begin
+
+    def _advance(self, end: _Drive, step_s: float, aim: StepAim | None) -> SoftReply:
+        begin, before = (self._flange, self._loads), self.state
+        self._begin = (begin, self._flange_before, self._piece_s)
         try:
-            iterations = self._march(start, (world_from_flange, loads), step_s)
+            iterations = self._march(begin, end, step_s, aim)
         except ConvergenceError:
             self.state = before
             raise
-        self._flange_before, self._flange, self._loads = self._flange, world_from_flange, loads
-        wrench = self.clamp.wrench(self._system.gradient, self.state.positions, world_from_flange)
+        self._flange_before, (self._flange, self._loads) = begin[0], end
+        wrench = self.clamp.wrench(self._system.gradient, self.state.positions, self._flange)
         power = float(np.einsum("kr,kr->", self.reaction, self.state.velocities[self.clamp.nodes]))
         return SoftReply(wrench, power, self._residual, iterations)
 
@@ -150,49 +167,57 @@ class SoftArm(SoftSide):
             return None
         return np.array([self._stepper.solver.linear.solve(force) for force in forces])
 
-    def _march(self, begin: _Drive, end: _Drive, step_s: float) -> int:
+    def _march(self, begin: _Drive, end: _Drive, step_s: float, aim: StepAim | None) -> int:
         """Take one step, cut into as many pieces as its error asks for; return the Newton iterations."""
         bound, before = self._dynamics.substep_error_m, self.state
         if bound is None:
-            return self._step(begin, end, step_s, _HALVINGS_MAX)
+            return self._step(begin, end, step_s, _HALVINGS_MAX, aim)
+        if aim is not None and aim.start is not None:  # again: cut as it was the first time
+            return self._cut(begin, end, step_s, self._last_pieces, aim)[0]
         order = 2 if self._dynamics.integrator == "bdf2" else 1
         spent = 0
         while True:
-            pieces = self._pieces
-            iterations, error = self._cut(begin, end, step_s, pieces)
+            pieces = self._last_pieces = self._pieces
+            iterations, error = self._cut(begin, end, step_s, pieces, aim)
             spent += iterations
             self._pieces = pieces_after(pieces, error, bound, order)
             if error <= bound or self._pieces == pieces:
                 return spent
             self.state = before
 
-    def _cut(self, begin: _Drive, end: _Drive, step_s: float, pieces: int) -> tuple[int, float]:
+    def _cut(
+        self, begin: _Drive, end: _Drive, step_s: float, pieces: int, aim: StepAim | None
+    ) -> tuple[int, float]:
         """Take a step in equal pieces; return the Newton iterations and the largest error of a piece [m]."""
         length, spent, worst, here = step_s / pieces, 0, 0.0, begin
         if length != self._piece_s:
             self.state, self._piece_s = replace(self.state, earlier=None), length
+        part = None if aim is None else StepAim(aim.tolerance_N)
         for k in range(1, pieces + 1):
             share, before = k / pieces, self.state
             flange = pose_within(self._flange_before, begin[0], end[0], share)
             there = (flange, begin[1].interpolated(end[1], share))
-            spent += self._step(here, there, length, _HALVINGS_MAX)
+            spent += self._step(here, there, length, _HALVINGS_MAX, part)
             worst = max(worst, step_error(self._dynamics.integrator, before, self.state, length))
             here = there
         return spent, worst
 
-    def _step(self, begin: _Drive, end: _Drive, step_s: float, halvings: int) -> int:
+    def _step(
+        self, begin: _Drive, end: _Drive, step_s: float, halvings: int, aim: StepAim | None = None
+    ) -> int:
         """Take one step, or two halves where it does not converge; return the Newton iterations."""
         (flange, loads) = end
         try:
-            self.state, result = self._stepper.step(self.state, flange, loads, step_s, begin[0])
+            self.state, result = self._stepper.step(self.state, flange, loads, step_s, begin[0], aim)
         except ConvergenceError as error:
             if halvings == 0:
                 raise
             middle = (begin[0].interpolated(flange, 0.5), begin[1].interpolated(loads, 0.5))
             # a two-step integrator cannot look back over a change of step
             self.state = replace(self.state, earlier=None)
-            spent = error.iterations + self._step(begin, middle, 0.5 * step_s, halvings - 1)
-            spent += self._step(middle, end, 0.5 * step_s, halvings - 1)
+            part = None if aim is None else StepAim(aim.tolerance_N)
+            spent = error.iterations + self._step(begin, middle, 0.5 * step_s, halvings - 1, part)
+            spent += self._step(middle, end, 0.5 * step_s, halvings - 1, part)
             self.state = replace(self.state, earlier=None)
             return spent
         self._residual = result.residual_N

@@ -17,6 +17,7 @@ from cosim.frames import Array, IntArray, Mask, Pose, Wrench
 from cosim.soft.body import Loads, SoftBody
 from cosim.soft.contact import ContactPlanes
 from cosim.soft.contact_surface import ContactSurface
+from cosim.soft.dynamics import StepAim
 from cosim.soft.equilibrium import Equilibrium
 from cosim.soft.state import SoftState
 from cosim.soft.tip_target import TipTarget
@@ -63,6 +64,27 @@ class SoftSide(ABC):
         Raises:
             ConvergenceError: no acceptable solution; the state is that before the step.
         """
+
+    def advance_closely(
+        self, world_from_flange: Pose, loads: Loads, step_s: float, aim: StepAim
+    ) -> SoftReply:
+        """Advance as `advance` does, as closely as asked for; a model without iterations has no need to.
+
+        Args:
+            world_from_flange: at the end of the step.
+            loads: at the end of the step.
+            step_s: length [s].
+            aim: how closely.
+        """
+        return self.advance(world_from_flange, loads, step_s)
+
+    def take_back(self, before: SoftState) -> None:
+        """Undo the last step; what a solver has learned in it may stay.
+
+        Args:
+            before: the state that it began with.
+        """
+        self.state = before
 
     @abstractmethod
     def start(self, world_from_flange: Pose, loads: Loads) -> Equilibrium:

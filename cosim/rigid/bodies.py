@@ -7,7 +7,7 @@ from typing import final
 import mujoco
 import numpy as np
 
-from cosim.frames import Array, IntArray
+from cosim.frames import Array, IntArray, Mask
 from cosim.rigid.carried_mass import CarriedMass
 
 
@@ -34,6 +34,14 @@ class Bodies:
     def names(self, bodies: IntArray) -> tuple[str, ...]:
         """Return the names of bodies (b,)."""
         return tuple(self._model.body(int(body)).name for body in bodies)
+
+    def movable(self, bodies: IntArray) -> Mask:
+        """Return which of bodies (b,) have a joint between them and the world (b,) bool."""
+        return np.asarray(self._model.body_weldid[bodies] != 0)
+
+    def centers(self, bodies: IntArray) -> Array:
+        """Return where the centres of mass of bodies (b,) are (b, 3) [m], world."""
+        return np.array(self._data.xipos[bodies])
 
     def origins(self, bodies: IntArray) -> Array:
         """Return where the frames of bodies (b,) are (b, 3) [m], world."""
@@ -71,6 +79,15 @@ class Bodies:
         applied[bodies, :3] = force
         applied[bodies, 3:] = torque - np.cross(self._data.xipos[bodies], force)
         self.loaded = np.array(bodies)
+
+    def received(self, bodies: IntArray) -> Array:
+        """Return what acts on bodies (b,) now (b, 6): force, and torque about the world's origin, world axes.
+
+        Read back from MuJoCo, so it holds whatever has been applied by whomever.
+        """
+        loads = np.array(self._data.xfrc_applied[bodies])
+        loads[:, 3:] += np.cross(self._data.xipos[bodies], loads[:, :3])
+        return loads
 
     def set_added_armature(self, added: Array) -> None:
         """Carry an algorithmic mass on the free bodies, from the step in progress on.

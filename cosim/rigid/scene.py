@@ -18,11 +18,12 @@ import numpy as np
 
 from cosim.body_shape import BodyShape
 from cosim.errors import InputError
-from cosim.frames import Array, Pose, Twist, Wrench
+from cosim.frames import Array, IntArray, Pose, Twist, Wrench
 from cosim.rigid.bodies import Bodies, touchable_geoms
 from cosim.rigid.contact_query import ContactQuery
 from cosim.rigid.description import SceneDescription
 from cosim.rigid.layout import ArmLayout, effort_limit
+from cosim.rigid.mobility import mobility
 from cosim.rigid.model import compile_model
 from cosim.rigid.shapes import body_shapes
 from cosim.rigid.stability import raise_if_unstable, silence_warning_file
@@ -202,6 +203,11 @@ class RigidScene:
         applied = self._data.xfrc_applied[self._layout.mount]
         applied[:3], applied[3:] = wrench.force, wrench.torque
 
+    def received_wrench(self) -> Wrench:
+        """Return what acts on the flange now, about the world's origin, read back from MuJoCo."""
+        (received,) = self.bodies.received(np.array([self._layout.mount]))
+        return Wrench(received[:3], received[3:])
+
     def apply_joint_torque(self, torque: Array) -> None:
         """Set a torque (joints,) [N m] on the joints from now on, besides servos and flange load."""
         self._data.qfrc_applied[self._v] = torque
@@ -239,19 +245,15 @@ class RigidScene:
         self._read_sensor()
         return self.flange_sensor()
 
-    def flange_mobility(self, tick_s: float | None = None) -> Array:
-        """Return W = J (M + h D)^-1 J^T (6, 6): flange velocity change per flange impulse.
+    def mobility(self, bodies: IntArray | None = None) -> Array:
+        """Return W = J (M + h D)^-1 J^T (6 + 6 b, 6 + 6 b): velocity changes per impulse, see `mobility`.
 
-        Linear then angular, at the flange origin, world axes; M with armature, D of servos and joints.
-
-        Args:
-            tick_s: h [s]; the scene's own tick unless given.
+        Of the flange, then of bodies (b,) if given; M with armature, h the tick, D of servos and joints.
         """
-        jacobian = self.flange_jacobian
-        step = self.tick_s if tick_s is None else tick_s
-        damping = self.servo_damping + self._model.dof_damping[self._v]
-        inertia = self.mass_matrix + step * np.diag(damping)
-        return np.asarray(jacobian @ np.linalg.solve(inertia, jacobian.T))
+        damping = self._model.dof_damping.copy()
+        damping[self._v] += self.servo_damping
+        all_bodies = np.append(self._layout.mount, np.zeros(0, np.int64) if bodies is None else bodies)
+        return mobility(self._model, self._data, all_bodies, self.tick_s * damping)
 
     def static_configuration(
         self, reference: Array, feedforward: Array | None = None, wrench: Wrench | None = None

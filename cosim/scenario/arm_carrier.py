@@ -15,13 +15,14 @@ from cosim.coupling.interface import Interface, ServoCommand
 from cosim.coupling.ledger import LedgerEntry
 from cosim.coupling.mass import MassProperties
 from cosim.coupling.soft_side import SoftSide
-from cosim.coupling.staggered import StaggeredCoupling
 from cosim.errors import InputError
 from cosim.frames import Array, Pose, Twist, Wrench
 from cosim.kinematics.arm import Arm, Payload
 from cosim.rigid.scene import RigidScene
 from cosim.rigid.state import RigidState
 from cosim.scenario.carrier import Carrier
+from cosim.scenario.coupling_schema import Coupling as CouplingSettings
+from cosim.scenario.exchange import exchange_report, make_coupling
 from cosim.scenario.joint_path import JointPath
 from cosim.scenario.ramp import Progress
 from cosim.soft.body import Loads
@@ -58,6 +59,7 @@ class ArmCarrier(Carrier):
         payload_compensation: whether the feedforward knows the soft robot's weight.
         mounted: rigid mass on the flange besides the soft robot, flange frame; None for none.
         contact: law of the soft robot's contact with the scene in the dynamic mode; None for no contact.
+        exchange: scheme in which both sides exchange their loads.
     """
 
     def __init__(
@@ -69,10 +71,12 @@ class ArmCarrier(Carrier):
         payload_compensation: bool,
         contact: ContactLaw | None = None,
         mounted: MassProperties | None = None,
+        exchange: CouplingSettings | None = None,
     ) -> None:
         self._name, self._arm, self._scene, self._soft = name, arm, scene, soft
         self._compensation = payload_compensation
         self._contact_law, self._mounted = contact, mounted
+        self._exchange = exchange or CouplingSettings()
         self._reference = np.zeros(arm.joint_count)
         self._coupling: Coupling | None = None
 
@@ -100,7 +104,7 @@ class ArmCarrier(Carrier):
     def report(self) -> Mapping[str, str]:
         return {
             "Arm": f"{self._name}, {self._arm.joint_count} joints, servos with inverse-dynamics feedforward",
-            "Exchange": "staggered, both ways at every tick",
+            "Exchange": exchange_report(self._exchange),
             "Payload compensation": "on" if self._compensation else "off",
         }
 
@@ -129,7 +133,7 @@ class ArmCarrier(Carrier):
         contact = None
         if law is not None:
             contact = ContactExchange(scene.contact_query(), scene.bodies, soft.contact_surface(), law)
-        self._coupling = StaggeredCoupling(Interface(scene, soft, wrench, contact))
+        self._coupling = make_coupling(self._exchange, Interface(scene, soft, wrench, contact))
 
     def save_state(self) -> ArmCarrierState:
         coupling = None if self._coupling is None else self._coupling.save_state()

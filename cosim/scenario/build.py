@@ -91,7 +91,9 @@ def _arm(scenario: Scenario, trial: SoftSide, soft: SoftSide) -> _Arranged:
     contact = contact_decision(scenario, soft.body, plan, arm, scene)
     law = _contact_law(scenario) if contact.included else None
     mounted = None if palm is None else palm_mass(palm)
-    carrier = ArmCarrier(scenario.robot, arm, scene, soft, scenario.payload_compensation, law, mounted)
+    carrier = ArmCarrier(
+        scenario.robot, arm, scene, soft, scenario.payload_compensation, law, mounted, scenario.coupling
+    )
     return plan, carrier, decisions(scenario, soft.body, plan, contact, flange_travel(arm, plan))
 
 

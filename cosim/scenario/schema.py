@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from typing import Annotated, Final, Literal, final
 
 from cosim.scenario.constraints import Length, Name, Text, Vector3
+from cosim.scenario.coupling_schema import Coupling
 from cosim.scenario.device_schema import ControllerDevice, PumpDevice, WinchDevice
 from cosim.scenario.fidelity_schema import Auto, Fidelity
 from cosim.scenario.object_schema import SceneObject
@@ -52,6 +53,7 @@ class Scenario:
     clock: Clock = Clock()
     solver: Solver = Solver()
     contact: Contact = Contact()
+    coupling: Coupling = Coupling()
     chamber: ChamberModel = ChamberModel()
     gas: Gas = Gas()
     recording: Recording = Recording()

@@ -10,6 +10,7 @@ from typing import Any, Literal, final
 import numpy as np
 
 from cosim.scenario.device_figures import DeviceFigures, DeviceFiguresState
+from cosim.scenario.exchange_figures import ExchangeFigures
 from cosim.scenario.snapshot import Snapshot, Stage
 
 SUMMARY_SCHEMA = 1
@@ -65,6 +66,7 @@ class SummaryBuilder:
         self._max_residual_N = 0.0
         self._max_power_error_W = 0.0
         self._max_stability_ratio = 0.0
+        self._exchange = ExchangeFigures()
         self._max_contact_force_N = 0.0
         self._max_contact_depth_m = 0.0
         self._max_self_contact_force_N = 0.0
@@ -80,6 +82,7 @@ class SummaryBuilder:
         self._phase_iterations += ledger.newton_iterations
         self._max_residual_N = max(self._max_residual_N, ledger.residual_N)
         self._max_power_error_W = max(self._max_power_error_W, abs(ledger.power_error_W))
+        self._exchange = self._exchange.after(ledger)
         self._max_stability_ratio = max(self._max_stability_ratio, ledger.stability_ratio)
         self._max_contact_force_N = max(self._max_contact_force_N, ledger.contact_force_N)
         self._max_contact_depth_m = max(self._max_contact_depth_m, ledger.contact_depth_m)
@@ -134,6 +137,7 @@ class SummaryBuilder:
             "max_equilibrium_residual_N": self._max_residual_N,
             "max_interface_power_error_W": self._max_power_error_W,
             "max_stability_ratio": self._max_stability_ratio,
+            **self._exchange.summary(),
             "max_contact_force_N": self._max_contact_force_N,
             "max_contact_depth_m": self._max_contact_depth_m,
             "max_self_contact_force_N": self._max_self_contact_force_N,

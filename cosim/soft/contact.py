@@ -213,6 +213,30 @@ class ContactPlanes:
         outer = self.normal[:, :, None] * self.normal[:, None, :]
         return np.asarray(dragging[:, None, None] * np.eye(3) + (pressing - dragging)[:, None, None] * outer)
 
+    def stiffnesses(self, positions: Array) -> Array:
+        """Return the stiffness (k, 3, 3) [N/m] of each contact, derivative of its gradient by its point.
+
+        Args:
+            positions: (n, 3) [m], of the nodes.
+        """
+        point = np.einsum("ka,kar->kr", self.weights, positions[self.nodes])
+        depth = 0.5 * self.law.smoothing_m - (np.einsum("kr,kr->k", self.normal, point) - self.offset)
+        pressing = self.stiffness * np.clip(depth / self.law.smoothing_m, 0.0, 1.0)
+        u = point - self.anchor
+        u -= np.einsum("kr,kr->k", self.normal, u)[:, None] * self.normal
+        length = np.maximum(np.linalg.norm(u, axis=1), 1e-300)
+        share = np.minimum(length / self.law.stick_m, 1.0)
+        across = self.friction * np.where(share < 1.0, (2.0 - share) / self.law.stick_m, 1.0 / length)
+        along = self.friction * 2.0 * (1.0 - share) / self.law.stick_m
+        outer = self.normal[:, :, None] * self.normal[:, None, :]
+        direction = u / length[:, None]
+        slip = direction[:, :, None] * direction[:, None, :]
+        return np.asarray(
+            (pressing - across)[:, None, None] * outer
+            + across[:, None, None] * np.eye(3)
+            + (along - across)[:, None, None] * slip
+        )
+
     def dragged_anchor(self, found: ContactForces) -> Array:
         """Return where the anchors (k, 3) [m] are after a step: at most `stick` behind their points.
 

@@ -22,6 +22,9 @@ from cosim.soft.self_contact import SelfContact
 from cosim.soft.state import Clamp, SoftState
 from cosim.soft.system import Inertia
 
+_REUSE_MAX = 30  # iterations with a kept factorisation in a step that is solved closely
+_FINE_ITERATIONS_MAX = 4  # new tangents in it below an ordinary step's tolerance
+
 Integrator: TypeAlias = Literal["implicit_euler", "bdf2"]
 
 
@@ -73,6 +76,32 @@ def _turn(before: Pose, after: Pose) -> float:
 
 
 @final
+@dataclass(frozen=True)
+class StepAim:
+    """How closely a step is solved that is taken again and again.
+
+    Args:
+        tolerance_N: a step whose residual is below this is done.
+        start: (n, 3) [m], where an earlier try of the same step ended; None for the first.
+    """
+
+    tolerance_N: float
+    start: Array | None = None
+
+    def newton(self, options: StepOptions) -> tuple[NewtonOptions, NewtonOptions]:
+        """Return the bounds of Newton's method up to an ordinary step's tolerance, and beyond it.
+
+        Beyond, few new tangents are spent: where films buckle, the tangent is shifted and gains little.
+        """
+        coarse = max(self.tolerance_N, options.tolerance_N)
+        given, fine = replace(options.newton, reuse_max=_REUSE_MAX), self.tolerance_N
+        return (
+            replace(given, tolerance_N=coarse, start_tolerance_N=coarse),
+            replace(given, tolerance_N=fine, start_tolerance_N=fine, iterations_max=_FINE_ITERATIONS_MAX),
+        )
+
+
+@final
 class ImplicitStepper:
     """Steps one body with a given clamp.
 
@@ -102,6 +131,7 @@ class ImplicitStepper:
         loads: Loads,
         step_s: float,
         before: Pose | None = None,
+        aim: StepAim | None = None,
     ) -> tuple[SoftState, NewtonResult]:
         """Advance by one step, with the flange at its new pose.
 
@@ -111,6 +141,7 @@ class ImplicitStepper:
             loads: at the end.
             step_s: h [s].
             before: pose of the flange at the beginning; with it, a large turn finds a better start.
+            aim: how closely; as an ordinary step unless given.
 
         Raises:
             InputError: the step is not positive, or not finite.
@@ -125,12 +156,14 @@ class ImplicitStepper:
         if before is not None and _turn(before, world_from_flange) > _LARGE_TURN_RAD:
             starts = self._ranked(starts, state, before, world_from_flange, loads, inertia)
         # free flight is the better start, unless it lets films cross; then the step begins where it is
+        if aim is not None and aim.start is not None:
+            starts = [aim.start, *starts]
         for free in starts:
             start = self.clamp.place(free, world_from_flange)
-            result = self._solve(start, state, world_from_flange, loads, inertia)
+            result = self._solve(start, state, world_from_flange, loads, inertia, aim)
             if result.outcome is not Outcome.NOT_FINITE:
                 break
-        if not result.converged and not self._acceptable(result):
+        if not result.converged and not self._acceptable(result, aim):
             raise ConvergenceError(
                 f"the soft step did not converge: {result.outcome.value}; residual {result.residual_N:.3g} N "
                 f"after {result.iterations} iterations; try a shorter tick or a gentler ramp",
@@ -188,9 +221,23 @@ class ImplicitStepper:
         return Inertia(weight, base + span / (1.0 + damping * span) * speed)
 
     def _solve(
-        self, start: Array, state: SoftState, flange: Pose, loads: Loads, inertia: Inertia
+        self,
+        start: Array,
+        state: SoftState,
+        flange: Pose,
+        loads: Loads,
+        inertia: Inertia,
+        aim: StepAim | None,
     ) -> NewtonResult:
         options, frame = self.options, flange.rotation
+        if aim is not None:
+            coarse, fine = aim.newton(options)
+            result = self.solver.solve(start, state.angles, loads, coarse, inertia, frame)
+            if not result.converged or result.residual_N < aim.tolerance_N:
+                return result
+            spent = result.iterations
+            result = self.solver.solve(result.positions, state.angles, loads, fine, inertia, frame)
+            return replace(result, iterations=spent + result.iterations)
         full = replace(options.newton, tolerance_N=options.tolerance_N)
         # a contact that is half solved would push with a force of its own making
         if loads.contact is not None or loads.self_contact is not None:
@@ -203,7 +250,10 @@ class ImplicitStepper:
         result = self.solver.solve(result.positions, result.angles, loads, full, inertia, frame)
         return replace(result, iterations=spent + result.iterations)
 
-    def _acceptable(self, result: NewtonResult) -> bool:
+    def _acceptable(self, result: NewtonResult, aim: StepAim | None = None) -> bool:
         """Whether an ordinary step may end here: all iterations spent, residual within its bound."""
+        if aim is not None:
+            # below an ordinary step's tolerance rounding may leave no descent
+            return result.residual_N <= self.options.tolerance_N
         limit = result.outcome is Outcome.ITERATION_LIMIT
         return limit and result.residual_N <= self.options.residual_bound_N

@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from cosim.arm_files import find_arm
 from cosim.coupling.body_mass import BodyMass
 from cosim.coupling.contact import ContactExchange, ContactReport
+from cosim.coupling.coupling import Coupling
+from cosim.coupling.interface import Interface, ServoCommand
+from cosim.coupling.ledger import LedgerEntry
 from cosim.coupling.soft_arm import SoftArm
-from cosim.frames import Array, Pose
+from cosim.frames import Array, IntArray, Pose, Twist, Wrench
 from cosim.rigid.description import SceneDescription, SceneObject
 from cosim.rigid.scene import RigidScene
 from cosim.rigid.wire import Wire
@@ -98,3 +103,56 @@ class Grasp:
     def cube_position(self) -> Array:
         """(3,) [m], world; of the second segment of a wire."""
         return np.array(self.scene.body_poses()[0][self._cube])
+
+
+class FixedFlange:
+    """A rigid scene whose flange is held where it is told to be, whatever acts on it.
+
+    Args:
+        scene: everything else is its.
+        pose: of the flange.
+    """
+
+    def __init__(self, scene: RigidScene, pose: Pose) -> None:
+        self._scene, self.flange_pose = scene, pose
+        self._wrench = Wrench()
+        self.flange_twist = Twist()
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._scene, name)
+
+    def apply_flange_wrench(self, wrench: Wrench) -> None:
+        """Take note of it."""
+        self._wrench = wrench.moved(-self.flange_pose.translation)
+
+    def received_wrench(self) -> Wrench:
+        """Return it, about the world's origin."""
+        return self._wrench
+
+    def mobility(self, bodies: IntArray | None = None) -> Array:
+        """Return the scene's, the flange not moving."""
+        found = self._scene.mobility(bodies)
+        found[:6] = found[:, :6] = 0.0
+        return found
+
+
+class CoupledGrasp:
+    """The same grasp, exchanged by a coupling that carries no mass.
+
+    Args:
+        mass_kg: of the cube.
+        tick_s: of the clock.
+        scheme: makes the coupling.
+    """
+
+    def __init__(self, mass_kg: float, tick_s: float, scheme: Callable[[Interface], Coupling]) -> None:
+        self.grasp = Grasp(mass_kg, tick_s, carried=False)
+        self.holder = FixedFlange(self.grasp.scene, self.grasp.flange)
+        scene: Any = self.holder
+        self.interface = Interface(scene, self.grasp.soft, Wrench(), self.grasp.exchange)
+        self.coupling = scheme(self.interface)
+        self._command = ServoCommand(self.grasp.scene.joint_position, np.zeros(6), np.zeros(6))
+
+    def tick(self) -> LedgerEntry:
+        """Advance by one tick."""
+        return self.coupling.tick(self._command, self.grasp.loads)

@@ -102,12 +102,12 @@ def test_a_step_that_fails_is_taken_in_halves(monkeypatch: pytest.MonkeyPatch) -
     step = ImplicitStepper.step
 
     def short_ones_only(
-        self: ImplicitStepper, state: Any, flange: Pose, loads: Any, step_s: float, before: Pose
+        self: ImplicitStepper, state: Any, flange: Pose, loads: Any, step_s: float, *rest: Any
     ) -> Any:
         if step_s > 0.3 * STEP_S:
             raise ConvergenceError("too long", 1.0, 10)
         taken.append(step_s)
-        return step(self, state, flange, loads, step_s, before)
+        return step(self, state, flange, loads, step_s, *rest)
 
     arm, flange = hanging_arm(), moving(0.02)
     first, begin = moving(0.01), no_load(arm.body, pressure_Pa=0.97 * PRESSURE_Pa)
@@ -136,12 +136,12 @@ def test_a_two_step_integrator_does_not_look_back_over_a_change_of_step(
     step = ImplicitStepper.step
 
     def halves_only(
-        self: ImplicitStepper, state: Any, flange: Pose, loads: Any, step_s: float, before: Pose
+        self: ImplicitStepper, state: Any, flange: Pose, loads: Any, step_s: float, *rest: Any
     ) -> Any:
         if step_s > 0.6 * STEP_S:
             raise ConvergenceError("too long", 1.0, 1)
         had_earlier.append(state.earlier is not None)
-        return step(self, state, flange, loads, step_s, before)
+        return step(self, state, flange, loads, step_s, *rest)
 
     arm = hanging_arm(dynamics=replace(TIGHT, integrator="bdf2"))
     loads = no_load(arm.body, pressure_Pa=PRESSURE_Pa)
@@ -161,11 +161,11 @@ def test_after_a_failure_the_state_is_that_before(monkeypatch: pytest.MonkeyPatc
     step = ImplicitStepper.step
 
     def first_half_only(
-        self: ImplicitStepper, state: Any, flange: Pose, loads: Any, step_s: float, before: Pose
+        self: ImplicitStepper, state: Any, flange: Pose, loads: Any, step_s: float, *rest: Any
     ) -> Any:
         lengths.append(step_s)
         if len(lengths) == 2:
-            return step(self, state, flange, loads, step_s, before)
+            return step(self, state, flange, loads, step_s, *rest)
         raise ConvergenceError("no", 1.0, 1)
 
     monkeypatch.setattr(ImplicitStepper, "step", first_half_only)

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import pytest
 
 from cosim.arm_files import find_arm
+from cosim.coupling.coupling import Coupling
 from cosim.coupling.interface import Interface, ServoCommand
 from cosim.coupling.ledger import LedgerEntry
 from cosim.coupling.soft_arm import SoftArm
@@ -35,7 +37,7 @@ class Rig:
     arm: Arm
     scene: RigidScene
     soft: SoftArm
-    coupling: StaggeredCoupling
+    coupling: Coupling
     joints: Array
     loads: Loads
 
@@ -50,10 +52,10 @@ class Rig:
         return [self.coupling.tick(self.command(offset_rad), self.loads) for _ in range(count)]
 
 
-def rig(carried_kg: float = 0.0, ratio_bound: float = 0.5, tick_s: float = 0.002) -> Rig:
+def rig(carried_kg: float = 0.0, ratio_bound: float = 0.5, tick_s: float = 0.002, **description: Any) -> Rig:
     """Return arm and soft arm in equilibrium; `carried_kg` are spread over the base ring."""
     arm = Arm(find_arm("ur5e"))
-    scene = RigidScene(SceneDescription(arm=find_arm("ur5e"), tick_s=tick_s))
+    scene = RigidScene(SceneDescription(arm=find_arm("ur5e"), tick_s=tick_s, **description))
     joints = solve(arm, HANGING, arm.home).q
     scene.set_joint_state(joints)
     drawn = hexagon_arm(UNITS)

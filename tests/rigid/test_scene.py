@@ -196,7 +196,7 @@ def test_mobility_is_the_flange_velocity_change_of_an_impulse() -> None:
     """One tick under a load, against the same tick without it: dv = W load h."""
     scene, plain = make_scene(), make_scene()
     load = 1e-3 * LOAD.force
-    mobility = scene.flange_mobility()
+    mobility = scene.mobility()
     np.testing.assert_allclose(mobility, mobility.T, atol=1e-12)
     scene.apply_flange_wrench(Wrench(load, np.zeros(3)))
     for each in (scene, plain):

@@ -61,6 +61,19 @@ def test_the_flange_feels_what_the_block_bears(tmp_path: Path) -> None:
     assert "block" in result.stage.report
 
 
+@pytest.mark.parametrize("scheme", ["staggered", "iterated"])
+def test_action_equals_reaction_at_every_tick(tmp_path: Path, scheme: str) -> None:
+    changes = {"coupling.scheme": scheme, "phase.press.settle_s": 0.0, "phase.press.duration_s": 0.2}
+    result = run(tmp_path, **changes)
+    assert result.contacts[-1] > 0
+    assert result.summary["max_momentum_error"] < 1e-10
+    iterated = scheme == "iterated"
+    assert result.summary["iterated_ticks"] == (result.summary["ticks"] if iterated else 0)
+    assert (result.summary["max_interface_power_error"] < 1e-8) is iterated
+    assert result.summary["max_interface_trials"] <= 8
+    assert scheme in result.stage.report
+
+
 def test_switched_off_the_block_is_not_felt(tmp_path: Path) -> None:
     result = run(tmp_path, **{"contact.enabled": False})
     assert result.contacts.max() == 0

@@ -1,0 +1,83 @@
+"""How the soft side's loads answer small motions of the flange and of touched bodies within a tick.
+
+A small motion xi of the bodies moves their contact points by G xi and loads the film with P xi,
+P = W^T C G (W: weights of the contact points, C: stiffness of each contact). The film follows by
+X = K^-1 P, K the tangent of the step. What the film answers on the bodies is -(G^T C G - P^T X) xi; what
+of it arrives at the flange is, by the balance of the whole film, E^T (P - W^T C W X - m X / h^2) xi, E its
+rigid motions. The flange's own part is that of a rigid soft side, E^T m E / h^2.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cosim.coupling.contact import ContactExchange
+from cosim.coupling.soft_side import SoftSide
+from cosim.frames import Array, IntArray, cross_matrix
+
+
+def rigid_motions(points: Array, origin: Array) -> Array:
+    """Return how points (k, 3) [m] move (k, 3, 6) with translation and rotation about an origin (3,) [m]."""
+    motion = np.zeros((len(points), 3, 6))
+    motion[:, :, :3] = np.eye(3)
+    motion[:, :, 3:] = [-cross_matrix(point - origin) for point in points]
+    return motion
+
+
+def contact_tangent(
+    exchange: ContactExchange, soft: SoftSide, bodies: IntArray, points: Array, step_s: float
+) -> Array | None:
+    """Return S (6 + 6 b, 6 + 6 b) with change of loads = -S xi, the flange's own block left zero.
+
+    Args:
+        exchange: with the planes of the step just taken.
+        soft: after that step.
+        bodies: (b,) that can move.
+        points: (1 + b, 3) [m], that wrenches are about: of the flange, then of each body.
+        step_s: h [s].
+
+    Returns:
+        None where nothing that can move is touched, or the soft side's tangent is indefinite.
+    """
+    planes, x = exchange.planes, soft.state.positions
+    if planes is None:
+        return None
+    owner = exchange.query.body[exchange.shape]
+    stiffness = planes.stiffnesses(x)
+    mine = np.flatnonzero(np.isin(owner, bodies) & (np.abs(stiffness).max(axis=(1, 2), initial=0.0) > 0.0))
+    if not len(mine):
+        return None
+    nodes, weights = planes.nodes[mine], planes.weights[mine]
+    point = np.einsum("ka,kar->kr", weights, x[nodes])
+    place = np.searchsorted(bodies, owner[mine])
+    touched = np.unique(place)
+    size = 6 * (1 + len(bodies))
+    columns = (6 + 6 * touched[:, None] + np.arange(6)).ravel()
+    motion = np.zeros((len(mine), 3, 6 * len(touched)))
+    for k, body in enumerate(touched):
+        own = place == body
+        motion[own, :, 6 * k : 6 * k + 6] = rigid_motions(point[own], points[1 + body])
+    push = np.einsum("krs,ksj->krj", stiffness[mine], motion)
+    forces = _gathered(nodes, weights, push, len(x))
+    following = soft.response(forces, planes, step_s)
+    if following is None:
+        return None
+    tangent = np.zeros((size, size))
+    own_block = np.einsum("kri,krj->ij", motion, push) - np.einsum("inr,jnr->ij", forces, following)
+    tangent[np.ix_(columns, columns)] = own_block
+    all_nodes, all_weights = planes.nodes, planes.weights
+    followed = np.einsum("ka,jkar->krj", all_weights, following[:, all_nodes])
+    held = _gathered(all_nodes, all_weights, np.einsum("krs,ksj->krj", stiffness, followed), len(x))
+    kept = forces - held - soft.body.node_mass[:, None] / step_s**2 * following
+    arriving = np.einsum("nri,jnr->ij", rigid_motions(x, points[0]), kept)
+    tangent[:6, columns] = -arriving
+    tangent[columns, :6] = -arriving.T
+    return tangent
+
+
+def _gathered(nodes: IntArray, weights: Array, push: Array, count: int) -> Array:
+    """Return forces (j, n, 3) on nodes from forces (k, 3, j) at contact points."""
+    total = np.zeros((count, push.shape[2], 3))
+    for a in range(3):
+        np.add.at(total, nodes[:, a], weights[:, a, None, None] * push.transpose(0, 2, 1))
+    return np.ascontiguousarray(total.transpose(1, 0, 2))

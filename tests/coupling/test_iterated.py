@@ -1,0 +1,187 @@
+"""The iterated exchange against one body, against stiff contact, and back to where a tick began."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from cosim.coupling.automatic import AutomaticCoupling
+from cosim.coupling.interface import Interface
+from cosim.coupling.interface_search import IterationOptions
+from cosim.coupling.iterated import IteratedCoupling
+from cosim.coupling.quasi_newton import QuasiNewton
+from cosim.coupling.staggered import StaggeredCoupling
+from cosim.errors import ConvergenceError, SolverError
+from cosim.frames import Array, Pose
+from cosim.rigid.description import ServoGains
+from tests.coupling.pads import GRASP, CoupledGrasp
+from tests.coupling.slider import OneBody, Slider
+from tests.coupling.test_staggered import CARRIED_MASS_KG, Rig, largest_speed, rig
+
+RATIOS = (0.5, 0.99, 1.01, 2.0, 10.0)
+SOFT_PA, STIFF_PA = 1e8, 1e11  # film stiffness h^2 over a node's mass: some 10, some 10^4
+
+
+def without_mass(interface: Interface) -> StaggeredCoupling:
+    """Return the plain exchange."""
+    return StaggeredCoupling(interface, np.inf, bodies_carry=False)
+
+
+@pytest.mark.parametrize("young_modulus_Pa", [SOFT_PA, STIFF_PA])
+@pytest.mark.parametrize("ratio", RATIOS)
+def test_carriage_and_strip_move_as_one_body(ratio: float, young_modulus_Pa: float) -> None:
+    slider = Slider(ratio, young_modulus_Pa)
+    one, coupling = OneBody(slider, young_modulus_Pa), IteratedCoupling(slider.interface)
+    for _ in range(60):
+        entry = slider.tick(coupling)
+        one.tick()
+        # tolerance 1e-9 of 5 N on at least 17 g: 3e-7 m/s^2 at worst, for 0.12 s
+        assert abs(slider.height_m - one.height_m) < 1e-9
+        assert entry.scheme == "iterated"
+        assert entry.trials <= 7
+        assert entry.interface_residual <= 1e-9
+        assert entry.power_error < 1e-8
+        assert entry.momentum_error < 1e-10
+        assert not entry.algorithmic_mass
+    assert one.height_m > 0.01
+    assert entry.stability_ratio == pytest.approx(ratio)
+
+
+@pytest.mark.parametrize("ratio", [2.0, 10.0])
+def test_without_iterations_the_same_pair_flies_apart(ratio: float) -> None:
+    slider = Slider(ratio, STIFF_PA)
+    one, coupling = OneBody(slider, STIFF_PA), without_mass(slider.interface)
+    for _ in range(60):
+        try:
+            slider.tick(coupling)
+        except SolverError:
+            return
+        one.tick()
+        if abs(slider.height_m - one.height_m) > 0.5:
+            return
+    pytest.fail("the staggered exchange is stable")
+
+
+@pytest.mark.parametrize("tick_s", [1e-3, 5e-3])
+def test_a_light_cube_is_held_without_carrying_a_mass(tick_s: float) -> None:
+    here = CoupledGrasp(0.01, tick_s, IteratedCoupling)
+    before, trials, furthest = here.grasp.scene.save_state().armature, [], 0.0
+    for _ in range(round(0.1 / tick_s)):
+        entry = here.tick()
+        trials.append(entry.trials)
+        assert entry.momentum_error < 1e-10
+        furthest = max(furthest, float(np.abs(here.grasp.cube_position - GRASP).max()))
+    assert entry.contact_ratio > 1.0
+    assert furthest < 5e-4
+    # by Newton's steps with the contacts' tangent: without it, 10 and more
+    assert max(trials) <= 8
+    assert np.mean(trials) < 4.0
+    assert np.array_equal(here.grasp.scene.save_state().armature, before)
+
+
+def test_an_arm_without_rotor_inertia_holds_a_heavy_soft_arm() -> None:
+    # the plain exchange diverges above a ratio of 1 to 1.4
+    weak = {"armature": 0.01, "gains": ServoGains(np.full(6, 200.0), np.full(6, 5.0))}
+    here = rig(4.0, **weak)
+    here.coupling = IteratedCoupling(here.coupling.interface)
+    entries = here.ticks(60, 0.002)
+    assert entries[-1].stability_ratio > 1.4
+    assert max(entry.trials for entry in entries) <= 7
+    assert max(entry.power_error for entry in entries) < 1e-8
+    assert np.abs(here.scene.joint_position - here.joints).max() < 0.003
+    other = rig(4.0, **weak)
+    other.coupling = without_mass(other.coupling.interface)
+    assert largest_speed(other, 60) > 20.0 * largest_speed(here, 60)
+
+
+def test_a_tick_that_fails_leaves_both_sides_where_it_began() -> None:
+    here = CoupledGrasp(0.01, 2e-3, lambda face: IteratedCoupling(face, IterationOptions(iterations_max=2)))
+    exchange = here.grasp.exchange
+    here.tick()  # nothing has sunk in yet
+    rigid, soft, contact = here.grasp.scene.save_state(), here.grasp.soft.state, exchange.save_state()
+    with pytest.raises(ConvergenceError, match=r"after 2 trials .* coupling\.tolerance = 1e-09"):
+        here.tick()
+    again = here.grasp.scene.save_state()
+    assert np.array_equal(again.integration, rigid.integration)
+    assert here.grasp.soft.state is soft
+    assert exchange.memory is contact.memory
+
+
+def states(here: CoupledGrasp, ticks: int) -> list[Array]:
+    """Return where cube and film are after each of some ticks."""
+    found = []
+    for _ in range(ticks):
+        here.tick()
+        found += [here.grasp.cube_position, here.grasp.soft.state.positions]
+    return found
+
+
+@pytest.mark.parametrize("scheme", [IteratedCoupling, AutomaticCoupling])
+def test_a_saved_state_repeats_itself(scheme: type[IteratedCoupling]) -> None:
+    here = CoupledGrasp(0.02, 2e-3, scheme)
+    states(here, 15)
+    saved = here.grasp.scene.save_state(), here.grasp.soft.save_state(), here.coupling.save_state()
+    expected = states(here, 6)
+    here.grasp.scene.restore_state(saved[0])
+    here.grasp.soft.restore_state(saved[1])
+    here.coupling.restore_state(saved[2])
+    assert all(np.array_equal(a, b) for a, b in zip(states(here, 6), expected, strict=True))
+
+
+def after(here: Rig, ticks: int) -> Array:
+    """Return the joint angles after a step of the servos' reference."""
+    here.ticks(ticks, 0.002)
+    return here.scene.joint_position
+
+
+def test_automatic_is_staggered_where_that_needs_no_mass() -> None:
+    plain, automatic = rig(), rig()
+    automatic.coupling = AutomaticCoupling(automatic.coupling.interface)
+    assert np.array_equal(after(plain, 12), after(automatic, 12))
+    assert automatic.ticks(1)[0].scheme == "staggered"
+
+
+def test_automatic_iterates_where_staggered_carries_a_mass() -> None:
+    iterated, automatic = rig(CARRIED_MASS_KG), rig(CARRIED_MASS_KG)
+    iterated.coupling = IteratedCoupling(iterated.coupling.interface)
+    automatic.coupling = AutomaticCoupling(automatic.coupling.interface)
+    assert np.array_equal(after(iterated, 12), after(automatic, 12))
+    assert automatic.ticks(1)[0].scheme == "iterated"
+
+
+def test_automatic_iterates_while_a_light_body_is_touched() -> None:
+    here = CoupledGrasp(0.005, 2e-3, AutomaticCoupling)
+    entries = [here.tick() for _ in range(12)]
+    # the first tick finds the contact, the second knows its ratio
+    assert [entry.scheme for entry in entries] == ["staggered"] + 11 * ["iterated"]
+    aside = Pose(np.eye(3), here.grasp.flange.translation + np.array([0.0, 0.2, 0.0]))
+    here.grasp.soft.state = here.grasp.soft.state.carried(Pose(np.eye(3), np.array([0.0, 0.2, 0.0])))
+    here.holder.flange_pose = aside
+    entries = [here.tick() for _ in range(3)]
+    assert entries[-1].contacts == 0
+    assert entries[-1].scheme == "staggered"
+
+
+def test_a_linear_problem_takes_one_secant_per_unknown_and_is_remembered() -> None:
+    random = np.random.default_rng(3)
+    slope = -np.eye(5) - random.normal(size=(5, 5))
+    inverse = -np.eye(5)
+    for expected in (7, 2):
+        newton, load, root = QuasiNewton(inverse), np.zeros(5), random.normal(size=5)
+        for k in range(expected):
+            residual = slope @ (load - root)
+            load = load + newton.step(load, residual)
+            assert k < expected - 1 or np.abs(residual).max() < 1e-9
+        inverse = newton.inverse(1.0)
+    np.testing.assert_allclose(inverse @ slope, np.eye(5), atol=1e-6)
+
+
+def test_loose_loads_agree_sooner() -> None:
+    trials = []
+    for tolerance in (1e-4, 1e-9):
+        slider = Slider(10.0, SOFT_PA)
+        coupling = IteratedCoupling(slider.interface, replace(IterationOptions(), tolerance=tolerance))
+        trials.append(sum(slider.tick(coupling).trials for _ in range(20)))
+    assert trials[0] < trials[1]
