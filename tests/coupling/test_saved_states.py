@@ -161,6 +161,21 @@ def test_a_grasp_repeats_itself_with_friction_and_carried_mass() -> None:
     assert not same(grasped(here, 25), expected)
 
 
+def test_a_contact_that_ends_right_after_the_state_pushes_no_longer() -> None:
+    first, second = Grasp(LIGHT_KG, STEP_S).scene, Grasp(LIGHT_KG, STEP_S).scene
+    cube = np.array([first.body_names.index("cube")])
+    first.bodies.apply(cube, np.array([[0.0, 0.0, 5.0]]), np.zeros((1, 3)))
+    second.restore_state(first.save_state())
+    heights = []
+    for scene in (first, second):
+        scene.bodies.apply(cube[:0], np.zeros((0, 3)), np.zeros((0, 3)))
+        for _ in range(3):
+            scene.finish_step()
+            scene.begin_step()
+        heights.append(scene.body_poses()[0][cube[0], 2])
+    assert heights[0] == heights[1] < 1.5
+
+
 def driven(here: Rig, first: int, last: int) -> list[Array]:
     """Return what a coupled pair does while its joints swing."""
     found = []
