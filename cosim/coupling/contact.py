@@ -22,6 +22,7 @@ from cosim.soft.contact_surface import ContactSurface, Extent
 from cosim.soft.state import SoftState
 
 _REACH_M = 1e-3  # looked ahead besides what the film moves in a tick
+_STILL_REACH_M = 3e-3  # the same in statics, where nothing says how far the film will move
 _BEHIND_M = 5e-3  # how far behind the film a corner still counts as one that came through it
 _FEATURE_AREA_M2 = 5e-5  # each stands for: a corner must hold back the film around it by itself
 
@@ -136,6 +137,17 @@ class ContactExchange:
         if self.planes is None and len(self.memory.key):
             self.memory = ContactMemory.empty()
         return self.planes
+
+    def still(self, positions: Array) -> ContactPlanes | None:
+        """Return what the film may touch near an equilibrium, without friction; None for nothing.
+
+        Args:
+            positions: (n, 3) [m], of the nodes.
+        """
+        self.query.update()
+        extent = Extent.of(positions, np.zeros_like(positions))
+        active = self.query.near(extent.low, extent.high, _STILL_REACH_M)
+        return self._planes(positions, extent, _STILL_REACH_M, active) if len(active) else None
 
     def _planes(self, x: Array, extent: Extent, reach: float, active: IntArray) -> ContactPlanes | None:
         surface, query = self.surface, self.query

@@ -15,7 +15,7 @@ from cosim.soft.body import Loads, SoftBody
 from cosim.soft.contact import ContactPlanes
 from cosim.soft.contact_surface import ContactSurface
 from cosim.soft.dynamics import ImplicitStepper, StepAim, StepOptions
-from cosim.soft.equilibrium import Equilibrium, EquilibriumSolver
+from cosim.soft.equilibrium import Equilibrium, EquilibriumSolver, Obstacles
 from cosim.soft.kept_factor import NewtonState
 from cosim.soft.newton import NewtonOptions, NewtonSolver
 from cosim.soft.self_contact import FilmContactLaw, SelfContact
@@ -95,6 +95,7 @@ class SoftArm(SoftSide):
         self.clamp = clamp
         newton = NewtonSolver(self._system, clamp.mask(self.body.nodes))
         self.equilibrium_solver = EquilibriumSolver(newton, clamp, self._statics, self._films)
+        self.equilibrium_solver.obstacles = self.obstacles
         self._stepper = ImplicitStepper(newton, clamp, self._dynamics, self._films)
 
     def hold_also(self, held: Mask, world_from_flange: Pose) -> None:
@@ -146,6 +147,10 @@ class SoftArm(SoftSide):
         wrench = self.clamp.wrench(self._system.gradient, self.state.positions, self._flange)
         power = float(np.einsum("kr,kr->", self.reaction, self.state.velocities[self.clamp.nodes]))
         return SoftReply(wrench, power, self._residual, iterations)
+
+    def stand_against(self, obstacles: Obstacles | None) -> None:
+        """Let equilibria from now on take in what the film touches."""
+        self.obstacles = self.equilibrium_solver.obstacles = obstacles
 
     def contact_surface(self) -> ContactSurface:
         """Return where the body can be touched."""
@@ -250,8 +255,9 @@ class SoftArm(SoftSide):
     def settle(self, found: Equilibrium) -> None:
         """Take over an equilibrium as the present state."""
         self.state = found.state
-        # the films that touch are found anew in every step
-        self._flange, self._loads = found.world_from_flange, replace(found.loads, self_contact=None)
+        # what touches is found anew in every step
+        self._flange = found.world_from_flange
+        self._loads = replace(found.loads, contact=None, self_contact=None)
 
     def save_state(self) -> SoftArmState:
         """Return what the next step depends on; costs no copy but one of the nodal forces."""

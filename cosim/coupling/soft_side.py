@@ -18,7 +18,7 @@ from cosim.soft.body import Loads, SoftBody
 from cosim.soft.contact import ContactPlanes
 from cosim.soft.contact_surface import ContactSurface
 from cosim.soft.dynamics import StepAim
-from cosim.soft.equilibrium import Equilibrium
+from cosim.soft.equilibrium import Equilibrium, Obstacles
 from cosim.soft.state import SoftState
 from cosim.soft.tip_target import TipTarget
 
@@ -51,6 +51,7 @@ class SoftSide(ABC):
 
     body: SoftBody
     state: SoftState
+    obstacles: Obstacles | None = None
 
     @abstractmethod
     def advance(self, world_from_flange: Pose, loads: Loads, step_s: float) -> SoftReply:
@@ -161,6 +162,14 @@ class SoftSide(ABC):
     @abstractmethod
     def contact_surface(self) -> ContactSurface:
         """Return where the body can be touched."""
+
+    def stand_against(self, obstacles: Obstacles | None) -> None:
+        """Let equilibria from now on take in what the film touches; some models know no such contact.
+
+        Args:
+            obstacles: returns what may be touched near given positions; None for nothing.
+        """
+        self.obstacles = obstacles
 
     @abstractmethod
     def response(self, forces: Array, contact: ContactPlanes, step_s: float) -> Array | None:

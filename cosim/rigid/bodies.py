@@ -104,13 +104,16 @@ class Bodies:
         return np.asarray(bodies[moving & ~np.isin(bodies, self.free)])
 
 
-def touchable_geoms(model: mujoco.MjModel, mount: int) -> IntArray:
+def touchable_geoms(model: mujoco.MjModel, mount: int, *, fixed_only: bool = False) -> IntArray:
     """Return the geoms that a soft body on the mount may touch: all that collide, but the arm's own.
 
     Args:
         model: compiled scene.
         mount: body that carries the soft body.
+        fixed_only: whether to leave out what can move as well.
     """
     collides = (model.geom_contype | model.geom_conaffinity) != 0
     own = model.body_rootid[model.geom_bodyid] == model.body_rootid[mount]
+    if fixed_only:
+        collides &= model.body_weldid[model.geom_bodyid] == 0
     return np.asarray(np.flatnonzero(collides & ~own), dtype=np.int64)

@@ -169,9 +169,10 @@ class RigidScene:
         """
         return Wrench(self._flange_load[:3], self._flange_load[3:])
 
-    def contact_query(self) -> ContactQuery:
-        """Return the distances to everything that collides, the arm itself left out."""
-        return ContactQuery(self._model, self._data, touchable_geoms(self._model, self._layout.mount))
+    def contact_query(self, *, fixed_only: bool = False) -> ContactQuery:
+        """Return the distances to everything that collides (and is fixed), the arm itself left out."""
+        geoms = touchable_geoms(self._model, self._layout.mount, fixed_only=fixed_only)
+        return ContactQuery(self._model, self._data, geoms)
 
     def set_joint_state(self, position: Array, velocity: Array | None = None) -> None:
         """Put the arm at an angle and a speed; everything readable follows.

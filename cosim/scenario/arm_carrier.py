@@ -27,6 +27,7 @@ from cosim.scenario.joint_path import JointPath
 from cosim.scenario.ramp import Progress
 from cosim.soft.body import Loads
 from cosim.soft.contact import ContactLaw
+from cosim.soft.equilibrium import Obstacles
 
 _SETTLED_RAD = 1e-9
 
@@ -58,7 +59,7 @@ class ArmCarrier(Carrier):
         soft: soft side.
         payload_compensation: whether the feedforward knows the soft robot's weight.
         mounted: rigid mass on the flange besides the soft robot, flange frame; None for none.
-        contact: law of the soft robot's contact with the scene in the dynamic mode; None for no contact.
+        contact: law of the soft robot's contact with the scene; None for no contact.
         exchange: scheme in which both sides exchange their loads.
     """
 
@@ -127,6 +128,13 @@ class ArmCarrier(Carrier):
             return False
         scene.set_joint_state(joints)
         return True
+
+    def obstacles(self) -> Obstacles | None:
+        scene, law = self._scene, self._contact_law
+        if law is None:
+            return None
+        query = scene.contact_query(fixed_only=True)
+        return ContactExchange(query, scene.bodies, self._soft.contact_surface(), law).still
 
     def couple(self, wrench: Wrench) -> None:
         scene, soft, law = self._scene, self._soft, self._contact_law

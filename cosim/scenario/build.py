@@ -162,5 +162,9 @@ def _contact_report(scenario: Scenario, modelled: tuple[Decision, ...]) -> str:
         return f"none: {decision.reason}"
     law = _contact_law(scenario)
     names = [entry.name for entry in scenario.objects] + [wire.name for wire in scenario.wires]
+    friction = f"friction sticks within {1e3 * law.stick_m:g} mm"
+    if scenario.mode == "quasistatic":
+        names = [entry.name for entry in scenario.objects if entry.mass_kg is None]
+        friction = "no friction; what can move is not touched"
     things = ", ".join(["floor", *names])
-    return f"with {things}; {law.stiffness_N_m3:.0e} N/m^3, friction sticks within {1e3 * law.stick_m:g} mm"
+    return f"with {things}; {law.stiffness_N_m3:.0e} N/m^3, {friction}"

@@ -17,6 +17,7 @@ from cosim.scenario.flange import FlangeWay
 from cosim.scenario.joint_path import JointPath
 from cosim.scenario.ramp import Progress
 from cosim.soft.body import Loads
+from cosim.soft.equilibrium import Obstacles
 
 
 class Carrier(ABC):
@@ -83,6 +84,10 @@ class Carrier(ABC):
         Raises:
             InputError: the state does not fit.
         """
+
+    def obstacles(self) -> Obstacles | None:
+        """Return what an equilibrium of the soft robot may touch; None for nothing."""
+        return None
 
     @abstractmethod
     def couple(self, wrench: Wrench) -> None:

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from cosim.rigid.scene import RigidScene
 
 CONTACT = "contact with the scene"
+_TOUCHED_AT_REST = ("lumped", "refined")  # models whose equilibria take in contact
 _SLOW = 0.01  # share of gravity below which accelerations are negligible
 
 
@@ -34,17 +35,19 @@ def contact_decision(scenario: Scenario, body: SoftBody, plan: Plan, arm: Arm, s
         scene: at its start.
     """
     what, switch = CONTACT, "contact.enabled"
-    if scenario.mode == "quasistatic":
-        return Decision(what, False, "the quasistatic mode knows none", "mode")
     if not scenario.contact.enabled:
         return Decision(what, False, "switched off", switch)
+    if scenario.mode == "quasistatic" and scenario.fidelity not in _TOUCHED_AT_REST:
+        reason = f"in the quasistatic mode the {scenario.fidelity} model knows none"
+        return Decision(what, False, reason, "fidelity")
     if not scenario.contact.only_in_reach:
         return Decision(what, True, "asked for, whatever is in reach", "contact.only_in_reach")
     open_question = _unknown_reach(scenario)
     if open_question:
         return Decision(what, True, open_question, switch)
     reach = film_reach(body, _largest_pressure(plan))
-    bodies = within_reach(scene, flange_travel(arm, plan), reach)
+    statics = scenario.mode == "quasistatic"
+    bodies = within_reach(scene, flange_travel(arm, plan), reach, fixed_only=statics)
     if bodies:
         return Decision(what, True, f"the film reaches {reach:.2f} m, as far as {', '.join(bodies)}", switch)
     reason = f"nothing is within the film's reach of {reach:.2f} m around the flange's way"
@@ -55,7 +58,7 @@ def _unknown_reach(scenario: Scenario) -> str:
     """Return why what the film can get to is not known beforehand; empty if it is."""
     moving = [entry.name for entry in scenario.objects if entry.mass_kg is not None]
     moving += [wire.name for wire in scenario.wires]
-    if moving:
+    if moving and scenario.mode == "dynamic":
         return f"{', '.join(moving)} can move"
     if any(rule.sealed for rules in gas_rules(scenario) for rule in rules):
         return "sealed gas has no pressure known beforehand"

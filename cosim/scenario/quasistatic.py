@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import accumulate
 from typing import final
 
@@ -49,6 +49,7 @@ class QuasistaticSimulation(SteppedRun):
         super().__init__(parts, stage, [phase.increments for phase in phases])
         self._ends_s = list(accumulate(phase.duration_s + phase.settle_s for phase in phases))
         self._here: Equilibrium | None = None
+        parts.soft.stand_against(parts.carrier.obstacles())
         self._earlier: Array | None = None
 
     def _start(self, began: float) -> Snapshot:
@@ -94,6 +95,14 @@ class QuasistaticSimulation(SteppedRun):
     ) -> Snapshot:
         rigid_power = here.wrench.power(moment.twist)
         ledger = LedgerEntry(here.wrench, rigid_power, soft_power_W, here.residual_N, spent, 0.0, False)
+        if here.loads.contact is not None:
+            found = here.loads.contact.at(here.state.positions)
+            ledger = replace(
+                ledger,
+                contacts=found.pressing,
+                contact_force_N=float(found.normal_force.sum()),
+                contact_depth_m=found.depth_m,
+            )
         return self._parts.snapshot(moment, ledger, time.perf_counter() - began)
 
     def _advance(self, here: Equilibrium, reference: Array, loads: Loads) -> tuple[Equilibrium, int]:

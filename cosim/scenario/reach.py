@@ -82,14 +82,17 @@ def film_reach(body: SoftBody, pressure_Pa: float) -> float:
     return float(np.linalg.norm(x[body.base], axis=1).max()) + (1.0 + strain) * float(way.max())
 
 
-def within_reach(scene: RigidScene, travel: FlangeTravel, reach_m: float) -> tuple[str, ...]:
+def within_reach(
+    scene: RigidScene, travel: FlangeTravel, reach_m: float, *, fixed_only: bool = False
+) -> tuple[str, ...]:
     """Return the bodies of a scene at rest that the film may get to.
 
     Args:
         scene: at its start.
         travel: of the flange.
         reach_m: of the film around it.
+        fixed_only: whether to leave out what can move.
     """
-    query = scene.contact_query()
+    query = scene.contact_query(fixed_only=fixed_only)
     hits = query.distances(travel.positions, reach_m + 0.5 * travel.gap_m + _AWAY_M)
     return scene.bodies.names(np.unique(query.body[hits.shape]))

@@ -45,7 +45,7 @@ class Solver:
 @final
 @dataclass(frozen=True)
 class Contact:
-    """Contact of the soft robot with floor and objects, in the dynamic mode; and with itself, in both modes.
+    """Contact of the soft robot with the scene and with itself; in the quasistatic mode without friction.
 
     Args:
         enabled: whether contact with floor and objects is modelled.

@@ -276,3 +276,14 @@ class ContactForces:
     force: Array
     normal_force: Array
     distance: Array
+
+    @property
+    def pressing(self) -> int:
+        """How many points press."""
+        return int((self.normal_force > 0.0).sum())
+
+    @property
+    def depth_m(self) -> float:
+        """Of the deepest of them [m]; 0 if none presses, negative while none has sunk in."""
+        pressing = self.normal_force > 0.0
+        return -float(self.distance[pressing].min()) if pressing.any() else 0.0

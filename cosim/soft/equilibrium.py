@@ -2,20 +2,30 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import final
+from typing import TypeAlias, final
+
+import numpy as np
 
 from cosim.errors import ConvergenceError
 from cosim.frames import Array, Pose, Wrench
 from cosim.soft.body import Loads
+from cosim.soft.contact import ContactPlanes
 from cosim.soft.newton import NewtonOptions, NewtonResult, NewtonSolver
 from cosim.soft.self_contact import SelfContact
 from cosim.soft.state import Clamp, SoftState
 
 _SPLITS_MAX = 8
 _FRICTION_ROUNDS_MAX = 30
-_FILM_ROUNDS_MAX = 20
+_CONTACT_ROUNDS_MAX = 40
 _FOOT_SLACK = 0.02  # more in every round
+_SHRINKS_BELOW = 0.99  # a sequence of shapes that is extrapolated
+_EXTRAPOLATED_M = 1e-3  # at most
+
+
+Obstacles: TypeAlias = Callable[[Array], ContactPlanes | None]
+"""Positions (n, 3) [m] -> what may be touched near them, without friction; None for nothing."""
 
 
 @final
@@ -48,6 +58,8 @@ class Equilibrium:
 class EquilibriumSolver:
     """Follows equilibria of one body with a given clamp.
 
+    `obstacles` says what the film may touch; None for what the loads name.
+
     Args:
         solver: Newton's method for the body with that clamp.
         clamp: nodes held by the flange.
@@ -66,6 +78,7 @@ class EquilibriumSolver:
         self.clamp = clamp
         self.options = options
         self.self_contact = self_contact
+        self.obstacles: Obstacles | None = None
 
     def solve(
         self, state: SoftState, world_from_flange: Pose, loads: Loads, start: Array | None = None
@@ -82,7 +95,7 @@ class EquilibriumSolver:
             ConvergenceError: none was found.
         """
         guess = self.clamp.place(state.positions if start is None else start, world_from_flange)
-        result, loads = self._settle_films(guess, state.angles, loads)
+        result, loads = self._settle_contacts(guess, state.angles, loads)
         result = self._settle_friction(result, loads)
         if not result.converged:
             raise ConvergenceError(
@@ -132,32 +145,38 @@ class EquilibriumSolver:
             here.potential_J, here.shifted,
         )  # fmt: skip
 
-    def _settle_films(self, start: Array, angles: Array, loads: Loads) -> tuple[NewtonResult, Loads]:
-        """Solve, and repeat while other films touch than those that were found before the solution.
+    def _settle_contacts(self, start: Array, angles: Array, loads: Loads) -> tuple[NewtonResult, Loads]:
+        """Solve, and repeat while something else is touched than what was found before the solution.
 
         Returns:
-            The solution, and the loads with the pairs of films it was found with.
+            The solution, and the loads with the contacts it was found with.
 
         Raises:
-            ConvergenceError: the pairs keep changing.
+            ConvergenceError: the contacts keep changing.
         """
-        films = self.self_contact
-        if films is None:
+        films, obstacles = self.self_contact, self.obstacles
+        if films is None and obstacles is None:
             return self.solver.solve(start, angles, loads, self.options), loads
-        pairs, spent, shifted = films.static_pairs(start), 0, 0
-        for round_ in range(_FILM_ROUNDS_MAX):
-            loads = replace(loads, self_contact=pairs)
+        pairs, spent, shifted, trail = None, 0, 0, []
+        for round_ in range(_CONTACT_ROUNDS_MAX):
+            if films is not None:
+                # a foot at the edge of two triangles could change sides for ever: it sticks more and more
+                pairs = films.static_pairs(start, pairs, _FOOT_SLACK * round_)
+            planes = loads.contact if obstacles is None else obstacles(start)
+            loads = replace(loads, contact=planes, self_contact=pairs)
             result = self.solver.solve(start, angles, loads, self.options)
             settled = round_ > 0 and result.iterations == 0
             spent, shifted = spent + result.iterations, shifted + result.shifted
             if settled or not result.converged:
                 return replace(result, iterations=spent, shifted=shifted), loads
             start, angles = result.positions, result.angles
-            # a foot at the edge of two triangles could change sides for ever: it sticks more and more
-            pairs = films.static_pairs(start, pairs, _FOOT_SLACK * round_)
+            if obstacles is not None:
+                trail.append(start)
+                start = _end_of(trail)
         raise ConvergenceError(
-            f"no equilibrium found: the films that touch one another still change after {_FILM_ROUNDS_MAX} "
-            f"rounds, {len(pairs or ())} pairs; try smaller increments",
+            f"no equilibrium found: what is touched still changes after {_CONTACT_ROUNDS_MAX} rounds, "
+            f"{len(pairs or ())} pairs of films, {len(planes or ())} points near obstacles; try smaller "
+            "increments",
             result.residual_N,
             spent,
         )
@@ -177,3 +196,24 @@ class EquilibriumSolver:
                 return again
             result = again
         return result
+
+
+def _end_of(trail: list[Array]) -> Array:
+    """Return where a sequence of shapes goes, whose steps shrink by one factor r: x + d r / (1 - r) (Aitken).
+
+    On a curved obstacle, whose tangent planes move with the film, the rounds converge like that. A sequence
+    that was extrapolated starts anew.
+
+    Args:
+        trail: the shapes (n, 3) [m] so far; emptied when it is extrapolated.
+    """
+    if len(trail) < 3:
+        return trail[-1]
+    before, last = trail[-2] - trail[-3], trail[-1] - trail[-2]
+    ratio = float(np.einsum("nr,nr->", before, last)) / max(float((before**2).sum()), 1e-300)
+    if not 0.1 < ratio < _SHRINKS_BELOW:
+        return trail[-1]
+    step = ratio / (1.0 - ratio) * last
+    end = trail[-1] + step * min(1.0, _EXTRAPOLATED_M / max(float(np.abs(step).max()), 1e-300))
+    trail.clear()
+    return end

@@ -81,6 +81,31 @@ def test_switched_off_the_block_is_not_felt(tmp_path: Path) -> None:
     assert "switched off" in result.stage.report
 
 
+@pytest.mark.parametrize("shape", [{"shape": "box"}, {"shape": "sphere", "size_m": [0.05]}])
+def test_the_quasistatic_mode_presses_as_hard_as_the_dynamic_one_does_at_rest(
+    tmp_path: Path, shape: dict[str, Any]
+) -> None:
+    block = {"name": "block", "size_m": [0.2, 0.2, 0.1], "position_m": [0.4, 0.0, 0.407], **shape}
+    steps = {"phase.inflate.increments": 4, "phase.press.increments": 4}
+    still = run(tmp_path, mode="quasistatic", object=[block], **steps)
+    moved = run(tmp_path, object=[block])
+    assert still.contacts[0] == 0
+    assert still.contact_force_N[-1] == pytest.approx(moved.contact_force_N[-1], rel=5e-3)
+    assert still.contact_depth_m[-1] == pytest.approx(moved.contact_depth_m[-1], rel=0.02)
+    # without friction the level block bears upwards only, and all that the flange does not
+    if shape["shape"] == "box":
+        borne = still.flange_force[-1, 2] + still.summary["soft_weight_N"]
+        assert borne == pytest.approx(still.contact_force_N[-1], rel=1e-6)
+    assert "no friction" in still.stage.report
+
+
+def test_the_quasistatic_mode_leaves_out_what_can_move(tmp_path: Path) -> None:
+    block = {"name": "block", "shape": "box", "size_m": [0.2, 0.2, 0.1], "position_m": [0.4, 0.0, 0.407]}
+    steps = {"phase.inflate.increments": 2, "phase.press.increments": 2}
+    result = run(tmp_path, mode="quasistatic", object=[{**block, "mass_kg": 1.0}], **steps)
+    assert result.contacts.max() == 0
+
+
 def test_a_gripper_lifts_a_roll_and_keeps_it() -> None:
     """100 g: drawn up against the palm, and lifted off its stand."""
     quick = [
