@@ -1,0 +1,67 @@
+"""Members of a trade beside ticks: fidelities, switches, statics, and what they are measured against."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cosim.cli.main import main
+from cosim.errors import InputError
+from cosim.scenario.build import build
+from cosim.scenario.loading import load_scenario
+from cosim.trade.measuring import measure
+from cosim.trade.members import Member, lower_fidelities, members_of, short_members
+from tests.trade.test_auto import small
+
+REFERENCE = "ur5e_hexagon_arm"
+
+
+def test_against_the_refined_mesh_there_is_one_table() -> None:
+    scenario = load_scenario(REFERENCE)
+    both, one = members_of(scenario), members_of(scenario, truth="refined")
+    assert {member.name for member in both} == {member.name for member in one}
+    assert [member.name for member in one if member.reference] == ["refined once more"]
+    assert one[0].reference
+    assert {member.group for member in one} == {"model"}
+    assert one[0].changes["fidelity"] == "refined"
+    with pytest.raises(InputError, match="no refined mesh"):
+        members_of(scenario, quick=True, truth="refined")
+
+
+def test_every_lower_fidelity_is_a_member_of_both_tables_and_of_the_short_list() -> None:
+    assert "rigid" in lower_fidelities()
+    for members in (members_of(load_scenario(REFERENCE), quick=True), short_members()):
+        timed = {member.changes["fidelity"] for member in members if member.group == "time"}
+        assert timed == {*lower_fidelities(), "lumped"}
+
+
+def test_every_switch_of_what_is_modelled_is_a_member() -> None:
+    changes = [member.changes for member in members_of(load_scenario(REFERENCE)) if member.group == "model"]
+    keys = {key for change in changes for key in change}
+    assert keys >= {"contact.enabled", "soft_robot.hinge.stiffness_factor", "mode", "fidelity"}
+
+
+def test_statics_are_compared_at_phase_ends_only() -> None:
+    phases = [
+        {"name": "inflate", "duration_s": 0.2, "settle_s": 0.2, "pressure_Pa": 5e3, "increments": 4},
+        {"name": "more", "duration_s": 0.2, "settle_s": 0.2, "pressure_Pa": 10e3, "increments": 4},
+    ]
+    members = [
+        Member("dynamics", "model", {"clock.tick_s": 0.005}, reference=True),
+        Member("statics", "model", {"mode": "quasistatic"}),
+    ]
+    slow = small(**{"phase": phases, "solver.damping_per_s": 30.0})
+    statics = measure(slow, members, build, lambda _result: None)[1]
+    assert not statics.failure
+    assert np.isnan(statics.tip_error_m)
+    assert not statics.comparable
+    assert 0.0 < statics.end_error_m < 1e-4
+
+
+def test_changes_of_the_command_line_come_first(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    words = ["trade", REFERENCE, "--out", str(tmp_path / "out"), "--set", "clock.tck_s=1"]
+    assert main(words) == 2
+    assert "clock.tck_s" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
