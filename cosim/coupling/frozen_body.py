@@ -14,7 +14,6 @@ from cosim.frames import Array, IntArray, Mask, Pose, Wrench, cross
 from cosim.soft.body import Loads
 from cosim.soft.contact import ContactPlanes
 from cosim.soft.contact_surface import ContactSurface
-from cosim.soft.dynamics import StepOptions, difference_scheme
 from cosim.soft.equilibrium import Equilibrium
 from cosim.soft.state import SoftState
 from cosim.soft.tip_target import TipTarget
@@ -46,18 +45,19 @@ class FrozenState:
 class FrozenBody(SoftSide):
     """A soft body that keeps the shape of its start; every node moves with the flange.
 
-    What the flange supplies to node i, with the time integrator of the flexible body:
+    What the flange supplies to node i, accelerations by backward differences (implicit Euler; the answer of
+    BDF2 to the flange's motion of the last tick is four times as large, which the exchange would not bear):
     r_i = m_i (a_i + alpha v_i - g) - f_i; the wrench is -(sum r_i, sum (x_i - o) x r_i). Gas and cables are
     forces within the body and have no part in it.
 
     Args:
         flexible: the same body with its elasticity; it finds the shape of the start.
-        dynamics: integrator and damping alpha.
+        damping_per_s: alpha [1/s].
     """
 
-    def __init__(self, flexible: SoftSide, dynamics: StepOptions) -> None:
+    def __init__(self, flexible: SoftSide, damping_per_s: float = 0.0) -> None:
         self.body, self.state = flexible.body, flexible.state
-        self._flexible, self._dynamics = flexible, dynamics
+        self._flexible, self._damping = flexible, damping_per_s
         self._pressures, self._flange = flexible.pressures_Pa, Pose()
         self._supplied = np.zeros_like(self.body.positions)
         self._keep(self.body.positions, flexible.volumes_m3)
@@ -77,11 +77,10 @@ class FrozenBody(SoftSide):
 
     def advance(self, world_from_flange: Pose, loads: Loads, step_s: float) -> SoftReply:
         """Advance by one step, with the flange at its new pose."""
-        base, span, speed = difference_scheme(self._dynamics.integrator, self.state, step_s)
         before, x = self.state, np.ascontiguousarray(world_from_flange.apply(self._shape))
-        v = (x - base) / span
-        acceleration = (v - speed) / span + self._dynamics.damping_per_s * v
-        self.state = SoftState(x, v, before.angles, (before.positions, before.velocities))
+        v = (x - before.positions) / step_s
+        acceleration = (v - before.velocities) / step_s + self._damping * v
+        self.state = SoftState(x, v, before.angles)
         self._take(world_from_flange, loads, acceleration)
         power = float(np.einsum("nr,nr->", self._supplied, v))
         return SoftReply(self._wrench(x), power, 0.0, 0)

@@ -98,9 +98,11 @@ class Interface:
         """Find the stability ratio of the flange; nothing may ride on the joints meanwhile.
 
         Returns:
-            The soft side's mass (6, 6) as a rigid body, at the flange origin, world axes.
+            The soft side's mass (6, 6) as a rigid body, at the flange origin, world axes, times what its
+            integrator makes of it in an exchange that is one tick late.
         """
-        mass = self.soft.mass_properties().spatial(self.scene.flange_pose.translation)
+        body = self.soft.mass_properties().spatial(self.scene.flange_pose.translation)
+        mass = self.soft.exchange_gain * body
         self.ratio = stability_ratio(self.scene.mobility(), mass)
         return mass
 

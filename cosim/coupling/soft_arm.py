@@ -25,6 +25,7 @@ from cosim.soft.system import SoftSystem
 from cosim.soft.tip_target import TipTarget, find_flange_pose, find_tensions
 
 _HALVINGS_MAX = 5
+_BDF2_GAIN = 4.0
 
 _Drive: TypeAlias = tuple[Pose, Loads]
 
@@ -151,6 +152,15 @@ class SoftArm(SoftSide):
     def stand_against(self, obstacles: Obstacles | None) -> None:
         """Let equilibria from now on take in what the film touches."""
         self.obstacles = self.equilibrium_solver.obstacles = obstacles
+
+    @property
+    def exchange_gain(self) -> float:
+        """How many times less mass an exchange that is one tick late bears than with implicit Euler.
+
+        With r the mass ratio, changes d of the flange's velocity follow d_n+1 = -r d_n with implicit Euler,
+        d_n+1 = -r (9 d_n - 6 d_n-1 + d_n-2) / 4 with BDF2: stable below r = 1 and r = 1/4.
+        """
+        return _BDF2_GAIN if self._dynamics.integrator == "bdf2" else 1.0
 
     def contact_surface(self) -> ContactSurface:
         """Return where the body can be touched."""

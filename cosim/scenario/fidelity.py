@@ -40,7 +40,7 @@ def soft_sides(scenario: Scenario) -> tuple[SoftSide, SoftSide]:
     body = fidelity_body(scenario)
     trial, soft = _flexible(scenario, body), _flexible(scenario, body)
     if scenario.fidelity == "rigid":
-        return trial, FrozenBody(soft, dynamic_options(scenario))
+        return trial, FrozenBody(soft, scenario.solver.damping_per_s)
     return trial, soft
 
 

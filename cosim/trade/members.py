@@ -123,7 +123,7 @@ def _time_members(
     for fidelity in lower_fidelities():
         for tick in _RUNG_TICKS_S[fidelity]:
             changes = {"fidelity": fidelity, "clock.tick_s": tick, "solver.integrator": "bdf2"}
-            name = f"{fidelity}, BDF2, {_milliseconds(tick)}"
+            name = f"{fidelity}, {_milliseconds(tick)}"
             members.append(Member(name, "time", {**changes, **_ONE}, family=fidelity))
     return members
 

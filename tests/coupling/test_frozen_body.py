@@ -12,7 +12,7 @@ from cosim.coupling.soft_arm import SoftArm
 from cosim.errors import InputError
 from cosim.frames import Pose, rotation_from_vector
 from cosim.soft.contact import ContactLaw, ContactPlanes
-from cosim.soft.dynamics import Integrator, StepOptions
+from cosim.soft.dynamics import StepOptions
 from cosim.soft.newton import NewtonOptions
 from cosim.soft.tip_target import TipTarget
 from tests.soft.bodies import HANGING, PRESSURE_Pa, hexagon_arm, no_load
@@ -22,10 +22,9 @@ SPIN = np.array([1.0, -2.0, 3.0])  # [rad/s], world axes
 GRAVITY = np.array([0.0, 0.0, -9.81])
 
 
-def frozen(integrator: Integrator = "implicit_euler", damping_per_s: float = 0.0) -> FrozenBody:
+def frozen(damping_per_s: float = 0.0) -> FrozenBody:
     """Return an inflated arm of two units, frozen in the equilibrium of its start."""
-    options = StepOptions(integrator=integrator, damping_per_s=damping_per_s)
-    arm = FrozenBody(SoftArm(hexagon_arm(2), HANGING, NewtonOptions(), options), options)
+    arm = FrozenBody(SoftArm(hexagon_arm(2), HANGING, NewtonOptions(), StepOptions()), damping_per_s)
     arm.settle(arm.start(HANGING, no_load(arm.body, pressure_Pa=PRESSURE_Pa)))
     return arm
 
@@ -48,12 +47,11 @@ def test_it_keeps_the_inflated_shape_of_the_start_and_its_weight() -> None:
     assert arm.pressures_Pa[0] == 0.0
 
 
-@pytest.mark.parametrize(("integrator", "order"), [("implicit_euler", 1), ("bdf2", 2)])
-def test_a_turning_flange_feels_euler_equations(integrator: Integrator, order: int) -> None:
+def test_a_turning_flange_feels_euler_equations() -> None:
     # constant rate w: force = m (g - w x (w x c)), torque = c x m g - w x (J w), c and J about the flange
     errors = []
     for step in (STEP_S, 0.5 * STEP_S):
-        arm = frozen(integrator)
+        arm = frozen()
         for k in range(1, 9):
             reply = arm.advance(turning(k * step), no_load(arm.body), step)
         mass = arm.mass_properties()
@@ -63,8 +61,8 @@ def test_a_turning_flange_feels_euler_equations(integrator: Integrator, order: i
         spatial = mass.spatial(HANGING.translation)
         torque = mass.mass_kg * np.cross(center, GRAVITY) - np.cross(SPIN, spatial[3:, 3:] @ SPIN)
         errors.append([np.abs(reply.wrench.force - force).max(), np.abs(reply.wrench.torque - torque).max()])
-        assert np.linalg.norm(mass.mass_kg * central) > 100.0 * errors[-1][0]
-    assert np.divide(*errors) == pytest.approx([2.0**order] * 2, rel=0.1)
+        assert np.linalg.norm(mass.mass_kg * central) > 10.0 * errors[-1][0]
+    assert np.divide(*errors) == pytest.approx([2.0] * 2, rel=0.1)
 
 
 def test_mass_properties_are_those_of_the_nodes() -> None:
@@ -114,7 +112,7 @@ def test_targets_of_the_tip_are_refused() -> None:
 
 
 def test_it_goes_on_from_a_saved_state_bit_for_bit() -> None:
-    arm, other = frozen("bdf2"), frozen("bdf2")
+    arm, other = frozen(), frozen()
     loads = no_load(arm.body, pressure_Pa=1e3)
     arm.advance(turning(0.001), loads, STEP_S)
     saved = arm.save_state()

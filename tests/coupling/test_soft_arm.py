@@ -181,3 +181,13 @@ def test_mass_properties_are_of_the_present_shape() -> None:
     assert mass.mass_kg == pytest.approx(arm.body.mass_kg)
     assert mass.center == pytest.approx(arm.body.node_mass @ arm.state.positions / arm.body.mass_kg)
     assert mass.center[2] < HANGING.translation[2] - 0.01
+
+
+def test_an_exchange_that_is_one_tick_late_bears_a_quarter_of_the_mass_with_bdf2() -> None:
+    # d_n+1 = -r (9 d_n - 6 d_n-1 + d_n-2) / 4: its largest root crosses the unit circle at r = 1 / gain
+    arm = hanging_arm(dynamics=replace(TIGHT, integrator="bdf2"))
+    limit = 1.0 / arm.exchange_gain
+    for ratio, grows in ((0.99 * limit, False), (1.01 * limit, True)):
+        roots = np.roots([1.0, 2.25 * ratio, -1.5 * ratio, 0.25 * ratio])
+        assert (np.abs(roots).max() > 1.0) == grows
+    assert hanging_arm().exchange_gain == 1.0
