@@ -20,6 +20,8 @@ SAVED_OTHERWISE = {
     "ContactQuery": "poses, read anew for every search",
     "FilmSearch": "workspace, made larger where it does not suffice",
     "GasElements": "workspace, overwritten by every evaluation",
+    "InterfaceLoads": "workspace of the search for one tick",
+    "InterfaceSearch": "lives for one tick",
     "SelfContact": "pattern of the last pairs of films, made anew where it does not serve",
     "SoftSystem": "workspace; NewtonSolver saves the gradient, which is read later",
 }
