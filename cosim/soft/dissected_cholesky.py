@@ -18,7 +18,7 @@ from scipy.linalg import blas, lapack
 from scipy.sparse import csr_matrix
 
 from cosim.frames import Array, IntArray, Mask
-from cosim.kernels import INDICES, MATRIX, kernel
+from cosim.kernels import INDICES, MATRIX, VECTOR, kernel
 from cosim.soft.dissection import Front, dissect
 from cosim.soft.linear_solver import BandedCholesky, LinearSolver, lower_entries, scatter
 from cosim.soft.pattern import BlockPattern
@@ -55,6 +55,39 @@ def _hand_on(own, below, left, place, child):  # type: ignore[no-untyped-def]
                 left[row - p, column - p] += child[i, j]
 
 
+@kernel((VECTOR, INDICES, INDICES, INDICES, INDICES, VECTOR))
+def _substitute(store, start, first, rest_first, rest, x):  # type: ignore[no-untyped-def]
+    """Solve for x (size,) in place, components in the order of elimination: front k owns x[first[k]:]."""
+    fronts = start.shape[0]
+    for k in range(fronts):
+        a, p = first[k], first[k + 1] - first[k]
+        for i in range(p):
+            row = start[k] + i * p
+            total = x[a + i]
+            for j in range(i):
+                total -= store[row + j] * x[a + j]
+            x[a + i] = total / store[row + i]
+        for r in range(rest_first[k], rest_first[k + 1]):
+            row = start[k] + (p + r - rest_first[k]) * p
+            total = 0.0
+            for j in range(p):
+                total += store[row + j] * x[a + j]
+            x[rest[r]] -= total
+    for k in range(fronts - 1, -1, -1):
+        a, p = first[k], first[k + 1] - first[k]
+        for r in range(rest_first[k], rest_first[k + 1]):
+            row = start[k] + (p + r - rest_first[k]) * p
+            share = x[rest[r]]
+            for j in range(p):
+                x[a + j] -= store[row + j] * share
+        for i in range(p - 1, -1, -1):
+            row = start[k] + i * p
+            x[a + i] /= store[row + i]
+            share = x[a + i]
+            for j in range(i):
+                x[a + j] -= store[row + j] * share
+
+
 @final
 @dataclass(frozen=True)
 class _Elimination:
@@ -73,6 +106,39 @@ class _Elimination:
     start: int
     parent: int
     place: IntArray
+
+
+@final
+@dataclass(frozen=True)
+class _Order:
+    """All fronts in the order of elimination, as `_substitute` wants them.
+
+    Args:
+        components: (size,) taken in this order.
+        start: (fronts,) where each begins in the store.
+        first: (fronts + 1,) where the components that each owns begin.
+        rest_first: (fronts + 1,) where each begins in `rest`.
+        rest: places, in this order, of the components that take over.
+    """
+
+    components: IntArray
+    start: IntArray
+    first: IntArray
+    rest_first: IntArray
+    rest: IntArray
+
+    @classmethod
+    def of(cls, fronts: list[_Elimination]) -> _Order:
+        components = np.concatenate([front.own for front in fronts])
+        place = np.empty(len(components), dtype=np.int64)
+        place[components] = np.arange(len(components))
+        return cls(
+            components,
+            np.array([front.start for front in fronts], dtype=np.int64),
+            np.cumsum([0, *(len(front.own) for front in fronts)], dtype=np.int64),
+            np.cumsum([0, *(len(front.rest) for front in fronts)], dtype=np.int64),
+            place[np.concatenate([front.rest for front in fronts])],
+        )
 
 
 @final
@@ -99,6 +165,7 @@ class DissectedCholesky(LinearSolver):
         self._number[self.free] = np.arange(self.size)
         self._dofs = np.flatnonzero(self.free.ravel())
         self._fronts, length = self._eliminations(fronts)
+        self._order = _Order.of(self._fronts)
         self._place_entries()
         self._store = np.zeros(length)
         self._lent = False
@@ -177,20 +244,10 @@ class DissectedCholesky(LinearSolver):
         self._lent = True
 
     def _solve_sparse(self, loads: Array) -> Array:
-        count = len(loads)
-        x = np.ascontiguousarray(loads.reshape(count, -1)[:, self._dofs].T)
-        for front in self._fronts:
-            own, below = self._views(front)
-            y = blas.dtrsm(1.0, own.T, x[front.own], side=0, lower=0, trans_a=1)
-            x[front.own] = y
-            if len(front.rest):
-                x[front.rest] -= below @ y
-        for front in reversed(self._fronts):
-            own, below = self._views(front)
-            y = x[front.own]
-            if len(front.rest):
-                y -= below.T @ x[front.rest]
-            x[front.own] = blas.dtrsm(1.0, own.T, y, side=0, lower=0)
-        result = np.zeros((count, 3 * self.pattern.nodes))
-        result[:, self._dofs] = x.T
-        return result.reshape(count, -1, 3)
+        result, order = np.zeros((len(loads), 3 * self.pattern.nodes)), self._order
+        dofs = self._dofs[order.components]
+        for load, found in zip(loads.reshape(len(loads), -1), result, strict=True):
+            x = load[dofs]
+            _substitute(self._store, order.start, order.first, order.rest_first, order.rest, x)
+            found[dofs] = x
+        return result.reshape(len(loads), -1, 3)
