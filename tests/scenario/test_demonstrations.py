@@ -21,15 +21,15 @@ def shortening(name: str, seconds: dict[str, float]) -> dict[str, Any]:
 
     Args:
         name: of the scenario.
-        seconds: duration of each phase; the run starts where the phases left out would have led.
+        seconds: duration of each phase that is kept; the run starts where those before it would have led.
     """
     table = to_table(load_scenario(name))
     start, phases = table["start"], []
     for phase in table["phase"]:
         if phase["name"] in seconds:
             phases.append({**phase, "duration_s": seconds[phase["name"]], "settle_s": 0.0})
+        if phases:
             continue
-        assert not phases, "only the first phases can be left out"
         start["pressure_Pa"] = phase.get("pressure_Pa", start["pressure_Pa"])
         shift = np.array(phase.get("flange_shift_m", np.zeros(3)))
         start["flange"]["position_m"] = (np.array(start["flange"]["position_m"]) + shift).tolist()
@@ -75,16 +75,15 @@ def test_the_arm_reaches_around_the_bar() -> None:
 
 
 def test_the_corner_of_a_table_does_not_slip_into_the_finger() -> None:
-    result = shortened("gripper_on_table_edge", {"press": 0.6, "slide": 0.2, "leave": 0.4})
+    result = shortened("gripper_on_table_edge", {"press": 0.5, "slide": 0.2})
     pressed, slid = (result.contact_force_N[at_end_of(result, name)] for name in ("press", "slide"))
     assert pressed > 10.0
     assert slid > 10.0
     assert result.contact_depth_m.max() < 1e-3
-    assert result.contacts[-1] == 0
 
 
 def test_the_soft_arm_s_gripper_pulls_wire_off_a_spool() -> None:
-    gripped, pulled = turns_about_y("gripper_pulls_wire", "spool", {"grip": 0.4, "pull": 0.6})
+    gripped, pulled = turns_about_y("gripper_pulls_wire", "spool", {"grip": 0.35, "pull": 0.45})
     assert (gripped - pulled) * 0.03 > 0.1  # metres of wire; 0.03 m is the radius of its coil
 
 
