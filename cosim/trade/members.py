@@ -63,7 +63,7 @@ def members_of(
     Args:
         scenario: checked, in the dynamic mode.
         quick: fewer of them, none with a refined mesh.
-        time_scale: factor on the duration of every phase.
+        time_scale: factor on the duration of every phase that does not shake.
         truth: what the choice is measured against: "finest", the scenario's own mesh at the finest tick, or
             "refined", the finer mesh that is the reference of what is modelled.
 
@@ -172,6 +172,8 @@ def _durations(scenario: Scenario, scale: float) -> dict[str, float]:
 
     changes: dict[str, float] = {}
     for phase in scenario.phases:
+        if phase.flange_shake is not None:  # its periods would not fit
+            continue
         changes[f"phase.{phase.name}.duration_s"] = max(_GRID_S, cut(phase.duration_s))
         changes[f"phase.{phase.name}.settle_s"] = cut(phase.settle_s)
     return changes
