@@ -8,8 +8,8 @@ with w_i = c_i / m and m = sum c_i L_i / sum L_i at its start, the term has the 
     energy = k m F(L_w - L_0), L_w = sum w_i L_i, F' = f,
     gradient = T_i t_i on the far node and -T_i t_i on the near one, T_i = k m f w_i,
     Hessian = T_i / L_i (1 - t_i t_i^T) + k m f' g g^T, g the gradient of L_w: one dense term per cable.
-L_w is L wherever the losses were frozen, so that a command means the length of the cable itself; where the
-losses change along the way, statics repeat the solution (as for capstan friction), dynamics lag by a step.
+L_w is L wherever the losses were frozen, so that a command means the length of the cable itself. A solution
+that moves away from there is repeated from where it ends, until it moves no more (as for capstan friction).
 """
 
 from __future__ import annotations
@@ -55,6 +55,15 @@ def segment_weight(cable: Cable, positions: Array) -> Array:
     """Return w_i = c_i / m (segments,), losses frozen at the given shape (n, 3) [m]."""
     ratio, length = cable.tension_ratio(positions), cable.segment_lengths(positions)
     return np.asarray(ratio * (length.sum() / (ratio @ length)))
+
+
+def losses_follow(cables: tuple[Cable, ...], lengths_m: tuple[float | None, ...]) -> bool:
+    """Return whether a solution with given lengths (or none) has frozen losses that it changes itself."""
+    pairs = zip(cables, lengths_m or (None,) * len(cables), strict=True)
+    return any(
+        length is not None and (cable.loss_factor < 1.0 or cable.friction_coefficient > 0.0)
+        for cable, length in pairs
+    )
 
 
 def pull(cable: Cable, positions: Array, weight: Array, length_m: float) -> tuple[Array, float, LowRank]:

@@ -17,6 +17,7 @@ import numpy as np
 from cosim.errors import ConvergenceError, InputError
 from cosim.frames import Array, Pose
 from cosim.soft.body import Loads
+from cosim.soft.cable_length import losses_follow
 from cosim.soft.newton import NewtonOptions, NewtonResult, NewtonSolver, Outcome
 from cosim.soft.self_contact import SelfContact
 from cosim.soft.state import Clamp, SoftState
@@ -24,6 +25,7 @@ from cosim.soft.system import Inertia
 
 _REUSE_MAX = 30  # iterations with a kept factorisation in a step that is solved closely
 _FINE_ITERATIONS_MAX = 4  # new tangents in it below an ordinary step's tolerance
+_LOSS_ROUNDS_MAX = 8
 
 Integrator: TypeAlias = Literal["implicit_euler", "bdf2"]
 
@@ -161,6 +163,7 @@ class ImplicitStepper:
         for free in starts:
             start = self.clamp.place(free, world_from_flange)
             result = self._solve(start, state, world_from_flange, loads, inertia, aim)
+            result = self._with_losses(result, world_from_flange, loads, inertia, aim)
             if result.outcome is not Outcome.NOT_FINITE:
                 break
         if not result.converged and not self._acceptable(result, aim):
@@ -249,6 +252,28 @@ class ImplicitStepper:
         spent = result.iterations
         result = self.solver.solve(result.positions, result.angles, loads, full, inertia, frame)
         return replace(result, iterations=spent + result.iterations)
+
+    def _with_losses(
+        self, result: NewtonResult, flange: Pose, loads: Loads, inertia: Inertia, aim: StepAim | None
+    ) -> NewtonResult:
+        """Repeat while the shape changes the losses of cables of commanded length: stiff ones feel that."""
+        if not losses_follow(self.solver.system.body.cables, loads.cable_length_m):
+            return result
+        bound, frame = self.options.tolerance_N if aim is None else aim.tolerance_N, flange.rotation
+        options = replace(self.options.newton, tolerance_N=bound, start_tolerance_N=bound)
+        for _ in range(_LOSS_ROUNDS_MAX):
+            if not (result.converged or self._acceptable(result, aim)):
+                break
+            again = self.solver.solve(result.positions, result.angles, loads, options, inertia, frame)
+            if not again.converged:
+                break
+            spent = result.iterations + again.iterations
+            result = replace(
+                again, iterations=spent, factorisations=result.factorisations + again.factorisations
+            )
+            if again.iterations == 0:
+                break
+        return result
 
     def _acceptable(self, result: NewtonResult, aim: StepAim | None = None) -> bool:
         """Whether an ordinary step may end here: all iterations spent, residual within its bound."""

@@ -11,6 +11,7 @@ import numpy as np
 from cosim.errors import ConvergenceError
 from cosim.frames import Array, Pose, Wrench
 from cosim.soft.body import Loads
+from cosim.soft.cable_length import losses_follow
 from cosim.soft.contact import ContactPlanes
 from cosim.soft.newton import NewtonOptions, NewtonResult, NewtonSolver
 from cosim.soft.self_contact import SelfContact
@@ -184,11 +185,8 @@ class EquilibriumSolver:
     def _settle_friction(self, result: NewtonResult, loads: Loads) -> NewtonResult:
         """Repeat while losses along the cables change with the shape: friction has no potential."""
         cables = self.solver.system.body.cables
-        lengths = loads.cable_length_m or (None,) * len(cables)
-        pairs = zip(cables, lengths, strict=True)
-        if not any(
-            cable.friction_coefficient or (cable.loss_factor < 1.0 and length) for cable, length in pairs
-        ):
+        friction = any(cable.friction_coefficient for cable in cables)
+        if not friction and not losses_follow(cables, loads.cable_length_m):
             return result
         for _ in range(_FRICTION_ROUNDS_MAX):
             again = self.solver.solve(result.positions, result.angles, loads, self.options)

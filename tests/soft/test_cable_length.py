@@ -11,25 +11,25 @@ from cosim.errors import InputError
 from cosim.frames import Array
 from cosim.soft.body import Loads, SoftBody
 from cosim.soft.cable import Cable
-from cosim.soft.cable_length import TRANSITION_m, base_tension, onset, stretch_at
+from cosim.soft.cable_length import TRANSITION_m, base_tension, onset, pull, stretch_at
 from cosim.soft.dynamics import ImplicitStepper, StepOptions
 from cosim.soft.film import Film
+from cosim.soft.low_rank import LowRank
 from cosim.soft.sensitivity import Sensitivity
 from cosim.soft.surface import dihedral_angle
 from cosim.soft.system import SoftSystem
 from tests.derivatives import RELATIVE, Evaluate, dense, derivative_errors
 from tests.soft.bodies import HANGING, held, hexagon_arm, hung, shapes
 
-UNITS = 2
+UNITS = 3  # two segments a cable: losses differ along it
 STIFFNESS = 2e3
 SHORTER_m = 4e-3
 
 
 def arm(**cable: float) -> SoftBody:
     body = hexagon_arm(UNITS)
-    return replace(
-        body, cables=tuple(replace(entry, stiffness_N_m=STIFFNESS, **cable) for entry in body.cables)
-    )
+    given = {"stiffness_N_m": STIFFNESS, **cable}
+    return replace(body, cables=tuple(replace(entry, **given) for entry in body.cables))
 
 
 def bare_cable(points: Array, **cable: float) -> SoftBody:
@@ -73,17 +73,14 @@ def test_stretch_is_the_inverse_of_the_onset(tension: float) -> None:
 
 @pytest.mark.parametrize("friction", [0.0, 0.3])
 @pytest.mark.parametrize("stretch", [2e-3, 0.2 * TRANSITION_m])
-def test_derivatives_with_cables_of_commanded_length(stretch: float, friction: float) -> None:
-    body, x = arm(friction_coefficient=friction), shapes(UNITS)["inflated"]
-    first, second = (cable.length(x) for cable in body.cables)
-    # far below the transition, in which the stiffness changes
-    step = 5e-7 if stretch > TRANSITION_m else 5e-8
-    for lengths in ((first - stretch, second - stretch), (first - stretch, None)):
-        loads = Loads(30e3, (0.0, 6.0), (1.0, -2.0, -9.81), cable_length_m=lengths)
-        errors = derivative_errors(evaluation(body, x, loads), x, step)
-        # the energy of the film, 1e-16 of which is rounding, hides that of a barely taut cable
-        assert errors[1] < RELATIVE
-        assert errors[0] < (RELATIVE if stretch > TRANSITION_m else 1e-5)
+def test_derivatives_with_a_cable_of_commanded_length(stretch: float, friction: float) -> None:
+    points = 0.03 * np.random.default_rng(0).normal(size=(5, 3)) + (0.3, 0.0, 0.7)
+    body = bare_cable(points, loss_factor=0.8, friction_coefficient=friction, stiffness_N_m=STIFFNESS)
+    x, length = body.positions, body.cables[0].length(body.positions) - stretch
+    loads = Loads(0.0, (0.0,), (0.0, 0.0, 0.0), cable_length_m=(length,))
+    # within the transition the stiffness changes over micrometres
+    step = 1e-6 if stretch > TRANSITION_m else 1e-7
+    assert max(derivative_errors(evaluation(body, x, loads), x, step)) < RELATIVE
 
 
 def test_a_straight_cable_is_a_linear_spring() -> None:
@@ -130,7 +127,7 @@ def test_statics_agree_with_the_tension_that_they_find() -> None:
     x = found.state.positions
     pairs = zip(specimen.body.cables, lengths, strict=True)
     tension = tuple(base_tension(cable, x, length) for cable, length in pairs)
-    assert min(tension) > 1.0
+    assert min(tension) > 0.5
     again = specimen.equilibrium.follow(begin, HANGING, replace(begin.loads, cable_tension_N=tension))
     assert again.state.positions == pytest.approx(x, abs=1e-8)
     with pytest.raises(InputError, match="command its tension first"):
@@ -148,6 +145,28 @@ def test_dynamics_come_to_rest_where_statics_are() -> None:
         state, _ = stepper.step(state, HANGING, loads, 0.005)
     expected = specimen.equilibrium.follow(begin, HANGING, loads)
     assert state.positions == pytest.approx(expected.state.positions, abs=2e-6)
+
+
+def test_the_tension_in_a_step_is_that_of_the_length_at_its_end(monkeypatch: pytest.MonkeyPatch) -> None:
+    # losses are frozen while a step is solved; left there, the tension is off by k x (change of L_w - L)
+    acting: list[float] = []
+
+    def recorded(cable: Cable, x: Array, weight: Array, length: float) -> tuple[Array, float, LowRank]:
+        found = pull(cable, x, weight, length)
+        acting.append(found[0][0] / cable.loss_factor)
+        return found
+
+    monkeypatch.setattr("cosim.soft.system.pull", recorded)
+    specimen = held(arm(stiffness_N_m=1e5))
+    state = hung(specimen, pressure_Pa=30e3).state
+    first = specimen.body.cables[0]
+    loads = Loads(30e3, (0.0, 0.0), cable_length_m=(first.length(state.positions) - SHORTER_m, None))
+    stepper = ImplicitStepper(specimen.newton, specimen.clamp, StepOptions(integrator="bdf2"))
+    for _ in range(5):
+        state, _ = stepper.step(state, HANGING, loads, 0.02)
+        tension = base_tension(first, state.positions, loads.cable_length_m[0] or 0.0)
+        assert acting[-1] == pytest.approx(tension, abs=1e-3)
+        assert tension > 0.5
 
 
 def test_lengths_change_in_proportion_to_the_share() -> None:
