@@ -24,7 +24,7 @@ from cosim.scenario.modelled import CONTACT, contact_decision, decisions
 from cosim.scenario.parts import Parts
 from cosim.scenario.plan import JointPlanner, Plan, make_plan
 from cosim.scenario.quasistatic import QuasistaticSimulation
-from cosim.scenario.reach import flange_travel
+from cosim.scenario.reach import film_reach, flange_travel
 from cosim.scenario.schema import NO_ARM, Scenario
 from cosim.scenario.snapshot import Stage
 from cosim.soft.contact import ContactLaw
@@ -94,7 +94,8 @@ def _arm(scenario: Scenario, trial: SoftSide, soft: SoftSide) -> _Arranged:
     carrier = ArmCarrier(
         scenario.robot, arm, scene, soft, scenario.payload_compensation, law, mounted, scenario.coupling
     )
-    return plan, carrier, decisions(scenario, soft.body, plan, contact, flange_travel(arm, plan))
+    travel = flange_travel(arm, plan, film_reach(soft.body, 0.0))
+    return plan, carrier, decisions(scenario, soft.body, plan, contact, travel)
 
 
 def _contact_law(scenario: Scenario) -> ContactLaw:

@@ -109,7 +109,7 @@ def _inertia(scenario: Scenario, travel: FlangeTravel | None) -> Decision:
         return Decision(what, True, "the mode is dynamic", "mode")
     share = travel.acceleration_m_s2 / gravity
     hint = "; mode = 'quasistatic' would leave out little" if share < _SLOW else ""
-    reason = f"the planned flange accelerates by up to {100.0 * share:.2g} % of gravity{hint}"
+    reason = f"the plan asks the end of a straight arm for up to {100.0 * share:.2g} % of gravity{hint}"
     return Decision(what, True, reason, "mode")
 
 

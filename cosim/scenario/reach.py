@@ -36,8 +36,8 @@ class FlangeTravel:
 
     Args:
         positions: (k, 3) [m], of its origin.
-        gap_m: largest distance between two samples.
-        acceleration_m_s2: largest of the origin, step ramps left out.
+        gap_m: largest distance between two samples; shaking adds its stroke.
+        acceleration_m_s2: largest of the end of a lever along the flange's axis, step ramps left out.
     """
 
     positions: Array
@@ -45,22 +45,33 @@ class FlangeTravel:
     acceleration_m_s2: float
 
 
-def flange_travel(arm: Arm, plan: Plan) -> FlangeTravel:
-    """Return where the planned joint paths take the flange's origin, and how fast its speed changes."""
+def flange_travel(arm: Arm, plan: Plan, lever_m: float = 0.0) -> FlangeTravel:
+    """Return where the planned joint paths take the flange's origin, and what accelerations they ask for.
+
+    Args:
+        arm: kinematics.
+        plan: of the run.
+        lever_m: length of the lever along the flange's z axis, at whose end accelerations are taken.
+    """
     positions, gap, largest = [], 0.0, 0.0
     for planned in plan.phases:
         phase, path = planned.phase, planned.joints
+        if phase.flange_shake is not None:
+            shake = phase.flange_shake
+            gap = max(gap, 2.0 * shake.amplitude_m)
+            largest = max(largest, shake.amplitude_m * (2.0 * np.pi * shake.frequency_Hz) ** 2)
         if path.spline is None:
             positions.append(arm.forward(path.first).translation[None])
             continue
         times = np.linspace(0.0, phase.duration_s, _SAMPLES)
         ramp = "linear" if phase.ramp == "step" else phase.ramp  # a servo goes through what lies between
-        places = [arm.forward(path.at(progress(ramp, t, phase.duration_s))[0]).translation for t in times]
-        x = np.array(places)
+        poses = [arm.forward(path.at(progress(ramp, t, phase.duration_s))[0]) for t in times]
+        x = np.array([pose.translation for pose in poses])
         positions.append(x)
         gap = max(gap, float(np.linalg.norm(np.diff(x, axis=0), axis=1).max()))
         if phase.ramp == "smooth":
-            second = np.diff(x, n=2, axis=0) / (times[1] - times[0]) ** 2
+            ends = x + lever_m * np.array([pose.rotation[:, 2] for pose in poses])
+            second = np.diff(ends, n=2, axis=0) / (times[1] - times[0]) ** 2
             largest = max(largest, float(np.linalg.norm(second, axis=1).max()))
     return FlangeTravel(np.concatenate(positions), gap, largest)
 

@@ -66,7 +66,8 @@ def test_the_film_stays_within_its_reach() -> None:
         (low(0.2), True, "as far as floor"),
         ({"contact.only_in_reach": False}, True, "asked for"),
         ({"contact.enabled": False}, False, "switched off"),
-        ({"mode": "quasistatic"}, False, "quasistatic"),
+        ({"mode": "quasistatic"}, False, "nothing is within the film's reach"),
+        ({"mode": "quasistatic", "fidelity": "rigid"}, False, "rigid model knows none"),
         ({"phase.lower.gas": "sealed"}, True, "sealed gas"),
         (
             {"object": [{"name": "ball", "shape": "sphere", "size_m": [0.02], "position_m": [0.6, 0.6, 0.02],
@@ -113,6 +114,10 @@ def test_cables_and_elasticity_and_inertia() -> None:
     assert "quasistatic' would leave out little" not in slack["inertia"].reason
     gentle = found(**{"phase.lower.duration_s": 4.0})["inertia"].reason
     assert "quasistatic' would leave out little" in gentle
+    # in place, the flange turns fast: its origin rests, the arm's end does not
+    turn = {"axis": [0.0, 1.0, 0.0], "angle_rad": 0.5}
+    swing = [{"name": "lower", "duration_s": 0.2, "flange_turn": turn}]
+    assert "would leave out little" not in found(phase=swing)["inertia"].reason
     for what in ("elasticity", "inertia", "cables", "hinges"):
         assert not rigid[what].included
     assert not found(**{"soft_robot.hinge.stiffness_factor": 0.0})["hinges"].included
