@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import final
+from typing import Protocol, final
 
 import numpy as np
 
@@ -177,6 +177,13 @@ def _indices(values: object) -> IntArray:
     return np.ascontiguousarray(values, dtype=np.int64)
 
 
+class NodalPotential(Protocol):
+    """A further potential of the nodes' positions, for studies of a body."""
+
+    def add(self, positions: Array, gradient: Array, blocks: Array, *, hessian: bool) -> float:
+        """Add its gradient (n, 3) and Hessian blocks; return the energy [J]."""
+
+
 @final
 @dataclass(frozen=True)
 class Loads:
@@ -192,6 +199,7 @@ class Loads:
         cable_length_m: unstretched length of each cable whose length is commanded, None for one whose tension
             is; empty where no length is.
         self_contact: films that may touch one another; None for none.
+        extra: a further potential, such as springs; None for none.
 
     Raises:
         InputError: a negative tension: cables cannot push; a length that is not above 0.
@@ -205,6 +213,7 @@ class Loads:
     contact: ContactPlanes | None = None
     cable_length_m: tuple[float | None, ...] = ()
     self_contact: FilmPairs | None = None
+    extra: NodalPotential | None = None
 
     def __post_init__(self) -> None:
         if not all(tension >= 0.0 for tension in self.cable_tension_N):
@@ -259,6 +268,7 @@ class Loads:
             end.contact,
             lengths,
             end.self_contact,
+            end.extra,
         )
 
 

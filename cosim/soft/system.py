@@ -160,6 +160,8 @@ class SoftSystem:
             energy -= float(np.einsum("nr,nr->", loads.nodal_force, x))
         if loads.contact is not None:
             energy += loads.contact.add(x, self.gradient, self.blocks, hessian=hessian)
+        if loads.extra is not None:
+            energy += loads.extra.add(x, self.gradient, self.blocks, hessian=hessian)
         if inertia is not None:
             diagonal = self._diagonal if hessian else _NO_SLOTS
             energy += add_inertia(

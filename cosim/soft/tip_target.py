@@ -11,13 +11,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import final
+from typing import Protocol, final
 
 import numpy as np
 from scipy.optimize import lsq_linear
 
 from cosim.errors import ConvergenceError, UnreachableError
 from cosim.frames import Array, Pose, cross_matrix, rotation_from_vector, vector_from_rotation
+from cosim.soft.body import Loads, SoftBody
 from cosim.soft.equilibrium import Equilibrium, EquilibriumSolver
 from cosim.soft.sensitivity import Sensitivity, TipFrame
 
@@ -114,8 +115,56 @@ class TargetSolution:
     iterations: int
 
 
+class TipSensitivity(Protocol):
+    """How a tip moves: see `cosim.soft.sensitivity.Sensitivity`."""
+
+    tip: TipFrame
+
+    def to_gravity(self) -> Array:
+        """Return d(tip motion)/d(gravity) (6, 3); the flange stays."""
+
+    def to_tension(self) -> Array:
+        """Return d(tip motion)/d(cable tension) (6, cables); the flange stays."""
+
+
+class Follower(Protocol):
+    """What follows equilibria of a body and knows how its tip moves, by whatever model."""
+
+    @property
+    def body(self) -> SoftBody:
+        """Whose tip it is."""
+
+    def follow(self, begin: Equilibrium, world_from_flange: Pose, loads: Loads) -> Equilibrium:
+        """Follow an equilibrium to another flange pose and other loads."""
+
+    def sensitivity(self, here: Equilibrium) -> TipSensitivity:
+        """Return how the tip moves at an equilibrium.
+
+        Raises:
+            ConvergenceError: it is not stable there.
+        """
+
+
+@final
+class _FilmFollower:
+    """The film itself."""
+
+    def __init__(self, solver: EquilibriumSolver) -> None:
+        self.follow = solver.follow
+        self._solver = solver.solver
+
+    @property
+    def body(self) -> SoftBody:
+        """Whose tip it is."""
+        return self._solver.system.body
+
+    def sensitivity(self, here: Equilibrium) -> Sensitivity:
+        """Return how the tip moves at an equilibrium."""
+        return Sensitivity(self._solver, here)
+
+
 def find_flange_pose(
-    solver: EquilibriumSolver, begin: Equilibrium, target: TipTarget, options: TargetOptions | None = None
+    solver: EquilibriumSolver | Follower, begin: Equilibrium, target: TipTarget, options: TargetOptions | None = None
 ) -> TargetSolution:
     """Find the flange pose for which the deformed tip meets the target; loads stay.
 
@@ -130,9 +179,10 @@ def find_flange_pose(
         ConvergenceError: the equilibrium was lost on the way.
     """
     options = options or TargetOptions()
+    follower = _follower(solver)
 
     def improve(here: Equilibrium) -> Equilibrium:
-        sensitivity = Sensitivity(solver.solver, here)
+        sensitivity = follower.sensitivity(here)
         tip = sensitivity.tip
         gravity = np.array(here.loads.gravity)
         lever = cross_matrix(tip.position - here.world_from_flange.translation)
@@ -147,13 +197,13 @@ def find_flange_pose(
         step *= min(1.0, _LARGEST_TURN_RAD / max(float(np.linalg.norm(step[3:])), 1e-12))
         pose = here.world_from_flange
         moved = Pose(rotation_from_vector(step[3:]) @ pose.rotation, pose.translation + step[:3])
-        return solver.follow(here, moved, here.loads)
+        return follower.follow(here, moved, here.loads)
 
-    return _iterate(solver, begin, target, options, improve, "flange pose")
+    return _iterate(follower.body, begin, target, options, improve, "flange pose")
 
 
 def find_tensions(
-    solver: EquilibriumSolver, begin: Equilibrium, target: TipTarget, options: TargetOptions | None = None
+    solver: EquilibriumSolver | Follower, begin: Equilibrium, target: TipTarget, options: TargetOptions | None = None
 ) -> TargetSolution:
     """Find the cable tensions, none negative, that bring the sagging tip to the target; the flange stays.
 
@@ -168,9 +218,10 @@ def find_tensions(
         ConvergenceError: the equilibrium was lost on the way.
     """
     options = options or TargetOptions()
+    follower = _follower(solver)
 
     def improve(here: Equilibrium) -> Equilibrium:
-        sensitivity = Sensitivity(solver.solver, here)
+        sensitivity = follower.sensitivity(here)
         rows, missing = target.error(sensitivity.tip)
         matrix = rows @ sensitivity.to_tension()
         tension = np.array(here.loads.cable_tension_N)
@@ -182,13 +233,17 @@ def find_tensions(
         change = lsq_linear(*problem, bounds=(lower - 1e-12, upper + 1e-12)).x
         pulled = np.maximum(tension + change, 0.0)
         loads = replace(here.loads, cable_tension_N=tuple(pulled.tolist()))
-        return solver.follow(here, here.world_from_flange, loads)
+        return follower.follow(here, here.world_from_flange, loads)
 
-    return _iterate(solver, begin, target, options, improve, "cable tension")
+    return _iterate(follower.body, begin, target, options, improve, "cable tension")
+
+
+def _follower(solver: EquilibriumSolver | Follower) -> Follower:
+    return _FilmFollower(solver) if isinstance(solver, EquilibriumSolver) else solver
 
 
 def _iterate(
-    solver: EquilibriumSolver,
+    body: SoftBody,
     begin: Equilibrium,
     target: TipTarget,
     options: TargetOptions,
@@ -198,7 +253,7 @@ def _iterate(
     here = begin
     best = TargetSolution(begin, np.inf, np.inf, 0)
     for iteration in range(options.iterations_max + 1):
-        tip = TipFrame.of(solver.solver.system.body, here.state.positions)
+        tip = TipFrame.of(body, here.state.positions)
         position, angle = target.distance(tip)
         found = TargetSolution(here, position, angle, iteration)
         if position <= options.position_tolerance_m and angle <= options.angle_tolerance_rad:

@@ -1,0 +1,255 @@
+"""Kernels on whole chains: assembly, block-tridiagonal Cholesky, Newton's method, changes of frames."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import int64, types, void
+
+from cosim.kernels import INDEX_TABLE, INDICES, MATRIX, REAL, VECTOR, inlined, kernel
+from cosim.soft.section.chain import CUBE, FLAGS, _add_cable, _add_frame, _add_section, _strains
+from cosim.soft.section.energy import section_energy
+
+# chain: coefficients (s, c), inverse lengths (s,), masses (f, 4, 4)
+_CHAIN = (MATRIX, VECTOR, CUBE)
+# loads (f, 4, 3), bed [1/s^2], targets (f, 4, 3)
+_LOADS = (CUBE, REAL, CUBE)
+# cables: far frame of each segment (k,), eyelets (k, 2, 3), tensions (k,)
+_CABLES = (INDICES, CUBE, VECTOR)
+# gradient (f, 6), diagonal blocks (f, 6, 6), blocks of rows f and columns f - 1 (f, 6, 6)
+_OUT = (MATRIX, CUBE, CUBE)
+
+
+@kernel(REAL(CUBE, *_CHAIN, *_LOADS, *_CABLES, *_OUT, types.boolean))
+def assemble(  # type: ignore[no-untyped-def]
+    frames, coefficients, inverse_length, mass, load, bed, target, far, eyelets, tension,
+    gradient, diagonal, off, hessian,
+):  # fmt: skip
+    """Fill the gradient and, if asked to, the Hessian's blocks; return the potential [J]."""
+    gradient[:] = 0.0
+    if hessian:
+        diagonal[:] = 0.0
+        off[:] = 0.0
+    scratch = (np.empty(6), np.empty(6), np.empty((6, 6)), np.empty((14, 6)), np.empty((6, 9)), np.empty((6, 9)))
+    energy = 0.0
+    for f in range(frames.shape[0]):
+        energy += _add_frame(
+            frames[f], load[f], bed, mass[f], target[f], gradient[f], diagonal[f], hessian
+        )
+    for s in range(coefficients.shape[0]):
+        energy += _add_section(
+            frames[s], frames[s + 1], coefficients[s], inverse_length[s], gradient[s], gradient[s + 1],
+            diagonal[s], diagonal[s + 1], off[s + 1], scratch, hessian,
+        )  # fmt: skip
+    for k in range(far.shape[0]):
+        b = far[k]
+        if tension[k] != 0.0:
+            energy += _add_cable(
+                frames[b - 1], frames[b], eyelets[k, 0], eyelets[k, 1], tension[k], gradient[b - 1],
+                gradient[b], diagonal[b - 1], diagonal[b], off[b], hessian,
+            )  # fmt: skip
+    return energy
+
+
+@inlined
+def _cholesky(a):  # type: ignore[no-untyped-def]
+    """Factorise a 6 x 6 block in place, lower triangle; False where it is not positive definite."""
+    for j in range(6):
+        for k in range(j):
+            for i in range(j, 6):
+                a[i, j] -= a[i, k] * a[j, k]
+        if not a[j, j] > 0.0:
+            return False
+        root = np.sqrt(a[j, j])
+        for i in range(j, 6):
+            a[i, j] /= root
+    return True
+
+
+@inlined
+def _factor(free, diagonal, off, shift, scale, low, side):  # type: ignore[no-untyped-def]
+    """Factorise the free part of the blocks + shift diag(scale); False where it is not positive definite."""
+    for f in range(free.shape[0]):
+        if not free[f]:
+            continue
+        for i in range(6):
+            for k in range(6):
+                low[f, i, k] = diagonal[f, i, k]
+            low[f, i, i] += shift * scale[i]
+        if f > 0 and free[f - 1]:
+            # side = off L^-T of the frame before
+            for i in range(6):
+                for k in range(6):
+                    total = off[f, i, k]
+                    for j in range(k):
+                        total -= side[f, i, j] * low[f - 1, k, j]
+                    side[f, i, k] = total / low[f - 1, k, k]
+            for i in range(6):
+                for k in range(i + 1):
+                    for j in range(6):
+                        low[f, i, k] -= side[f, i, j] * side[f, k, j]
+        if not _cholesky(low[f]):
+            return False
+    return True
+
+
+@inlined
+def _substitute(free, low, side, load, step):  # type: ignore[no-untyped-def]
+    """Solve with the factor; step is zero where a frame is held."""
+    count = free.shape[0]
+    for f in range(count):
+        for i in range(6):
+            if not free[f]:
+                step[f, i] = 0.0
+                continue
+            total = load[f, i]
+            if f > 0 and free[f - 1]:
+                for j in range(6):
+                    total -= side[f, i, j] * step[f - 1, j]
+            for j in range(i):
+                total -= low[f, i, j] * step[f, j]
+            step[f, i] = total / low[f, i, i]
+    for f in range(count - 1, -1, -1):
+        if not free[f]:
+            continue
+        for i in range(5, -1, -1):
+            total = step[f, i]
+            if f + 1 < count and free[f + 1]:
+                for j in range(6):
+                    total -= side[f + 1, j, i] * step[f + 1, j]
+            for j in range(i + 1, 6):
+                total -= low[f, j, i] * step[f, j]
+            step[f, i] = total / low[f, i, i]
+
+
+@kernel(void(CUBE, MATRIX, REAL, CUBE))
+def change_frames(frames, step, factor, out):  # type: ignore[no-untyped-def]
+    """Move every frame by factor times its step (dr, phi): out = (r + dr, exp(S(phi)) a_i)."""
+    phi, v, w = np.empty(3), np.empty(3), np.empty(3)
+    for f in range(frames.shape[0]):
+        square = 0.0
+        for r in range(3):
+            out[f, 0, r] = frames[f, 0, r] + factor * step[f, r]
+            phi[r] = factor * step[f, 3 + r]
+            square += phi[r] * phi[r]
+        angle = np.sqrt(square)
+        if angle < 1e-4:  # the series' next terms are below rounding
+            sine, versine = 1.0 - square / 6.0, 0.5 - square / 24.0
+        else:
+            sine, versine = np.sin(angle) / angle, (1.0 - np.cos(angle)) / square
+        for a in range(1, 4):
+            for r in range(3):
+                i, k = (r + 1) % 3, (r + 2) % 3
+                v[r] = phi[i] * frames[f, a, k] - phi[k] * frames[f, a, i]
+            for r in range(3):
+                i, k = (r + 1) % 3, (r + 2) % 3
+                w[r] = phi[i] * v[k] - phi[k] * v[i]
+            for r in range(3):
+                out[f, a, r] = frames[f, a, r] + sine * v[r] + versine * w[r]
+
+
+@inlined
+def _residual(gradient, free, lever):  # type: ignore[no-untyped-def]
+    """Return the largest out-of-balance force, or moment over lever."""
+    largest = 0.0
+    for f in range(free.shape[0]):
+        if free[f]:
+            for i in range(6):
+                value = abs(gradient[f, i]) / (1.0 if i < 3 else lever)
+                if not value <= largest:
+                    largest = value
+    return largest
+
+
+CONVERGED, LIMIT, NOT_FINITE, INDEFINITE, NO_DESCENT = 0, 1, 2, 3, 4
+_SHIFT_START, _SHIFT_MAX = 0.05, 1e8  # [N/m]
+_STEP_MAX_M, _TURN_MAX = 0.05, 0.4
+
+
+@kernel(
+    types.Tuple((int64, int64, REAL, REAL, int64))(
+        CUBE, FLAGS, *_CHAIN, *_LOADS, *_CABLES, *_OUT, VECTOR, int64
+    )
+)
+def minimise(  # type: ignore[no-untyped-def]
+    frames, free, coefficients, inverse_length, mass, load, bed, target, far, eyelets, tension,
+    gradient, diagonal, off, bounds, iterations_max,
+):  # fmt: skip
+    """Find the minimum of the potential near `frames`, which are moved there; gradient belongs to it.
+
+    bounds: residual [N], lever [m]. Returns (outcome, iterations, residual [N], potential [J], shifted).
+    """
+    tolerance, lever = bounds[0], bounds[1]
+    scale = np.ones(6)
+    scale[3:] = lever * lever
+    low, side = np.zeros_like(diagonal), np.zeros_like(diagonal)
+    step, trial = np.zeros_like(gradient), np.empty_like(frames)
+    energy = assemble(
+        frames, coefficients, inverse_length, mass, load, bed, target, far, eyelets, tension,
+        gradient, diagonal, off, True,
+    )  # fmt: skip
+    residual = _residual(gradient, free, lever)
+    iterations = shifted = 0
+    while True:
+        if not (np.isfinite(residual) and np.isfinite(energy)):
+            return NOT_FINITE, iterations, residual, energy, shifted
+        if residual <= tolerance:
+            return CONVERGED, iterations, residual, energy, shifted
+        if iterations >= iterations_max:
+            return LIMIT, iterations, residual, energy, shifted
+        iterations += 1
+        shift = 0.0
+        while not _factor(free, diagonal, off, shift, scale, low, side):
+            shift = max(_SHIFT_START, 6.0 * shift)
+            if shift > _SHIFT_MAX:
+                return INDEFINITE, iterations, residual, energy, shifted
+        shifted += shift > 0.0
+        _substitute(free, low, side, gradient, step)
+        slope = longest = turn = 0.0
+        for f in range(free.shape[0]):
+            for i in range(6):
+                step[f, i] = -step[f, i]
+                slope += gradient[f, i] * step[f, i] if free[f] else 0.0
+                if i < 3:
+                    longest = max(longest, abs(step[f, i]))
+                else:
+                    turn = max(turn, abs(step[f, i]))
+        factor = min(1.0, min(_STEP_MAX_M / max(longest, 1e-30), _TURN_MAX / max(turn, 1e-30)))
+        rounding = 1e-13 * (1.0 + abs(energy))
+        before, found = residual, False
+        for _ in range(20):
+            change_frames(frames, step, factor, trial)
+            value = assemble(
+                trial, coefficients, inverse_length, mass, load, bed, target, far, eyelets, tension,
+                gradient, diagonal, off, True,
+            )  # fmt: skip
+            residual = _residual(gradient, free, lever)
+            if np.isfinite(value) and (
+                value <= energy + 1e-4 * factor * slope + rounding or residual < 0.1 * before
+            ):
+                found = True
+                break
+            factor *= 0.5
+        if not found:
+            return NO_DESCENT, iterations, before, energy, shifted
+        frames[:] = trial
+        energy = value
+
+
+@kernel(REAL(CUBE, MATRIX, MATRIX, VECTOR, VECTOR))
+def gas_volume(frames, coefficients, rates, inverse_length, length_rate):  # type: ignore[no-untyped-def]
+    """Return -d(energy of all sections)/dp [m^3] at given frames.
+
+    rates: d coefficients / dp; length_rate: dL/dp [m/Pa].
+    """
+    volume = 0.0
+    x, d, gradient = np.empty(6), np.empty(3), np.empty(6)
+    hessian, work = np.empty((6, 6)), np.empty((14, 6))
+    for s in range(coefficients.shape[0]):
+        for r in range(3):
+            d[r] = frames[s + 1, 0, r] - frames[s, 0, r]
+        _strains(frames[s], frames[s + 1], d, x)
+        section_energy(coefficients[s], x, inverse_length[s], gradient, hessian, work)
+        # z = u_3 / L - 1 moves with L
+        volume += gradient[2] * x[2] * inverse_length[s] * length_rate[s]
+        volume -= section_energy(rates[s], x, inverse_length[s], gradient, hessian, work)
+    return volume

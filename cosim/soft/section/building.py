@@ -1,0 +1,100 @@
+"""Builds the section model of a soft body: samples, fits, and compares with the film at loads it was not built from."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+
+from cosim.errors import ConvergenceError
+from cosim.frames import Pose
+from cosim.soft.body import Loads, SoftBody
+from cosim.soft.equilibrium import Equilibrium, EquilibriumSolver
+from cosim.soft.newton import NewtonOptions, NewtonSolver, Outcome
+from cosim.soft.section.fitting import fit_model
+from cosim.soft.section.model import SectionBody, SectionModel
+from cosim.soft.section.pressure_spline import PressureSpline
+from cosim.soft.section.ring_frames import RingFrames
+from cosim.soft.section.sampling import Sampler, WorkingRange
+from cosim.soft.section.solver import ChainSolver
+from cosim.soft.state import Clamp, SoftState
+from cosim.soft.system import SoftSystem
+
+LARGEST_PRESSURE_Pa: Final = 45e3
+"""Working range of pressure, unless more is asked for."""
+METHOD: Final = 1
+"""Counts changes of the method that make older models worthless."""
+_LEVELS = 14
+_SEED = 1
+_TENSION_OF_WEIGHT = 1.5
+_LEAST_TENSION_N = 1.0
+_SHARES = (0.2, 0.4, 0.65, 0.9)  # of the largest pressure, where the model is compared
+_LEANS_rad = (0.0, 0.4, 0.8)
+_PULL_OF_WEIGHT = 0.5
+
+
+def build_model(
+    body: SoftBody,
+    largest_Pa: float = LARGEST_PRESSURE_Pa,
+    progress: Callable[[float], None] = lambda share: None,
+) -> SectionModel:
+    """Return the section model of a body.
+
+    Args:
+        body: one stack of units.
+        largest_Pa: end of its range of pressure.
+        progress: told the share that is done.
+
+    Raises:
+        InputError: there is no section model of such a body.
+    """
+    frames = RingFrames.of(body)
+    spline = PressureSpline(largest_Pa)
+    tension = max(_TENSION_OF_WEIGHT * 9.81 * body.mass_kg, _LEAST_TENSION_N)
+    samples = Sampler(body, frames).collect(
+        WorkingRange(spline.pressures(_LEVELS), tension), _SEED, progress
+    )
+    model = fit_model(samples, frames, spline)
+    return replace(model, tip_error=_largest_tip_error(body, model))
+
+
+def _largest_tip_error(body: SoftBody, model: SectionModel) -> float:
+    """Return the largest distance of the tips of model and film, relative to the film's length.
+
+    The film leans by gravity to the side and is pulled by its first cable; loads without an equilibrium of the
+    film do not count.
+    """
+    system = SoftSystem(body)
+    clamp = Clamp.of_base(body)
+    options = NewtonOptions(tolerance_N=1e-6, start_tolerance_N=1e-6, iterations_max=40)
+    solver = EquilibriumSolver(NewtonSolver(system, clamp.mask(body.nodes)), clamp, options)
+    chain = ChainSolver(SectionBody(body, model))
+    pull = _PULL_OF_WEIGHT * 9.81 * body.mass_kg
+    slack, along = (0.0,) * len(body.cables), (0.0, 0.0, 9.81)
+    largest = 0.0
+    straight = solver.solve(SoftState.drawn(body, Pose()), Pose(), Loads(0.0, slack, along))
+    for share in _SHARES:
+        here = straight = solver.follow(
+            straight, Pose(), replace(straight.loads, pressure_Pa=share * model.spline.largest_Pa)
+        )
+        for lean in _LEANS_rad:
+            tension = (pull * (lean > 0.0), *slack[1:]) if slack else ()
+            gravity = (9.81 * float(np.sin(lean)), 0.0, 9.81 * float(np.cos(lean)))
+            try:
+                here = solver.follow(here, Pose(), replace(here.loads, cable_tension_N=tension, gravity=gravity))
+            except ConvergenceError:
+                break
+            largest = max(largest, _tip_error(chain, here))
+    return largest
+
+
+def _tip_error(chain: ChainSolver, film: Equilibrium) -> float:
+    frames = chain.section.frames.fit(film.state.positions, Pose())
+    free = np.arange(len(frames)) > 0
+    found = chain.solve(frames, free, film.loads, 1e-6, 60)
+    if found.outcome is not Outcome.CONVERGED:
+        return np.inf
+    length = float(np.linalg.norm(np.diff(frames[:, 0], axis=0), axis=1).sum())
+    return float(np.linalg.norm(found.frames[-1, 0] - frames[-1, 0])) / length

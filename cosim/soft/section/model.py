@@ -1,0 +1,110 @@
+"""The condensed model of one stack of units: what the film between rings answers, over its working range."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+
+from cosim.frames import Array
+from cosim.soft.body import SoftBody
+from cosim.soft.section.assembly import gas_volume
+from cosim.soft.section.pressure_spline import PressureSpline
+from cosim.soft.section.ring_frames import RingFrames
+
+
+@final
+@dataclass(frozen=True)
+class SectionModel:
+    """Coefficients over pressure; functions of pressure are splines with `spline.size` coefficients.
+
+    Args:
+        spline: over the range of pressure.
+        energy: (size, s, COEFFICIENTS + 3), see `energy`; the last three are the limits.
+        length: (size, s) [m], L of each section.
+        gas: (size,) [J], what the energies of the sections leave out of the gas' potential -int V dp.
+        nodes: (size, n, 2, 4), each node as a combination of the points of the two frames beside it.
+        force_error: relative, of the sections' forces over samples that were not fitted: (6,), root mean squares.
+        samples: that were solved.
+        failures: poses at which the film had no equilibrium.
+        tip_error: relative to the length, largest over loads that the model was not built from; infinite where it
+            has no equilibrium, not a number before it was compared.
+    """
+
+    spline: PressureSpline
+    energy: Array
+    length: Array
+    gas: Array
+    nodes: Array
+    force_error: Array
+    samples: int
+    failures: int
+    tip_error: float = float("nan")
+
+
+@final
+class SectionBody:
+    """A stack of units as a chain of frames.
+
+    Args:
+        body: whose film it is.
+        model: condensed from that film.
+    """
+
+    def __init__(self, body: SoftBody, model: SectionModel) -> None:
+        self.body, self.model = body, model
+        self.frames = RingFrames.of(body)
+        self.mass = self.frames.masses(body.node_mass, body.positions)
+        self._pressure = np.nan
+        self._nodes_at = np.nan
+        self._nodes = np.zeros((body.nodes, 2, 4))
+        self.coefficients: Array = np.zeros(model.energy.shape[1:])
+        self.inverse_length: Array = np.zeros(model.length.shape[1])
+        self._flat = model.energy.reshape(len(model.energy), -1)
+        self.basis: Array = np.zeros((2, model.spline.size))
+
+    def set_pressure(self, pressure_Pa: float) -> None:
+        """Bring coefficients and lengths to a pressure."""
+        if pressure_Pa == self._pressure:
+            return
+        self._pressure = pressure_Pa
+        self.basis = self.model.spline.basis(pressure_Pa)
+        shape = self.model.energy.shape
+        self.coefficients = (self.basis[0] @ self._flat).reshape(shape[1:])
+        self.inverse_length = 1.0 / (self.basis[0] @ self.model.length)
+
+    def volume(self, frames: Array) -> float:
+        """Return the enclosed volume [m^3] at frames (f, 4, 3), at the pressure that is set."""
+        rates = (self.basis[1] @ self._flat).reshape(self.coefficients.shape)
+        found: float = gas_volume(
+            frames, self.coefficients, rates, self.inverse_length, self.basis[1] @ self.model.length
+        )
+        return found - float(self.basis[1] @ self.model.gas)
+
+    def straight(self, pressure_Pa: float) -> Array:
+        """Return the frames (f, 4, 3) of a straight chain with sections in the middle of their range."""
+        frames = self.frames.drawn.copy()
+        frames[1:, 0, 2] = np.cumsum(self.model.spline.basis(pressure_Pa)[0] @ self.model.length)
+        return frames
+
+    def node_weights(self, pressure_Pa: float) -> Array:
+        """Return (n, 2, 4): each node as a combination of the points of the frames beside it."""
+        if pressure_Pa != self._nodes_at:
+            self._nodes_at = pressure_Pa
+            self._nodes = np.tensordot(self.model.spline.basis(pressure_Pa)[0], self.model.nodes, axes=1)
+        return self._nodes
+
+    def positions(self, frames: Array, pressure_Pa: float) -> Array:
+        """Return the nodes (n, 3) [m] of the film on frames (f, 4, 3)."""
+        weights, before = self.node_weights(pressure_Pa), self.frames.before
+        near = np.einsum("na,nar->nr", weights[:, 0], frames[before])
+        return near + np.einsum("na,nar->nr", weights[:, 1], frames[before + 1])
+
+    def spread(self, nodal: Array, pressure_Pa: float) -> Array:
+        """Return the loads (f, 4, 3) on the frames' points of forces (n, 3) [N] on the nodes."""
+        weights, before = self.node_weights(pressure_Pa), self.frames.before
+        loads = np.zeros((len(self.frames), 4, 3))
+        np.add.at(loads, before, weights[:, 0, :, None] * nodal[:, None, :])
+        np.add.at(loads, before + 1, weights[:, 1, :, None] * nodal[:, None, :])
+        return loads
