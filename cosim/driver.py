@@ -15,6 +15,7 @@ from cosim import __version__
 from cosim.checkpoint import Checkpoint, CheckpointKeeper, Origin, read_checkpoint
 from cosim.errors import SolverError
 from cosim.recording.recorder import NullRecorder, Part, Recorder
+from cosim.resources import cache_directory
 from cosim.run_files import RunFiles, check_directory
 from cosim.scenario.schema import Scenario
 from cosim.scenario.snapshot import Snapshot, Stage
@@ -190,7 +191,7 @@ def build_simulation(
 
 
 def with_fidelity_chosen(scenario: Scenario, tell: Callable[[str], None]) -> Scenario:
-    """Return the scenario with `fidelity = "auto"` replaced by what meets its `[auto]`.
+    """Return the scenario with `fidelity = "auto"` replaced by what meets its `[auto]`; build what it needs.
 
     Args:
         scenario: checked.
@@ -199,11 +200,15 @@ def with_fidelity_chosen(scenario: Scenario, tell: Callable[[str], None]) -> Sce
     Raises:
         ScenarioError: nothing meets it.
     """
-    if scenario.fidelity != "auto":
-        return scenario
-    from cosim.trade.auto import cache_directory, settled  # here: few runs measure anything
+    if scenario.fidelity == "auto":
+        from cosim.trade.auto import settled  # here: few runs measure anything
 
-    return settled(scenario, build_simulation, cache_directory(), tell)
+        scenario = settled(scenario, build_simulation, cache_directory(), tell)
+    if scenario.fidelity == "section":
+        from cosim.scenario.section_model import section_model  # here, as few runs build one
+
+        section_model(scenario, tell)
+    return scenario
 
 
 def rerun_recorder(path: Path, settings: Recording, part: Part) -> Recorder:

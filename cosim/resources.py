@@ -6,11 +6,18 @@ one, has them at the top of the repository. Both are found without regard to the
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 from cosim.errors import InputError
 
 _PACKAGE = Path(__file__).resolve().parent
+
+
+def cache_directory() -> Path:
+    """Return the user's directory of kept figures and models."""
+    base = os.environ.get("XDG_CACHE_HOME")
+    return (Path(base) if base else Path.home() / ".cache") / "cosim"
 
 
 def data_directory() -> Path:

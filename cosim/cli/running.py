@@ -108,6 +108,10 @@ def _further_kernels(scenario: Scenario) -> tuple[ModuleType, ...]:
         from cosim.soft import film_contact, film_points, film_search
 
         modules = (film_contact, film_points, film_search)
+    if scenario.fidelity == "section":
+        from cosim.soft.section import assembly, energy
+
+        modules = (*modules, assembly, energy)
     if scenario.robot != NO_ARM:
         from cosim.rigid.compilation import KERNEL_MODULES  # here: it brings MuJoCo
 

@@ -2,33 +2,34 @@
 
 from __future__ import annotations
 
-from collections import deque
 from dataclasses import dataclass, replace
 from typing import TypeAlias, final
 
 import numpy as np
 from scipy.linalg import LinAlgError
 
+from cosim.coupling.chain_films import NO_ANGLES, ChainFilms
 from cosim.coupling.mass import MassProperties
 from cosim.coupling.soft_side import SoftReply, SoftSide
 from cosim.errors import ConvergenceError, InputError
-from cosim.frames import Array, IntArray, Mask, Pose, Wrench, cross
+from cosim.frames import Array, IntArray, Mask, Pose
 from cosim.soft.body import Loads
 from cosim.soft.contact import ContactPlanes
 from cosim.soft.contact_surface import ContactSurface
-from cosim.soft.dynamics import StepOptions, difference_scheme
+from cosim.soft.dynamics import StepOptions
 from cosim.soft.equilibrium import Equilibrium
 from cosim.soft.newton import NewtonOptions, Outcome
+from cosim.soft.section.frame_clamp import FrameClamp
 from cosim.soft.section.model import SectionBody
-from cosim.soft.section.ring_frames import points_of
 from cosim.soft.section.sensitivity import ChainSensitivity, ChainTangent
-from cosim.soft.section.solver import Bed, ChainResult, ChainSolver
+from cosim.soft.section.solver import ChainResult, ChainSolver
+from cosim.soft.section.stepper import ChainStepper
 from cosim.soft.section.stepping import (
     carried,
-    changed,
     node_motion,
     rates_from_nodes,
     rigid_motion,
+    supplied_wrench,
     twists,
 )
 from cosim.soft.state import SoftState
@@ -37,8 +38,6 @@ from cosim.soft.tip_target import TipTarget, find_flange_pose, find_tensions
 
 _HALVINGS_MAX = 5
 _SPLITS_MAX = 8
-_REMEMBERED = 8
-_NO_ANGLES = np.zeros(0)
 
 _Drive: TypeAlias = tuple[Pose, Loads]
 
@@ -50,8 +49,7 @@ class SectionArmState:
 
     Args:
         chain: points of the frames and their velocities, in place of nodes.
-        offsets: (f, 4, 3), held frames in the flange frame.
-        held: (f,) which they are.
+        clamp: frames held by the flange.
         flange: world_from_flange.
         loads: that act.
         pressure_Pa: of the gas.
@@ -60,8 +58,7 @@ class SectionArmState:
     """
 
     chain: SoftState
-    offsets: Array
-    held: Mask
+    clamp: FrameClamp
     flange: Pose
     loads: Loads
     pressure_Pa: float
@@ -73,8 +70,8 @@ class SectionArmState:
 class SectionArm(SoftSide):
     """A chain of frames held by the flange; owns solver and state.
 
-    The frames' points stand for nodes: (f, 4, 3) positions and velocities in a `SoftState`. The film's own nodes
-    are made from them when somebody asks.
+    The frames' points stand for nodes: (f, 4, 3) positions and velocities in a `SoftState`. The film's own
+    nodes are made from them when somebody asks.
 
     Args:
         section: what it is.
@@ -88,25 +85,22 @@ class SectionArm(SoftSide):
     ) -> None:
         self.section, self.body = section, section.body
         self._solver = ChainSolver(section)
-        self._statics, self._dynamics = statics, dynamics
+        self._statics, self._stepper = statics, ChainStepper(self._solver, dynamics)
         drawn = section.frames.drawn
-        self._chain = SoftState.at_rest(carried(drawn, world_from_flange), _NO_ANGLES)
+        self._chain = SoftState.at_rest(carried(drawn, world_from_flange), NO_ANGLES)
         self._film: SoftState | None = None
-        # frames of the latest films, so that a state handed back is taken up exactly
-        self._known: deque[tuple[SoftState, SoftState, float]] = deque(maxlen=_REMEMBERED)
-        self._held = np.zeros(len(drawn), dtype=bool)
-        self._held[0] = True
-        self._offsets = drawn.copy()
+        self._films = ChainFilms(section)
+        self.clamp = FrameClamp.of_base(section)
         self._flange, self._pressure = world_from_flange, 0.0
         self._loads = Loads(0.0, (0.0,) * len(self.body.cables), (0.0, 0.0, 0.0))
         self._gradient = np.zeros((len(drawn), 6))
         self._residual = 0.0
 
     @property
-    def state(self) -> SoftState:  # type: ignore[override]
+    def state(self) -> SoftState:
         """The film's nodes on the frames."""
         if self._film is None:
-            self._film = self._film_of(self._chain, self._pressure)
+            self._film = self._films.film(self._chain, self._pressure)
         return self._film
 
     @state.setter
@@ -114,23 +108,8 @@ class SectionArm(SoftSide):
         self._chain, self._pressure = self._chain_of(film, self._flange)
         self._film = film
 
-    def _film_of(self, chain: SoftState, pressure: float) -> SoftState:
-        film = SoftState(
-            self.section.positions(chain.positions, pressure),
-            self.section.positions(chain.velocities, pressure),
-            _NO_ANGLES,
-        )
-        self._known.append((film, chain, pressure))
-        return film
-
     def _chain_of(self, film: SoftState, flange: Pose) -> tuple[SoftState, float]:
-        """Return the chain of a film, and the gas pressure that it was made with, or else the present one."""
-        for known, chain, pressure in self._known:
-            if known is film:
-                return chain, pressure
-        frames = self.section.frames.fit(film.positions, flange)
-        rates = rates_from_nodes(self.section.frames, frames, film.velocities)
-        return SoftState(frames, rates, _NO_ANGLES), self._pressure
+        return self._films.chain(film, flange, self._pressure)
 
     def advance(self, world_from_flange: Pose, loads: Loads, step_s: float) -> SoftReply:
         """Advance by one step, with the flange at its new pose."""
@@ -145,20 +124,19 @@ class SectionArm(SoftSide):
         finally:
             self._film = None
         self._flange, self._loads = world_from_flange, loads
-        moved = twists(self._chain.positions[self._held], self._chain.velocities[self._held])
-        power = float(np.einsum("fi,fi->", self._gradient[self._held], moved))
-        return SoftReply(self._wrench(), power, self._residual, iterations)
-
-    def _wrench(self) -> Wrench:
-        supplied = self._gradient[self._held]
-        arm = self._chain.positions[self._held, 0] - self._chain.positions[0, 0]
-        torque = supplied[:, 3:] + cross(arm, np.ascontiguousarray(supplied[:, :3]))
-        return Wrench(-supplied[:, :3].sum(axis=0), -torque.sum(axis=0))
+        moved = twists(self._chain.positions[self.clamp.held], self._chain.velocities[self.clamp.held])
+        power = float(np.einsum("fi,fi->", self._gradient[self.clamp.held], moved))
+        return SoftReply(
+            supplied_wrench(self._gradient, self._chain.positions, self.clamp.held),
+            power,
+            self._residual,
+            iterations,
+        )
 
     def _step(self, begin: _Drive, end: _Drive, step_s: float, halvings: int) -> int:
         """Take one step, or two halves where it does not converge; return the Newton iterations."""
         try:
-            found = self._try_step(*end, step_s)
+            self._chain, found = self._stepper.step(self._chain, self.clamp, *end, step_s)
         except ConvergenceError as error:
             if halvings == 0:
                 raise
@@ -168,63 +146,35 @@ class SectionArm(SoftSide):
             spent += self._step(middle, end, 0.5 * step_s, halvings - 1)
             self._chain = replace(self._chain, earlier=None)
             return spent
-        return found.iterations
-
-    def _try_step(self, flange: Pose, loads: Loads, step_s: float) -> ChainResult:
-        options, chain = self._dynamics, self._chain
-        base, span, speed = difference_scheme(options.integrator, chain, step_s)
-        damped = 1.0 + options.damping_per_s * span
-        bed = Bed(damped / span**2, base + span / damped * speed)
-        for flight in (step_s, 0.0):
-            start = self._place(
-                changed(chain.positions, twists(chain.positions, chain.velocities), flight), flange
-            )
-            found = self._solver.solve(
-                start, ~self._held, loads, options.tolerance_N, options.newton.iterations_max, bed
-            )
-            if found.outcome is not Outcome.NOT_FINITE:
-                break
-        if found.outcome is not Outcome.CONVERGED:
-            raise ConvergenceError(
-                f"the soft step did not converge: {found.outcome.value}; residual {found.residual_N:.3g} N after "
-                f"{found.iterations} iterations; try a shorter tick or a gentler ramp",
-                found.residual_N,
-                found.iterations,
-            )
-        velocities = (found.frames - base) / span
-        self._chain = SoftState(found.frames, velocities, _NO_ANGLES, (chain.positions, chain.velocities))
         self._take(found)
-        return found
+        return found.iterations
 
     def _take(self, found: ChainResult) -> None:
         self._pressure, self._gradient, self._residual = found.pressure_Pa, found.gradient, found.residual_N
-
-    def _place(self, frames: Array, flange: Pose) -> Array:
-        """Put the held frames where the flange has them."""
-        frames[self._held] = carried(self._offsets[self._held], flange)
-        return frames
 
     def start(self, world_from_flange: Pose, loads: Loads) -> Equilibrium:
         """Return the equilibrium before the first phase: hung up without pressure, then loaded."""
         hanging = Loads(0.0, (0.0,) * len(self.body.cables), loads.gravity)
         # as drawn, the films lie on each other, where a section has no stiffness to start from
         straight = carried(self.section.straight(0.0), world_from_flange)
-        return self.follow(
-            self._equilibrium(straight, world_from_flange, hanging), world_from_flange, loads
-        )
+        return self.follow(self._equilibrium(straight, world_from_flange, hanging), world_from_flange, loads)
 
     def solve(
         self, state: SoftState, world_from_flange: Pose, loads: Loads, start: Array | None = None
     ) -> Equilibrium:
         """Find the equilibrium near a state in one go; the present state stays."""
-        begin = state if start is None else SoftState.at_rest(start, _NO_ANGLES)
+        begin = state if start is None else SoftState.at_rest(start, NO_ANGLES)
         frames = self._chain_of(begin, world_from_flange)[0].positions
         return self._equilibrium(frames, world_from_flange, loads)
 
     def _equilibrium(self, frames: Array, flange: Pose, loads: Loads) -> Equilibrium:
         options = self._statics
         found = self._solver.solve(
-            self._place(frames.copy(), flange), ~self._held, loads, options.tolerance_N, options.iterations_max
+            self.clamp.place(frames, flange),
+            self.clamp.free,
+            loads,
+            options.tolerance_N,
+            options.iterations_max,
         )
         if found.outcome is not Outcome.CONVERGED:
             raise ConvergenceError(
@@ -233,10 +183,8 @@ class SectionArm(SoftSide):
                 found.residual_N,
                 found.iterations,
             )
-        before = self._chain, self._gradient
-        self._chain, self._gradient = SoftState.at_rest(found.frames, _NO_ANGLES), found.gradient
-        wrench, film = self._wrench(), self._film_of(self._chain, found.pressure_Pa)
-        self._chain, self._gradient = before
+        wrench = supplied_wrench(found.gradient, found.frames, self.clamp.held)
+        film = self._films.film(SoftState.at_rest(found.frames, NO_ANGLES), found.pressure_Pa)
         return Equilibrium(
             film, flange, loads, wrench, found.residual_N, found.iterations, found.potential_J, found.shifted
         )
@@ -264,7 +212,7 @@ class SectionArm(SoftSide):
     def sensitivity(self, here: Equilibrium) -> ChainSensitivity:
         """Return how the tip moves at an equilibrium."""
         chain, pressure = self._chain_of(here.state, here.world_from_flange)
-        return ChainSensitivity(self._solver, chain.positions, ~self._held, here.loads, pressure)
+        return ChainSensitivity(self._solver, chain.positions, self.clamp.free, here.loads, pressure)
 
     def find_tensions(self, begin: Equilibrium, target: TipTarget) -> Equilibrium:
         """Return the equilibrium whose cable tensions bring the tip to a target; the flange stays."""
@@ -282,39 +230,19 @@ class SectionArm(SoftSide):
         self._gradient = self._solver.evaluate(self._chain.positions, found.loads, self._pressure)
 
     def hold_also(self, held: Mask, world_from_flange: Pose) -> None:
-        """Hold whole rings where they are now; they go with the flange.
-
-        Raises:
-            InputError: less than a whole ring, or nodes between rings, are to be held.
-        """
-        wanted, covered = self._held.copy(), np.zeros_like(held)
-        covered[self.body.base] = True
-        for f, ring in enumerate(self.section.frames.rings, start=1):
-            if held[ring].all():
-                wanted[f], covered[ring] = True, True
-        if (held & ~covered).any():
-            raise InputError("section models hold whole outer rings or the tip ring; use fidelity = 'lumped'")
-        new = wanted & ~self._held
-        self._offsets[new] = carried(self._chain.positions[new], world_from_flange.inverse())
-        self._held = wanted
+        """Hold whole rings where they are now; they go with the flange."""
+        frames = self._chain.positions
+        self.clamp = self.clamp.holding(self.section, held, frames, world_from_flange)
 
     def let_go(self, nodes: IntArray) -> None:
-        """Hold the rings of the given nodes (m,) no longer.
-
-        Raises:
-            InputError: the base is to be let go.
-        """
-        if np.isin(self.body.base, nodes).any():
-            raise InputError("section models cannot let go of their base; use fidelity = 'lumped'")
-        for f, ring in enumerate(self.section.frames.rings, start=1):
-            if np.isin(ring, nodes).any():
-                self._held[f] = False
+        """Hold the rings of the given nodes (m,) no longer."""
+        self.clamp = self.clamp.without(self.section, nodes)
 
     def save_state(self) -> SectionArmState:
         """Return what the next step depends on."""
         return SectionArmState(
-            self._chain, self._offsets.copy(), self._held.copy(), self._flange, self._loads, self._pressure,
-            self._gradient, self._residual,
+            self._chain, self.clamp, self._flange, self._loads, self._pressure, self._gradient,
+            self._residual,
         )  # fmt: skip
 
     def restore_state(self, state: SectionArmState) -> None:
@@ -323,12 +251,10 @@ class SectionArm(SoftSide):
         Raises:
             InputError: the state is of an arm with another number of frames.
         """
-        if len(state.held) != len(self._held):
-            raise InputError(
-                f"the saved soft robot has {len(state.held)} frames, this one {len(self._held)}"
-            )
-        self._chain, self._film = state.chain, None
-        self._offsets, self._held = state.offsets.copy(), state.held.copy()
+        here, there = len(self.section.frames), len(state.clamp.held)
+        if here != there:
+            raise InputError(f"the saved soft robot has {there} frames, this one {here}")
+        self._chain, self._film, self.clamp = state.chain, None, state.clamp
         self._flange, self._loads, self._pressure = state.flange, state.loads, state.pressure_Pa
         self._gradient, self._residual = state.gradient, state.residual_N
 
@@ -338,16 +264,15 @@ class SectionArm(SoftSide):
 
     def response(self, forces: Array, contact: ContactPlanes, step_s: float) -> Array | None:
         """Return how far small forces would have moved the nodes within the last step."""
-        base, span, _ = difference_scheme(self._dynamics.integrator, self._chain, step_s)
-        bed = Bed((1.0 + self._dynamics.damping_per_s * span) / span**2, base)
+        bed = self._stepper.bed(self._chain, step_s)
         frames, pressure = self._chain.positions, self._pressure
         try:
-            tangent = ChainTangent(self._solver, frames, ~self._held, self._loads, pressure, bed)
+            tangent = ChainTangent(self._solver, frames, self.clamp.free, self._loads, pressure, bed)
         except LinAlgError:
             return None
         motion = node_motion(self.section, frames, pressure)
         loads = np.einsum("nrfi,knr->kfi", motion, forces)
-        return np.einsum("nrfi,kfi->knr", motion, tangent.solve(loads))
+        return np.asarray(np.einsum("nrfi,kfi->knr", motion, tangent.solve(loads)))
 
     def work_taken_in(self, displacement: Array) -> float:
         """Return the work [J] of what the flange supplies at the last solution, over a displacement."""
@@ -356,7 +281,7 @@ class SectionArm(SoftSide):
         moved[0] = rigid_motion(
             self.body.positions[self.body.base] @ self._flange.rotation.T, displacement[self.body.base]
         )
-        return float(np.einsum("fi,fi->", self._gradient[self._held], moved[self._held]))
+        return float(np.einsum("fi,fi->", self._gradient[self.clamp.held], moved[self.clamp.held]))
 
     @property
     def volumes_m3(self) -> tuple[float, ...]:

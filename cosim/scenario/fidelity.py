@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from cosim.coupling.frozen_body import FrozenBody
+from cosim.coupling.section_arm import SectionArm
 from cosim.coupling.soft_arm import SoftArm
 from cosim.coupling.soft_side import SoftSide
 from cosim.errors import ScenarioError
@@ -12,12 +13,14 @@ from cosim.scenario.calibration import refined_model
 from cosim.scenario.film_rules import film_law
 from cosim.scenario.flange import pose_of
 from cosim.scenario.schema import Scenario
+from cosim.scenario.section_model import section_model
 from cosim.scenario.soft_build import build_soft_body
 from cosim.scenario.soft_robot import SoftRobot
 from cosim.scenario.solver_schema import ChamberModel
 from cosim.soft.body import SoftBody
 from cosim.soft.dynamics import StepOptions
 from cosim.soft.newton import NewtonOptions
+from cosim.soft.section.model import SectionBody
 
 _REUSE_MAX = 6  # iterations with a kept factorisation: beyond, a new one is cheaper
 
@@ -38,6 +41,9 @@ def soft_sides(scenario: Scenario) -> tuple[SoftSide, SoftSide]:
     if scenario.fidelity == "auto":
         raise ScenarioError("fidelity", "'auto' is settled before a run is built; see cosim.trade.auto")
     body = fidelity_body(scenario)
+    if scenario.fidelity == "section":
+        section = SectionBody(body, section_model(scenario))
+        return _chain(scenario, section), _chain(scenario, section)
     trial, soft = _flexible(scenario, body), _flexible(scenario, body)
     if scenario.fidelity == "rigid":
         return trial, FrozenBody(soft, scenario.solver.damping_per_s)
@@ -67,6 +73,11 @@ def _described(scenario: Scenario) -> tuple[SoftRobot, ChamberModel]:
 def _flexible(scenario: Scenario, body: SoftBody) -> SoftArm:
     start = pose_of(scenario.start.flange)
     return SoftArm(body, start, static_options(scenario), dynamic_options(scenario), film_law(scenario))
+
+
+def _chain(scenario: Scenario, section: SectionBody) -> SectionArm:
+    start = pose_of(scenario.start.flange)
+    return SectionArm(section, start, static_options(scenario), dynamic_options(scenario))
 
 
 def static_options(scenario: Scenario) -> NewtonOptions:
@@ -101,6 +112,13 @@ def _rung(scenario: Scenario) -> str:
     if scenario.fidelity == "rigid":
         planned = f"; the targets of {', '.join(targets)} are planned on the lumped model" if targets else ""
         return f"rigid: the shape of the start is kept, weight and inertia only{planned}"
+    if scenario.fidelity == "section":
+        model = section_model(scenario)
+        return (
+            f"section: {model.length.shape[1] + 1} rigid frames, energies condensed from the film at "
+            f"{model.samples} poses up to {1e-3 * model.spline.largest_Pa:g} kPa; its tip is within "
+            f"{1e2 * model.tip_error:.2f} % of the length at loads it was not built from"
+        )
     if scenario.fidelity == "refined":
         law = (
             "; plain film and shell hinges in place of the calibration" if scenario.chamber.calibrated else ""

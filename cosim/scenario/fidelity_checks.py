@@ -6,6 +6,7 @@ from typing import Final
 
 from cosim.errors import ScenarioError
 from cosim.scenario.schema import Scenario
+from cosim.scenario.section_checks import check_section
 
 _REFINE_MAX: Final = 4
 
@@ -23,6 +24,8 @@ def check_fidelity(scenario: Scenario) -> None:
             f"'refined' is one refinement more than soft_robot.chamber.refine, which is at its bound of "
             f"{_REFINE_MAX} already",
         )
+    if scenario.fidelity == "section":
+        check_section(scenario)
     if scenario.fidelity != "rigid":
         return
     if not scenario.chamber.closed:

@@ -7,7 +7,7 @@ from typing import Literal, TypeAlias, final
 
 from cosim.scenario.constraints import Positive, Text
 
-Fidelity: TypeAlias = Literal["rigid", "lumped", "refined", "auto"]
+Fidelity: TypeAlias = Literal["rigid", "section", "lumped", "refined", "auto"]
 """From the cheapest to the dearest; "auto" is chosen by measurement."""
 
 

@@ -28,9 +28,10 @@ class Scenario:
         robot: rigid arm: a directory of robots/, or an arm of example-robot-data; "none": the base is
             held where the flange starts, and nothing of an arm is loaded.
         soft_robot: in the file a name, a path, or a table `{file = NAME, ...}` of changes to that file.
-        fidelity: of the soft robot. "rigid": it keeps the shape it starts in, mass only; "lumped": the mesh
-            of its file; "refined": every triangle of that divided into four; "auto": chosen by a short trade,
-            tick and integrator with it, so that `[auto]` is met.
+        fidelity: of the soft robot. "rigid": it keeps the shape it starts in, mass only; "section": a chain
+            of rigid frames, one per ring, with the condensed energy of the film between them; "lumped": the
+            mesh of its file; "refined": every triangle of that divided into four; "auto": chosen by a
+            short trade, tick and integrator with it, so that `[auto]` is met.
         payload_compensation: the arm's feedforward knows the soft arm's weight.
         objects: `[[object]]` in the file.
         wires: `[[wire]]` in the file.

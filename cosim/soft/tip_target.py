@@ -164,7 +164,10 @@ class _FilmFollower:
 
 
 def find_flange_pose(
-    solver: EquilibriumSolver | Follower, begin: Equilibrium, target: TipTarget, options: TargetOptions | None = None
+    solver: EquilibriumSolver | Follower,
+    begin: Equilibrium,
+    target: TipTarget,
+    options: TargetOptions | None = None,
 ) -> TargetSolution:
     """Find the flange pose for which the deformed tip meets the target; loads stay.
 
@@ -203,7 +206,10 @@ def find_flange_pose(
 
 
 def find_tensions(
-    solver: EquilibriumSolver | Follower, begin: Equilibrium, target: TipTarget, options: TargetOptions | None = None
+    solver: EquilibriumSolver | Follower,
+    begin: Equilibrium,
+    target: TipTarget,
+    options: TargetOptions | None = None,
 ) -> TargetSolution:
     """Find the cable tensions, none negative, that bring the sagging tip to the target; the flange stays.
 

@@ -77,12 +77,6 @@ def content_hash(scenario: Scenario, members: Sequence[Member]) -> str:
     return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 
-def cache_directory() -> Path:
-    """Return the user's directory of kept figures."""
-    base = os.environ.get("XDG_CACHE_HOME")
-    return (Path(base) if base else Path.home() / ".cache") / "cosim"
-
-
 def _read(path: Path, members: Sequence[Member]) -> list[Measured] | None:
     """Return kept figures; None where there are none that can be read."""
     try:

@@ -1,1 +1,1 @@
-"""Chains of rigid frames, one per ring, whose sections carry the energy condensed from the film between them."""
+"""Chains of rigid frames, one per ring; the sections between them carry the condensed energy of the film."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numba import int64, types, void
 
-from cosim.kernels import INDEX_TABLE, INDICES, MATRIX, REAL, VECTOR, inlined, kernel
+from cosim.kernels import INDICES, MATRIX, REAL, VECTOR, inlined, kernel
 from cosim.soft.section.chain import CUBE, FLAGS, _add_cable, _add_frame, _add_section, _strains
 from cosim.soft.section.energy import section_energy
 
@@ -19,6 +19,11 @@ _CABLES = (INDICES, CUBE, VECTOR)
 _OUT = (MATRIX, CUBE, CUBE)
 
 
+CONVERGED, LIMIT, NOT_FINITE, INDEFINITE, NO_DESCENT = 0, 1, 2, 3, 4
+_SHIFT_START, _SHIFT_MAX = 0.05, 1e8  # [N/m]
+_STEP_MAX_M, _TURN_MAX = 0.05, 0.4
+
+
 @kernel(REAL(CUBE, *_CHAIN, *_LOADS, *_CABLES, *_OUT, types.boolean))
 def assemble(  # type: ignore[no-untyped-def]
     frames, coefficients, inverse_length, mass, load, bed, target, far, eyelets, tension,
@@ -29,12 +34,17 @@ def assemble(  # type: ignore[no-untyped-def]
     if hessian:
         diagonal[:] = 0.0
         off[:] = 0.0
-    scratch = (np.empty(6), np.empty(6), np.empty((6, 6)), np.empty((14, 6)), np.empty((6, 9)), np.empty((6, 9)))
+    scratch = (
+        np.empty(6),
+        np.empty(6),
+        np.empty((6, 6)),
+        np.empty((15, 13)),
+        np.empty((6, 9)),
+        np.empty((6, 9)),
+    )
     energy = 0.0
     for f in range(frames.shape[0]):
-        energy += _add_frame(
-            frames[f], load[f], bed, mass[f], target[f], gradient[f], diagonal[f], hessian
-        )
+        energy += _add_frame(frames[f], load[f], bed, mass[f], target[f], gradient[f], diagonal[f], hessian)
     for s in range(coefficients.shape[0]):
         energy += _add_section(
             frames[s], frames[s + 1], coefficients[s], inverse_length[s], gradient[s], gradient[s + 1],
@@ -160,9 +170,19 @@ def _residual(gradient, free, lever):  # type: ignore[no-untyped-def]
     return largest
 
 
-CONVERGED, LIMIT, NOT_FINITE, INDEFINITE, NO_DESCENT = 0, 1, 2, 3, 4
-_SHIFT_START, _SHIFT_MAX = 0.05, 1e8  # [N/m]
-_STEP_MAX_M, _TURN_MAX = 0.05, 0.4
+@inlined
+def _descent(free, gradient, step):  # type: ignore[no-untyped-def]
+    """Turn the solution into a step; return the potential's slope along it, and the factor that bounds it."""
+    slope = longest = turn = 0.0
+    for f in range(free.shape[0]):
+        for i in range(6):
+            step[f, i] = -step[f, i]
+            slope += gradient[f, i] * step[f, i] if free[f] else 0.0
+            if i < 3:
+                longest = max(longest, abs(step[f, i]))
+            else:
+                turn = max(turn, abs(step[f, i]))
+    return slope, min(1.0, min(_STEP_MAX_M / max(longest, 1e-30), _TURN_MAX / max(turn, 1e-30)))
 
 
 @kernel(
@@ -204,16 +224,7 @@ def minimise(  # type: ignore[no-untyped-def]
                 return INDEFINITE, iterations, residual, energy, shifted
         shifted += shift > 0.0
         _substitute(free, low, side, gradient, step)
-        slope = longest = turn = 0.0
-        for f in range(free.shape[0]):
-            for i in range(6):
-                step[f, i] = -step[f, i]
-                slope += gradient[f, i] * step[f, i] if free[f] else 0.0
-                if i < 3:
-                    longest = max(longest, abs(step[f, i]))
-                else:
-                    turn = max(turn, abs(step[f, i]))
-        factor = min(1.0, min(_STEP_MAX_M / max(longest, 1e-30), _TURN_MAX / max(turn, 1e-30)))
+        slope, factor = _descent(free, gradient, step)
         rounding = 1e-13 * (1.0 + abs(energy))
         before, found = residual, False
         for _ in range(20):
@@ -243,7 +254,7 @@ def gas_volume(frames, coefficients, rates, inverse_length, length_rate):  # typ
     """
     volume = 0.0
     x, d, gradient = np.empty(6), np.empty(3), np.empty(6)
-    hessian, work = np.empty((6, 6)), np.empty((14, 6))
+    hessian, work = np.empty((6, 6)), np.empty((15, 13))
     for s in range(coefficients.shape[0]):
         for r in range(3):
             d[r] = frames[s + 1, 0, r] - frames[s, 0, r]

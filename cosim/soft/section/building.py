@@ -1,10 +1,10 @@
-"""Builds the section model of a soft body: samples, fits, and compares with the film at loads it was not built from."""
+"""Builds the section model of a soft body: samples it, fits, and compares the two at other loads."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
-from typing import Final
+from dataclasses import dataclass, replace
+from typing import Final, final
 
 import numpy as np
 
@@ -26,7 +26,6 @@ LARGEST_PRESSURE_Pa: Final = 45e3
 """Working range of pressure, unless more is asked for."""
 METHOD: Final = 1
 """Counts changes of the method that make older models worthless."""
-_LEVELS = 14
 _SEED = 1
 _TENSION_OF_WEIGHT = 1.5
 _LEAST_TENSION_N = 1.0
@@ -35,10 +34,21 @@ _LEANS_rad = (0.0, 0.4, 0.8)
 _PULL_OF_WEIGHT = 0.5
 
 
+@final
+@dataclass(frozen=True)
+class Effort:
+    """How much is sampled: at so many pressures, so many bent poses at each, splines of so many intervals."""
+
+    levels: int = 14
+    samples: int = 24
+    intervals: int = 8
+
+
 def build_model(
     body: SoftBody,
     largest_Pa: float = LARGEST_PRESSURE_Pa,
     progress: Callable[[float], None] = lambda share: None,
+    effort: Effort | None = None,
 ) -> SectionModel:
     """Return the section model of a body.
 
@@ -46,15 +56,17 @@ def build_model(
         body: one stack of units.
         largest_Pa: end of its range of pressure.
         progress: told the share that is done.
+        effort: how much is sampled.
 
     Raises:
         InputError: there is no section model of such a body.
     """
     frames = RingFrames.of(body)
-    spline = PressureSpline(largest_Pa)
+    effort = effort or Effort()
+    spline = PressureSpline(largest_Pa, effort.intervals)
     tension = max(_TENSION_OF_WEIGHT * 9.81 * body.mass_kg, _LEAST_TENSION_N)
     samples = Sampler(body, frames).collect(
-        WorkingRange(spline.pressures(_LEVELS), tension), _SEED, progress
+        WorkingRange(spline.pressures(effort.levels), tension, samples=effort.samples), _SEED, progress
     )
     model = fit_model(samples, frames, spline)
     return replace(model, tip_error=_largest_tip_error(body, model))
@@ -63,8 +75,8 @@ def build_model(
 def _largest_tip_error(body: SoftBody, model: SectionModel) -> float:
     """Return the largest distance of the tips of model and film, relative to the film's length.
 
-    The film leans by gravity to the side and is pulled by its first cable; loads without an equilibrium of the
-    film do not count.
+    The film leans by gravity to the side and is pulled by its first cable; loads without an equilibrium of
+    the film do not count.
     """
     system = SoftSystem(body)
     clamp = Clamp.of_base(body)
@@ -83,7 +95,9 @@ def _largest_tip_error(body: SoftBody, model: SectionModel) -> float:
             tension = (pull * (lean > 0.0), *slack[1:]) if slack else ()
             gravity = (9.81 * float(np.sin(lean)), 0.0, 9.81 * float(np.cos(lean)))
             try:
-                here = solver.follow(here, Pose(), replace(here.loads, cable_tension_N=tension, gravity=gravity))
+                here = solver.follow(
+                    here, Pose(), replace(here.loads, cable_tension_N=tension, gravity=gravity)
+                )
             except ConvergenceError:
                 break
             largest = max(largest, _tip_error(chain, here))

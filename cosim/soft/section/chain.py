@@ -1,22 +1,22 @@
 """A chain of rigid frames: energy, gradient and Hessian, and Newton's method on them.
 
-A frame is four points (4, 3): its origin r [m] and its three unit axes. Strains of the section between frames a
-and b, d = r_b - r_a, axes a_i and b_i:
+A frame is four points (4, 3): its origin r [m] and its three unit axes. Strains of the section between
+frames a and b, d = r_b - r_a, axes a_i and b_i:
     u_i = (a_i + b_i) . d / 2,    w_1 = (a_3 . b_2 - a_2 . b_3) / 2  and so on in cyclic order;
-rigid motions leave them alone, and turning the chain around only changes signs. A change (dr, phi) of a frame moves
-r by dr and turns its axes by exp(S(phi)); all derivatives are exact for that:
+rigid motions leave them alone, and turning the chain around only changes signs. A change (dr, phi) of a
+frame moves r by dr and turns its axes by exp(S(phi)); all derivatives are exact for that:
     second order of f . exp(S(phi)) v:   phi^T [(f v^T + v f^T) / 2 - (f . v) 1] phi / 2.
 Beyond the limits of its samples a section's energy is infinite: Newton's method then takes a shorter step.
-Masses, loads and cable eyelets are fixed to the frames: a point with local coordinates s is at r + sum s_i a_i.
+Masses, loads and cable eyelets are fixed to the frames: a point of local coordinates s is at r + sum s_i a_i.
 Inertia of an implicit step is an elastic bed, as for nodes: c / 2 sum_ab M_ab (p_a - y_a) . (p_b - y_b).
 """
 
 from __future__ import annotations
 
 import numpy as np
-from numba import boolean, float64, int64
+from numba import boolean, float64
 
-from cosim.kernels import INDICES, MATRIX, REAL, VECTOR, inlined, kernel
+from cosim.kernels import inlined
 from cosim.soft.section.energy import BENT, HIGH, LOW, section_energy
 
 CUBE = float64[:, :, ::1]
@@ -65,18 +65,8 @@ def _strains(a, b, d, x):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def _add_section(a, b, c, inverse_length, out_a, out_b, block_a, block_b, off, s, hessian):  # type: ignore[no-untyped-def]
-    """Add one section; off is the block of rows b and columns a. Returns its energy."""
-    x, g, h, work, jac, turned = s
-    d = np.empty(3)
-    for r in range(3):
-        d[r] = b[0, r] - a[0, r]
-    _strains(a, b, d, x)
-    place = x[2] * inverse_length - 1.0
-    if not (c[LOW] <= place <= c[HIGH] and x[3] * x[3] + x[4] * x[4] <= c[BENT]):
-        return np.inf
-    energy = section_energy(c, x, inverse_length, g, h, work)
-    # rows of jac: strains; columns: r_b, phi_a, phi_b (r_a has the opposite sign of r_b)
+def _strain_slopes(a, b, d, jac):  # type: ignore[no-untyped-def]
+    """Fill jac (6, 9), d strains / d (r_b, phi_a, phi_b); r_a has the opposite sign of r_b."""
     v, v2 = np.empty(3), np.empty(3)
     for i in range(3):
         j, k = (i + 1) % 3 + 1, (i + 2) % 3 + 1
@@ -92,6 +82,21 @@ def _add_section(a, b, c, inverse_length, out_a, out_b, block_a, block_b, off, s
             jac[3 + i, r] = 0.0
             jac[3 + i, 3 + r] = 0.5 * (v[r] - v2[r])
             jac[3 + i, 6 + r] = -jac[3 + i, 3 + r]
+
+
+@inlined
+def _add_section(a, b, c, inverse_length, out_a, out_b, block_a, block_b, off, s, hessian):  # type: ignore[no-untyped-def]
+    """Add one section; off is the block of rows b and columns a. Returns its energy."""
+    x, g, h, work, jac, turned = s
+    d = np.empty(3)
+    for r in range(3):
+        d[r] = b[0, r] - a[0, r]
+    _strains(a, b, d, x)
+    place = x[2] * inverse_length - 1.0
+    if not (c[LOW] <= place <= c[HIGH] and x[3] * x[3] + x[4] * x[4] <= c[BENT]):
+        return np.inf
+    energy = section_energy(c, x, inverse_length, g, h, work)
+    _strain_slopes(a, b, d, jac)
     for i in range(6):
         for r in range(3):
             out_a[r] -= jac[i, r] * g[i]

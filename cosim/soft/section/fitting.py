@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from typing import final
 from dataclasses import dataclass
+from typing import final
 
 import numpy as np
 
@@ -14,9 +14,9 @@ from cosim.soft.section.pressure_spline import PressureSpline
 from cosim.soft.section.ring_frames import RingFrames
 from cosim.soft.section.sampling import Samples
 
-_RIDGE = 1e-4  # of coefficients scaled by what they do in the samples: those that the samples leave open stay small
-_HELD_OUT = 8  # every so manieth sample is not fitted
-_LEAST_SHARE = 0.3  # of the largest bend: what is smaller counts as this
+_RIDGE = 1e-5  # of coefficients scaled by what they do in the samples: what those leave open stays small
+_HELD_OUT = 8  # of so many samples one is not fitted
+_LEAST_SHARE = 0.1  # of the usual size: what is smaller counts as this
 _BEYOND = 0.15  # of the sampled range of lengths, on either side
 _FARTHEST_BEND = 1.25  # over the largest sampled
 
@@ -43,7 +43,7 @@ def fit_model(samples: Samples, frames: RingFrames, spline: PressureSpline) -> S
         _fit_gas(samples, over, energy, length),
         _fit_nodes(samples, frames, over[:, 0]),
         np.sqrt(np.mean([fit.error**2 for fit in fits], axis=0)),
-        int(len(samples.pressure_Pa)),
+        len(samples.pressure_Pa),
         samples.failures,
     )
 
@@ -57,7 +57,9 @@ def _limits(samples: Samples, length: Array, over: Array) -> Array:
         here = samples.pressure_Pa == level
         low, high = place[here].min(axis=0), place[here].max(axis=0)
         margin = _BEYOND * (high - low)
-        rows.append(np.stack([low - margin, high + margin, _FARTHEST_BEND**2 * bend[here].max(axis=0)], axis=1))
+        rows.append(
+            np.stack([low - margin, high + margin, _FARTHEST_BEND**2 * bend[here].max(axis=0)], axis=1)
+        )
     at_levels = np.array([over[samples.pressure_Pa == level][0] for level in np.unique(samples.pressure_Pa)])
     found = np.linalg.lstsq(at_levels, np.array(rows).reshape(len(rows), -1), rcond=None)[0]
     return np.asarray(found.reshape(over.shape[1], -1, 3))
@@ -83,7 +85,7 @@ def _terms(strain: Array, inverse_length: Array) -> tuple[Array, Array]:
 def _fit_section(samples: Samples, s: int, over: Array, length: Array) -> _Fit:
     strain, force = samples.strain[:, s], samples.force[:, s]
     _, gradient = _terms(strain, 1.0 / (over @ length))
-    weight = _weights(samples.pressure_Pa, strain, force)
+    weight = _weights(samples.pressure_Pa, force)
     # the constant term has no gradient
     rows = (gradient[:, :, None, 1:] * over[:, None, :, None] * weight[:, :, None, None]).reshape(
         len(strain), 6, -1
@@ -102,25 +104,24 @@ def _fit_section(samples: Samples, s: int, over: Array, length: Array) -> _Fit:
     return _Fit(coefficients, np.sqrt(np.median(off, axis=0) / np.maximum(size, 1e-30)))
 
 
-def _weights(pressure: Array, strain: Array, force: Array) -> Array:
-    """Return weights (m, 6): forces relative to what is usual at their pressure and bend.
+def _weights(pressure: Array, force: Array) -> Array:
+    """Return weights (m, 6): one over the size of shear forces, bending moments and so on of each sample.
 
-    Small bends count as much as large ones: what a section resists them with decides on its stability.
+    Small ones count as much as large ones: what a section resists them with decides on its stability.
     """
     weight = np.empty_like(force)
-    bend = np.linalg.norm(strain[:, 3:5], axis=1)
     for level in np.unique(pressure):
         here = pressure == level
-        size = np.sqrt((force[here] ** 2).mean(axis=0))
-        size[:2], size[3:5] = size[:2].max(), size[3:5].max()
-        weight[here] = 1.0 / np.maximum(size, 1e-9 * max(size.max(), 1e-30))
-        share = bend[here] / max(bend[here].max(), 1e-30)
-        weight[here, 3:5] /= (share + _LEAST_SHARE)[:, None]
+        for group in ([0, 1], [2], [3, 4], [5]):
+            size = np.linalg.norm(force[here][:, group], axis=1)
+            usual = max(float(np.sqrt((size**2).mean())), 1e-12)
+            least = usual if group == [2] else _LEAST_SHARE * usual
+            weight[np.ix_(np.flatnonzero(here), np.array(group))] = (1.0 / np.hypot(size, least))[:, None]
     return weight
 
 
 def _fit_gas(samples: Samples, over: Array, energy: Array, length: Array) -> Array:
-    """Return (size,): the potential whose negative slope is the volume that the sections' energies leave out."""
+    """Return (size,): the potential whose negative slope is the volume that the sections leave out."""
     left = samples.volume_m3.copy()
     for s in range(energy.shape[1]):
         reach = over[:, 0] @ length[:, s]
@@ -169,7 +170,7 @@ def _fit_nodes(samples: Samples, frames: RingFrames, over: Array) -> Array:
 
 
 def _centred(nodes: Array, frames: RingFrames) -> Array:
-    """Return the combinations, changed so that the frames of the rings made from them are exactly the given ones."""
+    """Return the combinations, changed so that rings made from them have exactly the frames given."""
     for f, (ring, shape) in enumerate(zip(frames.rings, frames.shapes, strict=True), start=1):
         side = int(frames.before[ring[0]] != f)
         local = nodes[:, ring, side, 1:]

@@ -25,11 +25,11 @@ class SectionModel:
         length: (size, s) [m], L of each section.
         gas: (size,) [J], what the energies of the sections leave out of the gas' potential -int V dp.
         nodes: (size, n, 2, 4), each node as a combination of the points of the two frames beside it.
-        force_error: relative, of the sections' forces over samples that were not fitted: (6,), root mean squares.
+        force_error: (6,), relative, of the sections' forces over samples that were not fitted.
         samples: that were solved.
         failures: poses at which the film had no equilibrium.
-        tip_error: relative to the length, largest over loads that the model was not built from; infinite where it
-            has no equilibrium, not a number before it was compared.
+        tip_error: relative to the length, largest over loads that the model was not built from; infinite
+            where it has no equilibrium, not a number before it was compared.
     """
 
     spline: PressureSpline
@@ -99,7 +99,7 @@ class SectionBody:
         """Return the nodes (n, 3) [m] of the film on frames (f, 4, 3)."""
         weights, before = self.node_weights(pressure_Pa), self.frames.before
         near = np.einsum("na,nar->nr", weights[:, 0], frames[before])
-        return near + np.einsum("na,nar->nr", weights[:, 1], frames[before + 1])
+        return np.asarray(near + np.einsum("na,nar->nr", weights[:, 1], frames[before + 1]))
 
     def spread(self, nodal: Array, pressure_Pa: float) -> Array:
         """Return the loads (f, 4, 3) on the frames' points of forces (n, 3) [N] on the nodes."""

@@ -1,8 +1,8 @@
 """Frames of the rings of a soft body: the flange, the outer ring of every unit, the tip ring.
 
-Outer rings carry the cables' eyelets and stay flat while the film between them is inflated and bent. The frame of a
-ring has its origin at the mean of the nodes and the axes R that fit them best, sum_i R D_i x (x_i - r) = 0 with
-D_i the drawn offsets: the ring may breathe and warp, its frame is still that of the whole.
+Outer rings carry the cables' eyelets and stay flat while the film between them is inflated and bent. The
+frame of a ring has its origin at the mean of the nodes and the axes R that fit them best, sum_i R D_i x
+(x_i - r) = 0 with D_i the drawn offsets: the ring may breathe and warp, its frame is still that of the whole.
 A frame is four points (4, 3): origin and unit axes.
 """
 
@@ -90,8 +90,8 @@ class RingFrames:
     def measures(self, frames: Array) -> list[Array]:
         """Return for each ring the linear measure J (6, m, 3) of its frame's motion: (dr, phi) = J dx.
 
-        phi = K^-1 sum_i R D_i x dx_i with K = sum_i |D_i|^2 1 - (R D_i)(R D_i)^T; its transpose spreads a force and a
-        moment over the ring so that they do no work on what the ring deforms.
+        phi = K^-1 sum_i R D_i x dx_i with K = sum_i |D_i|^2 1 - (R D_i)(R D_i)^T; its transpose spreads a
+        force and a moment over the ring so that they do no work on what the ring deforms.
 
         Args:
             frames: (f, 4, 3), orientations R.

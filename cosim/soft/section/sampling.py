@@ -1,8 +1,8 @@
 """Samples of a film's answer: strains of its sections and the forces that belong to them.
 
-Guides on all rings put the frames near random wanted poses, over the working range of pressure and of relative
-motion. The frames that result, and what the guides exert on them, are exact samples: beyond a section hang known
-forces only, so their resultant is the derivative of the energy with respect to the section's strains.
+Guides on all rings put the frames near random wanted poses, over the working range of pressure and of
+relative motion. The frames that result, and what the guides exert on them, are exact samples: beyond a
+section hang known forces only, so their resultant is the derivative of its energy by its strains.
 """
 
 from __future__ import annotations
@@ -28,6 +28,7 @@ _STILL = (0.0, 0.0, 0.0)
 _STRAIGHT = 5  # straight samples at each pressure
 _HALF_STIFF_Pa = 2e3  # a film without gas has no length of its own to be shortened from
 _BEND_MAX = 0.5
+_ACROSS = np.array([1.0, 1.0, 0.0, 1.0, 1.0, 1.0])  # all strains but the length
 _COUPLING_N_m = 1e-9  # of rings whose nodes only need places for each other in the tangent
 
 
@@ -39,11 +40,12 @@ class WorkingRange:
     Args:
         pressures_Pa: rising from 0.
         tension_N: axial force up to which sections are stretched.
-        compression: largest shortening of a section, relative to its length without load; less at low pressure.
+        compression: largest shortening of a section over its length without load; less at low pressure.
         bend: largest angle between neighbouring frames, relative to that at which their rims would meet.
         twist: sine of the largest angle about the axis.
         shear_m: largest shift between neighbouring frames.
-        samples: at each pressure.
+        small: share of bend, twist and shear in samples that are almost straight.
+        samples: at each pressure, besides straight and almost straight ones.
     """
 
     pressures_Pa: tuple[float, ...]
@@ -51,8 +53,9 @@ class WorkingRange:
     compression: float = 0.35
     bend: float = 0.75
     twist: float = 0.02
-    shear_m: float = 1e-4
-    samples: int = 32
+    shear_m: float = 3e-4
+    small: float = 0.15
+    samples: int = 24
 
 
 @final
@@ -126,15 +129,23 @@ class Sampler:
             low, high = self._lengths(free, work)
             lengths.append(0.5 * (low + high))
             straight = [straight_strains(low, high, share) for share in np.linspace(0.0, 1.0, _STRAIGHT)]
+            # small ones tell what a section resists shear, bending and twist with, apart from one another
+            small = [
+                at + work.small * (random_strains(random, low, high, self._radii, work) * _ACROSS)
+                for at in straight
+                for _ in range(2)
+            ]
             bent = [random_strains(random, low, high, self._radii, work) for _ in range(work.samples)]
-            for wanted in straight + bent:
+            for wanted in straight + small + bent:
                 try:
                     rows.append(self._guided(free, wanted))
                 except ConvergenceError:
                     failures += 1
             progress((done + 1) / len(work.pressures_Pa))
-        columns = (np.array(column) for column in zip(*rows, strict=True))
-        return Samples(*columns, np.array(lengths), failures)
+        pressures, strain, force, volume, frames, positions = (
+            np.array(column) for column in zip(*rows, strict=True)
+        )
+        return Samples(pressures, strain, force, volume, frames, positions, np.array(lengths), failures)
 
     def _lengths(self, free: Equilibrium, work: WorkingRange) -> tuple[Array, Array]:
         """Return the shortest and the longest length (s,) [m] of each section to sample."""
@@ -143,7 +154,7 @@ class Sampler:
         force[self._body.tip, 2] = work.tension_N / len(self._body.tip)
         pulled = self._solver.follow(free, Pose(), replace(free.loads, nodal_force=force))
         long = strains(*self._pairs(self._frames.fit(pulled.state.positions, Pose())))[:, 2]
-        pressure = free.loads.pressure_Pa
+        pressure = free.loads.pressures(1)[0]
         shortened = work.compression * pressure / (pressure + _HALF_STIFF_Pa)
         return (1.0 - shortened) * still, np.maximum(1.02 * long, 1.05 * still)
 
@@ -159,9 +170,9 @@ class Sampler:
     def _sample(self, found: Equilibrium, force: Array) -> tuple[float, Array, Array, float, Array, Array]:
         x = found.state.positions
         here = self._frames.fit(x, Pose())
-        volume = sum(self._system.gas.enclosed_volumes(x))
+        volume = float(sum(self._system.gas.enclosed_volumes(x)))
         strain = strains(*self._pairs(here))
-        return found.loads.pressure_Pa, strain, self._section_forces(x, here, force), volume, here, x
+        return found.loads.pressures(1)[0], strain, self._section_forces(x, here, force), volume, here, x
 
     def _section_forces(self, x: Array, frames: Array, force: Array) -> Array:
         """Return the derivatives (s, 6) of the energy: what is beyond each section pulls at its far frame."""
@@ -172,9 +183,7 @@ class Sampler:
             ring, r = self._frames.rings[s], frames[s + 1, 0]
             moment = moment + np.cross(origin - r, pull) + cross(x[ring] - r, force[ring]).sum(axis=0)
             pull, origin = pull + force[ring].sum(axis=0), r
-            result[s] = np.linalg.solve(
-                _motion(frames[s], frames[s + 1]).T, np.concatenate([pull, moment])
-            )
+            result[s] = np.linalg.solve(_motion(frames[s], frames[s + 1]).T, np.concatenate([pull, moment]))
         return result
 
     @staticmethod
@@ -182,13 +191,13 @@ class Sampler:
         return frames[:-1], frames[1:]
 
 
-# far above a section's own stiffness in bending and length, so that it goes where it is sent; below it in shear and
-# twist, which then come from what the section needs
+# far above a section's own stiffness in bending and length, so that it goes where it is sent; below it in
+# shear and twist, which then come from what the section needs
 _GUIDE_STIFFNESS = np.array([3e4, 3e4, 3e4, 30.0, 30.0, 30.0])
 
 
 def straight_strains(low: Array, high: Array, share: Array | float) -> Array:
-    """Return the strains (s, 6) of a straight chain whose sections are a share of the way from low to high."""
+    """Return the strains (s, 6) of a straight chain, lengths a share of the way from low to high."""
     result = np.zeros((len(low), 6))
     result[:, 2] = low + share * (high - low)
     return result

@@ -87,8 +87,8 @@ class ChainSensitivity:
             self._tangent = ChainTangent(solver, frames, free, loads, pressure_Pa)
         except LinAlgError as error:
             raise ConvergenceError(
-                "the equilibrium is not stable (its tangent stiffness has a negative eigenvalue), so it has no "
-                "useful sensitivity; change the pressure or the flange pose",
+                "the equilibrium is not stable (its tangent stiffness has a negative eigenvalue), so it has "
+                "no useful sensitivity; change the pressure or the flange pose",
                 0.0,
                 0,
             ) from error
@@ -110,9 +110,7 @@ class ChainSensitivity:
         tension = self._loads.cable_tension_N
         if not tension:
             return np.zeros((6, 0))
-        more = [
-            tuple(t + 1.0 if k == c else t for k, t in enumerate(tension)) for c in range(len(tension))
-        ]
+        more = [tuple(t + 1.0 if k == c else t for k, t in enumerate(tension)) for c in range(len(tension))]
         return self._motion([replace(self._loads, cable_tension_N=pulled) for pulled in more])
 
     def _motion(self, loads: list[Loads]) -> Array:

@@ -23,6 +23,7 @@ _OUTCOMES = (
 )
 _GAS_ROUNDS_MAX = 30
 _GAS_TOLERANCE = 1e-9  # of the absolute pressure
+_GAS_STEP = 0.02  # the same, in one round
 
 
 @final
@@ -73,7 +74,10 @@ class ChainSolver:
         count = len(section.frames)
         self.diagonal = np.zeros((count, 6, 6))
         self.off = np.zeros((count, 6, 6))
-        self.lever_m = float(np.mean([np.linalg.norm(shape, axis=1).mean() for shape in section.frames.shapes]))
+        self.lever_m = float(
+            np.mean([np.linalg.norm(shape, axis=1).mean() for shape in section.frames.shapes])
+        )
+        self._pressure = 0.0
         self._route()
         self._load_key: tuple[object, ...] = ()
         self._load = np.zeros((count, 4, 3))
@@ -89,14 +93,22 @@ class ChainSolver:
         far = own[self._segments[:, 1]]
         on_rings = np.isin(frames.share[self._segments], (0.0, 1.0)).all()
         if not on_rings or (own[self._segments[:, 0]] != far - 1).any():
-            raise InputError("section models need every cable to run from unit to next unit through outer rings")
+            raise InputError(
+                "section models need every cable to run from unit to next unit through outer rings"
+            )
         self._far = far.astype(np.int64)
         side = (frames.share[self._segments] > 0.5).astype(int)
         self._eyelet_table = np.ascontiguousarray(self.section.model.nodes[:, self._segments, side, 1:])
         self._ratios = [cable.tension_ratio(body.positions) for cable in body.cables]
 
     def solve(
-        self, start: Array, free: Mask, loads: Loads, tolerance_N: float, iterations_max: int, bed: Bed | None = None
+        self,
+        start: Array,
+        free: Mask,
+        loads: Loads,
+        tolerance_N: float,
+        iterations_max: int,
+        bed: Bed | None = None,
     ) -> ChainResult:
         """Find the stationary point of the potential near `start`.
 
@@ -112,21 +124,27 @@ class ChainSolver:
         if gas is None:
             return self._solve(start, free, loads, loads.pressures(1)[0], tolerance_N, iterations_max, bed)
         # the pressure that the gas has at the volume that it gives the chamber, by secants
-        pressure, step = gas.gauge_pressure(self.volume(start, loads.pressures(1)[0])), None
-        before = 0.0
+        pressure, step, before = self._pressure, 0.0, 0.0
         for _ in range(_GAS_ROUNDS_MAX):
             found = self._solve(start, free, loads, pressure, tolerance_N, iterations_max, bed)
             off = gas.gauge_pressure(self.section.volume(found.frames)) - pressure
-            if abs(off) <= _GAS_TOLERANCE * (abs(pressure) + gas.ambient_Pa) or not np.isfinite(off):
+            whole = abs(pressure) + gas.ambient_Pa
+            if abs(off) <= _GAS_TOLERANCE * whole or found.outcome is not Outcome.CONVERGED:
                 break
-            slope = -1.0 if step is None or off == before else (off - before) / step
+            slope = (off - before) / step if step else -1.0
             # more pressure, more volume: the true slope is below -1
-            step, before, start = -off / min(slope, -1.0), off, found.frames
-            pressure += step
+            step = float(np.clip(-off / min(slope, -1.0), -_GAS_STEP * whole, _GAS_STEP * whole))
+            before, start, pressure = off, found.frames, pressure + step
         return found
 
     def evaluate(
-        self, frames: Array, loads: Loads, pressure_Pa: float, bed: Bed | None = None, *, hessian: bool = False
+        self,
+        frames: Array,
+        loads: Loads,
+        pressure_Pa: float,
+        bed: Bed | None = None,
+        *,
+        hessian: bool = False,
     ) -> Array:
         """Return the gradient (f, 6); with `hessian`, fill `diagonal` and `off` as well.
 
@@ -141,7 +159,8 @@ class ChainSolver:
         section.set_pressure(pressure_Pa)
         gradient = np.empty((len(frames), 6))
         assemble(
-            frames, section.coefficients, section.inverse_length, section.mass, self._loads(loads, pressure_Pa),
+            frames, section.coefficients, section.inverse_length, section.mass,
+            self._loads(loads, pressure_Pa),
             0.0 if bed is None else bed.coefficient, self._no_target if bed is None else bed.target,
             self._far, self._offsets(pressure_Pa), self._tension(frames, loads, pressure_Pa),
             gradient, self.diagonal, self.off, hessian,
@@ -154,13 +173,22 @@ class ChainSolver:
         return self.section.volume(frames)
 
     def _solve(
-        self, start: Array, free: Mask, loads: Loads, pressure: float, tolerance_N: float, limit: int, bed: Bed | None
+        self,
+        start: Array,
+        free: Mask,
+        loads: Loads,
+        pressure: float,
+        tolerance_N: float,
+        limit: int,
+        bed: Bed | None,
     ) -> ChainResult:
         section = self.section
         section.set_pressure(pressure)
+        self._pressure = pressure
         frames, gradient = start.copy(), np.empty((len(start), 6))
         outcome, iterations, residual, potential, shifted = minimise(
-            frames, free, section.coefficients, section.inverse_length, section.mass, self._loads(loads, pressure),
+            frames, free, section.coefficients, section.inverse_length, section.mass,
+            self._loads(loads, pressure),
             0.0 if bed is None else bed.coefficient, self._no_target if bed is None else bed.target,
             self._far, self._offsets(pressure), self._tension(frames, loads, pressure),
             gradient, self.diagonal, self.off, np.array((tolerance_N, self.lever_m)), limit,

@@ -1,0 +1,51 @@
+"""Rules on what a section model can show."""
+
+from __future__ import annotations
+
+from cosim.errors import ScenarioError
+from cosim.scenario.phase_schema import Phase
+from cosim.scenario.schema import Scenario
+
+
+def check_section(scenario: Scenario) -> None:
+    """Check that nothing is asked of a section model that it leaves out.
+
+    Raises:
+        ScenarioError: the first rule that is broken.
+    """
+    robot = scenario.soft_robot
+    for key, given in (("copies", robot.copies), ("attach", robot.attachments)):
+        if given:
+            raise ScenarioError(
+                f"soft_robot.{key}",
+                "has no section model: it is of one stack of units; use fidelity = 'lumped'",
+            )
+    if robot.base != ("unit_1.hole",):
+        raise ScenarioError(
+            "soft_robot.base", f"is {list(robot.base)}; a section model needs ['unit_1.hole'] alone"
+        )
+    if scenario.winches:
+        raise ScenarioError(
+            "winch", "winds cables to lengths; a section model takes tensions: 'lumped' does both"
+        )
+    if scenario.contact.self_contact:
+        raise ScenarioError("contact.self_contact", "is not in a section model; use fidelity = 'lumped'")
+    for phase in scenario.phases:
+        _check_phase(phase)
+
+
+def _check_phase(phase: Phase) -> None:
+    path = f"phase.{phase.name}"
+    for key, given in (
+        ("support", phase.supports),
+        ("cable_length_m", phase.cable_length_m),
+        ("cable_shortening_m", phase.cable_shortening_m),
+    ):
+        if given:
+            raise ScenarioError(f"{path}.{key}", "is not in a section model; use fidelity = 'lumped'")
+    for key, rings in (("clamp", phase.clamp), ("release", phase.release)):
+        for ring in rings:
+            if not (ring.endswith(".outer") or ring == "tip"):
+                raise ScenarioError(
+                    f"{path}.{key}", f"names '{ring}'; a section model holds outer rings and the tip only"
+                )

@@ -1,0 +1,108 @@
+"""Section models of soft robots, built once and kept on disk."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from collections.abc import Callable
+from dataclasses import fields, is_dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cosim.resources import cache_directory
+from cosim.scenario.schema import Scenario
+from cosim.scenario.soft_build import build_soft_body
+from cosim.soft.body import SoftBody
+from cosim.soft.section.building import METHOD, LARGEST_PRESSURE_Pa, build_model
+from cosim.soft.section.model import SectionModel
+from cosim.soft.section.pressure_spline import PressureSpline
+
+_ARRAYS = ("energy", "length", "gas", "nodes", "force_error")
+_MARGIN = 1.1  # of the range of pressure over the largest that a scenario gives
+
+
+def section_model(scenario: Scenario, tell: Callable[[str], None] = lambda text: None) -> SectionModel:
+    """Return the section model of a scenario's soft robot, from disk or newly built.
+
+    Args:
+        scenario: checked, of a soft robot that has one.
+        tell: told in one sentence what takes long.
+    """
+    body = build_soft_body(scenario.soft_robot, scenario.chamber)
+    largest = _largest_pressure(scenario)
+    path = cache_directory() / f"section_{content_hash(body, largest)}.npz"
+    kept = _read(path)
+    if kept is not None:
+        return kept
+    tell(f"Building the section model of {scenario.soft_robot.name}: up to a minute, once; kept in {path}")
+    model = build_model(body, largest)
+    _write(path, model)
+    return model
+
+
+def _largest_pressure(scenario: Scenario) -> float:
+    given = [scenario.start.pressure_Pa, *(phase.pressure_Pa for phase in scenario.phases)]
+    # a stack of units is one chamber; where several are named, there is no section model
+    single = [float(p) for p in given if isinstance(p, int | float)]
+    return max(LARGEST_PRESSURE_Pa, *(_MARGIN * p for p in single))
+
+
+def content_hash(body: SoftBody, largest_Pa: float) -> str:
+    """Return a short name of everything that a section model depends on."""
+    parts = hashlib.sha256()
+    _feed(parts, (METHOD, largest_Pa, body.positions, body.membranes, body.hinges, body.caps, body.closed))
+    _feed(parts, (body.frames, float(body.mass_kg), body.tip, body.base))
+    return parts.hexdigest()[:16]
+
+
+def _feed(parts: Any, value: Any) -> None:
+    if is_dataclass(value):
+        value = tuple(getattr(value, field.name) for field in fields(value))
+    if isinstance(value, tuple | list):
+        parts.update(b"(")
+        for entry in value:
+            _feed(parts, entry)
+        parts.update(b")")
+    elif isinstance(value, np.ndarray):
+        parts.update(str((value.shape, value.dtype)).encode())
+        parts.update(np.ascontiguousarray(value).tobytes())
+    else:
+        parts.update(repr(value).encode())
+
+
+def _write(path: Path, model: SectionModel) -> None:
+    """Keep a model; where nothing can be written it is built again the next time."""
+    unfinished = path.with_suffix(f".{os.getpid()}.npz")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        np.savez_compressed(
+            unfinished,
+            spline=np.array([model.spline.largest_Pa, model.spline.intervals]),
+            counts=np.array([model.samples, model.failures]),
+            tip_error=np.array(model.tip_error),
+            **{name: getattr(model, name) for name in _ARRAYS},
+        )
+        os.replace(unfinished, path)
+    except OSError:
+        return
+
+
+def _read(path: Path) -> SectionModel | None:
+    """Return a kept model; None where there is none that can be read."""
+    try:
+        with np.load(path, allow_pickle=False) as stored:
+            arrays = {name: stored[name] for name in _ARRAYS}
+            largest, intervals = stored["spline"].tolist()
+            samples, failures = stored["counts"].tolist()
+            error = float(stored["tip_error"])
+    except (OSError, ValueError, KeyError):
+        return None
+    return SectionModel(
+        PressureSpline(largest, int(intervals)),
+        **arrays,
+        samples=int(samples),
+        failures=int(failures),
+        tip_error=error,
+    )

@@ -1,0 +1,181 @@
+"""A section model built from a small arm, against that arm."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from cosim.coupling.section_arm import SectionArm
+from cosim.coupling.soft_arm import SoftArm
+from cosim.errors import InputError
+from cosim.frames import Array, Pose, rotation_from_vector
+from cosim.scenario.loading import load_scenario
+from cosim.scenario.soft_build import build_soft_body
+from cosim.soft.body import Loads, SoftBody
+from cosim.soft.dynamics import StepOptions
+from cosim.soft.gas import SealedGas
+from cosim.soft.newton import NewtonOptions
+from cosim.soft.section.building import Effort, build_model
+from cosim.soft.section.model import SectionBody
+from cosim.soft.tip_target import TipTarget
+
+UNITS = 3
+STATICS = NewtonOptions()
+FLANGE = Pose(rotation_from_vector(np.array([0.0, np.pi, 0.0])), np.array([0.3, 0.1, 0.7]))
+SIDEWAYS = Pose(rotation_from_vector(np.array([0.0, 0.9 * np.pi / 2.0, 0.0])), FLANGE.translation)
+
+
+@cache
+def body() -> SoftBody:
+    scenario = load_scenario("ur5e_hexagon_arm")
+    robot = scenario.soft_robot
+    cables = tuple(replace(cable, units=(1, UNITS)) for cable in robot.cables)
+    small = replace(robot, chamber=replace(robot.chamber, units=UNITS), cables=cables)
+    return build_soft_body(small, scenario.chamber)
+
+
+@cache
+def section() -> SectionBody:
+    return SectionBody(body(), build_model(body(), 40e3, effort=Effort(levels=10, samples=12, intervals=5)))
+
+
+def arms(dynamics: StepOptions | None = None) -> tuple[SectionArm, SoftArm]:
+    options = dynamics or StepOptions(newton=NewtonOptions(reuse_max=6))
+    return SectionArm(section(), FLANGE, STATICS, options), SoftArm(body(), FLANGE, STATICS, options)
+
+
+def length(x: Array) -> float:
+    return float(np.linalg.norm(body().tip_position(x) - FLANGE.translation))
+
+
+@pytest.mark.parametrize(
+    ("pressure", "tension", "flange"),
+    [
+        (6e3, (0.0, 0.0), FLANGE),
+        (13e3, (2.0, 0.0), SIDEWAYS),
+        (27e3, (0.0, 4.0), SIDEWAYS),
+        (38e3, (3.0, 3.0), SIDEWAYS),
+    ],
+)
+def test_the_tip_is_where_the_film_has_it(
+    pressure: float, tension: tuple[float, float], flange: Pose
+) -> None:
+    tips = []
+    for arm in arms():
+        begin = arm.start(FLANGE, Loads(20e3, (0.0, 0.0)))
+        arm.settle(begin)
+        found = arm.follow(begin, flange, Loads(pressure, tension))
+        tips.append((body().tip_position(found.state.positions), found.wrench, length(found.state.positions)))
+    (tip, wrench, _), (film_tip, film_wrench, size) = tips
+    assert np.linalg.norm(tip - film_tip) < 0.02 * size
+    assert wrench.force == pytest.approx(film_wrench.force, abs=1e-4)  # the weight
+    assert wrench.torque == pytest.approx(film_wrench.torque, abs=0.03 * size * 2.6)
+
+
+def test_the_error_estimate_is_of_that_size() -> None:
+    assert 0.0 < section().model.tip_error < 0.02
+
+
+def test_nodes_made_from_frames_give_back_the_frames() -> None:
+    frames = section().straight(30e3)
+    x = section().positions(frames, 30e3)
+    assert section().frames.fit(x, Pose()) == pytest.approx(frames, abs=1e-12)
+
+
+def test_the_volume_is_that_of_the_film() -> None:
+    arm, film = arms()
+    found, lumped = (a.start(FLANGE, Loads(25e3, (0.0, 0.0))) for a in (arm, film))
+    arm.settle(found)
+    film.settle(lumped)
+    assert arm.volumes_m3[0] == pytest.approx(
+        film.volumes_m3[0], rel=0.04
+    )  # coarse splines have rough slopes
+
+
+def test_sealed_gas_keeps_its_amount() -> None:
+    arm, _ = arms()
+    found = arm.start(FLANGE, Loads(25e3, (0.0, 0.0)))
+    arm.settle(found)
+    gas = SealedGas(101325.0 + 25e3, arm.volumes_m3[0], 1.0)
+    sealed = arm.follow(found, FLANGE, Loads(0.0, (2.0, 2.0), gas=gas))
+    arm.settle(sealed)
+    product = (arm.pressures_Pa[0] + 101325.0) * arm.volumes_m3[0]
+    assert product == pytest.approx(gas.pressure_Pa * gas.volume_m3, rel=1e-6)
+    assert arm.pressures_Pa[0] > 25e3
+
+
+def test_momentum_changes_by_what_acts() -> None:
+    arm, _ = arms(StepOptions(tolerance_N=1e-9))
+    arm.settle(arm.start(FLANGE, Loads(25e3, (0.0, 0.0))))
+    h, mass = 0.001, body().mass_kg
+    before = arm.mass_properties().center
+    velocity = np.zeros(3)
+    for k in range(1, 6):
+        pose = Pose(
+            rotation_from_vector(np.array([0.02 * k, 0.0, 0.0])) @ FLANGE.rotation, FLANGE.translation
+        )
+        reply = arm.advance(pose, Loads(25e3, (0.0, 0.0)), h)
+        after = arm.mass_properties().center
+        gained = mass * ((after - before) / h - velocity) / h
+        velocity, before = (after - before) / h, after
+        assert gained == pytest.approx(
+            -reply.wrench.force + mass * np.array([0.0, 0.0, -9.81]),
+            abs=1e-6 * max(1.0, np.abs(gained).max()),
+        )
+
+
+def test_the_tip_moves_with_tension_and_gravity_as_its_sensitivity_says() -> None:
+    arm, _ = arms()
+    loads = Loads(25e3, (3.0, 1.0))
+    here = arm.follow(arm.start(FLANGE, Loads(25e3, (0.0, 0.0))), SIDEWAYS, loads)
+    arm.settle(here)
+    sensitivity = arm.sensitivity(here)
+    tip = body().tip_position(here.state.positions)
+    for column, changed in (
+        (sensitivity.to_tension()[:3, 0], replace(loads, cable_tension_N=(3.001, 1.0))),
+        (sensitivity.to_gravity()[:3, 0], replace(loads, gravity=(0.001, 0.0, -9.81))),
+    ):
+        there = arm.follow(here, SIDEWAYS, changed)
+        found = (body().tip_position(there.state.positions) - tip) / 1e-3
+        assert found == pytest.approx(column, rel=0.01, abs=1e-7)
+
+
+def test_cables_and_flange_bring_the_tip_to_a_target() -> None:
+    arm, _ = arms()
+    here = arm.follow(arm.start(FLANGE, Loads(25e3, (0.0, 0.0))), SIDEWAYS, Loads(25e3, (1.0, 1.0)))
+    tip = body().tip_position(here.state.positions)
+    wanted = tip + np.array([0.0, 0.01, 0.004])
+    found = arm.find_flange_pose(here, TipTarget(position=wanted))
+    assert body().tip_position(found.state.positions) == pytest.approx(wanted, abs=2e-5)
+
+
+def test_a_saved_arm_goes_on_bit_for_bit() -> None:
+    arm, _ = arms()
+    arm.settle(arm.start(FLANGE, Loads(25e3, (0.0, 0.0))))
+    loads = Loads(26e3, (1.0, 0.0))
+    arm.advance(FLANGE, loads, 0.002)
+    saved = arm.save_state()
+    first = [arm.advance(FLANGE, loads, 0.002).wrench.force for _ in range(3)]
+    arm.restore_state(saved)
+    again = [arm.advance(FLANGE, loads, 0.002).wrench.force for _ in range(3)]
+    assert (np.array(first) == np.array(again)).all()
+
+
+def test_a_clamped_ring_goes_with_the_flange() -> None:
+    arm, _ = arms()
+    arm.settle(arm.start(FLANGE, Loads(25e3, (0.0, 0.0))))
+    held = np.zeros((body().nodes, 3), dtype=bool)
+    ring = body().rings["unit_1.outer"]
+    held[ring] = True
+    before = FLANGE.inverse().apply(arm.state.positions[ring])
+    arm.hold_also(held, FLANGE)
+    there = Pose(rotation_from_vector(np.array([0.1, 0.0, 0.0])) @ FLANGE.rotation, FLANGE.translation)
+    arm.advance(there, Loads(25e3, (0.0, 0.0)), 0.02)
+    assert there.inverse().apply(arm.state.positions[ring]) == pytest.approx(before, abs=1e-12)
+    held[:] = False
+    held[ring[0]] = True
+    with pytest.raises(InputError, match="hold whole outer rings"):
+        arm.hold_also(held, there)
