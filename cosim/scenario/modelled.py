@@ -37,6 +37,8 @@ def contact_decision(scenario: Scenario, body: SoftBody, plan: Plan, arm: Arm, s
     what, switch = CONTACT, "contact.enabled"
     if not scenario.contact.enabled:
         return Decision(what, False, "switched off", switch)
+    if scenario.fidelity == "section":
+        return Decision(what, False, "section models know none", "fidelity")
     if scenario.mode == "quasistatic" and scenario.fidelity not in _TOUCHED_AT_REST:
         reason = f"in the quasistatic mode the {scenario.fidelity} model knows none"
         return Decision(what, False, reason, "fidelity")
