@@ -27,6 +27,9 @@ LARGEST_PRESSURE_Pa: Final = 45e3
 METHOD: Final = 1
 """Counts changes of the method that make older models worthless."""
 _SEED = 1
+_SMOOTHINGS = (1e-4, 1e-3, 1e-2, 1e-1)
+_SWEEP = 80  # pressures, evenly spaced in their logarithm
+_SWEEP_LEAN_rad = 0.15
 _TENSION_OF_WEIGHT = 1.5
 _LEAST_TENSION_N = 1.0
 _SHARES = (0.2, 0.4, 0.65, 0.9)  # of the largest pressure, where the model is compared
@@ -68,8 +71,30 @@ def build_model(
     samples = Sampler(body, frames).collect(
         WorkingRange(spline.pressures(effort.levels), tension, samples=effort.samples), _SEED, progress
     )
-    model = fit_model(samples, frames, spline)
-    return replace(model, tip_error=_largest_tip_error(body, model))
+    fits = [fit_model(samples, frames, spline, smoothing) for smoothing in _SMOOTHINGS]
+    # none whose equilibria are lost between the sampled pressures, and of the others the nearest to the film
+    lost = [_lost_equilibria(body, model) for model in fits]
+    compared = [
+        replace(model, tip_error=_largest_tip_error(body, model))
+        for model, failures in zip(fits, lost, strict=True)
+        if failures == min(lost)
+    ]
+    return min(compared, key=lambda model: model.tip_error)
+
+
+def _lost_equilibria(body: SoftBody, model: SectionModel) -> int:
+    """Return how often Newton's method fails while the hanging arm is inflated, upright and leaning."""
+    chain = ChainSolver(SectionBody(body, model))
+    free = np.arange(len(chain.section.frames)) > 0
+    slack, lost = (0.0,) * len(body.cables), 0
+    for lean in (0.0, _SWEEP_LEAN_rad):
+        frames = chain.section.straight(0.0)
+        gravity = (9.81 * float(np.sin(lean)), 0.0, 9.81 * float(np.cos(lean)))
+        for pressure in (0.0, *np.geomspace(5.0, 0.95 * model.spline.largest_Pa, _SWEEP).tolist()):
+            found = chain.solve(frames, free, Loads(pressure, slack, gravity), 1e-6, 60)
+            lost += found.outcome is not Outcome.CONVERGED
+            frames = found.frames if found.outcome is Outcome.CONVERGED else frames
+    return lost
 
 
 def _largest_tip_error(body: SoftBody, model: SectionModel) -> float:

@@ -21,19 +21,24 @@ _BEYOND = 0.15  # of the sampled range of lengths, on either side
 _FARTHEST_BEND = 1.25  # over the largest sampled
 
 
-def fit_model(samples: Samples, frames: RingFrames, spline: PressureSpline) -> SectionModel:
+def fit_model(
+    samples: Samples, frames: RingFrames, spline: PressureSpline, smoothing: float = 1e-3
+) -> SectionModel:
     """Return the model of a stack of units.
 
     Args:
         samples: over its working range.
         frames: of its rings.
         spline: basis over that range of pressure.
+        smoothing: weight of second differences over pressure.
     """
     over = np.array([spline.basis(p) for p in samples.pressure_Pa])  # (m, 2, size)
     levels = np.unique(samples.pressure_Pa)
     at_levels = np.array([spline.basis(p)[0] for p in levels])
     length = np.linalg.lstsq(at_levels, samples.length_m, rcond=None)[0]
-    fits = [_fit_section(samples, s, over[:, 0], length[:, s]) for s in range(samples.strain.shape[1])]
+    fits = [
+        _fit_section(samples, s, over[:, 0], length[:, s], smoothing) for s in range(samples.strain.shape[1])
+    ]
     energy = np.stack([fit.coefficients for fit in fits], axis=1)
     limits = _limits(samples, length, over[:, 0])
     return SectionModel(
@@ -82,7 +87,7 @@ def _terms(strain: Array, inverse_length: Array) -> tuple[Array, Array]:
     return values, gradients
 
 
-def _fit_section(samples: Samples, s: int, over: Array, length: Array) -> _Fit:
+def _fit_section(samples: Samples, s: int, over: Array, length: Array, smoothing: float) -> _Fit:
     strain, force = samples.strain[:, s], samples.force[:, s]
     _, gradient = _terms(strain, 1.0 / (over @ length))
     weight = _weights(samples.pressure_Pa, force)
@@ -95,13 +100,32 @@ def _fit_section(samples: Samples, s: int, over: Array, length: Array) -> _Fit:
     matrix, load = rows[kept].reshape(-1, rows.shape[2]), wanted[kept].ravel()
     scale = np.sqrt((matrix**2).mean(axis=0)) + 1e-300
     matrix = matrix / scale
-    normal = matrix.T @ matrix + _RIDGE * len(load) * np.eye(matrix.shape[1])
+    rough = smoothing * _roughness(scale, over.shape[1])
+    normal = matrix.T @ matrix + len(load) * (_RIDGE * np.eye(len(scale)) + rough)
     solution = np.linalg.solve(normal, matrix.T @ load) / scale
     coefficients = np.zeros((over.shape[1], COEFFICIENTS))
     coefficients[:, 1:] = solution.reshape(over.shape[1], -1)
     off = (rows[~kept] @ solution - wanted[~kept]) ** 2
     size = (wanted[~kept] ** 2).mean(axis=0)
     return _Fit(coefficients, np.sqrt(np.median(off, axis=0) / np.maximum(size, 1e-30)))
+
+
+def _roughness(scale: Array, size: int) -> Array:
+    """Return the penalty on second differences over pressure, of coefficients times their scale.
+
+    Splines with many knots then do not swing between samples.
+    Source: Eilers and Marx, Statistical Science 11 (1996) 89.
+    """
+    terms = len(scale) // size
+    usual = scale.reshape(size, terms).mean(axis=0)
+    second = np.diff(np.eye(size), n=2, axis=0)
+    full = np.einsum("ik,c->ikc", second, usual)
+    # the unknowns are coefficients times their own scale
+    penalty = np.einsum("ikc,ilc->kcl", full, full)
+    result = np.zeros((size, terms, size, terms))
+    for c in range(terms):
+        result[:, c, :, c] = penalty[:, c]
+    return np.asarray(result.reshape(len(scale), -1) / np.outer(scale, scale))
 
 
 def _weights(pressure: Array, force: Array) -> Array:
