@@ -196,11 +196,12 @@ class SectionArm(SoftSide):
             share = min(1.0, done + piece)
             pose = begin.world_from_flange.interpolated(world_from_flange, share)
             motion = pose @ here.world_from_flange.inverse()
-            frames = self._chain_of(here.state, here.world_from_flange)[0].positions
+            chain, pressure = self._chain_of(here.state, here.world_from_flange)
+            load, frames = begin.loads.interpolated(loads, share), chain.positions
+            if load.gases(1)[0] is None:
+                frames = self.section.stretched(frames, pressure, load.pressures(1)[0])
             try:
-                found = self._equilibrium(
-                    carried(frames, motion), pose, begin.loads.interpolated(loads, share)
-                )
+                found = self._equilibrium(carried(frames, motion), pose, load)
             except ConvergenceError as error:
                 spent, piece = spent + error.iterations, 0.5 * piece
                 if piece < 0.5**_SPLITS_MAX:

@@ -11,7 +11,7 @@ from cosim.frames import Array
 from cosim.soft.body import SoftBody
 from cosim.soft.section.assembly import gas_volume
 from cosim.soft.section.pressure_spline import PressureSpline
-from cosim.soft.section.ring_frames import RingFrames
+from cosim.soft.section.ring_frames import RingFrames, frames_from_strains, strains
 
 
 @final
@@ -87,6 +87,13 @@ class SectionBody:
         frames = self.frames.drawn.copy()
         frames[1:, 0, 2] = np.cumsum(self.model.spline.basis(pressure_Pa)[0] @ self.model.length)
         return frames
+
+    def stretched(self, frames: Array, before_Pa: float, after_Pa: float) -> Array:
+        """Return the frames (f, 4, 3) at another pressure, each section at the same place in its range."""
+        spline, length = self.model.spline, self.model.length
+        values = strains(frames[:-1], frames[1:])
+        values[:, 2] *= (spline.basis(after_Pa)[0] @ length) / (spline.basis(before_Pa)[0] @ length)
+        return frames_from_strains(frames[0], values)
 
     def node_weights(self, pressure_Pa: float) -> Array:
         """Return (n, 2, 4): each node as a combination of the points of the frames beside it."""
