@@ -24,7 +24,7 @@ GRASP: dict[str, Any] = {
         {"name": "inflate", "duration_s": 0.2, "settle_s": 0.04, "pressure_Pa": 40e3},
         {"name": "lower", "duration_s": 0.2, "flange_shift_m": [0.0, 0.0, -0.042]},
         {"name": "close", "duration_s": 0.2, "settle_s": 0.04, "cable_tension_N": [6.0] * 6},
-        {"name": "lift", "duration_s": 0.2, "flange_shift_m": [0.0, 0.0, 0.02]},
+        {"name": "lift", "duration_s": 0.12, "flange_shift_m": [0.0, 0.0, 0.02]},
     ],
 }
 GRASPED = 160  # tick at which the fingers hold the roll above the table
