@@ -298,7 +298,8 @@ class SectionArm(SoftSide):
         """Return mass, centre and inertia at the present shape."""
         mass, frames = self.section.mass, self._chain.positions
         total = float(mass[:, 0, 0].sum())
-        first = np.einsum("fa,far->r", mass[:, 0], frames)
+        moments, points = (mass @ frames).reshape(-1, 3), frames.reshape(-1, 3)
+        first = (mass[:, 0, None] @ frames).sum(axis=(0, 1))
         center = first / total if total > 0.0 else frames[:, 0].mean(axis=0)
-        second = np.einsum("fab,far,fbs->rs", mass, frames, frames) - total * np.outer(center, center)
+        second = points.T @ moments - total * np.outer(center, center)
         return MassProperties(total, center, np.trace(second) * np.eye(3) - second)

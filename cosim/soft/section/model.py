@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import final
 
 import numpy as np
+from scipy.sparse import csr_matrix
 
 from cosim.frames import Array
 from cosim.soft.body import SoftBody
@@ -59,6 +60,7 @@ class SectionBody:
         self._pressure = np.nan
         self._nodes_at = np.nan
         self._nodes = np.zeros((body.nodes, 2, 4))
+        self._combination = csr_matrix((body.nodes, 4 * len(self.frames)))
         self.coefficients: Array = np.zeros(model.energy.shape[1:])
         self.inverse_length: Array = np.zeros(model.length.shape[1])
         self._flat = model.energy.reshape(len(model.energy), -1)
@@ -100,13 +102,17 @@ class SectionBody:
         if pressure_Pa != self._nodes_at:
             self._nodes_at = pressure_Pa
             self._nodes = np.tensordot(self.model.spline.basis(pressure_Pa)[0], self.model.nodes, axes=1)
+            # the points of the frames before and after a node follow one another
+            columns = 4 * self.frames.before[:, None] + np.arange(8)
+            rows = np.arange(0, 8 * len(columns) + 1, 8)
+            shape = (len(columns), 4 * len(self.frames))
+            self._combination = csr_matrix((self._nodes.ravel(), columns.ravel(), rows), shape=shape)
         return self._nodes
 
     def positions(self, frames: Array, pressure_Pa: float) -> Array:
         """Return the nodes (n, 3) [m] of the film on frames (f, 4, 3)."""
-        weights, before = self.node_weights(pressure_Pa), self.frames.before
-        near = np.einsum("na,nar->nr", weights[:, 0], frames[before])
-        return np.asarray(near + np.einsum("na,nar->nr", weights[:, 1], frames[before + 1]))
+        self.node_weights(pressure_Pa)
+        return np.asarray(self._combination @ frames.reshape(-1, 3))
 
     def spread(self, nodal: Array, pressure_Pa: float) -> Array:
         """Return the loads (f, 4, 3) on the frames' points of forces (n, 3) [N] on the nodes."""
