@@ -67,7 +67,14 @@ def _described(scenario: Scenario) -> tuple[SoftRobot, ChamberModel]:
     finer = robot.chamber.refine + 1
     if model.calibrated:
         return refined_model(robot, finer), replace(model, calibrated=False)
-    return replace(robot, chamber=replace(robot.chamber, refine=finer)), model
+    return _finer(robot), model
+
+
+def _finer(robot: SoftRobot) -> SoftRobot:
+    """Return a robot with every triangle divided into four, those of what it carries as well."""
+    parts = tuple(replace(part, robot=_finer(part.robot)) for part in robot.attachments)
+    chamber = replace(robot.chamber, refine=robot.chamber.refine + 1)
+    return replace(robot, chamber=chamber, attachments=parts)
 
 
 def _flexible(scenario: Scenario, body: SoftBody) -> SoftArm:

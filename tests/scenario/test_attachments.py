@@ -10,6 +10,7 @@ import pytest
 
 from cosim.errors import ScenarioError
 from cosim.scenario.build import build
+from cosim.scenario.fidelity import fidelity_body
 from cosim.scenario.loading import load_scenario, load_soft_robot
 from cosim.scenario.soft_build import build_soft_body
 from cosim.scenario.solver_schema import ChamberModel
@@ -66,6 +67,13 @@ def test_the_resolved_scenario_loads_again_to_the_same(tmp_path: Path) -> None:
     path = tmp_path / "again.toml"
     path.write_text(scenario_text(scenario), encoding="utf-8")
     assert load_scenario(path) == scenario
+
+
+def test_a_refined_model_refines_what_is_carried_too() -> None:
+    counts = []
+    for fidelity in ("lumped", "refined"):
+        counts.append(len(fidelity_body(scenario_with(fidelity=fidelity)).membranes.triangles))
+    assert counts[1] == 4 * counts[0]
 
 
 REFUSED: dict[str, tuple[str, Any, str, str]] = {
