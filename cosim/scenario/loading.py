@@ -17,6 +17,7 @@ from cosim.scenario.overrides import apply_override, merge, plain
 from cosim.scenario.parsing import describe, parse
 from cosim.scenario.schema import Scenario
 from cosim.scenario.soft_robot import SoftRobot
+from cosim.scenario.tension_tables import list_tensions
 from cosim.scenario.writing import to_table
 
 
@@ -46,6 +47,7 @@ def load_scenario(source: str | Path | Scenario, overrides: Mapping[str, Any] | 
         table["soft_robot"] = _expand_soft_robot(table["soft_robot"], folder)
     for key, value in overrides.items():
         apply_override(table, key, value)
+    list_tensions(table, lambda: parse(SoftRobot, table.get("soft_robot", {}), "soft_robot").cable_names())
     scenario = parse(Scenario, table)
     return resolve(replace(scenario, objects=with_mesh_paths(scenario.objects, place)))
 

@@ -145,7 +145,8 @@ class Phase:
             in it, and its pressure follows from the volume. Prescribed until a phase seals it.
         leak_kg_s_Pa: mass that a sealed gas loses per second and pascal of gauge pressure.
         pressure_Pa: gauge pressure at the end of the ramp.
-        cable_tension_N: at the base end of each cable, at the end of the ramp.
+        cable_tension_N: at the base end of each cable, at the end of the ramp; in the file a list, or a table
+            by name, group or pattern, whose cables left out stay as they were.
         cable_length_m: unstretched length between first and last eyelet at the end of the ramp, by cable; it
             stays commanded until a tension is.
         cable_shortening_m: the same, as the change since the start of the phase.

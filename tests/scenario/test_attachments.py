@@ -76,6 +76,39 @@ def test_a_refined_model_refines_what_is_carried_too() -> None:
     assert counts[1] == 4 * counts[0]
 
 
+def test_tensions_by_name_group_and_pattern() -> None:
+    def at(name: str, **keys: Any) -> dict[str, Any]:
+        return {"name": name, "duration_s": 0.1, **keys}
+
+    phases = [
+        at("close", cable_tension_N={"gripper": 1.0, "right": 2.0}),
+        at("hold"),
+        at("open", cable_tension_N={"gripper/copy_*/corner_1": 0.0, "left": 3.0}),
+    ]
+    scenario = scenario_with(phase=phases, **{"start.cable_tension_N": {"left": 0.5}})
+    assert scenario.start.cable_tension_N == (0.0, 0.5) + (0.0,) * 6
+    close, hold, opened = (phase.cable_tension_N for phase in scenario.phases)
+    assert close == (2.0, 0.5) + (1.0,) * 6
+    assert hold is None
+    assert opened == (2.0, 3.0, 1.0, 1.0, 1.0, 0.0, 1.0, 0.0)
+
+
+def test_wrong_tables_of_tensions_are_refused() -> None:
+    def refusal(*phases: dict[str, Any]) -> str:
+        with pytest.raises(ScenarioError) as caught:
+            scenario_with(
+                phase=[{"name": f"p{k}", "duration_s": 0.1, **keys} for k, keys in enumerate(phases)]
+            )
+        return str(caught.value)
+
+    assert refusal({"cable_tension_N": {"rigt": 1.0}}).startswith(
+        "phase.p0.cable_tension_N.rigt: no cable 'rigt'"
+    )
+    assert refusal({"cable_tension_N": {"right": -1.0}}).startswith("phase.p0.cable_tension_N.1: -1")
+    reach = {"tip_target": {"height_m": 0.1, "reach_with": "cables"}}
+    assert "leaves out left" in refusal(reach, {"cable_tension_N": {"right": 1.0, "gripper": 1.0}})
+
+
 REFUSED: dict[str, tuple[str, Any, str, str]] = {
     "film": ("robot.film.thickness_m", 1e-3, "robot.film", "must not"),
     "barrier": ("robot.hinge.fold_barrier_rad", 0.1, "robot.hinge.fold_barrier_rad", "0.1"),

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cosim.errors import InputError, ScenarioError
@@ -142,6 +142,7 @@ def test_a_missing_scenario_names_those_that_exist() -> None:
         load_scenario("nope")
 
 
+@settings(deadline=None)
 @given(st.text(min_size=1).filter(str.strip))
 def test_any_text_survives_the_resolved_file(title: str) -> None:
     try:
