@@ -83,7 +83,10 @@ def film_reach(body: SoftBody, pressure_Pa: float) -> float:
         body: in the flange frame.
         pressure_Pa: largest gauge pressure.
     """
-    x, edges = body.positions, directed_edges(body.membranes.triangles)
+    # plates lead from one film to the next
+    plates = [nodes for plate in body.plates for nodes in plate.rings]
+    spokes = [np.column_stack([np.full(len(nodes) - 1, nodes[0]), nodes[1:]]) for nodes in plates]
+    x, edges = body.positions, np.concatenate([directed_edges(body.membranes.triangles), *spokes])
     length = np.linalg.norm(x[edges[:, 0]] - x[edges[:, 1]], axis=1)
     graph = csr_matrix((length, (edges[:, 0], edges[:, 1])), shape=(len(x),) * 2)
     way = dijkstra(graph, directed=False, indices=body.base, min_only=True)

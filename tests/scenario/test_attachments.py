@@ -12,6 +12,7 @@ from cosim.errors import ScenarioError
 from cosim.scenario.build import build
 from cosim.scenario.fidelity import fidelity_body
 from cosim.scenario.loading import load_scenario, load_soft_robot
+from cosim.scenario.reach import film_reach
 from cosim.scenario.soft_build import build_soft_body
 from cosim.scenario.solver_schema import ChamberModel
 from cosim.scenario.writing import scenario_text
@@ -107,6 +108,12 @@ def test_wrong_tables_of_tensions_are_refused() -> None:
     assert refusal({"cable_tension_N": {"right": -1.0}}).startswith("phase.p0.cable_tension_N.1: -1")
     reach = {"tip_target": {"height_m": 0.1, "reach_with": "cables"}}
     assert "leaves out left" in refusal(reach, {"cable_tension_N": {"right": 1.0, "gripper": 1.0}})
+
+
+def test_the_reach_goes_on_beyond_the_plate() -> None:
+    bodies = (build_soft_body(load_soft_robot(name), ChamberModel()) for name in ("hexagon_arm", ARM))
+    arm, whole = (film_reach(body, 0.0) for body in bodies)
+    assert arm < whole < np.inf
 
 
 REFUSED: dict[str, tuple[str, Any, str, str]] = {
