@@ -17,11 +17,13 @@ SAVED_OTHERWISE = {
     "Arm": "the payload in its model is set anew for every payload",
     "Bodies": "by RigidScene",
     "CarriedMass": "by RigidScene",
+    "ChainSolver": "workspace, and what it keeps by pressure and loads",
     "ContactQuery": "poses, read anew for every search",
     "FilmSearch": "workspace, made larger where it does not suffice",
     "GasElements": "workspace, overwritten by every evaluation",
     "InterfaceLoads": "workspace of the search for one tick",
     "InterfaceSearch": "lives for one tick",
+    "SectionBody": "what it keeps by pressure",
     "SelfContact": "pattern of the last pairs of films, made anew where it does not serve",
     "SoftSystem": "workspace; NewtonSolver saves the gradient, which is read later",
 }
