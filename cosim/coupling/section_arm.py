@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import TypeAlias, final
 
 import numpy as np
@@ -283,6 +285,19 @@ class SectionArm(SoftSide):
             self.body.positions[self.body.base] @ self._flange.rotation.T, displacement[self.body.base]
         )
         return float(np.einsum("fi,fi->", self._gradient[self.clamp.held], moved[self.clamp.held]))
+
+    def positions_now(self) -> Callable[[], Array]:
+        """Return what makes the film's nodes (n, 3) [m] from the present frames, also after later steps."""
+        return partial(self.section.positions, self._chain.positions, self._pressure)
+
+    def volumes_now(self) -> Callable[[], tuple[float, ...]]:
+        """Return what gives `volumes_m3` of the present frames, also after later steps."""
+        frames, pressure = self._chain.positions, self._pressure
+        return lambda: (self._solver.volume(frames, pressure),)
+
+    @property
+    def touching(self) -> None:
+        """Nothing: films between frames do not touch one another."""
 
     @property
     def volumes_m3(self) -> tuple[float, ...]:

@@ -9,6 +9,7 @@ the next step depends on.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, final
 
@@ -19,6 +20,7 @@ from cosim.soft.contact import ContactPlanes
 from cosim.soft.contact_surface import ContactSurface
 from cosim.soft.dynamics import StepAim
 from cosim.soft.equilibrium import Equilibrium, Obstacles
+from cosim.soft.film_memory import FilmMemory
 from cosim.soft.state import SoftState
 from cosim.soft.tip_target import TipTarget
 
@@ -208,6 +210,21 @@ class SoftSide(ABC):
     @abstractmethod
     def volumes_m3(self) -> tuple[float, ...]:
         """Volume inside film and caps of each chamber at the present shape."""
+
+    def positions_now(self) -> Callable[[], Array]:
+        """Return what gives the nodes (n, 3) [m] of the present state, also after later steps."""
+        x = self.state.positions
+        return lambda: x
+
+    def volumes_now(self) -> Callable[[], tuple[float, ...]]:
+        """Return what gives `volumes_m3` of the present state, also after later steps."""
+        volumes = self.volumes_m3
+        return lambda: volumes
+
+    @property
+    def touching(self) -> FilmMemory | None:
+        """What the films press on one another at present; None where that is not modelled."""
+        return self.state.touching
 
     @property
     @abstractmethod

@@ -9,8 +9,8 @@ from cosim.scenario.schema import Scenario
 from cosim.soft.body import SoftBody
 from cosim.soft.contact import ContactLaw
 from cosim.soft.film_faces import FilmFaces
+from cosim.soft.film_memory import FilmMemory
 from cosim.soft.self_contact import FilmContactLaw
-from cosim.soft.state import SoftState
 
 
 def film_law(scenario: Scenario) -> FilmContactLaw | None:
@@ -37,9 +37,8 @@ def film_report(scenario: Scenario, body: SoftBody) -> str:
     return f"between {faces.units} units, outside of the film, {friction}"
 
 
-def with_film_contacts(ledger: LedgerEntry, state: SoftState) -> LedgerEntry:
+def with_film_contacts(ledger: LedgerEntry, films: FilmMemory | None) -> LedgerEntry:
     """Return the ledger with what the soft robot's films press on one another."""
-    films = state.touching
     if films is None:
         return ledger
     return replace(

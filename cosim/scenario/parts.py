@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 from typing import final
 
 import numpy as np
@@ -14,6 +15,7 @@ from cosim.scenario.actuation import Actuation, Instant
 from cosim.scenario.carrier import Carrier
 from cosim.scenario.chamber_gas import ChamberGas
 from cosim.scenario.film_rules import with_film_contacts
+from cosim.scenario.later import later
 from cosim.scenario.phase_schema import Phase
 from cosim.scenario.plan import PhasePlan, Plan
 from cosim.scenario.schema import Scenario
@@ -77,34 +79,38 @@ class Parts:
 
     def snapshot(self, moment: Moment, ledger: LedgerEntry, wall_s: float) -> Snapshot:
         """Return the present state as a snapshot."""
-        body, x = self.soft.body, self.soft.state.positions
-        position, quaternion = self.carrier.body_poses()
-        tip = body.tip_position(x)
-        pressures, volumes = self.soft.pressures_Pa, self.soft.volumes_m3
-        devices = self.actuation.report(self.soft, moment.flange)
+        flange, soft, rings = moment.flange, self.soft, self._rings
+        body, position, volumes = soft.body, cache(soft.positions_now()), cache(soft.volumes_now())
+        places, quaternions = self.carrier.body_poses()
+        pressures = soft.pressures_Pa
+        devices = self.actuation.report(soft, flange)
         tension = np.array(moment.loads.cable_tension_N) if devices is None else devices.cable_tension_N
-        straight = center_line_length(self._rings, x) * moment.flange.rotation[:, 2]
+
+        def sag_m() -> float:
+            straight = center_line_length(rings, position()) * flange.rotation[:, 2]
+            return float(np.linalg.norm(body.tip_position(position()) - flange.translation - straight))
+
         return Snapshot(
             tick=moment.tick,
             time_s=moment.time_s,
             phase=moment.phase,
             joint_position=self.carrier.joint_position,
             joint_target=moment.joint_target,
-            body_position=position,
-            body_quaternion=quaternion,
-            node_position=x,
-            world_from_flange=moment.flange,
+            body_position=places,
+            body_quaternion=quaternions,
+            node_position=later(position),
+            world_from_flange=flange,
             flange_twist=moment.twist,
             pressure_Pa=pressures[0],
-            volume_m3=sum(volumes),
+            volume_m3=later(lambda: sum(volumes())),
             chamber_pressure_Pa=np.array(pressures),
-            chamber_volume_m3=np.array(volumes),
+            chamber_volume_m3=later(lambda: np.array(volumes())),
             cable_tension_N=tension,
-            tip_position=tip,
-            tip_direction=body.tip_direction(x),
-            sag_m=float(np.linalg.norm(tip - moment.flange.translation - straight)),
+            tip_position=later(lambda: body.tip_position(position())),
+            tip_direction=later(lambda: body.tip_direction(position())),
+            sag_m=later(sag_m),
             tip_target=self.plan.phases[moment.phase].tip_target,
-            ledger=with_film_contacts(ledger, self.soft.state),
+            ledger=with_film_contacts(ledger, soft.touching),
             tick_wall_s=wall_s,
             devices=devices,
         )

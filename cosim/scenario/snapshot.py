@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
 from cosim.body_shape import BodyShape
 from cosim.coupling.ledger import LedgerEntry
 from cosim.frames import Array, IntArray, Pose, Twist
 from cosim.scenario.actuation_report import ActuationReport, DeviceNames
 from cosim.scenario.decision import Decision
+from cosim.scenario.later import made, put_off
 
 __all__ = ["BodyShape", "LedgerEntry", "Snapshot", "Stage"]
 
@@ -67,6 +69,8 @@ class Stage:
 class Snapshot:
     """State at the end of one tick; arrays are owned by the snapshot.
 
+    Arguments may be `later`: then they are made when first asked for, from the state at the end of the tick.
+
     Args:
         tick: count from 1; 0 is the state before the first tick.
         time_s: tick times tick length [s].
@@ -115,3 +119,11 @@ class Snapshot:
     ledger: LedgerEntry
     tick_wall_s: float
     devices: ActuationReport | None = None
+
+    def __post_init__(self) -> None:
+        put_off(self)
+
+    if not TYPE_CHECKING:  # where it would hide misspelt names
+
+        def __getattr__(self, name: str) -> Any:
+            return made(self, name)

@@ -95,6 +95,18 @@ def test_the_volume_is_that_of_the_film() -> None:
     )  # coarse splines have rough slopes
 
 
+def test_what_is_asked_of_a_past_state_is_of_that_state() -> None:
+    arm, _ = arms()
+    arm.settle(arm.start(FLANGE, Loads(25e3, (0.0, 0.0))))
+    positions, volumes = arm.positions_now(), arm.volumes_now()
+    before = arm.state.positions.copy(), arm.volumes_m3
+    for tick in range(1, 6):
+        arm.advance(FLANGE, Loads(25e3 + 1e3 * tick, (5.0, 0.0)), 2e-3)
+    assert np.abs(arm.state.positions - before[0]).max() > 1e-6
+    np.testing.assert_array_equal(positions(), before[0])
+    assert volumes() == before[1]
+
+
 def test_sealed_gas_keeps_its_amount() -> None:
     arm, _ = arms()
     found = arm.start(FLANGE, Loads(25e3, (0.0, 0.0)))
