@@ -17,9 +17,18 @@ Array: TypeAlias = NDArray[np.float64]
 IntArray: TypeAlias = NDArray[np.int64]
 Mask: TypeAlias = NDArray[np.bool_]
 
+_NEXT, _AFTER = np.array([1, 2, 0]), np.array([2, 0, 1])
+_FEW = 300  # numbers, up to which copies cost less than views
+
 
 def _frozen(value: Any, shape: tuple[int, ...]) -> Array:
-    array = np.array(value, dtype=np.float64).reshape(shape)
+    if type(value) is np.ndarray and not value.flags.writeable and value.flags.owndata:
+        kept: Array = value  # nobody can change it
+        if kept.shape == shape and kept.dtype == np.float64:
+            return kept
+    array = np.array(value, dtype=np.float64)
+    if array.shape != shape:
+        array = array.reshape(shape)
     array.setflags(write=False)
     return array
 
@@ -41,10 +50,16 @@ def cross(a: Array, b: Array) -> Array:
         a: (..., 3).
         b: (..., 3), of the same shape.
     """
-    result = np.empty_like(a)
-    for r, s, t in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
-        result[..., r] = a[..., s] * b[..., t] - a[..., t] * b[..., s]
-    return result
+    if a.ndim == 1:
+        (x, y, z), (u, v, w) = a.tolist(), b.tolist()
+        return np.array((y * w - z * v, z * u - x * w, x * v - y * u))
+    if a.size > _FEW:
+        result = np.empty_like(a)
+        for r, s, t in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+            result[..., r] = a[..., s] * b[..., t] - a[..., t] * b[..., s]
+        return result
+    left = a.take(_NEXT, -1) * b.take(_AFTER, -1)
+    return np.asarray(left - a.take(_AFTER, -1) * b.take(_NEXT, -1))
 
 
 def rotation_from_vector(vector: Array) -> Array:
@@ -133,6 +148,15 @@ class Pose:
         object.__setattr__(self, "translation", _frozen(self.translation, (3,)))
 
     @classmethod
+    def owning(cls, rotation: Array, translation: Array) -> Pose:
+        """Return the pose that takes over arrays of the right shapes, which nobody else may hold."""
+        pose = object.__new__(cls)
+        rotation.setflags(write=False)
+        translation.setflags(write=False)
+        vars(pose).update(rotation=rotation, translation=translation)
+        return pose
+
+    @classmethod
     def from_quaternion(cls, quaternion: Array, translation: Array) -> Pose:
         """Return the pose of a quaternion (w, x, y, z) and a translation (3,) [m]."""
         return cls(rotation_from_quaternion(quaternion), translation)
@@ -143,11 +167,13 @@ class Pose:
         return quaternion_from_rotation(self.rotation)
 
     def __matmul__(self, other: Pose) -> Pose:
-        return Pose(self.rotation @ other.rotation, self.rotation @ other.translation + self.translation)
+        return Pose.owning(
+            self.rotation @ other.rotation, self.rotation @ other.translation + self.translation
+        )
 
     def inverse(self) -> Pose:
         """Return the pose that undoes this one."""
-        return Pose(self.rotation.T, -self.rotation.T @ self.translation)
+        return Pose.owning(self.rotation.T, -self.rotation.T @ self.translation)
 
     def apply(self, points: Array) -> Array:
         """Map points (..., 3) [m] by this pose."""

@@ -54,12 +54,16 @@ class Coupling(ABC):
             ConvergenceError: the soft step, or the exchange, has no solution.
         """
 
-    def _entry(self, reply: SoftReply, acted: Wrench) -> LedgerEntry:
+    def _entry(
+        self, reply: SoftReply, acted: Wrench, *, algorithmic_mass: bool = False, momentum_error: float = 0.0
+    ) -> LedgerEntry:
         """Return what a tick exchanged, whatever the scheme.
 
         Args:
             reply: of the soft side.
             acted: on the flange, at its present origin, world axes.
+            algorithmic_mass: whether it was carried.
+            momentum_error: see `LedgerEntry`.
         """
         interface, touched = self.interface, self.interface.touched
         twist, wrench = interface.scene.flange_twist, reply.wrench
@@ -72,10 +76,11 @@ class Coupling(ABC):
             residual_N=reply.residual_N,
             newton_iterations=reply.iterations,
             stability_ratio=interface.ratio,
-            algorithmic_mass=False,
+            algorithmic_mass=algorithmic_mass,
             contacts=touched.count,
             contact_force_N=touched.normal_force_N,
             contact_depth_m=touched.depth_m,
             contact_ratio=interface.contact_ratio,
             power_size_W=float(size),
+            momentum_error=momentum_error,
         )

@@ -38,6 +38,7 @@ from cosim.soft.state import SoftState
 from cosim.soft.system import SoftSystem
 from cosim.soft.tip_target import TipTarget, find_flange_pose, find_tensions
 
+_UNIT = np.eye(3)
 _HALVINGS_MAX = 5
 _SPLITS_MAX = 8
 
@@ -311,10 +312,9 @@ class SectionArm(SoftSide):
 
     def mass_properties(self) -> MassProperties:
         """Return mass, centre and inertia at the present shape."""
-        mass, frames = self.section.mass, self._chain.positions
-        total = float(mass[:, 0, 0].sum())
-        moments, points = (mass @ frames).reshape(-1, 3), frames.reshape(-1, 3)
-        first = (mass[:, 0, None] @ frames).sum(axis=(0, 1))
+        section, frames = self.section, self._chain.positions
+        total, moments = section.mass_kg, section.mass @ frames
+        first = (section.mass[:, 0, None] @ frames).sum(axis=(0, 1))
         center = first / total if total > 0.0 else frames[:, 0].mean(axis=0)
-        second = points.T @ moments - total * np.outer(center, center)
-        return MassProperties(total, center, np.trace(second) * np.eye(3) - second)
+        second = frames.reshape(-1, 3).T @ moments.reshape(-1, 3) - total * (center[:, None] * center)
+        return MassProperties(total, center, (second[0, 0] + second[1, 1] + second[2, 2]) * _UNIT - second)

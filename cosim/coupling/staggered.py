@@ -9,7 +9,7 @@ Where the scene can be touched, contacts are found between the two steps, and ac
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import final
 
 import numpy as np
@@ -68,8 +68,8 @@ class StaggeredCoupling(Coupling):
         reply = interface.advance_soft(loads)
         if interface.body_mass is not None:
             interface.body_mass.update(carry=self._bodies_carry)
-        entry = self._entry(reply, received)
-        return replace(entry, algorithmic_mass=bool(self._added.any()), momentum_error=lost)
+        carried = bool(self._added.any())
+        return self._entry(reply, received, algorithmic_mass=carried, momentum_error=lost)
 
     def save_state(self) -> StaggeredState:
         return StaggeredState(self.interface.save_state(), self._added)

@@ -7,7 +7,7 @@ from typing import final
 import mujoco
 import numpy as np
 
-from cosim.frames import Array, IntArray, Mask
+from cosim.frames import Array, IntArray, Mask, cross
 from cosim.rigid.carried_mass import CarriedMass
 
 
@@ -86,7 +86,7 @@ class Bodies:
         Read back from MuJoCo, so it holds whatever has been applied by whomever.
         """
         loads = np.array(self._data.xfrc_applied[bodies])
-        loads[:, 3:] += np.cross(self._data.xipos[bodies], loads[:, :3])
+        loads[:, 3:] += cross(self._data.xipos[bodies], loads[:, :3])
         return loads
 
     def set_added_armature(self, added: Array) -> None:

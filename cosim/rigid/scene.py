@@ -58,6 +58,7 @@ class RigidScene:
         self._control = self._data.ctrl.reshape(-1, 3)
         self._armature = self._model.dof_armature[self._v].copy()
         self._flange_load = np.zeros(6)
+        self._flange: Pose | None = None  # not asked for since the last `begin_step`
         self.bodies = Bodies(self._model, self._data)
         self.set_joint_state(description.arm.home)
         self.set_control(description.arm.home)
@@ -130,7 +131,10 @@ class RigidScene:
     @property
     def flange_pose(self) -> Pose:
         """world_from_flange."""
-        return Pose(self._data.site_xmat[self._site], self._data.site_xpos[self._site])
+        if self._flange is None:
+            axes, origin = self._data.site_xmat[self._site], self._data.site_xpos[self._site]
+            self._flange = Pose.owning(axes.reshape(3, 3).copy(), origin.copy())
+        return self._flange
 
     @property
     def flange_twist(self) -> Twist:
@@ -224,6 +228,7 @@ class RigidScene:
 
     def begin_step(self) -> None:
         """Bring poses, velocities and inertia up to the present joint state (first half of a step)."""
+        self._flange = None
         mujoco.mj_step1(self._model, self._data)
         self.bodies.carried.follow()
 
@@ -274,14 +279,10 @@ class RigidScene:
         np.copyto(self._scratch.qpos, self._data.qpos)
         load = wrench or Wrench()
         return droop(
-            self._model,
-            self._scratch,
-            layout=self._layout,
-            joint_names=self.joint_names,
-            reference=np.asarray(reference, dtype=np.float64),
+            self._model, self._scratch, layout=self._layout, joint_names=self.joint_names,
+            reference=np.asarray(reference, dtype=np.float64), load=np.concatenate((load.force, load.torque)),
             feedforward=np.zeros(len(self.joint_names)) if feedforward is None else feedforward,
-            load=np.concatenate((load.force, load.torque)),
-        )
+        )  # fmt: skip
 
     def save_state(self) -> RigidState:
         """Return a copy of the whole state, from which `restore_state` repeats steps bit for bit."""

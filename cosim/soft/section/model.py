@@ -57,6 +57,7 @@ class SectionBody:
         self.body, self.model = body, model
         self.frames = RingFrames.of(body)
         self.mass = self.frames.masses(body.node_mass, body.positions)
+        self.mass_kg = float(self.mass[:, 0, 0].sum())
         self._pressure = np.nan
         self._nodes_at = np.nan
         self._nodes = np.zeros((body.nodes, 2, 4))

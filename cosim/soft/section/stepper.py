@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import final
 
 from cosim.errors import ConvergenceError
@@ -46,11 +47,7 @@ class ChainStepper:
         base, span, speed = difference_scheme(options.integrator, chain, step_s)
         damped = 1.0 + options.damping_per_s * span
         bed = Bed(damped / span**2, base + span / damped * speed)
-        motion = twists(x, chain.velocities)
-        # free flight is the better start, unless it leaves the range of the model; then the chain goes with
-        # the flange
-        ridden = carried(x, flange @ pose_of_points(x[0]).inverse())
-        for start in (changed(x, motion, step_s), x, ridden):
+        for start in _starts(chain, flange, step_s):
             start = clamp.place(start, flange)
             found = self._solver.solve(
                 start, clamp.free, loads, options.tolerance_N, options.newton.iterations_max, bed
@@ -74,3 +71,14 @@ class ChainStepper:
         coefficient: float = (1.0 + self._options.damping_per_s * span) / span**2
         target: Array = base
         return Bed(coefficient, target)
+
+
+def _starts(chain: SoftState, flange: Pose, step_s: float) -> Iterator[Array]:
+    """Yield frames to start from: in free flight, where they are, and going with the flange.
+
+    Free flight is the best of them, unless it leaves the range of the model.
+    """
+    x = chain.positions
+    yield changed(x, twists(x, chain.velocities), step_s)
+    yield x
+    yield carried(x, flange @ pose_of_points(x[0]).inverse())
