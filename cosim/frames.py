@@ -7,6 +7,7 @@ Twists and wrenches are taken at a named point, along world axes.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from typing import Any, TypeAlias
 
@@ -60,6 +61,11 @@ def cross(a: Array, b: Array) -> Array:
         return result
     left = a.take(_NEXT, -1) * b.take(_AFTER, -1)
     return np.asarray(left - a.take(_AFTER, -1) * b.take(_NEXT, -1))
+
+
+def length(vector: Array) -> float:
+    """Return the Euclidean length of a vector (n,); several times faster than numpy's on a short one."""
+    return math.sqrt(vector.dot(vector))
 
 
 def rotation_from_vector(vector: Array) -> Array:

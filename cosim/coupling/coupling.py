@@ -5,12 +5,10 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from typing import Any
 
-import numpy as np
-
 from cosim.coupling.interface import Interface, ServoCommand
 from cosim.coupling.ledger import LedgerEntry
 from cosim.coupling.soft_side import SoftReply
-from cosim.frames import Wrench
+from cosim.frames import Wrench, length
 from cosim.soft.body import Loads
 
 
@@ -67,8 +65,7 @@ class Coupling(ABC):
         """
         interface, touched = self.interface, self.interface.touched
         twist, wrench = interface.scene.flange_twist, reply.wrench
-        size = np.linalg.norm(wrench.force) * np.linalg.norm(twist.linear)
-        size += np.linalg.norm(wrench.torque) * np.linalg.norm(twist.angular)
+        size = length(wrench.force) * length(twist.linear) + length(wrench.torque) * length(twist.angular)
         return LedgerEntry(
             wrench=wrench,
             rigid_power_W=acted.power(twist),
@@ -81,6 +78,6 @@ class Coupling(ABC):
             contact_force_N=touched.normal_force_N,
             contact_depth_m=touched.depth_m,
             contact_ratio=interface.contact_ratio,
-            power_size_W=float(size),
+            power_size_W=size,
             momentum_error=momentum_error,
         )

@@ -14,7 +14,7 @@ from typing import final
 
 import numpy as np
 
-from cosim.frames import Array, Wrench
+from cosim.frames import Array, Wrench, cross
 from cosim.rigid.scene import RigidScene
 
 _LEVER_M = 0.1  # torques count as forces at this lever
@@ -73,5 +73,4 @@ def received_bodies(scene: RigidScene) -> Array:
 
 
 def _about_world(wrench: Wrench, origin: Array) -> Array:
-    moved = wrench.moved(-origin)
-    return np.concatenate([moved.force, moved.torque])
+    return np.concatenate([wrench.force, wrench.torque - cross(-origin, wrench.force)])

@@ -18,7 +18,7 @@ import numpy as np
 
 from cosim.body_shape import BodyShape
 from cosim.errors import InputError
-from cosim.frames import Array, IntArray, Pose, Twist, Wrench
+from cosim.frames import Array, IntArray, Pose, Twist, Wrench, cross
 from cosim.rigid.bodies import Bodies, touchable_geoms
 from cosim.rigid.contact_query import ContactQuery
 from cosim.rigid.description import SceneDescription
@@ -210,8 +210,8 @@ class RigidScene:
 
     def received_wrench(self) -> Wrench:
         """Return what acts on the flange now, about the world's origin, read back from MuJoCo."""
-        (received,) = self.bodies.received(np.array([self._layout.mount]))
-        return Wrench(received[:3], received[3:])
+        load, center = self._data.xfrc_applied[self._layout.mount], self._data.xipos[self._layout.mount]
+        return Wrench(load[:3], load[3:] + cross(center, load[:3]))
 
     def apply_joint_torque(self, torque: Array) -> None:
         """Set a torque (joints,) [N m] on the joints from now on, besides servos and flange load."""

@@ -114,8 +114,10 @@ class ChamberGas:
 
     def _with(self, loads: Loads, pressures: tuple[float, ...]) -> Loads:
         sealed = any(gas is not None for gas in self._sealed)
-        gas = as_load(tuple(self._sealed)) if sealed else None
-        return replace(loads, pressure_Pa=as_load(pressures), gas=gas)
+        gas, pressure = as_load(tuple(self._sealed)) if sealed else None, as_load(pressures)
+        if gas is loads.gas and pressure == loads.pressure_Pa:
+            return loads
+        return replace(loads, pressure_Pa=pressure, gas=gas)
 
     def pass_time(self, soft: SoftSide, step_s: float) -> None:
         """Let sealed gases leak, and flow through orifices, for a while at the present volumes."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cached_property
 from typing import Any, Generic, TypeVar, cast, final
 
 T = TypeVar("T")
@@ -16,19 +17,22 @@ class Later(Generic[T]):
         make: returns the value, the same one whenever it is called.
     """
 
-    __slots__ = ("make",)
-
     def __init__(self, make: Callable[[], T]) -> None:
-        self.make = make
+        self._make = make
+
+    @cached_property
+    def value(self) -> T:
+        """The value, made once."""
+        return self._make()
 
 
-def later(make: Callable[[], T]) -> T:
+def later(make: Callable[[], T] | Later[T]) -> T:
     """Return what stands for a value in the arguments of a class that keeps such values, see `put_off`.
 
     Args:
         make: returns the value; it must not look at anything that changes meanwhile.
     """
-    return cast(T, Later(make))
+    return cast(T, make if isinstance(make, Later) else Later(make))
 
 
 def put_off(owner: object) -> None:
@@ -50,5 +54,5 @@ def made(owner: object, name: str) -> Any:
     waiting = held.get("_waiting", {}).get(name)
     if waiting is None:
         raise AttributeError(f"{type(owner).__name__!r} object has no attribute {name!r}")
-    held[name] = value = waiting.make()
+    held[name] = value = waiting.value
     return value

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cache
 from typing import final
 
 import numpy as np
@@ -15,7 +14,7 @@ from cosim.scenario.actuation import Actuation, Instant
 from cosim.scenario.carrier import Carrier
 from cosim.scenario.chamber_gas import ChamberGas
 from cosim.scenario.film_rules import with_film_contacts
-from cosim.scenario.later import later
+from cosim.scenario.later import Later, later
 from cosim.scenario.phase_schema import Phase
 from cosim.scenario.plan import PhasePlan, Plan
 from cosim.scenario.schema import Scenario
@@ -80,15 +79,15 @@ class Parts:
     def snapshot(self, moment: Moment, ledger: LedgerEntry, wall_s: float) -> Snapshot:
         """Return the present state as a snapshot."""
         flange, soft, rings = moment.flange, self.soft, self._rings
-        body, position, volumes = soft.body, cache(soft.positions_now()), cache(soft.volumes_now())
+        body, position, volumes = soft.body, Later(soft.positions_now()), Later(soft.volumes_now())
         places, quaternions = self.carrier.body_poses()
         pressures = soft.pressures_Pa
         devices = self.actuation.report(soft, flange)
         tension = np.array(moment.loads.cable_tension_N) if devices is None else devices.cable_tension_N
 
         def sag_m() -> float:
-            straight = center_line_length(rings, position()) * flange.rotation[:, 2]
-            return float(np.linalg.norm(body.tip_position(position()) - flange.translation - straight))
+            straight = center_line_length(rings, position.value) * flange.rotation[:, 2]
+            return float(np.linalg.norm(body.tip_position(position.value) - flange.translation - straight))
 
         return Snapshot(
             tick=moment.tick,
@@ -102,12 +101,12 @@ class Parts:
             world_from_flange=flange,
             flange_twist=moment.twist,
             pressure_Pa=pressures[0],
-            volume_m3=later(lambda: sum(volumes())),
+            volume_m3=later(lambda: sum(volumes.value)),
             chamber_pressure_Pa=np.array(pressures),
-            chamber_volume_m3=later(lambda: np.array(volumes())),
+            chamber_volume_m3=later(lambda: np.array(volumes.value)),
             cable_tension_N=tension,
-            tip_position=later(lambda: body.tip_position(position())),
-            tip_direction=later(lambda: body.tip_direction(position())),
+            tip_position=later(lambda: body.tip_position(position.value)),
+            tip_direction=later(lambda: body.tip_direction(position.value)),
             sag_m=later(sag_m),
             tip_target=self.plan.phases[moment.phase].tip_target,
             ledger=with_film_contacts(ledger, soft.touching),

@@ -253,15 +253,17 @@ class Loads:
         """
         if share >= 1.0:
             return end
-        tension = (1.0 - share) * np.array(self.cable_tension_N) + share * np.array(end.cable_tension_N)
-        gx, gy, gz = ((1.0 - share) * np.array(self.gravity) + share * np.array(end.gravity)).tolist()
+        pulls = zip(self.cable_tension_N, end.cable_tension_N, strict=True)
+        tension = tuple(float((1.0 - share) * a + share * b) for a, b in pulls)
+        pairs = zip(self.gravity, end.gravity, strict=True)
+        gx, gy, gz = (float((1.0 - share) * a + share * b) for a, b in pairs)
         pressure = pressure_between(self.pressure_Pa, end.pressure_Pa, share)
         force = _weighted(self.nodal_force, end.nodal_force, share)
         gas = gas_between(self.gas, end.gas, share)
         lengths = _lengths(self.cable_length_m, end.cable_length_m, share)
         return Loads(
             pressure,
-            tuple(tension.tolist()),
+            tension,
             (gx, gy, gz),
             force,
             gas,
