@@ -98,7 +98,8 @@ class ChainSolver:
             )
         self._far = far.astype(np.int64)
         side = (frames.share[self._segments] > 0.5).astype(int)
-        self._eyelet_table = np.ascontiguousarray(self.section.model.nodes[:, self._segments, side, 1:])
+        table = self.section.model.nodes[:, self._segments, side, 1:]
+        self._eyelet_table = np.ascontiguousarray(table).reshape(len(table), -1)
         self._ratios = [cable.tension_ratio(body.positions) for cable in body.cables]
 
     def solve(
@@ -210,7 +211,7 @@ class ChainSolver:
         """Return the eyelets (k, 2, 3) [m] of all segments in their frames."""
         if pressure != self._eyelets_at and len(self._far):
             self._eyelets_at = pressure
-            self._eyelets = np.tensordot(self.section.basis[0], self._eyelet_table, axes=1)
+            self._eyelets = np.dot(self.section.basis[:1], self._eyelet_table).reshape(-1, 2, 3)
         return self._eyelets
 
     def _tension(self, frames: Array, loads: Loads, pressure: float) -> Array:
