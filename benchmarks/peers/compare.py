@@ -38,24 +38,24 @@ NEWTON_RUNS = ((1e-4, 20), (2e-4, 20), (0.001, 20))
 
 @dataclass(frozen=True)
 class Row:
-    """One run: who, tick, largest and final error of the tip [m] (NaN: blew up), wall time [s]."""
+    """One run: who, tick, largest and final error of the tip [m] (NaN: blew up), CPU time [s]."""
 
     name: str
     tick_s: float
     largest_m: float
     final_m: float
-    wall_s: float
+    cpu_s: float
 
     @classmethod
     def of(cls, name: str, tick_s: float, found: Run, truth: Run) -> Row:
         """Return the row of a run."""
         error = np.linalg.norm(found.tip - truth.tip, axis=1)
-        return cls(name, tick_s, float(error.max()), float(error[-1]), found.wall_s)
+        return cls(name, tick_s, float(error.max()), float(error[-1]), found.cpu_s)
 
     @property
     def real_time_factor(self) -> float:
-        """Simulated over wall time; 0 for a run that blew up."""
-        return DURATION_S / self.wall_s if np.isfinite(self.largest_m) else 0.0
+        """Simulated over CPU time; 0 for a run that blew up."""
+        return DURATION_S / self.cpu_s if np.isfinite(self.largest_m) else 0.0
 
 
 def newton_run(python: str, case: Case, tick_s: float, iterations: int) -> Run:
@@ -66,7 +66,7 @@ def newton_run(python: str, case: Case, tick_s: float, iterations: int) -> Run:
         words = [python, "-m", "benchmarks.peers.newton_cloth", given, repr(tick_s), str(iterations), result]
         subprocess.run([str(word) for word in words], cwd=ROOT, check=True, stdout=subprocess.DEVNULL)
         with np.load(result) as data:
-            return Run(data["tip"], float(data["wall_s"]))
+            return Run(data["tip"], float(data["cpu_s"]))
 
 
 def measure(newton: str | None) -> list[Row]:
@@ -99,7 +99,7 @@ def at_equal_error(rows: list[Row]) -> list[tuple[Row, Row | None]]:
     pairs: list[tuple[Row, Row | None]] = []
     for peer in (row for row in rows if row.name not in OURS and np.isfinite(row.largest_m)):
         fit = [row for row in ours if row.largest_m <= peer.largest_m]
-        pairs.append((peer, min(fit, key=lambda row: row.wall_s, default=None)))
+        pairs.append((peer, min(fit, key=lambda row: row.cpu_s, default=None)))
     return pairs
 
 
@@ -132,7 +132,7 @@ def markdown(rows: list[Row]) -> str:
             continue
         text.append(
             f"| {name} | {1e3 * peer.largest_m:.3g} | {own.name}, {1e3 * own.tick_s:g} ms: "
-            f"{1e3 * own.largest_m:.3g} mm | {peer.wall_s / own.wall_s:.0f} times |"
+            f"{1e3 * own.largest_m:.3g} mm | {peer.cpu_s / own.cpu_s:.0f} times |"
         )
     return "\n".join(text) + "\n"
 

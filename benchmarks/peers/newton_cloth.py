@@ -66,7 +66,7 @@ def main() -> None:
     warp.config.quiet = True
     simulate(case, 0.02, 1)  # compiles
     found = simulate(case, float(tick_s), int(iterations))
-    np.savez(result, tip=found.tip, wall_s=found.wall_s, version=newton.__version__)
+    np.savez(result, tip=found.tip, cpu_s=found.cpu_s, version=newton.__version__)
 
 
 if __name__ == "__main__":
