@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from cosim.coupling.contact import ContactExchange
+from cosim.coupling.contact_motion import rigid_motions, spread
 from cosim.coupling.soft_side import SoftSide
-from cosim.frames import Array, IntArray, cross_matrix
+from cosim.frames import Array, IntArray
 from cosim.soft.contact import ContactPlanes
 
 
@@ -39,18 +40,14 @@ def body_stiffness(
     place = np.searchsorted(bodies, owner[mine])
     positions = soft.state.positions
     nodes, weights = planes.nodes[mine], planes.weights[mine]
-    arm = np.einsum("ka,kar->kr", weights, positions[nodes]) - exchange.bodies.origins(bodies)[place]
-    turns = exchange.bodies.rotations(bodies)[place]
+    points = np.einsum("ka,kar->kr", weights, positions[nodes])
+    with_body = rigid_motions(points, exchange.bodies.origins(bodies)[place])
+    with_body[:, :, 3:] = with_body[:, :, 3:] @ exchange.bodies.rotations(bodies)[place]
     moved = np.zeros((len(mine), 3, len(bodies), 6))  # the points with their body: G = [1, -S(arm) R]
-    at = np.arange(len(mine))
-    moved[at, :, place, :3] = np.eye(3)
-    moved[at, :, place, 3:] = [-cross_matrix(a) @ turn for a, turn in zip(arm, turns, strict=True)]
+    moved[np.arange(len(mine)), :, place] = with_body
     motion = moved.reshape(len(mine), 3, -1)
     push = np.einsum("krs,ksj->krj", tangents[mine], motion)
-    pushed = np.zeros((len(positions), motion.shape[2], 3))
-    for a in range(3):
-        np.add.at(pushed, nodes[:, a], weights[:, a, None, None] * push.transpose(0, 2, 1))
-    forces = np.ascontiguousarray(pushed.transpose(1, 0, 2))
+    forces = spread(nodes, weights, push, len(positions))
     stiffness = np.einsum("kri,krj->ij", motion, push)
     following = soft.response(forces, planes, tick_s)
     if following is not None:

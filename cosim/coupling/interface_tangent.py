@@ -12,16 +12,9 @@ from __future__ import annotations
 import numpy as np
 
 from cosim.coupling.contact import ContactExchange
+from cosim.coupling.contact_motion import rigid_motions, spread
 from cosim.coupling.soft_side import SoftSide
-from cosim.frames import Array, IntArray, cross_matrix
-
-
-def rigid_motions(points: Array, origin: Array) -> Array:
-    """Return how points (k, 3) [m] move (k, 3, 6) with translation and rotation about an origin (3,) [m]."""
-    motion = np.zeros((len(points), 3, 6))
-    motion[:, :, :3] = np.eye(3)
-    motion[:, :, 3:] = [-cross_matrix(point - origin) for point in points]
-    return motion
+from cosim.frames import Array, IntArray
 
 
 def contact_tangent(
@@ -53,12 +46,11 @@ def contact_tangent(
     touched = np.unique(place)
     size = 6 * (1 + len(bodies))
     columns = (6 + 6 * touched[:, None] + np.arange(6)).ravel()
-    motion = np.zeros((len(mine), 3, 6 * len(touched)))
-    for k, body in enumerate(touched):
-        own = place == body
-        motion[own, :, 6 * k : 6 * k + 6] = rigid_motions(point[own], points[1 + body])
+    moved = np.zeros((len(mine), 3, len(touched), 6))
+    moved[np.arange(len(mine)), :, np.searchsorted(touched, place)] = rigid_motions(point, points[1 + place])
+    motion = moved.reshape(len(mine), 3, -1)
     push = np.einsum("krs,ksj->krj", stiffness[mine], motion)
-    forces = _gathered(nodes, weights, push, len(x))
+    forces = spread(nodes, weights, push, len(x))
     following = soft.response(forces, planes, step_s)
     if following is None:
         return None
@@ -67,17 +59,9 @@ def contact_tangent(
     tangent[np.ix_(columns, columns)] = own_block
     all_nodes, all_weights = planes.nodes, planes.weights
     followed = np.einsum("ka,jkar->krj", all_weights, following[:, all_nodes])
-    held = _gathered(all_nodes, all_weights, np.einsum("krs,ksj->krj", stiffness, followed), len(x))
+    held = spread(all_nodes, all_weights, np.einsum("krs,ksj->krj", stiffness, followed), len(x))
     kept = forces - held - soft.body.node_mass[:, None] / step_s**2 * following
     arriving = np.einsum("nri,jnr->ij", rigid_motions(x, points[0]), kept)
     tangent[:6, columns] = -arriving
     tangent[columns, :6] = -arriving.T
     return tangent
-
-
-def _gathered(nodes: IntArray, weights: Array, push: Array, count: int) -> Array:
-    """Return forces (j, n, 3) on nodes from forces (k, 3, j) at contact points."""
-    total = np.zeros((count, push.shape[2], 3))
-    for a in range(3):
-        np.add.at(total, nodes[:, a], weights[:, a, None, None] * push.transpose(0, 2, 1))
-    return np.ascontiguousarray(total.transpose(1, 0, 2))
