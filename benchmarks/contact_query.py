@@ -12,14 +12,13 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-import time
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import mujoco
 import numpy as np
 
+from benchmarks.measure.calls import least_ms
 from cosim.frames import Array
 from cosim.rigid.contact_query import ContactQuery
 
@@ -53,16 +52,6 @@ def scene(shapes: int, apart_m: float) -> ContactQuery:
     return ContactQuery(model, data, np.arange(shapes))
 
 
-def least_ms(work: Callable[[], Any], repeats: int = 300) -> float:
-    """Return the least thread CPU time of many calls [ms]."""
-    times = []
-    for _ in range(repeats):
-        began = time.thread_time()
-        work()
-        times.append(time.thread_time() - began)
-    return 1e3 * min(times)
-
-
 def cost(points: Array, shapes: int, apart_m: float) -> dict[str, Any]:
     """Return time and hits of a whole query: poses, broad phase, distances."""
     query = scene(shapes, apart_m)
@@ -74,7 +63,7 @@ def cost(points: Array, shapes: int, apart_m: float) -> dict[str, Any]:
         return len(query.distances(points, REACH_M, active)) if len(active) else 0
 
     hits = ask()
-    return {"hits": hits, "ms": least_ms(ask)}
+    return {"hits": hits, "ms": least_ms(ask, 300)}
 
 
 def accuracy(name: str, count: int = 4000) -> dict[str, float]:

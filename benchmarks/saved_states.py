@@ -12,7 +12,6 @@ import argparse
 import json
 import tempfile
 import time
-from collections.abc import Callable
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -20,6 +19,7 @@ from typing import Any
 import numpy as np
 
 import cosim
+from benchmarks.measure.calls import median_s
 from cosim.driver import build_simulation
 from cosim.state_archive import read_archive, write_archive
 
@@ -49,7 +49,7 @@ def measure(name: str) -> dict[str, Any]:
     simulation = build_simulation(cosim.load_scenario(name))
     steps = simulation.steps()
     list(islice(steps, 1 + _BLOCK))
-    tick_s = _median_s(lambda: next(steps))
+    tick_s = median_s(lambda: next(steps))
     state = simulation.save_state()
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "state.npz"
@@ -57,19 +57,10 @@ def measure(name: str) -> dict[str, Any]:
             "scenario": name,
             "saving_every_tick": saving_tick(name, 1),
             "saving_every_20_ticks": saving_tick(name, 20),
-            "write_over_tick": _median_s(lambda: write_archive(path, {}, state)) / tick_s,
-            "read_over_tick": _median_s(lambda: read_archive(path)) / tick_s,
+            "write_over_tick": median_s(lambda: write_archive(path, {}, state)) / tick_s,
+            "read_over_tick": median_s(lambda: read_archive(path)) / tick_s,
             "file_MB": 1e-6 * path.stat().st_size,
         }
-
-
-def _median_s(act: Callable[[], Any], repeats: int = 20) -> float:
-    spent = []
-    for _ in range(repeats):
-        began = time.process_time()
-        act()
-        spent.append(time.process_time() - began)
-    return float(np.median(spent))
 
 
 def main() -> None:

@@ -16,7 +16,6 @@ import math
 import os
 import sys
 import time
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -26,6 +25,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 import numpy as np
 
 from benchmarks.atlas.extremes import Extreme, body_of
+from benchmarks.measure.calls import least_ms
 from cosim.coupling.soft_arm import SoftArm
 from cosim.frames import Pose, rotation_from_vector
 from cosim.scenario.loading import load_soft_robot
@@ -45,14 +45,7 @@ FITTED_FROM = 10  # smaller ones are mostly the overhead of calls
 STEP_S, TICKS = 0.002, 12
 
 
-def best_of(run: Callable[[], object], repeats: int = 7) -> float:
-    """Return the least CPU time of a call [s]."""
-    times = []
-    for _ in range(repeats):
-        began = time.process_time()
-        run()
-        times.append(time.process_time() - began)
-    return min(times)
+_REPEATS = 7
 
 
 def refined_arm(refine: int) -> SoftBody:
@@ -87,18 +80,18 @@ def row(name: str, value: int, body: SoftBody) -> dict[str, float]:
     def evaluate() -> None:
         system.evaluate(state.positions, loads, tension, state.angles, inertia=inertia)
 
-    assembly = best_of(evaluate)
-    factor = best_of(lambda: solver.linear.factor(system.blocks))
-    solve = best_of(lambda: solver.linear.solve(system.gradient))
+    assembly = least_ms(evaluate, _REPEATS)
+    factor = least_ms(lambda: solver.linear.factor(system.blocks), _REPEATS)
+    solve = least_ms(lambda: solver.linear.solve(system.gradient), _REPEATS)
     linear = solver.linear
     return {
         name: value,
         "components": linear.size,
         "bandwidth": linear.bandwidth if isinstance(linear, BandedCholesky) else math.nan,
-        "assembly_ms": 1e3 * assembly,
-        "factor_ms": 1e3 * factor,
-        "solve_ms": 1e3 * solve,
-        "iteration_ms": 1e3 * (assembly + factor + solve),
+        "assembly_ms": assembly,
+        "factor_ms": factor,
+        "solve_ms": solve,
+        "iteration_ms": assembly + factor + solve,
     }
 
 

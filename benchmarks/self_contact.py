@@ -14,14 +14,13 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-import time
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from benchmarks.measure.calls import least_ms
 from cosim.frames import Array
 from cosim.soft.contact import ContactLaw
 from cosim.soft.equilibrium import Equilibrium, EquilibriumSolver
@@ -37,16 +36,6 @@ from tests.soft.bodies import HANGING, Held, PRESSURE_Pa, held, hexagon_arm, no_
 from tests.soft.interpenetration import deepest_m
 
 TENSION_N = 20.0
-
-
-def least_ms(work: Callable[[], Any], repeats: int = 60) -> float:
-    """Return the least thread CPU time of many calls [ms]."""
-    times = []
-    for _ in range(repeats):
-        began = time.thread_time()
-        work()
-        times.append(time.thread_time() - began)
-    return 1e3 * min(times)
 
 
 def curl(arm: Held, films: SelfContact | None) -> tuple[Equilibrium, int]:
