@@ -82,8 +82,7 @@ class FrozenBody(SoftSide):
         acceleration = (v - before.velocities) / step_s + self._damping * v
         self.state = SoftState(x, v, before.angles)
         self._take(world_from_flange, loads, acceleration)
-        power = float(np.einsum("nr,nr->", self._supplied, v))
-        return SoftReply(self._wrench(x), power, 0.0, 0)
+        return SoftReply(self._wrench(x), 0.0, 0)
 
     def _take(self, flange: Pose, loads: Loads, acceleration: Array) -> None:
         """Find what the flange supplies to the nodes at their acceleration (n, 3) [m/s^2]."""

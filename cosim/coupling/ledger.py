@@ -18,7 +18,7 @@ class LedgerEntry:
     Args:
         wrench: that the soft robot exerts on the flange, at the flange origin, world axes.
         rigid_power_W: power of the wrench that the rigid side received.
-        soft_power_W: power that the soft side took in at its clamped nodes, which move with the flange.
+        soft_power_W: power that the soft side took in by its answer of this tick, with the same twist.
         residual_N: largest component of the out-of-balance force of the soft step.
         newton_iterations: of the soft step.
         stability_ratio: largest eigenvalue of (flange mobility x algorithmic mass of the soft side).

@@ -127,11 +127,8 @@ class SectionArm(SoftSide):
         finally:
             self._film = None
         self._flange, self._loads = world_from_flange, loads
-        moved = twists(self._chain.positions[self.clamp.held], self._chain.velocities[self.clamp.held])
-        power = float(np.einsum("fi,fi->", self._gradient[self.clamp.held], moved))
         return SoftReply(
             supplied_wrench(self._gradient, self._chain.positions, self.clamp.held),
-            power,
             self._residual,
             iterations,
         )

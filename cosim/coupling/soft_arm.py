@@ -146,8 +146,7 @@ class SoftArm(SoftSide):
             raise
         self._flange_before, (self._flange, self._loads) = begin[0], end
         wrench = self.clamp.wrench(self._system.gradient, self.state.positions, self._flange)
-        power = float(np.einsum("kr,kr->", self.reaction, self.state.velocities[self.clamp.nodes]))
-        return SoftReply(wrench, power, self._residual, iterations)
+        return SoftReply(wrench, self._residual, iterations)
 
     def stand_against(self, obstacles: Obstacles | None) -> None:
         """Let equilibria from now on take in what the film touches."""

@@ -32,13 +32,11 @@ class SoftReply:
 
     Args:
         wrench: exerted on the flange, at its origin, world axes.
-        power_W: power taken in at the clamped nodes, sum of nodal reaction times nodal velocity.
         residual_N: largest out-of-balance component.
         iterations: Newton iterations.
     """
 
     wrench: Wrench
-    power_W: float
     residual_N: float
     iterations: int
 

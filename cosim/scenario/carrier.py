@@ -174,5 +174,5 @@ class HeldBase(Carrier):
 
     def tick(self, path: JointPath, now: Progress, then: Progress, loads: Loads) -> tuple[Array, LedgerEntry]:
         reply = self._soft.advance(self._pose, loads, self._tick_s)
-        entry = LedgerEntry(reply.wrench, 0.0, reply.power_W, reply.residual_N, reply.iterations, 0.0, False)
+        entry = LedgerEntry(reply.wrench, 0.0, 0.0, reply.residual_N, reply.iterations, 0.0, False)
         return path.first, entry

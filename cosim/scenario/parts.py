@@ -85,9 +85,11 @@ class Parts:
         devices = self.actuation.report(soft, flange)
         tension = np.array(moment.loads.cable_tension_N) if devices is None else devices.cable_tension_N
 
+        tip = Later(lambda: body.tip_position(position.value))
+
         def sag_m() -> float:
             straight = center_line_length(rings, position.value) * flange.rotation[:, 2]
-            return float(np.linalg.norm(body.tip_position(position.value) - flange.translation - straight))
+            return float(np.linalg.norm(tip.value - flange.translation - straight))
 
         return Snapshot(
             tick=moment.tick,
@@ -105,7 +107,7 @@ class Parts:
             chamber_pressure_Pa=np.array(pressures),
             chamber_volume_m3=later(lambda: np.array(volumes.value)),
             cable_tension_N=tension,
-            tip_position=later(lambda: body.tip_position(position.value)),
+            tip_position=later(tip),
             tip_direction=later(lambda: body.tip_direction(position.value)),
             sag_m=later(sag_m),
             tip_target=self.plan.phases[moment.phase].tip_target,

@@ -75,11 +75,13 @@ def test_mass_properties_are_those_of_the_nodes() -> None:
     assert mass.inertia == pytest.approx(np.trace(second) * np.eye(3) - second)
 
 
-def test_power_is_that_of_the_wrench_and_damping_takes_its_share() -> None:
+def test_work_is_that_of_the_wrench_and_damping_takes_its_share() -> None:
     arm, damped = frozen(), frozen(damping_per_s=2.0)
     shifted = Pose(HANGING.rotation, HANGING.translation + np.array([1e-3, 0.0, 0.0]))
     reply, slowed = (a.advance(shifted, no_load(a.body), STEP_S) for a in (arm, damped))
-    assert reply.power_W == pytest.approx(-reply.wrench.force @ np.array([1.0, 0.0, 0.0]), rel=1e-9)
+    way = shifted.translation - HANGING.translation
+    work = arm.work_taken_in(np.tile(way, (arm.body.nodes, 1)))
+    assert work == pytest.approx(-reply.wrench.force @ way, rel=1e-9)
     # 1 m/s
     assert slowed.wrench.force[0] - reply.wrench.force[0] == pytest.approx(-2.0 * arm.body.mass_kg)
 

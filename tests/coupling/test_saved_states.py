@@ -29,7 +29,7 @@ def swung(arm: SoftArm, first: int, last: int, pressure_Pa: float = 5e3) -> list
     for k in range(first, last):
         turn = rotation_from_vector(np.array([0.0, 0.02 * np.sin(0.1 * k), 0.0]))
         reply = arm.advance(Pose(turn @ HANGING.rotation, HANGING.translation), loads, STEP_S)
-        found += [arm.state.positions, arm.reaction, np.array([reply.power_W, reply.residual_N])]
+        found += [arm.state.positions, arm.reaction, np.array([reply.residual_N])]
     return found
 
 
