@@ -26,6 +26,7 @@ from cosim.scenario.plan import JointPlanner, Plan, make_plan
 from cosim.scenario.quasistatic import QuasistaticSimulation
 from cosim.scenario.reach import film_reach, flange_travel
 from cosim.scenario.schema import NO_ARM, Scenario
+from cosim.scenario.section_model import section_figures
 from cosim.scenario.snapshot import Stage
 from cosim.soft.contact import ContactLaw
 from cosim.soft.energy_share import hinge_energy_share
@@ -133,6 +134,7 @@ def _stage(parts: Parts, modelled: tuple[Decision, ...], ticks: int, tick_s: flo
         report=_report(parts, modelled),
         modelled=modelled,
         hinge_energy_share=lambda positions: hinge_energy_share(body, positions),
+        section_model=section_figures(scenario),
     )
 
 

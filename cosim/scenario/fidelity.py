@@ -124,7 +124,8 @@ def _rung(scenario: Scenario) -> str:
         return (
             f"section: {model.length.shape[1] + 1} rigid frames, energies condensed from the film at "
             f"{model.samples} poses up to {1e-3 * model.spline.largest_Pa:g} kPa; its tip is within "
-            f"{1e2 * model.tip_error:.2f} % of the length at loads it was not built from"
+            f"{1e3 * model.tip_error_m:.1f} mm ({1e2 * model.tip_error:.2f} % of the length) of the film's "
+            "at loads it was not built from"
         )
     if scenario.fidelity == "refined":
         law = (

@@ -42,6 +42,21 @@ def section_model(scenario: Scenario, tell: Callable[[str], None] = lambda text:
     return model
 
 
+def section_figures(scenario: Scenario) -> dict[str, float] | None:
+    """Return the figures of a scenario's section model as its summary has them; None without one."""
+    if scenario.fidelity != "section":
+        return None
+    model = section_model(scenario)
+    return {
+        "tip_error_m": model.tip_error_m,
+        "tip_error": model.tip_error,
+        "frames": model.length.shape[1] + 1,
+        "samples": model.samples,
+        "failures": model.failures,
+        "largest_pressure_Pa": model.spline.largest_Pa,
+    }
+
+
 def _largest_pressure(scenario: Scenario) -> float:
     given = [scenario.start.pressure_Pa, *(phase.pressure_Pa for phase in scenario.phases)]
     # a stack of units is one chamber; where several are named, there is no section model
@@ -82,6 +97,7 @@ def _write(path: Path, model: SectionModel) -> None:
             spline=np.array([model.spline.largest_Pa, model.spline.intervals]),
             counts=np.array([model.samples, model.failures]),
             tip_error=np.array(model.tip_error),
+            tip_error_m=np.array(model.tip_error_m),
             **{name: getattr(model, name) for name in _ARRAYS},
         )
         os.replace(unfinished, path)
@@ -96,7 +112,7 @@ def _read(path: Path) -> SectionModel | None:
             arrays = {name: stored[name] for name in _ARRAYS}
             largest, intervals = stored["spline"].tolist()
             samples, failures = stored["counts"].tolist()
-            error = float(stored["tip_error"])
+            error, error_m = float(stored["tip_error"]), float(stored["tip_error_m"])
     except (OSError, ValueError, KeyError):
         return None
     return SectionModel(
@@ -105,4 +121,5 @@ def _read(path: Path) -> SectionModel | None:
         samples=int(samples),
         failures=int(failures),
         tip_error=error,
+        tip_error_m=error_m,
     )

@@ -41,6 +41,7 @@ class Stage:
         report: Markdown lines on what is modelled (masses, counts, switches).
         modelled: what is modelled or left out, and why.
         hinge_energy_share: node positions (n, 3) [m] -> share of the hinges in the elastic energy.
+        section_model: error and size of the section model; None where the film itself is modelled.
     """
 
     scenario: str
@@ -63,6 +64,7 @@ class Stage:
     devices: DeviceNames | None = None
     modelled: tuple[Decision, ...] = ()
     hinge_energy_share: Callable[[Array], float] | None = None
+    section_model: dict[str, float] | None = None
 
 
 @dataclass(frozen=True)

@@ -143,6 +143,7 @@ class SummaryBuilder:
             "max_self_contact_force_N": self._max_self_contact_force_N,
             "max_self_contact_depth_m": self._max_self_contact_depth_m,
             "soft_weight_N": stage.soft_weight_N,
+            "section_model": stage.section_model,
             "modelled": [vars(decision) for decision in stage.modelled],
             "phases": self._phases,
         }

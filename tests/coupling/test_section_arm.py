@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import cache
 
 import numpy as np
 import pytest
@@ -12,34 +11,16 @@ from cosim.coupling.section_arm import SectionArm
 from cosim.coupling.soft_arm import SoftArm
 from cosim.errors import InputError
 from cosim.frames import Array, Pose, rotation_from_vector
-from cosim.scenario.loading import load_scenario
-from cosim.scenario.soft_build import build_soft_body
-from cosim.soft.body import Loads, SoftBody
+from cosim.soft.body import Loads
 from cosim.soft.dynamics import StepOptions
 from cosim.soft.gas import SealedGas
 from cosim.soft.newton import NewtonOptions
-from cosim.soft.section.building import Effort, build_model
-from cosim.soft.section.model import SectionBody
 from cosim.soft.tip_target import TipTarget
+from tests.small_section import body, section
 
-UNITS = 3
 STATICS = NewtonOptions()
 FLANGE = Pose(rotation_from_vector(np.array([0.0, np.pi, 0.0])), np.array([0.3, 0.1, 0.7]))
 SIDEWAYS = Pose(rotation_from_vector(np.array([0.0, 0.9 * np.pi / 2.0, 0.0])), FLANGE.translation)
-
-
-@cache
-def body() -> SoftBody:
-    scenario = load_scenario("ur5e_hexagon_arm")
-    robot = scenario.soft_robot
-    cables = tuple(replace(cable, units=(1, UNITS)) for cable in robot.cables)
-    small = replace(robot, chamber=replace(robot.chamber, units=UNITS), cables=cables)
-    return build_soft_body(small, scenario.chamber)
-
-
-@cache
-def section() -> SectionBody:
-    return SectionBody(body(), build_model(body(), 40e3, effort=Effort(levels=12, samples=24, intervals=7)))
 
 
 def arms(dynamics: StepOptions | None = None) -> tuple[SectionArm, SoftArm]:

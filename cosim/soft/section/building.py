@@ -75,9 +75,7 @@ def build_model(
     # none whose equilibria are lost between the sampled pressures, and of the others the nearest to the film
     lost = [_lost_equilibria(body, model) for model in fits]
     compared = [
-        replace(model, tip_error=_largest_tip_error(body, model))
-        for model, failures in zip(fits, lost, strict=True)
-        if failures == min(lost)
+        _compared(body, model) for model, failures in zip(fits, lost, strict=True) if failures == min(lost)
     ]
     return min(compared, key=lambda model: model.tip_error)
 
@@ -97,8 +95,8 @@ def _lost_equilibria(body: SoftBody, model: SectionModel) -> int:
     return lost
 
 
-def _largest_tip_error(body: SoftBody, model: SectionModel) -> float:
-    """Return the largest distance of the tips of model and film, relative to the film's length.
+def _compared(body: SoftBody, model: SectionModel) -> SectionModel:
+    """Return the model with the largest distance of its tip from the film's, and that over the film's length.
 
     The film leans by gravity to the side and is pulled by its first cable; loads without an equilibrium of
     the film do not count.
@@ -110,7 +108,7 @@ def _largest_tip_error(body: SoftBody, model: SectionModel) -> float:
     chain = ChainSolver(SectionBody(body, model))
     pull = _PULL_OF_WEIGHT * 9.81 * body.mass_kg
     slack, along = (0.0,) * len(body.cables), (0.0, 0.0, 9.81)
-    largest = 0.0
+    error_m = error = 0.0
     straight = solver.solve(SoftState.drawn(body, Pose()), Pose(), Loads(0.0, slack, along))
     for share in _SHARES:
         here = straight = solver.follow(
@@ -125,15 +123,17 @@ def _largest_tip_error(body: SoftBody, model: SectionModel) -> float:
                 )
             except ConvergenceError:
                 break
-            largest = max(largest, _tip_error(chain, here))
-    return largest
+            off, length = _tip_error(chain, here)
+            error_m, error = max(error_m, off), max(error, off / length)
+    return replace(model, tip_error=error, tip_error_m=error_m)
 
 
-def _tip_error(chain: ChainSolver, film: Equilibrium) -> float:
+def _tip_error(chain: ChainSolver, film: Equilibrium) -> tuple[float, float]:
+    """Return the distance of the tips and the film's length [m]."""
     frames = chain.section.frames.fit(film.state.positions, Pose())
     free = np.arange(len(frames)) > 0
     found = chain.solve(frames, free, film.loads, 1e-6, 60)
-    if found.outcome is not Outcome.CONVERGED:
-        return np.inf
     length = float(np.linalg.norm(np.diff(frames[:, 0], axis=0), axis=1).sum())
-    return float(np.linalg.norm(found.frames[-1, 0] - frames[-1, 0])) / length
+    if found.outcome is not Outcome.CONVERGED:
+        return np.inf, length
+    return float(np.linalg.norm(found.frames[-1, 0] - frames[-1, 0])), length

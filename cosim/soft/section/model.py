@@ -31,6 +31,7 @@ class SectionModel:
         failures: poses at which the film had no equilibrium.
         tip_error: relative to the length, largest over loads that the model was not built from; infinite
             where it has no equilibrium, not a number before it was compared.
+        tip_error_m: the same in metres.
     """
 
     spline: PressureSpline
@@ -42,6 +43,7 @@ class SectionModel:
     samples: int
     failures: int
     tip_error: float = float("nan")
+    tip_error_m: float = float("nan")
 
 
 @final

@@ -1,0 +1,44 @@
+"""Section models of scenarios: built once, kept, their error reported."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+import cosim
+from cosim.scenario import section_model as module
+from tests.small_section import ROBOT, section
+
+SCENARIO = f"""
+schema = 1
+title = "Three units on a UR5e"
+robot = "ur5e"
+soft_robot = {ROBOT}
+fidelity = "section"
+
+[start]
+flange = {{ position_m = [0.4, 0.0, 0.5], direction = [0.0, 0.0, -1.0] }}
+pressure_Pa = 25e3
+
+[[phase]]
+name = "hang"
+duration_s = 0.02
+"""
+
+
+def test_the_error_of_a_model_is_told_and_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    monkeypatch.setattr(module, "build_model", lambda *_: section().model)
+    path = tmp_path / "three_units.toml"
+    path.write_text(SCENARIO, encoding="utf-8")
+    run = cosim.run(path)
+    figures = run.summary["section_model"]
+    assert 1e-5 < figures["tip_error_m"] < 2e-3
+    assert 0.02 < figures["tip_error_m"] / figures["tip_error"] < 0.08  # the arm's length
+    assert figures["frames"] == 5  # flange, three rims, tip
+    assert figures["samples"] > 100
+    assert f"{1e3 * figures['tip_error_m']:.1f} mm" in run.stage.report
+    monkeypatch.setattr(module, "build_model", lambda *_: pytest.fail("the model has been built before"))
+    assert cosim.run(path).summary["section_model"] == figures
+    assert cosim.run(path, overrides={"fidelity": "rigid"}).summary["section_model"] is None

@@ -1,0 +1,36 @@
+"""The section model of a small arm, built once for all tests."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+from cosim.scenario.loading import load_scenario
+from cosim.scenario.soft_build import build_soft_body
+from cosim.soft.body import SoftBody
+from cosim.soft.section.building import Effort, build_model
+from cosim.soft.section.model import SectionBody
+
+UNITS = 3
+ROBOT = (
+    f'{{ file = "hexagon_arm", chamber = {{ units = {UNITS} }}, cable = ['
+    f'{{ name = "right", corner = 0, units = [1, {UNITS}], capstan_factor = 0.8 }}, '
+    f'{{ name = "left", corner = 1, units = [1, {UNITS}], capstan_factor = 0.8 }}] }}'
+)
+"""The same arm in a scenario file."""
+
+
+@cache
+def body() -> SoftBody:
+    """Return the arm."""
+    scenario = load_scenario("ur5e_hexagon_arm")
+    robot = scenario.soft_robot
+    cables = tuple(replace(cable, units=(1, UNITS)) for cable in robot.cables)
+    small = replace(robot, chamber=replace(robot.chamber, units=UNITS), cables=cables)
+    return build_soft_body(small, scenario.chamber)
+
+
+@cache
+def section() -> SectionBody:
+    """Return its section model, up to 40 kPa."""
+    return SectionBody(body(), build_model(body(), 40e3, effort=Effort(levels=12, samples=24, intervals=7)))
