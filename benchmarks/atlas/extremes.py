@@ -157,7 +157,7 @@ def _advance(arm: SoftArm, extreme: Extreme) -> int:
     for tick in range(1, extreme.ticks + 1):
         reply = arm.advance(flange_at(extreme, tick), loads_at(extreme, tick, cables), extreme.tick_s)
         iterations += reply.iterations
-        forces = np.concatenate([reply.wrench.force, reply.wrench.torque, [reply.power_W, reply.residual_N]])
+        forces = np.concatenate([reply.wrench.force, reply.wrench.torque, [reply.residual_N]])
         if not (np.isfinite(forces).all() and _finite(arm)):
             raise ArithmeticError("a number that is not finite left the solver")
     return iterations
