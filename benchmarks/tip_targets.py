@@ -185,7 +185,8 @@ def measure(count: int, *, dynamic: bool = True, seed: int = 0) -> list[Figures]
         dynamic: whether to run each in the coupled dynamic simulation.
         seed: of the random targets.
     """
-    bench, found = Bench(), []
+    bench = Bench()
+    found: list[Figures] = []
     targets = bench.targets(seed)
     while sum(entry.arm_follows for entry in found) < count:
         found.append(bench.measured(next(targets), dynamic=dynamic))

@@ -14,6 +14,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -72,8 +73,9 @@ class Case:
 
     def save(self, path: Path) -> None:
         """Write the case to an .npz file."""
-        values = {name: value for name, value in vars(self).items() if name != "caps"}
-        np.savez(path, cap_count=len(self.caps), **values, **{f"cap_{k}": c for k, c in enumerate(self.caps)})
+        values: dict[str, Any] = {name: value for name, value in vars(self).items() if name != "caps"}
+        values |= {f"cap_{k}": cap for k, cap in enumerate(self.caps)}
+        np.savez(path, cap_count=len(self.caps), **values)
 
     @classmethod
     def load(cls, path: Path) -> Case:
@@ -81,8 +83,9 @@ class Case:
         with np.load(path) as data:
             caps = tuple(data[f"cap_{k}"] for k in range(int(data["cap_count"])))
             names = ("drawn", "start", "triangles", "base", "tip", "mass")
-            film = {name: float(data[name]) for name in ("young_Pa", "poisson", "thickness_m")}
-            return cls(**{name: data[name] for name in names}, caps=caps, **film)
+            values: dict[str, Any] = {name: data[name] for name in names}
+            values |= {name: float(data[name]) for name in ("young_Pa", "poisson", "thickness_m")}
+            return cls(caps=caps, **values)
 
 
 class FollowerPressure:
