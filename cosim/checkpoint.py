@@ -17,6 +17,7 @@ from cosim.run_files import CHECKPOINT, SCENARIO, SUMMARY
 from cosim.scenario.snapshot import Snapshot
 from cosim.scenario.summary import Status, SummaryBuilder, SummaryState
 from cosim.state_archive import read_archive, read_header, write_archive
+from cosim.stateful import Stateful
 
 _KEEP_TICKS = 20  # one for every tick would cost some percent: each makes the next factorisation a copy
 _KEEP_S = 1.0
@@ -84,17 +85,11 @@ class Origin:
         return self.checkpoint and (self.checkpoint.first, self.checkpoint.summary.last)
 
 
-class Saves(Protocol):
+class Saves(Stateful[Any], Protocol):
     """A simulation, as far as checkpoints need it."""
 
     def steps(self) -> Iterator[Snapshot]:
         """Yield the states to come."""
-
-    def save_state(self) -> Any:
-        """Return what the ticks to come depend on."""
-
-    def restore_state(self, state: Any) -> None:
-        """Return to a state of `save_state`."""
 
 
 @final

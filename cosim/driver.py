@@ -21,6 +21,7 @@ from cosim.scenario.schema import Scenario
 from cosim.scenario.snapshot import Snapshot, Stage
 from cosim.scenario.solver_schema import Recording
 from cosim.scenario.summary import Status, SummaryBuilder, summary_markdown
+from cosim.stateful import Stateful
 
 if TYPE_CHECKING:
     from cosim.actuation.controller import AnyController
@@ -28,8 +29,8 @@ if TYPE_CHECKING:
 Observe = Callable[[Snapshot], None]
 
 
-class Simulation(Protocol):
-    """What can be run."""
+class Simulation(Stateful[Any], Protocol):
+    """What can be run; `steps` goes on from a restored state."""
 
     @property
     def stage(self) -> Stage:
@@ -37,12 +38,6 @@ class Simulation(Protocol):
 
     def steps(self) -> Iterator[Snapshot]:
         """Yield the state before the first tick, unless the run has begun, then that after every tick."""
-
-    def save_state(self) -> Any:
-        """Return what the ticks to come depend on."""
-
-    def restore_state(self, state: Any) -> None:
-        """Return to a state of `save_state`; `steps` goes on from there."""
 
 
 class Watcher(Protocol):

@@ -74,13 +74,7 @@ class LowRankCorrection:
             terms: to add to S; not all zero.
             solve: returns S^-1 applied to each of (k, n, 3) loads.
         """
-        acting = terms.coefficients != 0.0
-        coefficients = terms.coefficients[acting]
-        vectors = np.sqrt(np.abs(coefficients))[:, None, None] * terms.vectors[acting]
-        answers = solve(vectors).reshape(len(coefficients), -1)
-        vectors = vectors.reshape(len(coefficients), -1)
-        inner = vectors @ answers.T
-        inner = 0.5 * (inner + inner.T) + np.diag(np.sign(coefficients))
+        coefficients, vectors, answers, inner = _bordered(terms, solve)
         definite = bool(np.isfinite(inner).all()) and bool(
             (np.linalg.eigvalsh(inner) <= 0.0).sum() == (coefficients < 0.0).sum()
         )
@@ -96,3 +90,30 @@ class LowRankCorrection:
         assert self.inner is not None, "only a definite sum is solved with"
         share = lu_solve(self.inner, self.vectors @ solution.ravel(), check_finite=False)
         solution -= (share @ self.answers).reshape(solution.shape)
+
+
+def negative_added(terms: LowRank, solve: Callable[[Array], Array]) -> int:
+    """Return how many negative eigenvalues A has more than S, which need not be definite; mostly below 0.
+
+    The bordered matrix [[S, W], [W^T, -diag(s)]] has the Schur complements A (of the border) and -H (of S),
+    so that n_-(A) + n_+(c) = n_-(S) + n_+(H). Source: Haynsworth, Linear Algebra Appl. 1 (1968) 73.
+
+    Args:
+        terms: to add to S.
+        solve: returns S^-1 applied to each of (k, n, 3) loads; S is regular.
+    """
+    if not terms.coefficients.any():
+        return 0
+    coefficients, _, _, inner = _bordered(terms, solve)
+    return int((np.linalg.eigvalsh(inner) > 0.0).sum()) - int((coefficients > 0.0).sum())
+
+
+def _bordered(terms: LowRank, solve: Callable[[Array], Array]) -> tuple[Array, Array, Array, Array]:
+    """Return c (k,) without zeros, w (k, 3 n), S^-1 w (k, 3 n) and H (k, k)."""
+    acting = terms.coefficients != 0.0
+    coefficients = terms.coefficients[acting]
+    scaled = np.sqrt(np.abs(coefficients))[:, None, None] * terms.vectors[acting]
+    answers = solve(scaled).reshape(len(coefficients), -1)
+    vectors = scaled.reshape(len(coefficients), -1)
+    inner = vectors @ answers.T
+    return coefficients, vectors, answers, 0.5 * (inner + inner.T) + np.diag(np.sign(coefficients))

@@ -14,8 +14,10 @@ from scipy.sparse import csc_matrix
 from scipy.sparse.linalg import splu
 
 from cosim.errors import ConvergenceError
+from cosim.frames import Array
 from cosim.soft.equilibrium import Equilibrium, EquilibriumSolver
 from cosim.soft.linear_solver import GeneralLU, by_component
+from cosim.soft.low_rank import negative_added
 from cosim.soft.newton import NewtonSolver
 from cosim.soft.state import SoftState
 
@@ -23,15 +25,27 @@ from cosim.soft.state import SoftState
 def negative_pivots(solver: NewtonSolver, equilibrium: Equilibrium) -> int:
     """Return how many negative eigenvalues the tangent stiffness of the free components has.
 
-    LU with a symmetric ordering and pivots from the diagonal gives K = L D L^T; the signs of D count.
+    LU with a symmetric ordering and pivots from the diagonal gives S = L D L^T; the signs of D count. Dense
+    terms (sealed gas, cables of commanded length) are counted by `low_rank.negative_added`.
 
     Args:
         solver: Newton's method for the body with the clamp in force.
         equilibrium: where the tangent is taken.
     """
-    matrix = _tangent(solver, equilibrium)
-    factor = splu(matrix, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
-    return int((factor.U.diagonal() < 0.0).sum())
+    system = solver.system
+    sparse = _tangent(solver, equilibrium)
+    factor = splu(sparse, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
+    count = int((factor.U.diagonal() < 0.0).sum())
+    if system.low_rank is None:
+        return count
+    free = np.flatnonzero(by_component(solver.free).ravel())
+
+    def solve(loads: Array) -> Array:
+        answers = np.zeros((len(loads), system.gradient.size))
+        answers[:, free] = factor.solve(loads.reshape(len(loads), -1)[:, free].T).T
+        return answers.reshape(loads.shape)
+
+    return count + negative_added(system.low_rank, solve)
 
 
 def _tangent(solver: NewtonSolver, equilibrium: Equilibrium) -> csc_matrix:

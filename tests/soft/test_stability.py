@@ -8,8 +8,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cosim.soft.body import Loads
+from cosim.soft.body import Loads, SoftBody
+from cosim.soft.cable import Cable
 from cosim.soft.equilibrium import Equilibrium
+from cosim.soft.low_rank import LowRank, negative_added
+from cosim.soft.newton import NewtonOptions
 from cosim.soft.stability import PerturbationOptions, find_lower_state, negative_pivots
 from cosim.verification.specimen import UNLOADED, Specimen
 from cosim.verification.strip import Strip
@@ -34,6 +37,57 @@ def straight(share: float) -> tuple[Specimen, Equilibrium]:
 def test_each_buckling_load_passed_adds_a_negative_pivot(share: float, ways_down: int) -> None:
     specimen, here = straight(share)
     assert negative_pivots(specimen.newton, here) == ways_down
+
+
+def stayed(stiffness_N_m: float) -> Specimen:
+    """Return the strip with a long vertical cable of half that stiffness at either node of its tip."""
+    plain, count = STRIP.body(), STRIP.nodes
+    anchors = plain.positions[STRIP.tip] + (0.0, 0.0, 1.0)
+    ends = zip(STRIP.tip, (count, count + 1), strict=True)
+    body = SoftBody.from_arrays(
+        np.concatenate([plain.positions, anchors]),
+        plain.membranes.triangles,
+        STRIP.film,
+        hinge_nodes=plain.hinges.nodes,
+        hinge_stiffness=plain.hinges.stiffness,
+        cables=tuple(Cable(np.array(pair), stiffness_N_m=0.5 * stiffness_N_m) for pair in ends),
+    )
+    clamped = np.concatenate([STRIP.clamped(), [True, True]])
+    return Specimen(body, clamped, NewtonOptions(1e-9))
+
+
+@pytest.mark.parametrize(("share", "ways_down"), [(0.8, 1), (1.25, 0)])
+def test_dense_terms_count_as_well(share: float, ways_down: int) -> None:
+    # beyond Euler's load P a spring k at the tip keeps the column straight if k (tan u - u) < -P kappa, with
+    # kappa = sqrt(P / E I) and u = kappa L (Timoshenko and Gere, Theory of Elastic Stability, 2.1)
+    push = 1.2 * EULER_N
+    kappa = math.sqrt(push / STRIP.bending_stiffness)
+    u = kappa * STRIP.length_m
+    specimen = stayed(share * push * kappa / (u - math.tan(u)))
+    force = np.concatenate([pushed(push).nodal_force, np.zeros((2, 3))])
+    # just taut: stiff, but hardly pulling
+    loads = replace(UNLOADED, nodal_force=force, cable_tension_N=(0.0, 0.0), cable_length_m=(1.0 - 1e-5,) * 2)
+    here = specimen.solve(specimen.drawn(), replace(loads, cable_length_m=()))
+    assert negative_pivots(specimen.newton, here) == 1
+    assert negative_pivots(specimen.newton, replace(here, loads=loads)) == ways_down
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_negative_eigenvalues_by_dense_terms(sign: float) -> None:
+    random = np.random.default_rng(11)
+    turn = np.linalg.qr(random.normal(size=(12, 12)))[0]
+    sparse = turn @ np.diag([-2.0, -1.0, -0.5, *np.linspace(1.0, 9.0, 9)]) @ turn.T
+    changes = set()
+    for scale in np.geomspace(0.01, 100.0, 9):
+        coefficients = sign * scale * np.array([1.0, -0.3, 0.0, 2.0])
+        terms = LowRank(random.normal(size=(4, 4, 3)), coefficients)
+        found = negative_added(
+            terms, lambda f: np.linalg.solve(sparse, f.reshape(-1, 12).T).T.reshape(f.shape)
+        )
+        wanted = int((np.linalg.eigvalsh(sparse + terms.matrix()) < 0.0).sum()) - 3
+        assert found == wanted
+        changes.add(wanted)
+    assert len(changes) > 1
 
 
 def test_a_pushed_strip_is_found_to_buckle() -> None:
