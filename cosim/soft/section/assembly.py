@@ -1,4 +1,4 @@
-"""Kernels on whole chains: assembly, block-tridiagonal Cholesky, Newton's method, changes of frames."""
+"""Kernels on whole chains: assembly, Newton's method, changes of frames, volume."""
 
 from __future__ import annotations
 
@@ -6,8 +6,10 @@ import numpy as np
 from numba import int64, types, void
 
 from cosim.kernels import INDICES, MATRIX, REAL, VECTOR, inlined, kernel
-from cosim.soft.section.chain import CUBE, FLAGS, _add_cable, _add_frame, _add_section, _strains
+from cosim.soft.section.block_cholesky import factorise, substitute
+from cosim.soft.section.chain import CUBE, FLAGS, add_sections, section_strains
 from cosim.soft.section.energy import section_energy
+from cosim.soft.section.frame_terms import add_cables, add_frames
 
 # chain: coefficients (s, c), inverse lengths (s,), masses (f, 4, 4)
 _CHAIN = (MATRIX, VECTOR, CUBE)
@@ -30,105 +32,9 @@ def assemble(  # type: ignore[no-untyped-def]
     gradient, diagonal, off, hessian,
 ):  # fmt: skip
     """Fill the gradient and, if asked to, the Hessian's blocks; return the potential [J]."""
-    gradient[:] = 0.0
-    if hessian:
-        diagonal[:] = 0.0
-        off[:] = 0.0
-    scratch = (
-        np.empty(6),
-        np.empty(6),
-        np.empty((6, 6)),
-        np.empty((15, 13)),
-        np.empty((6, 9)),
-        np.empty((6, 9)),
-    )
-    energy = 0.0
-    for f in range(frames.shape[0]):
-        energy += _add_frame(frames[f], load[f], bed, mass[f], target[f], gradient[f], diagonal[f], hessian)
-    for s in range(coefficients.shape[0]):
-        energy += _add_section(
-            frames[s], frames[s + 1], coefficients[s], inverse_length[s], gradient[s], gradient[s + 1],
-            diagonal[s], diagonal[s + 1], off[s + 1], scratch, hessian,
-        )  # fmt: skip
-    for k in range(far.shape[0]):
-        b = far[k]
-        if tension[k] != 0.0:
-            energy += _add_cable(
-                frames[b - 1], frames[b], eyelets[k, 0], eyelets[k, 1], tension[k], gradient[b - 1],
-                gradient[b], diagonal[b - 1], diagonal[b], off[b], hessian,
-            )  # fmt: skip
-    return energy
-
-
-@inlined
-def _cholesky(a):  # type: ignore[no-untyped-def]
-    """Factorise a 6 x 6 block in place, lower triangle; False where it is not positive definite."""
-    for j in range(6):
-        for k in range(j):
-            for i in range(j, 6):
-                a[i, j] -= a[i, k] * a[j, k]
-        if not a[j, j] > 0.0:
-            return False
-        root = np.sqrt(a[j, j])
-        for i in range(j, 6):
-            a[i, j] /= root
-    return True
-
-
-@inlined
-def _factor(free, diagonal, off, shift, scale, low, side):  # type: ignore[no-untyped-def]
-    """Factorise the free part of the blocks + shift diag(scale); False where it is not positive definite."""
-    for f in range(free.shape[0]):
-        if not free[f]:
-            continue
-        for i in range(6):
-            for k in range(6):
-                low[f, i, k] = diagonal[f, i, k]
-            low[f, i, i] += shift * scale[i]
-        if f > 0 and free[f - 1]:
-            # side = off L^-T of the frame before
-            for i in range(6):
-                for k in range(6):
-                    total = off[f, i, k]
-                    for j in range(k):
-                        total -= side[f, i, j] * low[f - 1, k, j]
-                    side[f, i, k] = total / low[f - 1, k, k]
-            for i in range(6):
-                for k in range(i + 1):
-                    for j in range(6):
-                        low[f, i, k] -= side[f, i, j] * side[f, k, j]
-        if not _cholesky(low[f]):
-            return False
-    return True
-
-
-@inlined
-def _substitute(free, low, side, load, step):  # type: ignore[no-untyped-def]
-    """Solve with the factor; step is zero where a frame is held."""
-    count = free.shape[0]
-    for f in range(count):
-        for i in range(6):
-            if not free[f]:
-                step[f, i] = 0.0
-                continue
-            total = load[f, i]
-            if f > 0 and free[f - 1]:
-                for j in range(6):
-                    total -= side[f, i, j] * step[f - 1, j]
-            for j in range(i):
-                total -= low[f, i, j] * step[f, j]
-            step[f, i] = total / low[f, i, i]
-    for f in range(count - 1, -1, -1):
-        if not free[f]:
-            continue
-        for i in range(5, -1, -1):
-            total = step[f, i]
-            if f + 1 < count and free[f + 1]:
-                for j in range(6):
-                    total -= side[f + 1, j, i] * step[f + 1, j]
-            for j in range(i + 1, 6):
-                total -= low[f, j, i] * step[f, j]
-            step[f, i] = total / low[f, i, i]
+    energy = add_frames(frames, load, bed, mass, target, gradient, diagonal, hessian)
+    energy += add_sections(frames, coefficients, inverse_length, gradient, diagonal, off, hessian)
+    return energy + add_cables(frames, far, eyelets, tension, gradient, diagonal, off, hessian)
 
 
 @kernel(void(CUBE, MATRIX, REAL, CUBE))
@@ -203,12 +109,12 @@ def minimise(  # type: ignore[no-untyped-def]
     scale[3:] = lever * lever
     low, side = np.zeros_like(diagonal), np.zeros_like(diagonal)
     step, trial = np.zeros_like(gradient), np.empty_like(frames)
+    iterations = shifted = 0
     energy = assemble(
         frames, coefficients, inverse_length, mass, load, bed, target, far, eyelets, tension,
         gradient, diagonal, off, True,
     )  # fmt: skip
     residual = _residual(gradient, free, lever)
-    iterations = shifted = 0
     while True:
         if not (np.isfinite(residual) and np.isfinite(energy)):
             return NOT_FINITE, iterations, residual, energy, shifted
@@ -216,14 +122,19 @@ def minimise(  # type: ignore[no-untyped-def]
             return CONVERGED, iterations, residual, energy, shifted
         if iterations >= iterations_max:
             return LIMIT, iterations, residual, energy, shifted
+        if iterations > 0:  # most steps end after one solve: the Hessian where that ends is not needed
+            assemble(
+                frames, coefficients, inverse_length, mass, load, bed, target, far, eyelets, tension,
+                gradient, diagonal, off, True,
+            )  # fmt: skip
         iterations += 1
         shift = 0.0
-        while not _factor(free, diagonal, off, shift, scale, low, side):
+        while not factorise(free, diagonal, off, shift, scale, low, side):
             shift = max(_SHIFT_START, 6.0 * shift)
             if shift > _SHIFT_MAX:
                 return INDEFINITE, iterations, residual, energy, shifted
         shifted += shift > 0.0
-        _substitute(free, low, side, gradient, step)
+        substitute(free, low, side, gradient, step)
         slope, factor = _descent(free, gradient, step)
         rounding = 1e-13 * (1.0 + abs(energy))
         before, found = residual, False
@@ -231,7 +142,7 @@ def minimise(  # type: ignore[no-untyped-def]
             change_frames(frames, step, factor, trial)
             value = assemble(
                 trial, coefficients, inverse_length, mass, load, bed, target, far, eyelets, tension,
-                gradient, diagonal, off, True,
+                gradient, diagonal, off, False,
             )  # fmt: skip
             residual = _residual(gradient, free, lever)
             if np.isfinite(value) and (
@@ -253,14 +164,11 @@ def gas_volume(frames, coefficients, rates, inverse_length, length_rate):  # typ
     rates: d coefficients / dp; length_rate: dL/dp [m/Pa].
     """
     volume = 0.0
-    x, d, gradient = np.empty(6), np.empty(3), np.empty(6)
-    hessian, work = np.empty((6, 6)), np.empty((15, 13))
+    x, d, gradient, hessian = np.empty(6), np.empty(3), np.empty(6), np.empty((6, 6))
     for s in range(coefficients.shape[0]):
-        for r in range(3):
-            d[r] = frames[s + 1, 0, r] - frames[s, 0, r]
-        _strains(frames[s], frames[s + 1], d, x)
-        section_energy(coefficients[s], x, inverse_length[s], gradient, hessian, work)
+        section_strains(frames, s, d, x)
+        section_energy(coefficients, s, x, inverse_length[s], gradient, hessian, False)
         # z = u_3 / L - 1 moves with L
         volume += gradient[2] * x[2] * inverse_length[s] * length_rate[s]
-        volume -= section_energy(rates[s], x, inverse_length[s], gradient, hessian, work)
+        volume -= section_energy(rates, s, x, inverse_length[s], gradient, hessian, False)
     return volume

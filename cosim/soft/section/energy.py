@@ -27,129 +27,118 @@ LOW, HIGH, BENT = COEFFICIENTS, COEFFICIENTS + 1, COEFFICIENTS + 2
 
 
 @inlined
-def _polynomial(c, first, order, z, out):  # type: ignore[no-untyped-def]
-    """Fill out with value, slope and curvature of sum_k c[first + k] z^k."""
+def _polynomial(c, s, first, order, z):  # type: ignore[no-untyped-def]
+    """Return value, slope and curvature of sum_k c[s, first + k] z^k."""
     value = slope = curvature = 0.0
     for k in range(order, -1, -1):
         curvature = curvature * z + 2.0 * slope
         slope = slope * z + value
-        value = value * z + c[first + k]
-    out[0], out[1], out[2] = value, slope, curvature
+        value = value * z + c[s, first + k]
+    return value, slope, curvature
 
 
 @inlined
-def _invariants(c, x, inverse_length, f, work):  # type: ignore[no-untyped-def]
-    """Return F; fill f (13,) with its derivatives by the invariants.
-
-    In this order: z, zz, b, bz, bb, s, sz, q, qz, qq, bq, t, tz.
-    """
-    s1, s2, w1, w2, w3 = x[0], x[1], x[3], x[4], x[5]
-    z = x[2] * inverse_length - 1.0
-    b, s, t = w1 * w1 + w2 * w2, s1 * s1 + s2 * s2, w3 * w3
-    q, m = s1 * w2 - s2 * w1, -w3 * (s1 * w1 + s2 * w2)
-    pa, pb, pb2, pb3, ps, pq, pq2, pt = work
-    _polynomial(c, 0, 6, z, pa)
-    _polynomial(c, 7, 4, z, pb)
-    _polynomial(c, 12, 2, z, pb2)
-    _polynomial(c, 15, 1, z, pb3)
-    _polynomial(c, 17, 2, z, ps)
-    _polynomial(c, 20, 2, z, pq)
-    _polynomial(c, 23, 1, z, pq2)
-    _polynomial(c, 25, 2, z, pt)
-    c1, c2, c3, c4 = c[28], c[29], c[30], c[31]
-    for k in (1, 2):
-        bent = b * (pb[k] + b * (pb2[k] + b * pb3[k]))
-        f[k - 1] = pa[k] + bent + s * ps[k] + q * (pq[k] + b * pq2[k]) + t * pt[k]
-    f[2] = pb[0] + b * (2.0 * pb2[0] + 3.0 * b * pb3[0]) + q * pq2[0] + c2 * s + c3 * t
-    f[3] = pb[1] + b * (2.0 * pb2[1] + 3.0 * b * pb3[1]) + q * pq2[1]
-    f[4] = 2.0 * pb2[0] + 6.0 * b * pb3[0]
-    f[5], f[6] = ps[0] + c2 * b, ps[1]
-    f[7], f[8], f[9], f[10] = pq[0] + b * pq2[0] + 2.0 * c1 * q, pq[1] + b * pq2[1], 2.0 * c1, pq2[0]
-    f[11], f[12] = pt[0] + c3 * b, pt[1]
-    return (
-        pa[0] + b * (pb[0] + b * (pb2[0] + b * pb3[0])) + s * ps[0] + q * (pq[0] + b * pq2[0])
-        + c1 * q * q + c2 * b * s + t * (pt[0] + c3 * b) + c4 * m
-    )  # fmt: skip
-
-
-@inlined
-def section_energy(c, x, inverse_length, gradient, hessian, work):  # type: ignore[no-untyped-def]
-    """Return F; fill its gradient (6,) and Hessian (6, 6) with respect to the strains.
+def section_energy(c, s, x, inverse_length, gradient, hessian, curved):  # type: ignore[no-untyped-def]
+    """Return F; fill its gradient (6,) and, if asked to, its Hessian (6, 6) with respect to the strains.
 
     Args:
-        c: (COEFFICIENTS,).
+        c: (sections, COEFFICIENTS or more).
+        s: which section.
         x: (6,) strains.
         inverse_length: 1 / L [1/m].
         gradient: (6,).
         hessian: (6, 6).
-        work: (15, 13) scratch.
+        curved: whether to fill it.
     """
-    f, slopes = work[0], work[1:6]
-    energy = _invariants(c, x, inverse_length, f, work[6:14])
-    s1, s2, w1, w2, w3 = x[0], x[1], x[3], x[4], x[5]
-    # gradients of z, b, s, q, t with respect to the strains
-    slopes[:, :6] = 0.0
-    slopes[0, 2] = inverse_length
-    slopes[1, 3], slopes[1, 4] = 2.0 * w1, 2.0 * w2
-    slopes[2, 0], slopes[2, 1] = 2.0 * s1, 2.0 * s2
-    slopes[3, 0], slopes[3, 1], slopes[3, 3], slopes[3, 4] = w2, -w1, -s2, s1
-    slopes[4, 5] = 2.0 * w3
-    for k in range(6):
-        gradient[k] = (
-            f[0] * slopes[0, k] + f[2] * slopes[1, k] + f[5] * slopes[2, k] + f[7] * slopes[3, k]
-            + f[11] * slopes[4, k]
-        )  # fmt: skip
-    c4 = c[31]
-    gradient[0] -= c4 * w3 * w1
-    gradient[1] -= c4 * w3 * w2
-    gradient[3] -= c4 * w3 * s1
-    gradient[4] -= c4 * w3 * s2
-    gradient[5] -= c4 * (s1 * w1 + s2 * w2)
-    _curvature(c, x, f, slopes, hessian)
-    return energy
+    u1, u2, w1, w2, w3 = x[0], x[1], x[3], x[4], x[5]
+    z = x[2] * inverse_length - 1.0
+    b, shear, t, q = w1 * w1 + w2 * w2, u1 * u1 + u2 * u2, w3 * w3, u1 * w2 - u2 * w1
+    a, az, azz = _polynomial(c, s, 0, 6, z)
+    bend, bend_z, bend_zz = _polynomial(c, s, 7, 4, z)
+    bend2, bend2_z, bend2_zz = _polynomial(c, s, 12, 2, z)
+    bend3, bend3_z, _ = _polynomial(c, s, 15, 1, z)
+    sh, sh_z, sh_zz = _polynomial(c, s, 17, 2, z)
+    mix, mix_z, mix_zz = _polynomial(c, s, 20, 2, z)
+    mix2, mix2_z, _ = _polynomial(c, s, 23, 1, z)
+    tw, tw_z, tw_zz = _polynomial(c, s, 25, 2, z)
+    c1, c2, c3, c4 = c[s, 28], c[s, 29], c[s, 30], c[s, 31]
+    # derivatives by the invariants
+    f_z = az + b * (bend_z + b * (bend2_z + b * bend3_z)) + shear * sh_z + q * (mix_z + b * mix2_z) + t * tw_z
+    f_b = bend + b * (2.0 * bend2 + 3.0 * b * bend3) + q * mix2 + c2 * shear + c3 * t
+    f_s = sh + c2 * b
+    f_q = mix + b * mix2 + 2.0 * c1 * q
+    f_t = tw + c3 * b
+    gradient[0] = 2.0 * u1 * f_s + w2 * f_q - c4 * w3 * w1
+    gradient[1] = 2.0 * u2 * f_s - w1 * f_q - c4 * w3 * w2
+    gradient[2] = inverse_length * f_z
+    gradient[3] = 2.0 * w1 * f_b - u2 * f_q - c4 * w3 * u1
+    gradient[4] = 2.0 * w2 * f_b + u1 * f_q - c4 * w3 * u2
+    gradient[5] = 2.0 * w3 * f_t - c4 * (u1 * w1 + u2 * w2)
+    if curved:
+        f_zz = azz + b * (bend_zz + b * bend2_zz) + shear * sh_zz + q * mix_zz + t * tw_zz
+        f_zb = bend_z + b * (2.0 * bend2_z + 3.0 * b * bend3_z) + q * mix2_z
+        f_bb = 2.0 * bend2 + 6.0 * b * bend3
+        f_zq = mix_z + b * mix2_z
+        _stretching(x, inverse_length, (f_zz, f_zb, sh_z, f_zq, tw_z), hessian)
+        _bending(x, (f_b, f_s, f_q, f_t, f_bb, mix2, 2.0 * c1), (c2, c3, c4), hessian)
+    return (
+        a + b * (bend + b * (bend2 + b * bend3)) + shear * sh + q * (mix + b * mix2)
+        + c1 * q * q + c2 * b * shear + t * (tw + c3 * b) - c4 * w3 * (u1 * w1 + u2 * w2)
+    )  # fmt: skip
 
 
 @inlined
-def _curvature(c, x, f, slopes, hessian):  # type: ignore[no-untyped-def]
-    """Fill the Hessian by the strains from the derivatives by the invariants."""
-    s1, s2, w1, w2, w3 = x[0], x[1], x[3], x[4], x[5]
-    c2, c3, c4 = c[29], c[30], c[31]
-    gz, gb, gs, gq, gt = slopes[0], slopes[1], slopes[2], slopes[3], slopes[4]
-    for i in range(6):
-        row_z = 0.5 * f[1] * gz[i] + f[3] * gb[i] + f[6] * gs[i] + f[8] * gq[i] + f[12] * gt[i]
-        row_b = 0.5 * f[4] * gb[i] + f[10] * gq[i] + c2 * gs[i] + c3 * gt[i]
-        row_q = 0.5 * f[9] * gq[i]
-        for k in range(6):
-            hessian[i, k] = row_z * gz[k] + row_b * gb[k] + row_q * gq[k]
-    for i in range(6):
-        for k in range(i + 1):
-            total = hessian[i, k] + hessian[k, i]
-            hessian[i, k] = hessian[k, i] = total
-    hessian[3, 3] += 2.0 * f[2]
-    hessian[4, 4] += 2.0 * f[2]
-    hessian[0, 0] += 2.0 * f[5]
-    hessian[1, 1] += 2.0 * f[5]
-    hessian[5, 5] += 2.0 * f[11]
-    for i, k, value in (
-        (0, 4, f[7]), (1, 3, -f[7]), (0, 3, -c4 * w3), (1, 4, -c4 * w3),
-        (0, 5, -c4 * w1), (1, 5, -c4 * w2), (3, 5, -c4 * s1), (4, 5, -c4 * s2),
-    ):  # fmt: skip
-        hessian[i, k] += value
-        hessian[k, i] += value
+def _stretching(x, inverse_length, second, hessian):  # type: ignore[no-untyped-def]
+    """Fill the Hessian's row and column of u_3 from the second derivatives z and (z, b, s, q, t)."""
+    f_zz, f_zb, f_zs, f_zq, f_zt = second
+    u1, u2, w1, w2, w3 = x[0], x[1], x[3], x[4], x[5]
+    hessian[2, 2] = inverse_length * inverse_length * f_zz
+    hessian[2, 0] = inverse_length * (2.0 * u1 * f_zs + w2 * f_zq)
+    hessian[2, 1] = inverse_length * (2.0 * u2 * f_zs - w1 * f_zq)
+    hessian[2, 3] = inverse_length * (2.0 * w1 * f_zb - u2 * f_zq)
+    hessian[2, 4] = inverse_length * (2.0 * w2 * f_zb + u1 * f_zq)
+    hessian[2, 5] = inverse_length * 2.0 * w3 * f_zt
+    for k in (0, 1, 3, 4, 5):
+        hessian[k, 2] = hessian[2, k]
+
+
+@inlined
+def _bending(x, derivatives, mixed, hessian):  # type: ignore[no-untyped-def]
+    """Fill the rest of the Hessian from the derivatives by (b, s, q, t), and by bb, bq, qq."""
+    f_b, f_s, f_q, f_t, f_bb, f_bq, f_qq = derivatives
+    c2, c3, c4 = mixed
+    u1, u2, w1, w2, w3 = x[0], x[1], x[3], x[4], x[5]
+    hessian[0, 0] = 2.0 * f_s + w2 * w2 * f_qq
+    hessian[1, 0] = -w1 * w2 * f_qq
+    hessian[1, 1] = 2.0 * f_s + w1 * w1 * f_qq
+    along_1, along_2 = 2.0 * w1 * f_bq - u2 * f_qq, 2.0 * w2 * f_bq + u1 * f_qq  # of f_q, by w_1 and w_2
+    hessian[3, 0] = 4.0 * c2 * u1 * w1 + w2 * along_1 - c4 * w3
+    hessian[4, 0] = 4.0 * c2 * u1 * w2 + w2 * along_2 + f_q
+    hessian[5, 0] = -c4 * w1
+    hessian[3, 1] = 4.0 * c2 * u2 * w1 - w1 * along_1 - f_q
+    hessian[4, 1] = 4.0 * c2 * u2 * w2 - w1 * along_2 - c4 * w3
+    hessian[5, 1] = -c4 * w2
+    hessian[3, 3] = 2.0 * f_b + 2.0 * w1 * (2.0 * w1 * f_bb - u2 * f_bq) - u2 * along_1
+    hessian[4, 3] = 2.0 * w2 * (2.0 * w1 * f_bb - u2 * f_bq) + u1 * along_1
+    hessian[4, 4] = 2.0 * f_b + 2.0 * w2 * (2.0 * w2 * f_bb + u1 * f_bq) + u1 * along_2
+    hessian[5, 3] = 4.0 * c3 * w1 * w3 - c4 * u1
+    hessian[5, 4] = 4.0 * c3 * w2 * w3 - c4 * u2
+    hessian[5, 5] = 2.0 * f_t
+    for i, k in ((1, 0), (3, 0), (4, 0), (5, 0), (3, 1), (4, 1), (5, 1), (4, 3), (5, 3), (5, 4)):
+        hessian[k, i] = hessian[i, k]
 
 
 @kernel(void(MATRIX, VECTOR, MATRIX, float64[:, :, ::1]))
 def basis(strains, inverse_length, values, gradients):  # type: ignore[no-untyped-def]
     """Fill values (n, COEFFICIENTS) and gradients (n, 6, COEFFICIENTS) of every term, coefficient one."""
     count = values.shape[1]
-    unit = np.zeros(count)
+    unit = np.zeros((1, count))
     gradient = np.empty(6)
     hessian = np.empty((6, 6))
-    work = np.empty((15, 13))
     for i in range(strains.shape[0]):
         for k in range(count):
-            unit[k] = 1.0
-            values[i, k] = section_energy(unit, strains[i], inverse_length[i], gradient, hessian, work)
-            unit[k] = 0.0
+            unit[0, k] = 1.0
+            values[i, k] = section_energy(unit, 0, strains[i], inverse_length[i], gradient, hessian, False)
+            unit[0, k] = 0.0
             for r in range(6):
                 gradients[i, r, k] = gradient[r]
