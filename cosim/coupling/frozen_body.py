@@ -8,6 +8,7 @@ from typing import final
 import numpy as np
 
 from cosim.coupling.mass import MassProperties
+from cosim.coupling.shape_reader import MeshReader
 from cosim.coupling.soft_side import SoftReply, SoftSide
 from cosim.errors import InputError
 from cosim.frames import Array, IntArray, Mask, Pose, Wrench, cross
@@ -169,6 +170,10 @@ class FrozenBody(SoftSide):
     def work_taken_in(self, displacement: Array) -> float:
         """Return the work [J] of what the flange supplies at the last solution, over a displacement."""
         return float(np.einsum("nr,nr->", self._supplied, displacement))
+
+    def shape_reader(self) -> MeshReader:
+        """Return what reads nodes; the volumes are those of the kept shape."""
+        return MeshReader(self.body, lambda _: self._volumes)
 
     @property
     def volumes_m3(self) -> tuple[float, ...]:

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import TypeAlias, final
 
 import numpy as np
 from scipy.linalg import LinAlgError
 
 from cosim.coupling.chain_films import NO_ANGLES, ChainFilms
+from cosim.coupling.chain_reader import ChainReader, ChainShape
 from cosim.coupling.mass import MassProperties
 from cosim.coupling.soft_side import SoftReply, SoftSide
 from cosim.errors import ConvergenceError, InputError
@@ -284,14 +283,13 @@ class SectionArm(SoftSide):
         )
         return float(np.einsum("fi,fi->", self._gradient[self.clamp.held], moved[self.clamp.held]))
 
-    def positions_now(self) -> Callable[[], Array]:
-        """Return what makes the film's nodes (n, 3) [m] from the present frames, also after later steps."""
-        return partial(self.section.positions, self._chain.positions, self._pressure)
+    def shape_now(self) -> ChainShape:
+        """Return the present frames, and the pressure that the nodes on them depend on."""
+        return ChainShape(self._chain.positions, self._pressure)
 
-    def volumes_now(self) -> Callable[[], tuple[float, ...]]:
-        """Return what gives `volumes_m3` of the present frames, also after later steps."""
-        frames, pressure = self._chain.positions, self._pressure
-        return lambda: (self._solver.volume(frames, pressure),)
+    def shape_reader(self) -> ChainReader:
+        """Return what reads frames."""
+        return ChainReader(self.section)
 
     @property
     def touching(self) -> None:

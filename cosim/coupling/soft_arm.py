@@ -8,6 +8,7 @@ from typing import TypeAlias, final
 import numpy as np
 
 from cosim.coupling.flange_path import pose_within
+from cosim.coupling.shape_reader import MeshReader
 from cosim.coupling.soft_side import SoftReply, SoftSide
 from cosim.errors import ConvergenceError, InputError
 from cosim.frames import Array, IntArray, Mask, Pose
@@ -302,6 +303,10 @@ class SoftArm(SoftSide):
     def work_taken_in(self, displacement: Array) -> float:
         """Return the work [J] of what the flange supplies at the last solution, over a displacement."""
         return float(np.einsum("kr,kr->", self.reaction, displacement[self.clamp.nodes]))
+
+    def shape_reader(self) -> MeshReader:
+        """Return what reads nodes."""
+        return MeshReader(self.body, self._system.gas.enclosed_volumes)
 
     @property
     def volumes_m3(self) -> tuple[float, ...]:

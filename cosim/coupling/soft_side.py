@@ -9,11 +9,11 @@ the next step depends on.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, final
 
 from cosim.coupling.mass import MassProperties
+from cosim.coupling.shape_reader import ShapeReader
 from cosim.frames import Array, IntArray, Mask, Pose, Wrench
 from cosim.soft.body import Loads, SoftBody
 from cosim.soft.contact import ContactPlanes
@@ -209,15 +209,13 @@ class SoftSide(ABC):
     def volumes_m3(self) -> tuple[float, ...]:
         """Volume inside film and caps of each chamber at the present shape."""
 
-    def positions_now(self) -> Callable[[], Array]:
-        """Return what gives the nodes (n, 3) [m] of the present state, also after later steps."""
-        x = self.state.positions
-        return lambda: x
+    def shape_now(self) -> Any:
+        """Return the present shape, for `shape_reader` to read now or after later steps; costs nothing."""
+        return self.state.positions
 
-    def volumes_now(self) -> Callable[[], tuple[float, ...]]:
-        """Return what gives `volumes_m3` of the present state, also after later steps."""
-        volumes = self.volumes_m3
-        return lambda: volumes
+    @abstractmethod
+    def shape_reader(self) -> ShapeReader:
+        """Return what reads the shapes that `shape_now` returns."""
 
     @property
     def touching(self) -> FilmMemory | None:

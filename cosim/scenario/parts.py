@@ -18,9 +18,8 @@ from cosim.scenario.later import Later, later
 from cosim.scenario.phase_schema import Phase
 from cosim.scenario.plan import PhasePlan, Plan
 from cosim.scenario.schema import Scenario
-from cosim.scenario.snapshot import Snapshot
+from cosim.scenario.snapshot import KeptShape, Snapshot
 from cosim.soft.body import Loads
-from cosim.soft.center_line import center_line_length, hole_rings
 
 
 @final
@@ -64,7 +63,7 @@ class Parts:
     ) -> None:
         self.scenario, self.plan = scenario, plan
         self.carrier, self.soft, self.actuation = carrier, soft, actuation
-        self._rings = hole_rings(soft.body)
+        self._reader = soft.shape_reader()
 
     def ticks(self, phase: Phase) -> int:
         """Return how many ticks of the clock a phase lasts, at least one."""
@@ -78,18 +77,16 @@ class Parts:
 
     def snapshot(self, moment: Moment, ledger: LedgerEntry, wall_s: float) -> Snapshot:
         """Return the present state as a snapshot."""
-        flange, soft, rings = moment.flange, self.soft, self._rings
-        body, position, volumes = soft.body, Later(soft.positions_now()), Later(soft.volumes_now())
+        flange, soft, reader = moment.flange, self.soft, self._reader
+        shape = soft.shape_now()
+        figures = Later(lambda: reader.figures([shape]))
         places, quaternions = self.carrier.body_poses()
         pressures = soft.pressures_Pa
         devices = self.actuation.report(soft, flange)
         tension = np.array(moment.loads.cable_tension_N) if devices is None else devices.cable_tension_N
 
-        tip = Later(lambda: body.tip_position(position.value))
-
         def sag_m() -> float:
-            straight = center_line_length(rings, position.value) * flange.rotation[:, 2]
-            return float(np.linalg.norm(tip.value - flange.translation - straight))
+            return float(figures.value.sag_m(flange.translation, flange.rotation[:, 2])[0])
 
         return Snapshot(
             tick=moment.tick,
@@ -99,19 +96,20 @@ class Parts:
             joint_target=moment.joint_target,
             body_position=places,
             body_quaternion=quaternions,
-            node_position=later(position),
+            node_position=later(lambda: reader.positions(shape)),
             world_from_flange=flange,
             flange_twist=moment.twist,
             pressure_Pa=pressures[0],
-            volume_m3=later(lambda: sum(volumes.value)),
+            volume_m3=later(lambda: sum(figures.value.volumes_m3[0].tolist())),
             chamber_pressure_Pa=np.array(pressures),
-            chamber_volume_m3=later(lambda: np.array(volumes.value)),
+            chamber_volume_m3=later(lambda: figures.value.volumes_m3[0]),
             cable_tension_N=tension,
-            tip_position=later(tip),
-            tip_direction=later(lambda: body.tip_direction(position.value)),
+            tip_position=later(lambda: figures.value.tip_position[0]),
+            tip_direction=later(lambda: figures.value.tip_direction[0]),
             sag_m=later(sag_m),
             tip_target=self.plan.phases[moment.phase].tip_target,
             ledger=with_film_contacts(ledger, soft.touching),
             tick_wall_s=wall_s,
             devices=devices,
+            shape=KeptShape(reader, shape),
         )

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from dataclasses import InitVar, dataclass, field
+from typing import TYPE_CHECKING, Any, final
 
 from cosim.body_shape import BodyShape
 from cosim.coupling.ledger import LedgerEntry
@@ -12,6 +12,9 @@ from cosim.frames import Array, IntArray, Pose, Twist
 from cosim.scenario.actuation_report import ActuationReport, DeviceNames
 from cosim.scenario.decision import Decision
 from cosim.scenario.later import made, put_off
+
+if TYPE_CHECKING:
+    from cosim.coupling.shape_reader import ShapeReader
 
 __all__ = ["BodyShape", "LedgerEntry", "Snapshot", "Stage"]
 
@@ -67,6 +70,15 @@ class Stage:
     section_model: dict[str, float] | None = None
 
 
+@final
+@dataclass(frozen=True)
+class KeptShape:
+    """The film's shape at the end of a tick, as its reader needs it."""
+
+    reader: ShapeReader
+    shape: Any
+
+
 @dataclass(frozen=True)
 class Snapshot:
     """State at the end of one tick; arrays are owned by the snapshot.
@@ -97,6 +109,7 @@ class Snapshot:
         ledger: what the interface exchanged.
         tick_wall_s: wall time of this tick [s].
         devices: what pumps, winches and controllers do; None in a scenario without.
+        shape: from which a `Block` reads what depends on the film's shape; None: from the values above.
     """
 
     tick: int
@@ -121,8 +134,11 @@ class Snapshot:
     ledger: LedgerEntry
     tick_wall_s: float
     devices: ActuationReport | None = None
+    shape: InitVar[KeptShape | None] = None
+    kept_shape: KeptShape | None = field(init=False, repr=False, compare=False)
 
-    def __post_init__(self) -> None:
+    def __post_init__(self, shape: KeptShape | None) -> None:
+        vars(self)["kept_shape"] = shape
         put_off(self)
 
     if not TYPE_CHECKING:  # where it would hide misspelt names

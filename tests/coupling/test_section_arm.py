@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from cosim.coupling.section_arm import SectionArm
+from cosim.coupling.shape_reader import MeshReader
 from cosim.coupling.soft_arm import SoftArm
 from cosim.errors import InputError
 from cosim.frames import Array, Pose, rotation_from_vector
@@ -79,13 +80,13 @@ def test_the_volume_is_that_of_the_film() -> None:
 def test_what_is_asked_of_a_past_state_is_of_that_state() -> None:
     arm, _ = arms()
     arm.settle(arm.start(FLANGE, Loads(25e3, (0.0, 0.0))))
-    positions, volumes = arm.positions_now(), arm.volumes_now()
+    reader, shape = arm.shape_reader(), arm.shape_now()
     before = arm.state.positions.copy(), arm.volumes_m3
     for tick in range(1, 6):
         arm.advance(FLANGE, Loads(25e3 + 1e3 * tick, (5.0, 0.0)), 2e-3)
     assert np.abs(arm.state.positions - before[0]).max() > 1e-6
-    np.testing.assert_array_equal(positions(), before[0])
-    assert volumes() == before[1]
+    np.testing.assert_array_equal(reader.positions(shape), before[0])
+    assert reader.figures([shape]).volumes_m3[0] == pytest.approx(before[1], rel=1e-12)
 
 
 def test_sealed_gas_keeps_its_amount() -> None:
@@ -172,3 +173,21 @@ def test_a_clamped_ring_goes_with_the_flange() -> None:
     held[ring[0]] = True
     with pytest.raises(InputError, match="hold whole outer rings"):
         arm.hold_also(held, there)
+
+
+def test_shapes_read_together_are_those_of_the_film() -> None:
+    arm, _ = arms()
+    arm.settle(arm.start(FLANGE, Loads(25e3, (0.0, 0.0))))
+    shapes, films, volumes = [], [], []
+    for tick in range(1, 6):
+        arm.advance(FLANGE, Loads(25e3 + 1e3 * tick, (5.0, 0.0)), 2e-3)
+        shapes.append(arm.shape_now())
+        films.append(arm.state.positions)
+        volumes.append(arm.volumes_m3)
+    read = arm.shape_reader().figures(shapes)
+    mesh = MeshReader(body(), lambda _: (0.0,)).figures(films)
+    assert np.ptp(read.tip_position, axis=0).max() > 1e-6
+    np.testing.assert_allclose(read.tip_position, mesh.tip_position, rtol=1e-12, atol=1e-14)
+    np.testing.assert_allclose(read.tip_direction, mesh.tip_direction, rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(read.center_line_m, mesh.center_line_m, rtol=1e-12)
+    np.testing.assert_allclose(read.volumes_m3, volumes, rtol=1e-10)

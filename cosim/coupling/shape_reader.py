@@ -1,0 +1,98 @@
+"""What is read off the film's shape, for many ticks at once: one by one it costs several times as much."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, final
+
+import numpy as np
+
+from cosim.frames import Array, cross
+from cosim.soft.body import SoftBody
+from cosim.soft.center_line import hole_rings
+
+
+@final
+@dataclass(frozen=True)
+class ShapeFigures:
+    """Figures of k shapes.
+
+    Args:
+        tip_position: (k, 3) [m], mean of the last hole ring.
+        tip_direction: (k, 3), unit normal of the last hole ring, away from the base.
+        center_line_m: (k,), length of the polyline through the centres of the hole rings.
+        volumes_m3: (k, chambers).
+    """
+
+    tip_position: Array
+    tip_direction: Array
+    center_line_m: Array
+    volumes_m3: Array
+
+    @classmethod
+    def of(cls, tip: Array, centers: Array, volumes_m3: Array) -> ShapeFigures:
+        """Return the figures of tip and center line.
+
+        Args:
+            tip: (k, m, 3) [m], nodes of the tip ring in order.
+            centers: (k, rings, 3) [m], of the hole rings from base to tip.
+            volumes_m3: (k, chambers).
+        """
+        # vector area of the tip ring, sum_i r_i x r_i+1 / 2
+        area = cross(tip, tip[:, np.arange(1, tip.shape[1] + 1) % tip.shape[1]]).sum(axis=1)
+        steps = np.diff(centers, axis=1)
+        return cls(
+            tip.mean(axis=1),
+            area / np.sqrt((area * area).sum(axis=1))[:, None],
+            np.sqrt((steps * steps).sum(axis=2)).sum(axis=1),
+            volumes_m3,
+        )
+
+    def sag_m(self, origin: Array, axis: Array) -> Array:
+        """Return how far each tip is from where it would be on a straight line of the same length (k,) [m].
+
+        Args:
+            origin: (k, 3) [m], where the lines begin.
+            axis: (k, 3), unit vectors along them.
+        """
+        away = self.tip_position - origin - self.center_line_m[:, None] * axis
+        return np.asarray(np.sqrt((away * away).sum(axis=1)))
+
+
+class ShapeReader(ABC):
+    """Reads the shapes that a soft side has kept with `SoftSide.shape_now`."""
+
+    @abstractmethod
+    def positions(self, shape: Any) -> Array:
+        """Return the film's nodes (n, 3) [m]."""
+
+    @abstractmethod
+    def figures(self, shapes: Sequence[Any]) -> ShapeFigures:
+        """Return the figures of some shapes, at least one."""
+
+
+@final
+class MeshReader(ShapeReader):
+    """Reads shapes that are the film's nodes.
+
+    Args:
+        body: whose.
+        volumes: returns the volume [m^3] of each chamber at nodes (n, 3) [m].
+    """
+
+    def __init__(self, body: SoftBody, volumes: Callable[[Array], tuple[float, ...]]) -> None:
+        self._tip, self._rings, self._volumes = body.tip, hole_rings(body), volumes
+
+    def positions(self, shape: Array) -> Array:
+        """Return the shape itself."""
+        return shape
+
+    def figures(self, shapes: Sequence[Array]) -> ShapeFigures:
+        """Return the figures; see `ShapeReader.figures`."""
+        return ShapeFigures.of(
+            np.stack([shape[self._tip] for shape in shapes]),
+            np.stack([shape[self._rings] for shape in shapes]).mean(axis=2),
+            np.array([self._volumes(shape) for shape in shapes]),
+        )

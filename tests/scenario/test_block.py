@@ -1,0 +1,42 @@
+"""Many snapshots read at once against each read by itself."""
+
+from __future__ import annotations
+
+from itertools import islice
+
+import numpy as np
+import pytest
+
+from cosim.driver import build_simulation
+from cosim.scenario.block import Block
+from cosim.scenario.loading import load_scenario
+from cosim.scenario.snapshot import Snapshot
+from tests.conftest import made_up_snapshot
+
+READ = ("tip_position", "tip_direction", "sag_m", "chamber_volume_m3")
+
+
+def snapshots(fidelity: str) -> list[Snapshot]:
+    """Return ticks in which the flange and the pressure move; nobody has read their shapes."""
+    phase = {"name": "inflate", "duration_s": 0.02, "increments": 8, "pressure_Pa": 3e3}
+    turn = phase | {"name": "turn", "flange_turn": {"axis": [0.0, 1.0, 0.0], "angle_rad": -0.01}}
+    overrides = {"fidelity": fidelity, "phase": [phase, turn]}
+    return list(islice(build_simulation(load_scenario("ur5e_hexagon_arm", overrides)).steps(), 1, 16))
+
+
+@pytest.mark.parametrize("fidelity", ["lumped", "rigid"])
+def test_a_block_reads_what_its_snapshots_do(fidelity: str) -> None:
+    block = Block(snapshots(fidelity))
+    together = {name: getattr(block, name) for name in READ}
+    assert "tip_position" not in vars(block.snapshots[3])  # it was not read one by one
+    assert np.ptp(together["tip_position"], axis=0).max() > 1e-6
+    for name in READ:
+        one_by_one = [getattr(snapshot, name) for snapshot in block.snapshots]
+        np.testing.assert_allclose(together[name], one_by_one, rtol=1e-13, atol=1e-15)
+
+
+def test_snapshots_made_by_hand_are_read_by_their_values() -> None:
+    made = [made_up_snapshot(tick, 0.002) for tick in range(3)]
+    block = Block(made)
+    for name in READ:
+        np.testing.assert_array_equal(getattr(block, name), [getattr(snapshot, name) for snapshot in made])
