@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import final
+from typing import Final, final
 
 import numpy as np
 import rerun as rr
@@ -11,7 +11,11 @@ import rerun as rr
 from cosim.frames import Array, IntArray
 from cosim.recording.blueprint import TICKS, TIMELINE
 from cosim.recording.plot import Plot
+from cosim.scenario.block import Block
 from cosim.scenario.snapshot import Snapshot
+
+_READ_AT_ONCE: Final = 64
+"""More would cost no less each, and snapshots of fine meshes are large."""
 
 
 def time_columns(ticks: Sequence[int] | IntArray, tick_ns: int) -> list[rr.TimeColumn]:
@@ -28,7 +32,7 @@ def time_columns(ticks: Sequence[int] | IntArray, tick_ns: int) -> list[rr.TimeC
 
 @final
 class PlotBuffer:
-    """Values of all plots, one row per tick.
+    """Values of all plots, one row per tick; read off many snapshots at once.
 
     Args:
         stream: to write to.
@@ -40,36 +44,47 @@ class PlotBuffer:
         self._stream = stream
         self._plots = plots
         self._tick_ns = tick_ns
+        self._unread: list[Snapshot] = []
         self._ticks: list[int] = []
-        self._rows: list[list[float]] = []
+        self._values: list[Array] = []
         self._styled: set[str] = set()
 
     def append(self, snapshot: Snapshot) -> None:
         """Take the values of one tick."""
-        row: list[float] = []
-        for plot in self._plots:
-            row.extend(plot.values(snapshot))
-        self._rows.append(row)
-        self._ticks.append(snapshot.tick)
+        self._unread.append(snapshot)
+        if len(self._unread) == _READ_AT_ONCE:
+            self._read()
+
+    def _read(self) -> None:
+        """Take the values of the snapshots, and let go of them."""
+        block = Block(self._unread)
+        columns = [plot.values(block).reshape(len(block), len(plot.series)) for plot in self._plots]
+        self._values.append(np.concatenate(columns, axis=1))
+        self._ticks += [snapshot.tick for snapshot in self._unread]
+        self._unread = []
 
     def flush(self) -> None:
         """Write what was gathered."""
-        if not self._rows:
+        if self._unread:
+            self._read()
+        if not self._values:
             return
-        values = np.array(self._rows, dtype=np.float64)
-        ticks = np.array(self._ticks, dtype=np.int64)
+        values, ticks = np.concatenate(self._values), np.array(self._ticks, dtype=np.int64)
+        times = time_columns(ticks, self._tick_ns)
         start = 0
         for plot in self._plots:
             stop = start + len(plot.series)
-            self._send(plot, ticks, values[:, start:stop])
+            own = values[:, start:stop]
+            kept = ~np.isnan(own).any(axis=1)
+            if kept.all():
+                self._send(plot, times, own)
+            elif kept.any():
+                self._send(plot, time_columns(ticks[kept], self._tick_ns), own[kept])
             start = stop
-        self._rows.clear()
+        self._values.clear()
         self._ticks.clear()
 
-    def _send(self, plot: Plot, ticks: IntArray, values: Array) -> None:
-        kept = ~np.isnan(values).any(axis=1)
-        if not kept.any():
-            return
+    def _send(self, plot: Plot, times: Sequence[rr.TimeColumn], values: Array) -> None:
         path = f"/plots/{plot.entity}"
         if path not in self._styled:  # a curve that never gets a point must not appear in the legend
             self._styled.add(path)
@@ -79,5 +94,4 @@ class PlotBuffer:
                 colors=plot.colours, names=plot.series, widths=widths, aggregation_policy=policy
             )
             self._stream.log(path, style, static=True)
-        columns = rr.Scalars.columns(scalars=values[kept])
-        self._stream.send_columns(path, time_columns(ticks[kept], self._tick_ns), columns)
+        self._stream.send_columns(path, times, rr.Scalars.columns(scalars=values))

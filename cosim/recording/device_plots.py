@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from typing import Final
 
 import numpy as np
@@ -12,6 +12,7 @@ from cosim.frames import Array
 from cosim.recording.colours import GREEN, ORANGE, SKY, Colour, series_colours
 from cosim.recording.plot import Plot
 from cosim.scenario.actuation_report import ActuationReport, DeviceNames
+from cosim.scenario.block import Block
 from cosim.scenario.snapshot import Snapshot, Stage
 
 _TAB: Final = "Devices"
@@ -34,11 +35,11 @@ def _plot(
     entity: str,
     title: str,
     series: tuple[str, ...],
-    values: Callable[[ActuationReport], Iterable[float]],
+    values: Callable[[ActuationReport], Array | tuple[float, ...]],
     colours: Sequence[Colour] | None = None,
 ) -> Plot:
-    def of(snapshot: Snapshot) -> Iterable[float]:
-        return values(_devices(snapshot))
+    def of(block: Block) -> Array:
+        return np.array([values(_devices(snapshot)) for snapshot in block.snapshots])
 
     shown = series_colours(len(series)) if colours is None else colours
     return Plot(entity, title, _TAB, series, shown, of)
@@ -60,20 +61,25 @@ def _control_plots(names: DeviceNames) -> list[Plot]:
 
 
 def _control_plot(quantity: str, title: str, scale: float, own: set[str]) -> tuple[Plot, Plot]:
-    def measured(snapshot: Snapshot) -> tuple[float]:
+    def measured(block: Block) -> Array:
         if quantity == "tip_height_m":
-            return (scale * float(snapshot.tip_position[2]),)
-        return (scale * _devices(snapshot).bending_angle_rad,)
+            return scale * block.tip_position[:, 2]
+        return scale * block.numbers(lambda s: _devices(s).bending_angle_rad)
 
-    def setpoint(snapshot: Snapshot) -> tuple[float]:
-        given = [c.setpoint for c in _devices(snapshot).controls if c.name in own and c.setpoint is not None]
-        return (scale * given[0] if given else math.nan,)
+    def setpoint(block: Block) -> Array:
+        return scale * block.numbers(lambda s: _setpoint(_devices(s), own))
 
     entity = f"control/{quantity}"
     return (
         Plot(entity, title, _TAB, ("measured",), [SKY], measured),
         Plot(f"{entity}/setpoint", "", _TAB, ("setpoint",), [ORANGE], setpoint),
     )
+
+
+def _setpoint(devices: ActuationReport, own: set[str]) -> float:
+    """Return the setpoint of the first of some controllers that acts; not a number if none does."""
+    given = [c.setpoint for c in devices.controls if c.name in own and c.setpoint is not None]
+    return given[0] if given else math.nan
 
 
 def _cable_plots(stage: Stage, names: DeviceNames) -> list[Plot]:

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
+from cosim.frames import Array
 from cosim.recording.colours import Colour
-from cosim.scenario.snapshot import Snapshot
+from cosim.scenario.block import Block
 
 
 @dataclass(frozen=True)
@@ -19,7 +20,8 @@ class Plot:
         tab: the tab it is shown in.
         series: name of each curve.
         colours: of each curve.
-        values: the curves' values in a snapshot, in the title's unit; not a number: no point.
+        values: the curves' values in a block of k snapshots, (k, series) or for one curve (k,), in the
+            title's unit; not a number: no point.
         legend: whether the plot names its curves.
         peaks: whether crowded curves show their largest value rather than their range.
     """
@@ -29,6 +31,6 @@ class Plot:
     tab: str
     series: tuple[str, ...]
     colours: Sequence[Colour]
-    values: Callable[[Snapshot], Iterable[float]]
+    values: Callable[[Block], Array]
     legend: bool = True
     peaks: bool = False

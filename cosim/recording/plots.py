@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
+from cosim.frames import Array
 from cosim.recording.colours import (
     GREEN,
     GREY,
@@ -18,7 +17,8 @@ from cosim.recording.colours import (
 )
 from cosim.recording.device_plots import device_plots
 from cosim.recording.plot import Plot
-from cosim.scenario.snapshot import Snapshot, Stage
+from cosim.scenario.block import Block
+from cosim.scenario.snapshot import Stage
 
 SMALLEST_RESIDUAL_N = 1e-16
 """Shown for an exact zero, which has no logarithm."""
@@ -47,7 +47,7 @@ def _robot_plots(stage: Stage) -> list[Plot]:
             "Robot",
             chambers if several else ("gauge pressure",),
             series_colours(len(chambers)) if several else [SKY],
-            lambda s: 1e-3 * s.chamber_pressure_Pa,
+            lambda b: 1e-3 * b.rows(lambda s: s.chamber_pressure_Pa),
             legend=several,
         ),
         Plot(
@@ -56,7 +56,7 @@ def _robot_plots(stage: Stage) -> list[Plot]:
             "Robot",
             chambers if several else ("volume",),
             series_colours(len(chambers)) if several else [GREEN],
-            lambda s: 1e6 * s.chamber_volume_m3,
+            lambda b: 1e6 * b.chamber_volume_m3,
             legend=several,
         ),
         Plot(
@@ -65,7 +65,7 @@ def _robot_plots(stage: Stage) -> list[Plot]:
             "Robot",
             ("x", "y", "z"),
             [VERMILION, GREEN, SKY],
-            lambda s: 1e3 * s.tip_position,
+            lambda b: 1e3 * b.tip_position,
         ),
     ]
     if cables:
@@ -76,12 +76,12 @@ def _robot_plots(stage: Stage) -> list[Plot]:
             "Robot",
             names,
             series_colours(cables),
-            lambda s: s.cable_tension_N,
+            lambda b: b.rows(lambda s: s.cable_tension_N),
         )
         plots.insert(2, tension)
     plots += [
-        Plot("sag", "Sag [mm]", "Robot", ("sag",), [ORANGE], lambda s: (1e3 * s.sag_m,)),
-        Plot("sag/target", "", "Robot", ("tip to target",), [GREEN], lambda s: (1e3 * target_distance(s),)),
+        Plot("sag", "Sag [mm]", "Robot", ("sag",), [ORANGE], lambda b: 1e3 * b.sag_m),
+        Plot("sag/target", "", "Robot", ("tip to target",), [GREEN], lambda b: 1e3 * target_distance(b)),
     ]
     return plots
 
@@ -94,7 +94,7 @@ def _interface_plots() -> list[Plot]:
             "Interface",
             ("x", "y", "z"),
             [VERMILION, GREEN, SKY],
-            lambda s: s.ledger.wrench.force,
+            lambda b: b.rows(lambda s: s.ledger.wrench.force),
         ),
         Plot(
             "flange_torque",
@@ -102,7 +102,7 @@ def _interface_plots() -> list[Plot]:
             "Interface",
             ("x", "y", "z"),
             [VERMILION, GREEN, SKY],
-            lambda s: s.ledger.wrench.torque,
+            lambda b: b.rows(lambda s: s.ledger.wrench.torque),
         ),
         Plot(
             "power_error",
@@ -110,7 +110,7 @@ def _interface_plots() -> list[Plot]:
             "Interface",
             ("power error",),
             [PINK],
-            lambda s: (s.ledger.power_error_W,),
+            lambda b: b.numbers(lambda s: s.ledger.power_error_W),
             legend=False,
         ),
         Plot(
@@ -119,7 +119,7 @@ def _interface_plots() -> list[Plot]:
             "Interface",
             ("mass ratio",),
             [ORANGE],
-            lambda s: (s.ledger.stability_ratio,),
+            lambda b: b.numbers(lambda s: s.ledger.stability_ratio),
             legend=False,
         ),
     ]
@@ -133,9 +133,7 @@ def _run_plots(stage: Stage, joints: int) -> list[Plot]:
         "Run",
         ("wall time", "tick length") if real_time else ("wall time",),
         [ORANGE, GREY],
-        (lambda s: (1e3 * s.tick_wall_s, 1e3 * stage.tick_s))
-        if real_time
-        else (lambda s: (1e3 * s.tick_wall_s,)),
+        lambda b: cost_ms(b, stage.tick_s if real_time else None),
         peaks=True,
     )
     tracking = Plot(
@@ -144,7 +142,7 @@ def _run_plots(stage: Stage, joints: int) -> list[Plot]:
         "Run",
         tuple(f"joint {k + 1}" for k in range(joints)),
         series_colours(joints),
-        lambda s: 1e3 * (s.joint_position - s.joint_target),
+        lambda b: 1e3 * (b.rows(lambda s: s.joint_position) - b.rows(lambda s: s.joint_target)),
     )
     return [
         Plot(
@@ -153,7 +151,7 @@ def _run_plots(stage: Stage, joints: int) -> list[Plot]:
             "Run",
             ("residual",),
             [SKY],
-            lambda s: (math.log10(max(s.ledger.residual_N, SMALLEST_RESIDUAL_N)),),
+            lambda b: np.log10(np.maximum(b.numbers(lambda s: s.ledger.residual_N), SMALLEST_RESIDUAL_N)),
             legend=False,
             peaks=True,
         ),
@@ -163,7 +161,7 @@ def _run_plots(stage: Stage, joints: int) -> list[Plot]:
             "Run",
             ("iterations",),
             [WHITE],
-            lambda s: (s.ledger.newton_iterations,),
+            lambda b: b.numbers(lambda s: s.ledger.newton_iterations),
             legend=False,
             peaks=True,
         ),
@@ -172,11 +170,21 @@ def _run_plots(stage: Stage, joints: int) -> list[Plot]:
     ]
 
 
-def target_distance(snapshot: Snapshot) -> float:
-    """Return the distance of the tip from its target [m]; not a number while there is none.
+def cost_ms(block: Block, tick_s: float | None) -> Array:
+    """Return the wall time of ticks [ms]; (k, 2) with the length of a tick if that is given, else (k,)."""
+    wall = 1e3 * block.numbers(lambda s: s.tick_wall_s)
+    return wall if tick_s is None else np.stack([wall, np.full(len(block), 1e3 * tick_s)], axis=1)
+
+
+def target_distance(block: Block) -> Array:
+    """Return the distance of the tip from its target (k,) [m]; not a number while there is none.
 
     A component of the target that is not a number is free and does not count.
     """
-    if snapshot.tip_target is None:
-        return math.nan
-    return float(np.sqrt(np.nansum((snapshot.tip_position - snapshot.tip_target) ** 2)))
+    targets = [snapshot.tip_target for snapshot in block.snapshots]
+    rows = np.array([k for k, target in enumerate(targets) if target is not None], dtype=np.int64)
+    distance = np.full(len(block), np.nan)
+    if len(rows):
+        away = block.tip_position[rows] - np.stack([target for target in targets if target is not None])
+        distance[rows] = np.sqrt(np.nansum(away**2, axis=1))
+    return distance

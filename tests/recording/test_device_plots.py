@@ -9,6 +9,7 @@ import pytest
 
 from cosim.recording.plots import plots_of
 from cosim.scenario.actuation_report import ActuationReport, ControlReport, DeviceNames, PumpReport
+from cosim.scenario.block import Block
 from cosim.scenario.loading import load_scenario
 from cosim.scenario.snapshot import Snapshot, Stage
 from tests.conftest import made_up_snapshot, made_up_stage
@@ -31,7 +32,8 @@ def stage() -> Stage:
 
 
 def values(stage: Stage, snapshot: Snapshot) -> dict[str, list[float]]:
-    return {plot.entity: list(plot.values(snapshot)) for plot in plots_of(stage, 6) if plot.tab == "Devices"}
+    shown = [plot for plot in plots_of(stage, 6) if plot.tab == "Devices"]
+    return {plot.entity: plot.values(Block([snapshot])).ravel().tolist() for plot in shown}
 
 
 def test_every_device_has_its_curve(stage: Stage) -> None:
@@ -46,7 +48,7 @@ def test_every_device_has_its_curve(stage: Stage) -> None:
     assert shown["pump"] == [1.0, 0.0]
     assert shown["gas_delivered"] == pytest.approx([1.0])
     for plot in plots_of(stage, 6):
-        assert len(list(plot.values(snapshot))) == len(plot.series) == len(plot.colours)
+        assert plot.values(Block([snapshot] * 2)).size == 2 * len(plot.series) == 2 * len(plot.colours)
 
 
 def test_a_scenario_without_devices_has_no_such_curves(stage: Stage) -> None:
