@@ -14,7 +14,7 @@ periods: pressure and tensions go to and fro once a second. After 30 periods tip
 the same values at the end of every period, within what the tolerance of a tick leaves open: once with the
 scenario's own, once with a hundredth of it.
 
-Exit code 1 if any of this fails.
+Exit code 1 if any of this fails. Ctrl-C ends a run early: the ticks so far are judged, the next run begins.
 """
 
 from __future__ import annotations
@@ -127,7 +127,7 @@ class Watch:
     """Follows a run: where tip and flange are, energies and memory.
 
     After the run: `moved` (3,) [m], how far tip, flange, and tip on the flange were from where they were at
-    first; `samples` (samples, 7): tip [m], energies [J], memory [kB].
+    first; `samples` (samples, 7): tip [m], energies [J], memory [kB], of which so many were `taken`.
 
     Args:
         of: scenario.
@@ -139,7 +139,7 @@ class Watch:
         self.scenario, self._every, self._settled = of, every, settled
         self.energies: Energies | None = None
         self.samples = np.zeros((0, 7))
-        self._taken = 0
+        self.taken = 0
         self.moved = np.zeros(3)
         self._before: Snapshot | None = None
         self._first: tuple[Array, Array, Array] | None = None
@@ -167,8 +167,8 @@ class Watch:
         if snapshot.tick % self._every == 0:
             assert self.energies is not None, "build() comes before observe()"
             row = (*snapshot.tip_position, *self.energies.now(before, snapshot), resident_kB())
-            self.samples[self._taken] = row
-            self._taken += 1
+            self.samples[self.taken] = row
+            self.taken += 1
 
     def close(self) -> None:
         """Nothing is left to do."""
@@ -184,14 +184,16 @@ def run(watch: Watch, record: bool) -> dict[str, Any]:
         )
         outcome = execute(watch.scenario, watch.build, options, time.perf_counter())
         files = sum(path.stat().st_size for path in (Path(folder) / "run").iterdir())
-    if outcome.error is not None:
+    if outcome.error is not None and not (isinstance(outcome.error, KeyboardInterrupt) and watch.taken):
         raise outcome.error
     spent = time.process_time() - began
-    tips, energies, memory = watch.samples[:, :3], watch.samples[:, 3:6], watch.samples[:, 6]
+    samples = watch.samples[: watch.taken]
+    tips, energies, memory = samples[:, :3], samples[:, 3:6], samples[:, 6]
     assert watch.energies is not None, "the run has been built"
     tenths = np.linspace(0, len(tips) - 1, 11).astype(int)
     return {
         "ticks": outcome.summary["ticks"],
+        "planned_ticks": outcome.summary["planned_ticks"],
         "cpu_ms_per_tick": 1e3 * spent / outcome.summary["ticks"],
         "newton_iterations": outcome.summary["newton_iterations"],
         "samples": len(tips),
@@ -263,7 +265,8 @@ def main() -> int:
     for name, tolerance_N in TOLERANCES_N.items():
         found[name] = periods(options.periods, options.record, tolerance_N)
     for name, (figures, checks) in found.items():
-        print(f"{name}: {figures['ticks']} ticks, {figures['newton_iterations']} Newton iterations")
+        done = f"{figures['ticks']} of {figures['planned_ticks']} ticks"
+        print(f"{name}: {done}, {figures['newton_iterations']} Newton iterations")
         for text, held in checks.items():
             print(f"  {'ok    ' if held else 'FAILED'}  {text}")
     if options.json:
