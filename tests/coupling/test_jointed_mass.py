@@ -60,6 +60,19 @@ def test_without_the_carried_mass_they_are_thrown_about(kind: str) -> None:
     assert np.abs(travel(5e-3, kind, carried=False)).max() > 5e-3
 
 
+def test_the_body_s_own_axes_do_not_matter() -> None:
+    # a third of a turn about its diagonal leaves a cube as it is, but not the axes of what it carries
+    ends = []
+    for quaternion in ((1.0, 0.0, 0.0, 0.0), (0.5, 0.5, 0.5, 0.5)):
+        grasp = Grasp(1.0, 2e-3, objects=(replace(TURNED, quaternion=quaternion),))
+        for _ in range(25):
+            grasp.tick()
+        assert grasp.mass is not None
+        assert grasp.mass.ratio > 1.0
+        ends.append(np.array([*grasp.cube_position, 1e-3 * grasp.mass.ratio]))
+    assert ends[0] == pytest.approx(ends[1], abs=1e-8)
+
+
 def test_the_bounding_blocks_bound() -> None:
     root = np.random.default_rng(0).normal(size=(12, 9))
     whole = root @ root.T

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from cosim.errors import ConvergenceError, InputError
-from cosim.frames import Array, Pose
+from cosim.frames import Array, Pose, rotation_from_vector
 from cosim.soft.body import Loads
 from cosim.soft.dynamics import ImplicitStepper, Integrator, StepOptions
 from cosim.soft.newton import NewtonOptions
@@ -245,3 +245,17 @@ def test_extended_clamp_holds_further_nodes_where_they_are() -> None:
     placed = wider.place(np.zeros_like(positions), turned)
     assert placed[body.base] == pytest.approx(body.positions[body.base])
     assert placed[rim] == pytest.approx(HANGING.inverse().apply(positions[rim]))
+
+
+@pytest.mark.parametrize("angle", [0.3, 0.6, 1.0])
+def test_a_spinning_body_starts_where_the_flange_carries_it(angle: float) -> None:
+    # free flight along tangents stretches the film; the state before the step is a chord away
+    arm, h = held(hexagon_arm(2)), 0.01
+    start, turn = hung(arm, pressure_Pa=PRESSURE_Pa).state, np.array([0.0, angle, 0.0])
+    spin = np.cross(turn / h, start.positions - HANGING.translation)
+    turned = Pose(rotation_from_vector(turn) @ HANGING.rotation, HANGING.translation)
+    state, loads = SoftState(start.positions, spin, start.angles), no_load(arm.body, pressure_Pa=PRESSURE_Pa)
+    carried, blind = (
+        stepper(arm).step(state, turned, loads, h, before)[1].iterations for before in (HANGING, None)
+    )
+    assert carried < blind
