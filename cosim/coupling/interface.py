@@ -5,12 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import final
 
-import numpy as np
-
 from cosim.coupling.body_mass import BodyMass, BodyMassState
 from cosim.coupling.contact import NOTHING_TOUCHED, ContactExchange, ContactReport, ContactState
 from cosim.coupling.mass import stability_ratio
-from cosim.coupling.momentum import Handed
+from cosim.coupling.momentum import NOTHING, Handed
 from cosim.coupling.soft_side import SoftReply, SoftSide
 from cosim.errors import InputError
 from cosim.frames import Array, Wrench
@@ -79,7 +77,7 @@ class Interface:
         self.scene, self.soft, self.contact = scene, soft, contact
         self.body_mass = BodyMass(contact, soft, scene.tick_s) if contact is not None else None
         self.wrench = wrench
-        self.handed = Handed.of(wrench, scene.flange_pose.translation, np.zeros(6), 0.0)
+        self.handed = Handed.of(wrench, scene.flange_pose.translation, NOTHING, 0.0)
         self.touched: ContactReport = NOTHING_TOUCHED
         self.ratio = 0.0
         self.ticks = 0
@@ -137,19 +135,17 @@ class Interface:
             loads: on the soft body at the end of the tick, contacts not counted.
             aim: how closely; as an ordinary step unless given.
         """
-        scene, soft = self.scene, self.soft
+        scene, soft, flange = self.scene, self.soft, self.scene.flange_pose
         if self.contact is not None:
             planes = self.contact.find(soft.state, scene.tick_s)
             loads = loads if planes is None else replace(loads, contact=planes)
         if aim is None:
-            reply = soft.advance(scene.flange_pose, loads, scene.tick_s)
+            reply = soft.advance(flange, loads, scene.tick_s)
         else:
-            reply = soft.advance_closely(scene.flange_pose, loads, scene.tick_s, aim)
-        self.wrench, film_load = reply.wrench, np.zeros(6)
+            reply = soft.advance_closely(flange, loads, scene.tick_s, aim)
+        self.wrench, film_load = reply.wrench, NOTHING
         if self.contact is not None:
             self.touched = self.contact.settle(soft.state.positions)
             film_load = self.contact.film_load(soft.state.positions)
-        self.handed = Handed.of(
-            reply.wrench, scene.flange_pose.translation, film_load, self.touched.normal_force_N
-        )
+        self.handed = Handed.of(reply.wrench, flange.translation, film_load, self.touched.normal_force_N)
         return reply

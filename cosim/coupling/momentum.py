@@ -14,11 +14,14 @@ from typing import final
 
 import numpy as np
 
-from cosim.frames import Array, Wrench, cross
+from cosim.frames import Array, Wrench
 from cosim.rigid.scene import RigidScene
 
 _LEVER_M = 0.1  # torques count as forces at this lever
 _SMALLEST_N = 1e-2  # loads below it count as this large: what is left of them is rounding
+
+NOTHING = np.zeros(6)
+NOTHING.setflags(write=False)
 
 
 @final
@@ -46,8 +49,10 @@ class Handed:
             film_load: (6,), on bodies, about the world's origin.
             pressing_N: sum of the normal forces on them.
         """
-        flange = _about_world(wrench, origin)
-        return cls(flange, film_load, np.array([np.abs(wrench.force).max(), pressing_N]))
+        (x, y, z), (u, v, w) = wrench.force.tolist(), wrench.torque.tolist()
+        a, b, c = origin.tolist()
+        flange = np.array((x, y, z, u + b * z - c * y, v + c * x - a * z, w + a * y - b * x))
+        return cls(flange, film_load, np.array((max(abs(x), abs(y), abs(z)), pressing_N)))
 
     def plus(self, flange: Array, bodies: Array) -> Handed:
         """Return these loads and others (6,), (6,) on top."""
@@ -55,22 +60,23 @@ class Handed:
 
     def error(self, flange: Array, bodies: Array) -> float:
         """Return the largest relative difference to what was received, (6,) and (6,)."""
-        differences = np.array([self.flange - flange, self.bodies - bodies])
-        differences[:, 3:] /= _LEVER_M
-        return float((np.abs(differences).max(axis=1) / np.maximum(self.size_N, _SMALLEST_N)).max())
+        on_flange, on_bodies = self.size_N.tolist()
+        return max(_error(self.flange - flange, on_flange), _error(self.bodies - bodies, on_bodies))
 
 
 def received_flange(scene: RigidScene) -> Array:
     """Return what acts on the flange in the step in progress (6,), about the world's origin."""
-    wrench = scene.received_wrench()
-    return np.concatenate([wrench.force, wrench.torque])
+    return scene.received_wrench()
 
 
 def received_bodies(scene: RigidScene) -> Array:
     """Return what acts on the touched bodies in the step in progress (6,), about the world's origin."""
     loaded = scene.bodies.loaded
-    return np.asarray(scene.bodies.received(loaded).sum(axis=0)) if len(loaded) else np.zeros(6)
+    return np.asarray(scene.bodies.received(loaded).sum(axis=0)) if len(loaded) else NOTHING
 
 
-def _about_world(wrench: Wrench, origin: Array) -> Array:
-    return np.concatenate([wrench.force, wrench.torque - cross(-origin, wrench.force)])
+def _error(difference: Array, size_N: float) -> float:
+    """Return the largest component of a load (6,) over a size; plain numbers, as numpy is slow on six."""
+    x, y, z, u, v, w = difference.tolist()
+    force, torque = max(abs(x), abs(y), abs(z)), max(abs(u), abs(v), abs(w))
+    return float(max(force, torque / _LEVER_M) / max(size_N, _SMALLEST_N))

@@ -125,9 +125,9 @@ class FixedFlange:
         """Take note of it."""
         self._wrench = wrench.moved(-self.flange_pose.translation)
 
-    def received_wrench(self) -> Wrench:
+    def received_wrench(self) -> Array:
         """Return it, about the world's origin."""
-        return self._wrench
+        return np.concatenate([self._wrench.force, self._wrench.torque])
 
     def mobility(self, bodies: IntArray | None = None) -> Array:
         """Return the scene's, the flange not moving."""
