@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import final
 
 from cosim.coupling.body_mass import BodyMass, BodyMassState
@@ -12,6 +12,7 @@ from cosim.coupling.momentum import NOTHING, Handed
 from cosim.coupling.soft_side import SoftReply, SoftSide
 from cosim.errors import InputError
 from cosim.frames import Array, Wrench
+from cosim.frozen import changed
 from cosim.rigid.scene import RigidScene
 from cosim.soft.body import Loads
 from cosim.soft.dynamics import StepAim
@@ -138,7 +139,7 @@ class Interface:
         scene, soft, flange = self.scene, self.soft, self.scene.flange_pose
         if self.contact is not None:
             planes = self.contact.find(soft.state, scene.tick_s)
-            loads = loads if planes is None else replace(loads, contact=planes)
+            loads = loads if planes is None else changed(loads, contact=planes)
         if aim is None:
             reply = soft.advance(flange, loads, scene.tick_s)
         else:
