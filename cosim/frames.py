@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 Array: TypeAlias = NDArray[np.float64]
 IntArray: TypeAlias = NDArray[np.int64]
 Mask: TypeAlias = NDArray[np.bool_]
+SixNumbers: TypeAlias = tuple[float, float, float, float, float, float]
 
 _NEXT, _AFTER = np.array([1, 2, 0]), np.array([2, 0, 1])
 _FEW = 300  # numbers, up to which copies cost less than views

@@ -7,7 +7,7 @@ from typing import final
 import mujoco
 import numpy as np
 
-from cosim.frames import Array, Pose, Twist, Wrench, cross
+from cosim.frames import Array, Pose, SixNumbers, Twist, Wrench
 from cosim.rigid.layout import ArmLayout
 
 _SITE = int(mujoco.mjtObj.mjOBJ_SITE)
@@ -32,11 +32,11 @@ class Flange:
         self._origin = data.site_xpos[layout.site]
         self._applied: Array = data.xfrc_applied[layout.mount]
         self._center: Array = data.xipos[layout.mount]
-        self._measured = data.sensordata[layout.force], data.sensordata[layout.torque]
+        self._sensor = data.sensordata[layout.force], data.sensordata[layout.torque]
         self._pose: Pose | None = None
         self._twist: Twist | None = None
-        # what the sensor showed last, and along which axes; loads are made of it when somebody asks
-        self._reading_axes, self._reading = np.eye(3), (np.zeros(3), np.zeros(3))
+        self._read_at = Pose()  # axes of what the sensor shows
+        self._restored: Array | None = np.zeros(6)  # in place of what it shows
 
     def moved(self) -> None:
         """Forget pose and twist; MuJoCo has computed new ones."""
@@ -68,26 +68,26 @@ class Flange:
         """Set the load on the flange from now on: at its origin, world axes."""
         self._applied[:3], self._applied[3:] = wrench.force, wrench.torque
 
-    def received(self) -> Array:
-        """Return what acts on the flange now (6,): force, and torque about the world's origin, world axes.
+    def received(self) -> SixNumbers:
+        """Return what acts on the flange now: force, and torque about the world's origin, world axes.
 
         Read back from MuJoCo, so it holds whatever has been applied by whomever.
         """
-        load = self._applied.copy()
-        load[3:] += cross(self._center, load[:3])
-        return load
+        (x, y, z, u, v, w), (a, b, c) = self._applied.tolist(), self._center.tolist()
+        return x, y, z, u + b * z - c * y, v + c * x - a * z, w + a * y - b * x
 
     def read_sensor(self) -> None:
-        """Keep what the sensor shows; the flange has not `moved` since MuJoCo computed it."""
-        self._reading_axes, (force, torque) = self._axes.copy(), self._measured
-        self._reading = force.copy(), torque.copy()
+        """Take over what the sensor shows until the next step; it has not `moved` since it was computed."""
+        self._read_at, self._restored = self.pose, None
 
     @property
     def measured(self) -> Array:
         """Load (6,) that what hangs on the flange put on the arm when its sensor was read, world axes."""
+        if self._restored is not None:
+            return self._restored
         # MuJoCo reports what the arm exerts on the flange, the wanted load is its opposite.
-        return -np.concatenate([self._reading_axes @ part for part in self._reading])
+        return -np.concatenate([self._read_at.rotation @ part for part in self._sensor])
 
     @measured.setter
     def measured(self, load: Array) -> None:
-        self._reading_axes, self._reading = np.eye(3), (-load[:3], -load[3:])
+        self._restored = load

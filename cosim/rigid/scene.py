@@ -18,7 +18,7 @@ import numpy as np
 
 from cosim.body_shape import BodyShape
 from cosim.errors import InputError
-from cosim.frames import Array, IntArray, Pose, Twist, Wrench
+from cosim.frames import Array, IntArray, Pose, SixNumbers, Twist, Wrench
 from cosim.rigid.bodies import Bodies, touchable_geoms
 from cosim.rigid.contact_query import ContactQuery
 from cosim.rigid.description import SceneDescription
@@ -210,8 +210,8 @@ class RigidScene:
         """Set the load on the flange from now on: at the flange origin, world axes."""
         self._flange.apply(wrench)
 
-    def received_wrench(self) -> Array:
-        """Return what acts on the flange now (6,), about the world's origin, read back from MuJoCo."""
+    def received_wrench(self) -> SixNumbers:
+        """Return what acts on the flange now, about the world's origin, read back from MuJoCo."""
         return self._flange.received()
 
     def apply_joint_torque(self, torque: Array) -> None:
