@@ -20,7 +20,7 @@ from cosim.soft.dynamics import StepAim
 # Shape and configuration hardly change in so many ticks; the ratio costs as much as the rest of the exchange.
 _RATIO_EVERY_TICKS = 10
 # Far from where anything hangs on it, not in so long a time either.
-_RATIO_EVERY_S, _RATIO_ROUNDS_MAX, _FAR_RATIO = 0.1, 5, 0.1
+_RATIO_EVERY_S, _RATIO_ROUNDS_MAX, _FAR_RATIO = 0.1, 5, 0.25
 
 
 @final
