@@ -30,7 +30,8 @@ class FilmShape:
     @cached_property
     def chamber_volume_m3(self) -> Array:
         """(chambers,)."""
-        return self._figures.volumes_m3[0]
+        found: Array = self._figures.volumes_m3[0]
+        return found
 
     @cached_property
     def volume_m3(self) -> float:
@@ -40,12 +41,14 @@ class FilmShape:
     @cached_property
     def tip_position(self) -> Array:
         """(3,) [m], mean of the last hole ring."""
-        return self._figures.tip_position[0]
+        found: Array = self._figures.tip_position[0]
+        return found
 
     @cached_property
     def tip_direction(self) -> Array:
         """(3,), unit normal of the last hole ring, away from the base."""
-        return self._figures.tip_direction[0]
+        found: Array = self._figures.tip_direction[0]
+        return found
 
     @cached_property
     def sag_m(self) -> float:
