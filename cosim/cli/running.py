@@ -89,7 +89,7 @@ def _execute(scenario: Scenario, directory: Path, how: RunOptions, *, resume: bo
     from cosim.soft.compilation import compile_kernels  # here, so that wrong input needs no engine
 
     tell = _ignore if how.quiet else _tell
-    compile_kernels(tell, _further_kernels(scenario))
+    compile_kernels(tell, _further_kernels(scenario, recording=how.recording))
     scenario = with_fidelity_chosen(scenario, tell)
     with Interruption() as interruption:
         watchers: list[Watcher] = [interruption] if how.quiet else [interruption, Progress(sys.stderr)]
@@ -101,13 +101,17 @@ def _execute(scenario: Scenario, directory: Path, how: RunOptions, *, resume: bo
     return _report(outcome, directory, interruption, quiet=how.quiet)
 
 
-def _further_kernels(scenario: Scenario) -> tuple[ModuleType, ...]:
-    """Return the modules with kernels that some scenarios do without."""
+def _further_kernels(scenario: Scenario, *, recording: bool) -> tuple[ModuleType, ...]:
+    """Return the modules with kernels that some runs do without."""
     modules: tuple[ModuleType, ...] = ()
+    if recording:
+        from cosim.recording import membrane_colours
+
+        modules = (membrane_colours,)
     if scenario.contact.self_contact:
         from cosim.soft import film_contact, film_points, film_search
 
-        modules = (film_contact, film_points, film_search)
+        modules = (*modules, film_contact, film_points, film_search)
     if scenario.fidelity == "section":
         from cosim.soft.section import assembly, energy
 
