@@ -1,10 +1,12 @@
 """Runs a trade of docs/trade.md anew, and puts its tables, picture and choices into the document.
 
-    python benchmarks/trades.py reference    # about 3 minutes of an idle core
-    python benchmarks/trades.py grasp        # about 2 minutes
+    python benchmarks/trades.py reference    # some 5 minutes of an idle core
+    python benchmarks/trades.py grasp        # some 4 minutes
+    python benchmarks/trades.py auto         # some 4 minutes: what `fidelity = "auto"` chooses, and whether
+                                             # the run that follows meets the wish
 
-Writes docs/trade_NAME.png and docs/trade_NAME.json, and replaces what stands between the marks of that
-name in docs/trade.md.
+Writes docs/trade_NAME.json, of a trade docs/trade_NAME.png as well, and replaces what stands between the
+marks of that name in docs/trade.md.
 """
 
 from __future__ import annotations
@@ -21,9 +23,11 @@ from typing import Any
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from cosim.driver import build_simulation
+from cosim.cli.trade_progress import TradeProgress
+from cosim.driver import build_simulation, recorded
 from cosim.scenario.loading import load_scenario
 from cosim.trade.choice import Wish
+from cosim.trade.compilation import compile_for_trade
 from cosim.trade.measuring import Measured, measure
 from cosim.trade.members import members_of
 from cosim.trade.plot import draw
@@ -63,7 +67,7 @@ SHORT_GRASP = {
 }
 TRADES = {
     "reference": Trade("ur5e_hexagon_arm", {}, False, 0.5, (Wish(tolerance_m=1e-3), Wish(budget=1.0))),
-    "grasp": Trade("gripper_lifts_roll", SHORT_GRASP, True, 1.0, (Wish(tolerance_m=5e-3), Wish(budget=0.5))),
+    "grasp": Trade("gripper_lifts_roll", SHORT_GRASP, True, 1.0, (Wish(tolerance_m=5e-3), Wish(budget=0.25))),
 }
 
 
@@ -73,34 +77,46 @@ def tables(results: list[Measured]) -> str:
     return "### " + text.replace("\n## ", "\n### ")
 
 
-def main() -> int:
-    """Run one trade, write its files; return 1 where no member meets a wish."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("trade", choices=tuple(TRADES))
-    name = parser.parse_args().trade
+def run_trade(name: str) -> tuple[str, bool]:
+    """Run one trade and write its files; return what the document shows, and whether all wishes are met."""
     trade = TRADES[name]
-    from cosim.rigid.compilation import KERNEL_MODULES
-    from cosim.soft.compilation import compile_kernels
-
-    compile_kernels(print, KERNEL_MODULES)
     scenario = load_scenario(trade.scenario, trade.changes)
+    compile_for_trade(scenario, print)
     members = members_of(scenario, quick=trade.quick, time_scale=trade.time_scale)
-    began = time.process_time()
-    results = measure(
-        scenario, members, build_simulation, lambda r: print(r.member.name, r.failure, flush=True)
-    )
-    spent = time.process_time() - began
+    telling = TradeProgress(sys.stdout, len(members)).telling
+    results = measure(scenario, members, build_simulation, telling, follow=recorded)
     choices = [choice_lines(results, wish) for wish in trade.wishes]
     draw(scenario.title, results, DOCS / f"trade_{name}.png")
     (DOCS / f"trade_{name}.json").write_text(as_json(scenario.name, results, None), encoding="utf-8")
     picture = f"![errors of tip and flange force against the real-time factor](trade_{name}.png)\n"
     body = "\n".join([picture, tables(results), *(f"- {line}" for line in choices)])
+    return body, not any(line.startswith("No member") for line in choices)
+
+
+def put_into_document(name: str, body: str) -> None:
+    """Replace what stands between the marks of a name in the document."""
     document = DOCS / "trade.md"
     begin, end = f"<!-- {name}: made by benchmarks/trades.py -->\n", f"<!-- end of {name} -->\n"
     before, rest = document.read_text(encoding="utf-8").split(begin)
-    document.write_text(before + begin + "\n" + body + "\n" + end + rest.split(end)[1], encoding="utf-8")
-    print(body, f"\n{spent:.0f} s of CPU time")
-    return int(any(line.startswith("No member") for line in choices))
+    text = before + begin + "\n" + body + "\n" + end + rest.split(end)[1]
+    document.write_text(text, encoding="utf-8")
+
+
+def main() -> int:
+    """Run what is asked for and write its files; return 1 where a wish is not met."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("name", choices=(*TRADES, "auto"))
+    name = parser.parse_args().name
+    began = time.process_time()
+    if name == "auto":
+        from benchmarks.auto_choices import check_choices
+
+        body, met = check_choices(TRADES, DOCS / "trade_auto.json")
+    else:
+        body, met = run_trade(name)
+    put_into_document(name, body)
+    print(body, f"\n{time.process_time() - began:.0f} s of CPU time")
+    return int(not met)
 
 
 if __name__ == "__main__":

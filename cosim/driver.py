@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from itertools import chain, islice
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, Protocol, final
 from uuid import uuid4
 
@@ -16,7 +17,7 @@ from cosim.checkpoint import Checkpoint, CheckpointKeeper, Origin, read_checkpoi
 from cosim.errors import SolverError
 from cosim.recording.recorder import NullRecorder, Part, Recorder
 from cosim.resources import cache_directory
-from cosim.run_files import RunFiles, check_directory
+from cosim.run_files import RECORDING, RunFiles, check_directory
 from cosim.scenario.schema import Scenario
 from cosim.scenario.snapshot import Snapshot, Stage
 from cosim.scenario.solver_schema import Recording
@@ -198,12 +199,30 @@ def with_fidelity_chosen(scenario: Scenario, tell: Callable[[str], None]) -> Sce
     if scenario.fidelity == "auto":
         from cosim.trade.auto import settled  # here: few runs measure anything
 
-        scenario = settled(scenario, build_simulation, cache_directory(), tell)
+        scenario = settled(scenario, build_simulation, cache_directory(), tell, recorded)
     if scenario.fidelity == "section":
         from cosim.scenario.section_model import section_model  # here, as few runs build one
 
         section_model(scenario, tell)
     return scenario
+
+
+@contextmanager
+def recorded(scenario: Scenario, stage: Stage) -> Iterator[Observe]:
+    """Do with every snapshot what a run does: sum it up and record it; the recording is thrown away."""
+    with TemporaryDirectory() as directory:
+        recorder = rerun_recorder(Path(directory) / RECORDING, scenario.recording, Part(uuid4().hex))
+        recorder.open(stage)
+        summary = SummaryBuilder(stage, 0.0, __version__)
+
+        def observe(snapshot: Snapshot) -> None:
+            summary.observe(snapshot)
+            recorder.record(snapshot)
+
+        try:
+            yield observe
+        finally:
+            recorder.close("", "completed")
 
 
 def rerun_recorder(path: Path, settings: Recording, part: Part) -> Recorder:

@@ -117,6 +117,9 @@ def _add_trade(commands: Any) -> None:
         help="what a choice is measured against: the same mesh at the finest tick, or the refined mesh",
     )
     trade.add_argument("--quick", action="store_true", help="fewer members, none with a refined mesh")
+    trade.add_argument(
+        "--slowest", metavar="FACTOR", default="0.05x", help="stop members slower than this (default: 0.05x)"
+    )
     trade.add_argument("--scale-time", type=float, default=1.0, help="factor on the phases' durations")
 
 
@@ -167,6 +170,7 @@ def _trade(options: argparse.Namespace) -> int:
         truth=options.against,
         quick=options.quick,
         time_scale=options.scale_time,
+        slowest=options.slowest,
     )
 
 

@@ -6,7 +6,6 @@ import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from types import ModuleType
 from typing import Any, final
 
 from cosim.checkpoint import check_resumable
@@ -22,9 +21,10 @@ from cosim.driver import (
     with_fidelity_chosen,
 )
 from cosim.run_files import SCENARIO, SUMMARY, check_directory, default_directory, recordings
+from cosim.scenario.kernel_modules import kernel_modules
 from cosim.scenario.loading import load_scenario
 from cosim.scenario.overrides import parse_assignment
-from cosim.scenario.schema import NO_ARM, Scenario
+from cosim.scenario.schema import Scenario
 
 
 @final
@@ -89,8 +89,9 @@ def _execute(scenario: Scenario, directory: Path, how: RunOptions, *, resume: bo
     from cosim.soft.compilation import compile_kernels  # here, so that wrong input needs no engine
 
     tell = _ignore if how.quiet else _tell
-    compile_kernels(tell, _further_kernels(scenario, recording=how.recording))
+    compile_kernels(tell, kernel_modules(scenario))
     scenario = with_fidelity_chosen(scenario, tell)
+    compile_kernels(tell, kernel_modules(scenario))  # of a fidelity that was chosen
     with Interruption() as interruption:
         watchers: list[Watcher] = [interruption] if how.quiet else [interruption, Progress(sys.stderr)]
         make_recorder = rerun_recorder if how.recording else None
@@ -99,28 +100,6 @@ def _execute(scenario: Scenario, directory: Path, how: RunOptions, *, resume: bo
         )
         outcome = execute(scenario, build_simulation, options, how.started)
     return _report(outcome, directory, interruption, quiet=how.quiet)
-
-
-def _further_kernels(scenario: Scenario, *, recording: bool) -> tuple[ModuleType, ...]:
-    """Return the modules with kernels that some runs do without."""
-    modules: tuple[ModuleType, ...] = ()
-    if recording:
-        from cosim.recording import membrane_colours
-
-        modules = (membrane_colours,)
-    if scenario.contact.self_contact:
-        from cosim.soft import film_contact, film_points, film_search
-
-        modules = (*modules, film_contact, film_points, film_search)
-    if scenario.fidelity == "section":
-        from cosim.soft.section import assembly, energy
-
-        modules = (*modules, assembly, energy)
-    if scenario.robot != NO_ARM:
-        from cosim.rigid.compilation import KERNEL_MODULES  # here: it brings MuJoCo
-
-        modules += KERNEL_MODULES
-    return modules
 
 
 def _tell(text: str) -> None:

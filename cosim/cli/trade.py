@@ -7,13 +7,14 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from cosim.driver import build_simulation
+from cosim.cli.trade_progress import TradeProgress
+from cosim.driver import build_simulation, recorded
 from cosim.run_files import check_directory
 from cosim.scenario.loading import load_scenario
 from cosim.scenario.overrides import parse_assignment
-from cosim.soft.compilation import compile_kernels
 from cosim.trade.choice import Wish, parse_budget, parse_force, parse_tolerance
-from cosim.trade.measuring import Measured, measure
+from cosim.trade.compilation import compile_for_trade
+from cosim.trade.measuring import SLOWEST, measure
 from cosim.trade.members import Truth, members_of
 from cosim.trade.plot import can_draw, draw
 from cosim.trade.report import as_json, choice_lines, markdown
@@ -32,6 +33,7 @@ def trade_command(
     quick: bool = False,
     time_scale: float = 1.0,
     truth: Truth = "finest",
+    slowest: str = f"{SLOWEST}x",
 ) -> int:
     """Run a scenario's members, write table, JSON and plot; return 0, or 1 if no member meets the wish.
 
@@ -45,17 +47,20 @@ def trade_command(
         quick: fewer members.
         time_scale: factor on the duration of every phase.
         truth: what a choice is measured against.
+        slowest: real-time factor below which a member is stopped, such as "0.05x".
 
     Raises:
         InputError: wrong words, or a directory that cannot be written; nothing was run.
     """
     wish = _wish(budget, tolerance, force_tolerance)
+    bound = parse_budget(slowest)
     scenario = load_scenario(scenario_name, dict(map(parse_assignment, assignments)))
     scenario = replace(scenario, fidelity="lumped", auto=None)
     members = members_of(scenario, quick=quick, time_scale=time_scale, truth=truth)
     check_directory(out)
-    compile_kernels(_tell)
-    results = measure(scenario, members, build_simulation, lambda result: _tell(_line(result)))
+    compile_for_trade(scenario, _tell)
+    progress = TradeProgress(sys.stderr, len(members))
+    results = measure(scenario, members, build_simulation, progress.telling, follow=recorded, slowest=bound)
     out.mkdir(parents=True, exist_ok=True)
     table = markdown(scenario.title, results)
     (out / TABLE).write_text(table, encoding="utf-8")
@@ -79,15 +84,6 @@ def _wish(budget: str | None, tolerance: str | None, force: str | None) -> Wish 
         None if budget is None else parse_budget(budget),
         None if tolerance is None else parse_tolerance(tolerance),
         None if force is None else parse_force(force),
-    )
-
-
-def _line(result: Measured) -> str:
-    if result.failure:
-        return f"{result.member.name}: failed: {result.failure}"
-    return (
-        f"{result.member.name}: x{result.real_time_factor:.2f} real time, "
-        f"tip {1e3 * result.tip_error_m:.3g} mm, force {result.force_error_N:.3g} N"
     )
 
 

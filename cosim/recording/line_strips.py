@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
 import rerun as rr
-from numpy.typing import NDArray
 
-from cosim.frames import IntArray
+from cosim.frames import Array, IntArray
 from cosim.recording.colours import Colour
 
-Points: TypeAlias = NDArray[np.floating[Any]]
 
-
-def strip_array(points: Points, lengths: IntArray) -> Any:
+def strip_array(points: Array, lengths: IntArray) -> Any:
     """Return an Arrow list array of lines that lie one after the other in one array of points.
 
     Args:
@@ -32,7 +29,7 @@ def send_lines(
     stream: rr.RecordingStream,
     path: str,
     times: Sequence[rr.TimeColumn],
-    points: Points,
+    points: Array,
     lengths: IntArray,
     lines_per_frame: IntArray,
     *,

@@ -19,8 +19,9 @@ class Auto:
     Errors are those against the lumped model at the finest tick of the measurement.
 
     Args:
-        budget: least real-time factor, without recording; the nearest to the reference among these is taken.
-        tolerance_m: largest error of the tip; the fastest within it is taken.
+        budget: least real-time factor of a recorded run, as `cosim run` prints it on an idle machine; the
+            nearest to the reference among these is taken.
+        tolerance_m: largest error of the tip, and of objects that can move; the fastest within it is taken.
         force_tolerance_N: largest error of the flange force.
         chosen: what was chosen, with its figures; cosim writes it into the scenario as it ran.
     """

@@ -74,6 +74,7 @@ class PhasePlan:
         gas: how the gas of each chamber is given.
         holding: what is held otherwise from its start on.
         tip_target: (3,) [m]; components that are free are NaN; None without a target.
+        flange: where it is to be at its end.
     """
 
     phase: Phase
@@ -83,6 +84,7 @@ class PhasePlan:
     gas: tuple[GasRule, ...]
     holding: Holding
     tip_target: Array | None
+    flange: Pose
 
 
 @final
@@ -154,7 +156,7 @@ def make_plan(scenario: Scenario, plan_joints: JointPlanner, soft: SoftSide) -> 
     plans = tuple(
         PhasePlan(
             draft.phase, path, replace(draft.begin, gas=None), replace(draft.end, gas=None), rule,
-            draft.holding, _target_point(draft.phase.tip_target),
+            draft.holding, _target_point(draft.phase.tip_target), draft.way.end,
         )
         for draft, path, rule in zip(drafts, joints, gas_rules(scenario), strict=True)
     )  # fmt: skip

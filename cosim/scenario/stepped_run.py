@@ -13,7 +13,7 @@ from cosim.frames import Pose
 from cosim.scenario.actuation import ActuationState
 from cosim.scenario.chamber_gas import ChamberGas, ChamberGasState
 from cosim.scenario.parts import Parts
-from cosim.scenario.plan import PhasePlan
+from cosim.scenario.plan import PhasePlan, Plan
 from cosim.scenario.snapshot import Snapshot, Stage
 
 
@@ -76,6 +76,11 @@ class SteppedRun(ABC):
         self._parts, self.stage, self._counts = parts, stage, tuple(counts)
         self._gas = ChamberGas(parts.scenario.gas)
         self._cursor: Cursor | None = None
+
+    @property
+    def plan(self) -> Plan:
+        """What is commanded, phase by phase."""
+        return self._parts.plan
 
     @property
     def tick(self) -> int | None:

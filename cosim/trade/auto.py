@@ -16,16 +16,20 @@ from cosim.scenario.loading import load_scenario
 from cosim.scenario.schema import Scenario
 from cosim.scenario.writing import to_table
 from cosim.trade.choice import Wish, pareto_front, pick
-from cosim.trade.measuring import Measured, measure
+from cosim.trade.compilation import compile_for_trade
+from cosim.trade.curve import Follow, unfollowed
+from cosim.trade.measuring import Measured, Telling, measure
 from cosim.trade.members import Member, short_members
-from cosim.trade.report import entry
+from cosim.trade.report import entry, figures_text, result_line
 from cosim.trade.simulation import Build
 
-_WITHOUT = ("name", "title", "recording", "fidelity", "auto")
+_WITHOUT = ("name", "title", "fidelity", "auto")
 """What the figures of a scenario do not depend on."""
 
 
-def settled(scenario: Scenario, build: Build, cache: Path, tell: Callable[[str], None]) -> Scenario:
+def settled(
+    scenario: Scenario, build: Build, cache: Path, tell: Callable[[str], None], follow: Follow = unfollowed
+) -> Scenario:
     """Return the scenario with its fidelity chosen, if it asks for that; otherwise as it is.
 
     Args:
@@ -33,6 +37,7 @@ def settled(scenario: Scenario, build: Build, cache: Path, tell: Callable[[str],
         build: makes a simulation.
         cache: directory of kept figures.
         tell: told what is measured and what is chosen.
+        follow: what follows the run that is chosen for, as its cost counts.
 
     Raises:
         ScenarioError: no member meets the wish; the message names the nearest.
@@ -40,11 +45,11 @@ def settled(scenario: Scenario, build: Build, cache: Path, tell: Callable[[str],
     if scenario.fidelity != "auto" or scenario.auto is None:
         return scenario
     wish = Wish(scenario.auto.budget, scenario.auto.tolerance_m, scenario.auto.force_tolerance_N)
-    results, source = figures(replace(scenario, fidelity="lumped", auto=None), build, cache, tell)
+    results, source = figures(replace(scenario, fidelity="lumped", auto=None), build, cache, tell, follow)
     found = pick(results, wish)
     if found is None:
         raise ScenarioError("auto", f"no member meets {wish.words}; {_nearest(results)}")
-    said = f"{found.member.name}: {_figures(found)}"
+    said = f"{found.member.name}: {figures_text(found)}"
     tell(f"auto: chose {said} ({source})")
     plain = replace(scenario, fidelity="lumped", auto=None)
     chosen = load_scenario(plain, found.member.changes)
@@ -52,16 +57,18 @@ def settled(scenario: Scenario, build: Build, cache: Path, tell: Callable[[str],
 
 
 def figures(
-    scenario: Scenario, build: Build, cache: Path, tell: Callable[[str], None]
+    scenario: Scenario, build: Build, cache: Path, tell: Callable[[str], None], follow: Follow = unfollowed
 ) -> tuple[list[Measured], str]:
-    """Return the measured members of a scenario, and where the figures come from."""
-    members = short_members()
+    """Return the measured members of a scenario, and where the figures come from; see `settled`."""
+    members = short_members(scenario)
     path = cache / f"trade_{content_hash(scenario, members)}.json"
     kept = _read(path, members)
     if kept is not None:
         return kept, f"measured before: {path}"
     tell(f"auto: measuring {len(members)} ways to run '{scenario.name}', once")
-    results = measure(scenario, members, build, lambda _result: None)
+    compile_for_trade(scenario, tell)
+    telling = Telling(done=lambda result: tell(f"auto: {result_line(result)}"))
+    results = measure(scenario, members, build, telling, follow=follow)
     path.parent.mkdir(parents=True, exist_ok=True)
     partial = path.with_suffix(f".{os.getpid()}")
     partial.write_text(json.dumps([entry(result) for result in results], indent=1), encoding="utf-8")
@@ -97,16 +104,9 @@ def _number(value: float | None) -> float:
     return float("nan") if value is None else float(value)
 
 
-def _figures(result: Measured) -> str:
-    return (
-        f"x{result.real_time_factor:.2f} real time, tip {1e3 * result.tip_error_m:.3g} mm, "
-        f"force {result.force_error_N:.3g} N off"
-    )
-
-
 def _nearest(results: Sequence[Measured]) -> str:
     front = pareto_front(results)
     if not front:
         return "none of them ran to its end"
     ends = {id(result): result for result in (front[0], front[-1])}.values()
-    return "there are " + " and ".join(f"{result.member.name} ({_figures(result)})" for result in ends)
+    return "there are " + " and ".join(f"{result.member.name} ({figures_text(result)})" for result in ends)

@@ -1,12 +1,10 @@
 """Runs the members of a trade and measures each against the reference of its group.
 
-Tip position and flange force are sampled at common times; the speed is simulated time over CPU time
-of the loop (not wall time, so that other work on the machine does not count).
+Tip position, objects and forces are sampled at common times.
 """
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
 from typing import final
@@ -17,43 +15,16 @@ from cosim.errors import CosimError
 from cosim.frames import Array
 from cosim.scenario.loading import load_scenario
 from cosim.scenario.schema import Scenario
-from cosim.scenario.snapshot import Snapshot
+from cosim.trade.commands import with_commands
+from cosim.trade.curve import Curve, Follow, TooSlowError, trace, unfollowed
 from cosim.trade.members import Member
 from cosim.trade.simulation import Build
 
 SAMPLE_S = 0.02
+SLOWEST = 0.05
+"""Real-time factor below which a member is stopped, unless told otherwise."""
 
-
-@final
-@dataclass(frozen=True)
-class Curve:
-    """What a member did.
-
-    Args:
-        time_s: (k,).
-        tip: (k, 3) [m].
-        force: (k, 3) [N], of the soft robot on the flange.
-        contact: (k,) [N], sum of the normal forces of all contacts.
-        phase_ends: (phases,) indices of the last snapshot of each phase.
-        cpu_s: of the loop.
-        iterations: Newton iterations a tick.
-    """
-
-    time_s: Array
-    tip: Array
-    force: Array
-    contact: Array
-    phase_ends: tuple[int, ...]
-    cpu_s: float
-    iterations: float
-
-    def at(self, times: Array) -> tuple[Array, Array, Array]:
-        """Return tip (n, 3), force (n, 3) and contact force (n,) at given times (n,)."""
-        tip, force = (
-            np.stack([np.interp(times, self.time_s, values[:, axis]) for axis in range(3)], axis=1)
-            for values in (self.tip, self.force)
-        )
-        return tip, force, np.interp(times, self.time_s, self.contact)
+_REFERENCE_SLOWEST = 0.1  # share of that bound which a reference has to keep: nothing is measured without it
 
 
 @final
@@ -70,6 +41,9 @@ class Measured:
         force_error_N: largest difference of the flange force over the run.
         contact_error_N: root mean square difference of the sum of normal contact forces over the run.
         iterations: Newton iterations a tick.
+        object_error_m: largest distance of an object that can move from where it is in the reference.
+        base_error_m: largest distance from the tip of the model as it is, over the run (statics: at the
+            ends of phases); NaN where that is the reference.
         failure: why it did not finish; empty if it did.
     """
 
@@ -81,6 +55,8 @@ class Measured:
     force_error_N: float = np.nan
     contact_error_N: float = np.nan
     iterations: float = np.nan
+    object_error_m: float = np.nan
+    base_error_m: float = np.nan
     failure: str = ""
 
     @classmethod
@@ -89,13 +65,40 @@ class Measured:
         return tuple(entry.name for entry in fields(cls) if entry.name not in ("member", "failure"))
 
     @property
+    def position_error_m(self) -> float:
+        """Largest error of the tip, and of what can move."""
+        return float(np.fmax(self.tip_error_m, self.object_error_m))
+
+    @property
     def comparable(self) -> bool:
         """Whether it has finished and was measured against another one."""
         return not self.failure and not self.member.reference and bool(np.isfinite(self.tip_error_m))
 
 
+@final
+@dataclass(frozen=True)
+class Telling:
+    """Who is told of members.
+
+    Args:
+        begin: of a member's place in the list, counted from 0, before it runs.
+        advance: of the share of its run that is done, now and then.
+        done: of its figures.
+    """
+
+    begin: Callable[[int, Member], None] = lambda _place, _member: None
+    advance: Callable[[float], None] = lambda _share: None
+    done: Callable[[Measured], None] = lambda _result: None
+
+
 def measure(
-    scenario: Scenario, members: Sequence[Member], build: Build, tell: Callable[[Measured], None]
+    scenario: Scenario,
+    members: Sequence[Member],
+    build: Build,
+    telling: Telling | None = None,
+    *,
+    follow: Follow = unfollowed,
+    slowest: float = SLOWEST,
 ) -> list[Measured]:
     """Run all members, each group's reference before its others.
 
@@ -103,76 +106,99 @@ def measure(
         scenario: that they change.
         members: to run.
         build: makes a simulation.
-        tell: told of each when it is done.
+        telling: who is told of them.
+        follow: what else sees every snapshot, inside the measured time.
+        slowest: real-time factor below which a member is stopped, a reference at a tenth of it; 0: none is.
     """
-    references: dict[str, Curve] = {}
+    telling = telling or Telling()
+    comparison = _Comparison(scenario, build)
     results: list[Measured] = []
-    for member in members:
+    for place, member in enumerate(members):
+        telling.begin(place, member)
+        least = slowest * (_REFERENCE_SLOWEST if member.reference else 1.0)
         try:
-            curve = trace(load_scenario(scenario, member.changes), build)
+            changed = load_scenario(comparison.basis(member), member.changes)
+            curve = trace(changed, build, follow, slowest=least, advance=telling.advance)
+        except TooSlowError as error:
+            result = Measured(member, failure=f"stopped: {error}")
         except CosimError as error:
-            result = Measured(member, failure=f"{type(error).__name__}: {error}")
+            result = Measured(member, failure=f"failed: {type(error).__name__}: {error}")
         else:
-            if member.reference:
-                references[member.group] = curve
-            statics = member.changes.get("mode", scenario.mode) == "quasistatic"
-            result = _compared(member, curve, references.get(member.group), statics=statics)
+            result = comparison.result(member, curve, statics=changed.mode == "quasistatic")
         results.append(result)
-        tell(result)
+        telling.done(result)
     return results
 
 
-def trace(scenario: Scenario, build: Build) -> Curve:
-    """Run a scenario without recording and keep its curves.
+class _Comparison:
+    """What members start from and are measured against."""
 
-    Raises:
-        CosimError: it cannot be built or solved.
+    def __init__(self, scenario: Scenario, build: Build) -> None:
+        self._scenario, self._build = scenario, build
+        self._commanded: Scenario | None = None
+        self._references: dict[str, Curve] = {}
+        self._bases: dict[str, Curve] = {}
+
+    def basis(self, member: Member) -> Scenario:
+        """Return the scenario that a member changes."""
+        if not member.commanded:
+            return self._scenario
+        if self._commanded is None:
+            self._commanded = with_commands(self._scenario, self._build)
+        return self._commanded
+
+    def result(self, member: Member, curve: Curve, *, statics: bool) -> Measured:
+        """Return a member's figures; it may be what others are measured against."""
+        if member.reference:
+            self._references[member.group] = curve
+        if member.base:
+            self._bases[member.group] = curve
+        reference, base = self._references.get(member.group), self._bases.get(member.group)
+        return compared(member, curve, reference, None if base is reference else base, statics=statics)
+
+
+def compared(
+    member: Member, curve: Curve, reference: Curve | None, base: Curve | None = None, *, statics: bool = False
+) -> Measured:
+    """Return a member's figures; of statics, which have no time between phase ends, only those there.
+
+    Args:
+        member: which.
+        curve: of it.
+        reference: what it is measured against.
+        base: the model as it is; None where that is the reference.
+        statics: whether the member is quasistatic.
     """
-    snapshots = build(scenario).steps()
-    rows = [_row(next(snapshots))]  # before the clock starts: this one finds the start equilibrium
-    iterations = 0
-    began = time.process_time()
-    for snapshot in snapshots:
-        rows.append(_row(snapshot))
-        iterations += snapshot.ledger.newton_iterations
-    spent = time.process_time() - began
-    phases = [row[4] for row in rows]
-    ends = [k for k in range(1, len(rows)) if k + 1 == len(rows) or phases[k + 1] != phases[k]]
-    return Curve(
-        time_s=np.array([row[0] for row in rows]),
-        tip=np.array([row[1] for row in rows]),
-        force=np.array([row[2] for row in rows]),
-        contact=np.array([row[3] for row in rows]),
-        phase_ends=tuple(ends),
-        cpu_s=spent,
-        iterations=iterations / max(1, len(rows) - 1),
-    )
-
-
-def _row(snapshot: Snapshot) -> tuple[float, Array, Array, float, int]:
-    ledger = snapshot.ledger
-    return snapshot.time_s, snapshot.tip_position, ledger.wrench.force, ledger.contact_force_N, snapshot.phase
-
-
-def _compared(member: Member, curve: Curve, reference: Curve | None, *, statics: bool) -> Measured:
-    """Return a member's figures; of statics, which have no time between phase ends, only those there."""
-    factor = float(curve.time_s[-1]) / curve.cpu_s if curve.cpu_s > 0.0 else np.nan
     if reference is None:
-        return Measured(member, factor, iterations=curve.iterations)
-    ends = curve.tip[list(curve.phase_ends)] - reference.tip[list(reference.phase_ends)]
-    end_error = float(np.linalg.norm(ends, axis=1).max())
+        return Measured(member, curve.real_time_factor, iterations=curve.iterations)
+    end_error = _end_distance(curve, reference)
     if statics:
-        return Measured(member, factor, end_error_m=end_error, iterations=curve.iterations)
+        return Measured(
+            member, curve.real_time_factor, end_error_m=end_error, iterations=curve.iterations,
+            base_error_m=np.nan if base is None else _end_distance(curve, base),
+        )  # fmt: skip
     times = np.arange(0.0, min(curve.time_s[-1], reference.time_s[-1]) + 0.5 * SAMPLE_S, SAMPLE_S)
-    (tip, force, contact), (true_tip, true_force, true_contact) = curve.at(times), reference.at(times)
-    distance = np.linalg.norm(tip - true_tip, axis=1)
+    here, there = curve.at(times), reference.at(times)
+    distance = _distances(here.tip, there.tip)
+    moved = _distances(here.objects, there.objects)
     return Measured(
         member,
-        factor,
+        curve.real_time_factor,
         tip_error_m=float(distance.max()),
         tip_rms_m=float(np.sqrt((distance**2).mean())),
         end_error_m=end_error,
-        force_error_N=float(np.linalg.norm(force - true_force, axis=1).max()),
-        contact_error_N=float(np.sqrt(((contact - true_contact) ** 2).mean())),
+        force_error_N=float(_distances(here.force, there.force).max()),
+        contact_error_N=float(np.sqrt(((here.contact - there.contact) ** 2).mean())),
         iterations=curve.iterations,
+        object_error_m=float(moved.max()) if moved.size else np.nan,
+        base_error_m=np.nan if base is None else float(_distances(here.tip, base.at(times).tip).max()),
     )
+
+
+def _distances(here: Array, there: Array) -> Array:
+    return np.asarray(np.linalg.norm(here - there, axis=-1))
+
+
+def _end_distance(curve: Curve, other: Curve) -> float:
+    ends = curve.tip[list(curve.phase_ends)], other.tip[list(other.phase_ends)]
+    return float(_distances(*ends).max())

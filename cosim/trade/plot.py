@@ -1,7 +1,8 @@
-"""A trade as a picture: tip and force error against the real-time factor, Pareto front marked."""
+"""A trade as a picture: errors of positions and forces against the real-time factor, Pareto front marked."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -41,18 +42,23 @@ def draw(title: str, results: Sequence[Measured], path: Path) -> None:
 
     shown = [result for result in candidates(results) if result.comparable]
     front = pareto_front(shown)
-    figure = Figure(figsize=(11.0, 4.6))
+    moving = any(math.isfinite(result.object_error_m) for result in shown)
+    touching = any(result.contact_error_N > 0.0 for result in shown)
+    figure = Figure(figsize=(15.0 if touching else 11.0, 4.8))
     FigureCanvasAgg(figure)
-    left, right = figure.subplots(1, 2)
-    _scatter(left, shown, [1e3 * result.tip_error_m for result in shown])
-    left.plot([r.real_time_factor for r in front], [1e3 * r.tip_error_m for r in front], "k--", lw=0.8,
+    left, *others = figure.subplots(1, 3 if touching else 2)
+    _scatter(left, shown, [1e3 * result.position_error_m for result in shown])
+    left.plot([r.real_time_factor for r in front], [1e3 * r.position_error_m for r in front], "k--", lw=0.8,
               label="Pareto front")  # fmt: skip
-    left.set_ylabel("largest tip error [mm]")
-    _scatter(right, shown, [result.force_error_N for result in shown])
-    right.set_ylabel("largest error of the flange force [N]")
-    for axes in (left, right):
+    left.set_ylabel("largest error of tip and objects [mm]" if moving else "largest tip error [mm]")
+    _scatter(others[0], shown, [result.force_error_N for result in shown])
+    others[0].set_ylabel("largest error of the flange force [N]")
+    if touching:
+        _scatter(others[1], shown, [result.contact_error_N for result in shown])
+        others[1].set_ylabel("rms error of the sum of contact forces [N]")
+    for axes in (left, *others):
         axes.set_xscale("log")
-        axes.set_xlabel("real-time factor (CPU time of one core)")
+        axes.set_xlabel("real-time factor (CPU time of one core, recording on)")
         axes.axvline(1.0, color="0.7", lw=0.8)
         axes.grid(alpha=0.3)
     left.legend(fontsize=7)

@@ -5,7 +5,8 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Sequence
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, final
 
 from cosim import __version__
 from cosim.trade.choice import Wish, candidates, pareto_front, pick
@@ -15,8 +16,33 @@ GROUPS = {
     "time": "Fidelity, and how time is stepped",
     "model": "What is modelled (all at one tick)",
 }
-_HEAD = "| | member | real-time factor | tip, largest [mm] | tip, rms [mm] | tip, phase ends [mm] | force, largest [N] | contact, rms [N] | iterations a tick |"  # noqa: E501
-_RULE = "|---|---|---:|---:|---:|---:|---:|---:|---:|"
+
+
+@final
+@dataclass(frozen=True)
+class _Column:
+    """A column of errors: its head, the figure, and the factor from SI units."""
+
+    head: str
+    name: str
+    factor: float = 1.0
+    optional: bool = False
+
+    def cell(self, result: Measured) -> str:
+        """Return the figure in its unit; empty for none."""
+        value = self.factor * float(getattr(result, self.name))
+        return f"{value:.3g}" if math.isfinite(value) and not result.member.reference else ""
+
+
+_COLUMNS = (
+    _Column("tip, largest [mm]", "tip_error_m", 1e3),
+    _Column("tip, rms [mm]", "tip_rms_m", 1e3),
+    _Column("tip, phase ends [mm]", "end_error_m", 1e3),
+    _Column("objects, largest [mm]", "object_error_m", 1e3, optional=True),
+    _Column("force, largest [N]", "force_error_N"),
+    _Column("contact, rms [N]", "contact_error_N"),
+    _Column("tip, from the model as it is, largest [mm]", "base_error_m", 1e3, optional=True),
+)
 
 
 def markdown(title: str, results: Sequence[Measured]) -> str:
@@ -24,30 +50,38 @@ def markdown(title: str, results: Sequence[Measured]) -> str:
     lines = [f"# Speed against accuracy: {title}", ""]
     lines += [
         "Errors are against the reference of each table (marked ref), sampled every 20 ms of the run. The",
-        "real-time factor is simulated time over CPU time of the loop, without recording. A star: no other",
+        "real-time factor is simulated time over CPU time of the loop, recording included. A star: no other",
         "member of the table is both faster and nearer to the reference.",
     ]
     for group, heading in GROUPS.items():
         members = [result for result in results if result.member.group == group]
         if members:
-            lines += ["", f"## {heading}", "", _HEAD, _RULE, *_rows(members)]
+            lines += ["", f"## {heading}", "", *_table(members)]
     return "\n".join(lines) + "\n"
 
 
-def _rows(results: Sequence[Measured]) -> list[str]:
+def _table(results: Sequence[Measured]) -> list[str]:
+    shown = [
+        column
+        for column in _COLUMNS
+        if not column.optional or any(math.isfinite(getattr(result, column.name)) for result in results)
+    ]
+    heads = ["", "member", "real-time factor", *(column.head for column in shown), "iterations a tick"]
+    rule = ["---", "---", *(["---:"] * (len(shown) + 2))]
     front = pareto_front(results)
-    rows = []
+    rows = [_line(heads), _line(rule)]
     for result in results:
         mark = "ref" if result.member.reference else "*" if result in front else ""
         if result.failure:
-            rows.append(f"| {mark} | {result.member.name} | failed: {_short(result.failure)} | | | | | | |")
+            rows.append(_line([mark, result.member.name, _short(result.failure), *[""] * (len(shown) + 1)]))
             continue
-        errors = [1e3 * result.tip_error_m, 1e3 * result.tip_rms_m, 1e3 * result.end_error_m,
-                  result.force_error_N, result.contact_error_N]  # fmt: skip
-        shown = [_number(error) if not result.member.reference else "" for error in errors]
-        cells = [f"{result.real_time_factor:.2f}", *shown, f"{result.iterations:.2f}"]
-        rows.append(f"| {mark} | {result.member.name} | " + " | ".join(cells) + " |")
+        cells = [f"{result.real_time_factor:.2f}", *(column.cell(result) for column in shown)]
+        rows.append(_line([mark, result.member.name, *cells, f"{result.iterations:.2f}"]))
     return rows
+
+
+def _line(cells: Sequence[str]) -> str:
+    return "|" + "|".join(cell if cell.startswith("---") else f" {cell.strip()} " for cell in cells) + "|"
 
 
 def _short(failure: str) -> str:
@@ -55,8 +89,24 @@ def _short(failure: str) -> str:
     return failure.split(";")[0].replace("|", "/")[:160]
 
 
-def _number(value: float) -> str:
-    return f"{value:.3g}" if math.isfinite(value) else ""
+def figures_text(result: Measured) -> str:
+    """Return speed and errors in words."""
+    objects = (
+        f"objects {1e3 * result.object_error_m:.3g} mm, " if math.isfinite(result.object_error_m) else ""
+    )
+    return (
+        f"x{result.real_time_factor:.2f} real time, tip {1e3 * result.tip_error_m:.3g} mm, {objects}"
+        f"force {result.force_error_N:.3g} N off"
+    )
+
+
+def result_line(result: Measured) -> str:
+    """Return what became of a member, in one line."""
+    if result.failure:
+        return f"{result.member.name}: {result.failure}"
+    if result.member.reference:
+        return f"{result.member.name}: x{result.real_time_factor:.2f} real time, the reference"
+    return f"{result.member.name}: {figures_text(result)}"
 
 
 def choice_lines(results: Sequence[Measured], wish: Wish) -> str:
@@ -66,7 +116,8 @@ def choice_lines(results: Sequence[Measured], wish: Wish) -> str:
         return f"No member meets {wish.words}."
     return (
         f"For {wish.words}: {found.member.name} (x{found.real_time_factor:.2f} real time, "
-        f"{1e3 * found.tip_error_m:.3g} mm, {found.force_error_N:.3g} N). Run it with: {found.member.words}"
+        f"{1e3 * found.position_error_m:.3g} mm, {found.force_error_N:.3g} N). "
+        f"Run it with: {found.member.words}"
     )
 
 

@@ -6,11 +6,15 @@ from collections.abc import Callable, Iterator
 from typing import Protocol, TypeAlias
 
 from cosim.scenario.schema import Scenario
-from cosim.scenario.snapshot import Snapshot
+from cosim.scenario.snapshot import Snapshot, Stage
 
 
 class Steps(Protocol):
     """Something that can be stepped."""
+
+    @property
+    def stage(self) -> Stage:
+        """Everything that does not change during the run."""
 
     def steps(self) -> Iterator[Snapshot]:
         """Yield the state before the first tick, then that after every tick."""

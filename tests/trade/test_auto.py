@@ -17,7 +17,8 @@ from cosim.scenario.loading import load_scenario
 from cosim.scenario.schema import Scenario
 from cosim.scenario.writing import scenario_text
 from cosim.trade import auto
-from cosim.trade.measuring import Measured
+from cosim.trade.curve import trace
+from cosim.trade.measuring import Measured, compared
 from cosim.trade.members import Member, short_members
 
 WORDS = {"fidelity": "auto", "auto.tolerance_m": 1e-3}
@@ -37,7 +38,9 @@ def small(**changes: Any) -> Scenario:
 def made_up_measure(calls: list[int]) -> Callable[..., list[Measured]]:
     """Return a measurement in which a coarser tick is faster and worse: error [m] = tick / 10."""
 
-    def measure(_scenario: Scenario, members: tuple[Member, ...], _build: Any, _tell: Any) -> list[Measured]:
+    def measure(
+        _scenario: Scenario, members: tuple[Member, ...], *_others: Any, **_more: Any
+    ) -> list[Measured]:
         calls.append(len(members))
         results = []
         for member in members:
@@ -91,7 +94,7 @@ def test_figures_are_measured_once_and_serve_every_wish(calls: list[int], tmp_pa
     auto.settled(small(**WORDS), build, tmp_path, told.append)
     auto.settled(small(fidelity="auto", **{"auto.budget": 1.0}), build, tmp_path, told.append)
     auto.settled(small(**WORDS, title="another name for it"), build, tmp_path, told.append)
-    assert calls == [len(short_members())]
+    assert calls == [len(short_members(small()))]
     assert "measured before" in told[-1]
     auto.settled(small(**WORDS, **{"solver.damping_per_s": 3.0}), build, tmp_path, told.append)
     assert len(calls) == 2  # another motion, other figures
@@ -144,3 +147,21 @@ def test_a_run_measures_and_keeps_the_figures(tmp_path: Path, monkeypatch: pytes
     fastest = max(able, key=lambda row: float(row["real_time_factor"]))
     assert fastest["name"] in result.stage.report
     assert np.isclose(result.stage.tick_s, fastest["changes"]["clock.tick_s"])
+
+
+def test_the_run_that_was_chosen_is_within_the_tolerance(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    phases = [{"name": "inflate", "duration_s": 0.1, "pressure_Pa": 20e3}]
+    scenario, tolerance_m = small(phase=phases), 3e-3
+    lumped = [member for member in short_members(scenario) if member.changes["fidelity"] == "lumped"]
+    monkeypatch.setattr(auto, "short_members", lambda _scenario: tuple(lumped))
+    asking = load_scenario(scenario, {"fidelity": "auto", "auto.tolerance_m": tolerance_m})
+    chosen = auto.settled(asking, build, tmp_path, lambda _text: None)
+    truth, *others = (trace(load_scenario(scenario, member.changes), build) for member in lumped)
+    errors = [compared(lumped[1], curve, truth).tip_error_m for curve in others]
+    assert errors[0] < tolerance_m < errors[-1]  # there is something to choose
+    run = cosim.run(chosen)
+    times = truth.time_s[::20]
+    ours = np.stack([np.interp(times, run.time_s, run.tip_position[:, axis]) for axis in range(3)], axis=1)
+    assert np.linalg.norm(ours - truth.tip[::20], axis=1).max() <= tolerance_m

@@ -32,7 +32,10 @@ def test_against_the_refined_mesh_there_is_one_table() -> None:
 
 def test_every_lower_fidelity_is_a_member_of_both_tables_and_of_the_short_list() -> None:
     assert "rigid" in lower_fidelities()
-    for members in (members_of(load_scenario(REFERENCE), quick=True), short_members()):
+    for members in (
+        members_of(load_scenario(REFERENCE), quick=True),
+        short_members(load_scenario(REFERENCE)),
+    ):
         timed = {member.changes["fidelity"] for member in members if member.group == "time"}
         assert timed == {*lower_fidelities(), "lumped"}
 
@@ -53,7 +56,7 @@ def test_statics_are_compared_at_phase_ends_only() -> None:
         Member("statics", "model", {"mode": "quasistatic"}),
     ]
     slow = small(**{"phase": phases, "solver.damping_per_s": 30.0})
-    statics = measure(slow, members, build, lambda _result: None)[1]
+    statics = measure(slow, members, build)[1]
     assert not statics.failure
     assert np.isnan(statics.tip_error_m)
     assert not statics.comparable

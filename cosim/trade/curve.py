@@ -1,0 +1,177 @@
+"""What a member of a trade does, tick by tick, and what that costs.
+
+The speed is simulated time over CPU time of the loop (not wall time, so that other work on the machine does
+not count as waiting), with whatever follows the run inside: `cosim run` records.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import dataclass, field
+from itertools import chain
+from typing import TypeAlias, final
+
+import numpy as np
+
+from cosim.frames import Array
+from cosim.scenario.block import Block
+from cosim.scenario.schema import Scenario
+from cosim.scenario.snapshot import Snapshot, Stage
+from cosim.trade.simulation import Build
+
+STRETCH_S = 0.2
+"""Simulated time over which a run must not be slower than its bound."""
+
+_READ_AT_ONCE = 64  # ticks: one by one, the tip would cost as much as the recording
+
+Follow: TypeAlias = Callable[[Scenario, Stage], AbstractContextManager[Callable[[Snapshot], None]]]
+"""Opens what follows a run; the context gives what is called with every snapshot."""
+
+
+class TooSlowError(Exception):
+    """A run is slower than its bound; it has been ended."""
+
+
+def unfollowed(_scenario: Scenario, _stage: Stage) -> AbstractContextManager[Callable[[Snapshot], None]]:
+    """Follow a run with nothing."""
+    return nullcontext(lambda _snapshot: None)
+
+
+@final
+@dataclass(frozen=True)
+class Curve:
+    """What a member did.
+
+    Args:
+        time_s: (k,).
+        tip: (k, 3) [m].
+        objects: (k, m, 3) [m], those that can move.
+        force: (k, 3) [N], of the soft robot on the flange.
+        contact: (k,) [N], sum of the normal forces of all contacts.
+        phase_ends: (phases,) indices of the last snapshot of each phase.
+        cpu_s: of the loop.
+        iterations: Newton iterations a tick.
+    """
+
+    time_s: Array
+    tip: Array
+    objects: Array
+    force: Array
+    contact: Array
+    phase_ends: tuple[int, ...]
+    cpu_s: float
+    iterations: float
+
+    def at(self, times: Array) -> Curve:
+        """Return the curve at given times (n,), linear in between; without phase ends."""
+        rows = [
+            np.stack(
+                [np.interp(times, self.time_s, column) for column in values.reshape(len(values), -1).T], 1
+            )
+            if values.size
+            else np.zeros((len(times), 0))
+            for values in (self.tip, self.objects, self.force, self.contact)
+        ]
+        objects = rows[1].reshape(len(times), -1, 3)
+        return Curve(times, rows[0], objects, rows[2], rows[3][:, 0], (), self.cpu_s, self.iterations)
+
+    @property
+    def real_time_factor(self) -> float:
+        """Simulated time over CPU time."""
+        return float(self.time_s[-1]) / self.cpu_s if self.cpu_s > 0.0 else float("nan")
+
+
+@final
+@dataclass
+class CurveBuilder:
+    """Collects a curve from snapshots.
+
+    Args:
+        scenario: that is run.
+        stage: of the run.
+    """
+
+    scenario: Scenario
+    stage: Stage
+    _rows: list[tuple[float, Array, Array, float, int]] = field(default_factory=list)
+    _tips: list[Array] = field(default_factory=list)
+    _unread: list[Snapshot] = field(default_factory=list)
+    _iterations: int = 0
+
+    def __post_init__(self) -> None:
+        can_move = {entry.name for entry in self.scenario.objects if entry.mass_kg is not None}
+        self._bodies = [k for k, name in enumerate(self.stage.body_names) if name in can_move]
+
+    def observe(self, snapshot: Snapshot) -> None:
+        """Take in one snapshot."""
+        ledger = snapshot.ledger
+        self._rows.append((
+            snapshot.time_s, snapshot.body_position[self._bodies], ledger.wrench.force,
+            ledger.contact_force_N, snapshot.phase,
+        ))  # fmt: skip
+        self._iterations += ledger.newton_iterations if len(self._rows) > 1 else 0
+        self._unread.append(snapshot)
+        if len(self._unread) == _READ_AT_ONCE:
+            self._read()
+
+    def _read(self) -> None:
+        """Read the tip off the snapshots gathered, and let go of them."""
+        if self._unread:
+            self._tips.append(Block(self._unread).tip_position)
+            self._unread = []
+
+    def curve(self, cpu_s: float) -> Curve:
+        """Return what was collected, which took so much CPU time."""
+        self._read()
+        time_s, objects, force, contact, phases = zip(*self._rows, strict=True)
+        last = len(phases) - 1
+        ends = [k for k in range(1, last + 1) if k == last or phases[k + 1] != phases[k]]
+        return Curve(
+            np.array(time_s), np.concatenate(self._tips), np.array(objects), np.array(force),
+            np.array(contact), tuple(ends), cpu_s, self._iterations / max(1, last),
+        )  # fmt: skip
+
+
+def trace(
+    scenario: Scenario,
+    build: Build,
+    follow: Follow = unfollowed,
+    *,
+    slowest: float = 0.0,
+    advance: Callable[[float], None] = lambda _share: None,
+) -> Curve:
+    """Run a scenario and keep its curves.
+
+    Args:
+        scenario: checked.
+        build: makes its simulation.
+        follow: what else sees every snapshot, inside the measured time.
+        slowest: real-time factor that every stretch of 0.2 s must reach; 0 for no bound.
+        advance: told after every stretch how much of the run is done, from 0 to 1.
+
+    Raises:
+        CosimError: it cannot be built or solved.
+        TooSlowError: a stretch is slower than the bound.
+    """
+    simulation = build(scenario)
+    snapshots, stage = simulation.steps(), simulation.stage
+    first = next(snapshots)  # before the clock starts: this one finds the start equilibrium
+    builder = CurveBuilder(scenario, stage)
+    bound_s = STRETCH_S / slowest if slowest > 0.0 else float("inf")
+    began = stretch_began = time.process_time()
+    stretch_from_s = 0.0
+    with follow(scenario, stage) as observe:
+        for snapshot in chain([first], snapshots):
+            builder.observe(snapshot)
+            observe(snapshot)
+            now = time.process_time()
+            if now - stretch_began > bound_s:
+                where = f"{snapshot.time_s:.2f} s, in '{stage.phase_names[snapshot.phase]}'"
+                raise TooSlowError(f"slower than x{slowest:g} real time at {where}")
+            if snapshot.time_s - stretch_from_s >= STRETCH_S:
+                advance(snapshot.tick / stage.ticks)
+                stretch_from_s, stretch_began = snapshot.time_s, now
+        spent = time.process_time() - began
+    return builder.curve(spent)

@@ -1,0 +1,105 @@
+"""Members of a trade that differ in what is modelled: models, and every switch of what a run leaves out."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, Final
+
+from cosim.scenario.modelled import CONTACT
+from cosim.scenario.schema import NO_ARM, Scenario
+from cosim.trade.member import Member
+
+_TICK_S: Final = 0.01
+_SUBSTEP_ERROR_M: Final = 2e-5
+_FILM: Final = "soft_robot.film"
+_LAWS: Final = {
+    "plain": {f"{_FILM}.law": "plain", f"{_FILM}.compressive_fraction": 0.0},
+    "tension_field": {f"{_FILM}.law": "tension_field", f"{_FILM}.compressive_fraction": 0.01},
+    "edge_strain": {f"{_FILM}.law": "edge_strain", f"{_FILM}.compressive_fraction": 0.0},
+}
+
+
+def model_members(scenario: Scenario, fidelities: tuple[str, ...], *, quick: bool) -> list[Member]:
+    """Return what is modelled otherwise, all at one tick, so that errors of time stepping nearly cancel.
+
+    That tick is long, as the reference is dear; where something can move it is the scenario's own, as
+    a grasp does not stand long ones. What the scenario's targets need is planned once, on its own model.
+
+    Args:
+        scenario: checked.
+        fidelities: below the lumped one.
+        quick: leave out the refined mesh; the model as it is is the reference then.
+    """
+    same: dict[str, Any] = {"fidelity": "lumped", "clock.tick_s": _TICK_S}
+    if any(entry.mass_kg is not None for entry in scenario.objects) or scenario.wires:
+        same["clock.tick_s"] = scenario.clock.tick_s
+
+    def member(name: str, changes: Mapping[str, Any], decision: str = "", **more: Any) -> Member:
+        return Member(name, "model", {**same, **changes}, decision=decision, commanded=True, **more)
+
+    members = [
+        member("model as it is", {}, reference=quick, base=True),
+        *(member(name, changes) for name, changes in _films(scenario).items()),
+        *(member(name, changes, decision) for name, (changes, decision) in _switches(scenario).items()),
+        *(member(f"fidelity {name}", {"fidelity": name}, "elasticity" if name == "rigid" else "", family=name)
+          for name in fidelities),
+    ]  # fmt: skip
+    if quick:
+        return members
+    finer = {"fidelity": "refined", "chamber.calibrated": False}
+    return [member("refined once more", finer, reference=True), *members]
+
+
+def _films(scenario: Scenario) -> dict[str, dict[str, Any]]:
+    """Return other films and hinges, by the member's name."""
+    robot = scenario.soft_robot
+    found: dict[str, dict[str, Any]] = {
+        f"film law {law}": dict(changes) for law, changes in _LAWS.items() if law != robot.film.law
+    }
+    if robot.calibration is not None and not scenario.chamber.calibrated:
+        found["calibrated"] = {"chamber.calibrated": True}
+    other = "shell" if robot.hinge.rule == "uniform" else "uniform"
+    found[f"hinge rule {other}"] = {"soft_robot.hinge.rule": other}
+    return found
+
+
+def _switches(scenario: Scenario) -> dict[str, tuple[dict[str, Any], str]]:
+    """Return every other setting of what a run may leave out, and whose decision it checks, by name."""
+    found: dict[str, tuple[dict[str, Any], str]] = {
+        "no hinges": ({"soft_robot.hinge.stiffness_factor": 0.0}, "hinges"),
+        "statics": ({"mode": "quasistatic"}, "inertia"),
+    }
+    slack = _slack_cables(scenario)
+    if slack:
+        found["cables slack"] = (slack, "cables")
+    itself = scenario.contact.self_contact
+    name = "no contact with itself" if itself else "contact with itself"
+    found[name] = ({"contact.self_contact": not itself}, "contact with itself")
+    if scenario.robot != NO_ARM:
+        enabled = scenario.contact.enabled
+        everywhere = {"contact.enabled": True, "contact.only_in_reach": False}
+        found["contact searched for everywhere"] = (everywhere, CONTACT)
+        if enabled:
+            found["no contact"] = ({"contact.enabled": False}, CONTACT)
+        scheme = "staggered" if scenario.coupling.scheme == "iterated" else "iterated"
+        found[f"exchange {scheme}"] = ({"coupling.scheme": scheme}, "")
+    substeps = {"solver.substep_error_m": _SUBSTEP_ERROR_M}
+    found[f"substeps of {1e6 * _SUBSTEP_ERROR_M:g} um"] = (substeps, "")
+    return found
+
+
+def _slack_cables(scenario: Scenario) -> dict[str, Any]:
+    """Return the changes that leave all cables slack; none where there are none, or lengths are commanded."""
+    lengths = any(phase.cable_length_m or phase.cable_shortening_m for phase in scenario.phases)
+    count = len(scenario.soft_robot.cable_names())
+    if not count or lengths or scenario.winches or scenario.controllers:
+        return {}
+    none = [0.0] * count
+    pulled = [
+        phase.name
+        for phase in scenario.phases
+        if phase.cable_tension_N is not None
+        or (phase.tip_target is not None and phase.tip_target.reach_with == "cables")
+    ]
+    keys = ["start.cable_tension_N", *(f"phase.{name}.cable_tension_N" for name in pulled)]
+    return dict.fromkeys(keys, none)

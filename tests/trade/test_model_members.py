@@ -1,0 +1,86 @@
+"""Members that differ in what is modelled: each decision of a run has one, all with the same commands."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from cosim.frames import Pose, rotation_from_vector
+from cosim.scenario.build import build
+from cosim.scenario.flange import pose_of
+from cosim.scenario.loading import load_scenario
+from cosim.scenario.schema import Scenario
+from cosim.trade.commands import flange_pose, with_commands
+from cosim.trade.measuring import measure
+from cosim.trade.members import Member, members_of
+from tests.trade.test_auto import small
+
+REFERENCE, GRASP = "ur5e_hexagon_arm", "gripper_lifts_roll"
+
+
+def lifted() -> Scenario:
+    """Return two units on a held base whose tip is pulled up to a height."""
+    cable = {"name": "left", "corner": 0, "units": [1, 2], "capstan_factor": 0.8}
+    phases = [
+        {"name": "inflate", "duration_s": 0.1, "pressure_Pa": 20e3},
+        {"name": "lift", "duration_s": 0.1, "tip_target": {"height_m": 0.6594, "reach_with": "cables"}},
+    ]
+    robot = {"file": "hexagon_arm", "chamber": {"units": 2}, "cable": [cable]}
+    return small(soft_robot=robot, phase=phases, **{"start.cable_tension_N": [0.0]})
+
+
+@pytest.mark.parametrize("name", [REFERENCE, GRASP, "hexagon_arm_curls"])
+def test_every_decision_of_a_run_has_a_member_that_decides_otherwise(name: str) -> None:
+    phases = [{"name": "rest", "duration_s": 0.1}]
+    scenario = load_scenario(name, {"phase": phases, "mode": "dynamic"})
+    decided = {entry.what for entry in build(scenario).stage.modelled}
+    assert decided == {member.decision for member in members_of(scenario, quick=True)} - {""}
+
+
+def test_members_of_a_scenario_with_a_light_object_keep_its_tick() -> None:
+    grasp, arm = load_scenario(GRASP), load_scenario(REFERENCE)
+    for scenario, tick_s in ((grasp, grasp.clock.tick_s), (arm, 0.01)):
+        models = [member for member in members_of(scenario, quick=True) if member.group == "model"]
+        assert {member.changes["clock.tick_s"] for member in models} == {tick_s}
+
+
+@pytest.mark.parametrize("turn", [[0.0, 0.0, 0.4], [3.0, 0.2, -0.5], [0.1, -1.2, 0.8]])
+def test_a_pose_of_the_flange_survives_its_table(turn: list[float]) -> None:
+    pose = Pose(rotation_from_vector(np.array(turn)), np.array([0.1, -0.2, 0.3]))
+    again = pose_of(flange_pose(pose))
+    np.testing.assert_allclose(again.rotation, pose.rotation, atol=1e-12)
+    np.testing.assert_allclose(again.translation, pose.translation, atol=1e-15)
+
+
+def test_commands_in_place_of_targets_lead_the_same_way() -> None:
+    scenario = load_scenario(REFERENCE)
+    simulation = build(scenario)
+    commanded = with_commands(scenario, lambda _scenario: simulation)
+    assert all(phase.tip_target is None for phase in commanded.phases)
+    lift, reach = commanded.phases[-2:]
+    assert lift.cable_tension_N is not None
+    assert min(lift.cable_tension_N) > 1.0
+    assert reach.flange is not None
+    for ours, theirs in zip(simulation.plan.phases, build(commanded).plan.phases, strict=True):
+        np.testing.assert_allclose(ours.flange.rotation, theirs.flange.rotation, atol=1e-12)
+        np.testing.assert_allclose(ours.flange.translation, theirs.flange.translation, atol=1e-12)
+        np.testing.assert_array_equal(ours.end.cable_tension_N, theirs.end.cable_tension_N)
+    plain = replace(scenario, phases=scenario.phases[:1])
+    assert with_commands(plain, build) is plain
+
+
+def test_switches_are_measured_against_the_model_as_it_is() -> None:
+    softer = {"soft_robot.film.young_modulus_Pa": 1e8}
+    members = [
+        Member("finer", "model", {"clock.tick_s": 0.005, **softer}, reference=True, commanded=True),
+        Member("as it is", "model", {"clock.tick_s": 0.01}, base=True, commanded=True),
+        Member("the same", "model", {"clock.tick_s": 0.01}, commanded=True),
+        Member("other", "model", {"clock.tick_s": 0.01, **softer}, commanded=True),
+    ]
+    finer, base, same, other = measure(lifted(), members, build)
+    assert np.isnan(finer.base_error_m)
+    assert base.base_error_m == same.base_error_m == 0.0
+    assert same.tip_error_m > 1e-5
+    assert other.base_error_m > 1e-5
