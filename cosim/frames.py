@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 Array: TypeAlias = NDArray[np.float64]
 IntArray: TypeAlias = NDArray[np.int64]
 Mask: TypeAlias = NDArray[np.bool_]
+SixNumbers: TypeAlias = tuple[float, float, float, float, float, float]
 
 _NEXT, _AFTER = np.array([1, 2, 0]), np.array([2, 0, 1])
 _FEW = 300  # numbers, up to which copies cost less than views
@@ -208,6 +209,15 @@ class Twist:
         object.__setattr__(self, "linear", _frozen(self.linear, (3,)))
         object.__setattr__(self, "angular", _frozen(self.angular, (3,)))
 
+    @classmethod
+    def owning(cls, linear: Array, angular: Array) -> Twist:
+        """Return the twist that takes over arrays (3,), which nobody else may hold."""
+        twist = object.__new__(cls)
+        linear.setflags(write=False)
+        angular.setflags(write=False)
+        vars(twist).update(linear=linear, angular=angular)
+        return twist
+
 
 @dataclass(frozen=True)
 class Wrench:
@@ -229,4 +239,4 @@ class Wrench:
 
     def power(self, twist: Twist) -> float:
         """Return force . linear + torque . angular [W], both about the same point."""
-        return float(self.force @ twist.linear + self.torque @ twist.angular)
+        return float(self.force.dot(twist.linear) + self.torque.dot(twist.angular))

@@ -15,7 +15,7 @@ TEXT_SUFFIXES = {".py", ".toml", ".md", ".cff", ".urdf", ".yaml", ".yml", ".sh",
 
 # What a layer may import, besides itself. `top` joins everything for the command line and cosim.run.
 BASICS = {
-    "errors", "frames", "resources", "arm_files", "body_shape", "kernels", "mesh_files", "stateful",
+    "errors", "frames", "frozen", "resources", "arm_files", "body_shape", "kernels", "mesh_files", "stateful",
     "state_archive", "__init__",
 }  # fmt: skip
 TOP = {"api", "checkpoint", "code_identity", "driver", "result", "run_files", "simulation"}

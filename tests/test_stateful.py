@@ -20,6 +20,7 @@ SAVED_OTHERWISE = {
     "ChainSolver": "workspace, and what it keeps by pressure and loads",
     "ContactQuery": "poses, read anew for every search",
     "FilmSearch": "workspace, made larger where it does not suffice",
+    "Flange": "its sensor's reading by RigidScene; pose and twist are read anew after every step",
     "GasElements": "workspace, overwritten by every evaluation",
     "InterfaceLoads": "workspace of the search for one tick",
     "InterfaceSearch": "lives for one tick",

@@ -6,6 +6,7 @@ import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from types import ModuleType
 from typing import Any, final
 
 from cosim.checkpoint import check_resumable
@@ -89,9 +90,9 @@ def _execute(scenario: Scenario, directory: Path, how: RunOptions, *, resume: bo
     from cosim.soft.compilation import compile_kernels  # here, so that wrong input needs no engine
 
     tell = _ignore if how.quiet else _tell
-    compile_kernels(tell, kernel_modules(scenario))
+    compile_kernels(tell, _kernels(scenario, recording=how.recording))
     scenario = with_fidelity_chosen(scenario, tell)
-    compile_kernels(tell, kernel_modules(scenario))  # of a fidelity that was chosen
+    compile_kernels(tell, _kernels(scenario, recording=how.recording))  # of a fidelity that was chosen
     with Interruption() as interruption:
         watchers: list[Watcher] = [interruption] if how.quiet else [interruption, Progress(sys.stderr)]
         make_recorder = rerun_recorder if how.recording else None
@@ -100,6 +101,16 @@ def _execute(scenario: Scenario, directory: Path, how: RunOptions, *, resume: bo
         )
         outcome = execute(scenario, build_simulation, options, how.started)
     return _report(outcome, directory, interruption, quiet=how.quiet)
+
+
+def _kernels(scenario: Scenario, *, recording: bool) -> tuple[ModuleType, ...]:
+    """Return the modules with kernels that some runs do without."""
+    modules = kernel_modules(scenario)
+    if recording:
+        from cosim.recording import membrane_colours
+
+        modules = (membrane_colours, *modules)
+    return modules
 
 
 def _tell(text: str) -> None:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from typing import Any
 
 from cosim.coupling.interface import Interface, ServoCommand
 from cosim.coupling.ledger import LedgerEntry
 from cosim.coupling.soft_side import SoftReply
-from cosim.frames import Wrench, length
+from cosim.frames import Twist, Wrench
 from cosim.soft.body import Loads
 
 
@@ -65,11 +66,11 @@ class Coupling(ABC):
         """
         interface, touched = self.interface, self.interface.touched
         twist, wrench = interface.scene.flange_twist, reply.wrench
-        size = length(wrench.force) * length(twist.linear) + length(wrench.torque) * length(twist.angular)
+        power, size = _power(wrench, twist)
         return LedgerEntry(
             wrench=wrench,
             rigid_power_W=acted.power(twist),
-            soft_power_W=-wrench.power(twist),
+            soft_power_W=-power,
             residual_N=reply.residual_N,
             newton_iterations=reply.iterations,
             stability_ratio=interface.ratio,
@@ -81,3 +82,12 @@ class Coupling(ABC):
             power_size_W=size,
             momentum_error=momentum_error,
         )
+
+
+def _power(wrench: Wrench, twist: Twist) -> tuple[float, float]:
+    """Return the power [W] of a wrench, and the product of its size and the twist's, in plain numbers."""
+    (x, y, z), (u, v, w) = wrench.force.tolist(), wrench.torque.tolist()
+    (a, b, c), (p, q, r) = twist.linear.tolist(), twist.angular.tolist()
+    force, torque = math.sqrt(x * x + y * y + z * z), math.sqrt(u * u + v * v + w * w)
+    speed, turn = math.sqrt(a * a + b * b + c * c), math.sqrt(p * p + q * q + r * r)
+    return x * a + y * b + z * c + u * p + v * q + w * r, force * speed + torque * turn

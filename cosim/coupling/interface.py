@@ -2,24 +2,25 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import final
-
-import numpy as np
 
 from cosim.coupling.body_mass import BodyMass, BodyMassState
 from cosim.coupling.contact import NOTHING_TOUCHED, ContactExchange, ContactReport, ContactState
 from cosim.coupling.mass import stability_ratio
-from cosim.coupling.momentum import Handed
+from cosim.coupling.momentum import NOTHING, Handed, six_numbers
 from cosim.coupling.soft_side import SoftReply, SoftSide
 from cosim.errors import InputError
 from cosim.frames import Array, Wrench
+from cosim.frozen import changed
 from cosim.rigid.scene import RigidScene
 from cosim.soft.body import Loads
 from cosim.soft.dynamics import StepAim
 
-# Shape and configuration hardly change in 20 ms; the ratio costs as much as the rest of the exchange.
+# Shape and configuration hardly change in so many ticks; the ratio costs as much as the rest of the exchange.
 _RATIO_EVERY_TICKS = 10
+# Far from where anything hangs on it, not in so long a time either.
+_RATIO_EVERY_S, _RATIO_ROUNDS_MAX, _FAR_RATIO = 0.1, 5, 0.25
 
 
 @final
@@ -79,10 +80,12 @@ class Interface:
         self.scene, self.soft, self.contact = scene, soft, contact
         self.body_mass = BodyMass(contact, soft, scene.tick_s) if contact is not None else None
         self.wrench = wrench
-        self.handed = Handed.of(wrench, scene.flange_pose.translation, np.zeros(6), 0.0)
+        self.handed = Handed.of(wrench, scene.flange_pose.translation, NOTHING, 0.0)
         self.touched: ContactReport = NOTHING_TOUCHED
         self.ratio = 0.0
         self.ticks = 0
+        rounds = round(_RATIO_EVERY_S / (_RATIO_EVERY_TICKS * scene.tick_s))
+        self._seldom = _RATIO_EVERY_TICKS * min(max(1, rounds), _RATIO_ROUNDS_MAX)
 
     @property
     def contact_ratio(self) -> float:
@@ -92,7 +95,7 @@ class Interface:
     @property
     def to_be_weighed(self) -> bool:
         """Whether the stability ratio is due to be found anew."""
-        return self.ticks % _RATIO_EVERY_TICKS == 0
+        return self.ticks % (self._seldom if self.ratio < _FAR_RATIO else _RATIO_EVERY_TICKS) == 0
 
     def weigh(self) -> Array:
         """Find the stability ratio of the flange; nothing may ride on the joints meanwhile.
@@ -137,19 +140,18 @@ class Interface:
             loads: on the soft body at the end of the tick, contacts not counted.
             aim: how closely; as an ordinary step unless given.
         """
-        scene, soft = self.scene, self.soft
+        scene, soft, flange = self.scene, self.soft, self.scene.flange_pose
         if self.contact is not None:
             planes = self.contact.find(soft.state, scene.tick_s)
-            loads = loads if planes is None else replace(loads, contact=planes)
+            loads = loads if planes is None else changed(loads, contact=planes)
         if aim is None:
-            reply = soft.advance(scene.flange_pose, loads, scene.tick_s)
+            reply = soft.advance(flange, loads, scene.tick_s)
         else:
-            reply = soft.advance_closely(scene.flange_pose, loads, scene.tick_s, aim)
-        self.wrench, film_load = reply.wrench, np.zeros(6)
+            reply = soft.advance_closely(flange, loads, scene.tick_s, aim)
+        self.wrench, film_load = reply.wrench, NOTHING
         if self.contact is not None:
             self.touched = self.contact.settle(soft.state.positions)
-            film_load = self.contact.film_load(soft.state.positions)
-        self.handed = Handed.of(
-            reply.wrench, scene.flange_pose.translation, film_load, self.touched.normal_force_N
-        )
+        if self.contact is not None and self.contact.planes is not None:
+            film_load = six_numbers(self.contact.film_load(soft.state.positions))
+        self.handed = Handed.of(reply.wrench, flange.translation, film_load, self.touched.normal_force_N)
         return reply

@@ -14,7 +14,7 @@ from cosim.coupling.momentum import received_bodies, received_flange
 from cosim.coupling.quasi_newton import QuasiNewton
 from cosim.coupling.soft_side import SoftReply
 from cosim.errors import ConvergenceError, SolverError
-from cosim.frames import Array
+from cosim.frames import Array, SixNumbers
 from cosim.soft.body import Loads
 from cosim.soft.dynamics import StepAim
 
@@ -48,7 +48,7 @@ class Trial:
         residual: (n,), what has not acted yet.
         size: of the residual over that of the loads.
         reply: of the soft side.
-        received: (2, 6), read back from MuJoCo: on the flange, on bodies, about the world's origin.
+        received: read back from MuJoCo: on the flange, on bodies, about the world's origin.
     """
 
     load: Array
@@ -56,7 +56,7 @@ class Trial:
     residual: Array
     size: float
     reply: SoftReply
-    received: Array
+    received: tuple[SixNumbers, SixNumbers]
 
 
 @final
@@ -135,7 +135,7 @@ class InterfaceSearch:
             self._go_back()
         self.trials += 1
         vector.apply(load)
-        received = np.array([received_flange(scene), received_bodies(scene)])
+        received = received_flange(scene), received_bodies(scene)
         scene.finish_step()
         scene.begin_step()
         aim = StepAim(_SOFT_SHARE * self._options.tolerance * self._scale, self._reached)

@@ -21,6 +21,7 @@ from cosim.coupling.interface import Interface, InterfaceState, ServoCommand
 from cosim.coupling.interface_loads import InterfaceLoads
 from cosim.coupling.interface_search import InterfaceSearch, IterationOptions, Trial
 from cosim.coupling.ledger import LedgerEntry
+from cosim.coupling.momentum import six_numbers
 from cosim.frames import Array
 from cosim.soft.body import Loads
 
@@ -107,5 +108,5 @@ class IteratedCoupling(Coupling):
         left_over = self._vector.about_world(found.residual)
         due = self._left_over - left_over
         self._left_over = left_over
-        handed = self.interface.handed.plus(due[0], due[1:].sum(axis=0) - self._vector.held_fast())
-        return handed.error(*found.received)
+        bodies = due[1:].sum(axis=0) - self._vector.held_fast()
+        return self.interface.handed.plus(six_numbers(due[0]), six_numbers(bodies)).error(*found.received)

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from typing import final
 
 import numpy as np
+from scipy.linalg import lapack
 
 from cosim.frames import Array, Pose, cross_matrix
 
@@ -36,11 +37,21 @@ class MassProperties:
     def of(cls, node_mass: Array, positions: Array) -> MassProperties:
         """Return those of nodes (n,) [kg] at positions (n, 3) [m]."""
         mass = float(node_mass.sum())
-        # what weighs nothing may have its centre anywhere
-        center = node_mass @ positions / mass if mass > 0.0 else positions.mean(axis=0)
-        offset = positions - center
-        second = (node_mass[:, None] * offset).T @ offset
-        return cls(mass, center, np.trace(second) * np.eye(3) - second)
+        second = positions.T.dot(node_mass[:, None] * positions)
+        if mass <= 0.0:  # what weighs nothing may have its centre anywhere
+            return cls(mass, positions.mean(axis=0), np.zeros((3, 3)))
+        return cls.of_moments(mass, node_mass.dot(positions), second)
+
+    @classmethod
+    def of_moments(cls, mass_kg: float, first: Array, second: Array) -> MassProperties:
+        """Return those of sum m x (3,) [kg m] and sum m x x^T (3, 3) [kg m^2]; the mass is not zero."""
+        center = first / mass_kg
+        x, y, z = center.tolist()
+        (xx, xy, xz), (_, yy, yz), (_, _, zz) = second.tolist()
+        xx, yy, zz = xx - mass_kg * x * x, yy - mass_kg * y * y, zz - mass_kg * z * z
+        xy, xz, yz = xy - mass_kg * x * y, xz - mass_kg * x * z, yz - mass_kg * y * z
+        inertia = np.array(((yy + zz, -xy, -xz), (-xy, xx + zz, -yz), (-xz, -yz, xx + yy)))
+        return cls(mass_kg, center, inertia)
 
     def moved(self, world_from_frame: Pose) -> MassProperties:
         """Return those in the world of what is given in a frame."""
@@ -59,8 +70,8 @@ class MassProperties:
     def in_frame(self, world_from_frame: Pose) -> tuple[Array, Array]:
         """Return centre (3,) and inertia (3, 3) in a frame's coordinates."""
         rotation = world_from_frame.rotation
-        center = rotation.T @ (self.center - world_from_frame.translation)
-        return center, rotation.T @ self.inertia @ rotation
+        center = rotation.T.dot(self.center - world_from_frame.translation)
+        return center, rotation.T.dot(self.inertia).dot(rotation)
 
     def spatial(self, origin: Array) -> Array:
         """Return the (6, 6) mass matrix, linear then angular, about a point (3,) [m], world axes."""
@@ -77,9 +88,13 @@ def stability_ratio(mobility: Array, algorithmic_mass: Array) -> float:
     """Return the largest eigenvalue of W M_a.
 
     Args:
-        mobility: W (6, 6), flange velocity change per impulse.
-        algorithmic_mass: M_a (6, 6).
+        mobility: W (6, 6), symmetric, flange velocity change per impulse.
+        algorithmic_mass: M_a (6, 6), symmetric.
     """
+    values, _, failure = lapack.dsygv(mobility, algorithmic_mass, itype=2, jobz="N")
+    if failure == 0:
+        return float(values[-1])
+    # a mass without extent is not positive definite
     return float(np.linalg.eigvals(mobility @ algorithmic_mass).real.max())
 
 

@@ -37,7 +37,6 @@ from cosim.soft.state import SoftState
 from cosim.soft.system import SoftSystem
 from cosim.soft.tip_target import TipTarget, find_flange_pose, find_tensions
 
-_UNIT = np.eye(3)
 _HALVINGS_MAX = 5
 _SPLITS_MAX = 8
 
@@ -308,8 +307,8 @@ class SectionArm(SoftSide):
     def mass_properties(self) -> MassProperties:
         """Return mass, centre and inertia at the present shape."""
         section, frames = self.section, self._chain.positions
-        total, moments = section.mass_kg, section.mass @ frames
-        first = (section.mass[:, 0, None] @ frames).sum(axis=(0, 1))
-        center = first / total if total > 0.0 else frames[:, 0].mean(axis=0)
-        second = frames.reshape(-1, 3).T @ moments.reshape(-1, 3) - total * (center[:, None] * center)
-        return MassProperties(total, center, (second[0, 0] + second[1, 1] + second[2, 2]) * _UNIT - second)
+        moments = np.matmul(section.mass, frames)
+        second = frames.reshape(-1, 3).T.dot(moments.reshape(-1, 3))
+        if section.mass_kg <= 0.0:
+            return MassProperties(0.0, frames[:, 0].mean(axis=0), second)
+        return MassProperties.of_moments(section.mass_kg, moments[:, 0].sum(axis=0), second)

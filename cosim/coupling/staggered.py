@@ -51,6 +51,7 @@ class StaggeredCoupling(Coupling):
         super().__init__(interface)
         self._ratio_bound, self._bodies_carry = ratio_bound, bodies_carry
         self._added = np.zeros(len(interface.scene.joint_names))
+        self._carries = False
 
     def tick(self, command: ServoCommand, loads: Loads) -> LedgerEntry:
         interface = self.interface
@@ -60,7 +61,7 @@ class StaggeredCoupling(Coupling):
         interface.ticks += 1
         scene.set_control(command.position, command.velocity, command.feedforward)
         scene.apply_flange_wrench(received)
-        if self._added.any():
+        if self._carries:
             scene.apply_joint_torque(self._added * scene.joint_acceleration)
         lost = handed.error(received_flange(scene), received_bodies(scene))
         scene.finish_step()
@@ -68,26 +69,25 @@ class StaggeredCoupling(Coupling):
         reply = interface.advance_soft(loads)
         if interface.body_mass is not None:
             interface.body_mass.update(carry=self._bodies_carry)
-        carried = bool(self._added.any())
-        return self._entry(reply, received, algorithmic_mass=carried, momentum_error=lost)
+        return self._entry(reply, received, algorithmic_mass=self._carries, momentum_error=lost)
 
     def save_state(self) -> StaggeredState:
         return StaggeredState(self.interface.save_state(), self._added)
 
     def restore_state(self, state: StaggeredState) -> None:
         self.interface.restore_state(state.interface)
-        self._added = state.added
+        self._added, self._carries = state.added, bool(state.added.any())
 
     def _weigh(self) -> None:
         """Bring the stability ratio, and with it the carried algorithmic mass, up to date."""
-        scene = self.interface.scene
-        if self._added.any():
-            scene.set_added_armature(np.zeros_like(self._added))
+        scene, none = self.interface.scene, np.zeros_like(self._added)
+        if self._carries:
+            scene.set_added_armature(none)
         mass = self.interface.weigh()
-        carry = self.interface.ratio > self._ratio_bound
-        added = armature_bound(scene.flange_jacobian, mass) if carry else np.zeros_like(self._added)
-        if added.any():
+        carries = self.interface.ratio > self._ratio_bound
+        added = armature_bound(scene.flange_jacobian, mass) if carries else none
+        if carries:
             scene.set_added_armature(added)
-        elif self._added.any():
+        elif self._carries:
             scene.apply_joint_torque(added)
-        self._added = added
+        self._added, self._carries = added, carries

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import final
@@ -31,7 +32,7 @@ class Payload:
     inertia: Array
 
     def __post_init__(self) -> None:
-        if not (np.isfinite(self.mass_kg) and self.mass_kg >= 0.0):
+        if not (math.isfinite(self.mass_kg) and self.mass_kg >= 0.0):
             raise InputError(f"payload mass is {self.mass_kg} kg; it must be finite and not negative")
 
 
@@ -77,10 +78,13 @@ class Arm:
         self.upper = _read_only(model.upperPositionLimit)
         self.turns_fully = self.upper - self.lower >= 2.0 * np.pi - 1e-6
         self.joint_damping = _read_only(model.damping)
+        self._damped = bool(self.joint_damping.any())
         self._frame = model.getFrameId(arm.flange_frame)
         self._last_joint_from_flange = pin.SE3(model.frames[self._frame].placement)
-        self._bare_inertia = pin.Inertia(model.inertias[model.njoints - 1])
         self._loaded = pin.Model(model)
+        self._inertias, self._last = self._loaded.inertias, model.njoints - 1
+        self._bare_inertia = pin.Inertia(model.inertias[self._last])
+        self._load = pin.Inertia.Zero()
         self._loaded_data = self._loaded.createData()
         self._payload: Payload | None = None
 
@@ -190,18 +194,19 @@ class Arm:
             payload: fixed to the flange.
         """
         model, data = self._loaded_with(payload)
-        torque = pin.rnea(model, data, q, velocity, acceleration) + self.joint_damping * velocity
-        return np.asarray(torque if armature is None else torque + armature * acceleration)
+        torque: Array = pin.rnea(model, data, q, velocity, acceleration)
+        if self._damped:
+            torque = torque + self.joint_damping * velocity
+        return torque if armature is None else torque + armature * acceleration
 
     def _loaded_with(self, payload: Payload | None) -> tuple[pin.Model, pin.Data]:
         if payload is None:
             return self._model, self._data
         if payload is not self._payload:
-            load = pin.Inertia(
-                payload.mass_kg, np.asarray(payload.center_of_mass), np.asarray(payload.inertia)
-            )
-            last = self._model.njoints - 1
-            self._loaded.inertias[last] = self._bare_inertia + self._last_joint_from_flange.act(load)
+            load = self._load
+            load.mass, load.lever = payload.mass_kg, np.asarray(payload.center_of_mass)
+            load.inertia = np.asarray(payload.inertia)
+            self._inertias[self._last] = self._bare_inertia + self._last_joint_from_flange.act(load)
             self._payload = payload
         return self._loaded, self._loaded_data
 

@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 import rerun as rr
+from numpy.typing import NDArray
 
-from cosim.frames import Array, IntArray
+from cosim.frames import IntArray
 from cosim.recording.colours import Colour
 
+Points: TypeAlias = NDArray[np.floating[Any]]
 
-def strip_array(points: Array, lengths: IntArray) -> Any:
+
+def strip_array(points: Points, lengths: IntArray) -> Any:
     """Return an Arrow list array of lines that lie one after the other in one array of points.
 
     Args:
@@ -29,7 +32,7 @@ def send_lines(
     stream: rr.RecordingStream,
     path: str,
     times: Sequence[rr.TimeColumn],
-    points: Array,
+    points: Points,
     lengths: IntArray,
     lines_per_frame: IntArray,
     *,

@@ -12,7 +12,8 @@ from cosim.frames import Array
 from cosim.recording.camera import Eye
 from cosim.recording.colours import SKY, VERMILION, WHITE, Colour
 from cosim.recording.line_strips import send_lines
-from cosim.scenario.snapshot import Snapshot, Stage
+from cosim.scenario.block import Block
+from cosim.scenario.snapshot import Stage
 
 _WEIGHT_ARROW: Final = 0.33
 """Length of the weight's arrow over the size of the soft robot; all forces share its scale."""
@@ -55,12 +56,17 @@ class LoadArrows:
         self._before_wrist = 0.3 * size_m * eye.direction
         self._beside = 0.27 * size_m * eye.left
 
-    def send(self, frames: Sequence[Snapshot], times: Sequence[rr.TimeColumn]) -> None:
-        """Write frames; `times` has as many rows."""
-        force = np.array([frame.ledger.wrench.force for frame in frames])
-        torque = np.array([frame.ledger.wrench.torque for frame in frames])
-        flange = np.array([frame.world_from_flange.translation for frame in frames]) + self._before_wrist
-        centre = np.array([frame.node_position.mean(axis=0) for frame in frames]) + self._before_film
+    def send(self, frames: Block, centre: Array, times: Sequence[rr.TimeColumn]) -> None:
+        """Write frames.
+
+        Args:
+            frames: in the order of time.
+            centre: (frames, 3) [m], of the film.
+            times: time columns of the same length.
+        """
+        force = frames.rows(lambda s: s.ledger.wrench.force)
+        torque = frames.rows(lambda s: s.ledger.wrench.torque)
+        flange, centre = frames.flange_position + self._before_wrist, centre + self._before_film
         weight = np.tile(self._metres_per_N * self._weight_N * self._down, (len(frames), 1))
         pull = self._metres_per_N * force
         self._send_arrows("weight", centre, weight, WHITE, times)

@@ -5,15 +5,47 @@ from __future__ import annotations
 from typing import Final, final
 
 import numpy as np
+from numba import float64, uint32, void
 from numpy.typing import NDArray
-from scipy.sparse import csr_array
 
 from cosim.frames import Array, IntArray
+from cosim.kernels import INDEX_TABLE, MATRIX, VECTOR, kernel
 from cosim.recording.colours import stress_scale
 
 _LIGHT: Final = np.array([0.35, -0.62, 0.70]) / np.linalg.norm([0.35, -0.62, 0.70])
 _AMBIENT: Final = 0.62
 """Light that reaches every face: high, so that shading does not hide the scale."""
+
+
+@kernel(void(MATRIX, INDEX_TABLE, VECTOR, VECTOR, VECTOR, MATRIX, VECTOR, float64, MATRIX, uint32[::1]))
+def colour_nodes(x, triangles, stress, share, stress_range, scale, light, ambient, sums, packed):  # type: ignore[no-untyped-def]
+    """Fill packed (n,) with the colour of each node as 0xRRGGBBAA; see `MembraneColours`.
+
+    share: (n,) one over the number of triangles; scale: (colours, 3); sums: (n, 4) scratch.
+    """
+    sums[:] = 0.0
+    for e in range(triangles.shape[0]):
+        a, b, c = triangles[e, 0], triangles[e, 1], triangles[e, 2]
+        u0, u1, u2 = x[b, 0] - x[a, 0], x[b, 1] - x[a, 1], x[b, 2] - x[a, 2]
+        v0, v1, v2 = x[c, 0] - x[a, 0], x[c, 1] - x[a, 1], x[c, 2] - x[a, 2]
+        for k in range(3):
+            node = triangles[e, k]
+            sums[node, 0] += stress[e]
+            sums[node, 1] += u1 * v2 - u2 * v1
+            sums[node, 2] += u2 * v0 - u0 * v2
+            sums[node, 3] += u0 * v1 - u1 * v0
+    last = scale.shape[0] - 1
+    for i in range(x.shape[0]):
+        place = (sums[i, 0] * share[i] - stress_range[0]) / (stress_range[1] - stress_range[0])
+        index = 0
+        if place > 0.0:  # what is not a number is not
+            index = int(min(place, 1.0) * last + 0.5)
+        n0, n1, n2 = sums[i, 1], sums[i, 2], sums[i, 3]
+        length = max(np.sqrt(n0 * n0 + n1 * n1 + n2 * n2), 1e-30)
+        facing = (n0 * light[0] + n1 * light[1] + n2 * light[2]) / length
+        bright = ambient + (1.0 - ambient) * (0.5 + 0.5 * facing)  # half-Lambert
+        red, green = int(scale[index, 0] * bright), int(scale[index, 1] * bright)
+        packed[i] = (red << 24) | (green << 16) | (int(scale[index, 2] * bright) << 8) | 0xFF
 
 
 @final
@@ -29,43 +61,21 @@ class MembraneColours:
     """
 
     def __init__(self, triangles: IntArray, nodes: int, stress_range_Pa: tuple[float, float]) -> None:
-        self._triangles = triangles
-        self._range = stress_range_Pa
+        self._triangles = np.ascontiguousarray(triangles, dtype=np.int64)
+        self._range = np.array(stress_range_Pa)
         self._scale = stress_scale()[:, :3].astype(np.float64)
-        corners = triangles.ravel()
-        share = 1.0 / np.maximum(np.bincount(corners, minlength=nodes), 1)
-        owners = np.repeat(np.arange(len(triangles)), 3)
-        self._mean = csr_array((share[corners], (corners, owners)), shape=(nodes, len(triangles)))
-        self._on_triangles = np.empty((len(triangles), 4))
+        self._share = 1.0 / np.maximum(np.bincount(self._triangles.ravel(), minlength=nodes), 1)
+        self._sums = np.empty((nodes, 4))
 
-    def packed(self, positions: Array, stress: Array) -> NDArray[np.uint32]:
-        """Return the colour of each node as 0xRRGGBBAA.
+    def pack(self, positions: Array, stress: Array, packed: NDArray[np.uint32]) -> None:
+        """Fill in the colour of each node as 0xRRGGBBAA.
 
         Args:
             positions: (n, 3) [m], world.
             stress: (m,) [Pa]; each node shows the mean of its triangles.
+            packed: (n,).
         """
-        a, b, c = (positions[self._triangles[:, k]] for k in range(3))
-        values = self._on_triangles
-        values[:, 0] = stress
-        _cross(b - a, c - a, values[:, 1:])
-        at_nodes = self._mean @ values
-        low, high = self._range
-        place = np.clip((at_nodes[:, 0] - low) / (high - low), 0.0, 1.0)
-        index = (place * (len(self._scale) - 1) + 0.5).astype(np.int64)
-        rgb = (self._scale[index] * _brightness(at_nodes[:, 1:])[:, None]).astype(np.uint32)
-        return np.asarray((rgb[:, 0] << 24) | (rgb[:, 1] << 16) | (rgb[:, 2] << 8) | np.uint32(0xFF))
-
-
-def _cross(u: Array, v: Array, out: Array) -> None:
-    """Fill out (m, 3) with u x v; numpy.cross takes three times as long."""
-    out[:, 0] = u[:, 1] * v[:, 2] - u[:, 2] * v[:, 1]
-    out[:, 1] = u[:, 2] * v[:, 0] - u[:, 0] * v[:, 2]
-    out[:, 2] = u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]
-
-
-def _brightness(normals: Array) -> Array:
-    """Half-Lambert light on normals of any length (n, 3): (n,), ambient to 1."""
-    length = np.sqrt((normals * normals).sum(axis=1))
-    facing = normals @ _LIGHT / np.maximum(length, 1e-30)
-    return np.asarray(_AMBIENT + (1.0 - _AMBIENT) * (0.5 + 0.5 * facing))
+        colour_nodes(
+            np.ascontiguousarray(positions), self._triangles, np.ascontiguousarray(stress), self._share,
+            self._range, self._scale, _LIGHT, _AMBIENT, self._sums, packed,
+        )  # fmt: skip

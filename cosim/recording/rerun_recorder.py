@@ -17,6 +17,7 @@ from cosim.recording.plots import plots_of
 from cosim.recording.recorder import Part, Recorder
 from cosim.recording.scene import Scene
 from cosim.recording.stress_legend import log_stress_legend
+from cosim.scenario.block import Block
 from cosim.scenario.snapshot import Snapshot, Stage
 
 APPLICATION_ID: Final = "cosim"
@@ -191,6 +192,6 @@ class _Run:
             self._curves.flush()
         if self._scene is not None and self._frames:
             times = time_columns([frame.tick for frame in self._frames], self._tick_ns)
-            self._scene.send(self._frames, times)
+            self._scene.send(Block(self._frames), times)
             self._frames.clear()
         self._stream.flush()

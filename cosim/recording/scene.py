@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from typing import Final, final
+from typing import Final, TypeAlias, final
 
 import numpy as np
 import rerun as rr
+from numpy.typing import NDArray
 
-from cosim.frames import Array, IntArray
+from cosim.frames import IntArray
 from cosim.recording.blueprint import FOLLOW
 from cosim.recording.camera import close_eye, soft_size
 from cosim.recording.colours import GREY, ORANGE, Colour
@@ -19,7 +20,10 @@ from cosim.recording.loads import LoadArrows
 from cosim.recording.membrane_colours import MembraneColours
 from cosim.recording.rigid_mesh import rigid_mesh
 from cosim.recording.tip import TipMarks
+from cosim.scenario.block import Block
 from cosim.scenario.snapshot import Snapshot, Stage
+
+Single: TypeAlias = NDArray[np.float32]
 
 _SEAM: Final = (12, 14, 20)
 _LINE_RADIUS_M: Final = {"seams": 5e-4, "cables": 1.2e-3}
@@ -59,7 +63,7 @@ class Scene:
         """Let the path of the tip go on from where it was."""
         self._tip = TipMarks(self._stream, last.tip_position)
 
-    def send(self, frames: Sequence[Snapshot], times: Sequence[rr.TimeColumn]) -> None:
+    def send(self, frames: Block, times: Sequence[rr.TimeColumn]) -> None:
         """Write frames.
 
         Args:
@@ -67,9 +71,12 @@ class Scene:
             times: time columns of the same length.
         """
         self._send_bodies(frames, times)
-        self._send_film(frames, times)
-        self._send_cables(frames, times)
-        self._loads.send(frames, times)
+        positions = self._send_film(frames, times)
+        self._send_node_lines(
+            "seams", positions, self._seams, times, [_SEAM] * (len(self._seams) * len(frames))
+        )
+        self._send_cables(frames, positions, times)
+        self._loads.send(frames, positions.mean(axis=1, dtype=np.float64), times)
         self._tip.send(frames, times)
 
     def _log_static(self) -> None:
@@ -84,32 +91,31 @@ class Scene:
         indices = self._stage.soft_triangles.astype(np.uint32)
         log("/world/soft/film", rr.Mesh3D.from_fields(triangle_indices=indices), static=True)
 
-    def _send_bodies(self, frames: Sequence[Snapshot], times: Sequence[rr.TimeColumn]) -> None:
-        positions = np.stack([frame.body_position for frame in frames], axis=1)
-        quaternions = np.stack([frame.body_quaternion for frame in frames], axis=1)[..., [1, 2, 3, 0]]
+    def _send_bodies(self, frames: Block, times: Sequence[rr.TimeColumn]) -> None:
+        positions = np.stack([frame.body_position for frame in frames.snapshots], axis=1)
+        quaternions = np.stack([frame.body_quaternion for frame in frames.snapshots], axis=1)
+        quaternions = quaternions[..., [1, 2, 3, 0]]
         for body in self._drawn:
             columns = rr.Transform3D.columns(translation=positions[body], quaternion=quaternions[body])
             self._stream.send_columns(self._paths[body], times, columns)
-        flange = np.array([frame.world_from_flange.translation for frame in frames])
-        tip = np.array([frame.tip_position for frame in frames])
-        seen = flange + _FOLLOWED * (tip - flange)
+        seen = frames.flange_position + _FOLLOWED * (frames.tip_position - frames.flange_position)
         self._stream.send_columns(FOLLOW, times, rr.Transform3D.columns(translation=seen))
 
-    def _send_film(self, frames: Sequence[Snapshot], times: Sequence[rr.TimeColumn]) -> None:
-        positions = np.stack([frame.node_position for frame in frames])
-        colours = [self._colours.packed(p, self._stage.membrane_stress(p)) for p in positions]
-        flat = positions.astype(np.float32).reshape(-1, 3)
-        columns = rr.Mesh3D.columns(vertex_positions=flat, vertex_colors=np.concatenate(colours))
-        self._stream.send_columns(
-            "/world/soft/film", times, columns.partition([positions.shape[1]] * len(frames))
-        )
-        self._send_node_lines(
-            "seams", positions, self._seams, times, [_SEAM] * (len(self._seams) * len(frames))
-        )
+    def _send_film(self, frames: Block, times: Sequence[rr.TimeColumn]) -> Single:
+        """Write the film; return its nodes (frames, n, 3)."""
+        nodes = len(frames.snapshots[0].node_position)
+        positions = np.empty((len(frames), nodes, 3), dtype=np.float32)
+        colours = np.empty((len(frames), nodes), dtype=np.uint32)
+        for k, frame in enumerate(frames.snapshots):
+            x = frame.node_position
+            positions[k] = x
+            self._colours.pack(x, self._stage.membrane_stress(x), colours[k])
+        columns = rr.Mesh3D.columns(vertex_positions=positions.reshape(-1, 3), vertex_colors=colours.ravel())
+        self._stream.send_columns("/world/soft/film", times, columns.partition([nodes] * len(frames)))
+        return positions
 
-    def _send_cables(self, frames: Sequence[Snapshot], times: Sequence[rr.TimeColumn]) -> None:
-        positions = np.stack([frame.node_position for frame in frames])
-        tension = np.concatenate([frame.cable_tension_N for frame in frames])[:, None]
+    def _send_cables(self, frames: Block, positions: Single, times: Sequence[rr.TimeColumn]) -> None:
+        tension = np.concatenate([frame.cable_tension_N for frame in frames.snapshots])[:, None]
         taut = tension / (tension + _HALF_TAUT_N)
         colours = (1.0 - taut) * np.array(GREY) + taut * np.array(ORANGE)
         self._send_node_lines("cables", positions, self._stage.cables, times, colours.astype(int).tolist())
@@ -117,7 +123,7 @@ class Scene:
     def _send_node_lines(
         self,
         name: str,
-        positions: Array,
+        positions: Single,
         lines: Sequence[IntArray],
         times: Sequence[rr.TimeColumn],
         colours: Sequence[Colour],

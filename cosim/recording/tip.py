@@ -12,7 +12,7 @@ from cosim.frames import Array
 from cosim.recording.blueprint import TIP_PATH
 from cosim.recording.colours import GREEN, PINK
 from cosim.recording.line_strips import send_lines
-from cosim.scenario.snapshot import Snapshot
+from cosim.scenario.block import Block
 
 _TARGET: Final = "/world/target"
 _CROSS_M: Final = 0.06
@@ -33,17 +33,18 @@ class TipMarks:
         self._stream = stream
         self._tip = start
 
-    def send(self, frames: Sequence[Snapshot], times: Sequence[rr.TimeColumn]) -> None:
+    def send(self, frames: Block, times: Sequence[rr.TimeColumn]) -> None:
         """Write frames; `times` has as many rows."""
-        tips = np.stack([self._tip, *(frame.tip_position for frame in frames)])
-        self._tip = frames[-1].tip_position
+        tips = np.concatenate([self._tip[None], frames.tip_position])
+        self._tip = tips[-1]
         steps = np.stack([tips[:-1], tips[1:]], axis=1)
         ones = np.ones(len(frames), dtype=np.int64)
         send_lines(
             self._stream, TIP_PATH, times, steps.reshape(-1, 3), 2 * ones, ones,
             colours=[PINK] * len(frames), radius_m=_PATH_RADIUS_M,
         )  # fmt: skip
-        self._send_target([_shown_target(frame) for frame in frames], times)
+        shown = zip(frames.snapshots, frames.tip_position, strict=True)
+        self._send_target([_shown_target(frame.tip_target, tip) for frame, tip in shown], times)
 
     def _send_target(self, targets: Sequence[Array | None], times: Sequence[rr.TimeColumn]) -> None:
         given = np.array([target for target in targets if target is not None]).reshape(-1, 3)
@@ -63,8 +64,6 @@ class TipMarks:
         self._stream.send_columns(f"{_TARGET}/label", times, label)
 
 
-def _shown_target(frame: Snapshot) -> Array | None:
+def _shown_target(target: Array | None, tip: Array) -> Array | None:
     """The target; where a component of it is free (not a number), the tip's own."""
-    if frame.tip_target is None:
-        return None
-    return np.where(np.isnan(frame.tip_target), frame.tip_position, frame.tip_target)
+    return None if target is None else np.where(np.isnan(target), tip, target)

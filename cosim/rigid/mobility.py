@@ -21,9 +21,10 @@ def mobility(model: mujoco.MjModel, data: mujoco.MjData, bodies: IntArray, dampi
         damping: D (nv,), diagonal, over a step [kg m^2 or kg].
     """
     jacobian = np.zeros((6 * len(bodies), model.nv))
-    for k, body in enumerate(bodies):
+    for k, body in enumerate(bodies.tolist()):
         block = jacobian[6 * k : 6 * k + 6]
-        mujoco.mj_jac(model, data, block[:3], block[3:], data.xipos[body], int(body))
+        mujoco.mj_jac(model, data, block[:3], block[3:], data.xipos[body], body)
     inertia = np.empty((model.nv, model.nv))
     mujoco.mj_fullM(model, data, inertia)
-    return np.asarray(jacobian @ np.linalg.solve(inertia + np.diag(damping), jacobian.T))
+    inertia.reshape(-1)[:: model.nv + 1] += damping
+    return np.asarray(jacobian @ np.linalg.solve(inertia, jacobian.T))

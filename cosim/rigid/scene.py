@@ -18,15 +18,16 @@ import numpy as np
 
 from cosim.body_shape import BodyShape
 from cosim.errors import InputError
-from cosim.frames import Array, IntArray, Pose, Twist, Wrench, cross
+from cosim.frames import Array, IntArray, Pose, SixNumbers, Twist, Wrench
 from cosim.rigid.bodies import Bodies, touchable_geoms
 from cosim.rigid.contact_query import ContactQuery
 from cosim.rigid.description import SceneDescription
+from cosim.rigid.flange import Flange
 from cosim.rigid.layout import ArmLayout, effort_limit
 from cosim.rigid.mobility import mobility
 from cosim.rigid.model import compile_model
 from cosim.rigid.shapes import body_shapes
-from cosim.rigid.stability import raise_if_unstable, silence_warning_file
+from cosim.rigid.stability import raise_instability, silence_warning_file
 from cosim.rigid.state import RigidState
 from cosim.rigid.statics import droop
 
@@ -53,12 +54,19 @@ class RigidScene:
         self._data = mujoco.MjData(self._model)
         self._scratch = mujoco.MjData(self._model)
         self._layout = layout = ArmLayout.of(self._model, description.arm.joint_names)
-        self._q, self._v, self._site = layout.positions, layout.dofs, layout.site
+        self._v = layout.dofs
+        # Views: MuJoCo's arrays stay where they are in memory; looking one up costs as much as its copy.
+        self._q: Array = self._data.qpos[layout.positions]
+        self._place: tuple[Array, Array] = self._data.xpos, self._data.xquat
+        self._warnings = self._data.warning.number
         # Servo inputs are interleaved: position, velocity, feedforward of each joint in turn.
         self._control = self._data.ctrl.reshape(-1, 3)
-        self._armature = self._model.dof_armature[self._v].copy()
-        self._flange_load = np.zeros(6)
-        self._flange: Pose | None = None  # not asked for since the last `begin_step`
+        self._armature: Array = self._model.dof_armature[self._v].copy()
+        self._armature.setflags(write=False)
+        self._flange = Flange(self._model, self._data, layout)
+        self._tick_s = float(self._model.opt.timestep)
+        self._damping = self._model.dof_damping.copy()
+        self._damping[self._v] += self.servo_damping
         self.bodies = Bodies(self._model, self._data)
         self.set_joint_state(description.arm.home)
         self.set_control(description.arm.home)
@@ -81,7 +89,7 @@ class RigidScene:
     @property
     def tick_s(self) -> float:
         """Length of a step [s]."""
-        return float(self._model.opt.timestep)
+        return self._tick_s
 
     @property
     def time_s(self) -> float:
@@ -91,7 +99,7 @@ class RigidScene:
     @property
     def joint_position(self) -> Array:
         """(joints,) [rad]."""
-        return np.array(self._data.qpos[self._q])
+        return self._q.copy()
 
     @property
     def joint_velocity(self) -> Array:
@@ -126,29 +134,22 @@ class RigidScene:
     @property
     def armature(self) -> Array:
         """Rotor inertia (joints,) [kg m^2], without what `set_added_armature` adds."""
-        return np.array(self._armature)
+        return self._armature
 
     @property
     def flange_pose(self) -> Pose:
         """world_from_flange."""
-        if self._flange is None:
-            axes, origin = self._data.site_xmat[self._site], self._data.site_xpos[self._site]
-            self._flange = Pose.owning(axes.reshape(3, 3).copy(), origin.copy())
-        return self._flange
+        return self._flange.pose
 
     @property
     def flange_twist(self) -> Twist:
         """Velocity of the flange, at its origin, world axes."""
-        twist = np.empty(6)
-        mujoco.mj_objectVelocity(self._model, self._data, mujoco.mjtObj.mjOBJ_SITE, self._site, twist, False)
-        return Twist(twist[3:], twist[:3])
+        return self._flange.twist
 
     @property
     def flange_jacobian(self) -> Array:
         """J (6, joints) with [linear; angular] = J qd, at the flange origin, world axes."""
-        jacobian = np.empty((6, self._model.nv))
-        mujoco.mj_jacSite(self._model, self._data, jacobian[:3], jacobian[3:], self._site)
-        return jacobian[:, self._v]
+        return self._flange.jacobian()
 
     @property
     def mass_matrix(self) -> Array:
@@ -164,14 +165,16 @@ class RigidScene:
 
     def body_poses(self) -> tuple[Array, Array]:
         """Return positions (bodies, 3) [m] and quaternions (bodies, 4) (w, x, y, z), world from body."""
-        return self._data.xpos.copy(), self._data.xquat.copy()
+        position, quaternion = self._place
+        return position.copy(), quaternion.copy()
 
     def flange_sensor(self) -> Wrench:
         """Return the load that what hangs on the flange puts on the arm, in the last finished step.
 
         At the flange origin, world axes, as a force/torque sensor between arm and flange measures it.
         """
-        return Wrench(self._flange_load[:3], self._flange_load[3:])
+        load = self._flange.measured
+        return Wrench(load[:3], load[3:])
 
     def contact_query(self, *, fixed_only: bool = False) -> ContactQuery:
         """Return the distances to everything that collides (and is fixed), the arm itself left out."""
@@ -185,7 +188,7 @@ class RigidScene:
             position: (joints,) [rad].
             velocity: (joints,) [rad/s], zero unless given.
         """
-        self._data.qpos[self._q] = position
+        self._q[:] = position
         self._data.qvel[self._v] = 0.0 if velocity is None else velocity
         self.begin_step()
 
@@ -205,13 +208,11 @@ class RigidScene:
 
     def apply_flange_wrench(self, wrench: Wrench) -> None:
         """Set the load on the flange from now on: at the flange origin, world axes."""
-        applied = self._data.xfrc_applied[self._layout.mount]
-        applied[:3], applied[3:] = wrench.force, wrench.torque
+        self._flange.apply(wrench)
 
-    def received_wrench(self) -> Wrench:
+    def received_wrench(self) -> SixNumbers:
         """Return what acts on the flange now, about the world's origin, read back from MuJoCo."""
-        load, center = self._data.xfrc_applied[self._layout.mount], self._data.xipos[self._layout.mount]
-        return Wrench(load[:3], load[3:] + cross(center, load[:3]))
+        return self._flange.received()
 
     def apply_joint_torque(self, torque: Array) -> None:
         """Set a torque (joints,) [N m] on the joints from now on, besides servos and flange load."""
@@ -228,7 +229,7 @@ class RigidScene:
 
     def begin_step(self) -> None:
         """Bring poses, velocities and inertia up to the present joint state (first half of a step)."""
-        self._flange = None
+        self._flange.moved()
         mujoco.mj_step1(self._model, self._data)
         self.bodies.carried.follow()
 
@@ -240,15 +241,16 @@ class RigidScene:
         """
         mujoco.mj_step2(self._model, self._data)
         # Site axes still belong to the instant of the reading until `begin_step`.
-        self._read_sensor()
-        raise_if_unstable(self._data)
+        self._flange.read_sensor()
+        if np.count_nonzero(self._warnings):
+            raise_instability(self._data)
 
     def read_sensor_at_rest(self) -> Wrench:
         """Return what the flange sensor shows when nothing moves, and keep it as its reading."""
         self._data.qacc[:] = 0.0
         mujoco.mj_rnePostConstraint(self._model, self._data)
         mujoco.mj_sensorAcc(self._model, self._data)
-        self._read_sensor()
+        self._flange.read_sensor()
         return self.flange_sensor()
 
     def mobility(self, bodies: IntArray | None = None) -> Array:
@@ -256,10 +258,9 @@ class RigidScene:
 
         Of the flange, then of bodies (b,) if given; M with armature, h the tick, D of servos and joints.
         """
-        damping = self._model.dof_damping.copy()
-        damping[self._v] += self.servo_damping
-        all_bodies = np.append(self._layout.mount, np.zeros(0, np.int64) if bodies is None else bodies)
-        return mobility(self._model, self._data, all_bodies, self.tick_s * damping)
+        mount = np.array([self._layout.mount])
+        all_bodies = mount if bodies is None else np.append(mount, bodies)
+        return mobility(self._model, self._data, all_bodies, self._tick_s * self._damping)
 
     def static_configuration(
         self, reference: Array, feedforward: Array | None = None, wrench: Wrench | None = None
@@ -289,7 +290,7 @@ class RigidScene:
         integration = np.empty(mujoco.mj_stateSize(self._model, _STATE))
         mujoco.mj_getState(self._model, self._data, integration, _STATE)
         armature = np.array(self._model.dof_armature)
-        acceleration, load = np.array(self._data.qacc), self._flange_load.copy()
+        acceleration, load = np.array(self._data.qacc), self._flange.measured
         carried = self.bodies.carried
         return RigidState(
             integration, armature, acceleration, load, self.bodies.loaded, carried.bodies, carried.inertia
@@ -304,17 +305,11 @@ class RigidScene:
         size = mujoco.mj_stateSize(self._model, _STATE)
         if len(state.integration) != size:
             raise InputError(f"the saved scene has {len(state.integration)} numbers, this one {size}")
-        self._data.warning.number[:] = 0
+        self._warnings[:] = 0
         self.bodies.loaded = state.loaded
         self.bodies.carried.bodies, self.bodies.carried.inertia = state.carrying, state.carried
         self._model.dof_armature[:] = state.armature
         mujoco.mj_setState(self._model, self._data, state.integration, _STATE)
         self.begin_step()
         self._data.qacc[:] = state.acceleration
-        self._flange_load[:] = state.flange_load
-
-    def _read_sensor(self) -> None:
-        axes = self._data.site_xmat[self._site].reshape(3, 3)
-        # MuJoCo reports what the arm exerts on the flange, the wanted load is its opposite.
-        self._flange_load[:3] = -axes @ self._data.sensordata[self._layout.force]
-        self._flange_load[3:] = -axes @ self._data.sensordata[self._layout.torque]
+        self._flange.measured = state.flange_load

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Never
+
 import mujoco
 import numpy as np
 
@@ -13,16 +15,13 @@ def silence_warning_file() -> None:
     mujoco.set_mju_user_warning(_ignore)
 
 
-def raise_if_unstable(data: mujoco.MjData) -> None:
-    """Raise when MuJoCo has warned since the data was made.
+def raise_instability(data: mujoco.MjData) -> Never:
+    """Raise what MuJoCo has warned of since the data was made.
 
     Raises:
         InstabilityError: the state is no longer finite, or a mass matrix is singular.
     """
-    counts = data.warning.number
-    if not counts.any():
-        return
-    kind = int(np.flatnonzero(counts)[0])
+    kind = int(np.flatnonzero(data.warning.number)[0])
     raise InstabilityError(
         f"the rigid scene became unstable at {data.time:.4f} s: "
         f"{mujoco.mju_warningText(kind, data.warning.lastinfo[kind])} Use a shorter tick_s, or check masses "
@@ -31,4 +30,4 @@ def raise_if_unstable(data: mujoco.MjData) -> None:
 
 
 def _ignore(_message: str) -> None:
-    """Take a warning; `raise_if_unstable` reports it from the counts."""
+    """Take a warning; `raise_instability` reports it from the counts."""

@@ -160,7 +160,7 @@ class ArmCarrier(Carrier):
         assert self._coupling is not None, "couple() has just made it"
         self._coupling.restore_state(state.coupling)
 
-    def tick(self, path: JointPath, now: Progress, then: Progress, loads: Loads) -> tuple[Array, LedgerEntry]:
+    def tick(self, path: JointPath, now: Progress, loads: Loads) -> tuple[Array, LedgerEntry]:
         assert self._coupling is not None, "couple() comes before tick()"
         # the servos act on the error at the start of the tick, so they get the reference of that instant
         position, velocity, acceleration = path.at(now)

@@ -94,13 +94,12 @@ class Carrier(ABC):
         """Begin a lockstep run; `wrench` acts on the flange at its start."""
 
     @abstractmethod
-    def tick(self, path: JointPath, now: Progress, then: Progress, loads: Loads) -> tuple[Array, LedgerEntry]:
+    def tick(self, path: JointPath, now: Progress, loads: Loads) -> tuple[Array, LedgerEntry]:
         """Advance carrier and soft robot by one tick.
 
         Args:
             path: joint angles of the phase.
             now: progress at the start of the tick.
-            then: progress at its end.
             loads: on the soft body at its end.
 
         Returns:
@@ -172,7 +171,7 @@ class HeldBase(Carrier):
         if state is not None:
             raise InputError("the saved state is of a flange that is carried, this base is held")
 
-    def tick(self, path: JointPath, now: Progress, then: Progress, loads: Loads) -> tuple[Array, LedgerEntry]:
+    def tick(self, path: JointPath, now: Progress, loads: Loads) -> tuple[Array, LedgerEntry]:
         reply = self._soft.advance(self._pose, loads, self._tick_s)
         entry = LedgerEntry(reply.wrench, 0.0, 0.0, reply.residual_N, reply.iterations, 0.0, False)
         return path.first, entry

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import final
 
 from cosim.coupling.soft_side import SoftSide
+from cosim.frozen import changed
 from cosim.scenario.gas_rules import GasRule
+from cosim.scenario.load_ramp import LoadRamp
 from cosim.scenario.per_chamber import as_load
 from cosim.scenario.solver_schema import Gas
 from cosim.soft.body import Loads
@@ -46,6 +48,8 @@ class ChamberGas:
         self._sealed: list[SealedGas | None] = []
         self._pressures: tuple[float, ...] = ()
         self._orifices: list[tuple[int, int, float]] = []
+        self._ramp: LoadRamp | None = None
+        self._as_planned = False  # whether nothing in the chambers is other than the ramp has it
 
     def begin(self, rules: tuple[GasRule, ...], soft: SoftSide) -> None:
         """Begin a phase: seal what is in the chambers, or open them; nothing changes at this instant.
@@ -57,7 +61,7 @@ class ChamberGas:
         Raises:
             InputError: there is nothing to seal, as a chamber has no volume.
         """
-        self._pressures, self._rules = soft.pressures_Pa, rules
+        self._pressures, self._rules, self._ramp = soft.pressures_Pa, rules, None
         places = {chamber.name: k for k, chamber in enumerate(gas_chambers(soft.body))}
         self._orifices = [
             (places[entry.chambers[0]], places[entry.chambers[1]], entry.conductance_kg_s_Pa)
@@ -104,7 +108,14 @@ class ChamberGas:
             end: planned, at its end.
             share: 0 to 1.
         """
-        loads = begin.interpolated(end, share)
+        ramp = self._ramp
+        if ramp is None or ramp.begin is not begin or ramp.end is not end:
+            ramp = self._ramp = LoadRamp(begin, end)
+            given = begin.pressures(len(self._pressures)) == self._pressures
+            self._as_planned = given and not self._holds_gas
+        loads = ramp.at(share)
+        if self._as_planned:
+            return loads
         planned = end.pressures(len(self._pressures))
         pressures = tuple(
             now if gas is not None else wanted if share >= 1.0 else (1.0 - share) * now + share * wanted
@@ -113,15 +124,19 @@ class ChamberGas:
         return self._with(loads, pressures)
 
     def _with(self, loads: Loads, pressures: tuple[float, ...]) -> Loads:
-        sealed = any(gas is not None for gas in self._sealed)
-        gas, pressure = as_load(tuple(self._sealed)) if sealed else None, as_load(pressures)
+        gas, pressure = as_load(tuple(self._sealed)) if self._holds_gas else None, as_load(pressures)
         if gas is loads.gas and pressure == loads.pressure_Pa:
             return loads
-        return replace(loads, pressure_Pa=pressure, gas=gas)
+        return changed(loads, pressure_Pa=pressure, gas=gas)
+
+    @property
+    def _holds_gas(self) -> bool:
+        """Whether any chamber is sealed."""
+        return self._sealed.count(None) < len(self._sealed)
 
     def pass_time(self, soft: SoftSide, step_s: float) -> None:
         """Let sealed gases leak, and flow through orifices, for a while at the present volumes."""
-        if all(gas is None for gas in self._sealed):
+        if not self._holds_gas:
             return
         now = soft.pressures_Pa
         triples = zip(self._sealed, now, self._pressures, strict=True)
@@ -153,4 +168,4 @@ class ChamberGas:
     def restore_state(self, state: ChamberGasState) -> None:
         """Return to a state of `save_state`."""
         self._sealed, self._pressures = list(state.sealed), state.pressures_Pa
-        self._rules, self._orifices = state.rules, list(state.orifices)
+        self._rules, self._orifices, self._ramp = state.rules, list(state.orifices), None

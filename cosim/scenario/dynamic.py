@@ -40,20 +40,18 @@ class DynamicSimulation(SteppedRun):
         return parts.snapshot(moment, ledger, time.perf_counter() - began)
 
     def _step(self, planned: PhasePlan, to: Cursor, began: float) -> Snapshot:
-        parts, phase, clock = self._parts, planned.phase, Clock(self.stage.tick_s, to.tick)
-        carrier, soft = parts.carrier, parts.soft
-        before_s = clock.time_s - clock.tick_s
+        parts, phase, tick_s = self._parts, planned.phase, self.stage.tick_s
+        carrier, soft, time_s = parts.carrier, parts.soft, Clock(tick_s, to.tick).time_s
         if to.done == 1:
             self._begin_phase(planned, carrier.flange_pose)
-        now = progress(phase.ramp, (to.done - 1) * clock.tick_s, phase.duration_s)
-        then = progress(phase.ramp, to.done * clock.tick_s, phase.duration_s)
-        self._gas.pass_time(soft, clock.tick_s)
-        parts.work_devices(planned, self._gas, before_s, then.value)
-        loads = parts.actuation.loads(self._gas.between(planned.begin, planned.end, then.value))
-        reference, ledger = carrier.tick(planned.joints, now, then, loads)
-        moment = Moment(
-            clock.tick, clock.time_s, to.phase, reference, loads, carrier.flange_pose, carrier.flange_twist
-        )
+        now = progress(phase.ramp, (to.done - 1) * tick_s, phase.duration_s)
+        share = progress(phase.ramp, to.done * tick_s, phase.duration_s).value
+        self._gas.pass_time(soft, tick_s)
+        parts.work_devices(planned, self._gas, time_s - tick_s, share)
+        loads = parts.actuation.loads(self._gas.between(planned.begin, planned.end, share))
+        reference, ledger = carrier.tick(planned.joints, now, loads)
+        flange, twist = carrier.flange_pose, carrier.flange_twist
+        moment = Moment(to.tick, time_s, to.phase, reference, loads, flange, twist)
         return parts.snapshot(moment, ledger, time.perf_counter() - began)
 
     def _save_own(self) -> None:

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 from cosim.coupling.ledger import LedgerEntry
+from cosim.frozen import changed
 from cosim.scenario.schema import Scenario
 from cosim.soft.body import SoftBody
 from cosim.soft.contact import ContactLaw
@@ -41,7 +40,7 @@ def with_film_contacts(ledger: LedgerEntry, films: FilmMemory | None) -> LedgerE
     """Return the ledger with what the soft robot's films press on one another."""
     if films is None:
         return ledger
-    return replace(
+    return changed(
         ledger,
         self_contacts=films.count,
         self_contact_force_N=films.normal_force_N,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import final
+from typing import Any, final
 
 import numpy as np
 
@@ -14,11 +14,11 @@ from cosim.scenario.actuation import Actuation, Instant
 from cosim.scenario.carrier import Carrier
 from cosim.scenario.chamber_gas import ChamberGas
 from cosim.scenario.film_rules import with_film_contacts
-from cosim.scenario.later import Later, later
+from cosim.scenario.film_shape import FilmShape
 from cosim.scenario.phase_schema import Phase
 from cosim.scenario.plan import PhasePlan, Plan
 from cosim.scenario.schema import Scenario
-from cosim.scenario.snapshot import KeptShape, Snapshot
+from cosim.scenario.snapshot import Snapshot
 from cosim.soft.body import Loads
 
 
@@ -77,39 +77,33 @@ class Parts:
 
     def snapshot(self, moment: Moment, ledger: LedgerEntry, wall_s: float) -> Snapshot:
         """Return the present state as a snapshot."""
-        flange, soft, reader = moment.flange, self.soft, self._reader
-        shape = soft.shape_now()
-        figures = Later(lambda: reader.figures([shape]))
-        places, quaternions = self.carrier.body_poses()
+        carrier, soft, loads = self.carrier, self.soft, moment.loads
+        # stands for all that the film's shape decides, see Snapshot
+        film: Any = FilmShape(self._reader, soft.shape_now(), moment.flange)
+        places, quaternions = carrier.body_poses()
         pressures = soft.pressures_Pa
-        devices = self.actuation.report(soft, flange)
-        tension = np.array(moment.loads.cable_tension_N) if devices is None else devices.cable_tension_N
-
-        def sag_m() -> float:
-            return float(figures.value.sag_m(flange.translation, flange.rotation[:, 2])[0])
-
+        devices = self.actuation.report(soft, moment.flange)
         return Snapshot(
             tick=moment.tick,
             time_s=moment.time_s,
             phase=moment.phase,
-            joint_position=self.carrier.joint_position,
+            joint_position=carrier.joint_position,
             joint_target=moment.joint_target,
             body_position=places,
             body_quaternion=quaternions,
-            node_position=later(lambda: reader.positions(shape)),
-            world_from_flange=flange,
+            node_position=film,
+            world_from_flange=moment.flange,
             flange_twist=moment.twist,
             pressure_Pa=pressures[0],
-            volume_m3=later(lambda: sum(figures.value.volumes_m3[0].tolist())),
+            volume_m3=film,
             chamber_pressure_Pa=np.array(pressures),
-            chamber_volume_m3=later(lambda: figures.value.volumes_m3[0]),
-            cable_tension_N=tension,
-            tip_position=later(lambda: figures.value.tip_position[0]),
-            tip_direction=later(lambda: figures.value.tip_direction[0]),
-            sag_m=later(sag_m),
+            chamber_volume_m3=film,
+            cable_tension_N=np.array(loads.cable_tension_N) if devices is None else devices.cable_tension_N,
+            tip_position=film,
+            tip_direction=film,
+            sag_m=film,
             tip_target=self.plan.phases[moment.phase].tip_target,
             ledger=with_film_contacts(ledger, soft.touching),
             tick_wall_s=wall_s,
             devices=devices,
-            shape=KeptShape(reader, shape),
         )

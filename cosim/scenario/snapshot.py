@@ -3,20 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import InitVar, dataclass, field
-from typing import TYPE_CHECKING, Any, final
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
 
 from cosim.body_shape import BodyShape
 from cosim.coupling.ledger import LedgerEntry
 from cosim.frames import Array, IntArray, Pose, Twist
 from cosim.scenario.actuation_report import ActuationReport, DeviceNames
 from cosim.scenario.decision import Decision
-from cosim.scenario.later import made, put_off
-
-if TYPE_CHECKING:
-    from cosim.coupling.shape_reader import ShapeReader
+from cosim.scenario.film_shape import FilmShape
 
 __all__ = ["BodyShape", "LedgerEntry", "Snapshot", "Stage"]
+
+_FROM_FILM = (
+    "node_position", "volume_m3", "chamber_volume_m3", "tip_position", "tip_direction", "sag_m",
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -70,20 +71,12 @@ class Stage:
     section_model: dict[str, float] | None = None
 
 
-@final
-@dataclass(frozen=True)
-class KeptShape:
-    """The film's shape at the end of a tick, as its reader needs it."""
-
-    reader: ShapeReader
-    shape: Any
-
-
 @dataclass(frozen=True)
 class Snapshot:
     """State at the end of one tick; arrays are owned by the snapshot.
 
-    Arguments may be `later`: then they are made when first asked for, from the state at the end of the tick.
+    In place of each value that the film's shape decides (`_FROM_FILM`) one `FilmShape` may be given, the same
+    for all; they are then made of it when first asked for, and `kept_shape` holds it for a `Block` to read.
 
     Args:
         tick: count from 1; 0 is the state before the first tick.
@@ -109,7 +102,6 @@ class Snapshot:
         ledger: what the interface exchanged.
         tick_wall_s: wall time of this tick [s].
         devices: what pumps, winches and controllers do; None in a scenario without.
-        shape: from which a `Block` reads what depends on the film's shape; None: from the values above.
     """
 
     tick: int
@@ -134,14 +126,24 @@ class Snapshot:
     ledger: LedgerEntry
     tick_wall_s: float
     devices: ActuationReport | None = None
-    shape: InitVar[KeptShape | None] = None
-    kept_shape: KeptShape | None = field(init=False, repr=False, compare=False)
+    kept_shape: FilmShape | None = field(init=False, repr=False, compare=False)
 
-    def __post_init__(self, shape: KeptShape | None) -> None:
-        vars(self)["kept_shape"] = shape
-        put_off(self)
+    def __post_init__(self) -> None:
+        held = vars(self)
+        film = held["node_position"]
+        if type(film) is not FilmShape:
+            held["kept_shape"] = None
+            return
+        held["kept_shape"] = film
+        for name in _FROM_FILM:
+            del held[name]
 
     if not TYPE_CHECKING:  # where it would hide misspelt names
 
         def __getattr__(self, name: str) -> Any:
-            return made(self, name)
+            held = vars(self)
+            film = held.get("kept_shape")
+            if film is None or name not in _FROM_FILM:
+                raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
+            held[name] = value = getattr(film, name)
+            return value

@@ -138,22 +138,24 @@ def add_membranes(x, triangles, gradients, areas, stiffness, law, fraction, slot
     return energy
 
 
-@kernel(MATRIX(MATRIX, BLOCKS, MATRIX, INTEGER, REAL))
-def film_forces(strain, gradients, stiffness, law, fraction):  # type: ignore[no-untyped-def]
-    """Return the membrane force (m, 3) [N/m] as (N11, N22, N12) at Green strains (m, 3), by the law."""
-    force = np.empty((strain.shape[0], 3))
-    tangent = np.empty((3, 3))
-    rows = np.empty((3, 3))
-    columns = np.empty((3, 3))
-    for e in range(strain.shape[0]):
-        e11, e22, e12 = strain[e, 0], strain[e, 1], strain[e, 2]
+@kernel(MATRIX(MATRIX, INDEX_TABLE, BLOCKS, MATRIX, INTEGER, REAL))
+def principal_forces(x, triangles, gradients, stiffness, law, fraction):  # type: ignore[no-untyped-def]
+    """Return the principal membrane forces (m, 2) [N/m] of all triangles by the law, largest first."""
+    principal = np.empty((triangles.shape[0], 2))
+    f, n = np.empty((2, 3)), np.empty(3)
+    tangent, rows, columns = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))
+    # with the whole compressive stiffness the tension field is the plain law
+    share = fraction if law == TENSION_FIELD else 1.0
+    for e in range(triangles.shape[0]):
+        e11, e22, e12 = _columns(x, triangles[e], gradients[e], f)
         if law == EDGE_STRAIN:
-            edge_strain(e11, e22, e12, gradients[e], stiffness, rows, columns, force[e], tangent)
+            edge_strain(e11, e22, e12, gradients[e], stiffness, rows, columns, n, tangent)
         else:
-            # with the whole compressive stiffness the tension field is the plain law
-            share = fraction if law == TENSION_FIELD else 1.0
-            tension_field(e11, e22, e12, stiffness, share, force[e], tangent)
-    return force
+            tension_field(e11, e22, e12, stiffness, share, n, tangent)
+        half = 0.5 * (n[0] - n[1])
+        mean, radius = 0.5 * (n[0] + n[1]), np.sqrt(half * half + n[2] * n[2])
+        principal[e, 0], principal[e, 1] = mean + radius, mean - radius
+    return principal
 
 
 @final
@@ -253,10 +255,8 @@ class Membranes:
             positions: (n, 3) [m].
         """
         film = self.film
-        n = film_forces(
-            self.strain(positions), self.shape_gradients, self._stiffness,
+        forces: Array = principal_forces(
+            np.ascontiguousarray(positions), self.triangles, self.shape_gradients, self._stiffness,
             film.law_code, film.compressive_fraction,
         )  # fmt: skip
-        mean, half = 0.5 * (n[:, 0] + n[:, 1]), 0.5 * (n[:, 0] - n[:, 1])
-        radius = np.hypot(half, n[:, 2])
-        return np.stack([mean + radius, mean - radius], axis=1) / film.thickness_m
+        return forces / film.thickness_m

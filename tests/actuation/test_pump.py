@@ -65,13 +65,21 @@ def test_against_counter_pressure_filling_is_exponential_whatever_the_step(step:
     assert gas.gauge_pressure(VOLUME_m3) == pytest.approx(expected, rel=1e-9)
 
 
+def test_a_pump_that_runs_against_too_much_pressure_takes_nothing_out() -> None:
+    pump, full = replace(PUMP, pressure_max_Pa=20e3), AMBIENT.with_mass(1.3 * AMBIENT.mass_kg)
+    state, gas = pump.worked(replace(pump.standing(30e3), on=True), full, VOLUME_m3, TICK_s)
+    assert gas.mass_kg == pytest.approx(full.mass_kg, rel=1e-15)
+    assert state.delivered_kg == 0.0
+
+
 @pytest.mark.parametrize("delay", [0, 1, 40])
 def test_limit_cycle_of_a_delayed_switch(delay: int) -> None:
     # on: dp/dt = a - p/tau, off: dp/dt = -p/tau; the switch acts on a pressure `lag` old
     conductance = 5e-10
     per_s = conductance * AMBIENT.gas_constant_J_kg_K * AMBIENT.temperature_K / VOLUME_m3
     pump = replace(PUMP, sensor_delay_ticks=delay)
-    pressure, on, _ = run(pump, 20e3, 30_000, conductance)
+    pressure, on, state = run(pump, 20e3, 30_000, conductance)
+    assert state.starts == 1 + np.count_nonzero(np.diff(on.astype(int)) == 1)  # on from the first tick
     # the switch reads before the tick, and acts on average half a tick after the crossing
     lag, level = (delay + 0.5) * TICK_s, RISE_Pa_s / per_s
     high = level - (level - 20.2e3) * math.exp(-per_s * lag)

@@ -14,8 +14,9 @@ from cosim.coupling.contact import ContactExchange, ContactReport
 from cosim.coupling.coupling import Coupling
 from cosim.coupling.interface import Interface, ServoCommand
 from cosim.coupling.ledger import LedgerEntry
+from cosim.coupling.momentum import six_numbers
 from cosim.coupling.soft_arm import SoftArm
-from cosim.frames import Array, IntArray, Pose, Twist, Wrench
+from cosim.frames import Array, IntArray, Pose, SixNumbers, Twist, Wrench
 from cosim.rigid.description import SceneDescription, SceneObject
 from cosim.rigid.scene import RigidScene
 from cosim.rigid.wire import Wire
@@ -125,9 +126,9 @@ class FixedFlange:
         """Take note of it."""
         self._wrench = wrench.moved(-self.flange_pose.translation)
 
-    def received_wrench(self) -> Wrench:
+    def received_wrench(self) -> SixNumbers:
         """Return it, about the world's origin."""
-        return self._wrench
+        return six_numbers(np.concatenate([self._wrench.force, self._wrench.torque]))
 
     def mobility(self, bodies: IntArray | None = None) -> Array:
         """Return the scene's, the flange not moving."""

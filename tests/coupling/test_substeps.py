@@ -13,6 +13,7 @@ from cosim.frames import Array, Pose, rotation_from_vector
 from cosim.scenario.ramp import progress
 from cosim.soft.dynamics import Integrator, StepOptions
 from cosim.soft.newton import NewtonOptions
+from cosim.soft.state import SoftState
 from cosim.soft.step_error import pieces_after, step_error
 from tests.soft.bodies import HANGING, PRESSURE_Pa, hexagon_arm, no_load
 
@@ -74,6 +75,24 @@ def test_the_estimate_of_euler_is_the_error_of_a_given_acceleration() -> None:
     assert step_error("implicit_euler", before, arm.state, step) >= 0.5 * 3.0 * step**2 * 0.99
 
 
+def test_the_estimate_is_the_error_of_a_step_where_the_next_derivative_is_constant() -> None:
+    # one free component under a known force; velocity and place before the step are exact
+    h, pull, rate = 0.02, 3.0, 70.0
+
+    def state(x: float, v: float, earlier: tuple[Array, Array] | None = None) -> SoftState:
+        return SoftState(np.array([[x, 0.0, 0.0]]), np.array([[v, 0.0, 0.0]]), np.zeros(0), earlier)
+
+    v1 = pull * h
+    estimate = step_error("implicit_euler", state(0.0, 0.0), state(h * v1, v1), h)
+    assert estimate == pytest.approx(h * v1 - 0.5 * pull * h**2)
+    # x = rate t^3 / 6 from t = h on, the step before it from 0
+    x0, v0, span = rate * h**3 / 6.0, 0.5 * rate * h**2, 2.0 * h / 3.0
+    v1 = 4.0 * v0 / 3.0 + span * rate * 2.0 * h
+    x1 = 4.0 * x0 / 3.0 + span * v1
+    before = state(x0, v0, (np.zeros((1, 3)), np.zeros((1, 3))))
+    assert step_error("bdf2", before, state(x1, v1), h) == pytest.approx(abs(x1 - 8.0 * x0))
+
+
 @pytest.mark.parametrize("integrator", ["implicit_euler", "bdf2"])
 def test_pieces_bring_a_long_tick_near_short_ones(integrator: Integrator) -> None:
     options = replace(EXACT, integrator=integrator)
@@ -111,6 +130,9 @@ def test_how_many_pieces() -> None:
     assert pieces_after(4, 0.9e-5, 1e-5, 1) == 4
     assert pieces_after(4, 1e-7, 1e-5, 1) == 2
     assert pieces_after(1, 0.0, 1e-5, 2) == 1
+    # fewer only where twice as long pieces would still stay below a half of the bound
+    assert [pieces_after(4, error, 1e-5, 1) for error in (1.3e-6, 1.2e-6)] == [4, 2]
+    assert [pieces_after(4, error, 1e-5, 2) for error in (6.3e-7, 6.2e-7)] == [4, 2]
 
 
 def test_the_flange_goes_on_a_parabola_within_a_tick() -> None:

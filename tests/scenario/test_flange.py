@@ -7,7 +7,7 @@ import pytest
 
 from cosim.frames import Pose
 from cosim.scenario.flange import FlangeWay, pose_of, rotation_from_direction
-from cosim.scenario.phase_schema import FlangePose, FlangeTurn
+from cosim.scenario.phase_schema import FlangePose, FlangeShake, FlangeTurn, Phase
 from cosim.scenario.shake import Shake
 
 # products of a few rotation matrices: rounding of a few 1e-16
@@ -77,3 +77,11 @@ def test_a_shake_begins_and_ends_at_rest_and_reaches_its_amplitude() -> None:
     middle = path[(share > 0.25) & (share < 0.75), 1]
     assert np.count_nonzero(np.diff(np.sign(middle[middle != 0.0]))) == 5  # the zeros of 2.5 periods
     assert way.pieces >= 100
+
+
+def test_a_phase_says_how_its_flange_shakes() -> None:
+    shake = Shake.of(Phase("shake", 1.5, ramp="linear", flange_shake=FlangeShake((0.0, 3.0, 4.0), 0.01, 4.0)))
+    assert shake is not None
+    assert shake.amplitude == pytest.approx([0.0, 0.006, 0.008])
+    assert shake.cycles == pytest.approx(6.0)  # 4 a second for 1.5 s
+    assert Shake.of(Phase("rest", 1.5)) is None

@@ -76,6 +76,21 @@ def test_the_film_stays_within_its_reach() -> None:
             "ball can move",
         ),
         (
+            {"mode": "quasistatic",
+             "object": [{"name": "ball", "shape": "sphere", "size_m": [0.02], "position_m": [0.3, 0.0, 0.6],
+                         "mass_kg": 0.1}]},
+            False,
+            "nothing is within",
+        ),
+        # the largest pressure of all phases counts: at rest the reach is 0.15 m
+        ({"start.pressure_Pa": 0.0, "phase.lower.pressure_Pa": 100e3}, False, "film's reach of 0.19 m"),
+        (
+            {"phase": [{"name": "hold", "duration_s": 0.06, "clamp": ["unit_1.outer"]},
+                       {"name": "let_go", "duration_s": 0.06, "release": ["unit_1.outer"]}]},
+            True,
+            "rings are let go",
+        ),
+        (
             {"object": [{"name": "wall", "shape": "box", "size_m": [0.1, 1.0, 1.0],
                          "position_m": [0.45, 0.0, 0.7]}]},
             True,
@@ -109,6 +124,9 @@ def test_cables_and_elasticity_and_inertia() -> None:
     assert "slack throughout" in slack["cables"].reason
     assert not slack["cables"].included
     assert found(**{"phase.lower.cable_tension_N": [1.0]})["cables"].included
+    winch = {"name": "motor", "cables": ["right"], "step_angle_rad": 0.002, "drum_radius_m": 0.01,
+             "step_rate_per_s": 2e4, "stall_torque_Nm": 0.3}  # fmt: skip
+    assert found(winch=[winch])["cables"].included
     assert slack["elasticity"].included
     assert slack["inertia"].included
     assert "quasistatic' would leave out little" not in slack["inertia"].reason
