@@ -8,8 +8,10 @@ from typing import TypeAlias, final
 import numpy as np
 from scipy.linalg import LinAlgError
 
+from cosim.coupling.chain_equilibria import ChainEquilibria
 from cosim.coupling.chain_films import NO_ANGLES, ChainFilms
 from cosim.coupling.chain_reader import ChainReader, ChainShape
+from cosim.coupling.exchange_gain import exchange_gain
 from cosim.coupling.mass import MassProperties
 from cosim.coupling.soft_side import SoftReply, SoftSide
 from cosim.errors import ConvergenceError, InputError
@@ -17,9 +19,9 @@ from cosim.frames import Array, IntArray, Mask, Pose
 from cosim.soft.body import Loads
 from cosim.soft.contact import ContactPlanes
 from cosim.soft.contact_surface import ContactSurface
-from cosim.soft.dynamics import StepOptions
-from cosim.soft.equilibrium import Equilibrium
-from cosim.soft.newton import NewtonOptions, Outcome
+from cosim.soft.dynamics import StepAim, StepOptions
+from cosim.soft.equilibrium import Equilibrium, Obstacles
+from cosim.soft.newton import NewtonOptions
 from cosim.soft.section.frame_clamp import FrameClamp
 from cosim.soft.section.model import SectionBody
 from cosim.soft.section.sensitivity import ChainSensitivity, ChainTangent
@@ -38,7 +40,6 @@ from cosim.soft.system import SoftSystem
 from cosim.soft.tip_target import TipTarget, find_flange_pose, find_tensions
 
 _HALVINGS_MAX = 5
-_SPLITS_MAX = 8
 
 _Drive: TypeAlias = tuple[Pose, Loads]
 
@@ -86,16 +87,20 @@ class SectionArm(SoftSide):
     ) -> None:
         self.section, self.body = section, section.body
         self._solver = ChainSolver(section)
-        self._statics, self._stepper = statics, ChainStepper(self._solver, dynamics)
+        self._dynamics, self._stepper = dynamics, ChainStepper(self._solver, dynamics)
         drawn = section.frames.drawn
         self._chain = SoftState.at_rest(carried(drawn, world_from_flange), NO_ANGLES)
         self._film: SoftState | None = None
         self._films = ChainFilms(section)
+        self._equilibria = ChainEquilibria(section, self._solver, self._films, statics)
         self.clamp = FrameClamp.of_base(section)
         self._flange, self._pressure = world_from_flange, 0.0
         self._loads = Loads(0.0, (0.0,) * len(self.body.cables), (0.0, 0.0, 0.0))
         self._gradient = np.zeros((len(drawn), 6))
         self._residual = 0.0
+        # of the last step: where it began; and where the one that was taken back had ended
+        self._begin = (self._chain, self._pressure, self._flange, self._loads)
+        self._reached: Array = self._chain.positions
 
     @property
     def state(self) -> SoftState:
@@ -114,34 +119,56 @@ class SectionArm(SoftSide):
 
     def advance(self, world_from_flange: Pose, loads: Loads, step_s: float) -> SoftReply:
         """Advance by one step, with the flange at its new pose."""
-        before = (self._chain, self._pressure)
+        return self._advance(world_from_flange, loads, step_s, None)
+
+    def advance_closely(
+        self, world_from_flange: Pose, loads: Loads, step_s: float, aim: StepAim
+    ) -> SoftReply:
+        """Advance by one step, as closely as asked for."""
+        start = None if aim.start is None else self._reached
+        return self._advance(world_from_flange, loads, step_s, StepAim(aim.tolerance_N, start))
+
+    def take_back(self, before: SoftState) -> None:
+        """Undo the last step; where it ended is a start for the next one."""
+        self._reached = self._chain.positions
+        self._chain, self._pressure, self._flange, self._loads = self._begin
+        self._film = before
+
+    @property
+    def exchange_gain(self) -> float:
+        """How many times less mass an exchange that is one tick late bears than with implicit Euler."""
+        return exchange_gain(self._dynamics.integrator)
+
+    def _advance(self, flange: Pose, loads: Loads, step_s: float, aim: StepAim | None) -> SoftReply:
+        begin = self._begin = (self._chain, self._pressure, self._flange, self._loads)
         try:
-            iterations = self._step(
-                (self._flange, self._loads), (world_from_flange, loads), step_s, _HALVINGS_MAX
-            )
+            iterations = self._step(begin[2:], (flange, loads), step_s, _HALVINGS_MAX, aim)
         except ConvergenceError:
-            self._chain, self._pressure = before
+            self._chain, self._pressure = begin[:2]
             raise
         finally:
             self._film = None
-        self._flange, self._loads = world_from_flange, loads
+        self._flange, self._loads = flange, loads
         return SoftReply(
             supplied_wrench(self._gradient, self._chain.positions, self.clamp.held),
             self._residual,
             iterations,
         )
 
-    def _step(self, begin: _Drive, end: _Drive, step_s: float, halvings: int) -> int:
+    def _step(
+        self, begin: _Drive, end: _Drive, step_s: float, halvings: int, aim: StepAim | None = None
+    ) -> int:
         """Take one step, or two halves where it does not converge; return the Newton iterations."""
         try:
-            self._chain, found = self._stepper.step(self._chain, self.clamp, *end, step_s)
+            self._chain, found = self._stepper.step(self._chain, self.clamp, *end, step_s, aim)
         except ConvergenceError as error:
             if halvings == 0:
                 raise
             middle = (begin[0].interpolated(end[0], 0.5), begin[1].interpolated(end[1], 0.5))
             self._chain = replace(self._chain, earlier=None)
-            spent = error.iterations + self._step(begin, middle, 0.5 * step_s, halvings - 1)
-            spent += self._step(middle, end, 0.5 * step_s, halvings - 1)
+            part = None if aim is None else StepAim(aim.tolerance_N)
+            spent = error.iterations + self._step(begin, middle, 0.5 * step_s, halvings - 1, part)
+            spent += self._step(middle, end, 0.5 * step_s, halvings - 1, part)
             self._chain = replace(self._chain, earlier=None)
             return spent
         self._take(found)
@@ -152,10 +179,7 @@ class SectionArm(SoftSide):
 
     def start(self, world_from_flange: Pose, loads: Loads) -> Equilibrium:
         """Return the equilibrium before the first phase: hung up without pressure, then loaded."""
-        hanging = Loads(0.0, (0.0,) * len(self.body.cables), loads.gravity)
-        # as drawn, the films lie on each other, where a section has no stiffness to start from
-        straight = carried(self.section.straight(0.0), world_from_flange)
-        return self.follow(self._equilibrium(straight, world_from_flange, hanging), world_from_flange, loads)
+        return self._equilibria.start(self.clamp, world_from_flange, loads)
 
     def solve(
         self, state: SoftState, world_from_flange: Pose, loads: Loads, start: Array | None = None
@@ -163,50 +187,11 @@ class SectionArm(SoftSide):
         """Find the equilibrium near a state in one go; the present state stays."""
         begin = state if start is None else SoftState.at_rest(start, NO_ANGLES)
         frames = self._chain_of(begin, world_from_flange)[0].positions
-        return self._equilibrium(frames, world_from_flange, loads)
-
-    def _equilibrium(self, frames: Array, flange: Pose, loads: Loads) -> Equilibrium:
-        options = self._statics
-        found = self._solver.solve(
-            self.clamp.place(frames, flange),
-            self.clamp.free,
-            loads,
-            options.tolerance_N,
-            options.iterations_max,
-        )
-        if found.outcome is not Outcome.CONVERGED:
-            raise ConvergenceError(
-                f"no equilibrium found: {found.outcome.value}; residual {found.residual_N:.3g} N, bound "
-                f"{options.tolerance_N:.3g} N, {found.iterations} iterations",
-                found.residual_N,
-                found.iterations,
-            )
-        wrench = supplied_wrench(found.gradient, found.frames, self.clamp.held)
-        film = self._films.film(SoftState.at_rest(found.frames, NO_ANGLES), found.pressure_Pa)
-        return Equilibrium(
-            film, flange, loads, wrench, found.residual_N, found.iterations, found.potential_J, found.shifted
-        )
+        return self._equilibria.solve(frames, self.clamp, world_from_flange, loads)
 
     def follow(self, begin: Equilibrium, world_from_flange: Pose, loads: Loads) -> Equilibrium:
         """Follow an equilibrium to another flange pose and other loads; the present state stays."""
-        here, done, piece, spent = begin, 0.0, 1.0, 0
-        while done < 1.0:
-            share = min(1.0, done + piece)
-            pose = begin.world_from_flange.interpolated(world_from_flange, share)
-            motion = pose @ here.world_from_flange.inverse()
-            chain, pressure = self._chain_of(here.state, here.world_from_flange)
-            load, frames = begin.loads.interpolated(loads, share), chain.positions
-            if load.gases(1)[0] is None:
-                frames = self.section.stretched(frames, pressure, load.pressures(1)[0])
-            try:
-                found = self._equilibrium(carried(frames, motion), pose, load)
-            except ConvergenceError as error:
-                spent, piece = spent + error.iterations, 0.5 * piece
-                if piece < 0.5**_SPLITS_MAX:
-                    raise
-                continue
-            here, done, spent = found, share, spent + found.iterations
-        return replace(here, iterations=spent)
+        return self._equilibria.follow(begin, self.clamp, world_from_flange, loads, self._pressure)
 
     def sensitivity(self, here: Equilibrium) -> ChainSensitivity:
         """Return how the tip moves at an equilibrium."""
@@ -225,8 +210,13 @@ class SectionArm(SoftSide):
         """Take over an equilibrium as the present state."""
         self._chain, self._pressure = self._chain_of(found.state, found.world_from_flange)
         self._film = found.state
-        self._flange, self._loads = found.world_from_flange, found.loads
+        # what touches is found anew in every step
+        self._flange, self._loads = found.world_from_flange, replace(found.loads, contact=None)
         self._gradient = self._solver.evaluate(self._chain.positions, found.loads, self._pressure)
+
+    def stand_against(self, obstacles: Obstacles | None) -> None:
+        """Let equilibria from now on take in what the film touches."""
+        self.obstacles = self._equilibria.obstacles = obstacles
 
     def hold_also(self, held: Mask, world_from_flange: Pose) -> None:
         """Hold whole rings where they are now; they go with the flange."""
@@ -264,14 +254,14 @@ class SectionArm(SoftSide):
     def response(self, forces: Array, contact: ContactPlanes, step_s: float) -> Array | None:
         """Return how far small forces would have moved the nodes within the last step."""
         bed = self._stepper.bed(self._chain, step_s)
-        frames, pressure = self._chain.positions, self._pressure
+        frames, pressure, loads = self._chain.positions, self._pressure, replace(self._loads, contact=contact)
         try:
-            tangent = ChainTangent(self._solver, frames, self.clamp.free, self._loads, pressure, bed)
+            tangent = ChainTangent(self._solver, frames, self.clamp.free, loads, pressure, bed)
         except LinAlgError:
             return None
         motion = node_motion(self.section, frames, pressure)
-        loads = np.einsum("nrfi,knr->kfi", motion, forces)
-        return np.asarray(np.einsum("nrfi,kfi->knr", motion, tangent.solve(loads)))
+        pushed = np.einsum("nrfi,knr->kfi", motion, forces)
+        return np.asarray(np.einsum("nrfi,kfi->knr", motion, tangent.solve(pushed)))
 
     def work_taken_in(self, displacement: Array) -> float:
         """Return the work [J] of what the flange supplies at the last solution, over a displacement."""

@@ -7,6 +7,7 @@ from typing import TypeAlias, final
 
 import numpy as np
 
+from cosim.coupling.exchange_gain import exchange_gain
 from cosim.coupling.flange_path import pose_within
 from cosim.coupling.shape_reader import MeshReader
 from cosim.coupling.soft_side import SoftReply, SoftSide
@@ -26,7 +27,6 @@ from cosim.soft.system import SoftSystem
 from cosim.soft.tip_target import TipTarget, find_flange_pose, find_tensions
 
 _HALVINGS_MAX = 5
-_BDF2_GAIN = 4.0
 
 _Drive: TypeAlias = tuple[Pose, Loads]
 
@@ -155,12 +155,8 @@ class SoftArm(SoftSide):
 
     @property
     def exchange_gain(self) -> float:
-        """How many times less mass an exchange that is one tick late bears than with implicit Euler.
-
-        With r the mass ratio, changes d of the flange's velocity follow d_n+1 = -r d_n with implicit Euler,
-        d_n+1 = -r (9 d_n - 6 d_n-1 + d_n-2) / 4 with BDF2: stable below r = 1 and r = 1/4.
-        """
-        return _BDF2_GAIN if self._dynamics.integrator == "bdf2" else 1.0
+        """How many times less mass an exchange that is one tick late bears than with implicit Euler."""
+        return exchange_gain(self._dynamics.integrator)
 
     def contact_surface(self) -> ContactSurface:
         """Return where the body can be touched."""

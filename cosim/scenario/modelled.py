@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from cosim.rigid.scene import RigidScene
 
 CONTACT = "contact with the scene"
-_TOUCHED_AT_REST = ("lumped", "refined")  # models whose equilibria take in contact
+_TOUCHED_AT_REST = ("section", "lumped", "refined")  # models whose equilibria take in contact
 _SLOW = 0.01  # share of gravity below which accelerations are negligible
 
 
@@ -37,8 +37,6 @@ def contact_decision(scenario: Scenario, body: SoftBody, plan: Plan, arm: Arm, s
     what, switch = CONTACT, "contact.enabled"
     if not scenario.contact.enabled:
         return Decision(what, False, "switched off", switch)
-    if scenario.fidelity == "section":
-        return Decision(what, False, "section models know none", "fidelity")
     if scenario.mode == "quasistatic" and scenario.fidelity not in _TOUCHED_AT_REST:
         reason = f"in the quasistatic mode the {scenario.fidelity} model knows none"
         return Decision(what, False, reason, "fidelity")

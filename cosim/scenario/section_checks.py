@@ -20,10 +20,6 @@ def check_section(scenario: Scenario) -> None:
                 f"soft_robot.{key}",
                 "has no section model: it is of one stack of units; use fidelity = 'lumped'",
             )
-    for entry in scenario.objects:
-        raise ScenarioError(
-            "object", f"'{entry.name}' could not be touched: a section model knows no contact; use 'lumped'"
-        )
     if robot.base != ("unit_1.hole",):
         raise ScenarioError(
             "soft_robot.base", f"is {list(robot.base)}; a section model needs ['unit_1.hole'] alone"

@@ -77,6 +77,39 @@ def dragging_law(length, stick):  # type: ignore[no-untyped-def]
     return length - stick / 3.0, 1.0 / length, 0.0
 
 
+@inlined
+def touch(point, n, offset, stiffness, friction, anchor, width, stick, own, tangent):  # type: ignore[no-untyped-def]
+    """Fill gradient (3,) and tangent (3, 3) of a contact by its point; return energy and normal force."""
+    u = np.empty(3)
+    distance, along = -offset, 0.0
+    for r in range(3):
+        distance += n[r] * point[r]
+        u[r] = point[r] - anchor[r]
+        along += n[r] * u[r]
+    level, push, rate = pressing_law(0.5 * width - distance, width)
+    pressing = stiffness * push
+    energy = stiffness * level
+    for r in range(3):
+        own[r] = -pressing * n[r]
+        for c in range(3):
+            tangent[r, c] = stiffness * rate * n[r] * n[c]
+    if friction > 0.0:
+        square = 0.0
+        for r in range(3):
+            u[r] -= along * n[r]
+            square += u[r] * u[r]
+        length = np.sqrt(square)
+        level, secant, rate = dragging_law(length, stick)
+        energy += friction * level
+        fold = friction * (rate - secant) / max(square, 1e-300)
+        for r in range(3):
+            own[r] += friction * secant * u[r]
+            tangent[r, r] += friction * secant
+            for c in range(3):
+                tangent[r, c] += fold * u[r] * u[c] - friction * secant * n[r] * n[c]
+    return energy, pressing
+
+
 @kernel(
     REAL(
         MATRIX, INDEX_TABLE, MATRIX, MATRIX, VECTOR, VECTOR, VECTOR, MATRIX, REAL, REAL, INDEX_TABLE, MATRIX,
@@ -91,40 +124,18 @@ def _add_contacts(  # type: ignore[no-untyped-def]
 
     `own` receives each contact's gradient by its point, `pressing` its normal force.
     """
-    u, tangent, k = np.empty(3), np.empty((3, 3)), np.empty((3, 3))
+    point, tangent, k = np.empty(3), np.empty((3, 3)), np.empty((3, 3))
     with_hessian = slots.shape[0] > 0
     energy = 0.0
     for e in range(nodes.shape[0]):
-        n = normal[e]
-        distance, along = -offset[e], 0.0
         for r in range(3):
-            point = 0.0
+            point[r] = 0.0
             for a in range(3):
-                point += weights[e, a] * x[nodes[e, a], r]
-            distance += n[r] * point
-            u[r] = point - anchor[e, r]
-            along += n[r] * u[r]
-        level, push, rate = pressing_law(0.5 * width - distance, width)
-        pressing[e] = stiffness[e] * push
-        energy += stiffness[e] * level
-        for r in range(3):
-            own[e, r] = -pressing[e] * n[r]
-            for c in range(3):
-                tangent[r, c] = stiffness[e] * rate * n[r] * n[c]
-        if friction[e] > 0.0:
-            square = 0.0
-            for r in range(3):
-                u[r] -= along * n[r]
-                square += u[r] * u[r]
-            length = np.sqrt(square)
-            level, secant, rate = dragging_law(length, stick)
-            energy += friction[e] * level
-            fold = friction[e] * (rate - secant) / max(square, 1e-300)
-            for r in range(3):
-                own[e, r] += friction[e] * secant * u[r]
-                tangent[r, r] += friction[e] * secant
-                for c in range(3):
-                    tangent[r, c] += fold * u[r] * u[c] - friction[e] * secant * n[r] * n[c]
+                point[r] += weights[e, a] * x[nodes[e, a], r]
+        level, pressing[e] = touch(
+            point, normal[e], offset[e], stiffness[e], friction[e], anchor[e], width, stick, own[e], tangent
+        )
+        energy += level
         for a in range(3):
             for r in range(3):
                 force[nodes[e, a], r] += weights[e, a] * own[e, r]

@@ -19,7 +19,7 @@ from cosim.soft.state import Clamp, SoftState
 
 _SPLITS_MAX = 8
 _FRICTION_ROUNDS_MAX = 30
-_CONTACT_ROUNDS_MAX = 40
+CONTACT_ROUNDS_MAX = 40
 _FOOT_SLACK = 0.02  # more in every round
 _SHRINKS_BELOW = 0.99  # a sequence of shapes that is extrapolated
 _EXTRAPOLATED_M = 1e-3  # at most
@@ -159,7 +159,7 @@ class EquilibriumSolver:
         if films is None and obstacles is None:
             return self.solver.solve(start, angles, loads, self.options), loads
         pairs, spent, shifted, trail = None, 0, 0, []
-        for round_ in range(_CONTACT_ROUNDS_MAX):
+        for round_ in range(CONTACT_ROUNDS_MAX):
             if films is not None:
                 # a foot at the edge of two triangles could change sides for ever: it sticks more and more
                 pairs = films.static_pairs(start, pairs, _FOOT_SLACK * round_)
@@ -173,9 +173,9 @@ class EquilibriumSolver:
             start, angles = result.positions, result.angles
             if obstacles is not None:
                 trail.append(start)
-                start = _end_of(trail)
+                start = end_of(trail)
         raise ConvergenceError(
-            f"no equilibrium found: what is touched still changes after {_CONTACT_ROUNDS_MAX} rounds, "
+            f"no equilibrium found: what is touched still changes after {CONTACT_ROUNDS_MAX} rounds, "
             f"{len(pairs or ())} pairs of films, {len(planes or ())} points near obstacles; try smaller "
             "increments",
             result.residual_N,
@@ -196,7 +196,7 @@ class EquilibriumSolver:
         return result
 
 
-def _end_of(trail: list[Array]) -> Array:
+def end_of(trail: list[Array]) -> Array:
     """Return where a sequence of shapes goes, whose steps shrink by one factor r: x + d r / (1 - r) (Aitken).
 
     On a curved obstacle, whose tangent planes move with the film, the rounds converge like that. A sequence

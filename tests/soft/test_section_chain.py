@@ -7,6 +7,7 @@ import pytest
 
 from cosim.frames import Array, Pose, rotation_from_vector
 from cosim.soft.section.assembly import assemble, change_frames
+from cosim.soft.section.chain_contact import FrameContacts
 from cosim.soft.section.energy import BENT, COEFFICIENTS, HIGH, LOW, basis
 from cosim.soft.section.stepping import carried
 
@@ -38,11 +39,12 @@ class Chain:
 
     def at(self, frames: Array, *, hessian: bool = False) -> tuple[float, Array, Array]:
         """Return potential, gradient (6 f,) and Hessian (6 f, 6 f)."""
-        gradient = np.zeros((FRAMES, 6))
+        gradient, nothing = np.zeros((FRAMES, 6)), FrameContacts.none()
         diagonal, off = np.zeros((FRAMES, 6, 6)), np.zeros((FRAMES, 6, 6))
         energy = assemble(
             np.ascontiguousarray(frames), self.coefficients, self.inverse_length, self.mass, self.load,
-            self.bed, self.target, self.far, self.eyelets, self.tension, gradient, diagonal, off, hessian,
+            self.bed, self.target, self.far, self.eyelets, self.tension, nothing.first, nothing.rows,
+            nothing.widths, gradient, diagonal, off, hessian,
         )  # fmt: skip
         full = np.zeros((FRAMES, 6, FRAMES, 6))
         for f in range(FRAMES):

@@ -8,6 +8,7 @@ from numba import int64, types, void
 from cosim.kernels import INDICES, MATRIX, REAL, VECTOR, inlined, kernel
 from cosim.soft.section.block_cholesky import factorise, substitute
 from cosim.soft.section.chain import CUBE, FLAGS, add_sections, section_strains
+from cosim.soft.section.chain_touch import add_contacts
 from cosim.soft.section.energy import section_energy
 from cosim.soft.section.frame_terms import add_cables, add_frames
 
@@ -17,6 +18,8 @@ _CHAIN = (MATRIX, VECTOR, CUBE)
 _LOADS = (CUBE, REAL, CUBE)
 # cables: far frame of each segment (k,), eyelets (k, 2, 3), tensions (k,)
 _CABLES = (INDICES, CUBE, VECTOR)
+# contacts: first frame of each (k,), rows (k, 17), widths (2,) of the law; see `chain_contact`
+_TOUCHED = (INDICES, MATRIX, VECTOR)
 # gradient (f, 6), diagonal blocks (f, 6, 6), blocks of rows f and columns f - 1 (f, 6, 6)
 _OUT = (MATRIX, CUBE, CUBE)
 
@@ -26,15 +29,16 @@ _SHIFT_START, _SHIFT_MAX = 0.05, 1e8  # [N/m]
 _STEP_MAX_M, _TURN_MAX = 0.05, 0.4
 
 
-@kernel(REAL(CUBE, *_CHAIN, *_LOADS, *_CABLES, *_OUT, types.boolean))
+@kernel(REAL(CUBE, *_CHAIN, *_LOADS, *_CABLES, *_TOUCHED, *_OUT, types.boolean))
 def assemble(  # type: ignore[no-untyped-def]
-    frames, coefficients, inverse_length, mass, load, bed, target, far, eyelets, tension,
-    gradient, diagonal, off, hessian,
+    frames, coefficients, inverse_length, mass, load, bed, target, far, eyelets, tension, touching, rows,
+    widths, gradient, diagonal, off, hessian,
 ):  # fmt: skip
     """Fill the gradient and, if asked to, the Hessian's blocks; return the potential [J]."""
     energy = add_frames(frames, load, bed, mass, target, gradient, diagonal, hessian)
     energy += add_sections(frames, coefficients, inverse_length, gradient, diagonal, off, hessian)
-    return energy + add_cables(frames, far, eyelets, tension, gradient, diagonal, off, hessian)
+    energy += add_cables(frames, far, eyelets, tension, gradient, diagonal, off, hessian)
+    return energy + add_contacts(frames, touching, rows, widths, gradient, diagonal, off, hessian)
 
 
 @kernel(void(CUBE, MATRIX, REAL, CUBE))
@@ -93,12 +97,12 @@ def _descent(free, gradient, step):  # type: ignore[no-untyped-def]
 
 @kernel(
     types.Tuple((int64, int64, REAL, REAL, int64))(
-        CUBE, FLAGS, *_CHAIN, *_LOADS, *_CABLES, *_OUT, VECTOR, int64
+        CUBE, FLAGS, *_CHAIN, *_LOADS, *_CABLES, *_TOUCHED, *_OUT, VECTOR, int64
     )
 )
 def minimise(  # type: ignore[no-untyped-def]
-    frames, free, coefficients, inverse_length, mass, load, bed, target, far, eyelets, tension,
-    gradient, diagonal, off, bounds, iterations_max,
+    frames, free, coefficients, inverse_length, mass, load, bed, target, far, eyelets, tension, touching,
+    rows, widths, gradient, diagonal, off, bounds, iterations_max,
 ):  # fmt: skip
     """Find the minimum of the potential near `frames`, which are moved there; gradient belongs to it.
 
@@ -111,8 +115,8 @@ def minimise(  # type: ignore[no-untyped-def]
     step, trial = np.zeros_like(gradient), np.empty_like(frames)
     iterations = shifted = 0
     energy = assemble(
-        frames, coefficients, inverse_length, mass, load, bed, target, far, eyelets, tension,
-        gradient, diagonal, off, True,
+        frames, coefficients, inverse_length, mass, load, bed, target, far, eyelets, tension, touching,
+        rows, widths, gradient, diagonal, off, True,
     )  # fmt: skip
     residual = _residual(gradient, free, lever)
     while True:
@@ -125,7 +129,7 @@ def minimise(  # type: ignore[no-untyped-def]
         if iterations > 0:  # most steps end after one solve: the Hessian where that ends is not needed
             assemble(
                 frames, coefficients, inverse_length, mass, load, bed, target, far, eyelets, tension,
-                gradient, diagonal, off, True,
+                touching, rows, widths, gradient, diagonal, off, True,
             )  # fmt: skip
         iterations += 1
         shift = 0.0
@@ -142,7 +146,7 @@ def minimise(  # type: ignore[no-untyped-def]
             change_frames(frames, step, factor, trial)
             value = assemble(
                 trial, coefficients, inverse_length, mass, load, bed, target, far, eyelets, tension,
-                gradient, diagonal, off, False,
+                touching, rows, widths, gradient, diagonal, off, False,
             )  # fmt: skip
             residual = _residual(gradient, free, lever)
             if np.isfinite(value) and (

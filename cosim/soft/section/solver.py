@@ -12,6 +12,7 @@ from cosim.frames import Array, Mask
 from cosim.soft.body import Loads
 from cosim.soft.newton import Outcome
 from cosim.soft.section.assembly import assemble, minimise
+from cosim.soft.section.chain_contact import FrameContacts
 from cosim.soft.section.model import SectionBody
 
 _OUTCOMES = (
@@ -84,6 +85,7 @@ class ChainSolver:
         self._eyelets_at = np.nan
         self._eyelets = np.zeros((len(self._far), 2, 3))
         self._no_target = np.zeros((count, 4, 3))
+        self._nothing = FrameContacts.none()
 
     def _route(self) -> None:
         """Find the frames of all cable segments; eyelets sit on rings of neighbouring units."""
@@ -101,6 +103,11 @@ class ChainSolver:
         table = self.section.model.nodes[:, self._segments, side, 1:]
         self._eyelet_table = np.ascontiguousarray(table).reshape(len(table), -1)
         self._ratios = [cable.tension_ratio(body.positions) for cable in body.cables]
+
+    @property
+    def pressure_Pa(self) -> float:
+        """Gauge pressure of the gas in the last solution."""
+        return self._pressure
 
     def solve(
         self,
@@ -158,13 +165,13 @@ class ChainSolver:
         """
         section = self.section
         section.set_pressure(pressure_Pa)
-        gradient = np.empty((len(frames), 6))
+        gradient, touched = np.empty((len(frames), 6)), self._touched(loads, pressure_Pa)
         assemble(
             frames, section.coefficients, section.inverse_length, section.mass,
             self._loads(loads, pressure_Pa),
             0.0 if bed is None else bed.coefficient, self._no_target if bed is None else bed.target,
             self._far, self._offsets(pressure_Pa), self._tension(frames, loads, pressure_Pa),
-            gradient, self.diagonal, self.off, hessian,
+            touched.first, touched.rows, touched.widths, gradient, self.diagonal, self.off, hessian,
         )  # fmt: skip
         return gradient
 
@@ -186,17 +193,23 @@ class ChainSolver:
         section = self.section
         section.set_pressure(pressure)
         self._pressure = pressure
-        frames, gradient = start.copy(), np.empty((len(start), 6))
+        frames, gradient, touched = start.copy(), np.empty((len(start), 6)), self._touched(loads, pressure)
         outcome, iterations, residual, potential, shifted = minimise(
             frames, free, section.coefficients, section.inverse_length, section.mass,
             self._loads(loads, pressure),
             0.0 if bed is None else bed.coefficient, self._no_target if bed is None else bed.target,
             self._far, self._offsets(pressure), self._tension(frames, loads, pressure),
-            gradient, self.diagonal, self.off, np.array((tolerance_N, self.lever_m)), limit,
+            touched.first, touched.rows, touched.widths, gradient, self.diagonal, self.off,
+            np.array((tolerance_N, self.lever_m)), limit,
         )  # fmt: skip
         return ChainResult(
             frames, gradient, _OUTCOMES[outcome], residual, iterations, potential, shifted, pressure
         )
+
+    def _touched(self, loads: Loads, pressure: float) -> FrameContacts:
+        if loads.contact is None:
+            return self._nothing
+        return FrameContacts.of(self.section, loads.contact, pressure)
 
     def _loads(self, loads: Loads, pressure: float) -> Array:
         key = (loads.gravity, id(loads.nodal_force), None if loads.nodal_force is None else pressure)

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import final
 
 from cosim.errors import ConvergenceError
 from cosim.frames import Array, Pose
 from cosim.soft.body import Loads
-from cosim.soft.dynamics import StepOptions, difference_scheme
+from cosim.soft.dynamics import StepAim, StepOptions, difference_scheme
 from cosim.soft.newton import Outcome
 from cosim.soft.section.frame_clamp import FrameClamp
 from cosim.soft.section.solver import Bed, ChainResult, ChainSolver
@@ -29,7 +31,13 @@ class ChainStepper:
         self._solver, self._options = solver, options
 
     def step(
-        self, chain: SoftState, clamp: FrameClamp, flange: Pose, loads: Loads, step_s: float
+        self,
+        chain: SoftState,
+        clamp: FrameClamp,
+        flange: Pose,
+        loads: Loads,
+        step_s: float,
+        aim: StepAim | None = None,
     ) -> tuple[SoftState, ChainResult]:
         """Advance by one step, with the flange at its new pose.
 
@@ -39,6 +47,7 @@ class ChainStepper:
             flange: its pose at the end.
             loads: at the end.
             step_s: h [s].
+            aim: how closely; `start` is of frames (f, 4, 3). As an ordinary step unless given.
 
         Raises:
             ConvergenceError: no solution; the caller still holds `chain`.
@@ -47,7 +56,10 @@ class ChainStepper:
         base, span, speed = difference_scheme(options.integrator, chain, step_s)
         damped = 1.0 + options.damping_per_s * span
         bed = Bed(damped / span**2, base + span / damped * speed)
-        for start in _starts(chain, flange, step_s):
+        starts = _starts(chain, flange, step_s)
+        if aim is not None and aim.start is not None:
+            starts = itertools.chain([aim.start], starts)
+        for start in starts:
             start = clamp.place(start, flange)
             found = self._solver.solve(
                 start, clamp.free, loads, options.tolerance_N, options.newton.iterations_max, bed
@@ -61,6 +73,14 @@ class ChainStepper:
                 found.residual_N,
                 found.iterations,
             )
+        if aim is not None and found.residual_N > aim.tolerance_N:
+            # below an ordinary step's tolerance rounding may leave no descent
+            _, fine = aim.newton(options)
+            closer = self._solver.solve(
+                found.frames, clamp.free, loads, fine.tolerance_N, fine.iterations_max, bed
+            )
+            if closer.residual_N <= found.residual_N:
+                found = replace(closer, iterations=found.iterations + closer.iterations)
         return SoftState(
             found.frames, (found.frames - base) / span, chain.angles, (x, chain.velocities)
         ), found

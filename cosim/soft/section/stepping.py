@@ -40,6 +40,12 @@ def carried(frames: Array, motion: Pose) -> Array:
     return np.ascontiguousarray(result)
 
 
+def upright(frames: Array) -> Array:
+    """Return frames (f, 4, 3) with the nearest orthonormal axes."""
+    u, _, v = np.linalg.svd(frames[:, 1:])
+    return np.ascontiguousarray(np.concatenate([frames[:, :1], u @ v], axis=1))
+
+
 def supplied_wrench(gradient: Array, frames: Array, held: Mask) -> Wrench:
     """Return what a chain exerts on the flange, at its origin: minus what held frames are supplied with.
 

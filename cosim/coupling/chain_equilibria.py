@@ -1,0 +1,130 @@
+"""Static equilibrium of a chain of frames on a flange, followed from a known one."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import final
+
+from cosim.coupling.chain_films import NO_ANGLES, ChainFilms
+from cosim.errors import ConvergenceError
+from cosim.frames import Array, Mask, Pose
+from cosim.soft.body import Loads
+from cosim.soft.equilibrium import CONTACT_ROUNDS_MAX, Equilibrium, Obstacles, end_of
+from cosim.soft.newton import NewtonOptions, Outcome
+from cosim.soft.section.frame_clamp import FrameClamp
+from cosim.soft.section.model import SectionBody
+from cosim.soft.section.solver import ChainResult, ChainSolver
+from cosim.soft.section.stepping import carried, supplied_wrench, upright
+from cosim.soft.state import SoftState
+
+_SPLITS_MAX = 8
+
+
+@final
+class ChainEquilibria:
+    """Follows equilibria of one chain.
+
+    `obstacles` says what the film may touch; None for what the loads name.
+
+    Args:
+        section: the chain.
+        solver: of it.
+        films: that make nodes from its frames.
+        options: bounds of the iteration.
+    """
+
+    def __init__(
+        self, section: SectionBody, solver: ChainSolver, films: ChainFilms, options: NewtonOptions
+    ) -> None:
+        self._section, self._solver, self._films, self._options = section, solver, films, options
+        self.obstacles: Obstacles | None = None
+
+    def start(self, clamp: FrameClamp, flange: Pose, loads: Loads) -> Equilibrium:
+        """Return the equilibrium of a chain hung up without pressure, then loaded."""
+        hanging = Loads(0.0, (0.0,) * len(self._section.body.cables), loads.gravity)
+        # as drawn, the films lie on each other, where a section has no stiffness to start from
+        straight = carried(self._section.straight(0.0), flange)
+        return self.follow(self.solve(straight, clamp, flange, hanging), clamp, flange, loads)
+
+    def solve(self, frames: Array, clamp: FrameClamp, flange: Pose, loads: Loads) -> Equilibrium:
+        """Return the equilibrium near frames (f, 4, 3).
+
+        Raises:
+            ConvergenceError: none was found.
+        """
+        options = self._options
+        found, loads = self._settle_contacts(clamp.place(frames, flange), clamp.free, loads)
+        if found.outcome is not Outcome.CONVERGED:
+            raise ConvergenceError(
+                f"no equilibrium found: {found.outcome.value}; residual {found.residual_N:.3g} N, bound "
+                f"{options.tolerance_N:.3g} N, {found.iterations} iterations",
+                found.residual_N,
+                found.iterations,
+            )
+        wrench = supplied_wrench(found.gradient, found.frames, clamp.held)
+        film = self._films.film(SoftState.at_rest(found.frames, NO_ANGLES), found.pressure_Pa)
+        return Equilibrium(
+            film, flange, loads, wrench, found.residual_N, found.iterations, found.potential_J, found.shifted
+        )
+
+    def _settle_contacts(self, start: Array, free: Mask, loads: Loads) -> tuple[ChainResult, Loads]:
+        """Solve, and repeat while something else is touched than what was found before the solution.
+
+        Returns:
+            The solution, and the loads with the contacts it was found with.
+        """
+        solver, options, trail = self._solver, self._options, list[Array]()
+        bounds = (options.tolerance_N, options.iterations_max)
+        if self.obstacles is None:
+            return solver.solve(start, free, loads, *bounds), loads
+        pressure = solver.pressure_Pa if loads.gases(1)[0] is not None else loads.pressures(1)[0]
+        spent = shifted = 0
+        for round_ in range(CONTACT_ROUNDS_MAX):
+            loads = replace(loads, contact=self.obstacles(self._section.positions(start, pressure)))
+            found = solver.solve(start, free, loads, *bounds)
+            settled = round_ > 0 and found.iterations == 0
+            spent, shifted, pressure = spent + found.iterations, shifted + found.shifted, found.pressure_Pa
+            if settled or found.outcome is not Outcome.CONVERGED:
+                return replace(found, iterations=spent, shifted=shifted), loads
+            trail.append(found.frames.reshape(-1, 3))
+            start = upright(end_of(trail).reshape(start.shape))
+        raise ConvergenceError(
+            f"no equilibrium found: what is touched still changes after {CONTACT_ROUNDS_MAX} rounds, "
+            f"{len(loads.contact or ())} points near obstacles; try smaller increments",
+            found.residual_N,
+            spent,
+        )
+
+    def follow(
+        self, begin: Equilibrium, clamp: FrameClamp, flange: Pose, loads: Loads, pressure_Pa: float = 0.0
+    ) -> Equilibrium:
+        """Follow an equilibrium to another flange pose and other loads, in as few pieces as it takes.
+
+        Args:
+            begin: where to start.
+            clamp: frames held by the flange.
+            flange: wanted pose of it.
+            loads: wanted loads.
+            pressure_Pa: of the gas in a beginning that these films did not make.
+
+        Raises:
+            ConvergenceError: a piece of 1/256 of the way did not converge.
+        """
+        here, done, piece, spent = begin, 0.0, 1.0, 0
+        while done < 1.0:
+            share = min(1.0, done + piece)
+            pose = begin.world_from_flange.interpolated(flange, share)
+            motion = pose @ here.world_from_flange.inverse()
+            chain, pressure = self._films.chain(here.state, here.world_from_flange, pressure_Pa)
+            load, frames = begin.loads.interpolated(loads, share), chain.positions
+            if load.gases(1)[0] is None:
+                frames = self._section.stretched(frames, pressure, load.pressures(1)[0])
+            try:
+                found = self.solve(carried(frames, motion), clamp, pose, load)
+            except ConvergenceError as error:
+                spent, piece = spent + error.iterations, 0.5 * piece
+                if piece < 0.5**_SPLITS_MAX:
+                    raise
+                continue
+            here, done, spent = found, share, spent + found.iterations
+        return replace(here, iterations=spent)
