@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from cosim.driver import Options, build_simulation, execute, recorded, rerun_recorder
+from cosim.errors import ScenarioError
 from cosim.scenario.loading import load_scenario
 from cosim.scenario.schema import Scenario
 from cosim.scenario.snapshot import Snapshot, Stage
@@ -65,7 +66,12 @@ def check_choices(trades: Mapping[str, Any], figures: Path) -> tuple[str, bool]:
         reference: Curve | None = None
         with tempfile.TemporaryDirectory() as cache:
             for wish in trade.wishes:
-                chosen = _chosen(scenario, wish, Path(cache))
+                try:
+                    chosen = _chosen(scenario, wish, Path(cache))
+                except ScenarioError as error:  # nothing meets it
+                    print(error, flush=True)
+                    rows.append(_refused(scenario, wish))
+                    continue
                 if reference is None:  # after the measurement, when everything is loaded
                     finest = short_members(scenario)[0]
                     reference = trace(load_scenario(scenario, finest.changes), build_simulation)
@@ -89,6 +95,13 @@ def _chosen(scenario: Scenario, wish: Wish, cache: Path) -> Scenario:
     given = {key: value for key, value in words.items() if value is not None}
     asking = load_scenario(scenario, {"fidelity": "auto", **given})
     return settled(asking, build_simulation, cache, lambda text: print(text, flush=True), recorded)
+
+
+def _refused(scenario: Scenario, wish: Wish) -> dict[str, Any]:
+    """Return the row of a wish that no member meets."""
+    figures = ("real_time_factor_wall", "real_time_factor_cpu", "position_error_m", "force_error_N")
+    row = {"scenario": scenario.name, "wish": wish.words, "chosen": "none", "measured": ""}
+    return {**row, **dict.fromkeys(figures), "met": False}
 
 
 def _row(scenario: Scenario, wish: Wish, chosen: Scenario, reference: Curve) -> dict[str, Any]:
@@ -120,10 +133,18 @@ def _row(scenario: Scenario, wish: Wish, chosen: Scenario, reference: Curve) -> 
 
 
 def _line(row: Mapping[str, Any]) -> str:
+    def number(key: str, factor: float = 1.0) -> str:
+        return "" if row[key] is None else f"{factor * row[key]:.3g}"
+
     cells = [
-        f"`{row['scenario']}`", row["wish"], row["chosen"], row["measured"],
-        f"{row['real_time_factor_wall']:.2f}", f"{row['real_time_factor_cpu']:.2f}",
-        f"{1e3 * row['position_error_m']:.3g}", f"{row['force_error_N']:.3g}",
+        f"`{row['scenario']}`",
+        row["wish"],
+        row["chosen"],
+        row["measured"],
+        number("real_time_factor_wall"),
+        number("real_time_factor_cpu"),
+        number("position_error_m", 1e3),
+        number("force_error_N"),
         "yes" if row["met"] else "**no**",
-    ]  # fmt: skip
+    ]
     return "| " + " | ".join(cells) + " |"

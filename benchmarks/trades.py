@@ -1,9 +1,9 @@
-"""Runs a trade of docs/trade.md anew, and puts its tables, picture and choices into the document.
+"""Runs the trades of docs/trade.md anew, and puts their tables, pictures and choices into the document.
 
-    python benchmarks/trades.py reference    # some 5 minutes of an idle core
-    python benchmarks/trades.py grasp        # some 4 minutes
-    python benchmarks/trades.py auto         # some 4 minutes: what `fidelity = "auto"` chooses, and whether
-                                             # the run that follows meets the wish
+    python benchmarks/trades.py reference grasp auto     # some 12 minutes of an idle core
+
+`reference` and `grasp` are trades, `auto` is what `fidelity = "auto"` chooses for both, and whether the run
+that follows meets the wish. The exit code is 1 where a wish is not met.
 
 Writes docs/trade_NAME.json, of a trade docs/trade_NAME.png as well, and replaces what stands between the
 marks of that name in docs/trade.md.
@@ -105,18 +105,20 @@ def put_into_document(name: str, body: str) -> None:
 def main() -> int:
     """Run what is asked for and write its files; return 1 where a wish is not met."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("name", choices=(*TRADES, "auto"))
-    name = parser.parse_args().name
-    began = time.process_time()
-    if name == "auto":
-        from benchmarks.auto_choices import check_choices
+    parser.add_argument("names", nargs="+", choices=(*TRADES, "auto"))
+    all_met = True
+    for name in parser.parse_args().names:
+        began = time.process_time()
+        if name == "auto":
+            from benchmarks.auto_choices import check_choices
 
-        body, met = check_choices(TRADES, DOCS / "trade_auto.json")
-    else:
-        body, met = run_trade(name)
-    put_into_document(name, body)
-    print(body, f"\n{time.process_time() - began:.0f} s of CPU time")
-    return int(not met)
+            body, met = check_choices(TRADES, DOCS / "trade_auto.json")
+        else:
+            body, met = run_trade(name)
+        put_into_document(name, body)
+        print(body, f"\n{time.process_time() - began:.0f} s of CPU time", flush=True)
+        all_met = all_met and met
+    return int(not all_met)
 
 
 if __name__ == "__main__":
