@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 from cosim.coupling.frozen_body import FrozenBody
@@ -20,7 +21,7 @@ from cosim.scenario.solver_schema import ChamberModel
 from cosim.soft.body import SoftBody
 from cosim.soft.dynamics import StepOptions
 from cosim.soft.newton import NewtonOptions
-from cosim.soft.section.model import SectionBody
+from cosim.soft.section.model import SectionBody, SectionModel
 
 _REUSE_MAX = 6  # iterations with a kept factorisation: beyond, a new one is cheaper
 
@@ -114,19 +115,26 @@ def fidelity_report(scenario: Scenario) -> str:
     return _rung(scenario) + (f"; chosen by measurement: {chosen}" if chosen else "")
 
 
+def _section_rung(model: SectionModel) -> str:
+    built = (
+        f"section: {model.length.shape[1] + 1} rigid frames, energies condensed from the film at "
+        f"{model.samples} poses up to {1e-3 * model.spline.largest_Pa:g} kPa; "
+    )
+    if not math.isfinite(model.tip_error):
+        return built + "it has no equilibrium at some loads it was not built from, at which the film has one"
+    return built + (
+        f"its tip is within {1e3 * model.tip_error_m:.1f} mm ({1e2 * model.tip_error:.2f} % of the length) "
+        "of the film's at loads it was not built from"
+    )
+
+
 def _rung(scenario: Scenario) -> str:
     targets = [phase.name for phase in scenario.phases if phase.tip_target is not None]
     if scenario.fidelity == "rigid":
         planned = f"; the targets of {', '.join(targets)} are planned on the lumped model" if targets else ""
         return f"rigid: the shape of the start is kept, weight and inertia only{planned}"
     if scenario.fidelity == "section":
-        model = section_model(scenario)
-        return (
-            f"section: {model.length.shape[1] + 1} rigid frames, energies condensed from the film at "
-            f"{model.samples} poses up to {1e-3 * model.spline.largest_Pa:g} kPa; its tip is within "
-            f"{1e3 * model.tip_error_m:.1f} mm ({1e2 * model.tip_error:.2f} % of the length) of the film's "
-            "at loads it was not built from"
-        )
+        return _section_rung(section_model(scenario))
     if scenario.fidelity == "refined":
         law = (
             "; plain film and shell hinges in place of the calibration" if scenario.chamber.calibrated else ""

@@ -14,12 +14,16 @@ def check_section(scenario: Scenario) -> None:
         ScenarioError: the first rule that is broken.
     """
     robot = scenario.soft_robot
-    for key, given in (("copies", robot.copies), ("attach", robot.attachments)):
-        if given:
-            raise ScenarioError(
-                f"soft_robot.{key}",
-                "has no section model: it is of one stack of units; use fidelity = 'lumped'",
-            )
+    if robot.copies:
+        raise ScenarioError(
+            "soft_robot.copies",
+            "have no section model: fingers fold where they close, and a folded section has no equilibrium "
+            "to condense (docs/section.md); use fidelity = 'lumped'",
+        )
+    if robot.attachments:
+        raise ScenarioError(
+            "soft_robot.attach", "has no section model: it is of one stack of units; use fidelity = 'lumped'"
+        )
     if robot.base != ("unit_1.hole",):
         raise ScenarioError(
             "soft_robot.base", f"is {list(robot.base)}; a section model needs ['unit_1.hole'] alone"

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 import cosim
+from cosim.errors import ScenarioError
 from cosim.scenario import section_model as module
+from cosim.scenario.loading import load_scenario
 from tests.small_section import ROBOT, section
 
 SCENARIO = f"""
@@ -42,3 +46,31 @@ def test_the_error_of_a_model_is_told_and_kept(tmp_path: Path, monkeypatch: pyte
     monkeypatch.setattr(module, "build_model", lambda *_: pytest.fail("the model has been built before"))
     assert cosim.run(path).summary["section_model"] == figures
     assert cosim.run(path, overrides={"fidelity": "rigid"}).summary["section_model"] is None
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"soft_robot": "three_finger_gripper"}, "soft_robot.copies: have no section model: fingers fold"),
+        ({"soft_robot": "arm_with_gripper"}, "soft_robot.attach: has no section model"),
+        ({"contact.self_contact": True}, "contact.self_contact: is not in a section model"),
+    ],
+)
+def test_what_a_section_model_leaves_out_is_refused(
+    tmp_path: Path, changes: dict[str, Any], message: str
+) -> None:
+    path = tmp_path / "three_units.toml"
+    path.write_text(SCENARIO, encoding="utf-8")
+    with pytest.raises(ScenarioError, match=message):
+        load_scenario(path, changes)
+
+
+def test_a_model_that_loses_its_equilibria_says_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    lost = replace(section().model, tip_error=float("inf"), tip_error_m=float("inf"))
+    monkeypatch.setattr(module, "build_model", lambda *_: lost)
+    path = tmp_path / "three_units.toml"
+    path.write_text(SCENARIO, encoding="utf-8")
+    run = cosim.run(path)
+    assert run.summary["section_model"]["tip_error_m"] is None
+    assert "it has no equilibrium at some loads" in run.stage.report
