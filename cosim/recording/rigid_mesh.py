@@ -6,10 +6,9 @@ from typing import Final
 
 import numpy as np
 import rerun as rr
-from scipy.sparse import csr_array
 
 from cosim.body_shape import BodyShape
-from cosim.frames import Array, IntArray
+from cosim.frames import Array, IntArray, cross
 from cosim.recording.colours import FLOOR_SHADE
 
 FLOOR_NAME: Final = "floor"
@@ -47,13 +46,21 @@ def corner_normals(vertices: Array, triangles: IntArray) -> Array:
         (3 m, 3), unit length; zero for triangles without area.
     """
     a, b, c = (vertices[triangles[:, k]] for k in range(3))
-    area = np.cross(b - a, c - a)
-    face = area / np.maximum(np.linalg.norm(area, axis=1, keepdims=True), 1e-30)
-    corners, m = triangles.ravel(), len(triangles)
-    at_vertex = csr_array((np.ones(3 * m), (np.arange(3 * m), corners)), shape=(3 * m, len(vertices)))
-    touching = csr_array((np.ones(3 * m), (corners, np.repeat(np.arange(m), 3))), shape=(len(vertices), m))
-    corner, neighbour = (at_vertex @ touching).nonzero()
-    near = np.einsum("pa,pa->p", face[corner // 3], face[neighbour]) > _SHARP
-    chosen = csr_array((near.astype(np.float64), (corner, neighbour)), shape=(3 * m, m))
-    normals = chosen @ area
-    return np.asarray(normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-30))
+    area = np.ascontiguousarray(cross(b - a, c - a).T)
+    face = area / np.maximum(np.sqrt((area * area).sum(axis=0)), 1e-30)
+    corner, neighbour = _corners_that_meet(triangles.ravel())
+    one, other = corner // 3, neighbour // 3
+    near = sum(axis[one] * axis[other] for axis in face) > _SHARP
+    corner, other = corner[near], other[near]
+    normals = np.stack([np.bincount(corner, axis[other], 3 * len(triangles)) for axis in area])
+    return np.asarray((normals / np.maximum(np.sqrt((normals * normals).sum(axis=0)), 1e-30)).T)
+
+
+def _corners_that_meet(vertex: IntArray) -> tuple[IntArray, IntArray]:
+    """Return all pairs of corners at one vertex, each with itself too: two arrays of corners."""
+    order = np.argsort(vertex, kind="stable")
+    count = np.bincount(vertex)
+    first = np.cumsum(count) - count  # of each vertex in `order`
+    many = count[vertex[order]]
+    place = np.arange(many.sum()) - np.repeat(np.cumsum(many) - many - first[vertex[order]], many)
+    return np.repeat(order, many), order[place]
