@@ -122,6 +122,26 @@ def quaternion_from_rotation(rotation: Array) -> Array:
     return q if q[0] >= 0.0 else -q
 
 
+def quaternions_from_rotations(rotations: Array) -> Array:
+    """Return `quaternion_from_rotation` of many rotations (k, 3, 3): (k, 4).
+
+    Each is the row of the symmetric matrix 4 q q^T with the largest diagonal entry, normalised.
+    """
+    r = rotations.transpose(1, 2, 0)
+    trace = r[0, 0] + r[1, 1] + r[2, 2]
+    products = np.empty((4, 4, len(rotations)))
+    products[0] = (1.0 + trace, r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1])
+    for i in range(3):
+        products[1 + i, 0] = products[0, 1 + i]
+        for j in range(3):
+            products[1 + i, 1 + j] = r[i, j] + r[j, i]
+        products[1 + i, 1 + i] += 1.0 - trace
+    largest = np.argmax(products[np.arange(4), np.arange(4)], axis=0)
+    q = products[largest, :, np.arange(len(rotations))]
+    q /= np.sqrt((q * q).sum(axis=1))[:, None]
+    return np.asarray(np.where(q[:, :1] >= 0.0, q, -q))
+
+
 def rotation_from_quaternion(quaternion: Array) -> Array:
     """Return the rotation of a quaternion (w, x, y, z), normalised first.
 

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, final
+from typing import Any, Final, final
 
 import numpy as np
 
 from cosim.frames import Array, IntArray
+from cosim.scenario.block import READ_AT_ONCE, Block
 from cosim.scenario.snapshot import Snapshot, Stage
 
 
@@ -101,14 +103,13 @@ class RunResult:
         return str(self.summary["status"])
 
 
-_NONE = np.zeros(0)
 _ROUNDING_S = 1e-9
 """Far below a tick, far above the rounding error of a time."""
 
 
 @final
 class ResultBuilder:
-    """Follows a run and gathers its arrays.
+    """Follows a run and gathers its arrays; reads them off many snapshots at once.
 
     Args:
         frames_per_s: how often node positions are kept, in simulated time.
@@ -118,7 +119,8 @@ class ResultBuilder:
         self._stage: Stage | None = None
         self._frame_s = 1.0 / frames_per_s
         self._next_frame_s = 0.0
-        self._rows: dict[str, list[Any]] = {}
+        self._unread: list[Snapshot] = []
+        self._arrays: dict[str, list[Any]] = {name: [] for name in _COLUMNS}
         self._frame_time_s: list[float] = []
         self._node_position: list[Array] = []
 
@@ -128,13 +130,21 @@ class ResultBuilder:
 
     def observe(self, snapshot: Snapshot) -> None:
         """Take in one snapshot."""
-        for name, value in _row(snapshot).items():
-            self._rows.setdefault(name, []).append(value)
+        self._unread.append(snapshot)
+        if len(self._unread) == READ_AT_ONCE:
+            self._read()
         if snapshot.time_s >= self._next_frame_s - _ROUNDING_S:
             self._frame_time_s.append(snapshot.time_s)
             self._node_position.append(snapshot.node_position)
             frames = np.floor((snapshot.time_s + _ROUNDING_S) / self._frame_s)
             self._next_frame_s = (frames + 1.0) * self._frame_s
+
+    def _read(self) -> None:
+        """Read the arrays off the snapshots gathered, and let go of them."""
+        if self._unread:
+            block, self._unread = Block(self._unread), []
+            for name, column in _COLUMNS.items():
+                self._arrays[name].append(column(block))
 
     def close(self) -> None:
         """Nothing to do."""
@@ -147,53 +157,52 @@ class ResultBuilder:
         """
         if self._stage is None:
             raise ValueError("no run has been opened")
+        self._read()
         return RunResult(
             stage=self._stage,
             summary=summary,
             directory=directory,
             frame_time_s=np.array(self._frame_time_s),
             node_position=np.array(self._node_position),
-            **{name: np.array(self._rows.get(name, ())) for name in _ROW_NAMES},
+            **{name: np.concatenate(found or [np.zeros(0)]) for name, found in self._arrays.items()},
         )
 
 
-_ROW_NAMES = frozenset(RunResult.__dataclass_fields__) - {
-    "stage", "summary", "directory", "frame_time_s", "node_position",
-}  # fmt: skip
-
-
-def _row(snapshot: Snapshot) -> dict[str, Any]:
-    ledger, flange = snapshot.ledger, snapshot.world_from_flange
-    return {
-        "tick": snapshot.tick,
-        "time_s": snapshot.time_s,
-        "phase": snapshot.phase,
-        "joint_position": snapshot.joint_position,
-        "joint_target": snapshot.joint_target,
-        "flange_position": flange.translation,
-        "flange_quaternion": flange.quaternion,
-        "flange_force": ledger.wrench.force,
-        "flange_torque": ledger.wrench.torque,
-        "tip_position": snapshot.tip_position,
-        "tip_direction": snapshot.tip_direction,
-        "sag_m": snapshot.sag_m,
-        "pressure_Pa": snapshot.pressure_Pa,
-        "volume_m3": snapshot.volume_m3,
-        "chamber_pressure_Pa": snapshot.chamber_pressure_Pa,
-        "chamber_volume_m3": snapshot.chamber_volume_m3,
-        "cable_tension_N": snapshot.cable_tension_N,
-        "cable_length_m": _NONE if snapshot.devices is None else snapshot.devices.cable_length_m,
-        "cable_unstretched_m": _NONE if snapshot.devices is None else snapshot.devices.unstretched_m,
-        "bending_angle_rad": np.nan if snapshot.devices is None else snapshot.devices.bending_angle_rad,
-        "residual_N": ledger.residual_N,
-        "newton_iterations": ledger.newton_iterations,
-        "power_error_W": ledger.power_error_W,
-        "stability_ratio": ledger.stability_ratio,
-        "contacts": ledger.contacts,
-        "contact_force_N": ledger.contact_force_N,
-        "contact_depth_m": ledger.contact_depth_m,
-        "self_contacts": ledger.self_contacts,
-        "self_contact_force_N": ledger.self_contact_force_N,
-        "self_contact_depth_m": ledger.self_contact_depth_m,
-        "tick_wall_s": snapshot.tick_wall_s,
-    }
+_NONE: Final = np.zeros(0)
+_COLUMNS: Final[dict[str, Callable[[Block], Array | IntArray]]] = {
+    "tick": lambda b: b.counts(lambda s: s.tick),
+    "time_s": lambda b: b.numbers(lambda s: s.time_s),
+    "phase": lambda b: b.counts(lambda s: s.phase),
+    "joint_position": lambda b: b.rows(lambda s: s.joint_position),
+    "joint_target": lambda b: b.rows(lambda s: s.joint_target),
+    "flange_position": lambda b: b.flange_position,
+    "flange_quaternion": lambda b: b.flange_quaternion,
+    "flange_force": lambda b: b.rows(lambda s: s.ledger.wrench.force),
+    "flange_torque": lambda b: b.rows(lambda s: s.ledger.wrench.torque),
+    "tip_position": lambda b: b.tip_position,
+    "tip_direction": lambda b: b.tip_direction,
+    "sag_m": lambda b: b.sag_m,
+    "pressure_Pa": lambda b: b.numbers(lambda s: s.pressure_Pa),
+    "volume_m3": lambda b: b.chamber_volume_m3.sum(axis=1),
+    "chamber_pressure_Pa": lambda b: b.rows(lambda s: s.chamber_pressure_Pa),
+    "chamber_volume_m3": lambda b: b.chamber_volume_m3,
+    "cable_tension_N": lambda b: b.rows(lambda s: s.cable_tension_N),
+    "cable_length_m": lambda b: b.rows(lambda s: _NONE if s.devices is None else s.devices.cable_length_m),
+    "cable_unstretched_m": lambda b: b.rows(
+        lambda s: _NONE if s.devices is None else s.devices.unstretched_m
+    ),
+    "bending_angle_rad": lambda b: b.numbers(
+        lambda s: np.nan if s.devices is None else s.devices.bending_angle_rad
+    ),
+    "residual_N": lambda b: b.numbers(lambda s: s.ledger.residual_N),
+    "newton_iterations": lambda b: b.counts(lambda s: s.ledger.newton_iterations),
+    "power_error_W": lambda b: b.numbers(lambda s: s.ledger.power_error_W),
+    "stability_ratio": lambda b: b.numbers(lambda s: s.ledger.stability_ratio),
+    "contacts": lambda b: b.counts(lambda s: s.ledger.contacts),
+    "contact_force_N": lambda b: b.numbers(lambda s: s.ledger.contact_force_N),
+    "contact_depth_m": lambda b: b.numbers(lambda s: s.ledger.contact_depth_m),
+    "self_contacts": lambda b: b.counts(lambda s: s.ledger.self_contacts),
+    "self_contact_force_N": lambda b: b.numbers(lambda s: s.ledger.self_contact_force_N),
+    "self_contact_depth_m": lambda b: b.numbers(lambda s: s.ledger.self_contact_depth_m),
+    "tick_wall_s": lambda b: b.numbers(lambda s: s.tick_wall_s),
+}

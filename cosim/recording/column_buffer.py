@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Final, final
+from typing import final
 
 import numpy as np
 import rerun as rr
@@ -11,11 +11,8 @@ import rerun as rr
 from cosim.frames import Array, IntArray
 from cosim.recording.blueprint import TICKS, TIMELINE
 from cosim.recording.plot import Plot
-from cosim.scenario.block import Block
+from cosim.scenario.block import READ_AT_ONCE, Block
 from cosim.scenario.snapshot import Snapshot
-
-_READ_AT_ONCE: Final = 64
-"""More would cost no less each, and snapshots of fine meshes are large."""
 
 
 def time_columns(ticks: Sequence[int] | IntArray, tick_ns: int) -> list[rr.TimeColumn]:
@@ -52,7 +49,7 @@ class PlotBuffer:
     def append(self, snapshot: Snapshot) -> None:
         """Take the values of one tick."""
         self._unread.append(snapshot)
-        if len(self._unread) == _READ_AT_ONCE:
+        if len(self._unread) == READ_AT_ONCE:
             self._read()
 
     def _read(self) -> None:

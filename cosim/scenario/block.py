@@ -4,15 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import cached_property
-from typing import TYPE_CHECKING, final
+from typing import TYPE_CHECKING, Final, final
 
 import numpy as np
 
-from cosim.frames import Array
+from cosim.frames import Array, IntArray, quaternions_from_rotations
 from cosim.scenario.snapshot import Snapshot
 
 if TYPE_CHECKING:
     from cosim.coupling.shape_reader import ShapeFigures
+
+
+READ_AT_ONCE: Final = 64
+"""Snapshots that observers gather before they read them: more cost no less each, fine meshes are large."""
 
 
 @final
@@ -33,9 +37,14 @@ class Block:
         """Return one number of each snapshot (k,)."""
         return np.array([read(snapshot) for snapshot in self.snapshots], dtype=np.float64)
 
+    def counts(self, read: Callable[[Snapshot], int]) -> IntArray:
+        """Return one count of each snapshot (k,)."""
+        return np.array([read(snapshot) for snapshot in self.snapshots], dtype=np.int64)
+
     def rows(self, read: Callable[[Snapshot], Array]) -> Array:
         """Return one array (m,) of each snapshot, the same m in all: (k, m)."""
-        return np.concatenate([read(snapshot) for snapshot in self.snapshots]).reshape(len(self), -1)
+        found = [read(snapshot) for snapshot in self.snapshots]
+        return np.concatenate(found).reshape(len(found), len(found[0]))
 
     @cached_property
     def tip_position(self) -> Array:
@@ -60,13 +69,22 @@ class Block:
         return self.rows(lambda s: s.world_from_flange.translation)
 
     @cached_property
+    def flange_rotation(self) -> Array:
+        """(k, 3, 3), world from flange."""
+        return np.stack([snapshot.world_from_flange.rotation for snapshot in self.snapshots])
+
+    @property
+    def flange_quaternion(self) -> Array:
+        """(k, 4), (w, x, y, z)."""
+        return quaternions_from_rotations(self.flange_rotation)
+
+    @cached_property
     def sag_m(self) -> Array:
         """(k,)."""
         figures = self._figures
         if figures is None:
             return self.numbers(lambda s: s.sag_m)
-        axes = self.rows(lambda s: s.world_from_flange.rotation[:, 2])
-        return figures.sag_m(self.flange_position, axes)
+        return figures.sag_m(self.flange_position, self.flange_rotation[:, :, 2])
 
     @cached_property
     def _figures(self) -> ShapeFigures | None:

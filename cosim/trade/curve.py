@@ -16,7 +16,7 @@ from typing import TypeAlias, final
 import numpy as np
 
 from cosim.frames import Array
-from cosim.scenario.block import Block
+from cosim.scenario.block import READ_AT_ONCE, Block
 from cosim.scenario.schema import Scenario
 from cosim.scenario.snapshot import Snapshot, Stage
 from cosim.trade.simulation import Build
@@ -24,7 +24,6 @@ from cosim.trade.simulation import Build
 STRETCH_S = 0.2
 """Simulated time over which a run must not be slower than its bound."""
 
-_READ_AT_ONCE = 64  # ticks: one by one, the tip would cost as much as the recording
 
 Follow: TypeAlias = Callable[[Scenario, Stage], AbstractContextManager[Callable[[Snapshot], None]]]
 """Opens what follows a run; the context gives what is called with every snapshot."""
@@ -113,7 +112,7 @@ class CurveBuilder:
         ))  # fmt: skip
         self._iterations += ledger.newton_iterations if len(self._rows) > 1 else 0
         self._unread.append(snapshot)
-        if len(self._unread) == _READ_AT_ONCE:
+        if len(self._unread) == READ_AT_ONCE:
             self._read()
 
     def _read(self) -> None:

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from cosim.driver import build_simulation
+from cosim.frames import quaternion_from_rotation, quaternions_from_rotations, rotation_from_vector
 from cosim.scenario.block import Block
 from cosim.scenario.loading import load_scenario
 from cosim.scenario.snapshot import Snapshot
@@ -40,3 +41,11 @@ def test_snapshots_made_by_hand_are_read_by_their_values() -> None:
     block = Block(made)
     for name in READ:
         np.testing.assert_array_equal(getattr(block, name), [getattr(snapshot, name) for snapshot in made])
+
+
+def test_many_quaternions_are_those_of_each_rotation() -> None:
+    # half turns about every axis, where another component is the largest, and turns in between
+    turns = np.concatenate([np.pi * np.eye(3), np.random.default_rng(1).normal(size=(40, 3)) * 2.0])
+    rotations = np.array([rotation_from_vector(turn) for turn in turns])
+    one_by_one = [quaternion_from_rotation(rotation) for rotation in rotations]
+    np.testing.assert_allclose(quaternions_from_rotations(rotations), one_by_one, rtol=0.0, atol=1e-15)
