@@ -180,7 +180,8 @@ class Pose:
         pose = object.__new__(cls)
         rotation.setflags(write=False)
         translation.setflags(write=False)
-        vars(pose).update(rotation=rotation, translation=translation)
+        held = vars(pose)
+        held["rotation"], held["translation"] = rotation, translation
         return pose
 
     @classmethod
@@ -235,7 +236,8 @@ class Twist:
         twist = object.__new__(cls)
         linear.setflags(write=False)
         angular.setflags(write=False)
-        vars(twist).update(linear=linear, angular=angular)
+        held = vars(twist)
+        held["linear"], held["angular"] = linear, angular
         return twist
 
 

@@ -66,11 +66,12 @@ class Coupling(ABC):
         """
         interface, touched = self.interface, self.interface.touched
         twist, wrench = interface.scene.flange_twist, reply.wrench
-        power, size = _power(wrench, twist)
+        received_W, _ = _power(acted, twist)
+        power_W, size_W = _power(wrench, twist)
         return LedgerEntry(
             wrench=wrench,
-            rigid_power_W=acted.power(twist),
-            soft_power_W=-power,
+            rigid_power_W=received_W,
+            soft_power_W=-power_W,
             residual_N=reply.residual_N,
             newton_iterations=reply.iterations,
             stability_ratio=interface.ratio,
@@ -79,7 +80,7 @@ class Coupling(ABC):
             contact_force_N=touched.normal_force_N,
             contact_depth_m=touched.depth_m,
             contact_ratio=interface.contact_ratio,
-            power_size_W=size,
+            power_size_W=size_W,
             momentum_error=momentum_error,
         )
 

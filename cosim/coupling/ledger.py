@@ -6,11 +6,13 @@ from dataclasses import dataclass
 from typing import Literal, TypeAlias, final
 
 from cosim.frames import Wrench
+from cosim.frozen import quickly_made
 
 Scheme: TypeAlias = Literal["staggered", "iterated"]
 
 
 @final
+@quickly_made
 @dataclass(frozen=True)
 class LedgerEntry:
     """What the interface exchanged in one tick.

@@ -10,6 +10,7 @@ import numpy as np
 from cosim.coupling.ledger import LedgerEntry
 from cosim.coupling.soft_side import SoftSide
 from cosim.frames import Array, Pose, Twist
+from cosim.frozen import quickly_made
 from cosim.scenario.actuation import Actuation, Instant
 from cosim.scenario.carrier import Carrier
 from cosim.scenario.chamber_gas import ChamberGas
@@ -23,6 +24,7 @@ from cosim.soft.body import Loads
 
 
 @final
+@quickly_made
 @dataclass(frozen=True)
 class Moment:
     """Where a run is: tick and time, phase, and what drives it.

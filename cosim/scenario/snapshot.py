@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 from cosim.body_shape import BodyShape
 from cosim.coupling.ledger import LedgerEntry
 from cosim.frames import Array, IntArray, Pose, Twist
+from cosim.frozen import quickly_made
 from cosim.scenario.actuation_report import ActuationReport, DeviceNames
 from cosim.scenario.decision import Decision
 from cosim.scenario.film_shape import FilmShape
@@ -71,6 +72,7 @@ class Stage:
     section_model: dict[str, float] | None = None
 
 
+@quickly_made
 @dataclass(frozen=True)
 class Snapshot:
     """State at the end of one tick; arrays are owned by the snapshot.

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cosim.frozen import changed
 from cosim.scenario.load_ramp import LoadRamp
 from cosim.soft.body import Loads
 from cosim.soft.gas import SealedGas
@@ -44,9 +43,3 @@ def test_the_ramp_is_the_interpolation(changes: dict[str, Any], share: float) ->
 def test_loads_that_stay_are_the_same_object() -> None:
     end = replace(BEGIN)
     assert LoadRamp(BEGIN, end).at(0.4) is end
-
-
-def test_a_changed_copy_leaves_the_original() -> None:
-    copy = changed(BEGIN, pressure_Pa=2e4)
-    assert copy == replace(BEGIN, pressure_Pa=2e4)
-    assert BEGIN.pressure_Pa == 1e4
