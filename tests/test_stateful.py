@@ -27,6 +27,7 @@ SAVED_OTHERWISE = {
     "SectionBody": "what it keeps by pressure",
     "SelfContact": "pattern of the last pairs of films, made anew where it does not serve",
     "SoftSystem": "workspace; NewtonSolver saves the gradient, which is read later",
+    "TickReferences": "worked out anew from the phase",
 }
 
 

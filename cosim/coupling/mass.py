@@ -16,6 +16,7 @@ import numpy as np
 from scipy.linalg import lapack
 
 from cosim.frames import Array, Pose, cross_matrix
+from cosim.soft.mass_moments import mass_moments
 
 
 @final
@@ -36,22 +37,26 @@ class MassProperties:
     @classmethod
     def of(cls, node_mass: Array, positions: Array) -> MassProperties:
         """Return those of nodes (n,) [kg] at positions (n, 3) [m]."""
-        mass = float(node_mass.sum())
-        second = positions.T.dot(node_mass[:, None] * positions)
-        if mass <= 0.0:  # what weighs nothing may have its centre anywhere
-            return cls(mass, positions.mean(axis=0), np.zeros((3, 3)))
-        return cls.of_moments(mass, node_mass.dot(positions), second)
+        return cls.of_blocks(node_mass.reshape(-1, 1, 1), positions.reshape(-1, 1, 3))
 
     @classmethod
-    def of_moments(cls, mass_kg: float, first: Array, second: Array) -> MassProperties:
-        """Return those of sum m x (3,) [kg m] and sum m x x^T (3, 3) [kg m^2]; the mass is not zero."""
-        center = first / mass_kg
-        x, y, z = center.tolist()
-        (xx, xy, xz), (_, yy, yz), (_, _, zz) = second.tolist()
-        xx, yy, zz = xx - mass_kg * x * x, yy - mass_kg * y * y, zz - mass_kg * z * z
-        xy, xz, yz = xy - mass_kg * x * y, xz - mass_kg * x * z, yz - mass_kg * y * z
-        inertia = np.array(((yy + zz, -xy, -xz), (-xy, xx + zz, -yz), (-xz, -yz, xx + yy)))
-        return cls(mass_kg, center, inertia)
+    def of_blocks(cls, mass: Array, points: Array) -> MassProperties:
+        """Return those of blocks of points that carry a mass together, see `mass_moments`.
+
+        Args:
+            mass: (b, k, k) [kg].
+            points: (b, k, 3) [m].
+        """
+        moments = np.empty(9)
+        total = mass_moments(mass, points, moments)
+        if total <= 0.0:  # what weighs nothing may have its centre anywhere
+            return cls(total, points[:, 0].mean(axis=0), np.zeros((3, 3)))
+        x, y, z, xx, xy, xz, yy, yz, zz = moments.tolist()
+        a, b, c = x / total, y / total, z / total
+        xx, yy, zz = xx - a * x, yy - b * y, zz - c * z
+        xy, xz, yz = xy - a * y, xz - a * z, yz - b * z
+        inertia = np.array((yy + zz, -xy, -xz, -xy, xx + zz, -yz, -xz, -yz, xx + yy))
+        return cls(total, np.array((a, b, c)), inertia.reshape(3, 3))
 
     def moved(self, world_from_frame: Pose) -> MassProperties:
         """Return those in the world of what is given in a frame."""

@@ -101,7 +101,6 @@ class SectionArm(SoftSide):
         # of the last step: where it began; and where the one that was taken back had ended
         self._begin = (self._chain, self._pressure, self._flange, self._loads)
         self._reached: Array = self._chain.positions
-        self._first_moments = section.mass[:, 0].reshape(-1)  # of the frames' points
 
     @property
     def state(self) -> SoftState:
@@ -297,9 +296,4 @@ class SectionArm(SoftSide):
 
     def mass_properties(self) -> MassProperties:
         """Return mass, centre and inertia at the present shape."""
-        section, frames = self.section, self._chain.positions
-        points, moments = frames.reshape(-1, 3), np.matmul(section.mass, frames)
-        second = points.T.dot(moments.reshape(-1, 3))
-        if section.mass_kg <= 0.0:
-            return MassProperties(0.0, frames[:, 0].mean(axis=0), second)
-        return MassProperties.of_moments(section.mass_kg, self._first_moments.dot(points), second)
+        return MassProperties.of_blocks(self.section.mass, self._chain.positions)

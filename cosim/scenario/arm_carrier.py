@@ -23,8 +23,7 @@ from cosim.rigid.state import RigidState
 from cosim.scenario.carrier import Carrier
 from cosim.scenario.coupling_schema import Coupling as CouplingSettings
 from cosim.scenario.exchange import exchange_report, make_coupling
-from cosim.scenario.joint_path import JointPath
-from cosim.scenario.ramp import Progress
+from cosim.scenario.joint_path import JointReference
 from cosim.soft.body import Loads
 from cosim.soft.contact import ContactLaw
 from cosim.soft.equilibrium import Obstacles
@@ -160,14 +159,13 @@ class ArmCarrier(Carrier):
         assert self._coupling is not None, "couple() has just made it"
         self._coupling.restore_state(state.coupling)
 
-    def tick(self, path: JointPath, now: Progress, loads: Loads) -> tuple[Array, LedgerEntry]:
+    def tick(self, reference: JointReference, loads: Loads) -> LedgerEntry:
         assert self._coupling is not None, "couple() comes before tick()"
-        # the servos act on the error at the start of the tick, so they get the reference of that instant
-        position, velocity, acceleration = path.at(now)
+        position, velocity, acceleration = reference.position, reference.velocity, reference.acceleration
         feedforward = self._arm.inverse_dynamics(
             position, velocity, acceleration, self._scene.armature, self._payload()
         )
-        return position, self._coupling.tick(ServoCommand(position, velocity, feedforward), loads)
+        return self._coupling.tick(ServoCommand(position, velocity, feedforward), loads)
 
     def _payload(self) -> Payload | None:
         """Return what hangs on the flange as a rigid payload, at its present shape; None: unknown to it."""

@@ -14,8 +14,7 @@ from cosim.coupling.soft_side import SoftSide
 from cosim.errors import InputError
 from cosim.frames import Array, Pose, Twist, Wrench
 from cosim.scenario.flange import FlangeWay
-from cosim.scenario.joint_path import JointPath
-from cosim.scenario.ramp import Progress
+from cosim.scenario.joint_path import JointPath, JointReference
 from cosim.soft.body import Loads
 from cosim.soft.equilibrium import Obstacles
 
@@ -94,16 +93,15 @@ class Carrier(ABC):
         """Begin a lockstep run; `wrench` acts on the flange at its start."""
 
     @abstractmethod
-    def tick(self, path: JointPath, now: Progress, loads: Loads) -> tuple[Array, LedgerEntry]:
+    def tick(self, reference: JointReference, loads: Loads) -> LedgerEntry:
         """Advance carrier and soft robot by one tick.
 
         Args:
-            path: joint angles of the phase.
-            now: progress at the start of the tick.
-            loads: on the soft body at its end.
+            reference: of the servos.
+            loads: on the soft body at the end of the tick.
 
         Returns:
-            The references (joints,) [rad] of the tick, and what was exchanged.
+            What was exchanged.
         """
 
 
@@ -171,7 +169,6 @@ class HeldBase(Carrier):
         if state is not None:
             raise InputError("the saved state is of a flange that is carried, this base is held")
 
-    def tick(self, path: JointPath, now: Progress, loads: Loads) -> tuple[Array, LedgerEntry]:
+    def tick(self, reference: JointReference, loads: Loads) -> LedgerEntry:
         reply = self._soft.advance(self._pose, loads, self._tick_s)
-        entry = LedgerEntry(reply.wrench, 0.0, 0.0, reply.residual_N, reply.iterations, 0.0, False)
-        return path.first, entry
+        return LedgerEntry(reply.wrench, 0.0, 0.0, reply.residual_N, reply.iterations, 0.0, False)

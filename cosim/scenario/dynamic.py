@@ -11,9 +11,9 @@ from cosim.errors import InputError
 from cosim.frames import Twist
 from cosim.scenario.parts import Moment, Parts
 from cosim.scenario.plan import PhasePlan, start_equilibrium
-from cosim.scenario.ramp import progress
 from cosim.scenario.snapshot import Snapshot, Stage
 from cosim.scenario.stepped_run import Cursor, SteppedRun
+from cosim.scenario.tick_references import TickReferences
 
 
 @final
@@ -27,6 +27,7 @@ class DynamicSimulation(SteppedRun):
 
     def __init__(self, parts: Parts, stage: Stage) -> None:
         super().__init__(parts, stage, [parts.ticks(planned.phase) for planned in parts.plan.phases])
+        self._references: TickReferences | None = None
 
     def _start(self, began: float) -> Snapshot:
         parts = self._parts
@@ -40,18 +41,19 @@ class DynamicSimulation(SteppedRun):
         return parts.snapshot(moment, ledger, time.perf_counter() - began)
 
     def _step(self, planned: PhasePlan, to: Cursor, began: float) -> Snapshot:
-        parts, phase, tick_s = self._parts, planned.phase, self.stage.tick_s
+        parts, tick_s = self._parts, self.stage.tick_s
         carrier, soft, time_s = parts.carrier, parts.soft, Clock(tick_s, to.tick).time_s
         if to.done == 1:
             self._begin_phase(planned, carrier.flange_pose)
-        now = progress(phase.ramp, (to.done - 1) * tick_s, phase.duration_s)
-        share = progress(phase.ramp, to.done * tick_s, phase.duration_s).value
+        if self._references is None or self._references.planned is not planned:
+            self._references = TickReferences(planned, tick_s)
+        reference, share = self._references.at(to.done)
         self._gas.pass_time(soft, tick_s)
         parts.work_devices(planned, self._gas, time_s - tick_s, share)
         loads = parts.actuation.loads(self._gas.between(planned.begin, planned.end, share))
-        reference, ledger = carrier.tick(planned.joints, now, loads)
+        ledger = carrier.tick(reference, loads)
         flange, twist = carrier.flange_pose, carrier.flange_twist
-        moment = Moment(to.tick, time_s, to.phase, reference, loads, flange, twist)
+        moment = Moment(to.tick, time_s, to.phase, reference.position, loads, flange, twist)
         return parts.snapshot(moment, ledger, time.perf_counter() - began)
 
     def _save_own(self) -> None:

@@ -70,7 +70,7 @@ class QuasistaticSimulation(SteppedRun):
             self._earlier = None
         span = (phase.duration_s + phase.settle_s) / phase.increments
         share = to.done / phase.increments
-        reference = planned.joints.at(Progress(share, 0.0, 0.0))[0]
+        reference = planned.joints.at(Progress(share, 0.0, 0.0)).position
         self._gas.pass_time(parts.soft, span)
         parts.work_devices(planned, self._gas, began_s + (to.done - 1) * span, share)
         loads = parts.actuation.loads(self._gas.between(planned.begin, planned.end, share))

@@ -14,14 +14,15 @@ from cosim.soft import (
     frame_ring,
     hinge,
     linear_solver,
+    mass_moments,
     mass_terms,
     membrane,
     pressure,
 )
 
 _MODULES: tuple[ModuleType, ...] = (
-    cable, contact, contact_surface, dissected_cholesky, frame_ring, hinge, linear_solver, mass_terms,
-    membrane, pressure,
+    cable, contact, contact_surface, dissected_cholesky, frame_ring, hinge, linear_solver, mass_moments,
+    mass_terms, membrane, pressure,
 )  # fmt: skip
 
 

@@ -30,6 +30,19 @@ def test_spatial_mass_is_the_sum_over_nodes() -> None:
     assert properties.spatial(ORIGIN) == pytest.approx(node_sum(ORIGIN), rel=1e-12, abs=1e-12)
 
 
+def test_frames_carry_what_their_nodes_weigh() -> None:
+    # nodes at an origin and shares of three axes, in two frames that are turned and moved
+    shares = np.concatenate([np.ones((30, 1)), RANDOM.normal(size=(30, 3))], axis=1)
+    points = RANDOM.normal(size=(2, 4, 3))
+    halves = [(MASS[:12], shares[:12], points[0]), (MASS[12:], shares[12:], points[1])]
+    blocks = np.stack([np.einsum("n,nj,nk->jk", mass, share, share) for mass, share, _ in halves])
+    found = MassProperties.of_blocks(blocks, points)
+    expected = MassProperties.of(MASS, np.concatenate([share @ frame for _, share, frame in halves]))
+    assert found.mass_kg == pytest.approx(expected.mass_kg, rel=1e-14)
+    assert found.center == pytest.approx(expected.center, rel=1e-12, abs=1e-14)
+    assert found.inertia == pytest.approx(expected.inertia, rel=1e-12, abs=1e-12)
+
+
 def test_what_weighs_nothing_has_a_centre_all_the_same() -> None:
     properties = MassProperties.of(np.zeros(30), POSITIONS)
     assert properties.center == pytest.approx(POSITIONS.mean(axis=0))

@@ -1,0 +1,50 @@
+"""What a phase asks for at each of its ticks, worked out for many ticks at once."""
+
+from __future__ import annotations
+
+from typing import final
+
+from cosim.scenario.joint_path import JointReference
+from cosim.scenario.plan import PhasePlan
+from cosim.scenario.ramp import progress
+
+_TICKS = 256  # worked out at once
+
+
+@final
+class TickReferences:
+    """References of the arm and progress of the loads, tick by tick.
+
+    Args:
+        planned: the phase.
+        tick_s: length of a tick [s].
+    """
+
+    def __init__(self, planned: PhasePlan, tick_s: float) -> None:
+        self.planned, self._tick_s = planned, tick_s
+        self._first = 0
+        self._joints: list[JointReference] = []
+        self._shares: list[float] = []
+
+    def at(self, done: int) -> tuple[JointReference, float]:
+        """Return what the servos follow in a tick, and the share of the ramp at its end.
+
+        The servos act on the error at the start of a tick, so they get the reference of that instant.
+
+        Args:
+            done: ticks of the phase at its end, at least one.
+        """
+        place = done - 1 - self._first
+        if not 0 <= place < len(self._joints):
+            self._work_out((done - 1) // _TICKS * _TICKS)
+            place = done - 1 - self._first
+        return self._joints[place], self._shares[place]
+
+    def _work_out(self, first: int) -> None:
+        phase = self.planned.phase
+        instants = [
+            progress(phase.ramp, tick * self._tick_s, phase.duration_s)
+            for tick in range(first, first + _TICKS + 1)
+        ]
+        self._first, self._joints = first, self.planned.joints.through(instants[:-1])
+        self._shares = [instant.value for instant in instants[1:]]
