@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from functools import cached_property
-from typing import Any, final
+from typing import TYPE_CHECKING, Any, final
 
-from cosim.coupling.shape_reader import ShapeFigures, ShapeReader
 from cosim.frames import Array, Pose
+
+if TYPE_CHECKING:  # who only looks at snapshots needs no kernels
+    from cosim.coupling.shape_reader import ShapeFigures, ShapeReader
 
 
 @final

@@ -39,7 +39,7 @@ def travel(
     way = FlangeWay.relative(START, turn, shift, Shake.of(phase))
     nothing = Holding(np.zeros(0, np.int64), np.zeros((0, 3), dtype=bool))
     (path,) = plan_joints(arm, START, [way], str)
-    planned = PhasePlan(phase, path, Loads(), Loads(), (), nothing, None)
+    planned = PhasePlan(phase, path, Loads(), Loads(), (), nothing, None, way.end)
     return flange_travel(arm, Plan(START, path.first, Loads(), (planned,)), lever_m)
 
 
