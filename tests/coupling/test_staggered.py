@@ -109,7 +109,7 @@ def test_each_tick_receives_what_the_last_one_replied(monkeypatch: pytest.Monkey
     assert received == replied[:-1]
     assert [entry.wrench for entry in entries] == replied[1:]
     powers = [wrench.power(twist) for wrench, twist in zip(received, twists, strict=True)]
-    assert [entry.rigid_power_W for entry in entries] == powers
+    assert [entry.rigid_power_W for entry in entries] == pytest.approx(powers, rel=1e-12)
     assert max(np.abs(powers)) > 1e-3
 
 
