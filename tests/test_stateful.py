@@ -18,6 +18,7 @@ SAVED_OTHERWISE = {
     "Bodies": "by RigidScene",
     "CarriedMass": "by RigidScene",
     "ChainSolver": "workspace, and what it keeps by pressure and loads",
+    "ChainStepper": "the flange's frame, for the kernel",
     "ContactQuery": "poses, read anew for every search",
     "FilmSearch": "workspace, made larger where it does not suffice",
     "Flange": "its sensor's reading by RigidScene; pose and twist are read anew after every step",

@@ -5,17 +5,18 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import final
 
-from cosim.coupling.chain_films import NO_ANGLES, ChainFilms
+from cosim.coupling.chain_films import ChainFilms
 from cosim.errors import ConvergenceError
 from cosim.frames import Array, Mask, Pose
 from cosim.soft.body import Loads
 from cosim.soft.equilibrium import CONTACT_ROUNDS_MAX, Equilibrium, Obstacles, end_of
 from cosim.soft.newton import NewtonOptions, Outcome
+from cosim.soft.section.chain_figures import figures_of, supplied_wrench
+from cosim.soft.section.chain_state import ChainState
 from cosim.soft.section.frame_clamp import FrameClamp
 from cosim.soft.section.model import SectionBody
 from cosim.soft.section.solver import ChainResult, ChainSolver
-from cosim.soft.section.stepping import carried, supplied_wrench, upright
-from cosim.soft.state import SoftState
+from cosim.soft.section.stepping import carried, upright
 
 _SPLITS_MAX = 8
 
@@ -46,14 +47,16 @@ class ChainEquilibria:
         straight = carried(self._section.straight(0.0), flange)
         return self.follow(self.solve(straight, clamp, flange, hanging), clamp, flange, loads)
 
-    def solve(self, frames: Array, clamp: FrameClamp, flange: Pose, loads: Loads) -> Equilibrium:
-        """Return the equilibrium near frames (f, 4, 3).
+    def solve(
+        self, frames: Array, clamp: FrameClamp, flange: Pose, loads: Loads, begin_Pa: float = 0.0
+    ) -> Equilibrium:
+        """Return the equilibrium near frames (f, 4, 3); a sealed gas' pressure is sought from begin_Pa on.
 
         Raises:
             ConvergenceError: none was found.
         """
         options = self._options
-        found, loads = self._settle_contacts(clamp.place(frames, flange), clamp.free, loads)
+        found, loads = self._settle_contacts(clamp.place(frames, flange), clamp.free, loads, begin_Pa)
         if found.outcome is not Outcome.CONVERGED:
             raise ConvergenceError(
                 f"no equilibrium found: {found.outcome.value}; residual {found.residual_N:.3g} N, bound "
@@ -61,13 +64,22 @@ class ChainEquilibria:
                 found.residual_N,
                 found.iterations,
             )
-        wrench = supplied_wrench(found.gradient, found.frames, clamp.held)
-        film = self._films.film(SoftState.at_rest(found.frames, NO_ANGLES), found.pressure_Pa)
+        figures = figures_of(found.frames, clamp.free, self._section.mass, found.gradient)
+        film = self._films.film(ChainState.at_rest(found.frames), found.pressure_Pa)
         return Equilibrium(
-            film, flange, loads, wrench, found.residual_N, found.iterations, found.potential_J, found.shifted
+            film,
+            flange,
+            loads,
+            supplied_wrench(figures),
+            found.residual_N,
+            found.iterations,
+            found.potential_J,
+            found.shifted,
         )
 
-    def _settle_contacts(self, start: Array, free: Mask, loads: Loads) -> tuple[ChainResult, Loads]:
+    def _settle_contacts(
+        self, start: Array, free: Mask, loads: Loads, begin_Pa: float
+    ) -> tuple[ChainResult, Loads]:
         """Solve, and repeat while something else is touched than what was found before the solution.
 
         Returns:
@@ -76,12 +88,12 @@ class ChainEquilibria:
         solver, options, trail = self._solver, self._options, list[Array]()
         bounds = (options.tolerance_N, options.iterations_max)
         if self.obstacles is None:
-            return solver.solve(start, free, loads, *bounds), loads
-        pressure = solver.pressure_Pa if loads.gases(1)[0] is not None else loads.pressures(1)[0]
+            return solver.solve(start, free, loads, *bounds, begin_Pa), loads
+        pressure = begin_Pa if loads.gases(1)[0] is not None else loads.pressures(1)[0]
         spent = shifted = 0
         for round_ in range(CONTACT_ROUNDS_MAX):
             loads = replace(loads, contact=self.obstacles(self._section.positions(start, pressure)))
-            found = solver.solve(start, free, loads, *bounds)
+            found = solver.solve(start, free, loads, *bounds, pressure)
             settled = round_ > 0 and found.iterations == 0
             spent, shifted, pressure = spent + found.iterations, shifted + found.shifted, found.pressure_Pa
             if settled or found.outcome is not Outcome.CONVERGED:
@@ -116,11 +128,11 @@ class ChainEquilibria:
             pose = begin.world_from_flange.interpolated(flange, share)
             motion = pose @ here.world_from_flange.inverse()
             chain, pressure = self._films.chain(here.state, here.world_from_flange, pressure_Pa)
-            load, frames = begin.loads.interpolated(loads, share), chain.positions
+            load, frames = begin.loads.interpolated(loads, share), chain.frames
             if load.gases(1)[0] is None:
                 frames = self._section.stretched(frames, pressure, load.pressures(1)[0])
             try:
-                found = self.solve(carried(frames, motion), clamp, pose, load)
+                found = self.solve(carried(frames, motion), clamp, pose, load, pressure)
             except ConvergenceError as error:
                 spent, piece = spent + error.iterations, 0.5 * piece
                 if piece < 0.5**_SPLITS_MAX:

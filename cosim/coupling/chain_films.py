@@ -8,21 +8,21 @@ from typing import final
 import numpy as np
 
 from cosim.frames import Pose
+from cosim.soft.section.chain_state import ChainState
 from cosim.soft.section.model import SectionBody
 from cosim.soft.section.stepping import rates_from_nodes
 from cosim.soft.state import SoftState
 
 _REMEMBERED = 8
-NO_ANGLES = np.zeros(0)
-"""A chain has no hinges."""
+_NO_ANGLES = np.zeros(0)  # a chain has no hinges
 
 
 @final
 class ChainFilms:
     """Makes the film's nodes from frames, and finds the frames of nodes again.
 
-    A chain is a `SoftState` of the frames' points (f, 4, 3). The latest films are remembered with their
-    chains, so that one that is handed back is taken up exactly; any other is fitted.
+    The latest films are remembered with their chains, so that one that is handed back is taken up exactly;
+    any other is fitted.
 
     Args:
         section: whose film it is.
@@ -30,20 +30,20 @@ class ChainFilms:
 
     def __init__(self, section: SectionBody) -> None:
         self._section = section
-        self._known: deque[tuple[SoftState, SoftState, float]] = deque(maxlen=_REMEMBERED)
+        self._known: deque[tuple[SoftState, ChainState, float]] = deque(maxlen=_REMEMBERED)
 
-    def film(self, chain: SoftState, pressure_Pa: float) -> SoftState:
+    def film(self, chain: ChainState, pressure_Pa: float) -> SoftState:
         """Return the film's nodes on a chain."""
         section = self._section
         film = SoftState(
-            section.positions(chain.positions, pressure_Pa),
-            section.positions(chain.velocities, pressure_Pa),
-            NO_ANGLES,
+            section.positions(chain.frames, pressure_Pa),
+            section.positions(chain.rates, pressure_Pa),
+            _NO_ANGLES,
         )
         self._known.append((film, chain, pressure_Pa))
         return film
 
-    def chain(self, film: SoftState, flange: Pose, pressure_Pa: float) -> tuple[SoftState, float]:
+    def chain(self, film: SoftState, flange: Pose, pressure_Pa: float) -> tuple[ChainState, float]:
         """Return the chain of a film, and the gas pressure it was made with.
 
         Args:
@@ -57,4 +57,4 @@ class ChainFilms:
         layout = self._section.frames
         frames = layout.fit(film.positions, flange)
         rates = rates_from_nodes(layout, frames, film.velocities)
-        return SoftState(frames, rates, NO_ANGLES), pressure_Pa
+        return ChainState(np.array((frames, rates))), pressure_Pa

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.linalg import LinAlgError
 
 from cosim.coupling.chain_equilibria import ChainEquilibria
-from cosim.coupling.chain_films import NO_ANGLES, ChainFilms
+from cosim.coupling.chain_films import ChainFilms
 from cosim.coupling.chain_reader import ChainReader, ChainShape
 from cosim.coupling.exchange_gain import exchange_gain
 from cosim.coupling.mass import MassProperties
@@ -21,18 +21,19 @@ from cosim.soft.contact import ContactPlanes
 from cosim.soft.contact_surface import ContactSurface
 from cosim.soft.dynamics import StepAim, StepOptions
 from cosim.soft.equilibrium import Equilibrium, Obstacles
-from cosim.soft.newton import NewtonOptions
+from cosim.soft.newton import NewtonOptions, Outcome
+from cosim.soft.section.chain_figures import center_and_inertia, figures_of, supplied_wrench
+from cosim.soft.section.chain_state import ChainState
 from cosim.soft.section.frame_clamp import FrameClamp
 from cosim.soft.section.model import SectionBody
 from cosim.soft.section.sensitivity import ChainSensitivity, ChainTangent
-from cosim.soft.section.solver import ChainResult, ChainSolver
-from cosim.soft.section.stepper import ChainStepper
+from cosim.soft.section.solver import ChainSolver
+from cosim.soft.section.stepper import ChainStep, ChainStepper
 from cosim.soft.section.stepping import (
     carried,
     node_motion,
     rates_from_nodes,
     rigid_motion,
-    supplied_wrench,
     twists,
 )
 from cosim.soft.state import SoftState
@@ -50,30 +51,23 @@ class SectionArmState:
     """What the next step of a section arm depends on.
 
     Args:
-        chain: points of the frames and their velocities, in place of nodes.
+        last: where the last step ended.
         clamp: frames held by the flange.
         flange: world_from_flange.
         loads: that act.
-        pressure_Pa: of the gas.
-        gradient: (f, 6) [N, N m] at the last solution.
-        residual_N: of the last step.
     """
 
-    chain: SoftState
+    last: ChainStep
     clamp: FrameClamp
     flange: Pose
     loads: Loads
-    pressure_Pa: float
-    gradient: Array
-    residual_N: float
 
 
 @final
 class SectionArm(SoftSide):
     """A chain of frames held by the flange; owns solver and state.
 
-    The frames' points stand for nodes: (f, 4, 3) positions and velocities in a `SoftState`. The film's own
-    nodes are made from them when somebody asks.
+    The film's own nodes are made from the frames when somebody asks.
 
     Args:
         section: what it is.
@@ -88,34 +82,37 @@ class SectionArm(SoftSide):
         self.section, self.body = section, section.body
         self._solver = ChainSolver(section)
         self._dynamics, self._stepper = dynamics, ChainStepper(self._solver, dynamics)
-        drawn = section.frames.drawn
-        self._chain = SoftState.at_rest(carried(drawn, world_from_flange), NO_ANGLES)
         self._film: SoftState | None = None
         self._films = ChainFilms(section)
         self._equilibria = ChainEquilibria(section, self._solver, self._films, statics)
         self.clamp = FrameClamp.of_base(section)
-        self._flange, self._pressure = world_from_flange, 0.0
+        self._flange = world_from_flange
         self._loads = Loads(0.0, (0.0,) * len(self.body.cables), (0.0, 0.0, 0.0))
-        self._gradient = np.zeros((len(drawn), 6))
-        self._residual = 0.0
+        drawn = ChainState.at_rest(carried(section.frames.drawn, world_from_flange))
+        self._last = self._standing(drawn, 0.0, np.zeros((len(drawn.frames), 6)))
         # of the last step: where it began; and where the one that was taken back had ended
-        self._begin = (self._chain, self._pressure, self._flange, self._loads)
-        self._reached: Array = self._chain.positions
+        self._begin = (self._last, self._flange, self._loads)
+        self._reached: Array = drawn.frames
 
     @property
     def state(self) -> SoftState:
         """The film's nodes on the frames."""
         if self._film is None:
-            self._film = self._films.film(self._chain, self._pressure)
+            self._film = self._films.film(self._last.chain, self._last.pressure_Pa)
         return self._film
 
     @state.setter
     def state(self, film: SoftState) -> None:
-        self._chain, self._pressure = self._chain_of(film, self._flange)
-        self._film = film
+        chain, pressure = self._chain_of(film, self._flange)
+        self._last, self._film = self._standing(chain, pressure, self._last.gradient), film
 
-    def _chain_of(self, film: SoftState, flange: Pose) -> tuple[SoftState, float]:
-        return self._films.chain(film, flange, self._pressure)
+    def _chain_of(self, film: SoftState, flange: Pose) -> tuple[ChainState, float]:
+        return self._films.chain(film, flange, self._last.pressure_Pa)
+
+    def _standing(self, chain: ChainState, pressure_Pa: float, gradient: Array) -> ChainStep:
+        """Return a chain as if a step had ended there."""
+        figures = figures_of(chain.frames, self.clamp.free, self.section.mass, gradient)
+        return ChainStep(chain, gradient, figures, Outcome.CONVERGED, 0, 0.0, pressure_Pa)
 
     def advance(self, world_from_flange: Pose, loads: Loads, step_s: float) -> SoftReply:
         """Advance by one step, with the flange at its new pose."""
@@ -130,9 +127,8 @@ class SectionArm(SoftSide):
 
     def take_back(self, before: SoftState) -> None:
         """Undo the last step; where it ended is a start for the next one."""
-        self._reached = self._chain.positions
-        self._chain, self._pressure, self._flange, self._loads = self._begin
-        self._film = before
+        self._reached = self._last.frames
+        (self._last, self._flange, self._loads), self._film = self._begin, before
 
     @property
     def exchange_gain(self) -> float:
@@ -140,42 +136,39 @@ class SectionArm(SoftSide):
         return exchange_gain(self._dynamics.integrator)
 
     def _advance(self, flange: Pose, loads: Loads, step_s: float, aim: StepAim | None) -> SoftReply:
-        begin = self._begin = (self._chain, self._pressure, self._flange, self._loads)
+        self._begin = (self._last, self._flange, self._loads)
         try:
-            iterations = self._step(begin[2:], (flange, loads), step_s, _HALVINGS_MAX, aim)
+            iterations = self._step(self._begin[1:], (flange, loads), step_s, _HALVINGS_MAX, aim)
         except ConvergenceError:
-            self._chain, self._pressure = begin[:2]
+            self._last = self._begin[0]
             raise
         finally:
             self._film = None
         self._flange, self._loads = flange, loads
-        return SoftReply(
-            supplied_wrench(self._gradient, self._chain.positions, self.clamp.held),
-            self._residual,
-            iterations,
-        )
+        return SoftReply(supplied_wrench(self._last.figures), self._last.residual_N, iterations)
 
     def _step(
         self, begin: _Drive, end: _Drive, step_s: float, halvings: int, aim: StepAim | None = None
     ) -> int:
         """Take one step, or two halves where it does not converge; return the Newton iterations."""
         try:
-            self._chain, found = self._stepper.step(self._chain, self.clamp, *end, step_s, aim)
+            here = self._last
+            self._last = self._stepper.step(here.chain, self.clamp, *end, step_s, here.pressure_Pa, aim)
         except ConvergenceError as error:
             if halvings == 0:
                 raise
             middle = (begin[0].interpolated(end[0], 0.5), begin[1].interpolated(end[1], 0.5))
-            self._chain = replace(self._chain, earlier=None)
+            self._look_no_further_back()
             part = None if aim is None else StepAim(aim.tolerance_N)
             spent = error.iterations + self._step(begin, middle, 0.5 * step_s, halvings - 1, part)
             spent += self._step(middle, end, 0.5 * step_s, halvings - 1, part)
-            self._chain = replace(self._chain, earlier=None)
+            self._look_no_further_back()
             return spent
-        self._take(found)
-        return found.iterations
+        return self._last.iterations
 
-    def _take(self, found: ChainResult) -> None:
-        self._pressure, self._gradient, self._residual = found.pressure_Pa, found.gradient, found.residual_N
+    def _look_no_further_back(self) -> None:
+        """Let the next step be the first one of a two-step integrator."""
+        self._last = replace(self._last, chain=replace(self._last.chain, earlier=None))
 
     def start(self, world_from_flange: Pose, loads: Loads) -> Equilibrium:
         """Return the equilibrium before the first phase: hung up without pressure, then loaded."""
@@ -185,18 +178,19 @@ class SectionArm(SoftSide):
         self, state: SoftState, world_from_flange: Pose, loads: Loads, start: Array | None = None
     ) -> Equilibrium:
         """Find the equilibrium near a state in one go; the present state stays."""
-        begin = state if start is None else SoftState.at_rest(start, NO_ANGLES)
-        frames = self._chain_of(begin, world_from_flange)[0].positions
-        return self._equilibria.solve(frames, self.clamp, world_from_flange, loads)
+        begin = state if start is None else SoftState.at_rest(start, state.angles)
+        chain, pressure = self._chain_of(begin, world_from_flange)
+        return self._equilibria.solve(chain.frames, self.clamp, world_from_flange, loads, pressure)
 
     def follow(self, begin: Equilibrium, world_from_flange: Pose, loads: Loads) -> Equilibrium:
         """Follow an equilibrium to another flange pose and other loads; the present state stays."""
-        return self._equilibria.follow(begin, self.clamp, world_from_flange, loads, self._pressure)
+        pressure = self._last.pressure_Pa
+        return self._equilibria.follow(begin, self.clamp, world_from_flange, loads, pressure)
 
     def sensitivity(self, here: Equilibrium) -> ChainSensitivity:
         """Return how the tip moves at an equilibrium."""
         chain, pressure = self._chain_of(here.state, here.world_from_flange)
-        return ChainSensitivity(self._solver, chain.positions, self.clamp.free, here.loads, pressure)
+        return ChainSensitivity(self._solver, chain.frames, self.clamp.free, here.loads, pressure)
 
     def find_tensions(self, begin: Equilibrium, target: TipTarget) -> Equilibrium:
         """Return the equilibrium whose cable tensions bring the tip to a target; the flange stays."""
@@ -208,11 +202,11 @@ class SectionArm(SoftSide):
 
     def settle(self, found: Equilibrium) -> None:
         """Take over an equilibrium as the present state."""
-        self._chain, self._pressure = self._chain_of(found.state, found.world_from_flange)
-        self._film = found.state
+        chain, pressure = self._chain_of(found.state, found.world_from_flange)
+        gradient = self._solver.evaluate(chain.frames, found.loads, pressure)
+        self._last, self._film = self._standing(chain, pressure, gradient), found.state
         # what touches is found anew in every step
         self._flange, self._loads = found.world_from_flange, replace(found.loads, contact=None)
-        self._gradient = self._solver.evaluate(self._chain.positions, found.loads, self._pressure)
 
     def stand_against(self, obstacles: Obstacles | None) -> None:
         """Let equilibria from now on take in what the film touches."""
@@ -220,7 +214,7 @@ class SectionArm(SoftSide):
 
     def hold_also(self, held: Mask, world_from_flange: Pose) -> None:
         """Hold whole rings where they are now; they go with the flange."""
-        frames = self._chain.positions
+        frames = self._last.frames
         self.clamp = self.clamp.holding(self.section, held, frames, world_from_flange)
 
     def let_go(self, nodes: IntArray) -> None:
@@ -229,10 +223,7 @@ class SectionArm(SoftSide):
 
     def save_state(self) -> SectionArmState:
         """Return what the next step depends on."""
-        return SectionArmState(
-            self._chain, self.clamp, self._flange, self._loads, self._pressure, self._gradient,
-            self._residual,
-        )  # fmt: skip
+        return SectionArmState(self._last, self.clamp, self._flange, self._loads)
 
     def restore_state(self, state: SectionArmState) -> None:
         """Return to a state of `save_state`, of this arm or of one with the same frames.
@@ -243,9 +234,8 @@ class SectionArm(SoftSide):
         here, there = len(self.section.frames), len(state.clamp.held)
         if here != there:
             raise InputError(f"the saved soft robot has {there} frames, this one {here}")
-        self._chain, self._film, self.clamp = state.chain, None, state.clamp
-        self._flange, self._loads, self._pressure = state.flange, state.loads, state.pressure_Pa
-        self._gradient, self._residual = state.gradient, state.residual_N
+        self._last, self._film, self.clamp = state.last, None, state.clamp
+        self._flange, self._loads = state.flange, state.loads
 
     def contact_surface(self) -> ContactSurface:
         """Return where the body can be touched."""
@@ -253,8 +243,12 @@ class SectionArm(SoftSide):
 
     def response(self, forces: Array, contact: ContactPlanes, step_s: float) -> Array | None:
         """Return how far small forces would have moved the nodes within the last step."""
-        bed = self._stepper.bed(self._chain, step_s)
-        frames, pressure, loads = self._chain.positions, self._pressure, replace(self._loads, contact=contact)
+        bed = self._stepper.bed(self._last.chain, step_s)
+        frames, pressure, loads = (
+            self._last.frames,
+            self._last.pressure_Pa,
+            replace(self._loads, contact=contact),
+        )
         try:
             tangent = ChainTangent(self._solver, frames, self.clamp.free, loads, pressure, bed)
         except LinAlgError:
@@ -265,16 +259,16 @@ class SectionArm(SoftSide):
 
     def work_taken_in(self, displacement: Array) -> float:
         """Return the work [J] of what the flange supplies at the last solution, over a displacement."""
-        rates = rates_from_nodes(self.section.frames, self._chain.positions, displacement)
-        moved = twists(self._chain.positions, rates)
+        rates = rates_from_nodes(self.section.frames, self._last.frames, displacement)
+        moved = twists(self._last.frames, rates)
         moved[0] = rigid_motion(
             self.body.positions[self.body.base] @ self._flange.rotation.T, displacement[self.body.base]
         )
-        return float(np.einsum("fi,fi->", self._gradient[self.clamp.held], moved[self.clamp.held]))
+        return float(np.einsum("fi,fi->", self._last.gradient[self.clamp.held], moved[self.clamp.held]))
 
     def shape_now(self) -> ChainShape:
         """Return the present frames, and the pressure that the nodes on them depend on."""
-        return ChainShape(self._chain.positions, self._pressure)
+        return ChainShape(self._last.frames, self._last.pressure_Pa)
 
     def shape_reader(self) -> ChainReader:
         """Return what reads frames."""
@@ -287,13 +281,13 @@ class SectionArm(SoftSide):
     @property
     def volumes_m3(self) -> tuple[float, ...]:
         """Volume inside film and caps at the present shape."""
-        return (self._solver.volume(self._chain.positions, self._pressure),)
+        return (self._solver.volume(self._last.frames, self._last.pressure_Pa),)
 
     @property
     def pressures_Pa(self) -> tuple[float, ...]:
         """Gauge pressure in the chamber: the given one, or that of the sealed gas at the present volume."""
-        return (self._pressure,)
+        return (self._last.pressure_Pa,)
 
     def mass_properties(self) -> MassProperties:
         """Return mass, centre and inertia at the present shape."""
-        return MassProperties.of_blocks(self.section.mass, self._chain.positions)
+        return MassProperties(self.section.mass_kg, *center_and_inertia(self._last.figures))

@@ -15,9 +15,9 @@ def kernel_modules(scenario: Scenario) -> tuple[ModuleType, ...]:
 
         modules = (film_contact, film_points, film_search)
     if scenario.fidelity == "section":
-        from cosim.soft.section import assembly, energy
+        from cosim.soft.section import assembly, chain_figures, energy, implicit_step, pressure_spline
 
-        modules = (*modules, assembly, energy)
+        modules = (*modules, assembly, chain_figures, energy, implicit_step, pressure_spline)
     if scenario.robot != NO_ARM:
         from cosim.rigid.compilation import KERNEL_MODULES  # here: it brings MuJoCo
 

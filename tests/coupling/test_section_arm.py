@@ -146,16 +146,35 @@ def test_cables_and_flange_bring_the_tip_to_a_target() -> None:
     assert body().tip_position(found.state.positions) == pytest.approx(wanted, abs=2e-5)
 
 
-def test_a_saved_arm_goes_on_bit_for_bit() -> None:
-    arm, _ = arms()
+@pytest.mark.parametrize("sealed", [False, True])
+def test_a_saved_arm_goes_on_bit_for_bit(sealed: bool) -> None:
+    arm, _ = arms(StepOptions("bdf2"))
     arm.settle(arm.start(FLANGE, Loads(25e3, (0.0, 0.0))))
-    loads = Loads(26e3, (1.0, 0.0))
+    gas = SealedGas(101325.0 + 26e3, arm.volumes_m3[0], 1.0) if sealed else None
+    loads = Loads(26e3, (1.0, 0.0), gas=gas)
     arm.advance(FLANGE, loads, 0.002)
     saved = arm.save_state()
     first = [arm.advance(FLANGE, loads, 0.002).wrench.force for _ in range(3)]
     arm.restore_state(saved)
     again = [arm.advance(FLANGE, loads, 0.002).wrench.force for _ in range(3)]
     assert (np.array(first) == np.array(again)).all()
+
+
+def test_the_wrench_and_the_mass_are_those_of_the_chain() -> None:
+    arm, _ = arms()
+    arm.settle(arm.start(FLANGE, Loads(25e3, (0.0, 0.0))))
+    for tick in range(3):
+        reply = arm.advance(SIDEWAYS.interpolated(FLANGE, 1.0 - 0.01 * tick), Loads(25e3, (0.0, 2.0)), 2e-3)
+    state, mass, found = arm.save_state(), section().mass, arm.mass_properties()
+    frames, force = state.last.frames, state.last.gradient[0, :3]  # the flange holds the first frame alone
+    assert reply.wrench.force == pytest.approx(-force)
+    assert reply.wrench.torque == pytest.approx(-state.last.gradient[0, 3:])
+    center = np.einsum("fb,fbr->r", mass[:, 0], frames) / mass[:, 0, 0].sum()
+    second = np.einsum("fab,far,fbs->rs", mass, frames, frames) - mass[:, 0, 0].sum() * np.outer(
+        center, center
+    )
+    assert found.center == pytest.approx(center)
+    assert found.inertia == pytest.approx(np.trace(second) * np.eye(3) - second, rel=1e-9, abs=1e-12)
 
 
 def test_a_clamped_ring_goes_with_the_flange() -> None:

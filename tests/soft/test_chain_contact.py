@@ -9,8 +9,9 @@ from cosim.frames import Array, cross_matrix
 from cosim.soft.body import Loads
 from cosim.soft.contact import ContactLaw, ContactPlanes
 from cosim.soft.contact_surface import ContactSurface
+from cosim.soft.section.assembly import change_frames
 from cosim.soft.section.solver import ChainSolver
-from cosim.soft.section.stepping import changed, node_motion
+from cosim.soft.section.stepping import node_motion
 from cosim.soft.system import SoftSystem
 from tests.derivatives import RELATIVE, derivative_errors
 from tests.small_section import body, section
@@ -18,6 +19,13 @@ from tests.soft.contacts import half_space
 
 PRESSURE = 25e3
 LAW = ContactLaw(stiffness_N_m3=3e8, smoothing_m=2e-3, stick_m=1e-3)
+
+
+def changed(frames: Array, step: Array) -> Array:
+    """Return the frames (f, 4, 3) moved by a step (f, 6) of translations and rotations."""
+    result = np.empty_like(frames)
+    change_frames(frames, step, 1.0, result)
+    return result
 
 
 def frames() -> Array:

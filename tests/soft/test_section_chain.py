@@ -9,6 +9,7 @@ from cosim.frames import Array, Pose, rotation_from_vector
 from cosim.soft.section.assembly import assemble, change_frames
 from cosim.soft.section.chain_contact import FrameContacts
 from cosim.soft.section.energy import BENT, COEFFICIENTS, HIGH, LOW, basis
+from cosim.soft.section.pressure_spline import PressureSpline
 from cosim.soft.section.stepping import carried
 
 FRAMES = 4
@@ -140,3 +141,16 @@ def test_beyond_its_limits_a_section_has_no_energy_to_offer() -> None:
     chain = Chain()
     chain.coefficients[1, HIGH] = -5.0
     assert chain.at(chain.frames)[0] == np.inf
+
+
+def test_only_so_many_functions_of_the_spline_are_not_zero() -> None:
+    spline, table = PressureSpline(40e3, 6), np.random.default_rng(1).normal(size=(9, 5))
+    value, slope, h = np.empty(5), np.empty(5), 1e-2
+    for pressure in (-10.0, 0.5, 3.0, 999.0, 39e3, 41e3):
+        terms, basis_there = spline.terms(pressure), spline.basis(pressure)
+        terms.values(table, value)
+        terms.slopes(table, slope)
+        assert value == pytest.approx(basis_there[0] @ table)
+        assert basis_there[0].sum() == pytest.approx(1.0)
+        numeric = (spline.basis(pressure + h)[0] - spline.basis(pressure - h)[0]) @ table / (2.0 * h)
+        assert slope == pytest.approx(numeric, rel=1e-4)

@@ -13,23 +13,24 @@ from cosim.soft.section.energy import section_energy
 from cosim.soft.section.frame_terms import add_cables, add_frames
 
 # chain: coefficients (s, c), inverse lengths (s,), masses (f, 4, 4)
-_CHAIN = (MATRIX, VECTOR, CUBE)
+CHAIN = (MATRIX, VECTOR, CUBE)
 # loads (f, 4, 3), bed [1/s^2], targets (f, 4, 3)
-_LOADS = (CUBE, REAL, CUBE)
+LOADS = (CUBE, REAL, CUBE)
 # cables: far frame of each segment (k,), eyelets (k, 2, 3), tensions (k,)
-_CABLES = (INDICES, CUBE, VECTOR)
+CABLES = (INDICES, CUBE, VECTOR)
 # contacts: first frame of each (k,), rows (k, 17), widths (2,) of the law; see `chain_contact`
-_TOUCHED = (INDICES, MATRIX, VECTOR)
+TOUCHED = (INDICES, MATRIX, VECTOR)
 # gradient (f, 6), diagonal blocks (f, 6, 6), blocks of rows f and columns f - 1 (f, 6, 6)
-_OUT = (MATRIX, CUBE, CUBE)
+OUT = (MATRIX, CUBE, CUBE)
 
 
 CONVERGED, LIMIT, NOT_FINITE, INDEFINITE, NO_DESCENT = 0, 1, 2, 3, 4
 _SHIFT_START, _SHIFT_MAX = 0.05, 1e8  # [N/m]
 _STEP_MAX_M, _TURN_MAX = 0.05, 0.4
+_HALVINGS_MAX = 20
 
 
-@kernel(REAL(CUBE, *_CHAIN, *_LOADS, *_CABLES, *_TOUCHED, *_OUT, types.boolean))
+@kernel(REAL(CUBE, *CHAIN, *LOADS, *CABLES, *TOUCHED, *OUT, types.boolean))
 def assemble(  # type: ignore[no-untyped-def]
     frames, coefficients, inverse_length, mass, load, bed, target, far, eyelets, tension, touching, rows,
     widths, gradient, diagonal, off, hessian,
@@ -68,6 +69,15 @@ def change_frames(frames, step, factor, out):  # type: ignore[no-untyped-def]
 
 
 @inlined
+def copy_frames(frames, out):  # type: ignore[no-untyped-def]
+    """Fill out (f, 4, 3); an assignment of whole arrays takes seconds to compile, as it can fail."""
+    for f in range(frames.shape[0]):
+        for a in range(4):
+            for r in range(3):
+                out[f, a, r] = frames[f, a, r]
+
+
+@inlined
 def _residual(gradient, free, lever):  # type: ignore[no-untyped-def]
     """Return the largest out-of-balance force, or moment over lever."""
     largest = 0.0
@@ -97,12 +107,12 @@ def _descent(free, gradient, step):  # type: ignore[no-untyped-def]
 
 @kernel(
     types.Tuple((int64, int64, REAL, REAL, int64))(
-        CUBE, FLAGS, *_CHAIN, *_LOADS, *_CABLES, *_TOUCHED, *_OUT, VECTOR, int64
+        CUBE, FLAGS, *CHAIN, *LOADS, *CABLES, *TOUCHED, *OUT, VECTOR, int64
     )
 )
 def minimise(  # type: ignore[no-untyped-def]
-    frames, free, coefficients, inverse_length, mass, load, bed, target, far, eyelets, tension, touching,
-    rows, widths, gradient, diagonal, off, bounds, iterations_max,
+    frames, free, coefficients, inverse_length, mass, load, bed, target, far, eyelets, tension,
+    touching, rows, widths, gradient, diagonal, off, bounds, iterations_max,
 ):  # fmt: skip
     """Find the minimum of the potential near `frames`, which are moved there; gradient belongs to it.
 
@@ -113,52 +123,51 @@ def minimise(  # type: ignore[no-untyped-def]
     scale[3:] = lever * lever
     low, side = np.zeros_like(diagonal), np.zeros_like(diagonal)
     step, trial = np.zeros_like(gradient), np.empty_like(frames)
-    iterations = shifted = 0
-    energy = assemble(
-        frames, coefficients, inverse_length, mass, load, bed, target, far, eyelets, tension, touching,
-        rows, widths, gradient, diagonal, off, True,
-    )  # fmt: skip
-    residual = _residual(gradient, free, lever)
+    copy_frames(frames, trial)
+    iterations = shifted = tries = 0
+    energy = residual = slope = factor = 0.0
+    # whether the Hessian is wanted, as the next step begins there; numba would compile all anew for a literal
+    wanted = iterations == 0
     while True:
-        if not (np.isfinite(residual) and np.isfinite(energy)):
-            return NOT_FINITE, iterations, residual, energy, shifted
-        if residual <= tolerance:
-            return CONVERGED, iterations, residual, energy, shifted
-        if iterations >= iterations_max:
-            return LIMIT, iterations, residual, energy, shifted
-        if iterations > 0:  # most steps end after one solve: the Hessian where that ends is not needed
-            assemble(
-                frames, coefficients, inverse_length, mass, load, bed, target, far, eyelets, tension,
-                touching, rows, widths, gradient, diagonal, off, True,
-            )  # fmt: skip
-        iterations += 1
-        shift = 0.0
-        while not factorise(free, diagonal, off, shift, scale, low, side):
-            shift = max(_SHIFT_START, 6.0 * shift)
-            if shift > _SHIFT_MAX:
-                return INDEFINITE, iterations, residual, energy, shifted
-        shifted += shift > 0.0
-        substitute(free, low, side, gradient, step)
-        slope, factor = _descent(free, gradient, step)
-        rounding = 1e-13 * (1.0 + abs(energy))
-        before, found = residual, False
-        for _ in range(20):
-            change_frames(frames, step, factor, trial)
-            value = assemble(
-                trial, coefficients, inverse_length, mass, load, bed, target, far, eyelets, tension,
-                touching, rows, widths, gradient, diagonal, off, False,
-            )  # fmt: skip
-            residual = _residual(gradient, free, lever)
-            if np.isfinite(value) and (
-                value <= energy + 1e-4 * factor * slope + rounding or residual < 0.1 * before
-            ):
-                found = True
-                break
-            factor *= 0.5
-        if not found:
-            return NO_DESCENT, iterations, before, energy, shifted
-        frames[:] = trial
-        energy = value
+        value = assemble(
+            trial, coefficients, inverse_length, mass, load, bed, target, far, eyelets, tension,
+            touching, rows, widths, gradient, diagonal, off, wanted,
+        )  # fmt: skip
+        before, residual = residual, _residual(gradient, free, lever)
+        accepted = wanted
+        if not wanted:
+            accepted = np.isfinite(value) and (
+                value <= energy + 1e-4 * factor * slope + 1e-13 * (1.0 + abs(energy))
+                or residual < 0.1 * before
+            )
+            tries += 1
+        if accepted:
+            energy = value
+            copy_frames(trial, frames)
+            if not (np.isfinite(residual) and np.isfinite(energy)):
+                return NOT_FINITE, iterations, residual, energy, shifted
+            if residual <= tolerance:
+                return CONVERGED, iterations, residual, energy, shifted
+            if iterations >= iterations_max:
+                return LIMIT, iterations, residual, energy, shifted
+            if not wanted:
+                wanted = True
+                continue
+            iterations += 1
+            shift = 0.0
+            while not factorise(free, diagonal, off, shift, scale, low, side):
+                shift = max(_SHIFT_START, 6.0 * shift)
+                if shift > _SHIFT_MAX:
+                    return INDEFINITE, iterations, residual, energy, shifted
+            shifted += shift > 0.0
+            substitute(free, low, side, gradient, step)
+            slope, factor = _descent(free, gradient, step)
+            wanted, tries = False, 0
+        else:
+            residual, factor = before, 0.5 * factor
+            if tries == _HALVINGS_MAX:
+                return NO_DESCENT, iterations, residual, energy, shifted
+        change_frames(frames, step, factor, trial)
 
 
 @kernel(REAL(CUBE, MATRIX, MATRIX, VECTOR, VECTOR))
@@ -168,11 +177,25 @@ def gas_volume(frames, coefficients, rates, inverse_length, length_rate):  # typ
     rates: d coefficients / dp; length_rate: dL/dp [m/Pa].
     """
     volume = 0.0
-    x, d, gradient, hessian = np.empty(6), np.empty(3), np.empty(6), np.empty((6, 6))
+    x, d, gradient, none = np.empty(6), np.empty(3), np.empty(6), np.empty((0, 6))
     for s in range(coefficients.shape[0]):
         section_strains(frames, s, d, x)
-        section_energy(coefficients, s, x, inverse_length[s], gradient, hessian, False)
+        section_energy(coefficients, s, x, inverse_length[s], gradient, none)
         # z = u_3 / L - 1 moves with L
         volume += gradient[2] * x[2] * inverse_length[s] * length_rate[s]
-        volume -= section_energy(rates, s, x, inverse_length[s], gradient, hessian, False)
+        volume -= section_energy(rates, s, x, inverse_length[s], gradient, none)
     return volume
+
+
+@kernel(void(CUBE, INDICES, CUBE, MATRIX))
+def combine_points(frames, before, weights, out):  # type: ignore[no-untyped-def]
+    """Fill out (n, 3) with combinations (n, 2, 4) of the points of two frames, `before` (n,) and the next."""
+    for n in range(out.shape[0]):
+        b = before[n]
+        for r in range(3):
+            out[n, r] = (
+                weights[n, 0, 0] * frames[b, 0, r] + weights[n, 0, 1] * frames[b, 1, r]
+                + weights[n, 0, 2] * frames[b, 2, r] + weights[n, 0, 3] * frames[b, 3, r]
+                + weights[n, 1, 0] * frames[b + 1, 0, r] + weights[n, 1, 1] * frames[b + 1, 1, r]
+                + weights[n, 1, 2] * frames[b + 1, 2, r] + weights[n, 1, 3] * frames[b + 1, 3, r]
+            )  # fmt: skip

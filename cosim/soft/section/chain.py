@@ -178,7 +178,7 @@ def _add_geometric(s, d, lean, turn, diagonal, off):  # type: ignore[no-untyped-
 @inlined
 def add_sections(frames, c, inverse_length, out, diagonal, off, hessian):  # type: ignore[no-untyped-def]
     """Add all sections; off is filled anew. Returns their energy."""
-    d, x, g, h = np.empty(3), np.empty(6), np.empty(6), np.empty((6, 6))
+    d, x, g, h = np.empty(3), np.empty(6), np.empty(6), np.empty((6 if hessian else 0, 6))
     lean, turn = np.empty((2, 3)), np.empty((3, 3))
     jac, turned = np.empty((6, 9)), np.empty((6, 9))
     energy = 0.0
@@ -187,7 +187,7 @@ def add_sections(frames, c, inverse_length, out, diagonal, off, hessian):  # typ
         place = x[2] * inverse_length[s] - 1.0
         if not (c[s, LOW] <= place <= c[s, HIGH] and x[3] * x[3] + x[4] * x[4] <= c[s, BENT]):
             return np.inf
-        energy += section_energy(c, s, x, inverse_length[s], g, h, hessian)
+        energy += section_energy(c, s, x, inverse_length[s], g, h)
         _add_pull(frames, s, d, g, out, lean, turn)
         if hessian:
             _strain_slopes(frames, s, d, jac)

@@ -38,7 +38,13 @@ def _polynomial(c, s, first, order, z):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def section_energy(c, s, x, inverse_length, gradient, hessian, curved):  # type: ignore[no-untyped-def]
+def _quadratic(c0, c1, c2, z):  # type: ignore[no-untyped-def]
+    """Return value, slope and curvature of c0 + c1 z + c2 z^2."""
+    return c0 + z * (c1 + z * c2), c1 + 2.0 * c2 * z, 2.0 * c2
+
+
+@inlined
+def section_energy(c, s, x, inverse_length, gradient, hessian):  # type: ignore[no-untyped-def]
     """Return F; fill its gradient (6,) and, if asked to, its Hessian (6, 6) with respect to the strains.
 
     Args:
@@ -47,20 +53,19 @@ def section_energy(c, s, x, inverse_length, gradient, hessian, curved):  # type:
         x: (6,) strains.
         inverse_length: 1 / L [1/m].
         gradient: (6,).
-        hessian: (6, 6).
-        curved: whether to fill it.
+        hessian: (6, 6), or (0, 6) where none is asked for.
     """
     u1, u2, w1, w2, w3 = x[0], x[1], x[3], x[4], x[5]
     z = x[2] * inverse_length - 1.0
     b, shear, t, q = w1 * w1 + w2 * w2, u1 * u1 + u2 * u2, w3 * w3, u1 * w2 - u2 * w1
     a, az, azz = _polynomial(c, s, 0, 6, z)
     bend, bend_z, bend_zz = _polynomial(c, s, 7, 4, z)
-    bend2, bend2_z, bend2_zz = _polynomial(c, s, 12, 2, z)
-    bend3, bend3_z, _ = _polynomial(c, s, 15, 1, z)
-    sh, sh_z, sh_zz = _polynomial(c, s, 17, 2, z)
-    mix, mix_z, mix_zz = _polynomial(c, s, 20, 2, z)
-    mix2, mix2_z, _ = _polynomial(c, s, 23, 1, z)
-    tw, tw_z, tw_zz = _polynomial(c, s, 25, 2, z)
+    bend2, bend2_z, bend2_zz = _quadratic(c[s, 12], c[s, 13], c[s, 14], z)
+    bend3, bend3_z, _ = _quadratic(c[s, 15], c[s, 16], 0.0, z)
+    sh, sh_z, sh_zz = _quadratic(c[s, 17], c[s, 18], c[s, 19], z)
+    mix, mix_z, mix_zz = _quadratic(c[s, 20], c[s, 21], c[s, 22], z)
+    mix2, mix2_z, _ = _quadratic(c[s, 23], c[s, 24], 0.0, z)
+    tw, tw_z, tw_zz = _quadratic(c[s, 25], c[s, 26], c[s, 27], z)
     c1, c2, c3, c4 = c[s, 28], c[s, 29], c[s, 30], c[s, 31]
     # derivatives by the invariants
     f_z = az + b * (bend_z + b * (bend2_z + b * bend3_z)) + shear * sh_z + q * (mix_z + b * mix2_z) + t * tw_z
@@ -74,7 +79,7 @@ def section_energy(c, s, x, inverse_length, gradient, hessian, curved):  # type:
     gradient[3] = 2.0 * w1 * f_b - u2 * f_q - c4 * w3 * u1
     gradient[4] = 2.0 * w2 * f_b + u1 * f_q - c4 * w3 * u2
     gradient[5] = 2.0 * w3 * f_t - c4 * (u1 * w1 + u2 * w2)
-    if curved:
+    if hessian.shape[0] > 0:
         f_zz = azz + b * (bend_zz + b * bend2_zz) + shear * sh_zz + q * mix_zz + t * tw_zz
         f_zb = bend_z + b * (2.0 * bend2_z + 3.0 * b * bend3_z) + q * mix2_z
         f_bb = 2.0 * bend2 + 6.0 * b * bend3
@@ -134,11 +139,11 @@ def basis(strains, inverse_length, values, gradients):  # type: ignore[no-untype
     count = values.shape[1]
     unit = np.zeros((1, count))
     gradient = np.empty(6)
-    hessian = np.empty((6, 6))
+    none = np.empty((0, 6))
     for i in range(strains.shape[0]):
         for k in range(count):
             unit[0, k] = 1.0
-            values[i, k] = section_energy(unit, 0, strains[i], inverse_length[i], gradient, hessian, False)
+            values[i, k] = section_energy(unit, 0, strains[i], inverse_length[i], gradient, none)
             unit[0, k] = 0.0
             for r in range(6):
                 gradients[i, r, k] = gradient[r]

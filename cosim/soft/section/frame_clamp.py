@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import final
 
 import numpy as np
@@ -32,7 +33,7 @@ class FrameClamp:
         drawn = section.frames.drawn
         return cls(np.arange(len(drawn)) == 0, drawn)
 
-    @property
+    @cached_property
     def free(self) -> Mask:
         """(f,) frames that can move."""
         return ~self.held

@@ -6,12 +6,11 @@ from dataclasses import dataclass
 from typing import final
 
 import numpy as np
-from scipy.sparse import csr_matrix
 
 from cosim.frames import Array
 from cosim.soft.body import SoftBody
-from cosim.soft.section.assembly import gas_volume
-from cosim.soft.section.pressure_spline import PressureSpline
+from cosim.soft.section.assembly import combine_points, gas_volume
+from cosim.soft.section.pressure_spline import TERMS, PressureSpline
 from cosim.soft.section.ring_frames import RingFrames, frames_from_strains, strains
 
 
@@ -60,32 +59,41 @@ class SectionBody:
         self.frames = RingFrames.of(body)
         self.mass = self.frames.masses(body.node_mass, body.positions)
         self.mass_kg = float(self.mass[:, 0, 0].sum())
-        self._pressure = np.nan
-        self._nodes_at = np.nan
+        size = model.spline.size
+        self._energies = np.ascontiguousarray(model.energy.reshape(size, -1))
+        self._lengths = np.ascontiguousarray(model.length)
+        self._films = np.ascontiguousarray(model.nodes.reshape(size, -1))
         self._nodes = np.zeros((body.nodes, 2, 4))
-        self._combination = csr_matrix((body.nodes, 4 * len(self.frames)))
+        self._nodes_at = self._pressure = np.nan
         self.coefficients: Array = np.zeros(model.energy.shape[1:])
         self.inverse_length: Array = np.zeros(model.length.shape[1])
-        self._flat = model.energy.reshape(len(model.energy), -1)
-        self.basis: Array = np.zeros((2, model.spline.size))
+        self._rates, self._length_rate = np.zeros_like(self.coefficients), np.zeros_like(self.inverse_length)
+        self.terms = model.spline.terms(0.0)
+
+    @property
+    def chain(self) -> tuple[Array, Array, Array]:
+        """Coefficients (s, c), 1 / L (s,) [1/m] and masses (f, 4, 4) as the kernels take them."""
+        return self.coefficients, self.inverse_length, self.mass
 
     def set_pressure(self, pressure_Pa: float) -> None:
         """Bring coefficients and lengths to a pressure."""
         if pressure_Pa == self._pressure:
             return
         self._pressure = pressure_Pa
-        self.basis = self.model.spline.basis(pressure_Pa)
-        shape = self.model.energy.shape
-        self.coefficients = (self.basis[0] @ self._flat).reshape(shape[1:])
-        self.inverse_length = 1.0 / (self.basis[0] @ self.model.length)
+        self.terms = self.model.spline.terms(pressure_Pa)
+        self.terms.values(self._energies, self.coefficients.reshape(-1))
+        self.terms.values(self._lengths, self.inverse_length)
+        np.divide(1.0, self.inverse_length, out=self.inverse_length)
 
     def volume(self, frames: Array) -> float:
         """Return the enclosed volume [m^3] at frames (f, 4, 3), at the pressure that is set."""
-        rates = (self.basis[1] @ self._flat).reshape(self.coefficients.shape)
+        terms, gas = self.terms, self.model.gas
+        terms.slopes(self._energies, self._rates.reshape(-1))
+        terms.slopes(self._lengths, self._length_rate)
         found: float = gas_volume(
-            frames, self.coefficients, rates, self.inverse_length, self.basis[1] @ self.model.length
+            frames, self.coefficients, self._rates, self.inverse_length, self._length_rate
         )
-        return found - float(self.basis[1] @ self.model.gas)
+        return found - float(terms.weights[1] @ gas[terms.first : terms.first + TERMS])
 
     def straight(self, pressure_Pa: float) -> Array:
         """Return the frames (f, 4, 3) of a straight chain with sections in the middle of their range."""
@@ -104,18 +112,14 @@ class SectionBody:
         """Return (n, 2, 4): each node as a combination of the points of the frames beside it."""
         if pressure_Pa != self._nodes_at:
             self._nodes_at = pressure_Pa
-            self._nodes = np.tensordot(self.model.spline.basis(pressure_Pa)[0], self.model.nodes, axes=1)
-            # the points of the frames before and after a node follow one another
-            columns = 4 * self.frames.before[:, None] + np.arange(8)
-            rows = np.arange(0, 8 * len(columns) + 1, 8)
-            shape = (len(columns), 4 * len(self.frames))
-            self._combination = csr_matrix((self._nodes.ravel(), columns.ravel(), rows), shape=shape)
+            self.model.spline.terms(pressure_Pa).values(self._films, self._nodes.reshape(-1))
         return self._nodes
 
     def positions(self, frames: Array, pressure_Pa: float) -> Array:
         """Return the nodes (n, 3) [m] of the film on frames (f, 4, 3)."""
-        self.node_weights(pressure_Pa)
-        return np.asarray(self._combination @ frames.reshape(-1, 3))
+        result = np.empty((len(self._nodes), 3))
+        combine_points(frames, self.frames.before, self.node_weights(pressure_Pa), result)
+        return result
 
     def spread(self, nodal: Array, pressure_Pa: float) -> Array:
         """Return the loads (f, 4, 3) on the frames' points of forces (n, 3) [N] on the nodes."""

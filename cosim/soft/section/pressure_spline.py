@@ -7,14 +7,93 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TypeVar, final
+from typing import final
 
 import numpy as np
+from numba import int64, void
 
 from cosim.frames import Array
+from cosim.kernels import BLOCKS, MATRIX, REAL, VECTOR, inlined, kernel
 
 _SCALE_Pa = 200.0
-T = TypeVar("T", float, Array)
+TERMS = 4
+"""Functions that differ from zero at a pressure, at most."""
+
+
+@inlined
+def _cubics(u, out):  # type: ignore[no-untyped-def]
+    v = 1.0 - u
+    out[0] = v * v * v / 6.0
+    out[1] = (3.0 * u * u * u - 6.0 * u * u + 4.0) / 6.0
+    out[2] = (3.0 * v * v * v - 6.0 * v * v + 4.0) / 6.0
+    out[3] = u * u * u / 6.0
+
+
+@kernel(int64(REAL, REAL, int64, MATRIX))
+def active_terms(pressure, largest, intervals, out):  # type: ignore[no-untyped-def]
+    """Fill out (2, TERMS): values and slopes d/dp [1/Pa] of the functions that are not zero.
+
+    Returns the first of them. Beyond 0 to `largest` the functions go on as straight lines in p.
+    """
+    # a pressure that is not a number gives such weights, and a place that exists
+    inside = largest if pressure > largest else pressure if pressure > 0.0 else 0.0
+    span = math.asinh(largest / _SCALE_Pa) / intervals
+    place = math.asinh(inside / _SCALE_Pa) / span
+    first = min(int(place), intervals - 1)
+    u = place - first
+    v = 1.0 - u
+    slope = 1.0 / (6.0 * span * math.sqrt(inside * inside + _SCALE_Pa * _SCALE_Pa))
+    _cubics(u, out[0])
+    out[1, 0] = -3.0 * slope * v * v
+    out[1, 1] = slope * (9.0 * u * u - 12.0 * u)
+    out[1, 2] = slope * (-9.0 * v * v + 12.0 * v)
+    out[1, 3] = 3.0 * slope * u * u
+    for k in range(4):
+        out[0, k] += (pressure - inside) * out[1, k]
+    return first
+
+
+@kernel(void(VECTOR, REAL, int64, BLOCKS))
+def fill_bases(pressures, largest, intervals, out):  # type: ignore[no-untyped-def]
+    """Put the active terms of pressures (k,) in their places in out (k, 2, size)."""
+    terms = np.empty((2, TERMS))
+    for p in range(pressures.shape[0]):
+        first = active_terms(pressures[p], largest, intervals, terms)
+        for k in range(TERMS):
+            out[p, 0, first + k] = terms[0, k]
+            out[p, 1, first + k] = terms[1, k]
+
+
+@kernel(void(MATRIX, int64, VECTOR, VECTOR))
+def weighted_rows(table, first, weights, out):  # type: ignore[no-untyped-def]
+    """Fill out (m,) with TERMS rows of table (size, m) from `first` on, times weights (TERMS,)."""
+    for k in range(out.shape[0]):
+        out[k] = (
+            weights[0] * table[first, k] + weights[1] * table[first + 1, k]
+            + weights[2] * table[first + 2, k] + weights[3] * table[first + 3, k]
+        )  # fmt: skip
+
+
+@final
+@dataclass(frozen=True)
+class SplineTerms:
+    """The functions of a spline that are not zero at one pressure.
+
+    Args:
+        first: of them; the others follow it.
+        weights: (2, TERMS), their values and slopes d/dp [1/Pa].
+    """
+
+    first: int
+    weights: Array
+
+    def values(self, table: Array, out: Array) -> None:
+        """Fill out (m,) with the values of splines of coefficients (size, m)."""
+        weighted_rows(table, self.first, self.weights[0], out)
+
+    def slopes(self, table: Array, out: Array) -> None:
+        """Fill out (m,) with their slopes d/dp."""
+        weighted_rows(table, self.first, self.weights[1], out)
 
 
 @final
@@ -45,42 +124,17 @@ class PressureSpline:
 
         Beyond the range the functions go on as straight lines in p.
         """
-        inside = min(max(pressure_Pa, 0.0), self.largest_Pa)
-        span = math.asinh(self.largest_Pa / _SCALE_Pa) / self.intervals
-        place = math.asinh(inside / _SCALE_Pa) / span
-        first = min(int(place), self.intervals - 1)
-        values, slopes = _cubics(place - first)
-        slope = 1.0 / (span * math.hypot(inside, _SCALE_Pa))
-        result = np.zeros((2, self.size))
-        result[0, first : first + 4] = values
-        result[1, first : first + 4] = [slope * value for value in slopes]
-        result[0] += (pressure_Pa - inside) * result[1]
-        return result
+        found: Array = self.bases(np.array((pressure_Pa,)))[0]
+        return found
 
     def bases(self, pressure_Pa: Array) -> Array:
         """Return `basis` of many pressures (k,) [Pa]: (k, 2, size)."""
-        inside = np.clip(pressure_Pa, 0.0, self.largest_Pa)
-        span = math.asinh(self.largest_Pa / _SCALE_Pa) / self.intervals
-        place = np.arcsinh(inside / _SCALE_Pa) / span
-        first = np.minimum(place.astype(np.int64), self.intervals - 1)
-        values, slopes = _cubics(place - first)
-        result = np.zeros((len(inside), 2, self.size))
-        rows, columns = np.arange(len(inside))[:, None], first[:, None] + np.arange(4)
-        result[rows, 0, columns] = np.stack(values, axis=1)
-        result[rows, 1, columns] = np.stack(slopes, axis=1) / (span * np.hypot(inside, _SCALE_Pa))[:, None]
-        result[:, 0] += (pressure_Pa - inside)[:, None] * result[:, 1]
+        result = np.zeros((len(pressure_Pa), 2, self.size))
+        fill_bases(pressure_Pa, self.largest_Pa, self.intervals, result)
         return result
 
-
-def _cubics(u: T) -> tuple[tuple[T, T, T, T], tuple[T, T, T, T]]:
-    """Return the four functions on an interval and their slopes by u, at a place u (0 to 1) in it."""
-    v = 1.0 - u
-    return (
-        (
-            v**3 / 6.0,
-            (3.0 * u**3 - 6.0 * u * u + 4.0) / 6.0,
-            (3.0 * v**3 - 6.0 * v * v + 4.0) / 6.0,
-            u**3 / 6.0,
-        ),
-        (-0.5 * v * v, (1.5 * u - 2.0) * u, (2.0 - 1.5 * v) * v, 0.5 * u * u),
-    )
+    def terms(self, pressure_Pa: float) -> SplineTerms:
+        """Return the functions that are not zero at a pressure."""
+        weights = np.empty((2, TERMS))
+        first = active_terms(pressure_Pa, self.largest_Pa, self.intervals, weights)
+        return SplineTerms(first, weights)

@@ -3,28 +3,31 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import final
+from typing import TypeAlias, final
 
 import numpy as np
 
 from cosim.errors import InputError
-from cosim.frames import Array, Mask
+from cosim.frames import Array, IntArray, Mask
 from cosim.soft.body import Loads
 from cosim.soft.newton import Outcome
 from cosim.soft.section.assembly import assemble, minimise
 from cosim.soft.section.chain_contact import FrameContacts
 from cosim.soft.section.model import SectionBody
+from cosim.soft.section.sealed_pressure import solve_sealed
 
-_OUTCOMES = (
+OUTCOMES = (
     Outcome.CONVERGED,
     Outcome.ITERATION_LIMIT,
     Outcome.NOT_FINITE,
     Outcome.INDEFINITE,
     Outcome.NO_DESCENT,
 )
-_GAS_ROUNDS_MAX = 30
-_GAS_TOLERANCE = 1e-9  # of the absolute pressure
-_GAS_STEP = 0.02  # the same, in one round
+"""In the order of the kernels' numbers."""
+
+Others: TypeAlias = tuple[IntArray, Array, Array, IntArray, Array, Array]
+"""Cables and contacts as the kernels take them: of all cable segments the far frame (k,), the eyelets
+(k, 2, 3) [m] in their frames and the tension (k,) [N]; then what `FrameContacts` holds."""
 
 
 @final
@@ -78,13 +81,15 @@ class ChainSolver:
         self.lever_m = float(
             np.mean([np.linalg.norm(shape, axis=1).mean() for shape in section.frames.shapes])
         )
-        self._pressure = 0.0
         self._route()
-        self._load_key: tuple[object, ...] = ()
+        self._gravity: tuple[float, float, float] | None = None
+        self._nodal: tuple[Array | None, float] = (None, 0.0)
         self._load = np.zeros((count, 4, 3))
         self._eyelets_at = np.nan
         self._eyelets = np.zeros((len(self._far), 2, 3))
-        self._no_target = np.zeros((count, 4, 3))
+        self._tensions: tuple[float, ...] | None = None
+        self._tension = np.zeros(len(self._far))
+        self._still = np.zeros((count, 4, 3))
         self._nothing = FrameContacts.none()
 
     def _route(self) -> None:
@@ -102,12 +107,8 @@ class ChainSolver:
         side = (frames.share[self._segments] > 0.5).astype(int)
         table = self.section.model.nodes[:, self._segments, side, 1:]
         self._eyelet_table = np.ascontiguousarray(table).reshape(len(table), -1)
+        self.losses_follow_shape = any(cable.friction_coefficient for cable in body.cables)
         self._ratios = [cable.tension_ratio(body.positions) for cable in body.cables]
-
-    @property
-    def pressure_Pa(self) -> float:
-        """Gauge pressure of the gas in the last solution."""
-        return self._pressure
 
     def solve(
         self,
@@ -116,9 +117,9 @@ class ChainSolver:
         loads: Loads,
         tolerance_N: float,
         iterations_max: int,
-        bed: Bed | None = None,
+        begin_Pa: float = 0.0,
     ) -> ChainResult:
-        """Find the stationary point of the potential near `start`.
+        """Find the equilibrium near `start`.
 
         Args:
             start: (f, 4, 3), held frames where they shall be.
@@ -126,24 +127,26 @@ class ChainSolver:
             loads: that act; nodal forces go to the frames beside each node.
             tolerance_N: residual at which it is done.
             iterations_max: bound.
-            bed: of an implicit step; None in statics.
+            begin_Pa: gauge pressure at which the search for that of a sealed gas begins.
         """
+        bounds = np.array((tolerance_N, self.lever_m))
+
+        def attempt(pressure_Pa: float, before: ChainResult | None) -> ChainResult:
+            frames = (start if before is None else before.frames).copy()
+            gradient = np.empty((len(start), 6))
+            load, others = self.acting(loads, pressure_Pa, frames)
+            outcome, iterations, residual, potential, shifted = minimise(
+                frames, free, *self.section.chain, load, 0.0, self._still, *others,
+                gradient, self.diagonal, self.off, bounds, iterations_max,
+            )  # fmt: skip
+            return ChainResult(
+                frames, gradient, OUTCOMES[outcome], residual, iterations, potential, shifted, pressure_Pa
+            )
+
         gas = loads.gases(1)[0]
         if gas is None:
-            return self._solve(start, free, loads, loads.pressures(1)[0], tolerance_N, iterations_max, bed)
-        # the pressure that the gas has at the volume that it gives the chamber, by secants
-        pressure, step, before = self._pressure, 0.0, 0.0
-        for _ in range(_GAS_ROUNDS_MAX):
-            found = self._solve(start, free, loads, pressure, tolerance_N, iterations_max, bed)
-            off = gas.gauge_pressure(self.section.volume(found.frames)) - pressure
-            whole = abs(pressure) + gas.ambient_Pa
-            if abs(off) <= _GAS_TOLERANCE * whole or found.outcome is not Outcome.CONVERGED:
-                break
-            slope = (off - before) / step if step else -1.0
-            # more pressure, more volume: the true slope is below -1
-            step = float(np.clip(-off / min(slope, -1.0), -_GAS_STEP * whole, _GAS_STEP * whole))
-            before, start, pressure = off, found.frames, pressure + step
-        return found
+            return attempt(loads.pressures(1)[0], None)
+        return solve_sealed(gas, begin_Pa, self.section.volume, attempt)
 
     def evaluate(
         self,
@@ -163,15 +166,12 @@ class ChainSolver:
             bed: of an implicit step; None in statics.
             hessian: whether to fill the blocks.
         """
-        section = self.section
-        section.set_pressure(pressure_Pa)
-        gradient, touched = np.empty((len(frames), 6)), self._touched(loads, pressure_Pa)
+        gradient = np.empty((len(frames), 6))
+        load, others = self.acting(loads, pressure_Pa, frames)
         assemble(
-            frames, section.coefficients, section.inverse_length, section.mass,
-            self._loads(loads, pressure_Pa),
-            0.0 if bed is None else bed.coefficient, self._no_target if bed is None else bed.target,
-            self._far, self._offsets(pressure_Pa), self._tension(frames, loads, pressure_Pa),
-            touched.first, touched.rows, touched.widths, gradient, self.diagonal, self.off, hessian,
+            frames, *self.section.chain, load,
+            0.0 if bed is None else bed.coefficient, self._still if bed is None else bed.target,
+            *others, gradient, self.diagonal, self.off, hessian,
         )  # fmt: skip
         return gradient
 
@@ -180,60 +180,48 @@ class ChainSolver:
         self.section.set_pressure(pressure_Pa)
         return self.section.volume(frames)
 
-    def _solve(
-        self,
-        start: Array,
-        free: Mask,
-        loads: Loads,
-        pressure: float,
-        tolerance_N: float,
-        limit: int,
-        bed: Bed | None,
-    ) -> ChainResult:
+    def acting(self, loads: Loads, pressure_Pa: float, frames: Array) -> tuple[Array, Others]:
+        """Bring the section to a pressure and return what acts on it.
+
+        Args:
+            loads: given on the film.
+            pressure_Pa: of the gas.
+            frames: (f, 4, 3) near the solution; losses of cables that rub follow the shape.
+
+        Returns:
+            Dead loads (f, 4, 3) on the frames' points, cables and contacts; the solver owns them.
+
+        Raises:
+            InputError: a cable's length is commanded, or a triangle that may touch reaches across a frame.
+        """
         section = self.section
-        section.set_pressure(pressure)
-        self._pressure = pressure
-        frames, gradient, touched = start.copy(), np.empty((len(start), 6)), self._touched(loads, pressure)
-        outcome, iterations, residual, potential, shifted = minimise(
-            frames, free, section.coefficients, section.inverse_length, section.mass,
-            self._loads(loads, pressure),
-            0.0 if bed is None else bed.coefficient, self._no_target if bed is None else bed.target,
-            self._far, self._offsets(pressure), self._tension(frames, loads, pressure),
-            touched.first, touched.rows, touched.widths, gradient, self.diagonal, self.off,
-            np.array((tolerance_N, self.lever_m)), limit,
-        )  # fmt: skip
-        return ChainResult(
-            frames, gradient, _OUTCOMES[outcome], residual, iterations, potential, shifted, pressure
-        )
-
-    def _touched(self, loads: Loads, pressure: float) -> FrameContacts:
-        if loads.contact is None:
-            return self._nothing
-        return FrameContacts.of(self.section, loads.contact, pressure)
-
-    def _loads(self, loads: Loads, pressure: float) -> Array:
-        key = (loads.gravity, id(loads.nodal_force), None if loads.nodal_force is None else pressure)
-        if key != self._load_key:
-            self._load_key, self._kept = key, loads.nodal_force
-            self._load = self.section.mass[:, 0, :, None] * np.array(loads.gravity)
+        section.set_pressure(pressure_Pa)
+        nodal = (loads.nodal_force, 0.0 if loads.nodal_force is None else pressure_Pa)
+        if loads.gravity != self._gravity or nodal[0] is not self._nodal[0] or nodal[1] != self._nodal[1]:
+            self._gravity, self._nodal = loads.gravity, nodal
+            self._load = section.mass[:, 0, :, None] * np.array(loads.gravity)
             if loads.nodal_force is not None:
-                self._load += self.section.spread(loads.nodal_force, pressure)
-        return self._load
+                self._load += section.spread(loads.nodal_force, pressure_Pa)
+        if pressure_Pa != self._eyelets_at and len(self._far):
+            self._eyelets_at = pressure_Pa
+            section.terms.values(self._eyelet_table, self._eyelets.reshape(-1))
+        if self._ratios:
+            self._pull(loads, pressure_Pa, frames)
+        touched = self._nothing
+        if loads.contact is not None:
+            touched = FrameContacts.of(section, loads.contact, pressure_Pa)
+        cables = (self._far, self._eyelets, self._tension)
+        return self._load, (*cables, touched.first, touched.rows, touched.widths)
 
-    def _offsets(self, pressure: float) -> Array:
-        """Return the eyelets (k, 2, 3) [m] of all segments in their frames."""
-        if pressure != self._eyelets_at and len(self._far):
-            self._eyelets_at = pressure
-            self._eyelets = np.dot(self.section.basis[:1], self._eyelet_table).reshape(-1, 2, 3)
-        return self._eyelets
-
-    def _tension(self, frames: Array, loads: Loads, pressure: float) -> Array:
-        if any(length is not None for length in loads.cable_length_m):
+    def _pull(self, loads: Loads, pressure_Pa: float, frames: Array) -> None:
+        """Bring the tension of all segments up to date."""
+        if loads.cable_length_m and any(length is not None for length in loads.cable_length_m):
             raise InputError("section models take cable tensions, not lengths; use fidelity = 'lumped'")
-        if any(cable.friction_coefficient for cable in self.section.body.cables):
-            x = self.section.positions(frames, pressure)
+        if self.losses_follow_shape:
+            x = self.section.positions(frames, pressure_Pa)
             self._ratios = [cable.tension_ratio(x) for cable in self.section.body.cables]
-        if not self._ratios:
-            return np.zeros(0)
+        elif loads.cable_tension_N == self._tensions:
+            return
+        self._tensions = loads.cable_tension_N
         pulls = zip(self._ratios, loads.cable_tension_N, strict=True)
-        return np.concatenate([tension * ratio for ratio, tension in pulls])
+        self._tension = np.concatenate([tension * ratio for ratio, tension in pulls])

@@ -2,20 +2,51 @@
 
 from __future__ import annotations
 
-import itertools
-from collections.abc import Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import final
+
+import numpy as np
 
 from cosim.errors import ConvergenceError
 from cosim.frames import Array, Pose
 from cosim.soft.body import Loads
-from cosim.soft.dynamics import StepAim, StepOptions, difference_scheme
+from cosim.soft.dynamics import StepAim, StepOptions
 from cosim.soft.newton import Outcome
+from cosim.soft.section.chain_figures import FIGURES
+from cosim.soft.section.chain_state import ChainState
 from cosim.soft.section.frame_clamp import FrameClamp
-from cosim.soft.section.solver import Bed, ChainResult, ChainSolver
-from cosim.soft.section.stepping import carried, changed, pose_of_points, twists
-from cosim.soft.state import SoftState
+from cosim.soft.section.implicit_step import CARRIED, FREE_FLIGHT, GIVEN, STANDING, implicit_step
+from cosim.soft.section.sealed_pressure import solve_sealed
+from cosim.soft.section.solver import OUTCOMES, Bed, ChainSolver
+
+
+@final
+@dataclass(frozen=True)
+class ChainStep:
+    """Where a step ended.
+
+    Args:
+        chain: there.
+        gradient: (f, 6) [N, N m] of the potential by (dr, phi) of each frame, inertia included.
+        figures: of the chain, see `chain_figures`.
+        outcome: how Newton's method ended.
+        iterations: linear solves.
+        residual_N: largest out-of-balance force of a free frame, or moment over its lever.
+        pressure_Pa: gauge pressure of the gas.
+    """
+
+    chain: ChainState
+    gradient: Array
+    figures: Array
+    outcome: Outcome
+    iterations: int
+    residual_N: float
+    pressure_Pa: float
+
+    @property
+    def frames(self) -> Array:
+        """(f, 4, 3)."""
+        return self.chain.frames
 
 
 @final
@@ -29,16 +60,21 @@ class ChainStepper:
 
     def __init__(self, solver: ChainSolver, options: StepOptions) -> None:
         self._solver, self._options = solver, options
+        self._two_steps = options.integrator == "bdf2"
+        self._bounds = np.array((options.tolerance_N, solver.lever_m))
+        self._flange = np.zeros((4, 3))
+        self._target = np.zeros((len(solver.section.frames), 4, 3))
 
     def step(
         self,
-        chain: SoftState,
+        chain: ChainState,
         clamp: FrameClamp,
         flange: Pose,
         loads: Loads,
         step_s: float,
+        begin_Pa: float = 0.0,
         aim: StepAim | None = None,
-    ) -> tuple[SoftState, ChainResult]:
+    ) -> ChainStep:
         """Advance by one step, with the flange at its new pose.
 
         Args:
@@ -47,23 +83,21 @@ class ChainStepper:
             flange: its pose at the end.
             loads: at the end.
             step_s: h [s].
+            begin_Pa: gauge pressure at the beginning, with sealed gas.
             aim: how closely; `start` is of frames (f, 4, 3). As an ordinary step unless given.
 
         Raises:
             ConvergenceError: no solution; the caller still holds `chain`.
         """
-        options, x = self._options, chain.positions
-        base, span, speed = difference_scheme(options.integrator, chain, step_s)
-        damped = 1.0 + options.damping_per_s * span
-        bed = Bed(damped / span**2, base + span / damped * speed)
-        starts = _starts(chain, flange, step_s)
+        self._flange[0], self._flange[1:] = flange.translation, flange.rotation.T
+        options, drive = self._options, (chain, clamp, loads, step_s)
+        bounds = (self._bounds, options.newton.iterations_max)
+        # free flight is the best start, unless it leaves the range of the model
+        starts: list[int | Array] = [FREE_FLIGHT, STANDING, CARRIED]
         if aim is not None and aim.start is not None:
-            starts = itertools.chain([aim.start], starts)
+            starts.insert(0, aim.start)
         for start in starts:
-            start = clamp.place(start, flange)
-            found = self._solver.solve(
-                start, clamp.free, loads, options.tolerance_N, options.newton.iterations_max, bed
-            )
+            found = self._solve(*drive, start, begin_Pa, bounds)
             if found.outcome is not Outcome.NOT_FINITE:
                 break
         if found.outcome is not Outcome.CONVERGED:
@@ -76,29 +110,69 @@ class ChainStepper:
         if aim is not None and found.residual_N > aim.tolerance_N:
             # below an ordinary step's tolerance rounding may leave no descent
             _, fine = aim.newton(options)
-            closer = self._solver.solve(
-                found.frames, clamp.free, loads, fine.tolerance_N, fine.iterations_max, bed
-            )
+            bounds = (np.array((fine.tolerance_N, self._solver.lever_m)), fine.iterations_max)
+            closer = self._solve(*drive, found.frames, found.pressure_Pa, bounds)
             if closer.residual_N <= found.residual_N:
                 found = replace(closer, iterations=found.iterations + closer.iterations)
-        return SoftState(
-            found.frames, (found.frames - base) / span, chain.angles, (x, chain.velocities)
-        ), found
+        return found
 
-    def bed(self, chain: SoftState, step_s: float) -> Bed:
+    def _solve(
+        self,
+        chain: ChainState,
+        clamp: FrameClamp,
+        loads: Loads,
+        step_s: float,
+        start: int | Array,
+        begin_Pa: float,
+        bounds: tuple[Array, int],
+    ) -> ChainStep:
+        """Take the step from a start: one of the kernel's, or frames (f, 4, 3)."""
+        gas = loads.gases(1)[0]
+        if gas is None:
+            pressure = loads.pressures(1)[0]
+            return self._attempt(chain, clamp, loads, step_s, pressure, start, bounds)
+
+        def attempt(pressure_Pa: float, before: ChainStep | None) -> ChainStep:
+            begin = start if before is None else before.frames
+            return self._attempt(chain, clamp, loads, step_s, pressure_Pa, begin, bounds)
+
+        return solve_sealed(gas, begin_Pa, self._solver.section.volume, attempt)
+
+    def _attempt(
+        self,
+        chain: ChainState,
+        clamp: FrameClamp,
+        loads: Loads,
+        step_s: float,
+        pressure_Pa: float,
+        start: int | Array,
+        bounds: tuple[Array, int],
+    ) -> ChainStep:
+        """Take the step at a pressure."""
+        solver, motion = self._solver, chain.motion
+        there = np.empty_like(motion)
+        gradient, figures = np.empty((len(self._target), 6)), np.empty(FIGURES)
+        near = motion[0]
+        if not isinstance(start, int):
+            there[0] = near = start
+            start = GIVEN
+        elif solver.losses_follow_shape:
+            near = near + step_s * motion[1]
+        load, others = solver.acting(loads, pressure_Pa, near)
+        two_steps = self._two_steps and chain.earlier is not None
+        outcome, iterations, residual = implicit_step(
+            motion, chain.earlier if two_steps else motion, two_steps, step_s, self._options.damping_per_s,
+            start, self._flange, clamp.free, clamp.offsets, *solver.section.chain, load, *others,
+            self._target, solver.diagonal, solver.off, *bounds, there, gradient, figures,
+        )  # fmt: skip
+        after = ChainState(there, motion)
+        return ChainStep(after, gradient, figures, OUTCOMES[outcome], iterations, residual, pressure_Pa)
+
+    def bed(self, chain: ChainState, step_s: float) -> Bed:
         """Return the inertia of a step that ends at a chain."""
-        base, span, _ = difference_scheme(self._options.integrator, chain, step_s)
-        coefficient: float = (1.0 + self._options.damping_per_s * span) / span**2
-        target: Array = base
-        return Bed(coefficient, target)
-
-
-def _starts(chain: SoftState, flange: Pose, step_s: float) -> Iterator[Array]:
-    """Yield frames to start from: in free flight, where they are, and going with the flange.
-
-    Free flight is the best of them, unless it leaves the range of the model.
-    """
-    x = chain.positions
-    yield changed(x, twists(x, chain.velocities), step_s)
-    yield x
-    yield carried(x, flange @ pose_of_points(x[0]).inverse())
+        two_steps = self._two_steps and chain.earlier is not None
+        span = 2.0 * step_s / 3.0 if two_steps else step_s
+        base = chain.frames
+        if two_steps and chain.earlier is not None:
+            base = (4.0 * base - chain.earlier[0]) / 3.0
+        return Bed((1.0 + self._options.damping_per_s * span) / span**2, base)

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cosim.frames import Array, Mask, Pose, Wrench, cross
-from cosim.soft.section.assembly import change_frames
+from cosim.frames import Array, Pose, cross
 from cosim.soft.section.model import SectionBody
 from cosim.soft.section.ring_frames import RingFrames
 
@@ -21,18 +20,6 @@ def twists(frames: Array, rates: Array) -> Array:
     return np.concatenate([rates[:, 0], spin], axis=1)
 
 
-def changed(frames: Array, step: Array, factor: float = 1.0) -> Array:
-    """Return the frames moved by factor times a step (f, 6) of translations and rotations."""
-    result = np.empty_like(frames)
-    change_frames(frames, np.ascontiguousarray(step), factor, result)
-    return result
-
-
-def pose_of_points(frame: Array) -> Pose:
-    """Return the pose of a frame's points (4, 3)."""
-    return Pose(frame[1:].T, frame[0])
-
-
 def carried(frames: Array, motion: Pose) -> Array:
     """Return the frames (f, 4, 3) moved rigidly by a motion, world to world."""
     result = frames @ motion.rotation.T
@@ -44,20 +31,6 @@ def upright(frames: Array) -> Array:
     """Return frames (f, 4, 3) with the nearest orthonormal axes."""
     u, _, v = np.linalg.svd(frames[:, 1:])
     return np.ascontiguousarray(np.concatenate([frames[:, :1], u @ v], axis=1))
-
-
-def supplied_wrench(gradient: Array, frames: Array, held: Mask) -> Wrench:
-    """Return what a chain exerts on the flange, at its origin: minus what held frames are supplied with.
-
-    Args:
-        gradient: (f, 6) [N, N m] of the potential.
-        frames: (f, 4, 3), the first is the flange.
-        held: (f,).
-    """
-    supplied = gradient[held]
-    arm = frames[held, 0] - frames[0, 0]
-    torque = supplied[:, 3:] + cross(arm, supplied[:, :3])
-    return Wrench(-supplied[:, :3].sum(axis=0), -torque.sum(axis=0))
 
 
 def rigid_motion(arm: Array, moved: Array) -> Array:
