@@ -30,7 +30,9 @@ def can_draw() -> bool:
 
 
 def draw(title: str, results: Sequence[Measured], path: Path) -> None:
-    """Draw the members that a choice is made from into a PNG file; needs matplotlib.
+    """Draw errors of the members that a choice is made from into a PNG file; needs matplotlib.
+
+    Positions and flange force, and contact forces where there are any, over the real-time factor.
 
     Args:
         title: of the scenario.
@@ -39,6 +41,7 @@ def draw(title: str, results: Sequence[Measured], path: Path) -> None:
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
     shown = [result for result in candidates(results) if result.comparable]
     front = pareto_front(shown)
@@ -58,6 +61,9 @@ def draw(title: str, results: Sequence[Measured], path: Path) -> None:
         others[1].set_ylabel("rms error of the sum of contact forces [N]")
     for axes in (left, *others):
         axes.set_xscale("log")
+        axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _place: f"{value:g}"))
+        axes.xaxis.set_minor_locator(NullLocator())
         axes.set_xlabel("real-time factor (CPU time of one core, recording on)")
         axes.axvline(1.0, color="0.7", lw=0.8)
         axes.grid(alpha=0.3)
