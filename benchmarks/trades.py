@@ -25,6 +25,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from cosim.cli.trade_progress import TradeProgress
 from cosim.driver import build_simulation, recorded
+from cosim.recording import membrane_colours
 from cosim.scenario.loading import load_scenario
 from cosim.trade.choice import Wish
 from cosim.trade.compilation import compile_for_trade
@@ -81,7 +82,7 @@ def run_trade(name: str) -> tuple[str, bool]:
     """Run one trade and write its files; return what the document shows, and whether all wishes are met."""
     trade = TRADES[name]
     scenario = load_scenario(trade.scenario, trade.changes)
-    compile_for_trade(scenario, print)
+    compile_for_trade(scenario, print, (membrane_colours,))
     members = members_of(scenario, quick=trade.quick, time_scale=trade.time_scale)
     telling = TradeProgress(sys.stdout, len(members)).telling
     results = measure(scenario, members, build_simulation, telling, follow=recorded)

@@ -9,6 +9,7 @@ from pathlib import Path
 
 from cosim.cli.trade_progress import TradeProgress
 from cosim.driver import build_simulation, recorded
+from cosim.recording import membrane_colours
 from cosim.run_files import check_directory
 from cosim.scenario.loading import load_scenario
 from cosim.scenario.overrides import parse_assignment
@@ -58,7 +59,7 @@ def trade_command(
     scenario = replace(scenario, fidelity="lumped", auto=None)
     members = members_of(scenario, quick=quick, time_scale=time_scale, truth=truth)
     check_directory(out)
-    compile_for_trade(scenario, _tell)
+    compile_for_trade(scenario, _tell, (membrane_colours,))
     progress = TradeProgress(sys.stderr, len(members))
     results = measure(scenario, members, build_simulation, progress.telling, follow=recorded, slowest=bound)
     out.mkdir(parents=True, exist_ok=True)

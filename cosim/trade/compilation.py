@@ -4,18 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from types import ModuleType
 
 from cosim.scenario.kernel_modules import kernel_modules
 from cosim.scenario.schema import Scenario
 from cosim.soft.compilation import compile_kernels
 
 
-def compile_for_trade(scenario: Scenario, tell: Callable[[str], None]) -> None:
+def compile_for_trade(
+    scenario: Scenario, tell: Callable[[str], None], more: tuple[ModuleType, ...] = ()
+) -> None:
     """Compile the kernels of a scenario's lower fidelities and switches as well as its own.
 
     Args:
         scenario: checked.
         tell: told in one sentence, before the wait, when there is anything to compile.
+        more: modules with kernels of what follows the runs.
     """
     everything = replace(scenario, fidelity="section", contact=replace(scenario.contact, self_contact=True))
-    compile_kernels(tell, kernel_modules(everything))
+    compile_kernels(tell, (*more, *kernel_modules(everything)))
