@@ -10,6 +10,7 @@ import rerun as rr
 
 from cosim.frames import Array, IntArray
 from cosim.recording.blueprint import TICKS, TIMELINE
+from cosim.recording.columns import column
 from cosim.recording.plot import Plot
 from cosim.scenario.block import READ_AT_ONCE, Block
 from cosim.scenario.snapshot import Snapshot
@@ -91,4 +92,6 @@ class PlotBuffer:
                 colors=plot.colours, names=plot.series, widths=widths, aggregation_policy=policy
             )
             self._stream.log(path, style, static=True)
-        self._stream.send_columns(path, times, rr.Scalars.columns(scalars=values))
+        each = np.full(len(values), values.shape[1])
+        scalars = column(rr.Scalars, "scalars", rr.components.ScalarBatch(values.ravel()), each)
+        self._stream.send_columns(path, times, [scalars])

@@ -8,9 +8,11 @@ from typing import Any, TypeAlias
 import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
+from rerun.components import ColorBatch, LineStrip3DBatch
 
 from cosim.frames import IntArray
 from cosim.recording.colours import Colour
+from cosim.recording.columns import column
 
 Points: TypeAlias = NDArray[np.floating[Any]]
 
@@ -22,10 +24,23 @@ def strip_array(points: Points, lengths: IntArray) -> Any:
         points: (k, 3) [m].
         lengths: points of each line; they sum to k.
     """
-    empty = rr.components.LineStrip3DBatch([]).as_arrow_array()
+    empty = LineStrip3DBatch([]).as_arrow_array()
     values = rr.encodings.Vec3DBatch(np.ascontiguousarray(points, dtype=np.float32)).as_arrow_array()
     offsets = np.concatenate([[0], np.cumsum(lengths)]).astype(np.int32)
     return empty.from_arrays(offsets, values, type=empty.type)
+
+
+def style_lines(stream: rr.RecordingStream, path: str, radius_m: float, colour: Colour | None = None) -> None:
+    """Log once what all lines of an entity have in common.
+
+    Args:
+        stream: to write to.
+        path: of the entity.
+        radius_m: of all lines [m].
+        colour: of all lines; None where they differ.
+    """
+    colours = None if colour is None else [colour]
+    stream.log(path, rr.LineStrips3D.from_fields(colors=colours, radii=[radius_m]), static=True)
 
 
 def send_lines(
@@ -35,9 +50,7 @@ def send_lines(
     points: Points,
     lengths: IntArray,
     lines_per_frame: IntArray,
-    *,
-    colours: Sequence[Colour],
-    radius_m: float,
+    colours: NDArray[np.uint8] | None = None,
 ) -> None:
     """Write lines, any number per frame.
 
@@ -48,14 +61,12 @@ def send_lines(
         points: (k, 3) [m], of all lines of all frames.
         lengths: points of each line.
         lines_per_frame: (frames,).
-        colours: one per line.
-        radius_m: of all lines [m].
+        colours: (lines, 3), of each line; None where they are styled alike.
     """
-    frames = len(lines_per_frame)
-    packed = np.asarray(colours, dtype=np.uint32).reshape(-1, 3)
-    rgba = (packed[:, 0] << 24) | (packed[:, 1] << 16) | (packed[:, 2] << 8) | np.uint32(0xFF)
-    columns = [
-        *rr.LineStrips3D.columns(strips=strip_array(points, lengths), colors=rgba).partition(lines_per_frame),
-        *rr.LineStrips3D.columns(radii=[radius_m] * frames),
-    ]
+    strips = LineStrip3DBatch(strip_array(points, lengths))
+    columns = [column(rr.LineStrips3D, "strips", strips, lines_per_frame)]
+    if colours is not None:
+        red, green, blue = colours.astype(np.uint32).T
+        packed = (red << 24) | (green << 16) | (blue << 8) | np.uint32(0xFF)
+        columns.append(column(rr.LineStrips3D, "colors", ColorBatch(packed), lines_per_frame))
     stream.send_columns(path, times, columns)

@@ -7,11 +7,13 @@ from typing import Final, final
 
 import numpy as np
 import rerun as rr
+from rerun.components import Position3DBatch, TextBatch, Vector3DBatch
 
-from cosim.frames import Array
+from cosim.frames import Array, IntArray
 from cosim.recording.camera import Eye
-from cosim.recording.colours import SKY, VERMILION, WHITE, Colour
-from cosim.recording.line_strips import send_lines
+from cosim.recording.colours import SKY, VERMILION, WHITE
+from cosim.recording.columns import column
+from cosim.recording.line_strips import send_lines, style_lines
 from cosim.scenario.block import Block
 from cosim.scenario.snapshot import Stage
 
@@ -55,6 +57,7 @@ class LoadArrows:
         self._before_film = 0.2 * size_m * eye.direction
         self._before_wrist = 0.3 * size_m * eye.direction
         self._beside = 0.27 * size_m * eye.left
+        self._log_styles()
 
     def send(self, frames: Block, centre: Array, times: Sequence[rr.TimeColumn]) -> None:
         """Write frames.
@@ -69,33 +72,38 @@ class LoadArrows:
         flange, centre = frames.flange_position + self._before_wrist, centre + self._before_film
         weight = np.tile(self._metres_per_N * self._weight_N * self._down, (len(frames), 1))
         pull = self._metres_per_N * force
-        self._send_arrows("weight", centre, weight, WHITE, times)
-        text = [f"weight {self._weight_N:.1f} N"] * len(frames)
-        self._send_labels("weight", centre + weight + self._beside, text, WHITE, times)
-        self._send_arrows("flange_force", flange - pull, pull, VERMILION, times)
+        self._send_arrows("weight", centre, weight, times)
+        self._send_labels("weight", centre + weight + self._beside, None, times)
+        self._send_arrows("flange_force", flange - pull, pull, times)
         sizes = zip(np.linalg.norm(force, axis=1), np.linalg.norm(torque, axis=1), strict=True)
         texts = [f"on flange\n{newton:.1f} N\n{moment:.2f} N m" for newton, moment in sizes]
-        self._send_labels("flange_force", flange - 0.6 * pull + self._beside, texts, WHITE, times)
+        self._send_labels("flange_force", flange - 0.6 * pull + self._beside, texts, times)
         self._send_arcs(flange, torque, times)
 
-    def _send_arrows(
-        self, name: str, origins: Array, vectors: Array, colour: Colour, times: Sequence[rr.TimeColumn]
-    ) -> None:
+    def _log_styles(self) -> None:
+        """Log once what does not change: colours, radii and the weight's label."""
+        arrows = (("weight", WHITE), ("flange_force", VERMILION), ("flange_torque/head", SKY))
+        for name, colour in arrows:
+            style = rr.Arrows3D.from_fields(colors=[colour], radii=[_RADIUS_M])
+            self._stream.log(f"/world/loads/{name}", style, static=True)
+        for name, labels in (("weight", [f"weight {self._weight_N:.1f} N"]), ("flange_force", None)):
+            label = rr.Points3D.from_fields(colors=[WHITE], radii=[1e-4], labels=labels)
+            self._stream.log(f"/world/loads/{name}/label", label, static=True)
+        style_lines(self._stream, "/world/loads/flange_torque", _RADIUS_M, SKY)
+
+    def _send_arrows(self, name: str, origins: Array, vectors: Array, times: Sequence[rr.TimeColumn]) -> None:
         # Without length an arrow has no direction to be drawn in.
         shown = np.linalg.norm(vectors, axis=1) > _SMALLEST_ARROW_M
-        columns = [
-            *rr.Arrows3D.columns(origins=origins[shown], vectors=vectors[shown]).partition(shown.astype(int)),
-            *rr.Arrows3D.columns(colors=[colour] * len(shown), radii=[_RADIUS_M] * len(shown)),
-        ]
+        columns = _arrows(origins[shown], vectors[shown], shown.astype(np.int64))
         self._stream.send_columns(f"/world/loads/{name}", times, columns)
 
     def _send_labels(
-        self, name: str, places: Array, texts: list[str], colour: Colour, times: Sequence[rr.TimeColumn]
+        self, name: str, places: Array, texts: list[str] | None, times: Sequence[rr.TimeColumn]
     ) -> None:
-        points = rr.Points3D.columns(
-            positions=places, labels=texts, colors=[colour] * len(texts), radii=[1e-4] * len(texts)
-        )
-        self._stream.send_columns(f"/world/loads/{name}/label", times, points)
+        columns = [column(rr.Points3D, "positions", Position3DBatch(places))]
+        if texts is not None:
+            columns.append(column(rr.Points3D, "labels", TextBatch(texts)))
+        self._stream.send_columns(f"/world/loads/{name}/label", times, columns)
 
     def _send_arcs(self, centres: Array, torque: Array, times: Sequence[rr.TimeColumn]) -> None:
         """Draw each torque as an arc that turns about it, with an arrow head."""
@@ -116,11 +124,16 @@ class LoadArrows:
         drawn = points[:, :-_HEAD]
         send_lines(
             self._stream, "/world/loads/flange_torque", times, drawn.reshape(-1, 3),
-            np.full(len(drawn), drawn.shape[1]), rows, colours=[SKY] * len(drawn), radius_m=_RADIUS_M,
+            np.full(len(drawn), drawn.shape[1]), rows,
         )  # fmt: skip
         tail = points[:, -_HEAD - 1]
-        heads = [
-            *rr.Arrows3D.columns(origins=tail, vectors=points[:, -1] - tail).partition(rows),
-            *rr.Arrows3D.columns(colors=[SKY] * len(shown), radii=[_RADIUS_M] * len(shown)),
-        ]
+        heads = _arrows(tail, points[:, -1] - tail, rows)
         self._stream.send_columns("/world/loads/flange_torque/head", times, heads)
+
+
+def _arrows(origins: Array, vectors: Array, rows: IntArray) -> list[rr.ComponentColumn]:
+    """Return the columns of arrows, so many in each row."""
+    return [
+        column(rr.Arrows3D, "origins", Position3DBatch(origins), rows),
+        column(rr.Arrows3D, "vectors", Vector3DBatch(vectors), rows),
+    ]

@@ -9,13 +9,15 @@ from typing import Final, TypeAlias, final
 import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
+from rerun.components import ColorBatch, Position3DBatch, RotationQuatBatch, Translation3DBatch
 
 from cosim.frames import IntArray
 from cosim.recording.blueprint import FOLLOW
 from cosim.recording.camera import close_eye, soft_size
-from cosim.recording.colours import GREY, ORANGE, Colour
+from cosim.recording.colours import GREY, ORANGE
+from cosim.recording.columns import column
 from cosim.recording.creases import crease_lines
-from cosim.recording.line_strips import send_lines
+from cosim.recording.line_strips import send_lines, style_lines
 from cosim.recording.loads import LoadArrows
 from cosim.recording.membrane_colours import MembraneColours
 from cosim.recording.rigid_mesh import rigid_mesh
@@ -26,7 +28,8 @@ from cosim.scenario.snapshot import Snapshot, Stage
 Single: TypeAlias = NDArray[np.float32]
 
 _SEAM: Final = (12, 14, 20)
-_LINE_RADIUS_M: Final = {"seams": 5e-4, "cables": 1.2e-3}
+_SEAM_RADIUS_M: Final = 5e-4
+_CABLE_RADIUS_M: Final = 1.2e-3
 _FOLLOWED: Final = 0.38
 """Where the close camera looks, from flange (0) to tip (1)."""
 _HALF_TAUT_N: Final = 1.0
@@ -72,9 +75,7 @@ class Scene:
         """
         self._send_bodies(frames, times)
         positions = self._send_film(frames, times)
-        self._send_node_lines(
-            "seams", positions, self._seams, times, [_SEAM] * (len(self._seams) * len(frames))
-        )
+        self._send_node_lines("seams", positions, self._seams, times)
         self._send_cables(frames, positions, times)
         self._loads.send(frames, positions.mean(axis=1, dtype=np.float64), times)
         self._tip.send(frames, times)
@@ -87,6 +88,10 @@ class Scene:
             path = f"{self._paths[shape.body]}/{count[shape.body]}"
             count[shape.body] += 1
             log(path, rigid_mesh(shape, self._stage.body_names[shape.body]), static=True)
+        if self._seams:
+            style_lines(self._stream, "/world/soft/seams", _SEAM_RADIUS_M, _SEAM)
+        if self._stage.cables:
+            style_lines(self._stream, "/world/soft/cables", _CABLE_RADIUS_M)
         # Vertex data would shadow the frames if it were static: indices alone.
         indices = self._stage.soft_triangles.astype(np.uint32)
         log("/world/soft/film", rr.Mesh3D.from_fields(triangle_indices=indices), static=True)
@@ -96,10 +101,12 @@ class Scene:
         quaternions = np.stack([frame.body_quaternion for frame in frames.snapshots], axis=1)
         quaternions = quaternions[..., [1, 2, 3, 0]]
         for body in self._drawn:
-            columns = rr.Transform3D.columns(translation=positions[body], quaternion=quaternions[body])
-            self._stream.send_columns(self._paths[body], times, columns)
+            there = column(rr.Transform3D, "translation", Translation3DBatch(positions[body]))
+            turned = column(rr.Transform3D, "quaternion", RotationQuatBatch(quaternions[body]))
+            self._stream.send_columns(self._paths[body], times, [there, turned])
         seen = frames.flange_position + _FOLLOWED * (frames.tip_position - frames.flange_position)
-        self._stream.send_columns(FOLLOW, times, rr.Transform3D.columns(translation=seen))
+        followed = column(rr.Transform3D, "translation", Translation3DBatch(seen))
+        self._stream.send_columns(FOLLOW, times, [followed])
 
     def _send_film(self, frames: Block, times: Sequence[rr.TimeColumn]) -> Single:
         """Write the film; return its nodes (frames, n, 3)."""
@@ -110,15 +117,19 @@ class Scene:
             x = frame.node_position
             positions[k] = x
             self._colours.pack(x, self._stage.membrane_stress(x), colours[k])
-        columns = rr.Mesh3D.columns(vertex_positions=positions.reshape(-1, 3), vertex_colors=colours.ravel())
-        self._stream.send_columns("/world/soft/film", times, columns.partition([nodes] * len(frames)))
+        each = np.full(len(frames), nodes)
+        columns = [
+            column(rr.Mesh3D, "vertex_positions", Position3DBatch(positions.reshape(-1, 3)), each),
+            column(rr.Mesh3D, "vertex_colors", ColorBatch(colours.ravel()), each),
+        ]
+        self._stream.send_columns("/world/soft/film", times, columns)
         return positions
 
     def _send_cables(self, frames: Block, positions: Single, times: Sequence[rr.TimeColumn]) -> None:
         tension = np.concatenate([frame.cable_tension_N for frame in frames.snapshots])[:, None]
         taut = tension / (tension + _HALF_TAUT_N)
         colours = (1.0 - taut) * np.array(GREY) + taut * np.array(ORANGE)
-        self._send_node_lines("cables", positions, self._stage.cables, times, colours.astype(int).tolist())
+        self._send_node_lines("cables", positions, self._stage.cables, times, colours.astype(np.uint8))
 
     def _send_node_lines(
         self,
@@ -126,14 +137,11 @@ class Scene:
         positions: Single,
         lines: Sequence[IntArray],
         times: Sequence[rr.TimeColumn],
-        colours: Sequence[Colour],
+        colours: NDArray[np.uint8] | None = None,
     ) -> None:
         if not lines:
             return
         points = positions[:, np.concatenate(lines)].reshape(-1, 3)
         lengths = np.tile([len(line) for line in lines], len(positions))
         per_frame = np.full(len(positions), len(lines))
-        send_lines(
-            self._stream, f"/world/soft/{name}", times, points, lengths, per_frame,
-            colours=colours, radius_m=_LINE_RADIUS_M[name],
-        )  # fmt: skip
+        send_lines(self._stream, f"/world/soft/{name}", times, points, lengths, per_frame, colours)

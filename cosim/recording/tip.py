@@ -7,11 +7,13 @@ from typing import Final, final
 
 import numpy as np
 import rerun as rr
+from rerun.components import Position3DBatch
 
 from cosim.frames import Array
 from cosim.recording.blueprint import TIP_PATH
 from cosim.recording.colours import GREEN, PINK
-from cosim.recording.line_strips import send_lines
+from cosim.recording.columns import column
+from cosim.recording.line_strips import send_lines, style_lines
 from cosim.scenario.block import Block
 
 _TARGET: Final = "/world/target"
@@ -32,6 +34,10 @@ class TipMarks:
     def __init__(self, stream: rr.RecordingStream, start: Array) -> None:
         self._stream = stream
         self._tip = start
+        style_lines(stream, TIP_PATH, _PATH_RADIUS_M, PINK)
+        style_lines(stream, _TARGET, _CROSS_RADIUS_M, GREEN)
+        label = rr.Points3D.from_fields(colors=[GREEN], radii=[1e-4], labels=["target"])
+        stream.log(f"{_TARGET}/label", label, static=True)
 
     def send(self, frames: Block, times: Sequence[rr.TimeColumn]) -> None:
         """Write frames; `times` has as many rows."""
@@ -39,10 +45,7 @@ class TipMarks:
         self._tip = tips[-1]
         steps = np.stack([tips[:-1], tips[1:]], axis=1)
         ones = np.ones(len(frames), dtype=np.int64)
-        send_lines(
-            self._stream, TIP_PATH, times, steps.reshape(-1, 3), 2 * ones, ones,
-            colours=[PINK] * len(frames), radius_m=_PATH_RADIUS_M,
-        )  # fmt: skip
+        send_lines(self._stream, TIP_PATH, times, steps.reshape(-1, 3), 2 * ones, ones)
         shown = zip(frames.snapshots, frames.tip_position, strict=True)
         self._send_target([_shown_target(frame.tip_target, tip) for frame, tip in shown], times)
 
@@ -51,17 +54,10 @@ class TipMarks:
         rows = np.array([target is not None for target in targets], dtype=np.int64)
         arms = 0.5 * _CROSS_M * np.stack([-np.eye(3), np.eye(3)], axis=1)
         points = (given[:, None, None] + arms).reshape(-1, 3)
-        lines = 3 * len(given)
-        send_lines(
-            self._stream, _TARGET, times, points, np.full(lines, 2), 3 * rows,
-            colours=[GREEN] * lines, radius_m=_CROSS_RADIUS_M,
-        )  # fmt: skip
-        below = given - (0.0, 0.0, 0.5 * _CROSS_M)
-        label = [
-            *rr.Points3D.columns(positions=below, labels=["target"] * len(given)).partition(rows),
-            *rr.Points3D.columns(colors=[GREEN] * len(targets), radii=[1e-4] * len(targets)),
-        ]
-        self._stream.send_columns(f"{_TARGET}/label", times, label)
+        send_lines(self._stream, _TARGET, times, points, np.full(3 * len(given), 2), 3 * rows)
+        below = Position3DBatch(given - (0.0, 0.0, 0.5 * _CROSS_M))
+        columns = [column(rr.Points3D, "positions", below, rows)]
+        self._stream.send_columns(f"{_TARGET}/label", times, columns)
 
 
 def _shown_target(target: Array | None, tip: Array) -> Array | None:

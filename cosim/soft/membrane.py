@@ -22,7 +22,7 @@ from cosim.frames import Array, IntArray
 from cosim.kernels import BLOCKS, INDEX_TABLE, INTEGER, MATRIX, REAL, VECTOR, inlined, kernel
 from cosim.soft.blocks import add_block
 from cosim.soft.edge_strain import edge_strain
-from cosim.soft.film import EDGE_STRAIN, PLAIN, TENSION_FIELD, Film
+from cosim.soft.film import PLAIN, TENSION_FIELD, Film
 from cosim.soft.tension_field import film_states, tension_field
 
 
@@ -144,14 +144,16 @@ def principal_forces(x, triangles, gradients, stiffness, law, fraction):  # type
     principal = np.empty((triangles.shape[0], 2))
     f, n = np.empty((2, 3)), np.empty(3)
     tangent, rows, columns = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))
-    # with the whole compressive stiffness the tension field is the plain law
-    share = fraction if law == TENSION_FIELD else 1.0
     for e in range(triangles.shape[0]):
         e11, e22, e12 = _columns(x, triangles[e], gradients[e], f)
-        if law == EDGE_STRAIN:
-            edge_strain(e11, e22, e12, gradients[e], stiffness, rows, columns, n, tangent)
+        if law == PLAIN:
+            n[0] = stiffness[0, 0] * e11 + stiffness[0, 1] * e22 + stiffness[0, 2] * e12
+            n[1] = stiffness[1, 0] * e11 + stiffness[1, 1] * e22 + stiffness[1, 2] * e12
+            n[2] = stiffness[2, 0] * e11 + stiffness[2, 1] * e22 + stiffness[2, 2] * e12
+        elif law == TENSION_FIELD:
+            tension_field(e11, e22, e12, stiffness, fraction, n, tangent)
         else:
-            tension_field(e11, e22, e12, stiffness, share, n, tangent)
+            edge_strain(e11, e22, e12, gradients[e], stiffness, rows, columns, n, tangent)
         half = 0.5 * (n[0] - n[1])
         mean, radius = 0.5 * (n[0] + n[1]), np.sqrt(half * half + n[2] * n[2])
         principal[e, 0], principal[e, 1] = mean + radius, mean - radius
