@@ -20,30 +20,10 @@ import numpy as np
 
 from cosim.frames import Array, IntArray
 from cosim.kernels import BLOCKS, INDEX_TABLE, MATRIX, REAL, VECTOR, inlined, kernel
+from cosim.soft.arctangent import TURN
 from cosim.soft.blocks import add_block
-
-TURN = 2.0 * math.pi
-
-
-@inlined
-def _law(angle, rest, stiffness, theta1):  # type: ignore[no-untyped-def]
-    """Return energy, moment and tangent of one spring; infinite energy where the films have crossed."""
-    if theta1 <= 0.0 or theta1 < angle < TURN - theta1:
-        difference = angle - rest
-        return 0.5 * stiffness * difference * difference, stiffness * difference, stiffness
-    if angle <= 0.0 or angle >= TURN:
-        return np.inf, np.inf, np.inf
-    # mirror the upper barrier onto the lower one: angle -> 2 pi - angle flips the moment's sign
-    sign = 1.0
-    if angle > math.pi:
-        sign, angle, rest = -1.0, TURN - angle, TURN - rest
-    start = theta1 - rest
-    argument = 0.5 * math.pi * (theta1 - angle) / theta1
-    scale = 2.0 * theta1 / math.pi
-    cosine = math.cos(argument)
-    moment = stiffness * (start - scale * math.tan(argument))
-    energy = stiffness * (0.5 * start * start + start * (angle - theta1) - scale * scale * math.log(cosine))
-    return energy, sign * moment, stiffness / (cosine * cosine)
+from cosim.soft.fold_law import fold_law
+from cosim.soft.hinge_gradient import add_hinge_gradients
 
 
 @inlined
@@ -124,10 +104,11 @@ def add_hinges(x, hinges, stiffness, rest, theta1, reference, slots, force, bloc
     The angle is unwrapped against `reference`, the angle at the last accepted state, and written to
     `angles`. Returns the energy [J], infinite when films have crossed.
     """
+    if slots.shape[0] == 0:
+        return add_hinge_gradients(x, hinges, stiffness, rest, theta1, reference, force, angles)
     v = np.empty((7, 3))
     d = np.empty((4, 3))
     h = np.empty((10, 3, 3))
-    with_hessian = slots.shape[0] > 0
     energy = 0.0
     for e in range(hinges.shape[0]):
         length, height_i, height_l, along_u, along_w, angle = _frame(x, hinges[e], v)
@@ -136,7 +117,7 @@ def add_hinges(x, hinges, stiffness, rest, theta1, reference, slots, force, bloc
         elif angle - reference[e] < -math.pi:
             angle += TURN
         angles[e] = angle
-        e_h, moment, tangent = _law(angle, rest[e], stiffness[e], theta1)
+        e_h, moment, tangent = fold_law(angle, rest[e], stiffness[e], theta1)
         energy += e_h
         if e_h == np.inf:
             continue
@@ -150,16 +131,15 @@ def add_hinges(x, hinges, stiffness, rest, theta1, reference, slots, force, bloc
             node = hinges[e, a]
             for r in range(3):
                 force[node, r] += moment * d[a, r]
-        if with_hessian:
-            _second(v, length, height_i, height_l, along_u, along_w, d[0], d[3], h)
-            pair = 0
-            for a in range(4):
-                for b in range(a + 1):
-                    for r in range(3):
-                        for c in range(3):
-                            h[pair, r, c] = moment * h[pair, r, c] + tangent * d[a, r] * d[b, c]
-                    add_block(blocks, slots[e, pair], h[pair])
-                    pair += 1
+        _second(v, length, height_i, height_l, along_u, along_w, d[0], d[3], h)
+        pair = 0
+        for a in range(4):
+            for b in range(a + 1):
+                for r in range(3):
+                    for c in range(3):
+                        h[pair, r, c] = moment * h[pair, r, c] + tangent * d[a, r] * d[b, c]
+                add_block(blocks, slots[e, pair], h[pair])
+                pair += 1
     return energy
 
 

@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 
 from cosim.frames import Array
+from cosim.soft.arctangent import full_angle
 from cosim.soft.hinge import Hinges, add_hinges
 from cosim.soft.surface import dihedral_angle
+from cosim.soft.system import SoftSystem
 from tests.derivatives import RELATIVE, Evaluate, assembled, derivative_errors
 from tests.soft.bodies import hexagon_arm, random_rotation, shapes
 
@@ -198,12 +200,40 @@ def test_springs_are_in_balance_and_turn_with_the_body() -> None:
 
 
 def test_without_slots_the_gradient_is_the_same() -> None:
-    x = folded(1.3)
-    energy, gradient, _ = spring(1.3)(x)
+    # 114 hinges: a whole group of lanes and part of another; shapes on the linear range and in the barrier
+    body = hexagon_arm(1)
+    hinges, slots = body.hinges, SoftSystem(body).pattern.slots(body.hinges.nodes)
+    assert len(hinges.nodes) > 64
+    for name, x in shapes(1).items():
+        reference = dihedral_angle(x, hinges.nodes)
+        found = []
+        for table in (slots, np.zeros((0, 0), np.int64)):
+            force, angles = np.zeros((body.nodes, 3)), np.zeros(len(hinges.nodes))
+            energy = add_hinges(
+                x, hinges.nodes, hinges.stiffness, hinges.rest_angle, 3.0, reference, table, force,
+                np.zeros((slots.max() + 1, 3, 3)), angles,
+            )  # fmt: skip
+            found.append((energy, force, angles))
+        (energy, force, angles), other = found
+        assert other[0] == pytest.approx(energy, rel=1e-12), name
+        assert other[1] == pytest.approx(force, rel=1e-11, abs=1e-12 * np.abs(force).max()), name
+        assert other[2] == pytest.approx(angles, abs=1e-14), name
+
+
+def test_crossed_films_have_no_potential_without_slots_either() -> None:
     force = np.zeros((4, 3))
-    found = add_hinges(
-        x, np.array([[0, 1, 2, 3]]), np.array([K]), np.array([REST]), THETA1, np.array([1.3]),
+    energy = add_hinges(
+        folded(-0.1), np.array([[0, 1, 2, 3]]), np.array([K]), np.array([REST]), THETA1, np.array([0.1]),
         np.zeros((0, 0), np.int64), force, np.zeros((0, 3, 3)), np.zeros(1),
     )  # fmt: skip
-    assert found == energy
-    assert (force == gradient).all()
+    assert energy == np.inf
+    assert (force == 0.0).all()
+
+
+def test_the_angle_in_the_plane_is_exact_to_rounding() -> None:
+    edges = np.pi / 8.0 * np.arange(16.0)  # where the reduction changes
+    turns = np.concatenate([edges, edges + 1e-13, np.random.default_rng(3).uniform(0.0, TURN, 2000)])
+    for turn in turns:
+        sine, cosine = 3e-9 * np.sin(turn), 3e-9 * np.cos(turn)
+        assert full_angle(sine, cosine) == pytest.approx(np.arctan2(sine, cosine) % TURN, abs=2e-15)
+    assert np.isnan(full_angle(0.0, 0.0))

@@ -1,0 +1,103 @@
+"""Energy and gradient of many rotational springs, without their Hessian: in groups, one hinge per lane.
+
+With u, e, w, m = u x e and n = e x w as in `hinge`, neither m nor n is brought to unit length:
+    theta = atan2(|e| m . w, m . n),
+    a = dtheta/dx_i = |e| m / m^2,   b = dtheta/dx_l = -|e| n / n^2,
+    dtheta/dx_j = (alpha - 1) a - beta b,   dtheta/dx_k = (beta - 1) b - alpha a,
+alpha = u . e / e^2, beta = w . e / e^2.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from cosim.kernels import inlined
+from cosim.soft.arctangent import TURN, full_angle
+from cosim.soft.fold_law import fold_law
+
+# Quantity q of lane e is at s[q * _LANES + e]: constant distances are what lets loops over lanes vectorise.
+_LANES = 64
+_U, _E, _W, _ANGLE = 0, 3 * _LANES, 6 * _LANES, 9 * _LANES
+_A, _B, _ALPHA, _BETA = _U, _E, _W, 7 * _LANES  # overwrite u, e and w
+
+
+@inlined
+def _gather(x, hinges, first, lanes, s):  # type: ignore[no-untyped-def]
+    """Fill u, e and w of a group; lanes to spare repeat the first hinge."""
+    for lane in range(_LANES):
+        h = first + (lane if lane < lanes else 0)
+        i, j, k, m = hinges[h, 0], hinges[h, 1], hinges[h, 2], hinges[h, 3]
+        for r in range(3):
+            s[_U + r * _LANES + lane] = x[i, r] - x[j, r]
+            s[_E + r * _LANES + lane] = x[k, r] - x[j, r]
+            s[_W + r * _LANES + lane] = x[k, r] - x[m, r]
+
+
+@inlined
+def _differentiate(s):  # type: ignore[no-untyped-def]
+    """Fill angle, a, b, alpha and beta of a group in place of u, e and w."""
+    for lane in range(_LANES):
+        u0, u1, u2 = s[_U + lane], s[_U + _LANES + lane], s[_U + 2 * _LANES + lane]
+        e0, e1, e2 = s[_E + lane], s[_E + _LANES + lane], s[_E + 2 * _LANES + lane]
+        w0, w1, w2 = s[_W + lane], s[_W + _LANES + lane], s[_W + 2 * _LANES + lane]
+        m0, m1, m2 = u1 * e2 - u2 * e1, u2 * e0 - u0 * e2, u0 * e1 - u1 * e0
+        n0, n1, n2 = e1 * w2 - e2 * w1, e2 * w0 - e0 * w2, e0 * w1 - e1 * w0
+        square = e0 * e0 + e1 * e1 + e2 * e2
+        length = math.sqrt(square)
+        sine = length * (m0 * w0 + m1 * w1 + m2 * w2)
+        s[_ANGLE + lane] = full_angle(sine, m0 * n0 + m1 * n1 + m2 * n2)
+        a = length / (m0 * m0 + m1 * m1 + m2 * m2)
+        b = -length / (n0 * n0 + n1 * n1 + n2 * n2)
+        s[_A + lane], s[_A + _LANES + lane], s[_A + 2 * _LANES + lane] = a * m0, a * m1, a * m2
+        s[_B + lane], s[_B + _LANES + lane], s[_B + 2 * _LANES + lane] = b * n0, b * n1, b * n2
+        s[_ALPHA + lane] = (u0 * e0 + u1 * e1 + u2 * e2) / square
+        s[_BETA + lane] = (w0 * e0 + w1 * e1 + w2 * e2) / square
+
+
+@inlined
+def _load(stiffness, rest, theta1, reference, first, lanes, s, angles):  # type: ignore[no-untyped-def]
+    """Write a group's unwrapped angles to `angles` and its moments in place of them; return the energy."""
+    energy = 0.0
+    for lane in range(lanes):
+        h = first + lane
+        angle = s[_ANGLE + lane]
+        if angle - reference[h] > math.pi:
+            angle -= TURN
+        elif angle - reference[h] < -math.pi:
+            angle += TURN
+        angles[h] = angle
+        part, moment, _ = fold_law(angle, rest[h], stiffness[h], theta1)
+        energy += part
+        s[_ANGLE + lane] = 0.0 if part == np.inf else moment
+    return energy
+
+
+@inlined
+def _scatter(hinges, first, lanes, s, force):  # type: ignore[no-untyped-def]
+    """Add a group's gradient to force."""
+    for lane in range(lanes):
+        h = first + lane
+        i, j, k, m = hinges[h, 0], hinges[h, 1], hinges[h, 2], hinges[h, 3]
+        moment, alpha, beta = s[_ANGLE + lane], s[_ALPHA + lane], s[_BETA + lane]
+        for r in range(3):
+            a, b = moment * s[_A + r * _LANES + lane], moment * s[_B + r * _LANES + lane]
+            force[i, r] += a
+            force[m, r] += b
+            force[j, r] += (alpha - 1.0) * a - beta * b
+            force[k, r] += (beta - 1.0) * b - alpha * a
+
+
+@inlined
+def add_hinge_gradients(x, hinges, stiffness, rest, theta1, reference, force, angles):  # type: ignore[no-untyped-def]
+    """Add all hinges' gradient to force, write their angles; return the energy as `add_hinges` does."""
+    s = np.empty(10 * _LANES)
+    energy = 0.0
+    for first in range(0, hinges.shape[0], _LANES):
+        lanes = min(_LANES, hinges.shape[0] - first)
+        _gather(x, hinges, first, lanes, s)
+        _differentiate(s)
+        energy += _load(stiffness, rest, theta1, reference, first, lanes, s, angles)
+        _scatter(hinges, first, lanes, s, force)
+    return energy
