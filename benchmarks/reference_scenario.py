@@ -54,13 +54,13 @@ def watch() -> Stopwatch:
     from cosim.recording.rerun_recorder import RerunRecorder
     from cosim.rigid.scene import RigidScene
     from cosim.scenario.parts import Parts
-    from cosim.soft.linear_solver import BandedCholesky
+    from cosim.soft.envelope_cholesky import EnvelopeCholesky
     from cosim.soft.system import SoftSystem
 
     stopwatch = Stopwatch()
     stopwatch.wrap(SoftSystem, "evaluate", "soft: energy, gradient, Hessian")
-    stopwatch.wrap(BandedCholesky, "factor", "soft: factorisation")
-    stopwatch.wrap(BandedCholesky, "solve", "soft: triangular solves")
+    stopwatch.wrap(EnvelopeCholesky, "factor", "soft: factorisation")
+    stopwatch.wrap(EnvelopeCholesky, "solve", "soft: triangular solves")
     stopwatch.wrap(RigidScene, "finish_step", "MuJoCo: second half step")
     stopwatch.wrap(RigidScene, "begin_step", "MuJoCo: first half step")
     stopwatch.wrap(StaggeredCoupling, "tick", "exchange, Newton's bookkeeping, ledger")

@@ -33,7 +33,7 @@ from cosim.scenario.soft_build import build_soft_body
 from cosim.scenario.solver_schema import ChamberModel
 from cosim.soft.body import Loads, SoftBody
 from cosim.soft.dynamics import StepOptions
-from cosim.soft.linear_solver import BandedCholesky
+from cosim.soft.envelope_cholesky import EnvelopeCholesky
 from cosim.soft.newton import NewtonOptions, NewtonSolver
 from cosim.soft.state import Clamp, SoftState
 from cosim.soft.system import Inertia, SoftSystem
@@ -87,7 +87,7 @@ def row(name: str, value: int, body: SoftBody) -> dict[str, float]:
     return {
         name: value,
         "components": linear.size,
-        "bandwidth": linear.bandwidth if isinstance(linear, BandedCholesky) else math.nan,
+        "bandwidth": linear.bandwidth if isinstance(linear, EnvelopeCholesky) else math.nan,
         "assembly_ms": assembly,
         "factor_ms": factor,
         "solve_ms": solve,

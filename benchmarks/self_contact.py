@@ -23,9 +23,9 @@ import numpy as np
 from benchmarks.measure.calls import least_ms
 from cosim.frames import Array
 from cosim.soft.contact import ContactLaw
+from cosim.soft.envelope_cholesky import EnvelopeCholesky
 from cosim.soft.equilibrium import Equilibrium, EquilibriumSolver
 from cosim.soft.film_contact import FilmPairs, feet
-from cosim.soft.linear_solver import BandedCholesky
 from cosim.soft.low_rank import LowRank
 from cosim.soft.newton import NewtonOptions
 from cosim.soft.self_contact import FilmContactLaw, SelfContact
@@ -57,7 +57,7 @@ def solver_costs(arm: Held, here: Equilibrium, pairs: FilmPairs) -> dict[str, fl
     system, x, free = arm.system, here.state.positions, arm.newton.free
     tension = system.segment_tension(x, here.loads)
     system.evaluate(x, here.loads, tension, here.state.angles)
-    body, wide = BandedCholesky(system.pattern, free), BandedCholesky(pairs.coupled.pattern, free)
+    body, wide = EnvelopeCholesky(system.pattern, free), EnvelopeCholesky(pairs.coupled.pattern, free)
     own, joined = system.blocks.copy(), system.tangent_blocks.copy()
     wide.factor(joined)
     load = np.random.default_rng(0).normal(size=x.shape)
@@ -77,7 +77,7 @@ def solver_costs(arm: Held, here: Equilibrium, pairs: FilmPairs) -> dict[str, fl
         "own_factor_ms": least_ms(lambda: body.factor(own)),
         "wide_factor_ms": least_ms(lambda: wide.factor(joined)),
         "wide_solve_ms": least_ms(lambda: wide.solve(load)),
-        "wide_setup_ms": least_ms(lambda: BandedCholesky(pairs.coupled.pattern, free), 10),
+        "wide_setup_ms": least_ms(lambda: EnvelopeCholesky(pairs.coupled.pattern, free), 10),
         "low_rank_factor_ms": least_ms(lambda: body.factor(own, low_rank=dense), 10),
     }
 
@@ -88,7 +88,7 @@ def iterations_to_balance(arm: Held, here: Equilibrium, pairs: FilmPairs, *, exa
     tension = tuple(t + 0.1 for t in here.loads.cable_tension_N)
     loads = replace(here.loads, cable_tension_N=tension, self_contact=pairs)
     pattern = pairs.coupled.pattern
-    linear = BandedCholesky(pattern, arm.newton.free)
+    linear = EnvelopeCholesky(pattern, arm.newton.free)
     inside = np.zeros(pattern.blocks, dtype=bool)
     inside[pairs.coupled.from_body] = True
     for count in range(400):

@@ -12,28 +12,33 @@ import numba
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
-# fastmath stays off: NaN must stay visible, and results must not depend on the compiler's mood.
+# fastmath as a whole stays off: NaN must stay visible, and results must not depend on the compiler's mood.
 # error_model="numpy" lets a division by zero give inf (a named outcome later) and keeps loops vectorised.
 _OPTIONS: dict[str, Any] = {"cache": True, "nogil": True, "error_model": "numpy"}
 
 REAL = numba.float64
+BOOLEAN = numba.boolean
 INTEGER = numba.int64
 VECTOR = numba.float64[::1]
 MATRIX = numba.float64[:, ::1]
 BLOCKS = numba.float64[:, :, ::1]
 INDICES = numba.int64[::1]
+PLACES = numba.uint64[::1]
 INDEX_TABLE = numba.int64[:, ::1]
 
 
-def kernel(signature: Any) -> Callable[[Function], Function]:
+def kernel(signature: Any, *, reorder_sums: bool = False) -> Callable[[Function], Function]:
     """Return a decorator that turns a function into a kernel with one fixed signature.
 
     Args:
         signature: numba signature, kept as `fixed_signature` for `compile_kernels`.
+        reorder_sums: whether sums may be taken in any order, with products fused into them, as BLAS does;
+            values that are not finite stay visible.
     """
 
     def decorate(function: Function) -> Function:
-        dispatcher: Any = numba.njit(function, **_OPTIONS)
+        fast: dict[str, Any] = {"fastmath": {"reassoc", "contract"}} if reorder_sums else {}
+        dispatcher: Any = numba.njit(function, **_OPTIONS, **fast)
         dispatcher.fixed_signature = signature
         result: Function = dispatcher
         return result

@@ -11,6 +11,7 @@ from cosim.soft import (
     contact,
     contact_surface,
     dissected_cholesky,
+    envelope_cholesky,
     frame_ring,
     hinge,
     linear_solver,
@@ -21,8 +22,8 @@ from cosim.soft import (
 )
 
 _MODULES: tuple[ModuleType, ...] = (
-    cable, contact, contact_surface, dissected_cholesky, frame_ring, hinge, linear_solver, mass_moments,
-    mass_terms, membrane, pressure,
+    cable, contact, contact_surface, dissected_cholesky, envelope_cholesky, frame_ring, hinge,
+    linear_solver, mass_moments, mass_terms, membrane, pressure,
 )  # fmt: skip
 
 

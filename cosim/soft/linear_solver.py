@@ -8,9 +8,7 @@ from typing import Any, final
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import lapack
 from scipy.sparse import coo_matrix, csc_matrix
-from scipy.sparse.csgraph import reverse_cuthill_mckee
 from scipy.sparse.linalg import SuperLU, splu
 
 from cosim.frames import Array, IntArray, Mask
@@ -117,7 +115,7 @@ class LinearSolver(ABC):
         """Return the displacements (k, n, 3) [m] of the sparse part under loads (k, n, 3) [N]."""
 
 
-def _numbering(free: Mask, order: IntArray) -> IntArray:
+def numbering(free: Mask, order: IntArray) -> IntArray:
     """Return the equation (n, 3) of each component, -1 where clamped, with the nodes taken in `order`."""
     number = np.full(free.shape, -1, dtype=np.int64)
     nodes, components = np.nonzero(free[order])
@@ -125,7 +123,7 @@ def _numbering(free: Mask, order: IntArray) -> IntArray:
     return number
 
 
-def _dofs(number: IntArray) -> IntArray:
+def equations(number: IntArray) -> IntArray:
     """Return the component 3 node + axis (size,) that each equation stands for."""
     components = np.flatnonzero(number.ravel() >= 0)
     return np.asarray(components[np.argsort(number.ravel()[components])])
@@ -150,56 +148,6 @@ def lower_entries(pattern: BlockPattern, number: IntArray) -> tuple[IntArray, In
 
 
 @final
-class BandedCholesky(LinearSolver):
-    """LAPACK's banded Cholesky in reverse Cuthill-McKee order; refuses an indefinite matrix."""
-
-    def __init__(self, pattern: BlockPattern, free: Mask) -> None:
-        super().__init__(pattern, free)
-        movable: Mask = np.asarray(self.free.any(axis=1))
-        kept = movable[pattern.row] & movable[pattern.column]
-        local = np.full(pattern.nodes, -1, dtype=np.int64)
-        local[self.free_nodes] = np.arange(len(self.free_nodes))
-        rows, columns = local[pattern.row[kept]], local[pattern.column[kept]]
-        graph = coo_matrix((np.ones(len(rows)), (rows, columns)), shape=(len(self.free_nodes),) * 2)
-        orders = [np.arange(len(self.free_nodes)), reverse_cuthill_mckee((graph + graph.T).tocsr(), True)]
-        ranks = [np.argsort(order) for order in orders]
-        best = min(ranks, key=lambda rank: int(np.abs(rank[rows] - rank[columns]).max(initial=0)))
-        number = _numbering(self.free, self.free_nodes[np.argsort(best)])
-        row, column, self._source = lower_entries(pattern, number)
-        self.bandwidth = int((row - column).max(initial=0))
-        self._destination = (row - column) + column * (self.bandwidth + 1)
-        self._diagonal = np.arange(self.size) * (self.bandwidth + 1)
-        self._band = np.zeros(self.size * (self.bandwidth + 1))
-        self._lent = False  # whether a saved state holds the band
-        self._dofs = _dofs(number)
-        self._factor: Array = np.zeros((0, 0))
-
-    def _factorise(self, blocks: Array, shift: float) -> bool:
-        if self._lent:
-            self._band, self._lent = np.empty_like(self._band), False
-        scatter(blocks.reshape(-1), self._source, self._destination, self._diagonal, shift, self._band)
-        matrix = self._band.reshape(self.size, self.bandwidth + 1).T
-        self._factor, info = lapack.dpbtrf(matrix, lower=1, overwrite_ab=1)
-        return bool(info == 0)
-
-    def _lend_factor(self) -> tuple[NDArray[Any], ...]:
-        self._lent = True
-        return (self._factor,)
-
-    def _take_factor(self, parts: tuple[NDArray[Any], ...]) -> None:
-        (self._factor,) = parts
-
-    def _solve_sparse(self, loads: Array) -> Array:
-        count = len(loads)
-        # one row per load is the Fortran order that LAPACK asks for
-        right = loads.reshape(count, -1)[:, self._dofs].T
-        solution, _ = lapack.dpbtrs(self._factor, right, lower=1, overwrite_b=1)
-        result = np.zeros((count, 3 * self.pattern.nodes))
-        result[:, self._dofs] = solution.T
-        return result.reshape(count, -1, 3)
-
-
-@final
 class GeneralLU(LinearSolver):
     """SuperLU for tangents that are not symmetric; refuses a singular matrix, not an indefinite one.
 
@@ -208,9 +156,9 @@ class GeneralLU(LinearSolver):
 
     def __init__(self, pattern: BlockPattern, free: Mask) -> None:
         super().__init__(pattern, free)
-        self._number = _numbering(self.free, self.free_nodes)
+        self._number = numbering(self.free, self.free_nodes)
         self._row, self._column, self._source = lower_entries(pattern, self._number)
-        self._dofs = _dofs(self._number)
+        self._dofs = equations(self._number)
         self._factor: SuperLU | None = None
         self._factorised = csc_matrix((self.size, self.size))
         self.extra: list[tuple[IntArray, Array]] = []

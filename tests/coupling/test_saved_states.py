@@ -13,7 +13,8 @@ from cosim.coupling.soft_arm import SoftArm
 from cosim.errors import InputError
 from cosim.frames import Array, Pose, rotation_from_vector
 from cosim.soft.dynamics import StepOptions
-from cosim.soft.linear_solver import BandedCholesky, GeneralLU
+from cosim.soft.envelope_cholesky import EnvelopeCholesky
+from cosim.soft.linear_solver import GeneralLU
 from cosim.soft.newton import NewtonOptions
 from tests.coupling.pads import Grasp
 from tests.coupling.test_staggered import Rig, rig
@@ -49,7 +50,7 @@ def same(found: list[Array], expected: list[Array]) -> bool:
 @pytest.mark.parametrize("closed", [True, False])
 def test_a_soft_arm_repeats_itself(integrator: str, closed: bool) -> None:
     arm = soft_arm(closed, integrator=integrator)
-    assert isinstance(arm.equilibrium_solver.solver.linear, BandedCholesky if closed else GeneralLU)
+    assert isinstance(arm.equilibrium_solver.solver.linear, EnvelopeCholesky if closed else GeneralLU)
     swung(arm, 0, 20)
     state = arm.save_state()
     assert state.soft.earlier is not None

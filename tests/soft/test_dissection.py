@@ -7,11 +7,13 @@ import pytest
 from scipy.sparse import csr_matrix
 
 from cosim.frames import Array, Mask
+from cosim.soft import dissected_cholesky
 from cosim.soft.body import Loads, SoftBody
 from cosim.soft.chamber import PolygonalStack
 from cosim.soft.dissected_cholesky import DissectedCholesky, cholesky
 from cosim.soft.dissection import dissect
-from cosim.soft.linear_solver import BandedCholesky, LinearSolver
+from cosim.soft.envelope_cholesky import EnvelopeCholesky
+from cosim.soft.linear_solver import LinearSolver
 from cosim.soft.refinement import refine
 from cosim.soft.surface import interior_hinges
 from cosim.soft.system import Inertia, SoftSystem
@@ -79,15 +81,15 @@ def test_no_front_is_much_wider_than_the_grid() -> None:
     assert sum(len(front.nodes) * (len(front.nodes) + len(front.rest)) for front in fronts) < SIDE**3
 
 
-def test_the_factor_of_a_refined_arm_solves_like_the_banded_one() -> None:
+def test_the_factor_of_a_refined_arm_solves_like_that_within_the_envelope() -> None:
     system, free = assembled()
     solver = DissectedCholesky(system.pattern, free, system.eyelets)
-    banded = BandedCholesky(system.pattern, free)
+    envelope = EnvelopeCholesky(system.pattern, free)
     loads: Array = np.random.default_rng(0).normal(size=(system.body.nodes, 3))
     for shift in (0.0, 300.0):
         assert solver.factor(system.blocks, shift)
-        assert banded.factor(system.blocks, shift)
-        expected = banded.solve(loads)
+        assert envelope.factor(system.blocks, shift)
+        expected = envelope.solve(loads)
         assert solver.solve(loads) == pytest.approx(expected, abs=1e-11 * np.abs(expected).max())
         assert not solver.solve(loads)[~free].any()
     weak = system.blocks.copy()
@@ -111,10 +113,11 @@ def test_a_saved_factor_is_not_written_to() -> None:
     assert (solver.solve(loads) == expected).all()
 
 
-@pytest.mark.parametrize(
-    ("body", "kind"), [(hexagon_arm(8), BandedCholesky), (refined_arm(8), DissectedCholesky)]
-)
-def test_a_wide_band_is_dissected_a_narrow_one_kept(body: SoftBody, kind: type[LinearSolver]) -> None:
-    free = np.ones((body.nodes, 3), dtype=bool)
-    pattern = SoftSystem(body).pattern
-    assert isinstance(cholesky(pattern, free, SoftSystem(body).eyelets), kind)
+@pytest.mark.parametrize(("bound", "kind"), [(400, EnvelopeCholesky), (100, DissectedCholesky)])
+def test_a_wide_envelope_is_dissected_a_narrow_one_kept(
+    monkeypatch: pytest.MonkeyPatch, bound: int, kind: type[LinearSolver]
+) -> None:
+    system = SoftSystem(refined_arm(8))  # 137 entries in a row
+    free = np.ones((system.body.nodes, 3), dtype=bool)
+    monkeypatch.setattr(dissected_cholesky, "_WIDEST_ENVELOPE", bound)
+    assert isinstance(cholesky(system.pattern, free, system.eyelets), kind)

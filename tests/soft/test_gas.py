@@ -11,8 +11,9 @@ import pytest
 from cosim.errors import InputError
 from cosim.frames import Array
 from cosim.soft.body import Loads, SoftBody
+from cosim.soft.envelope_cholesky import EnvelopeCholesky
 from cosim.soft.gas import SealedGas, STANDARD_ATMOSPHERE_Pa, exchange, leak
-from cosim.soft.linear_solver import BandedCholesky, GeneralLU
+from cosim.soft.linear_solver import GeneralLU
 from cosim.soft.low_rank import LowRank
 from cosim.soft.newton import NewtonOptions, NewtonResult, NewtonSolver
 from cosim.soft.surface import dihedral_angle, enclosed_volume
@@ -84,10 +85,10 @@ def test_a_sealed_gas_pushes_like_the_pressure_it_has() -> None:
     assert system.low_rank is None
 
 
-@pytest.mark.parametrize("kind", [BandedCholesky, GeneralLU])
+@pytest.mark.parametrize("kind", [EnvelopeCholesky, GeneralLU])
 @pytest.mark.parametrize("coefficient", [1e9, 1e-3, 0.0])
 def test_the_dense_term_is_solved_without_a_dense_matrix(
-    kind: type[BandedCholesky] | type[GeneralLU], coefficient: float
+    kind: type[EnvelopeCholesky] | type[GeneralLU], coefficient: float
 ) -> None:
     body, x = hexagon_arm(1), inflated_positions(1)
     system, random = SoftSystem(body), np.random.default_rng(3)
@@ -117,7 +118,7 @@ def test_a_negative_dense_term_that_spoils_definiteness_is_refused() -> None:
     body, x = hexagon_arm(1), inflated_positions(1)
     system = SoftSystem(body)
     system.evaluate(x, no_load(body), np.zeros(0), system.angles)
-    solver = BandedCholesky(system.pattern, np.ones(body.nodes, dtype=bool))
+    solver = EnvelopeCholesky(system.pattern, np.ones(body.nodes, dtype=bool))
     shift = 1e4
     matrix = dense(system.pattern, system.blocks) + shift * np.eye(x.size)
     direction = np.random.default_rng(4).normal(size=x.shape)
@@ -126,8 +127,8 @@ def test_a_negative_dense_term_that_spoils_definiteness_is_refused() -> None:
     assert not solver.factor(system.blocks, shift, one(direction, -1.001 * bound))
 
 
-@pytest.mark.parametrize("kind", [BandedCholesky, GeneralLU])
-def test_several_dense_terms_of_either_sign(kind: type[BandedCholesky] | type[GeneralLU]) -> None:
+@pytest.mark.parametrize("kind", [EnvelopeCholesky, GeneralLU])
+def test_several_dense_terms_of_either_sign(kind: type[EnvelopeCholesky] | type[GeneralLU]) -> None:
     body, x = hexagon_arm(1), inflated_positions(1)
     system, random = SoftSystem(body), np.random.default_rng(5)
     system.evaluate(x, no_load(body), np.zeros(0), system.angles)
