@@ -12,6 +12,7 @@ cannot push: negative tensions are refused, zero tension is a slack cable.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import final
 
 import numpy as np
@@ -103,13 +104,18 @@ class Cable:
         Args:
             positions: (n, 3) [m].
         """
-        ratio = self.loss_factor ** np.arange(1.0, len(self.nodes))
+        ratio = self._frictionless_ratio
         if self.friction_coefficient > 0.0:
             step = np.diff(positions[self.nodes], axis=0)
             step = step / np.linalg.norm(step, axis=1)[:, None]
             cosine = np.clip((step[1:] * step[:-1]).sum(axis=1), -1.0, 1.0)
             wrap = np.concatenate([[0.0], np.cumsum(np.arccos(cosine))])
             ratio = ratio * np.exp(-self.friction_coefficient * wrap)
+        return ratio
+
+    @cached_property
+    def _frictionless_ratio(self) -> Array:
+        ratio: Array = self.loss_factor ** np.arange(1.0, len(self.nodes))
         return ratio
 
     def length(self, positions: Array) -> float:

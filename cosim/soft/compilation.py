@@ -19,11 +19,12 @@ from cosim.soft import (
     mass_terms,
     membrane,
     pressure,
+    problem,
 )
 
 _MODULES: tuple[ModuleType, ...] = (
     cable, contact, contact_surface, dissected_cholesky, envelope_cholesky, frame_ring, hinge,
-    linear_solver, mass_moments, mass_terms, membrane, pressure,
+    linear_solver, mass_moments, mass_terms, membrane, pressure, problem,
 )  # fmt: skip
 
 

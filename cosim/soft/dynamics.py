@@ -73,7 +73,7 @@ def difference_scheme(integrator: Integrator, state: SoftState, h: float) -> tup
 
 def _turn(before: Pose, after: Pose) -> float:
     """Return the angle [rad] between two poses."""
-    cosine = 0.5 * (float(np.einsum("rs,rs->", before.rotation, after.rotation)) - 1.0)
+    cosine = 0.5 * (float(before.rotation.ravel().dot(after.rotation.ravel())) - 1.0)
     return math.acos(min(1.0, max(-1.0, cosine)))
 
 
@@ -125,6 +125,10 @@ class ImplicitStepper:
         self.clamp = clamp
         self.options = options
         self.self_contact = self_contact
+        # of an ordinary step: until it is solved, and in a first go
+        self._whole = replace(options.newton, tolerance_N=options.tolerance_N)
+        self._first = replace(self._whole, iterations_max=options.iterations)
+        self._weight: tuple[float, Array] = (math.nan, solver.system.body.node_mass)
 
     def step(
         self,
@@ -219,9 +223,10 @@ class ImplicitStepper:
 
     def _inertia(self, base: Array, span: float, speed: Array) -> Inertia:
         """Return M (v - speed) / s + alpha M v with v = (x - base) / s, written as one elastic bed."""
-        damping = self.options.damping_per_s
-        weight = self.solver.system.body.node_mass * (1.0 + damping * span) / span**2
-        return Inertia(weight, base + span / (1.0 + damping * span) * speed)
+        growth = 1.0 + self.options.damping_per_s * span
+        if self._weight[0] != span:
+            self._weight = span, self.solver.system.body.node_mass * growth / span**2
+        return Inertia(self._weight[1], base + span / growth * speed)
 
     def _solve(
         self,
@@ -241,16 +246,14 @@ class ImplicitStepper:
             spent = result.iterations
             result = self.solver.solve(result.positions, state.angles, loads, fine, inertia, frame)
             return replace(result, iterations=spent + result.iterations)
-        full = replace(options.newton, tolerance_N=options.tolerance_N)
         # a contact that is half solved would push with a force of its own making
         if loads.contact is not None or loads.self_contact is not None:
-            return self.solver.solve(start, state.angles, loads, full, inertia, frame)
-        first = replace(full, iterations_max=options.iterations)
-        result = self.solver.solve(start, state.angles, loads, first, inertia, frame)
+            return self.solver.solve(start, state.angles, loads, self._whole, inertia, frame)
+        result = self.solver.solve(start, state.angles, loads, self._first, inertia, frame)
         if result.outcome is not Outcome.ITERATION_LIMIT or self._acceptable(result):
             return result
         spent = result.iterations
-        result = self.solver.solve(result.positions, result.angles, loads, full, inertia, frame)
+        result = self.solver.solve(result.positions, result.angles, loads, self._whole, inertia, frame)
         return replace(result, iterations=spent + result.iterations)
 
     def _with_losses(

@@ -17,11 +17,12 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import reverse_cuthill_mckee
 
 from cosim.frames import Array, IntArray, Mask
-from cosim.kernels import BOOLEAN, INDICES, MATRIX, PLACES, VECTOR, inlined, kernel
+from cosim.kernels import BLOCKS, BOOLEAN, INDICES, MATRIX, PLACES, VECTOR, inlined, kernel
 from cosim.soft.linear_solver import LinearSolver, equations, lower_entries, numbering, scatter
 from cosim.soft.pattern import BlockPattern
 
 _TILE = 4
+_STRAIGHT = np.eye(3)
 # Places are unsigned in the kernels: an index that might be negative would be wrapped, and keep loops scalar.
 _1, _2, _3, _4 = np.uint64(1), np.uint64(2), np.uint64(3), np.uint64(4)
 
@@ -163,17 +164,31 @@ def _substitute_backward(store, start, first, inverse, x):  # type: ignore[no-un
         x[e], x[e + _1], x[e + _2], x[e + _3] = x0, x1, x2, x3
 
 
-@kernel((VECTOR, PLACES, PLACES, VECTOR, INDICES, MATRIX, MATRIX), reorder_sums=True)
-def _solve(store, start, first, inverse, dofs, loads, result):  # type: ignore[no-untyped-def]
-    """Fill result (k, 3 n), zero so far, with the solutions for loads (k, 3 n); equation e is dofs[e]."""
+@inlined
+def _turn(values, turn):  # type: ignore[no-untyped-def]
+    """Multiply the rows of values (n, 3) by turn (3, 3) from the right, in place."""
+    for i in range(values.shape[0]):
+        a, b, c = values[i, 0], values[i, 1], values[i, 2]
+        for r in range(3):
+            values[i, r] = a * turn[0, r] + b * turn[1, r] + c * turn[2, r]
+
+
+@kernel((VECTOR, PLACES, PLACES, VECTOR, INDICES, MATRIX, BLOCKS), reorder_sums=True)
+def _solve(store, start, first, inverse, dofs, turn, loads):  # type: ignore[no-untyped-def]
+    """Solve in place for each of loads (k, n, 3), turned before and back after; equation e is dofs[e]."""
     x = np.zeros(4 * start.shape[0])
+    back = turn.T.copy()
     for case in range(loads.shape[0]):
+        _turn(loads[case], turn)
+        values = loads[case].reshape(-1)
         for e in range(dofs.shape[0]):
-            x[e] = loads[case, dofs[e]]
+            x[e] = values[dofs[e]]
         _substitute_forward(store, start, first, inverse, x)
         _substitute_backward(store, start, first, inverse, x)
+        values[:] = 0.0
         for e in range(dofs.shape[0]):
-            result[case, dofs[e]] = x[e]
+            values[dofs[e]] = x[e]
+        _turn(loads[case], back)
 
 
 def _first_entries(row: IntArray, column: IntArray, size: int) -> IntArray:
@@ -257,7 +272,12 @@ class EnvelopeCholesky(LinearSolver):
         self._lent = True
 
     def _solve_sparse(self, loads: Array) -> Array:
-        flat = np.ascontiguousarray(loads).reshape(len(loads), -1)
-        result = np.zeros_like(flat)
-        _solve(self._store, *self._places, self._inverse, self._dofs, flat, result)
-        return result.reshape(loads.shape)
+        result = np.array(loads, order="C")
+        _solve(self._store, *self._places, self._inverse, self._dofs, _STRAIGHT, result)
+        return result
+
+    def _solve_turned(self, load: Array, turn: Array | None) -> Array:
+        result = np.array(load[None], order="C")
+        straight = _STRAIGHT if turn is None else turn
+        _solve(self._store, *self._places, self._inverse, self._dofs, straight, result)
+        return np.asarray(result[0])

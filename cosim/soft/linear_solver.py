@@ -82,12 +82,18 @@ class LinearSolver(ABC):
             self._correction = correction
         return True
 
-    def solve(self, load: Array) -> Array:
-        """Return the displacement (n, 3) [m] under a load (n, 3) [N]; zero where clamped."""
-        solution = np.asarray(self._solve_sparse(load[None])[0])
-        if self._correction is not None:
-            self._correction.apply(solution)
-        return solution
+    def solve(self, load: Array, turn: Array | None = None) -> Array:
+        """Return the displacement (n, 3) [m] under a load (n, 3) [N]; zero where clamped.
+
+        Args:
+            load: on all nodes.
+            turn: (3, 3), rotation of the body since it was factorised, its matrix with it; None for none.
+        """
+        if self._correction is None:
+            return self._solve_turned(load, turn)
+        solution = np.asarray(self._solve_sparse((load if turn is None else load @ turn)[None])[0])
+        self._correction.apply(solution)
+        return solution if turn is None else solution @ turn.T
 
     def save_state(self) -> FactorState:
         """Return the factorisation in store."""
@@ -97,6 +103,12 @@ class LinearSolver(ABC):
         """Take a factorisation of `save_state`, of a solver with the same pattern and free components."""
         self._correction = state.correction
         self._take_factor(state.parts)
+
+    def _solve_turned(self, load: Array, turn: Array | None) -> Array:
+        """Return what `solve` does without dense terms."""
+        if turn is None:
+            return np.asarray(self._solve_sparse(load[None])[0])
+        return np.asarray(self._solve_sparse((load @ turn)[None])[0] @ turn.T)
 
     @abstractmethod
     def _lend_factor(self) -> tuple[NDArray[Any], ...]:

@@ -13,6 +13,7 @@ Source: Nocedal and Wright, Numerical Optimization, 2nd ed., sections 3.4 and 3.
 from __future__ import annotations
 
 import enum
+import math
 from dataclasses import dataclass
 from typing import final
 
@@ -22,8 +23,9 @@ from cosim.frames import Array, Mask
 from cosim.soft.body import Loads
 from cosim.soft.dissected_cholesky import cholesky
 from cosim.soft.kept_factor import KeptFactor, NewtonState
-from cosim.soft.linear_solver import GeneralLU, LinearSolver
+from cosim.soft.linear_solver import GeneralLU, LinearSolver, by_component
 from cosim.soft.pattern import BlockPattern
+from cosim.soft.problem import Point, Problem
 from cosim.soft.system import Inertia, SoftSystem
 
 
@@ -97,39 +99,6 @@ class NewtonResult:
 
 
 @final
-@dataclass(frozen=True)
-class _Point:
-    """Positions with their potential and residual; `system.gradient` belongs to the newest one."""
-
-    positions: Array
-    energy: float
-    residual: float
-
-
-@final
-@dataclass(frozen=True)
-class _Problem:
-    """What is minimised in one solution."""
-
-    system: SoftSystem
-    free: Mask
-    loads: Loads
-    tension: Array
-    inertia: Inertia | None
-
-    def at(self, positions: Array, angles: Array, *, hessian: bool = False) -> _Point:
-        energy = self.system.evaluate(
-            positions, self.loads, self.tension, angles, inertia=self.inertia, hessian=hessian
-        )
-        return _Point(positions, energy, float(np.abs(self.system.gradient[self.free]).max(initial=0.0)))
-
-    @property
-    def kind(self) -> float:
-        """Tells apart tangents that cannot stand for each other: statics, or the step's inertia."""
-        return 0.0 if self.inertia is None else float(self.inertia.coefficient.sum())
-
-
-@final
 class NewtonSolver:
     """Newton's method for one body with given clamped nodes or components; owns the factorisation.
 
@@ -142,7 +111,7 @@ class NewtonSolver:
     def __init__(self, system: SoftSystem, clamped: Mask) -> None:
         self.system = system
         self.clamped = clamped
-        self.free = ~clamped
+        self.free = np.ascontiguousarray(by_component(~clamped))
         self._narrow = self._solver_for(system.pattern)
         self.linear: LinearSolver = self._narrow
         self._kept: KeptFactor | None = None
@@ -167,7 +136,7 @@ class NewtonSolver:
             frame: (3, 3), rotation of the flange; a factorisation that is kept turns with it.
         """
         system = self.system
-        problem = _Problem(system, self.free, loads, system.segment_tension(start, loads), inertia)
+        problem = Problem(system, self.free, loads, system.segment_tension(start, loads), inertia)
         turned = np.eye(3) if frame is None else frame
         point = problem.at(np.ascontiguousarray(start), reference_angles)
         angles = system.angles.copy()
@@ -182,6 +151,7 @@ class NewtonSolver:
                     point, reused, angles = found, reused + 1, system.angles.copy()
                     continue
             if outcome is not None:
+                point = problem.at(point.positions, angles)
                 break
             problem.at(point.positions, angles, hessian=True)
             attempts = self._factor(options)
@@ -217,7 +187,7 @@ class NewtonSolver:
         """
         system = self.system
         gradient = system.gradient.copy()
-        problem = _Problem(system, self.free, loads, system.segment_tension(positions, loads), inertia)
+        problem = Problem(system, self.free, loads, system.segment_tension(positions, loads), inertia)
         problem.at(positions, angles, hessian=True)
         system.gradient[:] = gradient
         definite = self._fitted_solver().factor(system.tangent_blocks, low_rank=system.low_rank)
@@ -239,8 +209,8 @@ class NewtonSolver:
         self.system.gradient[:] = state.gradient
 
     @staticmethod
-    def _verdict(point: _Point, tangents: int, reused: int, options: NewtonOptions) -> Outcome | None:
-        if not (np.isfinite(point.residual) and np.isfinite(point.energy)):
+    def _verdict(point: Point, tangents: int, reused: int, options: NewtonOptions) -> Outcome | None:
+        if not (math.isfinite(point.residual) and math.isfinite(point.energy)):
             return Outcome.NOT_FINITE
         # many small forces of one sign add up: a start is accepted by the stricter bound only
         moved = tangents + reused > 0
@@ -249,21 +219,23 @@ class NewtonSolver:
         return Outcome.ITERATION_LIMIT if tangents >= options.iterations_max else None
 
     def _reuse(
-        self, problem: _Problem, point: _Point, angles: Array, frame: Array, options: NewtonOptions
-    ) -> _Point | None:
-        """Return the point one step on with the factorisation in store, or None where it does not serve."""
+        self, problem: Problem, point: Point, angles: Array, frame: Array, options: NewtonOptions
+    ) -> Point | None:
+        """Return the point one step on with the factorisation in store, or None where it does not serve.
+
+        Then the system's gradient may be that of the point that was tried.
+        """
         kept = self._kept
         if kept is None or kept.kind != problem.kind:
             return None
         turn = frame @ kept.frame.T  # from the rotation of the factorisation to the present one
-        step = self.linear.solve(-self.system.gradient @ turn) @ turn.T
+        step = self.linear.solve(-self.system.gradient, turn)
         if not np.abs(step).max() <= options.step_max_m:
             return None
         trial = problem.at(point.positions + step, angles)
-        if np.isfinite(trial.energy) and trial.residual <= options.reuse_rate * point.residual:
+        if math.isfinite(trial.energy) and trial.residual <= options.reuse_rate * point.residual:
             return trial
         self._kept = None
-        problem.at(point.positions, angles)
         return None
 
     def _factor(self, options: NewtonOptions) -> int:
@@ -296,8 +268,8 @@ class NewtonSolver:
         return GeneralLU(pattern, self.free)
 
     def _search(
-        self, problem: _Problem, point: _Point, step: Array, angles: Array, options: NewtonOptions
-    ) -> _Point | None:
+        self, problem: Problem, point: Point, step: Array, angles: Array, options: NewtonOptions
+    ) -> Point | None:
         """Return the accepted point along the step, or None."""
         system = self.system
         longest = float(np.abs(step).max())
@@ -312,8 +284,8 @@ class NewtonSolver:
             else:
                 # work of the out-of-balance force along the step (Crisfield's line search)
                 work = float(np.einsum("nr,nr->", system.gradient, step))
-                enough = bool(np.isfinite(trial.energy)) and abs(work) <= 0.9 * abs(slope)
-            if enough or (np.isfinite(trial.energy) and trial.residual < 0.1 * point.residual):
+                enough = math.isfinite(trial.energy) and abs(work) <= 0.9 * abs(slope)
+            if enough or (math.isfinite(trial.energy) and trial.residual < 0.1 * point.residual):
                 return trial
             factor *= 0.5
         return None

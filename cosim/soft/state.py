@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import final
 
 import numpy as np
 
-from cosim.frames import Array, IntArray, Mask, Pose, Wrench, cross
+from cosim.frames import Array, IntArray, Mask, Pose, Wrench
 from cosim.soft.body import SoftBody
 from cosim.soft.film_memory import FilmMemory
 from cosim.soft.surface import dihedral_angle
@@ -70,8 +71,13 @@ class Clamp:
         """Return the positions (n, 3) [m] with the held components where the flange has them."""
         placed = np.array(positions)
         target = world_from_flange.apply(self.offsets)
-        placed[self.nodes] = np.where(self.components, target, placed[self.nodes])
+        placed[self.nodes] = target if self._whole else np.where(self.components, target, placed[self.nodes])
         return placed
+
+    @cached_property
+    def _whole(self) -> bool:
+        """Whether all nodes are held in all components."""
+        return bool(self.components.all())
 
     def reaction(self, gradient: Array) -> Array:
         """Return the force (k, 3) [N] that the flange supplies to each held node, free components zero.
@@ -79,7 +85,8 @@ class Clamp:
         Args:
             gradient: (n, 3) [N], of the potential, inertia included.
         """
-        return np.where(self.components, gradient[self.nodes], 0.0)
+        held = gradient[self.nodes]
+        return held if self._whole else np.where(self.components, held, 0.0)
 
     def wrench(self, gradient: Array, positions: Array, world_from_flange: Pose) -> Wrench:
         """Return what the body exerts on the flange, at its origin, world axes.
@@ -93,7 +100,8 @@ class Clamp:
         """
         reaction = self.reaction(gradient)
         arm = positions[self.nodes] - world_from_flange.translation
-        return Wrench(-reaction.sum(axis=0), -cross(arm, reaction).sum(axis=0))
+        (_, xy, xz), (yx, _, yz), (zx, zy, _) = (arm.T @ reaction).tolist()
+        return Wrench(-reaction.sum(axis=0), np.array((zy - yz, xz - zx, yx - xy)))
 
 
 @final

@@ -153,7 +153,7 @@ class SoftSystem:
         for frame, slots in zip(self._frames, self._frame_slots, strict=True):
             energy += frame.add(x, table(slots), self.gradient, self.blocks)
         energy += self._add_gas(x, loads, hessian)
-        self.low_rank = LowRank.joined(self._dense)
+        self.low_rank = LowRank.joined(self._dense) if self._dense else None
         energy += add_gravity(x, body.node_mass, np.array(loads.gravity), self.gradient)
         if loads.nodal_force is not None:
             self.gradient -= loads.nodal_force
