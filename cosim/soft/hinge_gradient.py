@@ -17,72 +17,76 @@ from cosim.kernels import inlined
 from cosim.soft.arctangent import TURN, full_angle
 from cosim.soft.fold_law import fold_law
 
-# Quantity q of lane e is at s[q * _LANES + e]: constant distances are what lets loops over lanes vectorise.
-_LANES = 64
-_U, _E, _W, _ANGLE = 0, 3 * _LANES, 6 * _LANES, 9 * _LANES
-_A, _B, _ALPHA, _BETA = _U, _E, _W, 7 * _LANES  # overwrite u, e and w
+# Quantity q of lane e is at s[q * LANES + e]: constant distances are what lets loops over lanes vectorise.
+LANES = 64
+U, E, W, A, B, ALPHA, BETA, ANGLE, MOMENT, TANGENT = (
+    LANES * place for place in (0, 3, 6, 9, 12, 15, 16, 17, 18, 19)
+)
+QUANTITIES = 20
 
 
 @inlined
-def _gather(x, hinges, first, lanes, s):  # type: ignore[no-untyped-def]
+def gather(x, hinges, first, lanes, s):  # type: ignore[no-untyped-def]
     """Fill u, e and w of a group; lanes to spare repeat the first hinge."""
-    for lane in range(_LANES):
+    for lane in range(LANES):
         h = first + (lane if lane < lanes else 0)
         i, j, k, m = hinges[h, 0], hinges[h, 1], hinges[h, 2], hinges[h, 3]
         for r in range(3):
-            s[_U + r * _LANES + lane] = x[i, r] - x[j, r]
-            s[_E + r * _LANES + lane] = x[k, r] - x[j, r]
-            s[_W + r * _LANES + lane] = x[k, r] - x[m, r]
+            s[U + r * LANES + lane] = x[i, r] - x[j, r]
+            s[E + r * LANES + lane] = x[k, r] - x[j, r]
+            s[W + r * LANES + lane] = x[k, r] - x[m, r]
 
 
 @inlined
-def _differentiate(s):  # type: ignore[no-untyped-def]
-    """Fill angle, a, b, alpha and beta of a group in place of u, e and w."""
-    for lane in range(_LANES):
-        u0, u1, u2 = s[_U + lane], s[_U + _LANES + lane], s[_U + 2 * _LANES + lane]
-        e0, e1, e2 = s[_E + lane], s[_E + _LANES + lane], s[_E + 2 * _LANES + lane]
-        w0, w1, w2 = s[_W + lane], s[_W + _LANES + lane], s[_W + 2 * _LANES + lane]
+def differentiate(s):  # type: ignore[no-untyped-def]
+    """Fill angle, a, b, alpha and beta of a group."""
+    for lane in range(LANES):
+        u0, u1, u2 = s[U + lane], s[U + LANES + lane], s[U + 2 * LANES + lane]
+        e0, e1, e2 = s[E + lane], s[E + LANES + lane], s[E + 2 * LANES + lane]
+        w0, w1, w2 = s[W + lane], s[W + LANES + lane], s[W + 2 * LANES + lane]
         m0, m1, m2 = u1 * e2 - u2 * e1, u2 * e0 - u0 * e2, u0 * e1 - u1 * e0
         n0, n1, n2 = e1 * w2 - e2 * w1, e2 * w0 - e0 * w2, e0 * w1 - e1 * w0
         square = e0 * e0 + e1 * e1 + e2 * e2
         length = math.sqrt(square)
         sine = length * (m0 * w0 + m1 * w1 + m2 * w2)
-        s[_ANGLE + lane] = full_angle(sine, m0 * n0 + m1 * n1 + m2 * n2)
+        s[ANGLE + lane] = full_angle(sine, m0 * n0 + m1 * n1 + m2 * n2)
         a = length / (m0 * m0 + m1 * m1 + m2 * m2)
         b = -length / (n0 * n0 + n1 * n1 + n2 * n2)
-        s[_A + lane], s[_A + _LANES + lane], s[_A + 2 * _LANES + lane] = a * m0, a * m1, a * m2
-        s[_B + lane], s[_B + _LANES + lane], s[_B + 2 * _LANES + lane] = b * n0, b * n1, b * n2
-        s[_ALPHA + lane] = (u0 * e0 + u1 * e1 + u2 * e2) / square
-        s[_BETA + lane] = (w0 * e0 + w1 * e1 + w2 * e2) / square
+        s[A + lane], s[A + LANES + lane], s[A + 2 * LANES + lane] = a * m0, a * m1, a * m2
+        s[B + lane], s[B + LANES + lane], s[B + 2 * LANES + lane] = b * n0, b * n1, b * n2
+        s[ALPHA + lane] = (u0 * e0 + u1 * e1 + u2 * e2) / square
+        s[BETA + lane] = (w0 * e0 + w1 * e1 + w2 * e2) / square
 
 
 @inlined
-def _load(stiffness, rest, theta1, reference, first, lanes, s, angles):  # type: ignore[no-untyped-def]
-    """Write a group's unwrapped angles to `angles` and its moments in place of them; return the energy."""
+def load(stiffness, rest, theta1, reference, first, lanes, s, angles):  # type: ignore[no-untyped-def]
+    """Write a group's unwrapped angles to `angles`, fill its moments and tangents; return the energy."""
     energy = 0.0
     for lane in range(lanes):
         h = first + lane
-        angle = s[_ANGLE + lane]
+        angle = s[ANGLE + lane]
         if angle - reference[h] > math.pi:
             angle -= TURN
         elif angle - reference[h] < -math.pi:
             angle += TURN
         angles[h] = angle
-        part, moment, _ = fold_law(angle, rest[h], stiffness[h], theta1)
+        part, moment, tangent = fold_law(angle, rest[h], stiffness[h], theta1)
         energy += part
-        s[_ANGLE + lane] = 0.0 if part == np.inf else moment
+        crossed = part == np.inf
+        s[MOMENT + lane] = 0.0 if crossed else moment
+        s[TANGENT + lane] = 0.0 if crossed else tangent
     return energy
 
 
 @inlined
-def _scatter(hinges, first, lanes, s, force):  # type: ignore[no-untyped-def]
+def scatter(hinges, first, lanes, s, force):  # type: ignore[no-untyped-def]
     """Add a group's gradient to force."""
     for lane in range(lanes):
         h = first + lane
         i, j, k, m = hinges[h, 0], hinges[h, 1], hinges[h, 2], hinges[h, 3]
-        moment, alpha, beta = s[_ANGLE + lane], s[_ALPHA + lane], s[_BETA + lane]
+        moment, alpha, beta = s[MOMENT + lane], s[ALPHA + lane], s[BETA + lane]
         for r in range(3):
-            a, b = moment * s[_A + r * _LANES + lane], moment * s[_B + r * _LANES + lane]
+            a, b = moment * s[A + r * LANES + lane], moment * s[B + r * LANES + lane]
             force[i, r] += a
             force[m, r] += b
             force[j, r] += (alpha - 1.0) * a - beta * b
@@ -92,12 +96,12 @@ def _scatter(hinges, first, lanes, s, force):  # type: ignore[no-untyped-def]
 @inlined
 def add_hinge_gradients(x, hinges, stiffness, rest, theta1, reference, force, angles):  # type: ignore[no-untyped-def]
     """Add all hinges' gradient to force, write their angles; return the energy as `add_hinges` does."""
-    s = np.empty(10 * _LANES)
+    s = np.empty(QUANTITIES * LANES)
     energy = 0.0
-    for first in range(0, hinges.shape[0], _LANES):
-        lanes = min(_LANES, hinges.shape[0] - first)
-        _gather(x, hinges, first, lanes, s)
-        _differentiate(s)
-        energy += _load(stiffness, rest, theta1, reference, first, lanes, s, angles)
-        _scatter(hinges, first, lanes, s, force)
+    for first in range(0, hinges.shape[0], LANES):
+        lanes = min(LANES, hinges.shape[0] - first)
+        gather(x, hinges, first, lanes, s)
+        differentiate(s)
+        energy += load(stiffness, rest, theta1, reference, first, lanes, s, angles)
+        scatter(hinges, first, lanes, s, force)
     return energy

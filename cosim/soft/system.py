@@ -42,7 +42,7 @@ class Inertia:
 class SoftSystem:
     """Workspace in which one body's potential and derivatives are assembled.
 
-    After `evaluate`: `gradient` (n, 3) [N], `blocks` (pattern.blocks, 3, 3) [N/m], `angles` (h,) [rad],
+    After `evaluate`: `gradient` (n, 3) [N], `blocks` (pattern.blocks, 3, 3) [N/m], `angles` (h,) [rad]
     `gas` (volume and pressure of each chamber), `low_rank` (dense parts of the Hessian, such as of sealed
     gas). `tangent_pattern` and `tangent_blocks` are the sparse Hessian: the body's own, or a wider one where
     films touch one another. They are overwritten by the next call.
@@ -53,7 +53,10 @@ class SoftSystem:
         self._segments = np.concatenate(
             [np.zeros((0, 2), np.int64), *(cable.segments for cable in body.cables)], axis=0
         )
-        triangles, hinges = body.membranes.triangles, body.hinges.nodes
+        triangles, springs = body.membranes.triangles, body.hinges
+        # springs without stiffness and barrier do nothing, whatever their angles
+        self._bends = bool(springs.stiffness.any()) or springs.fold_barrier_rad > 0.0
+        hinges = springs.nodes if self._bends else springs.nodes[:0]
         cap_elements = [ring[None, :] for ring in body.caps]
         self._frames = [*body.plates] if body.frames is None else [body.frames, *body.plates]
         frames = [frame.rings for frame in self._frames]
@@ -140,10 +143,11 @@ class SoftSystem:
         table = (lambda slots: slots) if hessian else (lambda _slots: _NO_TABLE)
         hinges = body.hinges
         energy: float = body.membranes.add(x, table(self._triangle_slots), self.gradient, self.blocks)
-        energy += add_hinges(
-            x, hinges.nodes, hinges.stiffness, hinges.rest_angle, hinges.fold_barrier_rad, reference_angles,
-            table(self._hinge_slots), self.gradient, self.blocks, self.angles,
-        )  # fmt: skip
+        if self._bends:
+            energy += add_hinges(
+                x, hinges.nodes, hinges.stiffness, hinges.rest_angle, hinges.fold_barrier_rad,
+                reference_angles, table(self._hinge_slots), self.gradient, self.blocks, self.angles,
+            )  # fmt: skip
         self._dense = []
         if segment_tension.any():  # slack cables add nothing
             tension, rest = self._pulls(x, loads, segment_tension)
