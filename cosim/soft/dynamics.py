@@ -128,7 +128,6 @@ class ImplicitStepper:
         # of an ordinary step: until it is solved, and in a first go
         self._whole = replace(options.newton, tolerance_N=options.tolerance_N)
         self._first = replace(self._whole, iterations_max=options.iterations)
-        self._weight: tuple[float, Array] = (math.nan, solver.system.body.node_mass)
 
     def step(
         self,
@@ -224,9 +223,8 @@ class ImplicitStepper:
     def _inertia(self, base: Array, span: float, speed: Array) -> Inertia:
         """Return M (v - speed) / s + alpha M v with v = (x - base) / s, written as one elastic bed."""
         growth = 1.0 + self.options.damping_per_s * span
-        if self._weight[0] != span:
-            self._weight = span, self.solver.system.body.node_mass * growth / span**2
-        return Inertia(self._weight[1], base + span / growth * speed)
+        weight = self.solver.system.body.node_mass * (growth / span**2)
+        return Inertia(weight, base + span / growth * speed)
 
     def _solve(
         self,
