@@ -23,6 +23,7 @@ from cosim.kernels import BLOCKS, INDEX_TABLE, INTEGER, MATRIX, REAL, VECTOR, in
 from cosim.soft.blocks import add_block
 from cosim.soft.edge_strain import edge_strain
 from cosim.soft.film import PLAIN, TENSION_FIELD, Film
+from cosim.soft.membrane_gradient import add_membrane_gradients, in_lanes
 from cosim.soft.tension_field import film_states, tension_field
 
 
@@ -75,12 +76,14 @@ def _first_node_blocks(k11, k21, k22, k10, k20, k00):  # type: ignore[no-untyped
             k00[r, c] = -k10[r, c] - k20[r, c]
 
 
-@kernel(REAL(MATRIX, INDEX_TABLE, BLOCKS, VECTOR, MATRIX, INTEGER, REAL, INDEX_TABLE, MATRIX, BLOCKS))
-def add_membranes(x, triangles, gradients, areas, stiffness, law, fraction, slots, force, blocks):  # type: ignore[no-untyped-def]
+@kernel(REAL(MATRIX, INDEX_TABLE, BLOCKS, VECTOR, MATRIX, MATRIX, INTEGER, REAL, INDEX_TABLE, MATRIX, BLOCKS))
+def add_membranes(x, triangles, gradients, areas, drawn, stiffness, law, fraction, slots, force, blocks):  # type: ignore[no-untyped-def]
     """Add all triangles' gradient to force and, if slots is not empty, their Hessian to blocks.
 
     `law` is a law code of the film, `fraction` the compressive fraction. Returns the energy [J].
     """
+    if law == PLAIN and slots.shape[0] == 0:
+        return add_membrane_gradients(x, triangles, drawn, stiffness, force)
     f = np.empty((2, 3))
     fn = np.empty((2, 3))
     k11 = np.empty((3, 3))
@@ -223,7 +226,7 @@ class Membranes:
         """
         film = self.film
         energy: float = add_membranes(
-            positions, self.triangles, self.shape_gradients, self.areas, self._stiffness,
+            positions, self.triangles, self.shape_gradients, self.areas, self._lanes, self._stiffness,
             film.law_code, film.compressive_fraction, slots, force, blocks,
         )  # fmt: skip
         return energy
@@ -231,6 +234,10 @@ class Membranes:
     @cached_property
     def _stiffness(self) -> Array:
         return self.film.membrane_stiffness
+
+    @cached_property
+    def _lanes(self) -> Array:
+        return in_lanes(self.shape_gradients, self.areas)
 
     def strain(self, positions: Array) -> Array:
         """Return the Green strain (m, 3) as (E11, E22, 2 E12) in each triangle's axes.
