@@ -85,12 +85,15 @@ def test_the_estimate_is_the_error_of_a_step_where_the_next_derivative_is_consta
     v1 = pull * h
     estimate = step_error("implicit_euler", state(0.0, 0.0), state(h * v1, v1), h)
     assert estimate == pytest.approx(h * v1 - 0.5 * pull * h**2)
-    # x = rate t^3 / 6 from t = h on, the step before it from 0
-    x0, v0, span = rate * h**3 / 6.0, 0.5 * rate * h**2, 2.0 * h / 3.0
-    v1 = 4.0 * v0 / 3.0 + span * rate * 2.0 * h
-    x1 = 4.0 * x0 / 3.0 + span * v1
-    before = state(x0, v0, (np.zeros((1, 3)), np.zeros((1, 3))))
-    assert step_error("bdf2", before, state(x1, v1), h) == pytest.approx(abs(x1 - 8.0 * x0))
+    # x = rate t^3 / 6, from t = 2 h to 3 h
+    (xa, va), (xb, vb) = ((rate * (k * h) ** 3 / 6.0, 0.5 * rate * (k * h) ** 2) for k in (1, 2))
+    span = 2.0 * h / 3.0
+    vc = (4.0 * vb - va) / 3.0 + span * rate * 3.0 * h
+    xc = (4.0 * xb - xa) / 3.0 + span * vc
+    earlier = state(xa, va)
+    before = state(xb, vb, (earlier.positions, earlier.velocities))
+    estimate = step_error("bdf2", before, state(xc, vc), h)
+    assert estimate == pytest.approx(abs(xc - rate * (3.0 * h) ** 3 / 6.0), rel=1e-9)
 
 
 @pytest.mark.parametrize("integrator", ["implicit_euler", "bdf2"])

@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 
 from cosim.errors import ConvergenceError
-from cosim.frames import Pose, rotation_from_vector
+from cosim.frames import Array, Pose, rotation_from_vector
 from cosim.soft.body import Loads
 from cosim.soft.cable import Cable
+from cosim.soft.contact import ContactLaw, ContactPlanes
+from cosim.soft.contact_surface import ContactSurface
 from cosim.soft.equilibrium import EquilibriumSolver
 from cosim.soft.newton import NewtonOptions
 from cosim.soft.state import SoftState
 from tests.soft.bodies import HANGING, PRESSURE_Pa, held, hexagon_arm, hung, no_load
+from tests.soft.contacts import half_space
 
 TURNED = Pose(rotation_from_vector(np.array([0.2, -0.9, 0.3])) @ HANGING.rotation, np.array([0.4, 0.1, 0.6]))
 
@@ -135,3 +139,25 @@ def test_energy_does_not_depend_on_the_way() -> None:
     detour = arm.equilibrium.follow(detour, TURNED, loads)
     assert detour.potential_J == pytest.approx(direct.potential_J, rel=1e-9)
     assert detour.state.positions == pytest.approx(direct.state.positions, abs=1e-5)
+
+
+def test_rounds_with_a_curved_obstacle_are_extrapolated() -> None:
+    # the tip is pressed on a ball, whose tangent planes are found anew in every round
+    arm = held(hexagon_arm(2))
+    begin = hung(arm, pressure_Pa=PRESSURE_Pa)
+    surface, radius, rounds = ContactSurface.of(arm.body, arm.system.pattern), 0.02, []
+    center = arm.body.tip_position(begin.state.positions) + np.array([0.01, 0.0, 0.01 - radius])
+    plane = half_space(surface, np.zeros(3), 0.0, ContactLaw())
+
+    def ball(x: Array) -> ContactPlanes:
+        away = surface.points(x) - center
+        normal = away / np.linalg.norm(away, axis=1)[:, None]
+        rounds.append(x)
+        return replace(plane, normal=normal, offset=normal @ center + radius)
+
+    arm.equilibrium.obstacles = ball
+    found = arm.equilibrium.solve(begin.state, HANGING, begin.loads)
+    assert found.wrench.force[2] > 10.0
+    away = np.linalg.norm(surface.points(found.state.positions) - center, axis=1)
+    assert -1.5e-3 < away.min() - radius < 0.0
+    assert len(rounds) <= 9  # 13 where each round begins where the last one ended
