@@ -1,0 +1,55 @@
+"""Frames and film in motion: rigid motions are recognised, what held frames are supplied with is summed."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from cosim.frames import Array, Pose, rotation_from_vector
+from cosim.soft.section.ring_frames import RingFrames, points_of
+from cosim.soft.section.stepping import carried, rates_from_nodes, rigid_motion, supplied_wrench, twists
+from tests.soft.bodies import hexagon_arm
+
+SHIFT, TURN = np.array([0.3, -0.7, 0.2]), np.array([1.1, 0.4, -0.9])
+ROUNDING = 1e-12
+
+
+def velocity(points: Array, origin: Array) -> Array:
+    """Return the velocity (n, 3) [m/s] of points of a rigid body, given at an origin."""
+    return SHIFT + np.cross(TURN, points - origin)
+
+
+def test_the_motion_of_some_nodes_is_told_at_the_frame_s_origin() -> None:
+    random = np.random.default_rng(2)
+    arm = random.normal(size=(7, 3)) + 2.0  # the origin is beside them
+    assert rigid_motion(arm, velocity(arm, np.zeros(3))) == pytest.approx([*SHIFT, *TURN], abs=ROUNDING)
+    # what no rigid motion explains is left out: breathing, and a warp that turns nothing
+    around = arm - arm.mean(axis=0)
+    warped = velocity(arm, np.zeros(3)) + 0.3 * around
+    assert rigid_motion(arm, warped) == pytest.approx([*SHIFT, *TURN], abs=ROUNDING)
+
+
+def test_frames_move_with_their_rings_and_the_flange_rests() -> None:
+    body = hexagon_arm(3)
+    layout = RingFrames.of(body)
+    pose = Pose(rotation_from_vector(np.array([0.5, -0.2, 0.8])), np.array([0.3, 0.1, 0.7]))
+    x, frames = pose.apply(body.positions), carried(layout.drawn, pose)
+    rates = rates_from_nodes(layout, frames, velocity(x, pose.translation))
+    assert not rates[0].any()
+    for frame, rate in zip(frames[1:], rates[1:], strict=True):
+        assert rate[0] == pytest.approx(velocity(frame[0], pose.translation), abs=ROUNDING)
+        assert rate[1:] == pytest.approx(np.cross(TURN, frame[1:]), abs=ROUNDING)
+    motion = twists(frames, rates)
+    assert motion[1:, :3] == pytest.approx(rates[1:, 0])
+    assert motion[1:, 3:] == pytest.approx(np.tile(TURN, (len(frames) - 1, 1)), abs=ROUNDING)
+
+
+def test_held_frames_hand_force_and_moment_on_to_the_flange() -> None:
+    frames = np.array(
+        [points_of(Pose(np.eye(3), place)) for place in ([0.1, 0.0, 0.5], [0.1, 0.0, 0.4], [0, 0, 0])]
+    )
+    supplied = np.array([[1.0, 2.0, 3.0, 0.1, 0.2, 0.3], [4.0, -1.0, 0.5, 0.0, 0.0, 0.1], [9.0] * 6])
+    wrench = supplied_wrench(supplied, frames, np.array([True, True, False]))
+    # what the chain exerts is minus what it is supplied with; the second frame hangs 0.1 m below the flange
+    assert wrench.force == pytest.approx([-5.0, -1.0, -3.5])
+    assert wrench.torque == pytest.approx([-0.1 + 0.1, -0.2 + 0.4, -0.4])
