@@ -27,9 +27,9 @@ def lowered(share: float = 1.0) -> Pose:
     return Pose(FLANGE.rotation, FLANGE.translation - share * np.array([2e-4, 0.0, 1e-3]))
 
 
-def resting() -> tuple[SectionArm, Loads]:
+def resting(damping_per_s: float = 0.0) -> tuple[SectionArm, Loads]:
     """Return an arm at rest above a floor that its tip nearly touches, and loads with that floor."""
-    arm = SectionArm(section(), FLANGE, NewtonOptions(), StepOptions())
+    arm = SectionArm(section(), FLANGE, NewtonOptions(), StepOptions(damping_per_s=damping_per_s))
     gas = Loads(25e3, (0.0, 0.0))
     arm.settle(arm.start(FLANGE, gas))
     surface = arm.contact_surface()
@@ -56,14 +56,14 @@ def test_momentum_changes_by_what_presses() -> None:
 
 
 def test_the_tangent_is_that_of_the_step() -> None:
-    arm, loads = resting()
+    arm, loads = resting(damping_per_s=20.0)
     assert loads.contact is not None
     arm.advance_closely(lowered(), loads, STEP_S, AIM)
     random = np.random.default_rng(1)
     forces = random.normal(0.0, 1.0, (2, body().nodes, 3))
     found = arm.response(forces, loads.contact, STEP_S)
     assert found is not None
-    arm, loads = resting()
+    arm, loads = resting(damping_per_s=20.0)
     before = arm.state
     for force, moved in zip(forces, found, strict=True):
         ends = []
