@@ -1,0 +1,58 @@
+"""The search for films over films against a plain one: every point beside every triangle."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from cosim.frames import Array
+from cosim.soft.film_faces import FilmFaces, Relation
+from cosim.soft.film_points import FilmPoints
+from cosim.soft.film_search import FilmSearch
+from tests.soft.bodies import hexagon_arm, inflated_positions
+
+MARGIN = 0.02  # of a triangle, beyond its edges
+FACING = {Relation.VALLEY: 0.0, Relation.APART: 0.5}  # largest cosine of the outer normals
+
+
+def all_pairs(
+    faces: FilmFaces, points: FilmPoints, x: Array, reach: float, behind: float
+) -> set[tuple[int, int]]:
+    """Return the pairs (point, triangle): of each other unit the nearest triangle, where the films face."""
+    place, outward, normals = points.outline(x)
+    direction = outward / np.linalg.norm(outward, axis=1)[:, None]
+    a, b, c = x[faces.triangles].transpose(1, 0, 2)
+    found = set()
+    for p, y in enumerate(place):
+        kind = faces.relation[points.home[p, 0], faces.face]
+        d = np.einsum("tr,tr->t", normals, y - a)
+        foot = np.linalg.solve(np.stack([b - a, c - a, normals], axis=2), (y - a)[:, :, None])[:, :2, 0]
+        inside = np.minimum(foot.min(axis=1), 1.0 - foot.sum(axis=1)) >= -MARGIN
+        facing = normals @ direction[p] < np.where(kind == Relation.VALLEY, *FACING.values())
+        far = np.where(kind == Relation.VALLEY, reach, max(reach, behind))
+        over = inside & (kind != Relation.NONE) & (d >= -behind) & (d <= far)
+        # across a valley only what faces the point counts, and nothing that it hangs on
+        own = np.isin(faces.triangles, points.nodes[p]).any(axis=1)
+        over &= (kind != Relation.VALLEY) | (facing & ~own)
+        for unit in np.unique(faces.unit[over]):
+            mine = np.flatnonzero(over & (faces.unit == unit))
+            nearest = mine[np.abs(d[mine]).argmin()]
+            if facing[nearest] and d[nearest] < reach:
+                found.add((p, int(nearest)))
+    return found
+
+
+@pytest.mark.parametrize(("seed", "height"), [(0, 1.0), (1, 1.0), (2, 0.15), (3, 0.15)])
+def test_crumpled_units_are_found_over_one_another(seed: int, height: float) -> None:
+    body = hexagon_arm(3)
+    faces = FilmFaces.of(body)
+    points = FilmPoints.of(faces, body.positions)
+    noise = np.random.default_rng(seed).normal(0.0, 5e-3, (body.nodes, 3))
+    x = np.ascontiguousarray(inflated_positions(3) * (1.0, 1.0, height) + noise)
+    hits = FilmSearch(faces, points).near(x, 3e-3, 4e-3)
+    found = set(zip(hits.point.tolist(), hits.triangle.tolist(), strict=True))
+    assert len(found) == len(hits.point)
+    assert found == all_pairs(faces, points, x, 3e-3, 4e-3)
+    kinds = faces.relation[points.home[hits.point, 0], faces.face[hits.triangle]]
+    assert (kinds == Relation.VALLEY).any()
+    assert (kinds == Relation.APART).any() == (height < 1.0)
