@@ -5,9 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from cosim.coupling.mass import MassProperties
 from cosim.frames import Array, Pose, rotation_from_vector
+from cosim.soft.section.chain_figures import center_and_inertia, figures_of, supplied_wrench
 from cosim.soft.section.ring_frames import RingFrames, points_of
-from cosim.soft.section.stepping import carried, rates_from_nodes, rigid_motion, supplied_wrench, twists
+from cosim.soft.section.stepping import carried, rates_from_nodes, rigid_motion, twists
 from tests.soft.bodies import hexagon_arm
 
 SHIFT, TURN = np.array([0.3, -0.7, 0.2]), np.array([1.1, 0.4, -0.9])
@@ -45,11 +47,26 @@ def test_frames_move_with_their_rings_and_the_flange_rests() -> None:
 
 
 def test_held_frames_hand_force_and_moment_on_to_the_flange() -> None:
-    frames = np.array(
-        [points_of(Pose(np.eye(3), place)) for place in ([0.1, 0.0, 0.5], [0.1, 0.0, 0.4], [0, 0, 0])]
-    )
+    places = ([0.1, 0.0, 0.5], [0.1, 0.0, 0.4], [0.0, 0.0, 0.0])
+    frames = np.array([points_of(Pose(np.eye(3), np.array(place))) for place in places])
     supplied = np.array([[1.0, 2.0, 3.0, 0.1, 0.2, 0.3], [4.0, -1.0, 0.5, 0.0, 0.0, 0.1], [9.0] * 6])
-    wrench = supplied_wrench(supplied, frames, np.array([True, True, False]))
+    free = np.array([False, False, True])
+    wrench = supplied_wrench(figures_of(frames, free, np.zeros((3, 4, 4)), supplied))
     # what the chain exerts is minus what it is supplied with; the second frame hangs 0.1 m below the flange
     assert wrench.force == pytest.approx([-5.0, -1.0, -3.5])
     assert wrench.torque == pytest.approx([-0.1 + 0.1, -0.2 + 0.4, -0.4])
+
+
+def test_frames_weigh_as_the_points_that_ride_on_them() -> None:
+    random = np.random.default_rng(3)
+    turns = [rotation_from_vector(v) for v in random.normal(size=(3, 3))]
+    poses = [Pose(turn, place) for turn, place in zip(turns, random.normal(size=(3, 3)), strict=True)]
+    frames = np.array([points_of(pose) for pose in poses])
+    weights, local = random.uniform(0.1, 1.0, (3, 5)), random.normal(size=(3, 5, 3))
+    point = np.concatenate([np.ones((3, 5, 1)), local], axis=2)
+    mass = np.einsum("fk,fka,fkb->fab", weights, point, point)
+    center, inertia = center_and_inertia(figures_of(frames, np.ones(3, dtype=bool), mass, np.zeros((3, 6))))
+    places = np.concatenate([pose.apply(p) for pose, p in zip(poses, local, strict=True)])
+    own = MassProperties.of(weights.ravel(), places)
+    assert center == pytest.approx(own.center, abs=ROUNDING)
+    assert inertia == pytest.approx(own.inertia, abs=1e-11)
