@@ -13,6 +13,7 @@ from cosim.soft.equilibrium import CONTACT_ROUNDS_MAX, Equilibrium, Obstacles, e
 from cosim.soft.newton import NewtonOptions, Outcome
 from cosim.soft.section.chain_figures import figures_of, supplied_wrench
 from cosim.soft.section.chain_state import ChainState
+from cosim.soft.section.commanded_cables import CLOSE_N, commanded, solve_commanded, tensions_at
 from cosim.soft.section.frame_clamp import FrameClamp
 from cosim.soft.section.model import SectionBody
 from cosim.soft.section.solver import ChainResult, ChainSolver
@@ -85,15 +86,14 @@ class ChainEquilibria:
         Returns:
             The solution, and the loads with the contacts it was found with.
         """
-        solver, options, trail = self._solver, self._options, list[Array]()
-        bounds = (options.tolerance_N, options.iterations_max)
+        trail = list[Array]()
         if self.obstacles is None:
-            return solver.solve(start, free, loads, *bounds, begin_Pa), loads
+            return self._solve(start, free, loads, begin_Pa), loads
         pressure = begin_Pa if loads.gases(1)[0] is not None else loads.pressures(1)[0]
         spent = shifted = 0
         for round_ in range(CONTACT_ROUNDS_MAX):
             loads = replace(loads, contact=self.obstacles(self._section.positions(start, pressure)))
-            found = solver.solve(start, free, loads, *bounds, pressure)
+            found = self._solve(start, free, loads, pressure)
             settled = round_ > 0 and found.iterations == 0
             spent, shifted, pressure = spent + found.iterations, shifted + found.shifted, found.pressure_Pa
             if settled or found.outcome is not Outcome.CONVERGED:
@@ -106,6 +106,21 @@ class ChainEquilibria:
             found.residual_N,
             spent,
         )
+
+    def _solve(self, start: Array, free: Mask, loads: Loads, begin_Pa: float) -> ChainResult:
+        """Solve with the contacts that the loads name, at tensions or lengths of the cables."""
+        solver, options = self._solver, self._options
+        limit = options.iterations_max
+        if not commanded(loads):
+            return solver.solve(start, free, loads, options.tolerance_N, limit, begin_Pa)
+
+        def attempt(pulled: Loads, before: ChainResult | None) -> ChainResult:
+            begin, pressure = (start, begin_Pa) if before is None else (before.frames, before.pressure_Pa)
+            return solver.solve(begin, free, pulled, min(CLOSE_N, options.tolerance_N), limit, pressure)
+
+        gas = loads.gases(1)[0]
+        pressure = begin_Pa if gas is not None else loads.pressures(1)[0]
+        return solve_commanded(solver, free, loads, tensions_at(solver, start, loads, pressure), attempt)
 
     def follow(
         self, begin: Equilibrium, clamp: FrameClamp, flange: Pose, loads: Loads, pressure_Pa: float = 0.0

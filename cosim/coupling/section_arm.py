@@ -24,6 +24,7 @@ from cosim.soft.equilibrium import Equilibrium, Obstacles
 from cosim.soft.newton import NewtonOptions, Outcome
 from cosim.soft.section.chain_figures import center_and_inertia, figures_of, supplied_wrench
 from cosim.soft.section.chain_state import ChainState
+from cosim.soft.section.commanded_cables import given_tensions
 from cosim.soft.section.frame_clamp import FrameClamp
 from cosim.soft.section.model import SectionBody
 from cosim.soft.section.sensitivity import ChainSensitivity, ChainTangent
@@ -190,7 +191,8 @@ class SectionArm(SoftSide):
     def sensitivity(self, here: Equilibrium) -> ChainSensitivity:
         """Return how the tip moves at an equilibrium."""
         chain, pressure = self._chain_of(here.state, here.world_from_flange)
-        return ChainSensitivity(self._solver, chain.frames, self.clamp.free, here.loads, pressure)
+        given, extra = given_tensions(self._solver, chain.frames, here.loads, pressure)
+        return ChainSensitivity(self._solver, chain.frames, self.clamp.free, given, pressure, extra)
 
     def find_tensions(self, begin: Equilibrium, target: TipTarget) -> Equilibrium:
         """Return the equilibrium whose cable tensions bring the tip to a target; the flange stays."""
@@ -203,7 +205,8 @@ class SectionArm(SoftSide):
     def settle(self, found: Equilibrium) -> None:
         """Take over an equilibrium as the present state."""
         chain, pressure = self._chain_of(found.state, found.world_from_flange)
-        gradient = self._solver.evaluate(chain.frames, found.loads, pressure)
+        given, _ = given_tensions(self._solver, chain.frames, found.loads, pressure)
+        gradient = self._solver.evaluate(chain.frames, given, pressure)
         self._last, self._film = self._standing(chain, pressure, gradient), found.state
         # what touches is found anew in every step
         self._flange, self._loads = found.world_from_flange, replace(found.loads, contact=None)
@@ -244,13 +247,10 @@ class SectionArm(SoftSide):
     def response(self, forces: Array, contact: ContactPlanes, step_s: float) -> Array | None:
         """Return how far small forces would have moved the nodes within the last step."""
         bed = self._stepper.bed(self._last.chain, step_s)
-        frames, pressure, loads = (
-            self._last.frames,
-            self._last.pressure_Pa,
-            replace(self._loads, contact=contact),
-        )
+        frames, pressure, solver = self._last.frames, self._last.pressure_Pa, self._solver
+        given, extra = given_tensions(solver, frames, replace(self._loads, contact=contact), pressure)
         try:
-            tangent = ChainTangent(self._solver, frames, self.clamp.free, loads, pressure, bed)
+            tangent = ChainTangent(solver, frames, self.clamp.free, given, pressure, bed, extra)
         except LinAlgError:
             return None
         motion = node_motion(self.section, frames, pressure)

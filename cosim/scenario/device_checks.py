@@ -16,10 +16,7 @@ SETPOINTS = {"control_bending_angle_rad": "bending_angle_rad", "control_tip_heig
 
 _NEEDED = {"bang_bang": ("increment",), "pi": ("proportional_gain", "integral_gain_per_s")}
 _PERIOD_ROUNDING = 1e-6
-_WITHOUT_LENGTHS = {
-    "rigid": "keeps its shape, and with it the routes of all cables",
-    "section": "takes cable tensions only",
-}
+_WITHOUT_LENGTHS = {"rigid": "keeps its shape, and with it the routes of all cables"}
 
 
 def check_devices(scenario: Scenario) -> None:

@@ -28,10 +28,6 @@ def check_section(scenario: Scenario) -> None:
         raise ScenarioError(
             "soft_robot.base", f"is {list(robot.base)}; a section model needs ['unit_1.hole'] alone"
         )
-    if scenario.winches:
-        raise ScenarioError(
-            "winch", "winds cables to lengths; a section model takes tensions: 'lumped' does both"
-        )
     if scenario.contact.self_contact:
         raise ScenarioError("contact.self_contact", "is not in a section model; use fidelity = 'lumped'")
     for phase in scenario.phases:
@@ -40,13 +36,8 @@ def check_section(scenario: Scenario) -> None:
 
 def _check_phase(phase: Phase) -> None:
     path = f"phase.{phase.name}"
-    for key, given in (
-        ("support", phase.supports),
-        ("cable_length_m", phase.cable_length_m),
-        ("cable_shortening_m", phase.cable_shortening_m),
-    ):
-        if given:
-            raise ScenarioError(f"{path}.{key}", "is not in a section model; use fidelity = 'lumped'")
+    if phase.supports:
+        raise ScenarioError(f"{path}.support", "is not in a section model; use fidelity = 'lumped'")
     for key, rings in (("clamp", phase.clamp), ("release", phase.release)):
         for ring in rings:
             if not (ring.endswith(".outer") or ring == "tip"):

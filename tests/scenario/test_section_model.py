@@ -74,3 +74,19 @@ def test_a_model_that_loses_its_equilibria_says_so(tmp_path: Path, monkeypatch: 
     run = cosim.run(path)
     assert run.summary["section_model"]["tip_error_m"] is None
     assert "it has no equilibrium at some loads" in run.stage.report
+
+
+@pytest.mark.parametrize("mode", ["dynamic", "quasistatic"])
+def test_cables_are_wound_as_on_the_film(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, mode: str) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    monkeypatch.setattr(module, "build_model", lambda *_: section().model)
+    path = tmp_path / "three_units.toml"
+    wind = "duration_s = 0.1\nincrements = 4\ncable_shortening_m = { right = 0.004 }"
+    path.write_text(SCENARIO.replace("duration_s = 0.02", wind), encoding="utf-8")
+    found, film = (
+        cosim.run(path, overrides={"fidelity": fidelity, "mode": mode}) for fidelity in ("section", "lumped")
+    )
+    assert film.cable_tension_N[-1, 0] > 0.5
+    assert found.cable_tension_N[-1] == pytest.approx(film.cable_tension_N[-1], rel=0.05)
+    ways = [run.tip_position[-1] - run.tip_position[0] for run in (found, film)]
+    assert ways[0] == pytest.approx(ways[1], abs=0.05 * float(abs(ways[1]).max()))

@@ -74,17 +74,24 @@ class ChainSensitivity:
         free: (f,) frames that can move.
         loads: that act.
         pressure_Pa: of the gas.
+        extra: (6 f, 6 f) added to the tangent; None for nothing.
 
     Raises:
         ConvergenceError: the equilibrium is not stable.
     """
 
     def __init__(
-        self, solver: ChainSolver, frames: Array, free: Mask, loads: Loads, pressure_Pa: float
+        self,
+        solver: ChainSolver,
+        frames: Array,
+        free: Mask,
+        loads: Loads,
+        pressure_Pa: float,
+        extra: Array | None = None,
     ) -> None:
         self._solver, self._frames, self._loads, self._pressure = solver, frames, loads, pressure_Pa
         try:
-            self._tangent = ChainTangent(solver, frames, free, loads, pressure_Pa)
+            self._tangent = ChainTangent(solver, frames, free, loads, pressure_Pa, None, extra)
         except LinAlgError as error:
             raise ConvergenceError(
                 "the equilibrium is not stable (its tangent stiffness has a negative eigenvalue), so it has "

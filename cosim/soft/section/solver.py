@@ -216,7 +216,7 @@ class ChainSolver:
     def _pull(self, loads: Loads, pressure_Pa: float, frames: Array) -> None:
         """Bring the tension of all segments up to date."""
         if loads.cable_length_m and any(length is not None for length in loads.cable_length_m):
-            raise InputError("section models take cable tensions, not lengths; use fidelity = 'lumped'")
+            raise InputError("a chain is solved at tensions; `commanded_cables` finds those of given lengths")
         if self.losses_follow_shape:
             x = self.section.positions(frames, pressure_Pa)
             self._ratios = [cable.tension_ratio(x) for cable in self.section.body.cables]

@@ -14,6 +14,7 @@ from cosim.soft.dynamics import StepAim, StepOptions
 from cosim.soft.newton import Outcome
 from cosim.soft.section.chain_figures import FIGURES
 from cosim.soft.section.chain_state import ChainState
+from cosim.soft.section.commanded_cables import CLOSE_N, commanded, solve_commanded, tensions_at
 from cosim.soft.section.frame_clamp import FrameClamp
 from cosim.soft.section.implicit_step import CARRIED, FREE_FLIGHT, GIVEN, STANDING, implicit_step
 from cosim.soft.section.sealed_pressure import solve_sealed
@@ -127,6 +128,30 @@ class ChainStepper:
         bounds: tuple[Array, int],
     ) -> ChainStep:
         """Take the step from a start: one of the kernel's, or frames (f, 4, 3)."""
+        if not commanded(loads):
+            return self._solve_pulled(chain, clamp, loads, step_s, start, begin_Pa, bounds)
+        closely = (np.array((min(CLOSE_N, bounds[0][0]), bounds[0][1])), bounds[1])
+
+        def attempt(pulled: Loads, before: ChainStep | None) -> ChainStep:
+            begin, pressure = (start, begin_Pa) if before is None else (before.frames, before.pressure_Pa)
+            return self._solve_pulled(chain, clamp, pulled, step_s, begin, pressure, closely)
+
+        pressure = begin_Pa if loads.gases(1)[0] is not None else loads.pressures(1)[0]
+        before = tensions_at(self._solver, chain.frames, loads, pressure)
+        bed = self.bed(chain, step_s)
+        return solve_commanded(self._solver, clamp.free, loads, before, attempt, bed)
+
+    def _solve_pulled(
+        self,
+        chain: ChainState,
+        clamp: FrameClamp,
+        loads: Loads,
+        step_s: float,
+        start: int | Array,
+        begin_Pa: float,
+        bounds: tuple[Array, int],
+    ) -> ChainStep:
+        """Take the step under given tensions."""
         gas = loads.gases(1)[0]
         if gas is None:
             pressure = loads.pressures(1)[0]
