@@ -17,10 +17,10 @@ from cosim.rigid.scene import RigidScene
 from cosim.soft.body import Loads
 from cosim.soft.dynamics import StepAim
 
-# Shape and configuration hardly change in so many ticks; the ratio costs as much as the rest of the exchange.
-_RATIO_EVERY_TICKS = 10
-# Far from where anything hangs on it, not in so long a time either.
-_RATIO_EVERY_S, _RATIO_ROUNDS_MAX, _FAR_RATIO = 0.1, 5, 0.25
+# Shape and configuration hardly change meanwhile, and the ratio costs as much as the rest of the exchange.
+# So it is found after a time, in bounds of ticks; after a longer one where nothing hangs on it.
+_WEIGHED_AFTER_S, _SELDOM_AFTER_S, _FAR_RATIO = 0.04, 0.1, 0.25
+_FEWEST_TICKS, _MOST_TICKS, _MOST_TICKS_FAR = 10, 20, 50
 
 
 @final
@@ -84,8 +84,8 @@ class Interface:
         self.touched: ContactReport = NOTHING_TOUCHED
         self.ratio = 0.0
         self.ticks = 0
-        rounds = round(_RATIO_EVERY_S / (_RATIO_EVERY_TICKS * scene.tick_s))
-        self._seldom = _RATIO_EVERY_TICKS * min(max(1, rounds), _RATIO_ROUNDS_MAX)
+        self._often = min(max(_FEWEST_TICKS, round(_WEIGHED_AFTER_S / scene.tick_s)), _MOST_TICKS)
+        self._seldom = min(max(_FEWEST_TICKS, round(_SELDOM_AFTER_S / scene.tick_s)), _MOST_TICKS_FAR)
 
     @property
     def contact_ratio(self) -> float:
@@ -95,10 +95,10 @@ class Interface:
     @property
     def to_be_weighed(self) -> bool:
         """Whether the stability ratio is due to be found anew."""
-        return self.ticks % (self._seldom if self.ratio < _FAR_RATIO else _RATIO_EVERY_TICKS) == 0
+        return self.ticks % (self._seldom if self.ratio < _FAR_RATIO else self._often) == 0
 
     def weigh(self) -> Array:
-        """Find the stability ratio of the flange; nothing may ride on the joints meanwhile.
+        """Find the stability ratio of the flange, as if no algorithmic mass rode on the joints.
 
         Returns:
             The soft side's mass (6, 6) as a rigid body, at the flange origin, world axes, times what its

@@ -80,13 +80,19 @@ class MassProperties:
 
     def spatial(self, origin: Array) -> Array:
         """Return the (6, 6) mass matrix, linear then angular, about a point (3,) [m], world axes."""
-        skew = cross_matrix(self.center - origin)
-        matrix = np.empty((6, 6))
-        matrix[:3, :3] = self.mass_kg * np.eye(3)
-        matrix[:3, 3:] = -self.mass_kg * skew
-        matrix[3:, :3] = self.mass_kg * skew
-        matrix[3:, 3:] = self.inertia - self.mass_kg * skew @ skew
-        return matrix
+        m, (a, b, c) = self.mass_kg, (self.center - origin).tolist()
+        (xx, xy, xz), (_, yy, yz), (_, _, zz) = self.inertia.tolist()
+        x, y, z, zero = m * a, m * b, m * c, 0.0
+        xy, xz, yz = xy - x * b, xz - x * c, yz - y * c
+        rows = (
+            m, zero, zero, zero, z, -y,
+            zero, m, zero, -z, zero, x,
+            zero, zero, m, y, -x, zero,
+            zero, -z, y, xx + y * b + z * c, xy, xz,
+            z, zero, -x, xy, yy + x * a + z * c, yz,
+            -y, x, zero, xz, yz, zz + x * a + y * b,
+        )  # fmt: skip
+        return np.array(rows).reshape(6, 6)
 
 
 def stability_ratio(mobility: Array, algorithmic_mass: Array) -> float:

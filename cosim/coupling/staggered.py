@@ -81,13 +81,12 @@ class StaggeredCoupling(Coupling):
     def _weigh(self) -> None:
         """Bring the stability ratio, and with it the carried algorithmic mass, up to date."""
         scene, none = self.interface.scene, np.zeros_like(self._added)
-        if self._carries:
-            scene.set_added_armature(none)
         mass = self.interface.weigh()
         carries = self.interface.ratio > self._ratio_bound
         added = armature_bound(scene.flange_jacobian, mass) if carries else none
         if carries:
             scene.set_added_armature(added)
         elif self._carries:
-            scene.apply_joint_torque(added)
+            scene.set_added_armature(none)
+            scene.apply_joint_torque(none)
         self._added, self._carries = added, carries

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import mujoco
 import numpy as np
+from scipy.linalg import lapack
 
 from cosim.frames import Array, IntArray
 
 
-def mobility(model: mujoco.MjModel, data: mujoco.MjData, bodies: IntArray, damping: Array) -> Array:
+def mobility(model: mujoco.MjModel, data: mujoco.MjData, bodies: IntArray, added: Array) -> Array:
     """Return W = J (M + D)^-1 J^T (6 b, 6 b): velocity changes of bodies (b,) per impulse on them.
 
     Each linear then angular, world axes, at the centre of mass; what bodies press on within the scene is not
@@ -18,7 +19,7 @@ def mobility(model: mujoco.MjModel, data: mujoco.MjData, bodies: IntArray, dampi
         model: compiled scene.
         data: its state, positions and inertia up to date.
         bodies: (b,) indices; a massless one counts at its origin.
-        damping: D (nv,), diagonal, over a step [kg m^2 or kg].
+        added: D (nv,), diagonal [kg m^2 or kg]: damping over a step, less what is not to be counted in M.
     """
     jacobian = np.zeros((6 * len(bodies), model.nv))
     for k, body in enumerate(bodies.tolist()):
@@ -26,5 +27,8 @@ def mobility(model: mujoco.MjModel, data: mujoco.MjData, bodies: IntArray, dampi
         mujoco.mj_jac(model, data, block[:3], block[3:], data.xipos[body], body)
     inertia = np.empty((model.nv, model.nv))
     mujoco.mj_fullM(model, data, inertia)
-    inertia.reshape(-1)[:: model.nv + 1] += damping
-    return np.asarray(jacobian @ np.linalg.solve(inertia, jacobian.T))
+    inertia.reshape(-1)[:: model.nv + 1] += added
+    _, moved, failure = lapack.dposv(inertia, jacobian.T)
+    if failure:  # not positive definite; whatever comes of it
+        moved = np.linalg.solve(inertia, jacobian.T)
+    return np.asarray(jacobian.dot(moved))

@@ -65,8 +65,8 @@ class RigidScene:
         self._armature.setflags(write=False)
         self._flange = Flange(self._model, self._data, layout)
         self._tick_s = float(self._model.opt.timestep)
-        self._damping = self._model.dof_damping.copy()
-        self._damping[self._v] += self.servo_damping
+        self._step_damping = self._tick_s * self._model.dof_damping
+        self._step_damping[self._v] += self._tick_s * self.servo_damping
         self.bodies = Bodies(self._model, self._data)
         self.set_joint_state(description.arm.home)
         self.set_control(description.arm.home)
@@ -256,11 +256,14 @@ class RigidScene:
     def mobility(self, bodies: IntArray | None = None) -> Array:
         """Return W = J (M + h D)^-1 J^T (6 + 6 b, 6 + 6 b): velocity changes per impulse, see `mobility`.
 
-        Of the flange, then of bodies (b,) if given; M with armature, h the tick, D of servos and joints.
+        Of the flange, then of bodies (b,) if given; M with armature, but without what `set_added_armature`
+        adds; h the tick, D of servos and joints.
         """
         mount = np.array([self._layout.mount])
         all_bodies = mount if bodies is None else np.append(mount, bodies)
-        return mobility(self._model, self._data, all_bodies, self._tick_s * self._damping)
+        diagonal = self._step_damping.copy()
+        diagonal[self._v] -= self._model.dof_armature[self._v] - self._armature
+        return mobility(self._model, self._data, all_bodies, diagonal)
 
     def static_configuration(
         self, reference: Array, feedforward: Array | None = None, wrench: Wrench | None = None
