@@ -45,6 +45,7 @@ class JointedMass:
 
     def __init__(self, exchange: ContactExchange, soft: SoftSide, tick_s: float) -> None:
         self._exchange, self._soft, self._tick_s = exchange, soft, tick_s
+        self._any = len(exchange.bodies.on_joints(np.unique(exchange.query.body))) > 0
         self._touched: IntArray = np.zeros(0, np.int64)
         self._stiffness = np.zeros(0)  # of the contacts alone when D was last renewed
         self._age = 0
@@ -59,6 +60,8 @@ class JointedMass:
             carry: whether bodies do carry it; otherwise only its ratio to them is found.
         """
         bodies = self._exchange.bodies
+        if not self._any:
+            return
         owner = np.zeros(0, np.int64)
         if planes is not None:
             owner = self._exchange.query.body[self._exchange.shape]

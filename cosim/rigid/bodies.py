@@ -27,6 +27,8 @@ class Bodies:
         joints = np.flatnonzero(model.jnt_type == mujoco.mjtJoint.mjJNT_FREE)
         self.free: IntArray = np.asarray(model.jnt_bodyid[joints], dtype=np.int64)
         self._dofs = model.jnt_dofadr[joints][:, None] + np.arange(6)
+        self._on_joints: Mask = model.body_weldid != 0
+        self._on_joints[self.free] = False
         self.loaded: IntArray = np.zeros(0, np.int64)
         self._own_armature = model.dof_armature[self._dofs].copy()
         self.carried = CarriedMass(model, data)
@@ -100,8 +102,7 @@ class Bodies:
 
     def on_joints(self, bodies: IntArray) -> IntArray:
         """Return those of bodies (b,) that move, but not freely: hinged ones, segments of a wire."""
-        moving = self._model.body_weldid[bodies] != 0
-        return np.asarray(bodies[moving & ~np.isin(bodies, self.free)])
+        return np.asarray(bodies[self._on_joints[bodies]])
 
 
 def touchable_geoms(model: mujoco.MjModel, mount: int, *, fixed_only: bool = False) -> IntArray:

@@ -36,7 +36,9 @@ class FeaturePoints:
 
     def of(self, active: IntArray) -> IntArray:
         """Return the indices of the points that belong to active shapes."""
-        return np.flatnonzero(np.isin(self.shape, active))
+        chosen = np.zeros(1 + max(self.shape.max(initial=0), active.max(initial=0)), dtype=bool)
+        chosen[active] = True
+        return np.flatnonzero(chosen[self.shape])
 
 
 def feature_points(shapes: Shapes, spacing_m: float = _SPACING_M) -> FeaturePoints:
