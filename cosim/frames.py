@@ -252,6 +252,15 @@ class Wrench:
         object.__setattr__(self, "force", _frozen(self.force, (3,)))
         object.__setattr__(self, "torque", _frozen(self.torque, (3,)))
 
+    @classmethod
+    def owning(cls, force: Array, torque: Array) -> Wrench:
+        """Return the wrench that takes over arrays (3,), to which nobody else may write."""
+        wrench = object.__new__(cls)
+        force.setflags(write=False)
+        torque.setflags(write=False)
+        vars(wrench).update(force=force, torque=torque)
+        return wrench
+
     def __add__(self, other: Wrench) -> Wrench:
         return Wrench(self.force + other.force, self.torque + other.torque)
 

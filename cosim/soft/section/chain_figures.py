@@ -23,7 +23,7 @@ def figures_of(frames: Array, free: Mask, mass: Array, gradient: Array) -> Array
 
 def supplied_wrench(figures: Array) -> Wrench:
     """Return what a chain exerts on the flange, at its origin."""
-    return Wrench(figures[WRENCH : WRENCH + 3], figures[WRENCH + 3 : CENTER])
+    return Wrench.owning(figures[WRENCH : WRENCH + 3], figures[WRENCH + 3 : CENTER])
 
 
 def center_and_inertia(figures: Array) -> tuple[Array, Array]:

@@ -9,6 +9,7 @@ import numpy as np
 
 from cosim.errors import ConvergenceError
 from cosim.frames import Array, Pose
+from cosim.frozen import quickly_made
 from cosim.soft.body import Loads
 from cosim.soft.dynamics import StepAim, StepOptions
 from cosim.soft.newton import Outcome
@@ -22,6 +23,7 @@ from cosim.soft.section.solver import OUTCOMES, Bed, ChainSolver
 
 
 @final
+@quickly_made
 @dataclass(frozen=True)
 class ChainStep:
     """Where a step ended.
