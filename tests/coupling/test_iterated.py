@@ -178,6 +178,14 @@ def test_a_linear_problem_takes_one_secant_per_unknown_and_is_remembered() -> No
     np.testing.assert_allclose(inverse @ slope, np.eye(5), atol=1e-6)
 
 
+def test_secants_as_short_as_rounding_are_not_remembered() -> None:
+    newton = QuasiNewton(-np.eye(3))
+    newton.step(np.zeros(3), np.array([1e-7, 0.0, 0.0]))
+    newton.step(np.array([1e-7, 0.0, 0.0]), np.array([3e-7, 0.0, 0.0]))  # a slope of +2 where -1 is known
+    np.testing.assert_array_equal(newton.inverse(1.0), -np.eye(3))
+    assert newton.inverse(0.1)[0, 0] == pytest.approx(0.5)
+
+
 def test_loose_loads_agree_sooner() -> None:
     trials = []
     for tolerance in (1e-4, 1e-9):

@@ -72,6 +72,10 @@ def test_properties_in_a_frame() -> None:
     center, inertia = MassProperties.of(MASS, frame.apply(POSITIONS)).in_frame(frame)
     assert center == pytest.approx(inside.center)
     assert inertia == pytest.approx(inside.inertia)
+    there, own = inside.moved(frame), MassProperties.of(MASS, frame.apply(POSITIONS))
+    assert there.mass_kg == pytest.approx(own.mass_kg)
+    assert there.center == pytest.approx(own.center)
+    assert there.inertia == pytest.approx(own.inertia)
 
 
 @pytest.mark.parametrize("seed", range(20))
