@@ -81,13 +81,20 @@ def test_a_saturated_integral_does_not_wind_up() -> None:
     assert limited.next(state, -0.4).output < 0.52
 
 
+def test_pi_takes_over_without_a_jump() -> None:
+    law = replace(PI, output_max=5.0)
+    assert law.next(law.begin(3.0), 0.0).output == 3.0
+    assert law.next(law.begin(7.0), 0.0).output == 5.0
+
+
 def test_bang_bang_goes_by_its_increment_within_its_limits() -> None:
     law = BangBang(0.1, band=0.02, output_max=0.25)
     state, outputs = law.begin(0.0), []
-    for error in (0.5, 0.5, 0.5, 0.5, 0.009, -0.5, -0.5, -0.5, -0.5):
+    # the band is 0.01 to either side
+    for error in (0.5, 0.5, 0.5, 0.5, 0.009, -0.009, -0.011, -0.5, -0.5, -0.5):
         state = law.next(state, error)
         outputs.append(state.output)
-    assert outputs == pytest.approx([0.1, 0.2, 0.25, 0.25, 0.25, 0.15, 0.05, 0.0, 0.0])
+    assert outputs == pytest.approx([0.1, 0.2, 0.25, 0.25, 0.25, 0.25, 0.15, 0.05, 0.0, 0.0])
 
 
 def test_a_loop_commands_tension_or_length_of_its_cables() -> None:
