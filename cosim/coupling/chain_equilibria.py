@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import final
 
+import numpy as np
+
 from cosim.coupling.chain_films import ChainFilms
 from cosim.errors import ConvergenceError
 from cosim.frames import Array, Mask, Pose
@@ -42,11 +44,27 @@ class ChainEquilibria:
         self.obstacles: Obstacles | None = None
 
     def start(self, clamp: FrameClamp, flange: Pose, loads: Loads) -> Equilibrium:
-        """Return the equilibrium of a chain hung up without pressure, then loaded."""
-        hanging = Loads(0.0, (0.0,) * len(self._section.body.cables), loads.gravity)
-        # as drawn, the films lie on each other, where a section has no stiffness to start from
-        straight = carried(self._section.straight(0.0), flange)
-        return self.follow(self.solve(straight, clamp, flange, hanging), clamp, flange, loads)
+        """Return the equilibrium of a chain hung up without pressure, then loaded.
+
+        Where films without gas do not hold themselves up, it hangs from the flange with gas, then leans.
+        """
+        slack = (0.0,) * len(self._section.body.cables)
+        hanging = Loads(0.0, slack, loads.gravity)
+        try:
+            # as drawn, the films lie on each other, where a section has no stiffness to start from
+            hung = self.solve(self._straight(0.0, flange), clamp, flange, hanging)
+            return self.follow(hung, clamp, flange, loads)
+        except ConvergenceError:
+            if loads.gases(1)[0] is not None:
+                raise
+        pressure = loads.pressures(1)[0]
+        x, y, z = (float(np.linalg.norm(loads.gravity)) * flange.rotation[:, 2]).tolist()
+        hanging = Loads(pressure, slack, (x, y, z))
+        hung = self.solve(self._straight(pressure, flange), clamp, flange, hanging)
+        return self.follow(hung, clamp, flange, loads)
+
+    def _straight(self, pressure_Pa: float, flange: Pose) -> Array:
+        return carried(self._section.straight(pressure_Pa), flange)
 
     def solve(
         self, frames: Array, clamp: FrameClamp, flange: Pose, loads: Loads, begin_Pa: float = 0.0

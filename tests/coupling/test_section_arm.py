@@ -89,6 +89,14 @@ def test_what_is_asked_of_a_past_state_is_of_that_state() -> None:
     assert reader.figures([shape]).volumes_m3[0] == pytest.approx(before[1], rel=1e-12)
 
 
+def test_an_arm_that_leans_starts_where_a_hanging_one_is_turned_to() -> None:
+    arm, _ = arms()
+    loads = Loads(25e3, (0.0, 0.0))
+    turned = arm.follow(arm.start(FLANGE, loads), SIDEWAYS, loads)
+    # without gas it does not hold itself up
+    assert arm.start(SIDEWAYS, loads).state.positions == pytest.approx(turned.state.positions, abs=1e-7)
+
+
 def test_sealed_gas_keeps_its_amount() -> None:
     arm, _ = arms()
     found = arm.start(FLANGE, Loads(25e3, (0.0, 0.0)))
