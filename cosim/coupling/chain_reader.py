@@ -41,7 +41,7 @@ class ChainReader(ShapeReader):
         weights = np.concatenate([model.nodes[:, tip], model.nodes[:, rings].mean(axis=2)], axis=1)
         self._weights = np.ascontiguousarray(weights.reshape(len(weights), -1))
         # whose points follow one another
-        self._points = 4 * before[[*tip, *rings[:, 0]]][:, None] + np.arange(8)
+        self._points = (4 * before[[*tip, *rings[:, 0]]][:, None] + np.arange(8)).ravel()
 
     def positions(self, shape: ChainShape) -> Array:
         """Return the film's nodes (n, 3) [m] on the frames."""
@@ -49,13 +49,12 @@ class ChainReader(ShapeReader):
 
     def figures(self, shapes: Sequence[ChainShape]) -> ShapeFigures:
         """Return the figures; see `ShapeReader.figures`."""
-        frames = np.stack([shape.frames for shape in shapes])
+        count = len(shapes)
+        frames = np.concatenate([shape.frames for shape in shapes]).reshape(count, -1, 4, 3)
         basis = self._section.model.spline.bases(np.array([shape.pressure_Pa for shape in shapes]))
-        weights = (basis[:, 0] @ self._weights).reshape(len(shapes), -1, 8, 1)
-        points = frames.reshape(len(shapes), -1, 3)
-        found = np.zeros((len(shapes), len(self._points), 3))
-        for k in range(8):
-            found += weights[:, :, k] * points[:, self._points[:, k]]
+        weights = (basis[:, 0] @ self._weights).reshape(count, -1, 8)
+        points = frames.reshape(count, -1, 3).take(self._points, axis=1).reshape(count, -1, 8, 3)
+        found = np.einsum("kna,knar->knr", weights, points)
         volumes = self._volumes(frames, basis)
         return ShapeFigures.of(found[:, : self._tip], found[:, self._tip :], volumes[:, None])
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, final
 
@@ -29,16 +30,16 @@ class ExchangeFigures:
     power_error: float = 0.0
     momentum_error: float = 0.0
 
-    def after(self, ledger: LedgerEntry) -> ExchangeFigures:
-        """Return the figures with one tick more."""
-        trials = ledger.trials if ledger.scheme == "iterated" else 0
+    def after(self, ledgers: Sequence[LedgerEntry]) -> ExchangeFigures:
+        """Return the figures with some ticks more."""
+        trials = [entry.trials for entry in ledgers if entry.scheme == "iterated" and entry.trials > 0]
         return ExchangeFigures(
-            self.iterated_ticks + (trials > 0),
-            self.trials + trials,
-            max(self.most_trials, trials),
-            max(self.residual, ledger.interface_residual),
-            max(self.power_error, ledger.power_error),
-            max(self.momentum_error, ledger.momentum_error),
+            self.iterated_ticks + len(trials),
+            self.trials + sum(trials),
+            max([self.most_trials, *trials]),
+            max([self.residual, *[entry.interface_residual for entry in ledgers]]),
+            max([self.power_error, *[entry.power_error for entry in ledgers]]),
+            max([self.momentum_error, *[entry.momentum_error for entry in ledgers]]),
         )
 
     def summary(self) -> dict[str, Any]:

@@ -5,19 +5,26 @@ from __future__ import annotations
 import math
 from copy import copy
 from dataclasses import dataclass
-from typing import Any, Literal, final
+from typing import Any, Final, Literal, final
 
 import numpy as np
 
+from cosim.scenario.block import READ_AT_ONCE
 from cosim.scenario.device_figures import DeviceFigures, DeviceFiguresState
 from cosim.scenario.exchange_figures import ExchangeFigures
-from cosim.scenario.snapshot import Snapshot, Stage
+from cosim.scenario.snapshot import LedgerEntry, Snapshot, Stage
 
 SUMMARY_SCHEMA = 1
 Status = Literal["completed", "interrupted", "failed"]
 
+_LARGEST: Final = (
+    "residual_N", "stability_ratio", "contact_force_N", "contact_depth_m", "self_contact_force_N",
+    "self_contact_depth_m",
+)  # fmt: skip
+"""Of a ledger entry: the largest of the run is kept."""
+
 # of the builder; the rest is gathered
-_GIVEN = {"_stage", "_startup_s", "_version", "_resumed_at_ticks", "_last", "_devices"}
+_GIVEN = {"_stage", "_startup_s", "_version", "_resumed_at_ticks", "_last", "_devices", "_unread"}
 
 
 @final
@@ -61,6 +68,7 @@ class SummaryBuilder:
         self._resumed_at_ticks = resumed_at_ticks
         self._phases: list[dict[str, Any]] = []
         self._last: Snapshot | None = None
+        self._unread: list[LedgerEntry] = []
         self._newton_iterations = 0
         self._phase_iterations = 0
         self._max_residual_N = 0.0
@@ -77,29 +85,36 @@ class SummaryBuilder:
         """Take in one snapshot; they come in order, tick 0 first."""
         if self._last is not None and snapshot.phase != self._last.phase:
             self._close_phase(complete=True)
-        ledger = snapshot.ledger
-        self._newton_iterations += ledger.newton_iterations
-        self._phase_iterations += ledger.newton_iterations
-        self._max_residual_N = max(self._max_residual_N, ledger.residual_N)
-        self._max_power_error_W = max(self._max_power_error_W, abs(ledger.power_error_W))
-        self._exchange = self._exchange.after(ledger)
-        self._max_stability_ratio = max(self._max_stability_ratio, ledger.stability_ratio)
-        self._max_contact_force_N = max(self._max_contact_force_N, ledger.contact_force_N)
-        self._max_contact_depth_m = max(self._max_contact_depth_m, ledger.contact_depth_m)
-        self._max_self_contact_force_N = max(self._max_self_contact_force_N, ledger.self_contact_force_N)
-        self._max_self_contact_depth_m = max(self._max_self_contact_depth_m, ledger.self_contact_depth_m)
+        self._unread.append(snapshot.ledger)
+        if len(self._unread) == READ_AT_ONCE:
+            self._read()
         self._last = snapshot
         if self._devices is not None:
             self._devices.observe(snapshot)
 
+    def _read(self) -> None:
+        """Take in the ledgers gathered."""
+        ledgers, self._unread = self._unread, []
+        iterations = sum([entry.newton_iterations for entry in ledgers])
+        self._newton_iterations += iterations
+        self._phase_iterations += iterations
+        self._exchange = self._exchange.after(ledgers)
+        power_errors = [abs(entry.power_error_W) for entry in ledgers]
+        self._max_power_error_W = max([self._max_power_error_W, *power_errors])
+        for name in _LARGEST:
+            here = f"_max_{name}"
+            setattr(self, here, max([getattr(self, here), *[getattr(entry, name) for entry in ledgers]]))
+
     def save_state(self) -> SummaryState:
         """Return the figures so far; there is a snapshot."""
         assert self._last is not None, "observe() comes before save_state()"
+        self._read()
         gathered = {name: copy(value) for name, value in vars(self).items() if name not in _GIVEN}
         return SummaryState(self._last, gathered, self._devices and self._devices.save_state())
 
     def restore_state(self, state: SummaryState) -> None:
         """Go on from figures of `save_state`."""
+        self._unread = []
         self._last = state.last
         vars(self).update({name: copy(value) for name, value in state.gathered.items()})
         if self._devices is not None and state.devices is not None:
@@ -152,6 +167,7 @@ class SummaryBuilder:
     def _close_phase(self, *, complete: bool) -> None:
         if self._last is None:
             return
+        self._read()
         name = self._stage.phase_names[self._last.phase]
         figures = _phase_figures(self._last, name, self._phase_iterations, complete)
         figures |= _chamber_figures(self._last, self._stage.chamber_names)
