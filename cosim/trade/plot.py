@@ -61,9 +61,11 @@ def draw(title: str, results: Sequence[Measured], path: Path) -> None:
         others[1].set_ylabel("rms error of the sum of contact forces [N]")
     for axes in (left, *others):
         axes.set_xscale("log")
-        axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-        axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _place: f"{value:g}"))
-        axes.xaxis.set_minor_locator(NullLocator())
+        for axis in (axes.xaxis, axes.yaxis):
+            if axis.get_scale() == "log":
+                axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+                axis.set_major_formatter(FuncFormatter(lambda value, _place: f"{value:g}"))
+                axis.set_minor_locator(NullLocator())
         axes.set_xlabel("real-time factor (CPU time of one core, recording on)")
         axes.axvline(1.0, color="0.7", lw=0.8)
         axes.grid(alpha=0.3)

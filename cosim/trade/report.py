@@ -6,6 +6,7 @@ import json
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from textwrap import shorten
 from typing import Any, final
 
 from cosim import __version__
@@ -86,7 +87,7 @@ def _line(cells: Sequence[str]) -> str:
 
 def _short(failure: str) -> str:
     """Return the first clause of a message; a table has no room for more."""
-    return failure.split(";")[0].replace("|", "/")[:160]
+    return shorten(failure.split(";")[0].replace("|", "/"), 160, placeholder=" ...")
 
 
 def figures_text(result: Measured) -> str:
