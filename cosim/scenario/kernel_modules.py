@@ -15,9 +15,16 @@ def kernel_modules(scenario: Scenario) -> tuple[ModuleType, ...]:
 
         modules = (film_contact, film_points, film_search)
     if scenario.fidelity == "section":
-        from cosim.soft.section import assembly, chain_figures, energy, implicit_step, pressure_spline
+        from cosim.soft.section import (
+            assembly,
+            chain_contact,
+            chain_figures,
+            energy,
+            implicit_step,
+            pressure_spline,
+        )
 
-        modules = (*modules, assembly, chain_figures, energy, implicit_step, pressure_spline)
+        modules += (assembly, chain_contact, chain_figures, energy, implicit_step, pressure_spline)
     if scenario.robot != NO_ARM:
         from cosim.rigid.compilation import KERNEL_MODULES  # here: it brings MuJoCo
 

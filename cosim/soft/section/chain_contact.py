@@ -12,12 +12,45 @@ from dataclasses import dataclass
 from typing import final
 
 import numpy as np
+from numba import types
 
 from cosim.errors import InputError
 from cosim.frames import Array, IntArray
+from cosim.kernels import INDEX_TABLE, INDICES, MATRIX, VECTOR, kernel
 from cosim.soft.contact import ContactPlanes
+from cosim.soft.section.chain import CUBE
 from cosim.soft.section.chain_touch import ANCHOR, COLUMNS, FRICTION, NORMAL, OFFSET, STIFFNESS
 from cosim.soft.section.model import SectionBody
+
+
+@kernel(
+    types.boolean(
+        INDEX_TABLE, MATRIX, INDICES, CUBE, MATRIX, VECTOR, VECTOR, VECTOR, MATRIX, INDICES, MATRIX
+    )
+)  # fmt: skip
+def _fill_rows(  # type: ignore[no-untyped-def]
+    nodes, weights, before, combination, normal, offset, stiffness, friction, anchor, first, rows
+):
+    """Fill first (k,) and rows (k, COLUMNS); False where a triangle reaches across a frame."""
+    for k in range(nodes.shape[0]):
+        f = min(before[nodes[k, 0]], before[nodes[k, 1]], before[nodes[k, 2]])
+        first[k] = f
+        rows[k, :NORMAL] = 0.0
+        for a in range(3):
+            node = nodes[k, a]
+            # a node on the second frame of its contact is the first of its own two, and of that one alone
+            shift = before[node] - f
+            for i in range(4):
+                rows[k, 4 * min(shift, 1) + i] += weights[k, a] * combination[node, 0, i]
+                beyond = weights[k, a] * combination[node, 1, i]
+                if shift == 0:
+                    rows[k, 4 + i] += beyond
+                elif shift > 1 or beyond != 0.0:
+                    return False
+        rows[k, OFFSET], rows[k, STIFFNESS], rows[k, FRICTION] = offset[k], stiffness[k], friction[k]
+        for r in range(3):
+            rows[k, NORMAL + r], rows[k, ANCHOR + r] = normal[k, r], anchor[k, r]
+    return True
 
 
 @final
@@ -52,19 +85,11 @@ class FrameContacts:
         Raises:
             InputError: a triangle of the film reaches across a frame.
         """
-        nodes = section.node_weights(pressure_Pa)
-        owner = section.frames.before[planes.nodes]
-        first = owner.min(axis=1)
-        further = owner > first[:, None]
-        weights = planes.weights[:, :, None, None] * nodes[planes.nodes]
-        if (owner > first[:, None] + 1).any() or weights[further, 1].any():
+        first, rows = np.empty(len(planes), np.int64), np.empty((len(planes), COLUMNS))
+        fits = _fill_rows(
+            planes.nodes, planes.weights, section.frames.before, section.node_weights(pressure_Pa),
+            planes.normal, planes.offset, planes.stiffness, planes.friction, planes.anchor, first, rows,
+        )  # fmt: skip
+        if not fits:
             raise InputError("section models need films between neighbouring rings; use fidelity = 'lumped'")
-        # a node on the second frame of its contact is the first of its own two
-        rows = np.empty((len(first), COLUMNS))
-        near = np.where(further[:, :, None], 0.0, weights[:, :, 0]).sum(axis=1)
-        far = np.where(further[:, :, None], weights[:, :, 0], weights[:, :, 1]).sum(axis=1)
-        rows[:, :4], rows[:, 4:NORMAL] = near, far
-        rows[:, NORMAL:OFFSET], rows[:, OFFSET] = planes.normal, planes.offset
-        rows[:, STIFFNESS], rows[:, FRICTION] = planes.stiffness, planes.friction
-        rows[:, ANCHOR:] = planes.anchor
         return cls(first, rows, np.array((planes.law.smoothing_m, planes.law.stick_m)))
