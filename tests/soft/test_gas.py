@@ -290,3 +290,16 @@ def test_loads_between_two_gases() -> None:
 def test_impossible_gases_are_refused(changes: dict[str, float], message: str) -> None:
     with pytest.raises(InputError, match=message):
         replace(air(1e-4), **changes)
+
+
+def test_on_the_way_to_another_gas_pressure_and_temperature_go_evenly() -> None:
+    warm = replace(air(1e-4, 3e4), temperature_K=350.0)
+    cold = replace(air(2e-4, 1e4), temperature_K=280.0)
+    there = cold.at(1e-4)
+    for share in (0.0, 0.25, 1.0):
+        between = warm.towards(cold, share)
+        assert between.volume_m3 == 1e-4
+        for name in ("pressure_Pa", "temperature_K"):
+            begin, end = getattr(warm, name), getattr(there, name)
+            assert getattr(between, name) == pytest.approx(begin + share * (end - begin))
+    assert warm.towards(cold, 1.0).mass_kg == pytest.approx(cold.mass_kg)
