@@ -57,6 +57,8 @@ class RigidScene:
         self._v = layout.dofs
         # Views: MuJoCo's arrays stay where they are in memory; looking one up costs as much as its copy.
         self._q: Array = self._data.qpos[layout.positions]
+        self._acceleration: Array = self._data.qacc[self._v]
+        self._torque: Array = self._data.qfrc_applied[self._v]
         self._place: tuple[Array, Array] = self._data.xpos, self._data.xquat
         self._warnings = self._data.warning.number
         # Servo inputs are interleaved: position, velocity, feedforward of each joint in turn.
@@ -109,7 +111,7 @@ class RigidScene:
     @property
     def joint_acceleration(self) -> Array:
         """(joints,) [rad/s^2], of the last finished step."""
-        return np.array(self._data.qacc[self._v])
+        return self._acceleration.copy()
 
     @property
     def servo_torque(self) -> Array:
@@ -216,7 +218,7 @@ class RigidScene:
 
     def apply_joint_torque(self, torque: Array) -> None:
         """Set a torque (joints,) [N m] on the joints from now on, besides servos and flange load."""
-        self._data.qfrc_applied[self._v] = torque
+        self._torque[:] = torque
 
     def set_added_armature(self, diagonal: Array) -> None:
         """Carry an algorithmic mass as extra rotor inertia, from the step in progress on.
