@@ -26,6 +26,7 @@ from cosim.soft.section.chain_figures import center_and_inertia, figures_of, sup
 from cosim.soft.section.chain_state import ChainState
 from cosim.soft.section.commanded_cables import given_tensions
 from cosim.soft.section.frame_clamp import FrameClamp
+from cosim.soft.section.kept_tangent import KeptTangentState
 from cosim.soft.section.model import SectionBody
 from cosim.soft.section.sensitivity import ChainSensitivity, ChainTangent
 from cosim.soft.section.solver import ChainSolver
@@ -56,12 +57,14 @@ class SectionArmState:
         clamp: frames held by the flange.
         flange: world_from_flange.
         loads: that act.
+        tangent: factor that the next step may begin with; None for none.
     """
 
     last: ChainStep
     clamp: FrameClamp
     flange: Pose
     loads: Loads
+    tangent: KeptTangentState | None
 
 
 @final
@@ -226,7 +229,8 @@ class SectionArm(SoftSide):
 
     def save_state(self) -> SectionArmState:
         """Return what the next step depends on."""
-        return SectionArmState(self._last, self.clamp, self._flange, self._loads)
+        tangent = self._stepper.tangent.save_state(self.clamp)
+        return SectionArmState(self._last, self.clamp, self._flange, self._loads, tangent)
 
     def restore_state(self, state: SectionArmState) -> None:
         """Return to a state of `save_state`, of this arm or of one with the same frames.
@@ -239,6 +243,7 @@ class SectionArm(SoftSide):
             raise InputError(f"the saved soft robot has {there} frames, this one {here}")
         self._last, self._film, self.clamp = state.last, None, state.clamp
         self._flange, self._loads = state.flange, state.loads
+        self._stepper.tangent.restore_state(state.tangent, state.clamp)
 
     def contact_surface(self) -> ContactSurface:
         """Return where the body can be touched."""

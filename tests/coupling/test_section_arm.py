@@ -160,12 +160,15 @@ def test_a_saved_arm_goes_on_bit_for_bit(sealed: bool) -> None:
     arm.settle(arm.start(FLANGE, Loads(25e3, (0.0, 0.0))))
     gas = SealedGas(101325.0 + 26e3, arm.volumes_m3[0], 1.0) if sealed else None
     loads = Loads(26e3, (1.0, 0.0), gas=gas)
-    arm.advance(FLANGE, loads, 0.002)
+    for _ in range(4):
+        arm.advance(FLANGE, loads, 0.002)
     saved = arm.save_state()
+    assert saved.tangent is not None
     first = [arm.advance(FLANGE, loads, 0.002).wrench.force for _ in range(3)]
-    arm.restore_state(saved)
-    again = [arm.advance(FLANGE, loads, 0.002).wrench.force for _ in range(3)]
-    assert (np.array(first) == np.array(again)).all()
+    for other in (arm, arms(StepOptions("bdf2"))[0]):
+        other.restore_state(saved)
+        again = [other.advance(FLANGE, loads, 0.002).wrench.force for _ in range(3)]
+        assert (np.array(first) == np.array(again)).all()
 
 
 def test_the_wrench_and_the_mass_are_those_of_the_chain() -> None:

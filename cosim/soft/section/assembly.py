@@ -22,7 +22,8 @@ CABLES = (INDICES, CUBE, VECTOR)
 TOUCHED = (INDICES, MATRIX, VECTOR)
 # gradient (f, 6), diagonal blocks (f, 6, 6), blocks of rows f and columns f - 1 (f, 6, 6)
 OUT = (MATRIX, CUBE, CUBE)
-
+# factor of the tangent: blocks (f, 6, 6) of `block_cholesky`, and whether they hold one that may serve
+FACTOR = (CUBE, CUBE, types.boolean)
 
 CONVERGED, LIMIT, NOT_FINITE, INDEFINITE, NO_DESCENT = 0, 1, 2, 3, 4
 _SHIFT_START, _SHIFT_MAX = 0.05, 1e8  # [N/m]
@@ -105,68 +106,87 @@ def _descent(free, gradient, step):  # type: ignore[no-untyped-def]
     return slope, min(1.0, min(_STEP_MAX_M / max(longest, 1e-30), _TURN_MAX / max(turn, 1e-30)))
 
 
+@inlined
+def _descends(value, energy, fall, residual, before):  # type: ignore[no-untyped-def]
+    """Whether a step has lowered the potential as it should, or the residual by far."""
+    if not np.isfinite(value):
+        return False
+    return value <= energy + 1e-4 * fall + 1e-13 * (1.0 + abs(energy)) or residual < 0.1 * before
+
+
+@inlined
+def _factorise(free, diagonal, off, scale, low, side):  # type: ignore[no-untyped-def]
+    """Factorise the tangent; return the least shift [N/m] tried that makes it definite, or one too large."""
+    shift = 0.0
+    while shift <= _SHIFT_MAX and not factorise(free, diagonal, off, shift, scale, low, side):
+        shift = max(_SHIFT_START, 6.0 * shift)
+    return shift
+
+
 @kernel(
-    types.Tuple((int64, int64, REAL, REAL, int64))(
-        CUBE, FLAGS, *CHAIN, *LOADS, *CABLES, *TOUCHED, *OUT, VECTOR, int64
+    types.Tuple((int64, int64, REAL, REAL, int64, types.boolean))(
+        CUBE, FLAGS, *CHAIN, *LOADS, *CABLES, *TOUCHED, *OUT, *FACTOR, VECTOR, int64
     )
 )
 def minimise(  # type: ignore[no-untyped-def]
     frames, free, coefficients, inverse_length, mass, load, bed, target, far, eyelets, tension,
-    touching, rows, widths, gradient, diagonal, off, bounds, iterations_max,
+    touching, rows, widths, gradient, diagonal, off, low, side, kept, bounds, iterations_max,
 ):  # fmt: skip
     """Find the minimum of the potential near `frames`, which are moved there; gradient belongs to it.
 
-    bounds: residual [N], lever [m]. Returns (outcome, iterations, residual [N], potential [J], shifted).
+    The factor of an earlier tangent, where one is kept, serves while the residual falls fast enough.
+    bounds: residual [N], lever [m]. Returns (outcome, iterations, residual [N], potential [J], shifted,
+    whether the factor that is left may serve the next solution).
     """
     tolerance, lever = bounds[0], bounds[1]
     scale = np.ones(6)
     scale[3:] = lever * lever
-    low, side = np.zeros_like(diagonal), np.zeros_like(diagonal)
     step, trial = np.zeros_like(gradient), np.empty_like(frames)
     copy_frames(frames, trial)
-    iterations = shifted = tries = 0
+    iterations = shifted = tries = reused = 0
     energy = residual = slope = factor = 0.0
-    # whether the Hessian is wanted, as the next step begins there; numba would compile all anew for a literal
-    wanted = iterations == 0
+    # numba would compile all anew for a literal
+    wanted, judging, old = not kept, iterations > 0, kept
     while True:
         value = assemble(
             trial, coefficients, inverse_length, mass, load, bed, target, far, eyelets, tension,
             touching, rows, widths, gradient, diagonal, off, wanted,
         )  # fmt: skip
         before, residual = residual, _residual(gradient, free, lever)
-        accepted = wanted
-        if not wanted:
-            accepted = np.isfinite(value) and (
-                value <= energy + 1e-4 * factor * slope + 1e-13 * (1.0 + abs(energy))
-                or residual < 0.1 * before
-            )
-            tries += 1
-        if accepted:
-            energy = value
-            copy_frames(trial, frames)
-            if not (np.isfinite(residual) and np.isfinite(energy)):
-                return NOT_FINITE, iterations, residual, energy, shifted
-            if residual <= tolerance:
-                return CONVERGED, iterations, residual, energy, shifted
-            if iterations >= iterations_max:
-                return LIMIT, iterations, residual, energy, shifted
-            if not wanted:
-                wanted = True
+        if judging and not _descends(value, energy, factor * slope, residual, before):
+            residual, tries = before, tries + 1
+            if old:  # a new tangent, where the step began
+                copy_frames(frames, trial)
+                wanted, judging, old = True, False, False
                 continue
-            iterations += 1
-            shift = 0.0
-            while not factorise(free, diagonal, off, shift, scale, low, side):
-                shift = max(_SHIFT_START, 6.0 * shift)
-                if shift > _SHIFT_MAX:
-                    return INDEFINITE, iterations, residual, energy, shifted
-            shifted += shift > 0.0
-            substitute(free, low, side, gradient, step)
-            slope, factor = _descent(free, gradient, step)
-            wanted, tries = False, 0
-        else:
-            residual, factor = before, 0.5 * factor
             if tries == _HALVINGS_MAX:
-                return NO_DESCENT, iterations, residual, energy, shifted
+                return NO_DESCENT, iterations, residual, energy, shifted, False
+            factor *= 0.5
+            change_frames(frames, step, factor, trial)
+            continue
+        energy = value
+        copy_frames(trial, frames)
+        if not (np.isfinite(residual) and np.isfinite(energy)):
+            return NOT_FINITE, iterations, residual, energy, shifted, False
+        if residual <= tolerance:
+            return CONVERGED, iterations, residual, energy, shifted, kept and reused < 2
+        if iterations >= iterations_max:
+            return LIMIT, iterations, residual, energy, shifted, False
+        if judging and not (old and residual * residual <= tolerance * before):
+            wanted, judging, old = True, False, False
+            continue
+        iterations += 1
+        if wanted:
+            shift = _factorise(free, diagonal, off, scale, low, side)
+            if shift > _SHIFT_MAX:
+                return INDEFINITE, iterations, residual, energy, shifted, False
+            kept, reused = shift == 0.0, 0
+            shifted += shift > 0.0
+        else:
+            reused += 1
+        substitute(free, low, side, gradient, step)
+        slope, factor = _descent(free, gradient, step)
+        wanted, judging, tries = False, True, 0
         change_frames(frames, step, factor, trial)
 
 

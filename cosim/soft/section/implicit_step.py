@@ -11,7 +11,7 @@ import numpy as np
 from numba import int64, types
 
 from cosim.kernels import MATRIX, REAL, VECTOR, inlined, kernel
-from cosim.soft.section.assembly import CABLES, CHAIN, TOUCHED, change_frames, copy_frames, minimise
+from cosim.soft.section.assembly import CABLES, CHAIN, FACTOR, TOUCHED, change_frames, copy_frames, minimise
 from cosim.soft.section.chain import CUBE, FLAGS
 from cosim.soft.section.chain_figures import fill_figures
 
@@ -85,20 +85,20 @@ def _place(free, offsets, flange, out):  # type: ignore[no-untyped-def]
 
 
 @kernel(
-    types.Tuple((int64, int64, REAL))(
+    types.Tuple((int64, int64, REAL, types.boolean))(
         MOTION, MOTION, types.boolean, REAL, REAL, int64, MATRIX, FLAGS, CUBE,
-        *CHAIN, CUBE, *CABLES, *TOUCHED, CUBE, CUBE, CUBE, VECTOR, int64, MOTION, MATRIX, VECTOR,
+        *CHAIN, CUBE, *CABLES, *TOUCHED, CUBE, CUBE, CUBE, *FACTOR, VECTOR, int64, MOTION, MATRIX, VECTOR,
     )
 )  # fmt: skip
 def implicit_step(  # type: ignore[no-untyped-def]
     here, earlier, two_steps, h, damping, start, flange, free, offsets,
     coefficients, inverse_length, mass, load, far, eyelets, tension, touching, rows, widths,
-    target, diagonal, off, bounds, iterations_max, there, gradient, figures,
+    target, diagonal, off, low, side, kept, bounds, iterations_max, there, gradient, figures,
 ):  # fmt: skip
-    """Take one step of h [s] from `here` (2, f, 4, 3); return (outcome, iterations, residual [N]).
+    """Take one step of h [s] from `here` (2, f, 4, 3); return (outcome, iterations, residual [N], kept).
 
     Fills `there` with the motion at its end, the gradient (f, 6) of the potential and the chain's figures.
-    target (f, 4, 3), diagonal and off (f, 6, 6) are scratch.
+    target (f, 4, 3), diagonal and off (f, 6, 6) are scratch; for low, side and kept see `minimise`.
     """
     frames, base = there[0], there[1]
     span, bed = _scheme(here, earlier, two_steps, h, damping, base, target)
@@ -109,13 +109,13 @@ def implicit_step(  # type: ignore[no-untyped-def]
     elif start == CARRIED:
         _carry(here[0], flange, frames)
     _place(free, offsets, flange, frames)
-    outcome, iterations, residual, _, _ = minimise(
+    outcome, iterations, residual, _, _, kept = minimise(
         frames, free, coefficients, inverse_length, mass, load, bed, target, far, eyelets, tension,
-        touching, rows, widths, gradient, diagonal, off, bounds, iterations_max,
+        touching, rows, widths, gradient, diagonal, off, low, side, kept, bounds, iterations_max,
     )  # fmt: skip
     for f in range(base.shape[0]):
         for a in range(4):
             for r in range(3):
                 base[f, a, r] = (frames[f, a, r] - base[f, a, r]) / span
     fill_figures(frames, free, mass, gradient, figures)
-    return outcome, iterations, residual
+    return outcome, iterations, residual, kept

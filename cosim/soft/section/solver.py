@@ -78,6 +78,7 @@ class ChainSolver:
         count = len(section.frames)
         self.diagonal = np.zeros((count, 6, 6))
         self.off = np.zeros((count, 6, 6))
+        self._factor = (np.zeros((count, 6, 6)), np.zeros((count, 6, 6)), False)
         self.lever_m = float(
             np.mean([np.linalg.norm(shape, axis=1).mean() for shape in section.frames.shapes])
         )
@@ -135,9 +136,9 @@ class ChainSolver:
             frames = (start if before is None else before.frames).copy()
             gradient = np.empty((len(start), 6))
             load, others = self.acting(loads, pressure_Pa, frames)
-            outcome, iterations, residual, potential, shifted = minimise(
+            outcome, iterations, residual, potential, shifted, _ = minimise(
                 frames, free, *self.section.chain, load, 0.0, self._still, *others,
-                gradient, self.diagonal, self.off, bounds, iterations_max,
+                gradient, self.diagonal, self.off, *self._factor, bounds, iterations_max,
             )  # fmt: skip
             return ChainResult(
                 frames, gradient, OUTCOMES[outcome], residual, iterations, potential, shifted, pressure_Pa

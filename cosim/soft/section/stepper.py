@@ -18,6 +18,7 @@ from cosim.soft.section.chain_state import ChainState
 from cosim.soft.section.commanded_cables import CLOSE_N, commanded, solve_commanded, tensions_at
 from cosim.soft.section.frame_clamp import FrameClamp
 from cosim.soft.section.implicit_step import CARRIED, FREE_FLIGHT, GIVEN, STANDING, implicit_step
+from cosim.soft.section.kept_tangent import KeptTangent
 from cosim.soft.section.sealed_pressure import solve_sealed
 from cosim.soft.section.solver import OUTCOMES, Bed, ChainSolver
 
@@ -66,6 +67,7 @@ class ChainStepper:
         self._two_steps = options.integrator == "bdf2"
         self._bounds = np.array((options.tolerance_N, solver.lever_m))
         self._flange = np.zeros((4, 3))
+        self.tangent = KeptTangent(len(solver.section.frames))
         self._target = np.zeros((len(solver.section.frames), 4, 3))
 
     def step(
@@ -187,11 +189,14 @@ class ChainStepper:
             near = near + step_s * motion[1]
         load, others = solver.acting(loads, pressure_Pa, near)
         two_steps = self._two_steps and chain.earlier is not None
-        outcome, iterations, residual = implicit_step(
+        tangent = self.tangent
+        outcome, iterations, residual, kept = implicit_step(
             motion, chain.earlier if two_steps else motion, two_steps, step_s, self._options.damping_per_s,
             start, self._flange, clamp.free, clamp.offsets, *solver.section.chain, load, *others,
-            self._target, solver.diagonal, solver.off, *bounds, there, gradient, figures,
+            self._target, solver.diagonal, solver.off, tangent.low, tangent.side,
+            tangent.serves(clamp, step_s, two_steps), *bounds, there, gradient, figures,
         )  # fmt: skip
+        tangent.keep(kept, clamp, step_s, two_steps)
         after = ChainState(there, motion)
         return ChainStep(after, gradient, figures, OUTCOMES[outcome], iterations, residual, pressure_Pa)
 
