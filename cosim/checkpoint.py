@@ -6,7 +6,7 @@ import json
 import time
 import warnings
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from hashlib import sha256
 from pathlib import Path
 from typing import Any, Protocol, final
@@ -61,23 +61,27 @@ class Origin:
     """
 
     run_id: str
-    startup_s: float
+    startup_s: float = 0.0
     wall_s: float = 0.0
     resumed_at_ticks: tuple[int, ...] = ()
     checkpoint: Checkpoint | None = None
 
     @classmethod
-    def of(cls, run_id: str, startup_s: float, checkpoint: Checkpoint | None) -> Origin:
+    def of(cls, run_id: str, checkpoint: Checkpoint | None) -> Origin:
         """Return the start of a new run of that name, or of the part that goes on from a checkpoint."""
         if checkpoint is None:
-            return cls(run_id, startup_s)
+            return cls(run_id)
         return cls(
             checkpoint.run_id,
-            checkpoint.startup_s + startup_s,
+            checkpoint.startup_s,
             checkpoint.wall_s,
             (*checkpoint.resumed_at_ticks, checkpoint.summary.tick),
             checkpoint,
         )
+
+    def after(self, startup_s: float) -> Origin:
+        """Return the same with the wall time of this start counted."""
+        return replace(self, startup_s=self.startup_s + startup_s)
 
     @property
     def before(self) -> tuple[Snapshot, Snapshot] | None:

@@ -138,10 +138,11 @@ def _run(
     earlier: Checkpoint | None,
     started: float,
 ) -> Outcome:
-    loop_started = time.perf_counter()
-    origin = Origin.of(uuid4().hex, loop_started - started, earlier)
+    origin = Origin.of(uuid4().hex, earlier)
     files, recorder = _begin_files(scenario, options, Part(origin.run_id, origin.before))
     recorder.open(simulation.stage)
+    loop_started = time.perf_counter()
+    origin = origin.after(loop_started - started)
     summary = SummaryBuilder(simulation.stage, origin.startup_s, __version__, origin.resumed_at_ticks)
     if earlier is not None:
         summary.restore_state(earlier.summary)
