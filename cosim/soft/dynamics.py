@@ -30,6 +30,9 @@ _LOSS_ROUNDS_MAX = 8
 Integrator: TypeAlias = Literal["implicit_euler", "bdf2"]
 
 
+# An acceleration is taken to stay where it moves nodes by so much in a step. Below, starts that are near
+# enough would carry it on for ever: a resting body would wander. Above, films flutter: it will turn round.
+_EVEN_m = (1e-7, 1e-4)
 _LARGE_TURN_RAD = 0.01  # above it, another start of Newton's method pays for looking for it
 
 
@@ -78,17 +81,22 @@ def _turn(before: Pose, after: Pose) -> float:
 
 
 def _flight(integrator: Integrator, state: SoftState, h: float) -> Array:
-    """Return where the nodes get if their acceleration stays: exactly where the integrator then leads.
+    """Return where the nodes get if their acceleration stays, or their velocity where it would not.
+
+    An acceleration that stays leads exactly there.
 
     Args:
         integrator: BDF2 moves them with the velocity in the middle of the step, implicit Euler with the last.
         state: at the beginning of the step.
         h: its length [s].
     """
+    flight: Array = state.positions + h * state.velocities
     if state.earlier is None:
-        return state.positions + h * state.velocities
+        return flight
     share = 0.5 if integrator == "bdf2" else 1.0
-    return state.positions + h * ((1.0 + share) * state.velocities - share * state.earlier[1])
+    gained = share * h * (state.velocities - state.earlier[1])
+    least_m, most_m = _EVEN_m
+    return flight + gained if least_m < float(np.abs(gained).max()) < most_m else flight
 
 
 @final
