@@ -13,7 +13,7 @@ from cosim.soft.gas import SealedGas
 from cosim.soft.gas_chamber import gas_chambers
 from cosim.soft.low_rank import LowRank
 from cosim.soft.pattern import BlockPattern
-from cosim.soft.pressure import add_cap, add_pressure, cap_force
+from cosim.soft.pressure import add_cap, add_pressure, cap_force, volume_inside
 
 _NO_TABLE = np.zeros((0, 0), np.int64)
 _NO_SLOTS = np.zeros(0, np.int64)
@@ -26,6 +26,8 @@ class _Enclosure:
     def __init__(self, triangles: IntArray, caps: list[IntArray], pattern: BlockPattern) -> None:
         self._triangles = np.ascontiguousarray(triangles)
         self._slots = pattern.slots(self._triangles)
+        self._rings = np.concatenate([_NO_SLOTS, *caps])
+        self._ring_starts = np.cumsum([0, *(len(ring) for ring in caps)], dtype=np.int64)
         self._caps = [(ring, np.ascontiguousarray(pattern.slots(ring[None, :])[0])) for ring in caps]
 
     def add(self, x: Array, pressure: float, gradient: Array, blocks: Array, hessian: bool) -> float:
@@ -35,6 +37,11 @@ class _Enclosure:
         for ring, cap_slots in self._caps:
             volume += add_cap(x, ring, pressure, cap_slots if hessian else _NO_SLOTS, gradient, blocks)
         return volume
+
+    def volume(self, x: Array) -> float:
+        """Return V [m^3]."""
+        found: float = volume_inside(x, self._triangles, self._rings, self._ring_starts)
+        return found
 
     def take_caps_away(self, x: Array, pressure: float, gradient: Array) -> list[tuple[IntArray, Array]]:
         """Subtract the caps' load from the gradient; return what that adds to the stiffness."""
@@ -72,9 +79,7 @@ class GasElements:
 
     def enclosed_volumes(self, x: Array) -> tuple[float, ...]:
         """Return the volume [m^3] of each chamber at positions (n, 3) [m]; change nothing."""
-        nothing = np.zeros_like(x)
-        blocks = np.zeros((0, 3, 3))
-        return tuple(part.add(x, 0.0, nothing, blocks, hessian=False) for part in self._enclosures)
+        return tuple(part.volume(x) for part in self._enclosures)
 
     def add(self, x: Array, loads: Loads, gradient: Array, blocks: Array, *, hessian: bool) -> float:
         """Add gradient and, if told to, Hessian; return the potential [J], infinite where gas has no volume.

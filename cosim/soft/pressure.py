@@ -58,6 +58,37 @@ def add_pressure(x, triangles, pressure, slots, force, blocks):  # type: ignore[
     return volume / 6.0
 
 
+@kernel(REAL(MATRIX, INDEX_TABLE, INDICES, INDICES))
+def volume_inside(x, triangles, rings, starts):  # type: ignore[no-untyped-def]
+    """Return V [m^3] alone; cap k has the nodes rings[starts[k] : starts[k + 1]]."""
+    film = 0.0
+    for e in range(triangles.shape[0]):
+        ia, ib, ic = triangles[e, 0], triangles[e, 1], triangles[e, 2]
+        for r in range(3):
+            s, t = (r + 1) % 3, (r + 2) % 3
+            film += x[ia, r] * (x[ib, s] * x[ic, t] - x[ib, t] * x[ic, s])
+    volume = film / 6.0
+    total, area = np.empty(3), np.empty(3)
+    for k in range(starts.shape[0] - 1):
+        volume += _cap_volume(x, rings[starts[k] : starts[k + 1]], total, area)
+    return volume
+
+
+@inlined
+def _cap_volume(x, ring, total, area):  # type: ignore[no-untyped-def]
+    """Return a cap's share of V [m^3]; fill in the sums of r_i and of r_i x r_i+1."""
+    count = ring.shape[0]
+    total[:] = 0.0
+    area[:] = 0.0
+    for i in range(count):
+        a, b = ring[i], ring[(i + 1) % count]
+        for r in range(3):
+            s, t = (r + 1) % 3, (r + 2) % 3
+            total[r] += x[a, r]
+            area[r] += x[a, s] * x[b, t] - x[a, t] * x[b, s]
+    return (total[0] * area[0] + total[1] * area[1] + total[2] * area[2]) / (6.0 * count)
+
+
 @inlined
 def _add_cap_hessian(x, ring, factor, total, slots, blocks, k):  # type: ignore[no-untyped-def]
     """Add the second derivatives of -p V of one cap; ring nodes are coupled pairwise."""
@@ -89,17 +120,10 @@ def add_cap(x, ring, pressure, slots, force, blocks):  # type: ignore[no-untyped
     count = ring.shape[0]
     with_hessian = slots.shape[0] > 0
     factor = pressure / (6.0 * count)
-    total = np.zeros(3)
-    area = np.zeros(3)
+    total, area = np.empty(3), np.empty(3)
     k = np.empty((3, 3))
     difference = np.empty(3)
-    for i in range(count):
-        a, b = ring[i], ring[(i + 1) % count]
-        for r in range(3):
-            s, t = (r + 1) % 3, (r + 2) % 3
-            total[r] += x[a, r]
-            area[r] += x[a, s] * x[b, t] - x[a, t] * x[b, s]
-    volume = (total[0] * area[0] + total[1] * area[1] + total[2] * area[2]) / (6.0 * count)
+    volume = _cap_volume(x, ring, total, area)
     for i in range(count):
         before, after = ring[(i - 1) % count], ring[(i + 1) % count]
         for r in range(3):
