@@ -15,6 +15,7 @@ from cosim.frames import Array, IntArray, Mask, Pose, Wrench, cross
 from cosim.soft.body import Loads
 from cosim.soft.contact import ContactPlanes
 from cosim.soft.contact_surface import ContactSurface
+from cosim.soft.dynamics import inertia_weight
 from cosim.soft.equilibrium import Equilibrium
 from cosim.soft.state import SoftState
 from cosim.soft.tip_target import TipTarget
@@ -166,6 +167,10 @@ class FrozenBody(SoftSide):
     def response(self, forces: Array, contact: ContactPlanes, step_s: float) -> Array | None:
         """Return zeros (k, n, 3): the nodes go where the flange goes."""
         return np.zeros_like(forces)
+
+    def inertia_weight(self, step_s: float) -> float:
+        """Return c [1/s^2]: a motion X of the nodes in a step meets the inertia c m X."""
+        return inertia_weight(step_s, self._damping)
 
     def work_taken_in(self, displacement: Array) -> float:
         """Return the work [J] of what the flange supplies at the last solution, over a displacement."""

@@ -174,7 +174,8 @@ class InterfaceSearch:
         if touching is None and self.inverse is not None and self.trials < _RENEWED_AFTER:
             return self.inverse
         mass = np.zeros((len(vector), len(vector))) if touching is None else step_s**2 * touching
-        mass[:6, :6] = interface.soft.mass_properties().spatial(vector.points[0])
+        weight = step_s**2 * interface.soft.inertia_weight(step_s)
+        mass[:6, :6] = weight * interface.soft.mass_properties().spatial(vector.points[0])
         unit = np.tile(UNIT, len(vector) // 6)
         product = (mass @ self._mobility) * (unit / unit[:, None])
         return -np.linalg.inv(np.eye(len(vector)) + product)

@@ -3,8 +3,9 @@
 A small motion xi of the bodies moves their contact points by G xi and loads the film with P xi,
 P = W^T C G (W: weights of the contact points, C: stiffness of each contact). The film follows by
 X = K^-1 P, K the tangent of the step. What the film answers on the bodies is -(G^T C G - P^T X) xi; what
-of it arrives at the flange is, by the balance of the whole film, E^T (P - W^T C W X - m X / h^2) xi, E its
-rigid motions. The flange's own part is that of a rigid soft side, E^T m E / h^2.
+of it arrives at the flange is, by the balance of the whole film, E^T (P - W^T C W X - c m X) xi, E its
+rigid motions, c the weight of inertia in the step's scheme: 1 / h^2 with implicit Euler, 9 / (4 h^2) with
+BDF2, damping besides. The flange's own part is that of a rigid soft side, c E^T m E.
 """
 
 from __future__ import annotations
@@ -60,7 +61,7 @@ def contact_tangent(
     all_nodes, all_weights = planes.nodes, planes.weights
     followed = np.einsum("ka,jkar->krj", all_weights, following[:, all_nodes])
     held = spread(all_nodes, all_weights, np.einsum("krs,ksj->krj", stiffness, followed), len(x))
-    kept = forces - held - soft.body.node_mass[:, None] / step_s**2 * following
+    kept = forces - held - soft.inertia_weight(step_s) * soft.body.node_mass[:, None] * following
     arriving = np.einsum("nri,jnr->ij", rigid_motions(x, points[0]), kept)
     tangent[:6, columns] = -arriving
     tangent[columns, :6] = -arriving.T

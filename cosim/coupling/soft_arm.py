@@ -16,7 +16,7 @@ from cosim.frames import Array, IntArray, Mask, Pose
 from cosim.soft.body import Loads, SoftBody
 from cosim.soft.contact import ContactPlanes
 from cosim.soft.contact_surface import ContactSurface
-from cosim.soft.dynamics import ImplicitStepper, StepAim, StepOptions
+from cosim.soft.dynamics import ImplicitStepper, StepAim, StepOptions, difference_scheme, inertia_weight
 from cosim.soft.equilibrium import Equilibrium, EquilibriumSolver, Obstacles
 from cosim.soft.kept_factor import NewtonState
 from cosim.soft.newton import NewtonOptions, NewtonSolver
@@ -158,6 +158,11 @@ class SoftArm(SoftSide):
         """How many times less mass an exchange that is one tick late bears than with implicit Euler."""
         return exchange_gain(self._dynamics.integrator)
 
+    def inertia_weight(self, step_s: float) -> float:
+        """Return c [1/s^2]: a motion X of the nodes in a step meets the inertia c m X."""
+        span = difference_scheme(self._dynamics.integrator, self.state, step_s)[1]
+        return inertia_weight(span, self._dynamics.damping_per_s)
+
     def contact_surface(self) -> ContactSurface:
         """Return where the body can be touched."""
         return ContactSurface.of(self.body, self._system.pattern)
@@ -270,8 +275,7 @@ class SoftArm(SoftSide):
         newton = self.equilibrium_solver.solver.save_state()
         return SoftArmState(
             self.state, self.clamp, self._flange, self._loads, self._residual, newton,
-            self._flange_before, self._pieces,
-            self._piece_s,
+            self._flange_before, self._pieces, self._piece_s,
         )  # fmt: skip
 
     def restore_state(self, state: SoftArmState) -> None:

@@ -18,7 +18,7 @@ from cosim.frames import Array, IntArray, Mask, Pose, Wrench
 from cosim.soft.body import Loads, SoftBody
 from cosim.soft.contact import ContactPlanes
 from cosim.soft.contact_surface import ContactSurface
-from cosim.soft.dynamics import StepAim
+from cosim.soft.dynamics import StepAim, inertia_weight
 from cosim.soft.equilibrium import Equilibrium, Obstacles
 from cosim.soft.film_memory import FilmMemory
 from cosim.soft.state import SoftState
@@ -231,6 +231,14 @@ class SoftSide(ABC):
     def exchange_gain(self) -> float:
         """How many times less mass an exchange that is one tick late bears than with implicit Euler."""
         return 1.0
+
+    def inertia_weight(self, step_s: float) -> float:
+        """Return c [1/s^2]: a motion X of the nodes in a step meets the inertia c m X.
+
+        Args:
+            step_s: length of the step [s].
+        """
+        return inertia_weight(step_s, 0.0)
 
     def mass_properties(self) -> MassProperties:
         """Return mass, centre and inertia at the present shape."""

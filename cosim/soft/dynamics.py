@@ -74,6 +74,16 @@ def difference_scheme(integrator: Integrator, state: SoftState, h: float) -> tup
     return (4.0 * state.positions - x1) / 3.0, 2.0 * h / 3.0, (4.0 * state.velocities - v1) / 3.0
 
 
+def inertia_weight(span: float, damping_per_s: float) -> float:
+    """Return (1 + alpha s) / s^2 [1/s^2]: what a step's inertia and damping add to the stiffness, per mass.
+
+    Args:
+        span: s [s], of `difference_scheme`.
+        damping_per_s: alpha [1/s].
+    """
+    return (1.0 + damping_per_s * span) / span**2
+
+
 def _turn(before: Pose, after: Pose) -> float:
     """Return the angle [rad] between two poses."""
     cosine = 0.5 * (float(before.rotation.ravel().dot(after.rotation.ravel())) - 1.0)
@@ -245,7 +255,7 @@ class ImplicitStepper:
     def _inertia(self, base: Array, span: float, speed: Array) -> Inertia:
         """Return M (v - speed) / s + alpha M v with v = (x - base) / s, written as one elastic bed."""
         growth = 1.0 + self.options.damping_per_s * span
-        weight = self.solver.system.body.node_mass * (growth / span**2)
+        weight = self.solver.system.body.node_mass * inertia_weight(span, self.options.damping_per_s)
         return Inertia(weight, base + span / growth * speed)
 
     def _solve(

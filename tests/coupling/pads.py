@@ -22,7 +22,7 @@ from cosim.rigid.scene import RigidScene
 from cosim.rigid.wire import Wire
 from cosim.soft.body import Loads, SoftBody
 from cosim.soft.contact import ContactLaw
-from cosim.soft.dynamics import StepOptions
+from cosim.soft.dynamics import Integrator, StepOptions
 from cosim.soft.film import Film
 from cosim.soft.newton import NewtonOptions
 from tests.soft.bodies import icosphere
@@ -56,6 +56,7 @@ class Grasp:
         gravity: (3,) [m/s^2].
         objects: held instead of the free cube; one is called "cube" unless there is a wire.
         wires: besides.
+        integrator: of the pads.
     """
 
     def __init__(
@@ -68,6 +69,7 @@ class Grasp:
         gravity: tuple[float, float, float] = (0.0, 0.0, -9.81),
         objects: tuple[SceneObject, ...] | None = None,
         wires: tuple[Wire, ...] = (),
+        integrator: Integrator = "implicit_euler",
     ) -> None:
         if objects is None:
             objects = (SceneObject("cube", "box", (EDGE_M,) * 3, (0.0, 0.0, 1.5), mass_kg=mass_kg),)
@@ -75,7 +77,7 @@ class Grasp:
             SceneDescription(find_arm("ur5e"), tick_s=tick_s, gravity=gravity, objects=objects, wires=wires)
         )
         self.scene.set_control(self.scene.joint_position)
-        options = StepOptions(tolerance_N=1e-6, damping_per_s=5.0)
+        options = StepOptions(integrator, tolerance_N=1e-6, damping_per_s=5.0)
         self.flange = Pose(np.eye(3), GRASP)
         self.soft = SoftArm(pads(), self.flange, NewtonOptions(), options)
         x = self.soft.state.positions.copy()
@@ -144,10 +146,17 @@ class CoupledGrasp:
         mass_kg: of the cube.
         tick_s: of the clock.
         scheme: makes the coupling.
+        integrator: of the pads.
     """
 
-    def __init__(self, mass_kg: float, tick_s: float, scheme: Callable[[Interface], Coupling]) -> None:
-        self.grasp = Grasp(mass_kg, tick_s, carried=False)
+    def __init__(
+        self,
+        mass_kg: float,
+        tick_s: float,
+        scheme: Callable[[Interface], Coupling],
+        integrator: Integrator = "implicit_euler",
+    ) -> None:
+        self.grasp = Grasp(mass_kg, tick_s, carried=False, integrator=integrator)
         self.holder = FixedFlange(self.grasp.scene, self.grasp.flange)
         scene: Any = self.holder
         self.interface = Interface(scene, self.grasp.soft, Wrench(), self.grasp.exchange)

@@ -11,7 +11,7 @@ from cosim.coupling.contact_motion import rigid_motions
 from cosim.coupling.interface_tangent import contact_tangent
 from cosim.frames import Array
 from cosim.soft.contact import ContactPlanes
-from cosim.soft.dynamics import StepAim
+from cosim.soft.dynamics import Integrator, StepAim
 from tests.coupling.pads import Grasp
 
 TICK_S, NUDGE_m = 1e-3, 1e-7
@@ -26,8 +26,9 @@ def loads_after(grasp: Grasp, planes: ContactPlanes, motion: Array) -> Array:
     return np.concatenate([reply.wrench.force, reply.wrench.torque, on_cube])
 
 
-def test_the_tangent_is_what_repeated_steps_show() -> None:
-    grasp = Grasp(0.01, TICK_S, carried=False)
+@pytest.mark.parametrize("integrator", ["implicit_euler", "bdf2"])
+def test_the_tangent_is_what_repeated_steps_show(integrator: Integrator) -> None:
+    grasp = Grasp(0.01, TICK_S, carried=False, integrator=integrator)
     for _ in range(10):
         grasp.tick()
     soft, exchange, before = grasp.soft, grasp.exchange, grasp.soft.state
@@ -51,9 +52,9 @@ def test_the_tangent_is_what_repeated_steps_show() -> None:
             there = replace(planes, offset=planes.offset + along, anchor=planes.anchor + moved)
             sides.append(loads_after(grasp, there, motion))
         found[:, j] = (sides[0] - sides[1]) / (2.0 * NUDGE_m)
-    # the step is solved to 1e-9 N; at the flange, damping (0.5 % of the inertia) and the arms of present
-    # forces, which move with the film, are left out
-    bounds = {"flange force": 0.02, "flange torque": 0.25, "cube force": 1e-3, "cube torque": 1e-3}
+    # the step is solved to 1e-9 N; at the flange, the arms of present forces, which move with the film, are
+    # left out; inertia weighed by another scheme would be off by more than the force itself
+    bounds = {"flange force": 1e-3, "flange torque": 0.25, "cube force": 1e-3, "cube torque": 1e-3}
     for k, bound in enumerate(bounds.values()):
         for columns in (slice(0, 3), slice(3, 6)):
             here, there = -tangent[3 * k : 3 * k + 3, 6:][:, columns], found[3 * k : 3 * k + 3, columns]

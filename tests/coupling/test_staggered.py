@@ -21,7 +21,7 @@ from cosim.kinematics.arm import Payload
 from cosim.rigid.description import SceneDescription
 from cosim.rigid.scene import RigidScene
 from cosim.soft.body import Loads
-from cosim.soft.dynamics import StepOptions
+from cosim.soft.dynamics import Integrator, StepOptions
 from cosim.soft.newton import NewtonOptions
 from tests.soft.bodies import HANGING, WEIGHT_PER_NODE_N, PRESSURE_Pa, hexagon_arm, no_load
 
@@ -52,7 +52,13 @@ class Rig:
         return [self.coupling.tick(self.command(offset_rad), self.loads) for _ in range(count)]
 
 
-def rig(carried_kg: float = 0.0, ratio_bound: float = 0.5, tick_s: float = 0.002, **description: Any) -> Rig:
+def rig(
+    carried_kg: float = 0.0,
+    ratio_bound: float = 0.5,
+    tick_s: float = 0.002,
+    integrator: Integrator = "implicit_euler",
+    **description: Any,
+) -> Rig:
     """Return arm and soft arm in equilibrium; `carried_kg` are spread over the base ring."""
     arm = Arm(find_arm("ur5e"))
     scene = RigidScene(SceneDescription(arm=find_arm("ur5e"), tick_s=tick_s, **description))
@@ -62,7 +68,7 @@ def rig(carried_kg: float = 0.0, ratio_bound: float = 0.5, tick_s: float = 0.002
     mass = np.full(drawn.nodes, WEIGHT_PER_NODE_N / 9.81)
     mass[drawn.base] += carried_kg / len(drawn.base)
     body = hexagon_arm(UNITS, node_mass=mass)
-    soft = SoftArm(body, scene.flange_pose, NewtonOptions(), StepOptions())
+    soft = SoftArm(body, scene.flange_pose, NewtonOptions(), StepOptions(integrator))
     solver, loads = soft.equilibrium_solver, no_load(body, pressure_Pa=PRESSURE_Pa)
     hung = solver.solve(soft.state, scene.flange_pose, no_load(body))
     found = solver.follow(hung, scene.flange_pose, loads)
