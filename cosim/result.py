@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final, final
@@ -143,8 +142,8 @@ class ResultBuilder:
         """Read the arrays off the snapshots gathered, and let go of them."""
         if self._unread:
             block, self._unread = Block(self._unread), []
-            for name, column in _COLUMNS.items():
-                self._arrays[name].append(column(block))
+            for name, found in self._arrays.items():
+                found.append(getattr(block, name))
 
     def close(self) -> None:
         """Nothing to do."""
@@ -168,41 +167,12 @@ class ResultBuilder:
         )
 
 
-_NONE: Final = np.zeros(0)
-_COLUMNS: Final[dict[str, Callable[[Block], Array | IntArray]]] = {
-    "tick": lambda b: b.counts(lambda s: s.tick),
-    "time_s": lambda b: b.numbers(lambda s: s.time_s),
-    "phase": lambda b: b.counts(lambda s: s.phase),
-    "joint_position": lambda b: b.rows(lambda s: s.joint_position),
-    "joint_target": lambda b: b.rows(lambda s: s.joint_target),
-    "flange_position": lambda b: b.flange_position,
-    "flange_quaternion": lambda b: b.flange_quaternion,
-    "flange_force": lambda b: b.rows(lambda s: s.ledger.wrench.force),
-    "flange_torque": lambda b: b.rows(lambda s: s.ledger.wrench.torque),
-    "tip_position": lambda b: b.tip_position,
-    "tip_direction": lambda b: b.tip_direction,
-    "sag_m": lambda b: b.sag_m,
-    "pressure_Pa": lambda b: b.numbers(lambda s: s.pressure_Pa),
-    "volume_m3": lambda b: b.chamber_volume_m3.sum(axis=1),
-    "chamber_pressure_Pa": lambda b: b.rows(lambda s: s.chamber_pressure_Pa),
-    "chamber_volume_m3": lambda b: b.chamber_volume_m3,
-    "cable_tension_N": lambda b: b.rows(lambda s: s.cable_tension_N),
-    "cable_length_m": lambda b: b.rows(lambda s: _NONE if s.devices is None else s.devices.cable_length_m),
-    "cable_unstretched_m": lambda b: b.rows(
-        lambda s: _NONE if s.devices is None else s.devices.unstretched_m
-    ),
-    "bending_angle_rad": lambda b: b.numbers(
-        lambda s: np.nan if s.devices is None else s.devices.bending_angle_rad
-    ),
-    "residual_N": lambda b: b.numbers(lambda s: s.ledger.residual_N),
-    "newton_iterations": lambda b: b.counts(lambda s: s.ledger.newton_iterations),
-    "power_error_W": lambda b: b.numbers(lambda s: s.ledger.power_error_W),
-    "stability_ratio": lambda b: b.numbers(lambda s: s.ledger.stability_ratio),
-    "contacts": lambda b: b.counts(lambda s: s.ledger.contacts),
-    "contact_force_N": lambda b: b.numbers(lambda s: s.ledger.contact_force_N),
-    "contact_depth_m": lambda b: b.numbers(lambda s: s.ledger.contact_depth_m),
-    "self_contacts": lambda b: b.counts(lambda s: s.ledger.self_contacts),
-    "self_contact_force_N": lambda b: b.numbers(lambda s: s.ledger.self_contact_force_N),
-    "self_contact_depth_m": lambda b: b.numbers(lambda s: s.ledger.self_contact_depth_m),
-    "tick_wall_s": lambda b: b.numbers(lambda s: s.tick_wall_s),
-}
+_COLUMNS: Final = (
+    "tick", "time_s", "phase", "joint_position", "joint_target", "flange_position", "flange_quaternion",
+    "flange_force", "flange_torque", "tip_position", "tip_direction", "sag_m", "pressure_Pa", "volume_m3",
+    "chamber_pressure_Pa", "chamber_volume_m3", "cable_tension_N", "cable_length_m", "cable_unstretched_m",
+    "bending_angle_rad", "residual_N", "newton_iterations", "power_error_W", "stability_ratio", "contacts",
+    "contact_force_N", "contact_depth_m", "self_contacts", "self_contact_force_N", "self_contact_depth_m",
+    "tick_wall_s",
+)  # fmt: skip
+"""Of a block."""

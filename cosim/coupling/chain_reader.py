@@ -8,7 +8,7 @@ from typing import final
 
 import numpy as np
 
-from cosim.coupling.shape_reader import ShapeFigures, ShapeReader
+from cosim.coupling.shape_reader import Rows, ShapeFigures, ShapeReader, ShapeRows
 from cosim.frames import Array
 from cosim.soft.center_line import hole_rings
 from cosim.soft.section.assembly import gas_volume
@@ -49,9 +49,13 @@ class ChainReader(ShapeReader):
 
     def figures(self, shapes: Sequence[ChainShape]) -> ShapeFigures:
         """Return the figures; see `ShapeReader.figures`."""
-        count = len(shapes)
-        frames = np.concatenate([shape.frames for shape in shapes]).reshape(count, -1, 4, 3)
-        basis = self._section.model.spline.bases(np.array([shape.pressure_Pa for shape in shapes]))
+        frames = np.concatenate([shape.frames for shape in shapes]).reshape(len(shapes), -1, 4, 3)
+        return self.figures_of(frames, np.array([shape.pressure_Pa for shape in shapes]))
+
+    def figures_of(self, frames: Array, pressure_Pa: Array) -> ShapeFigures:
+        """Return the figures of chains with frames (k, f, 4, 3) at pressures (k,) [Pa]."""
+        count = len(frames)
+        basis = self._section.model.spline.bases(pressure_Pa)
         weights = (basis[:, 0] @ self._weights).reshape(count, -1, 8)
         points = frames.reshape(count, -1, 3).take(self._points, axis=1).reshape(count, -1, 8, 3)
         found = np.einsum("kna,knar->knr", weights, points)
@@ -67,3 +71,27 @@ class ChainReader(ShapeReader):
         inverse_length, length_rate = 1.0 / (values @ model.length), slopes @ model.length
         found = map(gas_volume, frames, coefficients, rates, inverse_length, length_rate)
         return np.array(list(found)) - slopes @ model.gas
+
+
+@final
+class ChainRows(ShapeRows):
+    """Shapes of a section arm.
+
+    Args:
+        reader: of the arm.
+        frames: (k, f, 4, 3).
+        pressure_Pa: (k,), gauge.
+    """
+
+    def __init__(self, reader: ChainReader, frames: Array, pressure_Pa: Array) -> None:
+        self._reader, self._frames, self._pressure_Pa = reader, frames, pressure_Pa
+
+    @property
+    def reader(self) -> ChainReader:
+        return self._reader
+
+    def shape(self, row: int) -> ChainShape:
+        return ChainShape(self._frames[row].copy(), float(self._pressure_Pa[row]))
+
+    def figures(self, rows: Rows) -> ShapeFigures:
+        return self._reader.figures_of(self._frames[rows], self._pressure_Pa[rows])

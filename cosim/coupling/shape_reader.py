@@ -5,13 +5,16 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, final
+from typing import Any, TypeAlias, final
 
 import numpy as np
 
-from cosim.frames import Array, cross
+from cosim.frames import Array, IntArray, cross
 from cosim.soft.body import SoftBody
 from cosim.soft.center_line import hole_rings
+
+Rows: TypeAlias = slice | IntArray
+"""Some rows of an array."""
 
 
 @final
@@ -71,6 +74,23 @@ class ShapeReader(ABC):
     @abstractmethod
     def figures(self, shapes: Sequence[Any]) -> ShapeFigures:
         """Return the figures of some shapes, at least one."""
+
+
+class ShapeRows(ABC):
+    """Shapes of some ticks in a row, one row each, in arrays that nothing changes any more."""
+
+    @property
+    @abstractmethod
+    def reader(self) -> ShapeReader:
+        """What reads each shape by itself."""
+
+    @abstractmethod
+    def shape(self, row: int) -> Any:
+        """Return the shape in a row for the reader, in arrays of its own."""
+
+    @abstractmethod
+    def figures(self, rows: Rows) -> ShapeFigures:
+        """Return the figures of some rows, at least one."""
 
 
 @final

@@ -43,7 +43,7 @@ class PlotBuffer:
         self._plots = plots
         self._tick_ns = tick_ns
         self._unread: list[Snapshot] = []
-        self._ticks: list[int] = []
+        self._ticks: list[IntArray] = []
         self._values: list[Array] = []
         self._styled: set[str] = set()
 
@@ -58,7 +58,7 @@ class PlotBuffer:
         block = Block(self._unread)
         columns = [plot.values(block).reshape(len(block), len(plot.series)) for plot in self._plots]
         self._values.append(np.concatenate(columns, axis=1))
-        self._ticks += [snapshot.tick for snapshot in self._unread]
+        self._ticks.append(block.tick)
         self._unread = []
 
     def flush(self) -> None:
@@ -67,7 +67,7 @@ class PlotBuffer:
             self._read()
         if not self._values:
             return
-        values, ticks = np.concatenate(self._values), np.array(self._ticks, dtype=np.int64)
+        values, ticks = np.concatenate(self._values), np.concatenate(self._ticks)
         times = time_columns(ticks, self._tick_ns)
         start = 0
         for plot in self._plots:

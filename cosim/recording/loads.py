@@ -67,8 +67,7 @@ class LoadArrows:
             centre: (frames, 3) [m], of the film.
             times: time columns of the same length.
         """
-        force = frames.rows(lambda s: s.ledger.wrench.force)
-        torque = frames.rows(lambda s: s.ledger.wrench.torque)
+        force, torque = frames.flange_force, frames.flange_torque
         flange, centre = frames.flange_position + self._before_wrist, centre + self._before_film
         weight = np.tile(self._metres_per_N * self._weight_N * self._down, (len(frames), 1))
         pull = self._metres_per_N * force

@@ -47,7 +47,7 @@ def _robot_plots(stage: Stage) -> list[Plot]:
             "Robot",
             chambers if several else ("gauge pressure",),
             series_colours(len(chambers)) if several else [SKY],
-            lambda b: 1e-3 * b.rows(lambda s: s.chamber_pressure_Pa),
+            lambda b: 1e-3 * b.chamber_pressure_Pa,
             legend=several,
         ),
         Plot(
@@ -76,7 +76,7 @@ def _robot_plots(stage: Stage) -> list[Plot]:
             "Robot",
             names,
             series_colours(cables),
-            lambda b: b.rows(lambda s: s.cable_tension_N),
+            lambda b: b.cable_tension_N,
         )
         plots.insert(2, tension)
     plots += [
@@ -94,7 +94,7 @@ def _interface_plots() -> list[Plot]:
             "Interface",
             ("x", "y", "z"),
             [VERMILION, GREEN, SKY],
-            lambda b: b.rows(lambda s: s.ledger.wrench.force),
+            lambda b: b.flange_force,
         ),
         Plot(
             "flange_torque",
@@ -102,7 +102,7 @@ def _interface_plots() -> list[Plot]:
             "Interface",
             ("x", "y", "z"),
             [VERMILION, GREEN, SKY],
-            lambda b: b.rows(lambda s: s.ledger.wrench.torque),
+            lambda b: b.flange_torque,
         ),
         Plot(
             "power_error",
@@ -110,7 +110,7 @@ def _interface_plots() -> list[Plot]:
             "Interface",
             ("power error",),
             [PINK],
-            lambda b: b.numbers(lambda s: s.ledger.power_error_W),
+            lambda b: b.power_error_W,
             legend=False,
         ),
         Plot(
@@ -119,7 +119,7 @@ def _interface_plots() -> list[Plot]:
             "Interface",
             ("mass ratio",),
             [ORANGE],
-            lambda b: b.numbers(lambda s: s.ledger.stability_ratio),
+            lambda b: b.stability_ratio,
             legend=False,
         ),
     ]
@@ -142,7 +142,7 @@ def _run_plots(stage: Stage, joints: int) -> list[Plot]:
         "Run",
         tuple(f"joint {k + 1}" for k in range(joints)),
         series_colours(joints),
-        lambda b: 1e3 * (b.rows(lambda s: s.joint_position) - b.rows(lambda s: s.joint_target)),
+        lambda b: 1e3 * (b.joint_position - b.joint_target),
     )
     return [
         Plot(
@@ -151,7 +151,7 @@ def _run_plots(stage: Stage, joints: int) -> list[Plot]:
             "Run",
             ("residual",),
             [SKY],
-            lambda b: np.log10(np.maximum(b.numbers(lambda s: s.ledger.residual_N), SMALLEST_RESIDUAL_N)),
+            lambda b: np.log10(np.maximum(b.residual_N, SMALLEST_RESIDUAL_N)),
             legend=False,
             peaks=True,
         ),
@@ -161,7 +161,7 @@ def _run_plots(stage: Stage, joints: int) -> list[Plot]:
             "Run",
             ("iterations",),
             [WHITE],
-            lambda b: b.numbers(lambda s: s.ledger.newton_iterations),
+            lambda b: b.newton_iterations.astype(np.float64),
             legend=False,
             peaks=True,
         ),
@@ -172,7 +172,7 @@ def _run_plots(stage: Stage, joints: int) -> list[Plot]:
 
 def cost_ms(block: Block, tick_s: float | None) -> Array:
     """Return the wall time of ticks [ms]; (k, 2) with the length of a tick if that is given, else (k,)."""
-    wall = 1e3 * block.numbers(lambda s: s.tick_wall_s)
+    wall = 1e3 * block.tick_wall_s
     return wall if tick_s is None else np.stack([wall, np.full(len(block), 1e3 * tick_s)], axis=1)
 
 
@@ -181,10 +181,5 @@ def target_distance(block: Block) -> Array:
 
     A component of the target that is not a number is free and does not count.
     """
-    targets = [snapshot.tip_target for snapshot in block.snapshots]
-    rows = np.array([k for k, target in enumerate(targets) if target is not None], dtype=np.int64)
-    distance = np.full(len(block), np.nan)
-    if len(rows):
-        away = block.tip_position[rows] - np.stack([target for target in targets if target is not None])
-        distance[rows] = np.sqrt(np.nansum(away**2, axis=1))
-    return distance
+    away = block.tip_position - block.tip_target
+    return np.where(block.has_tip_target, np.sqrt(np.nansum(away**2, axis=1)), np.nan)

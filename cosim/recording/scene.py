@@ -97,12 +97,11 @@ class Scene:
         log("/world/soft/film", rr.Mesh3D.from_fields(triangle_indices=indices), static=True)
 
     def _send_bodies(self, frames: Block, times: Sequence[rr.TimeColumn]) -> None:
-        positions = np.stack([frame.body_position for frame in frames.snapshots], axis=1)
-        quaternions = np.stack([frame.body_quaternion for frame in frames.snapshots], axis=1)
-        quaternions = quaternions[..., [1, 2, 3, 0]]
+        positions = frames.body_position
+        quaternions = frames.body_quaternion[..., [1, 2, 3, 0]]
         for body in self._drawn:
-            there = column(rr.Transform3D, "translation", Translation3DBatch(positions[body]))
-            turned = column(rr.Transform3D, "quaternion", RotationQuatBatch(quaternions[body]))
+            there = column(rr.Transform3D, "translation", Translation3DBatch(positions[:, body]))
+            turned = column(rr.Transform3D, "quaternion", RotationQuatBatch(quaternions[:, body]))
             self._stream.send_columns(self._paths[body], times, [there, turned])
         seen = frames.flange_position + _FOLLOWED * (frames.tip_position - frames.flange_position)
         followed = column(rr.Transform3D, "translation", Translation3DBatch(seen))
@@ -126,7 +125,7 @@ class Scene:
         return positions
 
     def _send_cables(self, frames: Block, positions: Single, times: Sequence[rr.TimeColumn]) -> None:
-        tension = np.concatenate([frame.cable_tension_N for frame in frames.snapshots])[:, None]
+        tension = frames.cable_tension_N.reshape(-1, 1)
         taut = tension / (tension + _HALF_TAUT_N)
         colours = (1.0 - taut) * np.array(GREY) + taut * np.array(ORANGE)
         self._send_node_lines("cables", positions, self._stage.cables, times, colours.astype(np.uint8))

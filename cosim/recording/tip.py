@@ -9,7 +9,7 @@ import numpy as np
 import rerun as rr
 from rerun.components import Position3DBatch
 
-from cosim.frames import Array
+from cosim.frames import Array, IntArray
 from cosim.recording.blueprint import TIP_PATH
 from cosim.recording.colours import GREEN, PINK
 from cosim.recording.columns import column
@@ -46,20 +46,16 @@ class TipMarks:
         steps = np.stack([tips[:-1], tips[1:]], axis=1)
         ones = np.ones(len(frames), dtype=np.int64)
         send_lines(self._stream, TIP_PATH, times, steps.reshape(-1, 3), 2 * ones, ones)
-        shown = zip(frames.snapshots, frames.tip_position, strict=True)
-        self._send_target([_shown_target(frame.tip_target, tip) for frame, tip in shown], times)
+        given = frames.has_tip_target
+        target, tip = frames.tip_target[given], frames.tip_position[given]
+        # where a component is free (not a number), the tip's own
+        self._send_targets(np.where(np.isnan(target), tip, target), given.astype(np.int64), times)
 
-    def _send_target(self, targets: Sequence[Array | None], times: Sequence[rr.TimeColumn]) -> None:
-        given = np.array([target for target in targets if target is not None]).reshape(-1, 3)
-        rows = np.array([target is not None for target in targets], dtype=np.int64)
+    def _send_targets(self, targets: Array, rows: IntArray, times: Sequence[rr.TimeColumn]) -> None:
+        """Write targets (m, 3) [m], so many in each row."""
         arms = 0.5 * _CROSS_M * np.stack([-np.eye(3), np.eye(3)], axis=1)
-        points = (given[:, None, None] + arms).reshape(-1, 3)
-        send_lines(self._stream, _TARGET, times, points, np.full(3 * len(given), 2), 3 * rows)
-        below = Position3DBatch(given - (0.0, 0.0, 0.5 * _CROSS_M))
+        points = (targets[:, None, None] + arms).reshape(-1, 3)
+        send_lines(self._stream, _TARGET, times, points, np.full(3 * len(targets), 2), 3 * rows)
+        below = Position3DBatch(targets - (0.0, 0.0, 0.5 * _CROSS_M))
         columns = [column(rr.Points3D, "positions", below, rows)]
         self._stream.send_columns(f"{_TARGET}/label", times, columns)
-
-
-def _shown_target(target: Array | None, tip: Array) -> Array | None:
-    """The target; where a component of it is free (not a number), the tip's own."""
-    return None if target is None else np.where(np.isnan(target), tip, target)

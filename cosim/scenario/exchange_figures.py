@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, final
 
-from cosim.coupling.ledger import LedgerEntry
+import numpy as np
+
+from cosim.frames import Array
+from cosim.scenario.block import Block
 
 
 @final
@@ -30,16 +32,16 @@ class ExchangeFigures:
     power_error: float = 0.0
     momentum_error: float = 0.0
 
-    def after(self, ledgers: Sequence[LedgerEntry]) -> ExchangeFigures:
+    def after(self, block: Block) -> ExchangeFigures:
         """Return the figures with some ticks more."""
-        trials = [entry.trials for entry in ledgers if entry.scheme == "iterated" and entry.trials > 0]
+        trials = block.iterated_trials
         return ExchangeFigures(
-            self.iterated_ticks + len(trials),
-            self.trials + sum(trials),
-            max([self.most_trials, *trials]),
-            max([self.residual, *[entry.interface_residual for entry in ledgers]]),
-            max([self.power_error, *[entry.power_error for entry in ledgers]]),
-            max([self.momentum_error, *[entry.momentum_error for entry in ledgers]]),
+            self.iterated_ticks + int(np.count_nonzero(trials)),
+            self.trials + int(trials.sum()),
+            max(self.most_trials, int(trials.max())),
+            largest(self.residual, block.interface_residual),
+            largest(self.power_error, block.power_error),
+            largest(self.momentum_error, block.momentum_error),
         )
 
     def summary(self) -> dict[str, Any]:
@@ -52,3 +54,8 @@ class ExchangeFigures:
             "max_interface_power_error": self.power_error,
             "max_momentum_error": self.momentum_error,
         }
+
+
+def largest(before: float, values: Array) -> float:
+    """Return the largest of a number and values (k,); what is not a number does not count."""
+    return float(np.fmax.reduce(values, initial=before))

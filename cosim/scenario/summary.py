@@ -9,10 +9,10 @@ from typing import Any, Final, Literal, final
 
 import numpy as np
 
-from cosim.scenario.block import READ_AT_ONCE
+from cosim.scenario.block import READ_AT_ONCE, Block
 from cosim.scenario.device_figures import DeviceFigures, DeviceFiguresState
-from cosim.scenario.exchange_figures import ExchangeFigures
-from cosim.scenario.snapshot import LedgerEntry, Snapshot, Stage
+from cosim.scenario.exchange_figures import ExchangeFigures, largest
+from cosim.scenario.snapshot import Snapshot, Stage
 
 SUMMARY_SCHEMA = 1
 Status = Literal["completed", "interrupted", "failed"]
@@ -21,7 +21,7 @@ _LARGEST: Final = (
     "residual_N", "stability_ratio", "contact_force_N", "contact_depth_m", "self_contact_force_N",
     "self_contact_depth_m",
 )  # fmt: skip
-"""Of a ledger entry: the largest of the run is kept."""
+"""Of every tick: the largest of the run is kept."""
 
 # of the builder; the rest is gathered
 _GIVEN = {"_stage", "_startup_s", "_version", "_resumed_at_ticks", "_last", "_devices", "_unread"}
@@ -68,7 +68,7 @@ class SummaryBuilder:
         self._resumed_at_ticks = resumed_at_ticks
         self._phases: list[dict[str, Any]] = []
         self._last: Snapshot | None = None
-        self._unread: list[LedgerEntry] = []
+        self._unread: list[Snapshot] = []
         self._newton_iterations = 0
         self._phase_iterations = 0
         self._max_residual_N = 0.0
@@ -85,7 +85,7 @@ class SummaryBuilder:
         """Take in one snapshot; they come in order, tick 0 first."""
         if self._last is not None and snapshot.phase != self._last.phase:
             self._close_phase(complete=True)
-        self._unread.append(snapshot.ledger)
+        self._unread.append(snapshot)
         if len(self._unread) == READ_AT_ONCE:
             self._read()
         self._last = snapshot
@@ -93,17 +93,18 @@ class SummaryBuilder:
             self._devices.observe(snapshot)
 
     def _read(self) -> None:
-        """Take in the ledgers gathered."""
-        ledgers, self._unread = self._unread, []
-        iterations = sum([entry.newton_iterations for entry in ledgers])
+        """Take in the snapshots gathered, and let go of them."""
+        if not self._unread:
+            return
+        block, self._unread = Block(self._unread), []
+        iterations = int(block.newton_iterations.sum())
         self._newton_iterations += iterations
         self._phase_iterations += iterations
-        self._exchange = self._exchange.after(ledgers)
-        power_errors = [abs(entry.power_error_W) for entry in ledgers]
-        self._max_power_error_W = max([self._max_power_error_W, *power_errors])
+        self._exchange = self._exchange.after(block)
+        self._max_power_error_W = largest(self._max_power_error_W, np.abs(block.power_error_W))
         for name in _LARGEST:
             here = f"_max_{name}"
-            setattr(self, here, max([getattr(self, here), *[getattr(entry, name) for entry in ledgers]]))
+            setattr(self, here, largest(getattr(self, here), getattr(block, name)))
 
     def save_state(self) -> SummaryState:
         """Return the figures so far; there is a snapshot."""

@@ -21,6 +21,7 @@ from cosim.scenario.schema import Scenario
 from cosim.scenario.snapshot import Snapshot, Stage
 from cosim.trade.simulation import Build
 
+_COLUMNS = ("time_s", "tip_position", "flange_force", "contact_force_N", "phase", "newton_iterations")
 STRETCH_S = 0.2
 """Simulated time over which a run must not be slower than its bound."""
 
@@ -94,10 +95,9 @@ class CurveBuilder:
 
     scenario: Scenario
     stage: Stage
-    _rows: list[tuple[float, Array, Array, float, int]] = field(default_factory=list)
-    _tips: list[Array] = field(default_factory=list)
+    _arrays: dict[str, list[Array]] = field(default_factory=lambda: {name: [] for name in _COLUMNS})
+    _objects: list[Array] = field(default_factory=list)
     _unread: list[Snapshot] = field(default_factory=list)
-    _iterations: int = 0
 
     def __post_init__(self) -> None:
         can_move = {entry.name for entry in self.scenario.objects if entry.mass_kg is not None}
@@ -105,32 +105,27 @@ class CurveBuilder:
 
     def observe(self, snapshot: Snapshot) -> None:
         """Take in one snapshot."""
-        ledger = snapshot.ledger
-        self._rows.append((
-            snapshot.time_s, snapshot.body_position[self._bodies], ledger.wrench.force,
-            ledger.contact_force_N, snapshot.phase,
-        ))  # fmt: skip
-        self._iterations += ledger.newton_iterations if len(self._rows) > 1 else 0
         self._unread.append(snapshot)
         if len(self._unread) == READ_AT_ONCE:
             self._read()
 
     def _read(self) -> None:
-        """Read the tip off the snapshots gathered, and let go of them."""
+        """Read the columns off the snapshots gathered, and let go of them."""
         if self._unread:
-            self._tips.append(Block(self._unread).tip_position)
-            self._unread = []
+            block, self._unread = Block(self._unread), []
+            self._objects.append(block.body_position[:, self._bodies])
+            for name, found in self._arrays.items():
+                found.append(getattr(block, name))
 
     def curve(self, cpu_s: float) -> Curve:
         """Return what was collected, which took so much CPU time."""
         self._read()
-        time_s, objects, force, contact, phases = zip(*self._rows, strict=True)
-        last = len(phases) - 1
-        ends = [k for k in range(1, last + 1) if k == last or phases[k + 1] != phases[k]]
-        return Curve(
-            np.array(time_s), np.concatenate(self._tips), np.array(objects), np.array(force),
-            np.array(contact), tuple(ends), cpu_s, self._iterations / max(1, last),
-        )  # fmt: skip
+        objects = np.concatenate(self._objects)
+        time_s, tip, force, contact, phase, iterations = map(np.concatenate, self._arrays.values())
+        last = len(phase) - 1
+        ends = [k for k in range(1, last + 1) if k == last or phase[k + 1] != phase[k]]
+        each = int(iterations[1:].sum()) / max(1, last)
+        return Curve(time_s, tip, objects, force, contact, tuple(ends), cpu_s, each)
 
 
 def trace(
