@@ -51,11 +51,12 @@ class Runs:
 
     def pair(
         self, name: str, changes: Mapping[str, Any] | None = None, label: str = ""
-    ) -> tuple[RunResult, RunResult]:
-        """Return our run of a scenario and that of the paper's model."""
+    ) -> tuple[tuple[RunResult, str, str], tuple[RunResult, str, str]]:
+        """Return our run of a scenario and that of the paper's model, with the colour and words of each."""
         changes = {**EVERY_INCREMENT, **(changes or {})}
         ours = self.single(name, changes, f"{name}{label}-ours")
-        return ours, self.single(name, {**changes, **PAPER}, f"{name}{label}-paper")
+        model = self.single(name, {**changes, **PAPER}, f"{name}{label}-paper")
+        return (ours, OURS, "ours"), (model, MODEL, "paper's model")
 
     def single(
         self, name: str, changes: Mapping[str, Any], directory: str, phases: int | None = None
@@ -95,7 +96,7 @@ def reference(name: str) -> Any:
 def lengths(axes: Axes, runs: Runs, name: str) -> dict[str, float]:
     """Plot length over pressure of both models; return the final lengths [mm]."""
     figures = {}
-    for result, colour, label in zip(runs.pair(name), (OURS, MODEL), ("ours", "paper's model"), strict=True):
+    for result, colour, label in runs.pair(name):
         axes.plot(1e-3 * result.pressure_Pa, 1e3 * result.tip_position[:, 2], color=colour, label=label)
         figures[label] = 1e3 * float(result.tip_position[-1, 2])
     axes.set(xlabel="pressure [kPa]", ylabel="length [mm]")
@@ -127,8 +128,8 @@ def three_point_bending(axes: Axes, runs: Runs) -> dict[str, float]:
     """Deflection over force at three pressures."""
     figures, sweep = {}, reference("Three_Point_Bending_pressure_sweep")
     for line, kPa in zip(("-", "--", "-."), PRESSURES_kPa, strict=True):
-        pair = runs.pair("three_point_bending", {"phase.inflate.pressure_Pa": 1e3 * kPa}, f"-{kPa}kPa")
-        for result, colour, label in zip(pair, (OURS, MODEL), ("ours", "paper's model"), strict=True):
+        changes = {"phase.inflate.pressure_Pa": 1e3 * kPa}
+        for result, colour, label in runs.pair("three_point_bending", changes, f"-{kPa}kPa"):
             shift = deflection(result, "bend")
             axes.plot(
                 np.linspace(0.0, 1.2, len(shift)), shift, line, color=colour, label=f"{label}, {kPa} kPa"
@@ -147,7 +148,7 @@ def three_point_bending_cables(axes: Axes, runs: Runs) -> dict[str, float]:
     for line, tension, words in (("-", 0.5, "cables at 0.5 N"), ("--", 0.0, "slack")):
         changes = {"phase.tighten.cable_tension_N": [tension] * 4}
         pair = runs.pair("three_point_bending_cables", changes, "" if tension else "-slack")
-        for result, colour, label in zip(pair, (OURS, MODEL), ("ours", "paper's model"), strict=True):
+        for result, colour, label in pair:
             shift = deflection(result, "bend")
             axes.plot(np.linspace(0.0, 2.1, len(shift)), shift, line, color=colour, label=f"{label}, {words}")
             figures[f"{label}, {words}"] = float(shift[-1])
@@ -162,9 +163,7 @@ def three_point_bending_cables(axes: Axes, runs: Runs) -> dict[str, float]:
 def bending_angle(axes: Axes, runs: Runs) -> dict[str, float]:
     """Tilt of the tip over the tension of two cables."""
     figures = {}
-    for result, colour, label in zip(
-        runs.pair("bending_angle"), (OURS, MODEL), ("ours", "paper's model"), strict=True
-    ):
+    for result, colour, label in runs.pair("bending_angle"):
         angle = tilt(result, "pull")
         axes.plot(result.cable_tension_N[in_phase(result, "pull"), 0], angle, color=colour, label=label)
         figures[label] = float(angle[-1])
@@ -178,9 +177,7 @@ def bending_angle(axes: Axes, runs: Runs) -> dict[str, float]:
 def bending_angle_tip_load(axes: Axes, runs: Runs) -> dict[str, float]:
     """Tip's sideways place under a load of 2 x 0.5 N, then over the tension that works against it."""
     figures = {}
-    for result, colour, label in zip(
-        runs.pair("bending_angle_tip_load"), (OURS, MODEL), ("ours", "paper's model"), strict=True
-    ):
+    for result, colour, label in runs.pair("bending_angle_tip_load"):
         rows = in_phase(result, "pull")
         y = 1e3 * result.tip_position[rows, 1]
         axes.plot(result.cable_tension_N[rows, 0], y, color=colour, label=label)
@@ -209,9 +206,7 @@ def hexagon_arm_bending(axes: Axes, runs: Runs) -> dict[str, float]:
 def gripper_finger_closing(axes: Axes, runs: Runs) -> dict[str, float]:
     """Path of the tip in the finger's plane."""
     figures = {}
-    for result, colour, label in zip(
-        runs.pair("gripper_finger_closing"), (OURS, MODEL), ("ours", "paper's model"), strict=True
-    ):
+    for result, colour, label in runs.pair("gripper_finger_closing"):
         _, y, z = 1e3 * result.tip_position.T
         axes.plot(y, z, color=colour, label=label)
         for tension in (0.6, 3.0):

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import Any, TypeAlias
+from typing import Any, TypeAlias, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +19,7 @@ IntArray: TypeAlias = NDArray[np.int64]
 Mask: TypeAlias = NDArray[np.bool_]
 SixNumbers: TypeAlias = tuple[float, float, float, float, float, float]
 
+_Kind = TypeVar("_Kind")
 _NEXT, _AFTER = np.array([1, 2, 0]), np.array([2, 0, 1])
 _FEW = 300  # numbers, up to which copies cost less than views
 
@@ -33,6 +34,16 @@ def _frozen(value: Any, shape: tuple[int, ...]) -> Array:
         array = array.reshape(shape)
     array.setflags(write=False)
     return array
+
+
+def _owning(kind: type[_Kind], name: str, array: Array, other_name: str, other: Array) -> _Kind:
+    """Return an instance that takes over its two arrays, without copies and checks of its constructor."""
+    array.setflags(False)  # type: ignore[call-arg]  # write: by keyword it takes twice as long
+    other.setflags(False)  # type: ignore[call-arg]
+    made = object.__new__(kind)
+    held = made.__dict__
+    held[name], held[other_name] = array, other
+    return made
 
 
 def cross_matrix(vector: Array) -> Array:
@@ -177,12 +188,7 @@ class Pose:
     @classmethod
     def owning(cls, rotation: Array, translation: Array) -> Pose:
         """Return the pose that takes over arrays of the right shapes, which nobody else may hold."""
-        pose = object.__new__(cls)
-        rotation.setflags(write=False)
-        translation.setflags(write=False)
-        held = vars(pose)
-        held["rotation"], held["translation"] = rotation, translation
-        return pose
+        return _owning(cls, "rotation", rotation, "translation", translation)
 
     @classmethod
     def from_quaternion(cls, quaternion: Array, translation: Array) -> Pose:
@@ -233,12 +239,7 @@ class Twist:
     @classmethod
     def owning(cls, linear: Array, angular: Array) -> Twist:
         """Return the twist that takes over arrays (3,), which nobody else may hold."""
-        twist = object.__new__(cls)
-        linear.setflags(write=False)
-        angular.setflags(write=False)
-        held = vars(twist)
-        held["linear"], held["angular"] = linear, angular
-        return twist
+        return _owning(cls, "linear", linear, "angular", angular)
 
 
 @dataclass(frozen=True)
@@ -255,11 +256,7 @@ class Wrench:
     @classmethod
     def owning(cls, force: Array, torque: Array) -> Wrench:
         """Return the wrench that takes over arrays (3,), to which nobody else may write."""
-        wrench = object.__new__(cls)
-        force.setflags(write=False)
-        torque.setflags(write=False)
-        vars(wrench).update(force=force, torque=torque)
-        return wrench
+        return _owning(cls, "force", force, "torque", torque)
 
     def __add__(self, other: Wrench) -> Wrench:
         return Wrench(self.force + other.force, self.torque + other.torque)

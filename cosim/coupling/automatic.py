@@ -7,7 +7,7 @@ from typing import final
 
 import numpy as np
 
-from cosim.coupling.body_mass import RATIO_BOUND
+from cosim.coupling.body_stiffness import RATIO_BOUND
 from cosim.coupling.coupling import Coupling
 from cosim.coupling.interface import Interface, ServoCommand
 from cosim.coupling.interface_search import IterationOptions

@@ -13,15 +13,12 @@ from typing import final
 
 import numpy as np
 
-from cosim.coupling.body_stiffness import body_stiffness
+from cosim.coupling.body_stiffness import RATIO_BOUND, RENEW_ABOVE, RENEW_EVERY_TICKS, body_stiffness
 from cosim.coupling.contact import ContactExchange
 from cosim.coupling.jointed_mass import JointedMass, JointedMassState
 from cosim.coupling.soft_side import SoftSide
 from cosim.frames import Array
 from cosim.soft.contact import ContactPlanes
-
-_RENEW_EVERY_TICKS = 10
-RATIO_BOUND = 1.0  # above it the explicit exchange can grow
 
 
 @final
@@ -90,9 +87,8 @@ class BodyMass:
         owner = self._exchange.query.body[self._exchange.shape]
         total = np.array([stiffness[owner == body].sum() for body in self._exchange.bodies.free])
         self._age += 1
-        # contacts that have come since make it stiffer, at most in proportion
-        grown = (total > 1.2 * self._touching).any()
-        if grown or self._age >= _RENEW_EVERY_TICKS:
+        grown = (total > RENEW_ABOVE * self._touching).any()
+        if grown or self._age >= RENEW_EVERY_TICKS:
             self._age = 0
             self._touching = total
             for k in range(len(total)):

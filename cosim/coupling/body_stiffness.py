@@ -10,6 +10,12 @@ from cosim.coupling.soft_side import SoftSide
 from cosim.frames import Array, IntArray
 from cosim.soft.contact import ContactPlanes
 
+RATIO_BOUND = 1.0
+"""Algorithmic mass over a body's inertia above which the explicit exchange can grow."""
+RENEW_EVERY_TICKS = 10
+RENEW_ABOVE = 1.2
+"""Growth of the contacts' own stiffness beyond which S is found anew: it grows at most in proportion."""
+
 
 def body_stiffness(
     exchange: ContactExchange,

@@ -12,14 +12,11 @@ from typing import final
 
 import numpy as np
 
-from cosim.coupling.body_stiffness import body_stiffness
+from cosim.coupling.body_stiffness import RATIO_BOUND, RENEW_ABOVE, RENEW_EVERY_TICKS, body_stiffness
 from cosim.coupling.contact import ContactExchange
 from cosim.coupling.soft_side import SoftSide
 from cosim.frames import Array, IntArray
 from cosim.soft.contact import ContactPlanes
-
-_RENEW_EVERY_TICKS = 10
-_RATIO_BOUND = 1.0  # above it the explicit exchange can grow
 
 
 @final
@@ -68,8 +65,8 @@ class JointedMass:
         touched = bodies.on_joints(np.unique(owner[stiffness > 0.0]))
         total = np.array([stiffness[owner == body].sum() for body in touched])
         self._age += 1
-        same = np.array_equal(touched, self._touched) and not (total > 1.2 * self._stiffness).any()
-        if same and (self._age < _RENEW_EVERY_TICKS or not len(touched)):
+        same = np.array_equal(touched, self._touched) and not (total > RENEW_ABOVE * self._stiffness).any()
+        if same and (self._age < RENEW_EVERY_TICKS or not len(touched)):
             return
         self._age, self._touched, self._stiffness, self.ratio = 0, touched, total, 0.0
         if planes is None or not len(touched):
@@ -82,7 +79,7 @@ class JointedMass:
         for block, own in zip(inertia, places, strict=True):
             joint[np.ix_(own, own)] = block
         self.ratio = float(np.linalg.eigvals(mobility @ joint).real.max())
-        carries = carry and self.ratio > _RATIO_BOUND
+        carries = carry and self.ratio > RATIO_BOUND
         bodies.carried.carry(touched[:0] if not carries else touched, inertia[:0] if not carries else inertia)
 
     def save_state(self) -> JointedMassState:

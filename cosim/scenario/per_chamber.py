@@ -10,8 +10,7 @@ from collections.abc import Mapping, Sequence
 from typing import TypeAlias, TypeVar
 
 from cosim.errors import ScenarioError
-from cosim.scenario.name_patterns import matching
-from cosim.scenario.suggestions import unknown_name_message
+from cosim.scenario.name_patterns import by_name
 
 Value = TypeVar("Value")
 PerChamber: TypeAlias = Value | tuple[Value, ...] | Mapping[str, Value]
@@ -31,12 +30,7 @@ def given_values(
         ScenarioError: a list of another length, or a name that stands for no chamber.
     """
     if isinstance(setting, Mapping):
-        found: dict[str, Value] = {}
-        for key, value in setting.items():
-            meant = matching(key, names)
-            if not meant:
-                raise ScenarioError(f"{path}.{key}", unknown_name_message("chamber", key, tuple(names)))
-            found.update(dict.fromkeys(meant, value))
+        found = by_name(setting, names, "chamber", path)
         return tuple(found.get(name) for name in names)
     if not isinstance(setting, tuple):
         return (setting,) * len(names)

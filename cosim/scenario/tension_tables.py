@@ -10,8 +10,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from cosim.errors import ScenarioError
-from cosim.scenario.name_patterns import matching
-from cosim.scenario.suggestions import unknown_name_message
+from cosim.scenario.name_patterns import by_name
 
 _KEY = "cable_tension_N"
 
@@ -54,12 +53,7 @@ def _phases(phases: Any) -> list[tuple[str, Any]]:
 def _listed(
     given: Mapping[str, Any], before: list[Any] | None, cables: Sequence[str], path: str
 ) -> list[Any]:
-    found: dict[str, Any] = {}
-    for key, value in given.items():
-        meant = matching(key, cables)
-        if not meant:
-            raise ScenarioError(f"{path}.{key}", unknown_name_message("cable", key, tuple(cables)))
-        found.update(dict.fromkeys(meant, value))
+    found = by_name(given, cables, "cable", path)
     missing = [name for name in cables if name not in found]
     if missing and (before is None or len(before) != len(cables)):
         raise ScenarioError(

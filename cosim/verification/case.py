@@ -32,6 +32,14 @@ class Figure:
     absolute: bool = False
     observed_order: float | None = None
 
+    @classmethod
+    def refined(
+        cls, quantity: str, unit: str, coarse: float, fine: float, reference: float, tolerance: float = 5e-3
+    ) -> Figure:
+        """Return the figure of a mesh, with the order of convergence from one half as fine."""
+        order = observed_order(coarse - reference, fine - reference)
+        return cls(quantity, unit, fine, reference, tolerance, observed_order=order)
+
     @property
     def error(self) -> float:
         """The error, relative to the reference unless the tolerance is absolute."""

@@ -83,10 +83,9 @@ class CantileverModes(Case):
         exact = exact_frequencies(strip)
         coarse, fine = bending_modes(replace(strip, panels=COARSE))[0], bending_modes(strip)[0]
         figures = [
-            Figure(f"omega_{k + 1} from K and M", "rad/s", fine[k], exact[k], 5e-3,
-                   observed_order=observed_order(coarse[k] - exact[k], fine[k] - exact[k]))
+            Figure.refined(f"omega_{k + 1} from K and M", "rad/s", coarse[k], fine[k], exact[k])
             for k in range(3)
-        ]  # fmt: skip
+        ]
         moving = replace(strip, panels=DYNAMIC_PANELS)
         own = bending_modes(moving)[0][0]
         half, full = (frequency_in_time(moving, n) for n in (STEPS_PER_PERIOD // 2, STEPS_PER_PERIOD))

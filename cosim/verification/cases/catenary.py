@@ -11,7 +11,7 @@ from scipy.optimize import brentq
 
 from cosim.soft.film import Film
 from cosim.soft.newton import NewtonOptions
-from cosim.verification.case import Case, Figure, observed_order
+from cosim.verification.case import Case, Figure
 from cosim.verification.specimen import UNLOADED, Specimen
 from cosim.verification.strip import Strip
 
@@ -64,10 +64,8 @@ class Catenary(Case):
         figures = []
         for span in SPANS:
             reference, coarse, fine = exact(span), hanging(COARSE, span), hanging(FINE, span)
-            for k, name in enumerate(("sag / s", "H / (w s)")):
-                order = observed_order(coarse[k] - reference[k], fine[k] - reference[k])
-                figures.append(
-                    Figure(f"{name}, l / s = {1.0 / span:g}", "1", fine[k], reference[k], 5e-3,
-                           observed_order=order)
-                )  # fmt: skip
+            figures += [
+                Figure.refined(f"{name}, l / s = {1.0 / span:g}", "1", c, f, r)
+                for name, c, f, r in zip(("sag / s", "H / (w s)"), coarse, fine, reference, strict=True)
+            ]
         return tuple(figures)

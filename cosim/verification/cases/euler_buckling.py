@@ -9,7 +9,7 @@ from typing import ClassVar, final
 from scipy.special import ellipe, ellipk
 
 from cosim.soft.body import Loads
-from cosim.verification.case import Case, Figure, observed_order
+from cosim.verification.case import Case, Figure
 from cosim.verification.specimen import UNLOADED
 from cosim.verification.strip import Strip
 
@@ -63,9 +63,7 @@ class EulerBuckling(Case):
 
     def run(self) -> tuple[Figure, ...]:
         exact = euler_load(Strip(FINE))
-        coarse, fine = critical_load(COARSE), critical_load(FINE)
-        order = observed_order(coarse - exact, fine - exact)
-        return (Figure("critical load", "N", fine, exact, 5e-3, observed_order=order),)
+        return (Figure.refined("critical load", "N", critical_load(COARSE), critical_load(FINE), exact),)
 
 
 @final

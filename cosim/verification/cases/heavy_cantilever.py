@@ -10,7 +10,7 @@ import numpy as np
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
-from cosim.verification.case import Case, Figure, observed_order
+from cosim.verification.case import Case, Figure
 from cosim.verification.specimen import UNLOADED
 from cosim.verification.strip import Strip
 
@@ -61,12 +61,9 @@ class HeavyCantilever(Case):
     def run(self) -> tuple[Figure, ...]:
         figures = []
         for weight, coarse, fine in zip(WEIGHTS, computed_tips(COARSE), computed_tips(FINE), strict=True):
-            exact = exact_tip(weight)
-            for k, (name, unit) in enumerate((("tip drop / L", "1"), ("tip slope", "rad"))):
-                order = observed_order(coarse[k] - exact[k], fine[k] - exact[k])
-                figures.append(
-                    Figure(
-                        f"{name}, w L^3/EI = {weight:g}", unit, fine[k], exact[k], 5e-3, observed_order=order
-                    )
-                )
+            names = (("tip drop / L", "1"), ("tip slope", "rad"))
+            figures += [
+                Figure.refined(f"{name}, w L^3/EI = {weight:g}", unit, c, f, r)
+                for (name, unit), c, f, r in zip(names, coarse, fine, exact_tip(weight), strict=True)
+            ]
         return tuple(figures)

@@ -12,7 +12,7 @@ from scipy.optimize import brentq
 from cosim.soft.body import SoftBody
 from cosim.soft.film import Film
 from cosim.soft.newton import NewtonOptions
-from cosim.verification.case import Case, Figure, observed_order
+from cosim.verification.case import Case, Figure
 from cosim.verification.meshes import quarter_disc
 from cosim.verification.specimen import UNLOADED, Specimen
 
@@ -86,6 +86,6 @@ class HenckyMembrane(Case):
         coarse, fine = inflated(COARSE), inflated(FINE)
         names = (("w0 / a", "1"), ("stress at the centre", "Pa"), ("volume", "m^3"))
         return tuple(
-            Figure(name, unit, f, r, 1e-2, observed_order=observed_order(c - r, f - r))
+            Figure.refined(name, unit, c, f, r, 1e-2)
             for (name, unit), c, f, r in zip(names, coarse, fine, exact, strict=True)
         )

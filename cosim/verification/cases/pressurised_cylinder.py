@@ -10,7 +10,7 @@ import numpy as np
 from cosim.soft.body import SoftBody
 from cosim.soft.film import Film
 from cosim.soft.newton import NewtonOptions
-from cosim.verification.case import Case, Figure, observed_order
+from cosim.verification.case import Case, Figure
 from cosim.verification.meshes import held_on_axis, tube
 from cosim.verification.specimen import UNLOADED, Specimen
 
@@ -54,6 +54,6 @@ class PressurisedCylinder(Case):
         coarse, fine = inflated(COARSE), inflated(FINE)
         names = (("dR / R", "1"), ("dL / L", "1"), ("hoop stress", "Pa"), ("axial stress", "Pa"))
         return tuple(
-            Figure(name, unit, f, r, 5e-3, observed_order=observed_order(c - r, f - r))
+            Figure.refined(name, unit, c, f, r)
             for (name, unit), c, f, r in zip(names, coarse, fine, exact, strict=True)
         )

@@ -10,7 +10,7 @@ import numpy as np
 from cosim.soft.body import SoftBody
 from cosim.soft.film import Film
 from cosim.soft.newton import NewtonOptions
-from cosim.verification.case import Case, Figure, observed_order
+from cosim.verification.case import Case, Figure
 from cosim.verification.meshes import octant_sphere
 from cosim.verification.specimen import UNLOADED, Specimen
 
@@ -46,10 +46,7 @@ class PressurisedSphere(Case):
         stress = PRESSURE_PA * RADIUS_M / (2.0 * FILM.thickness_m)
         growth = stress * (1.0 - FILM.poisson_ratio) / FILM.young_modulus_Pa
         coarse, fine = inflated(COARSE), inflated(FINE)
-        orders = [
-            observed_order(c - r, f - r) for c, f, r in zip(coarse, fine, (growth, stress), strict=True)
-        ]
         return (
-            Figure("dR / R", "1", fine[0], growth, 5e-3, observed_order=orders[0]),
-            Figure("mean stress", "Pa", fine[1], stress, 5e-3, observed_order=orders[1]),
+            Figure.refined("dR / R", "1", coarse[0], fine[0], growth),
+            Figure.refined("mean stress", "Pa", coarse[1], fine[1], stress),
         )

@@ -9,7 +9,7 @@ from typing import ClassVar, final
 from scipy.optimize import brentq
 from scipy.special import ellipe, ellipeinc, ellipk, ellipkinc
 
-from cosim.verification.case import Case, Figure, observed_order
+from cosim.verification.case import Case, Figure
 from cosim.verification.specimen import UNLOADED
 from cosim.verification.strip import Strip
 
@@ -64,11 +64,8 @@ class TipLoadedCantilever(Case):
     def run(self) -> tuple[Figure, ...]:
         figures = []
         for alpha, coarse, fine in zip(LOADS, computed_tips(COARSE), computed_tips(FINE), strict=True):
-            exact = exact_tip(alpha)
-            for k, name in enumerate(("drop", "reach")):
-                order = observed_order(coarse[k] - exact[k], fine[k] - exact[k])
-                figures.append(
-                    Figure(f"tip {name} / L, P L^2/EI = {alpha:g}", "1", fine[k], exact[k], 5e-3,
-                           observed_order=order)
-                )  # fmt: skip
+            figures += [
+                Figure.refined(f"tip {name} / L, P L^2/EI = {alpha:g}", "1", c, f, r)
+                for name, c, f, r in zip(("drop", "reach"), coarse, fine, exact_tip(alpha), strict=True)
+            ]
         return tuple(figures)
