@@ -7,8 +7,8 @@ with the carriage's mass on its first node. arm: a UR5e of weak servos and littl
 heavy base, a step of 2 mrad in all joints. grasp: a light cube between two pads; its error is how far it
 goes, its unrest how much that changes in the last fifth of the ticks. shaken: one of 50 g in a grasp that
 swings 20 mm at 2 Hz; how far it moves in its grasp. "plain": the staggered exchange without algorithmic mass,
-"staggered": with it. The soft side steps by implicit Euler unless told otherwise; the strip has an exact answer
-with that only. Costs are processor time of one tick, ratios within this run.
+"staggered": with it. The soft side steps by implicit Euler unless told otherwise; the strip has an exact
+answer with that only. Costs are processor time of one tick, ratios within this run.
 """
 
 from __future__ import annotations
@@ -169,7 +169,8 @@ def main() -> None:
         print(
             f"| {found['case']} | {found['scheme']} | {found['ratio']:.2f} | {found['trials_mean']:.1f} / "
             f"{found['trials_max']} | {found['error_m']:.1e}, {found['unrest_m']:.1e} | "
-            f"{found['power_error']:.1e} | {found['momentum_error']:.1e} | {found['ms_per_tick']:.2f} | {found['ended']} |",
+            f"{found['power_error']:.1e} | {found['momentum_error']:.1e} | {found['ms_per_tick']:.2f} | "
+            f"{found['ended']} |",
             flush=True,
         )
     for scheme in ("staggered", "iterated"):
