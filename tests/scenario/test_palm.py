@@ -54,14 +54,17 @@ def test_the_palms_mass_is_mujocos() -> None:
     assert scene.read_sensor_at_rest().force[2] == pytest.approx(-9.81, rel=1e-6)
 
 
-def test_an_object_rests_on_the_palm_and_stays_there() -> None:
+@pytest.mark.parametrize(("share", "angle"), [(0.5, 0.0), (0.9, 0.0), (0.9, 0.25 * np.pi)])
+def test_an_object_rests_on_the_palm_and_stays_there(share: float, angle: float) -> None:
     arm, mounted = find_arm("ur5e"), (palm_object(PALM),)
     flange = RigidScene(SceneDescription(arm)).flange_pose
-    normal, across = flange.rotation[:, 2], flange.rotation[:, 0]
+    first, second, normal = flange.rotation.T
+    across = np.cos(angle) * first + np.sin(angle) * second
     place = tuple((flange.translation + 0.0155 * normal).tolist())
     coin = SceneObject("coin", "cylinder", (0.02, 0.01), place, tuple(flange.quaternion.tolist()), 0.05)
-    # presses it on the palm, and along it with half of what a friction of 0.8 holds
-    gravity = tuple((-9.81 * (normal + 0.4 * across)).tolist())
+    # presses it on the palm, and along it with a share of what a friction of 0.8 holds; a pyramid instead of
+    # the cone holds 0.7 of it at 45 degrees
+    gravity = tuple((-9.81 * (normal + 0.8 * share * across)).tolist())
     scene = RigidScene(SceneDescription(arm, mounted=mounted, objects=(coin,), gravity=gravity))
     scene.set_control(arm.home)
     body, path = scene.body_names.index("coin"), []
