@@ -34,7 +34,7 @@ def differences(name: str, states: int, seed: int = 0) -> dict[str, Any]:
             (
                 float(np.linalg.norm(scene.flange_pose.translation - pose.translation)),
                 float(np.max(np.abs(scene.flange_pose.rotation - pose.rotation))),
-                float(np.max(np.abs(scene.flange_jacobian - arm.jacobian(q)))),
+                float(np.max(np.abs(scene.flange.jacobian() - arm.jacobian(q)))),
                 relative(scene.mass_matrix, mass),
                 gravity_error,
                 relative(scene.bias_torque, bias),

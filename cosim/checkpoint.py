@@ -92,6 +92,10 @@ class Origin:
 class Saves(Stateful[Any], Protocol):
     """A simulation, as far as checkpoints need it."""
 
+    @property
+    def saves_now(self) -> bool:
+        """Whether its state is that of the last snapshot: it may have been stepped ahead."""
+
     def steps(self) -> Iterator[Snapshot]:
         """Yield the states to come."""
 
@@ -131,12 +135,12 @@ class CheckpointKeeper:
         self._first = self._first or snapshot
         self._age_ticks += 1
         old = self._age_ticks >= _KEEP_TICKS or time.perf_counter() - self._renewed >= _KEEP_S
-        if old or self._kept is None:
+        if (old and self._simulation.saves_now) or self._kept is None:
             self._keep()
 
     def write_when_due(self, _snapshot: Snapshot) -> None:
         """Write a checkpoint if the last one is old; everything else has seen the tick already."""
-        if time.perf_counter() - self._written >= self._every_s:
+        if time.perf_counter() - self._written >= self._every_s and self._simulation.saves_now:
             self._before_writing()
             self._keep()
             self._write()
@@ -152,9 +156,9 @@ class CheckpointKeeper:
         if status == "completed":
             (self._directory / CHECKPOINT).unlink(missing_ok=True)
             return
-        if error is None:
+        if error is None and self._simulation.saves_now:
             self._keep()
-        elif isinstance(error, Exception):
+        elif error is None or isinstance(error, Exception):
             self._catch_up()
         # whoever interrupts in the middle of a tick does not want to wait: the state in memory will do
         self._write()

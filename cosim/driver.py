@@ -18,6 +18,7 @@ from cosim.errors import SolverError
 from cosim.recording.recorder import NullRecorder, Part, Recorder
 from cosim.resources import cache_directory
 from cosim.run_files import RECORDING, RunFiles, check_directory
+from cosim.scenario.block import READ_AT_ONCE
 from cosim.scenario.schema import Scenario
 from cosim.scenario.snapshot import Snapshot, Stage
 from cosim.scenario.solver_schema import Recording
@@ -37,8 +38,16 @@ class Simulation(Stateful[Any], Protocol):
     def stage(self) -> Stage:
         """Everything that does not change during the run."""
 
-    def steps(self) -> Iterator[Snapshot]:
-        """Yield the state before the first tick, unless the run has begun, then that after every tick."""
+    @property
+    def saves_now(self) -> bool:
+        """Whether `save_state` may be called: not while it is stepped ahead of what it has yielded."""
+
+    def steps(self, ahead: int = 1) -> Iterator[Snapshot]:
+        """Yield the state before the first tick, unless the run has begun, then that after every tick.
+
+        Args:
+            ahead: ticks that may be taken before the first of them is yielded.
+        """
 
 
 class Watcher(Protocol):
@@ -122,7 +131,7 @@ def execute(
         assert options.directory is not None, "a run is resumed in its directory"
         earlier = read_checkpoint(options.directory)
         simulation.restore_state(earlier.run)
-    snapshots = _with_first(simulation.steps())
+    snapshots = _with_first(simulation.steps(READ_AT_ONCE))
     with ExitStack() as stack:
         for watcher in options.watchers:
             watcher.open(simulation.stage)

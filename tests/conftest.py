@@ -75,8 +75,9 @@ class MadeUpSimulation:
     stage: Stage
     at_tick: Callable[[int], None] = lambda tick: None
     next_tick: int = 0
+    saves_now: bool = True
 
-    def steps(self) -> Iterator[Snapshot]:
+    def steps(self, ahead: int = 1) -> Iterator[Snapshot]:
         """Yield tick 0 to the last, or those that are left."""
         for tick in range(self.next_tick, self.stage.ticks + 1):
             self.at_tick(tick)

@@ -25,10 +25,12 @@ SAVED_OTHERWISE = {
     "GasElements": "workspace, overwritten by every evaluation",
     "InterfaceLoads": "workspace of the search for one tick",
     "InterfaceSearch": "lives for one tick",
+    "Lockstep": "of a tick that is half done, after which nothing is saved",
     "SectionBody": "what it keeps by pressure",
     "SelfContact": "pattern of the last pairs of films, made anew where it does not serve",
     "SoftSystem": "workspace; NewtonSolver saves the gradient, which is read later",
     "TickReferences": "worked out anew from the phase",
+    "TickRows": "worked out anew from the phase; nothing is saved while a tick is half done",
 }
 
 

@@ -95,7 +95,16 @@ class Interface:
     @property
     def to_be_weighed(self) -> bool:
         """Whether the stability ratio is due to be found anew."""
-        return self.ticks % (self._seldom if self.ratio < _FAR_RATIO else self._often) == 0
+        return self.ticks % self._weighed_every == 0
+
+    @property
+    def ticks_to_weighing(self) -> int:
+        """Ticks until it is due the next time, the one in progress counted; at least one."""
+        return self._weighed_every - self.ticks % self._weighed_every
+
+    @property
+    def _weighed_every(self) -> int:
+        return self._seldom if self.ratio < _FAR_RATIO else self._often
 
     def weigh(self) -> Array:
         """Find the stability ratio of the flange, as if no algorithmic mass rode on the joints.

@@ -135,6 +135,22 @@ class SectionArm(SoftSide):
         (self._last, self._flange, self._loads), self._film = self._begin, before
 
     @property
+    def stepper(self) -> ChainStepper:
+        """Takes its steps."""
+        return self._stepper
+
+    @property
+    def last(self) -> ChainStep:
+        """Where the last step ended."""
+        return self._last
+
+    def go_to(self, last: ChainStep, world_from_flange: Pose, loads: Loads) -> None:
+        """Be where steps that were taken elsewhere have ended."""
+        self._begin = (self._last, self._flange, self._loads)
+        self._last, self._film = last, None
+        self._flange, self._loads = world_from_flange, loads
+
+    @property
     def exchange_gain(self) -> float:
         """How many times less mass an exchange that is one tick late bears than with implicit Euler."""
         return exchange_gain(self._dynamics.integrator)

@@ -18,8 +18,8 @@ from cosim.coupling.coupling import Coupling
 from cosim.coupling.interface import Interface, InterfaceState, ServoCommand
 from cosim.coupling.ledger import LedgerEntry
 from cosim.coupling.mass import armature_bound
-from cosim.coupling.momentum import received_bodies, received_flange
-from cosim.frames import Array
+from cosim.coupling.momentum import Handed, received_bodies, received_flange
+from cosim.frames import Array, Wrench
 from cosim.soft.body import Loads
 
 
@@ -66,10 +66,43 @@ class StaggeredCoupling(Coupling):
         lost = handed.error(received_flange(scene), received_bodies(scene))
         scene.finish_step()
         scene.begin_step()
+        return self.finish_tick(loads, received, lost)
+
+    def finish_tick(self, loads: Loads, received: Wrench, momentum_error: float) -> LedgerEntry:
+        """Take the soft half of a tick, with the flange at its new pose.
+
+        Args:
+            loads: on the soft body at the end of the tick.
+            received: by the rigid side in this tick, at the flange origin, world axes.
+            momentum_error: of the rigid half, see `LedgerEntry`.
+        """
+        interface = self.interface
         reply = interface.advance_soft(loads)
         if interface.body_mass is not None:
             interface.body_mass.update(carry=self._bodies_carry)
-        return self._entry(reply, received, algorithmic_mass=self._carries, momentum_error=lost)
+        return self._entry(reply, received, algorithmic_mass=self._carries, momentum_error=momentum_error)
+
+    def begin_row(self) -> tuple[int, Array]:
+        """Begin ticks that are taken elsewhere, in a row.
+
+        Returns:
+            How many may follow until the flange is to be weighed again, and the algorithmic mass (joints,)
+            [kg m^2] that the joints carry meanwhile; (0,) for none.
+        """
+        if self.interface.to_be_weighed:
+            self._weigh()
+        return self.interface.ticks_to_weighing, self._added if self._carries else self._added[:0]
+
+    def end_row(self, ticks: int, wrench: Wrench, handed: Handed) -> None:
+        """Go on from ticks that were taken elsewhere.
+
+        Args:
+            ticks: how many.
+            wrench: with which the last of them has ended, at the flange origin, world axes.
+            handed: the same about the world's origin.
+        """
+        self.interface.ticks += ticks
+        self.interface.wrench, self.interface.handed = wrench, handed
 
     def save_state(self) -> StaggeredState:
         return StaggeredState(self.interface.save_state(), self._added)
@@ -83,7 +116,7 @@ class StaggeredCoupling(Coupling):
         scene, none = self.interface.scene, np.zeros_like(self._added)
         mass = self.interface.weigh()
         carries = self.interface.ratio > self._ratio_bound
-        added = armature_bound(scene.flange_jacobian, mass) if carries else none
+        added = armature_bound(scene.flange.jacobian(), mass) if carries else none
         if carries:
             scene.set_added_armature(added)
         elif self._carries:

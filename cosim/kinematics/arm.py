@@ -13,6 +13,7 @@ import pinocchio as pin
 from cosim.arm_files import ArmFile
 from cosim.errors import InputError
 from cosim.frames import Array, Pose
+from cosim.kinematics.inertial_parameters import COUNT, change_of_frame
 
 _STANDARD_GRAVITY = (0.0, 0.0, -9.81)
 
@@ -81,6 +82,11 @@ class Arm:
         self._damped = bool(self.joint_damping.any())
         self._frame = model.getFrameId(arm.flange_frame)
         self._last_joint_from_flange = pin.SE3(model.frames[self._frame].placement)
+        placement = self._last_joint_from_flange
+        self._last_joint_by_flange = change_of_frame(Pose(placement.rotation, placement.translation))
+        self._own_parameters = np.concatenate(
+            [inertia.toDynamicParameters() for inertia in list(model.inertias)[1:]]
+        )
         self._loaded = pin.Model(model)
         self._inertias, self._last = self._loaded.inertias, model.njoints - 1
         self._bare_inertia = pin.Inertia(model.inertias[self._last])
@@ -198,6 +204,27 @@ class Arm:
         if self._damped:
             torque = torque + self.joint_damping * velocity
         return torque if armature is None else torque + armature * acceleration
+
+    def torque_rows(
+        self, q: Array, velocity: Array, acceleration: Array, armature: Array
+    ) -> tuple[Array, Array]:
+        """Return (tau_0, Y) of many instants: tau = tau_0 + Y p is `inverse_dynamics` with a payload p.
+
+        Args:
+            q: (n, joints) [rad].
+            velocity: (n, joints) [rad/s].
+            acceleration: (n, joints) [rad/s^2].
+            armature: (joints,) [kg m^2].
+
+        Returns:
+            tau_0 (n, joints) [N m], and Y (n, joints, 10) by the `inertial_parameters` p of a payload,
+            flange frame.
+        """
+        model, data = self._model, self._data
+        rows = zip(q, velocity, acceleration, strict=True)
+        regressor = np.stack([pin.computeJointTorqueRegressor(model, data, *row) for row in rows])
+        bare = regressor @ self._own_parameters + self.joint_damping * velocity + armature * acceleration
+        return bare, regressor[:, :, -COUNT:] @ self._last_joint_by_flange
 
     def _loaded_with(self, payload: Payload | None) -> tuple[pin.Model, pin.Data]:
         if payload is None:

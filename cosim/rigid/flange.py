@@ -76,6 +76,15 @@ class Flange:
         (x, y, z, u, v, w), (a, b, c) = self._applied.tolist(), self._center.tolist()
         return x, y, z, u + b * z - c * y, v + c * x - a * z, w + a * y - b * x
 
+    def stepped(self, began: Pose) -> None:
+        """Take note of a step that was taken elsewhere, and read the sensor as it was in it.
+
+        Args:
+            began: pose of the flange at its beginning.
+        """
+        self.moved()
+        self._read_at, self._restored = began, None
+
     def read_sensor(self) -> None:
         """Take over what the sensor shows until the next step; it has not `moved` since it was computed."""
         self._read_at, self._restored = self.pose, None

@@ -26,6 +26,7 @@ from cosim.rigid.flange import Flange
 from cosim.rigid.layout import ArmLayout, effort_limit
 from cosim.rigid.mobility import mobility
 from cosim.rigid.model import compile_model
+from cosim.rigid.native import NativeScene, native_scene
 from cosim.rigid.shapes import body_shapes
 from cosim.rigid.stability import raise_instability, silence_warning_file
 from cosim.rigid.state import RigidState
@@ -65,7 +66,7 @@ class RigidScene:
         self._control = self._data.ctrl.reshape(-1, 3)
         self._armature: Array = self._model.dof_armature[self._v].copy()
         self._armature.setflags(write=False)
-        self._flange = Flange(self._model, self._data, layout)
+        self.flange = Flange(self._model, self._data, layout)
         self._tick_s = float(self._model.opt.timestep)
         self._step_damping = self._tick_s * self._model.dof_damping
         self._step_damping[self._v] += self._tick_s * self.servo_damping
@@ -92,11 +93,6 @@ class RigidScene:
     def tick_s(self) -> float:
         """Length of a step [s]."""
         return self._tick_s
-
-    @property
-    def time_s(self) -> float:
-        """Simulated time [s]."""
-        return float(self._data.time)
 
     @property
     def joint_position(self) -> Array:
@@ -141,17 +137,12 @@ class RigidScene:
     @property
     def flange_pose(self) -> Pose:
         """world_from_flange."""
-        return self._flange.pose
+        return self.flange.pose
 
     @property
     def flange_twist(self) -> Twist:
         """Velocity of the flange, at its origin, world axes."""
-        return self._flange.twist
-
-    @property
-    def flange_jacobian(self) -> Array:
-        """J (6, joints) with [linear; angular] = J qd, at the flange origin, world axes."""
-        return self._flange.jacobian()
+        return self.flange.twist
 
     @property
     def mass_matrix(self) -> Array:
@@ -175,7 +166,7 @@ class RigidScene:
 
         At the flange origin, world axes, as a force/torque sensor between arm and flange measures it.
         """
-        load = self._flange.measured
+        load = self.flange.measured
         return Wrench(load[:3], load[3:])
 
     def contact_query(self, *, fixed_only: bool = False) -> ContactQuery:
@@ -210,11 +201,11 @@ class RigidScene:
 
     def apply_flange_wrench(self, wrench: Wrench) -> None:
         """Set the load on the flange from now on: at the flange origin, world axes."""
-        self._flange.apply(wrench)
+        self.flange.apply(wrench)
 
     def received_wrench(self) -> SixNumbers:
         """Return what acts on the flange now, about the world's origin, read back from MuJoCo."""
-        return self._flange.received()
+        return self.flange.received()
 
     def apply_joint_torque(self, torque: Array) -> None:
         """Set a torque (joints,) [N m] on the joints from now on, besides servos and flange load."""
@@ -231,8 +222,9 @@ class RigidScene:
 
     def begin_step(self) -> None:
         """Bring poses, velocities and inertia up to the present joint state (first half of a step)."""
-        self._flange.moved()
+        self.flange.moved()
         mujoco.mj_step1(self._model, self._data)
+        self.check()  # it starts anew from a state that is not finite
         self.bodies.carried.follow()
 
     def finish_step(self) -> None:
@@ -243,16 +235,24 @@ class RigidScene:
         """
         mujoco.mj_step2(self._model, self._data)
         # Site axes still belong to the instant of the reading until `begin_step`.
-        self._flange.read_sensor()
+        self.flange.read_sensor()
+        self.check()
+
+    def check(self) -> None:
+        """Raise InstabilityError where MuJoCo has warned: the state is no longer finite."""
         if np.count_nonzero(self._warnings):
             raise_instability(self._data)
+
+    def native(self) -> NativeScene | None:
+        """Return the scene for kernels that step it themselves; None where that is not possible."""
+        return native_scene(self._model, self._data, self._layout)
 
     def read_sensor_at_rest(self) -> Wrench:
         """Return what the flange sensor shows when nothing moves, and keep it as its reading."""
         self._data.qacc[:] = 0.0
         mujoco.mj_rnePostConstraint(self._model, self._data)
         mujoco.mj_sensorAcc(self._model, self._data)
-        self._flange.read_sensor()
+        self.flange.read_sensor()
         return self.flange_sensor()
 
     def mobility(self, bodies: IntArray | None = None) -> Array:
@@ -295,7 +295,7 @@ class RigidScene:
         integration = np.empty(mujoco.mj_stateSize(self._model, _STATE))
         mujoco.mj_getState(self._model, self._data, integration, _STATE)
         armature = np.array(self._model.dof_armature)
-        acceleration, load = np.array(self._data.qacc), self._flange.measured
+        acceleration, load = np.array(self._data.qacc), self.flange.measured
         carried = self.bodies.carried
         return RigidState(
             integration, armature, acceleration, load, self.bodies.loaded, carried.bodies, carried.inertia
@@ -317,4 +317,4 @@ class RigidScene:
         mujoco.mj_setState(self._model, self._data, state.integration, _STATE)
         self.begin_step()
         self._data.qacc[:] = state.acceleration
-        self._flange.measured = state.flange_load
+        self.flange.measured = state.flange_load

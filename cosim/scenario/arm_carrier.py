@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, final
 
@@ -13,11 +13,13 @@ from cosim.coupling.contact import ContactExchange
 from cosim.coupling.coupling import Coupling
 from cosim.coupling.interface import Interface, ServoCommand
 from cosim.coupling.ledger import LedgerEntry
+from cosim.coupling.lockstep import Lockstep, Servos
 from cosim.coupling.mass import MassProperties
 from cosim.coupling.soft_side import SoftSide
 from cosim.errors import InputError
 from cosim.frames import Array, Pose, Twist, Wrench
 from cosim.kinematics.arm import Arm, Payload
+from cosim.kinematics.inertial_parameters import COUNT, inertial_parameters
 from cosim.rigid.scene import RigidScene
 from cosim.rigid.state import RigidState
 from cosim.scenario.carrier import Carrier
@@ -79,6 +81,7 @@ class ArmCarrier(Carrier):
         self._exchange = exchange or CouplingSettings()
         self._reference = np.zeros(arm.joint_count)
         self._coupling: Coupling | None = None
+        self._lockstep: Lockstep | None = None
 
     @property
     def flange_pose(self) -> Pose:
@@ -141,6 +144,10 @@ class ArmCarrier(Carrier):
         if law is not None:
             contact = ContactExchange(scene.contact_query(), scene.bodies, soft.contact_surface(), law)
         self._coupling = make_coupling(self._exchange, Interface(scene, soft, wrench, contact))
+        load, parameters = self._mounted, np.zeros(COUNT)
+        if load is not None:
+            parameters = inertial_parameters(load.mass_kg, load.center, load.inertia)
+        self._lockstep = Lockstep.of(self._coupling, soft, parameters)
 
     def save_state(self) -> ArmCarrierState:
         coupling = None if self._coupling is None else self._coupling.save_state()
@@ -158,6 +165,25 @@ class ArmCarrier(Carrier):
             self.couple(Wrench())
         assert self._coupling is not None, "couple() has just made it"
         self._coupling.restore_state(state.coupling)
+
+    @property
+    def lockstep(self) -> Lockstep | None:
+        return self._lockstep
+
+    def servos(self, references: Sequence[JointReference]) -> Servos:
+        position = np.array([reference.position for reference in references])
+        velocity = np.array([reference.velocity for reference in references])
+        acceleration = np.array([reference.acceleration for reference in references])
+        # where the arm stands still, one row serves all
+        changes = (position[1:] != position[:-1]) | (velocity[1:] != velocity[:-1])
+        changes |= acceleration[1:] != acceleration[:-1]
+        new = np.concatenate([[True], changes.any(axis=1)])
+        armature = self._scene.armature
+        torque, by_payload = self._arm.torque_rows(position[new], velocity[new], acceleration[new], armature)
+        if not self._compensation:
+            by_payload = np.zeros_like(by_payload)
+        row = np.cumsum(new) - 1
+        return Servos(position, velocity, torque[row], by_payload[row])
 
     def tick(self, reference: JointReference, loads: Loads) -> LedgerEntry:
         assert self._coupling is not None, "couple() comes before tick()"

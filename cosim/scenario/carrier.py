@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
-from typing import Any, final
+from collections.abc import Callable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 
@@ -17,6 +17,9 @@ from cosim.scenario.flange import FlangeWay
 from cosim.scenario.joint_path import JointPath, JointReference
 from cosim.soft.body import Loads
 from cosim.soft.equilibrium import Obstacles
+
+if TYPE_CHECKING:  # a scene without an arm does not wait for MuJoCo
+    from cosim.coupling.lockstep import Lockstep, Servos
 
 
 class Carrier(ABC):
@@ -71,6 +74,15 @@ class Carrier(ABC):
     @abstractmethod
     def give_way(self, reference: Array, wrench: Wrench) -> bool:
         """Go where the soft robot's wrench at the flange pushes it; return whether it still moved."""
+
+    @property
+    def lockstep(self) -> Lockstep | None:
+        """Advances both sides by many ticks at once; None where they go tick by tick."""
+        return None
+
+    def servos(self, references: Sequence[JointReference]) -> Servos:
+        """Return what `lockstep` asks of the servos."""
+        raise NotImplementedError("only a carrier with a lockstep has servos to command")
 
     @abstractmethod
     def save_state(self) -> Any:

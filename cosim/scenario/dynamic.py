@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from typing import final
 
 from cosim.coupling.clock import Clock
 from cosim.coupling.ledger import LedgerEntry
 from cosim.errors import InputError
-from cosim.frames import Twist
+from cosim.frames import Array, Twist
 from cosim.scenario.parts import Moment, Parts
 from cosim.scenario.plan import PhasePlan, start_equilibrium
 from cosim.scenario.snapshot import Snapshot, Stage
 from cosim.scenario.stepped_run import Cursor, SteppedRun
 from cosim.scenario.tick_references import TickReferences
+from cosim.scenario.tick_rows import TickRows
+from cosim.soft.body import Loads
 
 
 @final
@@ -28,6 +31,12 @@ class DynamicSimulation(SteppedRun):
     def __init__(self, parts: Parts, stage: Stage) -> None:
         super().__init__(parts, stage, [parts.ticks(planned.phase) for planned in parts.plan.phases])
         self._references: TickReferences | None = None
+        self._rows: TickRows | None = None
+
+    @property
+    def saves_now(self) -> bool:
+        """Whether no step has been taken, or begun, beyond the one shown last."""
+        return super().saves_now and (self._rows is None or self._rows.half_done is None)
 
     def _start(self, began: float) -> Snapshot:
         parts = self._parts
@@ -40,20 +49,45 @@ class DynamicSimulation(SteppedRun):
         carrier.couple(found.wrench)
         return parts.snapshot(moment, ledger, time.perf_counter() - began)
 
-    def _step(self, planned: PhasePlan, to: Cursor, began: float) -> Snapshot:
-        parts, tick_s = self._parts, self.stage.tick_s
-        carrier, soft, time_s = parts.carrier, parts.soft, Clock(tick_s, to.tick).time_s
+    def _take(self, planned: PhasePlan, to: Cursor, most: int) -> Sequence[Snapshot]:
+        began, carrier = time.perf_counter(), self._parts.carrier
+        rows = self._rows
+        if rows is not None and rows.half_done is not None:
+            return [self._finish_tick(rows, rows.half_done, to, began)]
         if to.done == 1:
             self._begin_phase(planned, carrier.flange_pose)
         if self._references is None or self._references.planned is not planned:
-            self._references = TickReferences(planned, tick_s)
+            self._references, self._rows = TickReferences(planned, self.stage.tick_s), None
+        lockstep = carrier.lockstep
+        if lockstep is None or self._parts.actuation.active:
+            return [self._tick(planned, to, began)]
+        if self._rows is None:
+            self._rows = TickRows(self._parts, lockstep, self._references, self._gas, self.stage.tick_s)
+        taken = self._rows.take(to, most)
+        if taken is None:
+            return [self._tick(planned, to, began)]
+        return taken or self._take(planned, to, most)
+
+    def _tick(self, planned: PhasePlan, to: Cursor, began: float) -> Snapshot:
+        """Take one tick."""
+        parts, tick_s = self._parts, self.stage.tick_s
+        assert self._references is not None, "_take() makes them"
         reference, share = self._references.at(to.done)
-        self._gas.pass_time(soft, tick_s)
-        parts.work_devices(planned, self._gas, time_s - tick_s, share)
+        self._gas.pass_time(parts.soft, tick_s)
+        parts.work_devices(planned, self._gas, Clock(tick_s, to.tick).time_s - tick_s, share)
         loads = parts.actuation.loads(self._gas.between(planned.begin, planned.end, share))
-        ledger = carrier.tick(reference, loads)
-        flange, twist = carrier.flange_pose, carrier.flange_twist
-        moment = Moment(to.tick, time_s, to.phase, reference.position, loads, flange, twist)
+        ledger = parts.carrier.tick(reference, loads)
+        return self._shown(reference.position, loads, ledger, to, began)
+
+    def _finish_tick(self, rows: TickRows, loads: Loads, to: Cursor, began: float) -> Snapshot:
+        """Take the soft half of a tick whose rigid half has been taken in a row."""
+        ledger = rows.finish(loads)
+        return self._shown(rows.references.at(to.done)[0].position, loads, ledger, to, began)
+
+    def _shown(self, target: Array, loads: Loads, ledger: LedgerEntry, to: Cursor, began: float) -> Snapshot:
+        parts, time_s = self._parts, Clock(self.stage.tick_s, to.tick).time_s
+        flange, twist = parts.carrier.flange_pose, parts.carrier.flange_twist
+        moment = Moment(to.tick, time_s, to.phase, target, loads, flange, twist)
         return parts.snapshot(moment, ledger, time.perf_counter() - began)
 
     def _save_own(self) -> None:
@@ -62,3 +96,4 @@ class DynamicSimulation(SteppedRun):
     def _restore_own(self, state: object) -> None:
         if state is not None:
             raise InputError("the saved state is of a quasistatic run, this one is dynamic")
+        self._rows = None

@@ -29,4 +29,8 @@ def kernel_modules(scenario: Scenario) -> tuple[ModuleType, ...]:
         from cosim.rigid.compilation import KERNEL_MODULES  # here: it brings MuJoCo
 
         modules += KERNEL_MODULES
+        if scenario.fidelity == "section" and scenario.mode == "dynamic":
+            from cosim.coupling import lockstep_kernel
+
+            modules += (lockstep_kernel,)
     return modules

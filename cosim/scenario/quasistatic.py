@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import accumulate
 from typing import final
@@ -61,7 +62,8 @@ class QuasistaticSimulation(SteppedRun):
         moment = Moment(0, 0.0, 0, plan.joints, plan.loads, self._here.world_from_flange, Twist())
         return self._snapshot(moment, self._here, spent, 0.0, began)
 
-    def _step(self, planned: PhasePlan, to: Cursor, began: float) -> Snapshot:
+    def _take(self, planned: PhasePlan, to: Cursor, most: int) -> Sequence[Snapshot]:
+        began = time.perf_counter()
         parts, phase, before = self._parts, planned.phase, self._here
         assert before is not None, "the run has begun"
         began_s = self._ends_s[to.phase - 1] if to.phase else 0.0
@@ -79,7 +81,7 @@ class QuasistaticSimulation(SteppedRun):
         twist, power = _mean_motion(parts, before, here, span)
         time_s = began_s + to.done * span
         moment = Moment(to.tick, time_s, to.phase, reference, loads, here.world_from_flange, twist)
-        return self._snapshot(moment, here, spent, power, began)
+        return [self._snapshot(moment, here, spent, power, began)]
 
     def _save_own(self) -> QuasistaticState:
         assert self._here is not None, "the run has begun"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from abc import ABC, abstractmethod
+from collections import deque
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, final
@@ -76,6 +77,7 @@ class SteppedRun(ABC):
         self._parts, self.stage, self._counts = parts, stage, tuple(counts)
         self._gas = ChamberGas(parts.scenario.gas)
         self._cursor: Cursor | None = None
+        self._waiting: deque[Snapshot] = deque()
 
     @property
     def plan(self) -> Plan:
@@ -87,10 +89,15 @@ class SteppedRun(ABC):
         """Steps taken so far; None before the state at rest is known."""
         return None if self._cursor is None else self._cursor.tick
 
-    def steps(self) -> Iterator[Snapshot]:
+    def steps(self, ahead: int = 1) -> Iterator[Snapshot]:
         """Yield the state at rest, unless the run has begun, then that after every step to come.
 
-        In between the run may be saved, or restored: the next step is the one after that state's.
+        In between the run may be saved, where it `saves_now`, or restored: the next step is the one after
+        that state's.
+
+        Args:
+            ahead: steps that may be taken before the first of them is shown, at least one: many together
+                cost less.
 
         Raises:
             SolverError: the physics could not be solved; the snapshots so far stand.
@@ -101,19 +108,30 @@ class SteppedRun(ABC):
             self._cursor = Cursor()
             yield first
         while (to := self._cursor.following(self._counts)) is not None:
-            began, planned = time.perf_counter(), self._parts.plan.phases[to.phase]
-            snapshot = self._step(planned, to, began)
+            if not self._waiting:
+                planned = self._parts.plan.phases[to.phase]
+                self._waiting.extend(
+                    self._take(planned, to, min(ahead, self._counts[to.phase] - to.done + 1))
+                )
+            snapshot = self._waiting.popleft()
             self._cursor = to
             yield snapshot
+
+    @property
+    def saves_now(self) -> bool:
+        """Whether no step has been taken, or begun, beyond the one shown last."""
+        return not self._waiting
 
     def save_state(self) -> RunState:
         """Return the present state; costs little, as arrays are shared.
 
         Raises:
-            InputError: the run has not begun.
+            InputError: the run has not begun, or has been stepped ahead of what it has shown.
         """
         if self._cursor is None:
             raise InputError("a run can be saved once its state at rest is known: take the first of steps()")
+        if not self.saves_now:
+            raise InputError(f"later ticks than {self._cursor.tick} have been taken: use steps(ahead=1)")
         parts = self._parts
         return RunState(
             self._cursor, parts.soft.save_state(), parts.carrier.save_state(), self._gas.save_state(),
@@ -132,6 +150,7 @@ class SteppedRun(ABC):
                 f"the saved state is at step {cursor.done} of phase {cursor.phase + 1}; here the phases have "
                 f"{', '.join(map(str, counts))} steps"
             )
+        self._waiting.clear()
         self._restore_own(state.own)
         self._parts.soft.restore_state(state.soft)
         self._parts.carrier.restore_state(state.carrier)
@@ -150,8 +169,8 @@ class SteppedRun(ABC):
         """Bring everything to rest where the plan starts; `began` is when the work on it did."""
 
     @abstractmethod
-    def _step(self, planned: PhasePlan, to: Cursor, began: float) -> Snapshot:
-        """Take the step of a phase that ends at `to`; `began` is when the work on it did."""
+    def _take(self, planned: PhasePlan, to: Cursor, most: int) -> Sequence[Snapshot]:
+        """Take the step of a phase that ends at `to`, and those after it, but not more than `most`."""
 
     @abstractmethod
     def _save_own(self) -> Any:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Final, final
 import numpy as np
 
 from cosim.coupling.ledger import LedgerEntry
-from cosim.frames import Array, IntArray, Pose, Twist, Wrench
+from cosim.frames import Array, IntArray, Mask, Pose, Twist, Wrench
 from cosim.scenario.film_shape import FilmShape
 
 if TYPE_CHECKING:  # who only looks at snapshots needs no kernels
@@ -46,8 +46,8 @@ class TickColumns:
         residual_N: (n,).
         momentum_error: (n,).
         newton_iterations: (n,).
-        stability_ratio: of all.
-        algorithmic_mass: of all.
+        stability_ratio: (n,).
+        algorithmic_mass: (n,).
         tip_target: (3,) [m] or None, of all.
         tick_wall_s: wall time of each, their mean [s].
     """
@@ -72,8 +72,8 @@ class TickColumns:
     residual_N: Array
     momentum_error: Array
     newton_iterations: IntArray
-    stability_ratio: float
-    algorithmic_mass: bool
+    stability_ratio: Array
+    algorithmic_mass: Mask
     tip_target: Array | None
     tick_wall_s: float
 
@@ -121,8 +121,8 @@ class TickColumns:
             soft_power_W=float(self.soft_power_W[row]),
             residual_N=float(self.residual_N[row]),
             newton_iterations=int(self.newton_iterations[row]),
-            stability_ratio=self.stability_ratio,
-            algorithmic_mass=self.algorithmic_mass,
+            stability_ratio=float(self.stability_ratio[row]),
+            algorithmic_mass=bool(self.algorithmic_mass[row]),
             power_size_W=float(self.power_size_W[row]),
             momentum_error=float(self.momentum_error[row]),
         )

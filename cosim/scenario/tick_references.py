@@ -40,6 +40,12 @@ class TickReferences:
             place = done - 1 - self._first
         return self._joints[place], self._shares[place]
 
+    def from_on(self, done: int) -> tuple[list[JointReference], list[float]]:
+        """Return what `at` does for a tick and all after it that have been worked out."""
+        self.at(done)
+        place = done - 1 - self._first
+        return self._joints[place:], self._shares[place:]
+
     def _work_out(self, first: int) -> None:
         phase = self.planned.phase
         instants = [

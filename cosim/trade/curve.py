@@ -150,7 +150,7 @@ def trace(
         TooSlowError: a stretch is slower than the bound.
     """
     simulation = build(scenario)
-    snapshots, stage = simulation.steps(), simulation.stage
+    snapshots, stage = simulation.steps(READ_AT_ONCE), simulation.stage
     first = next(snapshots)  # before the clock starts: this one finds the start equilibrium
     builder = CurveBuilder(scenario, stage)
     bound_s = STRETCH_S / slowest if slowest > 0.0 else float("inf")

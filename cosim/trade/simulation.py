@@ -16,8 +16,8 @@ class Steps(Protocol):
     def stage(self) -> Stage:
         """Everything that does not change during the run."""
 
-    def steps(self) -> Iterator[Snapshot]:
-        """Yield the state before the first tick, then that after every tick."""
+    def steps(self, ahead: int = 1) -> Iterator[Snapshot]:
+        """Yield the state before the first tick, then that after every tick; `ahead` may be taken before."""
 
 
 Build: TypeAlias = Callable[[Scenario], Steps]

@@ -229,8 +229,12 @@ class Disturbed:
         self.stage: Stage = inner.stage
         self.save_state, self.restore_state = inner.save_state, inner.restore_state
 
-    def steps(self) -> Iterator[Snapshot]:
-        for snapshot in self._inner.steps():
+    @property
+    def saves_now(self) -> bool:
+        return self._inner.saves_now
+
+    def steps(self, ahead: int = 1) -> Iterator[Snapshot]:
+        for snapshot in self._inner.steps(ahead):
             if snapshot.tick == self._tick:
                 self._disturb()
             yield snapshot

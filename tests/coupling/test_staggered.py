@@ -187,7 +187,7 @@ def test_the_armature_of_the_scene_is_what_the_body_asks_for() -> None:
     here.ticks(1)
     added = np.diag(here.scene.mass_matrix - before)
     mass = here.soft.mass_properties().spatial(here.scene.flange_pose.translation)
-    needed = here.scene.flange_jacobian.T @ mass @ here.scene.flange_jacobian
+    needed = here.scene.flange.jacobian().T @ mass @ here.scene.flange.jacobian()
     # positive semidefinite, up to a tick's change of the shape
     assert np.linalg.eigvalsh(np.diag(added) - needed).min() > -1e-4 * np.abs(needed).max()
 

@@ -75,6 +75,11 @@ class SectionBody:
         """Coefficients (s, c), 1 / L (s,) [1/m] and masses (f, 4, 4) as the kernels take them."""
         return self.coefficients, self.inverse_length, self.mass
 
+    @property
+    def tables(self) -> tuple[Array, Array]:
+        """Coefficients (size, s c) and lengths (size, s) [m] over the spline of pressure."""
+        return self._energies, self._lengths
+
     def set_pressure(self, pressure_Pa: float) -> None:
         """Bring coefficients and lengths to a pressure."""
         if pressure_Pa == self._pressure:

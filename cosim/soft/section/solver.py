@@ -111,6 +111,16 @@ class ChainSolver:
         self.losses_follow_shape = any(cable.friction_coefficient for cable in body.cables)
         self._ratios = [cable.tension_ratio(body.positions) for cable in body.cables]
 
+    @property
+    def eyelet_table(self) -> Array:
+        """Eyelets of all cable segments in their frames (size, 6 k) [m], over the spline of pressure."""
+        return self._eyelet_table
+
+    def segment_tensions(self, tension_N: Array) -> Array:
+        """Return the tension (n, k) [N] of all cable segments from those at the base ends (n, cables)."""
+        pulls = [tension_N[:, c, None] * ratio for c, ratio in enumerate(self._ratios)]
+        return np.concatenate([np.zeros((len(tension_N), 0)), *pulls], axis=1)
+
     def solve(
         self,
         start: Array,

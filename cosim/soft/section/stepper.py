@@ -13,6 +13,7 @@ from cosim.frozen import quickly_made
 from cosim.soft.body import Loads
 from cosim.soft.dynamics import StepAim, StepOptions
 from cosim.soft.newton import Outcome
+from cosim.soft.section.chain_arrays import ChainArrays
 from cosim.soft.section.chain_figures import FIGURES
 from cosim.soft.section.chain_state import ChainState
 from cosim.soft.section.commanded_cables import CLOSE_N, commanded, solve_commanded, tensions_at
@@ -69,6 +70,36 @@ class ChainStepper:
         self._flange = np.zeros((4, 3))
         self.tangent = KeptTangent(len(solver.section.frames))
         self._target = np.zeros((len(solver.section.frames), 4, 3))
+
+    @property
+    def options(self) -> StepOptions:
+        """How steps are solved."""
+        return self._options
+
+    @property
+    def losses_follow_shape(self) -> bool:
+        """Whether the tension of a cable's segments hangs on the shape."""
+        return self._solver.losses_follow_shape
+
+    def segment_tensions(self, tension_N: Array) -> Array:
+        """Return the tension (n, k) [N] of all cable segments from those at the base ends (n, cables)."""
+        return self._solver.segment_tensions(tension_N)
+
+    def arrays(self, clamp: FrameClamp, loads: Loads, frames: Array) -> ChainArrays:
+        """Return chain, loads and workspace for steps that are taken elsewhere; see `ChainArrays`.
+
+        Args:
+            clamp: frames held by the flange.
+            loads: that act in the first of them: given pressure and tensions, dead loads.
+            frames: (f, 4, 3), where they begin.
+        """
+        solver, tangent = self._solver, self.tangent
+        load, (far, eyelets, _, touching, rows, widths) = solver.acting(loads, loads.pressures(1)[0], frames)
+        return ChainArrays(
+            clamp.free, clamp.offsets, *solver.section.chain, load, far, eyelets, touching, rows, widths,
+            *solver.section.tables, solver.eyelet_table, self._target, solver.diagonal, solver.off,
+            tangent.low, tangent.side, self._bounds,
+        )  # fmt: skip
 
     def step(
         self,

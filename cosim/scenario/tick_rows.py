@@ -1,0 +1,126 @@
+"""Ticks of a phase in a row: what the lockstep is asked for, worked out for many ticks, and what it shows."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, final
+
+import numpy as np
+
+from cosim.coupling.clock import Clock
+from cosim.coupling.ledger import LedgerEntry
+from cosim.frames import Array
+from cosim.scenario.chamber_gas import ChamberGas
+from cosim.scenario.parts import Parts
+from cosim.scenario.snapshot import Snapshot
+from cosim.scenario.stepped_run import Cursor
+from cosim.scenario.tick_columns import TickColumns
+from cosim.scenario.tick_references import TickReferences
+from cosim.soft.body import Loads
+from cosim.soft.section.chain_figures import CENTER, WRENCH
+
+if TYPE_CHECKING:  # a scene without an arm does not wait for MuJoCo
+    from cosim.coupling.lockstep import Lockstep, Row
+    from cosim.coupling.lockstep_kernel import Commands
+
+
+@final
+class TickRows:
+    """Takes ticks of one phase in rows, as many at once as the exchange allows.
+
+    Args:
+        parts: of the run.
+        lockstep: of its carrier.
+        references: of the phase.
+        gas: in the chambers, which nothing but the plan changes.
+        tick_s: length of a tick [s].
+    """
+
+    def __init__(
+        self, parts: Parts, lockstep: Lockstep, references: TickReferences, gas: ChamberGas, tick_s: float
+    ) -> None:
+        self._parts, self._lockstep, self._gas, self._tick_s = parts, lockstep, gas, tick_s
+        self.references = references
+        self._first = 0
+        self._targets: Array = np.zeros((0, 0))
+        self._loads: list[Loads] = []
+        self._commands: Commands | None = None
+        self.half_done: Loads | None = None
+        """Loads of a tick of which the soft half is still to be taken; None for none."""
+
+    def take(self, to: Cursor, most: int) -> Sequence[Snapshot] | None:
+        """Take ticks; return their snapshots, or None where a tick needs more than the lockstep does.
+
+        Args:
+            to: where the first tick ends.
+            most: how many at once, at least one.
+        """
+        began = time.perf_counter()
+        place = to.done - 1 - self._first
+        if not 0 <= place < len(self._loads):
+            self._work_out(to.done)
+            place = 0
+        if self._commands is None:
+            return None
+        stop = min(place + most, len(self._loads))
+        commands = self._commands.rows(place, stop)
+        loads = self._loads[place:stop]
+        row = self._lockstep.advance(commands, loads)
+        if row.half_done:
+            self.half_done = loads[row.done]
+        if not row.done:
+            return ()
+        spent = (time.perf_counter() - began) / row.done
+        columns = self._columns(row, loads, to, self._targets[place : place + row.done], spent)
+        return [Snapshot.of_row(columns, k) for k in range(row.done)]
+
+    def finish(self, loads: Loads) -> LedgerEntry:
+        """Take the soft half of a tick that is half done; see `Lockstep.finish_tick`."""
+        ledger = self._lockstep.finish_tick(loads)
+        self.half_done = None
+        return ledger
+
+    def _work_out(self, done: int) -> None:
+        """Work out what is asked for from a tick on."""
+        planned = self.references.planned
+        joints, shares = self.references.from_on(done)
+        self._first = done - 1
+        actuation, gas = self._parts.actuation, self._gas
+        self._loads = [actuation.loads(gas.between(planned.begin, planned.end, share)) for share in shares]
+        servos = self._parts.carrier.servos(joints)
+        self._targets = servos.position
+        self._commands = self._lockstep.commands(servos, self._loads)
+
+    def _columns(
+        self, row: Row, loads: Sequence[Loads], to: Cursor, targets: Array, spent_s: float
+    ) -> TickColumns:
+        """Return what the ticks show."""
+        n, ticks = row.done, row.ticks
+        tick = np.arange(to.tick, to.tick + n)
+        return TickColumns(
+            tick=tick,
+            time_s=np.array([Clock(self._tick_s, count).time_s for count in tick.tolist()]),
+            phase=to.phase,
+            joint_position=ticks.joints[:n],
+            joint_target=targets,
+            body_position=ticks.places[:n],
+            body_quaternion=ticks.quaternions[:n],
+            shapes=row.shapes,
+            flange_position=ticks.origin[1 : n + 1],
+            flange_rotation=ticks.axes[1 : n + 1],
+            flange_twist=ticks.twist[:n],
+            cable_tension_N=np.array([load.cable_tension_N for load in loads[:n]]).reshape(n, -1),
+            chamber_pressure_Pa=np.array([load.pressures(1) for load in loads[:n]]),
+            wrench=ticks.figures[1 : n + 1, WRENCH:CENTER],
+            rigid_power_W=ticks.power[:n, 0],
+            soft_power_W=ticks.power[:n, 1],
+            power_size_W=ticks.power[:n, 2],
+            residual_N=ticks.residual[:n],
+            momentum_error=ticks.momentum_error[:n],
+            newton_iterations=ticks.iterations[:n],
+            stability_ratio=row.stability_ratio[:n],
+            algorithmic_mass=row.algorithmic_mass[:n],
+            tip_target=self.references.planned.tip_target,
+            tick_wall_s=spent_s,
+        )

@@ -1,0 +1,195 @@
+"""Ticks taken in a row, in one kernel, are those that are taken one by one."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import fields
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cosim.coupling.lockstep import Lockstep
+from cosim.driver import Options, build_simulation, drive, execute, with_fidelity_chosen
+from cosim.errors import InputError, InstabilityError
+from cosim.scenario import section_model
+from cosim.scenario.loading import load_scenario
+from cosim.scenario.schema import Scenario
+from cosim.scenario.snapshot import LedgerEntry, Snapshot
+from tests.small_section import ROBOT, section
+
+SCENARIO = f"""
+schema = 1
+title = "Three units on a UR5e"
+robot = "ur5e"
+soft_robot = {ROBOT}
+fidelity = "section"
+
+[start]
+flange = {{ position_m = [0.4, 0.0, 0.5], direction = [0.0, 0.0, -1.0] }}
+pressure_Pa = 20e3
+
+[[phase]]
+name = "turn"
+duration_s = 0.06
+settle_s = 0.02
+pressure_Pa = 25e3
+cable_tension_N = [2.0, 0.0]
+flange_turn = {{ axis = [0.0, 1.0, 0.0], angle_rad = -0.02 }}
+
+[[phase]]
+name = "hold"
+duration_s = 0.03
+clamp = ["unit_1.outer"]
+cable_tension_N = [0.0, 1.0]
+"""
+
+
+@pytest.fixture(scope="module")
+def path(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    """The scenario's file, while its section model is at hand."""
+    file = tmp_path_factory.mktemp("rows") / "three_units.toml"
+    file.write_text(SCENARIO, encoding="utf-8")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("XDG_CACHE_HOME", str(file.parent / "cache"))
+        patch.setattr(section_model, "build_model", lambda *_: section().model)
+        yield file
+
+
+def scenario(path: Path, **changes: Any) -> Scenario:
+    overrides = {name.replace("__", "."): value for name, value in changes.items()}
+    return with_fidelity_chosen(load_scenario(path, overrides), lambda _text: None)
+
+
+def one_by_one(wanted: Scenario) -> list[Snapshot]:
+    """Return all ticks without rows."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Lockstep, "of", lambda *_: None)
+        return list(build_simulation(wanted).steps())
+
+
+def numbers(snapshot: Snapshot) -> dict[str, Any]:
+    """Return what a snapshot shows, as arrays, wall time left out."""
+    ledger = snapshot.ledger
+    flange, twist, wrench = snapshot.world_from_flange, snapshot.flange_twist, ledger.wrench
+    shown = {
+        "flange": [*flange.translation, *flange.rotation.ravel()],
+        "twist": [*twist.linear, *twist.angular],
+        "wrench": [*wrench.force, *wrench.torque],
+        "nodes": snapshot.node_position,
+        "target": snapshot.joint_target,
+    }
+    for name in (
+        "tick", "time_s", "phase", "joint_position", "body_position", "body_quaternion", "cable_tension_N",
+        "chamber_pressure_Pa", "chamber_volume_m3", "tip_position", "sag_m",
+    ):  # fmt: skip
+        shown[name] = getattr(snapshot, name)
+    for field in fields(LedgerEntry):
+        if field.name not in ("wrench", "scheme"):
+            shown[field.name] = getattr(ledger, field.name)
+    return {name: np.asarray(value, dtype=np.float64) for name, value in shown.items()}
+
+
+def assert_close(found: list[Snapshot], expected: list[Snapshot], tolerance: float) -> None:
+    assert len(found) == len(expected)
+    for one, other in zip(found, expected, strict=True):
+        mine, others = numbers(one), numbers(other)
+        for name, value in mine.items():
+            np.testing.assert_allclose(value, others[name], rtol=tolerance, atol=tolerance, err_msg=name)
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {},
+        {"solver__integrator": "bdf2"},
+        {"payload_compensation": False},
+        {"gravity_m_s2": [3.0, 0.0, -5.0], "solver__damping_per_s": 1.0},
+    ],
+    ids=str,
+)
+def test_rows_are_ticks(path: Path, changes: dict[str, Any]) -> None:
+    """Up to rounding: the torque of a payload is summed in another order."""
+    wanted = scenario(path, **changes)
+    rows, ticks = list(build_simulation(wanted).steps(64)), one_by_one(wanted)
+    assert sum(snapshot.kept_row is not None for snapshot in rows) == len(rows) - 1
+    assert not any(snapshot.kept_row for snapshot in ticks)
+    assert np.ptp([snapshot.tip_position for snapshot in ticks], axis=0).max() > 1e-3
+    assert_close(rows, ticks, 1e-9)
+
+
+def test_rows_carry_algorithmic_mass(path: Path) -> None:
+    wanted = scenario(path, clock__tick_s=0.0005)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("cosim.scenario.exchange.StaggeredCoupling", _always_carrying)
+        rows, ticks = list(build_simulation(wanted).steps(64)), one_by_one(wanted)
+    assert all(snapshot.ledger.algorithmic_mass for snapshot in rows[1:])
+    assert_close(rows, ticks, 1e-9)
+
+
+def _always_carrying(interface: Any) -> Any:
+    from cosim.coupling.staggered import StaggeredCoupling
+
+    return StaggeredCoupling(interface, ratio_bound=0.0)
+
+
+@pytest.mark.parametrize("ahead", [1, 7])
+def test_how_many_ticks_go_in_a_row_changes_no_bit(path: Path, ahead: int) -> None:
+    wanted = scenario(path)
+    few, many = list(build_simulation(wanted).steps(ahead)), list(build_simulation(wanted).steps(64))
+    assert_close(few, many, 0.0)
+
+
+def test_a_soft_step_that_is_left_is_finished(path: Path) -> None:
+    """A jump of the pressure in long ticks: free flight leaves the range of the model."""
+    wanted = scenario(path, clock__tick_s=0.005, phase__turn__ramp="step", phase__turn__pressure_Pa=40e3)
+    rows, ticks = list(build_simulation(wanted).steps(64)), one_by_one(wanted)
+    left = [snapshot.tick for snapshot in rows[1:] if snapshot.kept_row is None]
+    assert 1 < len(left) < len(rows) - 1
+    assert_close(rows, ticks, 1e-9)
+
+
+def test_nothing_is_saved_ahead_of_what_is_shown(path: Path) -> None:
+    run: Any = build_simulation(scenario(path))
+    steps = run.steps(8)
+    list(islice(steps, 4))
+    assert not run.saves_now
+    with pytest.raises(InputError, match="later ticks than 3 have been taken"):
+        run.save_state()
+    list(islice(steps, 5))
+    assert run.saves_now
+    saved = run.save_state()
+    rest = list(steps)
+    run.restore_state(saved)
+    assert_close(list(run.steps(3)), rest, 0.0)
+
+
+def test_a_run_stopped_within_a_row_goes_on_bit_for_bit(path: Path, tmp_path: Path) -> None:
+    wanted, seen = scenario(path), []
+
+    def stop() -> str | None:
+        seen.append(None)
+        return "enough" if len(seen) == 13 else None
+
+    whole = execute(wanted, build_simulation, Options(tmp_path / "whole"), 0.0)
+    stopped = execute(wanted, build_simulation, Options(tmp_path / "part", stop=stop), 0.0)
+    assert (stopped.summary["status"], stopped.summary["ticks"]) == ("interrupted", 12)
+    resumed = execute(wanted, build_simulation, Options(tmp_path / "part", resume=True), 0.0)
+    assert resumed.summary["resumed_at_ticks"] == [12]
+    assert resumed.summary["phases"] == whole.summary["phases"]
+
+
+def test_a_rigid_side_that_blows_up_is_named(path: Path) -> None:
+    run: Any = build_simulation(scenario(path))
+    shown: list[int] = []
+
+    def observe(snapshot: Snapshot) -> None:
+        shown.append(snapshot.tick)
+        if snapshot.tick == 8:
+            run._parts.carrier._scene._data.qvel[0] = np.nan
+
+    ending = drive(run.steps(8), [observe], lambda: None)
+    assert isinstance(ending.error, InstabilityError)
+    assert shown == list(range(9))
