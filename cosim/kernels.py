@@ -25,6 +25,7 @@ BLOCKS = numba.float64[:, :, ::1]
 INDICES = numba.int64[::1]
 PLACES = numba.uint64[::1]
 INDEX_TABLE = numba.int64[:, ::1]
+PLACE_TABLE = numba.uint64[:, ::1]
 MASKS = numba.boolean[:, ::1]
 
 

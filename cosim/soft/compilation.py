@@ -10,9 +10,9 @@ from cosim.soft import (
     cable,
     contact,
     contact_surface,
-    dissected_cholesky,
     envelope_cholesky,
     frame_ring,
+    front_kernels,
     hinge,
     linear_solver,
     mass_moments,
@@ -23,7 +23,7 @@ from cosim.soft import (
 )
 
 _MODULES: tuple[ModuleType, ...] = (
-    cable, contact, contact_surface, dissected_cholesky, envelope_cholesky, frame_ring, hinge,
+    cable, contact, contact_surface, envelope_cholesky, frame_ring, front_kernels, hinge,
     linear_solver, mass_moments, mass_terms, membrane, pressure, problem,
 )  # fmt: skip
 

@@ -1,101 +1,110 @@
 """Nested dissection: an order of elimination for large meshes, as a tree of separators.
 
-A connected part is cut by a level of its breadth-first search from an end: the one with the least
-size^1.5 / (size of the smaller side). What is on either side is cut again, and eliminated before it. Nodes
-that tie far places together, such as the eyelets of a cable, would blur the levels: they are kept out and
-eliminated last.
+A connected part is cut by the fewest nodes between both ends of its breadth-first order: of the two cuts that
+are found, the one with the less size^1.5 / (size of the smaller side). What is on either side is cut again,
+and eliminated before it. Nodes that tie far places together, such as the eyelets of a cable, would blur the
+order: it does not follow these ties, and what they tie across a cut is cut as well.
 Source: George and Liu, Computer Solution of Large Sparse Positive Definite Systems, 1981, chapter 8.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import final
-
 import numpy as np
 from scipy.sparse import csr_matrix
-from scipy.sparse.csgraph import breadth_first_order, connected_components, shortest_path
+from scipy.sparse.csgraph import breadth_first_order, connected_components, reverse_cuthill_mckee
 
-from cosim.frames import IntArray
+from cosim.frames import IntArray, Mask
+from cosim.soft.vertex_cut import least_cuts
 
-_LEAF_NODES = 20  # parts no larger are eliminated in one go
-_SMALLER_SIDE = 0.1  # least share of the nodes
-
-
-@final
-@dataclass(frozen=True)
-class Front:
-    """Nodes eliminated together, and those that they are then tied to.
-
-    Args:
-        nodes: (p,) eliminated here.
-        rest: (q,) eliminated later, in the order of their elimination.
-        parent: index of the front that takes over what is left; -1 for none.
-    """
-
-    nodes: IntArray
-    rest: IntArray
-    parent: int
+_LEAF_NODES = 40  # parts no larger are not cut
+_END = 0.2  # share of the nodes, at either end, that a cut leaves alone
 
 
-def dissect(graph: csr_matrix, last: IntArray) -> tuple[Front, ...]:
-    """Return the fronts of a graph in the order of their elimination.
+def dissect(graph: csr_matrix, tied: IntArray, most: int) -> list[IntArray]:
+    """Return groups of nodes in the order of their elimination, each eliminated in one go.
 
     Args:
         graph: (n, n) adjacency, symmetric.
-        last: nodes to eliminate last.
+        tied: nodes that are tied together across the mesh.
+        most: nodes of a group.
     """
-    among = np.ones(graph.shape[0], dtype=bool)
-    among[last] = False
-    groups = [group for group in [*_parts(graph, np.flatnonzero(among)), np.unique(last)] if len(group)]
-    return _with_fill(graph, groups)
+    far = np.zeros(graph.shape[0], dtype=bool)
+    far[tied] = True
+    return [
+        piece for group in _parts(graph, np.arange(len(far)), far) for piece in _pieces(graph, group, most)
+    ]
 
 
-def _parts(graph: csr_matrix, nodes: IntArray) -> list[IntArray]:
+def _pieces(graph: csr_matrix, group: IntArray, most: int) -> list[IntArray]:
+    """Return a group in pieces of at most so many nodes, neighbours together."""
+    if len(group) <= most:
+        return [group] if len(group) else []
+    order = reverse_cuthill_mckee(graph[group][:, group].tocsr(), True)
+    return [np.asarray(piece) for piece in np.array_split(group[order], -(-len(group) // most))]
+
+
+def _parts(graph: csr_matrix, nodes: IntArray, far: Mask) -> list[IntArray]:
     """Return the groups of some nodes in the order of their elimination."""
     if len(nodes) <= _LEAF_NODES:
         return [nodes]
-    inner = graph[nodes][:, nodes]
+    inner = graph[nodes][:, nodes].tocsr()
     count, label = connected_components(inner, directed=False)
     if count > 1:
-        return [group for k in range(count) for group in _parts(graph, nodes[label == k])]
-    level = _levels(inner)
-    # what touches nothing beyond its level stays on the near side
-    row = np.repeat(np.arange(len(nodes)), np.diff(inner.indptr))
-    reaching = np.zeros(len(nodes), dtype=bool)
-    reaching[row[level[inner.indices] > level[row]]] = True
-    size = np.bincount(level[reaching], minlength=level.max() + 1)
-    below = np.cumsum(np.bincount(level))
-    smaller = np.minimum(below - size, len(nodes) - below)
-    possible = np.flatnonzero(smaller >= max(1.0, _SMALLER_SIDE * len(nodes)))
-    if not len(possible):
+        return [group for k in range(count) for group in _parts(graph, nodes[label == k], far)]
+    cut = _best_cut(inner, far[nodes])
+    if cut is None:
         return [nodes]
-    cut = int(possible[np.argmin(size[possible] ** 1.5 / smaller[possible])])
-    separator = (level == cut) & reaching
-    near, far = (level <= cut) & ~separator, level > cut
-    return [*_parts(graph, nodes[near]), *_parts(graph, nodes[far]), nodes[separator]]
+    return [*_parts(graph, nodes[~cut], far), nodes[cut]]
 
 
-def _levels(graph: csr_matrix) -> IntArray:
-    """Return the distance of each node from one that is far from all others."""
-    end = 0
-    for _ in range(2):
-        end = int(breadth_first_order(graph, end, directed=False, return_predecessors=False)[-1])
-    return np.asarray(shortest_path(graph, unweighted=True, directed=False, indices=end), dtype=np.int64)
+def _best_cut(graph: csr_matrix, far: Mask) -> Mask | None:
+    """Return which nodes part a connected graph best; None where there is nothing to part."""
+    row, column = np.repeat(np.arange(graph.shape[0]), np.diff(graph.indptr)), graph.indices
+    order = _order(graph, row, far)
+    end = max(1, int(_END * len(order)))
+    first, last = (np.zeros(len(order), dtype=bool) for _ in range(2))
+    first[order[:end]], last[order[-end:]] = True, True
+    # a tie from end to end can only be cut at one of them
+    ties = np.unique(row[first[row] & last[column]])
+    first[ties] = False
+    if not first.any():
+        return None
+    least, best = np.inf, None
+    tied = np.zeros(len(order), dtype=bool)
+    tied[ties] = True
+    for found in least_cuts(_without(graph, row, tied), first, last | tied):
+        cut = tied.copy()
+        cut[found] = True
+        side = _side(graph, row, cut, first)
+        smaller = min(side, len(order) - int(cut.sum()) - side)
+        cost = int(cut.sum()) ** 1.5 / smaller if smaller > 0 else np.inf
+        if cost < least:
+            least, best = cost, cut
+    return best
 
 
-def _with_fill(graph: csr_matrix, groups: list[IntArray]) -> tuple[Front, ...]:
-    owner = np.empty(graph.shape[0], dtype=np.int64)
-    for k, group in enumerate(groups):
-        owner[group] = k
-    handed: list[list[IntArray]] = [[] for _ in groups]
-    fronts = []
-    for k, group in enumerate(groups):
-        tied = np.unique(np.concatenate([graph[group].indices, *handed[k]]))
-        rest = tied[owner[tied] > k]
-        rest = rest[np.lexsort((rest, owner[rest]))]
-        parent = int(owner[rest[0]]) if len(rest) else -1
-        if parent >= 0:
-            handed[parent].append(rest)
-        fronts.append(Front(group, rest, parent))
-    return tuple(fronts)
+def _without(graph: csr_matrix, row: IntArray, gone: Mask) -> csr_matrix:
+    """Return the graph without the ties of some nodes."""
+    kept = ~(gone[row] | gone[graph.indices])
+    return csr_matrix((np.ones(int(kept.sum())), (row[kept], graph.indices[kept])), shape=graph.shape)
+
+
+def _side(graph: csr_matrix, row: IntArray, cut: Mask, first: Mask) -> int:
+    """Return how many nodes a cut leaves together with those of `first`."""
+    _, label = connected_components(_without(graph, row, cut), directed=False)
+    return int((np.isin(label, label[first]) & ~cut).sum())
+
+
+def _order(graph: csr_matrix, row: IntArray, far: Mask) -> IntArray:
+    """Return all nodes, those first that are near to one that is far from all others."""
+    short = ~(far[row] & far[graph.indices])
+    plain = csr_matrix((np.ones(int(short.sum())), (row[short], graph.indices[short])), shape=graph.shape)
+    order: IntArray = np.zeros(1, dtype=np.int64)
+    for walked in (plain, graph):
+        end = 0
+        for _ in range(3):
+            order = breadth_first_order(walked, end, directed=False, return_predecessors=False)
+            end = int(order[-1])
+        if len(order) == graph.shape[0]:
+            break
+    return order

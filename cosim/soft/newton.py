@@ -112,7 +112,7 @@ class NewtonSolver:
         self.system = system
         self.clamped = clamped
         self.free = np.ascontiguousarray(by_component(~clamped))
-        self._narrow = self._solver_for(system.pattern)
+        self._narrow = self._solver_for(system.pattern, None)
         self.linear: LinearSolver = self._narrow
         self._kept: KeptFactor | None = None
 
@@ -260,11 +260,11 @@ class NewtonSolver:
     def _fit(self, pattern: BlockPattern) -> None:
         if self.linear.pattern is not pattern:
             narrow = pattern is self.system.pattern
-            self.linear = self._narrow if narrow else self._solver_for(pattern)
+            self.linear = self._narrow if narrow else self._solver_for(pattern, self._narrow)
 
-    def _solver_for(self, pattern: BlockPattern) -> LinearSolver:
+    def _solver_for(self, pattern: BlockPattern, like: LinearSolver | None) -> LinearSolver:
         if self.system.conservative:
-            return cholesky(pattern, self.free, self.system.eyelets)
+            return cholesky(pattern, self.free, self.system.eyelets, like)
         return GeneralLU(pattern, self.free)
 
     def _search(

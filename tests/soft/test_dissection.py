@@ -6,17 +6,20 @@ import numpy as np
 import pytest
 from scipy.sparse import csr_matrix
 
-from cosim.frames import Array, Mask
+from cosim.frames import Array, IntArray, Mask
 from cosim.soft import dissected_cholesky
 from cosim.soft.body import Loads, SoftBody
 from cosim.soft.chamber import PolygonalStack
+from cosim.soft.coupled_pattern import CoupledPattern
 from cosim.soft.dissected_cholesky import DissectedCholesky, cholesky
 from cosim.soft.dissection import dissect
 from cosim.soft.envelope_cholesky import EnvelopeCholesky
+from cosim.soft.front_tree import FrontTree, length_left
 from cosim.soft.linear_solver import LinearSolver
 from cosim.soft.refinement import refine
 from cosim.soft.surface import interior_hinges
 from cosim.soft.system import Inertia, SoftSystem
+from cosim.soft.vertex_cut import least_cuts
 from tests.soft.bodies import FILM, hexagon_arm
 
 SIDE = 60
@@ -55,30 +58,81 @@ def assembled() -> tuple[SoftSystem, Mask]:
     return system, free
 
 
+def tree_of(graph: csr_matrix, groups: list[IntArray]) -> FrontTree:
+    """Return the fronts of groups of nodes with one component each."""
+    nodes = graph.shape[0]
+    number = np.full((nodes, 3), -1)
+    number[np.concatenate(groups), 1] = np.arange(nodes)
+    return FrontTree.of(graph, groups, number)
+
+
 def test_every_node_is_eliminated_once_and_its_ties_are_handed_on() -> None:
-    graph, last = grid(), np.array([0, SIDE * SIDE - 1])
-    fronts = dissect(graph, last)
-    assert sorted(np.concatenate([front.nodes for front in fronts])) == list(range(SIDE * SIDE))
-    assert (fronts[-1].nodes == last).all()
-    owner = np.empty(SIDE * SIDE, dtype=int)
-    for k, front in enumerate(fronts):
-        owner[front.nodes] = k
-    for k, front in enumerate(fronts):
-        neighbours = np.unique(graph[front.nodes].indices)
-        assert set(neighbours[owner[neighbours] > k]) <= set(front.rest)
-        if len(front.rest):
-            parent = fronts[front.parent]
-            assert set(front.rest) <= set(parent.nodes) | set(parent.rest)
-            assert owner[front.rest[0]] == front.parent > k
+    graph = grid()
+    groups = dissect(graph, np.array([0, SIDE * SIDE - 1]), 16)
+    assert sorted(np.concatenate(groups)) == list(range(SIDE * SIDE))
+    assert max(len(group) for group in groups) == 16
+    tree, order = tree_of(graph, groups), np.concatenate(groups)
+    rank = np.argsort(order)
+    rests = np.split(tree.rest, tree.rest_first[1:-1])
+    parents = np.full(len(groups), -1)
+    for k, children in enumerate(np.split(tree.children, tree.child_first[1:-1])):
+        parents[children] = k
+    for k, (group, rest) in enumerate(zip(groups, rests, strict=True)):
+        neighbours = rank[np.unique(graph[group].indices)]
+        assert set(neighbours[neighbours >= tree.first[k + 1]]) <= set(rest)
+        assert (np.diff(rest) > 0).all()
+        if len(rest):
+            parent = parents[k]
+            own = np.arange(tree.first[parent], tree.first[parent + 1])
+            there = np.concatenate([own, rests[parent]])
+            assert parent > k
+            assert rest[0] in own
+            assert (there[tree.rows[tree.rest_first[k] : tree.rest_first[k + 1]]] == rest).all()
         else:
-            assert front.parent == -1
+            assert parents[k] == -1
 
 
-def test_no_front_is_much_wider_than_the_grid() -> None:
+def test_what_is_left_of_fronts_that_wait_does_not_overlap() -> None:
+    tree = tree_of(grid(), dissect(grid(), np.zeros(0, np.int64), 16))
+    waiting: dict[int, tuple[int, int]] = {}
+    for k, count in enumerate(np.diff(tree.rest_first)):
+        mine = int(tree.left[k]), int(tree.left[k]) + length_left(int(count))
+        assert mine[1] <= tree.stack
+        assert all(mine[1] <= begin or end <= mine[0] for begin, end in waiting.values() if begin < end)
+        for child in tree.children[tree.child_first[k] : tree.child_first[k + 1]]:
+            del waiting[int(child)]
+        waiting[k] = mine
+
+
+def test_a_grid_is_cut_by_no_more_than_its_side_and_fill_stays_low() -> None:
+    graph = grid()
+    tree = tree_of(graph, dissect(graph, np.zeros(0, np.int64), SIDE))
+    assert tree.first[-1] - tree.first[-2] <= SIDE
+    own, rest = np.diff(tree.first), np.diff(tree.rest_first)
     # the band as numbered would hold SIDE entries in each of SIDE^2 rows
-    fronts = dissect(grid(), np.zeros(0, np.int64))
-    assert max(len(front.nodes) + len(front.rest) for front in fronts) <= 3 * SIDE
-    assert sum(len(front.nodes) * (len(front.nodes) + len(front.rest)) for front in fronts) < SIDE**3
+    assert (own * (own + rest)).sum() < SIDE**3
+
+
+def test_what_is_tied_across_the_mesh_does_not_blur_the_cuts() -> None:
+    graph = grid()
+    eyelets = np.arange(0, SIDE * SIDE, 5 * SIDE)  # a cable along one edge
+    row, column = eyelets[:-1], eyelets[1:]
+    ties = csr_matrix((np.ones(len(row)), (row, column)), shape=graph.shape)
+    groups = dissect((graph + ties + ties.T).tocsr(), eyelets, SIDE + 2)
+    assert len(groups[-1]) <= SIDE + 1
+
+
+def test_the_least_cut_goes_through_the_neck() -> None:
+    graph = grid().tolil()
+    wall = np.arange(SIDE) + 30 * SIDE  # a row of the grid, but for a gate of three
+    gate = wall[20:23]
+    for node in np.setdiff1d(wall, gate):
+        graph[node, :] = 0
+        graph[:, node] = 0
+    node = np.arange(SIDE * SIDE)
+    first, last = least_cuts(graph.tocsr(), node < 10 * SIDE, node >= 50 * SIDE)
+    assert set(first) == set(gate)
+    assert len(last) == 3
 
 
 def test_the_factor_of_a_refined_arm_solves_like_that_within_the_envelope() -> None:
@@ -96,6 +150,27 @@ def test_the_factor_of_a_refined_arm_solves_like_that_within_the_envelope() -> N
     weak[np.flatnonzero(system.pattern.row == system.pattern.column)[100]] -= 1e6 * np.eye(3)
     assert not solver.factor(weak)
     assert not solver.factor(np.nan * weak)
+
+
+def test_a_wider_pattern_takes_over_the_order_of_elimination() -> None:
+    system, free = assembled()
+    near = DissectedCholesky(system.pattern, free, system.eyelets)
+    touching = np.array([[60, 300, 310, 320], [70, 400, 410, 420]])
+    wide = CoupledPattern.of(system.pattern, touching)
+    blocks = wide.blocks(system.blocks)
+    for a, b in ((0, 1), (2, 3)):
+        one, two = touching[:, a], touching[:, b]
+        at = wide.pattern.row * wide.pattern.nodes + wide.pattern.column
+        blocks[np.searchsorted(at, np.maximum(one, two) * wide.pattern.nodes + np.minimum(one, two))] = 7.0
+    solver = cholesky(wide.pattern, free, system.eyelets, near)
+    assert isinstance(solver, DissectedCholesky)
+    assert solver.groups is near.groups
+    envelope = EnvelopeCholesky(wide.pattern, free)
+    load: Array = np.random.default_rng(1).normal(size=(system.body.nodes, 3))
+    assert solver.factor(blocks)
+    assert envelope.factor(blocks)
+    expected = envelope.solve(load)
+    assert solver.solve(load) == pytest.approx(expected, abs=1e-11 * np.abs(expected).max())
 
 
 def test_a_saved_factor_is_not_written_to() -> None:
