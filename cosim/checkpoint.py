@@ -20,7 +20,8 @@ from cosim.state_archive import read_archive, read_header, write_archive
 from cosim.stateful import Stateful
 
 _KEEP_TICKS = 20  # one for every tick would cost some percent: each makes the next factorisation a copy
-_KEEP_S = 1.0
+_KEEP_S = 0.1  # fast ticks are solved again in no time
+_KEEP_AT_LAST_S = 1.0
 
 
 @final
@@ -102,7 +103,7 @@ class Saves(Stateful[Any], Protocol):
 
 @final
 class CheckpointKeeper:
-    """Keeps a state in memory every few ticks, and writes one now and then and when the run ends early.
+    """Keeps a state in memory now and then, and writes one now and then and when the run ends early.
 
     Args:
         simulation: whose state.
@@ -134,7 +135,8 @@ class CheckpointKeeper:
         """Take in one snapshot; the summary has seen it already."""
         self._first = self._first or snapshot
         self._age_ticks += 1
-        old = self._age_ticks >= _KEEP_TICKS or time.perf_counter() - self._renewed >= _KEEP_S
+        age_s = time.perf_counter() - self._renewed
+        old = age_s >= _KEEP_S and (self._age_ticks >= _KEEP_TICKS or age_s >= _KEEP_AT_LAST_S)
         if (old and self._simulation.saves_now) or self._kept is None:
             self._keep()
 

@@ -161,7 +161,8 @@ def _run(
         every_s = options.checkpoint_every_s
         keeper = CheckpointKeeper(simulation, summary, origin, files.directory, every_s, recorder.flush)
         observers = [summary.observe, keeper.observe, recorder.record, keeper.write_when_due]
-    ending = drive(snapshots, [*observers, *(watcher.observe for watcher in options.watchers)], options.stop)
+    observers += [watcher.observe for watcher in options.watchers]
+    ending = drive(snapshots, observers, options.stop, recorder.flush)
     wall_s = origin.wall_s + time.perf_counter() - loop_started
     if keeper is not None:
         keeper.end(ending.status, ending.error)
@@ -243,9 +244,12 @@ def rerun_recorder(path: Path, settings: Recording, part: Part) -> Recorder:
 
 
 def drive(
-    snapshots: Iterator[Snapshot], observers: Sequence[Observe], stop: Callable[[], str | None]
+    snapshots: Iterator[Snapshot],
+    observers: Sequence[Observe],
+    stop: Callable[[], str | None],
+    at_end: Callable[[], None] = lambda: None,
 ) -> Ending:
-    """Feed every snapshot to every observer, in order, until the end, a stop or an exception."""
+    """Feed every snapshot to every observer, in order, until a stop, an exception or the end (`at_end`)."""
     try:
         for snapshot in snapshots:
             for observe in observers:
@@ -253,6 +257,7 @@ def drive(
             reason = stop()
             if reason is not None:
                 return Ending("interrupted", reason)
+        at_end()  # what observers still gather belongs to the time of the loop
     except KeyboardInterrupt as error:
         return Ending("interrupted", "keyboard interrupt", error)
     except Exception as error:  # whatever it is, the recording and the summary are to be readable

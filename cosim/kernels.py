@@ -22,6 +22,7 @@ INTEGER = numba.int64
 VECTOR = numba.float64[::1]
 MATRIX = numba.float64[:, ::1]
 BLOCKS = numba.float64[:, :, ::1]
+CUBES = numba.float64[:, :, :, ::1]
 INDICES = numba.int64[::1]
 PLACES = numba.uint64[::1]
 INDEX_TABLE = numba.int64[:, ::1]

@@ -9,7 +9,7 @@ from typing import Any, Final, final
 import numpy as np
 
 from cosim.frames import Array, IntArray
-from cosim.scenario.block import READ_AT_ONCE, Block
+from cosim.scenario.block import Block, read_now
 from cosim.scenario.snapshot import Snapshot, Stage
 
 
@@ -130,7 +130,7 @@ class ResultBuilder:
     def observe(self, snapshot: Snapshot) -> None:
         """Take in one snapshot."""
         self._unread.append(snapshot)
-        if len(self._unread) == READ_AT_ONCE:
+        if read_now(self._unread):
             self._read()
         if snapshot.time_s >= self._next_frame_s - _ROUNDING_S:
             self._frame_time_s.append(snapshot.time_s)

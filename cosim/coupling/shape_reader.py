@@ -53,6 +53,12 @@ class ShapeFigures:
             volumes_m3,
         )
 
+    def of_rows(self, rows: Rows) -> ShapeFigures:
+        """Return the figures of some of the shapes."""
+        return ShapeFigures(
+            self.tip_position[rows], self.tip_direction[rows], self.center_line_m[rows], self.volumes_m3[rows]
+        )
+
     def sag_m(self, origin: Array, axis: Array) -> Array:
         """Return how far each tip is from where it would be on a straight line of the same length (k,) [m].
 
@@ -72,6 +78,10 @@ class ShapeReader(ABC):
         """Return the film's nodes (n, 3) [m]."""
 
     @abstractmethod
+    def films(self, shapes: Sequence[Any]) -> Array:
+        """Return the film's nodes (k, n, 3) [m] of some shapes, at least one."""
+
+    @abstractmethod
     def figures(self, shapes: Sequence[Any]) -> ShapeFigures:
         """Return the figures of some shapes, at least one."""
 
@@ -87,6 +97,10 @@ class ShapeRows(ABC):
     @abstractmethod
     def shape(self, row: int) -> Any:
         """Return the shape in a row for the reader, in arrays of its own."""
+
+    @abstractmethod
+    def films(self, rows: Rows) -> Array:
+        """Return the film's nodes (k, n, 3) [m] of some rows, at least one."""
 
     @abstractmethod
     def figures(self, rows: Rows) -> ShapeFigures:
@@ -108,6 +122,10 @@ class MeshReader(ShapeReader):
     def positions(self, shape: Array) -> Array:
         """Return the shape itself."""
         return shape
+
+    def films(self, shapes: Sequence[Array]) -> Array:
+        """Return the shapes one after the other."""
+        return np.concatenate(shapes).reshape(len(shapes), -1, 3)
 
     def figures(self, shapes: Sequence[Array]) -> ShapeFigures:
         """Return the figures; see `ShapeReader.figures`."""

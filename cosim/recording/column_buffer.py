@@ -12,7 +12,7 @@ from cosim.frames import Array, IntArray
 from cosim.recording.blueprint import TICKS, TIMELINE
 from cosim.recording.columns import column
 from cosim.recording.plot import Plot
-from cosim.scenario.block import READ_AT_ONCE, Block
+from cosim.scenario.block import Block, read_now
 from cosim.scenario.snapshot import Snapshot
 
 
@@ -50,7 +50,7 @@ class PlotBuffer:
     def append(self, snapshot: Snapshot) -> None:
         """Take the values of one tick."""
         self._unread.append(snapshot)
-        if len(self._unread) == READ_AT_ONCE:
+        if read_now(self._unread):
             self._read()
 
     def _read(self) -> None:

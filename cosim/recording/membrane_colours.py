@@ -9,7 +9,7 @@ from numba import float64, uint32, void
 from numpy.typing import NDArray
 
 from cosim.frames import Array, IntArray
-from cosim.kernels import INDEX_TABLE, MATRIX, VECTOR, kernel
+from cosim.kernels import BLOCKS, INDEX_TABLE, MATRIX, VECTOR, kernel
 from cosim.recording.colours import stress_scale
 
 _LIGHT: Final = np.array([0.35, -0.62, 0.70]) / np.linalg.norm([0.35, -0.62, 0.70])
@@ -17,35 +17,37 @@ _AMBIENT: Final = 0.62
 """Light that reaches every face: high, so that shading does not hide the scale."""
 
 
-@kernel(void(MATRIX, INDEX_TABLE, VECTOR, VECTOR, VECTOR, MATRIX, VECTOR, float64, MATRIX, uint32[::1]))
-def colour_nodes(x, triangles, stress, share, stress_range, scale, light, ambient, sums, packed):  # type: ignore[no-untyped-def]
-    """Fill packed (n,) with the colour of each node as 0xRRGGBBAA; see `MembraneColours`.
+@kernel(void(BLOCKS, INDEX_TABLE, MATRIX, VECTOR, VECTOR, MATRIX, VECTOR, float64, uint32[:, ::1]))
+def colour_nodes(x, triangles, stress, share, stress_range, scale, light, ambient, packed):  # type: ignore[no-untyped-def]
+    """Fill packed (k, n) with the colour of each node in k frames as 0xRRGGBBAA; see `MembraneColours`.
 
-    share: (n,) one over the number of triangles; scale: (colours, 3); sums: (n, 4) scratch.
+    share: (n,) one over the number of triangles; scale: (colours, 3).
     """
-    sums[:] = 0.0
-    for e in range(triangles.shape[0]):
-        a, b, c = triangles[e, 0], triangles[e, 1], triangles[e, 2]
-        u0, u1, u2 = x[b, 0] - x[a, 0], x[b, 1] - x[a, 1], x[b, 2] - x[a, 2]
-        v0, v1, v2 = x[c, 0] - x[a, 0], x[c, 1] - x[a, 1], x[c, 2] - x[a, 2]
-        for k in range(3):
-            node = triangles[e, k]
-            sums[node, 0] += stress[e]
-            sums[node, 1] += u1 * v2 - u2 * v1
-            sums[node, 2] += u2 * v0 - u0 * v2
-            sums[node, 3] += u0 * v1 - u1 * v0
     last = scale.shape[0] - 1
-    for i in range(x.shape[0]):
-        place = (sums[i, 0] * share[i] - stress_range[0]) / (stress_range[1] - stress_range[0])
-        index = 0
-        if place > 0.0:  # what is not a number is not
-            index = int(min(place, 1.0) * last + 0.5)
-        n0, n1, n2 = sums[i, 1], sums[i, 2], sums[i, 3]
-        length = max(np.sqrt(n0 * n0 + n1 * n1 + n2 * n2), 1e-30)
-        facing = (n0 * light[0] + n1 * light[1] + n2 * light[2]) / length
-        bright = ambient + (1.0 - ambient) * (0.5 + 0.5 * facing)  # half-Lambert
-        red, green = int(scale[index, 0] * bright), int(scale[index, 1] * bright)
-        packed[i] = (red << 24) | (green << 16) | (int(scale[index, 2] * bright) << 8) | 0xFF
+    sums = np.empty((x.shape[1], 4))
+    for f in range(x.shape[0]):
+        sums[:] = 0.0
+        for e in range(triangles.shape[0]):
+            a, b, c = triangles[e, 0], triangles[e, 1], triangles[e, 2]
+            u0, u1, u2 = x[f, b, 0] - x[f, a, 0], x[f, b, 1] - x[f, a, 1], x[f, b, 2] - x[f, a, 2]
+            v0, v1, v2 = x[f, c, 0] - x[f, a, 0], x[f, c, 1] - x[f, a, 1], x[f, c, 2] - x[f, a, 2]
+            n0, n1, n2 = u1 * v2 - u2 * v1, u2 * v0 - u0 * v2, u0 * v1 - u1 * v0
+            for node in (a, b, c):
+                sums[node, 0] += stress[f, e]
+                sums[node, 1] += n0
+                sums[node, 2] += n1
+                sums[node, 3] += n2
+        for i in range(x.shape[1]):
+            place = (sums[i, 0] * share[i] - stress_range[0]) / (stress_range[1] - stress_range[0])
+            index = 0
+            if place > 0.0:  # what is not a number is not
+                index = int(min(place, 1.0) * last + 0.5)
+            n0, n1, n2 = sums[i, 1], sums[i, 2], sums[i, 3]
+            length = max(np.sqrt(n0 * n0 + n1 * n1 + n2 * n2), 1e-30)
+            facing = (n0 * light[0] + n1 * light[1] + n2 * light[2]) / length
+            bright = ambient + (1.0 - ambient) * (0.5 + 0.5 * facing)  # half-Lambert
+            red, green = int(scale[index, 0] * bright), int(scale[index, 1] * bright)
+            packed[f, i] = (red << 24) | (green << 16) | (int(scale[index, 2] * bright) << 8) | 0xFF
 
 
 @final
@@ -65,17 +67,24 @@ class MembraneColours:
         self._range = np.array(stress_range_Pa)
         self._scale = stress_scale()[:, :3].astype(np.float64)
         self._share = 1.0 / np.maximum(np.bincount(self._triangles.ravel(), minlength=nodes), 1)
-        self._sums = np.empty((nodes, 4))
 
-    def pack(self, positions: Array, stress: Array, packed: NDArray[np.uint32]) -> None:
-        """Fill in the colour of each node as 0xRRGGBBAA.
+    def packed(self, positions: Array, stress: Array) -> NDArray[np.uint32]:
+        """Return the colour of each node in each frame (k, n) as 0xRRGGBBAA.
 
         Args:
-            positions: (n, 3) [m], world.
-            stress: (m,) [Pa]; each node shows the mean of its triangles.
-            packed: (n,).
+            positions: (k, n, 3) [m], world.
+            stress: (k, m) [Pa]; each node shows the mean of its triangles.
         """
+        packed = np.empty(positions.shape[:2], dtype=np.uint32)
         colour_nodes(
-            np.ascontiguousarray(positions), self._triangles, np.ascontiguousarray(stress), self._share,
-            self._range, self._scale, _LIGHT, _AMBIENT, self._sums, packed,
-        )  # fmt: skip
+            positions,
+            self._triangles,
+            stress,
+            self._share,
+            self._range,
+            self._scale,
+            _LIGHT,
+            _AMBIENT,
+            packed,
+        )
+        return packed

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from pathlib import Path
 from typing import Final, final
 
@@ -15,6 +16,7 @@ from cosim.recording.colours import series_colours
 from cosim.recording.column_buffer import PlotBuffer, time_columns
 from cosim.recording.plots import plots_of
 from cosim.recording.recorder import Part, Recorder
+from cosim.recording.rigid_mesh import log_rigid_meshes
 from cosim.recording.scene import Scene
 from cosim.recording.stress_legend import log_stress_legend
 from cosim.scenario.block import Block
@@ -24,6 +26,10 @@ APPLICATION_ID: Final = "cosim"
 STRESS_RANGE_PA: Final = (0.0, 25e6)
 FRAMES_PER_S: Final = 60.0
 _SECOND_NS: Final = 1_000_000_000
+_GATHERED_S: Final = 1.0
+"""Wall time after which what was gathered is written: writing costs much once, and little for every tick."""
+_NODES_GATHERED: Final = 500_000
+"""Nodes in all frames gathered, from which on they are written before: a bound of the memory, some 50 MB."""
 _PHASE: Final = "/phase"
 _SUMMARY: Final = "/summary"
 
@@ -32,8 +38,8 @@ _SUMMARY: Final = "/summary"
 class RerunRecorder(Recorder):
     """Writes one file: curves at every tick, the scene at a limited frame rate.
 
-    Everything is gathered in memory and written once per simulated second, so a process that is
-    killed loses at most that second.
+    What was gathered in memory is written once a second (of wall time), so a process that is killed loses
+    little more than the last second; and before it gets large.
 
     Args:
         path: of the file; missing folders are made, an old file is replaced.
@@ -117,7 +123,8 @@ class _Run:
         self._frames: list[Snapshot] = []
         self._frame = -1
         self._drawn_tick = -1
-        self._flushed_s = 0
+        self._frames_most = 1
+        self._written = time.perf_counter()
         self._phase = -1
         self._last: Snapshot | None = None
         self._log_static()
@@ -134,8 +141,7 @@ class _Run:
             self._frame = frame
             self._drawn_tick = snapshot.tick
             self._frames.append(snapshot)
-        if time_ns // _SECOND_NS != self._flushed_s:
-            self._flushed_s = time_ns // _SECOND_NS
+        if len(self._frames) >= self._frames_most or time.perf_counter() - self._written >= _GATHERED_S:
             self.flush()
 
     def close(self, summary_markdown: str, status: str) -> None:
@@ -156,6 +162,7 @@ class _Run:
         stream.send_property("run", parameters)
         stream.send_property("outcome", rr.AnyValues(status="running"))
         log_stress_legend(stream, self._stress_range_Pa)
+        log_rigid_meshes(stream, stage)
         names = list(stage.phase_names)
         colours = [(*colour, 255) for colour in series_colours(len(names))]
         phases = rr.StateConfiguration(values=names, labels=names, colors=colours)
@@ -170,6 +177,7 @@ class _Run:
         stage = self._stage
         plots = plots_of(stage, len(first.joint_position))
         self._stream.send_blueprint(blueprint(plots, scene_eye(stage, first), close_eye(stage, first)))
+        self._frames_most = max(1, _NODES_GATHERED // len(first.node_position))
         self._scene = Scene(self._stream, stage, first, self._stress_range_Pa)
         self._curves = PlotBuffer(self._stream, plots, self._tick_ns)
         return self._curves
@@ -195,3 +203,4 @@ class _Run:
             self._scene.send(Block(self._frames), times)
             self._frames.clear()
         self._stream.flush()
+        self._written = time.perf_counter()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from typing import Final
 
 import numpy as np
@@ -10,9 +11,24 @@ import rerun as rr
 from cosim.body_shape import BodyShape
 from cosim.frames import Array, IntArray, cross
 from cosim.recording.colours import FLOOR_SHADE
+from cosim.scenario.snapshot import Stage
 
 FLOOR_NAME: Final = "floor"
 _SHARP: Final = float(np.cos(np.radians(35.0)))
+
+
+def body_path(name: str) -> str:
+    """Return the entity of a rigid body."""
+    return f"/world/rigid/{rr.escape_entity_path_part(name)}"
+
+
+def log_rigid_meshes(stream: rr.RecordingStream, stage: Stage) -> None:
+    """Log the shapes of all bodies below their entities, which are moved."""
+    count: Counter[int] = Counter()
+    for shape in stage.shapes:
+        name = stage.body_names[shape.body]
+        stream.log(f"{body_path(name)}/{count[shape.body]}", rigid_mesh(shape, name), static=True)
+        count[shape.body] += 1
 
 
 def rigid_mesh(shape: BodyShape, body: str) -> rr.Mesh3D:

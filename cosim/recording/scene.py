@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Sequence
 from typing import Final, TypeAlias, final
 
@@ -20,7 +19,7 @@ from cosim.recording.creases import crease_lines
 from cosim.recording.line_strips import send_lines, style_lines
 from cosim.recording.loads import LoadArrows
 from cosim.recording.membrane_colours import MembraneColours
-from cosim.recording.rigid_mesh import rigid_mesh
+from cosim.recording.rigid_mesh import body_path
 from cosim.recording.tip import TipMarks
 from cosim.scenario.block import Block
 from cosim.scenario.snapshot import Snapshot, Stage
@@ -38,7 +37,7 @@ _HALF_TAUT_N: Final = 1.0
 
 @final
 class Scene:
-    """Logs arm, floor and everything that is drawn of the soft robot.
+    """Logs where the bodies are, and everything that is drawn of the soft robot.
 
     Args:
         stream: to write to.
@@ -55,7 +54,7 @@ class Scene:
         nodes = len(first.node_position)
         self._colours = MembraneColours(stage.soft_triangles, nodes, stress_range_Pa)
         self._seams = crease_lines(first.node_position, stage.soft_triangles)
-        self._paths = [f"/world/rigid/{rr.escape_entity_path_part(name)}" for name in stage.body_names]
+        self._paths = [body_path(name) for name in stage.body_names]
         self._drawn = sorted({shape.body for shape in stage.shapes})
         size = soft_size(stage, first)
         self._loads = LoadArrows(stream, stage, size, close_eye(stage, first))
@@ -83,11 +82,6 @@ class Scene:
     def _log_static(self) -> None:
         log = self._stream.log
         log("/world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
-        count: Counter[int] = Counter()
-        for shape in self._stage.shapes:
-            path = f"{self._paths[shape.body]}/{count[shape.body]}"
-            count[shape.body] += 1
-            log(path, rigid_mesh(shape, self._stage.body_names[shape.body]), static=True)
         if self._seams:
             style_lines(self._stream, "/world/soft/seams", _SEAM_RADIUS_M, _SEAM)
         if self._stage.cables:
@@ -109,14 +103,12 @@ class Scene:
 
     def _send_film(self, frames: Block, times: Sequence[rr.TimeColumn]) -> Single:
         """Write the film; return its nodes (frames, n, 3)."""
-        nodes = len(frames.snapshots[0].node_position)
-        positions = np.empty((len(frames), nodes, 3), dtype=np.float32)
-        colours = np.empty((len(frames), nodes), dtype=np.uint32)
-        for k, frame in enumerate(frames.snapshots):
-            x = frame.node_position
-            positions[k] = x
-            self._colours.pack(x, self._stage.membrane_stress(x), colours[k])
-        each = np.full(len(frames), nodes)
+        x = frames.node_position
+        stress = np.empty((len(frames), len(self._stage.soft_triangles)))
+        for k in range(len(frames)):
+            stress[k] = self._stage.membrane_stress(x[k])
+        positions, colours = x.astype(np.float32), self._colours.packed(x, stress)
+        each = np.full(len(frames), x.shape[1])
         columns = [
             column(rr.Mesh3D, "vertex_positions", Position3DBatch(positions.reshape(-1, 3)), each),
             column(rr.Mesh3D, "vertex_colors", ColorBatch(colours.ravel()), each),

@@ -18,10 +18,18 @@ if TYPE_CHECKING:
 
 READ_AT_ONCE: Final = 64
 """Snapshots that observers gather before they read them: more cost no less each, fine meshes are large."""
+_ROWS_AT_ONCE: Final = 512
+"""The same of rows, which are small."""
 
 _OfColumns: TypeAlias = Callable[[TickColumns], Any]
 _NONE: Final = np.zeros(0)
 _NOWHERE: Final = np.full(3, np.nan)
+
+
+def read_now(gathered: Sequence[Snapshot]) -> bool:
+    """Whether what an observer has gathered, at least one, is enough for a block."""
+    count = len(gathered)
+    return count >= READ_AT_ONCE and (count >= _ROWS_AT_ONCE or gathered[-1].kept_row is None)
 
 
 def _column(of_columns: _OfColumns, of_snapshots: Callable[[Sequence[Snapshot]], Any]) -> Any:
@@ -159,6 +167,11 @@ class Block:
     def flange_quaternion(self) -> Array:
         """(k, 4), (w, x, y, z)."""
         return quaternions_from_rotations(self.flange_rotation)
+
+    @cached_property
+    def node_position(self) -> Array:
+        """(k, nodes, 3) [m]."""
+        return np.asarray(_joined([piece.node_position for piece in self.pieces]))
 
     @cached_property
     def tip_position(self) -> Array:

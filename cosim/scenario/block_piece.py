@@ -5,15 +5,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import cached_property
 from itertools import groupby
-from typing import TYPE_CHECKING, final
+from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 
+from cosim.frames import Array
 from cosim.scenario.snapshot import Snapshot
 from cosim.scenario.tick_columns import TickColumns
 
 if TYPE_CHECKING:
-    from cosim.coupling.shape_reader import Rows, ShapeFigures
+    from cosim.coupling.shape_reader import Rows, ShapeFigures, ShapeReader
 
 
 @final
@@ -44,12 +45,26 @@ class BlockPiece:
         """What is read off the film's shapes; None for snapshots of different runs, or made by hand."""
         if self.columns is not None:
             return self.columns.shapes.figures(self.rows)
+        return None if self._kept is None else self._kept[0].figures(self._kept[1])
+
+    @cached_property
+    def node_position(self) -> Array:
+        """(k, n, 3) [m]."""
+        if self.columns is not None:
+            return self.columns.shapes.films(self.rows)
+        if self._kept is not None:
+            return self._kept[0].films(self._kept[1])
+        return np.stack([snapshot.node_position for snapshot in self.snapshots])
+
+    @cached_property
+    def _kept(self) -> tuple[ShapeReader, list[Any]] | None:
+        """Shapes that are still to be read, and what reads all of them."""
         kept = [snapshot.kept_shape for snapshot in self.snapshots]
         readers = {None if shape is None else shape.reader for shape in kept}
         reader = readers.pop()
         if readers or reader is None:
             return None
-        return reader.figures([shape.shape for shape in kept if shape is not None])
+        return reader, [shape.shape for shape in kept if shape is not None]
 
 
 def pieces_of(snapshots: Sequence[Snapshot]) -> tuple[BlockPiece, ...]:

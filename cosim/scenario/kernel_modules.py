@@ -19,12 +19,15 @@ def kernel_modules(scenario: Scenario) -> tuple[ModuleType, ...]:
             assembly,
             chain_contact,
             chain_figures,
+            chain_shapes,
             energy,
             implicit_step,
             pressure_spline,
         )
 
-        modules += (assembly, chain_contact, chain_figures, energy, implicit_step, pressure_spline)
+        modules += (
+            assembly, chain_contact, chain_figures, chain_shapes, energy, implicit_step, pressure_spline,
+        )  # fmt: skip
     if scenario.robot != NO_ARM:
         from cosim.rigid.compilation import KERNEL_MODULES  # here: it brings MuJoCo
 

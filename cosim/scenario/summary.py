@@ -9,7 +9,7 @@ from typing import Any, Final, Literal, final
 
 import numpy as np
 
-from cosim.scenario.block import READ_AT_ONCE, Block
+from cosim.scenario.block import Block, read_now
 from cosim.scenario.device_figures import DeviceFigures, DeviceFiguresState
 from cosim.scenario.exchange_figures import ExchangeFigures, largest
 from cosim.scenario.snapshot import Snapshot, Stage
@@ -86,7 +86,7 @@ class SummaryBuilder:
         if self._last is not None and snapshot.phase != self._last.phase:
             self._close_phase(complete=True)
         self._unread.append(snapshot)
-        if len(self._unread) == READ_AT_ONCE:
+        if read_now(self._unread):
             self._read()
         self._last = snapshot
         if self._devices is not None:

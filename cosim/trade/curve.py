@@ -16,7 +16,7 @@ from typing import TypeAlias, final
 import numpy as np
 
 from cosim.frames import Array
-from cosim.scenario.block import READ_AT_ONCE, Block
+from cosim.scenario.block import READ_AT_ONCE, Block, read_now
 from cosim.scenario.schema import Scenario
 from cosim.scenario.snapshot import Snapshot, Stage
 from cosim.trade.simulation import Build
@@ -106,7 +106,7 @@ class CurveBuilder:
     def observe(self, snapshot: Snapshot) -> None:
         """Take in one snapshot."""
         self._unread.append(snapshot)
-        if len(self._unread) == READ_AT_ONCE:
+        if read_now(self._unread):
             self._read()
 
     def _read(self) -> None:
@@ -167,5 +167,5 @@ def trace(
             if snapshot.time_s - stretch_from_s >= STRETCH_S:
                 advance(snapshot.tick / stage.ticks)
                 stretch_from_s, stretch_began = snapshot.time_s, now
-        spent = time.process_time() - began
+    spent = time.process_time() - began  # with what the follower had still to write
     return builder.curve(spent)

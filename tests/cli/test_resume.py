@@ -71,8 +71,9 @@ def test_an_interrupted_run_goes_on(command: Command, whole: dict[str, Any]) -> 
 
 @pytest.mark.parametrize(("tick", "kept"), [(7, 0), (24, 20)])
 def test_a_second_signal_leaves_a_state_some_ticks_before(
-    tick: int, kept: int, command: Command, whole: dict[str, Any]
+    tick: int, kept: int, command: Command, whole: dict[str, Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setattr(checkpoint, "_KEEP_S", 0.0)
     assert command.start(at_tick=interrupt_at(tick, times=2)) == 130
     assert command.resume() == 0
     assert summary_of(command.directory)["resumed_at_ticks"] == [kept]

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from cosim.errors import InputError
+from cosim.recording import rerun_recorder
 from cosim.recording.recorder import NullRecorder, Part
 from cosim.recording.rerun_recorder import RerunRecorder
 from cosim.scenario.snapshot import Snapshot, Stage
@@ -28,21 +29,39 @@ Read = Callable[[Path], Any]
 def test_killed_process_leaves_all_but_the_last_second(rrd: Path, tmp_path: Path, read: Read) -> None:
     script = tmp_path / "killed.py"
     script.write_text(
-        "import os, runpy, sys\n"
+        "import os, runpy, sys, time\n"
         "from pathlib import Path\n"
         "from cosim.recording.rerun_recorder import RerunRecorder\n"
         f"made_up = runpy.run_path({str(Path(__file__).with_name('conftest.py'))!r})\n"
         "stage = made_up['make_stage']()\n"
         "recorder = RerunRecorder(Path(sys.argv[1]))\n"
         "recorder.open(stage)\n"
-        "for tick in range(700):\n"
+        "for tick in range(101):\n"
+        "    time.sleep(1.05 * (tick == 70))\n"
         "    recorder.record(made_up['make_snapshot'](stage, tick))\n"
         "os._exit(1)\n"
     )
     environment = os.environ | {"PYTHONPATH": str(Path(__file__).parents[2])}
     subprocess.run([sys.executable, str(script), str(rrd)], check=False, env=environment, timeout=60)
     times = read(rrd).by_time("/plots/pressure", "Scalars:scalars")
-    assert list(times) == [2_000_000 * tick for tick in range(501)]
+    assert list(times)[:71] == [2_000_000 * tick for tick in range(71)]
+
+
+@pytest.mark.filterwarnings("ignore:RRD file has no footer")
+def test_what_is_gathered_does_not_grow_without_bound(
+    rrd: Path, make_stage: MakeStage, make_snapshot: MakeSnapshot, read: Read, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(rerun_recorder, "_GATHERED_S", 1e9)
+    stage = make_stage()
+    monkeypatch.setattr(rerun_recorder, "_NODES_GATHERED", 4 * len(make_snapshot(stage, 0).node_position))
+    recorder = RerunRecorder(rrd, frames_per_s=500.0)
+    recorder.open(stage)
+    for tick in range(13):
+        recorder.record(make_snapshot(stage, tick))
+    times = read(rrd).by_time("/world/soft/film", "Mesh3D:vertex_positions")
+    assert list(times) == [2_000_000 * tick for tick in range(12)]  # four frames, three times
+    recorder.close("", "completed")
+    assert len(read(rrd).by_time("/world/soft/film", "Mesh3D:vertex_positions")) == 13
 
 
 @pytest.mark.parametrize("mode", ["dynamic", "quasistatic"])

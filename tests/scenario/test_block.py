@@ -14,7 +14,7 @@ from cosim.scenario.loading import load_scenario
 from cosim.scenario.snapshot import Snapshot
 from tests.conftest import made_up_snapshot
 
-READ = ("tip_position", "tip_direction", "sag_m", "chamber_volume_m3")
+READ = ("node_position", "tip_position", "tip_direction", "sag_m", "chamber_volume_m3")
 
 
 def snapshots(fidelity: str) -> list[Snapshot]:

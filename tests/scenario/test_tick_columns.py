@@ -46,7 +46,7 @@ BEGIN, END = 11, 31
 IN_BLOCKS = (
     "tick", "time_s", "phase", "joint_position", "joint_target", "body_position", "body_quaternion",
     "pressure_Pa", "chamber_pressure_Pa", "cable_tension_N", "tip_position", "tip_direction", "sag_m",
-    "chamber_volume_m3", "volume_m3",
+    "chamber_volume_m3", "volume_m3", "node_position",
 )  # fmt: skip
 IN_LEDGERS = (
     "power_error_W", "power_error", "momentum_error", "residual_N", "newton_iterations", "stability_ratio",

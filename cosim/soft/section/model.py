@@ -7,9 +7,10 @@ from typing import final
 
 import numpy as np
 
-from cosim.frames import Array
+from cosim.frames import Array, IntArray
 from cosim.soft.body import SoftBody
 from cosim.soft.section.assembly import combine_points, gas_volume
+from cosim.soft.section.chain_shapes import chain_points, gas_volumes
 from cosim.soft.section.pressure_spline import TERMS, PressureSpline
 from cosim.soft.section.ring_frames import RingFrames, frames_from_strains, strains
 
@@ -124,6 +125,39 @@ class SectionBody:
         """Return the nodes (n, 3) [m] of the film on frames (f, 4, 3)."""
         result = np.empty((len(self._nodes), 3))
         combine_points(frames, self.frames.before, self.node_weights(pressure_Pa), result)
+        return result
+
+    def films(self, frames: Array, pressure_Pa: Array) -> Array:
+        """Return the nodes (k, n, 3) [m] of the film on chains (k, f, 4, 3) at pressures (k,)."""
+        return self.points(frames, pressure_Pa, self._films, self.frames.before)
+
+    def points(self, frames: Array, pressure_Pa: Array, table: Array, before: IntArray) -> Array:
+        """Return points (k, n, 3) [m] of chains (k, f, 4, 3) at pressures (k,).
+
+        Args:
+            frames: (k, f, 4, 3).
+            pressure_Pa: (k,).
+            table: (size, 8 n), combinations as in `SectionModel.nodes`.
+            before: (n,), the first of the two frames that each point is between.
+        """
+        spline = self.model.spline
+        result = np.empty((len(frames), len(before), 3))
+        chain_points(frames, pressure_Pa, spline.largest_Pa, spline.intervals, table, before, result)
+        return result
+
+    def volumes(self, frames: Array, pressure_Pa: Array) -> Array:
+        """Return the enclosed volumes (k,) [m^3] of chains (k, f, 4, 3) at pressures (k,)."""
+        spline, gas, result = self.model.spline, self.model.gas, np.empty(len(frames))
+        gas_volumes(
+            frames,
+            pressure_Pa,
+            spline.largest_Pa,
+            spline.intervals,
+            self._energies,
+            self._lengths,
+            gas,
+            result,
+        )
         return result
 
     def spread(self, nodal: Array, pressure_Pa: float) -> Array:
