@@ -8,7 +8,8 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from cosim.driver import Options, build_simulation, execute, rerun_recorder, with_fidelity_chosen
+from cosim.driver import Options, build_simulation, execute, rerun_recorder
+from cosim.first_run import log, prepared
 from cosim.result import ResultBuilder, RunResult
 from cosim.run_files import default_directory
 from cosim.scenario.loading import load_scenario
@@ -41,7 +42,7 @@ def run(
         SolverError: the physics could not be solved; the files, if any, say how far it came.
     """
     started = time.perf_counter()
-    checked = with_fidelity_chosen(load_scenario(scenario, overrides), lambda _text: None)
+    checked = prepared(load_scenario(scenario, overrides), log, recording=recording)
     directory = Path(out) if out is not None else default_directory(checked.name) if recording else None
     arrays = ResultBuilder(checked.recording.frames_per_s)
     options = Options(directory, rerun_recorder if recording else None, [arrays])

@@ -9,8 +9,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, final
 
 from cosim.checkpoint import Checkpoint
-from cosim.driver import build_simulation, with_fidelity_chosen
+from cosim.driver import build_simulation
 from cosim.errors import InputError, SolverError
+from cosim.first_run import log, prepared
 from cosim.scenario.loading import load_scenario
 from cosim.scenario.schema import Scenario
 from cosim.scenario.snapshot import Snapshot, Stage
@@ -63,7 +64,7 @@ class Simulation:
         start: SavedState | str | Path | None = None,
         controllers: Mapping[str, AnyController] | None = None,
     ) -> None:
-        self.scenario = with_fidelity_chosen(load_scenario(scenario, overrides), lambda _text: None)
+        self.scenario = prepared(load_scenario(scenario, overrides), log, recording=False)
         self._controllers = controllers
         self._run = build_simulation(self.scenario, controllers)
         if start is None:

@@ -18,7 +18,7 @@ BASICS = {
     "errors", "frames", "frozen", "resources", "arm_files", "body_shape", "kernels", "mesh_files", "stateful",
     "state_archive", "__init__",
 }  # fmt: skip
-TOP = {"api", "checkpoint", "code_identity", "driver", "result", "run_files", "simulation"}
+TOP = {"api", "checkpoint", "code_identity", "driver", "first_run", "result", "run_files", "simulation"}
 PHYSICS = {"basics", "soft", "rigid", "kinematics"}
 JOINING = PHYSICS | {"coupling", "actuation"}
 MAY_IMPORT = {

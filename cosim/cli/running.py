@@ -6,7 +6,6 @@ import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from types import ModuleType
 from typing import Any, final
 
 from cosim.checkpoint import check_resumable
@@ -19,10 +18,9 @@ from cosim.driver import (
     build_simulation,
     execute,
     rerun_recorder,
-    with_fidelity_chosen,
 )
+from cosim.first_run import prepared
 from cosim.run_files import SCENARIO, SUMMARY, check_directory, default_directory, recordings
-from cosim.scenario.kernel_modules import kernel_modules
 from cosim.scenario.loading import load_scenario
 from cosim.scenario.overrides import parse_assignment
 from cosim.scenario.schema import Scenario
@@ -87,12 +85,7 @@ def resume_command(directory: Path, how: RunOptions) -> int:
 
 
 def _execute(scenario: Scenario, directory: Path, how: RunOptions, *, resume: bool) -> int:
-    from cosim.soft.compilation import compile_kernels  # here, so that wrong input needs no engine
-
-    tell = _ignore if how.quiet else _tell
-    compile_kernels(tell, _kernels(scenario, recording=how.recording))
-    scenario = with_fidelity_chosen(scenario, tell)
-    compile_kernels(tell, _kernels(scenario, recording=how.recording))  # of a fidelity that was chosen
+    scenario = prepared(scenario, _ignore if how.quiet else _tell, recording=how.recording)
     with Interruption() as interruption:
         watchers: list[Watcher] = [interruption] if how.quiet else [interruption, Progress(sys.stderr)]
         make_recorder = rerun_recorder if how.recording else None
@@ -101,16 +94,6 @@ def _execute(scenario: Scenario, directory: Path, how: RunOptions, *, resume: bo
         )
         outcome = execute(scenario, build_simulation, options, how.started)
     return _report(outcome, directory, interruption, quiet=how.quiet)
-
-
-def _kernels(scenario: Scenario, *, recording: bool) -> tuple[ModuleType, ...]:
-    """Return the modules with kernels that some runs do without."""
-    modules = kernel_modules(scenario)
-    if recording:
-        from cosim.recording import membrane_colours
-
-        modules = (membrane_colours, *modules)
-    return modules
 
 
 def _tell(text: str) -> None:

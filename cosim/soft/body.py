@@ -127,7 +127,7 @@ class SoftBody:
         Raises:
             MeshError: degenerate triangles, unknown nodes, negative masses.
         """
-        x = np.ascontiguousarray(positions, dtype=np.float64)
+        x = np.array(positions, dtype=np.float64, order="C")
         tri = _indices(triangles)
         if tri.size and (tri.min() < 0 or tri.max() >= len(x)):
             raise MeshError(f"triangles refer to node {int(tri.max())}; there are nodes 0 to {len(x) - 1}")
@@ -174,7 +174,8 @@ class SoftBody:
 
 
 def _indices(values: object) -> IntArray:
-    return np.ascontiguousarray(values, dtype=np.int64)
+    """Return a copy that can be written to: of one that can't, kernels would be compiled a second time."""
+    return np.array(values, dtype=np.int64, order="C")
 
 
 class NodalPotential(Protocol):

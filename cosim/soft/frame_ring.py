@@ -110,7 +110,7 @@ class FrameRings:
             MeshError: a ring has fewer than 3 nodes, lies on a line or is a parallelogram of 4 nodes (its
                 chords are its edges, which let it shear); k is not positive.
         """
-        rings = np.ascontiguousarray(rings, dtype=np.int64)
+        rings = np.array(rings, dtype=np.int64, order="C")
         if rings.ndim != 2 or rings.shape[1] < 3:
             raise MeshError(
                 f"frame rings have shape {rings.shape}; (rings, nodes), at least 3 nodes, is needed"
