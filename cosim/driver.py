@@ -131,17 +131,18 @@ def execute(
         assert options.directory is not None, "a run is resumed in its directory"
         earlier = read_checkpoint(options.directory)
         simulation.restore_state(earlier.run)
-    snapshots = _with_first(simulation.steps(READ_AT_ONCE))
+    first, snapshots = _with_first(simulation.steps(READ_AT_ONCE))
     with ExitStack() as stack:
         for watcher in options.watchers:
             watcher.open(simulation.stage)
             stack.callback(watcher.close)
-        return _run(scenario, simulation, snapshots, options, earlier, started)
+        return _run(scenario, simulation, first, snapshots, options, earlier, started)
 
 
 def _run(
     scenario: Scenario,
     simulation: Simulation,
+    first: Snapshot | None,
     snapshots: Iterator[Snapshot],
     options: Options,
     earlier: Checkpoint | None,
@@ -150,6 +151,8 @@ def _run(
     origin = Origin.of(uuid4().hex, earlier)
     files, recorder = _begin_files(scenario, options, Part(origin.run_id, origin.before))
     recorder.open(simulation.stage)
+    if first is not None:
+        recorder.lay_out(first)
     loop_started = time.perf_counter()
     origin = origin.after(loop_started - started)
     summary = SummaryBuilder(simulation.stage, origin.startup_s, __version__, origin.resumed_at_ticks)
@@ -265,12 +268,17 @@ def drive(
     return Ending("completed")
 
 
-def _with_first(steps: Iterator[Snapshot]) -> Iterator[Snapshot]:
-    """Compute the first snapshot now: wrong input then shows before anything is written."""
+def _with_first(steps: Iterator[Snapshot]) -> tuple[Snapshot | None, Iterator[Snapshot]]:
+    """Compute the first snapshot now: wrong input then shows before anything is written.
+
+    Returns:
+        it, unless it could not be found or nothing is left; and all snapshots.
+    """
     try:
-        return chain(list(islice(steps, 1)), steps)
+        first = list(islice(steps, 1))
     except SolverError as error:
-        return map(_raise, [error])  # raised inside the loop, which writes what is known
+        return None, map(_raise, [error])  # raised inside the loop, which writes what is known
+    return (first[0] if first else None), chain(first, steps)
 
 
 def _raise(error: SolverError) -> Snapshot:

@@ -57,7 +57,7 @@ class ChainReader(ShapeReader):
         """Return the figures of chains with frames (k, f, 4, 3) at pressures (k,) [Pa]."""
         found = self._section.points(frames, pressure_Pa, self._weights, self._before)
         volumes = self._section.volumes(frames, pressure_Pa)
-        return ShapeFigures.of(found[:, : self._tip], found[:, self._tip :], volumes[:, None])
+        return ShapeFigures.of(found, self._tip, volumes[:, None])
 
     def films_of(self, frames: Array, pressure_Pa: Array) -> Array:
         """Return the film's nodes (k, n, 3) [m] on chains with frames (k, f, 4, 3) at pressures (k,) [Pa]."""
@@ -81,7 +81,8 @@ class ChainRows(ShapeRows):
     """
 
     def __init__(self, reader: ChainReader, frames: Array, pressure_Pa: Array) -> None:
-        self._reader, self._frames, self._pressure_Pa = reader, frames, pressure_Pa
+        self._reader, self._pressure_Pa = reader, np.ascontiguousarray(pressure_Pa)
+        self._frames = np.ascontiguousarray(frames)
 
     @property
     def reader(self) -> ChainReader:

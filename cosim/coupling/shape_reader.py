@@ -9,9 +9,9 @@ from typing import Any, TypeAlias, final
 
 import numpy as np
 
-from cosim.frames import Array, IntArray, cross
+from cosim.frames import Array, IntArray
 from cosim.soft.body import SoftBody
-from cosim.soft.center_line import hole_rings
+from cosim.soft.center_line import hole_rings, ring_figures
 
 Rows: TypeAlias = slice | IntArray
 """Some rows of an array."""
@@ -35,23 +35,19 @@ class ShapeFigures:
     volumes_m3: Array
 
     @classmethod
-    def of(cls, tip: Array, centers: Array, volumes_m3: Array) -> ShapeFigures:
+    def of(cls, points: Array, nodes: int, volumes_m3: Array) -> ShapeFigures:
         """Return the figures of tip and center line.
 
         Args:
-            tip: (k, m, 3) [m], nodes of the tip ring in order.
-            centers: (k, rings, 3) [m], of the hole rings from base to tip.
+            points: (k, nodes + rings, 3) [m], the tip ring in order, then the centres of the hole rings from
+                base to tip.
+            nodes: of the tip ring.
             volumes_m3: (k, chambers).
         """
-        # vector area of the tip ring, sum_i r_i x r_i+1 / 2
-        area = cross(tip, tip[:, np.arange(1, tip.shape[1] + 1) % tip.shape[1]]).sum(axis=1)
-        steps = np.diff(centers, axis=1)
-        return cls(
-            tip.mean(axis=1),
-            area / np.sqrt((area * area).sum(axis=1))[:, None],
-            np.sqrt((steps * steps).sum(axis=2)).sum(axis=1),
-            volumes_m3,
-        )
+        count = len(points)
+        center, normal, length = np.empty((count, 3)), np.empty((count, 3)), np.empty(count)
+        ring_figures(points, nodes, center, normal, length)
+        return cls(center, normal, length, volumes_m3)
 
     def of_rows(self, rows: Rows) -> ShapeFigures:
         """Return the figures of some of the shapes."""
@@ -129,8 +125,7 @@ class MeshReader(ShapeReader):
 
     def figures(self, shapes: Sequence[Array]) -> ShapeFigures:
         """Return the figures; see `ShapeReader.figures`."""
-        return ShapeFigures.of(
-            np.stack([shape[self._tip] for shape in shapes]),
-            np.stack([shape[self._rings] for shape in shapes]).mean(axis=2),
-            np.array([self._volumes(shape) for shape in shapes]),
-        )
+        tip = np.stack([shape[self._tip] for shape in shapes])
+        centers = np.stack([shape[self._rings] for shape in shapes]).mean(axis=2)
+        volumes = np.array([self._volumes(shape) for shape in shapes])
+        return ShapeFigures.of(np.concatenate([tip, centers], axis=1), tip.shape[1], volumes)

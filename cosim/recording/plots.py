@@ -182,4 +182,5 @@ def target_distance(block: Block) -> Array:
     A component of the target that is not a number is free and does not count.
     """
     away = block.tip_position - block.tip_target
-    return np.where(block.has_tip_target, np.sqrt(np.nansum(away**2, axis=1)), np.nan)
+    away[np.isnan(away)] = 0.0
+    return np.where(block.has_tip_target, np.sqrt((away * away).sum(axis=1)), np.nan)

@@ -34,6 +34,13 @@ class Recorder(ABC):
             stage: what does not change during the run.
         """
 
+    def lay_out(self, first: Snapshot) -> None:  # noqa: B027
+        """Prepare for a first snapshot that is known before it is recorded; not needed.
+
+        Args:
+            first: which will be recorded first.
+        """
+
     @abstractmethod
     def record(self, snapshot: Snapshot) -> None:
         """Take in one snapshot; ticks must rise.

@@ -80,6 +80,11 @@ class RerunRecorder(Recorder):
         if part is not None and part.before is not None:
             self._run.go_on(*part.before)
 
+    def lay_out(self, first: Snapshot) -> None:
+        """Lay out the views; see `Recorder.lay_out`."""
+        if self._run is not None:
+            self._run.lay_out(first)
+
     def record(self, snapshot: Snapshot) -> None:
         """Take in one snapshot; see `Recorder.record`.
 
@@ -130,7 +135,7 @@ class _Run:
         self._log_static()
 
     def record(self, snapshot: Snapshot) -> None:
-        curves = self._curves or self.begin(snapshot)
+        curves = self._curves or self.lay_out(snapshot)
         if snapshot.phase != self._phase:
             self._begin_phase(snapshot)
         curves.append(snapshot)
@@ -172,8 +177,10 @@ class _Run:
     def _log_summary(self, text: str) -> None:
         self._stream.log(_SUMMARY, rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN), static=True)
 
-    def begin(self, first: Snapshot) -> PlotBuffer:
-        """Lay out the views and draw what stands still: both need the first shape."""
+    def lay_out(self, first: Snapshot) -> PlotBuffer:
+        """Lay out the views and draw what stands still, unless that is done: both need the first shape."""
+        if self._curves is not None:
+            return self._curves
         stage = self._stage
         plots = plots_of(stage, len(first.joint_position))
         self._stream.send_blueprint(blueprint(plots, scene_eye(stage, first), close_eye(stage, first)))
@@ -184,8 +191,8 @@ class _Run:
 
     def go_on(self, first: Snapshot, last: Snapshot) -> None:
         """Lay out the views as for the first snapshot of the run, and go on from the last one recorded."""
-        self.begin(first)
-        assert self._scene is not None, "begin() has just made it"
+        self.lay_out(first)
+        assert self._scene is not None, "lay_out() has just made it"
         self._scene.go_on(last)
         self._frame = int(last.tick * self._tick_ns / self._frame_ns)
 

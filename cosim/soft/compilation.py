@@ -8,6 +8,7 @@ from typing import Any
 
 from cosim.soft import (
     cable,
+    center_line,
     contact,
     contact_surface,
     envelope_cholesky,
@@ -23,7 +24,7 @@ from cosim.soft import (
 )
 
 _MODULES: tuple[ModuleType, ...] = (
-    cable, contact, contact_surface, envelope_cholesky, frame_ring, front_kernels, hinge,
+    cable, center_line, contact, contact_surface, envelope_cholesky, frame_ring, front_kernels, hinge,
     linear_solver, mass_moments, mass_terms, membrane, pressure, problem,
 )  # fmt: skip
 

@@ -154,9 +154,9 @@ def trace(
     first = next(snapshots)  # before the clock starts: this one finds the start equilibrium
     builder = CurveBuilder(scenario, stage)
     bound_s = STRETCH_S / slowest if slowest > 0.0 else float("inf")
-    began = stretch_began = time.process_time()
     stretch_from_s = 0.0
     with follow(scenario, stage) as observe:
+        began = stretch_began = time.process_time()
         for snapshot in chain([first], snapshots):
             builder.observe(snapshot)
             observe(snapshot)
