@@ -42,11 +42,12 @@ class Simulation(Stateful[Any], Protocol):
     def saves_now(self) -> bool:
         """Whether `save_state` may be called: not while it is stepped ahead of what it has yielded."""
 
-    def steps(self, ahead: int = 1) -> Iterator[Snapshot]:
+    def steps(self, ahead: int = 1, most: int | None = None) -> Iterator[Snapshot]:
         """Yield the state before the first tick, unless the run has begun, then that after every tick.
 
         Args:
             ahead: ticks that may be taken before the first of them is yielded.
+            most: states to yield, and ticks to take for them; None for all.
         """
 
 

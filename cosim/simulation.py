@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, final
 
@@ -12,6 +11,7 @@ from cosim.checkpoint import Checkpoint
 from cosim.driver import build_simulation
 from cosim.errors import InputError, SolverError
 from cosim.first_run import log, prepared
+from cosim.scenario.block import READ_AT_ONCE
 from cosim.scenario.loading import load_scenario
 from cosim.scenario.schema import Scenario
 from cosim.scenario.snapshot import Snapshot, Stage
@@ -93,18 +93,23 @@ class Simulation:
         Raises:
             InputError: the scenario ends before.
             SolverError: the physics could not be solved; the simulation is where it was before that tick.
+            KeyboardInterrupt: of the user; the simulation is where it was before all these ticks.
         """
         if not 0 <= ticks <= self.ticks_left:
             raise InputError(f"{ticks} ticks were asked for; the scenario has {self.ticks_left} left")
-        before, done = self._run.save_state(), 0
+        before, shown, done = self._run.save_state(), self._snapshot, 0
         try:
-            for snapshot in islice(self._run.steps(), ticks):
+            for snapshot in self._run.steps(READ_AT_ONCE, ticks):
                 self._snapshot, done = snapshot, done + 1
         except SolverError:
             # the ticks that were solved are solved again: cheaper than to keep a state before every one
             self._run.restore_state(before)
-            for _ in islice(self._run.steps(), done):
+            for _ in self._run.steps(READ_AT_ONCE, done):
                 pass
+            raise
+        except KeyboardInterrupt:  # in the middle of anything
+            self._run.restore_state(before)
+            self._snapshot = shown
             raise
         return self._snapshot
 

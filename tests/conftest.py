@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from itertools import islice
 
 import numpy as np
 import pytest
@@ -77,9 +78,9 @@ class MadeUpSimulation:
     next_tick: int = 0
     saves_now: bool = True
 
-    def steps(self, ahead: int = 1) -> Iterator[Snapshot]:
+    def steps(self, ahead: int = 1, most: int | None = None) -> Iterator[Snapshot]:
         """Yield tick 0 to the last, or those that are left."""
-        for tick in range(self.next_tick, self.stage.ticks + 1):
+        for tick in islice(range(self.next_tick, self.stage.ticks + 1), most):
             self.at_tick(tick)
             snapshot = made_up_snapshot(tick, self.stage.tick_s)
             last_phase = tick > self.stage.ticks - TICKS_PER_PHASE

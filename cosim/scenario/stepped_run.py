@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 import time
 from abc import ABC, abstractmethod
 from collections import deque
@@ -89,7 +90,7 @@ class SteppedRun(ABC):
         """Steps taken so far; None before the state at rest is known."""
         return None if self._cursor is None else self._cursor.tick
 
-    def steps(self, ahead: int = 1) -> Iterator[Snapshot]:
+    def steps(self, ahead: int = 1, most: int | None = None) -> Iterator[Snapshot]:
         """Yield the state at rest, unless the run has begun, then that after every step to come.
 
         In between the run may be saved, where it `saves_now`, or restored: the next step is the one after
@@ -98,23 +99,28 @@ class SteppedRun(ABC):
         Args:
             ahead: steps that may be taken before the first of them is shown, at least one: many together
                 cost less.
+            most: states to yield, and steps to take for them; None for all.
 
         Raises:
             SolverError: the physics could not be solved; the snapshots so far stand.
         """
-        if self._cursor is None:
+        wanted = sys.maxsize if most is None else most
+        if self._cursor is None and wanted:
             began = time.perf_counter()
             first = self._start(began)
-            self._cursor = Cursor()
+            self._cursor, wanted = Cursor(), wanted - 1
             yield first
-        while (to := self._cursor.following(self._counts)) is not None:
+        while wanted and self._cursor is not None:
+            to = self._cursor.following(self._counts)
+            if to is None:
+                return
             if not self._waiting:
-                planned = self._parts.plan.phases[to.phase]
+                left = self._counts[to.phase] - to.done + 1
                 self._waiting.extend(
-                    self._take(planned, to, min(ahead, self._counts[to.phase] - to.done + 1))
+                    self._take(self._parts.plan.phases[to.phase], to, min(ahead, left, wanted))
                 )
             snapshot = self._waiting.popleft()
-            self._cursor = to
+            self._cursor, wanted = to, wanted - 1
             yield snapshot
 
     @property

@@ -234,8 +234,8 @@ class Disturbed:
     def saves_now(self) -> bool:
         return self._inner.saves_now
 
-    def steps(self, ahead: int = 1) -> Iterator[Snapshot]:
-        for snapshot in self._inner.steps(ahead):
+    def steps(self, ahead: int = 1, most: int | None = None) -> Iterator[Snapshot]:
+        for snapshot in self._inner.steps(ahead, most):
             if snapshot.tick == self._tick:
                 self._disturb()
             yield snapshot

@@ -18,6 +18,7 @@ from cosim.scenario import section_model
 from cosim.scenario.loading import load_scenario
 from cosim.scenario.schema import Scenario
 from cosim.scenario.snapshot import LedgerEntry, Snapshot
+from cosim.simulation import Simulation
 from tests.small_section import ROBOT, section
 
 SCENARIO = f"""
@@ -193,3 +194,39 @@ def test_a_rigid_side_that_blows_up_is_named(path: Path) -> None:
     ending = drive(run.steps(8), [observe], lambda: None)
     assert isinstance(ending.error, InstabilityError)
     assert shown == list(range(9))
+
+
+def test_as_many_states_are_yielded_as_asked_for(path: Path) -> None:
+    run = build_simulation(scenario(path))
+    first = list(run.steps(64, 5))
+    assert [snapshot.tick for snapshot in first] == list(range(5))
+    assert run.saves_now  # none was taken beyond
+    assert [snapshot.tick for snapshot in run.steps(3, 4)] == [5, 6, 7, 8]
+    assert run.saves_now
+    assert len(list(run.steps(64))) == run.stage.ticks - 8
+
+
+def test_stepping_by_hand_is_running(path: Path) -> None:
+    wanted = scenario(path)
+    whole, simulation = list(build_simulation(wanted).steps(64)), Simulation(wanted)
+    for ticks in (1, 20, 1, 30):
+        simulation.step(ticks)
+        assert_close([simulation.snapshot], [whole[simulation.snapshot.tick]], 0.0)
+
+
+def test_an_interrupted_step_leaves_what_was_before(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    simulation = Simulation(scenario(path))
+    expected = Simulation(scenario(path)).step(30)
+    simulation.step(4)
+    taken = Lockstep.advance
+
+    def interrupted(self: Lockstep, *given: Any) -> Any:
+        taken(self, *given)
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Lockstep, "advance", interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            simulation.step(26)
+    assert simulation.snapshot.tick == 4
+    assert_close([simulation.step(26)], [expected], 0.0)
