@@ -28,7 +28,7 @@ from cosim.frames import Array, Mask, Pose
 from cosim.rigid.native import NativeScene
 from cosim.soft.body import Loads
 from cosim.soft.newton import Outcome
-from cosim.soft.section.chain_figures import CENTER, FIGURES, WRENCH, supplied_wrench
+from cosim.soft.section.chain_figures import FIGURES, supplied_wrench
 from cosim.soft.section.chain_state import ChainState
 from cosim.soft.section.pressure_spline import TERMS
 from cosim.soft.section.stepper import ChainStep
@@ -182,12 +182,7 @@ class Lockstep:
     def _empty(self, count: int) -> Ticks:
         """Return the rows to fill, with what is there before the first tick."""
         native, interface, last = self._native, self._coupling.interface, self._soft.last
-        flange, wrench, handed, chain = (
-            interface.scene.flange_pose,
-            interface.wrench,
-            interface.handed,
-            last.chain,
-        )
+        flange, handed, chain = interface.scene.flange_pose, interface.handed, last.chain
         frames, joints, bodies = len(chain.frames), len(native.position), len(native.places)
         ticks = Ticks(
             np.empty((count + 2, 2, frames, 4, 3)), np.empty((count, frames, 6)),
@@ -198,7 +193,6 @@ class Lockstep:
         )  # fmt: skip
         ticks.motion[0] = chain.motion if chain.earlier is None else chain.earlier
         ticks.motion[1], ticks.figures[0] = chain.motion, last.figures
-        ticks.figures[0, WRENCH:CENTER] = np.concatenate([wrench.force, wrench.torque])
         ticks.origin[0], ticks.axes[0] = flange.translation, flange.rotation
         ticks.handed[0] = (*handed.flange, handed.flange_size_N)
         return ticks

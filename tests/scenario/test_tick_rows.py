@@ -121,6 +121,22 @@ def test_rows_are_ticks(path: Path, changes: dict[str, Any]) -> None:
     assert_close(rows, ticks, 1e-9)
 
 
+def test_sealed_gas_goes_tick_by_tick(path: Path) -> None:
+    wanted = scenario(path, phase__hold__gas="sealed", contact__enabled=False)
+    rows, ticks = list(build_simulation(wanted).steps(64)), one_by_one(wanted)
+    assert {snapshot.phase for snapshot in rows[1:] if snapshot.kept_row} == {0}
+    assert rows[-1].pressure_Pa != 25e3
+    assert_close(rows, ticks, 1e-9)
+
+
+def test_commanded_cables_go_tick_by_tick(path: Path, tmp_path: Path) -> None:
+    text = SCENARIO.replace("cable_tension_N = [0.0, 1.0]", "cable_shortening_m = { cable_1 = 1e-3 }")
+    names = load_scenario(path).soft_robot.cable_names()
+    (tmp_path / "short.toml").write_text(text.replace("cable_1", names[0]), encoding="utf-8")
+    wanted = scenario(tmp_path / "short.toml")
+    assert not any(snapshot.kept_row for snapshot in islice(build_simulation(wanted).steps(64), 50))
+
+
 def test_rows_carry_algorithmic_mass(path: Path) -> None:
     wanted = scenario(path, clock__tick_s=0.0005)
     with pytest.MonkeyPatch.context() as patch:
@@ -194,6 +210,20 @@ def test_a_rigid_side_that_blows_up_is_named(path: Path) -> None:
     ending = drive(run.steps(8), [observe], lambda: None)
     assert isinstance(ending.error, InstabilityError)
     assert shown == list(range(9))
+
+
+def test_the_flange_sensor_shows_the_last_tick(path: Path) -> None:
+    """Its axes are those at the beginning of the tick."""
+    wanted = scenario(path)
+    row: Any = build_simulation(wanted)
+    list(row.steps(64, 21))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Lockstep, "of", lambda *_: None)
+        ticks: Any = build_simulation(wanted)
+        list(ticks.steps(1, 21))
+    found, expected = (run._parts.carrier._scene.flange_sensor() for run in (row, ticks))
+    np.testing.assert_allclose(found.force, expected.force, atol=1e-9)
+    np.testing.assert_allclose(found.torque, expected.torque, atol=1e-9)
 
 
 def test_as_many_states_are_yielded_as_asked_for(path: Path) -> None:
