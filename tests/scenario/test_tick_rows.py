@@ -121,6 +121,11 @@ def test_rows_are_ticks(path: Path, changes: dict[str, Any]) -> None:
     assert_close(rows, ticks, 1e-9)
 
 
+def test_what_may_be_touched_goes_tick_by_tick(path: Path) -> None:
+    wanted = scenario(path, contact__only_in_reach=False)
+    assert not any(snapshot.kept_row for snapshot in islice(build_simulation(wanted).steps(64), 3))
+
+
 def test_sealed_gas_goes_tick_by_tick(path: Path) -> None:
     wanted = scenario(path, phase__hold__gas="sealed", contact__enabled=False)
     rows, ticks = list(build_simulation(wanted).steps(64)), one_by_one(wanted)
@@ -152,9 +157,9 @@ def _always_carrying(interface: Any) -> Any:
     return StaggeredCoupling(interface, ratio_bound=0.0)
 
 
-@pytest.mark.parametrize("ahead", [1, 7])
-def test_how_many_ticks_go_in_a_row_changes_no_bit(path: Path, ahead: int) -> None:
-    wanted = scenario(path)
+@pytest.mark.parametrize(("ahead", "integrator"), [(1, "bdf2"), (7, "bdf2"), (7, "implicit_euler")])
+def test_how_many_ticks_go_in_a_row_changes_no_bit(path: Path, ahead: int, integrator: str) -> None:
+    wanted = scenario(path, solver__integrator=integrator)
     few, many = list(build_simulation(wanted).steps(ahead)), list(build_simulation(wanted).steps(64))
     assert_close(few, many, 0.0)
 
