@@ -27,9 +27,13 @@ STRESS_RANGE_PA: Final = (0.0, 25e6)
 FRAMES_PER_S: Final = 60.0
 _SECOND_NS: Final = 1_000_000_000
 _GATHERED_S: Final = 1.0
-"""Wall time after which what was gathered is written: writing costs much once, and little for every tick."""
+"""Wall time after which what was gathered is written: each time takes some ms, and 50 kB of the file."""
+_GATHERED_SHARE: Final = 0.01
+"""Share of the wall time so far, before which nothing is written: long runs must not end in splinters."""
 _NODES_GATHERED: Final = 500_000
 """Nodes in all frames gathered, from which on they are written before: a bound of the memory, some 50 MB."""
+_TICKS_GATHERED: Final = 50_000
+"""The same of ticks, some 15 MB of curves."""
 _PHASE: Final = "/phase"
 _SUMMARY: Final = "/summary"
 
@@ -38,8 +42,8 @@ _SUMMARY: Final = "/summary"
 class RerunRecorder(Recorder):
     """Writes one file: curves at every tick, the scene at a limited frame rate.
 
-    What was gathered in memory is written once a second (of wall time), so a process that is killed loses
-    little more than the last second; and before it gets large.
+    What was gathered in memory is written once a second (of wall time), later on after a hundredth of the
+    time so far, and before it gets large: a process that is killed loses little more.
 
     Args:
         path: of the file; missing folders are made, an old file is replaced.
@@ -129,7 +133,9 @@ class _Run:
         self._frame = -1
         self._drawn_tick = -1
         self._frames_most = 1
-        self._written = time.perf_counter()
+        self._opened = time.perf_counter()
+        self._due = self._opened + _GATHERED_S
+        self._written_tick = 0
         self._phase = -1
         self._last: Snapshot | None = None
         self._log_static()
@@ -146,7 +152,8 @@ class _Run:
             self._frame = frame
             self._drawn_tick = snapshot.tick
             self._frames.append(snapshot)
-        if len(self._frames) >= self._frames_most or time.perf_counter() - self._written >= _GATHERED_S:
+        much = len(self._frames) >= self._frames_most or snapshot.tick - self._written_tick >= _TICKS_GATHERED
+        if much or time.perf_counter() >= self._due:
             self.flush()
 
     def close(self, summary_markdown: str, status: str) -> None:
@@ -193,6 +200,7 @@ class _Run:
         """Lay out the views as for the first snapshot of the run, and go on from the last one recorded."""
         self.lay_out(first)
         assert self._scene is not None, "lay_out() has just made it"
+        self._written_tick = last.tick
         self._scene.go_on(last)
         self._frame = int(last.tick * self._tick_ns / self._frame_ns)
 
@@ -210,4 +218,6 @@ class _Run:
             self._scene.send(Block(self._frames), times)
             self._frames.clear()
         self._stream.flush()
-        self._written = time.perf_counter()
+        self._written_tick = 0 if self._last is None else self._last.tick
+        now = time.perf_counter()
+        self._due = now + max(_GATHERED_S, _GATHERED_SHARE * (now - self._opened))

@@ -76,7 +76,8 @@ class Scene:
         positions = self._send_film(frames, times)
         self._send_node_lines("seams", positions, self._seams, times)
         self._send_cables(frames, positions, times)
-        self._loads.send(frames, positions.mean(axis=1, dtype=np.float64), times)
+        share = np.full(positions.shape[1], 1.0 / positions.shape[1])
+        self._loads.send(frames, share @ frames.node_position, times)
         self._tip.send(frames, times)
 
     def _log_static(self) -> None:

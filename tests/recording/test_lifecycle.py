@@ -64,6 +64,41 @@ def test_what_is_gathered_does_not_grow_without_bound(
     assert len(read(rrd).by_time("/world/soft/film", "Mesh3D:vertex_positions")) == 13
 
 
+@pytest.mark.filterwarnings("ignore:RRD file has no footer")
+def test_curves_without_frames_do_not_grow_without_bound(
+    rrd: Path, make_stage: MakeStage, make_snapshot: MakeSnapshot, read: Read, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(rerun_recorder, "_GATHERED_S", 1e9)
+    monkeypatch.setattr(rerun_recorder, "_TICKS_GATHERED", 5)
+    stage = make_stage()
+    recorder = RerunRecorder(rrd, frames_per_s=1.0)
+    recorder.open(stage)
+    for tick in range(13):
+        recorder.record(make_snapshot(stage, tick))
+    times = read(rrd).by_time("/plots/pressure", "Scalars:scalars")
+    assert list(times) == [2_000_000 * tick for tick in range(11)]
+    recorder.close("", "completed")
+
+
+def test_a_long_run_is_not_written_in_splinters(
+    rrd: Path, make_stage: MakeStage, make_snapshot: MakeSnapshot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    stage, now, written = make_stage(), 0.0, []
+    monkeypatch.setattr(rerun_recorder.time, "perf_counter", lambda: now)
+    flush = rerun_recorder.PlotBuffer.flush
+    monkeypatch.setattr(rerun_recorder.PlotBuffer, "flush", lambda b: (written.append(now), flush(b)))
+    recorder = RerunRecorder(rrd, frames_per_s=1.0)
+    recorder.open(stage)
+    for tick in range(740):
+        now = 0.5 * tick
+        recorder.record(make_snapshot(stage, tick))
+    steps = np.diff(written)
+    assert set(steps[:50]) == {1.0}
+    assert set(steps[-5:]) == {3.5, 4.0}  # a hundredth of 370 s, in half seconds
+    monkeypatch.undo()
+    recorder.close("", "completed")
+
+
 @pytest.mark.parametrize("mode", ["dynamic", "quasistatic"])
 def test_bare_stage_is_recorded(
     rrd: Path, make_stage: MakeStage, make_snapshot: MakeSnapshot, read: Read, mode: str
