@@ -59,7 +59,8 @@ class Row:
 
     Args:
         ticks: what they leave; rows beyond the last one hold nothing.
-        shapes: of the film in them.
+        shapes: of the film in the ticks done.
+        pressure_Pa: (done,), gauge.
         done: how many.
         half_done: whether the next one waits for `Lockstep.finish_tick`.
         stability_ratio: (n,), see `LedgerEntry`.
@@ -68,6 +69,7 @@ class Row:
 
     ticks: Ticks
     shapes: ChainRows
+    pressure_Pa: Array
     done: int
     half_done: bool
     stability_ratio: Array
@@ -141,8 +143,9 @@ class Lockstep:
                 ticks.from_on(done), commands.rows(done, end), loads[done:end], added
             )
             done += taken
-        shapes = ChainRows(self._reader, ticks.motion[2 : done + 2, 0], commands.pressure[:done])
-        return Row(ticks, shapes, done, half_done, ratio, carried)
+        pressure = commands.pressure[:done]
+        shapes = ChainRows(self._reader, ticks.motion[2 : done + 2, 0], pressure)
+        return Row(ticks, shapes, pressure, done, half_done, ratio, carried)
 
     def _advance(
         self, ticks: Ticks, commands: Commands, loads: Sequence[Loads], added: Array

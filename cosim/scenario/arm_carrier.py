@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, final
 
@@ -170,10 +170,9 @@ class ArmCarrier(Carrier):
     def lockstep(self) -> Lockstep | None:
         return self._lockstep
 
-    def servos(self, references: Sequence[JointReference]) -> Servos:
-        position = np.array([reference.position for reference in references])
-        velocity = np.array([reference.velocity for reference in references])
-        acceleration = np.array([reference.acceleration for reference in references])
+    def servos(self, references: JointReference) -> Servos:
+        position, velocity = references.position, references.velocity
+        acceleration = references.acceleration
         # where the arm stands still, one row serves all
         changes = (position[1:] != position[:-1]) | (velocity[1:] != velocity[:-1])
         changes |= acceleration[1:] != acceleration[:-1]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
@@ -80,8 +80,8 @@ class Carrier(ABC):
         """Advances both sides by many ticks at once; None where they go tick by tick."""
         return None
 
-    def servos(self, references: Sequence[JointReference]) -> Servos:
-        """Return what `lockstep` asks of the servos."""
+    def servos(self, references: JointReference) -> Servos:
+        """Return what `lockstep` asks of the servos at n instants."""
         raise NotImplementedError("only a carrier with a lockstep has servos to command")
 
     @abstractmethod

@@ -16,17 +16,25 @@ from cosim.scenario.ramp import Progress
 @final
 @dataclass(frozen=True)
 class JointReference:
-    """What is asked of an arm's joints.
+    """What is asked of an arm's joints, at one instant or at n.
 
     Args:
-        position: (joints,) [rad].
-        velocity: (joints,) [rad/s].
-        acceleration: (joints,) [rad/s^2].
+        position: (joints,) or (n, joints) [rad].
+        velocity: the same [rad/s].
+        acceleration: the same [rad/s^2].
     """
 
     position: Array
     velocity: Array
     acceleration: Array
+
+    def row(self, k: int) -> JointReference:
+        """Return what is asked at one of several instants."""
+        return JointReference(self.position[k], self.velocity[k], self.acceleration[k])
+
+    def from_on(self, k: int) -> JointReference:
+        """Return what is asked at one of several instants and after it."""
+        return JointReference(self.position[k:], self.velocity[k:], self.acceleration[k:])
 
 
 @final
@@ -49,14 +57,13 @@ class JointPath:
 
     def at(self, progress: Progress) -> JointReference:
         """Return what is asked for at one instant."""
-        return self.through([progress])[0]
+        return self.through([progress]).row(0)
 
-    def through(self, instants: Sequence[Progress]) -> list[JointReference]:
+    def through(self, instants: Sequence[Progress]) -> JointReference:
         """Return what is asked for at some instants; together they cost a fraction of one by one."""
         if self.spline is None:
-            still = np.zeros_like(self.first)
-            return [JointReference(self.first, still, still)] * len(instants)
+            still = np.zeros((len(instants), len(self.first)))
+            return JointReference(still + self.first, still, still)
         s, rate, acceleration = np.array([(p.value, p.rate, p.acceleration) for p in instants]).T[..., None]
         q, slope, curve = (np.asarray(self.spline(s[:, 0], order)) for order in range(3))
-        rows = zip(q, slope * rate, curve * rate**2 + slope * acceleration, strict=True)
-        return [JointReference(*row) for row in rows]
+        return JointReference(q, slope * rate, curve * rate**2 + slope * acceleration)

@@ -23,7 +23,7 @@ class TickReferences:
     def __init__(self, planned: PhasePlan, tick_s: float) -> None:
         self.planned, self._tick_s = planned, tick_s
         self._first = 0
-        self._joints: list[JointReference] = []
+        self._joints: JointReference | None = None
         self._shares: list[float] = []
 
     def at(self, done: int) -> tuple[JointReference, float]:
@@ -34,19 +34,22 @@ class TickReferences:
         Args:
             done: ticks of the phase at its end, at least one.
         """
-        place = done - 1 - self._first
-        if not 0 <= place < len(self._joints):
-            self._work_out((done - 1) // _TICKS * _TICKS)
-            place = done - 1 - self._first
-        return self._joints[place], self._shares[place]
+        joints, place = self._worked_out(done)
+        return joints.row(place), self._shares[place]
 
-    def from_on(self, done: int) -> tuple[list[JointReference], list[float]]:
+    def from_on(self, done: int) -> tuple[JointReference, list[float]]:
         """Return what `at` does for a tick and all after it that have been worked out."""
-        self.at(done)
-        place = done - 1 - self._first
-        return self._joints[place:], self._shares[place:]
+        joints, place = self._worked_out(done)
+        return joints.from_on(place), self._shares[place:]
 
-    def _work_out(self, first: int) -> None:
+    def _worked_out(self, done: int) -> tuple[JointReference, int]:
+        """Return references of many ticks, and the place of one among them."""
+        place = done - 1 - self._first
+        if self._joints is None or not 0 <= place < len(self._shares):
+            return self._work_out((done - 1) // _TICKS * _TICKS), (done - 1) % _TICKS
+        return self._joints, place
+
+    def _work_out(self, first: int) -> JointReference:
         phase = self.planned.phase
         instants = [
             progress(phase.ramp, tick * self._tick_s, phase.duration_s)
@@ -54,3 +57,4 @@ class TickReferences:
         ]
         self._first, self._joints = first, self.planned.joints.through(instants[:-1])
         self._shares = [instant.value for instant in instants[1:]]
+        return self._joints

@@ -44,6 +44,7 @@ class TickRows:
         self.references = references
         self._first = 0
         self._targets: Array = np.zeros((0, 0))
+        self._tension: Array = np.zeros((0, 0))
         self._loads: list[Loads] = []
         self._commands: Commands | None = None
         self.half_done: Loads | None = None
@@ -72,7 +73,7 @@ class TickRows:
         if not row.done:
             return ()
         spent = (time.perf_counter() - began) / row.done
-        columns = self._columns(row, loads, to, self._targets[place : place + row.done], spent)
+        columns = self._columns(row, to, place, spent)
         return [Snapshot.of_row(columns, k) for k in range(row.done)]
 
     def finish(self, loads: Loads) -> LedgerEntry:
@@ -90,12 +91,11 @@ class TickRows:
         self._loads = [actuation.loads(gas.between(planned.begin, planned.end, share)) for share in shares]
         servos = self._parts.carrier.servos(joints)
         self._targets = servos.position
+        self._tension = np.array([load.cable_tension_N for load in self._loads]).reshape(len(shares), -1)
         self._commands = self._lockstep.commands(servos, self._loads)
 
-    def _columns(
-        self, row: Row, loads: Sequence[Loads], to: Cursor, targets: Array, spent_s: float
-    ) -> TickColumns:
-        """Return what the ticks show."""
+    def _columns(self, row: Row, to: Cursor, place: int, spent_s: float) -> TickColumns:
+        """Return what ticks show whose commands begin at a place."""
         n, ticks = row.done, row.ticks
         tick = np.arange(to.tick, to.tick + n)
         return TickColumns(
@@ -103,15 +103,15 @@ class TickRows:
             time_s=np.array([Clock(self._tick_s, count).time_s for count in tick.tolist()]),
             phase=to.phase,
             joint_position=ticks.joints[:n],
-            joint_target=targets,
+            joint_target=self._targets[place : place + n],
             body_position=ticks.places[:n],
             body_quaternion=ticks.quaternions[:n],
             shapes=row.shapes,
             flange_position=ticks.origin[1 : n + 1],
             flange_rotation=ticks.axes[1 : n + 1],
             flange_twist=ticks.twist[:n],
-            cable_tension_N=np.array([load.cable_tension_N for load in loads[:n]]).reshape(n, -1),
-            chamber_pressure_Pa=np.array([load.pressures(1) for load in loads[:n]]),
+            cable_tension_N=self._tension[place : place + n],
+            chamber_pressure_Pa=row.pressure_Pa[:, None],
             wrench=ticks.figures[1 : n + 1, WRENCH:CENTER],
             rigid_power_W=ticks.power[:n, 0],
             soft_power_W=ticks.power[:n, 1],

@@ -142,6 +142,23 @@ def test_commanded_cables_go_tick_by_tick(path: Path, tmp_path: Path) -> None:
     assert not any(snapshot.kept_row for snapshot in islice(build_simulation(wanted).steps(64), 50))
 
 
+def test_devices_act_tick_by_tick(path: Path) -> None:
+    run: Any = build_simulation(scenario(path))
+    run._parts.actuation.active = True  # as with a controller of tensions, which leaves the loads plain
+    run._parts.actuation.report = lambda *_: None
+    assert not any(snapshot.kept_row for snapshot in islice(run.steps(64), 3))
+
+
+def test_rows_know_what_is_mounted(path: Path, tmp_path: Path) -> None:
+    palm = "palm = { radius_m = 0.05, thickness_m = 0.02, mass_kg = 0.7 }"
+    text = SCENARIO.replace(ROBOT, ROBOT.replace("{ file", f"{{ {palm}, file", 1))
+    (tmp_path / "palm.toml").write_text(text, encoding="utf-8")
+    wanted = scenario(tmp_path / "palm.toml")
+    rows, ticks = list(build_simulation(wanted).steps(64)), one_by_one(wanted)
+    assert rows[-1].kept_row is not None
+    assert_close(rows, ticks, 1e-9)
+
+
 def test_rows_carry_algorithmic_mass(path: Path) -> None:
     wanted = scenario(path, clock__tick_s=0.0005)
     with pytest.MonkeyPatch.context() as patch:
