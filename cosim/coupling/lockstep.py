@@ -15,6 +15,7 @@ import numpy as np
 from cosim.coupling.chain_reader import ChainRows
 from cosim.coupling.ledger import LedgerEntry
 from cosim.coupling.lockstep_kernel import (
+    ALL_DONE,
     RIGID_SIDE_WARNS,
     SOFT_STEP_LEFT,
     Commands,
@@ -63,6 +64,7 @@ class Row:
         pressure_Pa: (done,), gauge.
         done: how many.
         half_done: whether the next one waits for `Lockstep.finish_tick`.
+        broken: whether the rigid side has become unstable in the next one; `Lockstep.advance` says so.
         stability_ratio: (n,), see `LedgerEntry`.
         algorithmic_mass: (n,), the same.
     """
@@ -72,6 +74,7 @@ class Row:
     pressure_Pa: Array
     done: int
     half_done: bool
+    broken: bool
     stability_ratio: Array
     algorithmic_mass: Mask
 
@@ -121,36 +124,40 @@ class Lockstep:
         )  # fmt: skip
 
     def advance(self, commands: Commands, loads: Sequence[Loads]) -> Row:
-        """Advance by n ticks, or fewer where a soft step is left.
+        """Advance by n ticks, or fewer where a soft step is left or the rigid side breaks down.
 
         Args:
             commands: of n ticks.
             loads: at their ends.
 
         Raises:
-            InstabilityError: the rigid side is no longer finite.
+            InstabilityError: the rigid side is no longer finite, in the first of these ticks or before.
         """
         interface, count = self._coupling.interface, len(loads)
+        interface.scene.check()
         ticks = self._empty(count)
         ratio, carried = np.empty(count), np.zeros(count, dtype=bool)
-        done, half_done = 0, False
-        while done < count and not half_done:
+        done, ending = 0, ALL_DONE
+        while done < count and ending == ALL_DONE:
             # in between, the flange is weighed
             most, added = self._coupling.begin_row()
             end = min(done + most, count)
             ratio[done:end], carried[done:end] = interface.ratio, len(added) > 0
-            taken, half_done = self._advance(
+            taken, ending = self._advance(
                 ticks.from_on(done), commands.rows(done, end), loads[done:end], added
             )
             done += taken
+        half_done, broken = ending == SOFT_STEP_LEFT, ending == RIGID_SIDE_WARNS
+        if broken and not done:
+            interface.scene.check()
         pressure = commands.pressure[:done]
         shapes = ChainRows(self._reader, ticks.motion[2 : done + 2, 0], pressure)
-        return Row(ticks, shapes, pressure, done, half_done, ratio, carried)
+        return Row(ticks, shapes, pressure, done, half_done, broken, ratio, carried)
 
     def _advance(
         self, ticks: Ticks, commands: Commands, loads: Sequence[Loads], added: Array
-    ) -> tuple[int, bool]:
-        """Advance in one go; return how many ticks are done, and whether the next one is half done."""
+    ) -> tuple[int, int]:
+        """Advance in one go; return how many ticks are done, and how that ended."""
         scene, soft, stepper = self._coupling.interface.scene, self._soft, self._soft.stepper
         options, begin = stepper.options, soft.last.chain
         two_steps, earlier = options.integrator == "bdf2", begin.earlier is not None
@@ -166,9 +173,7 @@ class Lockstep:
         self._take_over(ticks, done, loads, half_done=half_done)
         # what was computed for a pressure is kept with it
         stepper.arrays(soft.clamp, loads[max(last, 0)], soft.last.frames)
-        if ending == RIGID_SIDE_WARNS:
-            scene.check()
-        return done, half_done
+        return done, ending
 
     def finish_tick(self, loads: Loads) -> LedgerEntry:
         """Take the soft half of a tick that `advance` has left half done.

@@ -36,7 +36,8 @@ class DynamicSimulation(SteppedRun):
     @property
     def saves_now(self) -> bool:
         """Whether no step has been taken, or begun, beyond the one shown last."""
-        return super().saves_now and (self._rows is None or self._rows.half_done is None)
+        rows = self._rows
+        return super().saves_now and (rows is None or (rows.half_done is None and not rows.broken))
 
     def _start(self, began: float) -> Snapshot:
         parts = self._parts

@@ -49,6 +49,8 @@ class TickRows:
         self._commands: Commands | None = None
         self.half_done: Loads | None = None
         """Loads of a tick of which the soft half is still to be taken; None for none."""
+        self.broken = False
+        """Whether the rigid side has become unstable in the tick to come."""
 
     def take(self, to: Cursor, most: int) -> Sequence[Snapshot] | None:
         """Take ticks; return their snapshots, or None where a tick needs more than the lockstep does.
@@ -68,6 +70,7 @@ class TickRows:
         commands = self._commands.rows(place, stop)
         loads = self._loads[place:stop]
         row = self._lockstep.advance(commands, loads)
+        self.broken = row.broken
         if row.half_done:
             self.half_done = loads[row.done]
         if not row.done:

@@ -13,7 +13,7 @@ import pytest
 
 from cosim.coupling.lockstep import Lockstep
 from cosim.driver import Options, build_simulation, drive, execute, with_fidelity_chosen
-from cosim.errors import InputError, InstabilityError
+from cosim.errors import ConvergenceError, InputError, InstabilityError
 from cosim.scenario import section_model
 from cosim.scenario.loading import load_scenario
 from cosim.scenario.schema import Scenario
@@ -246,6 +246,40 @@ def test_the_flange_sensor_shows_the_last_tick(path: Path) -> None:
     found, expected = (run._parts.carrier._scene.flange_sensor() for run in (row, ticks))
     np.testing.assert_allclose(found.force, expected.force, atol=1e-9)
     np.testing.assert_allclose(found.torque, expected.torque, atol=1e-9)
+
+
+def test_ticks_before_a_rigid_side_that_blows_up_are_shown(
+    path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """In the middle of a row; what is saved is the state before that tick."""
+    taken = Lockstep.commands
+
+    def wrong(self: Lockstep, *given: Any) -> Any:
+        found = taken(self, *given)
+        if found is not None and len(found.torque) > 20:
+            found.torque[20, 0] = np.nan
+        return found
+
+    wanted = scenario(path)
+    with monkeypatch.context() as patch:
+        patch.setattr(Lockstep, "commands", wrong)
+        failed = execute(wanted, build_simulation, Options(tmp_path), 0.0)
+    assert isinstance(failed.error, InstabilityError)
+    assert failed.summary["ticks"] == 20
+    resumed = execute(wanted, build_simulation, Options(tmp_path, resume=True), 0.0)
+    assert resumed.summary["resumed_at_ticks"] == [20]
+    assert resumed.summary["status"] == "completed"
+
+
+def test_a_soft_step_without_solution_leaves_the_state_before_it(path: Path, tmp_path: Path) -> None:
+    wanted = scenario(path, clock__tick_s=0.01, phase__hold__ramp="step", phase__hold__pressure_Pa=200.0)
+    failed = execute(wanted, build_simulation, Options(tmp_path), 0.0)
+    assert isinstance(failed.error, ConvergenceError)
+    assert failed.summary["ticks"] >= 8  # all of the first phase
+    again = execute(wanted, build_simulation, Options(tmp_path, resume=True), 0.0)
+    assert again.summary["resumed_at_ticks"] == [failed.summary["ticks"]]
+    assert again.summary["ticks"] == failed.summary["ticks"]
+    assert again.summary["reason"] == failed.summary["reason"]
 
 
 def test_as_many_states_are_yielded_as_asked_for(path: Path) -> None:
