@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final, final
@@ -119,8 +120,9 @@ class ResultBuilder:
         self._frame_s = 1.0 / frames_per_s
         self._next_frame_s = 0.0
         self._unread: list[Snapshot] = []
+        self._frames: list[Snapshot] = []
         self._arrays: dict[str, list[Any]] = {name: [] for name in _COLUMNS}
-        self._frame_time_s: list[float] = []
+        self._frame_time_s: list[Array] = []
         self._node_position: list[Array] = []
 
     def open(self, stage: Stage) -> None:
@@ -130,13 +132,12 @@ class ResultBuilder:
     def observe(self, snapshot: Snapshot) -> None:
         """Take in one snapshot."""
         self._unread.append(snapshot)
+        if snapshot.time_s >= self._next_frame_s - _ROUNDING_S:
+            self._frames.append(snapshot)
+            frames = math.floor((snapshot.time_s + _ROUNDING_S) / self._frame_s)
+            self._next_frame_s = (frames + 1.0) * self._frame_s
         if read_now(self._unread):
             self._read()
-        if snapshot.time_s >= self._next_frame_s - _ROUNDING_S:
-            self._frame_time_s.append(snapshot.time_s)
-            self._node_position.append(snapshot.node_position)
-            frames = np.floor((snapshot.time_s + _ROUNDING_S) / self._frame_s)
-            self._next_frame_s = (frames + 1.0) * self._frame_s
 
     def _read(self) -> None:
         """Read the arrays off the snapshots gathered, and let go of them."""
@@ -144,6 +145,10 @@ class ResultBuilder:
             block, self._unread = Block(self._unread), []
             for name, found in self._arrays.items():
                 found.append(getattr(block, name))
+        if self._frames:
+            block, self._frames = Block(self._frames), []
+            self._frame_time_s.append(block.time_s)
+            self._node_position.append(block.node_position)
 
     def close(self) -> None:
         """Nothing to do."""
@@ -161,10 +166,14 @@ class ResultBuilder:
             stage=self._stage,
             summary=summary,
             directory=directory,
-            frame_time_s=np.array(self._frame_time_s),
-            node_position=np.array(self._node_position),
-            **{name: np.concatenate(found or [np.zeros(0)]) for name, found in self._arrays.items()},
+            frame_time_s=_joined(self._frame_time_s),
+            node_position=_joined(self._node_position),
+            **{name: _joined(found) for name, found in self._arrays.items()},
         )
+
+
+def _joined(found: list[Any]) -> Any:
+    return np.concatenate(found) if found else np.zeros(0)
 
 
 _COLUMNS: Final = (
