@@ -10,7 +10,7 @@ import rerun as rr
 from numpy.typing import NDArray
 from rerun.components import ColorBatch, Position3DBatch, RotationQuatBatch, Translation3DBatch
 
-from cosim.frames import IntArray
+from cosim.frames import Array, IntArray
 from cosim.recording.blueprint import FOLLOW
 from cosim.recording.camera import close_eye, soft_size
 from cosim.recording.colours import GREY, ORANGE
@@ -31,6 +31,8 @@ _SEAM_RADIUS_M: Final = 5e-4
 _CABLE_RADIUS_M: Final = 1.2e-3
 _FOLLOWED: Final = 0.38
 """Where the close camera looks, from flange (0) to tip (1)."""
+_AT_ONCE: Final = 64
+"""Frames that are coloured together: few enough to stay in the processor's cache."""
 _HALF_TAUT_N: Final = 1.0
 """Tension at which a cable's colour is halfway between slack and taut."""
 
@@ -52,6 +54,7 @@ class Scene:
         self._stream = stream
         self._stage = stage
         nodes = len(first.node_position)
+        self._share = np.full(nodes, 1.0 / nodes)
         self._colours = MembraneColours(stage.soft_triangles, nodes, stress_range_Pa)
         self._seams = crease_lines(first.node_position, stage.soft_triangles)
         self._paths = [body_path(name) for name in stage.body_names]
@@ -73,11 +76,10 @@ class Scene:
             times: time columns of the same length.
         """
         self._send_bodies(frames, times)
-        positions = self._send_film(frames, times)
+        positions, centre = self._send_film(frames, times)
         self._send_node_lines("seams", positions, self._seams, times)
         self._send_cables(frames, positions, times)
-        share = np.full(positions.shape[1], 1.0 / positions.shape[1])
-        self._loads.send(frames, share @ frames.node_position, times)
+        self._loads.send(frames, centre, times)
         self._tip.send(frames, times)
 
     def _log_static(self) -> None:
@@ -102,20 +104,23 @@ class Scene:
         followed = column(rr.Transform3D, "translation", Translation3DBatch(seen))
         self._stream.send_columns(FOLLOW, times, [followed])
 
-    def _send_film(self, frames: Block, times: Sequence[rr.TimeColumn]) -> Single:
-        """Write the film; return its nodes (frames, n, 3)."""
-        x = frames.node_position
-        stress = np.empty((len(frames), len(self._stage.soft_triangles)))
-        for k in range(len(frames)):
-            stress[k] = self._stage.membrane_stress(x[k])
-        positions, colours = x.astype(np.float32), self._colours.packed(x, stress)
-        each = np.full(len(frames), x.shape[1])
+    def _send_film(self, frames: Block, times: Sequence[rr.TimeColumn]) -> tuple[Single, Array]:
+        """Write the film; return its nodes (frames, n, 3) and their mean (frames, 3)."""
+        count, nodes = len(frames), len(self._share)
+        positions, centre = np.empty((count, nodes, 3), dtype=np.float32), np.empty((count, 3))
+        colours = np.empty((count, nodes), dtype=np.uint32)
+        for begin in range(0, count, _AT_ONCE):
+            some = slice(begin, begin + _AT_ONCE)
+            x = Block(frames.snapshots[some]).node_position
+            positions[some], centre[some] = x, self._share @ x
+            colours[some] = self._colours.packed(x, np.array([self._stage.membrane_stress(one) for one in x]))
+        each = np.full(count, nodes)
         columns = [
             column(rr.Mesh3D, "vertex_positions", Position3DBatch(positions.reshape(-1, 3)), each),
             column(rr.Mesh3D, "vertex_colors", ColorBatch(colours.ravel()), each),
         ]
         self._stream.send_columns("/world/soft/film", times, columns)
-        return positions
+        return positions, centre
 
     def _send_cables(self, frames: Block, positions: Single, times: Sequence[rr.TimeColumn]) -> None:
         tension = frames.cable_tension_N.reshape(-1, 1)
