@@ -152,9 +152,8 @@ def _show(figures: dict[str, Any], still: dict[str, Any]) -> None:
             f"  {name}: " + ", ".join(f"{f:.2f}" for f in factors) + f"; {iterations:.2f} iterations a tick"
         )
     error_m = figures["section_tip_error_m"]
-    print(
-        f"  tip of section from that of lumped: {1e3 * error_m:.2f} mm, {error_m / LENGTH_M:.2%} of {LENGTH_M} m"
-    )
+    share = error_m / LENGTH_M
+    print(f"  tip of section from that of lumped: {1e3 * error_m:.2f} mm, {share:.2%} of {LENGTH_M} m")
     print("CPU per tick of lumped, 2 ms [ms] (with the stopwatch on):")
     for label, milliseconds in figures["milliseconds_per_tick"].items():
         print(f"    {milliseconds:7.4f}  {label}")
