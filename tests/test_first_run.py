@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import logging
 import os
+import pkgutil
 import subprocess
 import sys
 from collections.abc import Callable, Iterable
+from dataclasses import replace
+from importlib import import_module
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -15,6 +18,9 @@ import pytest
 
 import cosim
 from cosim import driver
+from cosim.recording import membrane_colours
+from cosim.scenario.kernel_modules import kernel_modules
+from cosim.scenario.loading import load_scenario
 from cosim.soft import compilation
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -33,9 +39,13 @@ CURL = {"phase.inflate.increments": 2, "phase.close.increments": 2}
 def compiled() -> dict[str, int]:
     """Return how many times each kernel that is loaded has been compiled, or taken from the cache."""
     modules = [module for name, module in list(sys.modules.items()) if name.startswith("cosim.")]
-    values = [value for module in modules for value in vars(module).values()]
-    kernels = [value for value in values if getattr(value, "fixed_signature", None) is not None]
+    kernels = [kernel for module in modules for kernel in kernels_of(module)]
     return {f"{kernel.__module__}.{kernel.__name__}": len(kernel.signatures) for kernel in kernels}
+
+
+def kernels_of(module: ModuleType) -> list[Any]:
+    """Return the kernels that a module holds."""
+    return [value for value in vars(module).values() if getattr(value, "fixed_signature", None) is not None]
 
 
 def check_runs(folder: Path) -> None:
@@ -64,6 +74,17 @@ def assert_nothing_came(before: dict[str, int]) -> None:
     assert {name: count for name, count in now.items() if count != before[name]} == {}
     # arrays that cannot be written to are of another type than those that can
     assert {name: count for name, count in now.items() if count > 1} == {}
+
+
+def test_every_kernel_is_one_that_some_run_compiles_beforehand() -> None:
+    for module in pkgutil.walk_packages(cosim.__path__, "cosim."):
+        if not module.name.endswith("__main__"):
+            import_module(module.name)
+    scenario = replace(load_scenario("gripper_closes_on_itself"), fidelity="section")
+    named: list[str] = []
+    for module in (*compilation.MODULES, *kernel_modules(scenario), membrane_colours):
+        named += [f"{value.__module__}.{value.__name__}" for value in kernels_of(module)]
+    assert set(compiled()) == set(named)
 
 
 def test_no_kernel_is_compiled_in_the_loop_or_for_other_arguments_than_its_own(tmp_path: Path) -> None:

@@ -23,7 +23,7 @@ from cosim.soft import (
     problem,
 )
 
-_MODULES: tuple[ModuleType, ...] = (
+MODULES: tuple[ModuleType, ...] = (
     cable, center_line, contact, contact_surface, envelope_cholesky, frame_ring, front_kernels, hinge,
     linear_solver, mass_moments, mass_terms, membrane, pressure, problem,
 )  # fmt: skip
@@ -40,7 +40,7 @@ def compile_kernels(
     """
     found: dict[int, Any] = {
         id(value): value
-        for module in (*_MODULES, *more)
+        for module in (*MODULES, *more)
         for value in vars(module).values()
         if getattr(value, "fixed_signature", None) is not None
     }
