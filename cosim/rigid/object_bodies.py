@@ -24,7 +24,6 @@ _GEOM_TYPES = {
 }
 _ROUND = ("sphere", "cylinder", "capsule")  # given by their radius, not by their diameter
 HARD = [0.9999, 0.9999, 0.001, 0.5, 2.0]  # of a constraint that hardly gives way; 1 would be rigid
-_CLAMPING = [0.99, 0.99, 0.001, 0.5, 2.0]
 _HOLLOW = 1.0  # user value of a geom whose surface, not its hull, soft robots touch
 
 
@@ -87,8 +86,8 @@ def add_mounted(
     add_geometries(spec, body, item)
     for geom in body.geoms:
         geom.contype, geom.conaffinity = contact
-        # MuJoCo's friction creeps, 0.1 m/min at its defaults; harder than this, contacts chatter
-        geom.priority, geom.solref, geom.solimp = 1, [4.0 * tick_s, 1.0], _CLAMPING
+        # harder than this, contacts chatter: of a mesh four points are kept, not the same ones every tick
+        geom.priority, geom.solref = 1, [4.0 * tick_s, 1.0]
 
 
 def _add_joint(body: mujoco.MjsBody, item: SceneObject, joint: Joint, tick_s: float) -> None:
