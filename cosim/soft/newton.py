@@ -26,6 +26,7 @@ from cosim.soft.kept_factor import KeptFactor, NewtonState
 from cosim.soft.linear_solver import GeneralLU, LinearSolver, by_component
 from cosim.soft.pattern import BlockPattern
 from cosim.soft.problem import Point, Problem
+from cosim.soft.shift_search import ShiftSearch
 from cosim.soft.system import Inertia, SoftSystem
 
 
@@ -115,6 +116,7 @@ class NewtonSolver:
         self._narrow = self._solver_for(system.pattern, None)
         self.linear: LinearSolver = self._narrow
         self._kept: KeptFactor | None = None
+        self._shifts = ShiftSearch()
 
     def solve(
         self,
@@ -239,15 +241,13 @@ class NewtonSolver:
         return None
 
     def _factor(self, options: NewtonOptions) -> int:
-        """Factorise with growing shift; return the number of attempts, negative if all failed."""
+        """Factorise, with a shift where need be; return the number of attempts, negative if all failed."""
         system, linear = self.system, self._fitted_solver()
-        attempts, shift = 1, 0.0
-        while not linear.factor(system.tangent_blocks, shift, system.low_rank):
-            shift = max(options.shift_start_N_m, 6.0 * shift)
-            if shift > options.shift_max_N_m:
-                return -attempts
-            attempts += 1
-        return attempts
+        return self._shifts.factor(
+            lambda shift: linear.factor(system.tangent_blocks, shift, system.low_rank),
+            options.shift_start_N_m,
+            options.shift_max_N_m,
+        )
 
     def _fitted_solver(self) -> LinearSolver:
         """Return the linear solver, made for the pattern of the present tangent."""
