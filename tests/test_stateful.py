@@ -28,6 +28,7 @@ SAVED_OTHERWISE = {
     "Lockstep": "of a tick that is half done, after which nothing is saved",
     "SectionBody": "what it keeps by pressure",
     "SelfContact": "pattern of the last pairs of films, made anew where it does not serve",
+    "ShiftSearch": "where a search begins; what it finds does not depend on it",
     "SoftSystem": "workspace; NewtonSolver saves the gradient, which is read later",
     "TickReferences": "worked out anew from the phase",
     "TickRows": "worked out anew from the phase; nothing is saved while a tick is half done",

@@ -15,7 +15,6 @@ from cosim.soft import (
     frame_ring,
     front_kernels,
     hinge,
-    linear_solver,
     mass_moments,
     mass_terms,
     membrane,
@@ -25,7 +24,7 @@ from cosim.soft import (
 
 MODULES: tuple[ModuleType, ...] = (
     cable, center_line, contact, contact_surface, envelope_cholesky, frame_ring, front_kernels, hinge,
-    linear_solver, mass_moments, mass_terms, membrane, pressure, problem,
+    mass_moments, mass_terms, membrane, pressure, problem,
 )  # fmt: skip
 
 

@@ -17,8 +17,8 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import reverse_cuthill_mckee
 
 from cosim.frames import Array, IntArray, Mask
-from cosim.kernels import BLOCKS, BOOLEAN, INDICES, MATRIX, PLACES, VECTOR, inlined, kernel
-from cosim.soft.linear_solver import LinearSolver, equations, lower_entries, numbering, scatter
+from cosim.kernels import BLOCKS, BOOLEAN, INDICES, INTEGER, MATRIX, PLACES, REAL, VECTOR, inlined, kernel
+from cosim.soft.linear_solver import LinearSolver, equations, lower_entries, numbering
 from cosim.soft.pattern import BlockPattern
 
 _TILE = 4
@@ -102,15 +102,30 @@ def _finish_diagonal(store, at, wide, inverse, c, sums):  # type: ignore[no-unty
     return p0 > 0.0 and p1 > 0.0 and p2 > 0.0 and p3 > 0.0  # false where one is not a number
 
 
-@kernel(BOOLEAN(VECTOR, PLACES, PLACES, VECTOR), reorder_sums=True)
-def _factorise(store, start, first, inverse):  # type: ignore[no-untyped-def]
-    """Turn A into L in place; return whether it is positive definite.
+@inlined
+def _fill(values, source, place, begin, end, shift, size, row, store, at, wide):  # type: ignore[no-untyped-def]
+    """Write four rows of A + shift 1 to the store; rows beyond `size` are those of the identity."""
+    store[at : at + _4 * wide] = 0.0
+    for e in range(begin, end):
+        store[place[e]] = values[source[e]]
+    for r in range(_4):
+        store[at + r * wide + wide - _4 + r] += shift if row + r < size else 1.0
 
-    Rows 4 I to 4 I + 3 begin in column 4 first[I], at start[I] in the store, one after the other. The
-    diagonal is written to `inverse`, its reciprocal.
+
+@kernel(
+    BOOLEAN(VECTOR, PLACES, PLACES, PLACES, REAL, INTEGER, PLACES, PLACES, VECTOR, VECTOR), reorder_sums=True
+)
+def _factorise(values, source, place, entry, shift, size, start, first, store, inverse):  # type: ignore[no-untyped-def]
+    """Fill the store with L of A + shift 1; return whether that is positive definite.
+
+    Rows 4 I to 4 I + 3 begin in column 4 first[I], at start[I] in the store, one after the other. Their
+    entries e of A, from entry[I] on, are values[source[e]] at place[e]. The diagonal is written to `inverse`,
+    its reciprocal.
     """
     for i in range(np.uint64(start.shape[0])):
         wide = _4 * (i - first[i] + _1)
+        begin, end = entry[i], entry[i + _1]
+        _fill(values, source, place, begin, end, shift, np.uint64(size), _4 * i, store, start[i], wide)
         for j in range(first[i], i):
             begin = max(first[i], first[j])
             other = _4 * (j - first[j] + _1)
@@ -229,7 +244,7 @@ class EnvelopeCholesky(LinearSolver):
     def __init__(self, pattern: BlockPattern, free: Mask) -> None:
         super().__init__(pattern, free)
         number = numbering(self.free, _best_order(pattern, np.asarray(self.free.any(axis=1))))
-        row, column, self._source = lower_entries(pattern, number)
+        row, column, source = lower_entries(pattern, number)
         self.bandwidth = int((row - column).max(initial=0))
         self._dofs = equations(number)
         tiles = -(-self.size // _TILE)
@@ -243,11 +258,12 @@ class EnvelopeCholesky(LinearSolver):
             at = start[tile] + row % _TILE * wide[tile] + column - _TILE * first[tile]
             return np.asarray(at)
 
-        self._destination = place(row, column)
-        whole = np.arange(_TILE * tiles)
-        self._diagonal, self._spare = np.split(place(whole, whole), [self.size])
+        order = np.argsort(row // _TILE, kind="stable")  # nearly in order as it is
+        entry = np.searchsorted(row[order] // _TILE, np.arange(tiles + 1))
+        parts = source[order], place(row, column)[order], entry
+        self._entries = tuple(part.astype(np.uint64) for part in parts)
         self._places = start.astype(np.uint64), first.astype(np.uint64)
-        self._store, self._inverse = np.zeros(int(wide.sum()) * _TILE), np.zeros(_TILE * tiles)
+        self._store, self._inverse = np.empty(int(wide.sum()) * _TILE), np.empty(_TILE * tiles)
         self._lent = False  # whether a saved state holds the factor
 
     @property
@@ -259,9 +275,13 @@ class EnvelopeCholesky(LinearSolver):
         if self._lent:
             self._store, self._inverse = np.empty_like(self._store), np.empty_like(self._inverse)
             self._lent = False
-        scatter(blocks.reshape(-1), self._source, self._destination, self._diagonal, shift, self._store)
-        self._store[self._spare] = 1.0  # rows that fill the last tile
-        return bool(_factorise(self._store, *self._places, self._inverse))
+        source, place, entry = self._entries
+        values, start_first = blocks.reshape(-1), self._places
+        return bool(
+            _factorise(
+                values, source, place, entry, shift, self.size, *start_first, self._store, self._inverse
+            )
+        )
 
     def _lend_factor(self) -> tuple[NDArray[Any], ...]:
         self._lent = True

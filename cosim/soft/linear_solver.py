@@ -12,20 +12,8 @@ from scipy.sparse import coo_matrix, csc_matrix
 from scipy.sparse.linalg import SuperLU, splu
 
 from cosim.frames import Array, IntArray, Mask
-from cosim.kernels import INDICES, REAL, VECTOR, kernel
 from cosim.soft.low_rank import LowRank, LowRankCorrection
 from cosim.soft.pattern import BlockPattern
-
-
-@kernel((VECTOR, INDICES, INDICES, INDICES, REAL, VECTOR))
-def scatter(values, source, destination, diagonal, shift, band):  # type: ignore[no-untyped-def]
-    """Write values[source] to band[destination] and add shift to its diagonal; zero elsewhere."""
-    band[:] = 0.0
-    for k in range(source.shape[0]):
-        band[destination[k]] = values[source[k]]
-    if shift != 0.0:
-        for k in range(diagonal.shape[0]):
-            band[diagonal[k]] += shift
 
 
 def by_component(mask: Mask) -> Mask:
