@@ -5,8 +5,8 @@ refined meshes of the ten-unit arm, with the fitted exponents.
 
 One iteration: energy, gradient and Hessian, a factorisation, a solve. A tick: of 2 ms, the median of twelve
 while the flange is jerked from rest and the pressure rises. `--motion` adds the mean tick of a smooth motion.
-CPU time of one core. All sizes are measured in turn, round by round, and the least of the rounds counts: a
-machine whose speed changes in between changes it for all.
+CPU time of one core. All sizes are measured in turn, round by round, each for about as long: a machine whose
+speed changes changes it for all. Of a round the median counts, of the rounds the least.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 import numpy as np
 
 from benchmarks.atlas.extremes import Extreme, body_of
-from benchmarks.measure.calls import least_ms
+from benchmarks.measure.calls import call_times, median_s
 from benchmarks.measure.soft_ticks import STEP_S, jerk_times, motion_times
 from cosim.frames import Array, Pose
 from cosim.scenario.loading import load_soft_robot
@@ -42,7 +42,8 @@ UNITS = (1, 2, 5, 10, 20, 50, 100, 200)
 REFINEMENTS = (0, 1, 2)
 UNITS_BOUND, REFINED_BOUND = 1.1, 1.5
 FITTED_FROM = 10  # smaller ones are mostly the overhead of calls
-_ROUNDS, _CALLS, _TICK_ROUNDS, _MOTION_TICKS = 9, 3, 3, 20
+_ROUNDS, _MOTION_TICKS = 5, 20
+_CALLS_S, _TICKS_S = 0.1, 1.5  # how long a part of an iteration, or ticks, are repeated in a round
 
 
 def refined_arm(refine: int) -> SoftBody:
@@ -72,9 +73,10 @@ class Iteration:
         self.least = dict.fromkeys(self.parts, math.inf)
 
     def measure(self) -> None:
-        """Run every part a few times."""
+        """Run every part for a while."""
         for name, run in self.parts.items():
-            self.least[name] = min(self.least[name], least_ms(run, _CALLS))
+            repeats = 3 + int(_CALLS_S / call_times(run, 1)[0])
+            self.least[name] = min(self.least[name], 1e3 * median_s(run, repeats))
 
     def row(self, name: str, value: int) -> dict[str, float]:
         """Return the figures; `name` and `value` say which body it is."""
@@ -95,20 +97,26 @@ def measured(name: str, bodies: dict[int, SoftBody], motion: bool) -> list[dict[
         for iteration in iterations.values():
             iteration.measure()
     rows = [iteration.row(name, value) for value, iteration in iterations.items()]
-    jerks = least_ticks(bodies, jerk_times)
-    for entry, times in zip(rows, jerks, strict=True):
+    for entry, times in zip(rows, least_ticks(bodies, jerk_times), strict=True):
         entry["tick_ms"] = 1e3 * float(np.median(times))
     if motion:
-        for entry, times in zip(
-            rows, least_ticks(bodies, lambda body: motion_times(body, _MOTION_TICKS)), strict=True
-        ):
+        moved = least_ticks(bodies, lambda body: motion_times(body, _MOTION_TICKS))
+        for entry, times in zip(rows, moved, strict=True):
             entry["motion_ms"] = 1e3 * float(np.mean(times))
     return rows
 
 
 def least_ticks(bodies: dict[int, SoftBody], run: Callable[[SoftBody], list[float]]) -> list[Array]:
-    """Return the least time [s] of each tick of each body over some rounds."""
-    rounds = [[run(body) for body in bodies.values()] for _ in range(_TICK_ROUNDS)]
+    """Return the time [s] of each tick of each body."""
+
+    def in_a_round(body: SoftBody) -> Array:
+        """Return the medians of so many repetitions as take a while."""
+        times = [run(body)]
+        while sum(map(sum, times)) < _TICKS_S:
+            times.append(run(body))
+        return np.asarray(np.median(times, axis=0))
+
+    rounds = [[in_a_round(body) for body in bodies.values()] for _ in range(_ROUNDS)]
     return [np.min(times, axis=0) for times in zip(*rounds, strict=True)]
 
 
