@@ -261,6 +261,10 @@ class SectionArm(SoftSide):
         self._flange, self._loads = state.flange, state.loads
         self._stepper.tangent.restore_state(state.tangent, state.clamp)
 
+    def inertia_weight(self, step_s: float) -> float:
+        """Return c [1/s^2]: a motion X of the nodes in a step meets the inertia c m X."""
+        return self._stepper.bed(self._last.chain, step_s).coefficient
+
     def contact_surface(self) -> ContactSurface:
         """Return where the body can be touched."""
         return ContactSurface.of(self.body, SoftSystem(self.body).pattern)

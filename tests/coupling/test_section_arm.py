@@ -13,7 +13,7 @@ from cosim.coupling.soft_arm import SoftArm
 from cosim.errors import InputError
 from cosim.frames import Array, Pose, rotation_from_vector
 from cosim.soft.body import Loads
-from cosim.soft.dynamics import StepOptions
+from cosim.soft.dynamics import Integrator, StepOptions
 from cosim.soft.gas import SealedGas
 from cosim.soft.newton import NewtonOptions
 from cosim.soft.tip_target import TipTarget
@@ -221,3 +221,17 @@ def test_shapes_read_together_are_those_of_the_film() -> None:
     np.testing.assert_allclose(read.tip_direction, mesh.tip_direction, rtol=1e-9, atol=1e-12)
     np.testing.assert_allclose(read.center_line_m, mesh.center_line_m, rtol=1e-12)
     np.testing.assert_allclose(read.volumes_m3, volumes, rtol=1e-10)
+
+
+@pytest.mark.parametrize("integrator", ["implicit_euler", "bdf2"])
+def test_its_inertia_weighs_what_that_of_the_film_does(integrator: Integrator) -> None:
+    """In the first step, which looks back over one, and in the second."""
+    options = StepOptions(integrator=integrator, damping_per_s=3.0, newton=NewtonOptions(reuse_max=6))
+    chain, film = arms(options)
+    loads = Loads(20e3, (0.0, 0.0))
+    for arm in (chain, film):
+        arm.settle(arm.start(FLANGE, loads))
+    for _ in range(2):
+        assert chain.inertia_weight(0.002) == pytest.approx(film.inertia_weight(0.002), rel=1e-12)
+        for arm in (chain, film):
+            arm.advance(FLANGE, loads, 0.002)
