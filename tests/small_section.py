@@ -20,6 +20,21 @@ ROBOT = (
 """The same arm in a scenario file."""
 
 
+def on_a_ur5e(pressure_Pa: float, phases: str) -> str:
+    """Return the text of a scenario in which it hangs from a UR5e, and starts at a pressure."""
+    return f"""
+schema = 1
+title = "Three units on a UR5e"
+robot = "ur5e"
+soft_robot = {ROBOT}
+fidelity = "section"
+
+[start]
+flange = {{ position_m = [0.4, 0.0, 0.5], direction = [0.0, 0.0, -1.0] }}
+pressure_Pa = {pressure_Pa}
+{phases}"""
+
+
 @cache
 def body() -> SoftBody:
     """Return the arm."""

@@ -7,9 +7,9 @@ from typing import final
 import numpy as np
 
 from cosim.coupling.interface import Interface
+from cosim.coupling.momentum import LEVER_M
 from cosim.frames import Array, Wrench, cross
 
-LEVER_M = 0.1  # torques count as forces at this lever
 UNIT = np.array([1.0, 1.0, 1.0, LEVER_M, LEVER_M, LEVER_M])
 
 

@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import types
 
+from cosim.coupling.momentum import LEVER_M, SMALLEST_N
 from cosim.frames import Array, IntArray
 from cosim.kernels import BLOCKS, BOOLEAN, INDICES, MATRIX, REAL, VECTOR, inlined, kernel
 from cosim.rigid.native import BEGIN, FINISH, NATIVE_SCENE, call_step
@@ -102,7 +103,6 @@ _TICKS = types.NamedTuple(
     ),
     Ticks,
 )  # fmt: skip
-_LEVER_M, _SMALLEST_N = 0.1, 1e-2  # as in `momentum`
 
 
 @inlined
@@ -156,8 +156,8 @@ def _momentum_error(scene, handed):  # type: ignore[no-untyped-def]
             scene.applied[3 + r] + scene.center[i] * scene.applied[k] - scene.center[k] * scene.applied[i]
         )
         largest = max(largest, abs(handed[r] - scene.applied[r]))
-        largest = max(largest, abs(handed[3 + r] - torque) / _LEVER_M)
-    return largest / max(handed[6], _SMALLEST_N)
+        largest = max(largest, abs(handed[3 + r] - torque) / LEVER_M)
+    return largest / max(handed[6], SMALLEST_N)
 
 
 @inlined

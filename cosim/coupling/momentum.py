@@ -15,8 +15,8 @@ from typing import final
 from cosim.frames import Array, SixNumbers, Wrench
 from cosim.rigid.scene import RigidScene
 
-_LEVER_M = 0.1  # torques count as forces at this lever
-_SMALLEST_N = 1e-2  # loads below it count as this large: what is left of them is rounding
+LEVER_M = 0.1  # torques count as forces at this lever
+SMALLEST_N = 1e-2  # loads below it count as this large: what is left of them is rounding
 
 NOTHING: SixNumbers = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
@@ -94,4 +94,4 @@ def _error(given: SixNumbers, found: SixNumbers, size_N: float) -> float:
     (x, y, z, u, v, w), (a, b, c, d, e, f) = given, found
     force = max(abs(x - a), abs(y - b), abs(z - c))
     torque = max(abs(u - d), abs(v - e), abs(w - f))
-    return max(force, torque / _LEVER_M) / max(size_N, _SMALLEST_N)
+    return max(force, torque / LEVER_M) / max(size_N, SMALLEST_N)

@@ -12,23 +12,16 @@ import cosim
 from cosim.errors import ScenarioError
 from cosim.scenario import section_model as module
 from cosim.scenario.loading import load_scenario
-from tests.small_section import ROBOT, section
+from tests.small_section import on_a_ur5e, section
 
-SCENARIO = f"""
-schema = 1
-title = "Three units on a UR5e"
-robot = "ur5e"
-soft_robot = {ROBOT}
-fidelity = "section"
-
-[start]
-flange = {{ position_m = [0.4, 0.0, 0.5], direction = [0.0, 0.0, -1.0] }}
-pressure_Pa = 25e3
-
+SCENARIO = on_a_ur5e(
+    25e3,
+    """
 [[phase]]
 name = "hang"
 duration_s = 0.02
-"""
+""",
+)
 
 
 def test_the_error_of_a_model_is_told_and_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

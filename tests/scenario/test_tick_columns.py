@@ -21,26 +21,19 @@ from cosim.scenario.loading import load_scenario
 from cosim.scenario.snapshot import LedgerEntry, Snapshot
 from cosim.scenario.tick_columns import FROM_ROW, TickColumns
 from cosim.state_archive import read_archive, write_archive
-from tests.small_section import ROBOT, section
+from tests.small_section import on_a_ur5e, section
 
-SCENARIO = f"""
-schema = 1
-title = "Three units on a UR5e"
-robot = "ur5e"
-soft_robot = {ROBOT}
-fidelity = "section"
-
-[start]
-flange = {{ position_m = [0.4, 0.0, 0.5], direction = [0.0, 0.0, -1.0] }}
-pressure_Pa = 20e3
-
+SCENARIO = on_a_ur5e(
+    20e3,
+    """
 [[phase]]
 name = "turn"
 duration_s = 0.08
 pressure_Pa = 25e3
 cable_tension_N = [2.0, 0.0]
-flange_turn = {{ axis = [0.0, 1.0, 0.0], angle_rad = -0.02 }}
-"""
+flange_turn = { axis = [0.0, 1.0, 0.0], angle_rad = -0.02 }
+""",
+)
 WALL_S = 1.5e-4
 BEGIN, END = 11, 31
 IN_BLOCKS = (

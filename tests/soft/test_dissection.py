@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from scipy.sparse import csr_matrix
+from scipy.sparse.csgraph import connected_components
 
 from cosim.frames import Array, IntArray, Mask
 from cosim.soft import dissected_cholesky
@@ -120,6 +121,15 @@ def test_what_is_tied_across_the_mesh_does_not_blur_the_cuts() -> None:
     ties = csr_matrix((np.ones(len(row)), (row, column)), shape=graph.shape)
     groups = dissect((graph + ties + ties.T).tocsr(), eyelets, SIDE + 2)
     assert len(groups[-1]) <= SIDE + 1
+
+
+def test_the_cut_parts_what_a_tie_holds_together_from_end_to_end() -> None:
+    graph, ends = grid().tolil(), np.array([0, SIDE - 1, SIDE * (SIDE - 1), SIDE * SIDE - 1])
+    for end in ends:
+        graph[end, np.setdiff1d(ends, end)] = 1.0
+    tied = graph.tocsr()
+    kept = np.setdiff1d(np.arange(SIDE * SIDE), dissect(tied, ends, SIDE + 2)[-1])
+    assert connected_components(tied[kept][:, kept], directed=False)[0] > 1
 
 
 def test_the_least_cut_goes_through_the_neck() -> None:

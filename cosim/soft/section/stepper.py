@@ -11,7 +11,7 @@ from cosim.errors import ConvergenceError
 from cosim.frames import Array, Pose
 from cosim.frozen import quickly_made
 from cosim.soft.body import Loads
-from cosim.soft.dynamics import StepAim, StepOptions
+from cosim.soft.dynamics import StepAim, StepOptions, inertia_weight
 from cosim.soft.newton import Outcome
 from cosim.soft.section.chain_arrays import ChainArrays
 from cosim.soft.section.chain_figures import FIGURES
@@ -238,4 +238,4 @@ class ChainStepper:
         base = chain.frames
         if two_steps and chain.earlier is not None:
             base = (4.0 * base - chain.earlier[0]) / 3.0
-        return Bed((1.0 + self._options.damping_per_s * span) / span**2, base)
+        return Bed(inertia_weight(span, self._options.damping_per_s), base)
