@@ -18,6 +18,7 @@ from cosim.rigid.description import SceneDescription, SceneObject
 from cosim.rigid.features import near_film
 from cosim.rigid.scene import RigidScene
 from cosim.soft.body import Loads, SoftBody
+from cosim.soft.contact import ContactLaw
 from cosim.soft.dynamics import StepOptions
 from cosim.soft.film import Film
 from cosim.soft.newton import NewtonOptions
@@ -162,6 +163,26 @@ def test_far_from_everything_nothing_is_found_or_remembered() -> None:
     assert exchange.find(soft.state, 2e-3) is None
     assert exchange.settle(soft.state.positions).count == 0
     assert len(exchange.memory.key) == 0
+
+
+def test_what_the_film_can_get_to_in_a_tick_is_found_before_it_is_there() -> None:
+    tick_s, speed, smoothing = 2e-3, 4.0, ContactLaw().smoothing_m
+    gap = 1.5 * speed * tick_s  # half as much again: it may get faster within the tick
+    scene = scene_with(SceneObject("block", "box", (0.2, 0.2, 0.02), (0.0, 0.0, 1.0)))
+    flange = Pose(np.eye(3), np.array([0.0, 0.0, 1.01 + 0.05 + gap]))
+    soft = SoftArm(ball(), flange, NewtonOptions(), StepOptions(tolerance_N=1e-5, damping_per_s=5.0))
+    exchange = ContactExchange(scene.contact_query(), scene.bodies, soft.contact_surface())
+    assert gap > 4.0 * smoothing
+    assert exchange.find(soft.state, tick_s) is None  # at rest it is out of reach
+    falling = np.tile([0.0, 0.0, -speed], (soft.body.nodes, 1))
+    assert exchange.find(replace(soft.state, velocities=falling), tick_s) is not None
+    # what is found holds it back at twice that speed: its lowest node stays above the block
+    soft.state = replace(soft.state, velocities=2.0 * falling)
+    planes = exchange.find(soft.state, tick_s)
+    below = Pose(np.eye(3), flange.translation - np.array([0.0, 0.0, 2.0 * speed * tick_s]))
+    soft.advance(below, replace(Loads(5e3, (), (0.0, 0.0, 0.0)), contact=planes), tick_s)
+    assert exchange.settle(soft.state.positions).count > 0
+    assert soft.state.positions[:, 2].min() > 1.01 - 1e-3
 
 
 def test_the_arm_is_no_obstacle_to_what_it_carries() -> None:

@@ -12,6 +12,8 @@ import cosim
 from cosim.errors import ScenarioError
 from cosim.scenario import section_model as module
 from cosim.scenario.loading import load_scenario
+from cosim.soft.body import SoftBody
+from cosim.soft.section.model import SectionModel
 from tests.small_section import on_a_ur5e, section
 
 SCENARIO = on_a_ur5e(
@@ -39,6 +41,25 @@ def test_the_error_of_a_model_is_told_and_kept(tmp_path: Path, monkeypatch: pyte
     monkeypatch.setattr(module, "build_model", lambda *_: pytest.fail("the model has been built before"))
     assert cosim.run(path).summary["section_model"] == figures
     assert cosim.run(path, overrides={"fidelity": "rigid"}).summary["section_model"] is None
+
+
+def test_a_model_is_kept_for_its_range_of_pressure(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    built: list[float] = []
+
+    def build(_body: SoftBody, largest_Pa: float) -> SectionModel:
+        built.append(largest_Pa)
+        spline = replace(section().model.spline, largest_Pa=largest_Pa)
+        return replace(section().model, spline=spline)
+
+    monkeypatch.setattr(module, "build_model", build)
+    path = tmp_path / "three_units.toml"
+    path.write_text(SCENARIO, encoding="utf-8")
+    ordinary, high = load_scenario(path), load_scenario(path, {"phase.hang.pressure_Pa": 90e3})
+    models = [module.section_model(scenario) for scenario in (ordinary, high, ordinary, high)]
+    ranges = [model.spline.largest_Pa for model in models]
+    assert built == ranges[:2] == ranges[2:]
+    assert ranges[0] < 90e3 < ranges[1]  # a model for less pressure must not serve for more
 
 
 @pytest.mark.parametrize(

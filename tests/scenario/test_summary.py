@@ -35,6 +35,22 @@ def test_the_summary_adds_up(summary: dict[str, Any]) -> None:
     assert summary["real_time_factor"] == pytest.approx(25 * 0.002 / 0.01)
 
 
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_power_that_vanishes_counts_like_power_that_appears(
+    sign: float, made_up_build: Callable[..., Any]
+) -> None:
+    simulation = made_up_build()(load_scenario("ur5e_hexagon_arm"))
+    builder = SummaryBuilder(simulation.stage, 0.0, "0")
+    for snapshot in simulation.steps():
+        error_W = sign * 1e-6 * snapshot.tick
+        entry = replace(snapshot.ledger, soft_power_W=-1.0 + error_W, power_size_W=2.0)
+        assert entry.power_error_W == pytest.approx(error_W)
+        builder.observe(replace(snapshot, ledger=entry))
+    summary = builder.finish("completed", None, 0.01)
+    assert summary["max_interface_power_error_W"] == pytest.approx(25e-6)
+    assert summary["max_interface_power_error"] == pytest.approx(12.5e-6)
+
+
 def test_a_phase_ends_with_its_last_tick(summary: dict[str, Any]) -> None:
     assert [phase["end_s"] for phase in summary["phases"]] == pytest.approx(
         [0.01, 0.02, 0.03, 0.04, 0.05], rel=1e-12

@@ -189,6 +189,23 @@ def test_a_point_presses_with_half_the_laws_stiffness_times_depth_and_its_area()
         assert found.normal_force[side & flat].sum() == pytest.approx(force, rel=1e-9)
 
 
+def test_films_that_can_meet_within_a_step_are_found_before_it() -> None:
+    step_s, speed = 2e-3, 5.0
+    gap = speed * step_s
+    large, small = brick(0.08, 0.4), brick(0.04, 0.05)
+    body = stacked(large, small, (3e-3, 2e-3, 0.03 + gap))
+    films = SelfContact(body, SoftSystem(body).pattern, FilmContactLaw(LAW))
+    state = SoftState.drawn(body, Pose())
+    assert films.step_pairs(state, step_s) is None
+    falling = np.where(np.arange(body.nodes) < large.nodes, 0.0, -speed)[:, None] * [0.0, 0.0, 1.0]
+    met = films.step_pairs(replace(state, velocities=falling), step_s)
+    assert met is not None
+    # upwards as well, since a film turns round where it meets another; together they meet nothing
+    assert films.step_pairs(replace(state, velocities=-falling), step_s) is not None
+    together = np.tile([0.0, 0.0, -speed], (body.nodes, 1))
+    assert films.step_pairs(replace(state, velocities=together), step_s) is None
+
+
 def slide(tangent: float, friction: float, ticks: int, tick_s: float = 2e-3) -> Array:
     """Return where a small brick on a large one is (ticks,) [m]; the slope is tilted within 200 ticks."""
     large, small = brick(0.08, 0.4), brick(0.04, 0.05)

@@ -1,0 +1,20 @@
+"""The directory of a run: who reads in it sees whole files."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+from cosim.run_files import SUMMARY, RunFiles
+
+
+def test_who_reads_a_summary_reads_one_to_its_end(tmp_path: Path) -> None:
+    files = RunFiles(tmp_path)
+    long, short = {"status": "interrupted", "ticks": list(range(5000))}, {"status": "completed"}
+    files.finish(long)
+    with (tmp_path / SUMMARY).open(encoding="utf-8") as reader:
+        begun = reader.read(100)
+        files.finish(short)  # written beside it and put in its place at once, not over it
+        assert json.loads(begun + reader.read()) == long
+    assert json.loads((tmp_path / SUMMARY).read_text(encoding="utf-8")) == short
+    assert [path.name for path in tmp_path.iterdir()] == [SUMMARY]
