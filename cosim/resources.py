@@ -76,11 +76,19 @@ def object_mesh_path(name: str) -> Path:
     return robots_directory() / "objects" / name
 
 
+def is_file(path: Path) -> bool:
+    """Return whether there is such a file, also of a path that no file can have or that may not be seen."""
+    try:
+        return path.is_file()
+    except (OSError, ValueError):  # too long, not permitted, or a null character
+        return False
+
+
 def _find(kind: str, name_or_path: str | Path, folder: str, names: tuple[str, ...]) -> Path:
     if isinstance(name_or_path, str) and name_or_path in names:
         return data_directory() / folder / f"{name_or_path}.toml"
     path = Path(name_or_path)
-    if path.suffix == ".toml" and path.is_file():
+    if path.suffix == ".toml" and is_file(path):
         return path
     hint = "" if path.suffix == ".toml" else ", or give the path of a .toml file"
     raise InputError(f"no {kind} '{name_or_path}'; there are: {', '.join(names) or 'none'}{hint}")

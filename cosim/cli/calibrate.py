@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import re
-import sys
 from pathlib import Path
 
+from cosim.cli.screen import printable, tell
 from cosim.resources import soft_robot_path
 from cosim.scenario.calibration import CalibrationReport, calibrate
 from cosim.scenario.loading import load_soft_robot
@@ -29,20 +29,16 @@ def calibrate_command(name: str, refine: int, units: int, *, write: bool) -> int
         ConvergenceError: the refined model has no equilibrium under one of the loads.
     """
     robot = load_soft_robot(name)
-    compile_kernels(_tell)
-    report = calibrate(robot, refine=refine, units=units, tell=_tell)
+    compile_kernels(tell)
+    report = calibrate(robot, refine=refine, units=units, tell=tell)
     print("\n".join(_lines(report)))
     text = table_text(report.calibration)
     print(text)
     if write:
         path = soft_robot_path(name)
         write_table(path, text)
-        print(f"written to {path}; a scenario uses it with chamber.calibrated = true")
+        print(printable(f"written to {path}; a scenario uses it with chamber.calibrated = true"))
     return 0
-
-
-def _tell(text: str) -> None:
-    print(text, file=sys.stderr)
 
 
 def _lines(report: CalibrationReport) -> list[str]:

@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from cosim import __version__
+from cosim.cli.screen import printable, tell
 from cosim.errors import InputError, SolverError
 
 EXIT_DONE, EXIT_UNSOLVED, EXIT_INPUT, EXIT_INTERRUPTED = 0, 1, 2, 130
@@ -38,10 +39,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
             return _trade(options)
         return _list() if options.command == "list" else _view(options.directory)
     except InputError as error:
-        print(f"cosim: error: {error}", file=sys.stderr)
+        tell(f"cosim: error: {error}")
         return EXIT_INPUT
     except SolverError as error:
-        print(f"cosim: not solved: {error}", file=sys.stderr)
+        tell(f"cosim: not solved: {error}")
         return EXIT_UNSOLVED
     except KeyboardInterrupt:
         print("cosim: interrupted", file=sys.stderr)
@@ -181,7 +182,7 @@ def _list() -> int:
     names = list_scenarios()
     width = max(map(len, names), default=0)
     for name in names:
-        print(f"{name:<{width}}  {question(scenario_path(name))}")
+        print(printable(f"{name:<{width}}  {question(scenario_path(name))}"))
     return EXIT_DONE
 
 

@@ -11,6 +11,7 @@ from typing import Any, final
 from cosim.checkpoint import check_resumable
 from cosim.cli.interruption import Interruption
 from cosim.cli.progress import Progress
+from cosim.cli.screen import tell
 from cosim.driver import (
     Options,
     Outcome,
@@ -61,7 +62,7 @@ def run_command(scenario_name: str, assignments: Sequence[str], out: Path | None
     directory = out if out is not None else default_directory(scenario.name)
     check_directory(directory)
     if not how.quiet:
-        print(scenario.title, file=sys.stderr)
+        tell(scenario.title)
     return _execute(scenario, directory, how, resume=False)
 
 
@@ -79,13 +80,13 @@ def resume_command(directory: Path, how: RunOptions) -> int:
     tick = check_resumable(directory)
     scenario = load_scenario(directory / SCENARIO)
     if not how.quiet:
-        print(f"{scenario.title}: goes on after tick {tick}", file=sys.stderr)
+        tell(f"{scenario.title}: goes on after tick {tick}")
     recording = how.recording and bool(recordings(directory))
     return _execute(scenario, directory, replace(how, recording=recording), resume=True)
 
 
 def _execute(scenario: Scenario, directory: Path, how: RunOptions, *, resume: bool) -> int:
-    scenario = prepared(scenario, _ignore if how.quiet else _tell, recording=how.recording)
+    scenario = prepared(scenario, _ignore if how.quiet else tell, recording=how.recording)
     with Interruption() as interruption:
         watchers: list[Watcher] = [interruption] if how.quiet else [interruption, Progress(sys.stderr)]
         make_recorder = rerun_recorder if how.recording else None
@@ -96,26 +97,20 @@ def _execute(scenario: Scenario, directory: Path, how: RunOptions, *, resume: bo
     return _report(outcome, directory, interruption, quiet=how.quiet)
 
 
-def _tell(text: str) -> None:
-    print(text, file=sys.stderr)
-
-
 def _ignore(_text: str) -> None:
     """Say nothing."""
 
 
 def _report(outcome: Outcome, directory: Path, interruption: Interruption, *, quiet: bool) -> int:
     if not quiet:
-        print(_closing_lines(outcome.summary, directory), file=sys.stderr)
+        tell(_closing_lines(outcome.summary, directory))
     if outcome.summary["status"] == "interrupted":
-        print(
-            f"cosim: interrupted; what was simulated is in {directory}; "
-            f"go on: cosim run --resume {directory}",
-            file=sys.stderr,
+        tell(
+            f"cosim: interrupted; what was simulated is in {directory}; go on: cosim run --resume {directory}"
         )
         return interruption.exit_code
     if outcome.error is not None:
-        print(f"cosim: what was simulated is in {directory}", file=sys.stderr)
+        tell(f"cosim: what was simulated is in {directory}")
         raise outcome.error
     return 0
 

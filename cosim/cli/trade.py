@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
+from cosim.cli.screen import printable, tell
 from cosim.cli.trade_progress import TradeProgress
 from cosim.driver import build_simulation, recorded
 from cosim.recording import membrane_colours
@@ -59,22 +60,22 @@ def trade_command(
     scenario = replace(scenario, fidelity="lumped", auto=None)
     members = members_of(scenario, quick=quick, time_scale=time_scale, truth=truth)
     check_directory(out)
-    compile_for_trade(scenario, _tell, (membrane_colours,))
+    compile_for_trade(scenario, tell, (membrane_colours,))
     progress = TradeProgress(sys.stderr, len(members))
     results = measure(scenario, members, build_simulation, progress.telling, follow=recorded, slowest=bound)
     out.mkdir(parents=True, exist_ok=True)
     table = markdown(scenario.title, results)
     (out / TABLE).write_text(table, encoding="utf-8")
     (out / FIGURES).write_text(as_json(scenario.name, results, wish), encoding="utf-8")
-    print(table)
+    print(printable(table))
     if can_draw():
         draw(scenario.title, results, out / PLOT)
     else:
-        _tell("no plot: it needs matplotlib (pip install matplotlib)")
+        tell("no plot: it needs matplotlib (pip install matplotlib)")
     if wish is None:
         return 0
     line = choice_lines(results, wish)
-    print(line)
+    print(printable(line))
     return int(line.startswith("No member"))
 
 
@@ -86,7 +87,3 @@ def _wish(budget: str | None, tolerance: str | None, force: str | None) -> Wish 
         None if tolerance is None else parse_tolerance(tolerance),
         None if force is None else parse_force(force),
     )
-
-
-def _tell(text: str) -> None:
-    print(text, file=sys.stderr, flush=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from typing import Final
 
 from cosim.arm_files import arm_names
 from cosim.errors import ScenarioError
@@ -13,9 +14,11 @@ from cosim.scenario.holding_checks import check_holding, check_rings
 from cosim.scenario.object_checks import check_objects
 from cosim.scenario.phase_schema import Phase, TipTarget
 from cosim.scenario.schema import NO_ARM, Scenario
+from cosim.scenario.size_checks import check_sizes
 from cosim.scenario.soft_robot import Cable, SoftRobot
 from cosim.scenario.suggestions import unknown_name_message
 
+LEAST_NODE_MASS_kg: Final = 1e-12
 _MOVES = ("flange", "flange_turn", "flange_shift_m", "flange_shake")
 
 
@@ -42,6 +45,7 @@ def check_scenario(scenario: Scenario) -> None:
     check_objects(scenario.objects, scenario.wires)
     for phase in scenario.phases:
         _check_phase(phase, scenario, f"phase.{phase.name}")
+    check_sizes(scenario)
     check_holding(scenario)
     check_fidelity(scenario)
     check_gas(scenario)
@@ -79,10 +83,12 @@ def check_soft_robot(robot: SoftRobot, path: str) -> None:
             f"{path}.chamber.hole_radius_m",
             f"{chamber.hole_radius_m:g} must be below the last unit's corner radius, {smallest:.4g}",
         )
-    if robot.mass.node_mass_kg == 0.0 and robot.film.density_kg_m3 == 0.0:
+    film_mass = robot.film.density_kg_m3 * robot.film.thickness_m * chamber.unit_height_m**2
+    if robot.mass.node_mass_kg < LEAST_NODE_MASS_kg and film_mass < LEAST_NODE_MASS_kg:
         raise ScenarioError(
             f"{path}.mass.node_mass_kg",
-            "every node needs mass; give node_mass_kg or film.density_kg_m3 above 0",
+            f"every node needs mass, {LEAST_NODE_MASS_kg:g} kg at least; give node_mass_kg or "
+            "film.density_kg_m3",
         )
     if robot.film.compressive_fraction and robot.film.law != "tension_field":
         raise ScenarioError(

@@ -10,7 +10,16 @@ import re
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Annotated, Any, final
+from typing import Annotated, Any, Final, final
+
+LONGEST_SHOWN: Final = 60
+LONGEST_NAME: Final = 64
+
+
+def shown(value: Any) -> str:
+    """Return a value as messages show it: texts in quotes, control characters escaped, long ones cut."""
+    quoted = repr(value)
+    return quoted if len(quoted) <= LONGEST_SHOWN else f"{quoted[: LONGEST_SHOWN - 3]}..."
 
 
 class Constraint(ABC):
@@ -55,17 +64,18 @@ class Bounds(Constraint):
 @final
 @dataclass(frozen=True)
 class Length(Constraint):
-    """Smallest and largest number of entries of a list."""
+    """Smallest and largest number of entries of a list, or of the characters of a text."""
 
     at_least: int = 0
     at_most: int | None = None
+    of: str = "entries"
 
     def violation(self, value: Any) -> str | None:
         """Return what is wrong with the list's length, or None."""
         if len(value) < self.at_least:
-            return f"has {len(value)} entries; needs at least {self.at_least}"
+            return f"has {len(value)} {self.of}; needs at least {self.at_least}"
         if self.at_most is not None and len(value) > self.at_most:
-            return f"has {len(value)} entries; at most {self.at_most} are allowed"
+            return f"has {len(value)} {self.of}; at most {self.at_most} are allowed"
         return None
 
 
@@ -104,7 +114,7 @@ class Pattern(Constraint):
 
     def violation(self, value: Any) -> str | None:
         """Return what is wrong with the text, or None."""
-        return None if re.fullmatch(self.expression, value) else f"'{value}' must be {self.meaning}"
+        return None if re.fullmatch(self.expression, value) else f"{shown(value)} must be {self.meaning}"
 
 
 Positive = Annotated[float, Bounds(above=0.0)]
@@ -114,10 +124,18 @@ Share = Annotated[float, Bounds(at_least=0.0, at_most=1.0)]
 Pressure = Annotated[float, Bounds(at_least=-1e5)]
 """Gauge pressure: not below vacuum."""
 
-Count = Annotated[int, Bounds(at_least=1)]
+Count = Annotated[int, Bounds(at_least=1, at_most=1_000_000)]
 Vector3 = tuple[float, float, float]
 Direction = Annotated[tuple[float, float, float], NonZero()]
 Quaternion = Annotated[tuple[float, float, float, float], NonZero()]
 Colour = tuple[Share, Share, Share, Share]
-Name = Annotated[str, Pattern(r"[A-Za-z][A-Za-z0-9_-]*", "a letter followed by letters, digits, '_' or '-'")]
-Text = Annotated[str, Pattern(r"(?s).*\S.*", "a text that is not empty")]
+Name = Annotated[
+    str,
+    Pattern(r"[A-Za-z][A-Za-z0-9_-]*", "a letter followed by letters, digits, '_' or '-'"),
+    Length(at_most=LONGEST_NAME, of="characters"),
+]
+Text = Annotated[
+    str,
+    Pattern(r"(?s).*\S.*", "a text that is not empty"),
+    Pattern(r"[^\x00-\x08\x0b-\x1f\x7f-\x9f]*", "without control characters but tabs and line breaks"),
+]

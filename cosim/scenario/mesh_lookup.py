@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TypeVar
 
 from cosim.errors import ScenarioError
-from cosim.resources import list_object_meshes, object_mesh_path
+from cosim.resources import is_file, list_object_meshes, object_mesh_path
 from cosim.scenario.object_schema import Part, SceneObject
 
 Solid = TypeVar("Solid", SceneObject, Part)
@@ -40,7 +40,7 @@ def _found(entry: Solid, folder: Path, path: str) -> Solid:
     if entry.file is None:
         return entry
     beside = folder / entry.file
-    if beside.is_file():
+    if is_file(beside):
         return replace(entry, file=str(beside.resolve()))
     known = list_object_meshes()
     if entry.file in known:

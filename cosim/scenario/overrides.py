@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from cosim.errors import ScenarioError
+from cosim.scenario.reading import check_values
 
 
 def parse_assignment(text: str) -> tuple[str, Any]:
@@ -19,7 +20,9 @@ def parse_assignment(text: str) -> tuple[str, Any]:
     path = path.strip()
     if not equals or not all(path.split(".")):
         raise ScenarioError("", f"'{text}' is not of the form key=value, such as clock.tick_s=0.001")
-    return path, _value(value.strip())
+    found = _value(value.strip())
+    check_values({path: found})
+    return path, found
 
 
 def apply_override(table: dict[str, Any], path: str, value: Any) -> None:
@@ -78,7 +81,7 @@ def _enter(here: Any, part: str, path: str) -> Any:
 def _value(text: str) -> Any:
     try:
         return tomllib.loads(f"value = {text}")["value"]
-    except tomllib.TOMLDecodeError:
+    except (ValueError, RecursionError):  # not TOML, a number of thousands of digits, thousands of brackets
         pass
     try:
         return float(text)

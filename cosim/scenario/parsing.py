@@ -5,6 +5,7 @@ Every refusal names the path of the key, the value, and what is allowed.
 
 from __future__ import annotations
 
+import json
 import math
 import types
 from collections.abc import Mapping
@@ -13,7 +14,8 @@ from functools import cache
 from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
 
 from cosim.errors import ScenarioError
-from cosim.scenario.constraints import Constraint
+from cosim.scenario.constraints import Bounds, Constraint, shown
+from cosim.scenario.magnitudes import magnitude_of
 from cosim.scenario.suggestions import unknown_key_message
 
 Schema = TypeVar("Schema")
@@ -38,7 +40,7 @@ def parse(schema: type[Schema], table: Mapping[str, Any], path: str = "") -> Sch
     values: dict[str, Any] = {}
     for key, entry in known.items():
         if key in table:
-            values[entry.name] = _convert(annotations[entry.name], table[key], join(path, key))
+            values[entry.name] = _convert(annotations[entry.name], table[key], join(path, key), key)
         elif entry.default is MISSING and entry.default_factory is MISSING:
             raise ScenarioError(join(path, key), "is missing; it has no default")
     return schema(**values)
@@ -50,8 +52,9 @@ def key_of(entry: Field[Any]) -> str:
 
 
 def join(path: str, key: str) -> str:
-    """Return the path of a key inside a table."""
-    return f"{path}.{key}" if path else key
+    """Return the path of a key inside a table; a key that would not show is put in quotes, as in TOML."""
+    visible = key if key.isprintable() and key and not set(key) & set(" .\"'") else json.dumps(key)
+    return f"{path}.{visible}" if path else visible
 
 
 def describe(value: Any) -> str:
@@ -67,8 +70,7 @@ def describe(value: Any) -> str:
     kind = next((name for kind, name in kinds if isinstance(value, kind)), f"a {type(value).__name__}")
     if isinstance(value, Mapping):
         return kind
-    shown = str(value).lower() if isinstance(value, bool) else repr(value)
-    return f"{kind} {shown if len(shown) <= 60 else shown[:57] + '...'}"
+    return f"{kind} {str(value).lower() if isinstance(value, bool) else shown(value)}"
 
 
 @cache
@@ -76,33 +78,34 @@ def _annotations(schema: type) -> dict[str, Any]:
     return get_type_hints(schema, include_extras=True)
 
 
-def _convert(annotation: Any, value: Any, path: str) -> Any:
+def _convert(annotation: Any, value: Any, path: str, key: str) -> Any:
+    """Return a value as its annotation says; `key` is that of the dataclass, whose unit bounds numbers."""
     origin = get_origin(annotation)
     if origin is Annotated:
         inner, *extras = get_args(annotation)
-        converted = _convert(inner, value, path)
-        for constraint in extras:
-            message = constraint.violation(converted) if isinstance(constraint, Constraint) else None
+        converted = _convert(inner, value, path, key)
+        for constraint in (extra for extra in extras if isinstance(extra, Constraint)):
+            message = constraint.violation(converted) or _too_small(constraint, converted, key)
             if message:
                 raise ScenarioError(path, message)
         return converted
     if origin in (Union, types.UnionType):  # X | None: TOML has no null, so a value given is an X
         options = [argument for argument in get_args(annotation) if argument is not type(None)]
-        return _convert(_fitting(options, value), value, path)
+        return _convert(_fitting(options, value), value, path, key)
     if origin is Literal:
         return _choice(get_args(annotation), value, path)
     if origin is tuple:
-        return _sequence(get_args(annotation), value, path)
+        return _sequence(get_args(annotation), value, path, key)
     if origin is Mapping:
         _, inner = get_args(annotation)
         if not isinstance(value, Mapping):
             raise ScenarioError(path, f"expected a table, got {describe(value)}")
-        return {key: _convert(inner, item, join(path, key)) for key, item in value.items()}
+        return {name: _convert(inner, item, join(path, name), key) for name, item in value.items()}
     if is_dataclass(annotation):
         if not isinstance(value, Mapping):
             raise ScenarioError(path, f"expected a table, got {describe(value)}")
         return parse(annotation, value, path)  # type: ignore[arg-type]
-    return _scalar(annotation, value, path)
+    return _scalar(annotation, value, path, key)
 
 
 def _fitting(options: list[Any], value: Any) -> Any:
@@ -119,7 +122,7 @@ def _choice(choices: tuple[Any, ...], value: Any, path: str) -> Any:
     raise ScenarioError(path, f"got {describe(value)}; allowed: {allowed}")
 
 
-def _sequence(arguments: tuple[Any, ...], value: Any, path: str) -> tuple[Any, ...]:
+def _sequence(arguments: tuple[Any, ...], value: Any, path: str, key: str) -> tuple[Any, ...]:
     if not isinstance(value, list):
         raise ScenarioError(path, f"expected a list, got {describe(value)}")
     if len(arguments) == 2 and arguments[1] is Ellipsis:
@@ -128,27 +131,37 @@ def _sequence(arguments: tuple[Any, ...], value: Any, path: str) -> tuple[Any, .
         raise ScenarioError(path, f"has {len(value)} entries; must have {len(arguments)}")
     pairs = zip(arguments, value, strict=True)
     return tuple(
-        _convert(argument, item, join(path, _label(item, index)))
+        _convert(argument, item, join(path, label(item, index)), key)
         for index, (argument, item) in enumerate(pairs, start=1)
     )
 
 
-def _label(item: Any, index: int) -> str:
+def label(item: Any, index: int) -> str:
     """Return the name of an entry of a list of tables, otherwise its place counted from 1."""
     name = item.get("name") if isinstance(item, Mapping) else None
     return name if isinstance(name, str) and name else str(index)
 
 
-def _scalar(kind: Any, value: Any, path: str) -> Any:
+def _too_small(constraint: Constraint, value: Any, key: str) -> str | None:
+    """Return what is wrong with a number that must be above 0 and is as good as 0."""
+    smallest = magnitude_of(key).smallest
+    if isinstance(constraint, Bounds) and constraint.above == 0.0 and value < smallest:
+        return f"{value:g} is out of bounds; must be at least {smallest:g}"
+    return None
+
+
+def _scalar(kind: Any, value: Any, path: str, key: str) -> Any:
     if kind is float:
         if isinstance(value, bool) or not isinstance(value, int | float):
             raise ScenarioError(path, f"expected a number, got {describe(value)}")
-        try:
-            number = float(value)
-        except OverflowError:
-            number = math.inf
+        number = float(value)
         if not math.isfinite(number):
-            raise ScenarioError(path, f"got {value}; must be a finite number")
+            raise ScenarioError(path, f"got {value:g}; must be a finite number")
+        largest = magnitude_of(key).largest
+        if abs(number) > largest:
+            raise ScenarioError(
+                path, f"{value:g} is out of bounds; must be within {-largest:g} and {largest:g}"
+            )
         return number
     expected = {bool: "true or false", int: "a whole number", str: "a text in quotes"}[kind]
     if type(value) is not kind:

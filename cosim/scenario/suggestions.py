@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from difflib import get_close_matches
 
+from cosim.scenario.constraints import LONGEST_NAME, shown
+
 _UNITS = (
     "kg_s_Pa",
     "m_s2",
@@ -54,10 +56,10 @@ def unknown_key_message(key: str, known: tuple[str, ...]) -> str:
 
 def unknown_name_message(kind: str, name: str, known: tuple[str, ...]) -> str:
     """Return what to say about a name that does not exist among the known ones."""
-    close = get_close_matches(name, known, n=1, cutoff=0.6)
+    close = get_close_matches(name, known, n=1, cutoff=0.6) if len(name) <= LONGEST_NAME else []
     hint = f"; did you mean '{close[0]}'?" if close else ""
-    shown = known if len(known) <= 12 else (*known[:6], "...", *known[-3:])
-    return f"no {kind} '{name}'{hint} There are: {', '.join(shown) or 'none'}".replace("' There", "'. There")
+    listed = known if len(known) <= 12 else (*known[:6], "...", *known[-3:])
+    return f"no {kind} {shown(name)}{hint}. There are: {', '.join(listed) or 'none'}".replace("?.", "?")
 
 
 def split_unit(key: str) -> tuple[str, str]:

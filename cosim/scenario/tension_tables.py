@@ -11,6 +11,7 @@ from typing import Any
 
 from cosim.errors import ScenarioError
 from cosim.scenario.name_patterns import by_name
+from cosim.scenario.parsing import join, label
 
 _KEY = "cable_tension_N"
 
@@ -29,7 +30,7 @@ def list_tensions(table: Mapping[str, Any], names: Callable[[], Sequence[str]]) 
     if not any(isinstance(entry, dict) and isinstance(entry.get(_KEY), Mapping) for _, entry in entries):
         return
     cables = names()
-    before: list[Any] | None = [0.0] * len(cables)
+    before: Any = [0.0] * len(cables)
     for path, entry in entries:
         if not isinstance(entry, dict):
             continue
@@ -44,18 +45,13 @@ def list_tensions(table: Mapping[str, Any], names: Callable[[], Sequence[str]]) 
 def _phases(phases: Any) -> list[tuple[str, Any]]:
     """Return (path, table) of each phase."""
     entries = phases if isinstance(phases, list) else []
-    return [
-        (f"phase.{entry.get('name', place) if isinstance(entry, dict) else place}", entry)
-        for place, entry in enumerate(entries, start=1)
-    ]
+    return [(join("phase", label(entry, place)), entry) for place, entry in enumerate(entries, start=1)]
 
 
-def _listed(
-    given: Mapping[str, Any], before: list[Any] | None, cables: Sequence[str], path: str
-) -> list[Any]:
+def _listed(given: Mapping[str, Any], before: Any, cables: Sequence[str], path: str) -> list[Any]:
     found = by_name(given, cables, "cable", path)
     missing = [name for name in cables if name not in found]
-    if missing and (before is None or len(before) != len(cables)):
+    if missing and not (isinstance(before, list) and len(before) == len(cables)):
         raise ScenarioError(
             path, f"leaves out {missing[0]}, whose tension before is not known here; name all cables"
         )
