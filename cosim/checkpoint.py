@@ -5,15 +5,15 @@ from __future__ import annotations
 import json
 import time
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
-from hashlib import sha256
 from pathlib import Path
 from typing import Any, Protocol, final
 
 from cosim.code_identity import code_identity
 from cosim.errors import InputError
-from cosim.run_files import CHECKPOINT, SCENARIO, SUMMARY
+from cosim.loaded_files import changed_file
+from cosim.run_files import CHECKPOINT, SCENARIO, SUMMARY, RunFiles
 from cosim.scenario.snapshot import Snapshot
 from cosim.scenario.summary import Status, SummaryBuilder, SummaryState
 from cosim.state_archive import read_archive, read_header, write_archive
@@ -109,7 +109,7 @@ class CheckpointKeeper:
         simulation: whose state.
         summary: whose figures; it sees every snapshot first.
         origin: of the loop.
-        directory: of the run.
+        files: of the run.
         every_s: wall time between two checkpoints; infinite for one at an early end only.
         before_writing: brings other files up to the tick of the checkpoint.
     """
@@ -119,12 +119,13 @@ class CheckpointKeeper:
         simulation: Saves,
         summary: SummaryBuilder,
         origin: Origin,
-        directory: Path,
+        files: RunFiles,
         every_s: float,
         before_writing: Callable[[], None],
     ) -> None:
         self._simulation, self._summary, self._origin = simulation, summary, origin
-        self._directory, self._every_s, self._before_writing = directory, every_s, before_writing
+        self._files, self._path = files, files.directory / CHECKPOINT
+        self._every_s, self._before_writing = every_s, before_writing
         before = origin.checkpoint
         self._first = before and before.first
         self._kept: tuple[Any, SummaryState] | None = before and (before.run, before.summary)
@@ -156,7 +157,7 @@ class CheckpointKeeper:
             error: what was raised, in the middle of a tick.
         """
         if status == "completed":
-            (self._directory / CHECKPOINT).unlink(missing_ok=True)
+            self._path.unlink(missing_ok=True)
             return
         if error is None and self._simulation.saves_now:
             self._keep()
@@ -195,22 +196,21 @@ class CheckpointKeeper:
         )
         header = {
             "tick": summary.tick,
-            "scenario_sha256": _digest(self._directory),
+            "loaded": dict(self._files.loaded),
             "written_by": code_identity(),
         }
         try:
-            write_archive(self._directory / CHECKPOINT, header, state)
+            write_archive(self._path, header, state)
         except (OSError, TypeError) as error:  # a full disk, or a controller's state of an unknown kind
             # the run itself is sound, and its other files are still to be written
             warnings.warn(f"no checkpoint could be written: {error}", RuntimeWarning, stacklevel=2)
 
 
-def check_resumable(directory: Path) -> int:
-    """Return the tick after which the run in a directory can go on.
+def check_resumable(directory: Path) -> None:
+    """Check that a directory holds a run that is not complete, with its checkpoint.
 
     Raises:
-        InputError: there is no run, it is complete, it left no checkpoint, another program wrote that, or
-            the scenario has been changed since.
+        InputError: there is no run, it is complete, or it left no checkpoint.
     """
     scenario, path, where = directory / SCENARIO, directory / CHECKPOINT, f"--resume {directory}:"
     if not scenario.is_file():
@@ -219,10 +219,25 @@ def check_resumable(directory: Path) -> int:
         if _status(directory) == "completed":
             raise InputError(f"{where} this run is completed; nothing is left to do")
         raise InputError(f"{where} the run left no {CHECKPOINT}; run it anew: cosim run {scenario}")
+
+
+def tick_to_resume(directory: Path, loaded: Mapping[str, str]) -> int:
+    """Return the tick after which the run in a directory can go on.
+
+    Args:
+        directory: of the run.
+        loaded: digests of what was loaded to go on with.
+
+    Raises:
+        InputError: the checkpoint cannot be read, another program wrote it, or the scenario or a file that it
+            names has been changed since.
+    """
+    scenario, path, where = directory / SCENARIO, directory / CHECKPOINT, f"--resume {directory}:"
     header = read_header(path)
-    if header.get("scenario_sha256") != _digest(directory):
+    changed = changed_file(header.get("loaded", {}), loaded)
+    if changed is not None:
         raise InputError(
-            f"{where} {SCENARIO} has been changed since the checkpoint; run it anew, or branch from Python: "
+            f"{where} {changed} has been changed since the run began; run it anew, or branch from Python: "
             f"cosim.Simulation({str(scenario)!r}, start={str(path)!r})"
         )
     before, here = header.get("written_by", {}), code_identity()
@@ -245,10 +260,6 @@ def read_checkpoint(directory: Path) -> Checkpoint:
     if not isinstance(found, Checkpoint):
         raise InputError(f"{directory / CHECKPOINT}: holds no checkpoint but a {type(found).__name__}")
     return found
-
-
-def _digest(directory: Path) -> str:
-    return sha256((directory / SCENARIO).read_bytes()).hexdigest()
 
 
 def _status(directory: Path) -> str | None:

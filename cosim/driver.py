@@ -15,9 +15,10 @@ from uuid import uuid4
 from cosim import __version__
 from cosim.checkpoint import Checkpoint, CheckpointKeeper, Origin, read_checkpoint
 from cosim.errors import SolverError
+from cosim.loaded_files import loaded_digests
 from cosim.recording.recorder import NullRecorder, Part, Recorder
 from cosim.resources import cache_directory
-from cosim.run_files import RECORDING, RunFiles, check_directory
+from cosim.run_files import RECORDING, RunFiles
 from cosim.scenario.block import READ_AT_ONCE
 from cosim.scenario.schema import Scenario
 from cosim.scenario.snapshot import Snapshot, Stage
@@ -125,19 +126,21 @@ def execute(
         InputError: the scenario cannot be built, the directory not be written, or the checkpoint not be read;
             nothing was written.
     """
-    if options.directory is not None:
-        check_directory(options.directory)
-    simulation, earlier = build(scenario), None
-    if options.resume:
-        assert options.directory is not None, "a run is resumed in its directory"
-        earlier = read_checkpoint(options.directory)
-        simulation.restore_state(earlier.run)
-    first, snapshots = _with_first(simulation.steps(READ_AT_ONCE))
     with ExitStack() as stack:
+        files = None
+        if options.directory is not None:
+            files = RunFiles(options.directory, loaded_digests(scenario), resume=options.resume)
+            stack.enter_context(files)
+        simulation, earlier = build(scenario), None
+        if options.resume:
+            assert options.directory is not None, "a run is resumed in its directory"
+            earlier = read_checkpoint(options.directory)
+            simulation.restore_state(earlier.run)
+        first, snapshots = _with_first(simulation.steps(READ_AT_ONCE))
         for watcher in options.watchers:
             watcher.open(simulation.stage)
             stack.callback(watcher.close)
-        return _run(scenario, simulation, first, snapshots, options, earlier, started)
+        return _run(scenario, simulation, first, snapshots, options, earlier, started, files)
 
 
 def _run(
@@ -148,9 +151,10 @@ def _run(
     options: Options,
     earlier: Checkpoint | None,
     started: float,
+    files: RunFiles | None,
 ) -> Outcome:
     origin = Origin.of(uuid4().hex, earlier)
-    files, recorder = _begin_files(scenario, options, Part(origin.run_id, origin.before))
+    recorder = _begin_files(scenario, options, files, Part(origin.run_id, origin.before))
     recorder.open(simulation.stage)
     if first is not None:
         recorder.lay_out(first)
@@ -163,7 +167,7 @@ def _run(
     keeper = None
     if files is not None:
         every_s = options.checkpoint_every_s
-        keeper = CheckpointKeeper(simulation, summary, origin, files.directory, every_s, recorder.flush)
+        keeper = CheckpointKeeper(simulation, summary, origin, files, every_s, recorder.flush)
         observers = [summary.observe, keeper.observe, recorder.record, keeper.write_when_due]
     observers += [watcher.observe for watcher in options.watchers]
     ending = drive(snapshots, observers, options.stop, recorder.flush)
@@ -179,17 +183,16 @@ def _run(
     return Outcome(figures, ending.error)
 
 
-def _begin_files(scenario: Scenario, options: Options, part: Part) -> tuple[RunFiles | None, Recorder]:
-    if options.directory is None:
-        return None, NullRecorder()
-    files = RunFiles(options.directory)
+def _begin_files(scenario: Scenario, options: Options, files: RunFiles | None, part: Part) -> Recorder:
+    if files is None:
+        return NullRecorder()
     if options.resume:
         files.go_on()
     else:
         files.begin(scenario)
     if options.make_recorder is None:
-        return files, NullRecorder()
-    return files, options.make_recorder(files.next_recording(), scenario.recording, part)
+        return NullRecorder()
+    return options.make_recorder(files.next_recording(), scenario.recording, part)
 
 
 def build_simulation(

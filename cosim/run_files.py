@@ -7,19 +7,25 @@ belong together and open as one. The checkpoint is there while the run can go on
 from __future__ import annotations
 
 import json
-import os
+import re
 import time
+from collections.abc import Mapping
+from itertools import count
 from pathlib import Path
+from types import TracebackType
 from typing import Any, final
 
 from cosim.errors import InputError
+from cosim.output_directory import OutputDirectory, written_names
 from cosim.scenario.schema import Scenario
 from cosim.scenario.writing import scenario_text
+from cosim.whole_files import write_whole
 
 RECORDING = "recording.rrd"
 SCENARIO = "scenario.toml"
 SUMMARY = "summary.json"
 CHECKPOINT = "checkpoint.npz"
+_PART = re.compile(r"recording(?:-([2-9]|[1-9]\d+))?\.rrd")
 
 
 def default_directory(scenario_name: str) -> Path:
@@ -33,23 +39,21 @@ def check_directory(directory: Path) -> None:
     """Check that a run may be written to a directory: new, empty, or that of an earlier run.
 
     Raises:
-        InputError: it is a file, or it holds other things; nothing is ever deleted but an earlier run.
+        InputError: it is a file, holds other things, or a run is being written there.
     """
-    if not directory.exists():
-        return
-    if not directory.is_dir():
-        raise InputError(f"--out {directory}: is a file; give a directory")
-    names = {path.name for path in directory.iterdir()}
-    if names and not names & {SCENARIO, SUMMARY}:
-        raise InputError(
-            f"--out {directory}: holds files that are not a run's; give a new or empty directory"
-        )
+    with OutputDirectory(directory):
+        pass
 
 
 def recordings(directory: Path) -> list[Path]:
-    """Return the recordings of the run in a directory, in order."""
-    parts = sorted(directory.glob("recording-*.rrd"), key=lambda path: (len(path.name), path.name))
-    return [path for path in (directory / RECORDING, *parts) if path.is_file()]
+    """Return the recordings of the run in a directory, in order; of a copy without marker, by their names."""
+    written = written_names(directory)
+    found = [
+        (int(match[1] or 1), path)
+        for path in directory.glob("recording*.rrd")
+        if (match := _PART.fullmatch(path.name)) and (written is None or path.name in written)
+    ]
+    return [path for _, path in sorted(found)]
 
 
 @final
@@ -57,40 +61,63 @@ class RunFiles:
     """Writes the files of one run; an earlier run in the same directory is replaced.
 
     Args:
-        directory: made if it does not exist.
+        directory: made if it does not exist; no other run writes to it until the block is left.
+        loaded: digests of what the run is loaded from, see `loaded_digests`.
+        resume: whether the run in it goes on.
+
+    Raises:
+        InputError: on entering: see `check_directory`.
     """
 
-    def __init__(self, directory: Path) -> None:
-        self.directory = directory
+    def __init__(self, directory: Path, loaded: Mapping[str, str], *, resume: bool = False) -> None:
+        self.directory, self.loaded = directory, loaded
+        self._out = OutputDirectory(directory, adopt=resume)
+
+    def __enter__(self) -> RunFiles:
+        self._out.__enter__()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._out.__exit__(kind, error, trace)
 
     def next_recording(self) -> Path:
         """Return the path of the recording to write: the first one that does not exist yet."""
-        count = len(recordings(self.directory))
-        return self.directory / (f"recording-{count + 1}.rrd" if count else RECORDING)
+        names = (f"recording-{number}.rrd" if number > 1 else RECORDING for number in count(1))
+        name = next(name for name in names if not (self.directory / name).exists())
+        self._out.claim(name)
+        return self.directory / name
 
     def begin(self, scenario: Scenario) -> None:
         """Make the directory, remove an earlier run's files and write the resolved scenario.
 
         Raises:
-            InputError: the directory cannot be made or written.
+            InputError: the directory cannot be made or written, or a file there is not an earlier run's; then
+                nothing was removed.
         """
+        text = scenario_text(scenario)
+        self._out.make()
         try:
-            self.directory.mkdir(parents=True, exist_ok=True)
-            for path in recordings(self.directory):
-                path.unlink()
-            for name in (SUMMARY, CHECKPOINT):
-                (self.directory / name).unlink(missing_ok=True)
-            (self.directory / SCENARIO).write_text(scenario_text(scenario), encoding="utf-8")
-        except OSError as error:
-            raise InputError(f"--out {self.directory}: cannot be written: {error.strerror}") from error
+            self._out.claim(SCENARIO, SUMMARY, CHECKPOINT)
+            self._out.remove_written()
+            self._out.claim(SCENARIO, SUMMARY, CHECKPOINT)
+            self._out.write(SCENARIO, text)
+        except InputError:
+            self._out.discard()
+            raise
 
     def go_on(self) -> None:
         """Take away the summary of the part before: the run is not over."""
+        self._out.make()
+        self._out.claim(SCENARIO, SUMMARY, CHECKPOINT)
         (self.directory / SUMMARY).unlink(missing_ok=True)
 
     def finish(self, summary: dict[str, Any]) -> None:
-        """Write the summary; a reader sees all of it or none."""
-        unfinished = self.directory / (SUMMARY + ".part")
+        """Write the summary; a reader sees all of it or none.
+
+        Raises:
+            OSError: it cannot be written.
+        """
         text = json.dumps(summary, indent=2, ensure_ascii=False, allow_nan=False)
-        unfinished.write_text(text + "\n", encoding="utf-8")
-        os.replace(unfinished, self.directory / SUMMARY)
+        write_whole(self.directory / SUMMARY, text + "\n")

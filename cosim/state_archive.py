@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import enum
 import json
-import os
 import sys
 import zipfile
 from collections.abc import Mapping
@@ -22,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cosim.errors import InputError
+from cosim.whole_files import whole_file
 
 ARCHIVE_SCHEMA = 1
 _STRUCTURE = "structure"
@@ -41,10 +41,8 @@ def write_archive(path: Path, header: Mapping[str, Any], state: Any) -> None:
     encoder = _Encoder()
     structure = {"schema": ARCHIVE_SCHEMA, "header": dict(header), "state": encoder.encode(state, "state")}
     text = np.frombuffer(json.dumps(structure).encode(), dtype=np.uint8)
-    unfinished = path.with_name(path.name + ".part")
-    with unfinished.open("wb") as file:
+    with whole_file(path) as file:
         np.savez(file, allow_pickle=False, **{_STRUCTURE: text}, **encoder.named)
-    os.replace(unfinished, path)
 
 
 def read_header(path: Path) -> dict[str, Any]:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, final
 
-from cosim.checkpoint import check_resumable
+from cosim.checkpoint import check_resumable, tick_to_resume
 from cosim.cli.interruption import Interruption
 from cosim.cli.progress import Progress
 from cosim.cli.screen import tell
@@ -21,6 +21,7 @@ from cosim.driver import (
     rerun_recorder,
 )
 from cosim.first_run import prepared
+from cosim.loaded_files import loaded_digests
 from cosim.run_files import SCENARIO, SUMMARY, check_directory, default_directory, recordings
 from cosim.scenario.loading import load_scenario
 from cosim.scenario.overrides import parse_assignment
@@ -77,8 +78,9 @@ def resume_command(directory: Path, how: RunOptions) -> int:
         InputError: the run cannot go on; nothing was written.
         SolverError: the physics could not be solved; the files say how far it came.
     """
-    tick = check_resumable(directory)
+    check_resumable(directory)
     scenario = load_scenario(directory / SCENARIO)
+    tick = tick_to_resume(directory, loaded_digests(scenario))
     if not how.quiet:
         tell(f"{scenario.title}: goes on after tick {tick}")
     recording = how.recording and bool(recordings(directory))

@@ -10,13 +10,14 @@ from pathlib import Path
 from cosim.cli.screen import printable, tell
 from cosim.cli.trade_progress import TradeProgress
 from cosim.driver import build_simulation, recorded
+from cosim.output_directory import OutputDirectory
 from cosim.recording import membrane_colours
-from cosim.run_files import check_directory
 from cosim.scenario.loading import load_scenario
 from cosim.scenario.overrides import parse_assignment
+from cosim.scenario.schema import Scenario
 from cosim.trade.choice import Wish, parse_budget, parse_force, parse_tolerance
 from cosim.trade.compilation import compile_for_trade
-from cosim.trade.measuring import SLOWEST, measure
+from cosim.trade.measuring import SLOWEST, Measured, measure
 from cosim.trade.members import Truth, members_of
 from cosim.trade.plot import can_draw, draw
 from cosim.trade.report import as_json, choice_lines, markdown
@@ -59,24 +60,35 @@ def trade_command(
     scenario = load_scenario(scenario_name, dict(map(parse_assignment, assignments)))
     scenario = replace(scenario, fidelity="lumped", auto=None)
     members = members_of(scenario, quick=quick, time_scale=time_scale, truth=truth)
-    check_directory(out)
-    compile_for_trade(scenario, tell, (membrane_colours,))
-    progress = TradeProgress(sys.stderr, len(members))
-    results = measure(scenario, members, build_simulation, progress.telling, follow=recorded, slowest=bound)
-    out.mkdir(parents=True, exist_ok=True)
-    table = markdown(scenario.title, results)
-    (out / TABLE).write_text(table, encoding="utf-8")
-    (out / FIGURES).write_text(as_json(scenario.name, results, wish), encoding="utf-8")
-    print(printable(table))
-    if can_draw():
-        draw(scenario.title, results, out / PLOT)
-    else:
-        tell("no plot: it needs matplotlib (pip install matplotlib)")
+    with OutputDirectory(out) as directory:
+        compile_for_trade(scenario, tell, (membrane_colours,))
+        progress = TradeProgress(sys.stderr, len(members))
+        results = measure(
+            scenario, members, build_simulation, progress.telling, follow=recorded, slowest=bound
+        )
+        _write(directory, scenario, results, wish)
     if wish is None:
         return 0
     line = choice_lines(results, wish)
     print(printable(line))
     return int(line.startswith("No member"))
+
+
+def _write(
+    directory: OutputDirectory, scenario: Scenario, results: Sequence[Measured], wish: Wish | None
+) -> None:
+    table = markdown(scenario.title, results)
+    print(
+        printable(table), flush=True
+    )  # before anything is written: what took long must not be lost with a full disk
+    directory.make()
+    directory.claim(TABLE, FIGURES, PLOT)
+    directory.write(TABLE, table)
+    directory.write(FIGURES, as_json(scenario.name, results, wish))
+    if can_draw():
+        draw(scenario.title, results, directory.path / PLOT)
+    else:
+        tell("no plot: it needs matplotlib (pip install matplotlib)")
 
 
 def _wish(budget: str | None, tolerance: str | None, force: str | None) -> Wish | None:

@@ -13,7 +13,7 @@ import pytest
 from cosim.cli import running
 from cosim.cli.main import main
 from cosim.recording.recorder import Part
-from tests.cli.test_run import REFERENCE, NotingRecorder, summary_of
+from tests.cli.test_run import REFERENCE, NotingRecorder, files_in, summary_of
 
 WALL = {"startup_s", "wall_s", "real_time_factor", "resumed_at_ticks"}
 
@@ -39,6 +39,7 @@ class Command:
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch, made_up_build: Any, directory: Path) -> None:
         self._patch, self._build, self.directory = monkeypatch, made_up_build, directory
+        self.scenario: str = REFERENCE
         self.parts: list[Part] = []
         self.recorders: list[NotingRecorder] = []
 
@@ -54,12 +55,12 @@ class Command:
 
     def start(self, *arguments: str, at_tick: Callable[[int], None] = lambda tick: None) -> int:
         """Run the scenario from its start."""
-        return self(REFERENCE, "--out", str(self.directory), *arguments, at_tick=at_tick)
+        return self(self.scenario, "--out", str(self.directory), *arguments, at_tick=at_tick)
 
     def resume(self, *arguments: str, at_tick: Callable[[int], None] = lambda tick: None) -> int:
         """Go on."""
         return self("--resume", str(self.directory), *arguments, at_tick=at_tick)
 
     def names(self) -> list[str]:
-        """Return the names of the files."""
-        return sorted(path.name for path in self.directory.iterdir())
+        """Return the names of the files, but for the marker."""
+        return files_in(self.directory)

@@ -187,16 +187,6 @@ def test_another_program_is_refused(
     assert command.names() == names
 
 
-def test_a_changed_scenario_is_refused(command: Command, capsys: pytest.CaptureFixture[str]) -> None:
-    command.start(at_tick=interrupt_at(7))
-    file = command.directory / "scenario.toml"
-    file.write_text(file.read_text(encoding="utf-8") + "# a remark\n", encoding="utf-8")
-    assert command.resume() == 2
-    text = capsys.readouterr().err
-    assert "scenario.toml has been changed since the checkpoint" in text
-    assert "cosim.Simulation(" in text
-
-
 def test_a_torn_checkpoint_is_refused(command: Command, capsys: pytest.CaptureFixture[str]) -> None:
     command.start(at_tick=interrupt_at(7))
     file = command.directory / "checkpoint.npz"

@@ -16,6 +16,7 @@ from cosim.cli import running
 from cosim.cli.main import main
 from cosim.cli.progress import Progress, clock
 from cosim.errors import ConvergenceError, UnreachableError
+from cosim.output_directory import MARKER
 from cosim.recording.recorder import Recorder
 from cosim.scenario.loading import load_scenario
 from cosim.scenario.snapshot import Snapshot, Stage
@@ -60,6 +61,11 @@ def run(
     return command
 
 
+def files_in(directory: Path) -> list[str]:
+    """Return the names of the files in a directory, but for the marker."""
+    return sorted(path.name for path in directory.iterdir() if path.name != MARKER)
+
+
 def summary_of(directory: Path) -> dict[str, Any]:
     summary: dict[str, Any] = json.loads((directory / "summary.json").read_text(encoding="utf-8"))
     return summary
@@ -68,7 +74,7 @@ def summary_of(directory: Path) -> dict[str, Any]:
 def test_a_run_leaves_scenario_summary_and_recording(run: Callable[..., tuple[int, Path]]) -> None:
     code, out = run("--set", "clock.tick_s=0.004")
     assert code == 0
-    assert sorted(path.name for path in out.iterdir()) == ["recording.rrd", "scenario.toml", "summary.json"]
+    assert files_in(out) == ["recording.rrd", "scenario.toml", "summary.json"]
     assert load_scenario(out / "scenario.toml") == load_scenario(REFERENCE, {"clock.tick_s": 0.004})
     summary = summary_of(out)
     assert summary["status"] == "completed"
@@ -82,7 +88,7 @@ def test_no_recording_means_none(run: Callable[..., tuple[int, Path]]) -> None:
     run()  # leaves a recording, which the next run must not leave standing beside its own summary
     code, out = run("--no-recording")
     assert code == 0
-    assert sorted(path.name for path in out.iterdir()) == ["scenario.toml", "summary.json"]
+    assert files_in(out) == ["scenario.toml", "summary.json"]
 
 
 def test_quiet_says_nothing(run: Callable[..., tuple[int, Path]], capsys: pytest.CaptureFixture[str]) -> None:
