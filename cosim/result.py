@@ -3,33 +3,40 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any, Final, final
 
 import numpy as np
 
+from cosim.errors import InputError
 from cosim.frames import Array, IntArray
 from cosim.scenario.block import Block, read_now
 from cosim.scenario.snapshot import Snapshot, Stage
 
 
 @final
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class RunResult:
     """A run as arrays, one row per snapshot (the state before the first tick, then every tick).
 
     World frame, SI units. Node positions are kept at the recording's frame rate only.
 
     Args:
-        stage: what does not change during the run (film triangles, cable routes, names).
+        stage: what does not change during the run: film triangles, cable routes, and names, `joint_names` of
+            all joints, `body_names` of all bodies, objects by theirs; see `body`.
         summary: as in summary.json.
         directory: where the files are, or None if none were written.
         tick: (rows,) count of ticks.
         time_s: (rows,).
         phase: (rows,) index into `stage.phase_names`.
         joint_position: (rows, joints) [rad].
+        joint_velocity: (rows, joints) [rad/s]; in statics the mean one over the increment.
+        joint_torque: (rows, joints) [N m], that the servos gave in the tick; at rest, what they hold with.
         joint_target: (rows, joints) [rad].
+        body_position: (rows, bodies, 3) [m], of the frames of the arm's links and the objects, world.
+        body_quaternion: (rows, bodies, 4), (w, x, y, z), world from body.
+        body_contact_force: (rows, bodies, 3) [N], of the soft robot's contacts on each body, world axes.
         flange_position: (rows, 3) [m].
         flange_quaternion: (rows, 4), (w, x, y, z).
         flange_force: (rows, 3) [N], that the soft robot exerts on the flange.
@@ -44,7 +51,7 @@ class RunResult:
         cable_tension_N: (rows, cables), at the base end.
         cable_length_m: (rows, cables), of the routes; (rows, 0) in a scenario without devices.
         cable_unstretched_m: (rows, cables), off the drum; not a number while the tension is commanded.
-        bending_angle_rad: (rows,), between tip direction and flange axis; not a number without devices.
+        bending_angle_rad: (rows,), between the tip's direction and the flange's z axis.
         residual_N: (rows,) of the soft step.
         newton_iterations: (rows,) of the soft step.
         power_error_W: (rows,) at the interface.
@@ -67,7 +74,12 @@ class RunResult:
     time_s: Array
     phase: IntArray
     joint_position: Array
+    joint_velocity: Array
+    joint_torque: Array
     joint_target: Array
+    body_position: Array
+    body_quaternion: Array
+    body_contact_force: Array
     flange_position: Array
     flange_quaternion: Array
     flange_force: Array
@@ -101,6 +113,36 @@ class RunResult:
     def status(self) -> str:
         """How the run ended: "completed", "interrupted" or "failed"."""
         return str(self.summary["status"])
+
+    def body(self, name: str) -> int:
+        """Return the place of a body in `body_position`, `body_quaternion` and `body_contact_force`.
+
+        Args:
+            name: of an object of the scenario, or of a link of the arm.
+
+        Raises:
+            InputError: there is no such body.
+        """
+        names = self.stage.body_names
+        if name not in names:
+            raise InputError(f"there is no body '{name}'; there are {', '.join(names) or 'none'}")
+        return names.index(name)
+
+    def __repr__(self) -> str:
+        """Return two lines: how the run ended, and how much is held."""
+        stage, rows, frames = self.stage, len(self.tick), len(self.frame_time_s)
+        end_s, ticks = (self.time_s[-1], self.tick[-1]) if rows else (0.0, 0)
+        sizes = [
+            f"{len(stage.phase_names)} phases", f"{len(stage.joint_names)} joints",
+            f"{len(stage.body_names)} bodies", f"{len(stage.chamber_names)} chambers",
+            f"{len(stage.cables)} cables",
+        ]  # fmt: skip
+        where = "" if self.directory is None else f"; files in {self.directory}"
+        return (
+            f"RunResult of {stage.scenario}, {stage.mode}, {self.status}: {ticks} of {stage.ticks} ticks, "
+            f"{end_s:g} of {stage.duration_s:g} s\n"
+            f"{rows} rows of {len(_COLUMNS)} arrays, {frames} frames of the film, {', '.join(sizes)}{where}"
+        )
 
 
 _ROUNDING_S = 1e-9
@@ -176,12 +218,9 @@ def _joined(found: list[Any]) -> Any:
     return np.concatenate(found) if found else np.zeros(0)
 
 
-_COLUMNS: Final = (
-    "tick", "time_s", "phase", "joint_position", "joint_target", "flange_position", "flange_quaternion",
-    "flange_force", "flange_torque", "tip_position", "tip_direction", "sag_m", "pressure_Pa", "volume_m3",
-    "chamber_pressure_Pa", "chamber_volume_m3", "cable_tension_N", "cable_length_m", "cable_unstretched_m",
-    "bending_angle_rad", "residual_N", "newton_iterations", "power_error_W", "stability_ratio", "contacts",
-    "contact_force_N", "contact_depth_m", "self_contacts", "self_contact_force_N", "self_contact_depth_m",
-    "tick_wall_s",
-)  # fmt: skip
-"""Of a block."""
+_COLUMNS: Final = tuple(
+    field.name
+    for field in fields(RunResult)
+    if field.name not in ("stage", "summary", "directory", "frame_time_s", "node_position")
+)
+"""Of a block, one row per snapshot."""

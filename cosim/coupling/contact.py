@@ -13,6 +13,7 @@ from typing import final
 
 import numpy as np
 
+from cosim.coupling.contact_report import NOTHING_TOUCHED, ContactReport
 from cosim.frames import Array, IntArray, cross
 from cosim.rigid.bodies import Bodies
 from cosim.rigid.contact_query import ContactQuery
@@ -55,31 +56,6 @@ class ContactMemory:
         inside = np.flatnonzero(at < len(self.key))
         same = inside[self.key[at[inside]] == key[inside]]
         return same, at[same]
-
-
-@final
-@dataclass(frozen=True)
-class ContactReport:
-    """What the contacts of one tick did.
-
-    Args:
-        bodies: (b,) touched bodies.
-        force: (b, 3) [N] on each, world axes.
-        torque: (b, 3) [N m] on each, about the world's origin.
-        count: contact points that press.
-        normal_force_N: sum over them.
-        depth_m: of the deepest.
-    """
-
-    bodies: IntArray
-    force: Array
-    torque: Array
-    count: int
-    normal_force_N: float
-    depth_m: float
-
-
-NOTHING_TOUCHED = ContactReport(np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros((0, 3)), 0, 0.0, 0.0)
 
 
 @final
@@ -185,6 +161,7 @@ class ContactExchange:
             friction=query.friction[self.shape] * normal_force,
             anchor=anchor,
             law=self.law,
+            body=query.body[self.shape],
         )
 
     @property
@@ -218,7 +195,7 @@ class ContactExchange:
             found = self.planes.at(positions)
             self.sticking = self.planes.sticking(found, self.query.friction[self.shape])
             self._remember(self.planes, found)
-            report = self._report(found)
+            report = ContactReport.of(self.planes, found)
         self.bodies.apply(report.bodies, report.force, report.torque)
         return report
 
@@ -253,18 +230,4 @@ class ContactExchange:
         kept = found.normal_force > 0.0
         self.memory = ContactMemory(
             self._key[kept], found.normal_force[kept], local[kept], self._carrier[kept]
-        )
-
-    def _report(self, found: ContactForces) -> ContactReport:
-        pressing = found.normal_force > 0.0
-        # a point that has just come off may still rub: friction is bounded by the last tick's normal force
-        acting = np.abs(found.force).max(axis=1) > 0.0
-        point, force = found.point[acting], -found.force[acting]
-        bodies, place = np.unique(self.query.body[self.shape[acting]], return_inverse=True)
-        total, torque = np.zeros((len(bodies), 3)), np.zeros((len(bodies), 3))
-        np.add.at(total, place, force)
-        np.add.at(torque, place, np.cross(point, force))
-        depth = -float(found.distance[pressing].min()) if pressing.any() else 0.0
-        return ContactReport(
-            bodies, total, torque, int(pressing.sum()), float(found.normal_force.sum()), depth
         )

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 from typing import final
 
 from cosim.coupling.body_mass import BodyMass, BodyMassState
-from cosim.coupling.contact import NOTHING_TOUCHED, ContactExchange, ContactReport, ContactState
+from cosim.coupling.contact import ContactExchange, ContactState
+from cosim.coupling.contact_report import NOTHING_TOUCHED, ContactReport
 from cosim.coupling.mass import stability_ratio
 from cosim.coupling.momentum import NOTHING, Handed, six_numbers
 from cosim.coupling.soft_side import SoftReply, SoftSide

@@ -196,8 +196,9 @@ class Lockstep:
             np.empty((count + 2, 2, frames, 4, 3)), np.empty((count, frames, 6)),
             np.empty((count + 1, FIGURES)), np.empty((count + 1, 3)), np.empty((count + 1, 3, 3)),
             np.empty((count, 6)), np.empty((count + 1, 7)), np.empty((count, joints)),
-            np.empty((count, bodies, 3)), np.empty((count, bodies, 4)), np.empty((count, 3)),
-            np.empty(count), np.empty(count), np.empty(count, np.int64),
+            np.empty((count, joints)), np.empty((count, joints)), np.empty((count, bodies, 3)),
+            np.empty((count, bodies, 4)), np.empty((count, 3)), np.empty(count),
+            np.empty(count), np.empty(count, np.int64),
         )  # fmt: skip
         ticks.motion[0] = chain.motion if chain.earlier is None else chain.earlier
         ticks.motion[1], ticks.figures[0] = chain.motion, last.figures

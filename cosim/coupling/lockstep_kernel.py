@@ -67,6 +67,8 @@ class Ticks(NamedTuple):
         twist: (n, 6), of the flange's origin, linear then angular, world axes.
         handed: (n + 1, 7), the wrench about the world's origin, and its size [N].
         joints: (n, joints) [rad].
+        joint_speed: (n, joints) [rad/s].
+        servo_torque: (n, joints) [N m].
         places: (n, bodies, 3) [m].
         quaternions: (n, bodies, 4).
         power: (n, 3) [W], received by the rigid side, taken in by the soft one, and the size of such a power.
@@ -83,6 +85,8 @@ class Ticks(NamedTuple):
     twist: Array
     handed: Array
     joints: Array
+    joint_speed: Array
+    servo_torque: Array
     places: Array
     quaternions: Array
     power: Array
@@ -98,8 +102,8 @@ class Ticks(NamedTuple):
 _COMMANDS = types.NamedTuple((MATRIX, MATRIX, MATRIX, BLOCKS, VECTOR, INDICES, MATRIX, MATRIX), Commands)
 _TICKS = types.NamedTuple(
     (
-        _MOTIONS, CUBE, MATRIX, MATRIX, CUBE, MATRIX, MATRIX, MATRIX, CUBE, CUBE, MATRIX, VECTOR, VECTOR,
-        INDICES,
+        _MOTIONS, CUBE, MATRIX, MATRIX, CUBE, MATRIX, MATRIX, MATRIX, MATRIX, MATRIX, CUBE, CUBE, MATRIX,
+        VECTOR, VECTOR, INDICES,
     ),
     Ticks,
 )  # fmt: skip
@@ -164,7 +168,8 @@ def _momentum_error(scene, handed):  # type: ignore[no-untyped-def]
 def _read_scene(scene, ticks, k):  # type: ignore[no-untyped-def]
     """Keep where arm and bodies are at the end of tick k, and how the flange moves."""
     for j in range(scene.position.shape[0]):
-        ticks.joints[k, j] = scene.position[j]
+        ticks.joints[k, j], ticks.joint_speed[k, j] = scene.position[j], scene.speed[j]
+        ticks.servo_torque[k, j] = scene.servo_torque[j]
     for body in range(scene.places.shape[0]):
         for r in range(3):
             ticks.places[k, body, r] = scene.places[body, r]

@@ -32,6 +32,8 @@ class NativeScene(NamedTuple):
         sides: (2,) addresses of model and state, which are their arguments.
         control: (joints, 3), position, velocity and feedforward of each servo.
         position: (joints,) [rad].
+        speed: (joints,) [rad/s].
+        servo_torque: (joints,) [N m], of the last finished step.
         acceleration: (joints,) [rad/s^2].
         torque: (joints,) [N m], applied besides servos.
         applied: (6,), load on the flange at its origin, world axes.
@@ -49,6 +51,8 @@ class NativeScene(NamedTuple):
     sides: IntArray
     control: Array
     position: Array
+    speed: Array
+    servo_torque: Array
     acceleration: Array
     torque: Array
     applied: Array
@@ -64,8 +68,8 @@ class NativeScene(NamedTuple):
 
 NATIVE_SCENE = types.NamedTuple(
     (
-        INDICES, INDICES, MATRIX, VECTOR, VECTOR, VECTOR, VECTOR, VECTOR, VECTOR, MATRIX, VECTOR, VECTOR,
-        MATRIX, MATRIX, types.Array(types.int32, 1, "A"),
+        INDICES, INDICES, MATRIX, VECTOR, VECTOR, VECTOR, VECTOR, VECTOR, VECTOR, VECTOR, VECTOR, MATRIX,
+        VECTOR, VECTOR, MATRIX, MATRIX, types.Array(types.int32, 1, "A"),
     ),
     NativeScene,
 )  # fmt: skip
@@ -93,7 +97,8 @@ def native_scene(model: mujoco.MjModel, data: mujoco.MjData, layout: ArmLayout) 
     mount = layout.mount
     return NativeScene(
         np.array(steps), np.array((model._address, data._address)), data.ctrl.reshape(-1, 3),
-        data.qpos[layout.positions], data.qacc[layout.dofs], data.qfrc_applied[layout.dofs],
+        data.qpos[layout.positions], data.qvel[layout.dofs], data.qfrc_actuator[layout.dofs],
+        data.qacc[layout.dofs], data.qfrc_applied[layout.dofs],
         data.xfrc_applied[mount], data.xipos[mount], data.site_xpos[layout.site],
         data.site_xmat[layout.site].reshape(3, 3), data.cvel[mount],
         data.subtree_com[model.body_rootid[mount]], data.xpos, data.xquat, data.warning.number,

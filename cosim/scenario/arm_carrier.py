@@ -10,6 +10,7 @@ import numpy as np
 
 from cosim.body_shape import BodyShape
 from cosim.coupling.contact import ContactExchange
+from cosim.coupling.contact_report import NOTHING_TOUCHED, ContactReport
 from cosim.coupling.coupling import Coupling
 from cosim.coupling.interface import Interface, ServoCommand
 from cosim.coupling.ledger import LedgerEntry
@@ -96,6 +97,22 @@ class ArmCarrier(Carrier):
         return self._scene.joint_position
 
     @property
+    def joint_names(self) -> tuple[str, ...]:
+        return self._scene.joint_names
+
+    @property
+    def joint_velocity(self) -> Array:
+        return self._scene.joint_velocity
+
+    @property
+    def joint_torque(self) -> Array:
+        return self._scene.servo_torque
+
+    def holding_torque(self, wrench: Wrench) -> Array:
+        load = np.concatenate([wrench.force, wrench.torque])
+        return np.asarray(self._scene.bias_torque - self._scene.flange.jacobian().T @ load)
+
+    @property
     def body_names(self) -> tuple[str, ...]:
         return self._scene.body_names
 
@@ -113,6 +130,10 @@ class ArmCarrier(Carrier):
 
     def body_poses(self) -> tuple[Array, Array]:
         return self._scene.body_poses()
+
+    @property
+    def touched(self) -> ContactReport:
+        return NOTHING_TOUCHED if self._coupling is None else self._coupling.interface.touched
 
     def stand(self, joints: Array) -> None:
         self._scene.set_joint_state(joints)

@@ -128,17 +128,17 @@ class Block:
     time_s = _numbers(lambda c: c.time_s, lambda s: s.time_s)
     phase = _counts(lambda c: c.phase, lambda s: s.phase)
     joint_position = _rows(lambda c: c.joint_position, lambda s: s.joint_position)
+    joint_velocity = _rows(lambda c: c.joint_velocity, lambda s: s.joint_velocity)
+    joint_torque = _rows(lambda c: c.joint_torque, lambda s: s.joint_torque)
     joint_target = _rows(lambda c: c.joint_target, lambda s: s.joint_target)
     body_position = _rows(lambda c: c.body_position, lambda s: s.body_position)
     body_quaternion = _rows(lambda c: c.body_quaternion, lambda s: s.body_quaternion)
+    body_contact_force = _rows(lambda c: c.body_contact_force, lambda s: s.body_contact_force)
     pressure_Pa = _numbers(lambda c: c.chamber_pressure_Pa[:, 0], lambda s: s.pressure_Pa)
     chamber_pressure_Pa = _rows(lambda c: c.chamber_pressure_Pa, lambda s: s.chamber_pressure_Pa)
     cable_tension_N = _rows(lambda c: c.cable_tension_N, lambda s: s.cable_tension_N)
     cable_length_m = _rows(_no_cables, lambda s: _NONE if s.devices is None else s.devices.cable_length_m)
     cable_unstretched_m = _rows(_no_cables, lambda s: _NONE if s.devices is None else s.devices.unstretched_m)
-    bending_angle_rad = _numbers(
-        lambda c: np.nan, lambda s: np.nan if s.devices is None else s.devices.bending_angle_rad
-    )
     flange_position = _rows(lambda c: c.flange_position, lambda s: s.world_from_flange.translation)
     flange_rotation = _rows(lambda c: c.flange_rotation, lambda s: s.world_from_flange.rotation)
     flange_force = _rows(lambda c: c.wrench[:, :3], lambda s: s.ledger.wrench.force)
@@ -182,6 +182,13 @@ class Block:
     def tip_direction(self) -> Array:
         """(k, 3)."""
         return self._of_shapes(lambda f: f.tip_direction, lambda s: s.tip_direction)
+
+    @cached_property
+    def bending_angle_rad(self) -> Array:
+        """(k,), between the tip's direction and the flange's z axis."""
+        axis, tip = self.flange_rotation[:, :, 2], self.tip_direction
+        across = np.cross(axis, tip)
+        return np.asarray(np.arctan2(np.sqrt((across * across).sum(axis=1)), (axis * tip).sum(axis=1)))
 
     @cached_property
     def chamber_volume_m3(self) -> Array:

@@ -12,6 +12,7 @@ from cosim.actuation.controller import AnyController
 from cosim.arm_files import find_arm
 from cosim.coupling.soft_side import SoftSide
 from cosim.errors import ScenarioError, SolverError
+from cosim.frames import Array
 from cosim.scenario.actuation import Actuation
 from cosim.scenario.carrier import Carrier, HeldBase
 from cosim.scenario.decision import Decision
@@ -28,6 +29,7 @@ from cosim.scenario.reach import film_reach, flange_travel
 from cosim.scenario.schema import NO_ARM, Scenario
 from cosim.scenario.section_model import section_figures
 from cosim.scenario.snapshot import Stage
+from cosim.soft.body import SoftBody
 from cosim.soft.contact import ContactLaw
 from cosim.soft.energy_share import hinge_energy_share
 from cosim.soft.gas_chamber import gas_chambers
@@ -121,6 +123,7 @@ def _stage(parts: Parts, modelled: tuple[Decision, ...], ticks: int, tick_s: flo
         duration_s=ticks * tick_s,
         ticks=ticks,
         phase_names=tuple(phase.name for phase in scenario.phases),
+        joint_names=carrier.joint_names,
         body_names=carrier.body_names,
         shapes=carrier.shapes,
         soft_triangles=body.membranes.triangles,
@@ -128,14 +131,18 @@ def _stage(parts: Parts, modelled: tuple[Decision, ...], ticks: int, tick_s: flo
         chamber_names=tuple(chamber.name for chamber in gas_chambers(body)),
         soft_weight_N=body.mass_kg * float(np.linalg.norm(scenario.gravity_m_s2)),
         gravity=np.array(scenario.gravity_m_s2),
-        membrane_stress=lambda positions: body.membranes.principal_stress(positions)[:, 0],
+        membrane_stress=partial(_largest_stress, body),
         cable_names=scenario.soft_robot.cable_names(),
         devices=device_names(scenario),
         report=_report(parts, modelled),
         modelled=modelled,
-        hinge_energy_share=lambda positions: hinge_energy_share(body, positions),
+        hinge_energy_share=partial(hinge_energy_share, body),
         section_model=section_figures(scenario),
     )
+
+
+def _largest_stress(body: SoftBody, positions: Array) -> Array:
+    return body.membranes.principal_stress(positions)[:, 0]
 
 
 def _report(parts: Parts, modelled: tuple[Decision, ...]) -> str:

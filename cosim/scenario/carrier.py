@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, final
 import numpy as np
 
 from cosim.body_shape import BodyShape
+from cosim.coupling.contact_report import NOTHING_TOUCHED, ContactReport
 from cosim.coupling.ledger import LedgerEntry
 from cosim.coupling.soft_side import SoftSide
 from cosim.errors import InputError
@@ -46,6 +47,25 @@ class Carrier(ABC):
 
     @property
     @abstractmethod
+    def joint_names(self) -> tuple[str, ...]:
+        """Base to flange."""
+
+    @property
+    @abstractmethod
+    def joint_velocity(self) -> Array:
+        """(joints,) [rad/s]."""
+
+    @property
+    @abstractmethod
+    def joint_torque(self) -> Array:
+        """(joints,) [N m], that the servos gave in the last tick."""
+
+    @abstractmethod
+    def holding_torque(self, wrench: Wrench) -> Array:
+        """Return what the servos give (joints,) [N m] at rest, with a wrench on the flange."""
+
+    @property
+    @abstractmethod
     def body_names(self) -> tuple[str, ...]:
         """Rigid bodies, in the order of `body_poses`."""
 
@@ -62,6 +82,11 @@ class Carrier(ABC):
     @abstractmethod
     def body_poses(self) -> tuple[Array, Array]:
         """Return positions (bodies, 3) [m] and quaternions (bodies, 4), world from body."""
+
+    @property
+    def touched(self) -> ContactReport:
+        """What the soft robot pressed on in the last tick."""
+        return NOTHING_TOUCHED
 
     @abstractmethod
     def stand(self, joints: Array) -> None:
@@ -145,6 +170,21 @@ class HeldBase(Carrier):
 
     @property
     def joint_position(self) -> Array:
+        return np.zeros(0)
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        return ()
+
+    @property
+    def joint_velocity(self) -> Array:
+        return np.zeros(0)
+
+    @property
+    def joint_torque(self) -> Array:
+        return np.zeros(0)
+
+    def holding_torque(self, wrench: Wrench) -> Array:
         return np.zeros(0)
 
     @property

@@ -6,6 +6,8 @@ import time
 from collections.abc import Sequence
 from typing import final
 
+import numpy as np
+
 from cosim.coupling.clock import Clock
 from cosim.coupling.ledger import LedgerEntry
 from cosim.errors import InputError
@@ -46,7 +48,8 @@ class DynamicSimulation(SteppedRun):
         found = start_equilibrium(soft, carrier.flange_pose, plan.loads)
         soft.settle(found)
         ledger = LedgerEntry(found.wrench, 0.0, 0.0, found.residual_N, found.iterations, 0.0, False)
-        moment = Moment(0, 0.0, 0, plan.joints, plan.loads, carrier.flange_pose, Twist())
+        still, torque = np.zeros_like(plan.joints), carrier.holding_torque(found.wrench)
+        moment = Moment(0, 0.0, 0, plan.joints, plan.loads, carrier.flange_pose, Twist(), still, torque)
         carrier.couple(found.wrench)
         return parts.snapshot(moment, ledger, time.perf_counter() - began)
 
@@ -87,8 +90,11 @@ class DynamicSimulation(SteppedRun):
 
     def _shown(self, target: Array, loads: Loads, ledger: LedgerEntry, to: Cursor, began: float) -> Snapshot:
         parts, time_s = self._parts, Clock(self.stage.tick_s, to.tick).time_s
-        flange, twist = parts.carrier.flange_pose, parts.carrier.flange_twist
-        moment = Moment(to.tick, time_s, to.phase, target, loads, flange, twist)
+        carrier = parts.carrier
+        moment = Moment(
+            to.tick, time_s, to.phase, target, loads, carrier.flange_pose, carrier.flange_twist,
+            carrier.joint_velocity, carrier.joint_torque, carrier.touched,
+        )  # fmt: skip
         return parts.snapshot(moment, ledger, time.perf_counter() - began)
 
     def _save_own(self) -> None:

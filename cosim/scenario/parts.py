@@ -7,6 +7,7 @@ from typing import Any, final
 
 import numpy as np
 
+from cosim.coupling.contact_report import NOTHING_TOUCHED, ContactReport
 from cosim.coupling.ledger import LedgerEntry
 from cosim.coupling.soft_side import SoftSide
 from cosim.frames import Array, Pose, Twist
@@ -37,6 +38,9 @@ class Moment:
         loads: on the soft body.
         flange: world_from_flange.
         twist: of the flange origin, world axes.
+        joint_velocity: (joints,) [rad/s].
+        joint_torque: (joints,) [N m], of the servos.
+        touched: what the soft robot presses on.
     """
 
     tick: int
@@ -46,6 +50,9 @@ class Moment:
     loads: Loads
     flange: Pose
     twist: Twist
+    joint_velocity: Array
+    joint_torque: Array
+    touched: ContactReport = NOTHING_TOUCHED
 
 
 @final
@@ -90,9 +97,12 @@ class Parts:
             time_s=moment.time_s,
             phase=moment.phase,
             joint_position=carrier.joint_position,
+            joint_velocity=moment.joint_velocity,
+            joint_torque=moment.joint_torque,
             joint_target=moment.joint_target,
             body_position=places,
             body_quaternion=quaternions,
+            body_contact_force=moment.touched.on_each(len(places)),
             node_position=film,
             world_from_flange=moment.flange,
             flange_twist=moment.twist,

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import accumulate
 from typing import final
 
+import numpy as np
+
+from cosim.coupling.contact_report import NOTHING_TOUCHED, ContactReport
 from cosim.coupling.ledger import LedgerEntry
 from cosim.errors import ConvergenceError, InputError
 from cosim.frames import Array, Twist, vector_from_rotation
@@ -59,8 +62,8 @@ class QuasistaticSimulation(SteppedRun):
         carrier.stand(plan.joints)
         here = start_equilibrium(parts.soft, carrier.flange_pose, plan.loads)
         self._here, spent = self._with_droop(here, plan.joints, here.iterations)
-        moment = Moment(0, 0.0, 0, plan.joints, plan.loads, self._here.world_from_flange, Twist())
-        return self._snapshot(moment, self._here, spent, 0.0, began)
+        still = np.zeros_like(plan.joints)
+        return self._snapshot(Cursor(), 0.0, plan.joints, _Motion(Twist(), still, 0.0), spent, began)
 
     def _take(self, planned: PhasePlan, to: Cursor, most: int) -> Sequence[Snapshot]:
         began = time.perf_counter()
@@ -71,6 +74,7 @@ class QuasistaticSimulation(SteppedRun):
             self._begin_phase(planned, before.world_from_flange)
             self._earlier = None
         span = (phase.duration_s + phase.settle_s) / phase.increments
+        joints = parts.carrier.joint_position
         share = to.done / phase.increments
         reference = planned.joints.at(Progress(share, 0.0, 0.0)).position
         self._gas.pass_time(parts.soft, span)
@@ -78,10 +82,8 @@ class QuasistaticSimulation(SteppedRun):
         loads = parts.actuation.loads(self._gas.between(planned.begin, planned.end, share))
         here, spent = self._advance(before, reference, loads)
         self._here = here
-        twist, power = _mean_motion(parts, before, here, span)
-        time_s = began_s + to.done * span
-        moment = Moment(to.tick, time_s, to.phase, reference, loads, here.world_from_flange, twist)
-        return [self._snapshot(moment, here, spent, power, began)]
+        motion = _mean_motion(parts, before, here, joints, span)
+        return [self._snapshot(to, began_s + to.done * span, reference, motion, spent, began)]
 
     def _save_own(self) -> QuasistaticState:
         assert self._here is not None, "the run has begun"
@@ -93,19 +95,23 @@ class QuasistaticSimulation(SteppedRun):
         self._here, self._earlier = state.here, state.earlier
 
     def _snapshot(
-        self, moment: Moment, here: Equilibrium, spent: int, soft_power_W: float, began: float
+        self, to: Cursor, time_s: float, reference: Array, motion: _Motion, spent: int, began: float
     ) -> Snapshot:
-        rigid_power = here.wrench.power(moment.twist)
-        ledger = LedgerEntry(here.wrench, rigid_power, soft_power_W, here.residual_N, spent, 0.0, False)
+        """Return what the present equilibrium shows, with the Newton iterations spent on it."""
+        parts, here, touched = self._parts, self._here, NOTHING_TOUCHED
+        assert here is not None, "the run has begun"
         if here.loads.contact is not None:
-            found = here.loads.contact.at(here.state.positions)
-            ledger = replace(
-                ledger,
-                contacts=found.pressing,
-                contact_force_N=float(found.normal_force.sum()),
-                contact_depth_m=found.depth_m,
-            )
-        return self._parts.snapshot(moment, ledger, time.perf_counter() - began)
+            touched = ContactReport.of(here.loads.contact, here.loads.contact.at(here.state.positions))
+        rigid_power = here.wrench.power(motion.twist)
+        ledger = LedgerEntry(
+            here.wrench, rigid_power, motion.soft_power_W, here.residual_N, spent, 0.0, False,
+            touched.count, touched.normal_force_N, touched.depth_m,
+        )  # fmt: skip
+        moment = Moment(
+            to.tick, time_s, to.phase, reference, here.loads, here.world_from_flange, motion.twist,
+            motion.joint_velocity, parts.carrier.holding_torque(here.wrench), touched,
+        )  # fmt: skip
+        return parts.snapshot(moment, ledger, time.perf_counter() - began)
 
     def _advance(self, here: Equilibrium, reference: Array, loads: Loads) -> tuple[Equilibrium, int]:
         """Return the next equilibrium of carrier and soft body, and the Newton iterations spent."""
@@ -136,10 +142,29 @@ class QuasistaticSimulation(SteppedRun):
         return found, spent
 
 
-def _mean_motion(parts: Parts, before: Equilibrium, after: Equilibrium, span_s: float) -> tuple[Twist, float]:
-    """Return the flange's mean twist over an increment, and the power its nodes took in at that rate."""
+@final
+@dataclass(frozen=True)
+class _Motion:
+    """How an increment moves, in its mean.
+
+    Args:
+        twist: of the flange origin, world axes.
+        joint_velocity: (joints,) [rad/s].
+        soft_power_W: that the flange's nodes took in at that rate.
+    """
+
+    twist: Twist
+    joint_velocity: Array
+    soft_power_W: float
+
+
+def _mean_motion(
+    parts: Parts, before: Equilibrium, after: Equilibrium, joints: Array, span_s: float
+) -> _Motion:
+    """Return the motion between two equilibria, from joint angles (joints,) [rad] to those of the carrier."""
     old, new = before.world_from_flange, after.world_from_flange
     turn = vector_from_rotation(new.rotation @ old.rotation.T)
     twist = Twist((new.translation - old.translation) / span_s, turn / span_s)
     displacement = after.state.positions - before.state.positions
-    return twist, parts.soft.work_taken_in(displacement) / span_s
+    velocity = (parts.carrier.joint_position - joints) / span_s
+    return _Motion(twist, velocity, parts.soft.work_taken_in(displacement) / span_s)

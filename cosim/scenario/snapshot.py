@@ -34,7 +34,8 @@ class Stage:
         duration_s: simulated time of the whole run [s].
         ticks: number of ticks of the whole run.
         phase_names: in order.
-        body_names: rigid bodies, in the order of `Snapshot.body_position`.
+        joint_names: of the arm, base to flange.
+        body_names: rigid bodies, in the order of `Snapshot.body_position`; objects by their names.
         shapes: what is drawn of the rigid bodies.
         soft_triangles: (m, 3) node indices of the film, outward orientation.
         cables: node indices of each cable, base to tip.
@@ -57,6 +58,7 @@ class Stage:
     duration_s: float
     ticks: int
     phase_names: tuple[str, ...]
+    joint_names: tuple[str, ...]
     body_names: tuple[str, ...]
     shapes: tuple[BodyShape, ...]
     soft_triangles: IntArray
@@ -87,9 +89,12 @@ class Snapshot:
         time_s: tick times tick length [s].
         phase: index into `Stage.phase_names`.
         joint_position: (joints,) [rad].
+        joint_velocity: (joints,) [rad/s]; in statics the mean one over the increment.
+        joint_torque: (joints,) [N m], that the servos gave in the tick, or hold with at rest.
         joint_target: (joints,) [rad], what the controller was asked for.
         body_position: (bodies, 3) [m], world.
         body_quaternion: (bodies, 4), (w, x, y, z), world from body.
+        body_contact_force: (bodies, 3) [N], of the soft robot on each body, world axes.
         node_position: (nodes, 3) [m], world.
         world_from_flange: pose of the flange.
         flange_twist: of the flange origin, world axes.
@@ -112,9 +117,12 @@ class Snapshot:
     time_s: float
     phase: int
     joint_position: Array
+    joint_velocity: Array
+    joint_torque: Array
     joint_target: Array
     body_position: Array
     body_quaternion: Array
+    body_contact_force: Array
     node_position: Array
     world_from_flange: Pose
     flange_twist: Twist

@@ -30,6 +30,8 @@ class TickColumns:
         time_s: (n,).
         phase: of all.
         joint_position: (n, joints) [rad].
+        joint_velocity: (n, joints) [rad/s].
+        joint_torque: (n, joints) [N m].
         joint_target: (n, joints) [rad].
         body_position: (n, bodies, 3) [m], world.
         body_quaternion: (n, bodies, 4), (w, x, y, z), world from body.
@@ -56,6 +58,8 @@ class TickColumns:
     time_s: Array
     phase: int
     joint_position: Array
+    joint_velocity: Array
+    joint_torque: Array
     joint_target: Array
     body_position: Array
     body_quaternion: Array
@@ -88,6 +92,11 @@ class TickColumns:
     def all_rows(self, value: float) -> Array:
         """Return (n,) with one value, not to be written to."""
         return np.broadcast_to(np.float64(value), (len(self),))
+
+    @property
+    def body_contact_force(self) -> Array:
+        """(n, bodies, 3), see `Snapshot`: nothing is touched."""
+        return np.broadcast_to(np.zeros(3), self.body_position.shape)
 
     @property
     def power_error_W(self) -> Array:
@@ -130,9 +139,12 @@ class TickColumns:
 
 FROM_ROW: Final[dict[str, Callable[[TickColumns, int], Any]]] = {
     "joint_position": lambda c, k: c.joint_position[k].copy(),
+    "joint_velocity": lambda c, k: c.joint_velocity[k].copy(),
+    "joint_torque": lambda c, k: c.joint_torque[k].copy(),
     "joint_target": lambda c, k: c.joint_target[k].copy(),
     "body_position": lambda c, k: c.body_position[k].copy(),
     "body_quaternion": lambda c, k: c.body_quaternion[k].copy(),
+    "body_contact_force": lambda c, k: c.body_contact_force[k].copy(),
     "world_from_flange": TickColumns.flange,
     "flange_twist": TickColumns.twist,
     "pressure_Pa": lambda c, k: float(c.chamber_pressure_Pa[k, 0]),

@@ -106,6 +106,8 @@ class TickRows:
             time_s=np.array([Clock(self._tick_s, count).time_s for count in tick.tolist()]),
             phase=to.phase,
             joint_position=ticks.joints[:n],
+            joint_velocity=ticks.joint_speed[:n],
+            joint_torque=ticks.servo_torque[:n],
             joint_target=self._targets[place : place + n],
             body_position=ticks.places[:n],
             body_quaternion=ticks.quaternions[:n],

@@ -19,7 +19,7 @@ here on the distance from an anchor instead of the displacement in a step.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import final
 
 import numpy as np
@@ -167,6 +167,7 @@ class ContactPlanes:
         friction: (k,) [N], largest friction force.
         anchor: (k, 3) [m], world, where the stick springs are tied.
         law: widths of the transitions.
+        body: (k,) index of the touched body; empty where nobody asks for it.
     """
 
     nodes: IntArray
@@ -178,6 +179,7 @@ class ContactPlanes:
     friction: Array
     anchor: Array
     law: ContactLaw
+    body: IntArray = field(default_factory=lambda: np.zeros(0, np.int64))
 
     def __len__(self) -> int:
         return len(self.nodes)

@@ -10,7 +10,8 @@ import numpy as np
 
 from cosim.arm_files import find_arm
 from cosim.coupling.body_mass import BodyMass
-from cosim.coupling.contact import ContactExchange, ContactReport
+from cosim.coupling.contact import ContactExchange
+from cosim.coupling.contact_report import ContactReport
 from cosim.coupling.coupling import Coupling
 from cosim.coupling.interface import Interface, ServoCommand
 from cosim.coupling.ledger import LedgerEntry

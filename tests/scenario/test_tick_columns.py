@@ -16,6 +16,7 @@ from cosim.coupling.chain_reader import ChainRows
 from cosim.coupling.lockstep import Lockstep
 from cosim.driver import build_simulation, with_fidelity_chosen
 from cosim.scenario import section_model
+from cosim.scenario.actuation import bending_angle
 from cosim.scenario.block import Block
 from cosim.scenario.loading import load_scenario
 from cosim.scenario.snapshot import LedgerEntry, Snapshot
@@ -37,7 +38,8 @@ flange_turn = { axis = [0.0, 1.0, 0.0], angle_rad = -0.02 }
 WALL_S = 1.5e-4
 BEGIN, END = 11, 31
 IN_BLOCKS = (
-    "tick", "time_s", "phase", "joint_position", "joint_target", "body_position", "body_quaternion",
+    "tick", "time_s", "phase", "joint_position", "joint_velocity", "joint_torque", "joint_target",
+    "body_position", "body_quaternion", "body_contact_force",
     "pressure_Pa", "chamber_pressure_Pa", "cable_tension_N", "tip_position", "tip_direction", "sag_m",
     "chamber_volume_m3", "volume_m3", "node_position",
 )  # fmt: skip
@@ -199,7 +201,8 @@ def test_blocks_read_rows_and_snapshots_alike(snapshots: list[Snapshot]) -> None
         np.testing.assert_array_equal(block.flange_position, [pose.translation for pose in flanges])
         np.testing.assert_array_equal(block.flange_rotation, [pose.rotation for pose in flanges])
         assert block.tick_wall_s == pytest.approx(WALL_S)
-        assert np.isnan(block.bending_angle_rad).all()
+        angles = [bending_angle(s.tip_direction, s.world_from_flange) for s in ordinary]
+        np.testing.assert_allclose(block.bending_angle_rad, angles, rtol=0.0, atol=1e-12)
         assert block.cable_length_m.shape == (len(block), 0)
         assert not block.has_tip_target.any()
         assert not block.iterated_trials.any()

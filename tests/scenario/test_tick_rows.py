@@ -76,7 +76,8 @@ def numbers(snapshot: Snapshot) -> dict[str, Any]:
         "target": snapshot.joint_target,
     }
     for name in (
-        "tick", "time_s", "phase", "joint_position", "body_position", "body_quaternion", "cable_tension_N",
+        "tick", "time_s", "phase", "joint_position", "joint_velocity", "joint_torque", "body_position",
+        "body_contact_force", "body_quaternion", "cable_tension_N",
         "chamber_pressure_Pa", "chamber_volume_m3", "tip_position", "sag_m",
     ):  # fmt: skip
         shown[name] = getattr(snapshot, name)
