@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from cosim.errors import InputError as InputError
     from cosim.errors import InstabilityError as InstabilityError
     from cosim.errors import MeshError as MeshError
+    from cosim.errors import RunInterrupted as RunInterrupted
     from cosim.errors import ScenarioError as ScenarioError
     from cosim.errors import SolverError as SolverError
     from cosim.errors import UnreachableError as UnreachableError
@@ -34,6 +35,7 @@ _HOMES = {
     "InputError": "cosim.errors",
     "InstabilityError": "cosim.errors",
     "MeshError": "cosim.errors",
+    "RunInterrupted": "cosim.errors",
     "RunResult": "cosim.result",
     "SavedState": "cosim.simulation",
     "ScenarioError": "cosim.errors",

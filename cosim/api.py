@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from cosim.driver import Options, build_simulation, execute, rerun_recorder
+from cosim.errors import RunInterrupted
 from cosim.first_run import log, prepared
 from cosim.result import ResultBuilder, RunResult
 from cosim.run_files import default_directory
@@ -39,7 +40,9 @@ def run(
 
     Raises:
         InputError: the scenario is wrong or asks for what cannot be reached.
-        SolverError: the physics could not be solved; the files, if any, say how far it came.
+        SolverError: the physics could not be solved; `result` of the error holds the arrays until then, as it
+            does of whatever else is raised in the middle of a run, such as by a controller.
+        RunInterrupted: by Ctrl-C; the same.
     """
     started = time.perf_counter()
     checked = prepared(load_scenario(scenario, overrides), log, recording=recording)
@@ -48,8 +51,12 @@ def run(
     options = Options(directory, rerun_recorder if recording else None, [arrays])
     build = build_simulation if controllers is None else partial(build_simulation, controllers=controllers)
     outcome = execute(checked, build, options, started)
-    if outcome.error is not None:
-        if directory is not None:
-            outcome.error.add_note(f"what was simulated is in {directory}")
-        raise outcome.error
-    return arrays.result(outcome.summary, directory)
+    result = arrays.result(outcome.summary, directory)
+    if outcome.error is None:
+        return result
+    interrupted = isinstance(outcome.error, KeyboardInterrupt)
+    error = RunInterrupted(*outcome.error.args) if interrupted else outcome.error
+    vars(error)["result"] = result
+    if directory is not None:
+        error.add_note(f"what was simulated is in {directory}")
+    raise error from outcome.error.__cause__ if error is outcome.error else outcome.error

@@ -23,7 +23,7 @@ from cosim.scenario.block import READ_AT_ONCE
 from cosim.scenario.schema import Scenario
 from cosim.scenario.snapshot import Snapshot, Stage
 from cosim.scenario.solver_schema import Recording
-from cosim.scenario.summary import Status, SummaryBuilder, summary_markdown
+from cosim.scenario.summary import Status, SummaryBuilder, reason_of, summary_markdown
 from cosim.stateful import Stateful
 
 if TYPE_CHECKING:
@@ -268,7 +268,7 @@ def drive(
     except KeyboardInterrupt as error:
         return Ending("interrupted", "keyboard interrupt", error)
     except Exception as error:  # whatever it is, the recording and the summary are to be readable
-        return Ending("failed", f"{type(error).__name__}: {error}", error)
+        return Ending("failed", reason_of(error), error)
     return Ending("completed")
 
 

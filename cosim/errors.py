@@ -8,15 +8,30 @@ CosimError
 └── SolverError             the physics could not be solved (exit code 1)
     ├── ConvergenceError    Newton's method stopped; carries residual and iterations
     └── InstabilityError    a non-finite number or runaway state appeared
+RunInterrupted              Ctrl-C during `cosim.run`; a KeyboardInterrupt, no CosimError
+
+All of them can be pickled. What ends `cosim.run` or `Simulation.step` early carries `result`.
 """
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from cosim.result import RunResult
 
 
 class CosimError(Exception):
-    """Base of every error that cosim raises on purpose."""
+    """Base of every error that cosim raises on purpose.
+
+    `result` holds the arrays that a run had computed until this error ended it; None where no run was ended.
+    """
+
+    result: RunResult | None = None
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Return how to make the error anew: by what it holds, whatever its constructor asks for."""
+        return _made_anew, (type(self), self.args, vars(self))
 
 
 class InputError(CosimError):
@@ -58,3 +73,16 @@ class ConvergenceError(SolverError):
 
 class InstabilityError(SolverError):
     """A non-finite number or a runaway state appeared."""
+
+
+class RunInterrupted(KeyboardInterrupt):
+    """The user has interrupted a run; `result` holds the arrays up to the last tick that was shown."""
+
+    result: RunResult | None = None
+
+
+def _made_anew(kind: type[CosimError], args: tuple[Any, ...], held: dict[str, Any]) -> CosimError:
+    error = kind.__new__(kind, *args)
+    error.args = args
+    vars(error).update(held)
+    return error

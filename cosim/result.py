@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import math
+import time
+from collections.abc import Iterable
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any, Final, final
 
 import numpy as np
 
+from cosim import __version__
 from cosim.errors import InputError
 from cosim.frames import Array, IntArray
 from cosim.scenario.block import Block, read_now
 from cosim.scenario.snapshot import Snapshot, Stage
+from cosim.scenario.summary import SummaryBuilder, reason_of
 
 
 @final
@@ -212,6 +216,20 @@ class ResultBuilder:
             node_position=_joined(self._node_position),
             **{name: _joined(found) for name, found in self._arrays.items()},
         )
+
+
+def result_of(
+    stage: Stage, frames_per_s: float, snapshots: Iterable[Snapshot], error: BaseException
+) -> RunResult:
+    """Return what a run that has been stepped by hand shows of some ticks, before an error ended it."""
+    arrays, summary = ResultBuilder(frames_per_s), SummaryBuilder(stage, 0.0, __version__)
+    arrays.open(stage)
+    began = time.perf_counter()
+    for snapshot in snapshots:
+        arrays.observe(snapshot)
+        summary.observe(snapshot)
+    figures = summary.finish("failed", reason_of(error), time.perf_counter() - began)
+    return arrays.result(figures, None)
 
 
 def _joined(found: list[Any]) -> Any:

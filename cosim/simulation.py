@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, final
 
 from cosim.checkpoint import Checkpoint
 from cosim.driver import build_simulation
-from cosim.errors import InputError, SolverError
+from cosim.errors import InputError
 from cosim.first_run import log, prepared
+from cosim.result import result_of
 from cosim.scenario.block import READ_AT_ONCE
 from cosim.scenario.loading import load_scenario
 from cosim.scenario.schema import Scenario
@@ -22,7 +24,7 @@ if TYPE_CHECKING:
 
 
 @final
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class SavedState:
     """A simulation between two ticks; made by `Simulation.save`.
 
@@ -38,10 +40,14 @@ class SavedState:
         """Write the state to a file, from which `Simulation(..., start=path)` goes on."""
         write_archive(Path(path), {"tick": self.snapshot.tick}, self)
 
+    def __repr__(self) -> str:
+        """Return one line: where the simulation is."""
+        return f"SavedState after tick {self.snapshot.tick}, at {self.snapshot.time_s:g} s"
+
 
 @final
 class Simulation:
-    """A scenario that is stepped by hand.
+    """A scenario that is stepped by hand; a pickled one goes on bit for bit.
 
     Args:
         scenario: name of a scenario that comes with cosim, path of a .toml file, or a scenario.
@@ -92,7 +98,9 @@ class Simulation:
 
         Raises:
             InputError: the scenario ends before.
-            SolverError: the physics could not be solved; the simulation is where it was before that tick.
+            SolverError: the physics could not be solved; the simulation is where it was before that tick, as
+                it is after whatever else is raised, such as by a controller. `result` of the error holds the
+                arrays of the ticks of this call that were solved.
             KeyboardInterrupt: of the user; the simulation is where it was before all these ticks.
         """
         if not 0 <= ticks <= self.ticks_left:
@@ -101,11 +109,12 @@ class Simulation:
         try:
             for snapshot in self._run.steps(READ_AT_ONCE, ticks):
                 self._snapshot, done = snapshot, done + 1
-        except SolverError:
+        except Exception as error:
             # the ticks that were solved are solved again: cheaper than to keep a state before every one
             self._run.restore_state(before)
-            for _ in self._run.steps(READ_AT_ONCE, done):
-                pass
+            solved = chain([shown], self._run.steps(READ_AT_ONCE, done))
+            frames_per_s = self.scenario.recording.frames_per_s
+            vars(error)["result"] = result_of(self.stage, frames_per_s, solved, error)
             raise
         except KeyboardInterrupt:  # in the middle of anything
             self._run.restore_state(before)
@@ -142,3 +151,19 @@ class Simulation:
         """
         controllers = self._controllers
         return Simulation(self.scenario, overrides=overrides, start=self.save(), controllers=controllers)
+
+    def __repr__(self) -> str:
+        """Return one line: what is simulated, and where it is."""
+        stage, last = self.stage, self._snapshot
+        when = f"tick {last.tick} of {stage.ticks}, {last.time_s:g} s"
+        return f"Simulation of {stage.scenario}, {stage.mode}: {when}"
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Return how to make it anew: by its scenario, from its present state."""
+        return _restored, (self.scenario, self._controllers, self.save())
+
+
+def _restored(
+    scenario: Scenario, controllers: Mapping[str, AnyController] | None, saved: SavedState
+) -> Simulation:
+    return Simulation(scenario, start=saved, controllers=controllers)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from typing import TYPE_CHECKING, Any
 
 from cosim.body_shape import BodyShape
@@ -22,7 +22,7 @@ _FROM_FILM = (
 )  # fmt: skip
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Stage:
     """Everything about a run that does not change while it runs.
 
@@ -74,9 +74,18 @@ class Stage:
     hinge_energy_share: Callable[[Array], float] | None = None
     section_model: dict[str, float] | None = None
 
+    def __repr__(self) -> str:
+        """Return two lines: what run it is of, and its parts."""
+        return (
+            f"Stage of {self.scenario}, {self.mode}: {self.ticks} ticks of {self.tick_s:g} s in the phases "
+            f"{', '.join(self.phase_names)}\n"
+            f"{len(self.joint_names)} joints, bodies {', '.join(self.body_names) or 'none'}, "
+            f"{len(self.soft_triangles)} triangles of film, {len(self.cables)} cables"
+        )
+
 
 @quickly_made
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Snapshot:
     """State at the end of one tick; arrays are owned by the snapshot.
 
@@ -161,12 +170,21 @@ class Snapshot:
         return snapshot
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return what is copied or pickled: of a row that alone, without the other rows."""
-        held = vars(self)
-        if self.kept_row is None:
-            return held
-        own = {name: getattr(self, name) for name in FROM_ROW}
-        return {name: value for name, value in held.items() if name != "kept_row"} | own
+        """Return what is copied or pickled: all values, without the other rows and what reads them."""
+        own = {field.name: getattr(self, field.name) for field in fields(self) if field.init}
+        return own | {"kept_shape": None}
+
+    def __repr__(self) -> str:
+        """Return two lines: when, and what is there then."""
+        tip = ", ".join(f"{1e3 * value:.1f}" for value in self.tip_position)
+        pressures = ", ".join(f"{1e-3 * value:g}" for value in self.chamber_pressure_Pa)
+        return (
+            f"Snapshot of tick {self.tick}, {self.time_s:g} s, phase {self.phase}: "
+            f"{len(self.joint_position)} joints, {len(self.body_position)} bodies, "
+            f"{len(self.node_position)} nodes\n"
+            f"tip at ({tip}) mm, sag {1e3 * self.sag_m:.1f} mm, {pressures} kPa, "
+            f"{self.ledger.contacts} contacts, residual {self.ledger.residual_N:.1e} N"
+        )
 
     if not TYPE_CHECKING:  # where it would hide misspelt names
 

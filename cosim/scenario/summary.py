@@ -212,6 +212,11 @@ def _chamber_figures(last: Snapshot, names: tuple[str, ...]) -> dict[str, Any]:
     return {"chambers": dict(zip(names, figures, strict=True))}
 
 
+def reason_of(error: BaseException) -> str:
+    """Return why a run failed, as the summary says it."""
+    return f"{type(error).__name__}: {error}"
+
+
 def json_ready(value: Any) -> Any:
     """Return a value of JSON's own kinds; numbers that are not finite become None."""
     if isinstance(value, dict):

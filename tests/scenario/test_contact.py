@@ -5,10 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 import cosim
 from cosim.driver import build_simulation
+from cosim.errors import InputError
 from cosim.scenario.loading import load_scenario
 
 SCENARIO = """
@@ -59,6 +61,13 @@ def test_the_flange_feels_what_the_block_bears(tmp_path: Path) -> None:
     assert 0.0 < result.contact_depth_m[-1] < 1e-3
     assert result.summary["max_contact_force_N"] == result.contact_force_N.max()
     assert "block" in result.stage.report
+    # on a level block the normal forces are all of its load that is upright; no other body bears any
+    block = result.body("block")
+    np.testing.assert_allclose(-result.body_contact_force[:, block, 2], result.contact_force_N, atol=1e-9)
+    assert not np.delete(result.body_contact_force, block, axis=1).any()
+    np.testing.assert_allclose(result.body_position[:, block], [[0.4, 0.0, 0.407]] * len(result.tick))
+    with pytest.raises(InputError, match=r"no body 'blok'; there are world, .*, block"):
+        result.body("blok")
 
 
 @pytest.mark.parametrize("scheme", ["staggered", "iterated"])
@@ -97,6 +106,18 @@ def test_the_quasistatic_mode_presses_as_hard_as_the_dynamic_one_does_at_rest(
         borne = still.flange_force[-1, 2] + still.summary["soft_weight_N"]
         assert borne == pytest.approx(still.contact_force_N[-1], rel=1e-6)
     assert "no friction" in still.stage.report
+    pressed = np.linalg.norm(still.body_contact_force[:, still.body("block")], axis=1)
+    assert pressed[-1] == pytest.approx(still.contact_force_N[-1], rel=0.02)
+    # at rest the servos hold what they hold at the end of the motion; at its start, what they give after it
+    np.testing.assert_allclose(still.joint_torque[-1], moved.joint_torque[-1], atol=0.05)
+    np.testing.assert_allclose(moved.joint_torque[0], moved.joint_torque[1], atol=0.05)
+    assert np.abs(still.joint_torque[-1]).max() > 10.0
+    # MuJoCo moves the joints at the speed that they have at the end of the tick
+    for result in (still, moved):
+        speed = np.diff(result.joint_position, axis=0) / np.diff(result.time_s)[:, None]
+        np.testing.assert_allclose(result.joint_velocity[1:], speed, atol=1e-9)
+    assert moved.stage.joint_names[0] == "shoulder_pan_joint"
+    assert moved.joint_velocity.max() > 0.01
 
 
 def test_the_quasistatic_mode_leaves_out_what_can_move(tmp_path: Path) -> None:
