@@ -26,6 +26,7 @@ SAVED_OTHERWISE = {
     "InterfaceLoads": "workspace of the search for one tick",
     "InterfaceSearch": "lives for one tick",
     "Lockstep": "of a tick that is half done, after which nothing is saved",
+    "RobotFiles": "counts the files that are read for one scenario",
     "SectionBody": "what it keeps by pressure",
     "SelfContact": "pattern of the last pairs of films, made anew where it does not serve",
     "ShiftSearch": "where a search begins; what it finds does not depend on it",
