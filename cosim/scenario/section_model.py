@@ -15,6 +15,7 @@ from cosim.resources import cache_directory
 from cosim.scenario.schema import Scenario
 from cosim.scenario.soft_build import build_soft_body
 from cosim.soft.body import SoftBody
+from cosim.soft.fold_law import CLOSED_FRACTION
 from cosim.soft.section.building import METHOD, LARGEST_PRESSURE_Pa, build_model
 from cosim.soft.section.model import SectionModel
 from cosim.soft.section.pressure_spline import PressureSpline
@@ -67,8 +68,8 @@ def _largest_pressure(scenario: Scenario) -> float:
 def content_hash(body: SoftBody, largest_Pa: float) -> str:
     """Return a short name of everything that a section model depends on."""
     parts = hashlib.sha256()
-    _feed(parts, (METHOD, largest_Pa, body.positions, body.membranes, body.hinges, body.caps, body.closed))
-    _feed(parts, (body.frames, float(body.mass_kg), body.tip, body.base))
+    _feed(parts, (METHOD, CLOSED_FRACTION, largest_Pa, body.positions, body.membranes, body.hinges))
+    _feed(parts, (body.caps, body.closed, body.frames, float(body.mass_kg), body.tip, body.base))
     return parts.hexdigest()[:16]
 
 

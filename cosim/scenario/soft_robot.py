@@ -89,7 +89,7 @@ class Hinge:
             bends like a shell.
         stiffness_factor: uniform: spring constant divided by E t^3 / 12 [N m/rad]; shell: flexural rigidity
             divided by E t^3 / (12 (1 - nu^2)).
-        fold_barrier_rad: the moment diverges below this dihedral angle and above 2 pi minus it.
+        fold_barrier_rad: the moment grows steeply below this dihedral angle and above 2 pi minus it.
     """
 
     rule: Literal["uniform", "shell"] = "uniform"

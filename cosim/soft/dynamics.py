@@ -192,16 +192,16 @@ class ImplicitStepper:
         starts = [_flight(self.options.integrator, state, step_s), state.positions]
         if before is not None and _turn(before, world_from_flange) > _LARGE_TURN_RAD:
             starts = self._ranked(starts, state, before, world_from_flange, loads, inertia)
-        # flight is the better start, unless it lets films cross; then the step begins where it is
+        # flight is the better start, unless it takes films too far; then the step begins where it is
         if aim is not None and aim.start is not None:
             starts = [aim.start, *starts]
         for free in starts:
             start = self.clamp.place(free, world_from_flange)
             result = self._solve(start, state, world_from_flange, loads, inertia, aim)
             result = self._with_losses(result, world_from_flange, loads, inertia, aim)
-            if result.outcome is not Outcome.NOT_FINITE:
+            if result.converged or self._acceptable(result, aim):
                 break
-        if not result.converged and not self._acceptable(result, aim):
+        else:
             raise ConvergenceError(
                 f"the soft step did not converge: {result.outcome.value}; residual {result.residual_N:.3g} N "
                 f"after {result.iterations} iterations; try a shorter tick or a gentler ramp",

@@ -4,8 +4,13 @@ Nodes (i, j, k, l): j-k is the edge, i and l its opposite corners. With u = x_i 
 w = x_k - x_l, m = u x e, n = e x w the angle is
     theta = atan2(e/|e| . (m x n), m . n)  in [0, 2 pi),   theta = pi where the film is flat,
     energy = k (theta - theta0)^2 / 2  between theta1 and theta2 = 2 pi - theta1.
-Beyond them the moment grows as k (theta1 - theta0) - (2 k theta1 / pi) tan(pi (theta1 - theta) / (2 theta1)),
-infinite where the two films touch (theta = 0 or 2 pi).
+Beyond them the moment grows as k (theta1 - theta0) - (2 k theta1 / pi) tan(pi (theta1 - theta) / (2 theta1)).
+There it would be infinite where the two films touch (theta = 0 or 2 pi), and nothing could be followed from a
+shape with crossed films. So from x_c theta1 on, a closed fold, the moment goes on along its tangent, also
+beyond theta = 0; the energy is finite and twice differentiable but for a kink of the tangent at x_c theta1.
+Angles are unwrapped: of those that fit the shape, the one within pi of the last accepted state's is taken.
+A fold that has closed by 0.003 rad too far reads -0.003, not 2 pi - 0.003; one that turns by more than pi at
+once reads as one that has turned the other way.
 Source: Liu and Paulino, Proc. R. Soc. A 473 (2017) 20170348, equations for theta and the barrier; the
 second derivatives are written here in the orthonormal frames of the two triangles.
 """
@@ -26,7 +31,7 @@ def add_hinges(x, hinges, stiffness, rest, theta1, reference, slots, force, bloc
     """Add all hinges' gradient to force and, if slots is not empty, their Hessian to blocks.
 
     The angle is unwrapped against `reference`, the angle at the last accepted state, and written to
-    `angles`. Returns the energy [J], infinite when films have crossed.
+    `angles`. Returns the energy [J].
     """
     if slots.shape[0] == 0:
         return add_hinge_gradients(x, hinges, stiffness, rest, theta1, reference, force, angles)

@@ -70,11 +70,8 @@ def load(stiffness, rest, theta1, reference, first, lanes, s, angles):  # type: 
         elif angle - reference[h] < -math.pi:
             angle += TURN
         angles[h] = angle
-        part, moment, tangent = fold_law(angle, rest[h], stiffness[h], theta1)
+        part, s[MOMENT + lane], s[TANGENT + lane] = fold_law(angle, rest[h], stiffness[h], theta1)
         energy += part
-        crossed = part == np.inf
-        s[MOMENT + lane] = 0.0 if crossed else moment
-        s[TANGENT + lane] = 0.0 if crossed else tangent
     return energy
 
 

@@ -2,9 +2,7 @@
 
 Each iteration solves (K + mu 1) d = -gradient. mu is zero while K is positive definite and grows until
 the factor exists otherwise (inertia correction); the step is then halved until the potential falls
-(or, for loads without a potential, the work of the
-out-of-balance force along the step). A step that lets films cross at a hinge has an
-infinite potential and is halved as well.
+(or, for loads without a potential, the work of the out-of-balance force along the step).
 In dynamics the factor of an earlier step may serve for a while, turned with the flange: an iteration with it
 costs a tenth, and is undone when the residual does not fall.
 Source: Nocedal and Wright, Numerical Optimization, 2nd ed., sections 3.4 and 3.5.

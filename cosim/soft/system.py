@@ -134,7 +134,7 @@ class SoftSystem:
             hessian: whether to fill `blocks`.
 
         Returns:
-            The potential [J]; infinite when films have crossed at a hinge.
+            The potential [J]; infinite where a sealed gas has no volume.
         """
         body, x = self.body, positions
         self.gradient[:] = 0.0

@@ -77,14 +77,17 @@ def test_positions_that_are_not_finite() -> None:
     assert result.iterations == 0
 
 
-def test_a_start_with_crossed_films_is_not_finite() -> None:
+def test_crossed_films_part_again() -> None:
+    # where a flight may take them: two rims of a hanging arm as far behind each other as they were apart
     arm = held(hexagon_arm(2))
-    drawn = SoftState.drawn(arm.body, HANGING)
-    crossed = drawn.positions.copy()
-    lower, upper = arm.body.rings["unit_1.upper"], arm.body.rings["unit_2.lower"]
-    crossed[lower], crossed[upper] = drawn.positions[upper], drawn.positions[lower]
-    result = arm.newton.solve(crossed, drawn.angles, no_load(arm.body), NewtonOptions())
-    assert result.outcome is Outcome.NOT_FINITE
+    found = hung(arm)
+    crossed = found.state.positions.copy()
+    lower, upper = (arm.body.rings[f"unit_2.{ring}"] for ring in ("lower", "upper"))
+    crossed[upper] += 2.0 * (crossed[lower] - crossed[upper])
+    result = arm.newton.solve(crossed, found.state.angles, found.loads, EXACT)
+    assert result.converged
+    # residuals of 1e-9 N over the softest stiffness
+    assert result.positions == pytest.approx(found.state.positions, abs=1e-7)
 
 
 def test_no_shift_makes_the_tangent_definite() -> None:
@@ -130,7 +133,7 @@ def test_clamped_nodes_stay_and_carry_the_residual() -> None:
     ids=["pushed together", "pulled together", "bent"],
 )
 def test_films_never_cross(loads: dict[str, object]) -> None:
-    # without the barrier's infinite energy in the line search these loads fold films through each other
+    # without the barrier these loads fold films through each other
     arm = held(hexagon_arm(4))
     here = hung(arm)
     for k in range(1, 6):
