@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from cosim.errors import MeshError as MeshError
     from cosim.errors import RunInterrupted as RunInterrupted
     from cosim.errors import ScenarioError as ScenarioError
+    from cosim.errors import SceneError as SceneError
     from cosim.errors import SolverError as SolverError
     from cosim.errors import UnreachableError as UnreachableError
     from cosim.resources import list_scenarios as list_scenarios
@@ -39,6 +40,7 @@ _HOMES = {
     "RunResult": "cosim.result",
     "SavedState": "cosim.simulation",
     "ScenarioError": "cosim.errors",
+    "SceneError": "cosim.errors",
     "Simulation": "cosim.simulation",
     "SolverError": "cosim.errors",
     "UnreachableError": "cosim.errors",

@@ -3,6 +3,7 @@
 CosimError
 ├── InputError              the user's data is wrong; nothing has run yet (exit code 2)
 │   ├── ScenarioError       a scenario or robot file: carries the path of the key
+│   ├── SceneError          the rigid engine refuses a body of the scene: carries the body's name
 │   ├── MeshError           degenerate, inverted or unconnected meshes
 │   └── UnreachableError    no configuration reaches the wanted pose; carries the closest one
 └── SolverError             the physics could not be solved (exit code 1)
@@ -44,6 +45,14 @@ class ScenarioError(InputError):
     def __init__(self, path: str, message: str) -> None:
         self.path = path
         super().__init__(f"{path}: {message}" if path else message)
+
+
+class SceneError(InputError):
+    """The rigid engine refuses the scene; `body` names the object or wire, None: the whole scene."""
+
+    def __init__(self, message: str, body: str | None) -> None:
+        self.body = body
+        super().__init__(message)
 
 
 class MeshError(InputError):

@@ -73,7 +73,7 @@ def test_shells_are_told_apart(tmp_path: Path) -> None:
         ("empty.obj", b"# nothing", "holds no triangles"),
         ("short.stl", b"\x00" * 90, "is not a STL file"),
         ("words.obj", b"v a b c", "is not a OBJ file"),
-        ("index.obj", b"v 0 0 0\nf 1 2 3", "a face names vertex 3; there are 1"),
+        ("index.obj", b"v 0 0 0\nf 1 2 3", "a face names vertex 2; there are 1"),
         ("nan.obj", b"v nan 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3", "not finite"),
     ],
 )

@@ -23,6 +23,7 @@ EXPECTED = {
     "RunResult",
     "SavedState",
     "ScenarioError",
+    "SceneError",
     "Simulation",
     "SolverError",
     "UnreachableError",

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import copy
 import xml.etree.ElementTree as ElementTree
+from bisect import bisect_left
+from dataclasses import replace
 
 import mujoco
 import numpy as np
 
-from cosim.errors import InputError
+from cosim.errors import InputError, SceneError
 from cosim.frames import Pose
 from cosim.rigid.description import SceneDescription, SceneObject, ServoGains
 from cosim.rigid.object_bodies import add_mounted, add_object, prepare
@@ -29,8 +31,33 @@ def compile_model(description: SceneDescription) -> mujoco.MjModel:
     """Return the MuJoCo model of a scene.
 
     Raises:
-        InputError: MuJoCo refuses the arm's file or an object.
+        InputError: MuJoCo cannot read the arm's file.
+        SceneError: MuJoCo refuses an object or a wire.
     """
+    try:
+        return _compiled(description)
+    except ValueError as error:
+        raise SceneError(f"MuJoCo refuses it: {error}".replace("\n", ", "), _refused(description)) from None
+
+
+def _refused(description: SceneDescription) -> str | None:
+    """Return the first body without which, and without all after it, MuJoCo accepts a scene."""
+    objects, wires = description.objects_by_parent(), description.wires
+    names = [item.name for item in objects] + [wire.name for wire in wires]
+
+    def accepted(count: int) -> bool:
+        fewer = replace(description, objects=objects[:count], wires=wires[: max(0, count - len(objects))])
+        try:
+            _compiled(fewer)
+        except ValueError:
+            return False
+        return True
+
+    count = bisect_left(range(len(names) + 1), True, key=lambda k: not accepted(k))
+    return names[count - 1] if 0 < count <= len(names) else None
+
+
+def _compiled(description: SceneDescription) -> mujoco.MjModel:
     arm = description.arm
     try:
         spec = mujoco.MjSpec.from_string(_mujoco_urdf(arm.urdf))
@@ -47,23 +74,20 @@ def compile_model(description: SceneDescription) -> mujoco.MjModel:
         floor = SceneObject("floor", "plane", (4.0, 4.0), (0.0, 0.0, height), rgba=_FLOOR_GREY)
         add_object(spec, floor, {}, description.tick_s)
     prepare(spec)
-    try:
-        if description.mounted:
-            # What a palm clamps must not creep, as MuJoCo's regularised friction does. With its default, a
-            # pyramid for a cone, it would all the same: each of the pyramid's two directions has a share of
-            # the normal force for itself, which the iterations against slip leave as it is.
-            spec.option.noslip_iterations = _NOSLIP_ITERATIONS
-            spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
-        for item in description.mounted:
-            add_mounted(spec, spec.body(FLANGE_MOUNT), item, _ROBOT_CONTACT, description.tick_s)
-        objects = {item.name: item for item in description.objects}
-        for item in description.objects_by_parent():
-            add_object(spec, item, objects, description.tick_s)
-        for wire in description.wires:
-            add_wire(spec, wire, objects, description.tick_s)
-        model = spec.compile()
-    except ValueError as error:
-        raise InputError(f"MuJoCo refuses the scene with arm {arm.name!r}: {error}") from None
+    if description.mounted:
+        # What a palm clamps must not creep, as MuJoCo's regularised friction does. With its default, a
+        # pyramid for a cone, it would all the same: each of the pyramid's two directions has a share of
+        # the normal force for itself, which the iterations against slip leave as it is.
+        spec.option.noslip_iterations = _NOSLIP_ITERATIONS
+        spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
+    for item in description.mounted:
+        add_mounted(spec, spec.body(FLANGE_MOUNT), item, _ROBOT_CONTACT, description.tick_s)
+    objects = {item.name: item for item in description.objects}
+    for item in description.objects_by_parent():
+        add_object(spec, item, objects, description.tick_s)
+    for wire in description.wires:
+        add_wire(spec, wire, objects, description.tick_s)
+    model = spec.compile()
     for wire in description.wires:
         relax_wire(model, wire)
     return model

@@ -11,7 +11,7 @@ import numpy as np
 from cosim.actuation.controller import AnyController
 from cosim.arm_files import find_arm
 from cosim.coupling.soft_side import SoftSide
-from cosim.errors import ScenarioError, SolverError
+from cosim.errors import ScenarioError, SceneError, SolverError
 from cosim.frames import Array
 from cosim.scenario.actuation import Actuation
 from cosim.scenario.carrier import Carrier, HeldBase
@@ -81,16 +81,18 @@ def _arm(scenario: Scenario, trial: SoftSide, soft: SoftSide) -> _Arranged:
     file, palm = find_arm(scenario.robot), scenario.soft_robot.palm
     arm = Arm(file, gravity=scenario.gravity_m_s2)
     plan = _plan(scenario, partial(plan_joints, arm), trial)
-    scene = RigidScene(
-        SceneDescription(
-            arm=file,
-            tick_s=scenario.clock.tick_s,
-            gravity=scenario.gravity_m_s2,
-            objects=tuple(rigid_object(entry) for entry in scenario.objects),
-            wires=tuple(rigid_wire(entry) for entry in scenario.wires),
-            mounted=() if palm is None else (palm_object(palm),),
-        )
+    description = SceneDescription(
+        arm=file,
+        tick_s=scenario.clock.tick_s,
+        gravity=scenario.gravity_m_s2,
+        objects=tuple(rigid_object(entry) for entry in scenario.objects),
+        wires=tuple(rigid_wire(entry) for entry in scenario.wires),
+        mounted=() if palm is None else (palm_object(palm),),
     )
+    try:
+        scene = RigidScene(description)
+    except SceneError as error:
+        raise ScenarioError(_body_key(scenario, error.body), str(error)) from error
     contact = contact_decision(scenario, soft.body, plan, arm, scene)
     law = _contact_law(scenario) if contact.included else None
     mounted = None if palm is None else palm_mass(palm)
@@ -99,6 +101,13 @@ def _arm(scenario: Scenario, trial: SoftSide, soft: SoftSide) -> _Arranged:
     )
     travel = flange_travel(arm, plan, film_reach(soft.body, 0.0))
     return plan, carrier, decisions(scenario, soft.body, plan, contact, travel)
+
+
+def _body_key(scenario: Scenario, body: str | None) -> str:
+    """Return the key of an object or wire of the rigid scene; None: what every scene has."""
+    if body is None:
+        return "robot" if scenario.soft_robot.palm is None else "soft_robot.palm"
+    return f"{'wire' if body in (wire.name for wire in scenario.wires) else 'object'}.{body}"
 
 
 def _contact_law(scenario: Scenario) -> ContactLaw:

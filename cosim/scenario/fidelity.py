@@ -9,7 +9,7 @@ from cosim.coupling.frozen_body import FrozenBody
 from cosim.coupling.section_arm import SectionArm
 from cosim.coupling.soft_arm import SoftArm
 from cosim.coupling.soft_side import SoftSide
-from cosim.errors import ScenarioError
+from cosim.errors import MeshError, ScenarioError
 from cosim.scenario.calibration import refined_model
 from cosim.scenario.film_rules import film_law
 from cosim.scenario.flange import pose_of
@@ -36,8 +36,7 @@ def soft_sides(scenario: Scenario) -> tuple[SoftSide, SoftSide]:
         scenario: checked.
 
     Raises:
-        ScenarioError: the fidelity is still to be chosen.
-        MeshError: the geometry gives degenerate triangles.
+        ScenarioError: the fidelity is still to be chosen, or the geometry gives degenerate triangles.
     """
     if scenario.fidelity == "auto":
         raise ScenarioError("fidelity", "'auto' is settled before a run is built; see cosim.trade.auto")
@@ -52,8 +51,15 @@ def soft_sides(scenario: Scenario) -> tuple[SoftSide, SoftSide]:
 
 
 def fidelity_body(scenario: Scenario) -> SoftBody:
-    """Return the soft body of a scenario, with the mesh of its fidelity, in the flange frame."""
-    return build_soft_body(*_described(scenario))
+    """Return the soft body of a scenario, with the mesh of its fidelity, in the flange frame.
+
+    Raises:
+        ScenarioError: the geometry gives degenerate triangles.
+    """
+    try:
+        return build_soft_body(*_described(scenario))
+    except MeshError as error:
+        raise ScenarioError("soft_robot.chamber", str(error)) from error
 
 
 def _described(scenario: Scenario) -> tuple[SoftRobot, ChamberModel]:

@@ -13,6 +13,8 @@ from cosim.scenario.object_schema import Hinge, Part, SceneObject
 from cosim.scenario.suggestions import unknown_name_message
 from cosim.scenario.wire_schema import Wire
 
+SMALLEST_MESH_m: Final = 1e-6
+LARGEST_MESH_m: Final = 100.0
 _SIZE_ENTRIES: Final = {"box": 3, "sphere": 1, "cylinder": 2, "capsule": 2, "ellipsoid": 3, "mesh": 0}
 
 
@@ -104,6 +106,13 @@ def _check_solid(entry: SceneObject | Part, path: str) -> None:
     if entry.file is None:
         raise ScenarioError(f"{path}.file", "is missing; a mesh needs an .stl or .obj file")
     try:
-        read_mesh(mesh_path(entry.file))
+        mesh = read_mesh(mesh_path(entry.file))
     except MeshError as error:
         raise ScenarioError(f"{path}.file", str(error)) from error
+    size = entry.scale * float(np.abs(mesh.vertices).max())
+    if not SMALLEST_MESH_m <= size <= LARGEST_MESH_m:
+        raise ScenarioError(
+            f"{path}.scale",
+            f"{entry.scale:g} makes the mesh reach {size:g} m from its origin; must be within "
+            f"{SMALLEST_MESH_m:g} and {LARGEST_MESH_m:g} m",
+        )

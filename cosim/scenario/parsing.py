@@ -14,14 +14,14 @@ from functools import cache
 from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
 
 from cosim.errors import ScenarioError
-from cosim.scenario.constraints import Bounds, Constraint, shown
+from cosim.scenario.constraints import LONGEST_NAME, Bounds, Constraint, shown
 from cosim.scenario.magnitudes import magnitude_of
 from cosim.scenario.suggestions import unknown_key_message
 
 Schema = TypeVar("Schema")
 
 
-def parse(schema: type[Schema], table: Mapping[str, Any], path: str = "") -> Schema:
+def parse(schema: type[Schema], table: Any, path: str = "") -> Schema:
     """Return the dataclass that a table describes.
 
     Args:
@@ -30,8 +30,10 @@ def parse(schema: type[Schema], table: Mapping[str, Any], path: str = "") -> Sch
         path: of the table itself, for messages.
 
     Raises:
-        ScenarioError: an unknown or missing key, a wrong type, or a value out of bounds.
+        ScenarioError: no table, an unknown or missing key, a wrong type, or a value out of bounds.
     """
+    if not isinstance(table, Mapping):
+        raise ScenarioError(path, f"expected a table, got {describe(table)}")
     annotations = _annotations(schema)  # type: ignore[arg-type]
     known = {key_of(entry): entry for entry in fields(schema)}  # type: ignore[arg-type]
     for key in table:
@@ -102,8 +104,6 @@ def _convert(annotation: Any, value: Any, path: str, key: str) -> Any:
             raise ScenarioError(path, f"expected a table, got {describe(value)}")
         return {name: _convert(inner, item, join(path, name), key) for name, item in value.items()}
     if is_dataclass(annotation):
-        if not isinstance(value, Mapping):
-            raise ScenarioError(path, f"expected a table, got {describe(value)}")
         return parse(annotation, value, path)  # type: ignore[arg-type]
     return _scalar(annotation, value, path, key)
 
@@ -137,9 +137,9 @@ def _sequence(arguments: tuple[Any, ...], value: Any, path: str, key: str) -> tu
 
 
 def label(item: Any, index: int) -> str:
-    """Return the name of an entry of a list of tables, otherwise its place counted from 1."""
+    """Return the name of an entry of a list of tables, else (or if it is too long) its place from 1."""
     name = item.get("name") if isinstance(item, Mapping) else None
-    return name if isinstance(name, str) and name else str(index)
+    return name if isinstance(name, str) and 0 < len(name) <= LONGEST_NAME else str(index)
 
 
 def _too_small(constraint: Constraint, value: Any, key: str) -> str | None:

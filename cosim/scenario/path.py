@@ -41,6 +41,7 @@ def plan_joints(
         nearest = solve(arm, start, arm.home).q
     except UnreachableError as error:
         raise UnreachableError(f"{blame(-1)}: {error}", error.closest) from error
+    _check_reach(arm, ways, nearest, blame)
     failure: UnreachableError | None = None
     for candidate in _configurations(arm, start, nearest):
         try:
@@ -52,15 +53,29 @@ def plan_joints(
     raise failure
 
 
+def _check_reach(arm: Arm, ways: list[FlangeWay], seed: Array, blame: Callable[[int], str]) -> None:
+    """Raise UnreachableError for the first phase that ends farther away than the arm is long.
+
+    So that no way is followed that is cut into more pieces than the arm's reach has.
+    """
+    for index, way in enumerate(ways):
+        if np.linalg.norm(way.end.translation - arm.shoulder) > arm.reach:
+            _check_end(arm, index, way, seed, blame)
+
+
 def _check_ends(arm: Arm, ways: list[FlangeWay], seed: Array, blame: Callable[[int], str]) -> None:
     """Raise UnreachableError for the first phase whose end no configuration reaches, on whatever branch."""
     for index, way in enumerate(ways):
         if way.pieces == 0:
             continue
-        try:
-            solve(arm, way.end, seed, _END_OPTIONS)
-        except UnreachableError as error:
-            raise UnreachableError(f"{blame(index)}: {error}", error.closest) from error
+        _check_end(arm, index, way, seed, blame)
+
+
+def _check_end(arm: Arm, index: int, way: FlangeWay, seed: Array, blame: Callable[[int], str]) -> None:
+    try:
+        solve(arm, way.end, seed, _END_OPTIONS)
+    except UnreachableError as error:
+        raise UnreachableError(f"{blame(index)}: {error}", error.closest) from error
 
 
 def _configurations(arm: Arm, start: Pose, nearest: Array) -> list[Array]:

@@ -146,7 +146,8 @@ def make_plan(scenario: Scenario, plan_joints: JointPlanner, soft: SoftSide) -> 
         try:
             return plan_joints(start, ways, lambda k: keys[k + 1])
         except UnreachableError as error:
-            raise ScenarioError("", str(error)) from error
+            key, _, reason = str(error).partition(": ")  # as the planner blames it
+            raise ScenarioError(key, reason) from error
 
     # the statics take longer: what does not depend on them is refused first
     joints_along(_given_ways(scenario, start))

@@ -1,0 +1,1 @@
+"""Hostile inputs and faults, seeded; a sample of each runs in the tests."""

@@ -1,0 +1,122 @@
+"""Mutated scenario and robot files: each is refused with its key's path, solved, or unsolved by name.
+
+    python benchmarks/faults/fuzz_files.py [--level load|build] [--count N] [--seed S] [--keep DIR]
+
+Every case has a seed of its own, S, S + 1, ...; a finding (a traceback, a refusal without the key's path,
+more than the limit of CPU time or memory) is printed with its seed, and its file is kept in DIR. Exit code 1
+if there are any.
+"""
+
+from __future__ import annotations
+
+import argparse
+import multiprocessing
+import os
+import resource
+import sys
+import time
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from multiprocessing.connection import Connection
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Final, get_args
+
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
+
+from benchmarks.faults.trial import Case, Level, Verdict, case_of, try_case
+
+CPU_LIMIT_S: Final = 10.0
+MEMORY_LIMIT_BYTES: Final = {"load": 1 << 30, "build": 4 << 30}
+_LOOK_EVERY_S = 0.5
+
+
+def run_cases(seeds: Sequence[int], level: Level) -> Iterator[tuple[int, Case, Verdict]]:
+    """Yield (seed, case, verdict) of each seed, tried in a process that a hang or a crash may cost.
+
+    Args:
+        seeds: of the cases.
+        level: see `try_case`.
+    """
+    waiting = list(seeds)
+    while waiting:
+        done = 0
+        for seed, verdict in _worker_results(waiting, level):
+            yield seed, case_of(seed), verdict
+            done += 1
+        waiting = waiting[done:]
+
+
+def _worker_results(seeds: list[int], level: Level) -> Iterator[tuple[int, Verdict]]:
+    """Yield results of one worker process, until all are there or it had to be ended."""
+    ours, theirs = multiprocessing.Pipe(duplex=False)
+    worker = multiprocessing.get_context("fork").Process(
+        target=_work, args=(seeds, level, theirs), daemon=True
+    )
+    worker.start()
+    theirs.close()
+    assert worker.pid is not None
+    try:
+        for seed in seeds:
+            begun = _cpu_s(worker.pid)
+            while not ours.poll(_LOOK_EVERY_S):
+                if _cpu_s(worker.pid) - begun > CPU_LIMIT_S:
+                    yield seed, Verdict("finding", f"more than {CPU_LIMIT_S:g} s of CPU time")
+                    return
+            try:
+                yield seed, ours.recv()
+            except EOFError:
+                worker.join()
+                yield seed, Verdict("finding", f"the process ended with code {worker.exitcode}")
+                return
+    finally:
+        worker.kill()
+        worker.join()
+
+
+def _work(seeds: list[int], level: Level, results: Connection) -> None:
+    resource.setrlimit(resource.RLIMIT_AS, (MEMORY_LIMIT_BYTES[level],) * 2)
+    with TemporaryDirectory() as folder:
+        for seed in seeds:
+            try:
+                verdict = try_case(case_of(seed), level, Path(folder))
+            except MemoryError as error:
+                verdict = Verdict("finding", f"out of memory: {error}")
+            results.send(verdict)
+
+
+def _cpu_s(process: int) -> float:
+    """Return the CPU time [s] that a process has used."""
+    try:
+        words = Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()
+    except OSError:
+        return 0.0
+    return (int(words[11]) + int(words[12])) / os.sysconf("SC_CLK_TCK")
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Try the cases, print findings and counts, and return the exit code."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser.add_argument("--level", choices=get_args(Level), default="load")
+    parser.add_argument("--count", type=int, default=1000)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--keep", metavar="DIR", type=Path, help="directory for the files of findings")
+    options = parser.parse_args(arguments)
+    started, counts = time.perf_counter(), Counter[str]()
+    for seed, case, verdict in run_cases(range(options.seed, options.seed + options.count), options.level):
+        counts[verdict.kind] += 1
+        if verdict.kind != "finding":
+            continue
+        print(f"seed {seed}, {case.source}: {case.changes}\n    {verdict.what}", flush=True)
+        if options.keep is not None:
+            options.keep.mkdir(parents=True, exist_ok=True)
+            (options.keep / f"{options.level}_{seed}.toml").write_text(case.text, encoding="utf-8")
+    told = ", ".join(f"{count} {kind}" for kind, count in counts.most_common())
+    print(f"{options.level}, seeds {options.seed} to {options.seed + options.count - 1}: {told}; "
+          f"{time.perf_counter() - started:.0f} s")  # fmt: skip
+    return int(counts["finding"] > 0)
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,138 @@
+"""What one mutated file leads to: a loaded or run scenario, a refusal, no solution, or a finding."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import tomllib
+import traceback
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cache
+from itertools import islice
+from pathlib import Path
+from random import Random
+from typing import Any, Literal, final
+
+from benchmarks.faults.mutations import broken, mutated, toml_text
+from cosim.errors import InputError, ScenarioError, SolverError
+from cosim.resources import data_directory, list_scenarios, list_soft_robots, soft_robot_path
+from cosim.scenario.loading import load_scenario, load_soft_robot
+from cosim.scenario.robot_files import RobotFiles
+from cosim.scenario.schema import Scenario
+
+TICKS = 3
+LONGEST_REFUSAL = 1500
+Level = Literal["load", "build"]
+Kind = Literal["completed", "refused", "unsolved", "finding"]
+
+
+@final
+@dataclass(frozen=True)
+class Case:
+    """A mutated file.
+
+    Args:
+        source: what it was made from.
+        changes: in words.
+        text: of the file.
+        robot: whether it is that of a soft robot, not a scenario.
+    """
+
+    source: str
+    changes: str
+    text: str
+    robot: bool
+
+
+@final
+@dataclass(frozen=True)
+class Verdict:
+    """What became of a case; `what` is the error, or what is wrong with it."""
+
+    kind: Kind
+    what: str
+
+
+def case_of(seed: int) -> Case:
+    """Return the mutated file of a seed."""
+    rng = Random(seed)
+    name, table, robot = rng.choice(_sources())
+    text = toml_text(table)
+    if rng.random() < 0.08:
+        text, what = broken(text, rng)
+        return Case(name, what, text, robot)
+    changed, done = mutated(table, rng)
+    return Case(name, "; ".join(done), toml_text(changed), robot)
+
+
+def try_case(case: Case, level: Level, folder: Path) -> Verdict:
+    """Return what a case leads to.
+
+    Args:
+        case: of `case_of`.
+        level: "load": all that needs no build; "build": built, and three ticks.
+        folder: for its file, which `mesh.obj` and the like may stand beside.
+    """
+    path = folder / "case.toml"
+    path.write_bytes(case.text.encode("utf-8", "surrogatepass"))
+    try:
+        with contextlib.redirect_stderr(io.StringIO()):
+            _use(path, case.robot, level)
+    except InputError as error:
+        problem = _wrong_refusal(error)
+        return Verdict("finding" if problem else "refused", f"{problem}{type(error).__name__}: {error}")
+    except SolverError as error:
+        return Verdict("unsolved", f"{type(error).__name__}: {error}")
+    except Exception as error:
+        frame = traceback.extract_tb(error.__traceback__)[-1]
+        place = f"{Path(frame.filename).name}:{frame.lineno}"
+        return Verdict("finding", f"traceback {type(error).__name__} at {place}: {str(error)[:300]}")
+    return Verdict("completed", "")
+
+
+def _use(path: Path, robot: bool, level: Level) -> None:
+    scenario = load_scenario("ur5e_hexagon_arm", _only_robot(path)) if robot else load_scenario(path)
+    if level == "build":
+        _run(scenario)
+
+
+def _only_robot(path: Path) -> dict[str, Any]:
+    """Return overrides that put a robot into the reference scenario; its own commands may not fit it."""
+    load_soft_robot(path)
+    phase = {"name": "inflate", "duration_s": 0.1, "pressure_Pa": 1e3, "increments": TICKS}
+    return {"soft_robot": str(path), "phase": [phase]}
+
+
+def _run(scenario: Scenario) -> None:
+    from cosim.driver import build_simulation  # here: the level "load" needs no engine
+
+    if scenario.fidelity in ("section", "auto"):  # their models take longer than a trial may
+        scenario = replace(scenario, fidelity="lumped", auto=None)
+    for _ in islice(build_simulation(scenario).steps(), TICKS + 1):
+        pass
+
+
+def _wrong_refusal(error: InputError) -> str:
+    """Return what is wrong with how an input is refused; empty if nothing is."""
+    text = str(error)
+    if not isinstance(error, ScenarioError) or not error.path:
+        return "no path: "
+    if "\n" in text or not all(letter.isprintable() for letter in text):
+        return "not one printable line: "
+    return f"{len(text)} characters: " if len(text) > LONGEST_REFUSAL else ""
+
+
+@cache
+def _sources() -> tuple[tuple[str, Mapping[str, Any], bool], ...]:
+    """Return (name, table, whether of a robot) of all files; of scenarios also with their robots put in."""
+    found: list[tuple[str, Mapping[str, Any], bool]] = []
+    for name in list_scenarios():
+        path = data_directory() / "scenarios" / f"{name}.toml"
+        table = tomllib.loads(path.read_text(encoding="utf-8"))
+        table["name"] = name
+        full = dict(table, soft_robot=RobotFiles().expand(table["soft_robot"], path.parent, "soft_robot"))
+        found += [(name, table, False), (f"{name}+robot", full, False)]
+    for name in list_soft_robots():
+        found.append((name, tomllib.loads(soft_robot_path(name).read_text(encoding="utf-8")), True))
+    return tuple(found)
