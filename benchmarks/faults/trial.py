@@ -24,7 +24,7 @@ from cosim.scenario.schema import Scenario
 TICKS = 3
 LONGEST_REFUSAL = 1500
 Level = Literal["load", "build"]
-Kind = Literal["completed", "refused", "unsolved", "finding"]
+Kind = Literal["completed", "refused when loaded", "refused when built", "unsolved", "finding"]
 
 
 @final
@@ -37,12 +37,14 @@ class Case:
         changes: in words.
         text: of the file.
         robot: whether it is that of a soft robot, not a scenario.
+        other_mode: whether it is loaded in the quasistatic mode instead of the dynamic one, or the reverse.
     """
 
     source: str
     changes: str
     text: str
     robot: bool
+    other_mode: bool
 
 
 @final
@@ -59,11 +61,12 @@ def case_of(seed: int) -> Case:
     rng = Random(seed)
     name, table, robot = rng.choice(_sources())
     text = toml_text(table)
+    other_mode = rng.random() < 0.3
     if rng.random() < 0.08:
         text, what = broken(text, rng)
-        return Case(name, what, text, robot)
+        return Case(name, what, text, robot, other_mode)
     changed, done = mutated(table, rng)
-    return Case(name, "; ".join(done), toml_text(changed), robot)
+    return Case(name, "; ".join(done), toml_text(changed), robot, other_mode)
 
 
 def try_case(case: Case, level: Level, folder: Path) -> Verdict:
@@ -76,12 +79,16 @@ def try_case(case: Case, level: Level, folder: Path) -> Verdict:
     """
     path = folder / "case.toml"
     path.write_bytes(case.text.encode("utf-8", "surrogatepass"))
+    refused: Kind = "refused when loaded"
     try:
         with contextlib.redirect_stderr(io.StringIO()):
-            _use(path, case.robot, level)
+            scenario = _loaded(path, case)
+            refused = "refused when built"
+            if level == "build":
+                _run(scenario)
     except InputError as error:
         problem = _wrong_refusal(error)
-        return Verdict("finding" if problem else "refused", f"{problem}{type(error).__name__}: {error}")
+        return Verdict("finding" if problem else refused, f"{problem}{type(error).__name__}: {error}")
     except SolverError as error:
         return Verdict("unsolved", f"{type(error).__name__}: {error}")
     except Exception as error:
@@ -91,17 +98,18 @@ def try_case(case: Case, level: Level, folder: Path) -> Verdict:
     return Verdict("completed", "")
 
 
-def _use(path: Path, robot: bool, level: Level) -> None:
-    scenario = load_scenario("ur5e_hexagon_arm", _only_robot(path)) if robot else load_scenario(path)
-    if level == "build":
-        _run(scenario)
-
-
-def _only_robot(path: Path) -> dict[str, Any]:
-    """Return overrides that put a robot into the reference scenario; its own commands may not fit it."""
-    load_soft_robot(path)
-    phase = {"name": "inflate", "duration_s": 0.1, "pressure_Pa": 1e3, "increments": TICKS}
-    return {"soft_robot": str(path), "phase": [phase]}
+def _loaded(path: Path, case: Case) -> Scenario:
+    if case.robot:
+        load_soft_robot(path)
+        # commands of the reference scenario may not fit it
+        phase = {"name": "inflate", "duration_s": 0.1, "pressure_Pa": 1e3, "increments": TICKS}
+        scenario = load_scenario("ur5e_hexagon_arm", {"soft_robot": str(path), "phase": [phase]})
+    else:
+        scenario = load_scenario(path)
+    if not case.other_mode:
+        return scenario
+    mode = "dynamic" if scenario.mode == "quasistatic" else "quasistatic"
+    return load_scenario(scenario, {"mode": mode})
 
 
 def _run(scenario: Scenario) -> None:

@@ -1,0 +1,44 @@
+"""A sample of mutated scenario and robot files: refused with the key's path, solved, or unsolved by name."""
+
+from __future__ import annotations
+
+from itertools import count, islice
+from pathlib import Path
+
+import pytest
+
+from benchmarks.faults.fuzz_files import main
+from benchmarks.faults.trial import Case, Verdict, case_of, try_case
+
+LOADED, BUILT = 300, 8
+
+
+def test_mutated_files_load_or_are_refused_with_a_path(tmp_path: Path) -> None:
+    verdicts = {seed: try_case(case_of(seed), "load", tmp_path) for seed in range(LOADED)}
+    assert {seed: verdict.what for seed, verdict in verdicts.items() if verdict.kind == "finding"} == {}
+    kinds = [verdict.kind for verdict in verdicts.values()]
+    assert kinds.count("refused when loaded") > LOADED / 3
+    assert kinds.count("completed") > LOADED / 30
+
+
+def test_mutated_files_that_load_run_or_are_refused_with_a_path(tmp_path: Path) -> None:
+    loading = (seed for seed in count() if try_case(case_of(seed), "load", tmp_path).kind == "completed")
+    verdicts = {seed: try_case(case_of(seed), "build", tmp_path) for seed in islice(loading, BUILT)}
+    assert {seed: verdict.what for seed, verdict in verdicts.items() if verdict.kind == "finding"} == {}
+    assert "completed" in [verdict.kind for verdict in verdicts.values()]
+
+
+def test_a_seed_means_one_file() -> None:
+    assert case_of(7) == case_of(7) != case_of(8)
+
+
+def test_findings_are_told_and_kept(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def tried(case: Case, level: str, folder: Path) -> Verdict:
+        return Verdict("finding", "traceback here") if case == case_of(2) else Verdict("completed", "")
+
+    monkeypatch.setattr("benchmarks.faults.fuzz_files.try_case", tried)
+    assert main(["--count", "4", "--keep", str(tmp_path / "kept")]) == 1
+    assert capsys.readouterr().out.startswith("seed 2, ")
+    assert (tmp_path / "kept" / "load_2.toml").read_text(encoding="utf-8") == case_of(2).text
