@@ -1,0 +1,187 @@
+"""Do the tests notice small faults? Draws faults from the sources, and runs the tests with one at a time.
+
+    python -m benchmarks.faults.mutants --seed 11 --each 10 --folder mutants
+
+The draw depends on the sources and the seed alone: in each area every kind of fault is equally likely, and
+every place for it as well. A fault is found if a test fails or computes for ever; one that is not found has
+passed every test. The tests that run the faulty function come first, and the first failure ends a run. Needs
+git; takes a minute a fault, and as long as all tests for each that is not found.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import random
+import re
+import subprocess
+import sys
+import time
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from queue import SimpleQueue
+from signal import SIGPROF
+from typing import final
+
+from benchmarks.faults.code_faults import Fault, faults
+from benchmarks.faults.records import TestRecords
+from benchmarks.faults.source_tree import SourceTree
+
+ROOT = Path(__file__).resolve().parents[2]
+AREAS = {
+    "coupling": ("coupling/*.py",),
+    "contact": ("soft/**/*contact*.py", "soft/**/*touch*.py", "soft/film_*.py", "rigid/*contact*.py"),
+    "planning": (
+        "scenario/*plan*.py", "scenario/*reach*.py", "scenario/*path*.py", "scenario/*ramp*.py",
+        "scenario/*shake*.py", "scenario/flange*.py", "soft/tip_*.py",
+    ),
+    "files": (
+        "run_*.py", "loaded_*.py", "whole_*.py", "output_*.py", "checkpoint*.py", "state*.py", "driver*.py",
+    ),
+}  # fmt: skip
+_PYTEST = (sys.executable, "-m", "pytest", "-q", "-p", "benchmarks.faults.records")
+_AT_MOST_S = 7200.0
+_FAILED, _NOTHING_FAILED = (1, 2), 0
+
+
+@final
+@dataclass(frozen=True)
+class Verdict:
+    """What the tests said to a fault.
+
+    Args:
+        found: whether any noticed.
+        by: the first test that did; empty if none, or if the program did not get as far as a test.
+        wall_s: that it took.
+    """
+
+    found: bool
+    by: str
+    wall_s: float
+
+
+def draw(seed: int, each: int, areas: Sequence[str], root: Path = ROOT) -> list[Fault]:
+    """Return faults of each area, drawn at random.
+
+    Args:
+        seed: of the draw.
+        each: faults per area.
+        areas: of `AREAS`.
+        root: of the tree.
+    """
+    drawn = []
+    for area in areas:
+        paths = sorted({path for pattern in AREAS[area] for path in (root / "cosim").glob(pattern)})
+        by_kind: dict[str, list[Fault]] = {}
+        for path in paths:
+            for fault in faults(str(path.relative_to(root)), path.read_bytes()):
+                by_kind.setdefault(fault.kind, []).append(fault)
+        chance = random.Random(f"{seed} {area}")
+        chosen: set[Fault] = set()
+        while len(chosen) < each:
+            here = chance.choice(by_kind[chance.choice(sorted(by_kind))])
+            if here not in chosen:
+                chosen.add(here)
+                drawn.append(here)
+    return drawn
+
+
+def judge(fault: Fault, sound: SourceTree, records: TestRecords, folder: Path) -> Verdict:
+    """Return what the tests say to a fault.
+
+    Args:
+        fault: the fault.
+        sound: the tree without it.
+        records: of the tests in that.
+        folder: for a copy of it.
+    """
+    tree, began = sound.linked(folder), time.monotonic()
+    tree.replace(fault.path, fault.applied((sound.root / fault.path).read_bytes()))
+    first = folder / "first.json"
+    order = {"first": records.order(fault), "cpu_s": records.cpu_s}
+    first.write_text(json.dumps(order), encoding="utf-8")
+    command = (*_PYTEST, "-x", "--tb=no", "--first", str(first), "tests")
+    with (folder / "output.txt").open("w", encoding="utf-8") as output:
+        try:
+            run = subprocess.run(
+                command,
+                cwd=tree.root,
+                env=tree.environment(),
+                stdout=output,
+                stderr=output,
+                timeout=_AT_MOST_S,
+            )
+        except subprocess.TimeoutExpired:
+            return Verdict(True, "time", time.monotonic() - began)
+    said = (folder / "output.txt").read_text(encoding="utf-8")
+    wall_s = time.monotonic() - began
+    if run.returncode == _NOTHING_FAILED:
+        return Verdict(False, "", wall_s)
+    if run.returncode == -SIGPROF:
+        return Verdict(True, "time", wall_s)
+    if run.returncode not in _FAILED and run.returncode > 0:
+        raise RuntimeError(f"pytest ended with {run.returncode}: {said[-2000:]}")
+    failed = re.search(r"^(?:FAILED|ERROR) (\S+)", said, re.MULTILINE)
+    return Verdict(True, failed[1] if failed else f"exit code {run.returncode}", wall_s)
+
+
+def record(folder: Path, repository: Path = ROOT) -> tuple[SourceTree, TestRecords]:
+    """Return the sound tree and what its tests run, kept in a folder from the first time on.
+
+    Args:
+        folder: for them.
+        repository: of which what git tracks is copied.
+
+    Raises:
+        RuntimeError: the tests fail without any fault.
+    """
+    sound, kept = SourceTree(folder / "sound"), folder / "records.json"
+    if not kept.exists():
+        SourceTree.of_repository(repository, sound.folder)
+        command = (*_PYTEST, "--tb=short", "--write-records", str(kept), "tests")
+        if subprocess.run(command, cwd=sound.root, env=sound.environment()).returncode != 0:
+            kept.unlink(missing_ok=True)
+            raise RuntimeError(f"the tests fail in {sound.root}, which holds no fault")
+    return sound, TestRecords.read(kept, sound.root)
+
+
+def main() -> None:
+    """Draw, run and report."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser.add_argument("--seed", type=int, default=11)
+    parser.add_argument("--each", type=int, default=10, help="faults per area")
+    parser.add_argument("--areas", nargs="+", choices=AREAS, default=list(AREAS))
+    parser.add_argument("--folder", type=Path, required=True, help="for trees, records and results")
+    parser.add_argument("--workers", type=int, default=1)
+    options = parser.parse_args()
+    folder: Path = options.folder.resolve()
+    sound, records = record(folder)
+    free: SimpleQueue[Path] = SimpleQueue()
+    for k in range(options.workers):
+        free.put(folder / f"faulty_{k}")
+
+    def one(fault: Fault) -> bool:
+        place = free.get()
+        try:
+            verdict = judge(fault, sound, records, place)
+        finally:
+            free.put(place)
+        lines = fault.difference((sound.root / fault.path).read_bytes())
+        entry = {**asdict(fault), "difference": lines, **asdict(verdict)}
+        with (folder / "results.jsonl").open("a", encoding="utf-8") as results:
+            results.write(json.dumps(entry) + "\n")
+        end = f"found by {verdict.by}" if verdict.found else "NOT FOUND"
+        where = f"{fault.path}:{fault.line} {fault.owner}, {fault.kind}"
+        print("\n".join([f"{where}: {end}, {verdict.wall_s:.0f} s", *lines]), flush=True)
+        return verdict.found
+
+    drawn = draw(options.seed, options.each, options.areas, sound.root)
+    with ThreadPoolExecutor(options.workers) as pool:
+        found = sum(pool.map(one, drawn))
+    print(f"{found} of {len(drawn)} found, seed {options.seed}")
+
+
+if __name__ == "__main__":
+    main()
