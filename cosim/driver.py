@@ -28,6 +28,7 @@ from cosim.stateful import Stateful
 
 if TYPE_CHECKING:
     from cosim.actuation.controller import AnyController
+    from cosim.scenario.choices import Choices
 
 Observe = Callable[[Snapshot], None]
 
@@ -196,12 +197,20 @@ def _begin_files(scenario: Scenario, options: Options, files: RunFiles | None, p
 
 
 def build_simulation(
-    scenario: Scenario, controllers: Mapping[str, AnyController] | None = None
+    scenario: Scenario,
+    controllers: Mapping[str, AnyController] | None = None,
+    before: Choices | None = None,
 ) -> Simulation:
-    """Return the simulation of a checked scenario; loads the engines, which wrong input need not wait for."""
+    """Return the simulation of a checked scenario; loads the engines, which wrong input need not wait for.
+
+    Args:
+        scenario: checked.
+        controllers: of kind "python", by name.
+        before: of the run whose state it goes on from; None for a run from its start.
+    """
     from cosim.scenario.build import build
 
-    return build(scenario, controllers)
+    return build(scenario, controllers, before)
 
 
 def with_fidelity_chosen(scenario: Scenario, tell: Callable[[str], None]) -> Scenario:

@@ -72,11 +72,16 @@ class Simulation:
     ) -> None:
         self.scenario = prepared(load_scenario(scenario, overrides), log, recording=False)
         self._controllers = controllers
-        self._run = build_simulation(self.scenario, controllers)
+        before = start.run.choices if isinstance(start, SavedState) else None
+        self._run = build_simulation(self.scenario, controllers, before)
         if start is None:
             self._snapshot = next(self._run.steps())
-        else:
-            self.restore(start)
+            return
+        saved = _read(start)
+        # what is in a file can be read once something like it has been built
+        if saved.run.choices.contact not in self.stage.modelled:
+            self._run = build_simulation(self.scenario, controllers, saved.run.choices)
+        self.restore(saved)
 
     @property
     def stage(self) -> Stage:
@@ -132,11 +137,7 @@ class Simulation:
         Raises:
             InputError: the file cannot be read, or the state does not fit this scenario.
         """
-        found = read_archive(Path(saved)) if isinstance(saved, str | Path) else saved
-        if isinstance(found, Checkpoint):
-            found = SavedState(found.run, found.summary.last)
-        if not isinstance(found, SavedState):
-            raise InputError(f"{saved}: holds no simulation but a {type(found).__name__}")
+        found = _read(saved)
         self._run.restore_state(found.run)
         self._snapshot = found.snapshot
 
@@ -161,6 +162,20 @@ class Simulation:
     def __reduce__(self) -> tuple[Any, ...]:
         """Return how to make it anew: by its scenario, from its present state."""
         return _restored, (self.scenario, self._controllers, self.save())
+
+
+def _read(saved: SavedState | str | Path) -> SavedState:
+    """Return a saved state, that of a file, or of a run's checkpoint.
+
+    Raises:
+        InputError: the file cannot be read, or holds something else.
+    """
+    found = read_archive(Path(saved)) if isinstance(saved, str | Path) else saved
+    if isinstance(found, Checkpoint):
+        found = SavedState(found.run, found.summary.last)
+    if not isinstance(found, SavedState):
+        raise InputError(f"{saved}: holds no simulation but a {type(found).__name__}")
+    return found
 
 
 def _restored(

@@ -80,6 +80,7 @@ class Interface:
     ) -> None:
         self.scene, self.soft, self.contact = scene, soft, contact
         self.body_mass = BodyMass(contact, soft, scene.tick_s) if contact is not None else None
+        self._untouched = self._contacts()
         self.wrench = wrench
         self.handed = Handed.of(wrench, scene.flange_pose.translation, NOTHING, 0.0)
         self.touched: ContactReport = NOTHING_TOUCHED
@@ -121,25 +122,30 @@ class Interface:
 
     def save_state(self) -> InterfaceState:
         """Return what the next exchange depends on besides the states of scene and soft side."""
-        contact = None if self.contact is None else self.contact.save_state()
-        mass = None if self.body_mass is None else self.body_mass.save_state()
+        contact, mass = self._contacts()
         return InterfaceState(self.wrench, self.handed, self.touched, self.ratio, self.ticks, contact, mass)
 
     def restore_state(self, state: InterfaceState) -> None:
         """Return to a state of `save_state`; scene and soft side have been restored before.
 
+        Contact that has not been modelled before begins untouched.
+
         Raises:
-            InputError: contact is modelled in the one and not in the other.
+            InputError: contact is modelled in the state only.
         """
-        if (self.contact is None) is not (state.contact is None):
-            where = "the saved state" if self.contact is None else "this run"
-            raise InputError(f"contact is modelled in {where} only")
+        if self.contact is None and state.contact is not None:
+            raise InputError("contact is modelled in the saved state only")
         self.wrench, self.handed, self.touched = state.wrench, state.handed, state.touched
         self.ratio, self.ticks = state.ratio, state.ticks
-        if self.contact is not None and state.contact is not None:
-            self.contact.restore_state(state.contact)
-        if self.body_mass is not None and state.body_mass is not None:
-            self.body_mass.restore_state(state.body_mass)
+        contact, mass = (state.contact, state.body_mass) if state.contact else self._untouched
+        if self.contact is not None and contact is not None:
+            self.contact.restore_state(contact)
+        if self.body_mass is not None and mass is not None:
+            self.body_mass.restore_state(mass)
+
+    def _contacts(self) -> tuple[ContactState | None, BodyMassState | None]:
+        contact = None if self.contact is None else self.contact.save_state()
+        return contact, None if self.body_mass is None else self.body_mass.save_state()
 
     def advance_soft(self, loads: Loads, aim: StepAim | None = None) -> SoftReply:
         """Take the soft step to the flange's present pose, with the contacts that are there.

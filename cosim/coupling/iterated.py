@@ -95,6 +95,11 @@ class IteratedCoupling(Coupling):
     def restore_state(self, state: IteratedState) -> None:
         self.interface.restore_state(state.interface)
         self._history, self._left_over, self._inverse = state.history, state.left_over, state.inverse
+        bodies = len(self._vector.bodies)
+        if len(state.left_over) != 1 + bodies:  # contact begins: bodies bear nothing yet
+            self._history, self._inverse = (), None
+            self._left_over = np.zeros((1 + bodies, 6))
+            self._left_over[0] = state.left_over[0]
 
     def _expected(self, last: Array) -> Array:
         """Return loads (n,) that go on as they have come."""

@@ -32,7 +32,7 @@ from cosim.rigid.stability import raise_instability, silence_warning_file
 from cosim.rigid.state import RigidState
 from cosim.rigid.statics import droop
 
-_STATE = mujoco.mjtState.mjSTATE_INTEGRATION
+_STATE, _ALIKE = mujoco.mjtState.mjSTATE_INTEGRATION, "bodies and joints must be as many"
 
 
 @final
@@ -309,7 +309,7 @@ class RigidScene:
         """
         size = mujoco.mj_stateSize(self._model, _STATE)
         if len(state.integration) != size:
-            raise InputError(f"the saved scene has {len(state.integration)} numbers, this one {size}")
+            raise InputError(f"the saved scene has {len(state.integration)} numbers, here {size}: {_ALIKE}")
         self._warnings[:] = 0
         self.bodies.loaded = state.loaded
         self.bodies.carried.bodies, self.bodies.carried.inertia = state.carrying, state.carried

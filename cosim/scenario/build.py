@@ -15,13 +15,14 @@ from cosim.errors import ScenarioError, SceneError, SolverError
 from cosim.frames import Array
 from cosim.scenario.actuation import Actuation
 from cosim.scenario.carrier import Carrier, HeldBase
+from cosim.scenario.choices import CONTACT, Choices
 from cosim.scenario.decision import Decision
 from cosim.scenario.device_report import device_names, device_report
 from cosim.scenario.dynamic import DynamicSimulation
 from cosim.scenario.fidelity import fidelity_report, soft_sides
 from cosim.scenario.film_rules import film_report
 from cosim.scenario.gas_rules import gas_report
-from cosim.scenario.modelled import CONTACT, contact_decision, decisions
+from cosim.scenario.modelled import contact_decision, decisions
 from cosim.scenario.parts import Parts
 from cosim.scenario.plan import JointPlanner, Plan, make_plan
 from cosim.scenario.quasistatic import QuasistaticSimulation
@@ -38,20 +39,25 @@ _Arranged: TypeAlias = tuple[Plan, Carrier, tuple[Decision, ...]]
 
 
 def build(
-    scenario: Scenario, controllers: Mapping[str, AnyController] | None = None
+    scenario: Scenario,
+    controllers: Mapping[str, AnyController] | None = None,
+    before: Choices | None = None,
 ) -> DynamicSimulation | QuasistaticSimulation:
     """Return the simulation of a scenario, planned and ready to step.
 
     Args:
         scenario: checked by `load_scenario`.
         controllers: of kind "python", by name.
+        before: of the run whose state it goes on from; None for a run from its start.
 
     Raises:
         InputError: a pose or target cannot be reached, a mesh is degenerate, a controller is missing.
     """
     trial, soft = soft_sides(scenario)
     actuation = Actuation(scenario, soft.body, controllers)
-    plan, carrier, modelled = (_held_base if scenario.robot == NO_ARM else _arm)(scenario, trial, soft)
+    plan, carrier, modelled = (_held_base if scenario.robot == NO_ARM else _arm)(
+        scenario, trial, soft, before
+    )
     parts = Parts(scenario, plan, carrier, soft, actuation)
     if scenario.mode == "quasistatic":
         ticks = sum(phase.increments for phase in scenario.phases)
@@ -61,14 +67,14 @@ def build(
     return DynamicSimulation(parts, _stage(parts, modelled, ticks, scenario.clock.tick_s))
 
 
-def _held_base(scenario: Scenario, trial: SoftSide, soft: SoftSide) -> _Arranged:
+def _held_base(scenario: Scenario, trial: SoftSide, soft: SoftSide, _before: Choices | None) -> _Arranged:
     plan = _plan(scenario, HeldBase.plan, trial)
     contact = Decision(CONTACT, False, "there is nothing to touch", "robot")
     modelled = decisions(scenario, soft.body, plan, contact, None)
     return plan, HeldBase(soft, plan.start, scenario.clock.tick_s), modelled
 
 
-def _arm(scenario: Scenario, trial: SoftSide, soft: SoftSide) -> _Arranged:
+def _arm(scenario: Scenario, trial: SoftSide, soft: SoftSide, before: Choices | None) -> _Arranged:
     # imported here: a scene without an arm waits for neither engine
     from cosim.kinematics.arm import Arm
     from cosim.rigid.description import SceneDescription
@@ -94,6 +100,8 @@ def _arm(scenario: Scenario, trial: SoftSide, soft: SoftSide) -> _Arranged:
     except SceneError as error:
         raise ScenarioError(_body_key(scenario, error.body), str(error)) from error
     contact = contact_decision(scenario, soft.body, plan, arm, scene)
+    if before is not None:
+        contact = before.keep(contact)
     law = _contact_law(scenario) if contact.included else None
     mounted = None if palm is None else palm_mass(palm)
     carrier = ArmCarrier(

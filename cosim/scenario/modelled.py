@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from cosim.scenario.choices import CONTACT, CONTACT_ENABLED, ONLY_IN_REACH
 from cosim.scenario.decision import Decision
 from cosim.scenario.film_rules import film_report
 from cosim.scenario.gas_rules import gas_rules
@@ -19,7 +20,6 @@ if TYPE_CHECKING:
     from cosim.kinematics.arm import Arm
     from cosim.rigid.scene import RigidScene
 
-CONTACT = "contact with the scene"
 _TOUCHED_AT_REST = ("section", "lumped", "refined")  # models whose equilibria take in contact
 _SLOW = 0.01  # share of gravity below which accelerations are negligible
 
@@ -34,14 +34,14 @@ def contact_decision(scenario: Scenario, body: SoftBody, plan: Plan, arm: Arm, s
         arm: kinematics.
         scene: at its start.
     """
-    what, switch = CONTACT, "contact.enabled"
+    what, switch = CONTACT, CONTACT_ENABLED
     if not scenario.contact.enabled:
         return Decision(what, False, "switched off", switch)
     if scenario.mode == "quasistatic" and scenario.fidelity not in _TOUCHED_AT_REST:
         reason = f"in the quasistatic mode the {scenario.fidelity} model knows none"
         return Decision(what, False, reason, "fidelity")
     if not scenario.contact.only_in_reach:
-        return Decision(what, True, "asked for, whatever is in reach", "contact.only_in_reach")
+        return Decision(what, True, "asked for, whatever is in reach", ONLY_IN_REACH)
     open_question = _unknown_reach(scenario)
     if open_question:
         return Decision(what, True, open_question, switch)
@@ -51,7 +51,7 @@ def contact_decision(scenario: Scenario, body: SoftBody, plan: Plan, arm: Arm, s
     if bodies:
         return Decision(what, True, f"the film reaches {reach:.2f} m, as far as {', '.join(bodies)}", switch)
     reason = f"nothing is within the film's reach of {reach:.2f} m around the flange's way"
-    return Decision(what, False, reason, "contact.only_in_reach")
+    return Decision(what, False, reason, ONLY_IN_REACH)
 
 
 def _unknown_reach(scenario: Scenario) -> str:

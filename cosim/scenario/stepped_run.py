@@ -14,6 +14,7 @@ from cosim.errors import InputError
 from cosim.frames import Pose
 from cosim.scenario.actuation import ActuationState
 from cosim.scenario.chamber_gas import ChamberGas, ChamberGasState
+from cosim.scenario.choices import CONTACT, Choices
 from cosim.scenario.parts import Parts
 from cosim.scenario.plan import PhasePlan, Plan
 from cosim.scenario.snapshot import Snapshot, Stage
@@ -55,6 +56,7 @@ class RunState:
         gas: in the chamber.
         devices: of pumps, winches and controllers.
         own: of the mode of the run.
+        choices: what the kind of this state follows from.
     """
 
     cursor: Cursor
@@ -63,6 +65,7 @@ class RunState:
     gas: ChamberGasState
     devices: ActuationState
     own: Any
+    choices: Choices
 
 
 class SteppedRun(ABC):
@@ -76,6 +79,8 @@ class SteppedRun(ABC):
 
     def __init__(self, parts: Parts, stage: Stage, counts: Sequence[int]) -> None:
         self._parts, self.stage, self._counts = parts, stage, tuple(counts)
+        contact = next(decision for decision in stage.modelled if decision.what == CONTACT)
+        self.choices = Choices.of(parts.scenario, contact)
         self._gas = ChamberGas(parts.scenario.gas)
         self._cursor: Cursor | None = None
         self._waiting: deque[Snapshot] = deque()
@@ -141,7 +146,7 @@ class SteppedRun(ABC):
         parts = self._parts
         return RunState(
             self._cursor, parts.soft.save_state(), parts.carrier.save_state(), self._gas.save_state(),
-            parts.actuation.save_state(), self._save_own(),
+            parts.actuation.save_state(), self._save_own(), self.choices,
         )  # fmt: skip
 
     def restore_state(self, state: RunState) -> None:
@@ -150,6 +155,7 @@ class SteppedRun(ABC):
         Raises:
             InputError: the state does not fit.
         """
+        state.choices.check(self.choices)
         cursor, counts = state.cursor, self._counts
         if cursor.phase >= len(counts) or cursor.done > counts[cursor.phase]:
             raise InputError(

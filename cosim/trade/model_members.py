@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, Final
 
-from cosim.scenario.modelled import CONTACT
+from cosim.scenario.choices import CONTACT
 from cosim.scenario.schema import NO_ARM, Scenario
 from cosim.trade.member import Member
 
