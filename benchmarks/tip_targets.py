@@ -36,6 +36,7 @@ from cosim.soft.body import Loads
 from cosim.soft.center_line import center_line_length, hole_rings
 from cosim.soft.dynamics import StepOptions
 from cosim.soft.equilibrium import Equilibrium
+from cosim.soft.flange_search import find_flange_pose
 from cosim.soft.newton import NewtonOptions
 from cosim.soft.sensitivity import TipFrame
 
@@ -122,7 +123,7 @@ class Bench:
         """Return the figures of one target."""
         begin = self.at_start(target.tension_N)
         wanted = search.TipTarget(np.array(target.position), np.array(target.direction))
-        found = search.find_flange_pose(self.soft.equilibrium_solver, begin, wanted)
+        found = find_flange_pose(self.soft.equilibrium_solver, begin, wanted)
         rigid = self.walked(begin, self._rigid_guess(begin, target))
         rigid_m, rigid_rad = wanted.distance(TipFrame.of(self.soft.body, rigid.state.positions))
         figures = Figures(

@@ -16,6 +16,7 @@ from cosim.coupling.mass import MassProperties
 from cosim.coupling.soft_side import SoftReply, SoftSide
 from cosim.errors import ConvergenceError, InputError
 from cosim.frames import Array, IntArray, Mask, Pose
+from cosim.soft import flange_search, tension_search
 from cosim.soft.body import Loads
 from cosim.soft.contact import ContactPlanes
 from cosim.soft.contact_surface import ContactSurface
@@ -40,7 +41,7 @@ from cosim.soft.section.stepping import (
 )
 from cosim.soft.state import SoftState
 from cosim.soft.system import SoftSystem
-from cosim.soft.tip_target import TipTarget, find_flange_pose, find_tensions
+from cosim.soft.tip_target import TipTarget
 
 _HALVINGS_MAX = 5
 
@@ -215,11 +216,11 @@ class SectionArm(SoftSide):
 
     def find_tensions(self, begin: Equilibrium, target: TipTarget) -> Equilibrium:
         """Return the equilibrium whose cable tensions bring the tip to a target; the flange stays."""
-        return find_tensions(self, begin, target).equilibrium
+        return tension_search.find_tensions(self, begin, target).equilibrium
 
     def find_flange_pose(self, begin: Equilibrium, target: TipTarget) -> Equilibrium:
         """Return the equilibrium whose flange pose brings the tip to a target; the loads stay."""
-        return find_flange_pose(self, begin, target).equilibrium
+        return flange_search.find_flange_pose(self, begin, target).equilibrium
 
     def settle(self, found: Equilibrium) -> None:
         """Take over an equilibrium as the present state."""

@@ -13,6 +13,7 @@ from cosim.coupling.shape_reader import MeshReader
 from cosim.coupling.soft_side import SoftReply, SoftSide
 from cosim.errors import ConvergenceError, InputError
 from cosim.frames import Array, IntArray, Mask, Pose
+from cosim.soft import flange_search, tension_search
 from cosim.soft.body import Loads, SoftBody
 from cosim.soft.contact import ContactPlanes
 from cosim.soft.contact_surface import ContactSurface
@@ -24,7 +25,7 @@ from cosim.soft.self_contact import FilmContactLaw, SelfContact
 from cosim.soft.state import Clamp, SoftState
 from cosim.soft.step_error import pieces_after, step_error
 from cosim.soft.system import SoftSystem
-from cosim.soft.tip_target import TipTarget, find_flange_pose, find_tensions
+from cosim.soft.tip_target import TipTarget
 
 _HALVINGS_MAX = 5
 
@@ -205,17 +206,16 @@ class SoftArm(SoftSide):
         self, begin: _Drive, end: _Drive, step_s: float, pieces: int, aim: StepAim | None
     ) -> tuple[int, float]:
         """Take a step in equal pieces; return the Newton iterations and the largest error of a piece [m]."""
-        length, spent, worst, here = step_s / pieces, 0, 0.0, begin
+        length, here, spent, worst = step_s / pieces, begin, 0, 0.0
         if length != self._piece_s:
             self.state, self._piece_s = replace(self.state, earlier=None), length
         part = None if aim is None else StepAim(aim.tolerance_N)
         for k in range(1, pieces + 1):
             share, before = k / pieces, self.state
             flange = pose_within(self._flange_before, begin[0], end[0], share)
-            there = (flange, begin[1].interpolated(end[1], share))
-            spent += self._step(here, there, length, _HALVINGS_MAX, part)
+            here, last = (flange, begin[1].interpolated(end[1], share)), here
+            spent += self._step(last, here, length, _HALVINGS_MAX, part)
             worst = max(worst, step_error(self._dynamics.integrator, before, self.state, length))
-            here = there
         return spent, worst
 
     def _step(
@@ -257,11 +257,11 @@ class SoftArm(SoftSide):
 
     def find_tensions(self, begin: Equilibrium, target: TipTarget) -> Equilibrium:
         """Return the equilibrium whose cable tensions bring the tip to a target; the flange stays."""
-        return find_tensions(self.equilibrium_solver, begin, target).equilibrium
+        return tension_search.find_tensions(self.equilibrium_solver, begin, target).equilibrium
 
     def find_flange_pose(self, begin: Equilibrium, target: TipTarget) -> Equilibrium:
         """Return the equilibrium whose flange pose brings the tip to a target; the loads stay."""
-        return find_flange_pose(self.equilibrium_solver, begin, target).equilibrium
+        return flange_search.find_flange_pose(self.equilibrium_solver, begin, target).equilibrium
 
     def settle(self, found: Equilibrium) -> None:
         """Take over an equilibrium as the present state."""

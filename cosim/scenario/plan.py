@@ -13,8 +13,8 @@ from typing import TypeAlias, final
 import numpy as np
 
 from cosim.coupling.soft_side import SoftSide
-from cosim.errors import InputError, ScenarioError, SolverError, UnreachableError
-from cosim.frames import Array, IntArray, Mask, Pose, rotation_from_vector
+from cosim.errors import ScenarioError, SolverError, UnreachableError
+from cosim.frames import Array, IntArray, Mask, Pose
 from cosim.scenario.chamber_gas import ChamberGas
 from cosim.scenario.flange import FlangeWay, pose_of
 from cosim.scenario.gas_rules import GasRule, gas_rules
@@ -24,15 +24,11 @@ from cosim.scenario.per_chamber import PerChamber, as_load, values_after
 from cosim.scenario.phase_schema import Phase, Start, TipTarget
 from cosim.scenario.schema import Scenario
 from cosim.scenario.shake import Shake
-from cosim.soft import tip_target as soft_target
+from cosim.scenario.target_motion import reach, walk
 from cosim.soft.body import Loads, SoftBody
-from cosim.soft.center_line import center_line_length, hole_rings
 from cosim.soft.equilibrium import Equilibrium
 from cosim.soft.gas_chamber import gas_chambers, of_each
 
-# A static path is cut finer than the joint path only where loads change much: these pieces suffice
-# for the branch to be the one that a slow motion follows.
-_LOAD_PIECES = 4
 _LEAK_PIECES = 8
 
 
@@ -253,12 +249,8 @@ def _solve_phase(
     try:
         if phase.tip_target is None:
             way = _way(here.world_from_flange, phase)
-            return way, _walk(soft, here, way, loads)
-        still = _walk(soft, here, FlangeWay.to(here.world_from_flange, here.world_from_flange), loads)
-        wanted = _reach(soft, still, phase.tip_target)
-        way = FlangeWay.to(here.world_from_flange, wanted.world_from_flange)
-        # the state at the end must be the one that this motion leads to, not the one the search ended in
-        return way, _walk(soft, here, way, wanted.loads)
+            return way, walk(soft, here, way, loads)
+        return reach(soft, here, loads, phase.tip_target)
     except (UnreachableError, SolverError) as error:
         raise ScenarioError(_flange_key(phase), f"the static plan fails: {error}") from error
 
@@ -279,39 +271,3 @@ def _way(here: Pose, phase: Phase) -> FlangeWay:
         return FlangeWay.to(here, pose_of(phase.flange))
     shift = None if phase.flange_shift_m is None else np.array(phase.flange_shift_m)
     return FlangeWay.relative(here, phase.flange_turn, shift, Shake.of(phase))
-
-
-def _walk(soft: SoftSide, begin: Equilibrium, way: FlangeWay, loads: Loads) -> Equilibrium:
-    count = max(way.pieces, _LOAD_PIECES if loads is not begin.loads else 0)
-    here = begin
-    for k in range(1, count + 1):
-        load = begin.loads.interpolated(loads, k / count)
-        here = soft.follow(here, way.at(k / count), load)
-    return here
-
-
-def _reach(soft: SoftSide, here: Equilibrium, target: TipTarget) -> Equilibrium:
-    wanted = soft_target.TipTarget(
-        position=None if target.position_m is None else np.array(target.position_m),
-        direction=None if target.direction is None else np.array(target.direction),
-        height=target.height_m,
-    )
-    if target.reach_with == "cables":
-        return soft.find_tensions(here, wanted)
-    if target.reach_with == "flange":
-        return soft.find_flange_pose(here, wanted)
-    guess = _rigid_guess(soft.body, here, wanted)
-    return _walk(soft, here, FlangeWay.to(here.world_from_flange, guess), here.loads)
-
-
-def _rigid_guess(body: SoftBody, here: Equilibrium, target: soft_target.TipTarget) -> Pose:
-    """Return the flange pose that would meet the target if the arm were straight along the flange's axis."""
-    if target.position is None:
-        raise InputError("a target without position_m needs reach_with = 'cables'")
-    rotation = here.world_from_flange.rotation
-    axis = rotation[:, 2]
-    if target.direction is not None:
-        turn = soft_target.shortest_turn(axis, target.direction)
-        rotation = rotation_from_vector(turn) @ rotation
-        axis = rotation[:, 2]
-    return Pose(rotation, target.position - center_line_length(hole_rings(body), here.state.positions) * axis)

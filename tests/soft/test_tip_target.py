@@ -8,8 +8,10 @@ import pytest
 from cosim.errors import UnreachableError
 from cosim.frames import Pose, rotation_from_vector
 from cosim.soft.equilibrium import Equilibrium
+from cosim.soft.flange_search import find_flange_pose
 from cosim.soft.sensitivity import TipFrame
-from cosim.soft.tip_target import TargetOptions, TipTarget, find_flange_pose, find_tensions, shortest_turn
+from cosim.soft.tension_search import find_tensions
+from cosim.soft.tip_target import TargetOptions, TipTarget, shortest_turn
 from tests.soft.bodies import HANGING, Held, PRESSURE_Pa, held, hexagon_arm, hung, no_load
 
 UNITS = 5
@@ -113,7 +115,7 @@ def test_tensions_for_a_height_and_for_a_point(arm: Held, begin: Equilibrium) ->
 def test_what_no_tension_reaches_is_named_with_the_closest(arm: Held, begin: Equilibrium) -> None:
     tip = TipFrame.of(arm.body, begin.state.positions)
     away = TipTarget(position=tip.position - 0.05 * np.array([0.0, 0.0, 1.0]))  # cables cannot push
-    with pytest.raises(UnreachableError, match="no cable tension found") as caught:
+    with pytest.raises(UnreachableError, match="no cable tensions of 0 to 100 N found") as caught:
         find_tensions(arm.equilibrium, begin, away, TargetOptions(iterations_max=5))
     closest = caught.value.closest
     assert closest.position_error_m == pytest.approx(0.05, abs=0.005)
