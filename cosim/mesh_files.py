@@ -123,7 +123,9 @@ def _obj_corners(text: str) -> Array:
     """Return the corners (m, 3, 3) of an OBJ file; faces with more corners become fans."""
     lines = [line.split() for line in text.splitlines()]
     vertices = _points([line[1:4] for line in lines if line[:1] == ["v"]])
-    triangles = [t for line in lines if line[:1] == ["f"] for t in _fan(line[1:], len(vertices))]
+    before = np.cumsum([line[:1] == ["v"] for line in lines])
+    faces = [(line[1:], int(count)) for line, count in zip(lines, before, strict=True) if line[:1] == ["f"]]
+    triangles = [t for words, count in faces for t in _fan(words, count, len(vertices))]
     return np.asarray(vertices[np.array(triangles, dtype=np.int64)]) if triangles else np.zeros((0, 3, 3))
 
 
@@ -135,10 +137,10 @@ def _points(words: list[list[str]]) -> Array:
     return np.array([[float(word) for word in point] for point in words]).reshape(-1, 3)
 
 
-def _fan(words: list[str], count: int) -> Iterator[tuple[int, int, int]]:
-    """Yield the triangles of one face; OBJ counts from 1, and backwards with negative numbers."""
+def _fan(words: list[str], before: int, count: int) -> Iterator[tuple[int, int, int]]:
+    """Yield the triangles of one face; OBJ counts from 1, and with negative numbers back from the face."""
     numbers = [int(word.split("/")[0]) for word in words]
-    places = [number - 1 if number > 0 else count + number for number in numbers]
+    places = [number - 1 if number > 0 else before + number for number in numbers]
     for number, place in zip(numbers, places, strict=True):
         if not 0 <= place < count:
             raise ValueError(f"a face names vertex {number}; there are {count}")

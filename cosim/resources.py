@@ -91,4 +91,4 @@ def _find(kind: str, name_or_path: str | Path, folder: str, names: tuple[str, ..
     if path.suffix == ".toml" and is_file(path):
         return path
     hint = "" if path.suffix == ".toml" else ", or give the path of a .toml file"
-    raise InputError(f"no {kind} '{name_or_path}'; there are: {', '.join(names) or 'none'}{hint}")
+    raise InputError(f"no {kind} {str(name_or_path)!r}; there are: {', '.join(names) or 'none'}{hint}")

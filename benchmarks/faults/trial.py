@@ -24,7 +24,7 @@ from cosim.scenario.schema import Scenario
 TICKS = 3
 LONGEST_REFUSAL = 1500
 Level = Literal["load", "build"]
-Kind = Literal["completed", "refused when loaded", "refused when built", "unsolved", "finding"]
+Kind = Literal["completed", "refused when loaded", "refused when built", "unsolved", "slow", "finding"]
 
 
 @final
@@ -67,6 +67,12 @@ def case_of(seed: int) -> Case:
         return Case(name, what, text, robot, other_mode)
     changed, done = mutated(table, rng)
     return Case(name, "; ".join(done), toml_text(changed), robot, other_mode)
+
+
+def unchanged(scenario: str) -> Case:
+    """Return the file of a scenario as it is."""
+    table = next(table for name, table, _ in _sources() if name == scenario)
+    return Case(scenario, "none", toml_text(table), robot=False, other_mode=False)
 
 
 def try_case(case: Case, level: Level, folder: Path) -> Verdict:

@@ -9,7 +9,8 @@ from cosim.coupling.frozen_body import FrozenBody
 from cosim.coupling.section_arm import SectionArm
 from cosim.coupling.soft_arm import SoftArm
 from cosim.coupling.soft_side import SoftSide
-from cosim.errors import MeshError, ScenarioError
+from cosim.errors import ScenarioError
+from cosim.scenario.blame import blamed_on
 from cosim.scenario.calibration import refined_model
 from cosim.scenario.film_rules import film_law
 from cosim.scenario.flange import pose_of
@@ -56,10 +57,8 @@ def fidelity_body(scenario: Scenario) -> SoftBody:
     Raises:
         ScenarioError: the geometry gives degenerate triangles.
     """
-    try:
+    with blamed_on("soft_robot.chamber"):
         return build_soft_body(*_described(scenario))
-    except MeshError as error:
-        raise ScenarioError("soft_robot.chamber", str(error)) from error
 
 
 def _described(scenario: Scenario) -> tuple[SoftRobot, ChamberModel]:

@@ -47,5 +47,5 @@ def _found(entry: Solid, folder: Path, path: str) -> Solid:
         return entry
     raise ScenarioError(
         f"{path}.file",
-        f"'{entry.file}' is neither beside the scenario nor one of cosim's: {', '.join(known) or 'none'}",
+        f"{entry.file!r} is neither beside the scenario nor one of cosim's: {', '.join(known) or 'none'}",
     )

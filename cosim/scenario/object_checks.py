@@ -15,6 +15,7 @@ from cosim.scenario.wire_schema import Wire
 
 SMALLEST_MESH_m: Final = 1e-6
 LARGEST_MESH_m: Final = 100.0
+LEAST_INERTIA_kg_m2: Final = 1e-15  # that MuJoCo takes
 _SIZE_ENTRIES: Final = {"box": 3, "sphere": 1, "cylinder": 2, "capsule": 2, "ellipsoid": 3, "mesh": 0}
 
 
@@ -74,6 +75,13 @@ def _check_wire(wire: Wire, names: tuple[str, ...], path: str) -> None:
         raise ScenarioError(
             f"{path}.segments",
             f"{wire.segments} segments of {length:.3g} m are not longer than thick; fewer than {most} are",
+        )
+    least = LEAST_INERTIA_kg_m2 / (0.4 * wire.radius_m**2) * wire.segments
+    if wire.mass_kg <= least:
+        raise ScenarioError(
+            f"{path}.mass_kg",
+            f"{wire.mass_kg:g} is too light for {wire.segments} segments that thin, which would spin without "
+            f"inertia; must be above {least:.3g}",
         )
 
 

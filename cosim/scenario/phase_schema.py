@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 from typing import Annotated, Literal, final
 
 from cosim.scenario.constraints import (
+    Bounds,
     Count,
     Direction,
     Length,
@@ -42,7 +43,7 @@ class FlangeTurn:
     """Right-handed rotation about the flange's origin, world axis, from where the phase starts."""
 
     axis: Direction
-    angle_rad: float
+    angle_rad: Annotated[float, Bounds(at_least=-100.0, at_most=100.0)]
 
 
 @final

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 import tomllib
 from collections.abc import Mapping
 from pathlib import Path
@@ -40,8 +41,11 @@ def read_table(path: Path) -> dict[str, Any]:
         raise ScenarioError(str(path), f"is not UTF-8 text: byte {error.start}") from error
     except RecursionError:
         raise ScenarioError(str(path), f"is nested too deeply; at most {DEEPEST} levels are read") from None
-    except ValueError as error:  # of TOML, or a whole number of thousands of digits
+    except tomllib.TOMLDecodeError as error:
         raise ScenarioError(str(path), f"is not TOML: {error}") from error
+    except ValueError as error:
+        most = sys.get_int_max_str_digits()
+        raise ScenarioError(str(path), f"holds a whole number of more than {most} digits") from error
     check_values(table)
     return table
 

@@ -9,6 +9,7 @@ from cosim.rigid.description import SceneObject
 from cosim.rigid.geometry import Geometry
 from cosim.rigid.joint import Joint
 from cosim.rigid.wire import Wire
+from cosim.scenario.blame import blamed_on
 from cosim.scenario.mesh_lookup import mesh_path
 from cosim.scenario.object_schema import Part
 from cosim.scenario.object_schema import SceneObject as SceneObjectSchema
@@ -17,25 +18,27 @@ from cosim.scenario.wire_schema import Wire as WireSchema
 
 def rigid_object(entry: SceneObjectSchema) -> SceneObject:
     """Return a scenario's object for the rigid scene."""
-    return SceneObject(
-        name=entry.name,
-        shape=entry.shape,
-        size_m=entry.size_m,
-        position_m=entry.position_m,
-        quaternion=entry.quaternion,
-        mass_kg=entry.mass_kg or 0.0,
-        rgba=entry.rgba,
-        friction=entry.friction,
-        mesh=_mesh(entry),
-        convex=entry.convex,
-        parts=tuple(_geometry(part, entry) for part in entry.parts),
-        joint=_joint(entry),
-    )
+    with blamed_on(f"object.{entry.name}"):
+        return SceneObject(
+            name=entry.name,
+            shape=entry.shape,
+            size_m=entry.size_m,
+            position_m=entry.position_m,
+            quaternion=entry.quaternion,
+            mass_kg=entry.mass_kg or 0.0,
+            rgba=entry.rgba,
+            friction=entry.friction,
+            mesh=_mesh(entry),
+            convex=entry.convex,
+            parts=tuple(_geometry(part, entry) for part in entry.parts),
+            joint=_joint(entry),
+        )
 
 
 def rigid_wire(entry: WireSchema) -> Wire:
     """Return a scenario's wire for the rigid scene."""
-    return Wire(**{field.name: getattr(entry, field.name) for field in fields(entry)})
+    with blamed_on(f"wire.{entry.name}"):
+        return Wire(**{field.name: getattr(entry, field.name) for field in fields(entry)})
 
 
 def _joint(entry: SceneObjectSchema) -> Joint | None:

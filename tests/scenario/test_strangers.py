@@ -12,6 +12,8 @@ import pytest
 
 from cosim.cli.main import main
 from cosim.cli.screen import printable
+from cosim.driver import build_simulation
+from cosim.errors import ScenarioError
 from cosim.scenario.loading import load_scenario
 
 SHORT = """# Question: what does a short run do with this?
@@ -36,8 +38,14 @@ cable_tension_N = [1.0, 1.0]
 ROBOT = 'soft_robot = "hexagon_arm"'
 FINEST = "chamber = { units = 200, sides = 64, refine = 4, taper = 1.0 }"
 MESH = '\n[[object]]\nname = "m"\nshape = "mesh"\nposition_m = [0.5, 0.0, 0.5]\nfile = "m.obj"\n'
-BALL = '\n[[object]]\nname = "ball"\nshape = "sphere"\nposition_m = [0.5, 0.0, 0.5]\n'
+WIRE = '[[wire]]\nname = "w"\npoints_m = [[0, 1, 1], [0, 2, 1]]\nradius_m = 1e-4\nsegments = 500\n'
 
+CORNERS = "v 1 0 0\nv 0 1 0\nv 0 0 1\nv 0 0 0\n"
+FACES = "f 1 2 3\nf 1 4 2\nf 2 4 3\nf 3 4 1\n"
+PIECES = "".join(
+    f"v {k} 0 0\nv {k}.1 0 0\nv {k} 0.1 0\nv {k} 0 0.1\nf -2 -3 -4\nf -1 -4 -3\nf -1 -3 -2\nf -1 -2 -4\n"
+    for k in range(600)
+)
 # what is replaced, by what, the path that the refusal names, and a word of it
 REPLACED = {
     "tick of nothing": ("tick_s = 0.002", "tick_s = 1e-300", "clock.tick_s", "at least 1e-06"),
@@ -49,7 +57,12 @@ REPLACED = {
         "phase.inflate.increments",
         "at most 1e+06",
     ),
-    "number of 5,000 digits": ("schema = 1", "schema = 1" + "0" * 5000, "scenario.toml", "4300 digits"),
+    "number of 5,000 digits": (
+        "schema = 1",
+        "schema = 1" + "0" * 5000,
+        "scenario.toml",
+        "more than 4300 digits",
+    ),
     "number of 20,000 bits": ("schema = 1", "schema = 0x" + "f" * 5000, "schema", "20000 bits"),
     "the same for a length": (
         "[0.02,",
@@ -106,6 +119,19 @@ REPLACED = {
     "list for a robot": (ROBOT, "soft_robot = [true]", "soft_robot", "expected a table"),
     "not a number for a robot": (ROBOT, "soft_robot = nan", "soft_robot", "expected a table"),
     "patterns": ('name = "move"', f'name = "move"\nclamp = ["{"*a" * 60}b"]', "phase.move.clamp", "no ring"),
+    "turn without end": (
+        "flange_shift_m = [0.02, 0.0, 0.0]",
+        "flange_turn = { axis = [0.0, 0.0, 1.0], angle_rad = 8e3 }",
+        "phase.move.flange_turn.angle_rad",
+        "at most 100",
+    ),
+    "shaken for hours": (
+        "flange_shift_m = [0.02, 0.0, 0.0]",
+        "flange_shake = { axis = [0, 0, 1], amplitude_m = 0.01, frequency_Hz = 9e3 }\nramp = 'linear'",
+        "phase.move.flange_shake.frequency_Hz",
+        "1800 periods",
+    ),
+    "wire as light as air": ("[clock]", f"{WIRE}mass_kg = 1e-9\n[clock]", "wire.w.mass_kg", "0.000125"),
     "mesh far away": ("[clock]", "[clock]", "object.m.file", "neither beside the scenario"),
 }
 
@@ -132,6 +158,54 @@ def test_a_hostile_value_is_refused_in_one_line(
     assert path in place
     assert word in problem
     assert len(said) < 600
+
+
+MESHES = {
+    "ragged": ("v 0 0 0\nv 1 0\nv 0 1 0\nf 1 2 3", "vertex 2 has 2 coordinates"),
+    "below the first vertex": (
+        CORNERS + "f 1 2 -999999999999999999999",
+        "names vertex -999999999999999999999",
+    ),
+    "as wide as floats go": (CORNERS.replace("1", "1e300") + FACES, "is 1e+300 wide"),
+    "of a point": (CORNERS.replace("1", "1e-300") + FACES, "is 1e-300 wide"),
+    "of 600 pieces": (PIECES, "600 shells"),
+    "no mesh at all": ("root:x:0:0", "holds no triangles"),
+}
+
+
+@pytest.mark.parametrize(("content", "word"), MESHES.values(), ids=MESHES)
+def test_a_hostile_mesh_is_refused_in_one_line(
+    content: str, word: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "m.obj").write_text(content)
+    said = refusal(tmp_path, capsys, SHORT + MESH)
+    assert said.startswith("object.m.file: m.obj: " if "shells" not in word else "object.m.file: ")
+    assert word in said
+
+
+def test_a_scaled_mesh_stays_within_the_scene(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "m.obj").write_text(CORNERS + FACES)
+    said = refusal(tmp_path, capsys, SHORT + MESH + "scale = 1e4\n")
+    assert said.startswith("object.m.scale: 10000 makes the mesh reach")
+
+
+def test_what_the_rigid_engine_refuses_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    ball = (
+        '[[object]]\nname = "{}"\nshape = "sphere"\nposition_m = [0, 0, 0.{}]\nsize_m = [{}]\nmass_kg = 1\n'
+    )
+    text = SHORT + ball.format("good", 5, 1e-2) + ball.format("bad", 6, 1e-8) + ball.format("fair", 7, 1e-2)
+    path = tmp_path / "scenario.toml"
+    path.write_text(text)
+    with pytest.raises(ScenarioError, match=r"^object\.bad: MuJoCo refuses it: .*inertia") as caught:
+        build_simulation(load_scenario(path))
+    assert caught.value.path == "object.bad"
+
+
+def test_a_flange_far_out_of_reach_is_refused_before_its_way_is_followed() -> None:
+    far = {"phase": [{"name": "away", "duration_s": 1.0, "flange_shift_m": [90.0, 0.0, 0.0]}]}
+    with pytest.raises(ScenarioError, match="the arm's reach is") as caught:
+        build_simulation(load_scenario("ur5e_hexagon_arm", far))
+    assert caught.value.path == "phase.away.flange_shift_m"
 
 
 @pytest.mark.parametrize("encoding", ["utf-16", "latin-1"])
