@@ -150,7 +150,7 @@ def _duplicate(table: dict[str, Any], place: Place, rng: Random) -> str:
 
 
 def _nest(table: dict[str, Any], place: Place, rng: Random) -> str:
-    holder, depth = _holder(table, place), rng.choice((1, 2, 30, 200))
+    holder, depth = _holder(table, place), rng.choice((1, 2, 30, 90))
     wrap: Callable[[Any], Any] = rng.choice((lambda inner: [inner], lambda inner: {"x": inner}))
     value = holder[place[-1]]
     for _ in range(depth):
