@@ -52,6 +52,8 @@ def run(
     build = build_simulation if controllers is None else partial(build_simulation, controllers=controllers)
     outcome = execute(checked, build, options, started)
     result = arrays.result(outcome.summary, directory)
+    for line in outcome.summary["warnings"]:
+        log(line)
     if outcome.error is None:
         return result
     interrupted = isinstance(outcome.error, KeyboardInterrupt)

@@ -5,9 +5,10 @@ The reduced text is the one source of the MuJoCo and the Pinocchio model, so bot
 
 from __future__ import annotations
 
+import math
 import sys
 import xml.etree.ElementTree as ElementTree
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from importlib import metadata
 from pathlib import Path
 
@@ -32,6 +33,8 @@ class ArmFile:
         flange_frame: link whose frame is the flange: origin in the mounting face, z out of it.
         joint_names: the moving joints, base to flange.
         home: (joints,) [rad], a configuration far from singularities.
+        acceleration_bound: (joints,) [rad/s^2], not negative, beyond which a motion is reported; joints left
+            out have none.
     """
 
     name: str
@@ -40,6 +43,7 @@ class ArmFile:
     flange_frame: str
     joint_names: tuple[str, ...]
     home: Array
+    acceleration_bound: Array = field(default_factory=lambda: np.zeros(0))
 
     def __post_init__(self) -> None:
         home = np.array(self.home, dtype=np.float64)
@@ -48,8 +52,14 @@ class ArmFile:
                 f"arm {self.name!r} has {len(self.joint_names)} joints {self.joint_names}, "
                 f"but its home has {home.size} angles"
             )
-        home.setflags(write=False)
-        object.__setattr__(self, "home", home)
+        bound = np.full(len(home), np.inf)
+        given = np.asarray(self.acceleration_bound, dtype=np.float64)[: len(bound)]
+        if not (given > 0.0).all():
+            raise InputError(f"arm {self.name!r}: bounds of joint acceleration {given} must be above 0")
+        bound[: len(given)] = given
+        for name, values in (("home", home), ("acceleration_bound", bound)):
+            values.setflags(write=False)
+            object.__setattr__(self, name, values)
 
 
 @dataclass(frozen=True)
@@ -59,18 +69,29 @@ class _Entry:
     path: str
     flange_frame: str
     home: tuple[float, ...]
+    acceleration: tuple[float, ...] = ()
 
 
+_UR_ACCELERATION = (np.deg2rad(800.0),) * 6  # no limit is published; assumed as for the UR5e
 _UR_HOME = (0.0, -0.5 * np.pi, 0.5 * np.pi, -0.5 * np.pi, -0.5 * np.pi, 0.0)
 _OWN_ARMS = {"ur5e": _Entry("ur5e/ur5e.urdf", "tool0", _UR_HOME)}
 _PACKAGED_ARMS = {
-    "ur3": _Entry("ur_description/urdf/ur3_robot.urdf", "tool0", _UR_HOME),
-    "ur5": _Entry("ur_description/urdf/ur5_robot.urdf", "tool0", _UR_HOME),
-    "ur10": _Entry("ur_description/urdf/ur10_robot.urdf", "tool0", _UR_HOME),
+    "ur3": _Entry("ur_description/urdf/ur3_robot.urdf", "tool0", _UR_HOME, _UR_ACCELERATION),
+    "ur5": _Entry("ur_description/urdf/ur5_robot.urdf", "tool0", _UR_HOME, _UR_ACCELERATION),
+    "ur10": _Entry("ur_description/urdf/ur10_robot.urdf", "tool0", _UR_HOME, _UR_ACCELERATION),
     "panda": _Entry(
         "panda_description/urdf/panda.urdf",
         "panda_link8",
         (0.0, -0.25 * np.pi, 0.0, -0.75 * np.pi, 0.0, 0.5 * np.pi, 0.25 * np.pi),
+        (
+            15.0,
+            7.5,
+            10.0,
+            12.5,
+            15.0,
+            20.0,
+            20.0,
+        ),  # the maker's limits, from its manual
     ),
 }
 
@@ -98,7 +119,8 @@ def find_arm(name: str, robots: Path | None = None) -> ArmFile:
         entry, folder, packages = _PACKAGED_ARMS[name], share / _DATA_PACKAGE / "robots", (share,)
     else:
         raise InputError(f"unknown arm {name!r}; there are {', '.join(arm_names())}")
-    return read_arm(folder / entry.path, entry.flange_frame, entry.home, name=name, package_folders=packages)
+    arm = read_arm(folder / entry.path, entry.flange_frame, entry.home, name=name, package_folders=packages)
+    return replace(arm, acceleration_bound=np.array(entry.acceleration)) if entry.acceleration else arm
 
 
 def read_arm(
@@ -111,6 +133,7 @@ def read_arm(
 ) -> ArmFile:
     """Return the arm of a URDF file; only the chain from the root to the flange is kept.
 
+    The bound of a joint's acceleration is the attribute `acceleration` of its `<limit>`, if there is one.
     Hands, fingers and helper frames off the chain are left out: the flange carries the soft robot.
 
     Args:
@@ -132,9 +155,11 @@ def read_arm(
             robot.remove(element)
     for mesh in robot.iter("mesh"):
         mesh.set("filename", str(_resolved(mesh.get("filename", ""), path, package_folders)))
-    moving = tuple(joint.get("name", "") for joint in joints if joint.get("type") in _MOVING)
+    moving = [joint for joint in joints if joint.get("type") in _MOVING]
     text = ElementTree.tostring(robot, encoding="unicode")
-    return ArmFile(name or path.stem, path, text, flange_frame, moving, np.array(home))
+    names = tuple(joint.get("name", "") for joint in moving)
+    bound = np.array([_acceleration_bound(joint, path) for joint in moving])
+    return ArmFile(name or path.stem, path, text, flange_frame, names, np.array(home), bound)
 
 
 def _parsed(path: Path) -> ElementTree.Element:
@@ -169,6 +194,17 @@ def _chain(robot: ElementTree.Element, flange: str, path: Path) -> list[ElementT
 def _link_of(joint: ElementTree.Element, end: str) -> str:
     element = joint.find(end)
     return "" if element is None else element.get("link", "")
+
+
+def _acceleration_bound(joint: ElementTree.Element, path: Path) -> float:
+    """Return the attribute `acceleration` of a joint's limit [rad/s^2]; infinite without one."""
+    limit = joint.find("limit")
+    text = None if limit is None else limit.get("acceleration")
+    try:
+        return math.inf if text is None else float(text)
+    except ValueError:
+        where = f"arm file {path}: joint {joint.get('name')!r}"
+        raise InputError(f"{where}: acceleration {text!r} is no number") from None
 
 
 def _resolved(filename: str, urdf: Path, package_folders: tuple[Path, ...]) -> Path:

@@ -56,6 +56,29 @@ class Progress:
         self._stream.flush()
 
 
+@final
+class PlanWarnings:
+    """Says before a run begins where its plan goes beyond the arm's bounds.
+
+    Args:
+        stream: where to, usually stderr.
+    """
+
+    def __init__(self, stream: TextIO) -> None:
+        self._stream = stream
+
+    def open(self, stage: Stage) -> None:
+        """Say it, one line each."""
+        for line in () if stage.arm is None else stage.arm.warnings():
+            self._stream.write(f"warning: {line}\n")
+
+    def observe(self, snapshot: Snapshot) -> None:
+        """Nothing to do."""
+
+    def close(self) -> None:
+        """Nothing to do."""
+
+
 def progress_line(stage: Stage, snapshot: Snapshot, wall_s: float, first: Snapshot) -> str:
     """Return the text of the progress line after `wall_s` seconds of the loop that began with `first`."""
     share = snapshot.tick / stage.ticks if stage.ticks else 1.0

@@ -10,7 +10,7 @@ from typing import Any, final
 
 from cosim.checkpoint import check_resumable, tick_to_resume
 from cosim.cli.interruption import Interruption
-from cosim.cli.progress import Progress
+from cosim.cli.progress import PlanWarnings, Progress
 from cosim.cli.screen import tell
 from cosim.driver import (
     Options,
@@ -23,6 +23,7 @@ from cosim.driver import (
 from cosim.first_run import prepared
 from cosim.loaded_files import loaded_digests
 from cosim.run_files import SCENARIO, SUMMARY, check_directory, default_directory, recordings
+from cosim.scenario.arm_limits import PLANNED
 from cosim.scenario.loading import load_scenario
 from cosim.scenario.overrides import parse_assignment
 from cosim.scenario.schema import Scenario
@@ -90,7 +91,8 @@ def resume_command(directory: Path, how: RunOptions) -> int:
 def _execute(scenario: Scenario, directory: Path, how: RunOptions, *, resume: bool) -> int:
     scenario = prepared(scenario, _ignore if how.quiet else tell, recording=how.recording)
     with Interruption() as interruption:
-        watchers: list[Watcher] = [interruption] if how.quiet else [interruption, Progress(sys.stderr)]
+        shown: list[Watcher] = [] if how.quiet else [PlanWarnings(sys.stderr), Progress(sys.stderr)]
+        watchers: list[Watcher] = [interruption, *shown]
         make_recorder = rerun_recorder if how.recording else None
         options = Options(
             directory, make_recorder, watchers, interruption.reason, how.checkpoint_every_s, resume
@@ -119,9 +121,13 @@ def _report(outcome: Outcome, directory: Path, interruption: Interruption, *, qu
 
 def _closing_lines(summary: dict[str, Any], directory: Path) -> str:
     factor = summary["real_time_factor"] or 0.0
+    warnings = summary["warnings"]
+    many = f", with {len(warnings)} warning{'s'[: len(warnings) > 1]}" if warnings else ""
     lines = [
-        f"{summary['status']}: {summary['simulated_s']:.2f} s simulated in {summary['wall_s']:.2f} s "
+        f"{summary['status']}{many}: {summary['simulated_s']:.2f} s simulated in {summary['wall_s']:.2f} s "
         f"(x{factor:.2f} real time), {summary['newton_iterations']} Newton iterations",
+        # those of the plan have been shown before the run
+        *(f"warning: {line}" for line in warnings if not line.startswith(PLANNED)),
         f"figures:   {directory / SUMMARY}",
     ]
     written = recordings(directory)

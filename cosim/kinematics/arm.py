@@ -43,7 +43,7 @@ class Arm:
 
     Attributes: `name`; `joint_names`; `home` (joints,) [rad]; `lower` and `upper` (joints,), the joint
     limits [rad]; `turns_fully` (joints,), whether a joint can reach every direction; `joint_damping`
-    (joints,), viscous friction from the arm's file [N m s/rad].
+    (joints,), viscous friction from the arm's file [N m s/rad]; `acceleration_bound` (joints,) [rad/s^2].
 
     Args:
         arm: the arm to read.
@@ -73,6 +73,7 @@ class Arm:
         self.name = arm.name
         self.joint_names = arm.joint_names
         self.home = arm.home
+        self.acceleration_bound = arm.acceleration_bound
         self._model = model
         self._data = model.createData()
         self.lower = _read_only(model.lowerPositionLimit)

@@ -24,6 +24,7 @@ from cosim.rigid.contact_query import ContactQuery
 from cosim.rigid.description import SceneDescription
 from cosim.rigid.flange import Flange
 from cosim.rigid.layout import ArmLayout, effort_limit
+from cosim.rigid.link_contacts import LinkContacts
 from cosim.rigid.mobility import mobility
 from cosim.rigid.model import compile_model
 from cosim.rigid.native import NativeScene, native_scene
@@ -71,6 +72,7 @@ class RigidScene:
         self._step_damping = self._tick_s * self._model.dof_damping
         self._step_damping[self._v] += self._tick_s * self.servo_damping
         self.bodies = Bodies(self._model, self._data)
+        self.links = LinkContacts(self._model, self._data, layout)
         self.set_joint_state(description.arm.home)
         self.set_control(description.arm.home)
 
@@ -261,11 +263,10 @@ class RigidScene:
         Of the flange, then of bodies (b,) if given; M with armature, but without what `set_added_armature`
         adds; h the tick, D of servos and joints.
         """
-        mount = np.array([self._layout.mount])
-        all_bodies = mount if bodies is None else np.append(mount, bodies)
         diagonal = self._step_damping.copy()
         diagonal[self._v] -= self._model.dof_armature[self._v] - self._armature
-        return mobility(self._model, self._data, all_bodies, diagonal)
+        asked = np.append(self._layout.mount, np.zeros(0, np.int64) if bodies is None else bodies)
+        return mobility(self._model, self._data, asked, diagonal)
 
     def static_configuration(
         self, reference: Array, feedforward: Array | None = None, wrench: Wrench | None = None
@@ -294,9 +295,8 @@ class RigidScene:
         """Return a copy of the whole state, from which `restore_state` repeats steps bit for bit."""
         integration = np.empty(mujoco.mj_stateSize(self._model, _STATE))
         mujoco.mj_getState(self._model, self._data, integration, _STATE)
-        armature = np.array(self._model.dof_armature)
-        acceleration, load = np.array(self._data.qacc), self.flange.measured
-        carried = self.bodies.carried
+        armature, acceleration = np.array(self._model.dof_armature), np.array(self._data.qacc)
+        load, carried = self.flange.measured, self.bodies.carried
         return RigidState(
             integration, armature, acceleration, load, self.bodies.loaded, carried.bodies, carried.inertia
         )

@@ -21,6 +21,7 @@ from cosim.errors import InputError
 from cosim.frames import Array, Pose, Twist, Wrench
 from cosim.kinematics.arm import Arm, Payload
 from cosim.kinematics.inertial_parameters import COUNT, inertial_parameters
+from cosim.rigid.link_contacts import LinkContact
 from cosim.rigid.scene import RigidScene
 from cosim.rigid.state import RigidState
 from cosim.scenario.carrier import Carrier
@@ -151,6 +152,13 @@ class ArmCarrier(Carrier):
             return False
         scene.set_joint_state(joints)
         return True
+
+    def link_contacts(self, *, among_links: bool) -> tuple[LinkContact, ...]:
+        scene = self._scene
+        return scene.links.at(scene.joint_position) if among_links else scene.links.with_objects()
+
+    def link_contacts_in(self, joints: Array, places: Array, quaternions: Array) -> tuple[LinkContact, ...]:
+        return self._scene.links.at(joints, places, quaternions)
 
     def obstacles(self) -> Obstacles | None:
         scene, law = self._scene, self._contact_law

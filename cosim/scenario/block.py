@@ -15,6 +15,7 @@ from cosim.scenario.tick_columns import TickColumns
 
 if TYPE_CHECKING:
     from cosim.coupling.shape_reader import ShapeFigures
+    from cosim.rigid.link_contacts import LinkContact
 
 READ_AT_ONCE: Final = 64
 """Snapshots that observers gather before they read them: more cost no less each, fine meshes are large."""
@@ -162,6 +163,15 @@ class Block:
     tip_target = _rows(
         lambda c: np.broadcast_to(_or_nowhere(c.tip_target), (len(c), 3)), lambda s: _or_nowhere(s.tip_target)
     )
+
+    @property
+    def link_contacts(self) -> list[tuple[int, tuple[LinkContact, ...]]]:
+        """Rows in which links of the arm touch something, and what they touch."""
+        found, begin = [], 0
+        for piece in self.pieces:
+            found += [(begin + k, contacts) for k, contacts in piece.link_contacts]
+            begin += len(piece)
+        return found
 
     @cached_property
     def flange_quaternion(self) -> Array:

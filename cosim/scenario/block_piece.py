@@ -15,6 +15,7 @@ from cosim.scenario.tick_columns import TickColumns
 
 if TYPE_CHECKING:
     from cosim.coupling.shape_reader import Rows, ShapeFigures, ShapeReader
+    from cosim.rigid.link_contacts import LinkContact
 
 
 @final
@@ -39,6 +40,13 @@ class BlockPiece:
         if found[-1] - found[0] == len(found) - 1:
             return slice(found[0], found[-1] + 1)
         return np.array(found, dtype=np.int64)
+
+    @property
+    def link_contacts(self) -> list[tuple[int, tuple[LinkContact, ...]]]:
+        """Snapshots in which links of the arm touch something, by their place, and what they touch."""
+        if self.columns is not None and not self.columns.link_contacts:
+            return []
+        return [(k, s.link_contacts) for k, s in enumerate(self.snapshots) if s.link_contacts]
 
     @cached_property
     def figures(self) -> ShapeFigures | None:

@@ -14,6 +14,7 @@ from cosim.coupling.soft_side import SoftSide
 from cosim.errors import ScenarioError, SceneError, SolverError
 from cosim.frames import Array
 from cosim.scenario.actuation import Actuation
+from cosim.scenario.arm_plan import PlannedArm, checked_start, drawn_payload, planned_arm
 from cosim.scenario.carrier import Carrier, HeldBase
 from cosim.scenario.choices import CONTACT, Choices
 from cosim.scenario.decision import Decision
@@ -35,7 +36,7 @@ from cosim.soft.contact import ContactLaw
 from cosim.soft.energy_share import hinge_energy_share
 from cosim.soft.gas_chamber import gas_chambers
 
-_Arranged: TypeAlias = tuple[Plan, Carrier, tuple[Decision, ...]]
+_Arranged: TypeAlias = tuple[Plan, Carrier, tuple[Decision, ...], PlannedArm | None]
 
 
 def build(
@@ -55,23 +56,23 @@ def build(
     """
     trial, soft = soft_sides(scenario)
     actuation = Actuation(scenario, soft.body, controllers)
-    plan, carrier, modelled = (_held_base if scenario.robot == NO_ARM else _arm)(
+    plan, carrier, modelled, planned = (_held_base if scenario.robot == NO_ARM else _arm)(
         scenario, trial, soft, before
     )
     parts = Parts(scenario, plan, carrier, soft, actuation)
     if scenario.mode == "quasistatic":
         ticks = sum(phase.increments for phase in scenario.phases)
         duration = sum(phase.duration_s + phase.settle_s for phase in scenario.phases)
-        return QuasistaticSimulation(parts, _stage(parts, modelled, ticks, duration / ticks))
+        return QuasistaticSimulation(parts, _stage(parts, modelled, planned, ticks, duration / ticks))
     ticks = sum(parts.ticks(phase) for phase in scenario.phases)
-    return DynamicSimulation(parts, _stage(parts, modelled, ticks, scenario.clock.tick_s))
+    return DynamicSimulation(parts, _stage(parts, modelled, planned, ticks, scenario.clock.tick_s))
 
 
 def _held_base(scenario: Scenario, trial: SoftSide, soft: SoftSide, _before: Choices | None) -> _Arranged:
     plan = _plan(scenario, HeldBase.plan, trial)
     contact = Decision(CONTACT, False, "there is nothing to touch", "robot")
     modelled = decisions(scenario, soft.body, plan, contact, None)
-    return plan, HeldBase(soft, plan.start, scenario.clock.tick_s), modelled
+    return plan, HeldBase(soft, plan.start, scenario.clock.tick_s), modelled, None
 
 
 def _arm(scenario: Scenario, trial: SoftSide, soft: SoftSide, before: Choices | None) -> _Arranged:
@@ -86,7 +87,6 @@ def _arm(scenario: Scenario, trial: SoftSide, soft: SoftSide, before: Choices | 
 
     file, palm = find_arm(scenario.robot), scenario.soft_robot.palm
     arm = Arm(file, gravity=scenario.gravity_m_s2)
-    plan = _plan(scenario, partial(plan_joints, arm), trial)
     description = SceneDescription(
         arm=file,
         tick_s=scenario.clock.tick_s,
@@ -99,16 +99,19 @@ def _arm(scenario: Scenario, trial: SoftSide, soft: SoftSide, before: Choices | 
         scene = RigidScene(description)
     except SceneError as error:
         raise ScenarioError(_body_key(scenario, error.body), str(error)) from error
+    mounted = None if palm is None else palm_mass(palm)
+    payload = drawn_payload(soft.body, mounted)
+    plan = _plan(scenario, checked_start(partial(plan_joints, arm), arm, scene, payload), trial)
     contact = contact_decision(scenario, soft.body, plan, arm, scene)
     if before is not None:
         contact = before.keep(contact)
     law = _contact_law(scenario) if contact.included else None
-    mounted = None if palm is None else palm_mass(palm)
     carrier = ArmCarrier(
         scenario.robot, arm, scene, soft, scenario.payload_compensation, law, mounted, scenario.coupling
     )
     travel = flange_travel(arm, plan, film_reach(soft.body, 0.0))
-    return plan, carrier, decisions(scenario, soft.body, plan, contact, travel)
+    planned = planned_arm(arm, scene, plan, payload, dynamic=scenario.mode == "dynamic")
+    return plan, carrier, decisions(scenario, soft.body, plan, contact, travel), planned
 
 
 def _body_key(scenario: Scenario, body: str | None) -> str:
@@ -130,7 +133,9 @@ def _plan(scenario: Scenario, plan_joints: JointPlanner, trial: SoftSide) -> Pla
         raise ScenarioError("start", f"no equilibrium to start from: {error}") from error
 
 
-def _stage(parts: Parts, modelled: tuple[Decision, ...], ticks: int, tick_s: float) -> Stage:
+def _stage(
+    parts: Parts, modelled: tuple[Decision, ...], planned: PlannedArm | None, ticks: int, tick_s: float
+) -> Stage:
     scenario, carrier, body = parts.scenario, parts.carrier, parts.soft.body
     return Stage(
         scenario=scenario.name,
@@ -155,6 +160,7 @@ def _stage(parts: Parts, modelled: tuple[Decision, ...], ticks: int, tick_s: flo
         modelled=modelled,
         hinge_energy_share=partial(hinge_energy_share, body),
         section_model=section_figures(scenario),
+        arm=planned,
     )
 
 

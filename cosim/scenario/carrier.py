@@ -21,6 +21,7 @@ from cosim.soft.equilibrium import Obstacles
 
 if TYPE_CHECKING:  # a scene without an arm does not wait for MuJoCo
     from cosim.coupling.lockstep import Lockstep, Servos
+    from cosim.rigid.link_contacts import LinkContact
 
 
 class Carrier(ABC):
@@ -120,6 +121,14 @@ class Carrier(ABC):
         Raises:
             InputError: the state does not fit.
         """
+
+    def link_contacts(self, *, among_links: bool) -> tuple[LinkContact, ...]:
+        """Return where links of the arm stand in what is in the scene, or (`among_links`) in one another."""
+        return ()
+
+    def link_contacts_in(self, joints: Array, places: Array, quaternions: Array) -> tuple[LinkContact, ...]:
+        """Return both with the arm at joints (joints,) [rad] and bodies as in `body_poses`."""
+        return ()
 
     def obstacles(self) -> Obstacles | None:
         """Return what an equilibrium of the soft robot may touch; None for nothing."""

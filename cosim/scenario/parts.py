@@ -23,6 +23,8 @@ from cosim.scenario.schema import Scenario
 from cosim.scenario.snapshot import Snapshot
 from cosim.soft.body import Loads
 
+_LOOKED_AFTER_S = 1.0 / 60.0
+
 
 @final
 @quickly_made
@@ -73,10 +75,16 @@ class Parts:
         self.scenario, self.plan = scenario, plan
         self.carrier, self.soft, self.actuation = carrier, soft, actuation
         self._reader = soft.shape_reader()
+        statics = scenario.mode == "quasistatic"
+        self._looked_every = 1 if statics else max(1, round(_LOOKED_AFTER_S / scenario.clock.tick_s))
 
     def ticks(self, phase: Phase) -> int:
         """Return how many ticks of the clock a phase lasts, at least one."""
         return max(1, round((phase.duration_s + phase.settle_s) / self.scenario.clock.tick_s))
+
+    def looks_at_links(self, tick: int) -> bool:
+        """Whether links are searched for that touch at a tick, some 60 times a second, or increment."""
+        return tick % self._looked_every == 0
 
     def work_devices(self, planned: PhasePlan, gas: ChamberGas, time_s: float, share: float) -> None:
         """Let devices act for the tick or increment that begins at a time and ends at a share of the ramp."""
@@ -118,4 +126,5 @@ class Parts:
             ledger=with_film_contacts(ledger, soft.touching),
             tick_wall_s=wall_s,
             devices=devices,
+            link_contacts=carrier.link_contacts(among_links=self.looks_at_links(moment.tick)),
         )

@@ -15,6 +15,10 @@ from cosim.scenario.decision import Decision
 from cosim.scenario.film_shape import FilmShape
 from cosim.scenario.tick_columns import FROM_ROW, TickColumns
 
+if TYPE_CHECKING:  # who only looks at snapshots needs no engine
+    from cosim.rigid.link_contacts import LinkContact
+    from cosim.scenario.arm_plan import PlannedArm
+
 __all__ = ["BodyShape", "LedgerEntry", "Snapshot", "Stage"]
 
 _FROM_FILM = (
@@ -49,6 +53,7 @@ class Stage:
         modelled: what is modelled or left out, and why.
         hinge_energy_share: node positions (n, 3) [m] -> share of the hinges in the elastic energy.
         section_model: error and size of the section model; None where the film itself is modelled.
+        arm: what the plan asks of the arm; None without one.
     """
 
     scenario: str
@@ -73,6 +78,7 @@ class Stage:
     modelled: tuple[Decision, ...] = ()
     hinge_energy_share: Callable[[Array], float] | None = None
     section_model: dict[str, float] | None = None
+    arm: PlannedArm | None = None
 
     def __repr__(self) -> str:
         """Return two lines: what run it is of, and its parts."""
@@ -120,6 +126,7 @@ class Snapshot:
         ledger: what the interface exchanged.
         tick_wall_s: wall time of this tick [s].
         devices: what pumps, winches and controllers do; None in a scenario without.
+        link_contacts: of the arm's links, at ticks at which they are looked at; see `Parts.looks_at_links`.
     """
 
     tick: int
@@ -147,6 +154,7 @@ class Snapshot:
     ledger: LedgerEntry
     tick_wall_s: float
     devices: ActuationReport | None = None
+    link_contacts: tuple[LinkContact, ...] = ()
     kept_shape: FilmShape | None = field(init=False, repr=False, compare=False)
     kept_row: tuple[TickColumns, int] | None = field(default=None, init=False, repr=False, compare=False)
 

@@ -9,6 +9,7 @@ from typing import Any, Final, Literal, final
 
 import numpy as np
 
+from cosim.scenario.arm_figures import ArmFigures, arm_table
 from cosim.scenario.block import Block, read_now
 from cosim.scenario.device_figures import DeviceFigures, DeviceFiguresState
 from cosim.scenario.exchange_figures import ExchangeFigures, largest
@@ -79,6 +80,7 @@ class SummaryBuilder:
         self._max_contact_depth_m = 0.0
         self._max_self_contact_force_N = 0.0
         self._max_self_contact_depth_m = 0.0
+        self._arm = ArmFigures()
         self._devices = None if stage.devices is None else DeviceFigures(stage.devices)
 
     def observe(self, snapshot: Snapshot) -> None:
@@ -101,6 +103,9 @@ class SummaryBuilder:
         self._newton_iterations += iterations
         self._phase_iterations += iterations
         self._exchange = self._exchange.after(block)
+        if self._stage.arm is not None:
+            dynamic = self._stage.mode == "dynamic"
+            self._arm = self._arm.after(block, self._stage.arm.limits, dynamic=dynamic)
         self._max_power_error_W = largest(self._max_power_error_W, np.abs(block.power_error_W))
         for name in _LARGEST:
             here = f"_max_{name}"
@@ -161,9 +166,24 @@ class SummaryBuilder:
             "soft_weight_N": stage.soft_weight_N,
             "section_model": stage.section_model,
             "modelled": [vars(decision) for decision in stage.modelled],
+            "arm": self._arm_section(),
+            "warnings": self._warnings(),
             "phases": self._phases,
         }
         return {key: json_ready(value) for key, value in summary.items()}
+
+    def _arm_section(self) -> dict[str, Any] | None:
+        planned = self._stage.arm
+        if planned is None:
+            return None
+        run = self._arm.figures(planned.limits, self._stage.phase_names)
+        return {"planned": planned.figures(), "run": run}
+
+    def _warnings(self) -> list[str]:
+        planned = self._stage.arm
+        if planned is None:
+            return []
+        return [*planned.warnings(), *self._arm.warnings(planned.limits, self._stage.phase_names)]
 
     def _close_phase(self, *, complete: bool) -> None:
         if self._last is None:
@@ -245,6 +265,8 @@ def summary_markdown(summary: dict[str, Any]) -> str:
         f"- largest residual {_figure(summary['max_equilibrium_residual_N'])} N, "
         f"largest power error {_figure(summary['max_interface_power_error_W'])} W",
         "",
+        *(f"- warning: {line}" for line in summary["warnings"]),
+        *arm_table(summary["arm"]),
         "| phase | end [s] | pressure [kPa] | cables [N] | tip [mm] | sag [mm] | tip error [mm] |",
         "|---|---|---|---|---|---|---|",
     ]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Final, final
@@ -15,6 +15,7 @@ from cosim.scenario.film_shape import FilmShape
 
 if TYPE_CHECKING:  # who only looks at snapshots needs no kernels
     from cosim.coupling.shape_reader import ShapeRows
+    from cosim.rigid.link_contacts import LinkContact
 
 
 @final
@@ -52,6 +53,7 @@ class TickColumns:
         algorithmic_mass: (n,).
         tip_target: (3,) [m] or None, of all.
         tick_wall_s: wall time of each, their mean [s].
+        link_contacts: of the arm's links, by row; rows left out have none.
     """
 
     tick: IntArray
@@ -80,6 +82,7 @@ class TickColumns:
     algorithmic_mass: Mask
     tip_target: Array | None
     tick_wall_s: float
+    link_contacts: Mapping[int, tuple[LinkContact, ...]]
 
     def __len__(self) -> int:
         return len(self.tick)
@@ -153,6 +156,7 @@ FROM_ROW: Final[dict[str, Callable[[TickColumns, int], Any]]] = {
     "tip_target": lambda c, k: c.tip_target,
     "ledger": TickColumns.ledger,
     "tick_wall_s": lambda c, k: c.tick_wall_s,
+    "link_contacts": lambda c, k: c.link_contacts.get(k, ()),
     "kept_shape": TickColumns.film,
 }
 """What a `Snapshot` of a row takes from it when first asked; arrays are its own, so it keeps no others."""

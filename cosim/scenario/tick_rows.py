@@ -22,7 +22,8 @@ from cosim.soft.section.chain_figures import CENTER, WRENCH
 
 if TYPE_CHECKING:  # a scene without an arm does not wait for MuJoCo
     from cosim.coupling.lockstep import Lockstep, Row
-    from cosim.coupling.lockstep_kernel import Commands
+    from cosim.coupling.lockstep_kernel import Commands, Ticks
+    from cosim.rigid.link_contacts import LinkContact
 
 
 @final
@@ -97,6 +98,13 @@ class TickRows:
         self._tension = np.array([load.cable_tension_N for load in self._loads]).reshape(len(shares), -1)
         self._commands = self._lockstep.commands(servos, self._loads)
 
+    def _link_contacts(self, ticks: Ticks, numbers: list[int]) -> dict[int, tuple[LinkContact, ...]]:
+        """Return what the arm's links touch in ticks of the given numbers, by row."""
+        looked = [k for k, tick in enumerate(numbers) if self._parts.looks_at_links(tick)]
+        search = self._parts.carrier.link_contacts_in
+        found = {k: search(ticks.joints[k], ticks.places[k], ticks.quaternions[k]) for k in looked}
+        return {k: contacts for k, contacts in found.items() if contacts}
+
     def _columns(self, row: Row, to: Cursor, place: int, spent_s: float) -> TickColumns:
         """Return what ticks show whose commands begin at a place."""
         n, ticks = row.done, row.ticks
@@ -128,4 +136,5 @@ class TickRows:
             algorithmic_mass=row.algorithmic_mass[:n],
             tip_target=self.references.planned.tip_target,
             tick_wall_s=spent_s,
+            link_contacts=self._link_contacts(ticks, tick.tolist()),
         )

@@ -1,0 +1,68 @@
+"""Links of an arm that stand in objects or in one another."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from cosim.arm_files import arm_names, find_arm
+from cosim.rigid import RigidScene, SceneDescription, SceneObject
+
+ARM = find_arm("ur5e")
+
+
+@pytest.mark.parametrize("name", arm_names())
+def test_at_home_nothing_touches(name: str) -> None:
+    arm = find_arm(name)
+    assert RigidScene(SceneDescription(arm)).links.at(arm.home) == ()
+
+
+def test_a_link_in_an_object_is_named_with_its_depth() -> None:
+    """The forearm, a cylinder of 49 mm radius about its axis, in a plate whose face cuts that axis."""
+    scene = RigidScene(SceneDescription(ARM))
+    names, places = scene.body_names, scene.body_poses()[0]
+    elbow, wrist = places[names.index("forearm_link")], places[names.index("wrist_1_link")]
+    top = float(min(elbow[2], wrist[2])) - 0.02
+    plate = SceneObject("plate", "box", (0.1, 1.0, 0.1), (0.5 * (elbow[0] + wrist[0]), 0.0, top - 0.05))
+    found = RigidScene(SceneDescription(ARM, objects=(plate,))).links.at(ARM.home)
+    assert [(contact.link, contact.other) for contact in found] == [("forearm_link", "plate")]
+    assert 0.01 < found[0].depth_m < 0.06
+    assert not found[0].movable
+
+
+def test_free_objects_are_where_they_are_said_to_be() -> None:
+    ball = SceneObject("ball", "sphere", (0.05,), (1.5, 1.5, 1.0), mass_kg=0.1)
+    scene = RigidScene(SceneDescription(ARM, objects=(ball,)))
+    places, quaternions = scene.body_poses()
+    names = scene.body_names
+    assert scene.links.at(ARM.home, places, quaternions) == ()
+    places[names.index("ball")] = places[names.index("wrist_2_link")]
+    found = {contact.other: contact for contact in scene.links.at(ARM.home, places, quaternions)}
+    assert found["ball"].movable
+    assert scene.links.at(ARM.home) == ()  # nothing has changed
+
+
+def test_a_forearm_folded_onto_the_upper_arm_touches_it_with_its_wrist() -> None:
+    scene = RigidScene(SceneDescription(ARM))
+    folded = np.array([0.0, -0.5 * np.pi, 3.1, 0.0, 0.0, 0.0])
+    pairs = {(contact.link, contact.other) for contact in scene.links.at(folded)}
+    assert any(first == "upper_arm_link" and other.startswith("wrist") for first, other in pairs), pairs
+
+
+def test_objects_on_the_floor_are_no_business_of_the_arm() -> None:
+    cube = SceneObject("cube", "box", (0.1, 0.1, 0.1), (1.0, 0.0, 0.0499), mass_kg=0.1)
+    scene = RigidScene(SceneDescription(ARM, objects=(cube,)))
+    scene.begin_step()
+    assert scene.links.with_objects() == scene.links.at(ARM.home) == ()
+
+
+def test_contacts_of_the_scene_itself_are_read() -> None:
+    ball = SceneObject("ball", "sphere", (0.05,), mass_kg=0.1)
+    places = RigidScene(SceneDescription(ARM)).body_poses()[0]
+    names = RigidScene(SceneDescription(ARM)).body_names
+    wrist = places[names.index("wrist_2_link")]
+    moved = SceneObject("ball", "sphere", (0.05,), tuple(wrist.tolist()), mass_kg=ball.mass_kg)
+    scene = RigidScene(SceneDescription(ARM, objects=(moved,)))
+    live, searched = scene.links.with_objects(), scene.links.at(ARM.home)
+    assert live
+    assert {(c.link, c.other) for c in live} == {(c.link, c.other) for c in searched}
