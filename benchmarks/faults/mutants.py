@@ -4,8 +4,9 @@
 
 The draw depends on the sources and the seed alone: in each area every kind of fault is equally likely, and
 every place for it as well. A fault is found if a test fails or computes for ever; one that is not found has
-passed every test. The tests that run the faulty function come first, and the first failure ends a run. Needs
-git; takes a minute a fault, and as long as all tests for each that is not found.
+passed every test but those that fail without it. The tests that run the faulty function come first, and the
+first failure ends a run. Needs git; takes a minute a fault, and as long as all tests for each that is not
+found.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ from signal import SIGPROF
 from typing import final
 
 from benchmarks.faults.code_faults import Fault, faults
-from benchmarks.faults.records import TestRecords
+from benchmarks.faults.records import Choice, TestRecords
 from benchmarks.faults.source_tree import SourceTree
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -41,9 +42,9 @@ AREAS = {
         "run_*.py", "loaded_*.py", "whole_*.py", "output_*.py", "checkpoint*.py", "state*.py", "driver*.py",
     ),
 }  # fmt: skip
-_PYTEST = (sys.executable, "-m", "pytest", "-q", "-p", "benchmarks.faults.records")
+_PYTEST = (sys.executable, "-m", "pytest", "-q", "-p", "benchmarks.faults.records", "-p", "no:cacheprovider")
 _AT_MOST_S = 7200.0
-_FAILED, _NOTHING_FAILED = (1, 2), 0
+_PASSED, _NOT_COLLECTED = 0, 2
 
 
 @final
@@ -99,51 +100,48 @@ def judge(fault: Fault, sound: SourceTree, records: TestRecords, folder: Path) -
     """
     tree, began = sound.linked(folder), time.monotonic()
     tree.replace(fault.path, fault.applied((sound.root / fault.path).read_bytes()))
-    first = folder / "first.json"
-    order = {"first": records.order(fault), "cpu_s": records.cpu_s}
-    first.write_text(json.dumps(order), encoding="utf-8")
-    command = (*_PYTEST, "-x", "--tb=no", "--first", str(first), "tests")
-    with (folder / "output.txt").open("w", encoding="utf-8") as output:
-        try:
-            run = subprocess.run(
-                command,
-                cwd=tree.root,
-                env=tree.environment(),
-                stdout=output,
-                stderr=output,
-                timeout=_AT_MOST_S,
-            )
-        except subprocess.TimeoutExpired:
-            return Verdict(True, "time", time.monotonic() - began)
-    said = (folder / "output.txt").read_text(encoding="utf-8")
-    wall_s = time.monotonic() - began
-    if run.returncode == _NOTHING_FAILED:
-        return Verdict(False, "", wall_s)
+    near = [test for test in records.order(fault) if test not in records.failed]
+    files = list(dict.fromkeys(test.partition("::")[0] for test in near))
+    by = _first_failure(tree, files, Choice(near, [], records.cpu_s)) if near else ""
+    by = by or _first_failure(tree, ["tests"], Choice(None, [*near, *records.failed], records.cpu_s))
+    return Verdict(bool(by), by, time.monotonic() - began)
+
+
+def _first_failure(tree: SourceTree, paths: list[str], choice: Choice) -> str:
+    """Return the first test that fails; empty for none."""
+    (tree.folder / "choice.json").write_text(json.dumps(asdict(choice)), encoding="utf-8")
+    command = (*_PYTEST, "-x", "--tb=no", f"--choice={tree.folder}/choice.json", *paths)
+    try:
+        run = subprocess.run(
+            command, cwd=tree.root, env=tree.environment(), capture_output=True, text=True, timeout=_AT_MOST_S
+        )
+    except subprocess.TimeoutExpired:
+        return "time"
+    if run.returncode == _PASSED:
+        return ""
     if run.returncode == -SIGPROF:
-        return Verdict(True, "time", wall_s)
-    if run.returncode not in _FAILED and run.returncode > 0:
-        raise RuntimeError(f"pytest ended with {run.returncode}: {said[-2000:]}")
-    failed = re.search(r"^(?:FAILED|ERROR) (\S+)", said, re.MULTILINE)
-    return Verdict(True, failed[1] if failed else f"exit code {run.returncode}", wall_s)
+        return "time"
+    if run.returncode > _NOT_COLLECTED:
+        raise RuntimeError(f"pytest ended with {run.returncode}: {run.stdout[-2000:]} {run.stderr[-2000:]}")
+    failed = re.search(r"^(?:FAILED|ERROR) (\S+)", run.stdout, re.MULTILINE)
+    return failed[1] if failed else f"exit code {run.returncode}"
 
 
-def record(folder: Path, repository: Path = ROOT) -> tuple[SourceTree, TestRecords]:
+def record(folder: Path, repository: Path = ROOT, processes: int = 0) -> tuple[SourceTree, TestRecords]:
     """Return the sound tree and what its tests run, kept in a folder from the first time on.
 
     Args:
         folder: for them.
         repository: of which what git tracks is copied.
-
-    Raises:
-        RuntimeError: the tests fail without any fault.
+        processes: that run the tests; 0 for this one's child alone.
     """
-    sound, kept = SourceTree(folder / "sound"), folder / "records.json"
+    sound, kept = SourceTree(folder / "sound"), folder / "records"
     if not kept.exists():
         SourceTree.of_repository(repository, sound.folder)
-        command = (*_PYTEST, "--tb=short", "--write-records", str(kept), "tests")
-        if subprocess.run(command, cwd=sound.root, env=sound.environment()).returncode != 0:
-            kept.unlink(missing_ok=True)
-            raise RuntimeError(f"the tests fail in {sound.root}, which holds no fault")
+        kept.mkdir()
+        spread = ("-n", str(processes), "--dist", "loadfile") if processes else ()
+        command = (*_PYTEST, *spread, "--tb=short", f"--write-records={kept}", "tests")
+        subprocess.run(command, cwd=sound.root, env=sound.environment())
     return sound, TestRecords.read(kept, sound.root)
 
 
@@ -157,7 +155,9 @@ def main() -> None:
     parser.add_argument("--workers", type=int, default=1)
     options = parser.parse_args()
     folder: Path = options.folder.resolve()
-    sound, records = record(folder)
+    sound, records = record(folder, processes=options.workers)
+    for test in records.failed:
+        print(f"fails without any fault, and is left out: {test}")
     free: SimpleQueue[Path] = SimpleQueue()
     for k in range(options.workers):
         free.put(folder / f"faulty_{k}")

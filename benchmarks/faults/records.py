@@ -1,7 +1,7 @@
 """Which functions of cosim each test runs, and how long it takes; so, which tests may notice a fault.
 
-As a plugin of pytest (`-p benchmarks.faults.records`) it writes these records, `--write-records FILE`, or
-runs the tests in a given order, `--first FILE`. Kernels and numbers leave no trace of their own when they are
+As a plugin of pytest (`-p benchmarks.faults.records`) it writes these records, `--write-records FOLDER`, or
+runs some of the tests only, `--choice FILE`. Kernels and numbers leave no trace of their own when they are
 used: for them the records of the functions that name them count, through other kernels where need be.
 """
 
@@ -36,6 +36,7 @@ class TestRecords:
     Args:
         functions: of each test, as "path:dotted name".
         cpu_s: that each test took.
+        failed: tests that did.
         root: of the tree.
     """
 
@@ -43,12 +44,19 @@ class TestRecords:
 
     functions: dict[str, list[str]]
     cpu_s: dict[str, float]
+    failed: list[str]
     root: Path
 
     @classmethod
-    def read(cls, path: Path, root: Path) -> TestRecords:
-        """Return the records in a file."""
-        return cls(**json.loads(path.read_text(encoding="utf-8")), root=root)
+    def read(cls, folder: Path, root: Path) -> TestRecords:
+        """Return the records in the files of a folder, one of each process that ran tests."""
+        records = cls({}, {}, [], root)
+        for path in sorted(folder.glob("*.json")):
+            part = json.loads(path.read_text(encoding="utf-8"))
+            records.functions.update(part["functions"])
+            records.cpu_s.update(part["cpu_s"])
+            records.failed.extend(part["failed"])
+        return records
 
     def order(self, fault: Fault) -> list[str]:
         """Return the tests that run what a fault is in: of files of its name, then cheap files first."""
@@ -117,6 +125,12 @@ class Recorder:
     root: Path
     functions: dict[str, list[str]] = field(default_factory=dict)
     cpu_s: dict[str, float] = field(default_factory=dict)
+    failed: list[str] = field(default_factory=list)
+
+    def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
+        """Note that a test failed."""
+        if report.failed:
+            self.failed.append(report.nodeid)
 
     @pytest.hookimpl(wrapper=True)
     def pytest_runtest_protocol(self, item: pytest.Item) -> Iterator[None]:
@@ -139,8 +153,10 @@ class Recorder:
             self.functions[item.nodeid] = sorted(names)
 
     def pytest_sessionfinish(self) -> None:
-        """Write the records."""
-        self.path.write_text(json.dumps({"functions": self.functions, "cpu_s": self.cpu_s}), encoding="utf-8")
+        """Write the records, unless other processes ran the tests."""
+        if self.functions:
+            noted = {"functions": self.functions, "cpu_s": self.cpu_s, "failed": self.failed}
+            self.path.write_text(json.dumps(noted), encoding="utf-8")
 
 
 def _dotted(code: CodeType) -> str:
@@ -149,21 +165,26 @@ def _dotted(code: CodeType) -> str:
 
 @final
 @dataclass(frozen=True)
-class Order:
-    """Runs some tests before the others, and none of them for ever.
+class Choice:
+    """Runs some of the tests, and none of them for ever.
 
     Args:
-        first: tests in order, with the CPU time [s] that each of all takes.
-        cpu_s: the same, by test.
+        only: tests to run, in this order; None for all.
+        without: tests not to run.
+        cpu_s: that each takes.
     """
 
-    first: list[str]
+    only: list[str] | None
+    without: list[str]
     cpu_s: dict[str, float]
 
     def pytest_collection_modifyitems(self, items: list[pytest.Item]) -> None:
-        """Sort the tests."""
-        place = {test: k for k, test in enumerate(self.first)}
-        items.sort(key=lambda item: place.get(item.nodeid, len(place)))
+        """Choose the tests."""
+        items[:] = [item for item in items if item.nodeid not in set(self.without)]
+        if self.only is not None:
+            place = {test: k for k, test in enumerate(self.only)}
+            items[:] = [item for item in items if item.nodeid in place]
+            items.sort(key=lambda item: place[item.nodeid])
 
     @pytest.hookimpl(wrapper=True)
     def pytest_runtest_protocol(self, item: pytest.Item) -> Iterator[None]:
@@ -178,12 +199,13 @@ class Order:
 def pytest_addoption(parser: pytest.Parser) -> None:
     """Add the options of this plugin."""
     parser.addoption("--write-records", type=Path)
-    parser.addoption("--first", type=Path)
+    parser.addoption("--choice", type=Path)
 
 
 def pytest_configure(config: pytest.Config) -> None:
     """Do what the options say."""
-    if path := config.getoption("--write-records"):
-        config.pluginmanager.register(Recorder(path, config.rootpath))
-    if path := config.getoption("--first"):
-        config.pluginmanager.register(Order(**json.loads(path.read_text(encoding="utf-8"))))
+    if folder := config.getoption("--write-records"):
+        process = getattr(config, "workerinput", {"workerid": "main"})["workerid"]
+        config.pluginmanager.register(Recorder(folder / f"{process}.json", config.rootpath))
+    if path := config.getoption("--choice"):
+        config.pluginmanager.register(Choice(**json.loads(path.read_text(encoding="utf-8"))))
