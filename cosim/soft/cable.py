@@ -4,6 +4,10 @@ Segment i between eyelets has the length L_i and the tension T_i = T_0 c_i, so t
     energy = sum_i T_i L_i,
     gradient = T_i t_i on its far node and -T_i t_i on its near node, t_i the unit direction,
     hessian = T_i / L_i (1 - t_i t_i^T).
+Eyelets that meet would have no direction left, a tip of the energy's cone on which nothing is in balance. So
+below e = 0.1 mm, a film's thickness, L_i stands for the rounded length
+    l = e (3/8 + 3/4 s^2 - 1/8 s^4),   s = L_i / e,
+which joins L_i with its first two derivatives.
 Equal and opposite pairs: a cable adds no net force or moment. c_i = c^(i+1) with a loss factor c per
 eyelet (segment 0 has passed one eyelet), or exp(-mu x wrap angle) up to the segment (capstan). A cable
 cannot push: negative tensions are refused, zero tension is a slack cable.
@@ -13,7 +17,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import final
+from typing import Final, final
 
 import numpy as np
 
@@ -21,6 +25,9 @@ from cosim.errors import InputError
 from cosim.frames import Array, IntArray
 from cosim.kernels import BLOCKS, INDEX_TABLE, MATRIX, REAL, VECTOR, kernel
 from cosim.soft.blocks import add_block
+
+ROUNDED_m: Final = 1e-4
+"""e: eyelets nearer to each other than this have met."""
 
 
 @kernel(REAL(MATRIX, INDEX_TABLE, VECTOR, INDEX_TABLE, MATRIX, BLOCKS))
@@ -44,16 +51,21 @@ def add_segments(x, segments, tension, slots, force, blocks):  # type: ignore[no
             t[r] = x[b, r] - x[a, r]
             length += t[r] * t[r]
         length = np.sqrt(length)
-        energy += pull * length
+        if length < ROUNDED_m:
+            s = length / ROUNDED_m
+            energy += pull * ROUNDED_m * (0.375 + s * s * (0.75 - 0.125 * s * s))
+            across, along = pull * (1.5 - 0.5 * s * s) / ROUNDED_m, -pull / ROUNDED_m**3
+        else:
+            energy += pull * length
+            across, along = pull / length, -pull / length**3
         for r in range(3):
-            t[r] /= length
-            force[a, r] -= pull * t[r]
-            force[b, r] += pull * t[r]
+            force[a, r] -= across * t[r]
+            force[b, r] += across * t[r]
         if with_hessian:
             for r in range(3):
                 for c in range(3):
-                    k[r, c] = -pull / length * t[r] * t[c]
-                k[r, r] += pull / length
+                    k[r, c] = along * t[r] * t[c]
+                k[r, r] += across
                 for c in range(3):
                     minus[r, c] = -k[r, c]
             add_block(blocks, slots[e, 0], k)
@@ -107,7 +119,7 @@ class Cable:
         ratio = self._frictionless_ratio
         if self.friction_coefficient > 0.0:
             step = np.diff(positions[self.nodes], axis=0)
-            step = step / np.linalg.norm(step, axis=1)[:, None]
+            step = step / np.maximum(np.linalg.norm(step, axis=1), 1e-300)[:, None]
             cosine = np.clip((step[1:] * step[:-1]).sum(axis=1), -1.0, 1.0)
             wrap = np.concatenate([[0.0], np.cumsum(np.arccos(cosine))])
             ratio = ratio * np.exp(-self.friction_coefficient * wrap)
@@ -123,6 +135,8 @@ class Cable:
         return float(self.segment_lengths(positions).sum())
 
     def segment_lengths(self, positions: Array) -> Array:
-        """Return the length of every segment (eyelets - 1,) [m]."""
+        """Return the length of every segment (eyelets - 1,) [m], rounded where eyelets meet."""
         step = np.diff(positions[self.nodes], axis=0)
-        return np.asarray(np.sqrt((step * step).sum(axis=1)))
+        length = np.sqrt((step * step).sum(axis=1))
+        s = length / ROUNDED_m
+        return np.asarray(np.where(s < 1.0, ROUNDED_m * (0.375 + s * s * (0.75 - 0.125 * s * s)), length))

@@ -280,9 +280,10 @@ class NewtonSolver:
             if system.conservative:
                 enough = trial.energy <= point.energy + 1e-4 * factor * slope + rounding
             else:
-                # work of the out-of-balance force along the step (Crisfield's line search)
+                # work of the out-of-balance force along the step (Crisfield's line search), of which a short
+                # step takes little away
                 work = float(np.einsum("nr,nr->", system.gradient, step))
-                enough = math.isfinite(trial.energy) and abs(work) <= 0.9 * abs(slope)
+                enough = math.isfinite(trial.energy) and abs(work) <= (1.0 - 0.1 * factor) * abs(slope)
             if enough or (math.isfinite(trial.energy) and trial.residual < 0.1 * point.residual):
                 return trial
             factor *= 0.5

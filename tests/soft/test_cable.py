@@ -7,7 +7,7 @@ import pytest
 
 from cosim.errors import InputError
 from cosim.frames import Array, IntArray
-from cosim.soft.cable import Cable, add_segments
+from cosim.soft.cable import Cable, ROUNDED_m, add_segments
 from tests.derivatives import RELATIVE, Evaluate, assembled, derivative_errors
 from tests.soft.bodies import hexagon_arm, random_rotation, shapes
 
@@ -120,3 +120,38 @@ def test_length_of_the_route() -> None:
 def test_wrong_cables_are_refused(arguments: tuple[object, ...], text: str) -> None:
     with pytest.raises(InputError, match=text):
         Cable(*arguments)  # type: ignore[arg-type]
+
+
+def at_distance(length: float) -> Array:
+    way = np.array([0.36, -0.48, 0.8])
+    return np.stack([np.array([0.3, 0.0, 0.7]), np.array([0.3, 0.0, 0.7]) + length * way])
+
+
+@pytest.mark.parametrize("share", [0.02, 0.3, 0.9])
+def test_derivatives_where_eyelets_meet(share: float) -> None:
+    evaluate = evaluation(np.array([[0, 1]]), np.array([2.0]), 2)
+    assert max(derivative_errors(evaluate, at_distance(share * ROUNDED_m), 1e-7)) < RELATIVE
+
+
+def test_rounding_joins_the_length_with_two_derivatives() -> None:
+    evaluate, tiny = evaluation(np.array([[0, 1]]), np.array([2.0]), 2), 1e-6 * ROUNDED_m
+    below, above = evaluate(at_distance(ROUNDED_m - tiny)), evaluate(at_distance(ROUNDED_m + tiny))
+    assert above[0] - below[0] == pytest.approx(2.0 * 2.0 * tiny, rel=1e-5)
+    assert below[1] == pytest.approx(above[1], abs=1e-9)
+    # the third derivative is 3 T / e^2: over 2e-6 e a change of 6e-6 T / e
+    assert below[2] == pytest.approx(above[2], abs=1e-5 * 2.0 / ROUNDED_m)
+    cable = Cable(np.array([0, 1]))
+    for share in (0.5, 1.5):
+        assert cable.length(at_distance(share * ROUNDED_m)) == pytest.approx(
+            evaluate(at_distance(share * ROUNDED_m))[0] / 2.0, rel=1e-12
+        )
+
+
+def test_eyelets_that_meet_are_in_balance() -> None:
+    energy, gradient, hessian = evaluation(np.array([[0, 1]]), np.array([2.0]), 2)(at_distance(0.0))
+    assert np.isfinite(energy)
+    assert not gradient.any()
+    assert np.linalg.eigvalsh(hessian[:3, :3]).min() == pytest.approx(1.5 * 2.0 / ROUNDED_m)
+    assert np.isfinite(
+        Cable(np.array([0, 1, 2]), friction_coefficient=0.3).tension_ratio(np.zeros((3, 3)))
+    ).all()
