@@ -93,9 +93,10 @@ def test_a_fault_is_found_by_a_test_that_fails_and_by_nothing_else(repository: P
     # a number leaves no trace of its own: what uses it does
     assert records.order(number) == ["tests/test_area.py::test_area"]
     assert records.order(untested) == []
-    verdict = judge(number, sound, records, tmp_path / "faulty")
+    verdict = judge(number, sound, records, tmp_path / "faulty", near=True)
     assert (verdict.found, verdict.by) == (True, "tests/test_area.py::test_area")
-    assert not judge(untested, sound, records, tmp_path / "faulty").found
+    assert not judge(untested, sound, records, tmp_path / "faulty", near=True).found
+    assert not judge(untested, sound, records, tmp_path / "faulty", near=False).found
     assert (sound.root / "cosim/sides.py").read_bytes() == source
 
 

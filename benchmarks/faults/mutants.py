@@ -21,13 +21,14 @@ import time
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
 from queue import SimpleQueue
 from signal import SIGPROF
 from typing import final
 
 from benchmarks.faults.code_faults import Fault, faults
-from benchmarks.faults.records import Choice, TestRecords
+from benchmarks.faults.records import Choice, TestRecords, file_of
 from benchmarks.faults.source_tree import SourceTree
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -89,21 +90,24 @@ def draw(seed: int, each: int, areas: Sequence[str], root: Path = ROOT) -> list[
     return drawn
 
 
-def judge(fault: Fault, sound: SourceTree, records: TestRecords, folder: Path) -> Verdict:
-    """Return what the tests say to a fault.
+def judge(fault: Fault, sound: SourceTree, records: TestRecords, folder: Path, *, near: bool) -> Verdict:
+    """Return what tests say to a fault.
 
     Args:
         fault: the fault.
         sound: the tree without it.
         records: of the tests in that.
         folder: for a copy of it.
+        near: whether by the tests that run what it is in, or by all others.
     """
     tree, began = sound.linked(folder), time.monotonic()
     tree.replace(fault.path, fault.applied((sound.root / fault.path).read_bytes()))
-    near = [test for test in records.order(fault) if test not in records.failed]
-    files = list(dict.fromkeys(test.partition("::")[0] for test in near))
-    by = _first_failure(tree, files, Choice(near, [], records.cpu_s)) if near else ""
-    by = by or _first_failure(tree, ["tests"], Choice(None, [*near, *records.failed], records.cpu_s))
+    running = [test for test in records.order(fault) if test not in records.failed]
+    if near:
+        paths, choice = list(dict.fromkeys(map(file_of, running))), Choice(running, [], records.cpu_s)
+    else:
+        paths, choice = ["tests"], Choice(None, [*running, *records.failed], records.cpu_s)
+    by = _first_failure(tree, paths, choice) if paths else ""
     return Verdict(bool(by), by, time.monotonic() - began)
 
 
@@ -162,25 +166,27 @@ def main() -> None:
     for k in range(options.workers):
         free.put(folder / f"faulty_{k}")
 
-    def one(fault: Fault) -> bool:
+    def found(fault: Fault, near: bool) -> bool:
         place = free.get()
-        try:
-            verdict = judge(fault, sound, records, place)
-        finally:
-            free.put(place)
+        verdict = judge(fault, sound, records, place, near=near)
+        free.put(place)
         lines = fault.difference((sound.root / fault.path).read_bytes())
-        entry = {**asdict(fault), "difference": lines, **asdict(verdict)}
+        entry = {**asdict(fault), "difference": lines, "near": near, **asdict(verdict)}
         with (folder / "results.jsonl").open("a", encoding="utf-8") as results:
             results.write(json.dumps(entry) + "\n")
-        end = f"found by {verdict.by}" if verdict.found else "NOT FOUND"
+        tests = "the tests that run it" if near else "any test"
+        end = f"found by {verdict.by}" if verdict.found else f"NOT FOUND by {tests}"
         where = f"{fault.path}:{fault.line} {fault.owner}, {fault.kind}"
         print("\n".join([f"{where}: {end}, {verdict.wall_s:.0f} s", *lines]), flush=True)
         return verdict.found
 
     drawn = draw(options.seed, options.each, options.areas, sound.root)
-    with ThreadPoolExecutor(options.workers) as pool:
-        found = sum(pool.map(one, drawn))
-    print(f"{found} of {len(drawn)} found, seed {options.seed}")
+    left = drawn
+    for near in (True, False):
+        with ThreadPoolExecutor(options.workers) as pool:
+            verdicts = pool.map(partial(found, near=near), left)
+            left = [fault for fault, noticed in zip(left, verdicts, strict=True) if not noticed]
+    print(f"{len(drawn) - len(left)} of {len(drawn)} found, seed {options.seed}")
 
 
 if __name__ == "__main__":

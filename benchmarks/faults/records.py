@@ -64,10 +64,10 @@ class TestRecords:
         found = [test for test, functions in self.functions.items() if not wanted.isdisjoint(functions)]
         costs: dict[str, float] = {}
         for test in found:
-            costs[_file(test)] = costs.get(_file(test), 0.0) + self.cpu_s[test]
+            costs[file_of(test)] = costs.get(file_of(test), 0.0) + self.cpu_s[test]
         named = f"/test_{Path(fault.path).stem}.py"
         return sorted(
-            found, key=lambda test: (not _file(test).endswith(named), costs[_file(test)], _file(test))
+            found, key=lambda test: (not file_of(test).endswith(named), costs[file_of(test)], file_of(test))
         )
 
     def _traces(self, fault: Fault) -> set[str]:
@@ -107,7 +107,8 @@ def _owners(node: ast.AST, within: str) -> Iterator[tuple[str, ast.AST]]:
             yield from ((target.id, part) for target in targets if isinstance(target, ast.Name))
 
 
-def _file(test: str) -> str:
+def file_of(test: str) -> str:
+    """Return the file of a test."""
     return test.partition("::")[0]
 
 
