@@ -16,7 +16,7 @@ All of them can be pickled. What ends `cosim.run` or `Simulation.step` early car
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Self
 
 if TYPE_CHECKING:
     from cosim.result import RunResult
@@ -69,6 +69,11 @@ class UnreachableError(InputError):
 
 class SolverError(CosimError):
     """The physics could not be solved."""
+
+    def at(self, where: str) -> Self:
+        """Put before the message where it has happened, or what was tried; return the error."""
+        self.args = (f"{where}: {self}", *self.args[1:])
+        return self
 
 
 class ConvergenceError(SolverError):

@@ -177,7 +177,7 @@ class SectionArm(SoftSide):
             self._last = self._stepper.step(here.chain, self.clamp, *end, step_s, here.pressure_Pa, aim)
         except ConvergenceError as error:
             if halvings == 0:
-                raise
+                raise error.at(f"even in steps of {1e3 * step_s:.3g} ms") from None
             middle = (begin[0].interpolated(end[0], 0.5), begin[1].interpolated(end[1], 0.5))
             self._look_no_further_back()
             part = None if aim is None else StepAim(aim.tolerance_N)

@@ -227,7 +227,7 @@ class SoftArm(SoftSide):
             self.state, result = self._stepper.step(self.state, flange, loads, step_s, begin[0], aim)
         except ConvergenceError as error:
             if halvings == 0:
-                raise
+                raise error.at(f"even in steps of {1e3 * step_s:.3g} ms") from None
             middle = (begin[0].interpolated(flange, 0.5), begin[1].interpolated(loads, 0.5))
             # a two-step integrator cannot look back over a change of step
             self.state = replace(self.state, earlier=None)

@@ -22,10 +22,11 @@ def raise_instability(data: mujoco.MjData) -> Never:
         InstabilityError: the state is no longer finite, or a mass matrix is singular.
     """
     kind = int(np.flatnonzero(data.warning.number)[0])
+    moving = data.time > 0.0  # statics take no steps
+    advice = "Use a shorter tick_s, or check" if moving else "Check"
     raise InstabilityError(
-        f"the rigid scene became unstable at {data.time:.4f} s: "
-        f"{mujoco.mju_warningText(kind, data.warning.lastinfo[kind])} Use a shorter tick_s, or check masses "
-        "and loads."
+        f"the rigid scene became unstable{f' at {data.time:.4f} s' if moving else ''}: "
+        f"{mujoco.mju_warningText(kind, data.warning.lastinfo[kind])} {advice} masses and loads."
     )
 
 

@@ -14,6 +14,7 @@ from cosim.errors import InputError
 from cosim.frames import Array, Twist
 from cosim.scenario.parts import Moment, Parts
 from cosim.scenario.plan import PhasePlan, start_equilibrium
+from cosim.scenario.ramp import progress
 from cosim.scenario.snapshot import Snapshot, Stage
 from cosim.scenario.stepped_run import Cursor, SteppedRun
 from cosim.scenario.tick_references import TickReferences
@@ -96,6 +97,11 @@ class DynamicSimulation(SteppedRun):
             carrier.joint_velocity, carrier.joint_torque, carrier.touched,
         )  # fmt: skip
         return parts.snapshot(moment, ledger, time.perf_counter() - began)
+
+    def _step_of(self, planned: PhasePlan, to: Cursor) -> tuple[str, float]:
+        time_s, tick_s = Clock(self.stage.tick_s, to.tick).time_s, self.stage.tick_s
+        share = progress(planned.phase.ramp, to.done * tick_s, planned.phase.duration_s).value
+        return f"tick {to.tick} ({time_s:g} s)", share
 
     def _save_own(self) -> None:
         return None

@@ -85,6 +85,10 @@ class QuasistaticSimulation(SteppedRun):
         motion = _mean_motion(parts, before, here, joints, span)
         return [self._snapshot(to, began_s + to.done * span, reference, motion, spent, began)]
 
+    def _step_of(self, planned: PhasePlan, to: Cursor) -> tuple[str, float]:
+        count = planned.phase.increments
+        return f"increment {to.done} of {count}", to.done / count
+
     def _save_own(self) -> QuasistaticState:
         assert self._here is not None, "the run has begun"
         return QuasistaticState(self._here, self._earlier)

@@ -10,7 +10,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, final
 
-from cosim.errors import InputError
+from cosim.errors import InputError, SolverError
 from cosim.frames import Pose
 from cosim.scenario.actuation import ActuationState
 from cosim.scenario.chamber_gas import ChamberGas, ChamberGasState
@@ -18,6 +18,7 @@ from cosim.scenario.choices import CONTACT, Choices
 from cosim.scenario.parts import Parts
 from cosim.scenario.plan import PhasePlan, Plan
 from cosim.scenario.snapshot import Snapshot, Stage
+from cosim.scenario.whereabouts import whereabouts
 
 
 @final
@@ -112,7 +113,10 @@ class SteppedRun(ABC):
         wanted = sys.maxsize if most is None else most
         if self._cursor is None and wanted:
             began = time.perf_counter()
-            first = self._start(began)
+            try:
+                first = self._start(began)
+            except SolverError as error:
+                raise error.at("at the start") from error.__cause__
             self._cursor, wanted = Cursor(), wanted - 1
             yield first
         while wanted and self._cursor is not None:
@@ -121,12 +125,22 @@ class SteppedRun(ABC):
                 return
             if not self._waiting:
                 left = self._counts[to.phase] - to.done + 1
-                self._waiting.extend(
-                    self._take(self._parts.plan.phases[to.phase], to, min(ahead, left, wanted))
-                )
+                self._waiting.extend(self._taken(to, min(ahead, left, wanted)))
             snapshot = self._waiting.popleft()
             self._cursor, wanted = to, wanted - 1
             yield snapshot
+
+    def _taken(self, to: Cursor, most: int) -> Sequence[Snapshot]:
+        """Take steps as `_take` does; an error says in which of them it was raised."""
+        parts, planned = self._parts, self._parts.plan.phases[to.phase]
+        try:
+            return self._take(planned, to, most)
+        except SolverError as error:
+            step, share = self._step_of(planned, to)
+            loads = parts.actuation.loads(planned.begin.interpolated(planned.end, share))
+            pressures, names = parts.soft.pressures_Pa, parts.scenario.soft_robot.cable_names()
+            where = whereabouts(planned.phase.name, step, pressures, loads.cable_tension_N, names)
+            raise error.at(where) from error.__cause__
 
     @property
     def saves_now(self) -> bool:
@@ -183,6 +197,10 @@ class SteppedRun(ABC):
     @abstractmethod
     def _take(self, planned: PhasePlan, to: Cursor, most: int) -> Sequence[Snapshot]:
         """Take the step of a phase that ends at `to`, and those after it, but not more than `most`."""
+
+    @abstractmethod
+    def _step_of(self, planned: PhasePlan, to: Cursor) -> tuple[str, float]:
+        """Return what the step that ends at `to` is called, and the share of the phase's ramp there."""
 
     @abstractmethod
     def _save_own(self) -> Any:

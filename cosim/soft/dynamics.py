@@ -19,6 +19,7 @@ from cosim.frames import Array, Pose
 from cosim.soft.body import Loads
 from cosim.soft.cable_length import losses_follow
 from cosim.soft.newton import NewtonOptions, NewtonResult, NewtonSolver, Outcome
+from cosim.soft.place import place_of_largest
 from cosim.soft.self_contact import SelfContact
 from cosim.soft.state import Clamp, SoftState
 from cosim.soft.system import Inertia
@@ -202,9 +203,10 @@ class ImplicitStepper:
             if result.converged or self._acceptable(result, aim):
                 break
         else:
+            where = place_of_largest(self.solver, result.positions)
             raise ConvergenceError(
                 f"the soft step did not converge: {result.outcome.value}; residual {result.residual_N:.3g} N "
-                f"after {result.iterations} iterations; try a shorter tick or a gentler ramp",
+                f"after {result.iterations} iterations, the largest at {where}",
                 result.residual_N,
                 result.iterations,
             )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from dataclasses import fields
 from itertools import islice
@@ -270,6 +271,11 @@ def test_a_soft_step_without_solution_leaves_the_state_before_it(path: Path, tmp
     failed = execute(wanted, build_simulation, Options(tmp_path), 0.0)
     assert isinstance(failed.error, ConvergenceError)
     assert failed.summary["ticks"] >= 8  # all of the first phase
+    assert re.match(
+        r"ConvergenceError: phase 'hold', tick \d+ \(0\.\d+ s\), 25 kPa, cable left at \S+ N: even in steps "
+        r"of 0\.312 ms: the section model ends here: section \d of \d \(.*\) is \w+ by .*, its model ends ",
+        failed.summary["reason"],
+    ), failed.summary["reason"]
     again = execute(wanted, build_simulation, Options(tmp_path, resume=True), 0.0)
     assert again.summary["resumed_at_ticks"] == [failed.summary["ticks"]]
     assert again.summary["ticks"] == failed.summary["ticks"]

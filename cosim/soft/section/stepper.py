@@ -22,6 +22,7 @@ from cosim.soft.section.implicit_step import CARRIED, FREE_FLIGHT, GIVEN, STANDI
 from cosim.soft.section.kept_tangent import KeptTangent
 from cosim.soft.section.sealed_pressure import solve_sealed
 from cosim.soft.section.solver import OUTCOMES, Bed, ChainSolver
+from cosim.soft.section.working_range import place_in_range
 
 
 @final
@@ -137,12 +138,7 @@ class ChainStepper:
             if found.outcome is not Outcome.NOT_FINITE:
                 break
         if found.outcome is not Outcome.CONVERGED:
-            raise ConvergenceError(
-                f"the soft step did not converge: {found.outcome.value}; residual {found.residual_N:.3g} N "
-                f"after {found.iterations} iterations; try a shorter tick or a gentler ramp",
-                found.residual_N,
-                found.iterations,
-            )
+            raise self._failure(found, chain)
         if aim is not None and found.residual_N > aim.tolerance_N:
             # below an ordinary step's tolerance rounding may leave no descent
             _, fine = aim.newton(options)
@@ -151,6 +147,16 @@ class ChainStepper:
             if closer.residual_N <= found.residual_N:
                 found = replace(closer, iterations=found.iterations + closer.iterations)
         return found
+
+    def _failure(self, found: ChainStep, begin: ChainState) -> ConvergenceError:
+        """Return the error of a step that was not found: its model ends, or it has no other name."""
+        section, text = self._solver.section, f"the soft step did not converge: {found.outcome.value}"
+        ends = (place_in_range(section, x, found.pressure_Pa) for x in (found.frames, begin.frames))
+        end = max(ends, key=lambda place: place.share)
+        if end.at_its_end:
+            text = f"the section model ends here: {end.text}; fidelity = 'lumped' knows what lies beyond"
+        text += f"; residual {found.residual_N:.3g} N after {found.iterations} iterations"
+        return ConvergenceError(text, found.residual_N, found.iterations)
 
     def _solve(
         self,
