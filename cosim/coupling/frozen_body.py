@@ -164,7 +164,7 @@ class FrozenBody(SoftSide):
         """Return where the body can be touched."""
         return self._flexible.contact_surface()
 
-    def response(self, forces: Array, contact: ContactPlanes, step_s: float) -> Array | None:
+    def response(self, forces: Array, contact: ContactPlanes | None, step_s: float) -> Array | None:
         """Return zeros (k, n, 3): the nodes go where the flange goes."""
         return np.zeros_like(forces)
 

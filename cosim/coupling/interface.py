@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import final
 
+from cosim.coupling.answer_weights import exchange_gain
 from cosim.coupling.body_mass import BodyMass, BodyMassState
 from cosim.coupling.contact import ContactExchange, ContactState
 from cosim.coupling.contact_report import NOTHING_TOUCHED, ContactReport
@@ -108,17 +109,15 @@ class Interface:
     def _weighed_every(self) -> int:
         return self._seldom if self.ratio < _FAR_RATIO else self._often
 
-    def weigh(self) -> Array:
+    def weigh(self) -> None:
         """Find the stability ratio of the flange, as if no algorithmic mass rode on the joints.
 
-        Returns:
-            The soft side's mass (6, 6) as a rigid body, at the flange origin, world axes, times what its
-            integrator makes of it in an exchange that is one tick late.
+        That of the soft side as a rigid body, times what its integrator makes of it in an exchange that is
+        one tick late.
         """
         body = self.soft.mass_properties().spatial(self.scene.flange_pose.translation)
-        mass = self.soft.exchange_gain * body
-        self.ratio = stability_ratio(self.scene.mobility(), mass)
-        return mass
+        gain = exchange_gain(self.soft.answer_weights)
+        self.ratio = gain * stability_ratio(self.scene.mobility(), body)
 
     def save_state(self) -> InterfaceState:
         """Return what the next exchange depends on besides the states of scene and soft side."""

@@ -12,6 +12,7 @@ from typing import final
 
 import numpy as np
 
+from cosim.coupling.carried_row import CarriedRow
 from cosim.coupling.chain_reader import ChainRows
 from cosim.coupling.ledger import LedgerEntry
 from cosim.coupling.lockstep_kernel import (
@@ -140,11 +141,11 @@ class Lockstep:
         done, ending = 0, ALL_DONE
         while done < count and ending == ALL_DONE:
             # in between, the flange is weighed
-            most, added = self._coupling.begin_row()
+            most, on_joints = self._coupling.begin_row()
             end = min(done + most, count)
-            ratio[done:end], carried[done:end] = interface.ratio, len(added) > 0
+            ratio[done:end], carried[done:end] = interface.ratio, len(on_joints.inertia) > 0
             taken, ending = self._advance(
-                ticks.from_on(done), commands.rows(done, end), loads[done:end], added
+                ticks.from_on(done), commands.rows(done, end), loads[done:end], on_joints
             )
             done += taken
         half_done, broken = ending == SOFT_STEP_LEFT, ending == RIGID_SIDE_WARNS
@@ -155,7 +156,7 @@ class Lockstep:
         return Row(ticks, shapes, pressure, done, half_done, broken, ratio, carried)
 
     def _advance(
-        self, ticks: Ticks, commands: Commands, loads: Sequence[Loads], added: Array
+        self, ticks: Ticks, commands: Commands, loads: Sequence[Loads], carried: CarriedRow
     ) -> tuple[int, int]:
         """Advance in one go; return how many ticks are done, and how that ended."""
         scene, soft, stepper = self._coupling.interface.scene, self._soft, self._soft.stepper
@@ -164,7 +165,7 @@ class Lockstep:
         chain = stepper.arrays(soft.clamp, loads[0], begin.frames)
         kept = stepper.tangent.serves(soft.clamp, scene.tick_s, two_steps and earlier)
         done, ending, kept = advance_ticks(
-            len(loads), self._native, added, self._mounted, soft.section.mass_kg, commands, chain, ticks,
+            len(loads), self._native, carried, self._mounted, soft.section.mass_kg, commands, chain, ticks,
             scene.tick_s, options.damping_per_s, two_steps, earlier, kept, options.newton.iterations_max,
         )  # fmt: skip
         half_done = ending == SOFT_STEP_LEFT

@@ -11,10 +11,11 @@ from typing import NamedTuple
 import numpy as np
 from numba import types
 
+from cosim.coupling.carried_row import CarriedRow
 from cosim.coupling.momentum import LEVER_M, SMALLEST_N
 from cosim.frames import Array, IntArray
 from cosim.kernels import BLOCKS, BOOLEAN, INDICES, MATRIX, REAL, VECTOR, inlined, kernel
-from cosim.rigid.native import BEGIN, FINISH, NATIVE_SCENE, call_step
+from cosim.rigid.native import BEGIN, FACTORISE, FINISH, NATIVE_SCENE, call_step
 from cosim.soft.section.chain import CUBE
 from cosim.soft.section.chain_arrays import CHAIN_ARRAYS
 from cosim.soft.section.chain_figures import CENTER, INERTIA, WRENCH
@@ -99,6 +100,7 @@ class Ticks(NamedTuple):
         return Ticks(*(array[first:] for array in self))  # type: ignore[arg-type]
 
 
+_CARRIED = types.NamedTuple((types.Array(types.float64, 2, "A"), VECTOR, MATRIX), CarriedRow)
 _COMMANDS = types.NamedTuple((MATRIX, MATRIX, MATRIX, BLOCKS, VECTOR, INDICES, MATRIX, MATRIX), Commands)
 _TICKS = types.NamedTuple(
     (
@@ -148,6 +150,32 @@ def _command(scene, commands, k, payload):  # type: ignore[no-untyped-def]
         scene.control[j, 0] = commands.position[k, j]
         scene.control[j, 1] = commands.velocity[k, j]
         scene.control[j, 2] = torque
+
+
+@inlined
+def _give_back(scene, carried):  # type: ignore[no-untyped-def]
+    """Give back what the carried inertia takes as long as the soft side answers as before."""
+    joints, depth = carried.inertia.shape[0], carried.past.shape[0]
+    for j in range(joints):
+        for k in range(depth - 1, 0, -1):
+            carried.past[k, j] = carried.past[k - 1, j]
+        carried.past[0, j] = scene.acceleration[j]
+    for i in range(joints):
+        scene.torque[i] = 0.0
+        for j in range(joints):
+            for k in range(depth):
+                scene.torque[i] += carried.inertia[i, j] * carried.weights[k] * carried.past[k, j]
+
+
+@inlined
+def _carry(scene, inertia):  # type: ignore[no-untyped-def]
+    """Add what the joints carry to a mass matrix that MuJoCo has computed for new positions."""
+    joints = inertia.shape[0]
+    for i in range(joints):
+        for j in range(i + 1):
+            scene.mass[scene.mass_places[i, j]] += inertia[i, j]
+    if joints > 0:
+        call_step(scene.steps[FACTORISE], scene.sides[0], scene.sides[1])
 
 
 @inlined
@@ -227,18 +255,18 @@ def _set_pressure(chain, commands, k):  # type: ignore[no-untyped-def]
 
 @kernel(
     types.Tuple((types.int64, types.int64, types.boolean))(
-        types.int64, NATIVE_SCENE, VECTOR, VECTOR, REAL, _COMMANDS, CHAIN_ARRAYS, _TICKS, REAL, REAL,
+        types.int64, NATIVE_SCENE, _CARRIED, VECTOR, REAL, _COMMANDS, CHAIN_ARRAYS, _TICKS, REAL, REAL,
         BOOLEAN, BOOLEAN, BOOLEAN, types.int64,
     )
 )  # fmt: skip
 def advance_ticks(  # type: ignore[no-untyped-def]
-    count, scene, added, mounted, mass, commands, chain, ticks, h, damping, two_steps, earlier, kept,
+    count, scene, carried, mounted, mass, commands, chain, ticks, h, damping, two_steps, earlier, kept,
     iterations_max,
 ):  # fmt: skip
     """Advance by `count` ticks of h [s]; return (ticks done, how it ended, whether the factor is kept).
 
-    added: (joints,) [kg m^2], algorithmic mass on the joints; (0,) for none. mounted: (10,), parameters of a
-    rigid mass on the flange, flange frame. mass [kg]: of the chain. earlier: whether the first row
+    carried: on the joints. mounted: (10,), parameters of a rigid mass on the flange, flange frame. mass [kg]:
+    of the chain. earlier: whether the first row
     of the motion holds the step before the last. A soft step that does not converge in one go is left.
     """
     payload, flange = np.empty(10), np.empty((4, 3))
@@ -247,14 +275,14 @@ def advance_ticks(  # type: ignore[no-untyped-def]
         _command(scene, commands, k, payload)
         for r in range(6):
             scene.applied[r] = ticks.figures[k, WRENCH + r]
-        for j in range(added.shape[0]):
-            scene.torque[j] = added[j] * scene.acceleration[j]
+        _give_back(scene, carried)
         ticks.momentum_error[k] = _momentum_error(scene, ticks.handed[k])
         call_step(scene.steps[FINISH], scene.sides[0], scene.sides[1])
         call_step(scene.steps[BEGIN], scene.sides[0], scene.sides[1])
         for kind in range(scene.warnings.shape[0]):
             if scene.warnings[kind] != 0:
                 return k, RIGID_SIDE_WARNS, kept
+        _carry(scene, carried.inertia)
         _read_scene(scene, ticks, k)
         if k > 0 and commands.pressure[k] != commands.pressure[k - 1]:
             _set_pressure(chain, commands, k)

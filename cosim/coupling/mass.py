@@ -3,7 +3,7 @@
 An implicit soft step answers a change of flange velocity dv with the wrench -M_a dv / h. M_a, its
 algorithmic mass, never exceeds the whole mass carried rigidly, M_a <= sum_i m_i G_i^T G_i with
 G_i = [1, -S(r_i)]; the staggered exchange is stable while the largest eigenvalue of W M_a stays below
-about one (W: flange mobility). Over-estimating M_a is safe.
+about one (W: flange mobility), see `algorithmic_mass` for what it carries beyond.
 Source: Causin, Gerbeau and Nobile, CMAME 194 (2005) 4506, for the added-mass limit.
 """
 
@@ -107,13 +107,3 @@ def stability_ratio(mobility: Array, algorithmic_mass: Array) -> float:
         return float(values[-1])
     # a mass without extent is not positive definite
     return float(np.linalg.eigvals(mobility @ algorithmic_mass).real.max())
-
-
-def armature_bound(jacobian: Array, algorithmic_mass: Array) -> Array:
-    """Return a diagonal (joints,) [kg m^2] not below J^T M_a J: the sums of its absolute rows.
-
-    Args:
-        jacobian: J (6, joints).
-        algorithmic_mass: M_a (6, 6).
-    """
-    return np.asarray(np.abs(jacobian.T @ algorithmic_mass @ jacobian).sum(axis=1))

@@ -8,10 +8,10 @@ from typing import TypeAlias, final
 import numpy as np
 from scipy.linalg import LinAlgError
 
+from cosim.coupling.answer_weights import answer_weights
 from cosim.coupling.chain_equilibria import ChainEquilibria
 from cosim.coupling.chain_films import ChainFilms
 from cosim.coupling.chain_reader import ChainReader, ChainShape
-from cosim.coupling.exchange_gain import exchange_gain
 from cosim.coupling.mass import MassProperties
 from cosim.coupling.soft_side import SoftReply, SoftSide
 from cosim.errors import ConvergenceError, InputError
@@ -152,9 +152,9 @@ class SectionArm(SoftSide):
         self._flange, self._loads = world_from_flange, loads
 
     @property
-    def exchange_gain(self) -> float:
-        """How many times less mass an exchange that is one tick late bears than with implicit Euler."""
-        return exchange_gain(self._dynamics.integrator)
+    def answer_weights(self) -> tuple[float, ...]:
+        """How the flange's last accelerations count in the answer of inertia, see `answer_weights`."""
+        return answer_weights(self._dynamics.integrator)
 
     def _advance(self, flange: Pose, loads: Loads, step_s: float, aim: StepAim | None) -> SoftReply:
         self._begin = (self._last, self._flange, self._loads)
@@ -270,7 +270,7 @@ class SectionArm(SoftSide):
         """Return where the body can be touched."""
         return ContactSurface.of(self.body, SoftSystem(self.body).pattern)
 
-    def response(self, forces: Array, contact: ContactPlanes, step_s: float) -> Array | None:
+    def response(self, forces: Array, contact: ContactPlanes | None, step_s: float) -> Array | None:
         """Return how far small forces would have moved the nodes within the last step."""
         bed = self._stepper.bed(self._last.chain, step_s)
         frames, pressure, solver = self._last.frames, self._last.pressure_Pa, self._solver

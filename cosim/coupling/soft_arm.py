@@ -7,7 +7,7 @@ from typing import TypeAlias, final
 
 import numpy as np
 
-from cosim.coupling.exchange_gain import exchange_gain
+from cosim.coupling.answer_weights import answer_weights
 from cosim.coupling.flange_path import pose_within
 from cosim.coupling.shape_reader import MeshReader
 from cosim.coupling.soft_side import SoftReply, SoftSide
@@ -155,9 +155,9 @@ class SoftArm(SoftSide):
         self.obstacles = self.equilibrium_solver.obstacles = obstacles
 
     @property
-    def exchange_gain(self) -> float:
-        """How many times less mass an exchange that is one tick late bears than with implicit Euler."""
-        return exchange_gain(self._dynamics.integrator)
+    def answer_weights(self) -> tuple[float, ...]:
+        """How the flange's last accelerations count in the answer of inertia, see `answer_weights`."""
+        return answer_weights(self._dynamics.integrator)
 
     def inertia_weight(self, step_s: float) -> float:
         """Return c [1/s^2]: a motion X of the nodes in a step meets the inertia c m X."""
@@ -168,12 +168,12 @@ class SoftArm(SoftSide):
         """Return where the body can be touched."""
         return ContactSurface.of(self.body, self._system.pattern)
 
-    def response(self, forces: Array, contact: ContactPlanes, step_s: float) -> Array | None:
+    def response(self, forces: Array, contact: ContactPlanes | None, step_s: float) -> Array | None:
         """Return how far small forces would have moved the nodes within the last step.
 
         Args:
             forces: (k, n, 3) [N], k cases.
-            contact: with the body.
+            contact: with the body; None for none.
             step_s: length of the step [s].
 
         Returns:

@@ -12,6 +12,7 @@ from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from typing import Any, final
 
+from cosim.coupling.answer_weights import IMPLICIT_EULER
 from cosim.coupling.mass import MassProperties
 from cosim.coupling.shape_reader import ShapeReader
 from cosim.frames import Array, IntArray, Mask, Pose, Wrench
@@ -172,12 +173,12 @@ class SoftSide(ABC):
         self.obstacles = obstacles
 
     @abstractmethod
-    def response(self, forces: Array, contact: ContactPlanes, step_s: float) -> Array | None:
+    def response(self, forces: Array, contact: ContactPlanes | None, step_s: float) -> Array | None:
         """Return how far small forces would have moved the nodes within the last step.
 
         Args:
             forces: (k, n, 3) [N], k cases.
-            contact: with the body.
+            contact: with the body; None for none.
             step_s: length of the step [s].
 
         Returns:
@@ -228,9 +229,9 @@ class SoftSide(ABC):
         """Gauge pressure in each chamber: the given one, or that of the sealed gas at the present volume."""
 
     @property
-    def exchange_gain(self) -> float:
-        """How many times less mass an exchange that is one tick late bears than with implicit Euler."""
-        return 1.0
+    def answer_weights(self) -> tuple[float, ...]:
+        """How the flange's last accelerations count in the answer of inertia, see `answer_weights`."""
+        return IMPLICIT_EULER
 
     def inertia_weight(self, step_s: float) -> float:
         """Return c [1/s^2]: a motion X of the nodes in a step meets the inertia c m X.

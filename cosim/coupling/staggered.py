@@ -2,8 +2,9 @@
 
 Per tick: the wrench of the tick before acts on the flange while MuJoCo steps; the soft side then takes
 one implicit step with the flange's new pose and returns the next wrench. Where the soft side is heavy for
-the flange (stability ratio above a bound), its algorithmic mass A rides along as joint armature, and A times
-the last joint acceleration is given back as torque, so that only the change of acceleration meets it.
+the flange (stability ratio above a bound), its algorithmic mass A = J^T M_a J rides along on the joints; A
+times the acceleration at which the soft side answers as before, the last one with implicit Euler, is given
+back as torque. So only a change of the answer meets A: a rigid load moves as one body with the flange.
 Where the scene can be touched, contacts are found between the two steps, and act on bodies one tick later.
 """
 
@@ -14,10 +15,12 @@ from typing import final
 
 import numpy as np
 
+from cosim.coupling.algorithmic_mass import algorithmic_mass
+from cosim.coupling.answer_weights import expecting_no_change
+from cosim.coupling.carried_row import CarriedRow
 from cosim.coupling.coupling import Coupling
 from cosim.coupling.interface import Interface, InterfaceState, ServoCommand
 from cosim.coupling.ledger import LedgerEntry
-from cosim.coupling.mass import armature_bound
 from cosim.coupling.momentum import Handed, received_bodies, received_flange
 from cosim.frames import Array, Wrench
 from cosim.soft.body import Loads
@@ -30,11 +33,13 @@ class StaggeredState:
 
     Args:
         interface: what it acts on.
-        added: (joints,) [kg m^2], carried algorithmic mass.
+        added: (joints, joints) [kg m^2], carried algorithmic mass.
+        past: (k, joints) [rad/s^2], accelerations while it was carried.
     """
 
     interface: InterfaceState
     added: Array
+    past: Array
 
 
 @final
@@ -50,7 +55,10 @@ class StaggeredCoupling(Coupling):
     def __init__(self, interface: Interface, ratio_bound: float = 0.5, *, bodies_carry: bool = True) -> None:
         super().__init__(interface)
         self._ratio_bound, self._bodies_carry = ratio_bound, bodies_carry
-        self._added = np.zeros(len(interface.scene.joint_names))
+        joints = len(interface.scene.joint_names)
+        self._added = np.zeros((joints, joints))
+        self._weights = expecting_no_change(interface.soft.answer_weights)
+        self._past = np.zeros((len(self._weights), joints))
         self._carries = False
 
     def tick(self, command: ServoCommand, loads: Loads) -> LedgerEntry:
@@ -62,7 +70,9 @@ class StaggeredCoupling(Coupling):
         scene.set_control(command.position, command.velocity, command.feedforward)
         scene.apply_flange_wrench(received)
         if self._carries:
-            scene.apply_joint_torque(self._added * scene.joint_acceleration)
+            self._past[1:] = self._past[:-1]
+            self._past[0] = scene.joint_acceleration
+            scene.apply_joint_torque(self._added @ (self._weights @ self._past))
         lost = handed.error(received_flange(scene), received_bodies(scene))
         scene.finish_step()
         scene.begin_step()
@@ -82,16 +92,17 @@ class StaggeredCoupling(Coupling):
             interface.body_mass.update(carry=self._bodies_carry)
         return self._entry(reply, received, algorithmic_mass=self._carries, momentum_error=momentum_error)
 
-    def begin_row(self) -> tuple[int, Array]:
+    def begin_row(self) -> tuple[int, CarriedRow]:
         """Begin ticks that are taken elsewhere, in a row.
 
         Returns:
-            How many may follow until the flange is to be weighed again, and the algorithmic mass (joints,)
-            [kg m^2] that the joints carry meanwhile; (0,) for none.
+            How many may follow until the flange is to be weighed again, and what the joints carry meanwhile.
         """
         if self.interface.to_be_weighed:
             self._weigh()
-        return self.interface.ticks_to_weighing, self._added if self._carries else self._added[:0]
+        joints = len(self._added) if self._carries else 0
+        carried = CarriedRow(self._added[:joints, :joints], self._weights, self._past)
+        return self.interface.ticks_to_weighing, carried
 
     def end_row(self, ticks: int, wrench: Wrench, handed: Handed) -> None:
         """Go on from ticks that were taken elsewhere.
@@ -105,21 +116,27 @@ class StaggeredCoupling(Coupling):
         self.interface.wrench, self.interface.handed = wrench, handed
 
     def save_state(self) -> StaggeredState:
-        return StaggeredState(self.interface.save_state(), self._added)
+        return StaggeredState(self.interface.save_state(), self._added, self._past.copy())
 
     def restore_state(self, state: StaggeredState) -> None:
         self.interface.restore_state(state.interface)
         self._added, self._carries = state.added, bool(state.added.any())
+        self._past[:] = state.past
 
     def _weigh(self) -> None:
         """Bring the stability ratio, and with it the carried algorithmic mass, up to date."""
-        scene, none = self.interface.scene, np.zeros_like(self._added)
-        mass = self.interface.weigh()
-        carries = self.interface.ratio > self._ratio_bound
-        added = armature_bound(scene.flange.jacobian(), mass) if carries else none
+        interface, scene = self.interface, self.interface.scene
+        interface.weigh()
+        carries, added = interface.ratio > self._ratio_bound, np.zeros_like(self._added)
         if carries:
-            scene.set_added_armature(added)
-        elif self._carries:
-            scene.set_added_armature(none)
-            scene.apply_joint_torque(none)
+            contact = None if interface.contact is None else interface.contact.planes
+            origin, jacobian = scene.flange_pose.translation, scene.flange.jacobian()
+            mass = algorithmic_mass(interface.soft, origin, interface.ratio, contact, scene.tick_s)
+            added = jacobian.T @ mass @ jacobian
+        if carries or self._carries:
+            scene.bodies.carried.carry_on_arm(added)
+        if carries and not self._carries:
+            self._past[:] = scene.joint_acceleration
+        if self._carries and not carries:
+            scene.apply_joint_torque(np.zeros(len(added)))
         self._added, self._carries = added, carries

@@ -20,9 +20,10 @@ class Bodies:
     Args:
         model: compiled scene.
         data: its state.
+        arm: degrees of freedom of the arm's joints.
     """
 
-    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
+    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, arm: slice) -> None:
         self._model, self._data = model, data
         joints = np.flatnonzero(model.jnt_type == mujoco.mjtJoint.mjJNT_FREE)
         self.free: IntArray = np.asarray(model.jnt_bodyid[joints], dtype=np.int64)
@@ -31,7 +32,7 @@ class Bodies:
         self._on_joints[self.free] = False
         self.loaded: IntArray = np.zeros(0, np.int64)
         self._own_armature = model.dof_armature[self._dofs].copy()
-        self.carried = CarriedMass(model, data)
+        self.carried = CarriedMass(model, data, arm)
 
     def names(self, bodies: IntArray) -> tuple[str, ...]:
         """Return the names of bodies (b,)."""

@@ -19,7 +19,7 @@ def mobility(model: mujoco.MjModel, data: mujoco.MjData, bodies: IntArray, added
         model: compiled scene.
         data: its state, positions and inertia up to date.
         bodies: (b,) indices; a massless one counts at its origin.
-        added: D (nv,), diagonal [kg m^2 or kg]: damping over a step, less what is not to be counted in M.
+        added: D (nv, nv) [kg m^2 or kg]: damping over a step, less what is not to be counted in M.
     """
     jacobian = np.zeros((6 * len(bodies), model.nv))
     for k, body in enumerate(bodies.tolist()):
@@ -27,7 +27,7 @@ def mobility(model: mujoco.MjModel, data: mujoco.MjData, bodies: IntArray, added
         mujoco.mj_jac(model, data, block[:3], block[3:], data.xipos[body], body)
     inertia = np.empty((model.nv, model.nv))
     mujoco.mj_fullM(model, data, inertia)
-    inertia.reshape(-1)[:: model.nv + 1] += added
+    inertia += added
     _, moved, failure = lapack.dposv(inertia, jacobian.T)
     if failure:  # not positive definite; whatever comes of it
         moved = np.linalg.solve(inertia, jacobian.T)

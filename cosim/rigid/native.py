@@ -1,4 +1,4 @@
-"""A scene as kernels see it: MuJoCo's arrays, and its two half steps by their addresses.
+"""A scene as kernels see it: MuJoCo's arrays, and what is called every step by addresses.
 
 Stepping by way of Python costs several times what the step itself does.
 """
@@ -17,18 +17,18 @@ from numba import types
 from numba.extending import intrinsic
 
 from cosim.frames import Array, IntArray
-from cosim.kernels import INDICES, MATRIX, VECTOR
+from cosim.kernels import INDEX_TABLE, INDICES, MATRIX, VECTOR
 from cosim.rigid.layout import ArmLayout
 
-BEGIN, FINISH = 0, 1
-"""Places of the half steps in `NativeScene.steps`."""
+BEGIN, FINISH, FACTORISE = 0, 1, 2
+"""Places in `NativeScene.steps`: the half steps, and the factorisation of the mass matrix."""
 
 
 class NativeScene(NamedTuple):
     """Views of one scene; MuJoCo's arrays stay where they are in memory.
 
     Args:
-        steps: (2,) addresses of the functions of both half steps.
+        steps: (3,) addresses of the functions of both half steps and of the factorisation of the mass matrix.
         sides: (2,) addresses of model and state, which are their arguments.
         control: (joints, 3), position, velocity and feedforward of each servo.
         position: (joints,) [rad].
@@ -45,6 +45,8 @@ class NativeScene(NamedTuple):
         places: (bodies, 3) [m].
         quaternions: (bodies, 4), world from body.
         warnings: (kinds,), how often MuJoCo has warned.
+        mass: entries of the sparse mass matrix.
+        mass_places: (joints, joints), where in it the lower triangle of the arm's joints is.
     """
 
     steps: IntArray
@@ -64,12 +66,14 @@ class NativeScene(NamedTuple):
     places: Array
     quaternions: Array
     warnings: Any
+    mass: Array
+    mass_places: IntArray
 
 
 NATIVE_SCENE = types.NamedTuple(
     (
         INDICES, INDICES, MATRIX, VECTOR, VECTOR, VECTOR, VECTOR, VECTOR, VECTOR, VECTOR, VECTOR, MATRIX,
-        VECTOR, VECTOR, MATRIX, MATRIX, types.Array(types.int32, 1, "A"),
+        VECTOR, VECTOR, MATRIX, MATRIX, types.Array(types.int32, 1, "A"), VECTOR, INDEX_TABLE,
     ),
     NativeScene,
 )  # fmt: skip
@@ -86,12 +90,12 @@ def _call_step(_typing: Any, address: Any, model: Any, data: Any) -> Any:
 
 
 call_step: Any = intrinsic(_call_step)
-"""Calls one of MuJoCo's half steps from a kernel: call_step(address, model, data)."""
+"""Calls one of `NativeScene.steps` from a kernel: call_step(address, model, data)."""
 
 
 def native_scene(model: mujoco.MjModel, data: mujoco.MjData, layout: ArmLayout) -> NativeScene | None:
     """Return a compiled scene as kernels see it; None where MuJoCo's library cannot be found."""
-    steps = _half_steps()
+    steps = _addresses()
     if steps is None:
         return None
     mount = layout.mount
@@ -102,17 +106,27 @@ def native_scene(model: mujoco.MjModel, data: mujoco.MjData, layout: ArmLayout) 
         data.xfrc_applied[mount], data.xipos[mount], data.site_xpos[layout.site],
         data.site_xmat[layout.site].reshape(3, 3), data.cvel[mount],
         data.subtree_com[model.body_rootid[mount]], data.xpos, data.xquat, data.warning.number,
+        data.M, _mass_places(model, layout),
     )  # fmt: skip
 
 
+def _mass_places(model: mujoco.MjModel, layout: ArmLayout) -> IntArray:
+    """Return where MuJoCo keeps M_ij, j <= i, of the arm's joints: each is moved by all before it."""
+    joints = range(layout.dofs.start, layout.dofs.stop)
+    places = np.full((len(joints), len(joints)), -1, dtype=np.int64)
+    for i, dof in enumerate(joints):
+        last = int(model.M_rowadr[dof] + model.M_rownnz[dof])
+        places[i, : i + 1] = np.arange(last - i - 1, last)
+    return places
+
+
 @cache
-def _half_steps() -> tuple[int, int] | None:
-    """Return the addresses of `mj_step1` and `mj_step2`."""
+def _addresses() -> tuple[int, ...] | None:
+    """Return the addresses of `mj_step1`, `mj_step2` and `mj_factorM`."""
     for path in sorted(Path(mujoco.__file__).parent.glob("*mujoco*")):
         if path.suffix in (".dll", ".dylib") or ".so." in path.name:
             library = ctypes.CDLL(str(path))  # it is loaded already: this finds it
-            begin, finish = (
-                ctypes.cast(f, ctypes.c_void_p).value for f in (library.mj_step1, library.mj_step2)
-            )
-            return None if begin is None or finish is None else (begin, finish)
+            functions = (library.mj_step1, library.mj_step2, library.mj_factorM)
+            found = [ctypes.cast(function, ctypes.c_void_p).value for function in functions]
+            return None if None in found else tuple(address or 0 for address in found)
     return None

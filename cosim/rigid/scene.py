@@ -71,7 +71,7 @@ class RigidScene:
         self._tick_s = float(self._model.opt.timestep)
         self._step_damping = self._tick_s * self._model.dof_damping
         self._step_damping[self._v] += self._tick_s * self.servo_damping
-        self.bodies = Bodies(self._model, self._data)
+        self.bodies = Bodies(self._model, self._data, layout.dofs)
         self.links = LinkContacts(self._model, self._data, layout)
         self.set_joint_state(description.arm.home)
         self.set_control(description.arm.home)
@@ -133,7 +133,7 @@ class RigidScene:
 
     @property
     def armature(self) -> Array:
-        """Rotor inertia (joints,) [kg m^2], without what `set_added_armature` adds."""
+        """Rotor inertia (joints,) [kg m^2], without what is carried."""
         return self._armature
 
     @property
@@ -213,15 +213,6 @@ class RigidScene:
         """Set a torque (joints,) [N m] on the joints from now on, besides servos and flange load."""
         self._torque[:] = torque
 
-    def set_added_armature(self, diagonal: Array) -> None:
-        """Carry an algorithmic mass as extra rotor inertia, from the step in progress on.
-
-        Args:
-            diagonal: (joints,) [kg m^2], not negative.
-        """
-        self._model.dof_armature[self._v] = self._armature + diagonal
-        self.bodies.carried.renew()
-
     def begin_step(self) -> None:
         """Bring poses, velocities and inertia up to the present joint state (first half of a step)."""
         self.flange.moved()
@@ -260,13 +251,13 @@ class RigidScene:
     def mobility(self, bodies: IntArray | None = None) -> Array:
         """Return W = J (M + h D)^-1 J^T (6 + 6 b, 6 + 6 b): velocity changes per impulse, see `mobility`.
 
-        Of the flange, then of bodies (b,) if given; M with armature, but without what `set_added_armature`
-        adds; h the tick, D of servos and joints.
+        Of the flange, then of bodies (b,) if given; M with armature, but without what the joints
+        carry; h the tick, D of servos and joints.
         """
-        diagonal = self._step_damping.copy()
-        diagonal[self._v] -= self._model.dof_armature[self._v] - self._armature
+        added = np.diag(self._step_damping)
+        added[self._v, self._v] -= self.bodies.carried.on_arm
         asked = np.append(self._layout.mount, np.zeros(0, np.int64) if bodies is None else bodies)
-        return mobility(self._model, self._data, asked, diagonal)
+        return mobility(self._model, self._data, asked, added)
 
     def static_configuration(
         self, reference: Array, feedforward: Array | None = None, wrench: Wrench | None = None
@@ -298,8 +289,9 @@ class RigidScene:
         armature, acceleration = np.array(self._model.dof_armature), np.array(self._data.qacc)
         load, carried = self.flange.measured, self.bodies.carried
         return RigidState(
-            integration, armature, acceleration, load, self.bodies.loaded, carried.bodies, carried.inertia
-        )
+            integration, armature, acceleration, load, self.bodies.loaded, carried.bodies, carried.inertia,
+            carried.on_arm,
+        )  # fmt: skip
 
     def restore_state(self, state: RigidState) -> None:
         """Return to a state of `save_state`, model edits included; everything readable follows.
@@ -312,7 +304,8 @@ class RigidScene:
             raise InputError(f"the saved scene has {len(state.integration)} numbers, here {size}: {_ALIKE}")
         self._warnings[:] = 0
         self.bodies.loaded = state.loaded
-        self.bodies.carried.bodies, self.bodies.carried.inertia = state.carrying, state.carried
+        carried = self.bodies.carried
+        carried.bodies, carried.inertia, carried.on_arm = state.carrying, state.carried, state.on_arm
         self._model.dof_armature[:] = state.armature
         mujoco.mj_setState(self._model, self._data, state.integration, _STATE)
         self.begin_step()

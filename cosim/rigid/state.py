@@ -15,12 +15,13 @@ class RigidState:
 
     Args:
         integration: MuJoCo's own state vector, inputs and warm start included.
-        armature: (dofs,) [kg m^2] or [kg], carried algorithmic mass included.
+        armature: (dofs,) [kg m^2] or [kg], the algorithmic mass of free bodies included.
         acceleration: (dofs,) of the last finished step.
         flange_load: (6,) reading of the flange sensor.
         loaded: bodies that contact loads at present.
         carrying: bodies on joints that carry extra inertia.
         carried: their inertia (b, 6, 6).
+        on_arm: (joints, joints) [kg m^2], that the arm's joints carry.
     """
 
     integration: Array
@@ -30,3 +31,4 @@ class RigidState:
     loaded: IntArray
     carrying: IntArray
     carried: Array
+    on_arm: Array

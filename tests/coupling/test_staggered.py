@@ -18,7 +18,7 @@ from cosim.errors import SolverError
 from cosim.frames import Array, Wrench
 from cosim.kinematics import Arm, solve
 from cosim.kinematics.arm import Payload
-from cosim.rigid.description import SceneDescription
+from cosim.rigid.description import SceneDescription, ServoGains
 from cosim.rigid.scene import RigidScene
 from cosim.soft.body import Loads
 from cosim.soft.dynamics import Integrator, StepOptions
@@ -156,9 +156,10 @@ def largest_speed(here: Rig, ticks: int) -> float:
     return max(speeds)
 
 
-def test_a_heavy_body_needs_its_algorithmic_mass() -> None:
+@pytest.mark.parametrize("integrator", ["implicit_euler", "bdf2"])
+def test_a_heavy_body_needs_its_algorithmic_mass(integrator: Integrator) -> None:
     # Causin, Gerbeau and Nobile: the plain exchange diverges above a ratio of 1, at any tick
-    heavy = rig(CARRIED_MASS_KG)
+    heavy = rig(CARRIED_MASS_KG, integrator=integrator)
     speed = largest_speed(heavy, 250)
     entry = heavy.ticks(1)[0]
     assert entry.algorithmic_mass
@@ -166,7 +167,8 @@ def test_a_heavy_body_needs_its_algorithmic_mass() -> None:
     assert speed < 0.02  # a step of 2 mrad in all joints
     last = max(np.abs(heavy.scene.joint_velocity))
     assert last < 0.01
-    assert largest_speed(rig(CARRIED_MASS_KG, ratio_bound=np.inf), 60) > 1.0
+    plain = rig(CARRIED_MASS_KG, ratio_bound=np.inf, integrator=integrator)
+    assert largest_speed(plain, 60) > 1.0
 
 
 def test_algorithmic_mass_leaves_rest_and_the_end_of_a_motion_alone() -> None:
@@ -181,15 +183,38 @@ def test_algorithmic_mass_leaves_rest_and_the_end_of_a_motion_alone() -> None:
     assert helped.scene.joint_position == pytest.approx(plain.scene.joint_position, abs=2e-5)
 
 
-def test_the_armature_of_the_scene_is_what_the_body_asks_for() -> None:
-    here = rig(CARRIED_MASS_KG)
+def test_the_joints_carry_what_the_body_answers_with() -> None:
+    here = rig(5.0)  # below a ratio of 1 it is the rigid body's mass
     before = here.scene.mass_matrix
     here.ticks(1)
-    added = np.diag(here.scene.mass_matrix - before)
+    added = here.scene.mass_matrix - before
     mass = here.soft.mass_properties().spatial(here.scene.flange_pose.translation)
     needed = here.scene.flange.jacobian().T @ mass @ here.scene.flange.jacobian()
-    # positive semidefinite, up to a tick's change of the shape
-    assert np.linalg.eigvalsh(np.diag(added) - needed).min() > -1e-4 * np.abs(needed).max()
+    # up to a tick's change of shape and joints
+    assert added == pytest.approx(needed, abs=1e-3 * np.abs(needed).max())
+
+
+SWING_S, SWING_KG = 0.3, 2.33
+"""Released, the elbow turns by 1.2 rad and no joint meets its limit; 2.33 kg: a stability ratio of 0.94."""
+
+
+def swing(tick_s: float, integrator: Integrator = "implicit_euler", ratio_bound: float = 0.5) -> Array:
+    """Return the joints at the end of a free swing, the servos off from the start."""
+    off = np.zeros(6)
+    here = rig(SWING_KG, ratio_bound, tick_s, integrator, gains=ServoGains(off, off))
+    for _ in range(round(SWING_S / tick_s)):
+        entry = here.coupling.tick(ServoCommand(here.joints, off, off), here.loads)
+    assert entry.algorithmic_mass == (ratio_bound < entry.stability_ratio)
+    assert np.abs(here.scene.joint_position - here.joints).max() > 1.0
+    return here.scene.joint_position
+
+
+def test_a_free_swing_is_not_held_back_by_the_algorithmic_mass() -> None:
+    # at 2 ms the plain exchange is off by 12 mrad, the iterated one by 8, for their steps' sake alone; with
+    # more carried than the body answers with it was 46
+    truth = swing(5e-4, ratio_bound=np.inf)
+    for integrator in ("implicit_euler", "bdf2"):
+        assert np.abs(swing(2e-3, integrator) - truth).max() < 8e-3
 
 
 def test_only_the_change_of_acceleration_meets_the_algorithmic_mass() -> None:

@@ -132,7 +132,7 @@ def test_redo_from_a_saved_state_is_bit_identical() -> None:
     box = SceneObject("box", "box", (0.1, 0.1, 0.1), (0.5, 0.5, 0.06), mass_kg=0.2)
     scene = make_scene(objects=(box,))
     run(scene, 20)  # the box is about to land: contacts and warm starts are part of the state
-    scene.set_added_armature(np.full(6, 0.05))
+    scene.bodies.carried.carry_on_arm(np.full((6, 6), 0.01) + np.diag(np.full(6, 0.05)))
     scene.apply_flange_wrench(LOAD)
     state = scene.save_state()
 
@@ -143,7 +143,7 @@ def test_redo_from_a_saved_state_is_bit_identical() -> None:
         return [positions, quaternions, scene.joint_velocity, scene.joint_acceleration, sensor.force]
 
     first = record()
-    scene.set_added_armature(np.full(6, 3.0))
+    scene.bodies.carried.carry_on_arm(np.diag(np.full(6, 3.0)))
     scene.apply_flange_wrench(Wrench())
     run(scene, 3)
     scene.restore_state(state)
@@ -165,18 +165,19 @@ def test_restored_state_is_readable_at_once() -> None:
     np.testing.assert_array_equal(scene.flange_sensor().force, sensor)
 
 
-def test_added_armature_acts_in_the_step_in_progress() -> None:
+def test_carried_inertia_acts_in_the_step_in_progress() -> None:
     plain, heavy = make_scene(), make_scene()
-    extra = np.array([0.5, 0.4, 0.3, 0.2, 0.1, 0.6])
-    heavy.set_added_armature(extra)
-    np.testing.assert_allclose(heavy.mass_matrix - plain.mass_matrix, np.diag(extra), atol=1e-12)
+    half = np.random.default_rng(0).normal(size=(6, 6))
+    extra = half @ half.T
+    heavy.bodies.carried.carry_on_arm(extra)
+    np.testing.assert_allclose(heavy.mass_matrix - plain.mass_matrix, extra, atol=1e-12)
     for scene in (plain, heavy):
         scene.set_control(HOME)
         scene.finish_step()
     # The same torques act on both, so M a is the same up to what implicit damping takes.
     torque = plain.mass_matrix @ plain.joint_acceleration
     np.testing.assert_allclose(heavy.mass_matrix @ heavy.joint_acceleration, torque, atol=1e-9)
-    heavy.set_added_armature(np.zeros(6))
+    heavy.bodies.carried.carry_on_arm(np.zeros((6, 6)))
     heavy.restore_state(heavy.save_state())
     plain.set_joint_state(heavy.joint_position)
     np.testing.assert_allclose(heavy.mass_matrix, plain.mass_matrix, atol=1e-12)

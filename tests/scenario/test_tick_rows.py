@@ -154,8 +154,9 @@ def test_rows_know_what_is_mounted(path: Path, tmp_path: Path) -> None:
     assert_close(rows, ticks, 1e-9)
 
 
-def test_rows_carry_algorithmic_mass(path: Path) -> None:
-    wanted = scenario(path, clock__tick_s=0.0005)
+@pytest.mark.parametrize("integrator", ["implicit_euler", "bdf2"])
+def test_rows_carry_algorithmic_mass(path: Path, integrator: str) -> None:
+    wanted = scenario(path, clock__tick_s=0.0005, solver__integrator=integrator)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("cosim.scenario.exchange.StaggeredCoupling", _always_carrying)
         rows, ticks = list(build_simulation(wanted).steps(64)), one_by_one(wanted)
