@@ -44,4 +44,4 @@ def expecting_no_change(weights: tuple[float, ...]) -> Array:
     Args:
         weights: s, of `answer_weights`.
     """
-    return (np.array(weights) - np.append(weights[1:], 0.0)) / weights[0]
+    return np.asarray((np.array(weights) - np.append(weights[1:], 0.0)) / weights[0])
