@@ -16,6 +16,7 @@ import numpy as np
 from cosim.frames import Array, Mask
 from cosim.rigid.layout import ArmLayout
 
+_SEEN_M = 0.01  # from here on, distances are known; to know of more costs more than it saves
 _LINK, _OBJECT = 1, 2  # bits: links look for both, objects for links only
 
 
@@ -67,6 +68,17 @@ class LinkContacts:
         self._names = [own.body(i).name for i in range(own.nbody)]
         self._found = mujoco.MjData(own)
         self._joined = _joined_pairs(own)
+        # MuJoCo adds the margins of both
+        own.geom_margin[:], own.body_margin[:] = 0.5 * _SEEN_M, 0.5 * _SEEN_M
+        # where nothing else moves, an arm that has hardly moved since it was clear is clear
+        self._arm_alone = model.nv == len(model.jnt_dofadr[layout.joints])
+        self._reach_m = max(
+            1.0, float(np.linalg.norm(own.body_pos[links], axis=1).sum() + _size(own, link_geom))
+        )
+        self._seen_at, self._clearance_m = (
+            np.full(layout.positions.stop - layout.positions.start, np.inf),
+            0.0,
+        )
         self._free = np.flatnonzero(own.jnt_type == mujoco.mjtJoint.mjJNT_FREE)
 
     def at(
@@ -79,6 +91,8 @@ class LinkContacts:
             places: (bodies, 3) [m], world: where free bodies are; as in the scene unless given.
             quaternions: (bodies, 4), (w, x, y, z), the same.
         """
+        if self._arm_alone and np.abs(joints - self._seen_at).sum() * self._reach_m < self._clearance_m:
+            return ()
         model, data = self._model, self._found
         data.qpos[:] = self._live.qpos
         data.qpos[self._layout.positions] = joints
@@ -90,7 +104,17 @@ class LinkContacts:
         mujoco.mj_kinematics(model, data)
         mujoco.mj_comPos(model, data)
         mujoco.mj_collision(model, data)
-        return self._read(data) if data.ncon else ()
+        self._seen_at, self._clearance_m = joints.copy(), self._smallest_distance(data)
+        return self._read(data) if self._clearance_m <= 0.0 else ()
+
+    def _smallest_distance(self, data: mujoco.MjData) -> float:
+        """Return how near links are to touching [m], `_SEEN_M` at most."""
+        if not data.ncon:
+            return _SEEN_M
+        pairs = self._model.geom_bodyid[data.contact.geom].tolist()
+        distances = zip(pairs, data.contact.dist.tolist(), strict=True)
+        near = [distance for pair, distance in distances if frozenset(pair) not in self._joined]
+        return min(near, default=_SEEN_M)
 
     def with_objects(self) -> tuple[LinkContact, ...]:
         """Return which links touch floor or objects in the scene's present state; hardly costs anything."""
@@ -110,6 +134,11 @@ class LinkContacts:
             )
             for (link, other), depth in deepest.items()
         )
+
+
+def _size(model: mujoco.MjModel, geoms: Mask) -> float:
+    """Return how far the farthest point of geoms (g,) is from its body's origin, at most [m]."""
+    return float((np.linalg.norm(model.geom_pos[geoms], axis=1) + model.geom_rbound[geoms]).max(initial=0.0))
 
 
 def _below(model: mujoco.MjModel, top: int) -> Mask:

@@ -8,7 +8,7 @@ from typing import Any, Final, final
 import numpy as np
 
 from cosim.frames import Array
-from cosim.scenario.arm_limits import UNITS, ArmLimits, Extreme, Touch, with_touches, worse
+from cosim.scenario.arm_limits import UNITS, ArmLimits, Extreme, Touch, with_touches
 from cosim.scenario.block import Block
 
 _SATURATED: Final = 1.0 - 1e-9
@@ -69,11 +69,12 @@ class ArmFigures:
             values["tracking_error"] = np.concatenate([last.position[None], q[:-1]]) - block.joint_target
         extremes = dict(self.extremes)
         for name, rows in values.items():
-            found = worse(extremes.get(name), limits.extreme(name, rows, time_s, block.phase))
+            found = limits.extreme(name, rows, time_s, block.phase, extremes.get(name))
             if found is not None:
                 extremes[name] = found
-        full = np.abs(torque) >= _SATURATED * limits.torque
-        saturated_s = span_s @ full
+        saturated_s = np.zeros(len(limits.joint_names))
+        if "torque" in extremes and extremes["torque"].excess >= _SATURATED - 1.0:
+            saturated_s = span_s @ (np.abs(torque) >= _SATURATED * limits.torque)
         touches = self.touches
         for row, contacts in block.link_contacts:
             touches = with_touches(touches, contacts, float(time_s[row]), int(block.phase[row]))

@@ -65,7 +65,9 @@ class ArmLimits:
             return np.full(len(self.joint_names), TRACKING_BOUND_RAD)
         return np.asarray(getattr(self, quantity))
 
-    def extreme(self, quantity: str, values: Array, time_s: Array, phase: IntArray) -> Extreme | None:
+    def extreme(
+        self, quantity: str, values: Array, time_s: Array, phase: IntArray, before: Extreme | None = None
+    ) -> Extreme | None:
         """Return where values come nearest to their bound, or farthest beyond it; None without any.
 
         Args:
@@ -73,19 +75,28 @@ class ArmLimits:
             values: (n, joints).
             time_s: (n,).
             phase: (n,) index.
+            before: extreme so far, which stands unless a value comes nearer.
         """
         if not values.size:
-            return None
+            return before
         if quantity == "position":
-            excess = np.maximum(self.lower - values, values - self.upper)
-            nearest = np.where(values - self.lower < self.upper - values, self.lower, self.upper)
+            low, high = values.min(axis=0), values.max(axis=0)
+            to_low, to_high = self.lower - low, high - self.upper
+            excess, bound = np.maximum(to_low, to_high), np.where(to_low > to_high, self.lower, self.upper)
         else:
-            nearest = np.broadcast_to(self.bound(quantity), values.shape)
-            excess = np.abs(values) / nearest - 1.0
-        row, joint = np.unravel_index(np.argmax(np.nan_to_num(excess, nan=np.inf)), excess.shape)
+            bound = self.bound(quantity)
+            excess = np.maximum(values.max(axis=0), -values.min(axis=0)) / bound - 1.0
+        joint = int(excess.argmax())  # what is not a number is larger than all others
+        if before is not None and excess[joint] <= before.excess:
+            return before
+        column = values[:, joint]
+        if quantity == "position":
+            row = int(column.argmin() if bound[joint] == self.lower[joint] else column.argmax())
+        else:
+            row = int(np.abs(column).argmax())
         return Extreme(
-            quantity, self.joint_names[joint], float(values[row, joint]), float(nearest[row, joint]),
-            float(excess[row, joint]), float(time_s[row]), int(phase[row]),
+            quantity, self.joint_names[joint], float(column[row]), float(bound[joint]), float(excess[joint]),
+            float(time_s[row]), int(phase[row]),
         )  # fmt: skip
 
 
@@ -135,13 +146,6 @@ class Extreme:
             f"{name} of {self.joint} {self.value:.3g} {unit} (bound {self.bound:.3g}) at {self.time_s:.3f} s "
             f"in phase '{phase_names[self.phase]}'"
         )
-
-
-def worse(before: Extreme | None, found: Extreme | None) -> Extreme | None:
-    """Return which of two extremes of one quantity is nearer to its bound; the first where they are equal."""
-    if before is None or found is None:
-        return before or found
-    return found if found.excess > before.excess else before
 
 
 @final

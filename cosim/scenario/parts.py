@@ -23,7 +23,7 @@ from cosim.scenario.schema import Scenario
 from cosim.scenario.snapshot import Snapshot
 from cosim.soft.body import Loads
 
-_LOOKED_AFTER_S = 1.0 / 60.0
+_LOOKED_AFTER_S = 1.0 / 30.0
 
 
 @final
@@ -82,9 +82,9 @@ class Parts:
         """Return how many ticks of the clock a phase lasts, at least one."""
         return max(1, round((phase.duration_s + phase.settle_s) / self.scenario.clock.tick_s))
 
-    def looks_at_links(self, tick: int) -> bool:
-        """Whether links are searched for that touch at a tick, some 60 times a second, or increment."""
-        return tick % self._looked_every == 0
+    def looks_at_links(self, first: int, count: int) -> range:
+        """Return after how many ticks (increments) of `count` from the first one on links are looked at."""
+        return range(-first % self._looked_every, count, self._looked_every)
 
     def work_devices(self, planned: PhasePlan, gas: ChamberGas, time_s: float, share: float) -> None:
         """Let devices act for the tick or increment that begins at a time and ends at a share of the ramp."""
@@ -126,5 +126,5 @@ class Parts:
             ledger=with_film_contacts(ledger, soft.touching),
             tick_wall_s=wall_s,
             devices=devices,
-            link_contacts=carrier.link_contacts(among_links=self.looks_at_links(moment.tick)),
+            link_contacts=carrier.link_contacts(among_links=bool(self.looks_at_links(moment.tick, 1))),
         )

@@ -98,10 +98,10 @@ class TickRows:
         self._tension = np.array([load.cable_tension_N for load in self._loads]).reshape(len(shares), -1)
         self._commands = self._lockstep.commands(servos, self._loads)
 
-    def _link_contacts(self, ticks: Ticks, numbers: list[int]) -> dict[int, tuple[LinkContact, ...]]:
-        """Return what the arm's links touch in ticks of the given numbers, by row."""
-        looked = [k for k, tick in enumerate(numbers) if self._parts.looks_at_links(tick)]
+    def _link_contacts(self, ticks: Ticks, first: int, count: int) -> dict[int, tuple[LinkContact, ...]]:
+        """Return what the arm's links touch in ticks from the first one on, by row."""
         search = self._parts.carrier.link_contacts_in
+        looked = self._parts.looks_at_links(first, count)
         found = {k: search(ticks.joints[k], ticks.places[k], ticks.quaternions[k]) for k in looked}
         return {k: contacts for k, contacts in found.items() if contacts}
 
@@ -136,5 +136,5 @@ class TickRows:
             algorithmic_mass=row.algorithmic_mass[:n],
             tip_target=self.references.planned.tip_target,
             tick_wall_s=spent_s,
-            link_contacts=self._link_contacts(ticks, tick.tolist()),
+            link_contacts=self._link_contacts(ticks, to.tick, n),
         )

@@ -66,3 +66,17 @@ def test_contacts_of_the_scene_itself_are_read() -> None:
     live, searched = scene.links.with_objects(), scene.links.at(ARM.home)
     assert live
     assert {(c.link, c.other) for c in live} == {(c.link, c.other) for c in searched}
+
+
+def test_an_arm_that_is_far_from_everything_is_not_looked_at_again_and_nothing_is_missed() -> None:
+    """Slowly into the floor and back: every look agrees with that of a scene that has looked elsewhere."""
+    scene, fresh = RigidScene(SceneDescription(ARM)), RigidScene(SceneDescription(ARM))
+    share = np.concatenate([np.linspace(0.0, 1.0, 400), np.linspace(1.0, 0.0, 400)])
+    way = ARM.home + share[:, None] * np.array([0.0, 1.0, 0.3, 0.0, 0.4, 0.0])
+    touched = 0
+    for q in way:
+        found = {(contact.link, contact.other) for contact in scene.links.at(q)}
+        fresh.links.at(ARM.home + 1.0)  # far away: what follows is computed
+        assert found == {(contact.link, contact.other) for contact in fresh.links.at(q)}
+        touched += bool(found)
+    assert 0 < touched < 800
