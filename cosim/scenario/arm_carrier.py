@@ -17,7 +17,7 @@ from cosim.coupling.ledger import LedgerEntry
 from cosim.coupling.lockstep import Lockstep, Servos
 from cosim.coupling.mass import MassProperties
 from cosim.coupling.soft_side import SoftSide
-from cosim.errors import InputError
+from cosim.errors import InputError, SolverError
 from cosim.frames import Array, Pose, Twist, Wrench
 from cosim.kinematics.arm import Arm, Payload
 from cosim.kinematics.inertial_parameters import COUNT, inertial_parameters
@@ -83,6 +83,7 @@ class ArmCarrier(Carrier):
         self._exchange = exchange or CouplingSettings()
         self._reference = np.zeros(arm.joint_count)
         self._coupling: Coupling | None = None
+        self._touching: tuple[LinkContact, ...] = ()
         self._lockstep: Lockstep | None = None
 
     @property
@@ -155,7 +156,9 @@ class ArmCarrier(Carrier):
 
     def link_contacts(self, *, among_links: bool) -> tuple[LinkContact, ...]:
         scene = self._scene
-        return scene.links.at(scene.joint_position) if among_links else scene.links.with_objects()
+        links = scene.links
+        self._touching = links.at(scene.joint_position) if among_links else links.with_objects()
+        return self._touching
 
     def link_contacts_in(self, joints: Array, places: Array, quaternions: Array) -> tuple[LinkContact, ...]:
         return self._scene.links.at(joints, places, quaternions)
@@ -219,7 +222,13 @@ class ArmCarrier(Carrier):
         feedforward = self._arm.inverse_dynamics(
             position, velocity, acceleration, self._scene.armature, self._payload()
         )
-        return self._coupling.tick(ServoCommand(position, velocity, feedforward), loads)
+        try:
+            return self._coupling.tick(ServoCommand(position, velocity, feedforward), loads)
+        except SolverError as error:
+            if not self._touching:
+                raise
+            touching = ", ".join(f"{contact.link} in {contact.other}" for contact in self._touching)
+            raise error.at(f"with {touching}") from error.__cause__
 
     def _payload(self) -> Payload | None:
         """Return what hangs on the flange as a rigid payload, at its present shape; None: unknown to it."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from traceback import format_exception
 from typing import Any
 
 import numpy as np
@@ -146,6 +147,17 @@ def test_a_link_that_is_driven_into_a_table_is_named(tmp_path: Path, mode: str) 
         assert 0.0 < touch["first_s"] <= 1.0
         assert touch["depth_m"] > 0.0
     assert any("forearm_link touches table from" in line for line in result.summary["warnings"])
+
+
+def test_an_arm_thrown_out_of_an_object_is_one_error_that_names_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Starts in objects are refused; here they are let pass, as an arm may get into one later on."""
+    monkeypatch.setattr("cosim.scenario.arm_plan.check_start", lambda *_: None)
+    table = TABLE.replace("0.2, 0.4, 0.2", "0.6, 0.6, 0.6")
+    with pytest.raises(cosim.SolverError, match=r"tick 1 .*with .*forearm_link in table") as failure:
+        cosim.run(scenario(tmp_path, more=table), overrides={"fidelity": "lumped"})
+    assert "".join(format_exception(failure.value)).count("Traceback") == 1
 
 
 def test_a_motion_within_the_limits_warns_of_nothing(tmp_path: Path) -> None:
