@@ -23,6 +23,7 @@ class LedgerEntry:
         soft_power_W: power that the soft side took in by its answer of this tick, with the same twist.
         residual_N: largest component of the out-of-balance force of the soft step.
         newton_iterations: of the soft step.
+        slides: equilibria that only a damped slide led to, in statics and before the first tick.
         stability_ratio: largest eigenvalue of (flange mobility x algorithmic mass of the soft side).
         algorithmic_mass: whether it was carried as armature in this tick.
         contacts: points of the film that press on something.
@@ -60,6 +61,7 @@ class LedgerEntry:
     interface_residual: float = 0.0
     power_size_W: float = 0.0
     momentum_error: float = 0.0
+    slides: int = 0
 
     @property
     def power_error_W(self) -> float:

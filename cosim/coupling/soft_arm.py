@@ -241,9 +241,7 @@ class SoftArm(SoftSide):
 
     def start(self, world_from_flange: Pose, loads: Loads) -> Equilibrium:
         """Return the equilibrium before the first phase: hung up without pressure, then loaded."""
-        hanging = Loads(0.0, (0.0,) * len(self.body.cables), loads.gravity)
-        hung = self.solve(self.state, world_from_flange, hanging)
-        return self.follow(hung, world_from_flange, loads)
+        return self.equilibrium_solver.start(self.state, world_from_flange, loads)
 
     def solve(
         self, state: SoftState, world_from_flange: Pose, loads: Loads, start: Array | None = None

@@ -148,6 +148,7 @@ class Block:
     power_error = _numbers(lambda c: c.power_error, lambda s: s.ledger.power_error)
     momentum_error = _numbers(lambda c: c.momentum_error, lambda s: s.ledger.momentum_error)
     residual_N = _numbers(lambda c: c.residual_N, lambda s: s.ledger.residual_N)
+    slides = _counts(lambda c: 0, lambda s: s.ledger.slides)
     newton_iterations = _counts(lambda c: c.newton_iterations, lambda s: s.ledger.newton_iterations)
     stability_ratio = _numbers(lambda c: c.stability_ratio, lambda s: s.ledger.stability_ratio)
     contacts = _counts(lambda c: 0, lambda s: s.ledger.contacts)

@@ -201,7 +201,8 @@ def responses(robot: SoftRobot, cases: Sequence[LoadCase]) -> Array:
     body = build_soft_body(robot, ChamberModel())
     clamp = Clamp.of_base(body)
     options = NewtonOptions(iterations_max=300, step_max_m=0.01)
-    solver = EquilibriumSolver(NewtonSolver(SoftSystem(body), clamp.mask(body.nodes)), clamp, options)
+    newton = NewtonSolver(SoftSystem(body), clamp.mask(body.nodes))
+    solver = EquilibriumSolver(newton, clamp, options, slides_max=0)
     inflated = _inflated(solver, body, sorted({case.pressure_Pa for case in cases}))
     area = np.pi * robot.chamber.corner_radius_m**2
     result = []
@@ -223,10 +224,14 @@ def _inflated(
 ) -> dict[float, Equilibrium]:
     """Return the equilibrium at each pressure, followed from the flat shape."""
     none = (0.0,) * len(body.cables)
-    state, last, found = SoftState.drawn(body, Pose()), 0.0, {}
+    here, last, found = None, 0.0, {}
     for pressure in pressures:
         for value in np.linspace(last, pressure, _PIECES + 1)[1:]:
-            here = solver.solve(state, Pose(), Loads(float(value), none, (0.0, 0.0, 0.0)))
-            state = here.state
+            loads = Loads(float(value), none, (0.0, 0.0, 0.0))
+            if here is None:
+                here = solver.solve(SoftState.drawn(body, Pose()), Pose(), loads)
+            else:
+                here = solver.follow(here, Pose(), loads)
+        assert here is not None
         found[pressure], last = here, pressure
     return found

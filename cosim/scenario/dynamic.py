@@ -48,7 +48,9 @@ class DynamicSimulation(SteppedRun):
         carrier.stand(plan.joints)
         found = start_equilibrium(soft, carrier.flange_pose, plan.loads)
         soft.settle(found)
-        ledger = LedgerEntry(found.wrench, 0.0, 0.0, found.residual_N, found.iterations, 0.0, False)
+        ledger = LedgerEntry(
+            found.wrench, 0.0, 0.0, found.residual_N, found.iterations, 0.0, False, slides=found.slides
+        )
         still, torque = np.zeros_like(plan.joints), carrier.holding_torque(found.wrench)
         moment = Moment(0, 0.0, 0, plan.joints, plan.loads, carrier.flange_pose, Twist(), still, torque)
         carrier.couple(found.wrench)

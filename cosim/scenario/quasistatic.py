@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import accumulate
 from typing import final
 
@@ -109,7 +109,7 @@ class QuasistaticSimulation(SteppedRun):
         rigid_power = here.wrench.power(motion.twist)
         ledger = LedgerEntry(
             here.wrench, rigid_power, motion.soft_power_W, here.residual_N, spent, 0.0, False,
-            touched.count, touched.normal_force_N, touched.depth_m,
+            touched.count, touched.normal_force_N, touched.depth_m, slides=here.slides,
         )  # fmt: skip
         moment = Moment(
             to.tick, time_s, to.phase, reference, here.loads, here.world_from_flange, motion.twist,
@@ -141,8 +141,9 @@ class QuasistaticSimulation(SteppedRun):
             soft.settle(found)
             if not carrier.give_way(reference, found.wrench):
                 break
+            slides = found.slides
             found = soft.follow(found, carrier.flange_pose, found.loads)
-            spent += found.iterations
+            spent, found = spent + found.iterations, replace(found, slides=slides + found.slides)
         return found, spent
 
 

@@ -71,6 +71,7 @@ class SummaryBuilder:
         self._last: Snapshot | None = None
         self._unread: list[Snapshot] = []
         self._newton_iterations = 0
+        self._slides = 0
         self._phase_iterations = 0
         self._max_residual_N = 0.0
         self._max_power_error_W = 0.0
@@ -101,6 +102,7 @@ class SummaryBuilder:
         block, self._unread = Block(self._unread), []
         iterations = int(block.newton_iterations.sum())
         self._newton_iterations += iterations
+        self._slides += int(block.slides.sum())
         self._phase_iterations += iterations
         self._exchange = self._exchange.after(block)
         if self._stage.arm is not None:
@@ -155,6 +157,7 @@ class SummaryBuilder:
             "planned_ticks": stage.ticks,
             "resumed_at_ticks": self._resumed_at_ticks,
             "newton_iterations": self._newton_iterations,
+            "slides": self._slides,
             "max_equilibrium_residual_N": self._max_residual_N,
             "max_interface_power_error_W": self._max_power_error_W,
             "max_stability_ratio": self._max_stability_ratio,
@@ -261,7 +264,8 @@ def summary_markdown(summary: dict[str, Any]) -> str:
         f"- {summary['simulated_s']:.3f} s simulated in {summary['wall_s']:.2f} s"
         + (f", real-time factor {factor:.2f}" if factor is not None else ""),
         f"- {summary['ticks']} of {summary['planned_ticks']} ticks of {1e3 * summary['tick_s']:g} ms, "
-        f"{summary['newton_iterations']} Newton iterations",
+        f"{summary['newton_iterations']} Newton iterations"
+        + (f", {summary['slides']} slides to another branch of equilibria" if summary["slides"] else ""),
         f"- largest residual {_figure(summary['max_equilibrium_residual_N'])} N, "
         f"largest power error {_figure(summary['max_interface_power_error_W'])} W",
         "",

@@ -14,6 +14,8 @@ from cosim.soft.body import Loads
 from cosim.soft.cable_length import losses_follow
 from cosim.soft.contact import ContactPlanes
 from cosim.soft.newton import NewtonOptions, NewtonResult, NewtonSolver
+from cosim.soft.place import place_of_largest
+from cosim.soft.pseudo_transient import slide
 from cosim.soft.self_contact import SelfContact
 from cosim.soft.state import Clamp, SoftState
 
@@ -43,6 +45,8 @@ class Equilibrium:
         iterations: Newton iterations spent since the equilibrium it was followed from.
         potential_J: potential energy, loads included.
         shifted: iterations that met an indefinite tangent.
+        slides: how often on the way Newton's method found nothing near and a damped slide led on; see
+            `pseudo_transient`.
     """
 
     state: SoftState
@@ -53,6 +57,7 @@ class Equilibrium:
     iterations: int
     potential_J: float
     shifted: int
+    slides: int = 0
 
 
 @final
@@ -66,6 +71,7 @@ class EquilibriumSolver:
         clamp: nodes held by the flange.
         options: bounds of the iteration.
         self_contact: of the body's films with one another; None where it is not modelled.
+        slides_max: how often, on one way, the body may slide to another branch; see `follow`.
     """
 
     def __init__(
@@ -74,11 +80,13 @@ class EquilibriumSolver:
         clamp: Clamp,
         options: NewtonOptions,
         self_contact: SelfContact | None = None,
+        slides_max: int = 4,
     ) -> None:
         self.solver = solver
         self.clamp = clamp
         self.options = options
         self.self_contact = self_contact
+        self.slides_max = slides_max
         self.obstacles: Obstacles | None = None
 
     def solve(
@@ -101,7 +109,8 @@ class EquilibriumSolver:
         if not result.converged:
             raise ConvergenceError(
                 f"no equilibrium found: {result.outcome.value}; residual {result.residual_N:.3g} N, bound "
-                f"{self.options.tolerance_N:.3g} N, {result.iterations} iterations",
+                f"{self.options.tolerance_N:.3g} N, {result.iterations} iterations, the largest "
+                f"at {place_of_largest(self.solver, result.positions)}",
                 result.residual_N,
                 result.iterations,
             )
@@ -113,10 +122,33 @@ class EquilibriumSolver:
             result.residual_N, result.iterations, result.potential_J, result.shifted,
         )  # fmt: skip
 
+    def start(self, state: SoftState, world_from_flange: Pose, loads: Loads) -> Equilibrium:
+        """Find the first equilibrium of all: hung up without pressure and tension, then loaded.
+
+        Args:
+            state: near it, such as the drawn shape.
+            world_from_flange: pose of the flange.
+            loads: that act in the end.
+
+        Raises:
+            ConvergenceError: none was found.
+        """
+        hanging = Loads(0.0, (0.0,) * len(loads.cable_tension_N), loads.gravity)
+        try:
+            hung = self.solve(state, world_from_flange, hanging)
+        except ConvergenceError:
+            if not self.slides_max:
+                raise
+            hung = self.slide(state, world_from_flange, hanging)
+        found = self.follow(hung, world_from_flange, loads)
+        spent, slides = hung.iterations + found.iterations, hung.slides + found.slides
+        return replace(found, iterations=spent, slides=slides)
+
     def follow(self, begin: Equilibrium, world_from_flange: Pose, loads: Loads) -> Equilibrium:
         """Follow an equilibrium to another flange pose and other loads, in as few pieces as it takes.
 
-        The body is first carried rigidly with the flange. A piece that does not converge is halved.
+        The body is first carried rigidly with the flange. A piece that does not converge is halved. Where
+        even the smallest does not, the branch ends there, and the body slides to where it comes to rest.
 
         Args:
             begin: where to start.
@@ -124,27 +156,49 @@ class EquilibriumSolver:
             loads: wanted loads.
 
         Raises:
-            ConvergenceError: a piece of 1/256 of the way did not converge.
+            ConvergenceError: a piece of 1/256 of the way did not converge, nor did the slide from there.
         """
-        here, done, piece, spent = begin, 0.0, 1.0, 0
+        here, done, piece, spent, slides = begin, 0.0, 1.0, 0, 0
         while done < 1.0:
             share = min(1.0, done + piece)
             pose = begin.world_from_flange.interpolated(world_from_flange, share)
             load = begin.loads.interpolated(loads, share)
-            motion = pose @ here.world_from_flange.inverse()
+            state = here.state.carried(pose @ here.world_from_flange.inverse())
             try:
-                found = self.solve(here.state.carried(motion), pose, load)
+                found = self.solve(state, pose, load)
             except ConvergenceError as error:
                 spent += error.iterations
-                piece *= 0.5
-                if piece < 0.5**_SPLITS_MAX:
+                if piece > 0.5**_SPLITS_MAX:
+                    piece *= 0.5
+                    continue
+                if slides == self.slides_max:
                     raise
-                continue
+                found, slides, piece = self.slide(state, pose, load), slides + 1, 1.0
             here, done, spent = found, share, spent + found.iterations
-        return Equilibrium(
-            here.state, here.world_from_flange, here.loads, here.wrench, here.residual_N, spent,
-            here.potential_J, here.shifted,
-        )  # fmt: skip
+        return replace(here, iterations=spent, slides=slides)
+
+    def slide(self, state: SoftState, world_from_flange: Pose, loads: Loads) -> Equilibrium:
+        """Find the equilibrium that a damped body slides to, however far from a state: the last resort.
+
+        Args:
+            state: where it starts; its hinge angles are known.
+            world_from_flange: pose of the flange.
+            loads: that act.
+
+        Raises:
+            ConvergenceError: it comes to rest nowhere.
+        """
+        start = self.clamp.place(state.positions, world_from_flange)
+        slid = slide(self.solver, start, state.angles, lambda x: self._touched(x, loads), self.options)
+        rest = self.solve(SoftState.at_rest(slid.positions, slid.angles), world_from_flange, loads)
+        return replace(rest, iterations=slid.iterations + rest.iterations, slides=1)
+
+    def _touched(self, positions: Array, loads: Loads) -> Loads:
+        """Return the loads with what is touched near given positions."""
+        films, obstacles = self.self_contact, self.obstacles
+        planes = loads.contact if obstacles is None else obstacles(positions)
+        pairs = None if films is None else films.static_pairs(positions, None, 0.0)
+        return replace(loads, contact=planes, self_contact=pairs)
 
     def _settle_contacts(self, start: Array, angles: Array, loads: Loads) -> tuple[NewtonResult, Loads]:
         """Solve, and repeat while something else is touched than what was found before the solution.

@@ -8,12 +8,14 @@ import numpy as np
 import pytest
 
 import cosim
+from cosim.errors import ConvergenceError
 from cosim.frames import Pose
 from cosim.scenario.loading import load_scenario
 from cosim.scenario.soft_build import build_soft_body
 from cosim.scenario.solver_schema import ChamberModel
-from cosim.soft.body import Loads
+from cosim.soft.body import Loads, SoftBody
 from cosim.soft.equilibrium import Equilibrium, EquilibriumSolver
+from cosim.soft.film import Film
 from cosim.soft.newton import NewtonOptions, NewtonSolver
 from cosim.soft.state import Clamp, SoftState
 from cosim.soft.system import SoftSystem
@@ -78,3 +80,33 @@ def test_a_thin_refined_stack_bends_by_more_than_right_angles() -> None:
     )
     assert result.status == "completed"
     assert result.summary["phases"][-1]["tip_direction"][2] < 0.0
+
+
+def test_where_a_branch_ends_the_body_slides_to_the_next() -> None:
+    # a shallow roof of two strips that snaps through; three short iterations do not lead there
+    half, rise = 0.05, 0.01
+    positions = np.array([
+        [-half, 0.0, 0.0], [-half, 0.02, 0.0], [0.0, 0.0, rise], [0.0, 0.02, rise],
+        [half, 0.0, 0.0], [half, 0.02, 0.0],
+    ])  # fmt: skip
+    triangles = np.array([[0, 2, 1], [1, 2, 3], [2, 4, 3], [3, 4, 5]])
+    body = SoftBody.from_arrays(positions, triangles, Film(1e6, 0.3, 1e-3))
+    clamped = np.isin(np.arange(6), [0, 1, 4, 5])
+    nowhere = Clamp(np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros((0, 3), dtype=bool))
+    options = NewtonOptions(iterations_max=3, step_max_m=1e-3)
+    force = np.zeros((6, 3))
+    force[2:4, 2] = -0.12
+
+    def pushed(slides_max: int) -> Equilibrium:
+        solver = EquilibriumSolver(
+            NewtonSolver(SoftSystem(body), clamped), nowhere, options, slides_max=slides_max
+        )
+        rest = solver.solve(SoftState.drawn(body, Pose()), Pose(), Loads(gravity=(0.0, 0.0, 0.0)))
+        return solver.follow(rest, Pose(), replace(rest.loads, nodal_force=force))
+
+    with pytest.raises(ConvergenceError, match=r"the largest at node [23]"):
+        pushed(0)
+    here = pushed(4)
+    assert here.slides == 1
+    assert here.residual_N < options.tolerance_N
+    assert here.state.positions[2:4, 2].max() < -rise

@@ -104,7 +104,8 @@ def _compared(body: SoftBody, model: SectionModel) -> SectionModel:
     system = SoftSystem(body)
     clamp = Clamp.of_base(body)
     options = NewtonOptions(tolerance_N=1e-6, start_tolerance_N=1e-6, iterations_max=40)
-    solver = EquilibriumSolver(NewtonSolver(system, clamp.mask(body.nodes)), clamp, options)
+    newton = NewtonSolver(system, clamp.mask(body.nodes))
+    solver = EquilibriumSolver(newton, clamp, options, slides_max=0)
     chain = ChainSolver(SectionBody(body, model))
     pull = _PULL_OF_WEIGHT * 9.81 * body.mass_kg
     slack, along = (0.0,) * len(body.cables), (0.0, 0.0, 9.81)

@@ -103,7 +103,8 @@ class Sampler:
         options = NewtonOptions(
             tolerance_N=1e-6, start_tolerance_N=1e-6, iterations_max=25, shift_max_N_m=1e6
         )
-        self._solver = EquilibriumSolver(NewtonSolver(self._system, clamp.mask(body.nodes)), clamp, options)
+        newton = NewtonSolver(self._system, clamp.mask(body.nodes))
+        self._solver = EquilibriumSolver(newton, clamp, options, slides_max=0)
         self._groups = RingGroup.all_of(self._system.pattern, frames)
         self._slack = Loads(0.0, (0.0,) * len(body.cables), _STILL)
         self._body = body
