@@ -14,9 +14,11 @@ from cosim.code_identity import code_identity
 from cosim.errors import InputError
 from cosim.loaded_files import changed_file
 from cosim.run_files import CHECKPOINT, SCENARIO, SUMMARY, RunFiles
-from cosim.scenario.snapshot import Snapshot
+from cosim.scenario.snapshot import Snapshot, Stage
 from cosim.scenario.summary import Status, SummaryBuilder, SummaryState
+from cosim.shown_state import check_shown, naming, sizes_of
 from cosim.state_archive import read_archive, read_header, write_archive
+from cosim.state_check import check_state
 from cosim.stateful import Stateful
 
 _KEEP_TICKS = 20  # one for every tick would cost some percent: each makes the next factorisation a copy
@@ -234,32 +236,53 @@ def tick_to_resume(directory: Path, loaded: Mapping[str, str]) -> int:
     """
     scenario, path, where = directory / SCENARIO, directory / CHECKPOINT, f"--resume {directory}:"
     header = read_header(path)
-    changed = changed_file(header.get("loaded", {}), loaded)
+    changed = changed_file(_table(header, "loaded"), loaded)
     if changed is not None:
         raise InputError(
             f"{where} {changed} has been changed since the run began; run it anew, or branch from Python: "
             f"cosim.Simulation({str(scenario)!r}, start={str(path)!r})"
         )
-    before, here = header.get("written_by", {}), code_identity()
+    before, here = _table(header, "written_by"), code_identity()
     other = [f"{key} {before.get(key)} (now {here[key]})" for key in here if here[key] != before.get(key)]
     if other:
         raise InputError(
             f"{where} the checkpoint was written with {', '.join(other)}; the run would not go on bit for "
             f"bit; run it anew: cosim run {scenario}"
         )
-    return int(header["tick"])
+    tick = header.get("tick")
+    if not isinstance(tick, int):
+        raise InputError(f"{where} {CHECKPOINT} does not say after which tick it was written")
+    return tick
 
 
-def read_checkpoint(directory: Path) -> Checkpoint:
-    """Return the checkpoint of a run whose simulation has been built, so that its classes are known.
+def read_checkpoint(directory: Path, simulation: Saves, stage: Stage) -> Checkpoint:
+    """Return the checkpoint of a run, with the simulation, which has been built, brought to it.
+
+    Args:
+        directory: of the run.
+        simulation: goes on from there.
+        stage: of the simulation.
 
     Raises:
-        InputError: it cannot be read.
+        InputError: it cannot be read, or is not one of this simulation.
     """
-    found = read_archive(directory / CHECKPOINT)
+    path = directory / CHECKPOINT
+    found = read_archive(path)
     if not isinstance(found, Checkpoint):
-        raise InputError(f"{directory / CHECKPOINT}: holds no checkpoint but a {type(found).__name__}")
+        raise InputError(f"{path}: holds no checkpoint but a {type(found).__name__}")
+    with naming(path):
+        check_state(found, None, Checkpoint, place="checkpoint", sizes=sizes_of(stage), finite=False)
+        for snapshot in (found.first, found.summary.last):
+            check_shown(snapshot, stage)
+        SummaryBuilder(stage, 0.0, "", ()).restore_state(found.summary)
+        simulation.restore_state(found.run)
     return found
+
+
+def _table(header: Mapping[str, Any], key: str) -> dict[str, Any]:
+    """Return a table of a header; an empty one where something else stands in its place."""
+    found = header.get(key)
+    return found if isinstance(found, dict) else {}
 
 
 def _status(directory: Path) -> str | None:

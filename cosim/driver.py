@@ -135,8 +135,7 @@ def execute(
         simulation, earlier = build(scenario), None
         if options.resume:
             assert options.directory is not None, "a run is resumed in its directory"
-            earlier = read_checkpoint(options.directory)
-            simulation.restore_state(earlier.run)
+            earlier = read_checkpoint(options.directory, simulation, simulation.stage)
         first, snapshots = _with_first(simulation.steps(READ_AT_ONCE))
         for watcher in options.watchers:
             watcher.open(simulation.stage)

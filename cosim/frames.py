@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import Any, TypeAlias, TypeVar
+from typing import Annotated, Any, TypeAlias, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -178,8 +178,8 @@ class Pose:
         translation: (3,) [m].
     """
 
-    rotation: Array = field(default_factory=lambda: np.eye(3))
-    translation: Array = field(default_factory=lambda: np.zeros(3))
+    rotation: Annotated[Array, (3, 3)] = field(default_factory=lambda: np.eye(3))
+    translation: Annotated[Array, (3,)] = field(default_factory=lambda: np.zeros(3))
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "rotation", _frozen(self.rotation, (3, 3)))
@@ -229,8 +229,8 @@ class Pose:
 class Twist:
     """Velocity of a frame: of its origin [m/s] and angular [rad/s], world axes, shape (3,) each."""
 
-    linear: Array = field(default_factory=lambda: np.zeros(3))
-    angular: Array = field(default_factory=lambda: np.zeros(3))
+    linear: Annotated[Array, (3,)] = field(default_factory=lambda: np.zeros(3))
+    angular: Annotated[Array, (3,)] = field(default_factory=lambda: np.zeros(3))
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "linear", _frozen(self.linear, (3,)))
@@ -246,8 +246,8 @@ class Twist:
 class Wrench:
     """Force [N] and torque [N m] about a named point, world axes, shape (3,) each."""
 
-    force: Array = field(default_factory=lambda: np.zeros(3))
-    torque: Array = field(default_factory=lambda: np.zeros(3))
+    force: Annotated[Array, (3,)] = field(default_factory=lambda: np.zeros(3))
+    torque: Annotated[Array, (3,)] = field(default_factory=lambda: np.zeros(3))
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "force", _frozen(self.force, (3,)))

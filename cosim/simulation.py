@@ -14,10 +14,14 @@ from cosim.errors import InputError
 from cosim.first_run import log, prepared
 from cosim.result import result_of
 from cosim.scenario.block import READ_AT_ONCE
+from cosim.scenario.choices import Choices
 from cosim.scenario.loading import load_scenario
 from cosim.scenario.schema import Scenario
 from cosim.scenario.snapshot import Snapshot, Stage
+from cosim.scenario.stepped_run import RunState
+from cosim.shown_state import check_shown, naming
 from cosim.state_archive import read_archive, write_archive
+from cosim.state_check import check_state
 
 if TYPE_CHECKING:
     from cosim.actuation.controller import AnyController
@@ -81,7 +85,7 @@ class Simulation:
         # what is in a file can be read once something like it has been built
         if saved.run.choices.contact not in self.stage.modelled:
             self._run = build_simulation(self.scenario, controllers, saved.run.choices)
-        self.restore(saved)
+        self.restore(start)
 
     @property
     def stage(self) -> Stage:
@@ -138,7 +142,12 @@ class Simulation:
             InputError: the file cannot be read, or the state does not fit this scenario.
         """
         found = _read(saved)
-        self._run.restore_state(found.run)
+        if isinstance(saved, SavedState):
+            self._run.restore_state(found.run)
+        else:
+            with naming(Path(saved)):
+                check_shown(found.snapshot, self.stage)
+                self._run.restore_state(found.run)
         self._snapshot = found.snapshot
 
     def branch(self, overrides: Mapping[str, Any] | None = None) -> Simulation:
@@ -173,8 +182,9 @@ def _read(saved: SavedState | str | Path) -> SavedState:
     found = read_archive(Path(saved)) if isinstance(saved, str | Path) else saved
     if isinstance(found, Checkpoint):
         found = SavedState(found.run, found.summary.last)
-    if not isinstance(found, SavedState):
+    if not isinstance(found, SavedState) or not isinstance(found.run, RunState):
         raise InputError(f"{saved}: holds no simulation but a {type(found).__name__}")
+    check_state(found.run.choices, None, Choices, place=f"{saved}: choices")
     return found
 
 

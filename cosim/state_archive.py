@@ -9,22 +9,32 @@ frozen dataclass or an enum is made.
 from __future__ import annotations
 
 import enum
+import io
 import json
+import math
+import struct
 import sys
 import zipfile
+import zlib
 from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import Any, final
 
 import numpy as np
+from numpy.lib import format as npy
 from numpy.typing import NDArray
 
 from cosim.errors import InputError
 from cosim.whole_files import whole_file
 
 ARCHIVE_SCHEMA = 1
-_STRUCTURE = "structure"
+_STRUCTURE, _SUFFIX = "structure", ".npy"
+_DAMAGE = (
+    ArithmeticError, AttributeError, LookupError, MemoryError, NotImplementedError, RuntimeError, SyntaxError,
+    TypeError, ValueError, EOFError, zlib.error, struct.error,
+)  # fmt: skip
+"""What reading a damaged or made-up file may raise."""
 
 
 def write_archive(path: Path, header: Mapping[str, Any], state: Any) -> None:
@@ -62,20 +72,52 @@ def read_archive(path: Path) -> Any:
         InputError: no archive, one of another schema, or one whose classes are unknown or have changed.
     """
     structure, arrays = _read(path, whole=True)
-    return _decode(structure["state"], arrays)
+    try:
+        return _decode(structure["state"], arrays)
+    except (InputError, *_DAMAGE) as error:
+        raise InputError(f"{path}: {_one_line(error)}") from error
 
 
 def _read(path: Path, *, whole: bool) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
     try:
-        with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
-            structure = json.loads(archive[_STRUCTURE].tobytes())
-            arrays = {name: archive[name] for name in archive.files} if whole else {}
-    except (OSError, ValueError, TypeError, KeyError, EOFError, zipfile.BadZipFile) as error:
-        raise InputError(f"{path}: is no saved state that can be read: {error}") from error
+        with zipfile.ZipFile(path) as archive:
+            structure = json.loads(_array(archive, _STRUCTURE + _SUFFIX).tobytes())
+            names = [name for name in archive.namelist() if name.endswith(_SUFFIX)] if whole else []
+            arrays = {name.removesuffix(_SUFFIX): _array(archive, name) for name in names}
+    except OSError as error:
+        raise InputError(f"{path}: is no saved state that can be read: {error.strerror or error}") from error
+    except (*_DAMAGE, zipfile.BadZipFile) as error:
+        raise InputError(f"{path}: is no saved state that can be read: {_one_line(error)}") from error
     found = structure.get("schema") if isinstance(structure, dict) else None
-    if found != ARCHIVE_SCHEMA:
-        raise InputError(f"{path}: has schema {found}; this cosim reads {ARCHIVE_SCHEMA}")
+    if found != ARCHIVE_SCHEMA or not isinstance(structure.get("header"), dict):
+        raise InputError(f"{path}: has schema {str(found)[:40]}; this cosim reads {ARCHIVE_SCHEMA}")
     return structure, arrays
+
+
+def _array(archive: zipfile.ZipFile, name: str) -> NDArray[Any]:
+    """Return an array stored as `numpy.savez` does it: as it is, so that it is no larger in memory.
+
+    Raises:
+        ValueError: it is packed, shorter or longer than it says, or made of objects.
+    """
+    entry = archive.getinfo(name)
+    if entry.compress_type != zipfile.ZIP_STORED or entry.file_size > entry.compress_size:
+        raise ValueError(f"{name} is packed")
+    data = archive.read(entry)
+    stream = io.BytesIO(data)
+    version = npy.read_magic(stream)
+    read_header = npy.read_array_header_1_0 if version == (1, 0) else npy.read_array_header_2_0
+    shape, by_columns, dtype = read_header(stream)
+    wanted = math.prod(shape) * dtype.itemsize
+    if dtype.hasobject or min(shape, default=0) < 0 or len(data) - stream.tell() != wanted:
+        raise ValueError(f"{name} is not an array of shape {shape}")
+    array = np.frombuffer(bytearray(data[stream.tell() :]), dtype)
+    return array.reshape(shape, order="F" if by_columns else "C")
+
+
+def _one_line(error: BaseException) -> str:
+    """Return the first line of an error's text, or its kind where it has none."""
+    return (str(error).splitlines() or [""])[0][:200] or type(error).__name__
 
 
 @final

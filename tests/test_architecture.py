@@ -16,11 +16,11 @@ TEXT_SUFFIXES = {".py", ".toml", ".md", ".cff", ".urdf", ".yaml", ".yml", ".sh",
 # What a layer may import, besides itself. `top` joins everything for the command line and cosim.run.
 BASICS = {
     "errors", "frames", "frozen", "resources", "arm_files", "body_shape", "kernels", "mesh_files",
-    "output_directory", "stateful", "state_archive", "whole_files", "__init__",
+    "output_directory", "stateful", "state_archive", "state_check", "whole_files", "__init__",
 }  # fmt: skip
 TOP = {
     "api", "checkpoint", "code_identity", "driver", "first_run", "loaded_files", "result", "run_files",
-    "simulation",
+    "shown_state", "simulation",
 }  # fmt: skip
 PHYSICS = {"basics", "soft", "rigid", "kinematics"}
 JOINING = PHYSICS | {"coupling", "actuation"}

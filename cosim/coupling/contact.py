@@ -9,11 +9,12 @@ the obstacle, and its normal force, which bounds the friction of the next tick.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import final
+from typing import Annotated, final
 
 import numpy as np
 
 from cosim.coupling.contact_report import NOTHING_TOUCHED, ContactReport
+from cosim.errors import InputError
 from cosim.frames import Array, IntArray, cross
 from cosim.rigid.bodies import Bodies
 from cosim.rigid.contact_query import ContactQuery
@@ -21,6 +22,7 @@ from cosim.rigid.features import near_film
 from cosim.soft.contact import ContactForces, ContactLaw, ContactPlanes
 from cosim.soft.contact_surface import ContactSurface, Extent
 from cosim.soft.state import SoftState
+from cosim.state_check import check_indices
 
 _REACH_M = 1e-3  # looked ahead besides what the film moves in a tick
 _STILL_REACH_M = 3e-3  # the same in statics, where nothing says how far the film will move
@@ -40,10 +42,10 @@ class ContactMemory:
         place: (k, 3) [m], world: for features, where they were; for points of the film, not used.
     """
 
-    key: IntArray
-    normal_force: Array
-    offset: Array
-    place: Array
+    key: Annotated[IntArray, ("k",)]
+    normal_force: Annotated[Array, ("k",)]
+    offset: Annotated[Array, ("k", 3)]
+    place: Annotated[Array, ("k", 3)]
 
     @classmethod
     def empty(cls) -> ContactMemory:
@@ -66,9 +68,9 @@ class ContactState:
     memory: ContactMemory
     planes: ContactPlanes | None
     sticking: ContactPlanes | None
-    shape: IntArray
-    key: IntArray
-    carrier: Array
+    shape: Annotated[IntArray, ("k",)]
+    key: Annotated[IntArray, ("k",)]
+    carrier: Annotated[Array, ("k", 3)]
     points: int
 
 
@@ -221,6 +223,20 @@ class ContactExchange:
         self.shape, self._key = state.shape, state.key
         self._carrier, self._points = state.carrier, state.points
         self.query.update()
+
+    def check_state(self, state: ContactState) -> None:
+        """Check what a saved state names: `restore_state` takes it for granted.
+
+        Raises:
+            InputError: there is no such node or shape.
+        """
+        check_indices(state.shape, len(self.query.body), "shapes")
+        for planes in (state.planes, state.sticking):
+            if planes is None:
+                continue
+            if len(planes) != len(state.shape) or not 0 <= state.points <= len(planes):
+                raise InputError(f"the saved contacts are {len(planes)}, of {len(state.shape)} shapes")
+            self.surface.check_planes(planes)
 
     def _remember(self, planes: ContactPlanes, found: ContactForces) -> None:
         film = np.arange(len(planes)) < self._points

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final, final
+from typing import Annotated, Final, final
 
 import numpy as np
 
@@ -25,9 +25,9 @@ class ContactReport:
         depth_m: of the deepest.
     """
 
-    bodies: IntArray
-    force: Array
-    torque: Array
+    bodies: Annotated[IntArray, ("b",)]
+    force: Annotated[Array, ("b", 3)]
+    torque: Annotated[Array, ("b", 3)]
     count: int
     normal_force_N: float
     depth_m: float

@@ -138,6 +138,7 @@ class Interface:
         self.ratio, self.ticks = state.ratio, state.ticks
         contact, mass = (state.contact, state.body_mass) if state.contact else self._untouched
         if self.contact is not None and contact is not None:
+            self.contact.check_state(contact)
             self.contact.restore_state(contact)
         if self.body_mass is not None and mass is not None:
             self.body_mass.restore_state(mass)

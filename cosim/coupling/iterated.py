@@ -12,7 +12,7 @@ is carried: at the root, this is implicit Euler for both sides together.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import final
+from typing import Annotated, final
 
 import numpy as np
 
@@ -39,9 +39,9 @@ class IteratedState:
     """
 
     interface: InterfaceState
-    history: tuple[Array, ...]
-    left_over: Array
-    inverse: Array | None
+    history: tuple[Annotated[Array, ("b", 6)], ...]
+    left_over: Annotated[Array, ("b", 6)]
+    inverse: Annotated[Array, ("n", "n")] | None
 
 
 @final

@@ -8,7 +8,7 @@ J^T D J on the mass matrix, wherever eig(J M^-1 J^T D) exceeds the bound.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import final
+from typing import Annotated, final
 
 import numpy as np
 
@@ -24,8 +24,8 @@ from cosim.soft.contact import ContactPlanes
 class JointedMassState:
     """Where a `JointedMass` is: the arguments are its attributes of these names."""
 
-    touched: IntArray
-    stiffness: Array
+    touched: Annotated[IntArray, ("k",)]
+    stiffness: Annotated[Array, ("k",)]
     age: int
     ratio: float
 

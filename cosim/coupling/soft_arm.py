@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TypeAlias, final
 
 import numpy as np
@@ -10,8 +10,9 @@ import numpy as np
 from cosim.coupling.answer_weights import answer_weights
 from cosim.coupling.flange_path import pose_within
 from cosim.coupling.shape_reader import MeshReader
+from cosim.coupling.soft_arm_state import SoftArmState
 from cosim.coupling.soft_side import SoftReply, SoftSide
-from cosim.errors import ConvergenceError, InputError
+from cosim.errors import ConvergenceError
 from cosim.frames import Array, IntArray, Mask, Pose
 from cosim.soft import flange_search, tension_search
 from cosim.soft.body import Loads, SoftBody
@@ -19,7 +20,6 @@ from cosim.soft.contact import ContactPlanes
 from cosim.soft.contact_surface import ContactSurface
 from cosim.soft.dynamics import ImplicitStepper, StepAim, StepOptions, difference_scheme, inertia_weight
 from cosim.soft.equilibrium import Equilibrium, EquilibriumSolver, Obstacles
-from cosim.soft.kept_factor import NewtonState
 from cosim.soft.newton import NewtonOptions, NewtonSolver
 from cosim.soft.self_contact import FilmContactLaw, SelfContact
 from cosim.soft.state import Clamp, SoftState
@@ -30,34 +30,6 @@ from cosim.soft.tip_target import TipTarget
 _HALVINGS_MAX = 5
 
 _Drive: TypeAlias = tuple[Pose, Loads]
-
-
-@final
-@dataclass(frozen=True)
-class SoftArmState:
-    """What the next step of a soft arm depends on.
-
-    Args:
-        soft: shape and motion.
-        clamp: what is held.
-        flange: pose of the flange at the end of the last step.
-        loads: there.
-        residual_N: of the last step.
-        newton: what its solver has kept.
-        flange_before: pose of the flange one step earlier, if there was one.
-        pieces: into which a step is cut.
-        piece_s: length of the last one [s].
-    """
-
-    soft: SoftState
-    clamp: Clamp
-    flange: Pose
-    loads: Loads
-    residual_N: float
-    newton: NewtonState
-    flange_before: Pose | None
-    pieces: int
-    piece_s: float
 
 
 @final
@@ -282,10 +254,9 @@ class SoftArm(SoftSide):
         Raises:
             InputError: the state is of a body with another number of nodes.
         """
-        if len(state.soft.positions) != self.body.nodes:
-            raise InputError(
-                f"the saved soft robot has {len(state.soft.positions)} nodes, this one {self.body.nodes}"
-            )
+        state.check(self.body.nodes)
+        if state.loads.contact is not None:
+            self.contact_surface().check_planes(state.loads.contact)
         if state.clamp is not self.clamp:
             self._hold(state.clamp)
         self.state, self._residual = state.soft, state.residual_N

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import final
+from typing import Annotated, final
 
 from cosim.frames import Array, IntArray
 
@@ -28,7 +28,7 @@ class RigidState:
     armature: Array
     acceleration: Array
     flange_load: Array
-    loaded: IntArray
-    carrying: IntArray
-    carried: Array
+    loaded: Annotated[IntArray, ("k",)]
+    carrying: Annotated[IntArray, ("b",)]
+    carried: Annotated[Array, ("b", 6, 6)]
     on_arm: Array

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import final
+from typing import Annotated, final
 
 from cosim.frames import Array, IntArray
 
@@ -79,10 +79,10 @@ class ActuationReport:
         controls: those that act.
     """
 
-    cable_tension_N: Array
-    cable_length_m: Array
-    unstretched_m: Array
-    lost_steps: IntArray
+    cable_tension_N: Annotated[Array, ("cables",)]
+    cable_length_m: Annotated[Array, ("cables",)]
+    unstretched_m: Annotated[Array, ("cables",)]
+    lost_steps: Annotated[IntArray, ("cables",)]
     bending_angle_rad: float
     pumps: tuple[PumpReport, ...] = ()
     controls: tuple[ControlReport, ...] = ()

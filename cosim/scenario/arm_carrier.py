@@ -31,6 +31,7 @@ from cosim.scenario.joint_path import JointReference
 from cosim.soft.body import Loads
 from cosim.soft.contact import ContactLaw
 from cosim.soft.equilibrium import Obstacles
+from cosim.state_check import check_indices, check_state
 
 _SETTLED_RAD = 1e-9
 
@@ -188,6 +189,8 @@ class ArmCarrier(Carrier):
     def restore_state(self, state: ArmCarrierState | None) -> None:
         if state is None:
             raise InputError("the saved state is of a held base, this flange is carried")
+        touched = np.concatenate([state.scene.loaded, state.scene.carrying])
+        check_indices(touched, len(self._scene.body_names), "bodies")
         self._scene.restore_state(state.scene)
         self._reference = state.reference
         if state.coupling is None:
@@ -196,6 +199,7 @@ class ArmCarrier(Carrier):
         if self._coupling is None:
             self.couple(Wrench())
         assert self._coupling is not None, "couple() has just made it"
+        check_state(state.coupling, self._coupling.save_state(), place="state.carrier.coupling")
         self._coupling.restore_state(state.coupling)
 
     @property

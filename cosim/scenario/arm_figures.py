@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any, Final, final
+from typing import Annotated, Any, Final, final
 
 import numpy as np
 
@@ -27,8 +27,8 @@ class LastRow:
     """
 
     time_s: float
-    position: Array
-    velocity: Array
+    position: Annotated[Array, ("joints",)]
+    velocity: Annotated[Array, ("joints",)]
 
 
 @final
@@ -44,7 +44,7 @@ class ArmFigures:
     """
 
     extremes: dict[str, Extreme] = field(default_factory=dict)
-    saturated_s: Array = field(default_factory=lambda: np.zeros(0))
+    saturated_s: Annotated[Array, ("*",)] = field(default_factory=lambda: np.zeros(0))
     touches: tuple[Touch, ...] = ()
     last: LastRow | None = None
 

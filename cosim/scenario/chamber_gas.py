@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import final
+from typing import Annotated, final
+
+import numpy as np
 
 from cosim.coupling.soft_side import SoftSide
 from cosim.frozen import changed
@@ -14,6 +16,7 @@ from cosim.scenario.solver_schema import Gas
 from cosim.soft.body import Loads
 from cosim.soft.gas import SealedGas, exchange, leak
 from cosim.soft.gas_chamber import gas_chambers
+from cosim.state_check import check_indices
 
 
 @final
@@ -28,9 +31,9 @@ class ChamberGasState:
         orifices: (chamber, chamber, conductance [kg/(s Pa)]).
     """
 
-    sealed: tuple[SealedGas | None, ...]
-    pressures_Pa: tuple[float, ...]
-    rules: tuple[GasRule, ...]
+    sealed: Annotated[tuple[SealedGas | None, ...], ("c",)]
+    pressures_Pa: Annotated[tuple[float, ...], ("c",)]
+    rules: Annotated[tuple[GasRule, ...], ("c",)]
     orifices: tuple[tuple[int, int, float], ...]
 
 
@@ -167,5 +170,7 @@ class ChamberGas:
 
     def restore_state(self, state: ChamberGasState) -> None:
         """Return to a state of `save_state`."""
+        for orifice in state.orifices:
+            check_indices(np.array(orifice[:2]), len(state.rules), "chambers")
         self._sealed, self._pressures = list(state.sealed), state.pressures_Pa
         self._rules, self._orifices, self._ramp = state.rules, list(state.orifices), None

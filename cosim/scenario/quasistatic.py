@@ -6,7 +6,7 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import accumulate
-from typing import final
+from typing import Annotated, final
 
 import numpy as np
 
@@ -21,6 +21,8 @@ from cosim.scenario.snapshot import Snapshot, Stage
 from cosim.scenario.stepped_run import Cursor, SteppedRun
 from cosim.soft.body import Loads
 from cosim.soft.equilibrium import Equilibrium
+from cosim.soft.state import SoftState
+from cosim.state_check import check_state
 
 _DROOP_ROUNDS_MAX = 20
 
@@ -36,7 +38,7 @@ class QuasistaticState:
     """
 
     here: Equilibrium
-    earlier: Array | None
+    earlier: Annotated[Array, ("nodes", 3)] | None
 
 
 @final
@@ -96,6 +98,12 @@ class QuasistaticSimulation(SteppedRun):
     def _restore_own(self, state: object) -> None:
         if not isinstance(state, QuasistaticState):
             raise InputError("the saved state is of a dynamic run, this one is quasistatic")
+        soft = self._parts.soft.state
+        check_state(state.here.state, soft, SoftState, place="state.own.here.state")
+        sizes = {"nodes": len(soft.positions)}
+        check_state(state, self._here and self._save_own(), QuasistaticState, place="state.own", sizes=sizes)
+        if state.here.loads.contact is not None:
+            self._parts.soft.contact_surface().check_planes(state.here.loads.contact)
         self._here, self._earlier = state.here, state.earlier
 
     def _snapshot(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, fields
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 from cosim.body_shape import BodyShape
 from cosim.coupling.ledger import LedgerEntry
@@ -132,25 +132,25 @@ class Snapshot:
     tick: int
     time_s: float
     phase: int
-    joint_position: Array
-    joint_velocity: Array
-    joint_torque: Array
-    joint_target: Array
-    body_position: Array
-    body_quaternion: Array
-    body_contact_force: Array
-    node_position: Array
+    joint_position: Annotated[Array, ("joints",)]
+    joint_velocity: Annotated[Array, ("joints",)]
+    joint_torque: Annotated[Array, ("joints",)]
+    joint_target: Annotated[Array, ("joints",)]
+    body_position: Annotated[Array, ("bodies", 3)]
+    body_quaternion: Annotated[Array, ("bodies", 4)]
+    body_contact_force: Annotated[Array, ("bodies", 3)]
+    node_position: Annotated[Array, ("film", 3)]
     world_from_flange: Pose
     flange_twist: Twist
     pressure_Pa: float
     volume_m3: float
-    chamber_pressure_Pa: Array
-    chamber_volume_m3: Array
-    cable_tension_N: Array
-    tip_position: Array
-    tip_direction: Array
+    chamber_pressure_Pa: Annotated[Array, ("chambers",)]
+    chamber_volume_m3: Annotated[Array, ("chambers",)]
+    cable_tension_N: Annotated[Array, ("cables",)]
+    tip_position: Annotated[Array, (3,)]
+    tip_direction: Annotated[Array, (3,)]
     sag_m: float
-    tip_target: Array | None
+    tip_target: Annotated[Array, (3,)] | None
     ledger: LedgerEntry
     tick_wall_s: float
     devices: ActuationReport | None = None

@@ -7,7 +7,7 @@ import time
 from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, final
 
 from cosim.errors import InputError, SolverError
@@ -19,6 +19,7 @@ from cosim.scenario.parts import Parts
 from cosim.scenario.plan import PhasePlan, Plan
 from cosim.scenario.snapshot import Snapshot, Stage
 from cosim.scenario.whereabouts import whereabouts
+from cosim.state_check import check_state
 
 
 @final
@@ -157,10 +158,14 @@ class SteppedRun(ABC):
             raise InputError("a run can be saved once its state at rest is known: take the first of steps()")
         if not self.saves_now:
             raise InputError(f"later ticks than {self._cursor.tick} have been taken: use steps(ahead=1)")
+        return replace(self._state(self._cursor), own=self._save_own())
+
+    def _state(self, cursor: Cursor) -> RunState:
+        """Return the present state of all parts, as if at that step."""
         parts = self._parts
         return RunState(
-            self._cursor, parts.soft.save_state(), parts.carrier.save_state(), self._gas.save_state(),
-            parts.actuation.save_state(), self._save_own(), self.choices,
+            cursor, parts.soft.save_state(), parts.carrier.save_state(), self._gas.save_state(),
+            parts.actuation.save_state(), None, self.choices,
         )  # fmt: skip
 
     def restore_state(self, state: RunState) -> None:
@@ -171,11 +176,14 @@ class SteppedRun(ABC):
         """
         state.choices.check(self.choices)
         cursor, counts = state.cursor, self._counts
-        if cursor.phase >= len(counts) or cursor.done > counts[cursor.phase]:
+        check_state(state, self._state(cursor), RunState)
+        if not (0 <= cursor.phase < len(counts) and 0 <= cursor.done <= counts[cursor.phase]):
             raise InputError(
                 f"the saved state is at step {cursor.done} of phase {cursor.phase + 1}; here the phases have "
                 f"{', '.join(map(str, counts))} steps"
             )
+        if cursor.tick != sum(counts[: cursor.phase]) + cursor.done:
+            raise InputError(f"the saved state is at step {cursor.tick}, which is not {cursor}")
         self._waiting.clear()
         self._restore_own(state.own)
         self._parts.soft.restore_state(state.soft)

@@ -9,11 +9,13 @@ from typing import Any, Final, Literal, final
 
 import numpy as np
 
+from cosim.errors import InputError
 from cosim.scenario.arm_figures import ArmFigures, arm_table
 from cosim.scenario.block import Block, read_now
 from cosim.scenario.device_figures import DeviceFigures, DeviceFiguresState
 from cosim.scenario.exchange_figures import ExchangeFigures, largest
 from cosim.scenario.snapshot import Snapshot, Stage
+from cosim.state_check import check_state
 
 SUMMARY_SCHEMA = 1
 Status = Literal["completed", "interrupted", "failed"]
@@ -121,7 +123,17 @@ class SummaryBuilder:
         return SummaryState(self._last, gathered, self._devices and self._devices.save_state())
 
     def restore_state(self, state: SummaryState) -> None:
-        """Go on from figures of `save_state`."""
+        """Go on from figures of `save_state`.
+
+        Raises:
+            InputError: they are not those of this run.
+        """
+        own = {name: value for name, value in vars(self).items() if name not in _GIVEN}
+        if own.keys() != state.gathered.keys() or (self._devices is None) is not (state.devices is None):
+            raise InputError(f"the saved figures are {', '.join(state.gathered)}")
+        check_state(state.gathered, own | {"_phases": []}, place="figures", finite=False)
+        for phase in state.gathered["_phases"]:
+            _phase_row(json_ready(phase))
         self._unread = []
         self._last = state.last
         vars(self).update({name: copy(value) for name, value in state.gathered.items()})

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Protocol, final
+from typing import Annotated, Protocol, final
 
 import numpy as np
 
@@ -206,10 +206,10 @@ class Loads:
         InputError: a negative tension: cables cannot push; a length that is not above 0.
     """
 
-    pressure_Pa: float | tuple[float, ...] = 0.0
-    cable_tension_N: tuple[float, ...] = ()
+    pressure_Pa: float | Annotated[tuple[float, ...], ("chambers",)] = 0.0
+    cable_tension_N: Annotated[tuple[float, ...], ("cables",)] = ()
     gravity: tuple[float, float, float] = (0.0, 0.0, -9.81)
-    nodal_force: Array | None = None
+    nodal_force: Annotated[Array, ("nodes", 3)] | None = None
     gas: Gases = None
     contact: ContactPlanes | None = None
     cable_length_m: tuple[float | None, ...] = ()

@@ -20,7 +20,7 @@ here on the distance from an anchor instead of the displacement in a step.
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import final
+from typing import Annotated, final
 
 import numpy as np
 
@@ -170,16 +170,16 @@ class ContactPlanes:
         body: (k,) index of the touched body; empty where nobody asks for it.
     """
 
-    nodes: IntArray
-    weights: Array
-    slots: IntArray
-    normal: Array
-    offset: Array
-    stiffness: Array
-    friction: Array
-    anchor: Array
+    nodes: Annotated[IntArray, ("k", 3)]
+    weights: Annotated[Array, ("k", 3)]
+    slots: Annotated[IntArray, ("k", 6)]
+    normal: Annotated[Array, ("k", 3)]
+    offset: Annotated[Array, ("k",)]
+    stiffness: Annotated[Array, ("k",)]
+    friction: Annotated[Array, ("k",)]
+    anchor: Annotated[Array, ("k", 3)]
     law: ContactLaw
-    body: IntArray = field(default_factory=lambda: np.zeros(0, np.int64))
+    body: Annotated[IntArray, ("b",)] = field(default_factory=lambda: np.zeros(0, np.int64))
 
     def __len__(self) -> int:
         return len(self.nodes)

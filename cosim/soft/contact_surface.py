@@ -12,11 +12,14 @@ from typing import final
 
 import numpy as np
 
+from cosim.errors import InputError
 from cosim.frames import Array, IntArray
 from cosim.kernels import INDEX_TABLE, MATRIX, VECTOR, kernel
 from cosim.soft.body import SoftBody
+from cosim.soft.contact import ContactPlanes
 from cosim.soft.pattern import BlockPattern
 from cosim.soft.surface import directed_edges, triangle_area
+from cosim.state_check import check_indices
 
 _CORNER, _MIDPOINT, _CENTROID = 1.0 / 20.0, 2.0 / 15.0, 9.0 / 20.0
 
@@ -123,6 +126,18 @@ class ContactSurface:
             pattern.slots(triangles),
         )
 
+    def check_planes(self, planes: ContactPlanes) -> None:
+        """Check that saved contacts name nodes and pairs of nodes of this surface.
+
+        Raises:
+            InputError: one does not.
+        """
+        check_indices(planes.nodes, int(self.nodes.max()) + 1, "nodes")
+        pairs = int(max(_pair(self.slots).max(), _pair(self.triangle_slots).max())) + 1
+        check_indices(_pair(planes.slots), pairs, "node pairs")
+        if len(planes.body) not in (0, len(planes)):
+            raise InputError(f"the saved contacts are {len(planes)}, on {len(planes.body)} bodies")
+
     def __len__(self) -> int:
         return len(self.nodes)
 
@@ -131,3 +146,8 @@ class ContactSurface:
         out = np.empty((len(self), 3))
         _combine(positions, self.nodes, self.weights, out)
         return out
+
+
+def _pair(slots: IntArray) -> IntArray:
+    """Return the places of node pairs in the pattern, whichever of the two nodes comes first."""
+    return np.where(slots < 0, ~slots, slots)

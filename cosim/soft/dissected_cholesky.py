@@ -23,6 +23,7 @@ from cosim.soft.front_kernels import factorise, substitute
 from cosim.soft.front_tree import COLUMNS, FrontTree
 from cosim.soft.linear_solver import LinearSolver, equations, lower_entries, numbering
 from cosim.soft.pattern import BlockPattern
+from cosim.state_check import check_state
 
 # Entries of a row on average. At 137 fronts take 1.2 times as long as the envelope, at 287 half as long; a
 # solution takes 1.2 and 0.7 times as long.
@@ -114,6 +115,7 @@ class DissectedCholesky(LinearSolver):
         return (self._store,)
 
     def _take_factor(self, parts: tuple[NDArray[Any], ...]) -> None:
+        check_state(parts, (self._store,), place="state.soft.newton.factor.parts")
         (self._store,) = parts
         self._lent = True
 

@@ -20,6 +20,7 @@ from cosim.frames import Array, IntArray, Mask
 from cosim.kernels import BLOCKS, BOOLEAN, INDICES, INTEGER, MATRIX, PLACES, REAL, VECTOR, inlined, kernel
 from cosim.soft.linear_solver import LinearSolver, equations, lower_entries, numbering
 from cosim.soft.pattern import BlockPattern
+from cosim.state_check import check_state
 
 _TILE = 4
 _STRAIGHT = np.eye(3)
@@ -288,6 +289,7 @@ class EnvelopeCholesky(LinearSolver):
         return self._store, self._inverse
 
     def _take_factor(self, parts: tuple[NDArray[Any], ...]) -> None:
+        check_state(parts, (self._store, self._inverse), place="state.soft.newton.factor.parts")
         self._store, self._inverse = parts
         self._lent = True
 

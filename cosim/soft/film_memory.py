@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import final
+from typing import Annotated, final
 
 import numpy as np
 
@@ -22,10 +22,10 @@ class FilmMemory:
         stretch: (k, 3) [m], of the stick springs, world.
     """
 
-    key: IntArray
-    normal_force: Array
-    distance: Array
-    stretch: Array
+    key: Annotated[IntArray, ("k",)]
+    normal_force: Annotated[Array, ("k",)]
+    distance: Annotated[Array, ("k",)]
+    stretch: Annotated[Array, ("k", 3)]
 
     @property
     def count(self) -> int:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import final
+from typing import Annotated, final
 
 from cosim.frames import Array
 from cosim.soft.linear_solver import FactorState
@@ -16,7 +16,7 @@ class KeptFactor:
     """For which problem, and at which flange rotation, the factorisation in store was made."""
 
     kind: float
-    frame: Array
+    frame: Annotated[Array, (3, 3)]
 
 
 @final
@@ -33,5 +33,5 @@ class NewtonState:
 
     kept: KeptFactor | None
     factor: FactorState | None
-    gradient: Array
+    gradient: Annotated[Array, ("nodes", 3)]
     wide: BlockPattern | None = None

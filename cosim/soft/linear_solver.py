@@ -4,16 +4,18 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import Any, final
+from typing import Annotated, Any, final
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import coo_matrix, csc_matrix
 from scipy.sparse.linalg import SuperLU, splu
 
+from cosim.errors import InputError
 from cosim.frames import Array, IntArray, Mask
 from cosim.soft.low_rank import LowRank, LowRankCorrection
 from cosim.soft.pattern import BlockPattern
+from cosim.state_check import check_indices
 
 
 def by_component(mask: Mask) -> Mask:
@@ -31,7 +33,7 @@ class FactorState:
         correction: by the dense terms; None without any.
     """
 
-    parts: tuple[NDArray[Any], ...]
+    parts: tuple[Annotated[NDArray[Any], ("*",)], ...]
     correction: LowRankCorrection | None
 
 
@@ -89,7 +91,12 @@ class LinearSolver(ABC):
 
     def restore_state(self, state: FactorState) -> None:
         """Take a factorisation of `save_state`, of a solver with the same pattern and free components."""
-        self._correction = state.correction
+        correction = state.correction
+        if correction is not None and correction.vectors.shape[1] != 3 * self.pattern.nodes:
+            raise InputError("the saved correction of a factorisation is of another body")
+        if correction is not None and correction.inner is not None:
+            check_indices(correction.inner[1], len(correction.vectors), "dense terms")
+        self._correction = correction
         self._take_factor(state.parts)
 
     def _solve_turned(self, load: Array, turn: Array | None) -> Array:
@@ -196,8 +203,12 @@ class GeneralLU(LinearSolver):
     def _take_factor(self, parts: tuple[NDArray[Any], ...]) -> None:
         if self._factorised.data is not parts[0]:
             # SuperLU gives no factor out, but makes the same one of the same matrix
-            self._factorised = csc_matrix(parts, shape=(self.size,) * 2)
-            self._factor = splu(self._factorised)
+            try:
+                matrix = csc_matrix(parts, shape=(self.size,) * 2)
+                matrix.check_format(full_check=True)
+                self._factorised, self._factor = matrix, splu(matrix)
+            except (ValueError, TypeError, RuntimeError) as error:
+                raise InputError(f"the saved factorisation is not one of this body: {error}") from error
 
     def _solve_sparse(self, loads: Array) -> Array:
         assert self._factor is not None, "factor() comes before solve()"

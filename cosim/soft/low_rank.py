@@ -13,12 +13,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import final
+from typing import Annotated, final
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.linalg import lu_factor, lu_solve
 
-from cosim.frames import Array, IntArray
+from cosim.frames import Array
 
 
 @final
@@ -62,9 +63,9 @@ class LowRankCorrection:
         inner: LU factor of H and its pivots; None where A is not positive definite.
     """
 
-    vectors: Array
-    answers: Array
-    inner: tuple[Array, IntArray] | None
+    vectors: Annotated[Array, ("k", "m")]
+    answers: Annotated[Array, ("k", "m")]
+    inner: tuple[Annotated[Array, ("k", "k")], Annotated[NDArray[np.int32], ("k",)]] | None
 
     @classmethod
     def of(cls, terms: LowRank, solve: Callable[[Array], Array]) -> LowRankCorrection:

@@ -17,6 +17,7 @@ from typing import final
 
 import numpy as np
 
+from cosim.errors import InputError
 from cosim.frames import Array, Mask
 from cosim.soft.body import Loads
 from cosim.soft.dissected_cholesky import cholesky
@@ -26,6 +27,7 @@ from cosim.soft.pattern import BlockPattern
 from cosim.soft.problem import Point, Problem
 from cosim.soft.shift_search import ShiftSearch
 from cosim.soft.system import Inertia, SoftSystem
+from cosim.state_check import check_indices
 
 
 class Outcome(enum.Enum):
@@ -202,11 +204,25 @@ class NewtonSolver:
 
     def restore_state(self, state: NewtonState) -> None:
         """Return to a state of `save_state`, of a solver with the same clamp."""
+        if state.wide is not None:
+            self._check_pattern(state.wide)
+        if (state.kept is None) is not (state.factor is None):
+            raise InputError("the saved factorisation is not whole")
         self._kept = state.kept
         self._fit(self.system.pattern if state.wide is None else state.wide)
         if state.factor is not None:
             self.linear.restore_state(state.factor)
         self.system.gradient[:] = state.gradient
+
+    def _check_pattern(self, wide: BlockPattern) -> None:
+        own = self.system.pattern
+        check_indices(wide.row, own.nodes, "nodes")
+        check_indices(wide.column, own.nodes, "nodes")
+        key = wide.row * own.nodes + wide.column
+        holds = np.isin(own.row * own.nodes + own.column, key).all()
+        ordered = (np.diff(key) > 0).all() and (wide.column <= wide.row).all()
+        if not (wide.nodes == own.nodes and holds and ordered):
+            raise InputError("the saved pattern of touching films is not one of this body")
 
     @staticmethod
     def _verdict(point: Point, tangents: int, reused: int, options: NewtonOptions) -> Outcome | None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import final
+from typing import Annotated, final
 
 import numpy as np
 
@@ -25,8 +25,8 @@ class BlockPattern:
     """
 
     nodes: int
-    row: IntArray
-    column: IntArray
+    row: Annotated[IntArray, ("k",)]
+    column: Annotated[IntArray, ("k",)]
 
     @classmethod
     def from_elements(cls, nodes: int, elements: Sequence[IntArray]) -> BlockPattern:

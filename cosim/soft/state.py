@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import final
+from typing import Annotated, final
 
 import numpy as np
 
@@ -25,9 +25,9 @@ class Clamp:
         components: (k, 3) bool, the world components in which each is held.
     """
 
-    nodes: IntArray
-    offsets: Array
-    components: Mask
+    nodes: Annotated[IntArray, ("k",)]
+    offsets: Annotated[Array, ("k", 3)]
+    components: Annotated[Mask, ("k", 3)]
 
     @classmethod
     def of_base(cls, body: SoftBody) -> Clamp:
@@ -117,10 +117,10 @@ class SoftState:
         touching: films that press on one another; None for none.
     """
 
-    positions: Array
-    velocities: Array
-    angles: Array
-    earlier: tuple[Array, Array] | None = None
+    positions: Annotated[Array, ("nodes", 3)]
+    velocities: Annotated[Array, ("nodes", 3)]
+    angles: Annotated[Array, ("hinges",)]
+    earlier: tuple[Annotated[Array, ("nodes", 3)], Annotated[Array, ("nodes", 3)]] | None = None
     touching: FilmMemory | None = None
 
     @classmethod

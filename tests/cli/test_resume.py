@@ -20,6 +20,7 @@ from cosim.errors import ConvergenceError
 from cosim.scenario.schema import Scenario
 from cosim.scenario.snapshot import Snapshot, Stage
 from cosim.simulation import Simulation as SteppedByHand
+from cosim.state_archive import read_archive
 from tests.cli.interrupted import Command, figures, interrupt_at
 from tests.cli.test_run import REFERENCE, TICKS, summary_of
 from tests.conftest import MadeUpSimulation
@@ -49,7 +50,7 @@ def test_an_interrupted_run_goes_on(command: Command, whole: dict[str, Any]) -> 
     assert command.names() == ["checkpoint.npz", "recording.rrd", "scenario.toml", "summary.json"]
     assert command.resume(at_tick=interrupt_at(18)) == 130
     assert summary_of(command.directory)["ticks"] == 18
-    kept = checkpoint.read_checkpoint(command.directory)
+    kept = read_archive(command.directory / "checkpoint.npz")
     assert command.resume() == 0
     assert figures(command.directory) == whole
     after = summary_of(command.directory)

@@ -180,7 +180,7 @@ def test_restoring_between_two_steps_moves_the_same_iterator() -> None:
 UNFIT: dict[str, tuple[str, dict[str, Any], str]] = {
     "mode": ("three_unit_inflation", {"mode": "dynamic"}, "mode is 'dynamic', .* 'quasistatic'"),
     "plan": ("three_unit_inflation", {"phase": [{**INFLATE, "increments": 2}]}, "5 of phase 1; here .* 2"),
-    "body": ("ten_unit_extension", {}, r"has \d+ nodes, this one \d+"),
+    "body": ("ten_unit_extension", {}, r"soft.positions has shape .88, 3., not .284, 3."),
 }
 
 
@@ -204,7 +204,7 @@ def test_a_state_of_a_scene_with_other_objects_is_refused() -> None:
         "position_m": [1.0, 1.0, 0.02],
         "mass_kg": 0.1,
     }
-    with pytest.raises(InputError, match="saved scene has"):
+    with pytest.raises(InputError, match=r"carrier.scene.integration has shape \(115,\), here"):
         simulation("ur5e_hexagon_arm", **overrides, object=[ball]).restore_state(run.save_state())
 
 

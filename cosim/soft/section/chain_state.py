@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import final
+from typing import Annotated, final
 
 import numpy as np
 
@@ -20,8 +20,8 @@ class ChainState:
         earlier: (2, f, 4, 3), the same one step before, for two-step integrators; None for none.
     """
 
-    motion: Array
-    earlier: Array | None = None
+    motion: Annotated[Array, (2, "frames", 4, 3)]
+    earlier: Annotated[Array, (2, "frames", 4, 3)] | None = None
 
     @classmethod
     def at_rest(cls, frames: Array) -> ChainState:

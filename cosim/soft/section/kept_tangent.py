@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import final
+from typing import Annotated, final
 
 import numpy as np
 
@@ -23,8 +23,8 @@ class KeptTangentState:
         two_steps: whether that looked back over two steps.
     """
 
-    low: Array
-    side: Array
+    low: Annotated[Array, ("frames", 6, 6)]
+    side: Annotated[Array, ("frames", 6, 6)]
     step_s: float
     two_steps: bool
 
