@@ -10,6 +10,8 @@ from typing import Any, TypeVar
 
 import numba
 
+from cosim.kernel_cache import keep_by_source
+
 Function = TypeVar("Function", bound=Callable[..., Any])
 
 # fastmath as a whole stays off: NaN must stay visible, and results must not depend on the compiler's mood.
@@ -41,7 +43,7 @@ def kernel(signature: Any, *, reorder_sums: bool = False) -> Callable[[Function]
 
     def decorate(function: Function) -> Function:
         fast: dict[str, Any] = {"fastmath": {"reassoc", "contract"}} if reorder_sums else {}
-        dispatcher: Any = numba.njit(function, **_OPTIONS, **fast)
+        dispatcher = _compiled_later(function, **fast)
         dispatcher.fixed_signature = signature
         result: Function = dispatcher
         return result
@@ -51,5 +53,15 @@ def kernel(signature: Any, *, reorder_sums: bool = False) -> Callable[[Function]
 
 def inlined(function: Function) -> Function:
     """Mark a small function that kernels call; it is compiled with each of them."""
-    result: Function = numba.njit(function, inline="never", **_OPTIONS)
+    result: Function = _compiled_later(function, inline="never")
     return result
+
+
+def _compiled_later(function: Any, **options: Any) -> Any:
+    """Return what compiles a function when it is called, and keeps the machine code where it can be."""
+    try:
+        dispatcher = numba.njit(function, **_OPTIONS, **options)
+    except RuntimeError:  # no place for a cache: neither beside the source nor in the user's directory
+        return numba.njit(function, **(_OPTIONS | options | {"cache": False}))
+    keep_by_source(dispatcher)
+    return dispatcher

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from types import ModuleType
 from typing import Any
 
+from cosim.kernel_cache import remove_old
 from cosim.soft import (
     cable,
     center_line,
@@ -57,3 +58,5 @@ def compile_kernels(
                 "longer, on a busy one twice that; the result is kept for later runs."
             )
             told = True
+    if told:
+        remove_old(kernels)
