@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from typing import TextIO, final
 
+from cosim.scenario.decision import SECTION_RANGE
 from cosim.scenario.snapshot import Snapshot, Stage
 
 _REDRAW_S = 0.2
@@ -58,7 +59,7 @@ class Progress:
 
 @final
 class PlanWarnings:
-    """Says before a run begins where its plan goes beyond the arm's bounds.
+    """Says before a run begins where its plan goes beyond the arm's bounds, or a section model's range.
 
     Args:
         stream: where to, usually stderr.
@@ -71,6 +72,9 @@ class PlanWarnings:
         """Say it, one line each."""
         for line in () if stage.arm is None else stage.arm.warnings():
             self._stream.write(f"warning: {line}\n")
+        for decision in stage.modelled:
+            if decision.what == SECTION_RANGE and not decision.included:
+                self._stream.write(f"warning: {decision.line}\n")
 
     def observe(self, snapshot: Snapshot) -> None:
         """Nothing to do."""

@@ -20,6 +20,7 @@ from cosim.soft.section.frame_clamp import FrameClamp
 from cosim.soft.section.model import SectionBody
 from cosim.soft.section.solver import ChainResult, ChainSolver
 from cosim.soft.section.stepping import carried, upright
+from cosim.soft.section.working_range import place_in_range
 
 _SPLITS_MAX = 8
 
@@ -77,9 +78,11 @@ class ChainEquilibria:
         options = self._options
         found, loads = self._settle_contacts(clamp.place(frames, flange), clamp.free, loads, begin_Pa)
         if found.outcome is not Outcome.CONVERGED:
+            end = place_in_range(self._section, found.frames, found.pressure_Pa)
+            ends = f"; the section model ends here: {end.text}" if end.at_its_end else ""
             raise ConvergenceError(
                 f"no equilibrium found: {found.outcome.value}; residual {found.residual_N:.3g} N, bound "
-                f"{options.tolerance_N:.3g} N, {found.iterations} iterations",
+                f"{options.tolerance_N:.3g} N, {found.iterations} iterations{ends}",
                 found.residual_N,
                 found.iterations,
             )

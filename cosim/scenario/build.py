@@ -30,6 +30,7 @@ from cosim.scenario.quasistatic import QuasistaticSimulation
 from cosim.scenario.reach import film_reach, flange_travel
 from cosim.scenario.schema import NO_ARM, Scenario
 from cosim.scenario.section_model import section_figures
+from cosim.scenario.section_plan import section_range
 from cosim.scenario.snapshot import Stage
 from cosim.soft.body import SoftBody
 from cosim.soft.contact import ContactLaw
@@ -111,7 +112,10 @@ def _arm(scenario: Scenario, trial: SoftSide, soft: SoftSide, before: Choices | 
     )
     travel = flange_travel(arm, plan, film_reach(soft.body, 0.0))
     planned = planned_arm(arm, scene, plan, payload, dynamic=scenario.mode == "dynamic")
-    return plan, carrier, decisions(scenario, soft.body, plan, contact, travel), planned
+    modelled = decisions(scenario, soft.body, plan, contact, travel)
+    if scenario.fidelity == "section" and scenario.mode == "dynamic":
+        modelled += (section_range(arm, plan, lambda: soft_sides(scenario)[0]),)
+    return plan, carrier, modelled, planned
 
 
 def _body_key(scenario: Scenario, body: str | None) -> str:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import final
+from typing import Final, final
+
+SECTION_RANGE: Final = "motion within the section model's range"
 
 
 @final
