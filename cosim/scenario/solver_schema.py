@@ -22,9 +22,10 @@ class Solver:
     """How the soft side is solved.
 
     Args:
-        residual_tolerance_N: largest force component left at an equilibrium or a converged step.
+        residual_tolerance_N: largest force component left at an equilibrium or a converged step; all that is
+            left adds up to no more than 100 times that, nor does its moment, over the body's size.
         newton_iterations_max: bound for an equilibrium (quasistatic mode and the start).
-        dynamic_tolerance_N: largest force component left in a tick of the dynamic mode.
+        dynamic_tolerance_N: the same in a tick of the dynamic mode.
         dynamic_newton_iterations: new tangents per tick in the dynamic mode, besides iterations with a
             kept one; a tick that is left far from balance takes more.
         integrator: of the dynamic mode.

@@ -46,7 +46,7 @@ class NewtonOptions:
     """Bounds of Newton's method.
 
     Args:
-        tolerance_N: largest free component of the out-of-balance force.
+        tolerance_N: largest free component of the out-of-balance force, and a hundredth of its resultant.
         start_tolerance_N: the same for a start that is taken as it is, without an iteration.
         iterations_max: iterations with a new tangent before giving up.
         shift_start_N_m: first mu tried on an indefinite tangent.

@@ -2,28 +2,44 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import final
+from typing import Final, final
 
 from cosim.frames import Array, Mask
 from cosim.kernels import MASKS, MATRIX, REAL, kernel
 from cosim.soft.body import Loads
 from cosim.soft.system import Inertia, SoftSystem
 
+RESULTANT_SHARE: Final = 1e-2
+"""Of the resultant force, or of the moment over the body's size, that counts as a residual."""
 
-@kernel(REAL(MATRIX, MASKS))
-def _largest(values, counted):  # type: ignore[no-untyped-def]
-    """Return the largest absolute value of those counted; 0 without any, NaN if one is not a number."""
-    largest = 0.0
+
+@kernel(REAL(MATRIX, MATRIX, MASKS))
+def _residual(x, values, counted):  # type: ignore[no-untyped-def]
+    """Return the largest component of those counted, or the share of their resultant where that is larger.
+
+    Many small forces of one sign add up to a wrench that is not there. NaN if a component is not a number.
+    """
+    largest, size = 0.0, 0.0
+    fx = fy = fz = mx = my = mz = 0.0
     for i in range(values.shape[0]):
-        for r in range(3):
-            size = abs(values[i, r])
-            if counted[i, r] and not size <= largest:
-                if size != size:
-                    return size
-                largest = size
-    return largest
+        gx = values[i, 0] if counted[i, 0] else 0.0
+        gy = values[i, 1] if counted[i, 1] else 0.0
+        gz = values[i, 2] if counted[i, 2] else 0.0
+        most = max(abs(gx), abs(gy), abs(gz))
+        if gx != gx or gy != gy or gz != gz:
+            return math.nan
+        largest = max(largest, most)
+        rx, ry, rz = x[i, 0] - x[0, 0], x[i, 1] - x[0, 1], x[i, 2] - x[0, 2]
+        size = max(size, rx * rx + ry * ry + rz * rz)
+        fx, fy, fz = fx + gx, fy + gy, fz + gz
+        mx, my, mz = mx + ry * gz - rz * gy, my + rz * gx - rx * gz, mz + rx * gy - ry * gx
+    force, moment = math.sqrt(fx * fx + fy * fy + fz * fz), math.sqrt(mx * mx + my * my + mz * mz)
+    if size > 0.0:
+        force = max(force, moment / math.sqrt(size))
+    return max(largest, RESULTANT_SHARE * force)
 
 
 @final
@@ -60,7 +76,7 @@ class Problem:
         energy = self.system.evaluate(
             positions, self.loads, self.tension, angles, inertia=self.inertia, hessian=hessian
         )
-        return Point(positions, energy, _largest(self.system.gradient, self.free))
+        return Point(positions, energy, _residual(positions, self.system.gradient, self.free))
 
     @cached_property
     def kind(self) -> float:
