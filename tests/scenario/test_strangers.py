@@ -79,7 +79,7 @@ REPLACED = {
         "name",
         "300 characters",
     ),
-    "phase of 300 letters": ('name = "move"', f'name = "{"n" * 300}"', "name", "300 characters"),
+    "phase of 300 letters": ('name = "move"', f'name = "{"n" * 300}"', "phase.2.name", "300 characters"),
     "robot of 300 letters": (ROBOT, f'soft_robot = "{"a" * 300}.toml"', "soft_robot", "no soft robot"),
     "path that may not be seen": (ROBOT, 'soft_robot = "/proc/1/x/y.toml"', "soft_robot", "no soft robot"),
     "null character": (ROBOT, r'soft_robot = "a\u0000b.toml"', "soft_robot", r"a\x00b"),
@@ -201,6 +201,14 @@ def test_what_the_rigid_engine_refuses_is_named(tmp_path: Path, capsys: pytest.C
     assert caught.value.path == "object.bad"
 
 
+def test_a_wire_that_turns_back_is_named(tmp_path: Path) -> None:
+    path = tmp_path / "scenario.toml"
+    path.write_text(SHORT + WIRE.replace("[0, 2, 1]", "[0, 2, 1], [0, 1.001, 1]") + "mass_kg = 1.0\n")
+    with pytest.raises(ScenarioError, match="its shortest segment is") as caught:
+        build_simulation(load_scenario(path, {"wire.w.radius_m": 1.5e-3, "wire.w.segments": 3}))
+    assert caught.value.path == "wire.w"
+
+
 def test_a_flange_far_out_of_reach_is_refused_before_its_way_is_followed() -> None:
     far = {"phase": [{"name": "away", "duration_s": 1.0, "flange_shift_m": [90.0, 0.0, 0.0]}]}
     with pytest.raises(ScenarioError, match="the arm's reach is") as caught:
@@ -247,6 +255,16 @@ def test_files_that_attach_twice_each_are_refused(
     said = refusal(tmp_path, capsys, SHORT.replace("hexagon_arm", "l0.toml"))
     assert said.startswith("soft_robot.attach.a.robot")
     assert word in said
+
+
+def test_tensions_by_name_need_a_robot_and_tensions_before(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    by_name = SHORT.replace("[1.0, 1.0]", "{ left = 1.0 }")
+    number = by_name.replace('"hexagon_arm"', "0.3")
+    assert refusal(tmp_path, capsys, number).startswith("soft_robot: expected a table, got the number 0.3")
+    start = by_name.replace("[start]", "[start]\ncable_tension_N = 5")
+    assert refusal(tmp_path, capsys, start).startswith("phase.move.cable_tension_N: leaves out right")
 
 
 def test_what_is_printed_cannot_steer_the_terminal() -> None:
