@@ -46,9 +46,10 @@ def run_cases(seeds: Sequence[int], level: Level) -> Iterator[tuple[int, Case, V
     waiting = list(seeds)
     while waiting:
         done = 0
-        for seed, verdict in _worker_results(waiting, level):
-            yield seed, case_of(seed), verdict
-            done += 1
+        with TemporaryDirectory() as folder:
+            for seed, verdict in _worker_results(waiting, level, Path(folder)):
+                yield seed, case_of(seed), verdict
+                done += 1
         waiting = waiting[done:]
 
 
@@ -64,11 +65,11 @@ def counted_cases(first: int, count: int, level: Level) -> Iterator[tuple[int, C
                 return
 
 
-def _worker_results(seeds: list[int], level: Level) -> Iterator[tuple[int, Verdict]]:
+def _worker_results(seeds: list[int], level: Level, folder: Path) -> Iterator[tuple[int, Verdict]]:
     """Yield results of one worker process, until all are there or it had to be ended."""
     ours, theirs = multiprocessing.Pipe(duplex=False)
     worker = multiprocessing.get_context("fork").Process(
-        target=_work, args=(seeds, level, theirs), daemon=True
+        target=_work, args=(seeds, level, folder, theirs), daemon=True
     )
     worker.start()
     theirs.close()
@@ -98,18 +99,17 @@ def _worker_results(seeds: list[int], level: Level) -> Iterator[tuple[int, Verdi
         worker.join()
 
 
-def _work(seeds: list[int], level: Level, results: Connection) -> None:
+def _work(seeds: list[int], level: Level, folder: Path, results: Connection) -> None:
     resource.setrlimit(resource.RLIMIT_AS, (MEMORY_LIMIT_BYTES[level],) * 2)
-    with TemporaryDirectory() as folder:
-        if level == "build":
-            try_case(unchanged("ur5e_hexagon_arm"), level, Path(folder))  # loads engines and kernels
-        results.send(None)
-        for seed in seeds:
-            try:
-                verdict = try_case(case_of(seed), level, Path(folder))
-            except MemoryError as error:
-                verdict = Verdict("finding", f"out of memory: {error}")
-            results.send(verdict)
+    if level == "build":
+        try_case(unchanged("ur5e_hexagon_arm"), level, folder)  # loads engines and kernels
+    results.send(None)
+    for seed in seeds:
+        try:
+            verdict = try_case(case_of(seed), level, folder)
+        except MemoryError as error:
+            verdict = Verdict("finding", f"out of memory: {error}")
+        results.send(verdict)
 
 
 def _cpu_s(process: int) -> float:
