@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from cosim.errors import InputError as InputError
     from cosim.errors import InstabilityError as InstabilityError
     from cosim.errors import MeshError as MeshError
+    from cosim.errors import OutputError as OutputError
     from cosim.errors import RunInterrupted as RunInterrupted
     from cosim.errors import ScenarioError as ScenarioError
     from cosim.errors import SceneError as SceneError
@@ -36,6 +37,7 @@ _HOMES = {
     "InputError": "cosim.errors",
     "InstabilityError": "cosim.errors",
     "MeshError": "cosim.errors",
+    "OutputError": "cosim.errors",
     "RunInterrupted": "cosim.errors",
     "RunResult": "cosim.result",
     "SavedState": "cosim.simulation",

@@ -6,6 +6,7 @@ CosimError
 │   ├── SceneError          the rigid engine refuses a body of the scene: carries the body's name
 │   ├── MeshError           degenerate, inverted or unconnected meshes
 │   └── UnreachableError    no configuration reaches the wanted pose; carries the closest one
+├── OutputError             the results cannot be written (exit code 3)
 └── SolverError             the physics could not be solved (exit code 1)
     ├── ConvergenceError    Newton's method stopped; carries residual and iterations
     └── InstabilityError    a non-finite number or runaway state appeared
@@ -65,6 +66,10 @@ class UnreachableError(InputError):
     def __init__(self, message: str, closest: Any = None) -> None:
         self.closest = closest
         super().__init__(message)
+
+
+class OutputError(CosimError):
+    """Results cannot be written, for want of room or of the directory; the text says what is saved where."""
 
 
 class SolverError(CosimError):

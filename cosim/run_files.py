@@ -7,15 +7,17 @@ belong together and open as one. The checkpoint is there while the run can go on
 from __future__ import annotations
 
 import json
+import os
 import re
 import time
 from collections.abc import Mapping
 from itertools import count
 from pathlib import Path
+from tempfile import mkstemp
 from types import TracebackType
 from typing import Any, final
 
-from cosim.errors import InputError
+from cosim.errors import InputError, OutputError
 from cosim.output_directory import OutputDirectory, written_names
 from cosim.scenario.schema import Scenario
 from cosim.scenario.writing import scenario_text
@@ -117,7 +119,24 @@ class RunFiles:
         """Write the summary; a reader sees all of it or none.
 
         Raises:
-            OSError: it cannot be written.
+            OutputError: it cannot be written there; the text says where it is instead.
         """
         text = json.dumps(summary, indent=2, ensure_ascii=False, allow_nan=False)
-        write_whole(self.directory / SUMMARY, text + "\n")
+        try:
+            self.directory.mkdir(parents=True, exist_ok=True)  # somebody may have taken it away
+            write_whole(self.directory / SUMMARY, text + "\n")
+        except OSError as error:
+            raise OutputError(
+                f"{self.directory / SUMMARY}: cannot be written: {error.strerror}; {_saved_elsewhere(text)}"
+            ) from error
+
+
+def _saved_elsewhere(text: str) -> str:
+    """Save a summary in the directory of temporary files; return where it is."""
+    try:
+        number, path = mkstemp(prefix="cosim-summary-", suffix=".json")
+        with os.fdopen(number, "w", encoding="utf-8") as file:
+            file.write(text + "\n")
+    except OSError as error:
+        return f"nor in the directory of temporary files: {error.strerror}"
+    return f"the figures are in {path}"

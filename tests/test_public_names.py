@@ -19,6 +19,7 @@ EXPECTED = {
     "InputError",
     "InstabilityError",
     "MeshError",
+    "OutputError",
     "RunInterrupted",
     "RunResult",
     "SavedState",

@@ -1,7 +1,8 @@
 """The command line: `cosim run`, `cosim list`, `cosim view`, `cosim verify`,
 `cosim calibrate`, `cosim trade`.
 
-Exit codes: 0 done, 1 the physics could not be solved or verified, 2 wrong input, 128 + n stopped by signal n.
+Exit codes: 0 done, 1 the physics could not be solved or verified, 2 wrong input, 3 results could not be
+written, 128 + n stopped by signal n (141: nobody read standard output any more).
 """
 
 from __future__ import annotations
@@ -16,10 +17,10 @@ from pathlib import Path
 from typing import Any
 
 from cosim import __version__
-from cosim.cli.screen import printable, tell
-from cosim.errors import InputError, SolverError
+from cosim.cli.screen import mute, open_missing_streams, printable, tell
+from cosim.errors import InputError, OutputError, SolverError
 
-EXIT_DONE, EXIT_UNSOLVED, EXIT_INPUT, EXIT_INTERRUPTED = 0, 1, 2, 130
+EXIT_DONE, EXIT_UNSOLVED, EXIT_INPUT, EXIT_UNWRITTEN, EXIT_INTERRUPTED, EXIT_UNREAD = 0, 1, 2, 3, 130, 141
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -27,26 +28,48 @@ def main(arguments: Sequence[str] | None = None) -> int:
     started = time.perf_counter()
     # before numpy is imported: threads only slow the small dense algebra of a run down
     os.environ.setdefault("OMP_NUM_THREADS", "1")
+    open_missing_streams()
     options = _parser().parse_args(arguments)
     try:
-        if options.command == "run":
-            return _run(options, started)
-        if options.command == "verify":
-            return _verify(options)
-        if options.command == "calibrate":
-            return _calibrate(options)
-        if options.command == "trade":
-            return _trade(options)
-        return _list() if options.command == "list" else _view(options.directory)
+        return _flushed(_command(options, started))
     except InputError as error:
         tell(f"cosim: error: {error}")
         return EXIT_INPUT
     except SolverError as error:
         tell(f"cosim: not solved: {error}")
         return EXIT_UNSOLVED
+    except BrokenPipeError:  # whoever read standard output has seen enough
+        mute(sys.stdout)
+        return EXIT_UNREAD
+    except (OutputError, OSError) as error:
+        mute(sys.stdout)
+        tell(f"cosim: error: {error}")
+        return EXIT_UNWRITTEN
     except KeyboardInterrupt:
-        print("cosim: interrupted", file=sys.stderr)
+        tell("cosim: interrupted")
         return EXIT_INTERRUPTED
+
+
+def _flushed(code: int) -> int:
+    """Return an exit code once all that was printed is out.
+
+    Raises:
+        OSError: it cannot be written.
+    """
+    sys.stdout.flush()
+    return code
+
+
+def _command(options: argparse.Namespace, started: float) -> int:
+    if options.command == "run":
+        return _run(options, started)
+    if options.command == "verify":
+        return _verify(options)
+    if options.command == "calibrate":
+        return _calibrate(options)
+    if options.command == "trade":
+        return _trade(options)
+    return _list() if options.command == "list" else _view(options.directory)
 
 
 def _parser() -> argparse.ArgumentParser:

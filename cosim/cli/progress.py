@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from typing import TextIO, final
 
+from cosim.cli.screen import draw, tell
 from cosim.scenario.decision import SECTION_RANGE
 from cosim.scenario.snapshot import Snapshot, Stage
 
@@ -53,8 +54,7 @@ class Progress:
             return
         line = progress_line(self._stage, snapshot, now - self._started, self._first)
         start = "\r\x1b[K" if self._terminal else ""
-        self._stream.write(start + line + end)
-        self._stream.flush()
+        draw(start + line + end, self._stream)
 
 
 @final
@@ -71,10 +71,10 @@ class PlanWarnings:
     def open(self, stage: Stage) -> None:
         """Say it, one line each."""
         for line in () if stage.arm is None else stage.arm.warnings():
-            self._stream.write(f"warning: {line}\n")
+            tell(f"warning: {line}", self._stream)
         for decision in stage.modelled:
             if decision.what == SECTION_RANGE and not decision.included:
-                self._stream.write(f"warning: {decision.line}\n")
+                tell(f"warning: {decision.line}", self._stream)
 
     def observe(self, snapshot: Snapshot) -> None:
         """Nothing to do."""

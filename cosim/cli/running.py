@@ -97,7 +97,11 @@ def _execute(scenario: Scenario, directory: Path, how: RunOptions, *, resume: bo
         options = Options(
             directory, make_recorder, watchers, interruption.reason, how.checkpoint_every_s, resume
         )
-        outcome = execute(scenario, build_simulation, options, how.started)
+        try:
+            outcome = execute(scenario, build_simulation, options, how.started)
+        except KeyboardInterrupt:  # before the loop: nothing is lost
+            tell("cosim: interrupted")
+            return interruption.exit_code
     return _report(outcome, directory, interruption, quiet=how.quiet)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TextIO, final
 
+from cosim.cli.screen import draw
 from cosim.trade.measuring import Measured, Telling
 from cosim.trade.member import Member
 from cosim.trade.report import result_line
@@ -44,5 +45,4 @@ class TradeProgress:
         return f"[{self._place + 1}/{self._count}]"
 
     def _write(self, text: str) -> None:
-        self._stream.write(text)
-        self._stream.flush()
+        draw(text, self._stream)
