@@ -4,12 +4,18 @@ A contact force that is one tick old must not drive a body lighter than the film
 change dv of the body's velocity changes the contact force by -S h dv, S the stiffness of contacts and film in
 series, film inertia included. The body carries D = theta diag(h^2 S) as extra inertia, theta the least
 factor for which D is not below h^2 S. The price: it also is that much more inert while it is touched.
+
+A body gains no energy in a bounce as long as D does not fall meanwhile: with the inertia m + D it came, with
+m + D it leaves, no faster. So D is kept while any force acts, fades over a time far longer than a bounce, and
+is found anew where that gives more. The first force of a touch F stops a body that comes with speed u against
+film of speed w at most: D is at least h F / (u + w), unless the contacts alone, h^2 sum k, are softer.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
-from typing import final
+from typing import Final, final
 
 import numpy as np
 
@@ -19,6 +25,9 @@ from cosim.coupling.jointed_mass import JointedMass, JointedMassState
 from cosim.coupling.soft_side import SoftSide
 from cosim.frames import Array
 from cosim.soft.contact import ContactPlanes
+
+_FADING_S: Final = 0.5
+"""D falls to 1/e in this time where S has fallen; a bounce takes some 0.01 to 0.05 s."""
 
 
 @final
@@ -78,25 +87,43 @@ class BodyMass:
             self._update_free(planes, tangents, stiffness, carry)
 
     def _let_go(self) -> None:
-        if self._free_ratio:
+        if self._touching.any():
             self._carry(np.zeros_like(self._added))
-            self._touching[:] = 0.0
-            self._free_ratio = 0.0
+            self._touching[:] = self._renewed[:] = self._free_ratio = 0.0
 
     def _update_free(self, planes: ContactPlanes, tangents: Array, stiffness: Array, carry: bool) -> None:
-        owner = self._exchange.query.body[self._exchange.shape]
-        total = np.array([stiffness[owner == body].sum() for body in self._exchange.bodies.free])
+        bodies, owner = self._exchange.bodies, self._exchange.query.body[self._exchange.shape]
+        # friction may act for a tick after the last contact has come off
+        loaded = np.isin(bodies.free, bodies.loaded)
+        self._touching[~loaded] = self._renewed[~loaded] = 0.0
+        begins = loaded & (self._touching == 0.0)
+        total = np.array([stiffness[owner == body].sum() for body in bodies.free])
         self._age += 1
-        grown = (total > RENEW_ABOVE * self._touching).any()
-        if grown or self._age >= RENEW_EVERY_TICKS:
+        if (total > RENEW_ABOVE * self._touching).any() or self._age >= RENEW_EVERY_TICKS:
+            self._renewed *= math.exp(-self._age * self._tick_s / _FADING_S)
             self._age = 0
-            self._touching = total
-            for k in range(len(total)):
-                self._renewed[k] = self._mass(k, planes, tangents) if total[k] > 0.0 else 0.0
+            self._touching = np.where(loaded, total, 0.0)
+            for k in np.flatnonzero(total > 0.0).tolist():
+                self._renewed[k] = np.maximum(self._renewed[k], self._mass(k, planes, tangents))
+        if begins.any():
+            least = self._stopping_mass(total)[begins, None]
+            self._renewed[begins, :3] = np.maximum(self._renewed[begins, :3], least)
         ratio = (self._renewed / self._inertia).max(axis=1)
         self._free_ratio = float(ratio.max(initial=0.0))
-        heavy = (ratio > RATIO_BOUND) & (total > 0.0) & carry
+        heavy = (ratio > RATIO_BOUND) & loaded & carry
         self._carry(np.where(heavy[:, None], self._renewed, 0.0))
+
+    def _stopping_mass(self, stiffness: Array) -> Array:
+        """Return with which D (free bodies,) [kg] the forces stop the bodies within a tick, or less.
+
+        Args:
+            stiffness: (free bodies,) [N/m], of the contacts alone.
+        """
+        bodies, h = self._exchange.bodies, self._tick_s
+        impulse = h * np.linalg.norm(bodies.received(bodies.free)[:, :3], axis=1)
+        speed = bodies.free_speeds() + self._exchange.film_speed_m_s
+        most = h * h * stiffness
+        return np.where(impulse < most * speed, impulse / np.where(speed > 0.0, speed, 1.0), most)
 
     def save_state(self) -> BodyMassState:
         """Return what the next update depends on."""

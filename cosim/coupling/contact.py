@@ -76,7 +76,7 @@ class ContactState:
 
 @final
 class ContactExchange:
-    """Finds contacts, remembers them, and loads the bodies.
+    """Finds contacts, remembers them, and loads the bodies; `film_speed_m_s` is that before the step.
 
     Args:
         query: distances to what can be touched.
@@ -97,6 +97,7 @@ class ContactExchange:
         self._key: IntArray = np.zeros(0, np.int64)
         self._carrier: Array = np.zeros((0, 3))
         self._points = 0
+        self.film_speed_m_s = 0.0
 
     def find(self, state: SoftState, tick_s: float) -> ContactPlanes | None:
         """Return what the film may touch in the coming step; None for nothing.
@@ -108,6 +109,7 @@ class ContactExchange:
         self.planes = None
         self.query.update()
         extent = Extent.of(state.positions, state.velocities)
+        self.film_speed_m_s = extent.speed_m_s
         reach = 0.5 * self.law.smoothing_m + _REACH_M + 2.0 * extent.speed_m_s * tick_s
         active = self.query.near(extent.low, extent.high, reach)
         if len(active):

@@ -54,6 +54,10 @@ class Bodies:
         """Return world from body (b, 3, 3)."""
         return np.array(self._data.xmat[bodies]).reshape(-1, 3, 3)
 
+    def free_speeds(self) -> Array:
+        """Return how fast the free bodies are (free bodies,) [m/s]."""
+        return np.asarray(np.linalg.norm(self._data.qvel[self._dofs[:, :3]], axis=1))
+
     def inertia(self, bodies: IntArray) -> Array:
         """Return mass three times [kg], then the inertia about the body axes' origin (b, 6) [kg m^2]."""
         mass = self._model.body_mass[bodies]
