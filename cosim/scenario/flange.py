@@ -57,12 +57,14 @@ class FlangeWay:
         turn: (3,) [rad], axis times angle; may exceed half a turn.
         shift: (3,) [m].
         shake: on top; None for none.
+        even: whether it is run through at an even pace, so that its ends are not at rest.
     """
 
     begin: Pose
     turn: Array
     shift: Array
     shake: Shake | None = None
+    even: bool = False
 
     @classmethod
     def to(cls, begin: Pose, end: Pose) -> FlangeWay:
@@ -87,6 +89,11 @@ class FlangeWay:
         return cls(
             begin, vector, np.zeros(3) if shift_m is None else np.asarray(shift_m, dtype=np.float64), shake
         )
+
+    @property
+    def rate_at_ends(self) -> Array:
+        """d(linear, angular)/d(share) (6,) [m, rad], world axes, at both ends: a shake rests there."""
+        return np.concatenate([self.shift, self.turn])
 
     @property
     def end(self) -> Pose:

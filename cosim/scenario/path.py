@@ -16,6 +16,8 @@ from cosim.scenario.flange import FlangeWay
 from cosim.scenario.joint_path import JointPath
 
 _START_CONFIGURATIONS = 12
+_FINER = 2  # pieces of a way whose velocity is to be even
+_SINGULAR = 1e-3  # of the Jacobian's largest singular value: no velocity is asked for that way
 _END_OPTIONS = InverseKinematicsOptions(candidates=1)
 
 
@@ -97,7 +99,7 @@ def _follow_all(
 ) -> tuple[JointPath, ...]:
     paths: list[JointPath] = []
     for index, way in enumerate(ways):
-        count = way.pieces
+        count = way.pieces * (_FINER if way.even else 1)
         if count == 0:
             paths.append(JointPath(q, None))
             continue
@@ -106,6 +108,24 @@ def _follow_all(
             knots = np.concatenate([q[None], follow(arm, poses, q)])
         except UnreachableError as error:
             raise UnreachableError(f"{blame(index)}: {error}", error.closest) from error
-        paths.append(JointPath(q, CubicSpline(np.linspace(0.0, 1.0, count + 1), knots)))
+        paths.append(JointPath(q, _spline(arm, way, knots)))
         q = paths[-1].last
     return tuple(paths)
+
+
+def _spline(arm: Arm, way: FlangeWay, knots: Array) -> CubicSpline:
+    """Return the joint angles over the share of the way, through equally spaced knots (k, joints) [rad].
+
+    Where the ends are not at rest, the flange's velocity there is exactly the way's: motions that follow one
+    another at the same pace do so without a jump.
+    """
+    shares = np.linspace(0.0, 1.0, len(knots))
+    spline = CubicSpline(shares, knots)
+    if not way.even:
+        return spline
+    slopes = []
+    for share in (0.0, 1.0):
+        jacobian, slope = arm.jacobian(np.asarray(spline(share))), np.asarray(spline(share, 1))
+        missing = way.rate_at_ends - jacobian @ slope
+        slopes.append(slope + np.linalg.lstsq(jacobian, missing, rcond=_SINGULAR)[0])
+    return CubicSpline(shares, knots, bc_type=((1, slopes[0]), (1, slopes[1])))

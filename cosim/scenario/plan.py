@@ -250,7 +250,8 @@ def _solve_phase(
         if phase.tip_target is None:
             way = _way(here.world_from_flange, phase)
             return way, walk(soft, here, way, loads)
-        return reach(soft, here, loads, phase.tip_target)
+        way, end = reach(soft, here, loads, phase.tip_target)
+        return replace(way, even=phase.ramp == "linear"), end
     except (UnreachableError, SolverError) as error:
         raise ScenarioError(_flange_key(phase), f"the static plan fails: {error}") from error
 
@@ -268,6 +269,8 @@ def _end_loads(loads: Loads, phase: Phase, body: SoftBody, sides: SidesOf) -> Lo
 
 def _way(here: Pose, phase: Phase) -> FlangeWay:
     if phase.flange is not None:
-        return FlangeWay.to(here, pose_of(phase.flange))
-    shift = None if phase.flange_shift_m is None else np.array(phase.flange_shift_m)
-    return FlangeWay.relative(here, phase.flange_turn, shift, Shake.of(phase))
+        way = FlangeWay.to(here, pose_of(phase.flange))
+    else:
+        shift = None if phase.flange_shift_m is None else np.array(phase.flange_shift_m)
+        way = FlangeWay.relative(here, phase.flange_turn, shift, Shake.of(phase))
+    return replace(way, even=phase.ramp == "linear")

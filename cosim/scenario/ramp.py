@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal, final
 
+_ROUNDING = 1e-12  # of an instant that is a whole number of ticks
+
 
 @final
 @dataclass(frozen=True)
@@ -26,7 +28,8 @@ def progress(kind: Literal["smooth", "linear", "step"], time_s: float, duration_
     """Return the progress of a ramp.
 
     smooth (minimum jerk): s = 10 u^3 - 15 u^4 + 6 u^5 with u = t / duration; linear: s = u;
-    step: s = 1 from t > 0.
+    step: s = 1 from t > 0. Where rate or acceleration jumps, at the ends of a linear ramp, they are those of
+    the time after: the start belongs to the ramp, the end to what follows it.
     Source: Flash and Hogan, J. Neurosci. 5 (1985) 1688, for the minimum-jerk polynomial.
 
     Args:
@@ -34,9 +37,9 @@ def progress(kind: Literal["smooth", "linear", "step"], time_s: float, duration_
         time_s: since the phase began.
         duration_s: of the ramp.
     """
-    if time_s <= 0.0:
+    if time_s < 0.0 or (time_s == 0.0 and kind != "linear"):
         return Progress(0.0, 0.0, 0.0)
-    if time_s >= duration_s or kind == "step":
+    if time_s >= duration_s * (1.0 - _ROUNDING) or kind == "step":
         return Progress(1.0, 0.0, 0.0)
     u = time_s / duration_s
     if kind == "linear":

@@ -26,6 +26,13 @@ class TickReferences:
         self._joints: JointReference | None = None
         self._shares: list[float] = []
 
+    @property
+    def _ramp_s(self) -> float:
+        """Length of the ramp [s]; a linear one ends with a tick, so that the last one is no shorter step."""
+        phase, tick_s = self.planned.phase, self._tick_s
+        whole = max(1, round(phase.duration_s / tick_s)) * tick_s
+        return whole if phase.ramp == "linear" else phase.duration_s
+
     def at(self, done: int) -> tuple[JointReference, float]:
         """Return what the servos follow in a tick, and the share of the ramp at its end.
 
@@ -50,10 +57,9 @@ class TickReferences:
         return self._joints, place
 
     def _work_out(self, first: int) -> JointReference:
-        phase = self.planned.phase
+        phase, duration_s = self.planned.phase, self._ramp_s
         instants = [
-            progress(phase.ramp, tick * self._tick_s, phase.duration_s)
-            for tick in range(first, first + _TICKS + 1)
+            progress(phase.ramp, tick * self._tick_s, duration_s) for tick in range(first, first + _TICKS + 1)
         ]
         self._first, self._joints = first, self.planned.joints.through(instants[:-1])
         self._shares = [instant.value for instant in instants[1:]]
