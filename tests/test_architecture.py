@@ -15,8 +15,9 @@ TEXT_SUFFIXES = {".py", ".toml", ".md", ".cff", ".urdf", ".yaml", ".yml", ".sh",
 
 # What a layer may import, besides itself. `top` joins everything for the command line and cosim.run.
 BASICS = {
-    "errors", "frames", "frozen", "resources", "arm_files", "body_shape", "kernel_cache", "kernels",
-    "mesh_files", "output_directory", "stateful", "state_archive", "state_check", "whole_files", "__init__",
+    "errors", "frames", "frozen", "resources", "arm_files", "body_shape", "kept_data", "kernel_cache",
+    "kernels", "mesh_files", "output_directory", "stateful", "state_archive", "state_check", "whole_files",
+    "__init__",
 }  # fmt: skip
 TOP = {
     "api", "checkpoint", "code_identity", "driver", "first_run", "loaded_files", "result", "run_files",

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import hashlib
-import os
+import io
 from collections.abc import Callable
 from dataclasses import fields, is_dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from cosim.kept_data import keep, kept
 from cosim.resources import cache_directory
 from cosim.scenario.schema import Scenario
 from cosim.scenario.soft_build import build_soft_body
@@ -33,13 +33,13 @@ def section_model(scenario: Scenario, tell: Callable[[str], None] = lambda text:
     """
     body = build_soft_body(scenario.soft_robot, scenario.chamber)
     largest = _largest_pressure(scenario)
-    path = cache_directory() / f"section_{content_hash(body, largest)}.npz"
-    kept = _read(path)
-    if kept is not None:
-        return kept
+    path = cache_directory() / f"section_{content_hash(body, largest)}.kept"
+    found = kept(path, _unpacked)
+    if found is not None:
+        return found
     tell(f"Building the section model of {scenario.soft_robot.name}: up to a minute, once; kept in {path}")
     model = build_model(body, largest)
-    _write(path, model)
+    keep(path, _packed(model))
     return model
 
 
@@ -88,34 +88,25 @@ def _feed(parts: Any, value: Any) -> None:
         parts.update(repr(value).encode())
 
 
-def _write(path: Path, model: SectionModel) -> None:
-    """Keep a model; where nothing can be written it is built again the next time."""
-    unfinished = path.with_suffix(f".{os.getpid()}.npz")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        np.savez_compressed(
-            unfinished,
-            spline=np.array([model.spline.largest_Pa, model.spline.intervals]),
-            counts=np.array([model.samples, model.failures]),
-            tip_error=np.array(model.tip_error),
-            tip_error_m=np.array(model.tip_error_m),
-            **{name: getattr(model, name) for name in _ARRAYS},
-        )
-        os.replace(unfinished, path)
-    except OSError:
-        return
+def _packed(model: SectionModel) -> bytes:
+    stream = io.BytesIO()
+    np.savez_compressed(
+        stream,
+        spline=np.array([model.spline.largest_Pa, model.spline.intervals]),
+        counts=np.array([model.samples, model.failures]),
+        tip_error=np.array(model.tip_error),
+        tip_error_m=np.array(model.tip_error_m),
+        **{name: getattr(model, name) for name in _ARRAYS},
+    )
+    return stream.getvalue()
 
 
-def _read(path: Path) -> SectionModel | None:
-    """Return a kept model; None where there is none that can be read."""
-    try:
-        with np.load(path, allow_pickle=False) as stored:
-            arrays = {name: stored[name] for name in _ARRAYS}
-            largest, intervals = stored["spline"].tolist()
-            samples, failures = stored["counts"].tolist()
-            error, error_m = float(stored["tip_error"]), float(stored["tip_error_m"])
-    except (OSError, ValueError, KeyError):
-        return None
+def _unpacked(data: bytes) -> SectionModel:
+    with np.load(io.BytesIO(data), allow_pickle=False) as stored:
+        arrays = {name: stored[name] for name in _ARRAYS}
+        largest, intervals = stored["spline"].tolist()
+        samples, failures = stored["counts"].tolist()
+        error, error_m = float(stored["tip_error"]), float(stored["tip_error_m"])
     return SectionModel(
         PressureSpline(largest, int(intervals)),
         **arrays,

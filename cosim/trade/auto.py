@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -12,6 +11,7 @@ from typing import Any
 
 from cosim import __version__
 from cosim.errors import ScenarioError
+from cosim.kept_data import keep, kept
 from cosim.scenario.loading import load_scenario
 from cosim.scenario.schema import Scenario
 from cosim.scenario.writing import to_table
@@ -61,18 +61,15 @@ def figures(
 ) -> tuple[list[Measured], str]:
     """Return the measured members of a scenario, and where the figures come from; see `settled`."""
     members = short_members(scenario)
-    path = cache / f"trade_{content_hash(scenario, members)}.json"
-    kept = _read(path, members)
-    if kept is not None:
-        return kept, f"measured before: {path}"
+    path = cache / f"trade_{content_hash(scenario, members)}.kept"
+    found = kept(path, lambda data: _unpacked(data, members))
+    if found is not None:
+        return found, f"measured before: {path}"
     tell(f"auto: measuring {len(members)} ways to run '{scenario.name}', once")
     compile_for_trade(scenario, tell)
     telling = Telling(done=lambda result: tell(f"auto: {result_line(result)}"))
     results = measure(scenario, members, build, telling, follow=follow)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    partial = path.with_suffix(f".{os.getpid()}")
-    partial.write_text(json.dumps([entry(result) for result in results], indent=1), encoding="utf-8")
-    partial.replace(path)
+    keep(path, json.dumps([entry(result) for result in results]).encode())
     return results, f"measured now, kept in {path}"
 
 
@@ -84,19 +81,15 @@ def content_hash(scenario: Scenario, members: Sequence[Member]) -> str:
     return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 
-def _read(path: Path, members: Sequence[Member]) -> list[Measured] | None:
-    """Return kept figures; None where there are none that can be read."""
-    try:
-        rows: list[dict[str, Any]] = json.loads(path.read_text(encoding="utf-8"))
-        numbers = [{key: row[key] for key in Measured.numbers()} for row in rows]
-        failures = [row["failure"] or "" for row in rows]
-    except (OSError, ValueError, KeyError, TypeError):
-        return None
-    if len(rows) != len(members):
-        return None
+def _unpacked(data: bytes, members: Sequence[Member]) -> list[Measured]:
+    rows: list[dict[str, Any]] = json.loads(data)
     return [
-        Measured(member, failure=failure, **{key: _number(value) for key, value in row.items()})
-        for member, row, failure in zip(members, numbers, failures, strict=True)
+        Measured(
+            member,
+            failure=row["failure"] or "",
+            **{key: _number(row[key]) for key in Measured.numbers()},
+        )
+        for member, row in zip(members, rows, strict=True)
     ]
 
 
