@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Final, final
 
 import numpy as np
 import rerun as rr
 
-from cosim.errors import InputError
+from cosim.errors import InputError, OutputError
 from cosim.recording.blueprint import blueprint
 from cosim.recording.camera import close_eye, scene_eye
 from cosim.recording.colours import series_colours
@@ -79,7 +81,8 @@ class RerunRecorder(Recorder):
         self._path.parent.mkdir(parents=True, exist_ok=True)
         part = self._part
         stream = rr.RecordingStream(APPLICATION_ID, recording_id=None if part is None else part.run_id)
-        stream.save(self._path)
+        with _named(self._path):
+            stream.save(self._path)
         self._run = _Run(stream, stage, self._frame_ns, self._stress_range_Pa)
         if part is not None and part.before is not None:
             self._run.go_on(*part.before)
@@ -97,18 +100,32 @@ class RerunRecorder(Recorder):
         """
         if self._run is None:
             raise RuntimeError("the recorder is not open: call open(stage) before record(snapshot)")
-        self._run.record(snapshot)
+        with _named(self._path):
+            self._run.record(snapshot)
 
     def flush(self) -> None:
         """Write what was gathered so far; does nothing if it is not open. See `Recorder.flush`."""
         if self._run is not None:
-            self._run.flush()
+            with _named(self._path):
+                self._run.flush()
 
     def close(self, summary_markdown: str, status: str) -> None:
         """Write what is left and end the file; does nothing if it is not open. See `Recorder.close`."""
         if self._run is not None:
-            self._run.close(summary_markdown, status)
+            with _named(self._path):
+                self._run.close(summary_markdown, status)
             self._run = None
+
+
+@contextmanager
+def _named(path: Path) -> Iterator[None]:
+    """Turn Rerun's word for a file that cannot be written into an error that names it."""
+    try:
+        yield
+    except RuntimeError as error:
+        raise OutputError(
+            f"{path}: cannot be written, for want of room or of its directory: {error}"
+        ) from error
 
 
 @final

@@ -11,8 +11,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+import rerun as rr
 
-from cosim.errors import InputError
+from cosim.errors import InputError, OutputError
 from cosim.recording import rerun_recorder
 from cosim.recording.recorder import NullRecorder, Part
 from cosim.recording.rerun_recorder import RerunRecorder
@@ -196,3 +197,22 @@ def test_a_later_part_is_laid_out_as_the_first(
         expected = whole.by_time(entity, "LineStrips3D:strips")
         assert len(drawn) > 1
         assert drawn == {time: expected[time] for time in drawn}
+
+
+def test_a_file_that_cannot_be_written_is_named(
+    rrd: Path, make_stage: MakeStage, make_snapshot: MakeSnapshot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    recorder = RerunRecorder(rrd)
+    stage = make_stage()
+    recorder.open(stage)
+    recorder.record(make_snapshot(stage, 0))
+
+    def full(self: Any) -> None:
+        raise RuntimeError("File-writer thread shut down prematurely")  # what Rerun says of a full disk
+
+    with monkeypatch.context() as patch:
+        patch.setattr(rr.RecordingStream, "flush", full)
+        for act in (recorder.flush, lambda: recorder.close("", "completed")):
+            with pytest.raises(OutputError, match=f"{rrd.name}: cannot be written"):
+                act()
+    recorder.close("", "completed")
