@@ -45,7 +45,7 @@ AREAS = {
 }  # fmt: skip
 _PYTEST = (sys.executable, "-m", "pytest", "-q", "-p", "benchmarks.faults.records", "-p", "no:cacheprovider")
 _AT_MOST_S = 7200.0
-_PASSED, _NOT_COLLECTED = 0, 2
+_PASSED, _FAILED, _NOT_COLLECTED = 0, 1, 2
 
 
 @final
@@ -138,6 +138,9 @@ def record(folder: Path, repository: Path = ROOT, processes: int = 0) -> tuple[S
         folder: for them.
         repository: of which what git tracks is copied.
         processes: that run the tests; 0 for this one's child alone.
+
+    Raises:
+        RuntimeError: the tests cannot be run.
     """
     sound, kept = SourceTree(folder / "sound"), folder / "records"
     if not kept.exists():
@@ -145,7 +148,9 @@ def record(folder: Path, repository: Path = ROOT, processes: int = 0) -> tuple[S
         kept.mkdir()
         spread = ("-n", str(processes), "--dist", "loadfile") if processes else ()
         command = (*_PYTEST, *spread, "--tb=short", f"--write-records={kept}", "tests")
-        subprocess.run(command, cwd=sound.root, env=sound.environment())
+        ended = subprocess.run(command, cwd=sound.root, env=sound.environment()).returncode
+        if ended not in (_PASSED, _FAILED):
+            raise RuntimeError(f"pytest ended with {ended}")
     return sound, TestRecords.read(kept, sound.root)
 
 

@@ -113,7 +113,7 @@ def file_of(test: str) -> str:
 
 
 @final
-@dataclass
+@dataclass(eq=False)
 class Recorder:
     """Notes what each test runs.
 
@@ -165,7 +165,7 @@ def _dotted(code: CodeType) -> str:
 
 
 @final
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Choice:
     """Runs some of the tests, and none of them for ever.
 
