@@ -85,7 +85,7 @@ def repository(tmp_path: Path) -> Path:
 
 
 def test_a_fault_is_found_by_a_test_that_fails_and_by_nothing_else(repository: Path, tmp_path: Path) -> None:
-    sound, records = record(tmp_path / "work", repository)
+    sound, records = record(tmp_path / "work", repository, processes=1)
     assert records.functions == {"tests/test_area.py::test_area": ["cosim/area.py:area"]}
     source = (repository / "cosim/sides.py").read_bytes()
     number, *_, untested = faults("cosim/sides.py", source)

@@ -5,7 +5,10 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-from cosim.run_files import SUMMARY, RunFiles
+import pytest
+
+from cosim import run_files
+from cosim.run_files import SUMMARY, RunFiles, default_directory
 
 
 def test_who_reads_a_summary_reads_one_to_its_end(tmp_path: Path) -> None:
@@ -18,3 +21,13 @@ def test_who_reads_a_summary_reads_one_to_its_end(tmp_path: Path) -> None:
         assert json.loads(begun + reader.read()) == long
     assert json.loads((tmp_path / SUMMARY).read_text(encoding="utf-8")) == short
     assert [path.name for path in tmp_path.iterdir()] == [SUMMARY]
+
+
+def test_runs_of_one_second_get_directories_of_their_own(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(run_files.time, "strftime", lambda _form: "20260203-040506")
+    for name in ("arm-20260203-040506", "arm-20260203-040506-2", "arm-20260203-040506-3"):
+        assert default_directory("arm") == Path("runs", name)
+        default_directory("arm").mkdir(parents=True)
