@@ -115,6 +115,19 @@ def test_two_runs_that_begin_at_once_do_not_share_a_new_directory(tmp_path: Path
             second.make()
 
 
+def test_a_directory_made_for_nothing_is_taken_away_again(tmp_path: Path) -> None:
+    new, used, given = (tmp_path / name for name in ("new", "used", "given"))
+    given.mkdir()
+    for path in (new, used, given):
+        with OutputDirectory(path) as directory:
+            directory.make()
+            if path == used:
+                (path / "mine").touch()
+            directory.discard()
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["given", "used"]
+    assert [path.name for path in used.iterdir()] == ["mine"]
+
+
 def test_the_lock_of_a_process_that_was_killed_is_no_trap(command: Command) -> None:
     holder = subprocess.Popen(
         [sys.executable, "-c", HOLD, str(command.directory)],
