@@ -8,7 +8,8 @@ from pathlib import Path
 import pytest
 
 from cosim import run_files
-from cosim.run_files import SUMMARY, RunFiles, default_directory
+from cosim.output_directory import MARKER, OutputDirectory
+from cosim.run_files import SUMMARY, RunFiles, default_directory, recordings
 
 
 def test_who_reads_a_summary_reads_one_to_its_end(tmp_path: Path) -> None:
@@ -31,3 +32,23 @@ def test_runs_of_one_second_get_directories_of_their_own(
     for name in ("arm-20260203-040506", "arm-20260203-040506-2", "arm-20260203-040506-3"):
         assert default_directory("arm") == Path("runs", name)
         default_directory("arm").mkdir(parents=True)
+
+
+def test_recordings_are_those_that_the_run_wrote(tmp_path: Path) -> None:
+    with OutputDirectory(tmp_path) as directory:
+        directory.make()
+        directory.claim("recording.rrd", "recording-2.rrd", "recording-10.rrd")
+    for name in (
+        "recording-2.rrd",
+        "recording-10.rrd",
+        "recording-3.rrd",
+        "recording-best.rrd",
+        "recording.rrd",
+    ):
+        (tmp_path / name).touch()
+    names = [path.name for path in recordings(tmp_path)]
+    assert names == ["recording.rrd", "recording-2.rrd", "recording-10.rrd"]
+    # of a copy that has lost its marker, all that are named like one
+    (tmp_path / MARKER).unlink()
+    names = [path.name for path in recordings(tmp_path)]
+    assert names == ["recording.rrd", "recording-2.rrd", "recording-3.rrd", "recording-10.rrd"]

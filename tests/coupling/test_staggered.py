@@ -232,6 +232,19 @@ def test_only_the_change_of_acceleration_meets_the_algorithmic_mass() -> None:
     assert np.ptp(ways[0], axis=0).max() > 2e-3
 
 
+def test_past_accelerations_are_kept_when_the_ratio_is_found_anew() -> None:
+    here, found_anew = rig(CARRIED_MASS_KG, integrator="bdf2"), 0
+    here.ticks(15, 0.002)
+    for _ in range(8):
+        found_anew += here.coupling.interface.to_be_weighed
+        before = here.coupling.save_state().past
+        assert here.ticks(1, 0.002)[0].algorithmic_mass
+        after = here.coupling.save_state().past
+        np.testing.assert_array_equal(after[1:], before[:-1])
+        assert np.abs(after[0] - after[1]).max() > 0.0
+    assert found_anew > 0
+
+
 def test_the_bound_of_the_ratio_decides() -> None:
     entry = rig(5.0).ticks(1)[0]
     assert 0.5 < entry.stability_ratio < 1.0
