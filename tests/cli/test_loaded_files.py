@@ -10,7 +10,9 @@ from typing import Any
 
 import pytest
 
+from cosim.loaded_files import loaded_digests
 from cosim.resources import object_mesh_path, scenario_path
+from cosim.scenario.loading import load_scenario
 from tests.cli.interrupted import Command, figures, interrupt_at
 
 
@@ -72,3 +74,10 @@ def test_a_copy_of_a_run_goes_on(command: Command, tmp_path: Path) -> None:
     command.directory = copy
     assert command.resume() == 0
     assert figures(copy) == whole
+
+
+def test_the_arm_counts_among_what_a_run_was_loaded_from_where_there_is_one() -> None:
+    on_arm = loaded_digests(load_scenario("ur5e_hexagon_arm"))
+    assert {name.partition("/")[0] for name in on_arm} == {"scenario.toml", "ur5e"}
+    assert "absent" not in on_arm.values()
+    assert set(loaded_digests(load_scenario("three_unit_inflation"))) == {"scenario.toml"}
