@@ -223,7 +223,7 @@ def test_an_unfinished_assignment_is_refused(tmp_path: Path, capsys: pytest.Capt
 def test_a_foreign_directory_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "thesis.tex").write_text("precious", encoding="utf-8")
     assert main(["run", REFERENCE, "--out", str(tmp_path)]) == 2
-    assert "not a run's" in capsys.readouterr().err
+    assert "not known to be results of cosim (thesis.tex)" in capsys.readouterr().err
     assert [path.name for path in tmp_path.iterdir()] == ["thesis.tex"]
 
 
