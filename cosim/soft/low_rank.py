@@ -79,7 +79,10 @@ class LowRankCorrection:
         definite = bool(np.isfinite(inner).all()) and bool(
             (np.linalg.eigvalsh(inner) <= 0.0).sum() == (coefficients < 0.0).sum()
         )
-        return cls(vectors, answers, lu_factor(inner, check_finite=False) if definite else None)
+        if not definite:
+            return cls(vectors, answers, None)
+        factor, pivots = lu_factor(inner, check_finite=False)
+        return cls(vectors, answers, (np.ascontiguousarray(factor), pivots))
 
     @property
     def definite(self) -> bool:
