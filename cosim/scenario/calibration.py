@@ -76,7 +76,7 @@ class CalibrationReport:
     """A calibration and what it was judged by.
 
     Args:
-        calibration: the fitted parameters, with their largest errors.
+        calibration: the fitted parameters, with their largest errors over fitted and checked loads.
         cases: loads, fitted ones first.
         fitted: how many of the cases were fitted.
         refined: response of the refined model to each case [m].
@@ -122,18 +122,28 @@ def calibrate(
     coarse, coarse_s = _timed(specimen, cases)
     parameters = _fit(specimen, fit, refined[: len(fit)], tell)
     calibrated = (1.0 + _error(specimen, parameters, cases, refined)) * refined
-    miss = np.abs(calibrated / refined - 1.0)
-    lateral = np.array([case.lateral != 0.0 for case in cases])
-    checked = ~lateral & (np.arange(len(cases)) >= len(fit))
+    straight, lateral = largest_errors(cases, calibrated / refined - 1.0)
     calibration = replace(
         _calibration(parameters),
         reference_refine=refine,
         pressure_range_Pa=pressure_range_Pa,
-        largest_error=float(miss[checked].max()),
-        largest_lateral_error=float(miss[lateral].max()),
+        largest_error=straight,
+        largest_lateral_error=lateral,
     )
     speedup = refined_s / max(coarse_s, 1e-9)
     return CalibrationReport(calibration, cases, len(fit), refined, coarse, calibrated, speedup)
+
+
+def largest_errors(cases: Sequence[LoadCase], errors: Array) -> tuple[float, float]:
+    """Return the largest absolute error without lateral force and with it, fitted and checked loads alike.
+
+    Args:
+        cases: loads.
+        errors: (cases,) relative error under each.
+    """
+    lateral = np.array([case.lateral != 0.0 for case in cases])
+    size = np.abs(errors)
+    return float(size[~lateral].max()), float(size[lateral].max())
 
 
 def _fit(specimen: SoftRobot, cases: Sequence[LoadCase], truth: Array, tell: Callable[[str], None]) -> Array:

@@ -202,8 +202,8 @@ class Calibration:
         hinge_factor: spring constant of each hinge over E t^3 / 12 of the real film.
         reference_refine: refinement of the model that was taken as truth.
         pressure_range_Pa: that was fitted.
-        largest_error: relative, of the extension, over loads (pressure, axial force) that were not fitted.
-        largest_lateral_error: relative, of the deflection under lateral forces.
+        largest_error: relative, of the extension, over all loads without lateral force, fitted and checked.
+        largest_lateral_error: relative, of the deflection, over all loads with lateral force.
     """
 
     film_modulus_factor: Positive

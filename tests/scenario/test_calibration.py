@@ -11,7 +11,7 @@ import pytest
 from cosim.cli.calibrate import table_text, write_table
 from cosim.errors import ScenarioError
 from cosim.resources import soft_robot_path
-from cosim.scenario.calibration import CalibrationReport, calibrate
+from cosim.scenario.calibration import CalibrationReport, calibrate, largest_errors, load_cases
 from cosim.scenario.loading import load_scenario, load_soft_robot
 from cosim.scenario.soft_build import build_soft_body
 from cosim.scenario.soft_robot import Calibration
@@ -35,7 +35,17 @@ def test_extension_under_unfitted_loads_comes_within_two_percent(report: Calibra
     # three parameters against a smooth response: what is left is well below the error of the coarse mesh
     assert after.max() < 0.02
     assert after.max() < before.max()
-    assert report.calibration.largest_error == pytest.approx(after.max())
+
+
+def test_largest_errors_are_over_fitted_and_checked_loads(report: CalibrationReport) -> None:
+    fit, check = load_cases(5e3, 40e3)
+    for worst in range(len(fit) + len(check)):  # wherever the worst load stands, fitted ones included
+        errors = np.full(len(fit) + len(check), 0.01)
+        errors[worst] = -0.115
+        lateral = (*fit, *check)[worst].lateral != 0.0
+        assert largest_errors((*fit, *check), errors) == ((0.01, 0.115) if lateral else (0.115, 0.01))
+    found = largest_errors(report.cases, report.calibrated / report.refined - 1.0)
+    assert found == (report.calibration.largest_error, report.calibration.largest_lateral_error)
 
 
 def test_a_calibration_changes_film_and_hinges() -> None:
