@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from cosim.arm_files import arm_names, find_arm
+from cosim.base.arms import arm_names, find_arm
 from cosim.kinematics import Arm
 from cosim.rigid import RigidScene, SceneDescription
 

@@ -16,11 +16,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from cosim.driver import Options, build_simulation, execute, recorded, rerun_recorder
+from cosim.app.driver import Options, build_simulation, execute, recorded, rerun_recorder
+from cosim.config.loading import load_scenario
+from cosim.config.schema.scenario import Scenario
 from cosim.errors import ScenarioError
-from cosim.scenario.loading import load_scenario
-from cosim.scenario.schema import Scenario
-from cosim.scenario.snapshot import Snapshot, Stage
+from cosim.telemetry.snapshot import Snapshot, Stage
 from cosim.trade.auto import settled
 from cosim.trade.choice import Wish
 from cosim.trade.curve import Curve, CurveBuilder, trace

@@ -19,8 +19,8 @@ import mujoco
 import numpy as np
 
 from benchmarks.measure.calls import least_ms
-from cosim.frames import Array
-from cosim.rigid.contact_query import ContactQuery
+from cosim.base.frames import Array
+from cosim.rigid.distance.contact_query import ContactQuery
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from tests.rigid.shapes import SIZES, compiled, level, surface_samples, to_world

@@ -21,10 +21,10 @@ from typing import Any
 
 import numpy as np
 
-from cosim.driver import build_simulation
+from cosim.app.driver import build_simulation
+from cosim.base.frames import Array, Pose
+from cosim.config.loading import load_scenario
 from cosim.errors import SolverError
-from cosim.frames import Array, Pose
-from cosim.scenario.loading import load_scenario
 
 MASSES_G = (20, 50, 100, 200, 300)
 SHAPES = ("roll", "plant", "spool")

@@ -14,9 +14,9 @@ from typing import Any
 
 import numpy as np
 
-from cosim.arm_files import arm_names, find_arm
+from cosim.base.arms import arm_names, find_arm
+from cosim.base.frames import Pose, rotation_from_quaternion
 from cosim.errors import UnreachableError
-from cosim.frames import Pose, rotation_from_quaternion
 from cosim.kinematics import Arm, solve
 
 TOLERANCE = 1e-6  # m and rad

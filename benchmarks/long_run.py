@@ -39,15 +39,15 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import numpy as np
 
-from cosim.arm_files import find_arm
-from cosim.driver import Options, Simulation, build_simulation, execute, rerun_recorder
-from cosim.frames import Array
+from cosim.app.driver import Options, Simulation, build_simulation, execute, rerun_recorder
+from cosim.base.arms import find_arm
+from cosim.base.frames import Array
+from cosim.build.fidelity import soft_sides
+from cosim.config.loading import load_scenario
+from cosim.config.schema.scenario import Scenario
 from cosim.kinematics.arm import Arm
-from cosim.scenario.fidelity import soft_sides
-from cosim.scenario.loading import load_scenario
-from cosim.scenario.schema import Scenario
-from cosim.scenario.snapshot import Snapshot, Stage
-from cosim.soft.system import SoftSystem
+from cosim.soft.solve.assembly import SoftSystem
+from cosim.telemetry.snapshot import Snapshot, Stage
 
 TICK_S = 0.002
 MOVE_S, SETTLE_S = 0.5, 20.0

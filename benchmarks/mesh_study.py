@@ -22,22 +22,23 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 import numpy as np
 
+from cosim.base.frames import Array, Pose
 from cosim.errors import ConvergenceError, MeshError
-from cosim.frames import Array, Pose
-from cosim.soft.body import Loads, SoftBody
-from cosim.soft.chamber import PolygonalStack
-from cosim.soft.compilation import compile_kernels
-from cosim.soft.equilibrium import Equilibrium, EquilibriumSolver
-from cosim.soft.film import Film
-from cosim.soft.frame_ring import FrameRings
-from cosim.soft.newton import NewtonOptions, NewtonSolver
-from cosim.soft.pressure import cap_force
-from cosim.soft.refinement import refine
-from cosim.soft.shell_hinges import shell_stiffness
-from cosim.soft.stability import PerturbationOptions, find_lower_state, negative_pivots
-from cosim.soft.state import Clamp, SoftState
-from cosim.soft.surface import interior_hinges
-from cosim.soft.system import SoftSystem
+from cosim.soft.body.body import SoftBody
+from cosim.soft.body.loads import Loads
+from cosim.soft.elements.frame_ring import FrameRings
+from cosim.soft.elements.material import Film
+from cosim.soft.elements.pressure import cap_force
+from cosim.soft.elements.shell_hinges import shell_stiffness
+from cosim.soft.geometry.polygonal_stack import PolygonalStack
+from cosim.soft.geometry.refinement import refine
+from cosim.soft.geometry.surface import interior_hinges
+from cosim.soft.solve.assembly import SoftSystem
+from cosim.soft.solve.compilation import compile_kernels
+from cosim.soft.solve.equilibrium import Equilibrium, EquilibriumSolver
+from cosim.soft.solve.newton import NewtonOptions, NewtonSolver
+from cosim.soft.solve.stability import PerturbationOptions, find_lower_state, negative_pivots
+from cosim.soft.solve.state import Clamp, SoftState
 
 REFERENCE = Path(__file__).resolve().parents[1] / "tests/reference/finite_elements.json"
 PRESSURES_KPA = (2.0, 5.0, 10.0, 20.0, 40.0)

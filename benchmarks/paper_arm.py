@@ -19,15 +19,16 @@ from typing import Any
 
 import numpy as np
 
-from cosim.frames import Array, IntArray, Pose, rotation_from_vector
-from cosim.soft.body import Loads, SoftBody
-from cosim.soft.cable import Cable
-from cosim.soft.equilibrium import Equilibrium, EquilibriumSolver
-from cosim.soft.film import Film, FilmLaw
-from cosim.soft.newton import NewtonOptions, NewtonSolver
-from cosim.soft.state import Clamp, SoftState
-from cosim.soft.surface import interior_hinges
-from cosim.soft.system import SoftSystem
+from cosim.base.frames import Array, IntArray, Pose, rotation_from_vector
+from cosim.soft.body.body import SoftBody
+from cosim.soft.body.loads import Loads
+from cosim.soft.elements.cable import Cable
+from cosim.soft.elements.material import Film, FilmLaw
+from cosim.soft.geometry.surface import interior_hinges
+from cosim.soft.solve.assembly import SoftSystem
+from cosim.soft.solve.equilibrium import Equilibrium, EquilibriumSolver
+from cosim.soft.solve.newton import NewtonOptions, NewtonSolver
+from cosim.soft.solve.state import Clamp, SoftState
 
 REFERENCE = Path(__file__).resolve().parents[1] / "tests" / "reference" / "UR_Pneumatic.npz"
 PAPER_INCREMENTS = (140, 140, 100)

@@ -27,13 +27,14 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 import numpy as np
 
-from cosim.frames import Array, IntArray, Mask, rotation_from_vector
-from cosim.soft.body import Loads, SoftBody
-from cosim.soft.cable import Cable
-from cosim.soft.film import Film, FilmLaw
-from cosim.soft.newton import NewtonOptions, NewtonSolver
-from cosim.soft.surface import dihedral_angle
-from cosim.soft.system import SoftSystem
+from cosim.base.frames import Array, IntArray, Mask, rotation_from_vector
+from cosim.soft.body.body import SoftBody
+from cosim.soft.body.loads import Loads
+from cosim.soft.elements.cable import Cable
+from cosim.soft.elements.material import Film, FilmLaw
+from cosim.soft.geometry.surface import dihedral_angle
+from cosim.soft.solve.assembly import SoftSystem
+from cosim.soft.solve.newton import NewtonOptions, NewtonSolver
 
 REFERENCE = Path(__file__).resolve().parents[1] / "tests" / "reference"
 EXAMPLES = (

@@ -56,13 +56,13 @@ class Stopwatch:
 
 def watch() -> Stopwatch:
     """Wrap the parts of a tick."""
-    from cosim.coupling.staggered import StaggeredCoupling
+    from cosim.coupling.schemes.staggered import StaggeredCoupling
     from cosim.kinematics.arm import Arm
     from cosim.recording.rerun_recorder import RerunRecorder
-    from cosim.rigid.scene import RigidScene
-    from cosim.scenario.parts import Parts
-    from cosim.soft.envelope_cholesky import EnvelopeCholesky
-    from cosim.soft.system import SoftSystem
+    from cosim.rigid.scene.scene import RigidScene
+    from cosim.run.parts import Parts
+    from cosim.soft.linear.envelope_cholesky import EnvelopeCholesky
+    from cosim.soft.solve.assembly import SoftSystem
 
     stopwatch = Stopwatch()
     stopwatch.wrap(SoftSystem, "evaluate", "soft: energy, gradient, Hessian")
@@ -79,8 +79,8 @@ def watch() -> Stopwatch:
 
 def dynamic(overrides: dict[str, Any], stopwatch: Stopwatch | None = None) -> dict[str, Any]:
     """Run the scenario in dynamic mode with its recording on; return its figures."""
-    from cosim.driver import Options, build_simulation, execute, rerun_recorder, with_fidelity_chosen
-    from cosim.scenario.loading import load_scenario
+    from cosim.app.driver import Options, build_simulation, execute, rerun_recorder, with_fidelity_chosen
+    from cosim.config.loading import load_scenario
 
     scenario = with_fidelity_chosen(load_scenario(SCENARIO, overrides), print)
     with tempfile.TemporaryDirectory() as folder:
@@ -95,8 +95,8 @@ def dynamic(overrides: dict[str, Any], stopwatch: Stopwatch | None = None) -> di
 
 def quasistatic() -> dict[str, Any]:
     """Run the scenario in quasistatic mode, without a recording; return its figures."""
-    from cosim.driver import Options, build_simulation, execute
-    from cosim.scenario.loading import load_scenario
+    from cosim.app.driver import Options, build_simulation, execute
+    from cosim.config.loading import load_scenario
 
     scenario = load_scenario(SCENARIO, {"mode": "quasistatic"})
     return execute(scenario, build_simulation, Options(), time.perf_counter()).summary

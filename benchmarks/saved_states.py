@@ -20,8 +20,8 @@ import numpy as np
 
 import cosim
 from benchmarks.measure.calls import median_s
-from cosim.driver import build_simulation
-from cosim.state_archive import read_archive, write_archive
+from cosim.app.driver import build_simulation
+from cosim.base.state_archive import read_archive, write_archive
 
 _BLOCK = 20
 _BLOCKS = 60

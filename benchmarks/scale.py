@@ -28,15 +28,16 @@ import numpy as np
 from benchmarks.atlas.extremes import Extreme, body_of
 from benchmarks.measure.calls import call_times, median_s
 from benchmarks.measure.soft_ticks import STEP_S, jerk_times, motion_times
-from cosim.frames import Array, Pose
-from cosim.scenario.loading import load_soft_robot
-from cosim.scenario.soft_build import build_soft_body
-from cosim.scenario.solver_schema import ChamberModel
-from cosim.soft.body import Loads, SoftBody
-from cosim.soft.envelope_cholesky import EnvelopeCholesky
-from cosim.soft.newton import NewtonSolver
-from cosim.soft.state import Clamp, SoftState
-from cosim.soft.system import Inertia, SoftSystem
+from cosim.base.frames import Array, Pose
+from cosim.build.soft_body import build_soft_body
+from cosim.config.loading import load_soft_robot
+from cosim.config.schema.solver import ChamberModel
+from cosim.soft.body.body import SoftBody
+from cosim.soft.body.loads import Loads
+from cosim.soft.linear.envelope_cholesky import EnvelopeCholesky
+from cosim.soft.solve.assembly import Inertia, SoftSystem
+from cosim.soft.solve.newton import NewtonSolver
+from cosim.soft.solve.state import Clamp, SoftState
 
 UNITS = (1, 2, 5, 10, 20, 50, 100, 200)
 REFINEMENTS = (0, 1, 2)
@@ -146,7 +147,7 @@ def main() -> int:
         "--motion", action="store_true", help="also the mean tick of a smooth motion (minutes)"
     )
     options = parser.parse_args()
-    from cosim.soft.compilation import compile_kernels
+    from cosim.soft.solve.compilation import compile_kernels
 
     compile_kernels(print)
     rows = measured("units", {units: body_of(Extreme(units=units)) for units in UNITS}, options.motion)

@@ -29,9 +29,9 @@ import numpy as np
 from matplotlib.axes import Axes
 
 import cosim
-from cosim.frames import Array
-from cosim.result import RunResult
-from cosim.scenario.loading import load_scenario
+from cosim.app.result import RunResult
+from cosim.base.frames import Array
+from cosim.config.loading import load_scenario
 
 ROOT = Path(__file__).resolve().parents[1]
 REFERENCE = ROOT / "tests" / "reference"

@@ -148,7 +148,7 @@ def main() -> int:
     parser.add_argument("--png", type=Path)
     parser.add_argument("--maps", nargs="*", help="titles that contain any of these words only")
     options = parser.parse_args()
-    from cosim.soft.compilation import compile_kernels
+    from cosim.soft.solve.compilation import compile_kernels
 
     compile_kernels(print)
     began, results = time.process_time(), []

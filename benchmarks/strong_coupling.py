@@ -25,15 +25,15 @@ from typing import Any, get_args
 
 import numpy as np
 
-from cosim.coupling.coupling import Coupling
-from cosim.coupling.interface import Interface
-from cosim.coupling.iterated import IteratedCoupling
-from cosim.coupling.ledger import LedgerEntry
-from cosim.coupling.staggered import StaggeredCoupling
+from cosim.base.frames import Pose
+from cosim.coupling.schemes.interface import Interface
+from cosim.coupling.schemes.iterated import IteratedCoupling
+from cosim.coupling.schemes.ledger import LedgerEntry
+from cosim.coupling.schemes.scheme import Coupling
+from cosim.coupling.schemes.staggered import StaggeredCoupling
 from cosim.errors import SolverError
-from cosim.frames import Pose
-from cosim.rigid.description import ServoGains
-from cosim.soft.dynamics import Integrator
+from cosim.rigid.build.description import ServoGains
+from cosim.soft.solve.time_step import Integrator
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from tests.coupling.pads import GRASP, CoupledGrasp

@@ -25,7 +25,7 @@ _ROUNDS, _TICKS_PER_ROUND = 12, 400
 
 def in_a_row(run: Any) -> float:
     """Return the least CPU time of a tick [us] of those taken in a row; the run goes back after it."""
-    from cosim.scenario.block import READ_AT_ONCE
+    from cosim.telemetry.block import READ_AT_ONCE
 
     saved, least = run.save_state(), float("inf")
     for _ in range(_ROUNDS):
@@ -64,7 +64,7 @@ def in_a_run(run: Any, soft: Any, ticks: int) -> dict[str, float]:
 
 def alone(run: Any, soft: Any) -> float:
     """Return the least CPU time of a tick [us] whose soft step costs nothing; the run goes back after it."""
-    from cosim.coupling.soft_side import SoftReply
+    from cosim.coupling.soft_sides.soft_side import SoftReply
 
     saved, least = run.save_state(), float("inf")
     reply = SoftReply(saved.carrier.coupling.interface.wrench, 1e-6, 1)
@@ -87,8 +87,8 @@ def main() -> None:
     parser.add_argument("--ticks", type=int, default=2000)
     parser.add_argument("--json", type=Path)
     options = parser.parse_args()
-    from cosim.driver import build_simulation, with_fidelity_chosen
-    from cosim.scenario.loading import load_scenario
+    from cosim.app.driver import build_simulation, with_fidelity_chosen
+    from cosim.config.loading import load_scenario
 
     overrides = {"fidelity": options.fidelity, "coupling.scheme": "staggered"}
     run: Any = build_simulation(with_fidelity_chosen(load_scenario(options.scenario, overrides), print))

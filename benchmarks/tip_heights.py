@@ -16,19 +16,19 @@ from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 
-from cosim.coupling.soft_arm import SoftArm
+from cosim.base.frames import Array, Pose, rotation_from_vector
+from cosim.build.soft_body import build_soft_body
+from cosim.config.loading import load_scenario
+from cosim.config.schema.phase import TipTarget as Target
+from cosim.coupling.soft_sides.lumped_arm import SoftArm
 from cosim.errors import ConvergenceError, UnreachableError
-from cosim.frames import Array, Pose, rotation_from_vector
-from cosim.scenario.loading import load_scenario
-from cosim.scenario.phase_schema import TipTarget as Target
-from cosim.scenario.soft_build import build_soft_body
-from cosim.scenario.target_motion import reach
-from cosim.soft.body import Loads
-from cosim.soft.dynamics import StepOptions
-from cosim.soft.equilibrium import Equilibrium
-from cosim.soft.newton import NewtonOptions
-from cosim.soft.tension_search import find_tensions
-from cosim.soft.tip_target import TipTarget
+from cosim.plan.target_motion import reach
+from cosim.soft.body.loads import Loads
+from cosim.soft.solve.equilibrium import Equilibrium
+from cosim.soft.solve.newton import NewtonOptions
+from cosim.soft.solve.time_step import StepOptions
+from cosim.soft.targets.tension_search import find_tensions
+from cosim.soft.targets.tip_target import TipTarget
 
 DESIGNS, TARGETS = 30, 200
 TENSION_N = (2.0, 15.0)

@@ -19,26 +19,26 @@ from typing import Any
 
 import numpy as np
 
-from cosim.arm_files import find_arm
-from cosim.coupling.soft_arm import SoftArm
+from cosim.base.arms import find_arm
+from cosim.base.frames import Array, Pose, rotation_from_vector
+from cosim.build.simulation import build
+from cosim.build.soft_body import build_soft_body
+from cosim.config.loading import load_scenario
+from cosim.config.schema.phase import FlangePose, Phase, Start, TipTarget
+from cosim.config.schema.scenario import Scenario
+from cosim.coupling.soft_sides.lumped_arm import SoftArm
 from cosim.errors import ConvergenceError, ScenarioError, UnreachableError
-from cosim.frames import Array, Pose, rotation_from_vector
 from cosim.kinematics import Arm, solve
-from cosim.scenario.build import build
-from cosim.scenario.flange import FlangeWay, pose_of
-from cosim.scenario.loading import load_scenario
-from cosim.scenario.phase_schema import FlangePose, Phase, Start, TipTarget
-from cosim.scenario.plan import start_equilibrium
-from cosim.scenario.schema import Scenario
-from cosim.scenario.soft_build import build_soft_body
-from cosim.soft import tip_target as search
-from cosim.soft.body import Loads
-from cosim.soft.center_line import center_line_length, hole_rings
-from cosim.soft.dynamics import StepOptions
-from cosim.soft.equilibrium import Equilibrium
-from cosim.soft.flange_search import find_flange_pose
-from cosim.soft.newton import NewtonOptions
-from cosim.soft.sensitivity import TipFrame
+from cosim.plan.flange_path import FlangeWay, pose_of
+from cosim.plan.plan import start_equilibrium
+from cosim.soft.body.center_line import center_line_length, hole_rings
+from cosim.soft.body.loads import Loads
+from cosim.soft.solve.equilibrium import Equilibrium
+from cosim.soft.solve.newton import NewtonOptions
+from cosim.soft.solve.sensitivity import TipFrame
+from cosim.soft.solve.time_step import StepOptions
+from cosim.soft.targets import tip_target as search
+from cosim.soft.targets.flange_search import find_flange_pose
 
 START = FlangePose((0.4, 0.0, 0.7), (0.0, 0.0, -1.0))
 BOX = np.array([[0.3, 0.5], [-0.2, 0.2], [0.6, 0.8]])

@@ -23,10 +23,10 @@ from typing import Any
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
+from cosim.app.driver import build_simulation, recorded
 from cosim.cli.trade_progress import TradeProgress
-from cosim.driver import build_simulation, recorded
+from cosim.config.loading import load_scenario
 from cosim.recording import membrane_colours
-from cosim.scenario.loading import load_scenario
 from cosim.trade.choice import Wish
 from cosim.trade.compilation import compile_for_trade
 from cosim.trade.measuring import Measured, measure

@@ -10,8 +10,15 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+from cosim._version import __version__ as __version__
+
 if TYPE_CHECKING:
-    from cosim.api import run as run
+    from cosim.app.api import run as run
+    from cosim.app.result import RunResult as RunResult
+    from cosim.app.simulation import SavedState as SavedState
+    from cosim.app.simulation import Simulation as Simulation
+    from cosim.base.resources import list_scenarios as list_scenarios
+    from cosim.config.loading import load_scenario as load_scenario
     from cosim.errors import ConvergenceError as ConvergenceError
     from cosim.errors import CosimError as CosimError
     from cosim.errors import InputError as InputError
@@ -23,13 +30,6 @@ if TYPE_CHECKING:
     from cosim.errors import SceneError as SceneError
     from cosim.errors import SolverError as SolverError
     from cosim.errors import UnreachableError as UnreachableError
-    from cosim.resources import list_scenarios as list_scenarios
-    from cosim.result import RunResult as RunResult
-    from cosim.scenario.loading import load_scenario as load_scenario
-    from cosim.simulation import SavedState as SavedState
-    from cosim.simulation import Simulation as Simulation
-
-__version__ = "0.1.0"
 
 _HOMES = {
     "ConvergenceError": "cosim.errors",
@@ -39,16 +39,16 @@ _HOMES = {
     "MeshError": "cosim.errors",
     "OutputError": "cosim.errors",
     "RunInterrupted": "cosim.errors",
-    "RunResult": "cosim.result",
-    "SavedState": "cosim.simulation",
+    "RunResult": "cosim.app.result",
+    "SavedState": "cosim.app.simulation",
     "ScenarioError": "cosim.errors",
     "SceneError": "cosim.errors",
-    "Simulation": "cosim.simulation",
+    "Simulation": "cosim.app.simulation",
     "SolverError": "cosim.errors",
     "UnreachableError": "cosim.errors",
-    "list_scenarios": "cosim.resources",
-    "load_scenario": "cosim.scenario.loading",
-    "run": "cosim.api",
+    "list_scenarios": "cosim.base.resources",
+    "load_scenario": "cosim.config.loading",
+    "run": "cosim.app.api",
 }
 
 __all__ = ["__version__", *sorted(_HOMES)]

@@ -17,10 +17,7 @@ All of them can be pickled. What ends `cosim.run` or `Simulation.step` early car
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Self
-
-if TYPE_CHECKING:
-    from cosim.result import RunResult
+from typing import Any, Self
 
 
 class CosimError(Exception):
@@ -29,7 +26,7 @@ class CosimError(Exception):
     `result` holds the arrays that a run had computed until this error ended it; None where no run was ended.
     """
 
-    result: RunResult | None = None
+    result: Any = None
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Return how to make the error anew: by what it holds, whatever its constructor asks for."""
@@ -97,7 +94,7 @@ class InstabilityError(SolverError):
 class RunInterrupted(KeyboardInterrupt):
     """The user has interrupted a run; `result` holds the arrays up to the last tick that was shown."""
 
-    result: RunResult | None = None
+    result: Any = None
 
 
 def _made_anew(kind: type[CosimError], args: tuple[Any, ...], held: dict[str, Any]) -> CosimError:

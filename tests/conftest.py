@@ -9,9 +9,9 @@ from itertools import islice
 import numpy as np
 import pytest
 
-from cosim.frames import Pose, Twist, Wrench
-from cosim.scenario.schema import Scenario
-from cosim.scenario.snapshot import LedgerEntry, Snapshot, Stage
+from cosim.base.frames import Pose, Twist, Wrench
+from cosim.config.schema.scenario import Scenario
+from cosim.telemetry.snapshot import LedgerEntry, Snapshot, Stage
 
 TICKS_PER_PHASE = 5
 

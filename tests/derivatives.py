@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from cosim.frames import Array, IntArray
-from cosim.soft.pattern import BlockPattern
+from cosim.base.frames import Array, IntArray
+from cosim.soft.linear.pattern import BlockPattern
 
 RELATIVE = 1e-6
 """Asked of every element: |exact - difference| / |exact|, Euclidean norms over the element's entries."""

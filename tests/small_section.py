@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import replace
 from functools import cache
 
-from cosim.scenario.loading import load_scenario
-from cosim.scenario.soft_build import build_soft_body
-from cosim.soft.body import SoftBody
-from cosim.soft.section.building import Effort, build_model
-from cosim.soft.section.model import SectionBody
+from cosim.build.soft_body import build_soft_body
+from cosim.config.loading import load_scenario
+from cosim.reduced.fit.building import Effort, build_model
+from cosim.reduced.section_model import SectionBody
+from cosim.soft.body.body import SoftBody
 
 UNITS = 3
 ROBOT = (

@@ -12,8 +12,8 @@ from pathlib import Path
 import pytest
 
 import cosim
+from cosim.base.resources import list_scenarios, list_soft_robots
 from cosim.cli.main import main
-from cosim.resources import list_scenarios, list_soft_robots
 
 ROOT = Path(__file__).resolve().parents[1]
 README = (ROOT / "README.md").read_text(encoding="utf-8")

@@ -13,17 +13,18 @@ from typing import Literal, TypeAlias
 
 import numpy as np
 
-from cosim.coupling.soft_arm import SoftArm
+from cosim.base.frames import Pose, rotation_from_vector
+from cosim.coupling.soft_sides.lumped_arm import SoftArm
 from cosim.errors import CosimError, InputError
-from cosim.frames import Pose, rotation_from_vector
-from cosim.soft.body import Loads, SoftBody
-from cosim.soft.cable import Cable
-from cosim.soft.chamber import PolygonalStack
-from cosim.soft.dynamics import Integrator, StepOptions
-from cosim.soft.equilibrium import Equilibrium
-from cosim.soft.film import Film, FilmLaw
-from cosim.soft.newton import NewtonOptions, Outcome
-from cosim.soft.surface import interior_hinges
+from cosim.soft.body.body import SoftBody
+from cosim.soft.body.loads import Loads
+from cosim.soft.elements.cable import Cable
+from cosim.soft.elements.material import Film, FilmLaw
+from cosim.soft.geometry.polygonal_stack import PolygonalStack
+from cosim.soft.geometry.surface import interior_hinges
+from cosim.soft.solve.equilibrium import Equilibrium
+from cosim.soft.solve.newton import NewtonOptions, Outcome
+from cosim.soft.solve.time_step import Integrator, StepOptions
 
 Kind: TypeAlias = Literal["stable", "slow", "named", "unnamed"]
 

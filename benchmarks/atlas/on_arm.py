@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 
 from benchmarks.atlas.extremes import Verdict, judged
-from cosim.scenario.build import build
-from cosim.scenario.loading import load_scenario
-from cosim.scenario.snapshot import Snapshot
+from cosim.build.simulation import build
+from cosim.config.loading import load_scenario
+from cosim.telemetry.snapshot import Snapshot
 
 SCENARIO = "ur5e_hexagon_arm"
 ARM_MASS_KG = 17.7  # the UR5e's moving links

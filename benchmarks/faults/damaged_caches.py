@@ -23,12 +23,12 @@ import numpy as np
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
-from cosim.kept_data import keep
-from cosim.scenario import section_model
-from cosim.scenario.loading import load_scenario
-from cosim.scenario.schema import Scenario
-from cosim.soft.section.model import SectionModel
-from cosim.soft.section.pressure_spline import PressureSpline
+from cosim.base.kept_data import keep
+from cosim.build import section_cache as section_model
+from cosim.config.loading import load_scenario
+from cosim.config.schema.scenario import Scenario
+from cosim.reduced.section_model import SectionModel
+from cosim.reduced.sections.pressure_spline import PressureSpline
 from cosim.trade import auto
 from cosim.trade.measuring import Measured
 from cosim.trade.members import short_members

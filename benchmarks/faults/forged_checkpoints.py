@@ -42,11 +42,11 @@ WORKER = """
 import contextlib, json, os, signal, sys, traceback
 from pathlib import Path
 import cosim.cli.running as running
-from cosim.checkpoint import read_checkpoint
-from cosim.driver import build_simulation
+from cosim.app.checkpoint import read_checkpoint
+from cosim.app.driver import build_simulation
 from cosim.cli.main import main
-from cosim.first_run import prepared
-from cosim.scenario.loading import load_scenario
+from cosim.app.first_run import prepared
+from cosim.config.loading import load_scenario
 
 prepared(load_scenario(Path(sys.argv[1]) / "scenario.toml"), lambda text: None, recording=False)
 print("ready", flush=True)

@@ -33,16 +33,11 @@ from benchmarks.faults.source_tree import SourceTree
 
 ROOT = Path(__file__).resolve().parents[2]
 AREAS = {
-    "coupling": ("coupling/*.py",),
-    "contact": ("soft/**/*contact*.py", "soft/**/*touch*.py", "soft/film_*.py", "rigid/*contact*.py"),
-    "planning": (
-        "scenario/*plan*.py", "scenario/*reach*.py", "scenario/*path*.py", "scenario/*ramp*.py",
-        "scenario/*shake*.py", "scenario/flange*.py", "soft/tip_*.py",
-    ),
-    "files": (
-        "run_*.py", "loaded_*.py", "whole_*.py", "output_*.py", "checkpoint*.py", "state*.py", "driver*.py",
-    ),
-}  # fmt: skip
+    "coupling": ("coupling/**/*.py",),
+    "contact": ("soft/contact/*.py", "reduced/**/*contact*.py", "rigid/**/*contact*.py", "coupling/contact/*.py"),
+    "planning": ("plan/*.py", "soft/targets/*.py"),
+    "files": ("app/*.py", "base/*files.py", "base/*data.py", "base/state*.py", "config/toml/*.py"),
+}
 _PYTEST = (sys.executable, "-m", "pytest", "-q", "-p", "benchmarks.faults.records", "-p", "no:cacheprovider")
 _AT_MOST_S = 7200.0
 _PASSED, _FAILED, _NOT_COLLECTED = 0, 1, 2

@@ -15,11 +15,11 @@ from random import Random
 from typing import Any, Literal, final
 
 from benchmarks.faults.mutations import broken, mutated, toml_text
+from cosim.base.resources import data_directory, list_scenarios, list_soft_robots, soft_robot_path
+from cosim.config.loading import load_scenario, load_soft_robot
+from cosim.config.schema.scenario import Scenario
+from cosim.config.toml.robot_files import RobotFiles
 from cosim.errors import InputError, ScenarioError, SolverError
-from cosim.resources import data_directory, list_scenarios, list_soft_robots, soft_robot_path
-from cosim.scenario.loading import load_scenario, load_soft_robot
-from cosim.scenario.robot_files import RobotFiles
-from cosim.scenario.schema import Scenario
 
 TICKS = 3
 LONGEST_REFUSAL = 1500
@@ -119,7 +119,7 @@ def _loaded(path: Path, case: Case) -> Scenario:
 
 
 def _run(scenario: Scenario) -> None:
-    from cosim.driver import build_simulation  # here: the level "load" needs no engine
+    from cosim.app.driver import build_simulation  # here: the level "load" needs no engine
 
     if scenario.fidelity in ("section", "auto"):  # their models take longer than a trial may
         scenario = replace(scenario, fidelity="lumped", auto=None)

@@ -7,15 +7,16 @@ from dataclasses import replace
 import numpy as np
 
 from benchmarks.peers.case import DAMPING_PER_S, GRAVITY_M_S2, Case, LOW_Pa, Run, gravity_at, pressure_at, run
-from cosim.frames import Pose
-from cosim.scenario.loading import load_scenario
-from cosim.scenario.soft_build import build_soft_body
-from cosim.soft.body import Loads, SoftBody
-from cosim.soft.dynamics import ImplicitStepper, Integrator, StepOptions
-from cosim.soft.equilibrium import EquilibriumSolver
-from cosim.soft.newton import NewtonOptions, NewtonSolver
-from cosim.soft.state import Clamp, SoftState
-from cosim.soft.system import SoftSystem
+from cosim.base.frames import Pose
+from cosim.build.soft_body import build_soft_body
+from cosim.config.loading import load_scenario
+from cosim.soft.body.body import SoftBody
+from cosim.soft.body.loads import Loads
+from cosim.soft.solve.assembly import SoftSystem
+from cosim.soft.solve.equilibrium import EquilibriumSolver
+from cosim.soft.solve.newton import NewtonOptions, NewtonSolver
+from cosim.soft.solve.state import Clamp, SoftState
+from cosim.soft.solve.time_step import ImplicitStepper, Integrator, StepOptions
 
 _HANGING = Pose(np.diag([1.0, -1.0, -1.0]))
 

@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 
 from benchmarks.peers.case import DAMPING_PER_S, Case, FollowerPressure, Run, gravity_at, pressure_at, run
-from cosim.rigid.stability import silence_warning_file
+from cosim.rigid.scene.warnings import silence_warning_file
 
 
 def _numbers(values: np.ndarray) -> str:

@@ -5,12 +5,12 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
+from cosim.base.resources import soft_robot_path
+from cosim.build.calibration import CalibrationReport, calibrate
 from cosim.cli.screen import printable, tell
-from cosim.resources import soft_robot_path
-from cosim.scenario.calibration import CalibrationReport, calibrate
-from cosim.scenario.loading import load_soft_robot
-from cosim.scenario.soft_robot import Calibration
-from cosim.soft.compilation import compile_kernels
+from cosim.config.loading import load_soft_robot
+from cosim.config.schema.soft_robot import Calibration
+from cosim.soft.solve.compilation import compile_kernels
 
 _SECTION = re.compile(r"\n*^\[calibration\].*?(?=^\[|\Z)", re.MULTILINE | re.DOTALL)
 

@@ -6,7 +6,7 @@ import signal
 from types import FrameType, TracebackType
 from typing import Any, final
 
-from cosim.scenario.snapshot import Snapshot, Stage
+from cosim.telemetry.snapshot import Snapshot, Stage
 
 
 @final

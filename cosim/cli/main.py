@@ -16,7 +16,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from cosim import __version__
+from cosim._version import __version__
 from cosim.cli.screen import mute, open_missing_streams, printable, tell
 from cosim.errors import InputError, OutputError, SolverError
 
@@ -181,8 +181,8 @@ def _calibrate(options: argparse.Namespace) -> int:
 
 
 def _trade(options: argparse.Namespace) -> int:
+    from cosim.app.run_files import default_directory
     from cosim.cli.trade import trade_command  # here, because it loads the kernels
-    from cosim.run_files import default_directory
 
     return trade_command(
         options.scenario,
@@ -199,8 +199,8 @@ def _trade(options: argparse.Namespace) -> int:
 
 
 def _list() -> int:
-    from cosim.resources import list_scenarios, scenario_path
-    from cosim.scenario.loading import question
+    from cosim.base.resources import list_scenarios, scenario_path
+    from cosim.config.loading import question
 
     names = list_scenarios()
     width = max(map(len, names), default=0)
@@ -210,7 +210,7 @@ def _list() -> int:
 
 
 def _view(directory: Path) -> int:
-    from cosim.run_files import RECORDING, recordings
+    from cosim.app.run_files import RECORDING, recordings
 
     found = recordings(directory) if directory.is_dir() else [directory]
     if not found or not found[0].is_file():

@@ -6,8 +6,8 @@ import time
 from typing import TextIO, final
 
 from cosim.cli.screen import draw, tell
-from cosim.scenario.decision import SECTION_RANGE
-from cosim.scenario.snapshot import Snapshot, Stage
+from cosim.plan.decision import SECTION_RANGE
+from cosim.telemetry.snapshot import Snapshot, Stage
 
 _REDRAW_S = 0.2
 _BAR = 24

@@ -8,11 +8,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, final
 
-from cosim.checkpoint import check_resumable, tick_to_resume
-from cosim.cli.interruption import Interruption
-from cosim.cli.progress import PlanWarnings, Progress
-from cosim.cli.screen import tell
-from cosim.driver import (
+from cosim.app.checkpoint import check_resumable, tick_to_resume
+from cosim.app.driver import (
     Options,
     Outcome,
     Watcher,
@@ -20,13 +17,16 @@ from cosim.driver import (
     execute,
     rerun_recorder,
 )
-from cosim.first_run import prepared
-from cosim.loaded_files import loaded_digests
-from cosim.run_files import SCENARIO, SUMMARY, check_directory, default_directory, recordings
-from cosim.scenario.arm_limits import PLANNED
-from cosim.scenario.loading import load_scenario
-from cosim.scenario.overrides import parse_assignment
-from cosim.scenario.schema import Scenario
+from cosim.app.first_run import prepared
+from cosim.app.loaded_files import loaded_digests
+from cosim.app.run_files import SCENARIO, SUMMARY, check_directory, default_directory, recordings
+from cosim.cli.interruption import Interruption
+from cosim.cli.progress import PlanWarnings, Progress
+from cosim.cli.screen import tell
+from cosim.config.loading import load_scenario
+from cosim.config.schema.scenario import Scenario
+from cosim.config.toml.overrides import parse_assignment
+from cosim.plan.arm_limits import PLANNED
 
 
 @final

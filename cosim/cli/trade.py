@@ -7,14 +7,14 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
+from cosim.app.driver import build_simulation, recorded
+from cosim.app.output_directory import OutputDirectory
 from cosim.cli.screen import printable, tell
 from cosim.cli.trade_progress import TradeProgress
-from cosim.driver import build_simulation, recorded
-from cosim.output_directory import OutputDirectory
+from cosim.config.loading import load_scenario
+from cosim.config.schema.scenario import Scenario
+from cosim.config.toml.overrides import parse_assignment
 from cosim.recording import membrane_colours
-from cosim.scenario.loading import load_scenario
-from cosim.scenario.overrides import parse_assignment
-from cosim.scenario.schema import Scenario
 from cosim.trade.choice import Wish, parse_budget, parse_force, parse_tolerance
 from cosim.trade.compilation import compile_for_trade
 from cosim.trade.measuring import SLOWEST, Measured, measure

@@ -7,10 +7,10 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from cosim.errors import InputError
-from cosim.soft.compilation import compile_kernels
-from cosim.verification.case import Case
+from cosim.soft.solve.compilation import compile_kernels
 from cosim.verification.report import as_json, case_lines, closing_line, header_line
 from cosim.verification.suite import CASES, run_case, select
+from cosim.verification.support.case import Case
 
 
 def verify_command(names: Sequence[str], json_path: Path | None, *, cases: Sequence[Case] = CASES) -> int:

@@ -1,0 +1,1 @@
+"""The exchange between the rigid and the soft side, tick by tick."""

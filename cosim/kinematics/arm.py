@@ -10,9 +10,9 @@ from typing import final
 import numpy as np
 import pinocchio as pin
 
-from cosim.arm_files import ArmFile
+from cosim.base.arms import ArmFile
+from cosim.base.frames import Array, Pose
 from cosim.errors import InputError
-from cosim.frames import Array, Pose
 from cosim.kinematics.inertial_parameters import COUNT, change_of_frame
 
 _STANDARD_GRAVITY = (0.0, 0.0, -9.81)

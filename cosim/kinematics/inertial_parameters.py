@@ -11,7 +11,7 @@ from typing import Final
 
 import numpy as np
 
-from cosim.frames import Array, Pose, cross_matrix
+from cosim.base.frames import Array, Pose, cross_matrix
 
 COUNT: Final = 10
 _ROWS, _COLUMNS = np.array([0, 0, 1, 0, 1, 2]), np.array([0, 1, 1, 2, 2, 2])

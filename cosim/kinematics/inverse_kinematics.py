@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.linalg.lapack import dposv
 
+from cosim.base.frames import Array, Pose, vector_from_rotation
 from cosim.errors import InputError, UnreachableError
-from cosim.frames import Array, Pose, vector_from_rotation
 from cosim.kinematics.arm import Arm
 
 _FULL_TURN = 2.0 * np.pi

@@ -7,9 +7,9 @@ from typing import Final
 
 import numpy as np
 
-from cosim.frames import Array, rotation_from_quaternion
-from cosim.scenario.snapshot import Snapshot, Stage
-from cosim.soft.surface import triangle_area
+from cosim.base.frames import Array, rotation_from_quaternion
+from cosim.soft.geometry.surface import triangle_area
+from cosim.telemetry.snapshot import Snapshot, Stage
 
 _UP: Final = np.array([0.0, 0.0, 1.0])
 _HALF_VIEW: Final = np.radians(25.5)

@@ -7,7 +7,7 @@ from typing import Final, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.frames import Array
+from cosim.base.frames import Array
 
 Colour: TypeAlias = tuple[int, int, int]
 Rgba: TypeAlias = NDArray[np.uint8]

@@ -8,12 +8,12 @@ from typing import final
 import numpy as np
 import rerun as rr
 
-from cosim.frames import Array, IntArray
+from cosim.base.frames import Array, IntArray
 from cosim.recording.blueprint import TICKS, TIMELINE
 from cosim.recording.columns import column
 from cosim.recording.plot import Plot
-from cosim.scenario.block import Block, read_now
-from cosim.scenario.snapshot import Snapshot
+from cosim.telemetry.block import Block, read_now
+from cosim.telemetry.snapshot import Snapshot
 
 
 def time_columns(ticks: Sequence[int] | IntArray, tick_ns: int) -> list[rr.TimeColumn]:

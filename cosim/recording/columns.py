@@ -6,7 +6,7 @@ from typing import Any
 
 import rerun as rr
 
-from cosim.frames import IntArray
+from cosim.base.frames import IntArray
 
 
 def column(archetype: Any, field: str, batch: Any, lengths: IntArray | None = None) -> rr.ComponentColumn:

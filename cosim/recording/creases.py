@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from cosim.frames import Array, IntArray
-from cosim.soft.surface import dihedral_angle, interior_hinges
+from cosim.base.frames import Array, IntArray
+from cosim.soft.geometry.surface import dihedral_angle, interior_hinges
 
 
 def crease_lines(positions: Array, triangles: IntArray, angle: float = 0.5 * np.pi) -> list[IntArray]:

@@ -8,12 +8,12 @@ from typing import Final
 
 import numpy as np
 
-from cosim.frames import Array
+from cosim.base.frames import Array
+from cosim.devices.device_report import ActuationReport, DeviceNames
 from cosim.recording.colours import GREEN, ORANGE, SKY, Colour, series_colours
 from cosim.recording.plot import Plot
-from cosim.scenario.actuation_report import ActuationReport, DeviceNames
-from cosim.scenario.block import Block
-from cosim.scenario.snapshot import Snapshot, Stage
+from cosim.telemetry.block import Block
+from cosim.telemetry.snapshot import Snapshot, Stage
 
 _TAB: Final = "Devices"
 _SHOWN: Final[dict[str, tuple[str, float]]] = {

@@ -10,7 +10,7 @@ import rerun as rr
 from numpy.typing import NDArray
 from rerun.components import ColorBatch, LineStrip3DBatch
 
-from cosim.frames import IntArray
+from cosim.base.frames import IntArray
 from cosim.recording.colours import Colour
 from cosim.recording.columns import column
 

@@ -9,13 +9,13 @@ import numpy as np
 import rerun as rr
 from rerun.components import Position3DBatch, TextBatch, Vector3DBatch
 
-from cosim.frames import Array, IntArray
+from cosim.base.frames import Array, IntArray
 from cosim.recording.camera import Eye
 from cosim.recording.colours import SKY, VERMILION, WHITE
 from cosim.recording.columns import column
 from cosim.recording.line_strips import send_lines, style_lines
-from cosim.scenario.block import Block
-from cosim.scenario.snapshot import Stage
+from cosim.telemetry.block import Block
+from cosim.telemetry.snapshot import Stage
 
 _WEIGHT_ARROW: Final = 0.33
 """Length of the weight's arrow over the size of the soft robot; all forces share its scale."""

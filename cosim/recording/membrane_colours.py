@@ -8,8 +8,8 @@ import numpy as np
 from numba import float64, uint32, void
 from numpy.typing import NDArray
 
-from cosim.frames import Array, IntArray
-from cosim.kernels import BLOCKS, INDEX_TABLE, MATRIX, VECTOR, kernel
+from cosim.base.frames import Array, IntArray
+from cosim.base.kernels import BLOCKS, INDEX_TABLE, MATRIX, VECTOR, kernel
 from cosim.recording.colours import stress_scale
 
 _LIGHT: Final = np.array([0.35, -0.62, 0.70]) / np.linalg.norm([0.35, -0.62, 0.70])

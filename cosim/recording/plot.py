@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from cosim.frames import Array
+from cosim.base.frames import Array
 from cosim.recording.colours import Colour
-from cosim.scenario.block import Block
+from cosim.telemetry.block import Block
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cosim.frames import Array
+from cosim.base.frames import Array
 from cosim.recording.colours import (
     GREEN,
     GREY,
@@ -17,8 +17,8 @@ from cosim.recording.colours import (
 )
 from cosim.recording.device_plots import device_plots
 from cosim.recording.plot import Plot
-from cosim.scenario.block import Block
-from cosim.scenario.snapshot import Stage
+from cosim.telemetry.block import Block
+from cosim.telemetry.snapshot import Stage
 
 SMALLEST_RESIDUAL_N = 1e-16
 """Shown for an exact zero, which has no logarithm."""

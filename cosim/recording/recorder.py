@@ -6,7 +6,7 @@ from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from typing import final
 
-from cosim.scenario.snapshot import Snapshot, Stage
+from cosim.telemetry.snapshot import Snapshot, Stage
 
 
 @final

@@ -21,8 +21,8 @@ from cosim.recording.recorder import Part, Recorder
 from cosim.recording.rigid_mesh import log_rigid_meshes
 from cosim.recording.scene import Scene
 from cosim.recording.stress_legend import log_stress_legend
-from cosim.scenario.block import Block
-from cosim.scenario.snapshot import Snapshot, Stage
+from cosim.telemetry.block import Block
+from cosim.telemetry.snapshot import Snapshot, Stage
 
 APPLICATION_ID: Final = "cosim"
 STRESS_RANGE_PA: Final = (0.0, 25e6)

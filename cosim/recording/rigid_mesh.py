@@ -8,10 +8,10 @@ from typing import Final
 import numpy as np
 import rerun as rr
 
-from cosim.body_shape import BodyShape
-from cosim.frames import Array, IntArray, cross
+from cosim.base.body_shape import BodyShape
+from cosim.base.frames import Array, IntArray, cross
 from cosim.recording.colours import FLOOR_SHADE
-from cosim.scenario.snapshot import Stage
+from cosim.telemetry.snapshot import Stage
 
 FLOOR_NAME: Final = "floor"
 _SHARP: Final = float(np.cos(np.radians(35.0)))

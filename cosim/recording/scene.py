@@ -10,7 +10,7 @@ import rerun as rr
 from numpy.typing import NDArray
 from rerun.components import ColorBatch, Position3DBatch, RotationQuatBatch, Translation3DBatch
 
-from cosim.frames import Array, IntArray
+from cosim.base.frames import Array, IntArray
 from cosim.recording.blueprint import FOLLOW
 from cosim.recording.camera import close_eye, soft_size
 from cosim.recording.colours import GREY, ORANGE
@@ -21,8 +21,8 @@ from cosim.recording.loads import LoadArrows
 from cosim.recording.membrane_colours import MembraneColours
 from cosim.recording.rigid_mesh import body_path
 from cosim.recording.tip import TipMarks
-from cosim.scenario.block import Block
-from cosim.scenario.snapshot import Snapshot, Stage
+from cosim.telemetry.block import Block
+from cosim.telemetry.snapshot import Snapshot, Stage
 
 Single: TypeAlias = NDArray[np.float32]
 

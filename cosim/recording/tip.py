@@ -9,12 +9,12 @@ import numpy as np
 import rerun as rr
 from rerun.components import Position3DBatch
 
-from cosim.frames import Array, IntArray
+from cosim.base.frames import Array, IntArray
 from cosim.recording.blueprint import TIP_PATH
 from cosim.recording.colours import GREEN, PINK
 from cosim.recording.columns import column
 from cosim.recording.line_strips import send_lines, style_lines
-from cosim.scenario.block import Block
+from cosim.telemetry.block import Block
 
 _TARGET: Final = "/world/target"
 _CROSS_M: Final = 0.06

@@ -9,12 +9,12 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from cosim import __version__
+from cosim._version import __version__
+from cosim.base.kept_data import keep, kept
+from cosim.config.loading import load_scenario
+from cosim.config.schema.scenario import Scenario
+from cosim.config.writing import to_table
 from cosim.errors import ScenarioError
-from cosim.kept_data import keep, kept
-from cosim.scenario.loading import load_scenario
-from cosim.scenario.schema import Scenario
-from cosim.scenario.writing import to_table
 from cosim.trade.choice import Wish, pareto_front, pick
 from cosim.trade.compilation import compile_for_trade
 from cosim.trade.curve import Follow, unfollowed

@@ -11,13 +11,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from cosim.frames import Pose
-from cosim.scenario.flange import rotation_from_direction
-from cosim.scenario.loading import resolve
-from cosim.scenario.phase_schema import FlangePose
-from cosim.scenario.plan import PhasePlan
-from cosim.scenario.schema import Scenario
-from cosim.scenario.stepped_run import SteppedRun
+from cosim.base.frames import Pose
+from cosim.config.loading import resolve
+from cosim.config.schema.phase import FlangePose
+from cosim.config.schema.scenario import Scenario
+from cosim.plan.flange_path import rotation_from_direction
+from cosim.plan.plan import PhasePlan
+from cosim.run.stepped_run import SteppedRun
 from cosim.trade.simulation import Build
 
 

@@ -6,9 +6,9 @@ from collections.abc import Callable
 from dataclasses import replace
 from types import ModuleType
 
-from cosim.scenario.kernel_modules import kernel_modules
-from cosim.scenario.schema import Scenario
-from cosim.soft.compilation import compile_kernels
+from cosim.build.kernel_modules import kernel_modules
+from cosim.config.schema.scenario import Scenario
+from cosim.soft.solve.compilation import compile_kernels
 
 
 def compile_for_trade(

@@ -15,10 +15,10 @@ from typing import TypeAlias, final
 
 import numpy as np
 
-from cosim.frames import Array
-from cosim.scenario.block import READ_AT_ONCE, Block, read_now
-from cosim.scenario.schema import Scenario
-from cosim.scenario.snapshot import Snapshot, Stage
+from cosim.base.frames import Array
+from cosim.config.schema.scenario import Scenario
+from cosim.telemetry.block import READ_AT_ONCE, Block, read_now
+from cosim.telemetry.snapshot import Snapshot, Stage
 from cosim.trade.simulation import Build
 
 _COLUMNS = ("time_s", "tip_position", "flange_force", "contact_force_N", "phase", "newton_iterations")

@@ -11,10 +11,10 @@ from typing import final
 
 import numpy as np
 
+from cosim.base.frames import Array
+from cosim.config.loading import load_scenario
+from cosim.config.schema.scenario import Scenario
 from cosim.errors import CosimError
-from cosim.frames import Array
-from cosim.scenario.loading import load_scenario
-from cosim.scenario.schema import Scenario
 from cosim.trade.commands import with_commands
 from cosim.trade.curve import Curve, Follow, TooSlowError, trace, unfollowed
 from cosim.trade.members import Member

@@ -6,10 +6,10 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any, Final, Literal, TypeAlias, get_args
 
+from cosim.config.loading import load_scenario
+from cosim.config.schema.fidelity import Fidelity
+from cosim.config.schema.scenario import Scenario
 from cosim.errors import InputError, ScenarioError
-from cosim.scenario.fidelity_schema import Fidelity
-from cosim.scenario.loading import load_scenario
-from cosim.scenario.schema import Scenario
 from cosim.trade.member import Group, Member
 from cosim.trade.model_members import model_members
 

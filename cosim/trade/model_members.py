@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, Final
 
-from cosim.scenario.choices import CONTACT
-from cosim.scenario.schema import NO_ARM, Scenario
+from cosim.config.schema.scenario import NO_ARM, Scenario
+from cosim.telemetry.choices import CONTACT
 from cosim.trade.member import Member
 
 _TICK_S: Final = 0.01

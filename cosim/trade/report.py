@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from textwrap import shorten
 from typing import Any, final
 
-from cosim import __version__
+from cosim._version import __version__
 from cosim.trade.choice import Wish, candidates, pareto_front, pick
 from cosim.trade.measuring import Measured
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from typing import Protocol, TypeAlias
 
-from cosim.scenario.schema import Scenario
-from cosim.scenario.snapshot import Snapshot, Stage
+from cosim.config.schema.scenario import Scenario
+from cosim.telemetry.snapshot import Snapshot, Stage
 
 
 class Steps(Protocol):

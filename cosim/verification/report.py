@@ -7,9 +7,9 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
-from cosim import __version__
-from cosim.verification.case import Figure
+from cosim._version import __version__
 from cosim.verification.suite import CaseResult
+from cosim.verification.support.case import Figure
 
 HEADER = ("quantity", "value", "reference", "error", "tolerance", "order", "")
 _WIDTHS = (46, 12, 12, 9, 9, 5, 4)

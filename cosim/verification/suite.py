@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from typing import final
 
 from cosim.errors import InputError, SolverError
-from cosim.verification.case import Case, Figure
 from cosim.verification.cases.cantilever_modes import CantileverModes
 from cosim.verification.cases.capstan import Capstan
 from cosim.verification.cases.catenary import Catenary
@@ -29,6 +28,7 @@ from cosim.verification.cases.square_pillow import SquarePillow
 from cosim.verification.cases.squeezed_tube import SqueezedTube
 from cosim.verification.cases.time_order import TimeOrder
 from cosim.verification.cases.tip_loaded_cantilever import TipLoadedCantilever
+from cosim.verification.support.case import Case, Figure
 
 CASES: tuple[Case, ...] = (
     TipLoadedCantilever(),

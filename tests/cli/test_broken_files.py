@@ -17,7 +17,7 @@ from typing import Any
 
 import pytest
 
-from cosim import output_directory, run_files
+from cosim.app import output_directory, run_files
 from cosim.cli import running
 from cosim.cli.main import main
 from tests.cli.interrupted import Command

@@ -10,9 +10,9 @@ from typing import Any
 
 import pytest
 
-from cosim.loaded_files import loaded_digests
-from cosim.resources import object_mesh_path, scenario_path
-from cosim.scenario.loading import load_scenario
+from cosim.app.loaded_files import loaded_digests
+from cosim.base.resources import object_mesh_path, scenario_path
+from cosim.config.loading import load_scenario
 from tests.cli.interrupted import Command, figures, interrupt_at
 
 

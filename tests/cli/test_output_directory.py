@@ -12,15 +12,15 @@ from typing import Any
 
 import pytest
 
+from cosim.app.output_directory import MARKER, OutputDirectory
 from cosim.cli.main import main
 from cosim.errors import InputError
-from cosim.output_directory import MARKER, OutputDirectory
 from tests.cli.interrupted import Command, interrupt_at
 from tests.cli.test_run import REFERENCE
 
 ROOT = Path(__file__).resolve().parents[2]
 HOLD = (
-    "import sys, time; from pathlib import Path; from cosim.output_directory import OutputDirectory\n"
+    "import sys, time; from pathlib import Path; from cosim.app.output_directory import OutputDirectory\n"
     "with OutputDirectory(Path(sys.argv[1])) as directory:\n"
     "    directory.make(); print('held', flush=True); time.sleep(600)\n"
 )

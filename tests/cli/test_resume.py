@@ -12,15 +12,15 @@ import numpy as np
 import pytest
 from rerun.chunk import RrdReader
 
-from cosim import checkpoint
+from cosim.app import checkpoint
+from cosim.app.driver import Simulation, build_simulation
+from cosim.app.simulation import Simulation as SteppedByHand
+from cosim.base.state_archive import read_archive
 from cosim.cli import running
 from cosim.cli.main import main
-from cosim.driver import Simulation, build_simulation
+from cosim.config.schema.scenario import Scenario
 from cosim.errors import ConvergenceError
-from cosim.scenario.schema import Scenario
-from cosim.scenario.snapshot import Snapshot, Stage
-from cosim.simulation import Simulation as SteppedByHand
-from cosim.state_archive import read_archive
+from cosim.telemetry.snapshot import Snapshot, Stage
 from tests.cli.interrupted import Command, figures, interrupt_at
 from tests.cli.test_run import REFERENCE, TICKS, summary_of
 from tests.conftest import MadeUpSimulation

@@ -12,14 +12,14 @@ from typing import Any
 
 import pytest
 
+from cosim.app.output_directory import MARKER
 from cosim.cli import running
 from cosim.cli.main import main
 from cosim.cli.progress import Progress, clock
+from cosim.config.loading import load_scenario
 from cosim.errors import ConvergenceError, UnreachableError
-from cosim.output_directory import MARKER
 from cosim.recording.recorder import Recorder
-from cosim.scenario.loading import load_scenario
-from cosim.scenario.snapshot import Snapshot, Stage
+from cosim.telemetry.snapshot import Snapshot, Stage
 
 REFERENCE = "ur5e_hexagon_arm"
 TICKS = 25

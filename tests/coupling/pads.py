@@ -8,24 +8,25 @@ from typing import Any
 
 import numpy as np
 
-from cosim.arm_files import find_arm
-from cosim.coupling.body_mass import BodyMass
-from cosim.coupling.contact import ContactExchange
-from cosim.coupling.contact_report import ContactReport
-from cosim.coupling.coupling import Coupling
-from cosim.coupling.interface import Interface, ServoCommand
-from cosim.coupling.ledger import LedgerEntry
-from cosim.coupling.momentum import six_numbers
-from cosim.coupling.soft_arm import SoftArm
-from cosim.frames import Array, IntArray, Pose, SixNumbers, Twist, Wrench
-from cosim.rigid.description import SceneDescription, SceneObject
-from cosim.rigid.scene import RigidScene
-from cosim.rigid.wire import Wire
-from cosim.soft.body import Loads, SoftBody
-from cosim.soft.contact import ContactLaw
-from cosim.soft.dynamics import Integrator, StepOptions
-from cosim.soft.film import Film
-from cosim.soft.newton import NewtonOptions
+from cosim.base.arms import find_arm
+from cosim.base.frames import Array, IntArray, Pose, SixNumbers, Twist, Wrench
+from cosim.coupling.contact.added_mass_free import BodyMass
+from cosim.coupling.contact.contact_exchange import ContactExchange
+from cosim.coupling.contact.contact_report import ContactReport
+from cosim.coupling.schemes.interface import Interface, ServoCommand
+from cosim.coupling.schemes.ledger import LedgerEntry
+from cosim.coupling.schemes.momentum_balance import six_numbers
+from cosim.coupling.schemes.scheme import Coupling
+from cosim.coupling.soft_sides.lumped_arm import SoftArm
+from cosim.rigid.build.description import SceneDescription, SceneObject
+from cosim.rigid.build.wire import Wire
+from cosim.rigid.scene.scene import RigidScene
+from cosim.soft.body.body import SoftBody
+from cosim.soft.body.loads import Loads
+from cosim.soft.contact.obstacle_contact import ContactLaw
+from cosim.soft.elements.material import Film
+from cosim.soft.solve.newton import NewtonOptions
+from cosim.soft.solve.time_step import Integrator, StepOptions
 from tests.soft.bodies import icosphere
 
 EDGE_M, RADIUS_M, OVERLAP_M, PRESSURE_PA = 0.04, 0.025, 0.004, 5e3

@@ -12,20 +12,21 @@ from pathlib import Path
 
 import numpy as np
 
-from cosim.arm_files import ArmFile
-from cosim.coupling.coupling import Coupling
-from cosim.coupling.interface import Interface, ServoCommand
-from cosim.coupling.ledger import LedgerEntry
-from cosim.coupling.soft_arm import SoftArm
-from cosim.frames import Array, Pose
-from cosim.rigid.description import SceneDescription, ServoGains
-from cosim.rigid.scene import RigidScene
-from cosim.soft.body import Loads, SoftBody
-from cosim.soft.dynamics import ImplicitStepper, StepAim, StepOptions
-from cosim.soft.film import Film
-from cosim.soft.newton import NewtonOptions, NewtonSolver
-from cosim.soft.state import Clamp, SoftState
-from cosim.soft.system import SoftSystem
+from cosim.base.arms import ArmFile
+from cosim.base.frames import Array, Pose
+from cosim.coupling.schemes.interface import Interface, ServoCommand
+from cosim.coupling.schemes.ledger import LedgerEntry
+from cosim.coupling.schemes.scheme import Coupling
+from cosim.coupling.soft_sides.lumped_arm import SoftArm
+from cosim.rigid.build.description import SceneDescription, ServoGains
+from cosim.rigid.scene.scene import RigidScene
+from cosim.soft.body.body import SoftBody
+from cosim.soft.body.loads import Loads
+from cosim.soft.elements.material import Film
+from cosim.soft.solve.assembly import SoftSystem
+from cosim.soft.solve.newton import NewtonOptions, NewtonSolver
+from cosim.soft.solve.state import Clamp, SoftState
+from cosim.soft.solve.time_step import ImplicitStepper, StepAim, StepOptions
 
 URDF = """<robot name="slider"><link name="rail"/>
 <link name="carriage"><inertial><mass value="{mass}"/>

@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cosim.coupling.algorithmic_mass import algorithmic_mass, rigid_share
-from cosim.coupling.answer_weights import answer_weights, exchange_gain, expecting_no_change
-from cosim.coupling.soft_arm import SoftArm
-from cosim.coupling.staggered import StaggeredCoupling
-from cosim.frames import Array, Pose, rotation_from_vector
-from cosim.soft.dynamics import Integrator, StepAim, StepOptions
-from cosim.soft.newton import NewtonOptions
+from cosim.base.frames import Array, Pose, rotation_from_vector
+from cosim.coupling.schemes.algorithmic_mass import algorithmic_mass, rigid_share
+from cosim.coupling.schemes.staggered import StaggeredCoupling
+from cosim.coupling.soft_sides.answer_weights import answer_weights, exchange_gain, expecting_no_change
+from cosim.coupling.soft_sides.lumped_arm import SoftArm
+from cosim.soft.solve.newton import NewtonOptions
+from cosim.soft.solve.time_step import Integrator, StepAim, StepOptions
 from tests.coupling.slider import OneBody, Slider
 from tests.soft.bodies import HANGING, PRESSURE_Pa, hexagon_arm, no_load
 

@@ -7,21 +7,22 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cosim.arm_files import find_arm
-from cosim.coupling.body_mass import bounding_diagonal
-from cosim.coupling.contact import ContactExchange
-from cosim.coupling.soft_arm import SoftArm
+from cosim.base.arms import find_arm
+from cosim.base.frames import Array, Pose, rotation_from_vector
+from cosim.coupling.contact.added_mass_free import bounding_diagonal
+from cosim.coupling.contact.contact_exchange import ContactExchange
+from cosim.coupling.soft_sides.lumped_arm import SoftArm
 from cosim.errors import SolverError
-from cosim.frames import Array, Pose, rotation_from_vector
-from cosim.rigid.contact_query import ContactQuery
-from cosim.rigid.description import SceneDescription, SceneObject
-from cosim.rigid.features import near_film
-from cosim.rigid.scene import RigidScene
-from cosim.soft.body import Loads, SoftBody
-from cosim.soft.contact import ContactLaw
-from cosim.soft.dynamics import StepOptions
-from cosim.soft.film import Film
-from cosim.soft.newton import NewtonOptions
+from cosim.rigid.build.description import SceneDescription, SceneObject
+from cosim.rigid.distance.contact_query import ContactQuery
+from cosim.rigid.distance.features import near_film
+from cosim.rigid.scene.scene import RigidScene
+from cosim.soft.body.body import SoftBody
+from cosim.soft.body.loads import Loads
+from cosim.soft.contact.obstacle_contact import ContactLaw
+from cosim.soft.elements.material import Film
+from cosim.soft.solve.newton import NewtonOptions
+from cosim.soft.solve.time_step import StepOptions
 from tests.coupling.pads import GRASP, Grasp
 from tests.soft.bodies import icosphere, random_rotation
 

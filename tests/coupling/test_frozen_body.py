@@ -7,14 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cosim.coupling.frozen_body import FrozenBody
-from cosim.coupling.soft_arm import SoftArm
+from cosim.base.frames import Pose, rotation_from_vector
+from cosim.coupling.soft_sides.frozen_body import FrozenBody
+from cosim.coupling.soft_sides.lumped_arm import SoftArm
 from cosim.errors import InputError
-from cosim.frames import Pose, rotation_from_vector
-from cosim.soft.contact import ContactLaw, ContactPlanes
-from cosim.soft.dynamics import StepOptions
-from cosim.soft.newton import NewtonOptions
-from cosim.soft.tip_target import TipTarget
+from cosim.soft.contact.obstacle_contact import ContactLaw, ContactPlanes
+from cosim.soft.solve.newton import NewtonOptions
+from cosim.soft.solve.time_step import StepOptions
+from cosim.soft.targets.tip_target import TipTarget
 from tests.soft.bodies import HANGING, PRESSURE_Pa, hexagon_arm, no_load
 
 STEP_S = 1e-3

@@ -7,15 +7,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cosim.coupling.automatic import AutomaticCoupling
-from cosim.coupling.interface import Interface
-from cosim.coupling.interface_search import IterationOptions
-from cosim.coupling.iterated import IteratedCoupling
-from cosim.coupling.quasi_newton import QuasiNewton
-from cosim.coupling.staggered import StaggeredCoupling
+from cosim.base.frames import Array, Pose
+from cosim.coupling.schemes.automatic import AutomaticCoupling
+from cosim.coupling.schemes.fixed_point_search import IterationOptions
+from cosim.coupling.schemes.interface import Interface
+from cosim.coupling.schemes.iterated import IteratedCoupling
+from cosim.coupling.schemes.quasi_newton import QuasiNewton
+from cosim.coupling.schemes.staggered import StaggeredCoupling
 from cosim.errors import ConvergenceError, SolverError
-from cosim.frames import Array, Pose
-from cosim.rigid.description import ServoGains
+from cosim.rigid.build.description import ServoGains
 from tests.coupling.pads import GRASP, CoupledGrasp
 from tests.coupling.slider import OneBody, Slider
 from tests.coupling.test_staggered import CARRIED_MASS_KG, Rig, largest_speed, rig

@@ -7,12 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cosim.coupling.jointed_mass import bounding_blocks
+from cosim.base.frames import Array
+from cosim.coupling.contact.added_mass_jointed import bounding_blocks
 from cosim.errors import SolverError
-from cosim.frames import Array
-from cosim.rigid.description import SceneObject
-from cosim.rigid.joint import Joint
-from cosim.rigid.wire import Wire
+from cosim.rigid.build.description import SceneObject
+from cosim.rigid.build.joint import Joint
+from cosim.rigid.build.wire import Wire
 from tests.coupling.pads import EDGE_M, Grasp
 
 TURNED = SceneObject(

@@ -7,17 +7,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cosim.arm_files import find_arm
-from cosim.coupling.body_mass import BodyMass
-from cosim.coupling.contact import ContactExchange
-from cosim.coupling.soft_arm import SoftArm
-from cosim.frames import Array, Pose
-from cosim.rigid.description import SceneDescription, SceneObject
-from cosim.rigid.scene import RigidScene
-from cosim.soft.body import Loads, SoftBody
-from cosim.soft.dynamics import StepOptions
-from cosim.soft.film import Film
-from cosim.soft.newton import NewtonOptions
+from cosim.base.arms import find_arm
+from cosim.base.frames import Array, Pose
+from cosim.coupling.contact.added_mass_free import BodyMass
+from cosim.coupling.contact.contact_exchange import ContactExchange
+from cosim.coupling.soft_sides.lumped_arm import SoftArm
+from cosim.rigid.build.description import SceneDescription, SceneObject
+from cosim.rigid.scene.scene import RigidScene
+from cosim.soft.body.body import SoftBody
+from cosim.soft.body.loads import Loads
+from cosim.soft.elements.material import Film
+from cosim.soft.solve.newton import NewtonOptions
+from cosim.soft.solve.time_step import StepOptions
 from tests.soft.bodies import icosphere
 
 GRAVITY, RADIUS_M, BALL_M, DROP_M = 9.81, 0.025, 0.01, 0.02

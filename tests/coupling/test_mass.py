@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cosim.coupling.mass import MassProperties, stability_ratio
-from cosim.frames import Array, Pose
+from cosim.base.frames import Array, Pose
+from cosim.coupling.soft_sides.mass import MassProperties, stability_ratio
 from tests.soft.bodies import random_rotation
 
 RANDOM = np.random.default_rng(0)

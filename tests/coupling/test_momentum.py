@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cosim.coupling.momentum import Handed
-from cosim.frames import Wrench
+from cosim.base.frames import Wrench
+from cosim.coupling.schemes.momentum_balance import Handed
 
 ORIGIN = np.array([0.3, -0.2, 0.7])
 HANDED = Handed.of(Wrench(np.array([4.0, 1.0, -2.0]), np.array([0.1, 0.2, 0.3])), ORIGIN, np.arange(6.0), 5.0)

@@ -7,19 +7,20 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cosim.arm_files import find_arm
-from cosim.coupling.contact import ContactExchange
-from cosim.coupling.soft_arm import SoftArm
-from cosim.frames import Pose
-from cosim.mesh_files import TriangleMesh, read_mesh
-from cosim.resources import object_mesh_path
-from cosim.rigid.description import SceneDescription, SceneObject
-from cosim.rigid.geometry import Geometry
-from cosim.rigid.scene import RigidScene
-from cosim.soft.body import Loads, SoftBody
-from cosim.soft.dynamics import StepOptions
-from cosim.soft.film import Film
-from cosim.soft.newton import NewtonOptions
+from cosim.base.arms import find_arm
+from cosim.base.frames import Pose
+from cosim.base.resources import object_mesh_path
+from cosim.base.triangle_mesh import TriangleMesh, read_mesh
+from cosim.coupling.contact.contact_exchange import ContactExchange
+from cosim.coupling.soft_sides.lumped_arm import SoftArm
+from cosim.rigid.build.description import SceneDescription, SceneObject
+from cosim.rigid.build.geometry import Geometry
+from cosim.rigid.scene.scene import RigidScene
+from cosim.soft.body.body import SoftBody
+from cosim.soft.body.loads import Loads
+from cosim.soft.elements.material import Film
+from cosim.soft.solve.newton import NewtonOptions
+from cosim.soft.solve.time_step import StepOptions
 from tests.soft.bodies import icosphere
 
 RADIUS_M, TICK_S, PRESSURE_PA = 0.05, 2e-3, 5e3

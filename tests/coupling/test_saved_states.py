@@ -8,14 +8,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cosim.coupling.ledger import LedgerEntry
-from cosim.coupling.soft_arm import SoftArm
+from cosim.base.frames import Array, Pose, rotation_from_vector
+from cosim.coupling.schemes.ledger import LedgerEntry
+from cosim.coupling.soft_sides.lumped_arm import SoftArm
 from cosim.errors import InputError
-from cosim.frames import Array, Pose, rotation_from_vector
-from cosim.soft.dynamics import Integrator, StepOptions
-from cosim.soft.envelope_cholesky import EnvelopeCholesky
-from cosim.soft.linear_solver import GeneralLU
-from cosim.soft.newton import NewtonOptions
+from cosim.soft.linear.envelope_cholesky import EnvelopeCholesky
+from cosim.soft.linear.linear_solver import GeneralLU
+from cosim.soft.solve.newton import NewtonOptions
+from cosim.soft.solve.time_step import Integrator, StepOptions
 from tests.coupling.pads import Grasp
 from tests.coupling.test_staggered import Rig, rig
 from tests.soft.bodies import HANGING, hexagon_arm, no_load

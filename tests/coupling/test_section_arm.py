@@ -7,16 +7,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cosim.coupling.section_arm import SectionArm
-from cosim.coupling.shape_reader import MeshReader
-from cosim.coupling.soft_arm import SoftArm
+from cosim.base.frames import Array, Pose, rotation_from_vector
+from cosim.coupling.soft_sides.lumped_arm import SoftArm
+from cosim.coupling.soft_sides.section_arm import SectionArm
+from cosim.coupling.soft_sides.shape_reader import MeshReader
 from cosim.errors import InputError
-from cosim.frames import Array, Pose, rotation_from_vector
-from cosim.soft.body import Loads
-from cosim.soft.dynamics import Integrator, StepOptions
-from cosim.soft.gas import SealedGas
-from cosim.soft.newton import NewtonOptions
-from cosim.soft.tip_target import TipTarget
+from cosim.soft.body.loads import Loads
+from cosim.soft.elements.gas import SealedGas
+from cosim.soft.solve.newton import NewtonOptions
+from cosim.soft.solve.time_step import Integrator, StepOptions
+from cosim.soft.targets.tip_target import TipTarget
 from tests.small_section import body, section
 
 STATICS = NewtonOptions()

@@ -7,14 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cosim.coupling.section_arm import SectionArm
-from cosim.coupling.soft_arm import SoftArm
-from cosim.frames import Pose, rotation_from_vector
-from cosim.soft.body import Loads
-from cosim.soft.cable_length import base_tension
-from cosim.soft.dynamics import StepOptions
-from cosim.soft.equilibrium import Equilibrium
-from cosim.soft.newton import NewtonOptions
+from cosim.base.frames import Pose, rotation_from_vector
+from cosim.coupling.soft_sides.lumped_arm import SoftArm
+from cosim.coupling.soft_sides.section_arm import SectionArm
+from cosim.soft.body.loads import Loads
+from cosim.soft.elements.cable_length import base_tension
+from cosim.soft.solve.equilibrium import Equilibrium
+from cosim.soft.solve.newton import NewtonOptions
+from cosim.soft.solve.time_step import StepOptions
 from tests.coupling.test_section_touch import AIM, LAW, UP
 from tests.small_section import body, section
 from tests.soft.contacts import half_space

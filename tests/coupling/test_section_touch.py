@@ -7,12 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cosim.coupling.section_arm import SectionArm
-from cosim.frames import Pose, rotation_from_vector
-from cosim.soft.body import Loads
-from cosim.soft.contact import ContactLaw
-from cosim.soft.dynamics import StepAim, StepOptions
-from cosim.soft.newton import NewtonOptions
+from cosim.base.frames import Pose, rotation_from_vector
+from cosim.coupling.soft_sides.section_arm import SectionArm
+from cosim.soft.body.loads import Loads
+from cosim.soft.contact.obstacle_contact import ContactLaw
+from cosim.soft.solve.newton import NewtonOptions
+from cosim.soft.solve.time_step import StepAim, StepOptions
 from tests.small_section import body, section
 from tests.soft.contacts import half_space
 

@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cosim.coupling.answer_weights import exchange_gain
-from cosim.coupling.soft_arm import SoftArm
+from cosim.base.frames import Array, Pose, Twist, rotation_from_vector, vector_from_rotation
+from cosim.coupling.soft_sides.answer_weights import exchange_gain
+from cosim.coupling.soft_sides.lumped_arm import SoftArm
 from cosim.errors import ConvergenceError
-from cosim.frames import Array, Pose, Twist, rotation_from_vector, vector_from_rotation
-from cosim.soft.dynamics import ImplicitStepper, StepOptions
-from cosim.soft.newton import NewtonOptions
+from cosim.soft.solve.newton import NewtonOptions
+from cosim.soft.solve.time_step import ImplicitStepper, StepOptions
 from tests.soft.bodies import HANGING, PRESSURE_Pa, hexagon_arm, no_load
 
 STEP_S = 0.002

@@ -8,21 +8,21 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cosim.arm_files import find_arm
-from cosim.coupling.coupling import Coupling
-from cosim.coupling.interface import Interface, ServoCommand
-from cosim.coupling.ledger import LedgerEntry
-from cosim.coupling.soft_arm import SoftArm
-from cosim.coupling.staggered import StaggeredCoupling
+from cosim.base.arms import find_arm
+from cosim.base.frames import Array, Wrench
+from cosim.coupling.schemes.interface import Interface, ServoCommand
+from cosim.coupling.schemes.ledger import LedgerEntry
+from cosim.coupling.schemes.scheme import Coupling
+from cosim.coupling.schemes.staggered import StaggeredCoupling
+from cosim.coupling.soft_sides.lumped_arm import SoftArm
 from cosim.errors import SolverError
-from cosim.frames import Array, Wrench
 from cosim.kinematics import Arm, solve
 from cosim.kinematics.arm import Payload
-from cosim.rigid.description import SceneDescription, ServoGains
-from cosim.rigid.scene import RigidScene
-from cosim.soft.body import Loads
-from cosim.soft.dynamics import Integrator, StepOptions
-from cosim.soft.newton import NewtonOptions
+from cosim.rigid.build.description import SceneDescription, ServoGains
+from cosim.rigid.scene.scene import RigidScene
+from cosim.soft.body.loads import Loads
+from cosim.soft.solve.newton import NewtonOptions
+from cosim.soft.solve.time_step import Integrator, StepOptions
 from tests.soft.bodies import HANGING, WEIGHT_PER_NODE_N, PRESSURE_Pa, hexagon_arm, no_load
 
 UNITS = 2

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from benchmarks.faults import damaged_caches
-from cosim.scenario import section_model
+from cosim.build import section_cache as section_model
 from cosim.trade import auto
 
 

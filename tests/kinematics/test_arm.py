@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cosim.arm_files import find_arm
+from cosim.base.arms import find_arm
+from cosim.base.frames import Pose, rotation_from_vector, vector_from_rotation
 from cosim.errors import InputError
-from cosim.frames import Pose, rotation_from_vector, vector_from_rotation
 from cosim.kinematics import Arm, Payload
 
 ARM = Arm(find_arm("ur5e"))

@@ -7,8 +7,8 @@ import xml.etree.ElementTree as ElementTree
 import numpy as np
 import pytest
 
-from cosim.arm_files import arm_names, find_arm
-from cosim.frames import Pose, Wrench, rotation_from_vector
+from cosim.base.arms import arm_names, find_arm
+from cosim.base.frames import Pose, Wrench, rotation_from_vector
 from cosim.kinematics import Arm, Payload
 from cosim.rigid import RigidScene, SceneDescription
 

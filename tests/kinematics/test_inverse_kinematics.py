@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cosim.arm_files import find_arm
+from cosim.base.arms import find_arm
+from cosim.base.frames import Pose, rotation_from_quaternion, rotation_from_vector
 from cosim.errors import InputError, UnreachableError
-from cosim.frames import Pose, rotation_from_quaternion, rotation_from_vector
 from cosim.kinematics import Arm, InverseKinematicsOptions, follow, solve
 
 UR5E = Arm(find_arm("ur5e"))

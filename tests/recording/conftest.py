@@ -11,10 +11,10 @@ import pytest
 import rerun as rr
 from rerun.chunk import RrdReader
 
-from cosim.frames import Array, Pose, Twist, Wrench, quaternion_from_rotation, rotation_from_vector
+from cosim.base.frames import Array, Pose, Twist, Wrench, quaternion_from_rotation, rotation_from_vector
 from cosim.recording.rerun_recorder import RerunRecorder
-from cosim.scenario.snapshot import BodyShape, LedgerEntry, Snapshot, Stage
-from cosim.soft.chamber import PolygonalStack
+from cosim.soft.geometry.polygonal_stack import PolygonalStack
+from cosim.telemetry.snapshot import BodyShape, LedgerEntry, Snapshot, Stage
 
 MakeStage: TypeAlias = Callable[..., Stage]
 MakeSnapshot: TypeAlias = Callable[..., Snapshot]

@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from cosim.config.loading import load_scenario
+from cosim.devices.device_report import ActuationReport, ControlReport, DeviceNames, PumpReport
 from cosim.recording.plots import plots_of
-from cosim.scenario.actuation_report import ActuationReport, ControlReport, DeviceNames, PumpReport
-from cosim.scenario.block import Block
-from cosim.scenario.loading import load_scenario
-from cosim.scenario.snapshot import Snapshot, Stage
+from cosim.telemetry.block import Block
+from cosim.telemetry.snapshot import Snapshot, Stage
 from tests.conftest import made_up_snapshot, made_up_stage
 
 NAMES = DeviceNames(("main",), (("bend", "bending_angle_rad"), ("lift", "tip_height_m")), True, True)

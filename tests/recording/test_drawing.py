@@ -7,13 +7,13 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from cosim.frames import Array
+from cosim.base.frames import Array
 from cosim.recording.camera import close_eye, scene_eye, soft_size
 from cosim.recording.colours import stress_scale
 from cosim.recording.creases import crease_lines
 from cosim.recording.rigid_mesh import corner_normals
-from cosim.scenario.snapshot import Snapshot, Stage
-from cosim.soft.chamber import PolygonalStack
+from cosim.soft.geometry.polygonal_stack import PolygonalStack
+from cosim.telemetry.snapshot import Snapshot, Stage
 
 MakeStage = Callable[..., Stage]
 MakeSnapshot = Callable[..., Snapshot]

@@ -17,7 +17,7 @@ from cosim.errors import InputError, OutputError
 from cosim.recording import rerun_recorder
 from cosim.recording.recorder import NullRecorder, Part
 from cosim.recording.rerun_recorder import RerunRecorder
-from cosim.scenario.snapshot import Snapshot, Stage
+from cosim.telemetry.snapshot import Snapshot, Stage
 
 pytestmark = pytest.mark.usefixtures("strict")
 

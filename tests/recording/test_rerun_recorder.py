@@ -11,7 +11,7 @@ import pytest
 from numpy.typing import NDArray
 from rerun.chunk import RrdReader
 
-from cosim.scenario.snapshot import Snapshot, Stage
+from cosim.telemetry.snapshot import Snapshot, Stage
 
 pytestmark = pytest.mark.usefixtures("strict")
 

@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 from scipy.spatial import ConvexHull
 
-from cosim.frames import Array
+from cosim.base.frames import Array
 
 KINDS = mujoco.mjtGeom
 SIZES = {

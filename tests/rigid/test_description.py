@@ -8,9 +8,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cosim.arm_files import find_arm
+from cosim.base.arms import find_arm
+from cosim.base.frames import Wrench
 from cosim.errors import ConvergenceError, InputError
-from cosim.frames import Wrench
 from cosim.rigid import RigidScene, SceneDescription, SceneObject, ServoGains
 
 ARM = find_arm("ur5e")

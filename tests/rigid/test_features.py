@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial import ConvexHull
 
-from cosim.frames import Array, IntArray
-from cosim.rigid.contact_query import ContactQuery
-from cosim.rigid.features import near_film
+from cosim.base.frames import Array, IntArray
+from cosim.rigid.distance.contact_query import ContactQuery
+from cosim.rigid.distance.features import near_film
 from tests.rigid.shapes import compiled, hull_vertices, level, to_world
 
 

@@ -7,12 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cosim.arm_files import find_arm
+from cosim.base.arms import find_arm
+from cosim.base.frames import Array, Pose
 from cosim.errors import InputError
-from cosim.frames import Array, Pose
 from cosim.rigid import RigidScene, SceneDescription, SceneObject
-from cosim.rigid.joint import Joint
-from cosim.rigid.wire import Wire
+from cosim.rigid.build.joint import Joint
+from cosim.rigid.build.wire import Wire
 
 ARM = find_arm("ur5e")
 G = 9.81

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cosim.arm_files import arm_names, find_arm
+from cosim.base.arms import arm_names, find_arm
 from cosim.rigid import RigidScene, SceneDescription, SceneObject
 
 ARM = find_arm("ur5e")

@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 from scipy.spatial import ConvexHull
 
-from cosim.arm_files import find_arm
+from cosim.base.arms import find_arm
+from cosim.base.frames import Array, Pose
+from cosim.base.resources import object_mesh_path
+from cosim.base.triangle_mesh import TriangleMesh, read_mesh
 from cosim.errors import InputError
-from cosim.frames import Array, Pose
-from cosim.mesh_files import TriangleMesh, read_mesh
-from cosim.resources import object_mesh_path
 from cosim.rigid import RigidScene, SceneDescription, SceneObject
-from cosim.rigid.geometry import Geometry
-from cosim.rigid.mesh_distance import surface_distance
+from cosim.rigid.build.geometry import Geometry
+from cosim.rigid.distance.mesh_distance import surface_distance
 
 ARM = find_arm("ur5e")
 

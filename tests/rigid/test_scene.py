@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cosim.arm_files import find_arm, read_arm
+from cosim.base.arms import find_arm, read_arm
+from cosim.base.frames import Pose, Wrench, rotation_from_vector
 from cosim.errors import InstabilityError
-from cosim.frames import Pose, Wrench, rotation_from_vector
 from cosim.kinematics import Arm, Payload
 from cosim.rigid import RigidScene, SceneDescription, SceneObject
 

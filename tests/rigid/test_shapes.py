@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 from scipy.spatial.distance import cdist
 
-from cosim.arm_files import arm_names, find_arm
-from cosim.frames import Pose
-from cosim.rigid import RigidScene, SceneDescription, SceneObject, tessellation
+from cosim.base.arms import arm_names, find_arm
+from cosim.base.frames import Pose
+from cosim.rigid import RigidScene, SceneDescription, SceneObject
+from cosim.rigid.build import tessellation
 
 
 def volume(mesh: tessellation.Mesh) -> float:

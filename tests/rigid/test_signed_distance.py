@@ -6,11 +6,11 @@ import mujoco
 import numpy as np
 import pytest
 
+from cosim.base.frames import Array, IntArray
 from cosim.errors import InputError
-from cosim.frames import Array, IntArray
-from cosim.rigid.contact_query import ContactQuery
-from cosim.rigid.mesh_distance import surface_distance
-from cosim.rigid.signed_distance import Hits
+from cosim.rigid.distance.contact_query import ContactQuery
+from cosim.rigid.distance.mesh_distance import surface_distance
+from cosim.rigid.distance.signed_distance import Hits
 from tests.rigid.shapes import SIZES, compiled, level, surface_samples, to_world
 
 FAR_M = 1.0

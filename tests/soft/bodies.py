@@ -8,16 +8,17 @@ from typing import Any
 
 import numpy as np
 
-from cosim.frames import Array, IntArray, Pose
-from cosim.soft.body import Loads, SoftBody
-from cosim.soft.cable import Cable
-from cosim.soft.chamber import PolygonalStack
-from cosim.soft.equilibrium import Equilibrium, EquilibriumSolver
-from cosim.soft.membrane import Film
-from cosim.soft.newton import NewtonOptions, NewtonSolver
-from cosim.soft.state import Clamp, SoftState
-from cosim.soft.surface import interior_hinges
-from cosim.soft.system import SoftSystem
+from cosim.base.frames import Array, IntArray, Pose
+from cosim.soft.body.body import SoftBody
+from cosim.soft.body.loads import Loads
+from cosim.soft.elements.cable import Cable
+from cosim.soft.elements.membrane import Film
+from cosim.soft.geometry.polygonal_stack import PolygonalStack
+from cosim.soft.geometry.surface import interior_hinges
+from cosim.soft.solve.assembly import SoftSystem
+from cosim.soft.solve.equilibrium import Equilibrium, EquilibriumSolver
+from cosim.soft.solve.newton import NewtonOptions, NewtonSolver
+from cosim.soft.solve.state import Clamp, SoftState
 
 FILM = Film(1.3e9, 0.2, 0.11e-3)
 WEIGHT_PER_NODE_N = 0.02

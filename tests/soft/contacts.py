@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from cosim.frames import Array
-from cosim.soft.contact import ContactLaw, ContactPlanes
-from cosim.soft.contact_surface import ContactSurface
+from cosim.base.frames import Array
+from cosim.soft.contact.contact_points import ContactSurface
+from cosim.soft.contact.obstacle_contact import ContactLaw, ContactPlanes
 
 
 def half_space(

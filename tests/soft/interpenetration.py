@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from cosim.frames import Array, IntArray
-from cosim.soft.body import SoftBody
-from cosim.soft.film_faces import FilmFaces
-from cosim.soft.film_points import FilmPoints
+from cosim.base.frames import Array, IntArray
+from cosim.soft.body.body import SoftBody
+from cosim.soft.contact.self_contact_faces import FilmFaces
+from cosim.soft.contact.self_contact_points import FilmPoints
 
 
 def deepest_m(body: SoftBody, positions: Array) -> float:

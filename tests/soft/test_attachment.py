@@ -7,15 +7,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from cosim.base.frames import Array, Pose
 from cosim.errors import MeshError
-from cosim.frames import Array, Pose
-from cosim.soft.attachment import Plate, attached
-from cosim.soft.body import Loads, SoftBody
-from cosim.soft.copies import around_axis, copies
-from cosim.soft.frame_ring import FrameRings
-from cosim.soft.state import SoftState
-from cosim.soft.surface import dihedral_angle
-from cosim.soft.system import SoftSystem
+from cosim.soft.body.attachment import Plate, attached
+from cosim.soft.body.body import SoftBody
+from cosim.soft.body.copies import around_axis, copies
+from cosim.soft.body.loads import Loads
+from cosim.soft.elements.frame_ring import FrameRings
+from cosim.soft.geometry.surface import dihedral_angle
+from cosim.soft.solve.assembly import SoftSystem
+from cosim.soft.solve.state import SoftState
 from tests.derivatives import RELATIVE, assembled, derivative_errors
 from tests.soft.bodies import HANGING, held, hexagon_arm, no_load, random_rotation
 

@@ -7,12 +7,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cosim.coupling.soft_arm import SoftArm
+from cosim.coupling.soft_sides.lumped_arm import SoftArm
 from cosim.errors import InputError, MeshError
-from cosim.soft.body import Loads
-from cosim.soft.dynamics import StepOptions
-from cosim.soft.film import Film
-from cosim.soft.newton import NewtonOptions
+from cosim.soft.body.loads import Loads
+from cosim.soft.elements.material import Film
+from cosim.soft.solve.newton import NewtonOptions
+from cosim.soft.solve.time_step import StepOptions
 from tests.soft.bodies import HANGING, hexagon_arm, no_load
 
 

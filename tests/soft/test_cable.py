@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from cosim.base.frames import Array, IntArray
 from cosim.errors import InputError
-from cosim.frames import Array, IntArray
-from cosim.soft.cable import Cable, ROUNDED_m, add_segments
+from cosim.soft.elements.cable import Cable, ROUNDED_m, add_segments
 from tests.derivatives import RELATIVE, Evaluate, assembled, derivative_errors
 from tests.soft.bodies import hexagon_arm, random_rotation, shapes
 

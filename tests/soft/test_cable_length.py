@@ -7,17 +7,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from cosim.base.frames import Array
 from cosim.errors import InputError
-from cosim.frames import Array
-from cosim.soft.body import Loads, SoftBody
-from cosim.soft.cable import Cable
-from cosim.soft.cable_length import TRANSITION_m, base_tension, onset, pull, stretch_at
-from cosim.soft.dynamics import ImplicitStepper, StepOptions
-from cosim.soft.film import Film
-from cosim.soft.low_rank import LowRank
-from cosim.soft.sensitivity import Sensitivity
-from cosim.soft.surface import dihedral_angle
-from cosim.soft.system import SoftSystem
+from cosim.soft.body.body import SoftBody
+from cosim.soft.body.loads import Loads
+from cosim.soft.elements.cable import Cable
+from cosim.soft.elements.cable_length import TRANSITION_m, base_tension, onset, pull, stretch_at
+from cosim.soft.elements.material import Film
+from cosim.soft.geometry.surface import dihedral_angle
+from cosim.soft.linear.low_rank import LowRank
+from cosim.soft.solve.assembly import SoftSystem
+from cosim.soft.solve.sensitivity import Sensitivity
+from cosim.soft.solve.time_step import ImplicitStepper, StepOptions
 from tests.derivatives import RELATIVE, Evaluate, dense, derivative_errors
 from tests.soft.bodies import HANGING, held, hexagon_arm, hung, shapes
 
@@ -156,7 +157,7 @@ def test_the_tension_in_a_step_is_that_of_the_length_at_its_end(monkeypatch: pyt
         acting.append(found[0][0] / cable.loss_factor)
         return found
 
-    monkeypatch.setattr("cosim.soft.system.pull", recorded)
+    monkeypatch.setattr("cosim.soft.solve.assembly.pull", recorded)
     specimen = held(arm(stiffness_N_m=1e5))
     state = hung(specimen, pressure_Pa=30e3).state
     first = specimen.body.cables[0]

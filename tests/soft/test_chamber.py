@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from cosim.base.frames import Array, IntArray
 from cosim.errors import MeshError
-from cosim.frames import Array, IntArray
-from cosim.soft.chamber import Mesh, PolygonalStack
-from cosim.soft.refinement import refine
-from cosim.soft.surface import (
+from cosim.soft.geometry.polygonal_stack import Mesh, PolygonalStack
+from cosim.soft.geometry.refinement import refine
+from cosim.soft.geometry.surface import (
     check_mesh,
     dihedral_angle,
     directed_edges,

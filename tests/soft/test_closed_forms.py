@@ -5,12 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cosim.frames import Array, IntArray, Pose
-from cosim.soft.body import Loads, SoftBody
-from cosim.soft.newton import NewtonOptions, NewtonSolver
-from cosim.soft.state import SoftState
-from cosim.soft.surface import check_mesh, enclosed_volume, interior_hinges
-from cosim.soft.system import SoftSystem
+from cosim.base.frames import Array, IntArray, Pose
+from cosim.soft.body.body import SoftBody
+from cosim.soft.body.loads import Loads
+from cosim.soft.geometry.surface import check_mesh, enclosed_volume, interior_hinges
+from cosim.soft.solve.assembly import SoftSystem
+from cosim.soft.solve.newton import NewtonOptions, NewtonSolver
+from cosim.soft.solve.state import SoftState
 from tests.soft.bodies import FILM, held, icosphere
 
 RADIUS_M = 0.05

@@ -5,14 +5,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cosim.frames import Array, Mask
-from cosim.soft.body import Loads, SoftBody
-from cosim.soft.dissected_cholesky import DissectedCholesky
-from cosim.soft.envelope_cholesky import EnvelopeCholesky
-from cosim.soft.linear_solver import GeneralLU, LinearSolver, by_component
-from cosim.soft.membrane import Film
-from cosim.soft.newton import NewtonOptions, NewtonSolver
-from cosim.soft.system import SoftSystem
+from cosim.base.frames import Array, Mask
+from cosim.soft.body.body import SoftBody
+from cosim.soft.body.loads import Loads
+from cosim.soft.elements.membrane import Film
+from cosim.soft.linear.envelope_cholesky import EnvelopeCholesky
+from cosim.soft.linear.linear_solver import GeneralLU, LinearSolver, by_component
+from cosim.soft.linear.multifrontal_cholesky import DissectedCholesky
+from cosim.soft.solve.assembly import SoftSystem
+from cosim.soft.solve.newton import NewtonOptions, NewtonSolver
 
 FILM = Film(1e6, 0.3, 1e-3)
 

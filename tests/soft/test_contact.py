@@ -7,17 +7,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from cosim.base.frames import Array, IntArray, Pose
 from cosim.errors import InputError
-from cosim.frames import Array, IntArray, Pose
-from cosim.soft.body import Loads, SoftBody
-from cosim.soft.contact import ContactLaw, ContactPlanes
-from cosim.soft.contact_surface import ContactSurface
-from cosim.soft.dynamics import ImplicitStepper, StepOptions
-from cosim.soft.film import Film
-from cosim.soft.newton import NewtonSolver
-from cosim.soft.state import Clamp, SoftState
-from cosim.soft.surface import triangle_area
-from cosim.soft.system import SoftSystem
+from cosim.soft.body.body import SoftBody
+from cosim.soft.body.loads import Loads
+from cosim.soft.contact.contact_points import ContactSurface
+from cosim.soft.contact.obstacle_contact import ContactLaw, ContactPlanes
+from cosim.soft.elements.material import Film
+from cosim.soft.geometry.surface import triangle_area
+from cosim.soft.solve.assembly import SoftSystem
+from cosim.soft.solve.newton import NewtonSolver
+from cosim.soft.solve.state import Clamp, SoftState
+from cosim.soft.solve.time_step import ImplicitStepper, StepOptions
 from tests.derivatives import RELATIVE, dense, derivative_errors
 from tests.soft.bodies import hexagon_arm, icosphere, shapes
 from tests.soft.contacts import half_space

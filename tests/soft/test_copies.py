@@ -5,12 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from cosim.base.frames import Array
 from cosim.errors import MeshError
-from cosim.frames import Array
-from cosim.soft.body import Loads, SoftBody
-from cosim.soft.center_line import hole_rings
-from cosim.soft.copies import around_axis, copies
-from cosim.soft.system import SoftSystem
+from cosim.soft.body.body import SoftBody
+from cosim.soft.body.center_line import hole_rings
+from cosim.soft.body.copies import around_axis, copies
+from cosim.soft.body.loads import Loads
+from cosim.soft.solve.assembly import SoftSystem
 from tests.soft.bodies import hexagon_arm, shapes
 
 POSES = around_axis(3, 0.1, 0.4, 0.3, 0.02)

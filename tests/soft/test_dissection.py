@@ -7,20 +7,21 @@ import pytest
 from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import connected_components
 
-from cosim.frames import Array, IntArray, Mask
-from cosim.soft import dissected_cholesky
-from cosim.soft.body import Loads, SoftBody
-from cosim.soft.chamber import PolygonalStack
-from cosim.soft.coupled_pattern import CoupledPattern
-from cosim.soft.dissected_cholesky import DissectedCholesky, cholesky
-from cosim.soft.dissection import dissect
-from cosim.soft.envelope_cholesky import EnvelopeCholesky
-from cosim.soft.front_tree import FrontTree, length_left
-from cosim.soft.linear_solver import LinearSolver
-from cosim.soft.refinement import refine
-from cosim.soft.surface import interior_hinges
-from cosim.soft.system import Inertia, SoftSystem
-from cosim.soft.vertex_cut import least_cuts
+from cosim.base.frames import Array, IntArray, Mask
+from cosim.soft.body.body import SoftBody
+from cosim.soft.body.loads import Loads
+from cosim.soft.geometry.polygonal_stack import PolygonalStack
+from cosim.soft.geometry.refinement import refine
+from cosim.soft.geometry.surface import interior_hinges
+from cosim.soft.linear import multifrontal_cholesky as dissected_cholesky
+from cosim.soft.linear.coupled_pattern import CoupledPattern
+from cosim.soft.linear.elimination_tree import FrontTree, length_left
+from cosim.soft.linear.envelope_cholesky import EnvelopeCholesky
+from cosim.soft.linear.linear_solver import LinearSolver
+from cosim.soft.linear.multifrontal_cholesky import DissectedCholesky, cholesky
+from cosim.soft.linear.nested_dissection import dissect
+from cosim.soft.linear.vertex_cut import least_cuts
+from cosim.soft.solve.assembly import Inertia, SoftSystem
 from tests.soft.bodies import FILM, hexagon_arm
 
 SIDE = 60

@@ -7,12 +7,12 @@ from typing import Any
 import numpy as np
 import pytest
 
+from cosim.base.frames import Array, Pose, rotation_from_vector
 from cosim.errors import ConvergenceError, InputError
-from cosim.frames import Array, Pose, rotation_from_vector
-from cosim.soft.body import Loads
-from cosim.soft.dynamics import ImplicitStepper, Integrator, StepOptions
-from cosim.soft.newton import NewtonOptions
-from cosim.soft.state import Clamp, SoftState
+from cosim.soft.body.loads import Loads
+from cosim.soft.solve.newton import NewtonOptions
+from cosim.soft.solve.state import Clamp, SoftState
+from cosim.soft.solve.time_step import ImplicitStepper, Integrator, StepOptions
 from tests.soft.bodies import HANGING, Held, PRESSURE_Pa, held, hexagon_arm, hung, no_load
 
 INTEGRATORS: tuple[Integrator, ...] = ("implicit_euler", "bdf2")

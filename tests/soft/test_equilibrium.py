@@ -8,15 +8,15 @@ from typing import Any
 import numpy as np
 import pytest
 
+from cosim.base.frames import Array, Pose, rotation_from_vector
 from cosim.errors import ConvergenceError
-from cosim.frames import Array, Pose, rotation_from_vector
-from cosim.soft.body import Loads
-from cosim.soft.cable import Cable
-from cosim.soft.contact import ContactLaw, ContactPlanes
-from cosim.soft.contact_surface import ContactSurface
-from cosim.soft.equilibrium import EquilibriumSolver
-from cosim.soft.newton import NewtonOptions
-from cosim.soft.state import SoftState
+from cosim.soft.body.loads import Loads
+from cosim.soft.contact.contact_points import ContactSurface
+from cosim.soft.contact.obstacle_contact import ContactLaw, ContactPlanes
+from cosim.soft.elements.cable import Cable
+from cosim.soft.solve.equilibrium import EquilibriumSolver
+from cosim.soft.solve.newton import NewtonOptions
+from cosim.soft.solve.state import SoftState
 from tests.soft.bodies import HANGING, PRESSURE_Pa, held, hexagon_arm, hung, no_load
 from tests.soft.contacts import half_space
 

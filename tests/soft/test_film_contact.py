@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cosim.frames import Array
-from cosim.soft.contact import ContactLaw
-from cosim.soft.coupled_pattern import CoupledPattern
-from cosim.soft.film_contact import FilmPairs, feet
-from cosim.soft.pattern import BlockPattern
+from cosim.base.frames import Array
+from cosim.soft.contact.obstacle_contact import ContactLaw
+from cosim.soft.contact.self_contact_pairs import FilmPairs, feet
+from cosim.soft.linear.coupled_pattern import CoupledPattern
+from cosim.soft.linear.pattern import BlockPattern
 from tests.derivatives import RELATIVE, dense, derivative_errors
 from tests.soft.bodies import random_rotation
 

@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+from cosim.base.frames import Array
 from cosim.errors import InputError
-from cosim.frames import Array
-from cosim.soft.film import Film
-from cosim.soft.membrane import Membranes
-from cosim.soft.tension_field import SLACK, TAUT, WRINKLED
+from cosim.soft.elements.material import Film
+from cosim.soft.elements.membrane import Membranes
+from cosim.soft.elements.tension_field import SLACK, TAUT, WRINKLED
 from tests.derivatives import RELATIVE, Evaluate, assembled, derivative_errors
 from tests.soft.bodies import FILM, hexagon_arm, random_rotation, shapes
 

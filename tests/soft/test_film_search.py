@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cosim.frames import Array
-from cosim.soft.film_faces import FilmFaces, Relation
-from cosim.soft.film_points import FilmPoints
-from cosim.soft.film_search import FilmSearch
+from cosim.base.frames import Array
+from cosim.soft.contact.self_contact_faces import FilmFaces, Relation
+from cosim.soft.contact.self_contact_points import FilmPoints
+from cosim.soft.contact.self_contact_search import FilmSearch
 from tests.soft.bodies import hexagon_arm, inflated_positions
 
 MARGIN = 0.02  # of a triangle, beyond its edges

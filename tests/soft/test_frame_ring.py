@@ -7,12 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from cosim.base.frames import Array
 from cosim.errors import MeshError
-from cosim.frames import Array
-from cosim.soft.body import SoftBody
-from cosim.soft.frame_ring import FrameRings
-from cosim.soft.newton import NewtonOptions, NewtonSolver
-from cosim.soft.system import SoftSystem
+from cosim.soft.body.body import SoftBody
+from cosim.soft.elements.frame_ring import FrameRings
+from cosim.soft.solve.assembly import SoftSystem
+from cosim.soft.solve.newton import NewtonOptions, NewtonSolver
 from tests.derivatives import RELATIVE, Evaluate, assembled, derivative_errors
 from tests.soft.bodies import hexagon_arm, no_load, random_rotation
 

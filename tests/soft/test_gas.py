@@ -8,16 +8,17 @@ from typing import Any
 import numpy as np
 import pytest
 
+from cosim.base.frames import Array
 from cosim.errors import InputError
-from cosim.frames import Array
-from cosim.soft.body import Loads, SoftBody
-from cosim.soft.envelope_cholesky import EnvelopeCholesky
-from cosim.soft.gas import SealedGas, STANDARD_ATMOSPHERE_Pa, exchange, leak
-from cosim.soft.linear_solver import GeneralLU
-from cosim.soft.low_rank import LowRank
-from cosim.soft.newton import NewtonOptions, NewtonResult, NewtonSolver
-from cosim.soft.surface import dihedral_angle, enclosed_volume
-from cosim.soft.system import SoftSystem
+from cosim.soft.body.body import SoftBody
+from cosim.soft.body.loads import Loads
+from cosim.soft.elements.gas import SealedGas, STANDARD_ATMOSPHERE_Pa, exchange, leak
+from cosim.soft.geometry.surface import dihedral_angle, enclosed_volume
+from cosim.soft.linear.envelope_cholesky import EnvelopeCholesky
+from cosim.soft.linear.linear_solver import GeneralLU
+from cosim.soft.linear.low_rank import LowRank
+from cosim.soft.solve.assembly import SoftSystem
+from cosim.soft.solve.newton import NewtonOptions, NewtonResult, NewtonSolver
 from tests.derivatives import RELATIVE, dense, derivative_errors
 from tests.soft.bodies import FILM as BODY_FILM
 from tests.soft.bodies import hexagon_arm, icosphere, inflated_positions, no_load, shapes

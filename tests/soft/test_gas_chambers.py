@@ -7,14 +7,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from cosim.base.frames import Array
 from cosim.errors import InputError, MeshError
-from cosim.frames import Array
-from cosim.soft.body import Loads, SoftBody
-from cosim.soft.copies import around_axis, copies
-from cosim.soft.gas import SealedGas, STANDARD_ATMOSPHERE_Pa
-from cosim.soft.gas_chamber import GasChamber
-from cosim.soft.surface import dihedral_angle
-from cosim.soft.system import SoftSystem
+from cosim.soft.body.body import SoftBody
+from cosim.soft.body.copies import around_axis, copies
+from cosim.soft.body.gas_chamber import GasChamber
+from cosim.soft.body.loads import Loads
+from cosim.soft.elements.gas import SealedGas, STANDARD_ATMOSPHERE_Pa
+from cosim.soft.geometry.surface import dihedral_angle
+from cosim.soft.solve.assembly import SoftSystem
 from tests.derivatives import RELATIVE, dense, derivative_errors
 from tests.soft.bodies import hexagon_arm, no_load, shapes
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cosim.frames import Array
-from cosim.soft.arctangent import full_angle
-from cosim.soft.fold_law import CLOSED_FRACTION, fold_law
-from cosim.soft.hinge import Hinges, add_hinges
-from cosim.soft.surface import dihedral_angle
-from cosim.soft.system import SoftSystem
+from cosim.base.frames import Array
+from cosim.soft.elements.arctangent import full_angle
+from cosim.soft.elements.fold_law import CLOSED_FRACTION, fold_law
+from cosim.soft.elements.hinge import Hinges, add_hinges
+from cosim.soft.geometry.surface import dihedral_angle
+from cosim.soft.solve.assembly import SoftSystem
 from tests.derivatives import RELATIVE, Evaluate, assembled, derivative_errors
 from tests.soft.bodies import hexagon_arm, random_rotation, shapes
 

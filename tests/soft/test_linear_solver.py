@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cosim.frames import Array
-from cosim.soft.dissected_cholesky import DissectedCholesky
-from cosim.soft.envelope_cholesky import EnvelopeCholesky
-from cosim.soft.linear_solver import GeneralLU, LinearSolver
-from cosim.soft.pattern import BlockPattern
+from cosim.base.frames import Array
+from cosim.soft.linear.envelope_cholesky import EnvelopeCholesky
+from cosim.soft.linear.linear_solver import GeneralLU, LinearSolver
+from cosim.soft.linear.multifrontal_cholesky import DissectedCholesky
+from cosim.soft.linear.pattern import BlockPattern
 from tests.derivatives import dense
 
 NODES = 14

@@ -5,11 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from cosim.base.frames import Array, IntArray
 from cosim.errors import MeshError
-from cosim.frames import Array, IntArray
-from cosim.soft.body import Loads, SoftBody
-from cosim.soft.membrane import Film, Membranes
-from cosim.soft.system import SoftSystem
+from cosim.soft.body.body import SoftBody
+from cosim.soft.body.loads import Loads
+from cosim.soft.elements.membrane import Film, Membranes
+from cosim.soft.solve.assembly import SoftSystem
 from tests.derivatives import RELATIVE, Evaluate, dense, derivative_errors
 from tests.soft.bodies import FILM, hexagon_arm, random_rotation, shapes
 

@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cosim.frames import Array, Pose, rotation_from_vector
-from cosim.soft.newton import NewtonOptions, NewtonResult, Outcome
-from cosim.soft.state import SoftState
+from cosim.base.frames import Array, Pose, rotation_from_vector
+from cosim.soft.solve.newton import NewtonOptions, NewtonResult, Outcome
+from cosim.soft.solve.state import SoftState
 from tests.soft.bodies import HANGING, Held, PRESSURE_Pa, held, hexagon_arm, hung, no_load
 
 EXACT = NewtonOptions(tolerance_N=1e-9, start_tolerance_N=1e-9)

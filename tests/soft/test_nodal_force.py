@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from cosim.frames import Array
-from cosim.soft.body import Loads
-from cosim.soft.system import SoftSystem
+from cosim.base.frames import Array
+from cosim.soft.body.loads import Loads
+from cosim.soft.solve.assembly import SoftSystem
 from tests.soft.bodies import hexagon_arm, shapes
 
 GRAVITY = (1.0, -2.0, -9.81)

@@ -7,11 +7,11 @@ from functools import cache
 import numpy as np
 import pytest
 
-from cosim.frames import Array, IntArray
-from cosim.soft.body import Loads
-from cosim.soft.pressure import add_cap, add_pressure, cap_force
-from cosim.soft.surface import enclosed_volume
-from cosim.soft.system import SoftSystem
+from cosim.base.frames import Array, IntArray
+from cosim.soft.body.loads import Loads
+from cosim.soft.elements.pressure import add_cap, add_pressure, cap_force
+from cosim.soft.geometry.surface import enclosed_volume
+from cosim.soft.solve.assembly import SoftSystem
 from tests.derivatives import RELATIVE, Evaluate, assembled, derivative_errors, differences, relative_error
 from tests.soft.bodies import hexagon_arm, icosphere, random_rotation, shapes
 

@@ -12,12 +12,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cosim.frames import Array
-from cosim.soft.body import Loads, SoftBody
-from cosim.soft.film import Film, FilmLaw
-from cosim.soft.newton import NewtonOptions, NewtonSolver
-from cosim.soft.surface import dihedral_angle
-from cosim.soft.system import SoftSystem
+from cosim.base.frames import Array
+from cosim.soft.body.body import SoftBody
+from cosim.soft.body.loads import Loads
+from cosim.soft.elements.material import Film, FilmLaw
+from cosim.soft.geometry.surface import dihedral_angle
+from cosim.soft.solve.assembly import SoftSystem
+from cosim.soft.solve.newton import NewtonOptions, NewtonSolver
 
 FOLDER = Path(__file__).resolve().parents[1] / "reference"
 STAGES = [("Three_Unit_Compare", "inflate")]

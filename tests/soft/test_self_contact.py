@@ -8,22 +8,23 @@ from typing import Any
 import numpy as np
 import pytest
 
+from cosim.base.frames import Array, Pose
 from cosim.errors import InputError
-from cosim.frames import Array, Pose
-from cosim.soft.body import Loads, SoftBody
-from cosim.soft.contact import ContactLaw
-from cosim.soft.contact_surface import ContactSurface
-from cosim.soft.copies import copies
-from cosim.soft.dynamics import ImplicitStepper, StepOptions
-from cosim.soft.equilibrium import Equilibrium, EquilibriumSolver
-from cosim.soft.film import Film
-from cosim.soft.film_faces import FilmFaces, Relation
-from cosim.soft.film_points import FilmPoints
-from cosim.soft.newton import NewtonOptions, NewtonSolver
-from cosim.soft.self_contact import FilmContactLaw, SelfContact
-from cosim.soft.state import Clamp, SoftState
-from cosim.soft.surface import triangle_area
-from cosim.soft.system import SoftSystem
+from cosim.soft.body.body import SoftBody
+from cosim.soft.body.copies import copies
+from cosim.soft.body.loads import Loads
+from cosim.soft.contact.contact_points import ContactSurface
+from cosim.soft.contact.obstacle_contact import ContactLaw
+from cosim.soft.contact.self_contact_faces import FilmFaces, Relation
+from cosim.soft.contact.self_contact_points import FilmPoints
+from cosim.soft.elements.material import Film
+from cosim.soft.geometry.surface import triangle_area
+from cosim.soft.solve.assembly import SoftSystem
+from cosim.soft.solve.equilibrium import Equilibrium, EquilibriumSolver
+from cosim.soft.solve.newton import NewtonOptions, NewtonSolver
+from cosim.soft.solve.self_contact import FilmContactLaw, SelfContact
+from cosim.soft.solve.state import Clamp, SoftState
+from cosim.soft.solve.time_step import ImplicitStepper, StepOptions
 from tests.soft.bodies import HANGING, PRESSURE_Pa, held, hexagon_arm, icosphere, no_load
 from tests.soft.contacts import half_space
 from tests.soft.interpenetration import deepest_m

@@ -7,15 +7,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from cosim.base.frames import Array, Pose, rotation_from_vector, vector_from_rotation
 from cosim.errors import ConvergenceError
-from cosim.frames import Array, Pose, rotation_from_vector, vector_from_rotation
-from cosim.soft.body import Loads, SoftBody
-from cosim.soft.cable import Cable
-from cosim.soft.equilibrium import Equilibrium
-from cosim.soft.newton import NewtonOptions
-from cosim.soft.sensitivity import Sensitivity, TipFrame
-from cosim.soft.state import SoftState
-from cosim.soft.surface import interior_hinges
+from cosim.soft.body.body import SoftBody
+from cosim.soft.body.loads import Loads
+from cosim.soft.elements.cable import Cable
+from cosim.soft.geometry.surface import interior_hinges
+from cosim.soft.solve.equilibrium import Equilibrium
+from cosim.soft.solve.newton import NewtonOptions
+from cosim.soft.solve.sensitivity import Sensitivity, TipFrame
+from cosim.soft.solve.state import SoftState
 from tests.derivatives import relative_error
 from tests.soft.bodies import FILM, HANGING, Held, PRESSURE_Pa, held, hexagon_arm, hung, no_load, shapes
 

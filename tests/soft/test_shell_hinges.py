@@ -7,13 +7,13 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from cosim.base.frames import Array, IntArray
 from cosim.errors import MeshError
-from cosim.frames import Array, IntArray
-from cosim.soft.chamber import Mesh, PolygonalStack
-from cosim.soft.hinge import add_hinges
-from cosim.soft.refinement import refine
-from cosim.soft.shell_hinges import bending_measure, hinge_areas, mean_square_angle, shell_stiffness
-from cosim.soft.surface import interior_hinges, triangle_area
+from cosim.soft.elements.hinge import add_hinges
+from cosim.soft.elements.shell_hinges import bending_measure, hinge_areas, mean_square_angle, shell_stiffness
+from cosim.soft.geometry.polygonal_stack import Mesh, PolygonalStack
+from cosim.soft.geometry.refinement import refine
+from cosim.soft.geometry.surface import interior_hinges, triangle_area
 from tests.soft.bodies import FILM
 
 RIGIDITY_Nm = FILM.flexural_rigidity_Nm

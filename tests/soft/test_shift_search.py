@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from cosim.soft.shift_search import ShiftSearch
+from cosim.soft.linear.inertia_correction import ShiftSearch
 
 START = 0.05
 

@@ -8,14 +8,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cosim.soft.body import Loads, SoftBody
-from cosim.soft.cable import Cable
-from cosim.soft.equilibrium import Equilibrium
-from cosim.soft.low_rank import LowRank, negative_added
-from cosim.soft.newton import NewtonOptions
-from cosim.soft.stability import PerturbationOptions, find_lower_state, negative_pivots
-from cosim.verification.specimen import UNLOADED, Specimen
-from cosim.verification.strip import Strip
+from cosim.soft.body.body import SoftBody
+from cosim.soft.body.loads import Loads
+from cosim.soft.elements.cable import Cable
+from cosim.soft.linear.low_rank import LowRank, negative_added
+from cosim.soft.solve.equilibrium import Equilibrium
+from cosim.soft.solve.newton import NewtonOptions
+from cosim.soft.solve.stability import PerturbationOptions, find_lower_state, negative_pivots
+from cosim.verification.support.specimen import UNLOADED, Specimen
+from cosim.verification.support.strip import Strip
 
 STRIP = Strip(12)
 EULER_N = math.pi**2 * STRIP.bending_stiffness / (4.0 * STRIP.length_m**2)

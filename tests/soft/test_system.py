@@ -5,10 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cosim.frames import Array
-from cosim.soft.body import Loads, SoftBody
-from cosim.soft.surface import dihedral_angle
-from cosim.soft.system import Inertia, SoftSystem
+from cosim.base.frames import Array
+from cosim.soft.body.body import SoftBody
+from cosim.soft.body.loads import Loads
+from cosim.soft.geometry.surface import dihedral_angle
+from cosim.soft.solve.assembly import Inertia, SoftSystem
 from tests.derivatives import RELATIVE, Evaluate, dense, derivative_errors, differences
 from tests.soft.bodies import hexagon_arm, random_rotation, shapes
 

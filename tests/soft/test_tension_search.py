@@ -8,14 +8,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
+from cosim.base.frames import Array, Pose
 from cosim.errors import ConvergenceError, UnreachableError
-from cosim.frames import Array, Pose
-from cosim.soft.body import Loads, SoftBody
-from cosim.soft.equilibrium import Equilibrium
-from cosim.soft.sensitivity import TipFrame
-from cosim.soft.state import SoftState
-from cosim.soft.tension_search import find_tensions
-from cosim.soft.tip_target import TipTarget
+from cosim.soft.body.body import SoftBody
+from cosim.soft.body.loads import Loads
+from cosim.soft.solve.equilibrium import Equilibrium
+from cosim.soft.solve.sensitivity import TipFrame
+from cosim.soft.solve.state import SoftState
+from cosim.soft.targets.tension_search import find_tensions
+from cosim.soft.targets.tip_target import TipTarget
 from tests.soft.bodies import HANGING, hexagon_arm, no_load
 
 

@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from cosim.base.frames import Pose, rotation_from_vector
 from cosim.errors import UnreachableError
-from cosim.frames import Pose, rotation_from_vector
-from cosim.soft.equilibrium import Equilibrium
-from cosim.soft.flange_search import find_flange_pose
-from cosim.soft.sensitivity import TipFrame
-from cosim.soft.tension_search import find_tensions
-from cosim.soft.tip_target import TargetOptions, TipTarget, shortest_turn
+from cosim.soft.solve.equilibrium import Equilibrium
+from cosim.soft.solve.sensitivity import TipFrame
+from cosim.soft.targets.flange_search import find_flange_pose
+from cosim.soft.targets.tension_search import find_tensions
+from cosim.soft.targets.tip_target import TargetOptions, TipTarget, shortest_turn
 from tests.soft.bodies import HANGING, Held, PRESSURE_Pa, held, hexagon_arm, hung, no_load
 
 UNITS = 5

@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 
 import cosim
+from cosim.build.simulation import build
+from cosim.config.loading import load_scenario
+from cosim.config.schema.scenario import Scenario
+from cosim.config.writing import scenario_text
 from cosim.errors import ScenarioError
-from cosim.scenario.build import build
-from cosim.scenario.loading import load_scenario
-from cosim.scenario.schema import Scenario
-from cosim.scenario.writing import scenario_text
 from cosim.trade import auto
 from cosim.trade.curve import trace
 from cosim.trade.measuring import Measured, compared

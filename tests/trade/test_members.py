@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from cosim.build.simulation import build
 from cosim.cli.main import main
+from cosim.config.loading import load_scenario
 from cosim.errors import InputError
-from cosim.scenario.build import build
-from cosim.scenario.loading import load_scenario
 from cosim.trade.measuring import measure
 from cosim.trade.members import Member, lower_fidelities, members_of, short_members
 from tests.trade.test_auto import small

@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cosim.frames import Pose, rotation_from_vector
-from cosim.scenario.build import build
-from cosim.scenario.flange import pose_of
-from cosim.scenario.loading import load_scenario
-from cosim.scenario.schema import Scenario
+from cosim.base.frames import Pose, rotation_from_vector
+from cosim.build.simulation import build
+from cosim.config.loading import load_scenario
+from cosim.config.schema.scenario import Scenario
+from cosim.plan.flange_path import pose_of
 from cosim.trade.commands import flange_pose, with_commands
 from cosim.trade.measuring import measure
 from cosim.trade.members import Member, members_of

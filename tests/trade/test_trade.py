@@ -12,13 +12,13 @@ from typing import Any
 import numpy as np
 import pytest
 
+from cosim.build.simulation import build
 from cosim.cli import trade as command
 from cosim.cli.main import main
+from cosim.config.loading import load_scenario
+from cosim.config.schema.scenario import Scenario
 from cosim.errors import InputError
-from cosim.scenario.build import build
-from cosim.scenario.loading import load_scenario
-from cosim.scenario.schema import Scenario
-from cosim.scenario.snapshot import Snapshot, Stage
+from cosim.telemetry.snapshot import Snapshot, Stage
 from cosim.trade.choice import Wish, pareto_front, parse_budget, parse_force, parse_tolerance, pick
 from cosim.trade.commands import with_commands
 from cosim.trade.curve import Curve, unfollowed

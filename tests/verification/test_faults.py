@@ -9,12 +9,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cosim.soft import dynamics, system
-from cosim.soft.body import Loads
-from cosim.soft.cable import Cable
-from cosim.soft.film import Film
-from cosim.soft.gas import SealedGas
-from cosim.soft.system import SoftSystem
+from cosim.soft.body.loads import Loads
+from cosim.soft.elements.cable import Cable
+from cosim.soft.elements.gas import SealedGas
+from cosim.soft.elements.material import Film
+from cosim.soft.solve import assembly as system
+from cosim.soft.solve import time_step as dynamics
+from cosim.soft.solve.assembly import SoftSystem
 from cosim.verification.suite import CASES, run_case, select
 
 Fault = Callable[[pytest.MonkeyPatch], None]

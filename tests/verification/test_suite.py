@@ -13,10 +13,10 @@ import pytest
 from cosim.cli.main import main
 from cosim.cli.verify import verify_command
 from cosim.errors import ConvergenceError
-from cosim.soft.dynamics import Integrator
-from cosim.verification.case import Case, Figure, observed_order
+from cosim.soft.solve.time_step import Integrator
 from cosim.verification.cases.time_order import THEORY
 from cosim.verification.suite import CASES, run_case
+from cosim.verification.support.case import Case, Figure, observed_order
 
 
 @dataclass(frozen=True)

@@ -9,11 +9,11 @@ from typing import ClassVar, final
 import numpy as np
 from scipy.linalg import eigh
 
-from cosim.frames import Array, Pose
-from cosim.soft.dynamics import ImplicitStepper
-from cosim.verification.case import Case, Figure, observed_order
-from cosim.verification.specimen import NO_CLAMP, UNLOADED, exact_steps
-from cosim.verification.strip import Strip
+from cosim.base.frames import Array, Pose
+from cosim.soft.solve.time_step import ImplicitStepper
+from cosim.verification.support.case import Case, Figure, observed_order
+from cosim.verification.support.specimen import NO_CLAMP, UNLOADED, exact_steps
+from cosim.verification.support.strip import Strip
 
 ROOTS = (1.8751040687, 4.6940911330, 7.8547574382)
 """Solutions of cos x cosh x = -1."""

@@ -8,13 +8,13 @@ from typing import ClassVar, final
 
 import numpy as np
 
-from cosim.frames import Array
-from cosim.soft.body import SoftBody
-from cosim.soft.cable import Cable
-from cosim.soft.film import Film
-from cosim.soft.system import SoftSystem
-from cosim.verification.case import Case, Figure
-from cosim.verification.specimen import UNLOADED
+from cosim.base.frames import Array
+from cosim.soft.body.body import SoftBody
+from cosim.soft.elements.cable import Cable
+from cosim.soft.elements.material import Film
+from cosim.soft.solve.assembly import SoftSystem
+from cosim.verification.support.case import Case, Figure
+from cosim.verification.support.specimen import UNLOADED
 
 FRICTION = 0.2
 EYELETS = 24

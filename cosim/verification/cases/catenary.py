@@ -9,11 +9,11 @@ from typing import ClassVar, final
 import numpy as np
 from scipy.optimize import brentq
 
-from cosim.soft.film import Film
-from cosim.soft.newton import NewtonOptions
-from cosim.verification.case import Case, Figure
-from cosim.verification.specimen import UNLOADED, Specimen
-from cosim.verification.strip import Strip
+from cosim.soft.elements.material import Film
+from cosim.soft.solve.newton import NewtonOptions
+from cosim.verification.support.case import Case, Figure
+from cosim.verification.support.specimen import UNLOADED, Specimen
+from cosim.verification.support.strip import Strip
 
 SPANS = (1.0 / 1.05, 1.0 / 1.2, 0.5)
 COARSE, FINE = 16, 32

@@ -8,10 +8,10 @@ from typing import ClassVar, final
 
 from scipy.special import ellipe, ellipk
 
-from cosim.soft.body import Loads
-from cosim.verification.case import Case, Figure
-from cosim.verification.specimen import UNLOADED
-from cosim.verification.strip import Strip
+from cosim.soft.body.loads import Loads
+from cosim.verification.support.case import Case, Figure
+from cosim.verification.support.specimen import UNLOADED
+from cosim.verification.support.strip import Strip
 
 COARSE, FINE = 8, 16
 ELASTICA_PANELS = 40

@@ -7,17 +7,18 @@ from typing import ClassVar, final
 
 import numpy as np
 
-from cosim.frames import Array, Pose
-from cosim.soft.body import Loads, SoftBody
-from cosim.soft.cable import Cable
-from cosim.soft.dynamics import ImplicitStepper
-from cosim.soft.film import Film
-from cosim.soft.newton import NewtonSolver
-from cosim.soft.state import SoftState
-from cosim.soft.surface import interior_hinges
-from cosim.soft.system import SoftSystem
-from cosim.verification.case import Case, Figure, observed_order
-from cosim.verification.specimen import NO_CLAMP, exact_steps
+from cosim.base.frames import Array, Pose
+from cosim.soft.body.body import SoftBody
+from cosim.soft.body.loads import Loads
+from cosim.soft.elements.cable import Cable
+from cosim.soft.elements.material import Film
+from cosim.soft.geometry.surface import interior_hinges
+from cosim.soft.solve.assembly import SoftSystem
+from cosim.soft.solve.newton import NewtonSolver
+from cosim.soft.solve.state import SoftState
+from cosim.soft.solve.time_step import ImplicitStepper
+from cosim.verification.support.case import Case, Figure, observed_order
+from cosim.verification.support.specimen import NO_CLAMP, exact_steps
 
 SPAN_S = 0.2
 STEPS = (800, 1600)

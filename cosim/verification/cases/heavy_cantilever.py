@@ -10,9 +10,9 @@ import numpy as np
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
-from cosim.verification.case import Case, Figure
-from cosim.verification.specimen import UNLOADED
-from cosim.verification.strip import Strip
+from cosim.verification.support.case import Case, Figure
+from cosim.verification.support.specimen import UNLOADED
+from cosim.verification.support.strip import Strip
 
 WEIGHTS = (1.0, 5.0, 20.0)
 COARSE, FINE = 16, 32

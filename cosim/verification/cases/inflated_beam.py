@@ -8,8 +8,8 @@ from typing import ClassVar, final
 
 import numpy as np
 
-from cosim.verification.case import Case, Figure
-from cosim.verification.inflated_tube import FORCE_N, PRESSURE_PA, ROWS, SIDES, InflatedTube
+from cosim.verification.support.case import Case, Figure
+from cosim.verification.support.inflated_tube import FORCE_N, PRESSURE_PA, ROWS, SIDES, InflatedTube
 
 
 @final

@@ -9,10 +9,10 @@ from typing import ClassVar, final
 import numpy as np
 from scipy.special import gamma
 
-from cosim.soft.film import Film
-from cosim.verification.case import Case, Figure
-from cosim.verification.cushion import inflated_cushion
-from cosim.verification.meshes import quarter_disc
+from cosim.soft.elements.material import Film
+from cosim.verification.support.case import Case, Figure
+from cosim.verification.support.cushion import inflated_cushion
+from cosim.verification.support.meshes import quarter_disc
 
 FILM = Film(1e10, 0.3, 1e-3, "tension_field")
 RADIUS_M = 1.0

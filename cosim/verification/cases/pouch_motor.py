@@ -8,9 +8,9 @@ from typing import ClassVar, final
 
 import numpy as np
 
-from cosim.verification.case import Case, Figure
-from cosim.verification.sheet import PRESSURE_PA, Sheet
-from cosim.verification.specimen import Specimen
+from cosim.verification.support.case import Case, Figure
+from cosim.verification.support.sheet import PRESSURE_PA, Sheet
+from cosim.verification.support.specimen import Specimen
 
 ANGLES_DEG = (30.0, 60.0, 80.0)
 PANELS = 40

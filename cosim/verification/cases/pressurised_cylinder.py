@@ -7,12 +7,12 @@ from typing import ClassVar, final
 
 import numpy as np
 
-from cosim.soft.body import SoftBody
-from cosim.soft.film import Film
-from cosim.soft.newton import NewtonOptions
-from cosim.verification.case import Case, Figure
-from cosim.verification.meshes import held_on_axis, tube
-from cosim.verification.specimen import UNLOADED, Specimen
+from cosim.soft.body.body import SoftBody
+from cosim.soft.elements.material import Film
+from cosim.soft.solve.newton import NewtonOptions
+from cosim.verification.support.case import Case, Figure
+from cosim.verification.support.meshes import held_on_axis, tube
+from cosim.verification.support.specimen import UNLOADED, Specimen
 
 FILM = Film(300e6, 0.3, 1e-4)
 RADIUS_M, LENGTH_M = 0.04, 0.08

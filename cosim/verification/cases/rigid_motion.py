@@ -8,14 +8,15 @@ from typing import ClassVar, final, get_args
 
 import numpy as np
 
-from cosim.frames import Array, rotation_from_vector
-from cosim.soft.body import Loads, SoftBody
-from cosim.soft.cable import Cable
-from cosim.soft.chamber import PolygonalStack
-from cosim.soft.film import Film, FilmLaw
-from cosim.soft.surface import dihedral_angle, interior_hinges
-from cosim.soft.system import SoftSystem
-from cosim.verification.case import Case, Figure, observed_order
+from cosim.base.frames import Array, rotation_from_vector
+from cosim.soft.body.body import SoftBody
+from cosim.soft.body.loads import Loads
+from cosim.soft.elements.cable import Cable
+from cosim.soft.elements.material import Film, FilmLaw
+from cosim.soft.geometry.polygonal_stack import PolygonalStack
+from cosim.soft.geometry.surface import dihedral_angle, interior_hinges
+from cosim.soft.solve.assembly import SoftSystem
+from cosim.verification.support.case import Case, Figure, observed_order
 
 LOADS = Loads(20e3, (2.0, 3.0), (0.0, 0.0, 0.0))
 STEPS_M = (4e-6, 2e-6)

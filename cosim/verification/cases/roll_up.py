@@ -8,11 +8,11 @@ from typing import ClassVar, final
 
 import numpy as np
 
-from cosim.frames import Array
-from cosim.soft.equilibrium import Equilibrium
-from cosim.verification.case import Case, Figure
-from cosim.verification.specimen import UNLOADED, Specimen
-from cosim.verification.strip import Strip
+from cosim.base.frames import Array
+from cosim.soft.solve.equilibrium import Equilibrium
+from cosim.verification.support.case import Case, Figure
+from cosim.verification.support.specimen import UNLOADED, Specimen
+from cosim.verification.support.strip import Strip
 
 PANELS = 40
 STEPS = 16

@@ -9,13 +9,13 @@ from typing import ClassVar, final
 import numpy as np
 from scipy.optimize import brentq
 
-from cosim.soft.body import SoftBody
-from cosim.soft.film import Film
-from cosim.soft.gas import SealedGas, STANDARD_ATMOSPHERE_Pa
-from cosim.soft.newton import NewtonOptions
-from cosim.verification.case import Case, Figure
-from cosim.verification.meshes import octant_sphere
-from cosim.verification.specimen import UNLOADED, Specimen
+from cosim.soft.body.body import SoftBody
+from cosim.soft.elements.gas import SealedGas, STANDARD_ATMOSPHERE_Pa
+from cosim.soft.elements.material import Film
+from cosim.soft.solve.newton import NewtonOptions
+from cosim.verification.support.case import Case, Figure
+from cosim.verification.support.meshes import octant_sphere
+from cosim.verification.support.specimen import UNLOADED, Specimen
 
 FILM = Film(20e6, 0.3, 1e-4)
 RADIUS_M = 0.04

@@ -6,10 +6,10 @@ import math
 from dataclasses import dataclass
 from typing import ClassVar, final
 
-from cosim.soft.film import Film
-from cosim.verification.case import Case, Figure
-from cosim.verification.cushion import inflated_cushion, square_edge
-from cosim.verification.meshes import quarter_square
+from cosim.soft.elements.material import Film
+from cosim.verification.support.case import Case, Figure
+from cosim.verification.support.cushion import inflated_cushion, square_edge
+from cosim.verification.support.meshes import quarter_square
 
 FILM = Film(588e6, 0.4, 6e-4, "tension_field")
 SIDE_M = 1.2 / math.sqrt(2.0)

@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar, final
 
-from cosim.soft.film import Film
-from cosim.verification.case import Case, Figure
-from cosim.verification.cushion import inflated_cushion, square_edge
-from cosim.verification.meshes import quarter_square
+from cosim.soft.elements.material import Film
+from cosim.verification.support.case import Case, Figure
+from cosim.verification.support.cushion import inflated_cushion, square_edge
+from cosim.verification.support.meshes import quarter_square
 
 FILM = Film(1e9, 0.3, 1e-3, "tension_field")
 PRESSURE_PA = 100.0

@@ -9,10 +9,10 @@ from typing import ClassVar, final
 import numpy as np
 
 from cosim.errors import ConvergenceError
-from cosim.soft.equilibrium import Equilibrium
-from cosim.verification.case import Case, Figure
-from cosim.verification.sheet import PRESSURE_PA, Sheet
-from cosim.verification.specimen import Specimen
+from cosim.soft.solve.equilibrium import Equilibrium
+from cosim.verification.support.case import Case, Figure
+from cosim.verification.support.sheet import PRESSURE_PA, Sheet
+from cosim.verification.support.specimen import Specimen
 
 GAPS = (0.2, 0.4)
 PANELS = 80

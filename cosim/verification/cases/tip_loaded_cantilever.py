@@ -9,9 +9,9 @@ from typing import ClassVar, final
 from scipy.optimize import brentq
 from scipy.special import ellipe, ellipeinc, ellipk, ellipkinc
 
-from cosim.verification.case import Case, Figure
-from cosim.verification.specimen import UNLOADED
-from cosim.verification.strip import Strip
+from cosim.verification.support.case import Case, Figure
+from cosim.verification.support.specimen import UNLOADED
+from cosim.verification.support.strip import Strip
 
 LOADS = (0.5, 1.0, 2.0, 5.0, 10.0)
 COARSE, FINE = 12, 24

@@ -1,0 +1,1 @@
+"""Runs and their files: `cosim.run`, `cosim.Simulation`, checkpoints, results."""

@@ -1,0 +1,64 @@
+"""Running a scenario from Python."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from cosim.app.driver import Options, build_simulation, execute, rerun_recorder
+from cosim.app.first_run import log, prepared
+from cosim.app.result import ResultBuilder, RunResult
+from cosim.app.run_files import default_directory
+from cosim.config.loading import load_scenario
+from cosim.config.schema.scenario import Scenario
+from cosim.errors import RunInterrupted
+
+if TYPE_CHECKING:
+    from cosim.devices.controller import AnyController
+
+
+def run(
+    scenario: str | Path | Scenario,
+    *,
+    overrides: Mapping[str, Any] | None = None,
+    out: str | Path | None = None,
+    recording: bool = False,
+    controllers: Mapping[str, AnyController] | None = None,
+) -> RunResult:
+    """Run a scenario and return its arrays.
+
+    Args:
+        scenario: name of a scenario that comes with cosim, path of a .toml file, or a scenario.
+        overrides: values by key path, such as {"mode": "quasistatic", "phase.inflate.pressure_Pa": 20e3}.
+        out: directory for scenario.toml, summary.json and the recording; None writes none unless a
+            recording is asked for, which then goes to `runs/`.
+        recording: whether to write `recording.rrd`.
+        controllers: the scenario's controllers of kind "python", by name.
+
+    Raises:
+        InputError: the scenario is wrong or asks for what cannot be reached.
+        SolverError: the physics could not be solved; `result` of the error holds the arrays until then, as it
+            does of whatever else is raised in the middle of a run, such as by a controller.
+        RunInterrupted: by Ctrl-C; the same.
+    """
+    started = time.perf_counter()
+    checked = prepared(load_scenario(scenario, overrides), log, recording=recording)
+    directory = Path(out) if out is not None else default_directory(checked.name) if recording else None
+    arrays = ResultBuilder(checked.recording.frames_per_s)
+    options = Options(directory, rerun_recorder if recording else None, [arrays])
+    build = build_simulation if controllers is None else partial(build_simulation, controllers=controllers)
+    outcome = execute(checked, build, options, started)
+    result = arrays.result(outcome.summary, directory)
+    for line in outcome.summary["warnings"]:
+        log(line)
+    if outcome.error is None:
+        return result
+    interrupted = isinstance(outcome.error, KeyboardInterrupt)
+    error = RunInterrupted(*outcome.error.args) if interrupted else outcome.error
+    vars(error)["result"] = result
+    if directory is not None:
+        error.add_note(f"what was simulated is in {directory}")
+    raise error from outcome.error.__cause__ if error is outcome.error else outcome.error

@@ -1,0 +1,293 @@
+"""Checkpoints: what a run needs to go on is written now and then, and when it ends early."""
+
+from __future__ import annotations
+
+import json
+import time
+import warnings
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Protocol, final
+
+from cosim.app.code_identity import code_identity
+from cosim.app.loaded_files import changed_file
+from cosim.app.run_files import CHECKPOINT, SCENARIO, SUMMARY, RunFiles
+from cosim.app.shown_state import check_shown, naming, sizes_of
+from cosim.base.state_archive import read_archive, read_header, write_archive
+from cosim.base.state_check import check_state
+from cosim.base.stateful import Stateful
+from cosim.errors import InputError
+from cosim.telemetry.snapshot import Snapshot, Stage
+from cosim.telemetry.summary import Status, SummaryBuilder, SummaryState
+
+_KEEP_TICKS = 20  # one for every tick would cost some percent: each makes the next factorisation a copy
+_KEEP_S = 0.1  # fast ticks are solved again in no time
+_KEEP_AT_LAST_S = 1.0
+
+
+@final
+@dataclass(frozen=True)
+class Checkpoint:
+    """A run between two ticks.
+
+    Args:
+        run: state of the simulation.
+        summary: figures so far; holds the last snapshot.
+        first: snapshot of the run; recordings take their layout from it.
+        run_id: joins the recordings of the run.
+        startup_s: wall time of all starts so far.
+        wall_s: wall time of all loops over the ticks so far.
+        resumed_at_ticks: where the run went on before.
+    """
+
+    run: Any
+    summary: SummaryState
+    first: Snapshot
+    run_id: str
+    startup_s: float
+    wall_s: float
+    resumed_at_ticks: tuple[int, ...]
+
+
+@final
+@dataclass(frozen=True)
+class Origin:
+    """Where a loop over the ticks starts.
+
+    Args:
+        run_id: joins the recordings of a run.
+        startup_s: wall time of all starts, this one included.
+        wall_s: wall time of all loops before.
+        resumed_at_ticks: ticks after which the run went on, this time included.
+        checkpoint: that it goes on from.
+    """
+
+    run_id: str
+    startup_s: float = 0.0
+    wall_s: float = 0.0
+    resumed_at_ticks: tuple[int, ...] = ()
+    checkpoint: Checkpoint | None = None
+
+    @classmethod
+    def of(cls, run_id: str, checkpoint: Checkpoint | None) -> Origin:
+        """Return the start of a new run of that name, or of the part that goes on from a checkpoint."""
+        if checkpoint is None:
+            return cls(run_id)
+        return cls(
+            checkpoint.run_id,
+            checkpoint.startup_s,
+            checkpoint.wall_s,
+            (*checkpoint.resumed_at_ticks, checkpoint.summary.tick),
+            checkpoint,
+        )
+
+    def after(self, startup_s: float) -> Origin:
+        """Return the same with the wall time of this start counted."""
+        return replace(self, startup_s=self.startup_s + startup_s)
+
+    @property
+    def before(self) -> tuple[Snapshot, Snapshot] | None:
+        """First snapshot of the run, and the one that the loop goes on from; None for a new run."""
+        return self.checkpoint and (self.checkpoint.first, self.checkpoint.summary.last)
+
+
+class Saves(Stateful[Any], Protocol):
+    """A simulation, as far as checkpoints need it."""
+
+    @property
+    def saves_now(self) -> bool:
+        """Whether its state is that of the last snapshot: it may have been stepped ahead."""
+
+    def steps(self) -> Iterator[Snapshot]:
+        """Yield the states to come."""
+
+
+@final
+class CheckpointKeeper:
+    """Keeps a state in memory now and then, and writes one now and then and when the run ends early.
+
+    Args:
+        simulation: whose state.
+        summary: whose figures; it sees every snapshot first.
+        origin: of the loop.
+        files: of the run.
+        every_s: wall time between two checkpoints; infinite for one at an early end only.
+        before_writing: brings other files up to the tick of the checkpoint.
+    """
+
+    def __init__(
+        self,
+        simulation: Saves,
+        summary: SummaryBuilder,
+        origin: Origin,
+        files: RunFiles,
+        every_s: float,
+        before_writing: Callable[[], None],
+    ) -> None:
+        self._simulation, self._summary, self._origin = simulation, summary, origin
+        self._files, self._path = files, files.directory / CHECKPOINT
+        self._every_s, self._before_writing = every_s, before_writing
+        before = origin.checkpoint
+        self._first = before and before.first
+        self._kept: tuple[Any, SummaryState] | None = before and (before.run, before.summary)
+        self._age_ticks = 0
+        self._began = self._written = self._renewed = time.perf_counter()
+
+    def observe(self, snapshot: Snapshot) -> None:
+        """Take in one snapshot; the summary has seen it already."""
+        self._first = self._first or snapshot
+        self._age_ticks += 1
+        age_s = time.perf_counter() - self._renewed
+        old = age_s >= _KEEP_S and (self._age_ticks >= _KEEP_TICKS or age_s >= _KEEP_AT_LAST_S)
+        if (old and self._simulation.saves_now) or self._kept is None:
+            self._keep()
+
+    def write_when_due(self, _snapshot: Snapshot) -> None:
+        """Write a checkpoint if the last one is old; everything else has seen the tick already."""
+        if time.perf_counter() - self._written >= self._every_s and self._simulation.saves_now:
+            self._before_writing()
+            self._keep()
+            self._write()
+            self._written = time.perf_counter()
+
+    def end(self, status: Status, error: BaseException | None) -> None:
+        """Write the state before what ended the run early; remove the checkpoint of a completed run.
+
+        Args:
+            status: how the run ended.
+            error: what was raised, in the middle of a tick.
+        """
+        if status == "completed":
+            self._path.unlink(missing_ok=True)
+            return
+        if error is None and self._simulation.saves_now:
+            self._keep()
+        elif error is None or isinstance(error, Exception):
+            self._catch_up()
+        # whoever interrupts in the middle of a tick does not want to wait: the state in memory will do
+        self._write()
+
+    def _keep(self) -> None:
+        self._kept = self._simulation.save_state(), self._summary.save_state()
+        self._age_ticks, self._renewed = 0, time.perf_counter()
+
+    def _catch_up(self) -> None:
+        """Solve again what was solved since the state in memory, bit for bit, up to the failure."""
+        if self._kept is None:
+            return
+        run, figures = self._kept
+        wanted = self._summary.save_state().tick
+        try:
+            self._simulation.restore_state(run)
+            if figures.tick < wanted:
+                next(snapshot for snapshot in self._simulation.steps() if snapshot.tick == wanted)
+        except Exception:  # whatever it is, the older state is better than none
+            return
+        self._keep()
+
+    def _write(self) -> None:
+        """Write the state that is kept; nothing before the first snapshot."""
+        if self._kept is None or self._first is None:
+            return
+        run, summary = self._kept
+        origin = self._origin
+        wall_s = origin.wall_s + time.perf_counter() - self._began
+        state = Checkpoint(
+            run, summary, self._first, origin.run_id, origin.startup_s, wall_s, origin.resumed_at_ticks
+        )
+        header = {
+            "tick": summary.tick,
+            "loaded": dict(self._files.loaded),
+            "written_by": code_identity(),
+        }
+        try:
+            write_archive(self._path, header, state)
+        except (OSError, TypeError) as error:  # a full disk, or a controller's state of an unknown kind
+            # the run itself is sound, and its other files are still to be written
+            warnings.warn(f"no checkpoint could be written: {error}", RuntimeWarning, stacklevel=2)
+
+
+def check_resumable(directory: Path) -> None:
+    """Check that a directory holds a run that is not complete, with its checkpoint.
+
+    Raises:
+        InputError: there is no run, it is complete, or it left no checkpoint.
+    """
+    scenario, path, where = directory / SCENARIO, directory / CHECKPOINT, f"--resume {directory}:"
+    if not scenario.is_file():
+        raise InputError(f"{where} holds no run, for want of a {SCENARIO}; start one: cosim run SCENARIO")
+    if not path.is_file():
+        if _status(directory) == "completed":
+            raise InputError(f"{where} this run is completed; nothing is left to do")
+        raise InputError(f"{where} the run left no {CHECKPOINT}; run it anew: cosim run {scenario}")
+
+
+def tick_to_resume(directory: Path, loaded: Mapping[str, str]) -> int:
+    """Return the tick after which the run in a directory can go on.
+
+    Args:
+        directory: of the run.
+        loaded: digests of what was loaded to go on with.
+
+    Raises:
+        InputError: the checkpoint cannot be read, another program wrote it, or the scenario or a file that it
+            names has been changed since.
+    """
+    scenario, path, where = directory / SCENARIO, directory / CHECKPOINT, f"--resume {directory}:"
+    header = read_header(path)
+    changed = changed_file(_table(header, "loaded"), loaded)
+    if changed is not None:
+        raise InputError(
+            f"{where} {changed} has been changed since the run began; run it anew, or branch from Python: "
+            f"cosim.Simulation({str(scenario)!r}, start={str(path)!r})"
+        )
+    before, here = _table(header, "written_by"), code_identity()
+    other = [f"{key} {before.get(key)} (now {here[key]})" for key in here if here[key] != before.get(key)]
+    if other:
+        raise InputError(
+            f"{where} the checkpoint was written with {', '.join(other)}; the run would not go on bit for "
+            f"bit; run it anew: cosim run {scenario}"
+        )
+    tick = header.get("tick")
+    if not isinstance(tick, int):
+        raise InputError(f"{where} {CHECKPOINT} does not say after which tick it was written")
+    return tick
+
+
+def read_checkpoint(directory: Path, simulation: Saves, stage: Stage) -> Checkpoint:
+    """Return the checkpoint of a run, with the simulation, which has been built, brought to it.
+
+    Args:
+        directory: of the run.
+        simulation: goes on from there.
+        stage: of the simulation.
+
+    Raises:
+        InputError: it cannot be read, or is not one of this simulation.
+    """
+    path = directory / CHECKPOINT
+    found = read_archive(path)
+    if not isinstance(found, Checkpoint):
+        raise InputError(f"{path}: holds no checkpoint but a {type(found).__name__}")
+    with naming(path):
+        check_state(found, None, Checkpoint, place="checkpoint", sizes=sizes_of(stage), finite=False)
+        for snapshot in (found.first, found.summary.last):
+            check_shown(snapshot, stage)
+        SummaryBuilder(stage, 0.0, "", ()).restore_state(found.summary)
+        simulation.restore_state(found.run)
+    return found
+
+
+def _table(header: Mapping[str, Any], key: str) -> dict[str, Any]:
+    """Return a table of a header; an empty one where something else stands in its place."""
+    found = header.get(key)
+    return found if isinstance(found, dict) else {}
+
+
+def _status(directory: Path) -> str | None:
+    try:
+        status: str | None = json.loads((directory / SUMMARY).read_text(encoding="utf-8")).get("status")
+    except (OSError, ValueError):
+        return None
+    return status

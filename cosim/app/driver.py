@@ -1,0 +1,297 @@
+"""Runs a built simulation: feeds its snapshots to observers, and ends in good order whatever happens."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from itertools import chain, islice
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Any, Protocol, final
+from uuid import uuid4
+
+from cosim._version import __version__
+from cosim.app.checkpoint import Checkpoint, CheckpointKeeper, Origin, read_checkpoint
+from cosim.app.loaded_files import loaded_digests
+from cosim.app.run_files import RECORDING, RunFiles
+from cosim.base.resources import cache_directory
+from cosim.base.stateful import Stateful
+from cosim.config.schema.scenario import Scenario
+from cosim.config.schema.solver import Recording
+from cosim.errors import SolverError
+from cosim.recording.recorder import NullRecorder, Part, Recorder
+from cosim.telemetry.block import READ_AT_ONCE
+from cosim.telemetry.snapshot import Snapshot, Stage
+from cosim.telemetry.summary import Status, SummaryBuilder, reason_of, summary_markdown
+
+if TYPE_CHECKING:
+    from cosim.devices.controller import AnyController
+    from cosim.telemetry.choices import Choices
+
+Observe = Callable[[Snapshot], None]
+
+
+class Simulation(Stateful[Any], Protocol):
+    """What can be run; `steps` goes on from a restored state."""
+
+    @property
+    def stage(self) -> Stage:
+        """Everything that does not change during the run."""
+
+    @property
+    def saves_now(self) -> bool:
+        """Whether `save_state` may be called: not while it is stepped ahead of what it has yielded."""
+
+    def steps(self, ahead: int = 1, most: int | None = None) -> Iterator[Snapshot]:
+        """Yield the state before the first tick, unless the run has begun, then that after every tick.
+
+        Args:
+            ahead: ticks that may be taken before the first of them is yielded.
+            most: states to yield, and ticks to take for them; None for all.
+        """
+
+
+class Watcher(Protocol):
+    """What follows a run while it lasts."""
+
+    def open(self, stage: Stage) -> None:
+        """The simulation is built; nothing has been written yet."""
+
+    def observe(self, snapshot: Snapshot) -> None:
+        """Take in one snapshot."""
+
+    def close(self) -> None:
+        """The run has ended, one way or another."""
+
+
+@final
+@dataclass(frozen=True)
+class Ending:
+    """How a run ended; `error` is None unless something was raised."""
+
+    status: Status
+    reason: str | None = None
+    error: BaseException | None = None
+
+
+@final
+@dataclass(frozen=True)
+class Options:
+    """How a scenario is run.
+
+    Args:
+        directory: where the files go; None writes none.
+        make_recorder: makes the recorder of a file; None for no recording.
+        watchers: shown every snapshot.
+        stop: asked after every tick; a text ends the run as interrupted, for that reason.
+        checkpoint_every_s: wall time between two checkpoints in the directory.
+        resume: whether to go on with the run in the directory, from its checkpoint.
+    """
+
+    directory: Path | None = None
+    make_recorder: Callable[[Path, Recording, Part], Recorder] | None = None
+    watchers: Sequence[Watcher] = ()
+    stop: Callable[[], str | None] = lambda: None
+    checkpoint_every_s: float = 30.0
+    resume: bool = False
+
+
+@final
+@dataclass(frozen=True)
+class Outcome:
+    """What is left of a run.
+
+    Args:
+        summary: as in summary.json.
+        error: what ended the run, if anything was raised.
+    """
+
+    summary: dict[str, Any]
+    error: BaseException | None
+
+
+def execute(
+    scenario: Scenario, build: Callable[[Scenario], Simulation], options: Options, started: float
+) -> Outcome:
+    """Build and run a scenario, or the rest of it; the files are complete when this returns.
+
+    Args:
+        scenario: checked.
+        build: makes the simulation.
+        options: see there.
+        started: `time.perf_counter()` at the start of the command.
+
+    Raises:
+        InputError: the scenario cannot be built, the directory not be written, or the checkpoint not be read;
+            nothing was written.
+    """
+    with ExitStack() as stack:
+        files = None
+        if options.directory is not None:
+            files = RunFiles(options.directory, loaded_digests(scenario), resume=options.resume)
+            stack.enter_context(files)
+        simulation, earlier = build(scenario), None
+        if options.resume:
+            assert options.directory is not None, "a run is resumed in its directory"
+            earlier = read_checkpoint(options.directory, simulation, simulation.stage)
+        first, snapshots = _with_first(simulation.steps(READ_AT_ONCE))
+        for watcher in options.watchers:
+            watcher.open(simulation.stage)
+            stack.callback(watcher.close)
+        return _run(scenario, simulation, first, snapshots, options, earlier, started, files)
+
+
+def _run(
+    scenario: Scenario,
+    simulation: Simulation,
+    first: Snapshot | None,
+    snapshots: Iterator[Snapshot],
+    options: Options,
+    earlier: Checkpoint | None,
+    started: float,
+    files: RunFiles | None,
+) -> Outcome:
+    origin = Origin.of(uuid4().hex, earlier)
+    recorder = _begin_files(scenario, options, files, Part(origin.run_id, origin.before))
+    recorder.open(simulation.stage)
+    if first is not None:
+        recorder.lay_out(first)
+    loop_started = time.perf_counter()
+    origin = origin.after(loop_started - started)
+    summary = SummaryBuilder(simulation.stage, origin.startup_s, __version__, origin.resumed_at_ticks)
+    if earlier is not None:
+        summary.restore_state(earlier.summary)
+    observers: list[Observe] = [summary.observe, recorder.record]
+    keeper = None
+    if files is not None:
+        every_s = options.checkpoint_every_s
+        keeper = CheckpointKeeper(simulation, summary, origin, files, every_s, recorder.flush)
+        observers = [summary.observe, keeper.observe, recorder.record, keeper.write_when_due]
+    observers += [watcher.observe for watcher in options.watchers]
+    ending = drive(snapshots, observers, options.stop, recorder.flush)
+    wall_s = origin.wall_s + time.perf_counter() - loop_started
+    if keeper is not None:
+        keeper.end(ending.status, ending.error)
+    figures = summary.finish(ending.status, ending.reason, wall_s)
+    try:
+        recorder.close(summary_markdown(figures), ending.status)
+    finally:
+        if files is not None:
+            files.finish(figures)
+    return Outcome(figures, ending.error)
+
+
+def _begin_files(scenario: Scenario, options: Options, files: RunFiles | None, part: Part) -> Recorder:
+    if files is None:
+        return NullRecorder()
+    if options.resume:
+        files.go_on()
+    else:
+        files.begin(scenario)
+    if options.make_recorder is None:
+        return NullRecorder()
+    return options.make_recorder(files.next_recording(), scenario.recording, part)
+
+
+def build_simulation(
+    scenario: Scenario,
+    controllers: Mapping[str, AnyController] | None = None,
+    before: Choices | None = None,
+) -> Simulation:
+    """Return the simulation of a checked scenario; loads the engines, which wrong input need not wait for.
+
+    Args:
+        scenario: checked.
+        controllers: of kind "python", by name.
+        before: of the run whose state it goes on from; None for a run from its start.
+    """
+    from cosim.build.simulation import build
+
+    return build(scenario, controllers, before)
+
+
+def with_fidelity_chosen(scenario: Scenario, tell: Callable[[str], None]) -> Scenario:
+    """Return the scenario with `fidelity = "auto"` replaced by what meets its `[auto]`; build what it needs.
+
+    Args:
+        scenario: checked.
+        tell: told what is measured, and what is chosen.
+
+    Raises:
+        ScenarioError: nothing meets it.
+    """
+    if scenario.fidelity == "auto":
+        from cosim.trade.auto import settled  # here: few runs measure anything
+
+        scenario = settled(scenario, build_simulation, cache_directory(), tell, recorded)
+    if scenario.fidelity == "section":
+        from cosim.build.section_cache import section_model  # here, as few runs build one
+
+        section_model(scenario, tell)
+    return scenario
+
+
+@contextmanager
+def recorded(scenario: Scenario, stage: Stage) -> Iterator[Observe]:
+    """Do with every snapshot what a run does: sum it up and record it; the recording is thrown away."""
+    with TemporaryDirectory() as directory:
+        recorder = rerun_recorder(Path(directory) / RECORDING, scenario.recording, Part(uuid4().hex))
+        recorder.open(stage)
+        summary = SummaryBuilder(stage, 0.0, __version__)
+
+        def observe(snapshot: Snapshot) -> None:
+            summary.observe(snapshot)
+            recorder.record(snapshot)
+
+        try:
+            yield observe
+        finally:
+            recorder.close("", "completed")
+
+
+def rerun_recorder(path: Path, settings: Recording, part: Part) -> Recorder:
+    """Return the recorder that writes a Rerun recording."""
+    from cosim.recording.rerun_recorder import RerunRecorder
+
+    return RerunRecorder(path, frames_per_s=settings.frames_per_s, part=part)
+
+
+def drive(
+    snapshots: Iterator[Snapshot],
+    observers: Sequence[Observe],
+    stop: Callable[[], str | None],
+    at_end: Callable[[], None] = lambda: None,
+) -> Ending:
+    """Feed every snapshot to every observer, in order, until a stop, an exception or the end (`at_end`)."""
+    try:
+        for snapshot in snapshots:
+            for observe in observers:
+                observe(snapshot)
+            reason = stop()
+            if reason is not None:
+                return Ending("interrupted", reason)
+        at_end()  # what observers still gather belongs to the time of the loop
+    except KeyboardInterrupt as error:
+        return Ending("interrupted", "keyboard interrupt", error)
+    except Exception as error:  # whatever it is, the recording and the summary are to be readable
+        return Ending("failed", reason_of(error), error)
+    return Ending("completed")
+
+
+def _with_first(steps: Iterator[Snapshot]) -> tuple[Snapshot | None, Iterator[Snapshot]]:
+    """Compute the first snapshot now: wrong input then shows before anything is written.
+
+    Returns:
+        it, unless it could not be found or nothing is left; and all snapshots.
+    """
+    try:
+        first = list(islice(steps, 1))
+    except SolverError as error:
+        return None, map(_raise, [error])  # raised inside the loop, which writes what is known
+    return (first[0] if first else None), chain(first, steps)
+
+
+def _raise(error: SolverError) -> Snapshot:
+    raise error

@@ -1,0 +1,45 @@
+"""What a first run on a machine waits for: kernels are compiled, section models built, choices measured."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable
+from types import ModuleType
+
+from cosim.app.driver import with_fidelity_chosen
+from cosim.build.kernel_modules import kernel_modules
+from cosim.config.schema.scenario import Scenario
+
+
+def prepared(scenario: Scenario, tell: Callable[[str], None], *, recording: bool) -> Scenario:
+    """Return the scenario with its fidelity chosen; whatever its loop calls is compiled when this returns.
+
+    Args:
+        scenario: checked.
+        tell: told in one sentence, beforehand, what takes long.
+        recording: whether the run is recorded.
+
+    Raises:
+        ScenarioError: no fidelity meets its `[auto]`.
+    """
+    from cosim.soft.solve.compilation import compile_kernels  # here, so that wrong input needs no engine
+
+    compile_kernels(tell, _modules(scenario, recording))
+    chosen = with_fidelity_chosen(scenario, tell)
+    compile_kernels(tell, _modules(chosen, recording))
+    return chosen
+
+
+def log(text: str) -> None:
+    """Tell whoever runs cosim from Python: by the logger "cosim", on the screen unless that is set up."""
+    logging.getLogger("cosim").warning(text)
+
+
+def _modules(scenario: Scenario, recording: bool) -> tuple[ModuleType, ...]:
+    """Return the modules with kernels that some runs do without."""
+    modules = kernel_modules(scenario)
+    if recording:
+        from cosim.recording import membrane_colours
+
+        modules = (membrane_colours, *modules)
+    return modules

@@ -1,0 +1,194 @@
+"""A scenario stepped by hand: saved, restored and branched between two ticks."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from itertools import chain
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, final
+
+from cosim.app.checkpoint import Checkpoint
+from cosim.app.driver import build_simulation
+from cosim.app.first_run import log, prepared
+from cosim.app.result import result_of
+from cosim.app.shown_state import check_shown, naming
+from cosim.base.state_archive import read_archive, write_archive
+from cosim.base.state_check import check_state
+from cosim.config.loading import load_scenario
+from cosim.config.schema.scenario import Scenario
+from cosim.errors import InputError
+from cosim.run.stepped_run import RunState
+from cosim.telemetry.block import READ_AT_ONCE
+from cosim.telemetry.choices import Choices
+from cosim.telemetry.snapshot import Snapshot, Stage
+
+if TYPE_CHECKING:
+    from cosim.devices.controller import AnyController
+
+
+@final
+@dataclass(frozen=True, repr=False)
+class SavedState:
+    """A simulation between two ticks; made by `Simulation.save`.
+
+    Args:
+        run: what the ticks to come depend on.
+        snapshot: what it shows of itself.
+    """
+
+    run: Any
+    snapshot: Snapshot
+
+    def write(self, path: str | Path) -> None:
+        """Write the state to a file, from which `Simulation(..., start=path)` goes on."""
+        write_archive(Path(path), {"tick": self.snapshot.tick}, self)
+
+    def __repr__(self) -> str:
+        """Return one line: where the simulation is."""
+        return f"SavedState after tick {self.snapshot.tick}, at {self.snapshot.time_s:g} s"
+
+
+@final
+class Simulation:
+    """A scenario that is stepped by hand; a pickled one goes on bit for bit.
+
+    Args:
+        scenario: name of a scenario that comes with cosim, path of a .toml file, or a scenario.
+        overrides: values by key path, such as {"phase.lift.cable_tension_N": [...]}.
+        start: what to go on from instead of the state at rest: a saved state, a file of one, or the
+            checkpoint.npz of a run. The scenario may differ from the one that was saved, as long as bodies,
+            joints and nodes are as many; what differs acts from the next tick on.
+        controllers: the scenario's controllers of kind "python", by name.
+
+    Raises:
+        InputError: the scenario is wrong, asks for what cannot be reached, or `start` does not fit.
+        SolverError: there is no state at rest to start from.
+    """
+
+    def __init__(
+        self,
+        scenario: str | Path | Scenario,
+        *,
+        overrides: Mapping[str, Any] | None = None,
+        start: SavedState | str | Path | None = None,
+        controllers: Mapping[str, AnyController] | None = None,
+    ) -> None:
+        self.scenario = prepared(load_scenario(scenario, overrides), log, recording=False)
+        self._controllers = controllers
+        before = start.run.choices if isinstance(start, SavedState) else None
+        self._run = build_simulation(self.scenario, controllers, before)
+        if start is None:
+            self._snapshot = next(self._run.steps())
+            return
+        saved = _read(start)
+        # what is in a file can be read once something like it has been built
+        if saved.run.choices.contact not in self.stage.modelled:
+            self._run = build_simulation(self.scenario, controllers, saved.run.choices)
+        self.restore(start)
+
+    @property
+    def stage(self) -> Stage:
+        """Everything that does not change during the run."""
+        return self._run.stage
+
+    @property
+    def snapshot(self) -> Snapshot:
+        """The present state, as it shows itself."""
+        return self._snapshot
+
+    @property
+    def ticks_left(self) -> int:
+        """Ticks to the end of the scenario."""
+        return self.stage.ticks - self._snapshot.tick
+
+    def step(self, ticks: int = 1) -> Snapshot:
+        """Advance by some ticks and return what is there then.
+
+        Raises:
+            InputError: the scenario ends before.
+            SolverError: the physics could not be solved; the simulation is where it was before that tick, as
+                it is after whatever else is raised, such as by a controller. `result` of the error holds the
+                arrays of the ticks of this call that were solved.
+            KeyboardInterrupt: of the user; the simulation is where it was before all these ticks.
+        """
+        if not 0 <= ticks <= self.ticks_left:
+            raise InputError(f"{ticks} ticks were asked for; the scenario has {self.ticks_left} left")
+        before, shown, done = self._run.save_state(), self._snapshot, 0
+        try:
+            for snapshot in self._run.steps(READ_AT_ONCE, ticks):
+                self._snapshot, done = snapshot, done + 1
+        except Exception as error:
+            # the ticks that were solved are solved again: cheaper than to keep a state before every one
+            self._run.restore_state(before)
+            solved = chain([shown], self._run.steps(READ_AT_ONCE, done))
+            frames_per_s = self.scenario.recording.frames_per_s
+            vars(error)["result"] = result_of(self.stage, frames_per_s, solved, error)
+            raise
+        except KeyboardInterrupt:  # in the middle of anything
+            self._run.restore_state(before)
+            self._snapshot = shown
+            raise
+        return self._snapshot
+
+    def save(self) -> SavedState:
+        """Return the present state; it costs little, and saving has no effect on the ticks to come."""
+        return SavedState(self._run.save_state(), self._snapshot)
+
+    def restore(self, saved: SavedState | str | Path) -> None:
+        """Go to a saved state, that of a file, or a run's checkpoint.npz.
+
+        Raises:
+            InputError: the file cannot be read, or the state does not fit this scenario.
+        """
+        found = _read(saved)
+        if isinstance(saved, SavedState):
+            self._run.restore_state(found.run)
+        else:
+            with naming(Path(saved)):
+                check_shown(found.snapshot, self.stage)
+                self._run.restore_state(found.run)
+        self._snapshot = found.snapshot
+
+    def branch(self, overrides: Mapping[str, Any] | None = None) -> Simulation:
+        """Return a second simulation at the same point, with a scenario that may differ; see `start`.
+
+        Args:
+            overrides: values by key path.
+
+        Raises:
+            InputError: the changed scenario is wrong, or the present state does not fit it.
+        """
+        controllers = self._controllers
+        return Simulation(self.scenario, overrides=overrides, start=self.save(), controllers=controllers)
+
+    def __repr__(self) -> str:
+        """Return one line: what is simulated, and where it is."""
+        stage, last = self.stage, self._snapshot
+        when = f"tick {last.tick} of {stage.ticks}, {last.time_s:g} s"
+        return f"Simulation of {stage.scenario}, {stage.mode}: {when}"
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Return how to make it anew: by its scenario, from its present state."""
+        return _restored, (self.scenario, self._controllers, self.save())
+
+
+def _read(saved: SavedState | str | Path) -> SavedState:
+    """Return a saved state, that of a file, or of a run's checkpoint.
+
+    Raises:
+        InputError: the file cannot be read, or holds something else.
+    """
+    found = read_archive(Path(saved)) if isinstance(saved, str | Path) else saved
+    if isinstance(found, Checkpoint):
+        found = SavedState(found.run, found.summary.last)
+    if not isinstance(found, SavedState) or not isinstance(found.run, RunState):
+        raise InputError(f"{saved}: holds no simulation but a {type(found).__name__}")
+    check_state(found.run.choices, None, Choices, place=f"{saved}: choices")
+    return found
+
+
+def _restored(
+    scenario: Scenario, controllers: Mapping[str, AnyController] | None, saved: SavedState
+) -> Simulation:
+    return Simulation(scenario, start=saved, controllers=controllers)

@@ -1,0 +1,1 @@
+"""What every room uses: arrays, rotations and frames, kernels, frozen records, files, saved states."""

@@ -1,0 +1,94 @@
+"""Finds the data files that come with cosim: robots and scenarios.
+
+An installed wheel carries them inside the package (`cosim/_data`); a clone, or an editable install of
+one, has them at the top of the repository. Both are found without regard to the working directory.
+"""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+from cosim.errors import InputError
+
+_PACKAGE = Path(__file__).resolve().parents[1]
+
+
+def cache_directory() -> Path:
+    """Return the user's directory of kept figures and models."""
+    base = os.environ.get("XDG_CACHE_HOME")
+    return (Path(base) if base else Path.home() / ".cache") / "cosim"
+
+
+def data_directory() -> Path:
+    """Return the directory that holds `robots/` and `scenarios/`.
+
+    Raises:
+        InputError: neither the installed package nor a clone around it holds them.
+    """
+    for candidate in (_PACKAGE / "_data", _PACKAGE.parent):
+        if (candidate / "robots").is_dir() and (candidate / "scenarios").is_dir():
+            return candidate
+    raise InputError(f"no robots/ and scenarios/ beside or inside {_PACKAGE}; reinstall cosim")
+
+
+def robots_directory() -> Path:
+    """Return the directory of the robots that come with cosim."""
+    return data_directory() / "robots"
+
+
+def list_soft_robots() -> tuple[str, ...]:
+    """Return the names of the soft robots that come with cosim, sorted."""
+    return tuple(sorted(path.stem for path in robots_directory().glob("*.toml")))
+
+
+def list_scenarios() -> tuple[str, ...]:
+    """Return the names of the scenarios that come with cosim, sorted."""
+    return tuple(sorted(path.stem for path in (data_directory() / "scenarios").glob("*.toml")))
+
+
+def soft_robot_path(name_or_path: str | Path) -> Path:
+    """Return the file of a soft robot, given by name or as a path that ends in .toml.
+
+    Raises:
+        InputError: there is no such file; the message lists the names that exist.
+    """
+    return _find("soft robot", name_or_path, "robots", list_soft_robots())
+
+
+def scenario_path(name_or_path: str | Path) -> Path:
+    """Return the file of a scenario, given by name or as a path that ends in .toml.
+
+    Raises:
+        InputError: there is no such file; the message lists the names that exist.
+    """
+    return _find("scenario", name_or_path, "scenarios", list_scenarios())
+
+
+def list_object_meshes() -> tuple[str, ...]:
+    """Return the names of the mesh files that come with cosim, sorted."""
+    folder = robots_directory() / "objects"
+    return tuple(sorted(path.name for path in folder.glob("*") if path.suffix in (".stl", ".obj")))
+
+
+def object_mesh_path(name: str) -> Path:
+    """Return where a mesh file that comes with cosim is, whether or not there is one of that name."""
+    return robots_directory() / "objects" / name
+
+
+def is_file(path: Path) -> bool:
+    """Return whether there is such a file, also of a path that no file can have or that may not be seen."""
+    try:
+        return path.is_file()
+    except (OSError, ValueError):  # too long, not permitted, or a null character
+        return False
+
+
+def _find(kind: str, name_or_path: str | Path, folder: str, names: tuple[str, ...]) -> Path:
+    if isinstance(name_or_path, str) and name_or_path in names:
+        return data_directory() / folder / f"{name_or_path}.toml"
+    path = Path(name_or_path)
+    if path.suffix == ".toml" and is_file(path):
+        return path
+    hint = "" if path.suffix == ".toml" else ", or give the path of a .toml file"
+    raise InputError(f"no {kind} {str(name_or_path)!r}; there are: {', '.join(names) or 'none'}{hint}")

@@ -1,0 +1,203 @@
+"""Saved states on disk: arrays and JSON in one .npz file, made from the dataclasses themselves.
+
+Whatever is made of frozen dataclasses, enums, arrays, numbers, texts, tuples, lists, dictionaries by text and
+None is written and read back bit for bit; an array that occurs twice is stored once, and is one array again.
+Nothing is executed in reading: a class is looked up among the modules that are loaded already, and only a
+frozen dataclass or an enum is made.
+"""
+
+from __future__ import annotations
+
+import enum
+import io
+import json
+import math
+import struct
+import sys
+import zipfile
+import zlib
+from collections.abc import Mapping
+from dataclasses import fields, is_dataclass
+from pathlib import Path
+from typing import Any, final
+
+import numpy as np
+from numpy.lib import format as npy
+from numpy.typing import NDArray
+
+from cosim.base.whole_files import whole_file
+from cosim.errors import InputError
+
+ARCHIVE_SCHEMA = 1
+_STRUCTURE, _SUFFIX = "structure", ".npy"
+_DAMAGE = (
+    ArithmeticError, AttributeError, LookupError, MemoryError, NotImplementedError, RuntimeError, SyntaxError,
+    TypeError, ValueError, EOFError, zlib.error, struct.error,
+)  # fmt: skip
+"""What reading a damaged or made-up file may raise."""
+
+
+def write_archive(path: Path, header: Mapping[str, Any], state: Any) -> None:
+    """Write a state; a reader of the path sees all of it, or what was there before.
+
+    Args:
+        path: of the file.
+        header: JSON values that say whose state it is; read back by `read_header`.
+        state: see the module.
+
+    Raises:
+        TypeError: a part of the state is of a kind that cannot be written; the text names it.
+    """
+    encoder = _Encoder()
+    structure = {"schema": ARCHIVE_SCHEMA, "header": dict(header), "state": encoder.encode(state, "state")}
+    text = np.frombuffer(json.dumps(structure).encode(), dtype=np.uint8)
+    with whole_file(path) as file:
+        np.savez(file, allow_pickle=False, **{_STRUCTURE: text}, **encoder.named)
+
+
+def read_header(path: Path) -> dict[str, Any]:
+    """Return the header of an archive; nothing else is read.
+
+    Raises:
+        InputError: no archive, or one of another schema.
+    """
+    header: dict[str, Any] = _read(path, whole=False)[0]["header"]
+    return header
+
+
+def read_archive(path: Path) -> Any:
+    """Return the state in an archive. What it is made of must have been imported.
+
+    Raises:
+        InputError: no archive, one of another schema, or one whose classes are unknown or have changed.
+    """
+    structure, arrays = _read(path, whole=True)
+    try:
+        return _decode(structure["state"], arrays)
+    except (InputError, *_DAMAGE) as error:
+        raise InputError(f"{path}: {_one_line(error)}") from error
+
+
+def _read(path: Path, *, whole: bool) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
+    try:
+        with zipfile.ZipFile(path) as archive:
+            structure = json.loads(_array(archive, _STRUCTURE + _SUFFIX).tobytes())
+            names = [name for name in archive.namelist() if name.endswith(_SUFFIX)] if whole else []
+            arrays = {name.removesuffix(_SUFFIX): _array(archive, name) for name in names}
+    except OSError as error:
+        raise InputError(f"{path}: is no saved state that can be read: {error.strerror or error}") from error
+    except (*_DAMAGE, zipfile.BadZipFile) as error:
+        raise InputError(f"{path}: is no saved state that can be read: {_one_line(error)}") from error
+    found = structure.get("schema") if isinstance(structure, dict) else None
+    if found != ARCHIVE_SCHEMA or not isinstance(structure.get("header"), dict):
+        raise InputError(f"{path}: has schema {str(found)[:40]}; this cosim reads {ARCHIVE_SCHEMA}")
+    return structure, arrays
+
+
+def _array(archive: zipfile.ZipFile, name: str) -> NDArray[Any]:
+    """Return an array stored as `numpy.savez` does it: as it is, so that it is no larger in memory.
+
+    Raises:
+        ValueError: it is packed, shorter or longer than it says, or made of objects.
+    """
+    entry = archive.getinfo(name)
+    if entry.compress_type != zipfile.ZIP_STORED or entry.file_size > entry.compress_size:
+        raise ValueError(f"{name} is packed")
+    data = archive.read(entry)
+    stream = io.BytesIO(data)
+    version = npy.read_magic(stream)
+    read_header = npy.read_array_header_1_0 if version == (1, 0) else npy.read_array_header_2_0
+    shape, by_columns, dtype = read_header(stream)
+    wanted = math.prod(shape) * dtype.itemsize
+    if dtype.hasobject or min(shape, default=0) < 0 or len(data) - stream.tell() != wanted:
+        raise ValueError(f"{name} is not an array of shape {shape}")
+    array = np.frombuffer(bytearray(data[stream.tell() :]), dtype)
+    return array.reshape(shape, order="F" if by_columns else "C")
+
+
+def _one_line(error: BaseException) -> str:
+    """Return the first line of an error's text, or its kind where it has none."""
+    return (str(error).splitlines() or [""])[0][:200] or type(error).__name__
+
+
+@final
+class _Encoder:
+    """Turns values into JSON and gathers their arrays; `named` holds them by their names."""
+
+    def __init__(self) -> None:
+        self.named: dict[str, NDArray[Any]] = {}
+        self._names: dict[int, str] = {}
+
+    def encode(self, value: Any, place: str) -> Any:
+        """Return JSON for a value; `place` says where in the state it is."""
+        if value is None or (isinstance(value, bool | int | str) and not isinstance(value, enum.Enum)):
+            return value
+        if isinstance(value, float):
+            return float(value)
+        if isinstance(value, np.generic):
+            return self.encode(value.item(), place)
+        if isinstance(value, np.ndarray):
+            return {"array": self._name(value, place)}
+        if isinstance(value, tuple | list):
+            items = [self.encode(item, f"{place}[{k}]") for k, item in enumerate(value)]
+            return {"tuple" if isinstance(value, tuple) else "list": items}
+        if isinstance(value, Mapping) and all(isinstance(key, str) for key in value):
+            return {"dict": {key: self.encode(item, f"{place}.{key}") for key, item in value.items()}}
+        if isinstance(value, enum.Enum):
+            return {"enum": _class_name(type(value), place), "name": value.name}
+        if _is_frozen(type(value)):
+            held = {field.name: getattr(value, field.name) for field in fields(value) if field.init}
+            inner = {name: self.encode(item, f"{place}.{name}") for name, item in held.items()}
+            return {"class": _class_name(type(value), place), "fields": inner}
+        raise TypeError(f"{place} is a {type(value).__name__}, which no saved state can hold")
+
+    def _name(self, array: NDArray[Any], place: str) -> str:
+        if array.dtype.hasobject:
+            raise TypeError(f"{place} is an array of objects, which no saved state can hold")
+        name = self._names.setdefault(id(array), f"array_{len(self._names)}")
+        self.named[name] = array
+        return name
+
+
+def _is_frozen(kind: type) -> bool:
+    parameters = getattr(kind, "__dataclass_params__", None)
+    return is_dataclass(kind) and parameters is not None and bool(parameters.frozen)
+
+
+def _class_name(kind: type, place: str) -> str:
+    name = f"{kind.__module__}:{kind.__qualname__}"
+    if _find_class(name) is not kind:
+        raise TypeError(f"{place} is a {kind.__qualname__}, which is not at the top level of its module")
+    return name
+
+
+def _find_class(name: str) -> type | None:
+    """Return a frozen dataclass or an enum of a loaded module; None for anything else."""
+    module, _, own = name.partition(":")
+    kind = getattr(sys.modules.get(module), own, None)
+    if isinstance(kind, type) and (_is_frozen(kind) or issubclass(kind, enum.Enum)):
+        return kind
+    return None
+
+
+def _decode(value: Any, arrays: Mapping[str, NDArray[Any]]) -> Any:
+    if not isinstance(value, dict):
+        return value
+    if "array" in value:
+        return arrays[value["array"]]
+    if "tuple" in value:
+        return tuple(_decode(item, arrays) for item in value["tuple"])
+    if "list" in value:
+        return [_decode(item, arrays) for item in value["list"]]
+    if "dict" in value:
+        return {key: _decode(item, arrays) for key, item in value["dict"].items()}
+    name = value["enum"] if "enum" in value else value["class"]
+    kind = _find_class(name)
+    if kind is None:
+        raise InputError(f"the saved state holds a {name}, which this program does not know")
+    try:
+        if issubclass(kind, enum.Enum):
+            return kind[value["name"]]
+        return kind(**{key: _decode(item, arrays) for key, item in value["fields"].items()})
+    except (KeyError, TypeError) as error:
+        raise InputError(f"the saved {name} is of another version: {error}") from error

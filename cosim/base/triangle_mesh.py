@@ -1,0 +1,189 @@
+"""Closed triangle meshes from STL and OBJ files, for rigid objects.
+
+STL repeats a corner for every triangle; corners of one place become one vertex. A mesh must be closed: every
+edge belongs to two triangles that run through it in opposite directions.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import final
+
+import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from cosim.base.frames import Array, IntArray
+from cosim.errors import MeshError
+
+MESH_SUFFIXES = (".stl", ".obj")
+LARGEST_FILE_BYTES = 50_000_000
+MOST_TRIANGLES = 200_000
+MOST_SHELLS = 500
+_SMALLEST, _LARGEST = 1e-6, 1e6  # of a mesh, in the unit of its file, from um in m to km in mm
+_SAME_PLACE = 1e-6  # of the mesh's size
+_FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
+
+
+@final
+@dataclass(frozen=True)
+class TriangleMesh:
+    """A closed surface.
+
+    Args:
+        vertices: (n, 3) [m].
+        triangles: (m, 3), counter-clockwise seen from outside.
+    """
+
+    vertices: Array
+    triangles: IntArray
+
+    @property
+    def volume_m3(self) -> float:
+        """Enclosed volume, sum of det(a, b, c) / 6 over the triangles."""
+        a, b, c = (self.vertices[self.triangles[:, k]] for k in range(3))
+        return float(np.einsum("mr,mr->", a, np.cross(b, c)) / 6.0)
+
+    def scaled(self, factor: float) -> TriangleMesh:
+        """Return the mesh with its vertices multiplied by a factor."""
+        return TriangleMesh(factor * self.vertices, self.triangles)
+
+    def shells(self) -> tuple[TriangleMesh, ...]:
+        """Return the pieces that share no vertex, each as a mesh of its own.
+
+        Raises:
+            MeshError: there are more than `MOST_SHELLS`.
+        """
+        n, (rows, columns) = len(self.vertices), (self.triangles[:, :2].T)
+        pairs = np.concatenate([rows, rows]), np.concatenate([columns, self.triangles[:, 2]])
+        _, piece = connected_components(coo_array((np.ones(len(pairs[0])), pairs), shape=(n, n)))
+        meant = np.unique(piece[self.triangles[:, 0]])
+        if len(meant) > MOST_SHELLS:
+            raise MeshError(
+                f"has {len(meant)} shells, pieces that share no vertex; at most {MOST_SHELLS} are read"
+            )
+        return tuple(self._piece(piece == k) for k in meant)
+
+    def _piece(self, kept: Array) -> TriangleMesh:
+        place = np.cumsum(kept) - 1
+        return TriangleMesh(self.vertices[kept], place[self.triangles[kept[self.triangles[:, 0]]]])
+
+
+def read_mesh(path: Path) -> TriangleMesh:
+    """Return the closed mesh of a file, turned right side out.
+
+    Args:
+        path: ends in .stl (binary or text) or .obj; lengths in m.
+
+    Raises:
+        MeshError: the file cannot be read, is too large, holds no triangles, or its surface is not closed.
+    """
+    if path.suffix.lower() not in MESH_SUFFIXES:
+        raise MeshError(f"{path.name}: a mesh file ends in {' or '.join(MESH_SUFFIXES)}")
+    try:
+        with path.open("rb") as stream:
+            data = stream.read(LARGEST_FILE_BYTES + 1)
+        if len(data) > LARGEST_FILE_BYTES:
+            raise MeshError(f"{path.name}: is longer than {LARGEST_FILE_BYTES} bytes")
+        corners = _stl_corners(data) if path.suffix.lower() == ".stl" else _obj_corners(data.decode())
+    except OSError as error:
+        raise MeshError(f"{path.name}: cannot be read: {error.strerror}") from error
+    except UnicodeDecodeError as error:
+        raise MeshError(
+            f"{path.name}: is not a {path.suffix[1:].upper()} file: not a text from byte {error.start}"
+        ) from error
+    except ValueError as error:
+        raise MeshError(f"{path.name}: is not a {path.suffix[1:].upper()} file: {error}") from error
+    if not len(corners) or not np.isfinite(corners).all():
+        raise MeshError(
+            f"{path.name}: holds {'a number that is not finite' if len(corners) else 'no triangles'}"
+        )
+    if len(corners) > MOST_TRIANGLES:
+        raise MeshError(f"{path.name}: holds {len(corners)} triangles; at most {MOST_TRIANGLES} are read")
+    return _closed(corners, path.name)
+
+
+def _stl_corners(data: bytes) -> Array:
+    """Return the corners (m, 3, 3) of an STL file; a binary one is as long as its count says."""
+    if len(data) >= 84 and len(data) == 84 + 50 * struct.unpack_from("<I", data, 80)[0]:
+        return np.asarray(np.frombuffer(data, _FACET, offset=84)["corners"], dtype=np.float64)
+    words = data.decode("ascii").split()
+    if not words or words[0].lower() != "solid":
+        raise ValueError("neither its length nor its first word fits")
+    places = [k for k, word in enumerate(words) if word.lower() == "vertex"]
+    if len(places) % 3:
+        raise ValueError(f"{len(places)} corners are not triangles")
+    return _points([words[k + 1 : k + 4] for k in places]).reshape(-1, 3, 3)
+
+
+def _obj_corners(text: str) -> Array:
+    """Return the corners (m, 3, 3) of an OBJ file; faces with more corners become fans."""
+    lines = [line.split() for line in text.splitlines()]
+    vertices = _points([line[1:4] for line in lines if line[:1] == ["v"]])
+    before = np.cumsum([line[:1] == ["v"] for line in lines])
+    faces = [(line[1:], int(count)) for line, count in zip(lines, before, strict=True) if line[:1] == ["f"]]
+    triangles = [t for words, count in faces for t in _fan(words, count, len(vertices))]
+    return np.asarray(vertices[np.array(triangles, dtype=np.int64)]) if triangles else np.zeros((0, 3, 3))
+
+
+def _points(words: list[list[str]]) -> Array:
+    """Return points (n, 3) from the words of their coordinates."""
+    short = next((k for k, point in enumerate(words, start=1) if len(point) != 3), None)
+    if short is not None:
+        raise ValueError(f"vertex {short} has {len(words[short - 1])} coordinates; must have 3")
+    return np.array([[float(word) for word in point] for point in words]).reshape(-1, 3)
+
+
+def _fan(words: list[str], before: int, count: int) -> Iterator[tuple[int, int, int]]:
+    """Yield the triangles of one face; OBJ counts from 1, and with negative numbers back from the face."""
+    numbers = [int(word.split("/")[0]) for word in words]
+    places = [number - 1 if number > 0 else before + number for number in numbers]
+    for number, place in zip(numbers, places, strict=True):
+        if not 0 <= place < count:
+            raise ValueError(f"a face names vertex {number}; there are {count}")
+    for k in range(1, len(places) - 1):
+        yield places[0], places[k], places[k + 1]
+
+
+def _closed(corners: Array, name: str) -> TriangleMesh:
+    points = corners.reshape(-1, 3)
+    size = float(np.ptp(points, axis=0).max())
+    if size == 0.0:
+        raise MeshError(f"{name}: all its corners are in one place")
+    if not (size >= _SMALLEST and np.abs(points).max() <= _LARGEST):
+        furthest = np.abs(points).max()
+        raise MeshError(
+            f"{name}: is {size:g} wide and reaches to {furthest:g}; must be {_SMALLEST:g} wide at least "
+            f"and reach to {_LARGEST:g} at most"
+        )
+    cell = np.round(points / (_SAME_PLACE * size)).astype(np.int64)
+    _, first, place = np.unique(cell, axis=0, return_index=True, return_inverse=True)
+    triangles = place.reshape(-1, 3)
+    a, b, c = triangles.T
+    triangles = triangles[(a != b) & (b != c) & (c != a)]
+    edges = np.concatenate([triangles[:, [k, (k + 1) % 3]] for k in range(3)])
+    n = len(first)
+    there, back = edges[:, 0] * n + edges[:, 1], edges[:, 1] * n + edges[:, 0]
+    open_edges = int((~np.isin(there, back)).sum()) + len(there) - len(np.unique(there))
+    if open_edges:
+        raise MeshError(f"{name}: is not closed: {open_edges} of {len(there)} edges have no counterpart")
+    shells = TriangleMesh(points[first], np.asarray(triangles, dtype=np.int64)).shells()
+    if any(abs(shell.volume_m3) < 1e-9 * size**3 for shell in shells):
+        raise MeshError(f"{name}: encloses no volume")
+    return _joined([_outside_out(shell) for shell in shells])
+
+
+def _outside_out(shell: TriangleMesh) -> TriangleMesh:
+    turned = shell.triangles if shell.volume_m3 > 0.0 else shell.triangles[:, ::-1]
+    return TriangleMesh(shell.vertices, turned)
+
+
+def _joined(shells: list[TriangleMesh]) -> TriangleMesh:
+    before = np.cumsum([0, *(len(shell.vertices) for shell in shells)])
+    return TriangleMesh(
+        np.concatenate([shell.vertices for shell in shells]),
+        np.concatenate([shell.triangles + k for shell, k in zip(shells, before, strict=False)]),
+    )

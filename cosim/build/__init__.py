@@ -1,0 +1,1 @@
+"""Joins the parts of a checked scenario into a simulation."""

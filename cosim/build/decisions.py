@@ -1,0 +1,144 @@
+"""What a run models, what it leaves out, and why; each with the key that decides otherwise."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from cosim.config.rules.gas_rules import gas_rules
+from cosim.config.schema.scenario import Scenario
+from cosim.plan.decision import Decision
+from cosim.plan.plan import Plan
+from cosim.plan.reach import FlangeTravel, film_reach, flange_travel, within_reach
+from cosim.run.self_contact_law import film_report
+from cosim.soft.body.body import SoftBody
+from cosim.soft.body.loads import Loads
+from cosim.soft.contact.self_contact_faces import FilmFaces
+from cosim.telemetry.choices import CONTACT, CONTACT_ENABLED, ONLY_IN_REACH
+
+if TYPE_CHECKING:
+    from cosim.kinematics.arm import Arm
+    from cosim.rigid.scene.scene import RigidScene
+
+_TOUCHED_AT_REST = ("section", "lumped", "refined")  # models whose equilibria take in contact
+_SLOW = 0.01  # share of gravity below which accelerations are negligible
+
+
+def contact_decision(scenario: Scenario, body: SoftBody, plan: Plan, arm: Arm, scene: RigidScene) -> Decision:
+    """Decide whether contact with the scene is searched for.
+
+    Args:
+        scenario: checked, with an arm.
+        body: of the soft robot.
+        plan: of the run.
+        arm: kinematics.
+        scene: at its start.
+    """
+    what, switch = CONTACT, CONTACT_ENABLED
+    if not scenario.contact.enabled:
+        return Decision(what, False, "switched off", switch)
+    if scenario.mode == "quasistatic" and scenario.fidelity not in _TOUCHED_AT_REST:
+        reason = f"in the quasistatic mode the {scenario.fidelity} model knows none"
+        return Decision(what, False, reason, "fidelity")
+    if not scenario.contact.only_in_reach:
+        return Decision(what, True, "asked for, whatever is in reach", ONLY_IN_REACH)
+    open_question = _unknown_reach(scenario)
+    if open_question:
+        return Decision(what, True, open_question, switch)
+    reach = film_reach(body, _largest_pressure(plan))
+    statics = scenario.mode == "quasistatic"
+    bodies = within_reach(scene, flange_travel(arm, plan), reach, fixed_only=statics)
+    if bodies:
+        return Decision(what, True, f"the film reaches {reach:.2f} m, as far as {', '.join(bodies)}", switch)
+    reason = f"nothing is within the film's reach of {reach:.2f} m around the flange's way"
+    return Decision(what, False, reason, ONLY_IN_REACH)
+
+
+def _unknown_reach(scenario: Scenario) -> str:
+    """Return why what the film can get to is not known beforehand; empty if it is."""
+    moving = [entry.name for entry in scenario.objects if entry.mass_kg is not None]
+    moving += [wire.name for wire in scenario.wires]
+    if moving and scenario.mode == "dynamic":
+        return f"{', '.join(moving)} can move"
+    if any(rule.sealed for rules in gas_rules(scenario) for rule in rules):
+        return "sealed gas has no pressure known beforehand"
+    if any(phase.release for phase in scenario.phases):
+        return "rings are let go"
+    return ""
+
+
+def _largest_pressure(plan: Plan) -> float:
+    loads = [plan.loads, *(load for phase in plan.phases for load in (phase.begin, phase.end))]
+    return max(0.0, *(float(np.max(load.pressure_Pa)) for load in loads))
+
+
+def decisions(
+    scenario: Scenario, body: SoftBody, plan: Plan, contact: Decision, travel: FlangeTravel | None
+) -> tuple[Decision, ...]:
+    """Return all decisions of a run.
+
+    Args:
+        scenario: checked.
+        body: of the soft robot.
+        plan: of the run.
+        contact: with the scene.
+        travel: of the flange; None where it is held.
+    """
+    return (
+        _elasticity(scenario),
+        _inertia(scenario, travel),
+        contact,
+        _self_contact(scenario, body),
+        _cables(scenario, body, plan),
+        _hinges(scenario),
+    )
+
+
+def _elasticity(scenario: Scenario) -> Decision:
+    if scenario.fidelity == "rigid":
+        return Decision("elasticity", False, "the shape of the start is kept", "fidelity")
+    return Decision("elasticity", True, f"fidelity is {scenario.fidelity}", "fidelity")
+
+
+def _inertia(scenario: Scenario, travel: FlangeTravel | None) -> Decision:
+    what = "inertia"
+    if scenario.mode == "quasistatic":
+        return Decision(what, False, "a chain of equilibria", "mode")
+    gravity = float(np.linalg.norm(scenario.gravity_m_s2))
+    if travel is None or gravity == 0.0:
+        return Decision(what, True, "the mode is dynamic", "mode")
+    share = travel.acceleration_m_s2 / gravity
+    hint = "; mode = 'quasistatic' would leave out little" if share < _SLOW else ""
+    reason = f"the plan asks the end of a straight arm for up to {100.0 * share:.2g} % of gravity{hint}"
+    return Decision(what, True, reason, "mode")
+
+
+def _self_contact(scenario: Scenario, body: SoftBody) -> Decision:
+    included = scenario.contact.self_contact and scenario.fidelity != "rigid" and FilmFaces.of(body).can_meet
+    return Decision("contact with itself", included, film_report(scenario, body), "contact.self_contact")
+
+
+def _cables(scenario: Scenario, body: SoftBody, plan: Plan) -> Decision:
+    what, switch = "cables", "phase.*.cable_tension_N"
+    if not body.cables:
+        return Decision(what, False, "there are none", "soft_robot.cable")
+    if scenario.fidelity == "rigid":
+        return Decision(what, False, "they do not move a rigid body", "fidelity")
+    loads = [plan.loads, *(load for phase in plan.phases for load in (phase.begin, phase.end))]
+    if any(_pulled(load) for load in loads) or scenario.winches or scenario.controllers:
+        return Decision(what, True, "they are pulled", switch)
+    return Decision(what, False, "they are slack throughout", switch)
+
+
+def _pulled(loads: Loads) -> bool:
+    return any(loads.cable_tension_N) or any(length is not None for length in loads.cable_length_m)
+
+
+def _hinges(scenario: Scenario) -> Decision:
+    switch = "soft_robot.hinge.stiffness_factor"
+    if scenario.fidelity == "rigid":
+        return Decision("hinges", False, "the shape of the start is kept", "fidelity")
+    if scenario.soft_robot.hinge.stiffness_factor == 0.0:
+        return Decision("hinges", False, "their stiffness is zero", switch)
+    return Decision("hinges", True, "their share of the elastic energy is in the summary, by phase", switch)

@@ -1,0 +1,150 @@
+"""The ladder of fidelities: which model stands for the soft robot in a run."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+from cosim.build.blame import blamed_on
+from cosim.build.calibration import refined_model
+from cosim.build.section_cache import section_model
+from cosim.build.soft_body import build_soft_body
+from cosim.config.schema.scenario import Scenario
+from cosim.config.schema.soft_robot import SoftRobot
+from cosim.config.schema.solver import ChamberModel
+from cosim.coupling.soft_sides.frozen_body import FrozenBody
+from cosim.coupling.soft_sides.lumped_arm import SoftArm
+from cosim.coupling.soft_sides.section_arm import SectionArm
+from cosim.coupling.soft_sides.soft_side import SoftSide
+from cosim.errors import ScenarioError
+from cosim.plan.flange_path import pose_of
+from cosim.reduced.section_model import SectionBody, SectionModel
+from cosim.run.self_contact_law import film_law
+from cosim.soft.body.body import SoftBody
+from cosim.soft.solve.newton import NewtonOptions
+from cosim.soft.solve.time_step import StepOptions
+
+_REUSE_MAX = 6  # iterations with a kept factorisation: beyond, a new one is cheaper
+
+
+def soft_sides(scenario: Scenario) -> tuple[SoftSide, SoftSide]:
+    """Return two soft sides of a scenario: one to plan its phases on, one to run.
+
+    They are of one model, but that a rigid one is planned on the lumped one: tensions and flange poses
+    are then those of the run that it stands for.
+
+    Args:
+        scenario: checked.
+
+    Raises:
+        ScenarioError: the fidelity is still to be chosen, or the geometry gives degenerate triangles.
+    """
+    if scenario.fidelity == "auto":
+        raise ScenarioError("fidelity", "'auto' is settled before a run is built; see cosim.trade.auto")
+    body = fidelity_body(scenario)
+    if scenario.fidelity == "section":
+        section = SectionBody(body, section_model(scenario))
+        return _chain(scenario, section), _chain(scenario, section)
+    trial, soft = _flexible(scenario, body), _flexible(scenario, body)
+    if scenario.fidelity == "rigid":
+        return trial, FrozenBody(soft, scenario.solver.damping_per_s)
+    return trial, soft
+
+
+def fidelity_body(scenario: Scenario) -> SoftBody:
+    """Return the soft body of a scenario, with the mesh of its fidelity, in the flange frame.
+
+    Raises:
+        ScenarioError: the geometry gives degenerate triangles.
+    """
+    with blamed_on("soft_robot.chamber"):
+        return build_soft_body(*_described(scenario))
+
+
+def _described(scenario: Scenario) -> tuple[SoftRobot, ChamberModel]:
+    """Return the soft robot and the comparison switches with a refined mesh where it is asked for.
+
+    A calibration is of the unrefined mesh. Its place is taken by the model that it was fitted to, a plain
+    film that bends as a shell.
+    """
+    robot, model = scenario.soft_robot, scenario.chamber
+    if scenario.fidelity != "refined":
+        return robot, model
+    finer = robot.chamber.refine + 1
+    if model.calibrated:
+        return refined_model(robot, finer), replace(model, calibrated=False)
+    return _finer(robot), model
+
+
+def _finer(robot: SoftRobot) -> SoftRobot:
+    """Return a robot with every triangle divided into four, those of what it carries as well."""
+    parts = tuple(replace(part, robot=_finer(part.robot)) for part in robot.attachments)
+    chamber = replace(robot.chamber, refine=robot.chamber.refine + 1)
+    return replace(robot, chamber=chamber, attachments=parts)
+
+
+def _flexible(scenario: Scenario, body: SoftBody) -> SoftArm:
+    start = pose_of(scenario.start.flange)
+    return SoftArm(body, start, static_options(scenario), dynamic_options(scenario), film_law(scenario))
+
+
+def _chain(scenario: Scenario, section: SectionBody) -> SectionArm:
+    start = pose_of(scenario.start.flange)
+    return SectionArm(section, start, static_options(scenario), dynamic_options(scenario))
+
+
+def static_options(scenario: Scenario) -> NewtonOptions:
+    """Return how equilibria of a scenario are solved."""
+    return NewtonOptions(
+        tolerance_N=scenario.solver.residual_tolerance_N,
+        start_tolerance_N=scenario.solver.residual_tolerance_N,
+        iterations_max=scenario.solver.newton_iterations_max,
+    )
+
+
+def dynamic_options(scenario: Scenario) -> StepOptions:
+    """Return how ticks of a scenario are solved."""
+    return StepOptions(
+        integrator=scenario.solver.integrator,
+        tolerance_N=scenario.solver.dynamic_tolerance_N,
+        iterations=scenario.solver.dynamic_newton_iterations,
+        newton=replace(static_options(scenario), reuse_max=_REUSE_MAX),
+        damping_per_s=scenario.solver.damping_per_s,
+        substep_error_m=scenario.solver.substep_error_m,
+    )
+
+
+def fidelity_report(scenario: Scenario) -> str:
+    """Return in words how finely the soft robot is modelled."""
+    chosen = scenario.auto.chosen if scenario.auto is not None else None
+    return _rung(scenario) + (f"; chosen by measurement: {chosen}" if chosen else "")
+
+
+def _section_rung(model: SectionModel) -> str:
+    built = (
+        f"section: {model.length.shape[1] + 1} rigid frames, energies condensed from the film at "
+        f"{model.samples} poses up to {1e-3 * model.spline.largest_Pa:g} kPa; "
+    )
+    if not math.isfinite(model.tip_error):
+        return built + "it has no equilibrium at some loads it was not built from, at which the film has one"
+    return built + (
+        f"its tip is within {1e3 * model.tip_error_m:.1f} mm ({1e2 * model.tip_error:.2f} % of the length) "
+        "of the film's at loads it was not built from"
+    )
+
+
+def _rung(scenario: Scenario) -> str:
+    targets = [phase.name for phase in scenario.phases if phase.tip_target is not None]
+    if scenario.fidelity == "rigid":
+        planned = f"; the targets of {', '.join(targets)} are planned on the lumped model" if targets else ""
+        return f"rigid: the shape of the start is kept, weight and inertia only{planned}"
+    if scenario.fidelity == "section":
+        return _section_rung(section_model(scenario))
+    if scenario.fidelity == "refined":
+        law = (
+            "; plain film and shell hinges in place of the calibration" if scenario.chamber.calibrated else ""
+        )
+        return f"refined: every triangle divided into four{law}"
+    return "lumped: the mesh of the soft robot's file" + (
+        ", calibrated" if scenario.chamber.calibrated else ""
+    )

@@ -1,0 +1,38 @@
+"""Which kernels a scenario needs beside those of every run, for compilation ahead of it."""
+
+from __future__ import annotations
+
+from types import ModuleType
+
+from cosim.config.schema.scenario import NO_ARM, Scenario
+
+
+def kernel_modules(scenario: Scenario) -> tuple[ModuleType, ...]:
+    """Return the modules with kernels that some scenarios do without; those of others are not imported."""
+    modules: tuple[ModuleType, ...] = ()
+    if scenario.contact.self_contact:
+        from cosim.soft.contact import self_contact_pairs as film_contact
+        from cosim.soft.contact import self_contact_points as film_points
+        from cosim.soft.contact import self_contact_search as film_search
+
+        modules = (film_contact, film_points, film_search)
+    if scenario.fidelity == "section":
+        from cosim.reduced.sections import assembly, pressure_spline
+        from cosim.reduced.sections import outputs as chain_figures
+        from cosim.reduced.sections import section_energy as energy
+        from cosim.reduced.sections import shapes as chain_shapes
+        from cosim.reduced.solve import contact as chain_contact
+        from cosim.reduced.solve import implicit_step
+
+        modules += (
+            assembly, chain_contact, chain_figures, chain_shapes, energy, implicit_step, pressure_spline,
+        )  # fmt: skip
+    if scenario.robot != NO_ARM:
+        from cosim.rigid.distance.compilation import KERNEL_MODULES  # here: it brings MuJoCo
+
+        modules += KERNEL_MODULES
+        if scenario.fidelity == "section" and scenario.mode == "dynamic":
+            from cosim.coupling.batch import batch_kernel as lockstep_kernel
+
+            modules += (lockstep_kernel,)
+    return modules

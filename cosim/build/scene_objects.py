@@ -1,0 +1,73 @@
+"""Rigid objects of a scenario as the rigid side wants them."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+
+from cosim.base.triangle_mesh import TriangleMesh, read_mesh
+from cosim.build.blame import blamed_on
+from cosim.config.schema.mesh_paths import mesh_path
+from cosim.config.schema.objects import Part
+from cosim.config.schema.objects import SceneObject as SceneObjectSchema
+from cosim.config.schema.wire import Wire as WireSchema
+from cosim.rigid.build.description import SceneObject
+from cosim.rigid.build.geometry import Geometry
+from cosim.rigid.build.joint import Joint
+from cosim.rigid.build.wire import Wire
+
+
+def rigid_object(entry: SceneObjectSchema) -> SceneObject:
+    """Return a scenario's object for the rigid scene."""
+    with blamed_on(f"object.{entry.name}"):
+        return SceneObject(
+            name=entry.name,
+            shape=entry.shape,
+            size_m=entry.size_m,
+            position_m=entry.position_m,
+            quaternion=entry.quaternion,
+            mass_kg=entry.mass_kg or 0.0,
+            rgba=entry.rgba,
+            friction=entry.friction,
+            mesh=_mesh(entry),
+            convex=entry.convex,
+            parts=tuple(_geometry(part, entry) for part in entry.parts),
+            joint=_joint(entry),
+        )
+
+
+def rigid_wire(entry: WireSchema) -> Wire:
+    """Return a scenario's wire for the rigid scene."""
+    with blamed_on(f"wire.{entry.name}"):
+        return Wire(**{field.name: getattr(entry, field.name) for field in fields(entry)})
+
+
+def _joint(entry: SceneObjectSchema) -> Joint | None:
+    if (hinge := entry.hinge) is not None:
+        return Joint(
+            "hinge", hinge.axis, hinge.anchor_m, hinge.parent, hinge.range_rad,
+            hinge.damping_Nms, hinge.stiffness_Nm, hinge.friction_Nm,
+        )  # fmt: skip
+    if (slide := entry.slide) is not None:
+        return Joint(
+            "slide", slide.axis, entry.position_m, slide.parent, slide.range_m,
+            slide.damping_Ns_m, slide.stiffness_N_m, slide.friction_N,
+        )  # fmt: skip
+    return None
+
+
+def _geometry(part: Part, entry: SceneObjectSchema) -> Geometry:
+    return Geometry(
+        shape=part.shape,
+        size_m=part.size_m,
+        position_m=part.position_m,
+        quaternion=part.quaternion,
+        rgba=entry.rgba if part.rgba is None else part.rgba,
+        friction=entry.friction if part.friction is None else part.friction,
+        relative_density=part.relative_density,
+        mesh=_mesh(part),
+        convex=part.convex,
+    )
+
+
+def _mesh(entry: SceneObjectSchema | Part) -> TriangleMesh | None:
+    return None if entry.file is None else read_mesh(mesh_path(entry.file)).scaled(entry.scale)

@@ -1,0 +1,117 @@
+"""Section models of soft robots, built once and kept on disk."""
+
+from __future__ import annotations
+
+import hashlib
+import io
+from collections.abc import Callable
+from dataclasses import fields, is_dataclass
+from typing import Any
+
+import numpy as np
+
+from cosim.base.kept_data import keep, kept
+from cosim.base.resources import cache_directory
+from cosim.build.soft_body import build_soft_body
+from cosim.config.schema.scenario import Scenario
+from cosim.reduced.fit.building import METHOD, LARGEST_PRESSURE_Pa, build_model
+from cosim.reduced.section_model import SectionModel
+from cosim.reduced.sections.pressure_spline import PressureSpline
+from cosim.soft.body.body import SoftBody
+from cosim.soft.elements.fold_law import CLOSED_FRACTION
+
+_ARRAYS = ("energy", "length", "gas", "nodes", "force_error")
+_MARGIN = 1.1  # of the range of pressure over the largest that a scenario gives
+
+
+def section_model(scenario: Scenario, tell: Callable[[str], None] = lambda text: None) -> SectionModel:
+    """Return the section model of a scenario's soft robot, from disk or newly built.
+
+    Args:
+        scenario: checked, of a soft robot that has one.
+        tell: told in one sentence what takes long.
+    """
+    body = build_soft_body(scenario.soft_robot, scenario.chamber)
+    largest = _largest_pressure(scenario)
+    path = cache_directory() / f"section_{content_hash(body, largest)}.kept"
+    found = kept(path, _unpacked)
+    if found is not None:
+        return found
+    tell(f"Building the section model of {scenario.soft_robot.name}: up to a minute, once; kept in {path}")
+    model = build_model(body, largest)
+    keep(path, _packed(model))
+    return model
+
+
+def section_figures(scenario: Scenario) -> dict[str, float] | None:
+    """Return the figures of a scenario's section model as its summary has them; None without one."""
+    if scenario.fidelity != "section":
+        return None
+    model = section_model(scenario)
+    return {
+        "tip_error_m": model.tip_error_m,
+        "tip_error": model.tip_error,
+        "frames": model.length.shape[1] + 1,
+        "samples": model.samples,
+        "failures": model.failures,
+        "largest_pressure_Pa": model.spline.largest_Pa,
+    }
+
+
+def _largest_pressure(scenario: Scenario) -> float:
+    given = [scenario.start.pressure_Pa, *(phase.pressure_Pa for phase in scenario.phases)]
+    # a stack of units is one chamber; where several are named, there is no section model
+    single = [float(p) for p in given if isinstance(p, int | float)]
+    return max(LARGEST_PRESSURE_Pa, *(_MARGIN * p for p in single))
+
+
+def content_hash(body: SoftBody, largest_Pa: float) -> str:
+    """Return a short name of everything that a section model depends on."""
+    parts = hashlib.sha256()
+    _feed(parts, (METHOD, CLOSED_FRACTION, largest_Pa, body.positions, body.membranes, body.hinges))
+    _feed(parts, (body.caps, body.closed, body.frames, float(body.mass_kg), body.tip, body.base))
+    return parts.hexdigest()[:16]
+
+
+def _feed(parts: Any, value: Any) -> None:
+    if is_dataclass(value):
+        value = tuple(getattr(value, field.name) for field in fields(value))
+    if isinstance(value, tuple | list):
+        parts.update(b"(")
+        for entry in value:
+            _feed(parts, entry)
+        parts.update(b")")
+    elif isinstance(value, np.ndarray):
+        parts.update(str((value.shape, value.dtype)).encode())
+        parts.update(np.ascontiguousarray(value).tobytes())
+    else:
+        parts.update(repr(value).encode())
+
+
+def _packed(model: SectionModel) -> bytes:
+    stream = io.BytesIO()
+    np.savez_compressed(
+        stream,
+        spline=np.array([model.spline.largest_Pa, model.spline.intervals]),
+        counts=np.array([model.samples, model.failures]),
+        tip_error=np.array(model.tip_error),
+        tip_error_m=np.array(model.tip_error_m),
+        **{name: getattr(model, name) for name in _ARRAYS},
+    )
+    return stream.getvalue()
+
+
+def _unpacked(data: bytes) -> SectionModel:
+    with np.load(io.BytesIO(data), allow_pickle=False) as stored:
+        arrays = {name: stored[name] for name in _ARRAYS}
+        largest, intervals = stored["spline"].tolist()
+        samples, failures = stored["counts"].tolist()
+        error, error_m = float(stored["tip_error"]), float(stored["tip_error_m"])
+    return SectionModel(
+        PressureSpline(largest, int(intervals)),
+        **arrays,
+        samples=int(samples),
+        failures=int(failures),
+        tip_error=error,
+        tip_error_m=error_m,
+    )

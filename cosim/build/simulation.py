@@ -1,0 +1,206 @@
+"""Joins the parts of a checked scenario into a simulation; the only place that knows all of them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import partial
+from typing import TypeAlias
+
+import numpy as np
+
+from cosim.base.arms import find_arm
+from cosim.base.frames import Array
+from cosim.build.decisions import contact_decision, decisions
+from cosim.build.fidelity import fidelity_report, soft_sides
+from cosim.build.section_cache import section_figures
+from cosim.config.rules.gas_rules import gas_report
+from cosim.config.schema.scenario import NO_ARM, Scenario
+from cosim.coupling.soft_sides.soft_side import SoftSide
+from cosim.devices.controller import AnyController
+from cosim.devices.device_loop import Actuation
+from cosim.devices.device_names import device_names, device_report
+from cosim.errors import ScenarioError, SceneError, SolverError
+from cosim.plan.arm_plan import PlannedArm, checked_start, drawn_payload, planned_arm
+from cosim.plan.decision import Decision
+from cosim.plan.plan import JointPlanner, Plan, make_plan
+from cosim.plan.reach import film_reach, flange_travel
+from cosim.plan.section_plan import section_range
+from cosim.run.carrier import Carrier, HeldBase
+from cosim.run.dynamic import DynamicSimulation
+from cosim.run.parts import Parts
+from cosim.run.quasistatic import QuasistaticSimulation
+from cosim.run.self_contact_law import film_report
+from cosim.soft.body.body import SoftBody
+from cosim.soft.contact.obstacle_contact import ContactLaw
+from cosim.soft.solve.energy_share import hinge_energy_share
+from cosim.telemetry.choices import CONTACT, Choices
+from cosim.telemetry.snapshot import Stage
+
+_Arranged: TypeAlias = tuple[Plan, Carrier, tuple[Decision, ...], PlannedArm | None]
+
+
+def build(
+    scenario: Scenario,
+    controllers: Mapping[str, AnyController] | None = None,
+    before: Choices | None = None,
+) -> DynamicSimulation | QuasistaticSimulation:
+    """Return the simulation of a scenario, planned and ready to step.
+
+    Args:
+        scenario: checked by `load_scenario`.
+        controllers: of kind "python", by name.
+        before: of the run whose state it goes on from; None for a run from its start.
+
+    Raises:
+        InputError: a pose or target cannot be reached, a mesh is degenerate, a controller is missing.
+    """
+    trial, soft = soft_sides(scenario)
+    actuation = Actuation(scenario, soft.body, controllers)
+    plan, carrier, modelled, planned = (_held_base if scenario.robot == NO_ARM else _arm)(
+        scenario, trial, soft, before
+    )
+    parts = Parts(scenario, plan, carrier, soft, actuation)
+    if scenario.mode == "quasistatic":
+        ticks = sum(phase.increments for phase in scenario.phases)
+        duration = sum(phase.duration_s + phase.settle_s for phase in scenario.phases)
+        return QuasistaticSimulation(parts, _stage(parts, modelled, planned, ticks, duration / ticks))
+    ticks = sum(parts.ticks(phase) for phase in scenario.phases)
+    return DynamicSimulation(parts, _stage(parts, modelled, planned, ticks, scenario.clock.tick_s))
+
+
+def _held_base(scenario: Scenario, trial: SoftSide, soft: SoftSide, _before: Choices | None) -> _Arranged:
+    plan = _plan(scenario, HeldBase.plan, trial)
+    contact = Decision(CONTACT, False, "there is nothing to touch", "robot")
+    modelled = decisions(scenario, soft.body, plan, contact, None)
+    return plan, HeldBase(soft, plan.start, scenario.clock.tick_s), modelled, None
+
+
+def _arm(scenario: Scenario, trial: SoftSide, soft: SoftSide, before: Choices | None) -> _Arranged:
+    # imported here: a scene without an arm waits for neither engine
+    from cosim.build.palm import palm_mass, palm_object
+    from cosim.build.scene_objects import rigid_object, rigid_wire
+    from cosim.kinematics.arm import Arm
+    from cosim.plan.joint_planner import plan_joints
+    from cosim.rigid.build.description import SceneDescription
+    from cosim.rigid.scene.scene import RigidScene
+    from cosim.run.arm_carrier import ArmCarrier
+
+    file, palm = find_arm(scenario.robot), scenario.soft_robot.palm
+    arm = Arm(file, gravity=scenario.gravity_m_s2)
+    description = SceneDescription(
+        arm=file,
+        tick_s=scenario.clock.tick_s,
+        gravity=scenario.gravity_m_s2,
+        objects=tuple(rigid_object(entry) for entry in scenario.objects),
+        wires=tuple(rigid_wire(entry) for entry in scenario.wires),
+        mounted=() if palm is None else (palm_object(palm),),
+    )
+    try:
+        scene = RigidScene(description)
+    except SceneError as error:
+        raise ScenarioError(_body_key(scenario, error.body), str(error)) from error
+    mounted = None if palm is None else palm_mass(palm)
+    payload = drawn_payload(soft.body, mounted)
+    plan = _plan(scenario, checked_start(partial(plan_joints, arm), arm, scene, payload), trial)
+    contact = contact_decision(scenario, soft.body, plan, arm, scene)
+    if before is not None:
+        contact = before.keep(contact)
+    law = _contact_law(scenario) if contact.included else None
+    carrier = ArmCarrier(
+        scenario.robot, arm, scene, soft, scenario.payload_compensation, law, mounted, scenario.coupling
+    )
+    travel = flange_travel(arm, plan, film_reach(soft.body, 0.0))
+    planned = planned_arm(arm, scene, plan, payload, dynamic=scenario.mode == "dynamic")
+    modelled = decisions(scenario, soft.body, plan, contact, travel)
+    if scenario.fidelity == "section" and scenario.mode == "dynamic":
+        modelled += (section_range(arm, plan, lambda: soft_sides(scenario)[0]),)
+    return plan, carrier, modelled, planned
+
+
+def _body_key(scenario: Scenario, body: str | None) -> str:
+    """Return the key of an object or wire of the rigid scene; None: what every scene has."""
+    if body is None:
+        return "robot" if scenario.soft_robot.palm is None else "soft_robot.palm"
+    return f"{'wire' if body in (wire.name for wire in scenario.wires) else 'object'}.{body}"
+
+
+def _contact_law(scenario: Scenario) -> ContactLaw:
+    given = scenario.contact
+    return ContactLaw(given.stiffness_N_m3, given.smoothing_m, given.stick_m)
+
+
+def _plan(scenario: Scenario, plan_joints: JointPlanner, trial: SoftSide) -> Plan:
+    try:
+        return make_plan(scenario, plan_joints, trial)
+    except SolverError as error:
+        raise ScenarioError("start", f"no equilibrium to start from: {error}") from error
+
+
+def _stage(
+    parts: Parts, modelled: tuple[Decision, ...], planned: PlannedArm | None, ticks: int, tick_s: float
+) -> Stage:
+    scenario, carrier, body = parts.scenario, parts.carrier, parts.soft.body
+    return Stage(
+        scenario=scenario.name,
+        title=scenario.title,
+        mode=scenario.mode,
+        tick_s=tick_s,
+        duration_s=ticks * tick_s,
+        ticks=ticks,
+        phase_names=tuple(phase.name for phase in scenario.phases),
+        joint_names=carrier.joint_names,
+        body_names=carrier.body_names,
+        shapes=carrier.shapes,
+        soft_triangles=body.membranes.triangles,
+        cables=tuple(cable.nodes for cable in body.cables),
+        chamber_names=tuple(chamber.name for chamber in body.gas_chambers),
+        soft_weight_N=body.mass_kg * float(np.linalg.norm(scenario.gravity_m_s2)),
+        gravity=np.array(scenario.gravity_m_s2),
+        membrane_stress=partial(_largest_stress, body),
+        cable_names=scenario.soft_robot.cable_names(),
+        devices=device_names(scenario),
+        report=_report(parts, modelled),
+        modelled=modelled,
+        hinge_energy_share=partial(hinge_energy_share, body),
+        section_model=section_figures(scenario),
+        arm=planned,
+    )
+
+
+def _largest_stress(body: SoftBody, positions: Array) -> Array:
+    return body.membranes.principal_stress(positions)[:, 0]
+
+
+def _report(parts: Parts, modelled: tuple[Decision, ...]) -> str:
+    scenario, body = parts.scenario, parts.soft.body
+    integrator = scenario.solver.integrator.replace("_", " ")
+    lines = {
+        **parts.carrier.report,
+        "Soft robot": f"{scenario.soft_robot.name}, {1e3 * body.mass_kg:.0f} g, {body.nodes} nodes, "
+        f"{len(body.membranes.triangles)} triangles, {len(body.hinges.nodes)} hinges, "
+        f"{len(body.cables)} cables",
+        "Fidelity": fidelity_report(scenario),
+        "Chamber": "closed by caps" if body.closed else "open ends (no cap force)",
+        "Gas": gas_report(scenario),
+        **device_report(scenario),
+        "Motion": "quasistatic" if scenario.mode == "quasistatic" else f"dynamic, {integrator}",
+        "Self contact": film_report(scenario, body),
+        "Contact": _contact_report(scenario, modelled),
+        "Modelled": "; ".join(entry.line for entry in modelled if entry.included),
+        "Left out": "; ".join(entry.line for entry in modelled if not entry.included) or "nothing",
+    }
+    return "\n".join(f"- **{name}**: {text}" for name, text in lines.items())
+
+
+def _contact_report(scenario: Scenario, modelled: tuple[Decision, ...]) -> str:
+    decision = next(entry for entry in modelled if entry.what == CONTACT)
+    if not decision.included:
+        return f"none: {decision.reason}"
+    law = _contact_law(scenario)
+    names = [entry.name for entry in scenario.objects] + [wire.name for wire in scenario.wires]
+    friction = f"friction sticks within {1e3 * law.stick_m:g} mm"
+    if scenario.mode == "quasistatic":
+        names = [entry.name for entry in scenario.objects if entry.mass_kg is None]
+        friction = "no friction; what can move is not touched"
+    things = ", ".join(["floor", *names])
+    return f"with {things}; {law.stiffness_N_m3:.0e} N/m^3, {friction}"

@@ -1,0 +1,158 @@
+"""Makes a soft body from a soft robot's description."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from cosim.base.frames import Array, IntArray, Pose
+from cosim.build.published_hinges import without_spring
+from cosim.config.schema.soft_robot import ARM_CHAMBER, Attachment, Calibration, SoftRobot
+from cosim.config.schema.soft_robot import Cable as CableSchema
+from cosim.config.schema.solver import ChamberModel
+from cosim.soft.body.attachment import Plate, attached
+from cosim.soft.body.body import SoftBody
+from cosim.soft.body.copies import around_axis, copies
+from cosim.soft.elements.cable import Cable
+from cosim.soft.elements.frame_ring import FrameRings
+from cosim.soft.elements.material import Film
+from cosim.soft.elements.shell_hinges import bending_measure, shell_stiffness
+from cosim.soft.geometry.polygonal_stack import Mesh, PolygonalStack
+from cosim.soft.geometry.refinement import refine
+from cosim.soft.geometry.surface import interior_hinges, triangle_area
+
+
+def build_mesh(robot: SoftRobot) -> Mesh:
+    """Return the chamber's mesh in the flange frame."""
+    return refine(_coarse_mesh(robot), robot.chamber.refine)
+
+
+def _coarse_mesh(robot: SoftRobot) -> Mesh:
+    c = robot.chamber
+    stack = PolygonalStack(
+        c.sides, c.units, c.corner_radius_m, c.hole_radius_m, c.unit_height_m, c.taper,
+        c.mid_ring_fraction, c.ring_heights, c.first_corner_rad,
+    )  # fmt: skip
+    return stack.mesh()
+
+
+def build_film(robot: SoftRobot) -> Film:
+    """Return the film of a robot's walls."""
+    f = robot.film
+    return Film(f.young_modulus_Pa, f.poisson_ratio, f.thickness_m, f.law, f.compressive_fraction)
+
+
+def calibrated_model(robot: SoftRobot, calibration: Calibration) -> SoftRobot:
+    """Return the robot with a calibration applied to its film and hinges."""
+    film = replace(
+        robot.film,
+        law="tension_field",
+        compressive_fraction=calibration.compressive_fraction,
+        young_modulus_Pa=calibration.film_modulus_factor * robot.film.young_modulus_Pa,
+    )
+    # the hinge factor is relative to the real film
+    hinge = replace(
+        robot.hinge,
+        rule="uniform",
+        stiffness_factor=calibration.hinge_factor / calibration.film_modulus_factor,
+    )
+    return replace(robot, film=film, hinge=hinge, calibration=None)
+
+
+def build_soft_body(robot: SoftRobot, model: ChamberModel) -> SoftBody:
+    """Return the soft body of a robot, in the flange frame.
+
+    Args:
+        robot: its description.
+        model: comparison switches.
+
+    Raises:
+        MeshError: the geometry gives degenerate triangles.
+    """
+    if model.calibrated and robot.calibration is not None:
+        robot = calibrated_model(robot, robot.calibration)
+    mesh = build_mesh(robot)
+    film = build_film(robot)
+    hinges, stiffness = _hinges(robot, model, mesh, film)
+    base = np.unique(np.concatenate([mesh.ring(name) for name in robot.base]))
+    body = SoftBody.from_arrays(
+        mesh.positions,
+        mesh.triangles,
+        film,
+        hinge_nodes=hinges,
+        hinge_stiffness=stiffness,
+        fold_barrier_rad=robot.hinge.fold_barrier_rad,
+        caps=mesh.caps,
+        closed=model.closed,
+        cables=tuple(_cable(mesh, entry) for entry in robot.cables),
+        node_mass=_node_mass(mesh, robot),
+        base=base,
+        tip=mesh.ring(mesh.tip_ring),
+        rings=mesh.rings,
+    )
+    body = replace(body, frames=_frames(mesh, robot))
+    if robot.copies is not None:
+        c = robot.copies
+        body = copies(body, around_axis(c.count, c.radius_m, c.tilt_rad, c.spin_rad, c.height_m))
+    for entry in robot.attachments:
+        body = _with_attachment(body, entry, model)
+    return body
+
+
+def _with_attachment(body: SoftBody, entry: Attachment, model: ChamberModel) -> SoftBody:
+    top = body.tip_position(body.positions) + np.array([0.0, 0.0, entry.height_m])
+    plate = Plate(entry.plate.mass_kg, entry.plate.stiffness_N_m)
+    part = build_soft_body(entry.robot, model)
+    return attached(body, ARM_CHAMBER, part, entry.name, Pose(np.eye(3), top), plate)
+
+
+def _cable(mesh: Mesh, entry: CableSchema) -> Cable:
+    first, last = entry.units
+    route = mesh.corner_line(entry.corner)[first - 1 : last]
+    return Cable(
+        route,
+        1.0 if entry.capstan_factor is None else entry.capstan_factor,
+        entry.friction_coefficient or 0.0,
+        entry.stiffness_N_m,
+    )
+
+
+def _hinges(robot: SoftRobot, model: ChamberModel, mesh: Mesh, film: Film) -> tuple[IntArray, Array]:
+    """Return hinge nodes (h, 4) and their stiffness (h,) [N m/rad].
+
+    The published subset of hinges exists on the unrefined mesh only; a refined mesh has all hinges, with
+    a uniform stiffness scaled to the bending measure of the unrefined ones.
+    """
+    coarse = _coarse_mesh(robot)
+    drawn = interior_hinges(coarse.triangles, coarse.seam)
+    if not model.all_hinges:
+        drawn = drawn[~without_spring(coarse, drawn)]
+    hinges = drawn if robot.chamber.refine == 0 else interior_hinges(mesh.triangles, mesh.seam)
+    factor = robot.hinge.stiffness_factor
+    if robot.hinge.rule == "shell":
+        rigidity = factor * film.flexural_rigidity_Nm
+        return hinges, shell_stiffness(mesh.positions, mesh.triangles, hinges, rigidity)
+    uniform = np.full(len(hinges), factor * film.bending_stiffness_Nm)
+    if robot.chamber.refine > 0:
+        uniform *= bending_measure(coarse.positions, drawn) / bending_measure(mesh.positions, hinges)
+    return hinges, uniform
+
+
+def _frames(mesh: Mesh, robot: SoftRobot) -> FrameRings | None:
+    if robot.frame.kind == "none":
+        return None
+    rings = np.array([ring for name, ring in mesh.rings.items() if name.endswith(".outer")])
+    return FrameRings.from_shape(mesh.positions, rings, robot.frame.stiffness_N_m)
+
+
+def _node_mass(mesh: Mesh, robot: SoftRobot) -> Array:
+    """Return the mass (n,) [kg] of each node; a refined mesh spreads what the unrefined one carries."""
+    coarse = _coarse_mesh(robot)
+    mass = np.full(len(mesh.positions), robot.mass.node_mass_kg * len(coarse.positions) / len(mesh.positions))
+    mass[mesh.seam] += robot.mass.seam_mass_kg * len(coarse.seam) / len(mesh.seam)
+    areal = robot.film.density_kg_m3 * robot.film.thickness_m
+    share = areal / 3.0 * triangle_area(mesh.positions, mesh.triangles)
+    for corner in range(3):
+        np.add.at(mass, mesh.triangles[:, corner], share)
+    return mass

@@ -1,0 +1,1 @@
+"""Checks of a scenario that take more than one table."""

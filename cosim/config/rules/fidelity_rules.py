@@ -1,0 +1,55 @@
+"""Rules on what a scenario's fidelity can show."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from cosim.config.rules.section_rules import check_section
+from cosim.config.schema.scenario import Scenario
+from cosim.errors import ScenarioError
+
+_REFINE_MAX: Final = 4
+
+
+def check_fidelity(scenario: Scenario) -> None:
+    """Check that nothing is asked of a fidelity that it leaves out.
+
+    Raises:
+        ScenarioError: the first rule that is broken.
+    """
+    _check_auto(scenario)
+    if scenario.fidelity == "refined" and scenario.soft_robot.chamber.refine >= _REFINE_MAX:
+        raise ScenarioError(
+            "fidelity",
+            f"'refined' is one refinement more than soft_robot.chamber.refine, which is at its bound of "
+            f"{_REFINE_MAX} already",
+        )
+    if scenario.fidelity == "section":
+        check_section(scenario)
+    if scenario.fidelity != "rigid":
+        return
+    if not scenario.chamber.closed:
+        raise ScenarioError(
+            "fidelity", "'rigid' needs chamber.closed = true: it leaves out how an open chamber's gas pushes"
+        )
+    for phase in scenario.phases:
+        for key, given in (("release", phase.release), ("support", phase.supports)):
+            if given:
+                raise ScenarioError(
+                    f"phase.{phase.name}.{key}", "cannot stand beside fidelity = 'rigid': every node is held"
+                )
+
+
+def _check_auto(scenario: Scenario) -> None:
+    wish = scenario.auto
+    if scenario.fidelity != "auto":
+        if wish is not None and wish.chosen is None:
+            raise ScenarioError("auto", f"goes with fidelity = 'auto'; the fidelity is '{scenario.fidelity}'")
+        return
+    if scenario.mode != "dynamic":
+        raise ScenarioError("fidelity", f"'auto' chooses among dynamic runs; the mode is '{scenario.mode}'")
+    if wish is None or (wish.budget, wish.tolerance_m, wish.force_tolerance_N) == (None, None, None):
+        raise ScenarioError(
+            "auto", "is missing a wish; fidelity = 'auto' needs auto.budget (least real-time factor), "
+            "auto.tolerance_m (of the tip) or auto.force_tolerance_N",
+        )  # fmt: skip

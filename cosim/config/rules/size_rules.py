@@ -1,0 +1,81 @@
+"""Bounds on how much a scenario may ask for: triangles, ticks, increments, solids, periods of a shake."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from cosim.config.schema.phase import Phase
+from cosim.config.schema.scenario import Scenario
+from cosim.config.schema.soft_robot import SoftRobot
+from cosim.errors import ScenarioError
+
+MOST_TRIANGLES: Final = 200_000
+MOST_TICKS: Final = 1_000_000_000
+MOST_INCREMENTS: Final = 10_000_000
+MOST_SOLIDS: Final = 2_000
+MOST_SHAKE_PERIODS: Final = 1_000
+_TRIANGLES_PER_UNIT_AND_SIDE: Final = 14
+
+
+def check_sizes(scenario: Scenario) -> None:
+    """Check that what a scenario asks for can be built within minutes and some gigabytes.
+
+    Raises:
+        ScenarioError: the first bound that is exceeded.
+    """
+    _check_triangles(scenario)
+    solids = sum(max(1, bool(entry.shape) + len(entry.parts)) for entry in scenario.objects)
+    if solids > MOST_SOLIDS:
+        raise ScenarioError("object", f"makes {solids} solids in all; at most {MOST_SOLIDS} are allowed")
+    segments = sum(wire.segments for wire in scenario.wires)
+    if segments > MOST_SOLIDS:
+        raise ScenarioError("wire", f"makes {segments} segments in all; at most {MOST_SOLIDS} are allowed")
+    for phase in scenario.phases:
+        _check_shake(phase)
+    _check_length(scenario)
+
+
+def triangle_count(robot: SoftRobot) -> int:
+    """Return how many triangles the mesh of a soft robot has, with its copies and attachments."""
+    chamber = robot.chamber
+    own = _TRIANGLES_PER_UNIT_AND_SIDE * chamber.sides * chamber.units << 2 * chamber.refine
+    copies = 1 if robot.copies is None else robot.copies.count
+    return copies * own + sum(triangle_count(part.robot) for part in robot.attachments)
+
+
+def _check_triangles(scenario: Scenario) -> None:
+    finer = scenario.fidelity == "refined"
+    triangles = triangle_count(scenario.soft_robot) * (4 if finer else 1)
+    if triangles > MOST_TRIANGLES:
+        also = ", fidelity = 'refined'" if finer else ""
+        raise ScenarioError(
+            "soft_robot.chamber",
+            f"makes {triangles:,} triangles, copies and attachments counted; at most {MOST_TRIANGLES:,} are "
+            f"allowed: take fewer units, sides, refine{also}",
+        )
+
+
+def _check_shake(phase: Phase) -> None:
+    if phase.flange_shake is None:
+        return
+    periods = phase.flange_shake.frequency_Hz * phase.duration_s
+    if periods > MOST_SHAKE_PERIODS:
+        raise ScenarioError(
+            f"phase.{phase.name}.flange_shake.frequency_Hz",
+            f"makes {periods:g} periods in one phase; at most {MOST_SHAKE_PERIODS} are allowed",
+        )
+
+
+def _check_length(scenario: Scenario) -> None:
+    """Check ticks or increments, by the mode; the phase that makes most of them is named."""
+    quasistatic = scenario.mode == "quasistatic"
+    tick_s = scenario.clock.tick_s
+    counts = [p.increments if quasistatic else (p.duration_s + p.settle_s) / tick_s for p in scenario.phases]
+    most, what = (MOST_INCREMENTS, "increments") if quasistatic else (MOST_TICKS, "ticks")
+    if sum(counts) <= most:
+        return
+    phase = scenario.phases[max(range(len(counts)), key=counts.__getitem__)]
+    key = "increments" if quasistatic else "duration_s" if phase.duration_s > phase.settle_s else "settle_s"
+    raise ScenarioError(
+        f"phase.{phase.name}.{key}", f"all phases make {sum(counts):.3g} {what}; at most {most:g} are allowed"
+    )

@@ -1,0 +1,96 @@
+"""Rules on what holds and loads a soft robot: rings, supports, forces, with and without an arm."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from cosim.config.schema.name_patterns import matching
+from cosim.config.schema.phase import Force, Phase, Support
+from cosim.config.schema.scenario import NO_ARM, Scenario
+from cosim.config.schema.soft_robot import SoftRobot
+from cosim.config.toml.suggestions import unknown_name_message
+from cosim.errors import ScenarioError
+
+_MOTIONS = ("flange", "flange_turn", "flange_shift_m")
+
+
+def check_holding(scenario: Scenario) -> None:
+    """Check rings, supports and forces of all phases, and what a scenario without an arm cannot have.
+
+    Raises:
+        ScenarioError: the first rule that is broken.
+    """
+    if scenario.robot == NO_ARM and scenario.objects:
+        raise ScenarioError("object", f"needs an arm; robot is '{NO_ARM}'")
+    robot = scenario.soft_robot
+    held, supported = expanded(robot.base, robot), False
+    for phase in scenario.phases:
+        path = f"phase.{phase.name}"
+        for key in ("release", "clamp"):
+            check_rings(getattr(phase, key), robot, f"{path}.{key}")
+        for place, support in enumerate(phase.supports, start=1):
+            _check_group(support, robot, f"{path}.support.{place}")
+        for place, force in enumerate(phase.forces, start=1):
+            _check_group(force, robot, f"{path}.force.{place}")
+        _check_carrier(phase, scenario.robot, path)
+        _check_release(phase, held, robot, path)
+        held = held - expanded(phase.release, robot) | expanded(phase.clamp, robot)
+        supported = supported or bool(phase.supports)
+        if not held and not supported:
+            raise ScenarioError(f"{path}.release", "lets go of all that holds the soft robot; support it")
+
+
+def check_rings(rings: Iterable[str], robot: SoftRobot, path: str) -> None:
+    """Check that rings, or patterns of rings, exist.
+
+    Raises:
+        ScenarioError: one does not; the message lists those that do.
+    """
+    known = robot.ring_names()
+    for ring in rings:
+        if not matching(ring, known):
+            raise ScenarioError(path, unknown_name_message("ring", ring, known))
+
+
+def expanded(rings: Iterable[str], robot: SoftRobot) -> set[str]:
+    """Return the names of the rings that names and patterns stand for."""
+    known = robot.ring_names()
+    return {name for ring in rings for name in matching(ring, known)}
+
+
+def _check_group(group: Support | Force, robot: SoftRobot, path: str) -> None:
+    check_rings(group.rings, robot, f"{path}.rings")
+    if group.corners is None:
+        return
+    if not group.corners:
+        raise ScenarioError(f"{path}.corners", "is empty; leave it out for all nodes of the rings")
+    sides = min(robot.sides_of(ring) for ring in expanded(group.rings, robot))
+    for corner in group.corners:
+        if not 0 <= corner < sides:
+            raise ScenarioError(f"{path}.corners", f"{corner} does not exist; corners 0 to {sides - 1} do")
+
+
+def _check_carrier(phase: Phase, robot: str, path: str) -> None:
+    """Check that a phase asks for motion only of an arm, and for supports only without one."""
+    if robot != NO_ARM:
+        if phase.supports:
+            raise ScenarioError(
+                f"{path}.support",
+                f"needs robot = '{NO_ARM}'; on an arm, use clamp",
+            )
+        return
+    for key in _MOTIONS:
+        if getattr(phase, key) is not None:
+            raise ScenarioError(f"{path}.{key}", f"needs an arm; robot is '{NO_ARM}', which holds the base")
+    if phase.tip_target is not None and phase.tip_target.reach_with != "cables":
+        raise ScenarioError(
+            f"{path}.tip_target.reach_with", f"must be 'cables': robot is '{NO_ARM}', which holds the base"
+        )
+
+
+def _check_release(phase: Phase, held: set[str], robot: SoftRobot, path: str) -> None:
+    for ring in phase.release:
+        if not expanded([ring], robot) <= held:
+            raise ScenarioError(
+                f"{path}.release", f"'{ring}' is not held; held are: {', '.join(sorted(held)) or 'none'}"
+            )

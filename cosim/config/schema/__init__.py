@@ -1,0 +1,1 @@
+"""The tables of scenario and robot files."""

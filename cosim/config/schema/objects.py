@@ -1,0 +1,143 @@
+"""Schema of the rigid objects of a scenario.
+
+An object has one `shape`, or `[[object.part]]`s, or both: all of them make one rigid body. A mesh is a closed
+surface from an STL or OBJ file in m, looked up beside the scenario file, then in `robots/objects/`. Its
+shells (pieces that share no vertex) are touched as their convex hulls, which is exact where each shell is
+convex: cut a concave solid into convex shells in one file. With `convex = false` the film touches the surface
+itself through a table of distances (cells of 1/40 of its longest edge, trilinear: blunt by a fraction of a
+cell at edges), while rigid bodies meet the hull of the whole.
+
+With a `hinge` or a `slide` an object hangs on the world or on another object, its `parent`, and turns or
+shifts from where the scenario puts it; it does not collide with its parent. Poses, axes and anchors are
+those of the world at the start, also with a parent.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Annotated, Literal, TypeAlias, final
+
+from cosim.config.toml.constraints import (
+    Colour,
+    Direction,
+    Length,
+    Name,
+    NonNegative,
+    Positive,
+    Quaternion,
+    Vector3,
+)
+
+Shape: TypeAlias = Literal["box", "sphere", "cylinder", "capsule", "ellipsoid", "mesh"]
+Size: TypeAlias = Annotated[tuple[Positive, ...], Length(at_most=3)]
+STANDING_STILL: tuple[float, float, float, float] = (1.0, 0.0, 0.0, 0.0)
+GREY: tuple[float, float, float, float] = (0.55, 0.57, 0.60, 1.0)
+
+
+@final
+@dataclass(frozen=True)
+class Part:
+    """A further solid on an object's body; parts may overlap.
+
+    Args:
+        shape: as of an object.
+        size_m: as of an object.
+        file: as of an object.
+        scale: as of an object.
+        convex: as of an object.
+        position_m: of its centre, in the object's frame; of a mesh: of the origin of its file.
+        quaternion: (w, x, y, z), object from part; normalised on use.
+        relative_density: the object's mass is shared by volume times this.
+        rgba: omitted = that of the object.
+        friction: omitted = that of the object.
+    """
+
+    shape: Shape
+    size_m: Size = ()
+    file: str | None = None
+    scale: Positive = 1.0
+    convex: bool = True
+    position_m: Vector3 = (0.0, 0.0, 0.0)
+    quaternion: Quaternion = STANDING_STILL
+    relative_density: Positive = 1.0
+    rgba: Colour | None = None
+    friction: NonNegative | None = None
+
+
+@final
+@dataclass(frozen=True)
+class Hinge:
+    """Turns an object about an axis; the moment is -stiffness q - damping dq/dt - dry friction.
+
+    Args:
+        axis: world.
+        anchor_m: a point on the axis, world.
+        parent: name of an object; omitted: the world.
+        range_rad: smallest and largest angle, 0 at the start; omitted: free.
+        friction_Nm: dry, such as the brake of a spool.
+    """
+
+    axis: Direction
+    anchor_m: Vector3
+    parent: str | None = None
+    range_rad: tuple[float, float] | None = None
+    damping_Nms: NonNegative = 0.0
+    stiffness_Nm: NonNegative = 0.0
+    friction_Nm: NonNegative = 0.0
+
+
+@final
+@dataclass(frozen=True)
+class Slide:
+    """Shifts an object along an axis; the force is -stiffness q - damping dq/dt - dry friction.
+
+    Args:
+        axis: world.
+        parent: name of an object; omitted: the world.
+        range_m: smallest and largest shift, 0 at the start; omitted: free.
+        friction_N: dry.
+    """
+
+    axis: Direction
+    parent: str | None = None
+    range_m: tuple[float, float] | None = None
+    damping_Ns_m: NonNegative = 0.0
+    stiffness_N_m: NonNegative = 0.0
+    friction_N: NonNegative = 0.0
+
+
+@final
+@dataclass(frozen=True)
+class SceneObject:
+    """A rigid body of the scene.
+
+    Args:
+        position_m: of its frame, world: the centre of its shape; of a mesh: the origin of its file.
+        shape: about its frame; omitted for a body that is made of its parts.
+        size_m: box: three edge lengths; sphere: radius; cylinder, capsule: radius and length (of a capsule,
+            between the centres of its caps); ellipsoid: three half axes; mesh: none.
+        file: of a mesh, ends in .stl or .obj; relative to the scenario file, or a name of robots/objects/.
+        scale: of a mesh, multiplies the numbers of its file, such as 0.001 for a file in mm.
+        convex: of a mesh, see the module's text.
+        quaternion: (w, x, y, z), world from object; normalised on use.
+        mass_kg: of all its solids together; omitted = fixed to the world.
+        friction: coefficient of sliding.
+        hinge: that it hangs on; needs mass_kg.
+        slide: the same; an object has one of them, or none.
+        parts: `[[object.part]]` in the file.
+    """
+
+    name: Name
+    position_m: Vector3
+    shape: Shape | None = None
+    size_m: Size = ()
+    file: str | None = None
+    scale: Positive = 1.0
+    convex: bool = True
+    quaternion: Quaternion = STANDING_STILL
+    mass_kg: Positive | None = None
+    rgba: Colour = GREY
+    friction: NonNegative = 0.8
+    hinge: Hinge | None = None
+    slide: Slide | None = None
+    parts: tuple[Part, ...] = field(default=(), metadata={"key": "part"})

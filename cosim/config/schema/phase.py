@@ -1,0 +1,192 @@
+"""Schema of the start and the phases of a scenario: where the flange goes, what is loaded and held.
+
+A rigid target is a pose of the flange. `direction` is the flange's z axis, out of the flange. At
+`roll_rad = 0` the flange is turned the shortest way from hanging straight down with its x axis along the
+world's x axis; pointing straight up it is turned half a turn about the world's y axis instead.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Annotated, Literal, final
+
+from cosim.config.schema.per_chamber import PerChamber
+from cosim.config.toml.constraints import (
+    Bounds,
+    Count,
+    Direction,
+    Length,
+    Name,
+    NonNegative,
+    Positive,
+    Pressure,
+    Vector3,
+)
+
+Tensions = tuple[NonNegative, ...]
+
+
+@final
+@dataclass(frozen=True)
+class FlangePose:
+    """Absolute pose of the flange: origin, z axis, roll about it (see the module's text)."""
+
+    position_m: Vector3
+    direction: Direction
+    roll_rad: float = 0.0
+
+
+@final
+@dataclass(frozen=True)
+class FlangeTurn:
+    """Right-handed rotation about the flange's origin, world axis, from where the phase starts."""
+
+    axis: Direction
+    angle_rad: Annotated[float, Bounds(at_least=-100.0, at_most=100.0)]
+
+
+@final
+@dataclass(frozen=True)
+class FlangeShake:
+    """The flange swings to and fro along a line, and ends where it began.
+
+    Args:
+        axis: world.
+        amplitude_m: reached after the first period, kept up to the last one.
+        frequency_Hz: the phase must last at least three periods, and its ramp be linear.
+    """
+
+    axis: Direction
+    amplitude_m: Positive
+    frequency_Hz: Positive
+
+
+@final
+@dataclass(frozen=True)
+class TipTarget:
+    """Where the soft tip should be at the end of a phase: `position_m`, or only its height.
+
+    Args:
+        position_m: of the centre of the last hole ring, world.
+        direction: unit normal of the last hole ring, away from the base, world.
+        height_m: world z of the tip; only with reach_with = "cables".
+        reach_with: "flange": the flange goes where the deformed tip meets the target;
+            "cables": the flange stays, tensions are found;
+            "none": the flange goes where the undeformed tip would meet it (to see the error).
+    """
+
+    position_m: Vector3 | None = None
+    direction: Direction | None = None
+    height_m: float | None = None
+    reach_with: Literal["flange", "cables", "none"] = "flange"
+
+
+@final
+@dataclass(frozen=True)
+class Start:
+    """State before the first tick; an empty list of tensions means none.
+
+    Args:
+        flange: where it is.
+        pressure_Pa: gauge pressure; of all chambers, or a list, or a table by chamber.
+        cable_tension_N: at the base end of each cable.
+    """
+
+    flange: FlangePose
+    pressure_Pa: PerChamber[Pressure] = 0.0
+    cable_tension_N: Tensions = ()
+
+
+@final
+@dataclass(frozen=True)
+class Support:
+    """Nodes held in the world; only without an arm.
+
+    Args:
+        rings: such as "unit_1.outer".
+        corners: of these rings, 0 to sides - 1; omitted: all nodes of the rings.
+        axes: world axes along which they are held, where they are when the phase starts.
+    """
+
+    rings: Annotated[tuple[str, ...], Length(at_least=1)]
+    corners: tuple[int, ...] | None = None
+    axes: Literal["x", "y", "z", "xy", "xz", "yz", "xyz"] = "xyz"
+
+
+@final
+@dataclass(frozen=True)
+class Force:
+    """A dead load on nodes, at the end of the ramp.
+
+    Args:
+        rings: such as "unit_5.outer".
+        corners: of these rings, 0 to sides - 1; omitted: all nodes of the rings.
+        total_N: shared evenly by the nodes, world axes.
+    """
+
+    rings: Annotated[tuple[str, ...], Length(at_least=1)]
+    total_N: Vector3
+    corners: tuple[int, ...] | None = None
+
+
+@final
+@dataclass(frozen=True)
+class Phase:
+    """One stretch of the run; what is omitted stays as it is.
+
+    What belongs to the gas is one value for all chambers, or a list, or a table by chamber.
+
+    Args:
+        duration_s: of the ramp.
+        settle_s: held afterwards, at the end values.
+        increments: of the ramp, in the quasistatic mode.
+        ramp: "smooth" is the minimum-jerk quintic.
+        gas: "prescribed": the pressure is given; "sealed": what is in the chamber when the phase starts stays
+            in it, and its pressure follows from the volume. Prescribed until a phase seals it.
+        leak_kg_s_Pa: mass that a sealed gas loses per second and pascal of gauge pressure.
+        pressure_Pa: gauge pressure at the end of the ramp.
+        cable_tension_N: at the base end of each cable, at the end of the ramp; in the file a list, or a table
+            by name, group or pattern, whose cables left out stay as they were.
+        cable_length_m: unstretched length between first and last eyelet at the end of the ramp, by cable; it
+            stays commanded until a tension is.
+        cable_shortening_m: the same, as the change since the start of the phase.
+        pump_pressure_Pa: setpoint from the start of the phase on, by pump; while the gas is sealed.
+        control: controllers that act in this phase without a setpoint.
+        control_bending_angle_rad: setpoint of the angle between tip direction and flange axis, by controller.
+        control_tip_height_m: setpoint of the tip's world z, by controller.
+        flange: absolute pose at the end of the ramp.
+        flange_turn: relative rotation; may be combined with `flange_shift_m`.
+        flange_shift_m: relative displacement, world axes.
+        flange_shake: a swing on top of `flange_turn` and `flange_shift_m`.
+        release: rings let go when the phase starts, before anything else is held.
+        clamp: rings held rigidly to the flange from here on, as they are when the phase starts.
+        supports: `[[phase.support]]` in the file; held from here on, besides what is held already.
+        forces: `[[phase.force]]` in the file; together they replace the forces of earlier phases.
+        tip_target: where the tip should end up.
+    """
+
+    name: Name
+    duration_s: Positive
+    settle_s: NonNegative = 0.0
+    increments: Count = 100
+    ramp: Literal["smooth", "linear", "step"] = "smooth"
+    gas: PerChamber[Literal["prescribed", "sealed"]] | None = None
+    leak_kg_s_Pa: PerChamber[NonNegative] | None = None
+    pressure_Pa: PerChamber[Pressure] | None = None
+    cable_tension_N: Tensions | None = None
+    cable_length_m: Mapping[str, Positive] | None = None
+    cable_shortening_m: Mapping[str, float] | None = None
+    pump_pressure_Pa: Mapping[str, Pressure] | None = None
+    control: tuple[str, ...] = ()
+    control_bending_angle_rad: Mapping[str, float] | None = None
+    control_tip_height_m: Mapping[str, float] | None = None
+    flange: FlangePose | None = None
+    flange_turn: FlangeTurn | None = None
+    flange_shift_m: Vector3 | None = None
+    flange_shake: FlangeShake | None = None
+    release: tuple[str, ...] = ()
+    clamp: tuple[str, ...] = ()
+    supports: tuple[Support, ...] = field(default=(), metadata={"key": "support"})
+    forces: tuple[Force, ...] = field(default=(), metadata={"key": "force"})
+    tip_target: TipTarget | None = None

@@ -1,0 +1,318 @@
+"""Schema of a soft robot's file (`robots/*.toml`): frozen, SI units in the names of the keys."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Annotated, Final, Literal, final
+
+from cosim.base.names import ONLY_CHAMBER
+from cosim.config.toml.constraints import (
+    Bounds,
+    Colour,
+    Count,
+    Fraction,
+    Increasing,
+    Length,
+    Name,
+    NonNegative,
+    Positive,
+    Text,
+)
+
+HeightFractions = Annotated[tuple[Fraction, Fraction, Fraction], Increasing()]
+ARM_CHAMBER: Final = "arm"
+"""Name of the gas chamber of a robot that carries others."""
+
+UnitRange = tuple[Count, Count]
+
+
+@final
+@dataclass(frozen=True)
+class Chamber:
+    """Geometry of a straight stack of polygonal units, drawn along the flange's z axis.
+
+    Args:
+        kind: the only geometry so far.
+        sides: corners of each unit.
+        units: number of units.
+        corner_radius_m: distance of the first unit's corners from the axis.
+        taper: corner radius of a unit divided by that of the unit before it.
+        hole_radius_m: distance of the corners of the hole rings between units from the axis.
+        mid_ring_fraction: 0 puts the mid rings' corners at the hole, 1 at the unit's corner.
+        unit_height_m: drawn height of one unit.
+        ring_heights: of lower mid, outer and upper mid ring, as fractions of the unit's height.
+        first_corner_rad: angle of corner 0 from the flange's x axis about its z axis; omitted:
+            -pi / sides, so that the edge between corners 0 and 1 faces +x.
+        refine: how often each triangle is divided into four.
+    """
+
+    sides: Annotated[int, Bounds(at_least=3, at_most=64)]
+    units: Annotated[int, Bounds(at_least=1, at_most=200)]
+    corner_radius_m: Positive
+    hole_radius_m: Positive
+    unit_height_m: Positive
+    ring_heights: HeightFractions
+    kind: Literal["polygonal_stack"] = "polygonal_stack"
+    taper: Annotated[float, Bounds(above=0.0, at_most=1.0)] = 1.0
+    mid_ring_fraction: Fraction = 0.5
+    first_corner_rad: float | None = None
+    refine: Annotated[int, Bounds(at_least=0, at_most=4)] = 0
+
+
+@final
+@dataclass(frozen=True)
+class Film:
+    """Elastic sheet of the chamber walls.
+
+    Args:
+        law: "plain"; "tension_field": a film that wrinkles without resistance; "edge_strain": strain as bars
+            along the triangles' edges measure it (for comparison with published data).
+        compressive_fraction: of the plain law's compressive stiffness that a tension field keeps.
+    """
+
+    young_modulus_Pa: Positive
+    poisson_ratio: Annotated[float, Bounds(above=-1.0, below=0.5)]
+    thickness_m: Positive
+    density_kg_m3: NonNegative = 0.0
+    law: Literal["plain", "tension_field", "edge_strain"] = "plain"
+    compressive_fraction: Annotated[float, Bounds(at_least=0.0, at_most=1.0)] = 0.0
+
+
+@final
+@dataclass(frozen=True)
+class Hinge:
+    """Rotational springs of the folds.
+
+    Args:
+        rule: "uniform": every hinge has the same spring constant (scaled on a refined mesh, so that the mean
+            energy of bending to a cylinder stays); "shell": each by the triangles beside it, so that the film
+            bends like a shell.
+        stiffness_factor: uniform: spring constant divided by E t^3 / 12 [N m/rad]; shell: flexural rigidity
+            divided by E t^3 / (12 (1 - nu^2)).
+        fold_barrier_rad: the moment grows steeply below this dihedral angle and above 2 pi minus it.
+    """
+
+    rule: Literal["uniform", "shell"] = "uniform"
+    stiffness_factor: NonNegative = 1.0
+    fold_barrier_rad: Annotated[float, Bounds(at_least=0.0, below=3.141592653589793)] = 0.0
+
+
+@final
+@dataclass(frozen=True)
+class Frame:
+    """Printed frames around the outer ring of every unit.
+
+    Args:
+        kind: "none", or "stiff": each outer ring keeps its drawn shape and moves almost as a rigid body.
+        stiffness_N_m: of the springs that keep the shape.
+    """
+
+    kind: Literal["none", "stiff"] = "none"
+    stiffness_N_m: Positive = 1e6
+
+
+@final
+@dataclass(frozen=True)
+class Mass:
+    """Mass beyond that of the film.
+
+    Args:
+        node_mass_kg: at every node of the unrefined mesh.
+        seam_mass_kg: at every node of its outer rings (a unit's frame), in addition.
+
+    A refined mesh spreads the same totals evenly over its nodes.
+    """
+
+    node_mass_kg: NonNegative = 0.0
+    seam_mass_kg: NonNegative = 0.0
+
+
+@final
+@dataclass(frozen=True)
+class Cable:
+    """A cable along one corner line, through the outer ring of each unit of a range.
+
+    Exactly one of the two loss models is given.
+
+    Args:
+        corner: 0 to sides - 1; counted about the flange's z axis.
+        units: first and last unit with an eyelet, counted from 1.
+        capstan_factor: tension beyond an eyelet divided by the tension before it.
+        friction_coefficient: mu in exp(-mu * wrap angle) at each eyelet.
+        stiffness_N_m: tension per stretch of the whole cable; matters only where its length is commanded.
+    """
+
+    name: Name
+    corner: Annotated[int, Bounds(at_least=0)]
+    units: UnitRange
+    capstan_factor: Annotated[float, Bounds(above=0.0, at_most=1.0)] | None = None
+    friction_coefficient: NonNegative | None = None
+    stiffness_N_m: Positive = 1e4
+
+
+@final
+@dataclass(frozen=True)
+class Copies:
+    """The robot several times on one flange, evenly spaced about its z axis, such as fingers on a palm.
+
+    Ring names mean the first copy, towards the flange's +x; the rings of copy k are called copy_k/NAME, and
+    copy_*/NAME means those of all. Cables come copy by copy; each copy has a gas chamber, copy_k.
+
+    Args:
+        count: of the copies.
+        radius_m: of their origins from the flange's z axis.
+        tilt_rad: outwards, of their z axes from the flange's.
+        spin_rad: about their own z axes; at 0 their x axes point away from the flange's z axis.
+        height_m: of their origins along the flange's z axis.
+    """
+
+    count: Annotated[int, Bounds(at_least=1, at_most=12)]
+    radius_m: NonNegative
+    tilt_rad: float = 0.0
+    spin_rad: float = 0.0
+    height_m: float = 0.0
+
+
+@final
+@dataclass(frozen=True)
+class Palm:
+    """A round plate fixed to the flange, its back on the flange's xy plane; rigid bodies touch it.
+
+    The film does not: it is mounted there. Only with an arm.
+
+    Args:
+        friction: coefficient of sliding.
+    """
+
+    radius_m: Positive
+    thickness_m: Positive
+    mass_kg: Positive
+    friction: NonNegative = 0.8
+    rgba: Colour = (0.25, 0.27, 0.30, 1.0)
+
+
+@final
+@dataclass(frozen=True)
+class Calibration:
+    """Parameters of the unrefined mesh that make it answer like the refined one; made by `cosim calibrate`.
+
+    Args:
+        film_modulus_factor: effective over real Young's modulus.
+        compressive_fraction: of the plain law's compressive stiffness; the law becomes "tension_field".
+        hinge_factor: spring constant of each hinge over E t^3 / 12 of the real film.
+        reference_refine: refinement of the model that was taken as truth.
+        pressure_range_Pa: that was fitted.
+        largest_error: relative, of the extension, over all loads without lateral force, fitted and checked.
+        largest_lateral_error: relative, of the deflection, over all loads with lateral force.
+    """
+
+    film_modulus_factor: Positive
+    compressive_fraction: Annotated[float, Bounds(at_least=0.0, at_most=1.0)]
+    hinge_factor: NonNegative
+    reference_refine: Count = 2
+    pressure_range_Pa: tuple[Positive, Positive] = (5e3, 40e3)
+    largest_error: NonNegative = 0.0
+    largest_lateral_error: NonNegative = 0.0
+
+
+@final
+@dataclass(frozen=True)
+class Plate:
+    """A stiff plate between two soft robots.
+
+    Args:
+        mass_kg: spread over the nodes that it joins.
+        stiffness_N_m: of the springs that keep its shape.
+    """
+
+    mass_kg: NonNegative = 0.0
+    stiffness_N_m: Positive = 1e6
+
+
+@final
+@dataclass(frozen=True)
+class Attachment:
+    """Another soft robot on the tip of this one; a plate joins its base rings to the tip ring.
+
+    Its rings, cables and chambers are called NAME/ and their own name.
+
+    Args:
+        robot: in the file a table `{file = NAME, ...}` of changes to that file, as in a scenario; its own
+            `copies` stand about the axis of the tip.
+        height_m: of its origin beyond the tip ring, along the axis.
+    """
+
+    name: Name
+    robot: SoftRobot
+    height_m: NonNegative = 0.0
+    plate: Plate = Plate()
+
+
+@final
+@dataclass(frozen=True)
+class SoftRobot:
+    """A soft robot: geometry, film, folds, masses, clamped rings and cables.
+
+    Args:
+        base: rings clamped to the flange from the start, such as "unit_1.hole".
+        cables: `[[cable]]` in the file, of one copy.
+        copies: how often, and where, all this is on the flange; omitted: once, along its z axis.
+        attachments: `[[attach]]` in the file.
+        palm: rigid plate that the soft parts are mounted on; omitted: none.
+        calibration: of the unrefined mesh; used where a scenario says `chamber.calibrated = true`.
+    """
+
+    name: Name
+    source: Text
+    chamber: Chamber
+    film: Film
+    hinge: Hinge = Hinge()
+    frame: Frame = Frame()
+    mass: Mass = Mass()
+    base: Annotated[tuple[str, ...], Length(at_least=1)] = ("unit_1.hole",)
+    cables: tuple[Cable, ...] = field(default=(), metadata={"key": "cable"})
+    copies: Copies | None = None
+    attachments: tuple[Attachment, ...] = field(default=(), metadata={"key": "attach"})
+    palm: Palm | None = None
+    calibration: Calibration | None = None
+    schema: Literal[1] = 1
+
+    def cable_names(self) -> tuple[str, ...]:
+        """Return the names of all cables, copy by copy, then those of attachments."""
+        own = tuple(cable.name for cable in self.cables)
+        count = 1 if self.copies is None else self.copies.count
+        own += tuple(f"copy_{k}/{name}" for k in range(2, count + 1) for name in own)
+        return own + tuple(
+            f"{part.name}/{name}" for part in self.attachments for name in part.robot.cable_names()
+        )
+
+    def chamber_names(self) -> tuple[str, ...]:
+        """Return the names of all gas chambers: "chamber" ("arm" with attachments), or one for each copy."""
+        count = 0 if self.copies is None else self.copies.count
+        own = tuple(f"copy_{k}" for k in range(1, count + 1))
+        if not own:
+            own = (ARM_CHAMBER if self.attachments else ONLY_CHAMBER,)
+        for part in self.attachments:
+            names = part.robot.chamber_names()
+            own += (
+                (part.name,) if names == (ONLY_CHAMBER,) else tuple(f"{part.name}/{name}" for name in names)
+            )
+        return own
+
+    def ring_names(self) -> tuple[str, ...]:
+        """Return the names of all rings, base to tip, then those of each copy, then those of attachments."""
+        rings = ("hole", "lower", "outer", "upper")
+        units = range(1, self.chamber.units + 1)
+        own = (*(f"unit_{unit}.{ring}" for unit in units for ring in rings), "tip")
+        count = 0 if self.copies is None else self.copies.count
+        own += tuple(f"copy_{k}/{name}" for k in range(1, count + 1) for name in own)
+        return own + tuple(
+            f"{part.name}/{name}" for part in self.attachments for name in part.robot.ring_names()
+        )
+
+    def sides_of(self, ring: str) -> int:
+        """Return how many corners a ring has, this robot's or that of an attachment."""
+        for part in self.attachments:
+            if ring.startswith(f"{part.name}/"):
+                return part.robot.sides_of(ring.removeprefix(f"{part.name}/"))
+        return self.chamber.sides

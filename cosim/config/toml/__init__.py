@@ -1,0 +1,1 @@
+"""TOML to frozen records: bounded reading, overrides, types, suggestions."""

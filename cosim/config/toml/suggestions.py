@@ -1,0 +1,70 @@
+"""Words for unknown keys: the nearest known ones, and units that do not fit."""
+
+from __future__ import annotations
+
+from difflib import get_close_matches
+
+from cosim.config.toml.constraints import LONGEST_NAME, shown
+
+_UNITS = (
+    "kg_s_Pa",
+    "m_s2",
+    "kg_m3",
+    "g_cm3",
+    "per_s",
+    "Pa",
+    "hPa",
+    "kPa",
+    "MPa",
+    "GPa",
+    "mbar",
+    "bar",
+    "psi",
+    "m",
+    "mm",
+    "cm",
+    "um",
+    "N",
+    "mN",
+    "kN",
+    "s",
+    "ms",
+    "us",
+    "min",
+    "rad",
+    "deg",
+    "degrees",
+    "kg",
+    "g",
+    "K",
+)
+
+
+def unknown_key_message(key: str, known: tuple[str, ...]) -> str:
+    """Return what to say about a key that does not exist among the known ones."""
+    stem, unit = split_unit(key)
+    for candidate in known:
+        candidate_stem, candidate_unit = split_unit(candidate)
+        if candidate_unit and candidate_stem.lower() == stem.lower() and candidate != key:
+            given = f"'{unit}' is not the unit of this key" if unit else "the unit is part of the key"
+            return f"unknown key; {given}: write {candidate} (in {candidate_unit}; units are not converted)"
+    close = get_close_matches(key, known, n=3, cutoff=0.6)
+    if close:
+        return f"unknown key; did you mean {' or '.join(close)}?"
+    return f"unknown key; known are: {', '.join(sorted(known))}"
+
+
+def unknown_name_message(kind: str, name: str, known: tuple[str, ...]) -> str:
+    """Return what to say about a name that does not exist among the known ones."""
+    close = get_close_matches(name, known, n=1, cutoff=0.6) if len(name) <= LONGEST_NAME else []
+    hint = f"; did you mean '{close[0]}'?" if close else ""
+    listed = known if len(known) <= 12 else (*known[:6], "...", *known[-3:])
+    return f"no {kind} {shown(name)}{hint}. There are: {', '.join(listed) or 'none'}".replace("?.", "?")
+
+
+def split_unit(key: str) -> tuple[str, str]:
+    """Return a key's stem and its unit ("" if it has none)."""
+    for unit in _UNITS:
+        if key.lower().endswith("_" + unit.lower()):
+            return key[: -len(unit) - 1], key[-len(unit) :]
+    return key, ""

@@ -1,0 +1,72 @@
+"""Writes scenario dataclasses back as TOML, every default spelled out."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Mapping
+from dataclasses import fields, is_dataclass
+from typing import Any
+
+from cosim.config.schema.scenario import Scenario
+from cosim.config.toml.parsing import key_of
+
+_HEADER = "# The scenario as it ran, every value spelled out. Run it again with: cosim run <this file>\n"
+
+
+def to_table(value: Any) -> Any:
+    """Return the nested dicts and lists that describe a schema dataclass; absent values are left out."""
+    if is_dataclass(value) and not isinstance(value, type):
+        entries = ((key_of(entry), getattr(value, entry.name)) for entry in fields(value))
+        return {key: to_table(item) for key, item in entries if item is not None}
+    if isinstance(value, tuple):
+        return [to_table(item) for item in value]
+    if isinstance(value, Mapping):
+        return {key: to_table(item) for key, item in value.items()}
+    return value
+
+
+def scenario_text(scenario: Scenario) -> str:
+    """Return the resolved scenario as TOML text, which loads to an equal scenario."""
+    return _HEADER + "\n".join(_table_lines(to_table(scenario), "")) + "\n"
+
+
+def _table_lines(table: Mapping[str, Any], path: str) -> list[str]:
+    """Lines of one table: single values first, then its tables and lists of tables."""
+    tables = {key: value for key, value in table.items() if _is_table(value) or _is_table_list(value)}
+    lines = [f"{_key(key)} = {_inline(value)}" for key, value in table.items() if key not in tables]
+    for key, value in tables.items():
+        inner = f"{path}.{_key(key)}" if path else _key(key)
+        if _is_table(value):
+            lines += ["", f"[{inner}]", *_table_lines(value, inner)]
+        else:
+            for entry in value:
+                lines += ["", f"[[{inner}]]", *_table_lines(entry, inner)]
+    return lines
+
+
+def _is_table(value: Any) -> bool:
+    return isinstance(value, Mapping)
+
+
+def _is_table_list(value: Any) -> bool:
+    return isinstance(value, list) and bool(value) and all(_is_table(entry) for entry in value)
+
+
+def _key(key: str) -> str:
+    return key if re.fullmatch(r"[A-Za-z0-9_-]+", key) else _text(key)
+
+
+def _text(text: str) -> str:
+    # JSON's escapes are a subset of those of TOML's basic strings, except for the delete character
+    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
+
+
+def _inline(value: Any) -> str:
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, str):
+        return _text(value)
+    if isinstance(value, list):
+        return "[" + ", ".join(_inline(item) for item in value) + "]"
+    return repr(value)

@@ -1,0 +1,1 @@
+"""Many ticks of a section model on an arm, in one call."""

@@ -1,0 +1,308 @@
+"""Many ticks of arm and chain in one kernel: what `StaggeredCoupling.tick` does, without Python in between.
+
+Per tick: servos and the wrench of the tick before act while MuJoCo steps; the chain then takes one implicit
+step with the flange's new pose and returns the next wrench.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import types
+
+from cosim.base.frames import Array, IntArray
+from cosim.base.kernels import BLOCKS, BOOLEAN, INDICES, MATRIX, REAL, VECTOR, inlined, kernel
+from cosim.coupling.batch.added_inertia import CarriedRow
+from cosim.coupling.schemes.momentum_balance import LEVER_M, SMALLEST_N
+from cosim.reduced.sections.outputs import CENTER, INERTIA, WRENCH
+from cosim.reduced.sections.pressure_spline import weighted_rows
+from cosim.reduced.sections.section_strains import CUBE
+from cosim.reduced.solve.arrays import CHAIN_ARRAYS
+from cosim.reduced.solve.implicit_step import FREE_FLIGHT, implicit_step
+from cosim.rigid.scene.native import BEGIN, FACTORISE, FINISH, NATIVE_SCENE, call_step
+
+_MOTIONS = types.Array(types.float64, 5, "C")
+
+ALL_DONE, SOFT_STEP_LEFT, RIGID_SIDE_WARNS = 0, 1, 2
+"""How a row of ticks ended; with the second, the tick's rigid half is done."""
+
+
+class Commands(NamedTuple):
+    """What is asked for in each of n ticks.
+
+    Args:
+        position: (n, joints) [rad].
+        velocity: (n, joints) [rad/s].
+        torque: (n, joints) [N m], feedforward without payload.
+        by_payload: (n, joints, 10), its derivative by the payload's `inertial_parameters`; of none: zero.
+        pressure: (n,) [Pa].
+        first: (n,), first of the spline's functions that are not zero at that pressure.
+        weights: (n, TERMS), their values.
+        tension: (n, k) [N], of all cable segments.
+    """
+
+    position: Array
+    velocity: Array
+    torque: Array
+    by_payload: Array
+    pressure: Array
+    first: IntArray
+    weights: Array
+    tension: Array
+
+    def rows(self, first: int, end: int) -> Commands:
+        """Return what is asked for in some of the ticks."""
+        return Commands(*(array[first:end] for array in self))  # type: ignore[arg-type]
+
+
+class Ticks(NamedTuple):
+    """What n ticks leave; of some there is one row more, the first of which is there before.
+
+    Args:
+        motion: (n + 2, 2, f, 4, 3), of the chain, from the step before the last one on.
+        gradient: (n, f, 6).
+        figures: (n + 1, FIGURES), of the chain.
+        origin: (n + 1, 3) [m], of the flange.
+        axes: (n + 1, 3, 3), world from flange.
+        twist: (n, 6), of the flange's origin, linear then angular, world axes.
+        handed: (n + 1, 7), the wrench about the world's origin, and its size [N].
+        joints: (n, joints) [rad].
+        joint_speed: (n, joints) [rad/s].
+        servo_torque: (n, joints) [N m].
+        places: (n, bodies, 3) [m].
+        quaternions: (n, bodies, 4).
+        power: (n, 3) [W], received by the rigid side, taken in by the soft one, and the size of such a power.
+        momentum_error: (n,), see `LedgerEntry`.
+        residual: (n,) [N].
+        iterations: (n,).
+    """
+
+    motion: Array
+    gradient: Array
+    figures: Array
+    origin: Array
+    axes: Array
+    twist: Array
+    handed: Array
+    joints: Array
+    joint_speed: Array
+    servo_torque: Array
+    places: Array
+    quaternions: Array
+    power: Array
+    momentum_error: Array
+    residual: Array
+    iterations: IntArray
+
+    def from_on(self, first: int) -> Ticks:
+        """Return the rows of a tick and all after it."""
+        return Ticks(*(array[first:] for array in self))  # type: ignore[arg-type]
+
+
+_CARRIED = types.NamedTuple((types.Array(types.float64, 2, "A"), VECTOR, MATRIX), CarriedRow)
+_COMMANDS = types.NamedTuple((MATRIX, MATRIX, MATRIX, BLOCKS, VECTOR, INDICES, MATRIX, MATRIX), Commands)
+_TICKS = types.NamedTuple(
+    (
+        _MOTIONS, CUBE, MATRIX, MATRIX, CUBE, MATRIX, MATRIX, MATRIX, MATRIX, MATRIX, CUBE, CUBE, MATRIX,
+        VECTOR, VECTOR, INDICES,
+    ),
+    Ticks,
+)  # fmt: skip
+
+
+@inlined
+def _fill_payload(figures, mass, origin, axes, mounted, out):  # type: ignore[no-untyped-def]
+    """Fill out (10,) with the `inertial_parameters` of the chain's mass and of what is mounted."""
+    center, turned, inertia = np.empty(3), np.empty((3, 3)), np.empty((3, 3))
+    square = 0.0
+    for r in range(3):
+        center[r] = 0.0
+        for i in range(3):
+            center[r] += axes[i, r] * (figures[CENTER + i] - origin[i])
+        square += center[r] * center[r]
+        for c in range(3):
+            turned[r, c] = 0.0
+            for i in range(3):
+                turned[r, c] += figures[INERTIA + 3 * r + i] * axes[i, c]
+    for r in range(3):
+        for c in range(3):
+            total = -mass * center[r] * center[c] + (mass * square if r == c else 0.0)
+            for i in range(3):
+                total += axes[i, r] * turned[i, c]
+            inertia[r, c] = total
+    out[0] = mass
+    for r in range(3):
+        out[1 + r] = mass * center[r]
+    out[4], out[5], out[6] = inertia[0, 0], inertia[0, 1], inertia[1, 1]
+    out[7], out[8], out[9] = inertia[0, 2], inertia[1, 2], inertia[2, 2]
+    for k in range(10):
+        out[k] += mounted[k]
+
+
+@inlined
+def _command(scene, commands, k, payload):  # type: ignore[no-untyped-def]
+    """Tell the servos what to follow."""
+    for j in range(scene.control.shape[0]):
+        torque = commands.torque[k, j]
+        for i in range(10):
+            torque += commands.by_payload[k, j, i] * payload[i]
+        scene.control[j, 0] = commands.position[k, j]
+        scene.control[j, 1] = commands.velocity[k, j]
+        scene.control[j, 2] = torque
+
+
+@inlined
+def _give_back(scene, carried):  # type: ignore[no-untyped-def]
+    """Give back what the carried inertia takes as long as the soft side answers as before."""
+    joints, depth = carried.inertia.shape[0], carried.past.shape[0]
+    for j in range(joints):
+        for k in range(depth - 1, 0, -1):
+            carried.past[k, j] = carried.past[k - 1, j]
+        carried.past[0, j] = scene.acceleration[j]
+    for i in range(joints):
+        scene.torque[i] = 0.0
+        for j in range(joints):
+            for k in range(depth):
+                scene.torque[i] += carried.inertia[i, j] * carried.weights[k] * carried.past[k, j]
+
+
+@inlined
+def _carry(scene, inertia):  # type: ignore[no-untyped-def]
+    """Add what the joints carry to a mass matrix that MuJoCo has computed for new positions."""
+    joints = inertia.shape[0]
+    for i in range(joints):
+        for j in range(i + 1):
+            scene.mass[scene.mass_places[i, j]] += inertia[i, j]
+    if joints > 0:
+        call_step(scene.steps[FACTORISE], scene.sides[0], scene.sides[1])
+
+
+@inlined
+def _momentum_error(scene, handed):  # type: ignore[no-untyped-def]
+    """Return how far what acts on the flange is from what was handed over, see `momentum`."""
+    largest = 0.0
+    for r in range(3):
+        i, k = (r + 1) % 3, (r + 2) % 3
+        torque = (
+            scene.applied[3 + r] + scene.center[i] * scene.applied[k] - scene.center[k] * scene.applied[i]
+        )
+        largest = max(largest, abs(handed[r] - scene.applied[r]))
+        largest = max(largest, abs(handed[3 + r] - torque) / LEVER_M)
+    return largest / max(handed[6], SMALLEST_N)
+
+
+@inlined
+def _read_scene(scene, ticks, k):  # type: ignore[no-untyped-def]
+    """Keep where arm and bodies are at the end of tick k, and how the flange moves."""
+    for j in range(scene.position.shape[0]):
+        ticks.joints[k, j], ticks.joint_speed[k, j] = scene.position[j], scene.speed[j]
+        ticks.servo_torque[k, j] = scene.servo_torque[j]
+    for body in range(scene.places.shape[0]):
+        for r in range(3):
+            ticks.places[k, body, r] = scene.places[body, r]
+        for r in range(4):
+            ticks.quaternions[k, body, r] = scene.quaternions[body, r]
+    for r in range(3):
+        i, m = (r + 1) % 3, (r + 2) % 3
+        arm_i, arm_m = scene.origin[i] - scene.reference[i], scene.origin[m] - scene.reference[m]
+        cross = arm_i * scene.velocity[m] - arm_m * scene.velocity[i]
+        ticks.twist[k, r], ticks.twist[k, 3 + r] = scene.velocity[3 + r] - cross, scene.velocity[r]
+        ticks.origin[k + 1, r] = scene.origin[r]
+        for c in range(3):
+            ticks.axes[k + 1, r, c] = scene.axes[r, c]
+
+
+@inlined
+def _hand_over(ticks, k):  # type: ignore[no-untyped-def]
+    """Take the wrench from the chain's figures to the world's origin."""
+    place, size = ticks.origin[k + 1], 0.0
+    for r in range(3):
+        i, m = (r + 1) % 3, (r + 2) % 3
+        force_i, force_m = ticks.figures[k + 1, WRENCH + i], ticks.figures[k + 1, WRENCH + m]
+        ticks.handed[k + 1, r] = ticks.figures[k + 1, WRENCH + r]
+        moment = place[i] * force_m - place[m] * force_i
+        ticks.handed[k + 1, 3 + r] = ticks.figures[k + 1, WRENCH + 3 + r] + moment
+        size = max(size, abs(ticks.figures[k + 1, WRENCH + r]))
+    ticks.handed[k + 1, 6] = size
+
+
+@inlined
+def _fill_power(scene, ticks, k):  # type: ignore[no-untyped-def]
+    """Keep the powers of the wrench that acted and of the answer, see `LedgerEntry`."""
+    received = given = force = moment = speed = turn = 0.0
+    for r in range(3):
+        linear, angular = ticks.twist[k, r], ticks.twist[k, 3 + r]
+        pull, torque = ticks.figures[k + 1, WRENCH + r], ticks.figures[k + 1, WRENCH + 3 + r]
+        received += scene.applied[r] * linear + scene.applied[3 + r] * angular
+        given += pull * linear + torque * angular
+        force, moment = force + pull * pull, moment + torque * torque
+        speed, turn = speed + linear * linear, turn + angular * angular
+    ticks.power[k, 0], ticks.power[k, 1] = received, -given
+    ticks.power[k, 2] = np.sqrt(force) * np.sqrt(speed) + np.sqrt(moment) * np.sqrt(turn)
+
+
+@inlined
+def _set_pressure(chain, commands, k):  # type: ignore[no-untyped-def]
+    """Bring sections and eyelets to the pressure of tick k."""
+    first, weights = commands.first[k], commands.weights[k]
+    weighted_rows(chain.energies, first, weights, chain.coefficients.reshape(chain.coefficients.size))
+    weighted_rows(chain.eyelet_table, first, weights, chain.eyelets.reshape(chain.eyelets.size))
+    weighted_rows(chain.lengths, first, weights, chain.inverse_length)
+    for s in range(chain.inverse_length.shape[0]):
+        chain.inverse_length[s] = 1.0 / chain.inverse_length[s]
+
+
+@kernel(
+    types.Tuple((types.int64, types.int64, types.boolean))(
+        types.int64, NATIVE_SCENE, _CARRIED, VECTOR, REAL, _COMMANDS, CHAIN_ARRAYS, _TICKS, REAL, REAL,
+        BOOLEAN, BOOLEAN, BOOLEAN, types.int64,
+    )
+)  # fmt: skip
+def advance_ticks(  # type: ignore[no-untyped-def]
+    count, scene, carried, mounted, mass, commands, chain, ticks, h, damping, two_steps, earlier, kept,
+    iterations_max,
+):  # fmt: skip
+    """Advance by `count` ticks of h [s]; return (ticks done, how it ended, whether the factor is kept).
+
+    carried: on the joints. mounted: (10,), parameters of a rigid mass on the flange, flange frame. mass [kg]:
+    of the chain. earlier: whether the first row
+    of the motion holds the step before the last. A soft step that does not converge in one go is left.
+    """
+    payload, flange = np.empty(10), np.empty((4, 3))
+    for k in range(count):
+        _fill_payload(ticks.figures[k], mass, ticks.origin[k], ticks.axes[k], mounted, payload)
+        _command(scene, commands, k, payload)
+        for r in range(6):
+            scene.applied[r] = ticks.figures[k, WRENCH + r]
+        _give_back(scene, carried)
+        ticks.momentum_error[k] = _momentum_error(scene, ticks.handed[k])
+        call_step(scene.steps[FINISH], scene.sides[0], scene.sides[1])
+        call_step(scene.steps[BEGIN], scene.sides[0], scene.sides[1])
+        for kind in range(scene.warnings.shape[0]):
+            if scene.warnings[kind] != 0:
+                return k, RIGID_SIDE_WARNS, kept
+        _carry(scene, carried.inertia)
+        _read_scene(scene, ticks, k)
+        if k > 0 and commands.pressure[k] != commands.pressure[k - 1]:
+            _set_pressure(chain, commands, k)
+        for r in range(3):
+            flange[0, r] = scene.origin[r]
+            for c in range(3):
+                flange[1 + c, r] = scene.axes[r, c]
+        both = two_steps and (earlier or k > 0)
+        if k == 1 and not earlier:  # the factor is of a step that looked back over one only
+            kept = kept and not two_steps
+        outcome, iterations, residual, kept = implicit_step(
+            ticks.motion[k + 1], ticks.motion[k], both, h, damping, FREE_FLIGHT, flange, chain.free,
+            chain.offsets, chain.coefficients, chain.inverse_length, chain.mass, chain.load, chain.far,
+            chain.eyelets, commands.tension[k], chain.touching, chain.rows, chain.widths, chain.target,
+            chain.diagonal, chain.off, chain.low, chain.side, kept, chain.bounds, iterations_max,
+            ticks.motion[k + 2], ticks.gradient[k], ticks.figures[k + 1],
+        )  # fmt: skip
+        if outcome != 0:
+            return k, SOFT_STEP_LEFT, kept
+        ticks.residual[k], ticks.iterations[k] = residual, iterations
+        _hand_over(ticks, k)
+        _fill_power(scene, ticks, k)
+    return count, ALL_DONE, kept

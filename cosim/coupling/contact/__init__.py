@@ -1,0 +1,1 @@
+"""Contact forces between the film and the scene's bodies, in both directions."""

@@ -1,0 +1,61 @@
+"""How stiffly a film holds on to the bodies that it touches, contacts and film in series."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cosim.base.frames import Array, IntArray
+from cosim.coupling.contact.contact_exchange import ContactExchange
+from cosim.coupling.contact.contact_motion import rigid_motions, spread
+from cosim.coupling.soft_sides.soft_side import SoftSide
+from cosim.soft.contact.obstacle_contact import ContactPlanes
+
+RATIO_BOUND = 1.0
+"""Algorithmic mass over a body's inertia above which the explicit exchange can grow."""
+RENEW_EVERY_TICKS = 10
+RENEW_ABOVE = 1.2
+"""Growth of the contacts' own stiffness beyond which S is found anew: it grows at most in proportion."""
+
+
+def body_stiffness(
+    exchange: ContactExchange,
+    soft: SoftSide,
+    planes: ContactPlanes,
+    tangents: Array,
+    bodies: IntArray,
+    tick_s: float,
+) -> Array:
+    """Return S = G^T (K - K W H^-1 W^T K) G (6 b, 6 b): change of contact loads per motion of the bodies.
+
+    G moves the contact points with the bodies, K are the contacts' tangents, W^T spreads forces to the
+    nodes, H is the tangent of the film's time step.
+
+    Args:
+        exchange: contacts.
+        soft: soft side, after its step.
+        planes: contacts with slack stick springs.
+        tangents: K (k, 3, 3) [N/m], of all contacts.
+        bodies: (b,) touched ones.
+        tick_s: length of the step [s].
+
+    Returns:
+        For each body along world axes [N/m], then about its own axes [N m], about its origin.
+    """
+    owner = exchange.query.body[exchange.shape]
+    mine = np.flatnonzero(np.isin(owner, bodies))
+    place = np.searchsorted(bodies, owner[mine])
+    positions = soft.state.positions
+    nodes, weights = planes.nodes[mine], planes.weights[mine]
+    points = np.einsum("ka,kar->kr", weights, positions[nodes])
+    with_body = rigid_motions(points, exchange.bodies.origins(bodies)[place])
+    with_body[:, :, 3:] = with_body[:, :, 3:] @ exchange.bodies.rotations(bodies)[place]
+    moved = np.zeros((len(mine), 3, len(bodies), 6))  # the points with their body: G = [1, -S(arm) R]
+    moved[np.arange(len(mine)), :, place] = with_body
+    motion = moved.reshape(len(mine), 3, -1)
+    push = np.einsum("krs,ksj->krj", tangents[mine], motion)
+    forces = spread(nodes, weights, push, len(positions))
+    stiffness = np.einsum("kri,krj->ij", motion, push)
+    following = soft.response(forces, planes, tick_s)
+    if following is not None:
+        stiffness -= np.einsum("inr,jnr->ij", forces, following)
+    return np.asarray(stiffness)

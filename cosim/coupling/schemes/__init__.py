@@ -1,0 +1,1 @@
+"""How both sides are brought to agree: staggered, iterated, or by what the masses ask for."""

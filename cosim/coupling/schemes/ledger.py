@@ -1,0 +1,74 @@
+"""What the two sides of the interface exchange in a tick."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal, TypeAlias, final
+
+from cosim.base.frames import Wrench
+from cosim.base.frozen import quickly_made
+
+Scheme: TypeAlias = Literal["staggered", "iterated"]
+
+
+@final
+@quickly_made
+@dataclass(frozen=True)
+class LedgerEntry:
+    """What the interface exchanged in one tick.
+
+    Args:
+        wrench: that the soft robot exerts on the flange, at the flange origin, world axes.
+        rigid_power_W: power of the wrench that the rigid side received.
+        soft_power_W: power that the soft side took in by its answer of this tick, with the same twist.
+        residual_N: largest component of the out-of-balance force of the soft step.
+        newton_iterations: of the soft step.
+        slides: equilibria that only a damped slide led to, in statics and before the first tick.
+        stability_ratio: largest eigenvalue of (flange mobility x algorithmic mass of the soft side).
+        algorithmic_mass: whether it was carried as armature in this tick.
+        contacts: points of the film that press on something.
+        contact_force_N: sum of their normal forces.
+        contact_depth_m: how deep the deepest of them is; negative while nothing has sunk in.
+        contact_ratio: largest algorithmic mass of the film over the inertia of a free body that it touches.
+        self_contacts: points of the film that press on another film of the soft robot.
+        self_contact_force_N: sum of their normal forces.
+        self_contact_depth_m: how deep the deepest of them is behind the other film; negative while none is.
+        scheme: of the exchange in this tick.
+        trials: how often the tick was taken until the loads agreed; 1 in the staggered exchange.
+        interface_residual: what the loads on flange and bodies that acted differ from those the soft side
+            answered with in the same tick, over their size; 0 where no iteration was asked for.
+        power_size_W: product of the sizes of wrench and flange velocity: a power of this size is large.
+        momentum_error: largest relative difference of what the rigid side received in the tick from what was
+            handed over to it, in force and torque about the world's origin.
+    """
+
+    wrench: Wrench
+    rigid_power_W: float
+    soft_power_W: float
+    residual_N: float
+    newton_iterations: int
+    stability_ratio: float
+    algorithmic_mass: bool
+    contacts: int = 0
+    contact_force_N: float = 0.0
+    contact_depth_m: float = 0.0
+    contact_ratio: float = 0.0
+    self_contacts: int = 0
+    self_contact_force_N: float = 0.0
+    self_contact_depth_m: float = 0.0
+    scheme: Scheme = "staggered"
+    trials: int = 1
+    interface_residual: float = 0.0
+    power_size_W: float = 0.0
+    momentum_error: float = 0.0
+    slides: int = 0
+
+    @property
+    def power_error_W(self) -> float:
+        """Power that appears or vanishes at the interface [W]."""
+        return self.rigid_power_W + self.soft_power_W
+
+    @property
+    def power_error(self) -> float:
+        """The same, relative to the product of the sizes of wrench and velocity; 0 at rest."""
+        return abs(self.power_error_W) / self.power_size_W if self.power_size_W > 0.0 else 0.0

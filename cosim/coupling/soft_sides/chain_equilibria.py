@@ -1,0 +1,178 @@
+"""Static equilibrium of a chain of frames on a flange, followed from a known one."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import final
+
+import numpy as np
+
+from cosim.base.frames import Array, Mask, Pose
+from cosim.coupling.soft_sides.chain_films import ChainFilms
+from cosim.errors import ConvergenceError
+from cosim.reduced.section_model import SectionBody
+from cosim.reduced.sections.outputs import figures_of, supplied_wrench
+from cosim.reduced.solve.clamp import FrameClamp
+from cosim.reduced.solve.commanded_cables import CLOSE_N, commanded, solve_commanded, tensions_at
+from cosim.reduced.solve.kinematics import carried, upright
+from cosim.reduced.solve.newton import ChainResult, ChainSolver
+from cosim.reduced.solve.state import ChainState
+from cosim.reduced.solve.working_range import place_in_range
+from cosim.soft.body.loads import Loads
+from cosim.soft.solve.equilibrium import CONTACT_ROUNDS_MAX, Equilibrium, Obstacles, end_of
+from cosim.soft.solve.newton import NewtonOptions, Outcome
+
+_SPLITS_MAX = 8
+
+
+@final
+class ChainEquilibria:
+    """Follows equilibria of one chain.
+
+    `obstacles` says what the film may touch; None for what the loads name.
+
+    Args:
+        section: the chain.
+        solver: of it.
+        films: that make nodes from its frames.
+        options: bounds of the iteration.
+    """
+
+    def __init__(
+        self, section: SectionBody, solver: ChainSolver, films: ChainFilms, options: NewtonOptions
+    ) -> None:
+        self._section, self._solver, self._films, self._options = section, solver, films, options
+        self.obstacles: Obstacles | None = None
+
+    def start(self, clamp: FrameClamp, flange: Pose, loads: Loads) -> Equilibrium:
+        """Return the equilibrium of a chain hung up without pressure, then loaded.
+
+        Where films without gas do not hold themselves up, it hangs from the flange with gas, then leans.
+        """
+        slack = (0.0,) * len(self._section.body.cables)
+        hanging = Loads(0.0, slack, loads.gravity)
+        try:
+            # as drawn, the films lie on each other, where a section has no stiffness to start from
+            hung = self.solve(self._straight(0.0, flange), clamp, flange, hanging)
+            return self.follow(hung, clamp, flange, loads)
+        except ConvergenceError:
+            if loads.gases(1)[0] is not None:
+                raise
+        pressure = loads.pressures(1)[0]
+        x, y, z = (float(np.linalg.norm(loads.gravity)) * flange.rotation[:, 2]).tolist()
+        hanging = Loads(pressure, slack, (x, y, z))
+        hung = self.solve(self._straight(pressure, flange), clamp, flange, hanging)
+        return self.follow(hung, clamp, flange, loads)
+
+    def _straight(self, pressure_Pa: float, flange: Pose) -> Array:
+        return carried(self._section.straight(pressure_Pa), flange)
+
+    def solve(
+        self, frames: Array, clamp: FrameClamp, flange: Pose, loads: Loads, begin_Pa: float = 0.0
+    ) -> Equilibrium:
+        """Return the equilibrium near frames (f, 4, 3); a sealed gas' pressure is sought from begin_Pa on.
+
+        Raises:
+            ConvergenceError: none was found.
+        """
+        options = self._options
+        found, loads = self._settle_contacts(clamp.place(frames, flange), clamp.free, loads, begin_Pa)
+        if found.outcome is not Outcome.CONVERGED:
+            end = place_in_range(self._section, found.frames, found.pressure_Pa)
+            ends = f"; the section model ends here: {end.text}" if end.at_its_end else ""
+            raise ConvergenceError(
+                f"no equilibrium found: {found.outcome.value}; residual {found.residual_N:.3g} N, bound "
+                f"{options.tolerance_N:.3g} N, {found.iterations} iterations{ends}",
+                found.residual_N,
+                found.iterations,
+            )
+        figures = figures_of(found.frames, clamp.free, self._section.mass, found.gradient)
+        film = self._films.film(ChainState.at_rest(found.frames), found.pressure_Pa)
+        return Equilibrium(
+            film,
+            flange,
+            loads,
+            supplied_wrench(figures),
+            found.residual_N,
+            found.iterations,
+            found.potential_J,
+            found.shifted,
+        )
+
+    def _settle_contacts(
+        self, start: Array, free: Mask, loads: Loads, begin_Pa: float
+    ) -> tuple[ChainResult, Loads]:
+        """Solve, and repeat while something else is touched than what was found before the solution.
+
+        Returns:
+            The solution, and the loads with the contacts it was found with.
+        """
+        trail = list[Array]()
+        if self.obstacles is None:
+            return self._solve(start, free, loads, begin_Pa), loads
+        pressure = begin_Pa if loads.gases(1)[0] is not None else loads.pressures(1)[0]
+        spent = shifted = 0
+        for round_ in range(CONTACT_ROUNDS_MAX):
+            loads = replace(loads, contact=self.obstacles(self._section.positions(start, pressure)))
+            found = self._solve(start, free, loads, pressure)
+            settled = round_ > 0 and found.iterations == 0
+            spent, shifted, pressure = spent + found.iterations, shifted + found.shifted, found.pressure_Pa
+            if settled or found.outcome is not Outcome.CONVERGED:
+                return replace(found, iterations=spent, shifted=shifted), loads
+            trail.append(found.frames.reshape(-1, 3))
+            start = upright(end_of(trail).reshape(start.shape))
+        raise ConvergenceError(
+            f"no equilibrium found: what is touched still changes after {CONTACT_ROUNDS_MAX} rounds, "
+            f"{len(loads.contact or ())} points near obstacles; try smaller increments",
+            found.residual_N,
+            spent,
+        )
+
+    def _solve(self, start: Array, free: Mask, loads: Loads, begin_Pa: float) -> ChainResult:
+        """Solve with the contacts that the loads name, at tensions or lengths of the cables."""
+        solver, options = self._solver, self._options
+        limit = options.iterations_max
+        if not commanded(loads):
+            return solver.solve(start, free, loads, options.tolerance_N, limit, begin_Pa)
+
+        def attempt(pulled: Loads, before: ChainResult | None) -> ChainResult:
+            begin, pressure = (start, begin_Pa) if before is None else (before.frames, before.pressure_Pa)
+            return solver.solve(begin, free, pulled, min(CLOSE_N, options.tolerance_N), limit, pressure)
+
+        gas = loads.gases(1)[0]
+        pressure = begin_Pa if gas is not None else loads.pressures(1)[0]
+        return solve_commanded(solver, free, loads, tensions_at(solver, start, loads, pressure), attempt)
+
+    def follow(
+        self, begin: Equilibrium, clamp: FrameClamp, flange: Pose, loads: Loads, pressure_Pa: float = 0.0
+    ) -> Equilibrium:
+        """Follow an equilibrium to another flange pose and other loads, in as few pieces as it takes.
+
+        Args:
+            begin: where to start.
+            clamp: frames held by the flange.
+            flange: wanted pose of it.
+            loads: wanted loads.
+            pressure_Pa: of the gas in a beginning that these films did not make.
+
+        Raises:
+            ConvergenceError: a piece of 1/256 of the way did not converge.
+        """
+        here, done, piece, spent = begin, 0.0, 1.0, 0
+        while done < 1.0:
+            share = min(1.0, done + piece)
+            pose = begin.world_from_flange.interpolated(flange, share)
+            motion = pose @ here.world_from_flange.inverse()
+            chain, pressure = self._films.chain(here.state, here.world_from_flange, pressure_Pa)
+            load, frames = begin.loads.interpolated(loads, share), chain.frames
+            if load.gases(1)[0] is None:
+                frames = self._section.stretched(frames, pressure, load.pressures(1)[0])
+            try:
+                found = self.solve(carried(frames, motion), clamp, pose, load, pressure)
+            except ConvergenceError as error:
+                spent, piece = spent + error.iterations, 0.5 * piece
+                if piece < 0.5**_SPLITS_MAX:
+                    raise
+                continue
+            here, done, spent = found, share, spent + found.iterations
+        return replace(here, iterations=spent)

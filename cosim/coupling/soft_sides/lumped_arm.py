@@ -1,0 +1,296 @@
+"""The soft side of the coupling: a body on the flange, stepped or solved for equilibrium."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TypeAlias, final
+
+import numpy as np
+
+from cosim.base.frames import Array, IntArray, Mask, Pose
+from cosim.coupling.soft_sides.answer_weights import answer_weights
+from cosim.coupling.soft_sides.flange_path import pose_within
+from cosim.coupling.soft_sides.lumped_arm_state import SoftArmState
+from cosim.coupling.soft_sides.shape_reader import MeshReader
+from cosim.coupling.soft_sides.soft_side import SoftReply, SoftSide
+from cosim.errors import ConvergenceError
+from cosim.soft.body.body import SoftBody
+from cosim.soft.body.loads import Loads
+from cosim.soft.contact.contact_points import ContactSurface
+from cosim.soft.contact.obstacle_contact import ContactPlanes
+from cosim.soft.solve.assembly import SoftSystem
+from cosim.soft.solve.equilibrium import Equilibrium, EquilibriumSolver, Obstacles
+from cosim.soft.solve.newton import NewtonOptions, NewtonSolver
+from cosim.soft.solve.self_contact import FilmContactLaw, SelfContact
+from cosim.soft.solve.state import Clamp, SoftState
+from cosim.soft.solve.step_error import pieces_after, step_error
+from cosim.soft.solve.time_step import (
+    ImplicitStepper,
+    StepAim,
+    StepOptions,
+    difference_scheme,
+    inertia_weight,
+)
+from cosim.soft.targets import flange_search, tension_search
+from cosim.soft.targets.tip_target import TipTarget
+
+_HALVINGS_MAX = 5
+
+_Drive: TypeAlias = tuple[Pose, Loads]
+
+
+@final
+class SoftArm(SoftSide):
+    """A soft body held by the flange; owns solver and state.
+
+    Args:
+        body: what it is.
+        world_from_flange: where the flange is at first; the body starts in its drawn shape.
+        statics: bounds of equilibrium solutions.
+        dynamics: how time steps are solved.
+        self_contact: law of the films' contact with one another; None where it is not modelled.
+    """
+
+    def __init__(
+        self,
+        body: SoftBody,
+        world_from_flange: Pose,
+        statics: NewtonOptions,
+        dynamics: StepOptions,
+        self_contact: FilmContactLaw | None = None,
+    ) -> None:
+        self.body = body
+        self.state = SoftState.drawn(body, world_from_flange)
+        self._system = SoftSystem(body)
+        self._statics, self._dynamics = statics, dynamics
+        self._films = None if self_contact is None else SelfContact(body, self._system.pattern, self_contact)
+        self._flange = world_from_flange
+        self._flange_before: Pose | None = None
+        self._loads = Loads(0.0, (0.0,) * len(body.cables), (0.0, 0.0, 0.0))
+        self._residual = 0.0
+        self._pieces, self._last_pieces, self._piece_s = 1, 1, 0.0
+        # of the last step: where it began, and what the step before it had left
+        self._begin: tuple[_Drive, Pose | None, float] = ((self._flange, self._loads), None, 0.0)
+        self._hold(Clamp.of_base(body))
+
+    def _hold(self, clamp: Clamp) -> None:
+        self.clamp = clamp
+        newton = NewtonSolver(self._system, clamp.mask(self.body.nodes))
+        self.equilibrium_solver = EquilibriumSolver(newton, clamp, self._statics, self._films)
+        self.equilibrium_solver.obstacles = self.obstacles
+        self._stepper = ImplicitStepper(newton, clamp, self._dynamics, self._films)
+
+    def hold_also(self, held: Mask, world_from_flange: Pose) -> None:
+        """Hold further components where they are now; what is held as a whole goes with the flange.
+
+        Args:
+            held: (n, 3) bool, world components.
+            world_from_flange: present pose of the flange.
+        """
+        self._hold(self.clamp.holding(held, self.state.positions, world_from_flange))
+
+    def let_go(self, nodes: IntArray) -> None:
+        """Hold the given nodes (m,) no longer."""
+        self._hold(self.clamp.without(nodes))
+
+    def advance(self, world_from_flange: Pose, loads: Loads, step_s: float) -> SoftReply:
+        """Advance by one step, with the flange at its new pose.
+
+        Args:
+            world_from_flange: at the end of the step.
+            loads: at the end of the step.
+            step_s: length [s].
+
+        Raises:
+            ConvergenceError: no acceptable solution; the state is that before the step.
+        """
+        return self._advance((world_from_flange, loads), step_s, None)
+
+    def advance_closely(
+        self, world_from_flange: Pose, loads: Loads, step_s: float, aim: StepAim
+    ) -> SoftReply:
+        """Advance by one step, as closely as asked for."""
+        return self._advance((world_from_flange, loads), step_s, aim)
+
+    def take_back(self, before: SoftState) -> None:
+        """Undo the last step; the factorisation stays."""
+        self.state = before
+        (self._flange, self._loads), self._flange_before, self._piece_s = self._begin
+
+    def _advance(self, end: _Drive, step_s: float, aim: StepAim | None) -> SoftReply:
+        begin, before = (self._flange, self._loads), self.state
+        self._begin = (begin, self._flange_before, self._piece_s)
+        try:
+            iterations = self._march(begin, end, step_s, aim)
+        except ConvergenceError:
+            self.state = before
+            raise
+        self._flange_before, (self._flange, self._loads) = begin[0], end
+        wrench = self.clamp.wrench(self._system.gradient, self.state.positions, self._flange)
+        return SoftReply(wrench, self._residual, iterations)
+
+    def stand_against(self, obstacles: Obstacles | None) -> None:
+        """Let equilibria from now on take in what the film touches."""
+        self.obstacles = self.equilibrium_solver.obstacles = obstacles
+
+    @property
+    def answer_weights(self) -> tuple[float, ...]:
+        """How the flange's last accelerations count in the answer of inertia, see `answer_weights`."""
+        return answer_weights(self._dynamics.integrator)
+
+    def inertia_weight(self, step_s: float) -> float:
+        """Return c [1/s^2]: a motion X of the nodes in a step meets the inertia c m X."""
+        span = difference_scheme(self._dynamics.integrator, self.state, step_s)[1]
+        return inertia_weight(span, self._dynamics.damping_per_s)
+
+    def contact_surface(self) -> ContactSurface:
+        """Return where the body can be touched."""
+        return ContactSurface.of(self.body, self._system.pattern)
+
+    def response(self, forces: Array, contact: ContactPlanes | None, step_s: float) -> Array | None:
+        """Return how far small forces would have moved the nodes within the last step.
+
+        Args:
+            forces: (k, n, 3) [N], k cases.
+            contact: with the body; None for none.
+            step_s: length of the step [s].
+
+        Returns:
+            (k, n, 3) [m]; None where the tangent is indefinite.
+        """
+        loads = replace(self._loads, contact=contact)
+        if not self._stepper.factorise(self.state, self._flange, loads, step_s):
+            return None
+        return np.array([self._stepper.solver.linear.solve(force) for force in forces])
+
+    def _march(self, begin: _Drive, end: _Drive, step_s: float, aim: StepAim | None) -> int:
+        """Take one step, cut into as many pieces as its error asks for; return the Newton iterations."""
+        bound, before = self._dynamics.substep_error_m, self.state
+        if bound is None:
+            return self._step(begin, end, step_s, _HALVINGS_MAX, aim)
+        if aim is not None and aim.start is not None:  # again: cut as it was the first time
+            return self._cut(begin, end, step_s, self._last_pieces, aim)[0]
+        order = 2 if self._dynamics.integrator == "bdf2" else 1
+        spent = 0
+        while True:
+            pieces = self._last_pieces = self._pieces
+            iterations, error = self._cut(begin, end, step_s, pieces, aim)
+            spent += iterations
+            self._pieces = pieces_after(pieces, error, bound, order)
+            if error <= bound or self._pieces == pieces:
+                return spent
+            self.state = before
+
+    def _cut(
+        self, begin: _Drive, end: _Drive, step_s: float, pieces: int, aim: StepAim | None
+    ) -> tuple[int, float]:
+        """Take a step in equal pieces; return the Newton iterations and the largest error of a piece [m]."""
+        length, here, spent, worst = step_s / pieces, begin, 0, 0.0
+        if length != self._piece_s:
+            self.state, self._piece_s = replace(self.state, earlier=None), length
+        part = None if aim is None else StepAim(aim.tolerance_N)
+        for k in range(1, pieces + 1):
+            share, before = k / pieces, self.state
+            flange = pose_within(self._flange_before, begin[0], end[0], share)
+            here, last = (flange, begin[1].interpolated(end[1], share)), here
+            spent += self._step(last, here, length, _HALVINGS_MAX, part)
+            worst = max(worst, step_error(self._dynamics.integrator, before, self.state, length))
+        return spent, worst
+
+    def _step(
+        self, begin: _Drive, end: _Drive, step_s: float, halvings: int, aim: StepAim | None = None
+    ) -> int:
+        """Take one step, or two halves where it does not converge; return the Newton iterations."""
+        (flange, loads) = end
+        try:
+            self.state, result = self._stepper.step(self.state, flange, loads, step_s, begin[0], aim)
+        except ConvergenceError as error:
+            if halvings == 0:
+                raise error.at(f"even in steps of {1e3 * step_s:.3g} ms") from None
+            middle = (begin[0].interpolated(flange, 0.5), begin[1].interpolated(loads, 0.5))
+            # a two-step integrator cannot look back over a change of step
+            self.state = replace(self.state, earlier=None)
+            part = None if aim is None else StepAim(aim.tolerance_N)
+            spent = error.iterations + self._step(begin, middle, 0.5 * step_s, halvings - 1, part)
+            spent += self._step(middle, end, 0.5 * step_s, halvings - 1, part)
+            self.state = replace(self.state, earlier=None)
+            return spent
+        self._residual = result.residual_N
+        return result.iterations
+
+    def start(self, world_from_flange: Pose, loads: Loads) -> Equilibrium:
+        """Return the equilibrium before the first phase: hung up without pressure, then loaded."""
+        return self.equilibrium_solver.start(self.state, world_from_flange, loads)
+
+    def solve(
+        self, state: SoftState, world_from_flange: Pose, loads: Loads, start: Array | None = None
+    ) -> Equilibrium:
+        """Find the equilibrium near a state in one go; the present state stays."""
+        return self.equilibrium_solver.solve(state, world_from_flange, loads, start)
+
+    def follow(self, begin: Equilibrium, world_from_flange: Pose, loads: Loads) -> Equilibrium:
+        """Follow an equilibrium to another flange pose and other loads; the present state stays."""
+        return self.equilibrium_solver.follow(begin, world_from_flange, loads)
+
+    def find_tensions(self, begin: Equilibrium, target: TipTarget) -> Equilibrium:
+        """Return the equilibrium whose cable tensions bring the tip to a target; the flange stays."""
+        return tension_search.find_tensions(self.equilibrium_solver, begin, target).equilibrium
+
+    def find_flange_pose(self, begin: Equilibrium, target: TipTarget) -> Equilibrium:
+        """Return the equilibrium whose flange pose brings the tip to a target; the loads stay."""
+        return flange_search.find_flange_pose(self.equilibrium_solver, begin, target).equilibrium
+
+    def settle(self, found: Equilibrium) -> None:
+        """Take over an equilibrium as the present state."""
+        self.state = found.state
+        # what touches is found anew in every step
+        self._flange = found.world_from_flange
+        self._loads = replace(found.loads, contact=None, self_contact=None)
+
+    def save_state(self) -> SoftArmState:
+        """Return what the next step depends on; costs no copy but one of the nodal forces."""
+        newton = self.equilibrium_solver.solver.save_state()
+        return SoftArmState(
+            self.state, self.clamp, self._flange, self._loads, self._residual, newton,
+            self._flange_before, self._pieces, self._piece_s,
+        )  # fmt: skip
+
+    def restore_state(self, state: SoftArmState) -> None:
+        """Return to a state of `save_state`, of this arm or of one with the same body.
+
+        Raises:
+            InputError: the state is of a body with another number of nodes.
+        """
+        state.check(self.body.nodes)
+        if state.loads.contact is not None:
+            self.contact_surface().check_planes(state.loads.contact)
+        if state.clamp is not self.clamp:
+            self._hold(state.clamp)
+        self.state, self._residual = state.soft, state.residual_N
+        self._flange, self._loads = state.flange, state.loads
+        self._flange_before, self._pieces, self._piece_s = state.flange_before, state.pieces, state.piece_s
+        self.equilibrium_solver.solver.restore_state(state.newton)
+
+    @property
+    def reaction(self) -> Array:
+        """Force (k, 3) [N] that the flange supplies to each held node, at the last solution."""
+        return self.clamp.reaction(self._system.gradient)
+
+    def work_taken_in(self, displacement: Array) -> float:
+        """Return the work [J] of what the flange supplies at the last solution, over a displacement."""
+        return float(np.einsum("kr,kr->", self.reaction, displacement[self.clamp.nodes]))
+
+    def shape_reader(self) -> MeshReader:
+        """Return what reads nodes."""
+        return MeshReader(self.body, self._system.gas.enclosed_volumes)
+
+    @property
+    def volumes_m3(self) -> tuple[float, ...]:
+        """Volume inside film and caps of each chamber at the present shape."""
+        return self._system.gas.enclosed_volumes(self.state.positions)
+
+    @property
+    def pressures_Pa(self) -> tuple[float, ...]:
+        """Gauge pressure in each chamber: the given one, or that of the sealed gas at the present volume."""
+        loads, count = self._loads, self._system.gas.count
+        return loads.pressures(count) if loads.gas is None else loads.pressures_at(self.volumes_m3)

@@ -1,0 +1,319 @@
+"""The soft side as a chain of rigid frames with condensed sections between them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TypeAlias, final
+
+import numpy as np
+from scipy.linalg import LinAlgError
+
+from cosim.base.frames import Array, IntArray, Mask, Pose
+from cosim.coupling.soft_sides.answer_weights import answer_weights
+from cosim.coupling.soft_sides.chain_equilibria import ChainEquilibria
+from cosim.coupling.soft_sides.chain_films import ChainFilms
+from cosim.coupling.soft_sides.chain_reader import ChainReader, ChainShape
+from cosim.coupling.soft_sides.mass import MassProperties
+from cosim.coupling.soft_sides.soft_side import SoftReply, SoftSide
+from cosim.errors import ConvergenceError, InputError
+from cosim.reduced.section_model import SectionBody
+from cosim.reduced.sections.outputs import center_and_inertia, figures_of, supplied_wrench
+from cosim.reduced.solve.clamp import FrameClamp
+from cosim.reduced.solve.commanded_cables import given_tensions
+from cosim.reduced.solve.kept_tangent import KeptTangentState
+from cosim.reduced.solve.kinematics import (
+    carried,
+    node_motion,
+    rates_from_nodes,
+    rigid_motion,
+    twists,
+)
+from cosim.reduced.solve.newton import ChainSolver
+from cosim.reduced.solve.sensitivity import ChainSensitivity, ChainTangent
+from cosim.reduced.solve.state import ChainState
+from cosim.reduced.solve.time_step import ChainStep, ChainStepper
+from cosim.soft.body.loads import Loads
+from cosim.soft.contact.contact_points import ContactSurface
+from cosim.soft.contact.obstacle_contact import ContactPlanes
+from cosim.soft.solve.assembly import SoftSystem
+from cosim.soft.solve.equilibrium import Equilibrium, Obstacles
+from cosim.soft.solve.newton import NewtonOptions, Outcome
+from cosim.soft.solve.state import SoftState
+from cosim.soft.solve.time_step import StepAim, StepOptions
+from cosim.soft.targets import flange_search, tension_search
+from cosim.soft.targets.tip_target import TipTarget
+
+_HALVINGS_MAX = 5
+
+_Drive: TypeAlias = tuple[Pose, Loads]
+
+
+@final
+@dataclass(frozen=True)
+class SectionArmState:
+    """What the next step of a section arm depends on.
+
+    Args:
+        last: where the last step ended.
+        clamp: frames held by the flange.
+        flange: world_from_flange.
+        loads: that act.
+        tangent: factor that the next step may begin with; None for none.
+    """
+
+    last: ChainStep
+    clamp: FrameClamp
+    flange: Pose
+    loads: Loads
+    tangent: KeptTangentState | None
+
+
+@final
+class SectionArm(SoftSide):
+    """A chain of frames held by the flange; owns solver and state.
+
+    The film's own nodes are made from the frames when somebody asks.
+
+    Args:
+        section: what it is.
+        world_from_flange: where the flange is at first; the frames start as drawn.
+        statics: bounds of equilibrium solutions.
+        dynamics: how time steps are solved.
+    """
+
+    def __init__(
+        self, section: SectionBody, world_from_flange: Pose, statics: NewtonOptions, dynamics: StepOptions
+    ) -> None:
+        self.section, self.body = section, section.body
+        self._solver = ChainSolver(section)
+        self._dynamics, self._stepper = dynamics, ChainStepper(self._solver, dynamics)
+        self._film: SoftState | None = None
+        self._films = ChainFilms(section)
+        self._equilibria = ChainEquilibria(section, self._solver, self._films, statics)
+        self.clamp = FrameClamp.of_base(section)
+        self._flange = world_from_flange
+        self._loads = Loads(0.0, (0.0,) * len(self.body.cables), (0.0, 0.0, 0.0))
+        drawn = ChainState.at_rest(carried(section.frames.drawn, world_from_flange))
+        self._last = self._standing(drawn, 0.0, np.zeros((len(drawn.frames), 6)))
+        # of the last step: where it began; and where the one that was taken back had ended
+        self._begin = (self._last, self._flange, self._loads)
+        self._reached: Array = drawn.frames
+
+    @property
+    def state(self) -> SoftState:
+        """The film's nodes on the frames."""
+        if self._film is None:
+            self._film = self._films.film(self._last.chain, self._last.pressure_Pa)
+        return self._film
+
+    @state.setter
+    def state(self, film: SoftState) -> None:
+        chain, pressure = self._chain_of(film, self._flange)
+        self._last, self._film = self._standing(chain, pressure, self._last.gradient), film
+
+    def _chain_of(self, film: SoftState, flange: Pose) -> tuple[ChainState, float]:
+        return self._films.chain(film, flange, self._last.pressure_Pa)
+
+    def _standing(self, chain: ChainState, pressure_Pa: float, gradient: Array) -> ChainStep:
+        """Return a chain as if a step had ended there."""
+        figures = figures_of(chain.frames, self.clamp.free, self.section.mass, gradient)
+        return ChainStep(chain, gradient, figures, Outcome.CONVERGED, 0, 0.0, pressure_Pa)
+
+    def advance(self, world_from_flange: Pose, loads: Loads, step_s: float) -> SoftReply:
+        """Advance by one step, with the flange at its new pose."""
+        return self._advance(world_from_flange, loads, step_s, None)
+
+    def advance_closely(
+        self, world_from_flange: Pose, loads: Loads, step_s: float, aim: StepAim
+    ) -> SoftReply:
+        """Advance by one step, as closely as asked for."""
+        start = None if aim.start is None else self._reached
+        return self._advance(world_from_flange, loads, step_s, StepAim(aim.tolerance_N, start))
+
+    def take_back(self, before: SoftState) -> None:
+        """Undo the last step; where it ended is a start for the next one."""
+        self._reached = self._last.frames
+        (self._last, self._flange, self._loads), self._film = self._begin, before
+
+    @property
+    def stepper(self) -> ChainStepper:
+        """Takes its steps."""
+        return self._stepper
+
+    @property
+    def last(self) -> ChainStep:
+        """Where the last step ended."""
+        return self._last
+
+    def go_to(self, last: ChainStep, world_from_flange: Pose, loads: Loads) -> None:
+        """Be where steps that were taken elsewhere have ended."""
+        self._begin = (self._last, self._flange, self._loads)
+        self._last, self._film = last, None
+        self._flange, self._loads = world_from_flange, loads
+
+    @property
+    def answer_weights(self) -> tuple[float, ...]:
+        """How the flange's last accelerations count in the answer of inertia, see `answer_weights`."""
+        return answer_weights(self._dynamics.integrator)
+
+    def _advance(self, flange: Pose, loads: Loads, step_s: float, aim: StepAim | None) -> SoftReply:
+        self._begin = (self._last, self._flange, self._loads)
+        try:
+            iterations = self._step(self._begin[1:], (flange, loads), step_s, _HALVINGS_MAX, aim)
+        except ConvergenceError:
+            self._last = self._begin[0]
+            raise
+        finally:
+            self._film = None
+        self._flange, self._loads = flange, loads
+        return SoftReply(supplied_wrench(self._last.figures), self._last.residual_N, iterations)
+
+    def _step(
+        self, begin: _Drive, end: _Drive, step_s: float, halvings: int, aim: StepAim | None = None
+    ) -> int:
+        """Take one step, or two halves where it does not converge; return the Newton iterations."""
+        try:
+            here = self._last
+            self._last = self._stepper.step(here.chain, self.clamp, *end, step_s, here.pressure_Pa, aim)
+        except ConvergenceError as error:
+            if halvings == 0:
+                raise error.at(f"even in steps of {1e3 * step_s:.3g} ms") from None
+            middle = (begin[0].interpolated(end[0], 0.5), begin[1].interpolated(end[1], 0.5))
+            self._look_no_further_back()
+            part = None if aim is None else StepAim(aim.tolerance_N)
+            spent = error.iterations + self._step(begin, middle, 0.5 * step_s, halvings - 1, part)
+            spent += self._step(middle, end, 0.5 * step_s, halvings - 1, part)
+            self._look_no_further_back()
+            return spent
+        return self._last.iterations
+
+    def _look_no_further_back(self) -> None:
+        """Let the next step be the first one of a two-step integrator."""
+        self._last = replace(self._last, chain=replace(self._last.chain, earlier=None))
+
+    def start(self, world_from_flange: Pose, loads: Loads) -> Equilibrium:
+        """Return the equilibrium before the first phase: hung up without pressure, then loaded."""
+        return self._equilibria.start(self.clamp, world_from_flange, loads)
+
+    def solve(
+        self, state: SoftState, world_from_flange: Pose, loads: Loads, start: Array | None = None
+    ) -> Equilibrium:
+        """Find the equilibrium near a state in one go; the present state stays."""
+        begin = state if start is None else SoftState.at_rest(start, state.angles)
+        chain, pressure = self._chain_of(begin, world_from_flange)
+        return self._equilibria.solve(chain.frames, self.clamp, world_from_flange, loads, pressure)
+
+    def follow(self, begin: Equilibrium, world_from_flange: Pose, loads: Loads) -> Equilibrium:
+        """Follow an equilibrium to another flange pose and other loads; the present state stays."""
+        pressure = self._last.pressure_Pa
+        return self._equilibria.follow(begin, self.clamp, world_from_flange, loads, pressure)
+
+    def sensitivity(self, here: Equilibrium) -> ChainSensitivity:
+        """Return how the tip moves at an equilibrium."""
+        chain, pressure = self._chain_of(here.state, here.world_from_flange)
+        given, extra = given_tensions(self._solver, chain.frames, here.loads, pressure)
+        return ChainSensitivity(self._solver, chain.frames, self.clamp.free, given, pressure, extra)
+
+    def find_tensions(self, begin: Equilibrium, target: TipTarget) -> Equilibrium:
+        """Return the equilibrium whose cable tensions bring the tip to a target; the flange stays."""
+        return tension_search.find_tensions(self, begin, target).equilibrium
+
+    def find_flange_pose(self, begin: Equilibrium, target: TipTarget) -> Equilibrium:
+        """Return the equilibrium whose flange pose brings the tip to a target; the loads stay."""
+        return flange_search.find_flange_pose(self, begin, target).equilibrium
+
+    def settle(self, found: Equilibrium) -> None:
+        """Take over an equilibrium as the present state."""
+        chain, pressure = self._chain_of(found.state, found.world_from_flange)
+        given, _ = given_tensions(self._solver, chain.frames, found.loads, pressure)
+        gradient = self._solver.evaluate(chain.frames, given, pressure)
+        self._last, self._film = self._standing(chain, pressure, gradient), found.state
+        # what touches is found anew in every step
+        self._flange, self._loads = found.world_from_flange, replace(found.loads, contact=None)
+
+    def stand_against(self, obstacles: Obstacles | None) -> None:
+        """Let equilibria from now on take in what the film touches."""
+        self.obstacles = self._equilibria.obstacles = obstacles
+
+    def hold_also(self, held: Mask, world_from_flange: Pose) -> None:
+        """Hold whole rings where they are now; they go with the flange."""
+        frames = self._last.frames
+        self.clamp = self.clamp.holding(self.section, held, frames, world_from_flange)
+
+    def let_go(self, nodes: IntArray) -> None:
+        """Hold the rings of the given nodes (m,) no longer."""
+        self.clamp = self.clamp.without(self.section, nodes)
+
+    def save_state(self) -> SectionArmState:
+        """Return what the next step depends on."""
+        tangent = self._stepper.tangent.save_state(self.clamp)
+        return SectionArmState(self._last, self.clamp, self._flange, self._loads, tangent)
+
+    def restore_state(self, state: SectionArmState) -> None:
+        """Return to a state of `save_state`, of this arm or of one with the same frames.
+
+        Raises:
+            InputError: the state is of an arm with another number of frames.
+        """
+        here, there = len(self.section.frames), len(state.clamp.held)
+        if here != there:
+            raise InputError(f"the saved soft robot has {there} frames, this one {here}")
+        self._last, self._film, self.clamp = state.last, None, state.clamp
+        self._flange, self._loads = state.flange, state.loads
+        self._stepper.tangent.restore_state(state.tangent, state.clamp)
+
+    def inertia_weight(self, step_s: float) -> float:
+        """Return c [1/s^2]: a motion X of the nodes in a step meets the inertia c m X."""
+        return self._stepper.bed(self._last.chain, step_s).coefficient
+
+    def contact_surface(self) -> ContactSurface:
+        """Return where the body can be touched."""
+        return ContactSurface.of(self.body, SoftSystem(self.body).pattern)
+
+    def response(self, forces: Array, contact: ContactPlanes | None, step_s: float) -> Array | None:
+        """Return how far small forces would have moved the nodes within the last step."""
+        bed = self._stepper.bed(self._last.chain, step_s)
+        frames, pressure, solver = self._last.frames, self._last.pressure_Pa, self._solver
+        given, extra = given_tensions(solver, frames, replace(self._loads, contact=contact), pressure)
+        try:
+            tangent = ChainTangent(solver, frames, self.clamp.free, given, pressure, bed, extra)
+        except LinAlgError:
+            return None
+        motion = node_motion(self.section, frames, pressure)
+        pushed = np.einsum("nrfi,knr->kfi", motion, forces)
+        return np.asarray(np.einsum("nrfi,kfi->knr", motion, tangent.solve(pushed)))
+
+    def work_taken_in(self, displacement: Array) -> float:
+        """Return the work [J] of what the flange supplies at the last solution, over a displacement."""
+        rates = rates_from_nodes(self.section.frames, self._last.frames, displacement)
+        moved = twists(self._last.frames, rates)
+        moved[0] = rigid_motion(
+            self.body.positions[self.body.base] @ self._flange.rotation.T, displacement[self.body.base]
+        )
+        return float(np.einsum("fi,fi->", self._last.gradient[self.clamp.held], moved[self.clamp.held]))
+
+    def shape_now(self) -> ChainShape:
+        """Return the present frames, and the pressure that the nodes on them depend on."""
+        return ChainShape(self._last.frames, self._last.pressure_Pa)
+
+    def shape_reader(self) -> ChainReader:
+        """Return what reads frames."""
+        return ChainReader(self.section)
+
+    @property
+    def touching(self) -> None:
+        """Nothing: films between frames do not touch one another."""
+
+    @property
+    def volumes_m3(self) -> tuple[float, ...]:
+        """Volume inside film and caps at the present shape."""
+        return (self._solver.volume(self._last.frames, self._last.pressure_Pa),)
+
+    @property
+    def pressures_Pa(self) -> tuple[float, ...]:
+        """Gauge pressure in the chamber: the given one, or that of the sealed gas at the present volume."""
+        return (self._last.pressure_Pa,)
+
+    def mass_properties(self) -> MassProperties:
+        """Return mass, centre and inertia at the present shape."""
+        return MassProperties(self.section.mass_kg, *center_and_inertia(self._last.figures))

@@ -1,0 +1,1 @@
+"""Pumps, winches and controllers: their laws and their loop."""

@@ -1,0 +1,289 @@
+"""What moves cables and gas through a run, besides the ramps of the phases: controllers, winches, pumps.
+
+Per tick, at the state before it: controllers that are due see the run and command; pumps work on the gas;
+winches turn. A scenario without any of these passes through untouched.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import final
+
+import numpy as np
+
+from cosim.base.frames import Array, Pose
+from cosim.config.rules.device_rules import acting
+from cosim.config.schema.phase import Phase
+from cosim.config.schema.scenario import Scenario
+from cosim.coupling.soft_sides.soft_side import SoftSide
+from cosim.devices.cable_drive import CableDrive, CableDriveState, Order
+from cosim.devices.controller import AnyController, Measurement
+from cosim.devices.device_build import build_holds, build_pump, build_winch
+from cosim.devices.device_names import device_names
+from cosim.devices.device_report import ActuationReport, ControlReport, PumpReport
+from cosim.devices.pump_drive import PumpDrive, PumpDriveState
+from cosim.devices.zero_order_hold import Held, HoldState
+from cosim.errors import InputError
+from cosim.plan.chamber_gas import ChamberGas
+from cosim.plan.plan import PhasePlan
+from cosim.soft.body.body import SoftBody
+from cosim.soft.body.loads import Loads
+
+
+@final
+@dataclass(frozen=True)
+class Instant:
+    """What of a run a controller sees besides the soft side.
+
+    Args:
+        time_s: simulated time.
+        flange: world_from_flange.
+        joint_position: (joints,) [rad].
+    """
+
+    time_s: float
+    flange: Pose
+    joint_position: Array
+
+
+@final
+@dataclass(frozen=True)
+class ActuationState:
+    """What the next tick depends on.
+
+    Args:
+        cables: of each cable's drive.
+        pumps: of each pump.
+        holds: of each controller, in the order of the scenario.
+        started: names of the controllers that have been asked in the present phase.
+    """
+
+    cables: tuple[CableDriveState, ...]
+    pumps: tuple[PumpDriveState, ...]
+    holds: tuple[HoldState, ...]
+    started: tuple[str, ...]
+
+
+@final
+class Actuation:
+    """Drives cables and pumps of a run.
+
+    Args:
+        scenario: checked.
+        body: the soft body.
+        controllers: of kind "python", by name.
+
+    Raises:
+        InputError: a controller is missing, or too many.
+    """
+
+    def __init__(
+        self, scenario: Scenario, body: SoftBody, controllers: Mapping[str, AnyController] | None = None
+    ) -> None:
+        self._names, self._tick_s = scenario.soft_robot.cable_names(), scenario.clock.tick_s
+        winches = {name: build_winch(entry) for entry in scenario.winches for name in entry.cables}
+        tensions = scenario.start.cable_tension_N or (0.0,) * len(self._names)
+        triples = zip(body.cables, self._names, tensions, strict=True)
+        self.cables = [CableDrive(cable, winches.get(name), tension) for cable, name, tension in triples]
+        chambers = scenario.soft_robot.chamber_names()
+        places = [chambers.index(entry.chamber or chambers[0]) for entry in scenario.pumps]
+        self.pumps = [
+            PumpDrive(entry.name, build_pump(entry, self._tick_s), place)
+            for entry, place in zip(scenario.pumps, places, strict=True)
+        ]
+        self._holds = build_holds(scenario, controllers or {})
+        self._quantities = {
+            entry.name: "" if entry.kind == "python" else entry.measures for entry in scenario.controllers
+        }
+        self._started: tuple[str, ...] = ()
+        self._planned: PhasePlan | None = None
+        self._orders: list[Order | None] = []
+        self._setpoints: dict[str, float | None] = {}
+        self.active = device_names(scenario) is not None
+
+    def begin_phase(self, planned: PhasePlan, soft: SoftSide) -> None:
+        """Take over what a phase asks; nothing moves at this instant."""
+        if not self.active:
+            return
+        self._take_over(planned)
+        for drive, order in zip(self.cables, self._orders, strict=True):
+            drive.begin(order, soft.state.positions)
+        pressures = soft.pressures_Pa
+        for pump in self.pumps:
+            given = (planned.phase.pump_pressure_Pa or {}).get(pump.name, pump.setpoint_Pa)
+            sealed = planned.gas[pump.chamber].sealed
+            pump.begin(given if sealed else None, pressures[pump.chamber])
+        self._started = tuple(name for name in self._started if name in self._setpoints)
+
+    def act(
+        self, planned: PhasePlan, gas: ChamberGas, soft: SoftSide, instant: Instant, share: float
+    ) -> None:
+        """Let controllers, pumps and winches act for one tick, from the state before it.
+
+        Args:
+            planned: the phase.
+            gas: in the chambers; pumps change it.
+            soft: soft side.
+            instant: the rest of what controllers see.
+            share: of the phase's ramp at the end of the tick.
+        """
+        if not self.active:
+            return
+        self._take_over(planned)
+        commanded: list[Order | None] = [None] * len(self.cables)
+        given = planned.phase.pump_pressure_Pa or {}
+        pressures = [given.get(pump.name) for pump in self.pumps]
+        for name, setpoint in self._setpoints.items():
+            held = self._ask(name, partial(self._measure, soft, instant, setpoint))
+            for k, (tension, length) in enumerate(zip(held.tension_N, held.length_m, strict=True)):
+                order: Order | None = None if tension is None else ("tension", tension)
+                commanded[k] = order or (commanded[k] if length is None else ("length", length))
+            pairs = zip(held.pump_pressure_Pa, pressures, strict=True)
+            pressures = [old if new is None else new for new, old in pairs]
+        self._work_pumps(gas, soft, pressures)
+        triples = zip(self.cables, self._orders, commanded, strict=True)
+        for drive, order, command in triples:
+            drive.move(order, share, command, soft.state.positions, self._tick_s)
+
+    def loads(self, planned: Loads) -> Loads:
+        """Return the loads with the cables as they are driven."""
+        if not self.active:
+            return planned
+        tension = tuple(drive.given_tension_N for drive in self.cables)
+        lengths = tuple(drive.length_m for drive in self.cables)
+        by_length = any(length is not None for length in lengths)
+        return replace(planned, cable_tension_N=tension, cable_length_m=lengths if by_length else ())
+
+    def report(self, soft: SoftSide, flange: Pose) -> ActuationReport | None:
+        """Return what the devices do at present; None where there are none."""
+        if not self.active:
+            return None
+        x = soft.state.positions
+        angle = bending_angle(soft.body.tip_direction(x), flange)
+        height = float(soft.body.tip_position(x)[2])
+        values = {"bending_angle_rad": angle, "tip_height_m": height}
+        drives = self.cables
+        return ActuationReport(
+            cable_tension_N=np.array([drive.tension_N(x) for drive in drives]),
+            cable_length_m=np.array([drive.cable.length(x) for drive in drives]),
+            unstretched_m=np.array([np.nan if d.length_m is None else d.length_m for d in drives]),
+            lost_steps=np.array([drive.lost_steps for drive in drives], dtype=np.int64),
+            bending_angle_rad=angle,
+            pumps=tuple(_pump_report(drive) for drive in self.pumps),
+            controls=tuple(
+                ControlReport(name, setpoint, values.get(self._quantities[name]))
+                for name, setpoint in self._setpoints.items()
+            ),
+        )
+
+    def save_state(self) -> ActuationState:
+        """Return what the next tick depends on."""
+        return ActuationState(
+            tuple(drive.save_state() for drive in self.cables),
+            tuple(pump.save_state() for pump in self.pumps),
+            tuple(hold.save_state() for hold in self._holds.values()),
+            self._started,
+        )
+
+    def restore_state(self, state: ActuationState) -> None:
+        """Return to a state of `save_state`.
+
+        Raises:
+            InputError: it is of a run with other devices.
+        """
+        saved, here = (
+            (len(cables), len(pumps), len(holds))
+            for cables, pumps, holds in (
+                (state.cables, state.pumps, state.holds), (self.cables, self.pumps, self._holds)
+            )
+        )  # fmt: skip
+        if saved != here:
+            raise InputError(
+                f"the saved state has {saved[0]} cables, {saved[1]} pumps, {saved[2]} controllers; here are "
+                f"{here[0]}, {here[1]} and {here[2]}"
+            )
+        for drive, cable in zip(self.cables, state.cables, strict=True):
+            drive.restore_state(cable)
+        for pump, own in zip(self.pumps, state.pumps, strict=True):
+            pump.restore_state(own)
+        for hold, held in zip(self._holds.values(), state.holds, strict=True):
+            hold.restore_state(held)
+        self._started = state.started
+
+    def _take_over(self, planned: PhasePlan) -> None:
+        """Read what a phase asks: a run that goes on from a saved state may ask something else."""
+        if planned is not self._planned:
+            self._planned, self._orders = planned, _orders(planned, self._names)
+            self._setpoints = acting(planned.phase)
+
+    def _ask(self, name: str, see: Callable[[], Measurement]) -> Held:
+        hold = self._holds[name]
+        if name not in self._started:
+            hold.start(see())
+            self._started += (name,)
+        return hold.tick(see)
+
+    def _work_pumps(self, gas: ChamberGas, soft: SoftSide, setpoints: list[float | None]) -> None:
+        volumes = soft.volumes_m3 if self.pumps else ()
+        for pump, setpoint in zip(self.pumps, setpoints, strict=True):
+            content = gas.content(pump.chamber)
+            if content is None and setpoint is not None:
+                raise InputError(
+                    f"a controller commands {setpoint:g} Pa of pump '{pump.name}', whose chamber is at a "
+                    "given pressure; give gas = 'sealed' in that phase"
+                )
+            if content is not None:
+                gas.put(pump.chamber, pump.work(content, volumes[pump.chamber], self._tick_s, setpoint))
+
+    def _measure(self, soft: SoftSide, instant: Instant, setpoint: float | None) -> Measurement:
+        x = soft.state.positions
+        direction = soft.body.tip_direction(x)
+        pairs = list(zip(self._names, self.cables, strict=True))
+        return Measurement(
+            time_s=instant.time_s,
+            setpoint=setpoint,
+            tip_position=soft.body.tip_position(x),
+            tip_direction=direction,
+            bending_angle_rad=bending_angle(direction, instant.flange),
+            pressure_Pa=tuple(soft.pressures_Pa),
+            cable_tension_N={name: drive.tension_N(x) for name, drive in pairs},
+            cable_length_m={name: drive.cable.length(x) for name, drive in pairs},
+            cable_unstretched_m={name: drive.unstretched_m(x) for name, drive in pairs},
+            joint_position=instant.joint_position,
+        )
+
+
+def bending_angle(tip_direction: Array, flange: Pose) -> float:
+    """Return the angle [rad] between the tip's direction (3,) and the flange's z axis."""
+    axis = flange.rotation[:, 2]
+    return float(np.arctan2(np.linalg.norm(np.cross(axis, tip_direction)), axis @ tip_direction))
+
+
+def _orders(planned: PhasePlan, names: tuple[str, ...]) -> list[Order | None]:
+    """Return what a phase asks of each cable."""
+    phase = planned.phase
+    if phase.cable_tension_N is not None or _finds_tensions(phase):
+        return [("tension", tension) for tension in planned.end.cable_tension_N]
+    lengths, shortenings = phase.cable_length_m or {}, phase.cable_shortening_m or {}
+    orders: list[Order | None] = []
+    for name in names:
+        if name in lengths:
+            orders.append(("length", lengths[name]))
+        else:
+            orders.append(("shortening", shortenings[name]) if name in shortenings else None)
+    return orders
+
+
+def _finds_tensions(phase: Phase) -> bool:
+    return phase.tip_target is not None and phase.tip_target.reach_with == "cables"
+
+
+def _pump_report(drive: PumpDrive) -> PumpReport:
+    state = drive.state
+    if state is None:
+        return PumpReport(drive.setpoint_Pa, False, False, 0, 0.0, 0.0)
+    return PumpReport(
+        drive.setpoint_Pa, state.on, state.venting, state.starts, state.on_s, state.delivered_kg
+    )

@@ -1,0 +1,88 @@
+"""What devices show of themselves in a snapshot."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated, final
+
+from cosim.base.frames import Array, IntArray
+
+
+@final
+@dataclass(frozen=True)
+class DeviceNames:
+    """Devices of a scenario, for whoever shows them.
+
+    Args:
+        pumps: names.
+        controllers: name and what it measures; "" where cosim does not know.
+        lengths: whether cable lengths are commanded anywhere.
+        winches: whether any winch winds them.
+    """
+
+    pumps: tuple[str, ...]
+    controllers: tuple[tuple[str, str], ...]
+    lengths: bool
+    winches: bool
+
+
+@final
+@dataclass(frozen=True)
+class PumpReport:
+    """A pump at the end of a tick.
+
+    Args:
+        setpoint_Pa: None while it does not work.
+        on: whether it runs.
+        venting: whether its valve is open.
+        starts: so far.
+        on_s: time for which it ran so far.
+        delivered_kg: so far.
+    """
+
+    setpoint_Pa: float | None
+    on: bool
+    venting: bool
+    starts: int
+    on_s: float
+    delivered_kg: float
+
+
+@final
+@dataclass(frozen=True)
+class ControlReport:
+    """A controller that acts.
+
+    Args:
+        name: of it.
+        setpoint: that the phase gives; None for none.
+        measured: what it keeps at the setpoint; None where cosim does not know what that is.
+    """
+
+    name: str
+    setpoint: float | None
+    measured: float | None
+
+
+@final
+@dataclass(frozen=True)
+class ActuationReport:
+    """Devices at the end of a tick.
+
+    Args:
+        cable_tension_N: (cables,) at the base end.
+        cable_length_m: (cables,) of the routes.
+        unstretched_m: (cables,) of the cable off the drum; not a number while the tension is commanded.
+        lost_steps: (cables,) of the winches.
+        bending_angle_rad: between the tip's direction and the flange's z axis.
+        pumps: in the order of the scenario.
+        controls: those that act.
+    """
+
+    cable_tension_N: Annotated[Array, ("cables",)]
+    cable_length_m: Annotated[Array, ("cables",)]
+    unstretched_m: Annotated[Array, ("cables",)]
+    lost_steps: Annotated[IntArray, ("cables",)]
+    bending_angle_rad: float
+    pumps: tuple[PumpReport, ...] = ()
+    controls: tuple[ControlReport, ...] = ()

@@ -1,0 +1,122 @@
+"""A pump that a pressure switch turns on and off, with a vent valve: both act on a sealed gas.
+
+The switch sees the gauge pressure of some ticks ago. With the setpoint r and the band b
+    on below r - b/2, off above r + b/2, in between as before;
+    the valve opens above r + v and closes below r; it stays shut where no v is given.
+While on, the pump delivers q (1 - p / p_max) kg/s against the gauge pressure p (the usual straight line of a
+diaphragm pump; q without p_max). At constant volume and temperature dp/dm = R T / V, so that a step has the
+closed form p(t) = p_max - (p_max - p_0) exp(-q R T t / (V p_max)), whatever its length.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import final
+
+from cosim.devices.delay_line import DelayLine
+from cosim.errors import InputError
+from cosim.soft.elements.gas import SealedGas, leak
+
+
+@final
+@dataclass(frozen=True)
+class Pump:
+    """What a pump, its switch and its valve can do.
+
+    Args:
+        flow_kg_s: q, mass flow without counter-pressure.
+        band_Pa: b, between switching on and off.
+        pressure_max_Pa: p_max, gauge pressure against which nothing is delivered; infinite: q always.
+        sensor_delay_ticks: age of what the switch sees.
+        vent_above_Pa: v, above the setpoint; infinite: there is no valve.
+        vent_kg_s_Pa: conductance of the open valve.
+
+    Raises:
+        InputError: a value out of bounds.
+    """
+
+    flow_kg_s: float
+    band_Pa: float
+    pressure_max_Pa: float = math.inf
+    sensor_delay_ticks: int = 0
+    vent_above_Pa: float = math.inf
+    vent_kg_s_Pa: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name in ("flow_kg_s", "pressure_max_Pa", "vent_above_Pa"):
+            if not getattr(self, name) > 0.0:
+                raise InputError(f"pump: {name} is {getattr(self, name)}; it must be above 0")
+        for name in ("band_Pa", "sensor_delay_ticks", "vent_kg_s_Pa"):
+            if not 0.0 <= getattr(self, name) < math.inf:
+                raise InputError(f"pump: {name} is {getattr(self, name)}; it must be finite and not negative")
+
+    def standing(self, pressure_Pa: float) -> PumpState:
+        """Return the state of a pump that is off beside a gauge pressure that has stood for long."""
+        return PumpState(DelayLine.filled(pressure_Pa, self.sensor_delay_ticks), pressure_Pa)
+
+    def switched(self, state: PumpState, pressure_Pa: float, setpoint_Pa: float) -> PumpState:
+        """Return the state after the switch has taken in one more reading.
+
+        Args:
+            state: before.
+            pressure_Pa: gauge pressure now.
+            setpoint_Pa: r.
+        """
+        seen, sensor = state.sensor.passed(pressure_Pa)
+        half = 0.5 * self.band_Pa
+        on = seen < setpoint_Pa - half or (state.on and seen <= setpoint_Pa + half)
+        open_ = seen > setpoint_Pa + self.vent_above_Pa or (state.venting and seen >= setpoint_Pa)
+        started = state.starts + (on and not state.on)
+        return replace(state, sensor=sensor, seen_Pa=seen, on=on, venting=open_, starts=started)
+
+    def worked(
+        self, state: PumpState, gas: SealedGas, volume_m3: float, step_s: float
+    ) -> tuple[PumpState, SealedGas]:
+        """Return state and gas after pump and valve have worked for a while as they are switched.
+
+        Args:
+            state: says whether they are on.
+            gas: before.
+            volume_m3: of the chamber.
+            step_s: time.
+        """
+        if state.venting:
+            gas = leak(gas, volume_m3, self.vent_kg_s_Pa, step_s)
+        if not state.on:
+            return state, gas
+        here = gas.at(volume_m3)
+        mass = self._delivered(here, step_s)
+        done = replace(state, delivered_kg=state.delivered_kg + mass, on_s=state.on_s + step_s)
+        return done, here.with_mass(here.mass_kg + mass)
+
+    def _delivered(self, gas: SealedGas, step_s: float) -> float:
+        if math.isinf(self.pressure_max_Pa):
+            return self.flow_kg_s * step_s
+        rise = gas.pressure_Pa / gas.mass_kg  # dp/dm = R T / V
+        room = max(self.pressure_max_Pa - (gas.pressure_Pa - gas.ambient_Pa), 0.0)
+        return -room / rise * math.expm1(-self.flow_kg_s * rise * step_s / self.pressure_max_Pa)
+
+
+@final
+@dataclass(frozen=True)
+class PumpState:
+    """Where a pump is.
+
+    Args:
+        sensor: readings on their way to the switch [Pa].
+        seen_Pa: the last one that it saw.
+        on: whether the pump runs.
+        venting: whether the valve is open.
+        starts: how often it was switched on.
+        delivered_kg: mass delivered so far.
+        on_s: time for which it ran.
+    """
+
+    sensor: DelayLine
+    seen_Pa: float
+    on: bool = False
+    venting: bool = False
+    starts: int = 0
+    delivered_kg: float = 0.0
+    on_s: float = 0.0

@@ -1,0 +1,126 @@
+"""Asks a controller at its fixed rate, checks what it commands, and holds that in between."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, final
+
+from cosim.devices.controller import AnyController, Command, Measurement
+from cosim.errors import InputError, InstabilityError
+
+
+@final
+@dataclass(frozen=True)
+class Held:
+    """A command in the order of cables and pumps; None: as planned.
+
+    Args:
+        tension_N: of each cable.
+        length_m: unstretched, of each cable.
+        pump_pressure_Pa: setpoint of each pump.
+    """
+
+    tension_N: tuple[float | None, ...]
+    length_m: tuple[float | None, ...]
+    pump_pressure_Pa: tuple[float | None, ...]
+
+
+@final
+@dataclass(frozen=True)
+class HoldState:
+    """Where a held controller is.
+
+    Args:
+        controller: the controller's own state; None before its first phase.
+        held: its last command, or None.
+        wait_ticks: until it is asked again.
+    """
+
+    controller: Any = None
+    held: Held | None = None
+    wait_ticks: int = 0
+
+
+@final
+class ZeroOrderHold:
+    """One controller at its rate.
+
+    Args:
+        name: of the controller, for messages.
+        controller: what is asked.
+        period_ticks: between two questions, at least 1.
+        cables: names of all cables, in order.
+        pumps: names of all pumps, in order.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        controller: AnyController,
+        period_ticks: int,
+        cables: tuple[str, ...],
+        pumps: tuple[str, ...] = (),
+    ) -> None:
+        if period_ticks < 1:
+            raise InputError(f"controller '{name}': a period of {period_ticks} ticks; it must be 1 or more")
+        self.name, self.controller, self.period_ticks = name, controller, period_ticks
+        self._cables, self._pumps = cables, pumps
+        self._state = HoldState()
+
+    def start(self, seen: Measurement) -> None:
+        """Begin anew: the next tick asks the controller."""
+        self._state = HoldState(self.controller.start(seen))
+
+    def tick(self, see: Callable[[], Measurement]) -> Held:
+        """Return what is commanded in the next tick.
+
+        Args:
+            see: measures; called only when the controller is asked.
+
+        Raises:
+            InputError: it commands what does not exist or what no device can do.
+            InstabilityError: it commands a number that is not finite.
+        """
+        state = self._state
+        if state.wait_ticks > 0 and state.held is not None:
+            self._state = HoldState(state.controller, state.held, state.wait_ticks - 1)
+            return state.held
+        after, command = self.controller.act(state.controller, see())
+        held = self._ordered(command)
+        self._state = HoldState(after, held, self.period_ticks - 1)
+        return held
+
+    def save_state(self) -> HoldState:
+        """Return what the next tick depends on."""
+        return self._state
+
+    def restore_state(self, state: HoldState) -> None:
+        """Return to a state of `save_state`."""
+        self._state = state
+
+    def _ordered(self, command: Command) -> Held:
+        held = Held(
+            self._values(command.cable_tension_N, self._cables, "cable_tension_N", 0.0),
+            self._values(command.cable_length_m, self._cables, "cable_length_m", 0.0),
+            self._values(command.pump_pressure_Pa, self._pumps, "pump_pressure_Pa", -math.inf),
+        )
+        for name in set(command.cable_tension_N) & set(command.cable_length_m):
+            raise InputError(f"controller '{self.name}' commands both tension and length of cable '{name}'")
+        return held
+
+    def _values(
+        self, given: Mapping[str, float], names: tuple[str, ...], key: str, lowest: float
+    ) -> tuple[float | None, ...]:
+        for name, value in given.items():
+            if name not in names:
+                known = ", ".join(names) or "none"
+                raise InputError(f"controller '{self.name}': {key} of '{name}'; there are: {known}")
+            if not math.isfinite(value):
+                raise InstabilityError(f"controller '{self.name}': {key} of '{name}' is {value}")
+            if value < lowest:
+                raise InputError(
+                    f"controller '{self.name}': {key} of '{name}' is {value:g}; must be at least {lowest:g}"
+                )
+        return tuple(float(given[name]) if name in given else None for name in names)

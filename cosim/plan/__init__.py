@@ -1,0 +1,1 @@
+"""What a scenario asks for: the flange's way, joint paths, loads, targets of the tip."""

@@ -1,0 +1,201 @@
+"""Bounds of an arm's joints, and how near to them, or how far beyond, a motion comes."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, Final, final
+
+import numpy as np
+
+from cosim.base.frames import Array, IntArray
+
+if TYPE_CHECKING:  # a scene without an arm waits for neither engine
+    from cosim.kinematics.arm import Arm
+    from cosim.rigid.scene.link_contacts import LinkContact
+
+TRACKING_BOUND_RAD: Final = 0.1
+"""Distance of a joint from where it is asked to be, above which the arm does not follow its plan."""
+
+UNITS: Final[Mapping[str, str]] = {
+    "position": "rad", "velocity": "rad/s", "acceleration": "rad/s^2", "torque": "N m",
+    "tracking_error": "rad",
+}  # fmt: skip
+"""Of what is compared with bounds."""
+
+PLANNED: Final = "planned: "
+"""What warnings of a plan begin with."""
+
+_ROUNDING = 1e-9
+
+
+@final
+@dataclass(frozen=True)
+class ArmLimits:
+    """What the joints of an arm allow; infinite where its file states no bound.
+
+    Args:
+        joint_names: base to flange.
+        lower: (joints,) [rad].
+        upper: (joints,) [rad].
+        velocity: (joints,) [rad/s].
+        acceleration: (joints,) [rad/s^2].
+        torque: (joints,) [N m].
+    """
+
+    joint_names: tuple[str, ...]
+    lower: Array
+    upper: Array
+    velocity: Array
+    acceleration: Array
+    torque: Array
+
+    @classmethod
+    def of(cls, arm: Arm) -> ArmLimits:
+        """Return those of an arm."""
+        return cls(
+            arm.joint_names, arm.lower, arm.upper, _or_infinite(arm.velocity_limit), arm.acceleration_bound,
+            _or_infinite(arm.effort_limit),
+        )  # fmt: skip
+
+    def bound(self, quantity: str) -> Array:
+        """Return the largest sizes (joints,) of a quantity in `UNITS` other than the position."""
+        if quantity == "tracking_error":
+            return np.full(len(self.joint_names), TRACKING_BOUND_RAD)
+        return np.asarray(getattr(self, quantity))
+
+    def extreme(
+        self, quantity: str, values: Array, time_s: Array, phase: IntArray, before: Extreme | None = None
+    ) -> Extreme | None:
+        """Return where values come nearest to their bound, or farthest beyond it; None without any.
+
+        Args:
+            quantity: in `UNITS`.
+            values: (n, joints).
+            time_s: (n,).
+            phase: (n,) index.
+            before: extreme so far, which stands unless a value comes nearer.
+        """
+        if not values.size:
+            return before
+        if quantity == "position":
+            low, high = values.min(axis=0), values.max(axis=0)
+            to_low, to_high = self.lower - low, high - self.upper
+            excess, bound = np.maximum(to_low, to_high), np.where(to_low > to_high, self.lower, self.upper)
+        else:
+            bound = self.bound(quantity)
+            excess = np.maximum(values.max(axis=0), -values.min(axis=0)) / bound - 1.0
+        joint = int(excess.argmax())  # what is not a number is larger than all others
+        if before is not None and excess[joint] <= before.excess:
+            return before
+        column = values[:, joint]
+        if quantity == "position":
+            row = int(column.argmin() if bound[joint] == self.lower[joint] else column.argmax())
+        else:
+            row = int(np.abs(column).argmax())
+        return Extreme(
+            quantity, self.joint_names[joint], float(column[row]), float(bound[joint]), float(excess[joint]),
+            float(time_s[row]), int(phase[row]),
+        )  # fmt: skip
+
+
+@final
+@dataclass(frozen=True)
+class Extreme:
+    """The value of one quantity that comes nearest to its bound.
+
+    Args:
+        quantity: in `UNITS`.
+        joint: its name.
+        value: in that unit, signed.
+        bound: the one that is nearest.
+        excess: above 0 beyond the bound; of positions [rad], else as a share of the bound.
+        time_s: simulated.
+        phase: index.
+    """
+
+    quantity: str
+    joint: str
+    value: float
+    bound: float
+    excess: float
+    time_s: float
+    phase: int
+
+    @property
+    def beyond(self) -> bool:
+        """Whether it is beyond the bound."""
+        return not self.excess <= _ROUNDING
+
+    def figures(self, phase_names: tuple[str, ...]) -> dict[str, Any]:
+        """Return it for the summary."""
+        return {
+            "joint": self.joint,
+            "value": self.value,
+            "bound": self.bound if math.isfinite(self.bound) else None,
+            "beyond": self.beyond,
+            "time_s": self.time_s,
+            "phase": phase_names[self.phase],
+        }
+
+    def text(self, phase_names: tuple[str, ...]) -> str:
+        """Return it as part of a sentence: what, how much, where and when."""
+        name, unit = self.quantity.replace("_", " "), UNITS[self.quantity]
+        return (
+            f"{name} of {self.joint} {self.value:.3g} {unit} (bound {self.bound:.3g}) at {self.time_s:.3f} s "
+            f"in phase '{phase_names[self.phase]}'"
+        )
+
+
+@final
+@dataclass(frozen=True)
+class Touch:
+    """A link of the arm that touched something.
+
+    Args:
+        link: its name.
+        other: of an object, of the floor, or of a link.
+        first_s: simulated time when it was first seen.
+        phase: index, then.
+        depth_m: how far they overlapped at most.
+    """
+
+    link: str
+    other: str
+    first_s: float
+    phase: int
+    depth_m: float
+
+    def figures(self, phase_names: tuple[str, ...]) -> dict[str, Any]:
+        """Return it for the summary."""
+        return {
+            "link": self.link,
+            "other": self.other,
+            "first_s": self.first_s,
+            "phase": phase_names[self.phase],
+            "depth_m": self.depth_m,
+        }
+
+    def text(self, phase_names: tuple[str, ...]) -> str:
+        """Return it as part of a sentence."""
+        return (
+            f"{self.link} touches {self.other} from {self.first_s:.3f} s on, in phase "
+            f"'{phase_names[self.phase]}', up to {1e3 * self.depth_m:.1f} mm deep"
+        )
+
+
+def with_touches(
+    before: tuple[Touch, ...], found: tuple[LinkContact, ...], time_s: float, phase: int
+) -> tuple[Touch, ...]:
+    """Return what has touched so far, with what touches at one more instant."""
+    known = {(touch.link, touch.other): touch for touch in before}
+    for contact in found:
+        key = contact.link, contact.other
+        touch = known.get(key) or Touch(*key, time_s, phase, 0.0)
+        known[key] = replace(touch, depth_m=max(touch.depth_m, contact.depth_m))
+    return tuple(known.values())
+
+
+def _or_infinite(limit: Array) -> Array:
+    return np.where(limit > 0.0, limit, np.inf)

@@ -1,0 +1,207 @@
+"""What a plan asks of the arm, before anything runs: joints against their bounds, links against the scene."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, final
+
+import numpy as np
+
+from cosim.base.frames import Array, IntArray, Mask, Pose
+from cosim.coupling.soft_sides.mass import MassProperties
+from cosim.errors import ScenarioError
+from cosim.plan.arm_limits import PLANNED, UNITS, ArmLimits, Extreme, Touch, with_touches
+from cosim.plan.flange_path import FlangeWay
+from cosim.plan.joint_path import JointPath, JointReference
+from cosim.plan.plan import JointPlanner, PhasePlan, Plan
+from cosim.plan.ramp import progress
+from cosim.soft.body.body import SoftBody
+
+if TYPE_CHECKING:
+    from cosim.kinematics.arm import Arm, Payload
+    from cosim.rigid.scene.scene import RigidScene
+
+_FEWEST, _MOST, _PER_KNOT = 50, 1000, 2  # samples of a phase in which the arm moves
+_INSIDE = 1e-9  # share of a phase between its border and what counts as within
+_STANDS_IN_M = 1e-3  # an arm that stands no deeper than this touches
+
+
+@final
+@dataclass(frozen=True)
+class PlannedArm:
+    """How near to its bounds a plan takes an arm.
+
+    Args:
+        limits: of the arm.
+        extremes: of each quantity.
+        touches: of links with what stands still, and with one another, on the planned way.
+        phase_names: in order.
+    """
+
+    limits: ArmLimits
+    extremes: tuple[Extreme, ...]
+    touches: tuple[Touch, ...]
+    phase_names: tuple[str, ...]
+
+    def figures(self) -> dict[str, Any]:
+        """Return them for the summary."""
+        found = {extreme.quantity: extreme.figures(self.phase_names) for extreme in self.extremes}
+        touches = [touch.figures(self.phase_names) for touch in self.touches]
+        return {**{name: found.get(name) for name in UNITS if name != "tracking_error"}, "contacts": touches}
+
+    def warnings(self) -> list[str]:
+        """Return one line for each bound that the plan goes beyond, and for each contact."""
+        beyond = [extreme.text(self.phase_names) for extreme in self.extremes if extreme.beyond]
+        return [f"{PLANNED}{text}" for text in beyond + [t.text(self.phase_names) for t in self.touches]]
+
+
+@final
+@dataclass(frozen=True)
+class AskedMotion:
+    """What a plan asks of the joints at some instants; at `jumps` the reference's speed or place jumps.
+
+    Args:
+        time_s: (n,), in order.
+        phase: (n,) index.
+        joints: n instants.
+        jumps: (n,) bool; speed and acceleration are then those of a jump within a tick.
+    """
+
+    time_s: Array
+    phase: IntArray
+    joints: JointReference
+    jumps: Mask
+
+
+def planned_arm(arm: Arm, scene: RigidScene, plan: Plan, payload: Payload, *, dynamic: bool) -> PlannedArm:
+    """Return what a plan asks of an arm.
+
+    Torques are those of the arm with a rigid payload; jumps of the reference do not count in them.
+
+    Args:
+        arm: kinematics and inverse dynamics.
+        scene: at its start.
+        plan: of the run.
+        payload: the soft robot in its drawn shape and what else is mounted.
+        dynamic: whether the motion takes time; positions and torques at rest otherwise.
+    """
+    limits, names = ArmLimits.of(arm), tuple(planned.phase.name for planned in plan.phases)
+    asked = asked_motion(plan, scene.tick_s)
+    q, v, a = asked.joints.position, asked.joints.velocity, asked.joints.acceleration
+    moving, still = np.zeros_like(q), np.zeros(arm.joint_count)
+    for k in range(len(q)):
+        timed = dynamic and not asked.jumps[k]
+        moving[k] = arm.inverse_dynamics(
+            q[k], v[k] if timed else still, a[k] if timed else still, scene.armature, payload
+        )
+    values = {"position": q, "velocity": v, "acceleration": a, "torque": moving}
+    asked_for = values if dynamic else {"position": q, "torque": moving}
+    found = [limits.extreme(name, rows, asked.time_s, asked.phase) for name, rows in asked_for.items()]
+    touches: tuple[Touch, ...] = ()
+    for k in range(len(q)):
+        fixed = tuple(contact for contact in scene.links.at(q[k]) if not contact.movable)
+        touches = with_touches(touches, fixed, float(asked.time_s[k]), int(asked.phase[k]))
+    return PlannedArm(limits, tuple(extreme for extreme in found if extreme is not None), touches, names)
+
+
+def asked_motion(plan: Plan, tick_s: float) -> AskedMotion:
+    """Return what a plan asks of the joints, at instants close enough together to find the largest values.
+
+    Args:
+        plan: of a run.
+        tick_s: within which a jump of the reference happens [s].
+    """
+    rows: list[tuple[Array, int, JointReference, bool]] = []
+    began_s, here, speed = 0.0, plan.joints, np.zeros_like(plan.joints)
+    for index, planned in enumerate(plan.phases):
+        phase = planned.phase
+        time_s, joints = _through(planned)
+        first, last = joints.row(0), joints.row(-1)
+        jump = JointReference(
+            here, first.velocity + (first.position - here) / tick_s, (first.velocity - speed) / tick_s
+        )
+        rows.append((np.array([began_s]), index, jump, True))
+        rows.append((began_s + time_s, index, joints, False))
+        here, speed = planned.joints.last, last.velocity
+        if phase.settle_s > 0.0:
+            end_s = np.array([began_s + phase.duration_s])
+            rows.append((end_s, index, JointReference(here, last.velocity, -speed / tick_s), True))
+            speed = np.zeros_like(here)
+        began_s += phase.duration_s + phase.settle_s
+    return AskedMotion(
+        np.concatenate([time_s for time_s, _, _, _ in rows]),
+        np.concatenate([np.full(len(time_s), index) for time_s, index, _, _ in rows]),
+        JointReference(*(
+            np.concatenate([np.atleast_2d(getattr(joints, name)) for _, _, joints, _ in rows])
+            for name in ("position", "velocity", "acceleration")
+        )),
+        np.concatenate([np.full(len(time_s), jumps) for time_s, _, _, jumps in rows]),
+    )  # fmt: skip
+
+
+def _through(planned: PhasePlan) -> tuple[Array, JointReference]:
+    """Return times (n,) within a phase, and what is asked for then."""
+    phase, path = planned.phase, planned.joints
+    count = 2
+    if path.spline is not None:
+        count = min(max(_FEWEST, _PER_KNOT * len(path.spline.x)), _MOST)
+    time_s = phase.duration_s * np.clip(np.linspace(0.0, 1.0, count), _INSIDE, 1.0 - _INSIDE)
+    return time_s, path.through([progress(phase.ramp, t, phase.duration_s) for t in time_s.tolist()])
+
+
+def drawn_payload(body: SoftBody, mounted: MassProperties | None) -> Payload:
+    """Return a soft robot in its drawn shape, and what else is mounted (flange frame), as a rigid payload."""
+    from cosim.kinematics.arm import Payload  # here: a scene without an arm does not wait for Pinocchio
+
+    mass = MassProperties.of(body.node_mass, body.positions)
+    if mounted is not None:
+        mass = mass.joined(mounted)
+    return Payload(mass.mass_kg, mass.center, mass.inertia)
+
+
+def checked_start(plan_joints: JointPlanner, arm: Arm, scene: RigidScene, payload: Payload) -> JointPlanner:
+    """Return a planner that refuses a start at which the arm cannot stand.
+
+    Args:
+        plan_joints: finds the joint angles.
+        arm: kinematics and inverse dynamics.
+        scene: at its start.
+        payload: see `planned_arm`.
+    """
+
+    def plan(start: Pose, ways: list[FlangeWay], blame: Callable[[int], str]) -> tuple[JointPath, ...]:
+        paths = plan_joints(start, ways, blame)
+        if paths:  # none yet where the first phase has a tip target
+            check_start(arm, scene, payload, paths[0].first, blame(-1))
+        return paths
+
+    return plan
+
+
+def check_start(arm: Arm, scene: RigidScene, payload: Payload, joints: Array, key: str) -> None:
+    """Check that an arm can stand where it starts.
+
+    Args:
+        arm: kinematics and inverse dynamics.
+        scene: at its start.
+        payload: see `planned_arm`.
+        joints: (joints,) [rad].
+        key: to blame.
+
+    Raises:
+        ScenarioError: a link stands in something, or a joint takes more torque than it can give.
+    """
+    deep = [contact for contact in scene.links.at(joints) if contact.depth_m > _STANDS_IN_M]
+    if deep:
+        where = ", ".join(f"{c.link} {1e3 * c.depth_m:.0f} mm deep in {c.other}" for c in deep)
+        raise ScenarioError(key, f"the arm stands in something: {where}; move the flange or the objects")
+    torque, limit = arm.gravity_torque(joints, payload), arm.effort_limit
+    beyond = [k for k in range(len(torque)) if abs(torque[k]) > limit[k] > 0.0]
+    if beyond:
+        needs = ", ".join(f"{arm.joint_names[k]} {abs(torque[k]):.0f} of {limit[k]:g} N m" for k in beyond)
+        raise ScenarioError(
+            key,
+            f"the arm cannot hold itself and a payload of {payload.mass_kg:.3g} kg: {needs}; bring the "
+            "flange closer in, or make the load lighter",
+        )

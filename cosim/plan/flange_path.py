@@ -1,0 +1,110 @@
+"""From a scenario's flange poses and motions to rigid transforms."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+
+from cosim.base.frames import Array, Pose, cross_matrix, rotation_from_vector, vector_from_rotation
+from cosim.config.schema.phase import FlangePose, FlangeTurn
+from cosim.plan.shake import Shake
+
+_DOWN = np.array([0.0, 0.0, -1.0])
+_HANGING = np.diag([1.0, -1.0, -1.0])
+_HALF_TURN_ABOUT_Y = np.diag([-1.0, 1.0, -1.0])
+_KNOT_TURN_RAD = 0.05
+_KNOT_SHIFT_M = 0.02
+_OPPOSITE = 1e-9
+"""1 + cosine below which the shortest turn has no unique axis."""
+
+
+def rotation_from_direction(direction: Array, roll_rad: float = 0.0) -> Array:
+    """Return the flange's rotation, world from flange, whose z axis is `direction`.
+
+    R = R_shortest(down -> direction) R_hanging R_z(roll), where R_hanging has z down and x along the
+    world's x axis, and R_shortest = I + S + S^2 / (1 + c) with S = [down x direction] and
+    c = down . direction; straight up, half a turn about the world's y axis.
+
+    Args:
+        direction: (3,), not zero, world; normalised here.
+        roll_rad: about the flange's z axis.
+    """
+    unit = np.asarray(direction, dtype=np.float64) / np.linalg.norm(direction)
+    skew, cosine = cross_matrix(np.cross(_DOWN, unit)), float(_DOWN @ unit)
+    if 1.0 + cosine < _OPPOSITE:
+        shortest = _HALF_TURN_ABOUT_Y
+    else:
+        shortest = np.eye(3) + skew + skew @ skew / (1.0 + cosine)
+    return np.asarray(shortest @ _HANGING @ rotation_from_vector(np.array([0.0, 0.0, roll_rad])))
+
+
+def pose_of(flange: FlangePose) -> Pose:
+    """Return the pose, world from flange, that a scenario's `flange` table describes."""
+    rotation = rotation_from_direction(np.array(flange.direction), flange.roll_rad)
+    return Pose(rotation, np.array(flange.position_m))
+
+
+@final
+@dataclass(frozen=True)
+class FlangeWay:
+    """A motion of the flange: its origin on a line, its rotation about one world axis.
+
+    Args:
+        begin: world from flange, at share 0.
+        turn: (3,) [rad], axis times angle; may exceed half a turn.
+        shift: (3,) [m].
+        shake: on top; None for none.
+        even: whether it is run through at an even pace, so that its ends are not at rest.
+    """
+
+    begin: Pose
+    turn: Array
+    shift: Array
+    shake: Shake | None = None
+    even: bool = False
+
+    @classmethod
+    def to(cls, begin: Pose, end: Pose) -> FlangeWay:
+        """Return the shortest way from one pose to another."""
+        turn = vector_from_rotation(end.rotation @ begin.rotation.T)
+        return cls(begin, turn, end.translation - begin.translation)
+
+    def at(self, share: float) -> Pose:
+        """Return world_from_flange at a share of the way."""
+        rotation = rotation_from_vector(share * self.turn) @ self.begin.rotation
+        place = self.begin.translation + share * self.shift
+        return Pose(rotation, place if self.shake is None else place + self.shake.at(share))
+
+    @classmethod
+    def relative(
+        cls, begin: Pose, turn: FlangeTurn | None, shift_m: Array | None, shake: Shake | None = None
+    ) -> FlangeWay:
+        """Return a turn about the flange's own origin, a shift and a shake, along world axes."""
+        vector = np.zeros(3)
+        if turn is not None:
+            vector = turn.angle_rad / np.linalg.norm(turn.axis) * np.array(turn.axis)
+        return cls(
+            begin, vector, np.zeros(3) if shift_m is None else np.asarray(shift_m, dtype=np.float64), shake
+        )
+
+    @property
+    def rate_at_ends(self) -> Array:
+        """d(linear, angular)/d(share) (6,) [m, rad], world axes, at both ends: a shake rests there."""
+        return np.concatenate([self.shift, self.turn])
+
+    @property
+    def end(self) -> Pose:
+        """World from flange at share 1."""
+        return self.at(1.0)
+
+    @property
+    def pieces(self) -> int:
+        """Into how many small motions the way is cut; 0 where nothing moves."""
+        turn, shift = float(np.linalg.norm(self.turn)), float(np.linalg.norm(self.shift))
+        shaken = 0 if self.shake is None else self.shake.pieces
+        if turn < 1e-12 and shift < 1e-12 and not shaken:
+            return 0
+        return max(4, shaken, math.ceil(turn / _KNOT_TURN_RAD), math.ceil(shift / _KNOT_SHIFT_M))

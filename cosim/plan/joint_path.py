@@ -1,0 +1,69 @@
+"""Joint angles through a phase."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from cosim.base.frames import Array
+from cosim.plan.ramp import Progress
+
+
+@final
+@dataclass(frozen=True)
+class JointReference:
+    """What is asked of an arm's joints, at one instant or at n.
+
+    Args:
+        position: (joints,) or (n, joints) [rad].
+        velocity: the same [rad/s].
+        acceleration: the same [rad/s^2].
+    """
+
+    position: Array
+    velocity: Array
+    acceleration: Array
+
+    def row(self, k: int) -> JointReference:
+        """Return what is asked at one of several instants."""
+        return JointReference(self.position[k], self.velocity[k], self.acceleration[k])
+
+    def from_on(self, k: int) -> JointReference:
+        """Return what is asked at one of several instants and after it."""
+        return JointReference(self.position[k:], self.velocity[k:], self.acceleration[k:])
+
+
+@final
+@dataclass(frozen=True)
+class JointPath:
+    """Joint angles over the progress s of a phase.
+
+    Args:
+        first: (joints,) [rad], at s = 0.
+        spline: cubic over s, or None where the arm stands still.
+    """
+
+    first: Array
+    spline: CubicSpline | None
+
+    @property
+    def last(self) -> Array:
+        """(joints,) [rad], at s = 1."""
+        return self.first if self.spline is None else np.asarray(self.spline(1.0))
+
+    def at(self, progress: Progress) -> JointReference:
+        """Return what is asked for at one instant."""
+        return self.through([progress]).row(0)
+
+    def through(self, instants: Sequence[Progress]) -> JointReference:
+        """Return what is asked for at some instants; together they cost a fraction of one by one."""
+        if self.spline is None:
+            still = np.zeros((len(instants), len(self.first)))
+            return JointReference(still + self.first, still, still)
+        s, rate, acceleration = np.array([(p.value, p.rate, p.acceleration) for p in instants]).T[..., None]
+        q, slope, curve = (np.asarray(self.spline(s[:, 0], order)) for order in range(3))
+        return JointReference(q, slope * rate, curve * rate**2 + slope * acceleration)

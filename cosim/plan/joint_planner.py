@@ -1,0 +1,131 @@
+"""Joint angles of an arm along the flange's way through all phases."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from cosim.base.frames import Array, Pose
+from cosim.errors import UnreachableError
+from cosim.kinematics.arm import Arm
+from cosim.kinematics.inverse_kinematics import InverseKinematicsOptions, follow, solve
+from cosim.plan.flange_path import FlangeWay
+from cosim.plan.joint_path import JointPath
+
+_START_CONFIGURATIONS = 12
+_FINER = 2  # pieces of a way whose velocity is to be even
+_SINGULAR = 1e-3  # of the Jacobian's largest singular value: no velocity is asked for that way
+_END_OPTIONS = InverseKinematicsOptions(candidates=1)
+
+
+def plan_joints(
+    arm: Arm, start: Pose, ways: list[FlangeWay], blame: Callable[[int], str]
+) -> tuple[JointPath, ...]:
+    """Return the joint paths of all phases, on one branch of the inverse kinematics.
+
+    Several start configurations are tried, the one nearest to the arm's home first, until one can follow
+    every phase. Where none can, an end pose that is out of reach says more than the place where a path broke
+    off, so it is named instead.
+
+    Args:
+        arm: the arm.
+        start: pose of the flange before the first phase.
+        ways: motion of the flange in each phase.
+        blame: names the key of the scenario that asks for pose k (-1: the start).
+
+    Raises:
+        UnreachableError: the start or a path cannot be reached; the message begins with the key.
+    """
+    try:
+        nearest = solve(arm, start, arm.home).q
+    except UnreachableError as error:
+        raise UnreachableError(f"{blame(-1)}: {error}", error.closest) from error
+    _check_reach(arm, ways, nearest, blame)
+    failure: UnreachableError | None = None
+    for candidate in _configurations(arm, start, nearest):
+        try:
+            return _follow_all(arm, ways, candidate, blame)
+        except UnreachableError as error:
+            failure = failure or error
+    assert failure is not None
+    _check_ends(arm, ways, nearest, blame)
+    raise failure
+
+
+def _check_reach(arm: Arm, ways: list[FlangeWay], seed: Array, blame: Callable[[int], str]) -> None:
+    """Raise UnreachableError for the first phase that ends farther away than the arm is long.
+
+    So that no way is followed that is cut into more pieces than the arm's reach has.
+    """
+    for index, way in enumerate(ways):
+        if np.linalg.norm(way.end.translation - arm.shoulder) > arm.reach:
+            _check_end(arm, index, way, seed, blame)
+
+
+def _check_ends(arm: Arm, ways: list[FlangeWay], seed: Array, blame: Callable[[int], str]) -> None:
+    """Raise UnreachableError for the first phase whose end no configuration reaches, on whatever branch."""
+    for index, way in enumerate(ways):
+        if way.pieces == 0:
+            continue
+        _check_end(arm, index, way, seed, blame)
+
+
+def _check_end(arm: Arm, index: int, way: FlangeWay, seed: Array, blame: Callable[[int], str]) -> None:
+    try:
+        solve(arm, way.end, seed, _END_OPTIONS)
+    except UnreachableError as error:
+        raise UnreachableError(f"{blame(index)}: {error}", error.closest) from error
+
+
+def _configurations(arm: Arm, start: Pose, nearest: Array) -> list[Array]:
+    rng = np.random.default_rng(0)
+    found = [nearest]
+    for _ in range(_START_CONFIGURATIONS):
+        seed = rng.uniform(np.maximum(arm.lower, -math.pi), np.minimum(arm.upper, math.pi))
+        try:
+            q = solve(arm, start, seed).q
+        except UnreachableError:
+            continue
+        if all(np.abs(q - other).max() > 1e-3 for other in found):
+            found.append(q)
+    return [nearest, *sorted(found[1:], key=lambda q: float(np.linalg.norm(q - arm.home)))]
+
+
+def _follow_all(
+    arm: Arm, ways: list[FlangeWay], q: Array, blame: Callable[[int], str]
+) -> tuple[JointPath, ...]:
+    paths: list[JointPath] = []
+    for index, way in enumerate(ways):
+        count = way.pieces * (_FINER if way.even else 1)
+        if count == 0:
+            paths.append(JointPath(q, None))
+            continue
+        poses = [way.at(k / count) for k in range(1, count + 1)]
+        try:
+            knots = np.concatenate([q[None], follow(arm, poses, q)])
+        except UnreachableError as error:
+            raise UnreachableError(f"{blame(index)}: {error}", error.closest) from error
+        paths.append(JointPath(q, _spline(arm, way, knots)))
+        q = paths[-1].last
+    return tuple(paths)
+
+
+def _spline(arm: Arm, way: FlangeWay, knots: Array) -> CubicSpline:
+    """Return the joint angles over the share of the way, through equally spaced knots (k, joints) [rad].
+
+    Where the ends are not at rest, the flange's velocity there is exactly the way's: motions that follow one
+    another at the same pace do so without a jump.
+    """
+    shares = np.linspace(0.0, 1.0, len(knots))
+    spline = CubicSpline(shares, knots)
+    if not way.even:
+        return spline
+    slopes = []
+    for share in (0.0, 1.0):
+        jacobian, slope = arm.jacobian(np.asarray(spline(share))), np.asarray(spline(share, 1))
+        missing = way.rate_at_ends - jacobian @ slope
+        slopes.append(slope + np.linalg.lstsq(jacobian, missing, rcond=_SINGULAR)[0])
+    return CubicSpline(shares, knots, bc_type=((1, slopes[0]), (1, slopes[1])))

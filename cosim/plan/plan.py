@@ -1,0 +1,277 @@
+"""The plan of a run: for every phase where flange, pressure and tensions begin and end.
+
+Targets of the tip are solved here, on the static model, before anything runs: an unreachable one is an
+input error.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import TypeAlias, final
+
+import numpy as np
+
+from cosim.base.frames import Array, IntArray, Mask, Pose
+from cosim.config.rules.gas_rules import GasRule, gas_rules
+from cosim.config.schema.per_chamber import PerChamber, as_load, values_after
+from cosim.config.schema.phase import Phase, Start, TipTarget
+from cosim.config.schema.scenario import Scenario
+from cosim.coupling.soft_sides.soft_side import SoftSide
+from cosim.errors import ScenarioError, SolverError, UnreachableError
+from cosim.plan.chamber_gas import ChamberGas
+from cosim.plan.flange_path import FlangeWay, pose_of
+from cosim.plan.joint_path import JointPath
+from cosim.plan.node_groups import SidesOf, held_components, nodal_force, nodes_of
+from cosim.plan.shake import Shake
+from cosim.plan.target_motion import reach, walk
+from cosim.soft.body.body import SoftBody
+from cosim.soft.body.gas_chamber import of_each
+from cosim.soft.body.loads import Loads
+from cosim.soft.solve.equilibrium import Equilibrium
+
+_LEAK_PIECES = 8
+
+
+JointPlanner: TypeAlias = Callable[[Pose, list[FlangeWay], Callable[[int], str]], tuple[JointPath, ...]]
+"""Start pose, ways of all phases, and the key to blame for phase k (-1: the start) -> joint paths."""
+
+
+@final
+@dataclass(frozen=True)
+class Holding:
+    """What is held otherwise from the start of a phase on.
+
+    Args:
+        release: (m,) nodes let go.
+        hold: (n, 3) bool, components held from then on.
+    """
+
+    release: IntArray
+    hold: Mask
+
+    def apply(self, soft: SoftSide, world_from_flange: Pose) -> None:
+        """Change what a soft body is held by, where it is now."""
+        if len(self.release):
+            soft.let_go(self.release)
+        if self.hold.any():
+            soft.hold_also(self.hold, world_from_flange)
+
+
+@final
+@dataclass(frozen=True)
+class PhasePlan:
+    """One phase, ready to run.
+
+    Args:
+        phase: as in the scenario.
+        joints: joint angles along it.
+        begin: loads at its start; while the gas is sealed, their pressure means nothing.
+        end: loads at its end, the same.
+        gas: how the gas of each chamber is given.
+        holding: what is held otherwise from its start on.
+        tip_target: (3,) [m]; components that are free are NaN; None without a target.
+        flange: where it is to be at its end.
+    """
+
+    phase: Phase
+    joints: JointPath
+    begin: Loads
+    end: Loads
+    gas: tuple[GasRule, ...]
+    holding: Holding
+    tip_target: Array | None
+    flange: Pose
+
+
+@final
+@dataclass(frozen=True)
+class Plan:
+    """All phases of a run, and where it starts.
+
+    Args:
+        start: pose of the flange.
+        joints: (joints,) [rad] at the start.
+        loads: at the start.
+        phases: in order.
+    """
+
+    start: Pose
+    joints: Array
+    loads: Loads
+    phases: tuple[PhasePlan, ...]
+
+
+def start_loads(start: Start, body: SoftBody, gravity: tuple[float, float, float]) -> Loads:
+    """Return the loads before the first phase; tensions and pressures left out are zero."""
+    tension = start.cable_tension_N or (0.0,) * len(body.cables)
+    return Loads(_pressures(0.0, start.pressure_Pa, body), tuple(tension), gravity)
+
+
+def _pressures(
+    before: float | tuple[float, ...], given: PerChamber[float], body: SoftBody
+) -> float | tuple[float, ...]:
+    names = [chamber.name for chamber in body.gas_chambers]
+    return as_load(values_after(of_each(before, len(names), "pressure"), given, names, "pressure_Pa"))
+
+
+def start_equilibrium(soft: SoftSide, flange: Pose, loads: Loads) -> Equilibrium:
+    """Return the equilibrium before the first phase: hung up without pressure, then loaded.
+
+    Raises:
+        ConvergenceError: there is none near the drawn shape.
+    """
+    return soft.start(flange, loads)
+
+
+def make_plan(scenario: Scenario, plan_joints: JointPlanner, soft: SoftSide) -> Plan:
+    """Return the plan of a scenario.
+
+    Args:
+        scenario: checked.
+        plan_joints: finds the joint angles for the flange's motion.
+        soft: a soft side to try the phases on, statically, up to the last one with a tip target; its
+            state is used up.
+
+    Raises:
+        ScenarioError: a pose or target cannot be reached; `path` names the key.
+    """
+    start = pose_of(scenario.start.flange)
+    keys = ["start.flange", *(_flange_key(phase) for phase in scenario.phases)]
+
+    def joints_along(ways: list[FlangeWay]) -> tuple[JointPath, ...]:
+        try:
+            return plan_joints(start, ways, lambda k: keys[k + 1])
+        except UnreachableError as error:
+            key, _, reason = str(error).partition(": ")  # as the planner blames it
+            raise ScenarioError(key, reason) from error
+
+    # the statics take longer: what does not depend on them is refused first
+    joints_along(_given_ways(scenario, start))
+    loads = start_loads(scenario.start, soft.body, scenario.gravity_m_s2)
+    drafts = _drafts(scenario, soft, start, loads)
+    joints = joints_along([draft.way for draft in drafts])
+    plans = tuple(
+        PhasePlan(
+            draft.phase, path, replace(draft.begin, gas=None), replace(draft.end, gas=None), rule,
+            draft.holding, _target_point(draft.phase.tip_target), draft.way.end,
+        )
+        for draft, path, rule in zip(drafts, joints, gas_rules(scenario), strict=True)
+    )  # fmt: skip
+    return Plan(start, joints[0].first, loads, plans)
+
+
+def _given_ways(scenario: Scenario, start: Pose) -> list[FlangeWay]:
+    """Return the flange's way through the phases before the first whose end depends on the soft body."""
+    ways: list[FlangeWay] = []
+    for phase in scenario.phases:
+        if phase.tip_target is not None and phase.tip_target.reach_with != "cables":
+            break
+        ways.append(_way(start if not ways else ways[-1].end, phase))
+    return ways
+
+
+@final
+@dataclass(frozen=True)
+class _Draft:
+    """A phase whose flange motion is known, before the arm's joints are."""
+
+    phase: Phase
+    way: FlangeWay
+    begin: Loads
+    end: Loads
+    holding: Holding
+
+
+def _drafts(scenario: Scenario, soft: SoftSide, start: Pose, loads: Loads) -> list[_Draft]:
+    """Return all phases; only those up to the last tip target need the statics of the soft body."""
+    sides = scenario.soft_robot.sides_of
+    targets = [index for index, phase in enumerate(scenario.phases) if phase.tip_target is not None]
+    solved = 1 + max(targets, default=-1)
+    drafts: list[_Draft] = []
+    if solved:
+        here, gas = start_equilibrium(soft, start, loads), ChamberGas(scenario.gas)
+        soft.settle(here)
+        for phase, rule in zip(scenario.phases[:solved], gas_rules(scenario), strict=False):
+            holding = _holding(soft.body, sides, phase)
+            holding.apply(soft, here.world_from_flange)
+            gas.begin(rule, soft)
+            here = replace(here, loads=gas.filled(here.loads))
+            end_loads = _end_loads(here.loads, phase, soft.body, sides)
+            way, end = _solve_phase(soft, here, phase, end_loads)
+            drafts.append(_Draft(phase, way, here.loads, end.loads, holding))
+            here = _leaked(soft, end, gas, phase)
+        start, loads = here.world_from_flange, here.loads
+    for phase in scenario.phases[solved:]:
+        way, end_loads = _way(start, phase), _end_loads(loads, phase, soft.body, sides)
+        drafts.append(_Draft(phase, way, loads, end_loads, _holding(soft.body, sides, phase)))
+        start, loads = way.end, end_loads
+    return drafts
+
+
+def _leaked(soft: SoftSide, here: Equilibrium, gas: ChamberGas, phase: Phase) -> Equilibrium:
+    """Return the equilibrium at the end of a phase, what flows in its time gone; settles it."""
+    soft.settle(here)
+    for _ in range(_LEAK_PIECES if gas.flows else 0):
+        gas.pass_time(soft, (phase.duration_s + phase.settle_s) / _LEAK_PIECES)
+        try:
+            here = soft.follow(here, here.world_from_flange, gas.filled(here.loads))
+        except SolverError as error:
+            raise ScenarioError(f"phase.{phase.name}", f"the static plan fails: {error}") from error
+        soft.settle(here)
+    return here
+
+
+def _holding(body: SoftBody, sides: SidesOf, phase: Phase) -> Holding:
+    hold = held_components(body, sides, phase.supports)
+    hold[nodes_of(body, sides, phase.clamp, None)] = True
+    return Holding(nodes_of(body, sides, phase.release, None), hold)
+
+
+def _flange_key(phase: Phase) -> str:
+    for key in ("flange", "flange_turn", "flange_shift_m", "flange_shake", "tip_target"):
+        if getattr(phase, key) is not None:
+            return f"phase.{phase.name}.{key}"
+    return f"phase.{phase.name}"
+
+
+def _target_point(target: TipTarget | None) -> Array | None:
+    if target is None:
+        return None
+    if target.position_m is not None:
+        return np.array(target.position_m)
+    return np.array([np.nan, np.nan, target.height_m])
+
+
+def _solve_phase(
+    soft: SoftSide, here: Equilibrium, phase: Phase, loads: Loads
+) -> tuple[FlangeWay, Equilibrium]:
+    """Return the flange's way through a phase and the equilibrium at its end."""
+    try:
+        if phase.tip_target is None:
+            way = _way(here.world_from_flange, phase)
+            return way, walk(soft, here, way, loads)
+        way, end = reach(soft, here, loads, phase.tip_target)
+        return replace(way, even=phase.ramp == "linear"), end
+    except (UnreachableError, SolverError) as error:
+        raise ScenarioError(_flange_key(phase), f"the static plan fails: {error}") from error
+
+
+def _end_loads(loads: Loads, phase: Phase, body: SoftBody, sides: SidesOf) -> Loads:
+    """Return the loads at the end of a phase; the same object where the phase changes none."""
+    if phase.pressure_Pa is not None:
+        loads = replace(loads, pressure_Pa=_pressures(loads.pressure_Pa, phase.pressure_Pa, body))
+    if phase.cable_tension_N is not None:
+        loads = replace(loads, cable_tension_N=tuple(phase.cable_tension_N))
+    if phase.forces:
+        loads = replace(loads, nodal_force=nodal_force(body, sides, phase.forces))
+    return loads
+
+
+def _way(here: Pose, phase: Phase) -> FlangeWay:
+    if phase.flange is not None:
+        way = FlangeWay.to(here, pose_of(phase.flange))
+    else:
+        shift = None if phase.flange_shift_m is None else np.array(phase.flange_shift_m)
+        way = FlangeWay.relative(here, phase.flange_turn, shift, Shake.of(phase))
+    return replace(way, even=phase.ramp == "linear")

@@ -1,0 +1,112 @@
+"""How far the film of a soft robot can get, and what of a scene is within that reach.
+
+Film hardly stretches: a node is no farther from the base than the shortest way to it along the drawn mesh,
+times one plus the strain. So the film stays within a ball around the flange's origin, wherever it bends.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, final
+
+import numpy as np
+from scipy.sparse import csr_matrix
+from scipy.sparse.csgraph import dijkstra
+
+from cosim.base.frames import Array
+from cosim.plan.plan import Plan
+from cosim.plan.ramp import progress
+from cosim.soft.body.body import SoftBody
+from cosim.soft.geometry.surface import directed_edges
+
+if TYPE_CHECKING:
+    from cosim.kinematics.arm import Arm
+    from cosim.rigid.scene.scene import RigidScene
+
+_SAMPLES = 60  # of a phase
+_AWAY_M = 0.05  # from the planned way: lag of the servos, droop
+_STRAIN = 0.05  # beside what the pressure makes
+_PRESSURE_FACTOR = 4.0  # calibrated films are softer, pressure overshoots
+
+
+@final
+@dataclass(frozen=True)
+class FlangeTravel:
+    """The planned way of the flange.
+
+    Args:
+        positions: (k, 3) [m], of its origin.
+        gap_m: largest distance between two samples; shaking adds its stroke.
+        acceleration_m_s2: largest of the end of a lever along the flange's axis, step ramps left out.
+    """
+
+    positions: Array
+    gap_m: float
+    acceleration_m_s2: float
+
+
+def flange_travel(arm: Arm, plan: Plan, lever_m: float = 0.0) -> FlangeTravel:
+    """Return where the planned joint paths take the flange's origin, and what accelerations they ask for.
+
+    Args:
+        arm: kinematics.
+        plan: of the run.
+        lever_m: length of the lever along the flange's z axis, at whose end accelerations are taken.
+    """
+    positions, gap, largest = [], 0.0, 0.0
+    for planned in plan.phases:
+        phase, path = planned.phase, planned.joints
+        if phase.flange_shake is not None:
+            shake = phase.flange_shake
+            gap = max(gap, 2.0 * shake.amplitude_m)
+            largest = max(largest, shake.amplitude_m * (2.0 * np.pi * shake.frequency_Hz) ** 2)
+        if path.spline is None:
+            positions.append(arm.forward(path.first).translation[None])
+            continue
+        times = np.linspace(0.0, phase.duration_s, _SAMPLES)
+        ramp = "linear" if phase.ramp == "step" else phase.ramp  # a servo goes through what lies between
+        poses = [arm.forward(path.at(progress(ramp, t, phase.duration_s)).position) for t in times]
+        x = np.array([pose.translation for pose in poses])
+        positions.append(x)
+        gap = max(gap, float(np.linalg.norm(np.diff(x, axis=0), axis=1).max()))
+        if phase.ramp == "smooth":
+            ends = x + lever_m * np.array([pose.rotation[:, 2] for pose in poses])
+            second = np.diff(ends, n=2, axis=0) / (times[1] - times[0]) ** 2
+            largest = max(largest, float(np.linalg.norm(second, axis=1).max()))
+    return FlangeTravel(np.concatenate(positions), gap, largest)
+
+
+def film_reach(body: SoftBody, pressure_Pa: float) -> float:
+    """Return a distance [m] from the flange's origin that no node of the film exceeds.
+
+    Args:
+        body: in the flange frame.
+        pressure_Pa: largest gauge pressure.
+    """
+    # plates lead from one film to the next
+    plates = [nodes for plate in body.plates for nodes in plate.rings]
+    spokes = [np.column_stack([np.full(len(nodes) - 1, nodes[0]), nodes[1:]]) for nodes in plates]
+    x, edges = body.positions, np.concatenate([directed_edges(body.membranes.triangles), *spokes])
+    length = np.linalg.norm(x[edges[:, 0]] - x[edges[:, 1]], axis=1)
+    graph = csr_matrix((length, (edges[:, 0], edges[:, 1])), shape=(len(x),) * 2)
+    way = dijkstra(graph, directed=False, indices=body.base, min_only=True)
+    film = body.membranes.film
+    width = float(np.ptp(x, axis=0).max())
+    strain = _STRAIN + _PRESSURE_FACTOR * pressure_Pa * width / (film.young_modulus_Pa * film.thickness_m)
+    return float(np.linalg.norm(x[body.base], axis=1).max()) + (1.0 + strain) * float(way.max())
+
+
+def within_reach(
+    scene: RigidScene, travel: FlangeTravel, reach_m: float, *, fixed_only: bool = False
+) -> tuple[str, ...]:
+    """Return the bodies of a scene at rest that the film may get to.
+
+    Args:
+        scene: at its start.
+        travel: of the flange.
+        reach_m: of the film around it.
+        fixed_only: whether to leave out what can move.
+    """
+    query = scene.contact_query(fixed_only=fixed_only)
+    hits = query.distances(travel.positions, reach_m + 0.5 * travel.gap_m + _AWAY_M)
+    return scene.bodies.names(np.unique(query.body[hits.shape]))

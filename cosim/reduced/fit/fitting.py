@@ -1,0 +1,206 @@
+"""Fits section models to samples: linear least squares, everything a spline over pressure."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+
+from cosim.base.frames import Array
+from cosim.reduced.fit.sampling import Samples
+from cosim.reduced.section_model import SectionModel
+from cosim.reduced.sections.pressure_spline import PressureSpline
+from cosim.reduced.sections.ring_frames import RingFrames
+from cosim.reduced.sections.section_energy import COEFFICIENTS, basis
+
+_RIDGE = 1e-5  # of coefficients scaled by what they do in the samples: what those leave open stays small
+_HELD_OUT = 8  # of so many samples one is not fitted
+_LEAST_SHARE = 0.1  # of the usual size: what is smaller counts as this
+_BEYOND = 0.15  # of the sampled range of lengths, on either side
+_FARTHEST_BEND = 1.25  # over the largest sampled
+
+
+def fit_model(
+    samples: Samples, frames: RingFrames, spline: PressureSpline, smoothing: float = 1e-3
+) -> SectionModel:
+    """Return the model of a stack of units.
+
+    Args:
+        samples: over its working range.
+        frames: of its rings.
+        spline: basis over that range of pressure.
+        smoothing: weight of second differences over pressure.
+    """
+    over = np.array([spline.basis(p) for p in samples.pressure_Pa])  # (m, 2, size)
+    levels = np.unique(samples.pressure_Pa)
+    at_levels = np.array([spline.basis(p)[0] for p in levels])
+    length = np.linalg.lstsq(at_levels, samples.length_m, rcond=None)[0]
+    fits = [
+        _fit_section(samples, s, over[:, 0], length[:, s], smoothing) for s in range(samples.strain.shape[1])
+    ]
+    energy = np.stack([fit.coefficients for fit in fits], axis=1)
+    limits = _limits(samples, length, over[:, 0])
+    return SectionModel(
+        spline,
+        np.concatenate([energy, limits], axis=2),
+        length,
+        _fit_gas(samples, over, energy, length),
+        _fit_nodes(samples, frames, over[:, 0]),
+        np.sqrt(np.mean([fit.error**2 for fit in fits], axis=0)),
+        len(samples.pressure_Pa),
+        samples.failures,
+    )
+
+
+def _limits(samples: Samples, length: Array, over: Array) -> Array:
+    """Return splines (size, s, 3) of the limits: how far beyond its samples a section may go."""
+    place = samples.strain[:, :, 2] / (over @ length) - 1.0
+    bend = (samples.strain[:, :, 3:5] ** 2).sum(axis=2)
+    rows = []
+    for level in np.unique(samples.pressure_Pa):
+        here = samples.pressure_Pa == level
+        low, high = place[here].min(axis=0), place[here].max(axis=0)
+        margin = _BEYOND * (high - low)
+        rows.append(
+            np.stack([low - margin, high + margin, _FARTHEST_BEND**2 * bend[here].max(axis=0)], axis=1)
+        )
+    at_levels = np.array([over[samples.pressure_Pa == level][0] for level in np.unique(samples.pressure_Pa)])
+    found = np.linalg.lstsq(at_levels, np.array(rows).reshape(len(rows), -1), rcond=None)[0]
+    return np.asarray(found.reshape(over.shape[1], -1, 3))
+
+
+@final
+@dataclass(frozen=True)
+class _Fit:
+    """Coefficients (size, c) of one section, and its relative error (6,) over samples held out."""
+
+    coefficients: Array
+    error: Array
+
+
+def _terms(strain: Array, inverse_length: Array) -> tuple[Array, Array]:
+    """Return values (m, c) and gradients (m, 6, c) of the energy's terms."""
+    count = len(strain)
+    values, gradients = np.zeros((count, COEFFICIENTS)), np.zeros((count, 6, COEFFICIENTS))
+    basis(np.ascontiguousarray(strain), np.ascontiguousarray(inverse_length), values, gradients)
+    return values, gradients
+
+
+def _fit_section(samples: Samples, s: int, over: Array, length: Array, smoothing: float) -> _Fit:
+    strain, force = samples.strain[:, s], samples.force[:, s]
+    _, gradient = _terms(strain, 1.0 / (over @ length))
+    weight = _weights(samples.pressure_Pa, force)
+    # the constant term has no gradient
+    rows = (gradient[:, :, None, 1:] * over[:, None, :, None] * weight[:, :, None, None]).reshape(
+        len(strain), 6, -1
+    )
+    wanted = force * weight
+    kept = np.arange(len(strain)) % _HELD_OUT != _HELD_OUT - 1
+    matrix, load = rows[kept].reshape(-1, rows.shape[2]), wanted[kept].ravel()
+    scale = np.sqrt((matrix**2).mean(axis=0)) + 1e-300
+    matrix = matrix / scale
+    rough = smoothing * _roughness(scale, over.shape[1])
+    normal = matrix.T @ matrix + len(load) * (_RIDGE * np.eye(len(scale)) + rough)
+    solution = np.linalg.solve(normal, matrix.T @ load) / scale
+    coefficients = np.zeros((over.shape[1], COEFFICIENTS))
+    coefficients[:, 1:] = solution.reshape(over.shape[1], -1)
+    off = (rows[~kept] @ solution - wanted[~kept]) ** 2
+    size = (wanted[~kept] ** 2).mean(axis=0)
+    return _Fit(coefficients, np.sqrt(np.median(off, axis=0) / np.maximum(size, 1e-30)))
+
+
+def _roughness(scale: Array, size: int) -> Array:
+    """Return the penalty on second differences over pressure, of coefficients times their scale.
+
+    Splines with many knots then do not swing between samples.
+    Source: Eilers and Marx, Statistical Science 11 (1996) 89.
+    """
+    terms = len(scale) // size
+    usual = scale.reshape(size, terms).mean(axis=0)
+    second = np.diff(np.eye(size), n=2, axis=0)
+    full = np.einsum("ik,c->ikc", second, usual)
+    # the unknowns are coefficients times their own scale
+    penalty = np.einsum("ikc,ilc->kcl", full, full)
+    result = np.zeros((size, terms, size, terms))
+    for c in range(terms):
+        result[:, c, :, c] = penalty[:, c]
+    return np.asarray(result.reshape(len(scale), -1) / np.outer(scale, scale))
+
+
+def _weights(pressure: Array, force: Array) -> Array:
+    """Return weights (m, 6): one over the size of shear forces, bending moments and so on of each sample.
+
+    Small ones count as much as large ones: what a section resists them with decides on its stability.
+    """
+    weight = np.empty_like(force)
+    for level in np.unique(pressure):
+        here = pressure == level
+        for group in ([0, 1], [2], [3, 4], [5]):
+            size = np.linalg.norm(force[here][:, group], axis=1)
+            usual = max(float(np.sqrt((size**2).mean())), 1e-12)
+            least = usual if group == [2] else _LEAST_SHARE * usual
+            weight[np.ix_(np.flatnonzero(here), np.array(group))] = (1.0 / np.hypot(size, least))[:, None]
+    return weight
+
+
+def _fit_gas(samples: Samples, over: Array, energy: Array, length: Array) -> Array:
+    """Return (size,): the potential whose negative slope is the volume that the sections leave out."""
+    left = samples.volume_m3.copy()
+    for s in range(energy.shape[1]):
+        reach = over[:, 0] @ length[:, s]
+        values, gradients = _terms(samples.strain[:, s], 1.0 / reach)
+        rate = np.einsum("mk,kc->mc", over[:, 1], energy[:, s])
+        now = np.einsum("mk,kc->mc", over[:, 0], energy[:, s])
+        # dF/dL at fixed strains: z = u_3 / L - 1
+        along = np.einsum("mc,mc->m", gradients[:, 2], now) * samples.strain[:, s, 2] / reach
+        left += np.einsum("mc,mc->m", values, rate) - along * (over[:, 1] @ length[:, s])
+    # the slope of a spline knows its coefficients up to a constant
+    return np.asarray(np.linalg.lstsq(-over[:, 1], left, rcond=None)[0])
+
+
+def _fit_nodes(samples: Samples, frames: RingFrames, over: Array) -> Array:
+    """Return (size, n, 2, 4): nodes as combinations of the points of the frames beside them."""
+    count, size = samples.positions.shape[1], over.shape[1]
+    result = np.zeros((size, count, 2, 4))
+    for s in range(len(frames) - 1):
+        first, second = samples.frames[:, s], samples.frames[:, s + 1]
+        for share, columns in ((0.0, [1, 2, 3]), (1.0, [5, 6, 7]), (None, [1, 2, 3, 4, 5, 6, 7])):
+            mine = frames.before == s
+            mine &= (
+                (frames.share == share)
+                if share is not None
+                else ((frames.share > 0.0) & (frames.share < 1.0))
+            )
+            if not mine.any():
+                continue
+            origin = second[:, 0] if share == 1.0 else first[:, 0]
+            features = np.concatenate(
+                [first[:, 1:], (second[:, 0] - first[:, 0])[:, None], second[:, 1:]], axis=1
+            )[:, [c - 1 for c in columns]]
+            rows = np.einsum("mk,mfr->mrkf", over, features).reshape(3 * len(over), -1)
+            wanted = (samples.positions[:, mine] - origin[:, None]).transpose(0, 2, 1).reshape(len(rows), -1)
+            normal = rows.T @ rows
+            normal += 1e-7 * np.diag(np.diag(normal)) + 1e-12 * np.eye(len(normal))
+            found = np.linalg.solve(normal, rows.T @ wanted).reshape(size, len(columns), -1)
+            weights = np.zeros((size, int(mine.sum()), 8))
+            weights[:, :, columns] = found.transpose(0, 2, 1)
+            # partition of unity, for all pressures: the sum of the spline's functions is one
+            weights[:, :, 0] = 1.0 - weights[:, :, 4]
+            if share == 1.0:
+                weights[:, :, 0], weights[:, :, 4] = 0.0, 1.0
+            result[:, mine] = weights.reshape(size, -1, 2, 4)
+    return _centred(result, frames)
+
+
+def _centred(nodes: Array, frames: RingFrames) -> Array:
+    """Return the combinations, changed so that rings made from them have exactly the frames given."""
+    for f, (ring, shape) in enumerate(zip(frames.rings, frames.shapes, strict=True), start=1):
+        side = int(frames.before[ring[0]] != f)
+        local = nodes[:, ring, side, 1:]
+        local = local - local.mean(axis=1, keepdims=True)
+        spin = np.cross(shape[None], local).sum(axis=1)
+        inertia = (shape**2).sum() * np.eye(3) - shape.T @ shape
+        turn = np.linalg.solve(inertia, spin.T).T
+        nodes[:, ring, side, 1:] = local - np.cross(turn[:, None], shape[None])
+    return nodes

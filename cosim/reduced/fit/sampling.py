@@ -1,0 +1,246 @@
+"""Samples of a film's answer: strains of its sections and the forces that belong to them.
+
+Guides on all rings put the frames near random wanted poses, over the working range of pressure and of
+relative motion. The frames that result, and what the guides exert on them, are exact samples: beyond a
+section hang known forces only, so their resultant is the derivative of its energy by its strains.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import final
+
+import numpy as np
+
+from cosim.base.frames import Array, Pose, cross
+from cosim.errors import ConvergenceError
+from cosim.reduced.fit.guides import RingGroup, RingGuides
+from cosim.reduced.sections.ring_frames import RingFrames, frames_from_strains, strains
+from cosim.soft.body.body import SoftBody
+from cosim.soft.body.loads import Loads
+from cosim.soft.elements.frame_ring import FrameRings
+from cosim.soft.solve.assembly import SoftSystem
+from cosim.soft.solve.equilibrium import Equilibrium, EquilibriumSolver
+from cosim.soft.solve.newton import NewtonOptions, NewtonSolver
+from cosim.soft.solve.state import Clamp, SoftState
+
+_STILL = (0.0, 0.0, 0.0)
+_STRAIGHT = 5  # straight samples at each pressure
+_HALF_STIFF_Pa = 2e3  # a film without gas has no length of its own to be shortened from
+_BEND_MAX = 0.5
+_ACROSS = np.array([1.0, 1.0, 0.0, 1.0, 1.0, 1.0])  # all strains but the length
+_COUPLING_N_m = 1e-9  # of rings whose nodes only need places for each other in the tangent
+
+
+@final
+@dataclass(frozen=True)
+class WorkingRange:
+    """Of what the samples are taken.
+
+    Args:
+        pressures_Pa: rising from 0.
+        tension_N: axial force up to which sections are stretched.
+        compression: largest shortening of a section over its length without load; less at low pressure.
+        bend: largest angle between neighbouring frames, relative to that at which their rims would meet.
+        twist: sine of the largest angle about the axis.
+        shear_m: largest shift between neighbouring frames.
+        small: share of bend, twist and shear in samples that are almost straight.
+        samples: at each pressure, besides straight and almost straight ones.
+    """
+
+    pressures_Pa: tuple[float, ...]
+    tension_N: float
+    compression: float = 0.35
+    bend: float = 0.75
+    twist: float = 0.02
+    shear_m: float = 3e-4
+    small: float = 0.15
+    samples: int = 24
+
+
+@final
+@dataclass(frozen=True)
+class Samples:
+    """What was found; sections s between frames s and s + 1.
+
+    Args:
+        pressure_Pa: (m,).
+        strain: (m, s, 6).
+        force: (m, s, 6), derivatives of the energy with respect to the strains.
+        volume_m3: (m,).
+        frames: (m, f, 4, 3), flange frame.
+        positions: (m, n, 3) [m], of the nodes.
+        length_m: (pressures, s), middle of the sampled lengths of each section.
+        failures: samples without a solution.
+    """
+
+    pressure_Pa: Array
+    strain: Array
+    force: Array
+    volume_m3: Array
+    frames: Array
+    positions: Array
+    length_m: Array
+    failures: int
+
+
+@final
+class Sampler:
+    """Solves the film under guides.
+
+    Args:
+        body: one stack of units.
+        frames: of its rings.
+    """
+
+    def __init__(self, body: SoftBody, frames: RingFrames) -> None:
+        if body.frames is None:
+            rings = np.array(frames.rings[:-1])
+            body = replace(body, frames=FrameRings.from_shape(body.positions, rings, _COUPLING_N_m))
+        self._frames = frames
+        self._system = SoftSystem(body)
+        clamp = Clamp.of_base(body)
+        options = NewtonOptions(
+            tolerance_N=1e-6, start_tolerance_N=1e-6, iterations_max=25, shift_max_N_m=1e6
+        )
+        newton = NewtonSolver(self._system, clamp.mask(body.nodes))
+        self._solver = EquilibriumSolver(newton, clamp, options, slides_max=0)
+        self._groups = RingGroup.all_of(self._system.pattern, frames)
+        self._slack = Loads(0.0, (0.0,) * len(body.cables), _STILL)
+        self._body = body
+        self._radii = np.array([np.linalg.norm(shape, axis=1).max() for shape in frames.shapes])
+
+    def collect(
+        self, work: WorkingRange, seed: int, progress: Callable[[float], None] = lambda share: None
+    ) -> Samples:
+        """Return samples over a working range.
+
+        Args:
+            work: what to sample.
+            seed: of the random poses.
+            progress: told the share that is done.
+        """
+        random = np.random.default_rng(seed)
+        free = self._solver.solve(SoftState.drawn(self._body, Pose()), Pose(), self._slack)
+        rows: list[tuple[float, Array, Array, float, Array, Array]] = []
+        lengths, failures = [], 0
+        for done, pressure in enumerate(work.pressures_Pa):
+            free = self._solver.follow(free, Pose(), replace(self._slack, pressure_Pa=pressure))
+            rows.append(self._sample(free, np.zeros_like(free.state.positions)))
+            low, high = self._lengths(free, work)
+            lengths.append(0.5 * (low + high))
+            straight = [straight_strains(low, high, share) for share in np.linspace(0.0, 1.0, _STRAIGHT)]
+            # small ones tell what a section resists shear, bending and twist with, apart from one another
+            small = [
+                at + work.small * (random_strains(random, low, high, self._radii, work) * _ACROSS)
+                for at in straight
+                for _ in range(2)
+            ]
+            bent = [random_strains(random, low, high, self._radii, work) for _ in range(work.samples)]
+            for wanted in straight + small + bent:
+                try:
+                    rows.append(self._guided(free, wanted))
+                except ConvergenceError:
+                    failures += 1
+            progress((done + 1) / len(work.pressures_Pa))
+        pressures, strain, force, volume, frames, positions = (
+            np.array(column) for column in zip(*rows, strict=True)
+        )
+        return Samples(pressures, strain, force, volume, frames, positions, np.array(lengths), failures)
+
+    def _lengths(self, free: Equilibrium, work: WorkingRange) -> tuple[Array, Array]:
+        """Return the shortest and the longest length (s,) [m] of each section to sample."""
+        still = strains(*self._pairs(self._frames.fit(free.state.positions, Pose())))[:, 2]
+        force = np.zeros_like(free.state.positions)
+        force[self._body.tip, 2] = work.tension_N / len(self._body.tip)
+        pulled = self._solver.follow(free, Pose(), replace(free.loads, nodal_force=force))
+        long = strains(*self._pairs(self._frames.fit(pulled.state.positions, Pose())))[:, 2]
+        pressure = free.loads.pressures(1)[0]
+        shortened = work.compression * pressure / (pressure + _HALF_STIFF_Pa)
+        return (1.0 - shortened) * still, np.maximum(1.02 * long, 1.05 * still)
+
+    def _guided(self, free: Equilibrium, wanted: Array) -> tuple[float, Array, Array, float, Array, Array]:
+        frames = self._frames
+        target = frames_from_strains(frames.drawn[0], wanted)
+        guides = RingGuides(frames, self._groups, target, _GUIDE_STIFFNESS)
+        x = free.state.positions
+        start = frames.carried(x, frames.fit(x, Pose()), target)
+        found = self._solver.solve(free.state, Pose(), replace(free.loads, extra=guides), start)
+        return self._sample(found, guides.force(found.state.positions))
+
+    def _sample(self, found: Equilibrium, force: Array) -> tuple[float, Array, Array, float, Array, Array]:
+        x = found.state.positions
+        here = self._frames.fit(x, Pose())
+        volume = float(sum(self._system.gas.enclosed_volumes(x)))
+        strain = strains(*self._pairs(here))
+        return found.loads.pressures(1)[0], strain, self._section_forces(x, here, force), volume, here, x
+
+    def _section_forces(self, x: Array, frames: Array, force: Array) -> Array:
+        """Return the derivatives (s, 6) of the energy: what is beyond each section pulls at its far frame."""
+        result = np.empty((len(frames) - 1, 6))
+        pull, moment = np.zeros(3), np.zeros(3)
+        origin = frames[-1, 0]
+        for s in range(len(frames) - 2, -1, -1):
+            ring, r = self._frames.rings[s], frames[s + 1, 0]
+            moment = moment + np.cross(origin - r, pull) + cross(x[ring] - r, force[ring]).sum(axis=0)
+            pull, origin = pull + force[ring].sum(axis=0), r
+            result[s] = np.linalg.solve(_motion(frames[s], frames[s + 1]).T, np.concatenate([pull, moment]))
+        return result
+
+    @staticmethod
+    def _pairs(frames: Array) -> tuple[Array, Array]:
+        return frames[:-1], frames[1:]
+
+
+# far above a section's own stiffness in bending and length, so that it goes where it is sent; below it in
+# shear and twist, which then come from what the section needs
+_GUIDE_STIFFNESS = np.array([3e4, 3e4, 3e4, 30.0, 30.0, 30.0])
+
+
+def straight_strains(low: Array, high: Array, share: Array | float) -> Array:
+    """Return the strains (s, 6) of a straight chain, lengths a share of the way from low to high."""
+    result = np.zeros((len(low), 6))
+    result[:, 2] = low + share * (high - low)
+    return result
+
+
+def random_strains(
+    random: np.random.Generator, low: Array, high: Array, radii: Array, work: WorkingRange
+) -> Array:
+    """Return wanted strains (s, 6) that change slowly along the chain.
+
+    Args:
+        random: source.
+        low: (s,) [m], shortest lengths.
+        high: (s,) [m], longest lengths.
+        radii: (s,) [m], of the far rings.
+        work: working range.
+    """
+    way = np.linspace(0.0, 1.0, len(low))[:, None]
+
+    def field(size: int) -> Array:
+        """Return (s, size): constant and linear parts and a little of anything, within about -1 to 1."""
+        ends = random.uniform(-1.0, 1.0, (2, size))
+        return np.asarray((1.0 - way) * ends[0] + way * ends[1] + random.normal(0.0, 0.05, (len(low), size)))
+
+    result = straight_strains(low, high, np.clip(0.5 + 0.5 * field(1)[:, 0], 0.0, 1.0))
+    result[:, :2] = work.shear_m * field(2)
+    bend = 1.3 * np.sqrt(random.uniform(0.0, 1.0)) * field(2)
+    # rims of neighbouring frames meet at an angle of length over radius
+    largest = np.minimum(work.bend * result[:, 2] / radii, _BEND_MAX)
+    result[:, 3:5] = largest[:, None] * bend / np.maximum(1.0, np.linalg.norm(bend, axis=1, keepdims=True))
+    result[:, 5] = work.twist * field(1)[:, 0]
+    return result
+
+
+def _motion(before: Array, after: Array) -> Array:
+    """Return d strain / d (dr, phi) (6, 6) of the far frame."""
+    step, a, b = after[0] - before[0], before[1:], after[1:]
+    result = np.zeros((6, 6))
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        result[i, :3] = 0.5 * (a[i] + b[i])
+        result[i, 3:] = 0.5 * np.cross(b[i], step)
+        result[3 + i, 3:] = -0.5 * (np.cross(a[k], b[j]) - np.cross(a[j], b[k]))
+    return result

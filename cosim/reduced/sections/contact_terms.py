@@ -1,0 +1,102 @@
+"""Contact points on a chain of frames: energy, gradient and Hessian; see `chain_contact`."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cosim.base.kernels import inlined
+from cosim.reduced.sections.section_strains import add_turning
+from cosim.soft.contact.obstacle_contact import touch
+
+WEIGHTS, NORMAL, OFFSET, STIFFNESS, FRICTION, ANCHOR, COLUMNS = 0, 8, 11, 12, 13, 14, 17
+"""Where a contact's row has what: weights of the points of two frames, and what is touched."""
+
+
+@inlined
+def add_contacts(frames, first, rows, widths, out, diagonal, off, hessian):  # type: ignore[no-untyped-def]
+    """Add all contacts; return their energy.
+
+    Args:
+        frames: (f, 4, 3).
+        first: (k,) the first of the two frames of each contact.
+        rows: (k, COLUMNS).
+        widths: (2,) [m], smoothing and stick length.
+        out: (f, 6).
+        diagonal: (f, 6, 6).
+        off: (f, 6, 6).
+        hessian: whether to fill the blocks.
+    """
+    energy = 0.0
+    if first.shape[0] == 0:
+        return energy
+    point, own, tangent = np.empty(3), np.empty(3), np.empty((3, 3))
+    arm, jac, turned = np.empty((2, 3)), np.zeros((3, 12)), np.empty((3, 12))
+    for k in range(first.shape[0]):
+        f = first[k]
+        _place(frames, f, rows, k, arm, point)
+        level, _ = touch(
+            point, rows[k, NORMAL:OFFSET], rows[k, OFFSET], rows[k, STIFFNESS], rows[k, FRICTION],
+            rows[k, ANCHOR:], widths[0], widths[1], own, tangent,
+        )  # fmt: skip
+        if level == 0.0 and rows[k, FRICTION] == 0.0:
+            continue
+        energy += level
+        for side in range(2):
+            for r in range(3):
+                i, j = (r + 1) % 3, (r + 2) % 3
+                out[f + side, r] += rows[k, WEIGHTS + 4 * side] * own[r]
+                out[f + side, 3 + r] += arm[side, i] * own[j] - arm[side, j] * own[i]
+        if hessian:
+            _slopes(rows, k, arm, jac)
+            _add_stiffness(f, jac, tangent, turned, diagonal, off)
+            _add_rotations(f, own, arm, tangent, diagonal)
+    return energy
+
+
+@inlined
+def _place(frames, f, rows, k, arm, point):  # type: ignore[no-untyped-def]
+    """Fill the contact point and its arms q (2, 3) from both origins, each by its weights."""
+    for r in range(3):
+        point[r] = 0.0
+        for side in range(2):
+            w = WEIGHTS + 4 * side
+            arm[side, r] = (
+                rows[k, w + 1] * frames[f + side, 1, r] + rows[k, w + 2] * frames[f + side, 2, r]
+                + rows[k, w + 3] * frames[f + side, 3, r]
+            )  # fmt: skip
+            point[r] += rows[k, w] * frames[f + side, 0, r] + arm[side, r]
+
+
+@inlined
+def _slopes(rows, k, arm, jac):  # type: ignore[no-untyped-def]
+    """Fill jac (3, 12), d point / d (dr, phi) of both frames: [w 1, -S(q)]."""
+    for side in range(2):
+        for r in range(3):
+            i, j = (r + 1) % 3, (r + 2) % 3
+            jac[r, 6 * side + r] = rows[k, WEIGHTS + 4 * side]
+            jac[r, 6 * side + 3 + i] = arm[side, j]
+            jac[r, 6 * side + 3 + j] = -arm[side, i]
+
+
+@inlined
+def _add_stiffness(f, jac, tangent, turned, diagonal, off):  # type: ignore[no-untyped-def]
+    """Add J^T K J to the blocks of frames f and f + 1."""
+    for k in range(12):
+        for r in range(3):
+            turned[r, k] = tangent[r, 0] * jac[0, k] + tangent[r, 1] * jac[1, k] + tangent[r, 2] * jac[2, k]
+    for i in range(6):
+        for k in range(6):
+            for r in range(3):
+                diagonal[f, i, k] += jac[r, i] * turned[r, k]
+                diagonal[f + 1, i, k] += jac[r, 6 + i] * turned[r, 6 + k]
+                off[f + 1, i, k] += jac[r, 6 + i] * turned[r, k]
+
+
+@inlined
+def _add_rotations(f, own, arm, work, diagonal):  # type: ignore[no-untyped-def]
+    """Add the second order of the rotations, the gradient `own` (3,) by the point times its arms."""
+    for side in range(2):
+        for r in range(3):
+            for c in range(3):
+                work[r, c] = own[r] * arm[side, c]
+        add_turning(diagonal, f + side, work, 1.0)

@@ -1,0 +1,166 @@
+"""Frames of the rings of a soft body: the flange, the outer ring of every unit, the tip ring.
+
+Outer rings carry the cables' eyelets and stay flat while the film between them is inflated and bent. The
+frame of a ring has its origin at the mean of the nodes and the axes R that fit them best, sum_i R D_i x
+(x_i - r) = 0 with D_i the drawn offsets: the ring may breathe and warp, its frame is still that of the whole.
+A frame is four points (4, 3): origin and unit axes.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+
+from cosim.base.frames import Array, IntArray, Pose, cross_matrix
+from cosim.errors import InputError
+from cosim.soft.body.body import SoftBody
+
+POINTS = 4
+
+
+def points_of(pose: Pose) -> Array:
+    """Return the four points of a pose."""
+    return np.vstack([pose.translation, pose.rotation.T])
+
+
+@final
+@dataclass(frozen=True)
+class RingFrames:
+    """Which rings are frames, and how the other nodes go with them.
+
+    Frame 0 is the flange, which holds the first hole ring.
+
+    Args:
+        rings: nodes of frames 1, 2, ...
+        shapes: their drawn offsets (m, 3) [m] from the mean.
+        drawn: (f, 4, 3), all frames as drawn, in the flange frame.
+        before: (n,) the frame before each node; the next one is before + 1.
+        share: (n,) how far on the way from that frame to the next it is drawn, 0 to 1.
+    """
+
+    rings: tuple[IntArray, ...]
+    shapes: tuple[Array, ...]
+    drawn: Array
+    before: IntArray
+    share: Array
+
+    @classmethod
+    def of(cls, body: SoftBody) -> RingFrames:
+        """Return the frames of a body.
+
+        Raises:
+            InputError: the body is not one stack of units held at its first hole ring.
+        """
+        if any("/" in name for name in body.rings):
+            raise InputError("section models are of one stack of units; this soft robot has copies")
+        outer = [ring for name, ring in body.rings.items() if name.endswith(".outer")]
+        first = body.rings.get("unit_1.hole")
+        if not outer or first is None or set(body.base.tolist()) != set(first.tolist()):
+            raise InputError("section models need a stack of units whose base is unit_1.hole")
+        rings = (*outer, body.tip)
+        shapes = tuple(body.positions[ring] - body.positions[ring].mean(axis=0) for ring in rings)
+        drawn = np.zeros((len(rings) + 1, POINTS, 3))
+        drawn[:, 1:] = np.eye(3)
+        drawn[1:, 0] = [body.positions[ring].mean(axis=0) for ring in rings]
+        heights = drawn[:, 0, 2]
+        z = body.positions[:, 2]
+        before = np.clip(np.searchsorted(heights, z, side="right") - 1, 0, len(rings) - 1)
+        share = np.clip((z - heights[before]) / (heights[before + 1] - heights[before]), 0.0, 1.0)
+        for f, ring in enumerate(rings, start=1):  # on its own frame, whatever rounding says of its height
+            before[ring], share[ring] = min(f, len(rings) - 1), float(f == len(rings))
+        return cls(rings, shapes, drawn, before.astype(np.int64), share)
+
+    def __len__(self) -> int:
+        return len(self.rings) + 1
+
+    def fit(self, positions: Array, flange: Pose) -> Array:
+        """Return the frames (f, 4, 3) of a film at node positions (n, 3) [m]."""
+        frames = np.empty((len(self), POINTS, 3))
+        frames[0] = points_of(flange)
+        for f, (ring, shape) in enumerate(zip(self.rings, self.shapes, strict=True), start=1):
+            center = positions[ring].mean(axis=0)
+            u, _, v = np.linalg.svd((positions[ring] - center).T @ shape)
+            # a ring is flat: the sign of its third axis is that of a rotation
+            u[:, 2] *= np.linalg.det(u @ v)
+            frames[f] = np.vstack([center, (u @ v).T])
+        return frames
+
+    def measures(self, frames: Array) -> list[Array]:
+        """Return for each ring the linear measure J (6, m, 3) of its frame's motion: (dr, phi) = J dx.
+
+        phi = K^-1 sum_i R D_i x dx_i with K = sum_i |D_i|^2 1 - (R D_i)(R D_i)^T; its transpose spreads a
+        force and a moment over the ring so that they do no work on what the ring deforms.
+
+        Args:
+            frames: (f, 4, 3), orientations R.
+        """
+        found = []
+        for frame, shape in zip(frames[1:], self.shapes, strict=True):
+            arm = shape @ frame[1:]
+            measure = np.empty((6, len(arm), 3))
+            measure[:3] = np.eye(3)[:, None, :] / len(arm)
+            inverse = np.linalg.inv((arm**2).sum() * np.eye(3) - arm.T @ arm)
+            measure[3:] = (inverse @ np.array([cross_matrix(a) for a in arm])).transpose(1, 0, 2)
+            found.append(measure)
+        return found
+
+    def carried(self, positions: Array, frames: Array, moved: Array) -> Array:
+        """Return the film carried along as its frames move, each node by the two frames beside it.
+
+        Args:
+            positions: (n, 3) [m].
+            frames: (f, 4, 3), its frames.
+            moved: (f, 4, 3), where they go.
+        """
+        result = np.zeros_like(positions)
+        for frame, weight in ((self.before, 1.0 - self.share), (self.before + 1, self.share)):
+            local = np.einsum("nar,nr->na", frames[frame, 1:], positions - frames[frame, 0])
+            there = moved[frame, 0] + np.einsum("na,nar->nr", local, moved[frame, 1:])
+            result += weight[:, None] * there
+        return result
+
+    def masses(self, node_mass: Array, positions: Array) -> Array:
+        """Return the mass matrix (f, 4, 4) of each frame's points, nodes shared by the frames beside them.
+
+        A node's share sits in the plane of the frame: between two frames alike it then has its height.
+
+        Args:
+            node_mass: (n,) [kg].
+            positions: (n, 3) [m], drawn shape.
+        """
+        result = np.zeros((len(self), POINTS, POINTS))
+        for frame, weight in ((self.before, 1.0 - self.share), (self.before + 1, self.share)):
+            local = positions - self.drawn[frame, 0]
+            point = np.concatenate([np.ones((len(local), 1)), local], axis=1)
+            point[:, 3] = 0.0
+            np.add.at(result, frame, np.einsum("n,na,nb->nab", weight * node_mass, point, point))
+        return result
+
+
+def strains(before: Array, after: Array) -> Array:
+    """Return the strains (s, 6) of sections between frames (s, 4, 3) and the next ones; see `chain`."""
+    step = (after[:, 0] - before[:, 0])[:, None, :]
+    a, b = before[:, 1:], after[:, 1:]
+    stretch = 0.5 * ((a + b) * step).sum(axis=2)
+    turn = np.einsum("sir,sjr->sij", a, b)
+    skew = 0.5 * np.stack(
+        [turn[:, 2, 1] - turn[:, 1, 2], turn[:, 0, 2] - turn[:, 2, 0], turn[:, 1, 0] - turn[:, 0, 1]], axis=1
+    )
+    return np.concatenate([stretch, skew], axis=1)
+
+
+def frames_from_strains(first: Array, values: Array) -> Array:
+    """Return the chain of frames (s + 1, 4, 3) that begins with `first` (4, 3) and has strains (s, 6)."""
+    from cosim.base.frames import rotation_from_vector
+
+    frames = [first]
+    for value in values:
+        axes = frames[-1][1:].T
+        sine = float(np.linalg.norm(value[3:]))
+        turn = rotation_from_vector(value[3:] * (np.arcsin(sine) / sine if sine > 0.0 else 1.0))
+        # u = ((1 + turn) / 2)^T step, seen from the frame before
+        step = np.linalg.solve(0.5 * (np.eye(3) + turn).T, value[:3])
+        frames.append(np.vstack([frames[-1][0] + axes @ step, (axes @ turn).T]))
+    return np.array(frames)

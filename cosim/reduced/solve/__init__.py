@@ -1,0 +1,1 @@
+"""Equilibria and implicit time steps of a section model."""

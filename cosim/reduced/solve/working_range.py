@@ -1,0 +1,70 @@
+"""Where in the working range of their model the sections of a chain are."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+
+from cosim.base.frames import Array
+from cosim.reduced.section_model import SectionBody
+from cosim.reduced.sections.ring_frames import strains
+from cosim.reduced.sections.section_energy import BENT, HIGH, LOW
+
+_AT_ITS_END = 0.95
+"""Share of the range from which on a solution that is not found is put down to it."""
+
+
+@final
+@dataclass(frozen=True)
+class PlaceInRange:
+    """The section that is nearest to the end of its range.
+
+    Args:
+        share: of the range that it uses; 1 at its end.
+        text: which section, which strain, its value and the end of its range.
+    """
+
+    share: float
+    text: str
+
+    @property
+    def at_its_end(self) -> bool:
+        """Whether a step or an equilibrium that is not found there is one that the model does not have."""
+        return self.share > _AT_ITS_END
+
+
+def place_in_range(section: SectionBody, frames: Array, pressure_Pa: float) -> PlaceInRange:
+    """Return where the section is that uses most of its range.
+
+    Args:
+        section: model.
+        frames: (f, 4, 3).
+        pressure_Pa: gauge.
+    """
+    section.set_pressure(pressure_Pa)
+    values, limits = strains(frames[:-1], frames[1:]), section.coefficients
+    stretch = values[:, 2] * section.inverse_length - 1.0
+    bend, bend_end = np.hypot(values[:, 3], values[:, 4]), np.sqrt(limits[:, BENT])
+    stretch_end = np.where(stretch < 0.0, limits[:, LOW], limits[:, HIGH])
+    shares = np.stack([stretch / stretch_end, bend / bend_end])
+    kind, worst = divmod(int(np.argmax(shares)), len(stretch))
+    count = len(stretch)
+    where = f"section {worst + 1} of {count} ({_ring(worst, count)} to {_ring(worst + 1, count)})"
+    if kind:
+        what = f"is bent by {_degrees(bend[worst])} degrees, its model ends at {_degrees(bend_end[worst])}"
+    else:
+        word = "shortened" if stretch[worst] < 0.0 else "stretched"
+        value, end = 100.0 * abs(stretch[worst]), 100.0 * abs(stretch_end[worst])
+        what = f"is {word} by {value:.1f} %, its model ends at {end:.1f} %"
+    return PlaceInRange(float(shares[kind, worst]), f"{where} {what} (at {1e-3 * pressure_Pa:.3g} kPa)")
+
+
+def _ring(frame: int, sections: int) -> str:
+    return "flange" if frame == 0 else "tip" if frame == sections else f"unit_{frame}.outer"
+
+
+def _degrees(sine: float) -> str:
+    return f"{math.degrees(math.asin(min(float(sine), 1.0))):.1f}"

@@ -1,0 +1,111 @@
+"""Triangle meshes of primitive shapes, for drawing. Triangles run counter-clockwise seen from outside."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cosim.base.frames import Array, IntArray
+
+SEGMENTS = 32
+
+Mesh = tuple[Array, IntArray]
+
+
+def box(half: Array) -> Mesh:
+    """Return a box; every face has its own corners, so that its edges stay sharp when shaded.
+
+    Args:
+        half: (3,) half edges [m].
+    """
+    square = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
+    vertices: list[Array] = []
+    triangles: list[IntArray] = []
+    for axis in range(3):
+        for side in (-1.0, 1.0):
+            face = np.empty((4, 3))
+            face[:, axis] = side
+            face[:, [(axis + 1) % 3, (axis + 2) % 3]] = square[:: int(side)]
+            start = 4 * len(triangles)
+            vertices.append(face * half)
+            triangles.append(np.array([[0, 1, 2], [0, 2, 3]]) + start)
+    return np.concatenate(vertices), np.concatenate(triangles)
+
+
+def revolved(radius: Array, height: Array, segments: int = SEGMENTS) -> Mesh:
+    """Return the surface of a profile turned about z; radius zero closes it with a point.
+
+    Args:
+        radius: (rings,) [m], along the profile.
+        height: (rings,) [m], not falling; two rings of one place make a sharp edge.
+        segments: around the axis.
+    """
+    angle = np.linspace(0.0, 2.0 * np.pi, segments, endpoint=False)
+    circle = np.stack((np.cos(angle), np.sin(angle)), axis=1)
+    rings = np.concatenate(
+        (radius[:, None, None] * circle, np.repeat(height[:, None, None], segments, axis=1)), axis=2
+    )
+    around = np.arange(segments)
+    ahead = (around + 1) % segments
+    triangles = []
+    for ring in range(len(radius) - 1):
+        low, high = ring * segments, (ring + 1) * segments
+        if radius[ring] > 0.0:
+            triangles.append(np.stack((low + around, low + ahead, high + ahead), axis=1))
+        if radius[ring + 1] > 0.0:
+            triangles.append(np.stack((low + around, high + ahead, high + around), axis=1))
+    return rings.reshape(-1, 3), np.concatenate(triangles)
+
+
+def cylinder(radius: float, half_length: float) -> Mesh:
+    """Return a cylinder along z with a narrow chamfer that catches light at its rims."""
+    chamfer = 0.06 * min(radius, half_length)
+    inner, low = radius - chamfer, half_length - chamfer
+    profile = np.array([0.0, inner, inner, radius, radius, radius, radius, inner, inner, 0.0])
+    height = np.array([half_length, half_length, half_length, low, low])
+    return revolved(profile, np.concatenate((-height, height[::-1])))
+
+
+def sphere(radius: float) -> Mesh:
+    """Return a sphere about the origin."""
+    latitude = np.linspace(-0.5 * np.pi, 0.5 * np.pi, SEGMENTS // 2 + 1)
+    ring = radius * np.cos(latitude)
+    ring[[0, -1]] = 0.0
+    return revolved(ring, radius * np.sin(latitude))
+
+
+def ellipsoid(half: Array) -> Mesh:
+    """Return an ellipsoid with half axes (3,) [m] about the origin."""
+    vertices, triangles = sphere(1.0)
+    return vertices * half, triangles
+
+
+def capsule(radius: float, half_length: float) -> Mesh:
+    """Return a capsule along z; `half_length` reaches to the centres of its caps [m]."""
+    latitude = np.linspace(0.0, 0.5 * np.pi, SEGMENTS // 4 + 1)
+    ring = radius * np.cos(latitude)
+    ring[-1] = 0.0
+    height = half_length + radius * np.sin(latitude)
+    return revolved(np.concatenate((ring[::-1], ring)), np.concatenate((-height[::-1], height)))
+
+
+def checkerboard(half: Array, tile: float) -> tuple[Mesh, Mesh]:
+    """Return the even and the odd tiles of a rectangle in the xy plane, facing +z.
+
+    Args:
+        half: (2,) half edges [m].
+        tile: wanted edge of a tile [m]; rounded so that whole tiles fit.
+    """
+    counts = np.maximum(2, np.round(2.0 * half / tile).astype(int))
+    x, y = (np.linspace(-h, h, n + 1) for h, n in zip(half, counts, strict=True))
+    tiles: tuple[list[Array], list[Array]] = ([], [])
+    for i in range(counts[0]):
+        for j in range(counts[1]):
+            corners = [[x[i], y[j], 0], [x[i + 1], y[j], 0], [x[i + 1], y[j + 1], 0], [x[i], y[j + 1], 0]]
+            tiles[(i + j) % 2].append(np.array(corners))
+    return _quads(tiles[0]), _quads(tiles[1])
+
+
+def _quads(quads: list[Array]) -> Mesh:
+    starts = 4 * np.arange(len(quads))[:, None, None]
+    triangles = np.array([[0, 1, 2], [0, 2, 3]]) + starts
+    return np.concatenate(quads), triangles.reshape(-1, 3)

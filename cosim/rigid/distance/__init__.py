@@ -1,0 +1,1 @@
+"""Signed distances from points to the scene's shapes."""

@@ -1,0 +1,169 @@
+"""Distances between points of a soft body and the geoms of a compiled MuJoCo model.
+
+MuJoCo's own collision pipeline serves convex pairs; for points against height fields and distance grids it
+errs by millimetres, and it is several times slower. So shapes are read once from the compiled
+model, and each query reads poses only.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import final
+
+import mujoco
+import numpy as np
+from scipy.spatial import ConvexHull, QhullError
+
+from cosim.base.frames import Array, IntArray
+from cosim.errors import InputError
+from cosim.rigid.build.object_bodies import hollow
+from cosim.rigid.distance.features import FeaturePoints, feature_points
+from cosim.rigid.distance.mesh_distance import surface_distance
+from cosim.rigid.distance.signed_distance import Hits, ShapeKind, Shapes, near_box, near_points
+
+_GRID_CELLS = 40  # along the longest edge of a distance grid
+_GRID_RIM_CELLS = 3  # cells of a distance grid around its surface
+_SHEET_SIZE = 1e9
+
+
+@final
+class ContactQuery:
+    """Signed distances from points to chosen geoms of a scene.
+
+    Shapes are numbered as in `geoms`. `update` comes before the queries of an instant.
+
+    Args:
+        model: compiled scene.
+        data: its state; poses are read from it.
+        geoms: indices of the geoms that can be touched.
+
+    Raises:
+        InputError: a mesh without volume.
+    """
+
+    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, geoms: Sequence[int] | IntArray) -> None:
+        self.geoms: IntArray = np.asarray(geoms, dtype=np.int64)
+        self.body: IntArray = np.asarray(model.geom_bodyid[self.geoms], dtype=np.int64)
+        self.friction: Array = np.array(model.geom_friction[self.geoms, 0])
+        self._data = data
+        self.shapes = shapes_of(model, self.geoms)
+        self.features: FeaturePoints = feature_points(self.shapes)
+        self.position: Array = np.zeros((len(self.geoms), 3))
+        self.rotation: Array = np.zeros((len(self.geoms), 3, 3))
+        self.update()
+
+    def __len__(self) -> int:
+        return len(self.geoms)
+
+    def update(self) -> None:
+        """Read the present poses."""
+        self.position[:] = self._data.geom_xpos[self.geoms]
+        self.rotation[:] = self._data.geom_xmat[self.geoms].reshape(-1, 3, 3)
+
+    def near(self, low: Array, high: Array, reach_m: float) -> IntArray:
+        """Return the shapes that may come within `reach_m` of the box low (3,) .. high (3,) [m], world."""
+        return near_box(self.shapes, self.position, self.rotation, low, high, reach_m)
+
+    def distances(self, points: Array, reach_m: float, active: IntArray | None = None) -> Hits:
+        """Return the pairs of a point and a shape nearer than a bound.
+
+        Args:
+            points: (n, 3) [m], world.
+            reach_m: bound on the signed distance [m].
+            active: shapes asked for, from `near`; all unless given.
+        """
+        asked = np.arange(len(self), dtype=np.int64) if active is None else active
+        x = np.ascontiguousarray(points)
+        return near_points(self.shapes, self.position, self.rotation, x, reach_m, asked)
+
+    def feature_positions(self, chosen: IntArray) -> Array:
+        """Return where chosen feature points (k,) are (k, 3) [m], world."""
+        owner = self.features.shape[chosen]
+        turned = np.einsum("krs,ks->kr", self.rotation[owner], self.features.position[chosen])
+        return np.asarray(self.position[owner] + turned)
+
+
+def shapes_of(model: mujoco.MjModel, geoms: IntArray) -> Shapes:
+    """Return the shapes of chosen geoms (g,) of a compiled model.
+
+    Raises:
+        InputError: a mesh without volume, or a kind of geom that has no surface.
+    """
+    count = len(geoms)
+    kind = np.asarray(model.geom_type[geoms], dtype=np.int64)
+    kind[hollow(model)[geoms]] = ShapeKind.GRID
+    known = {int(value) for value in ShapeKind}
+    for geom, value in zip(geoms, kind, strict=True):
+        if int(value) not in known:
+            raise InputError(f"geom {model.geom(geom).name!r}: kind {int(value)} has no surface to touch")
+    planes, corners, values = [np.zeros((0, 4))], [np.zeros((0, 3, 3))], [np.zeros(0)]
+    faces, table = np.zeros((count, 2), np.int64), np.zeros((count, 4), np.int64)
+    origin, spacing = np.zeros((count, 3)), np.ones((count, 3))
+    box = np.array(model.geom_aabb[geoms]).reshape(count, 2, 3)
+    center, half = box[:, 0].copy(), box[:, 1].copy()
+    for g, geom in enumerate(geoms):
+        if kind[g] == ShapeKind.PLANE:
+            center[g], half[g] = 0.0, _SHEET_SIZE
+        elif kind[g] == ShapeKind.MESH:
+            equations, triangles = _hull(model, int(geom))
+            before = sum(map(len, planes))
+            faces[g] = before, before + len(equations)
+            planes.append(equations)
+            corners.append(triangles)
+        elif kind[g] == ShapeKind.HEIGHT_FIELD:
+            heights = _heights(model, int(geom))
+            table[g] = sum(map(len, values)), *heights.shape, 0
+            values.append(heights.ravel())
+            # the ground below is solid however deep: points under it are inside
+            half[g, 2] = _SHEET_SIZE
+        elif kind[g] == ShapeKind.GRID:
+            distances, origin[g], spacing[g] = _distance_grid(model, int(geom))
+            table[g] = sum(map(len, values)), *distances.shape
+            values.append(distances.ravel())
+    return Shapes(
+        kind, np.array(model.geom_size[geoms]), center, half, faces, np.concatenate(planes),
+        np.concatenate(corners), table, origin, spacing, np.concatenate(values),
+    )  # fmt: skip
+
+
+def _vertices(model: mujoco.MjModel, geom: int) -> tuple[Array, IntArray]:
+    """Return vertices (n, 3) [m] and triangles (m, 3) of a geom's mesh, geom frame."""
+    mesh = int(model.geom_dataid[geom])
+    first, count = model.mesh_vertadr[mesh], model.mesh_vertnum[mesh]
+    start, faces = model.mesh_faceadr[mesh], model.mesh_facenum[mesh]
+    vertices = np.array(model.mesh_vert[first : first + count], dtype=np.float64)
+    return vertices, np.array(model.mesh_face[start : start + faces], dtype=np.int64)
+
+
+def _hull(model: mujoco.MjModel, geom: int) -> tuple[Array, Array]:
+    """Return planes (f, 4) and corners (f, 3, 3) of a mesh geom's convex hull."""
+    vertices, _ = _vertices(model, geom)
+    try:
+        hull = ConvexHull(vertices)
+    except QhullError:
+        raise InputError(f"geom {model.geom(geom).name!r}: its mesh has no volume to touch") from None
+    planes = np.array(hull.equations)
+    planes[:, 3] *= -1.0
+    return planes, vertices[hull.simplices]
+
+
+def _heights(model: mujoco.MjModel, geom: int) -> Array:
+    """Return the heights (rows, columns) [m] of a height field; rows along y, columns along x."""
+    field = int(model.geom_dataid[geom])
+    rows, columns = int(model.hfield_nrow[field]), int(model.hfield_ncol[field])
+    first = int(model.hfield_adr[field])
+    data = np.array(model.hfield_data[first : first + rows * columns], dtype=np.float64)
+    return np.asarray(data.reshape(rows, columns) * model.hfield_size[field, 2])
+
+
+def _distance_grid(model: mujoco.MjModel, geom: int) -> tuple[Array, Array, Array]:
+    """Return distances (nx, ny, nz) [m], origin (3,) and spacing (3,) [m] around a closed mesh."""
+    vertices, triangles = _vertices(model, geom)
+    low, high = vertices.min(axis=0), vertices.max(axis=0)
+    cell = float((high - low).max()) / _GRID_CELLS
+    shape = np.ceil((high - low) / cell).astype(np.int64) + 2 * _GRID_RIM_CELLS + 1
+    origin = 0.5 * (low + high) - 0.5 * cell * (shape - 1)
+    axes = [origin[r] + cell * np.arange(shape[r]) for r in range(3)]
+    points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+    distances = surface_distance(points, vertices[triangles])
+    return distances.reshape(tuple(shape)), origin, np.full(3, cell)

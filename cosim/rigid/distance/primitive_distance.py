@@ -1,0 +1,127 @@
+"""Signed distance and outward unit normal of solid primitives, in their own frame.
+
+Negative inside; exact at every depth. Each function fills `normal` (3,) and returns the distance [m]. On a
+medial axis, where several surface points are nearest, one of their normals is taken.
+Source: plane geometry; for the ellipsoid Eberly, "Distance from a Point to an Ellipsoid" (2013), with the
+root found by Newton's method from a bound below it, where the function is convex.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cosim.base.kernels import inlined
+
+_ROOT_ITERATIONS_MAX = 200
+_ROOT_RELATIVE = 1e-14
+_OFF_PLANE = 1e-13  # share of the shortest half axis by which a point is kept off the planes of symmetry
+
+
+@inlined
+def plane(x, y, z, size, normal):  # type: ignore[no-untyped-def]
+    """Half-space z < 0."""
+    normal[0], normal[1], normal[2] = 0.0, 0.0, 1.0
+    return z
+
+
+@inlined
+def _from_center_line(x, y, z, radius, normal):  # type: ignore[no-untyped-def]
+    length = np.sqrt(x * x + y * y + z * z)
+    if length > 0.0:
+        normal[0], normal[1], normal[2] = x / length, y / length, z / length
+    else:
+        normal[0], normal[1], normal[2] = 1.0, 0.0, 0.0
+    return length - radius
+
+
+@inlined
+def sphere(x, y, z, size, normal):  # type: ignore[no-untyped-def]
+    """Ball of radius size[0]."""
+    return _from_center_line(x, y, z, size[0], normal)
+
+
+@inlined
+def capsule(x, y, z, size, normal):  # type: ignore[no-untyped-def]
+    """Radius size[0] about the segment |z| < size[1]."""
+    return _from_center_line(x, y, z - min(max(z, -size[1]), size[1]), size[0], normal)
+
+
+@inlined
+def cylinder(x, y, z, size, normal):  # type: ignore[no-untyped-def]
+    """Radius size[0], |z| < size[1]."""
+    rho = np.sqrt(x * x + y * y)
+    cx, cy = (x / rho, y / rho) if rho > 0.0 else (1.0, 0.0)
+    up = 1.0 if z >= 0.0 else -1.0
+    side, end = rho - size[0], abs(z) - size[1]
+    if side <= 0.0 or end <= 0.0:
+        if side > end:
+            normal[0], normal[1], normal[2] = cx, cy, 0.0
+            return side
+        normal[0], normal[1], normal[2] = 0.0, 0.0, up
+        return end
+    distance = np.sqrt(side * side + end * end)
+    normal[0], normal[1], normal[2] = cx * side / distance, cy * side / distance, up * end / distance
+    return distance
+
+
+@inlined
+def box(x, y, z, size, normal):  # type: ignore[no-untyped-def]
+    """|x| < size[0], |y| < size[1], |z| < size[2]."""
+    p = (x, y, z)
+    axis, largest, square = 0, -np.inf, 0.0
+    for r in range(3):
+        beyond = abs(p[r]) - size[r]
+        if beyond > largest:
+            axis, largest = r, beyond
+        normal[r] = max(beyond, 0.0) * (1.0 if p[r] >= 0.0 else -1.0)
+        square += max(beyond, 0.0) ** 2
+    if square > 0.0:
+        distance = np.sqrt(square)
+        for r in range(3):
+            normal[r] /= distance
+        return distance
+    normal[axis] = 1.0 if p[axis] >= 0.0 else -1.0
+    return largest
+
+
+@inlined
+def _ellipsoid_root(r0, r1, z0, z1, z2):  # type: ignore[no-untyped-def]
+    """Return q > 0 with sum_i (r_i z_i / (q + r_i - 1))^2 = 1, r_2 = 1 <= r_i."""
+    # no term exceeds 1 at the root, so it lies above each of these; from below Newton's method is monotone
+    q = max(z2, r0 * z0 - r0 + 1.0, r1 * z1 - r1 + 1.0)
+    for _ in range(_ROOT_ITERATIONS_MAX):
+        d0, d1 = q + (r0 - 1.0), q + (r1 - 1.0)
+        t0, t1, t2 = r0 * z0 / d0, r1 * z1 / d1, z2 / q
+        value = t0 * t0 + t1 * t1 + t2 * t2 - 1.0
+        slope = -2.0 * (t0 * t0 / d0 + t1 * t1 / d1 + t2 * t2 / q)
+        step = -value / slope
+        q += step
+        if not step > _ROOT_RELATIVE * q:
+            break
+    return q
+
+
+@inlined
+def ellipsoid(x, y, z, size, normal):  # type: ignore[no-untyped-def]
+    """Half axes size[0..2] along x, y, z."""
+    p = (x, y, z)
+    small = 0
+    for r in range(1, 3):
+        if size[r] < size[small]:
+            small = r
+    a, b = (small + 1) % 3, (small + 2) % 3
+    least = size[small]
+    # the distance has slope 1, so this moves it by as little as the point
+    pa, pb = max(abs(p[a]), _OFF_PLANE * least), max(abs(p[b]), _OFF_PLANE * least)
+    pc = max(abs(p[small]), _OFF_PLANE * least)
+    ra, rb = (size[a] / least) ** 2, (size[b] / least) ** 2
+    inside = (pa / size[a]) ** 2 + (pb / size[b]) ** 2 + (pc / least) ** 2 < 1.0
+    q = _ellipsoid_root(ra, rb, pa / size[a], pb / size[b], pc / least)
+    fa, fb, fc = ra * pa / (q + (ra - 1.0)), rb * pb / (q + (rb - 1.0)), pc / q
+    distance = np.sqrt((pa - fa) ** 2 + (pb - fb) ** 2 + (pc - fc) ** 2)
+    na, nb, nc = fa / size[a] ** 2, fb / size[b] ** 2, fc / least**2
+    length = np.sqrt(na * na + nb * nb + nc * nc)
+    normal[a] = na / length * (1.0 if p[a] >= 0.0 else -1.0)
+    normal[b] = nb / length * (1.0 if p[b] >= 0.0 else -1.0)
+    normal[small] = nc / length * (1.0 if p[small] >= 0.0 else -1.0)
+    return -distance if inside else distance

@@ -1,0 +1,223 @@
+"""Signed distance and normal from many points to many shapes of every kind, broad phase included."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import final
+
+import numpy as np
+
+from cosim.base.frames import Array, IntArray
+from cosim.base.kernels import BLOCKS, INDEX_TABLE, INDICES, INTEGER, MATRIX, REAL, VECTOR, inlined, kernel
+from cosim.rigid.distance.mesh_distance import FAR, grid, height_field, hull
+from cosim.rigid.distance.primitive_distance import box, capsule, cylinder, ellipsoid, plane, sphere
+
+
+class ShapeKind(IntEnum):
+    """Kinds of shapes, numbered as MuJoCo numbers its geoms."""
+
+    PLANE = 0
+    HEIGHT_FIELD = 1
+    SPHERE = 2
+    CAPSULE = 3
+    ELLIPSOID = 4
+    CYLINDER = 5
+    BOX = 6
+    MESH = 7
+    GRID = 8
+
+
+@final
+@dataclass(frozen=True)
+class Shapes:
+    """Shapes in their own frames; data of hulls, height fields and grids lie end to end.
+
+    Args:
+        kind: (g,) values of `ShapeKind`.
+        size: (g, 3) [m], as MuJoCo's geoms have it.
+        center: (g, 3) [m], of the bounding box.
+        half: (g, 3) [m], half edges of the bounding box; infinite for planes.
+        faces: (g, 2) first and one past the last hull face.
+        planes: (f, 4) outward unit normal and offset [m] of the hull faces.
+        corners: (f, 3, 3) [m], of the hull faces.
+        table: (g, 4) first entry in `values`, then the table's shape (rows, columns, layers).
+        origin: (g, 3) [m], of the grid.
+        spacing: (g, 3) [m], of the grid.
+        values: heights and distances [m].
+    """
+
+    kind: IntArray
+    size: Array
+    center: Array
+    half: Array
+    faces: IntArray
+    planes: Array
+    corners: Array
+    table: IntArray
+    origin: Array
+    spacing: Array
+    values: Array
+
+
+@inlined
+def _distance(kind, p, size, reach, planes, corners, values, table, origin, spacing, weight, normal):  # type: ignore[no-untyped-def]
+    if kind == 0:
+        return plane(p[0], p[1], p[2], size, normal)
+    if kind == 2:
+        return sphere(p[0], p[1], p[2], size, normal)
+    if kind == 3:
+        return capsule(p[0], p[1], p[2], size, normal)
+    if kind == 4:
+        return ellipsoid(p[0], p[1], p[2], size, normal)
+    if kind == 5:
+        return cylinder(p[0], p[1], p[2], size, normal)
+    if kind == 6:
+        return box(p[0], p[1], p[2], size, normal)
+    if kind == 7:
+        return hull(p, planes, corners, reach, weight, normal)
+    if kind == 1:
+        rows, columns = table[1], table[2]
+        heights = values[table[0] : table[0] + rows * columns].reshape((rows, columns))
+        return height_field(p, heights, size, normal)
+    if kind == 8:
+        nx, ny, nz = table[1], table[2], table[3]
+        distances = values[table[0] : table[0] + nx * ny * nz].reshape((nx, ny, nz))
+        return grid(p, distances, origin, spacing, normal)
+    return FAR
+
+
+@kernel(
+    INTEGER(
+        MATRIX, REAL, INDICES, MATRIX, BLOCKS, INDICES, MATRIX, MATRIX, MATRIX, INDEX_TABLE, MATRIX, BLOCKS,
+        INDEX_TABLE, MATRIX, MATRIX, VECTOR, INDICES, INDICES, MATRIX,
+    )
+)  # fmt: skip
+def _near_points(  # type: ignore[no-untyped-def]
+    points, reach, active, position, rotation, kind, size, center, half, faces, planes, corners, table,
+    origin, spacing, values, out_point, out_shape, out,
+):  # fmt: skip
+    """Fill the pairs nearer than `reach`: indices, distance and world normal; return how many."""
+    count = 0
+    p, normal, weight, bound = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
+    for g in active:
+        first, last = faces[g, 0], faces[g, 1]
+        turn, place, extent = rotation[g], position[g], size[g]
+        own_planes, own_corners = planes[first:last], corners[first:last]
+        own_table, own_origin, own_spacing = table[g], origin[g], spacing[g]
+        for r in range(3):
+            bound[r] = half[g, r] + reach
+        for n in range(points.shape[0]):
+            dx, dy, dz = points[n, 0] - place[0], points[n, 1] - place[1], points[n, 2] - place[2]
+            outside = False
+            for r in range(3):
+                p[r] = turn[0, r] * dx + turn[1, r] * dy + turn[2, r] * dz
+                if not abs(p[r] - center[g, r]) < bound[r]:
+                    outside = True
+                    break
+            if outside:
+                continue
+            distance = _distance(
+                kind[g], p, extent, reach, own_planes, own_corners, values, own_table, own_origin,
+                own_spacing, weight, normal,
+            )  # fmt: skip
+            if distance < reach:
+                out_point[count], out_shape[count], out[count, 0] = n, g, distance
+                for r in range(3):
+                    out[count, 1 + r] = (
+                        turn[r, 0] * normal[0] + turn[r, 1] * normal[1] + turn[r, 2] * normal[2]
+                    )
+                count += 1
+    return count
+
+
+@kernel(INTEGER(INDICES, MATRIX, MATRIX, MATRIX, BLOCKS, VECTOR, VECTOR, REAL, INDICES))
+def _near_box(kind, center, half, position, rotation, low, high, reach, near):  # type: ignore[no-untyped-def]
+    """Fill the indices of the shapes whose bounds come within `reach` of a box; return how many."""
+    count = 0
+    for g in range(kind.shape[0]):
+        apart = False
+        if kind[g] == 0:
+            height = 0.0
+            for r in range(3):
+                normal = rotation[g, r, 2]
+                height += normal * ((low[r] if normal > 0.0 else high[r]) - position[g, r])
+            apart = height >= reach
+        else:
+            for r in range(3):
+                middle, extent = position[g, r], reach
+                for s in range(3):
+                    middle += rotation[g, r, s] * center[g, s]
+                    extent += abs(rotation[g, r, s]) * half[g, s]
+                if low[r] > middle + extent or high[r] < middle - extent:
+                    apart = True
+        if not apart:
+            near[count] = g
+            count += 1
+    return count
+
+
+@final
+@dataclass(frozen=True)
+class Hits:
+    """Pairs of a point and a shape that are near each other.
+
+    Args:
+        point: (k,) index of the point.
+        shape: (k,) index of the shape.
+        distance: (k,) [m], negative inside the shape.
+        normal: (k, 3), outward unit normal of the shape at its nearest surface point, world.
+    """
+
+    point: IntArray
+    shape: IntArray
+    distance: Array
+    normal: Array
+
+    def __len__(self) -> int:
+        return len(self.point)
+
+
+def near_points(
+    shapes: Shapes, position: Array, rotation: Array, points: Array, reach_m: float, active: IntArray
+) -> Hits:
+    """Return every pair of a point and an active shape with a signed distance below `reach_m`.
+
+    Args:
+        shapes: in their own frames.
+        position: (g, 3) [m], of the shapes' frames, world.
+        rotation: (g, 3, 3), world from shape.
+        points: (n, 3) [m], world, C-contiguous.
+        reach_m: bound [m].
+        active: (a,) shapes asked for.
+    """
+    room = len(points) * len(active)
+    point, shape = np.empty(room, np.int64), np.empty(room, np.int64)
+    out = np.empty((room, 4))
+    s = shapes
+    count = _near_points(
+        points, reach_m, active, position, rotation, s.kind, s.size, s.center, s.half, s.faces, s.planes,
+        s.corners, s.table, s.origin, s.spacing, s.values, point, shape, out,
+    )  # fmt: skip
+    return Hits(point[:count], shape[:count], out[:count, 0], np.ascontiguousarray(out[:count, 1:]))
+
+
+def near_box(
+    shapes: Shapes, position: Array, rotation: Array, low: Array, high: Array, reach_m: float
+) -> IntArray:
+    """Return the shapes whose bounds come within `reach_m` of an axis-aligned box (broad phase).
+
+    A shape's bounding box turns with it; its extent along a world axis r is sum_s |R_rs| half_s. A plane is
+    near when the lowest corner of the box along its normal is.
+
+    Args:
+        shapes: in their own frames.
+        position: (g, 3) [m], world.
+        rotation: (g, 3, 3), world from shape.
+        low: (3,) [m], smallest coordinates of the box.
+        high: (3,) [m], largest coordinates of the box.
+        reach_m: [m].
+    """
+    near = np.empty(len(shapes.kind), np.int64)
+    count = _near_box(shapes.kind, shapes.center, shapes.half, position, rotation, low, high, reach_m, near)
+    return near[:count]

@@ -1,0 +1,1 @@
+"""The rigid scene as it moves: state, servos, contacts, added inertia."""

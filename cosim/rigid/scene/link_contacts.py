@@ -1,0 +1,163 @@
+"""Where links of the arm stand in one another, in an object or in the floor.
+
+MuJoCo's own contacts show no two links: these meet nothing but floor and objects. So contacts are searched
+for in a copy of the model in which the arm's links meet everything, and nothing else meets anything.
+"""
+
+from __future__ import annotations
+
+import copy
+from dataclasses import dataclass
+from typing import final
+
+import mujoco
+import numpy as np
+
+from cosim.base.frames import Array, Mask
+from cosim.rigid.scene.layout import ArmLayout
+
+_SEEN_M = 0.01  # from here on, distances are known; to know of more costs more than it saves
+_LINK, _OBJECT = 1, 2  # bits: links look for both, objects for links only
+
+
+@final
+@dataclass(frozen=True)
+class LinkContact:
+    """A link that touches something.
+
+    Args:
+        link: its name.
+        other: of an object, of the floor, or of a link.
+        depth_m: how far they overlap, of the deepest point.
+        movable: whether the other one can move, links not counted.
+    """
+
+    link: str
+    other: str
+    depth_m: float
+    movable: bool
+
+
+@final
+class LinkContacts:
+    """Finds the contacts of an arm's links; what is mounted on the flange is left out.
+
+    Links that a joint joins do not count as touching, nor does what stands still on both sides.
+
+    Args:
+        model: compiled scene.
+        data: its state.
+        layout: of the arm in the model.
+    """
+
+    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, layout: ArmLayout) -> None:
+        self._live, self._layout = data, layout
+        self._model = own = copy.copy(model)
+        on_arm = own.body_rootid == own.body_rootid[layout.mount]
+        links = on_arm & ~_below(own, layout.mount)
+        collides = (own.geom_contype | own.geom_conaffinity) != 0
+        link_geom, object_geom = (collides & chosen[own.geom_bodyid] for chosen in (links, ~on_arm))
+        own.geom_contype[:] = np.where(link_geom, _LINK | _OBJECT, 0)
+        own.geom_conaffinity[:] = np.where(link_geom, _LINK, np.where(object_geom, _OBJECT, 0))
+        for bits, of_geoms in (
+            (own.body_contype, own.geom_contype), (own.body_conaffinity, own.geom_conaffinity)
+        ):  # fmt: skip
+            bits[:] = 0
+            np.bitwise_or.at(bits, own.geom_bodyid, of_geoms)
+        self._is_link = links.tolist()
+        self._names = [own.body(i).name for i in range(own.nbody)]
+        self._found = mujoco.MjData(own)
+        self._joined = _joined_pairs(own)
+        # MuJoCo adds the margins of both
+        own.geom_margin[:], own.body_margin[:] = 0.5 * _SEEN_M, 0.5 * _SEEN_M
+        # where nothing else moves, an arm that has hardly moved since it was clear is clear
+        self._arm_alone = model.nv == len(model.jnt_dofadr[layout.joints])
+        self._reach_m = max(
+            1.0, float(np.linalg.norm(own.body_pos[links], axis=1).sum() + _size(own, link_geom))
+        )
+        self._seen_at, self._clearance_m = (
+            np.full(layout.positions.stop - layout.positions.start, np.inf),
+            0.0,
+        )
+        self._free = np.flatnonzero(own.jnt_type == mujoco.mjtJoint.mjJNT_FREE)
+
+    def at(
+        self, joints: Array, places: Array | None = None, quaternions: Array | None = None
+    ) -> tuple[LinkContact, ...]:
+        """Return what touches with the arm at some angles; nothing changes in the scene.
+
+        Args:
+            joints: (joints,) [rad].
+            places: (bodies, 3) [m], world: where free bodies are; as in the scene unless given.
+            quaternions: (bodies, 4), (w, x, y, z), the same.
+        """
+        if self._arm_alone and np.abs(joints - self._seen_at).sum() * self._reach_m < self._clearance_m:
+            return ()
+        model, data = self._model, self._found
+        data.qpos[:] = self._live.qpos
+        data.qpos[self._layout.positions] = joints
+        if places is not None and quaternions is not None:
+            for joint in self._free:
+                first, body = model.jnt_qposadr[joint], model.jnt_bodyid[joint]
+                data.qpos[first : first + 3] = places[body]
+                data.qpos[first + 3 : first + 7] = quaternions[body]
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_comPos(model, data)
+        mujoco.mj_collision(model, data)
+        self._seen_at, self._clearance_m = joints.copy(), self._smallest_distance(data)
+        return self._read(data) if self._clearance_m <= 0.0 else ()
+
+    def _smallest_distance(self, data: mujoco.MjData) -> float:
+        """Return how near links are to touching [m], `_SEEN_M` at most."""
+        if not data.ncon:
+            return _SEEN_M
+        pairs = self._model.geom_bodyid[data.contact.geom].tolist()
+        distances = zip(pairs, data.contact.dist.tolist(), strict=True)
+        near = [distance for pair, distance in distances if frozenset(pair) not in self._joined]
+        return min(near, default=_SEEN_M)
+
+    def with_objects(self) -> tuple[LinkContact, ...]:
+        """Return which links touch floor or objects in the scene's present state; hardly costs anything."""
+        return self._read(self._live) if self._live.ncon else ()
+
+    def _read(self, data: mujoco.MjData) -> tuple[LinkContact, ...]:
+        is_link, weld = self._is_link, self._model.body_weldid
+        deepest: dict[tuple[int, int], float] = {}
+        pairs = self._model.geom_bodyid[data.contact.geom].tolist()
+        for (a, b), distance in zip(pairs, data.contact.dist.tolist(), strict=True):
+            link, other = (a, b) if is_link[a] and (a < b or not is_link[b]) else (b, a)
+            if is_link[link] and distance < 0.0 and frozenset((a, b)) not in self._joined:
+                deepest[link, other] = max(-distance, deepest.get((link, other), 0.0))
+        return tuple(
+            LinkContact(
+                self._names[link], self._names[other], depth, bool(weld[other] != 0 and not is_link[other])
+            )
+            for (link, other), depth in deepest.items()
+        )
+
+
+def _size(model: mujoco.MjModel, geoms: Mask) -> float:
+    """Return how far the farthest point of geoms (g,) is from its body's origin, at most [m]."""
+    return float((np.linalg.norm(model.geom_pos[geoms], axis=1) + model.geom_rbound[geoms]).max(initial=0.0))
+
+
+def _below(model: mujoco.MjModel, top: int) -> Mask:
+    """Return which bodies are a body or hang on it (bodies,)."""
+    below = np.zeros(model.nbody, dtype=bool)
+    below[top] = True
+    for body in range(top + 1, model.nbody):
+        below[body] |= below[model.body_parentid[body]]
+    return below
+
+
+def _joined_pairs(model: mujoco.MjModel) -> frozenset[frozenset[int]]:
+    """Return the pairs of bodies between which there is one joint or none."""
+    weld = model.body_weldid
+    above = [int(weld[model.body_parentid[weld[body]]]) for body in range(model.nbody)]
+    return frozenset(
+        frozenset((a, b))
+        for a in range(1, model.nbody)
+        for b in range(a)
+        if weld[a] == weld[b] or above[a] == weld[b] or above[b] == weld[a]
+        if model.body_rootid[a] == model.body_rootid[b]
+    )

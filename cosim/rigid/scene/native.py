@@ -1,0 +1,132 @@
+"""A scene as kernels see it: MuJoCo's arrays, and what is called every step by addresses.
+
+Stepping by way of Python costs several times what the step itself does.
+"""
+
+from __future__ import annotations
+
+import ctypes
+from functools import cache
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import mujoco
+import numpy as np
+from llvmlite import ir
+from numba import types
+from numba.extending import intrinsic
+
+from cosim.base.frames import Array, IntArray
+from cosim.base.kernels import INDEX_TABLE, INDICES, MATRIX, VECTOR
+from cosim.rigid.scene.layout import ArmLayout
+
+BEGIN, FINISH, FACTORISE = 0, 1, 2
+"""Places in `NativeScene.steps`: the half steps, and the factorisation of the mass matrix."""
+
+
+class NativeScene(NamedTuple):
+    """Views of one scene; MuJoCo's arrays stay where they are in memory.
+
+    Args:
+        steps: (3,) addresses of the functions of both half steps and of the factorisation of the mass matrix.
+        sides: (2,) addresses of model and state, which are their arguments.
+        control: (joints, 3), position, velocity and feedforward of each servo.
+        position: (joints,) [rad].
+        speed: (joints,) [rad/s].
+        servo_torque: (joints,) [N m], of the last finished step.
+        acceleration: (joints,) [rad/s^2].
+        torque: (joints,) [N m], applied besides servos.
+        applied: (6,), load on the flange at its origin, world axes.
+        center: (3,) [m], where MuJoCo has the flange's centre of mass.
+        origin: (3,) [m], of the flange.
+        axes: (3, 3), world from flange.
+        velocity: (6,), angular then linear, of the flange's body at `reference`.
+        reference: (3,) [m].
+        places: (bodies, 3) [m].
+        quaternions: (bodies, 4), world from body.
+        warnings: (kinds,), how often MuJoCo has warned.
+        mass: entries of the sparse mass matrix.
+        mass_places: (joints, joints), where in it the lower triangle of the arm's joints is.
+    """
+
+    steps: IntArray
+    sides: IntArray
+    control: Array
+    position: Array
+    speed: Array
+    servo_torque: Array
+    acceleration: Array
+    torque: Array
+    applied: Array
+    center: Array
+    origin: Array
+    axes: Array
+    velocity: Array
+    reference: Array
+    places: Array
+    quaternions: Array
+    warnings: Any
+    mass: Array
+    mass_places: IntArray
+
+
+NATIVE_SCENE = types.NamedTuple(
+    (
+        INDICES, INDICES, MATRIX, VECTOR, VECTOR, VECTOR, VECTOR, VECTOR, VECTOR, VECTOR, VECTOR, MATRIX,
+        VECTOR, VECTOR, MATRIX, MATRIX, types.Array(types.int32, 1, "A"), VECTOR, INDEX_TABLE,
+    ),
+    NativeScene,
+)  # fmt: skip
+
+
+def _call_step(_typing: Any, address: Any, model: Any, data: Any) -> Any:
+    def generate(context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
+        word = ir.IntType(64)  # a pointer is passed as one
+        function = ir.FunctionType(ir.VoidType(), [word, word])
+        builder.call(builder.inttoptr(arguments[0], function.as_pointer()), arguments[1:])
+        return context.get_dummy_value()
+
+    return types.void(types.int64, types.int64, types.int64), generate
+
+
+call_step: Any = intrinsic(_call_step)
+"""Calls one of `NativeScene.steps` from a kernel: call_step(address, model, data)."""
+
+
+def native_scene(model: mujoco.MjModel, data: mujoco.MjData, layout: ArmLayout) -> NativeScene | None:
+    """Return a compiled scene as kernels see it; None where MuJoCo's library cannot be found."""
+    steps = _addresses()
+    if steps is None:
+        return None
+    mount = layout.mount
+    return NativeScene(
+        np.array(steps), np.array((model._address, data._address)), data.ctrl.reshape(-1, 3),
+        data.qpos[layout.positions], data.qvel[layout.dofs], data.qfrc_actuator[layout.dofs],
+        data.qacc[layout.dofs], data.qfrc_applied[layout.dofs],
+        data.xfrc_applied[mount], data.xipos[mount], data.site_xpos[layout.site],
+        data.site_xmat[layout.site].reshape(3, 3), data.cvel[mount],
+        data.subtree_com[model.body_rootid[mount]], data.xpos, data.xquat, data.warning.number,
+        data.M, _mass_places(model, layout),
+    )  # fmt: skip
+
+
+def _mass_places(model: mujoco.MjModel, layout: ArmLayout) -> IntArray:
+    """Return where MuJoCo keeps M_ij, j <= i, of the arm's joints: each is moved by all before it."""
+    joints = range(layout.dofs.start, layout.dofs.stop)
+    places = np.full((len(joints), len(joints)), -1, dtype=np.int64)
+    for i, dof in enumerate(joints):
+        last = int(model.M_rowadr[dof] + model.M_rownnz[dof])
+        places[i, : i + 1] = np.arange(last - i - 1, last)
+    return places
+
+
+@cache
+def _addresses() -> tuple[int, ...] | None:
+    """Return the addresses of `mj_step1`, `mj_step2` and `mj_factorM`."""
+    for path in sorted(Path(mujoco.__file__).parent.glob("*mujoco*")):
+        if path.suffix in (".dll", ".dylib") or ".so." in path.name:
+            library = ctypes.CDLL(str(path))  # it is loaded already: this finds it
+            functions = (library.mj_step1, library.mj_step2, library.mj_factorM)
+            found = [ctypes.cast(function, ctypes.c_void_p).value for function in functions]
+            return None if None in found else tuple(address or 0 for address in found)
+    return None

@@ -1,0 +1,313 @@
+"""The rigid scene: an arm with servos, and objects, stepped in two halves by MuJoCo.
+
+One tick of the coupling reads
+
+    scene.set_control(...); scene.apply_flange_wrench(...)
+    scene.finish_step()     accelerations, integration, flange sensor
+    scene.begin_step()      positions and velocities of the new state
+
+so that, between two ticks, everything readable belongs to one and the same instant.
+"""
+
+from __future__ import annotations
+
+from typing import final
+
+import mujoco
+import numpy as np
+
+from cosim.base.body_shape import BodyShape
+from cosim.base.frames import Array, IntArray, Pose, SixNumbers, Twist, Wrench
+from cosim.errors import InputError
+from cosim.rigid.build.compile_model import compile_model
+from cosim.rigid.build.description import SceneDescription
+from cosim.rigid.build.drawn_shapes import body_shapes
+from cosim.rigid.distance.contact_query import ContactQuery
+from cosim.rigid.scene.bodies import Bodies, touchable_geoms
+from cosim.rigid.scene.flange import Flange
+from cosim.rigid.scene.layout import ArmLayout, effort_limit
+from cosim.rigid.scene.link_contacts import LinkContacts
+from cosim.rigid.scene.mobility import mobility
+from cosim.rigid.scene.native import NativeScene, native_scene
+from cosim.rigid.scene.servo_droop import droop
+from cosim.rigid.scene.state import RigidState
+from cosim.rigid.scene.warnings import raise_instability, silence_warning_file
+
+_STATE, _ALIKE = mujoco.mjtState.mjSTATE_INTEGRATION, "bodies and joints must be as many"
+
+
+@final
+class RigidScene:
+    """An arm on its base with servos, a flange sensor, and objects around it.
+
+    Joint quantities are ordered as `joint_names`; bodies as `body_names`, the world first.
+
+    Args:
+        description: what the scene is made of.
+
+    Raises:
+        InputError: MuJoCo refuses the arm's file or an object.
+    """
+
+    def __init__(self, description: SceneDescription) -> None:
+        self.description = description
+        self._model = compile_model(description)
+        silence_warning_file()
+        self._data = mujoco.MjData(self._model)
+        self._scratch = mujoco.MjData(self._model)
+        self._layout = layout = ArmLayout.of(self._model, description.arm.joint_names)
+        self._v = layout.dofs
+        # Views: MuJoCo's arrays stay where they are in memory; looking one up costs as much as its copy.
+        self._q: Array = self._data.qpos[layout.positions]
+        self._acceleration: Array = self._data.qacc[self._v]
+        self._torque: Array = self._data.qfrc_applied[self._v]
+        self._place: tuple[Array, Array] = self._data.xpos, self._data.xquat
+        self._warnings = self._data.warning.number
+        # Servo inputs are interleaved: position, velocity, feedforward of each joint in turn.
+        self._control = self._data.ctrl.reshape(-1, 3)
+        self._armature: Array = self._model.dof_armature[self._v].copy()
+        self._armature.setflags(write=False)
+        self.flange = Flange(self._model, self._data, layout)
+        self._tick_s = float(self._model.opt.timestep)
+        self._step_damping = self._tick_s * self._model.dof_damping
+        self._step_damping[self._v] += self._tick_s * self.servo_damping
+        self.bodies = Bodies(self._model, self._data, layout.dofs)
+        self.links = LinkContacts(self._model, self._data, layout)
+        self.set_joint_state(description.arm.home)
+        self.set_control(description.arm.home)
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """Names of the arm's joints, base to flange."""
+        return self.description.arm.joint_names
+
+    @property
+    def body_names(self) -> tuple[str, ...]:
+        """Names of all bodies, the world first."""
+        return tuple(self._model.body(i).name for i in range(self._model.nbody))
+
+    @property
+    def shapes(self) -> tuple[BodyShape, ...]:
+        """What is drawn of the bodies."""
+        return body_shapes(self._model)
+
+    @property
+    def tick_s(self) -> float:
+        """Length of a step [s]."""
+        return self._tick_s
+
+    @property
+    def joint_position(self) -> Array:
+        """(joints,) [rad]."""
+        return self._q.copy()
+
+    @property
+    def joint_velocity(self) -> Array:
+        """(joints,) [rad/s]."""
+        return np.array(self._data.qvel[self._v])
+
+    @property
+    def joint_acceleration(self) -> Array:
+        """(joints,) [rad/s^2], of the last finished step."""
+        return self._acceleration.copy()
+
+    @property
+    def servo_torque(self) -> Array:
+        """(joints,) [N m] that the servos gave in the last finished step, within the arm's limits."""
+        return np.array(self._data.qfrc_actuator[self._v])
+
+    @property
+    def effort_limit(self) -> Array:
+        """Largest servo torques (joints,) [N m]; infinite where the arm's file names none."""
+        return effort_limit(self._model, self._layout)
+
+    @property
+    def servo_stiffness(self) -> Array:
+        """(joints,) [N m/rad]."""
+        return np.array(-self._model.actuator_biasprm[self._layout.joints, 1])
+
+    @property
+    def servo_damping(self) -> Array:
+        """(joints,) [N m s/rad]."""
+        return np.array(-self._model.actuator_biasprm[self._layout.joints, 2])
+
+    @property
+    def armature(self) -> Array:
+        """Rotor inertia (joints,) [kg m^2], without what is carried."""
+        return self._armature
+
+    @property
+    def flange_pose(self) -> Pose:
+        """world_from_flange."""
+        return self.flange.pose
+
+    @property
+    def flange_twist(self) -> Twist:
+        """Velocity of the flange, at its origin, world axes."""
+        return self.flange.twist
+
+    @property
+    def mass_matrix(self) -> Array:
+        """Joint-space mass matrix (joints, joints) [kg m^2], armature included."""
+        full = np.empty((self._model.nv, self._model.nv))
+        mujoco.mj_fullM(self._model, self._data, full)
+        return np.array(full[self._v, self._v])
+
+    @property
+    def bias_torque(self) -> Array:
+        """c(q, v) + g(q) (joints,) [N m]: what the joints need at zero acceleration."""
+        return np.array(self._data.qfrc_bias[self._v])
+
+    def body_poses(self) -> tuple[Array, Array]:
+        """Return positions (bodies, 3) [m] and quaternions (bodies, 4) (w, x, y, z), world from body."""
+        position, quaternion = self._place
+        return position.copy(), quaternion.copy()
+
+    def flange_sensor(self) -> Wrench:
+        """Return the load that what hangs on the flange puts on the arm, in the last finished step.
+
+        At the flange origin, world axes, as a force/torque sensor between arm and flange measures it.
+        """
+        load = self.flange.measured
+        return Wrench(load[:3], load[3:])
+
+    def contact_query(self, *, fixed_only: bool = False) -> ContactQuery:
+        """Return the distances to everything that collides (and is fixed), the arm itself left out."""
+        geoms = touchable_geoms(self._model, self._layout.mount, fixed_only=fixed_only)
+        return ContactQuery(self._model, self._data, geoms)
+
+    def set_joint_state(self, position: Array, velocity: Array | None = None) -> None:
+        """Put the arm at an angle and a speed; everything readable follows.
+
+        Args:
+            position: (joints,) [rad].
+            velocity: (joints,) [rad/s], zero unless given.
+        """
+        self._q[:] = position
+        self._data.qvel[self._v] = 0.0 if velocity is None else velocity
+        self.begin_step()
+
+    def set_control(
+        self, position: Array, velocity: Array | None = None, feedforward: Array | None = None
+    ) -> None:
+        """Set what the servos track from now on.
+
+        Args:
+            position: (joints,) [rad].
+            velocity: (joints,) [rad/s], zero unless given.
+            feedforward: (joints,) [N m], zero unless given.
+        """
+        self._control[:, 0] = position
+        self._control[:, 1] = 0.0 if velocity is None else velocity
+        self._control[:, 2] = 0.0 if feedforward is None else feedforward
+
+    def apply_flange_wrench(self, wrench: Wrench) -> None:
+        """Set the load on the flange from now on: at the flange origin, world axes."""
+        self.flange.apply(wrench)
+
+    def received_wrench(self) -> SixNumbers:
+        """Return what acts on the flange now, about the world's origin, read back from MuJoCo."""
+        return self.flange.received()
+
+    def apply_joint_torque(self, torque: Array) -> None:
+        """Set a torque (joints,) [N m] on the joints from now on, besides servos and flange load."""
+        self._torque[:] = torque
+
+    def begin_step(self) -> None:
+        """Bring poses, velocities and inertia up to the present joint state (first half of a step)."""
+        self.flange.moved()
+        mujoco.mj_step1(self._model, self._data)
+        self.check()  # it starts anew from a state that is not finite
+        self.bodies.carried.follow()
+
+    def finish_step(self) -> None:
+        """Compute accelerations, advance the state by a tick and read the sensor (second half).
+
+        Raises:
+            InstabilityError: the state is no longer finite.
+        """
+        mujoco.mj_step2(self._model, self._data)
+        # Site axes still belong to the instant of the reading until `begin_step`.
+        self.flange.read_sensor()
+        self.check()
+
+    def check(self) -> None:
+        """Raise InstabilityError where MuJoCo has warned: the state is no longer finite."""
+        if np.count_nonzero(self._warnings):
+            raise_instability(self._data)
+
+    def native(self) -> NativeScene | None:
+        """Return the scene for kernels that step it themselves; None where that is not possible."""
+        return native_scene(self._model, self._data, self._layout)
+
+    def read_sensor_at_rest(self) -> Wrench:
+        """Return what the flange sensor shows when nothing moves, and keep it as its reading."""
+        self._data.qacc[:] = 0.0
+        mujoco.mj_rnePostConstraint(self._model, self._data)
+        mujoco.mj_sensorAcc(self._model, self._data)
+        self.flange.read_sensor()
+        return self.flange_sensor()
+
+    def mobility(self, bodies: IntArray | None = None) -> Array:
+        """Return W = J (M + h D)^-1 J^T (6 + 6 b, 6 + 6 b): velocity changes per impulse, see `mobility`.
+
+        Of the flange, then of bodies (b,) if given; M with armature, but without what the joints
+        carry; h the tick, D of servos and joints.
+        """
+        added = np.diag(self._step_damping)
+        added[self._v, self._v] -= self.bodies.carried.on_arm
+        asked = np.append(self._layout.mount, np.zeros(0, np.int64) if bodies is None else bodies)
+        return mobility(self._model, self._data, asked, added)
+
+    def static_configuration(
+        self, reference: Array, feedforward: Array | None = None, wrench: Wrench | None = None
+    ) -> Array:
+        """Return the angles (joints,) [rad] at which the servos hold a constant load; nothing changes.
+
+        Solves stiffness (q_ref - q) + feedforward + J(q)^T wrench = g(q).
+
+        Args:
+            reference: q_ref (joints,) [rad].
+            feedforward: (joints,) [N m], zero unless given.
+            wrench: on the flange, at its origin, world axes; none unless given.
+
+        Raises:
+            ConvergenceError: no equilibrium, or one that asks for more than the joints' torque.
+        """
+        np.copyto(self._scratch.qpos, self._data.qpos)
+        load = wrench or Wrench()
+        return droop(
+            self._model, self._scratch, layout=self._layout, joint_names=self.joint_names,
+            reference=np.asarray(reference, dtype=np.float64), load=np.concatenate((load.force, load.torque)),
+            feedforward=np.zeros(len(self.joint_names)) if feedforward is None else feedforward,
+        )  # fmt: skip
+
+    def save_state(self) -> RigidState:
+        """Return a copy of the whole state, from which `restore_state` repeats steps bit for bit."""
+        integration = np.empty(mujoco.mj_stateSize(self._model, _STATE))
+        mujoco.mj_getState(self._model, self._data, integration, _STATE)
+        armature, acceleration = np.array(self._model.dof_armature), np.array(self._data.qacc)
+        load, carried = self.flange.measured, self.bodies.carried
+        return RigidState(
+            integration, armature, acceleration, load, self.bodies.loaded, carried.bodies, carried.inertia,
+            carried.on_arm,
+        )  # fmt: skip
+
+    def restore_state(self, state: RigidState) -> None:
+        """Return to a state of `save_state`, model edits included; everything readable follows.
+
+        Raises:
+            InputError: the state is of a scene with other bodies or joints.
+        """
+        size = mujoco.mj_stateSize(self._model, _STATE)
+        if len(state.integration) != size:
+            raise InputError(f"the saved scene has {len(state.integration)} numbers, here {size}: {_ALIKE}")
+        self._warnings[:] = 0
+        self.bodies.loaded = state.loaded
+        carried = self.bodies.carried
+        carried.bodies, carried.inertia, carried.on_arm = state.carrying, state.carried, state.on_arm
+        self._model.dof_armature[:] = state.armature
+        mujoco.mj_setState(self._model, self._data, state.integration, _STATE)
+        self.begin_step()
+        self._data.qacc[:] = state.acceleration
+        self.flange.measured = state.flange_load

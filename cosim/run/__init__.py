@@ -1,0 +1,1 @@
+"""What happens: carriers, parts and the loop over ticks or increments."""

@@ -1,0 +1,245 @@
+"""An arm with servos as the carrier of the flange."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, final
+
+import numpy as np
+
+from cosim.base.body_shape import BodyShape
+from cosim.base.frames import Array, Pose, Twist, Wrench
+from cosim.base.state_check import check_indices, check_state
+from cosim.config.schema.coupling import Coupling as CouplingSettings
+from cosim.coupling.batch.batch import Lockstep, Servos
+from cosim.coupling.contact.contact_exchange import ContactExchange
+from cosim.coupling.contact.contact_report import NOTHING_TOUCHED, ContactReport
+from cosim.coupling.schemes.interface import Interface, ServoCommand
+from cosim.coupling.schemes.ledger import LedgerEntry
+from cosim.coupling.schemes.scheme import Coupling
+from cosim.coupling.soft_sides.mass import MassProperties
+from cosim.coupling.soft_sides.soft_side import SoftSide
+from cosim.errors import InputError, SolverError
+from cosim.kinematics.arm import Arm, Payload
+from cosim.kinematics.inertial_parameters import COUNT, inertial_parameters
+from cosim.plan.joint_path import JointReference
+from cosim.rigid.scene.link_contacts import LinkContact
+from cosim.rigid.scene.scene import RigidScene
+from cosim.rigid.scene.state import RigidState
+from cosim.run.carrier import Carrier
+from cosim.run.coupling_scheme import exchange_report, make_coupling
+from cosim.soft.body.loads import Loads
+from cosim.soft.contact.obstacle_contact import ContactLaw
+from cosim.soft.solve.equilibrium import Obstacles
+
+_SETTLED_RAD = 1e-9
+
+
+@final
+@dataclass(frozen=True)
+class ArmCarrierState:
+    """Where arm and scene are.
+
+    Args:
+        scene: rigid side.
+        reference: (joints,) [rad] of the last increment, in statics.
+        coupling: exchange with the soft side; None in statics.
+    """
+
+    scene: RigidState
+    reference: Array
+    coupling: Any
+
+
+@final
+class ArmCarrier(Carrier):
+    """Moves the flange by servos with inverse-dynamics feedforward.
+
+    Args:
+        name: of the arm.
+        arm: kinematics and inverse dynamics.
+        scene: rigid side.
+        soft: soft side.
+        payload_compensation: whether the feedforward knows the soft robot's weight.
+        mounted: rigid mass on the flange besides the soft robot, flange frame; None for none.
+        contact: law of the soft robot's contact with the scene; None for no contact.
+        exchange: scheme in which both sides exchange their loads.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        arm: Arm,
+        scene: RigidScene,
+        soft: SoftSide,
+        payload_compensation: bool,
+        contact: ContactLaw | None = None,
+        mounted: MassProperties | None = None,
+        exchange: CouplingSettings | None = None,
+    ) -> None:
+        self._name, self._arm, self._scene, self._soft = name, arm, scene, soft
+        self._compensation = payload_compensation
+        self._contact_law, self._mounted = contact, mounted
+        self._exchange = exchange or CouplingSettings()
+        self._reference = np.zeros(arm.joint_count)
+        self._coupling: Coupling | None = None
+        self._touching: tuple[LinkContact, ...] = ()
+        self._lockstep: Lockstep | None = None
+
+    @property
+    def flange_pose(self) -> Pose:
+        return self._scene.flange_pose
+
+    @property
+    def flange_twist(self) -> Twist:
+        return self._scene.flange_twist
+
+    @property
+    def joint_position(self) -> Array:
+        return self._scene.joint_position
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        return self._scene.joint_names
+
+    @property
+    def joint_velocity(self) -> Array:
+        return self._scene.joint_velocity
+
+    @property
+    def joint_torque(self) -> Array:
+        return self._scene.servo_torque
+
+    def holding_torque(self, wrench: Wrench) -> Array:
+        load = np.concatenate([wrench.force, wrench.torque])
+        return np.asarray(self._scene.bias_torque - self._scene.flange.jacobian().T @ load)
+
+    @property
+    def body_names(self) -> tuple[str, ...]:
+        return self._scene.body_names
+
+    @property
+    def shapes(self) -> tuple[BodyShape, ...]:
+        return self._scene.shapes
+
+    @property
+    def report(self) -> Mapping[str, str]:
+        return {
+            "Arm": f"{self._name}, {self._arm.joint_count} joints, servos with inverse-dynamics feedforward",
+            "Exchange": exchange_report(self._exchange),
+            "Payload compensation": "on" if self._compensation else "off",
+        }
+
+    def body_poses(self) -> tuple[Array, Array]:
+        return self._scene.body_poses()
+
+    @property
+    def touched(self) -> ContactReport:
+        return NOTHING_TOUCHED if self._coupling is None else self._coupling.interface.touched
+
+    def stand(self, joints: Array) -> None:
+        self._scene.set_joint_state(joints)
+        self._reference = joints
+
+    def bring(self, reference: Array) -> None:
+        self._scene.set_joint_state(reference + self._scene.joint_position - self._reference)
+        self._reference = reference
+
+    def give_way(self, reference: Array, wrench: Wrench) -> bool:
+        scene, still = self._scene, np.zeros_like(reference)
+        feedforward = self._arm.inverse_dynamics(reference, still, still, payload=self._payload())
+        joints = scene.static_configuration(reference, feedforward, wrench)
+        if float(np.abs(joints - scene.joint_position).max()) < _SETTLED_RAD:
+            return False
+        scene.set_joint_state(joints)
+        return True
+
+    def link_contacts(self, *, among_links: bool) -> tuple[LinkContact, ...]:
+        scene = self._scene
+        links = scene.links
+        self._touching = links.at(scene.joint_position) if among_links else links.with_objects()
+        return self._touching
+
+    def link_contacts_in(self, joints: Array, places: Array, quaternions: Array) -> tuple[LinkContact, ...]:
+        return self._scene.links.at(joints, places, quaternions)
+
+    def obstacles(self) -> Obstacles | None:
+        scene, law = self._scene, self._contact_law
+        if law is None:
+            return None
+        query = scene.contact_query(fixed_only=True)
+        return ContactExchange(query, scene.bodies, self._soft.contact_surface(), law).still
+
+    def couple(self, wrench: Wrench) -> None:
+        scene, soft, law = self._scene, self._soft, self._contact_law
+        contact = None
+        if law is not None:
+            contact = ContactExchange(scene.contact_query(), scene.bodies, soft.contact_surface(), law)
+        self._coupling = make_coupling(self._exchange, Interface(scene, soft, wrench, contact))
+        load, parameters = self._mounted, np.zeros(COUNT)
+        if load is not None:
+            parameters = inertial_parameters(load.mass_kg, load.center, load.inertia)
+        self._lockstep = Lockstep.of(self._coupling, soft, parameters)
+
+    def save_state(self) -> ArmCarrierState:
+        coupling = None if self._coupling is None else self._coupling.save_state()
+        return ArmCarrierState(self._scene.save_state(), self._reference, coupling)
+
+    def restore_state(self, state: ArmCarrierState | None) -> None:
+        if state is None:
+            raise InputError("the saved state is of a held base, this flange is carried")
+        touched = np.concatenate([state.scene.loaded, state.scene.carrying])
+        check_indices(touched, len(self._scene.body_names), "bodies")
+        self._scene.restore_state(state.scene)
+        self._reference = state.reference
+        if state.coupling is None:
+            self._coupling = None
+            return
+        if self._coupling is None:
+            self.couple(Wrench())
+        assert self._coupling is not None, "couple() has just made it"
+        check_state(state.coupling, self._coupling.save_state(), place="state.carrier.coupling")
+        self._coupling.restore_state(state.coupling)
+
+    @property
+    def lockstep(self) -> Lockstep | None:
+        return self._lockstep
+
+    def servos(self, references: JointReference) -> Servos:
+        position, velocity = references.position, references.velocity
+        acceleration = references.acceleration
+        # where the arm stands still, one row serves all
+        changes = (position[1:] != position[:-1]) | (velocity[1:] != velocity[:-1])
+        changes |= acceleration[1:] != acceleration[:-1]
+        new = np.concatenate([[True], changes.any(axis=1)])
+        armature = self._scene.armature
+        torque, by_payload = self._arm.torque_rows(position[new], velocity[new], acceleration[new], armature)
+        if not self._compensation:
+            by_payload = np.zeros_like(by_payload)
+        row = np.cumsum(new) - 1
+        return Servos(position, velocity, torque[row], by_payload[row])
+
+    def tick(self, reference: JointReference, loads: Loads) -> LedgerEntry:
+        assert self._coupling is not None, "couple() comes before tick()"
+        position, velocity, acceleration = reference.position, reference.velocity, reference.acceleration
+        feedforward = self._arm.inverse_dynamics(
+            position, velocity, acceleration, self._scene.armature, self._payload()
+        )
+        try:
+            return self._coupling.tick(ServoCommand(position, velocity, feedforward), loads)
+        except SolverError as error:
+            if not self._touching:
+                raise
+            touching = ", ".join(f"{contact.link} in {contact.other}" for contact in self._touching)
+            raise error.at(f"with {touching}") from error.__cause__
+
+    def _payload(self) -> Payload | None:
+        """Return what hangs on the flange as a rigid payload, at its present shape; None: unknown to it."""
+        if not self._compensation:
+            return None
+        mass = self._soft.mass_properties()
+        if self._mounted is not None:
+            mass = mass.joined(self._mounted.moved(self._scene.flange_pose))
+        center, inertia = mass.in_frame(self._scene.flange_pose)
+        return Payload(mass.mass_kg, center, inertia)

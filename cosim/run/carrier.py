@@ -1,0 +1,235 @@
+"""What carries the flange, as both modes of a run see it; and the simplest carrier, a held base."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, Any, final
+
+import numpy as np
+
+from cosim.base.body_shape import BodyShape
+from cosim.base.frames import Array, Pose, Twist, Wrench
+from cosim.coupling.contact.contact_report import NOTHING_TOUCHED, ContactReport
+from cosim.coupling.schemes.ledger import LedgerEntry
+from cosim.coupling.soft_sides.soft_side import SoftSide
+from cosim.errors import InputError
+from cosim.plan.flange_path import FlangeWay
+from cosim.plan.joint_path import JointPath, JointReference
+from cosim.soft.body.loads import Loads
+from cosim.soft.solve.equilibrium import Obstacles
+
+if TYPE_CHECKING:  # a scene without an arm does not wait for MuJoCo
+    from cosim.coupling.batch.batch import Lockstep, Servos
+    from cosim.rigid.scene.link_contacts import LinkContact
+
+
+class Carrier(ABC):
+    """Carries the flange along its planned way, and is acted on by the soft robot.
+
+    Statics: `stand`, then `bring` and `give_way` for every increment. Dynamics: `stand`, `couple`, then
+    `tick`.
+    """
+
+    @property
+    @abstractmethod
+    def flange_pose(self) -> Pose:
+        """World from flange."""
+
+    @property
+    @abstractmethod
+    def flange_twist(self) -> Twist:
+        """Of the flange's origin, world axes."""
+
+    @property
+    @abstractmethod
+    def joint_position(self) -> Array:
+        """(joints,) [rad]."""
+
+    @property
+    @abstractmethod
+    def joint_names(self) -> tuple[str, ...]:
+        """Base to flange."""
+
+    @property
+    @abstractmethod
+    def joint_velocity(self) -> Array:
+        """(joints,) [rad/s]."""
+
+    @property
+    @abstractmethod
+    def joint_torque(self) -> Array:
+        """(joints,) [N m], that the servos gave in the last tick."""
+
+    @abstractmethod
+    def holding_torque(self, wrench: Wrench) -> Array:
+        """Return what the servos give (joints,) [N m] at rest, with a wrench on the flange."""
+
+    @property
+    @abstractmethod
+    def body_names(self) -> tuple[str, ...]:
+        """Rigid bodies, in the order of `body_poses`."""
+
+    @property
+    @abstractmethod
+    def shapes(self) -> tuple[BodyShape, ...]:
+        """What is drawn of the rigid bodies."""
+
+    @property
+    @abstractmethod
+    def report(self) -> Mapping[str, str]:
+        """What is modelled of it, by heading."""
+
+    @abstractmethod
+    def body_poses(self) -> tuple[Array, Array]:
+        """Return positions (bodies, 3) [m] and quaternions (bodies, 4), world from body."""
+
+    @property
+    def touched(self) -> ContactReport:
+        """What the soft robot pressed on in the last tick."""
+        return NOTHING_TOUCHED
+
+    @abstractmethod
+    def stand(self, joints: Array) -> None:
+        """Go to joint angles (joints,) [rad], at rest."""
+
+    @abstractmethod
+    def bring(self, reference: Array) -> None:
+        """Move on to new references (joints,) [rad] at rest, the deflection under load unchanged."""
+
+    @abstractmethod
+    def give_way(self, reference: Array, wrench: Wrench) -> bool:
+        """Go where the soft robot's wrench at the flange pushes it; return whether it still moved."""
+
+    @property
+    def lockstep(self) -> Lockstep | None:
+        """Advances both sides by many ticks at once; None where they go tick by tick."""
+        return None
+
+    def servos(self, references: JointReference) -> Servos:
+        """Return what `lockstep` asks of the servos at n instants."""
+        raise NotImplementedError("only a carrier with a lockstep has servos to command")
+
+    @abstractmethod
+    def save_state(self) -> Any:
+        """Return everything that the steps to come depend on, as a frozen dataclass; see `stateful`."""
+
+    @abstractmethod
+    def restore_state(self, state: Any) -> None:
+        """Return to a state of `save_state`; the soft side has been restored before.
+
+        Raises:
+            InputError: the state does not fit.
+        """
+
+    def link_contacts(self, *, among_links: bool) -> tuple[LinkContact, ...]:
+        """Return where links of the arm stand in what is in the scene, or (`among_links`) in one another."""
+        return ()
+
+    def link_contacts_in(self, joints: Array, places: Array, quaternions: Array) -> tuple[LinkContact, ...]:
+        """Return both with the arm at joints (joints,) [rad] and bodies as in `body_poses`."""
+        return ()
+
+    def obstacles(self) -> Obstacles | None:
+        """Return what an equilibrium of the soft robot may touch; None for nothing."""
+        return None
+
+    @abstractmethod
+    def couple(self, wrench: Wrench) -> None:
+        """Begin a lockstep run; `wrench` acts on the flange at its start."""
+
+    @abstractmethod
+    def tick(self, reference: JointReference, loads: Loads) -> LedgerEntry:
+        """Advance carrier and soft robot by one tick.
+
+        Args:
+            reference: of the servos.
+            loads: on the soft body at the end of the tick.
+
+        Returns:
+            What was exchanged.
+        """
+
+
+@final
+class HeldBase(Carrier):
+    """Holds the flange where it starts: no arm, no joints, no rigid bodies.
+
+    Args:
+        soft: the soft side.
+        world_from_flange: where.
+        tick_s: of the lockstep clock [s].
+    """
+
+    def __init__(self, soft: SoftSide, world_from_flange: Pose, tick_s: float) -> None:
+        self._soft, self._pose, self._tick_s = soft, world_from_flange, tick_s
+
+    @staticmethod
+    def plan(start: Pose, ways: list[FlangeWay], blame: Callable[[int], str]) -> tuple[JointPath, ...]:
+        """Return a path without joints for every phase."""
+        return tuple(JointPath(np.zeros(0), None) for _ in ways)
+
+    @property
+    def flange_pose(self) -> Pose:
+        return self._pose
+
+    @property
+    def flange_twist(self) -> Twist:
+        return Twist()
+
+    @property
+    def joint_position(self) -> Array:
+        return np.zeros(0)
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        return ()
+
+    @property
+    def joint_velocity(self) -> Array:
+        return np.zeros(0)
+
+    @property
+    def joint_torque(self) -> Array:
+        return np.zeros(0)
+
+    def holding_torque(self, wrench: Wrench) -> Array:
+        return np.zeros(0)
+
+    @property
+    def body_names(self) -> tuple[str, ...]:
+        return ()
+
+    @property
+    def shapes(self) -> tuple[BodyShape, ...]:
+        return ()
+
+    @property
+    def report(self) -> Mapping[str, str]:
+        return {"Arm": "none: the base is held where it starts"}
+
+    def body_poses(self) -> tuple[Array, Array]:
+        return np.zeros((0, 3)), np.zeros((0, 4))
+
+    def stand(self, joints: Array) -> None:
+        pass
+
+    def bring(self, reference: Array) -> None:
+        pass
+
+    def give_way(self, reference: Array, wrench: Wrench) -> bool:
+        return False
+
+    def couple(self, wrench: Wrench) -> None:
+        pass
+
+    def save_state(self) -> None:
+        return None
+
+    def restore_state(self, state: object) -> None:
+        if state is not None:
+            raise InputError("the saved state is of a flange that is carried, this base is held")
+
+    def tick(self, reference: JointReference, loads: Loads) -> LedgerEntry:
+        reply = self._soft.advance(self._pose, loads, self._tick_s)
+        return LedgerEntry(reply.wrench, 0.0, 0.0, reply.residual_N, reply.iterations, 0.0, False)

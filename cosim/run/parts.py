@@ -1,0 +1,130 @@
+"""The parts of a run that both modes step, and what a snapshot reads off them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, final
+
+import numpy as np
+
+from cosim.base.frames import Array, Pose, Twist
+from cosim.base.frozen import quickly_made
+from cosim.config.schema.phase import Phase
+from cosim.config.schema.scenario import Scenario
+from cosim.coupling.contact.contact_report import NOTHING_TOUCHED, ContactReport
+from cosim.coupling.schemes.ledger import LedgerEntry
+from cosim.coupling.soft_sides.soft_side import SoftSide
+from cosim.devices.device_loop import Actuation, Instant
+from cosim.plan.chamber_gas import ChamberGas
+from cosim.plan.plan import PhasePlan, Plan
+from cosim.run.carrier import Carrier
+from cosim.run.self_contact_law import with_film_contacts
+from cosim.soft.body.loads import Loads
+from cosim.telemetry.film_shape import FilmShape
+from cosim.telemetry.snapshot import Snapshot
+
+_LOOKED_AFTER_S = 1.0 / 30.0
+
+
+@final
+@quickly_made
+@dataclass(frozen=True)
+class Moment:
+    """Where a run is: tick and time, phase, and what drives it.
+
+    Args:
+        tick: count from 0.
+        time_s: simulated time [s].
+        phase: index of the phase.
+        joint_target: (joints,) [rad], reference of the servos.
+        loads: on the soft body.
+        flange: world_from_flange.
+        twist: of the flange origin, world axes.
+        joint_velocity: (joints,) [rad/s].
+        joint_torque: (joints,) [N m], of the servos.
+        touched: what the soft robot presses on.
+    """
+
+    tick: int
+    time_s: float
+    phase: int
+    joint_target: Array
+    loads: Loads
+    flange: Pose
+    twist: Twist
+    joint_velocity: Array
+    joint_torque: Array
+    touched: ContactReport = NOTHING_TOUCHED
+
+
+@final
+class Parts:
+    """Carrier, soft side and plan of one run.
+
+    Args:
+        scenario: checked.
+        plan: made from it.
+        carrier: of the flange.
+        soft: soft side.
+        actuation: devices.
+    """
+
+    def __init__(
+        self, scenario: Scenario, plan: Plan, carrier: Carrier, soft: SoftSide, actuation: Actuation
+    ) -> None:
+        self.scenario, self.plan = scenario, plan
+        self.carrier, self.soft, self.actuation = carrier, soft, actuation
+        self._reader = soft.shape_reader()
+        statics = scenario.mode == "quasistatic"
+        self._looked_every = 1 if statics else max(1, round(_LOOKED_AFTER_S / scenario.clock.tick_s))
+
+    def ticks(self, phase: Phase) -> int:
+        """Return how many ticks of the clock a phase lasts, at least one."""
+        return max(1, round((phase.duration_s + phase.settle_s) / self.scenario.clock.tick_s))
+
+    def looks_at_links(self, first: int, count: int) -> range:
+        """Return after how many ticks (increments) of `count` from the first one on links are looked at."""
+        return range(-first % self._looked_every, count, self._looked_every)
+
+    def work_devices(self, planned: PhasePlan, gas: ChamberGas, time_s: float, share: float) -> None:
+        """Let devices act for the tick or increment that begins at a time and ends at a share of the ramp."""
+        if self.actuation.active:
+            instant = Instant(time_s, self.carrier.flange_pose, self.carrier.joint_position)
+            self.actuation.act(planned, gas, self.soft, instant, share)
+
+    def snapshot(self, moment: Moment, ledger: LedgerEntry, wall_s: float) -> Snapshot:
+        """Return the present state as a snapshot."""
+        carrier, soft, loads = self.carrier, self.soft, moment.loads
+        # stands for all that the film's shape decides, see Snapshot
+        film: Any = FilmShape(self._reader, soft.shape_now(), moment.flange)
+        places, quaternions = carrier.body_poses()
+        pressures = soft.pressures_Pa
+        devices = self.actuation.report(soft, moment.flange)
+        return Snapshot(
+            tick=moment.tick,
+            time_s=moment.time_s,
+            phase=moment.phase,
+            joint_position=carrier.joint_position,
+            joint_velocity=moment.joint_velocity,
+            joint_torque=moment.joint_torque,
+            joint_target=moment.joint_target,
+            body_position=places,
+            body_quaternion=quaternions,
+            body_contact_force=moment.touched.on_each(len(places)),
+            node_position=film,
+            world_from_flange=moment.flange,
+            flange_twist=moment.twist,
+            pressure_Pa=pressures[0],
+            volume_m3=film,
+            chamber_pressure_Pa=np.array(pressures),
+            chamber_volume_m3=film,
+            cable_tension_N=np.array(loads.cable_tension_N) if devices is None else devices.cable_tension_N,
+            tip_position=film,
+            tip_direction=film,
+            sag_m=film,
+            tip_target=self.plan.phases[moment.phase].tip_target,
+            ledger=with_film_contacts(ledger, soft.touching),
+            tick_wall_s=wall_s,
+            devices=devices,
+            link_contacts=carrier.link_contacts(among_links=bool(self.looks_at_links(moment.tick, 1))),
+        )

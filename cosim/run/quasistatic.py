@@ -1,0 +1,183 @@
+"""The quasistatic mode: a chain of equilibria of the soft body and of what carries it."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import accumulate
+from typing import Annotated, final
+
+import numpy as np
+
+from cosim.base.frames import Array, Twist, vector_from_rotation
+from cosim.base.state_check import check_state
+from cosim.coupling.contact.contact_report import NOTHING_TOUCHED, ContactReport
+from cosim.coupling.schemes.ledger import LedgerEntry
+from cosim.errors import ConvergenceError, InputError
+from cosim.plan.plan import PhasePlan, start_equilibrium
+from cosim.plan.ramp import Progress
+from cosim.run.parts import Moment, Parts
+from cosim.run.stepped_run import Cursor, SteppedRun
+from cosim.soft.body.loads import Loads
+from cosim.soft.solve.equilibrium import Equilibrium
+from cosim.soft.solve.state import SoftState
+from cosim.telemetry.snapshot import Snapshot, Stage
+
+_DROOP_ROUNDS_MAX = 20
+
+
+@final
+@dataclass(frozen=True)
+class QuasistaticState:
+    """What the next increment starts from.
+
+    Args:
+        here: the present equilibrium.
+        earlier: (n, 3) [m], flange frame, shape before the last increment; None at the start of a phase.
+    """
+
+    here: Equilibrium
+    earlier: Annotated[Array, ("nodes", 3)] | None
+
+
+@final
+class QuasistaticSimulation(SteppedRun):
+    """Solves a planned run increment by increment.
+
+    Args:
+        parts: of the run.
+        stage: its unchanging description.
+    """
+
+    def __init__(self, parts: Parts, stage: Stage) -> None:
+        phases = [planned.phase for planned in parts.plan.phases]
+        super().__init__(parts, stage, [phase.increments for phase in phases])
+        self._ends_s = list(accumulate(phase.duration_s + phase.settle_s for phase in phases))
+        self._here: Equilibrium | None = None
+        parts.soft.stand_against(parts.carrier.obstacles())
+        self._earlier: Array | None = None
+
+    def _start(self, began: float) -> Snapshot:
+        parts = self._parts
+        plan, carrier = parts.plan, parts.carrier
+        carrier.stand(plan.joints)
+        here = start_equilibrium(parts.soft, carrier.flange_pose, plan.loads)
+        self._here, spent = self._with_droop(here, plan.joints, here.iterations)
+        still = np.zeros_like(plan.joints)
+        return self._snapshot(Cursor(), 0.0, plan.joints, _Motion(Twist(), still, 0.0), spent, began)
+
+    def _take(self, planned: PhasePlan, to: Cursor, most: int) -> Sequence[Snapshot]:
+        began = time.perf_counter()
+        parts, phase, before = self._parts, planned.phase, self._here
+        assert before is not None, "the run has begun"
+        began_s = self._ends_s[to.phase - 1] if to.phase else 0.0
+        if to.done == 1:
+            self._begin_phase(planned, before.world_from_flange)
+            self._earlier = None
+        span = (phase.duration_s + phase.settle_s) / phase.increments
+        joints = parts.carrier.joint_position
+        share = to.done / phase.increments
+        reference = planned.joints.at(Progress(share, 0.0, 0.0)).position
+        self._gas.pass_time(parts.soft, span)
+        parts.work_devices(planned, self._gas, began_s + (to.done - 1) * span, share)
+        loads = parts.actuation.loads(self._gas.between(planned.begin, planned.end, share))
+        here, spent = self._advance(before, reference, loads)
+        self._here = here
+        motion = _mean_motion(parts, before, here, joints, span)
+        return [self._snapshot(to, began_s + to.done * span, reference, motion, spent, began)]
+
+    def _step_of(self, planned: PhasePlan, to: Cursor) -> tuple[str, float]:
+        count = planned.phase.increments
+        return f"increment {to.done} of {count}", to.done / count
+
+    def _save_own(self) -> QuasistaticState:
+        assert self._here is not None, "the run has begun"
+        return QuasistaticState(self._here, self._earlier)
+
+    def _restore_own(self, state: object) -> None:
+        if not isinstance(state, QuasistaticState):
+            raise InputError("the saved state is of a dynamic run, this one is quasistatic")
+        soft = self._parts.soft.state
+        check_state(state.here.state, soft, SoftState, place="state.own.here.state")
+        sizes = {"nodes": len(soft.positions)}
+        check_state(state, self._here and self._save_own(), QuasistaticState, place="state.own", sizes=sizes)
+        if state.here.loads.contact is not None:
+            self._parts.soft.contact_surface().check_planes(state.here.loads.contact)
+        self._here, self._earlier = state.here, state.earlier
+
+    def _snapshot(
+        self, to: Cursor, time_s: float, reference: Array, motion: _Motion, spent: int, began: float
+    ) -> Snapshot:
+        """Return what the present equilibrium shows, with the Newton iterations spent on it."""
+        parts, here, touched = self._parts, self._here, NOTHING_TOUCHED
+        assert here is not None, "the run has begun"
+        if here.loads.contact is not None:
+            touched = ContactReport.of(here.loads.contact, here.loads.contact.at(here.state.positions))
+        rigid_power = here.wrench.power(motion.twist)
+        ledger = LedgerEntry(
+            here.wrench, rigid_power, motion.soft_power_W, here.residual_N, spent, 0.0, False,
+            touched.count, touched.normal_force_N, touched.depth_m, slides=here.slides,
+        )  # fmt: skip
+        moment = Moment(
+            to.tick, time_s, to.phase, reference, here.loads, here.world_from_flange, motion.twist,
+            motion.joint_velocity, parts.carrier.holding_torque(here.wrench), touched,
+        )  # fmt: skip
+        return parts.snapshot(moment, ledger, time.perf_counter() - began)
+
+    def _advance(self, here: Equilibrium, reference: Array, loads: Loads) -> tuple[Equilibrium, int]:
+        """Return the next equilibrium of carrier and soft body, and the Newton iterations spent."""
+        carrier, soft = self._parts.carrier, self._parts.soft
+        carrier.bring(reference)
+        pose = carrier.flange_pose
+        local = here.world_from_flange.inverse().apply(here.state.positions)
+        # the shape goes on as it changed in the last increment, seen from the flange
+        guess = local if self._earlier is None else 2.0 * local - self._earlier
+        self._earlier = local
+        try:
+            found = soft.solve(here.state, pose, loads, pose.apply(guess))
+            spent = found.iterations
+        except ConvergenceError as error:
+            found = soft.follow(here, pose, loads)
+            spent = error.iterations + found.iterations
+        return self._with_droop(found, reference, spent)
+
+    def _with_droop(self, found: Equilibrium, reference: Array, spent: int) -> tuple[Equilibrium, int]:
+        """Let the carrier give way to the wrench until it and the soft body agree."""
+        carrier, soft = self._parts.carrier, self._parts.soft
+        for _ in range(_DROOP_ROUNDS_MAX):
+            soft.settle(found)
+            if not carrier.give_way(reference, found.wrench):
+                break
+            slides = found.slides
+            found = soft.follow(found, carrier.flange_pose, found.loads)
+            spent, found = spent + found.iterations, replace(found, slides=slides + found.slides)
+        return found, spent
+
+
+@final
+@dataclass(frozen=True)
+class _Motion:
+    """How an increment moves, in its mean.
+
+    Args:
+        twist: of the flange origin, world axes.
+        joint_velocity: (joints,) [rad/s].
+        soft_power_W: that the flange's nodes took in at that rate.
+    """
+
+    twist: Twist
+    joint_velocity: Array
+    soft_power_W: float
+
+
+def _mean_motion(
+    parts: Parts, before: Equilibrium, after: Equilibrium, joints: Array, span_s: float
+) -> _Motion:
+    """Return the motion between two equilibria, from joint angles (joints,) [rad] to those of the carrier."""
+    old, new = before.world_from_flange, after.world_from_flange
+    turn = vector_from_rotation(new.rotation @ old.rotation.T)
+    twist = Twist((new.translation - old.translation) / span_s, turn / span_s)
+    displacement = after.state.positions - before.state.positions
+    velocity = (parts.carrier.joint_position - joints) / span_s
+    return _Motion(twist, velocity, parts.soft.work_taken_in(displacement) / span_s)

@@ -1,0 +1,223 @@
+"""A planned run that is stepped, saved between two steps, and continued from what was saved."""
+
+from __future__ import annotations
+
+import sys
+import time
+from abc import ABC, abstractmethod
+from collections import deque
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, final
+
+from cosim.base.frames import Pose
+from cosim.base.state_check import check_state
+from cosim.devices.device_loop import ActuationState
+from cosim.errors import InputError, SolverError
+from cosim.plan.chamber_gas import ChamberGas, ChamberGasState
+from cosim.plan.plan import PhasePlan, Plan
+from cosim.run.parts import Parts
+from cosim.run.whereabouts import whereabouts
+from cosim.telemetry.choices import CONTACT, Choices
+from cosim.telemetry.snapshot import Snapshot, Stage
+
+
+@final
+@dataclass(frozen=True)
+class Cursor:
+    """Where in its plan a run is.
+
+    Args:
+        tick: steps taken in all.
+        phase: index of the phase.
+        done: steps taken in that phase.
+    """
+
+    tick: int = 0
+    phase: int = 0
+    done: int = 0
+
+    def following(self, counts: Sequence[int]) -> Cursor | None:
+        """Return where the next step ends, with so many steps in each phase; None at the end of the plan."""
+        if self.done < counts[self.phase]:
+            return Cursor(self.tick + 1, self.phase, self.done + 1)
+        if self.phase + 1 < len(counts):
+            return Cursor(self.tick + 1, self.phase + 1, 1)
+        return None
+
+
+@final
+@dataclass(frozen=True)
+class RunState:
+    """Everything that the steps to come depend on, besides the scenario.
+
+    Args:
+        cursor: where in the plan.
+        soft: of the soft side.
+        carrier: of what carries the flange, contacts and exchange included.
+        gas: in the chamber.
+        devices: of pumps, winches and controllers.
+        own: of the mode of the run.
+        choices: what the kind of this state follows from.
+    """
+
+    cursor: Cursor
+    soft: Any
+    carrier: Any
+    gas: ChamberGasState
+    devices: ActuationState
+    own: Any
+    choices: Choices
+
+
+class SteppedRun(ABC):
+    """Steps a planned run.
+
+    Args:
+        parts: of the run.
+        stage: its unchanging description.
+        counts: steps of each phase, at least one.
+    """
+
+    def __init__(self, parts: Parts, stage: Stage, counts: Sequence[int]) -> None:
+        self._parts, self.stage, self._counts = parts, stage, tuple(counts)
+        contact = next(decision for decision in stage.modelled if decision.what == CONTACT)
+        self.choices = Choices.of(parts.scenario, contact)
+        self._gas = ChamberGas(parts.scenario.gas)
+        self._cursor: Cursor | None = None
+        self._waiting: deque[Snapshot] = deque()
+
+    @property
+    def plan(self) -> Plan:
+        """What is commanded, phase by phase."""
+        return self._parts.plan
+
+    @property
+    def tick(self) -> int | None:
+        """Steps taken so far; None before the state at rest is known."""
+        return None if self._cursor is None else self._cursor.tick
+
+    def steps(self, ahead: int = 1, most: int | None = None) -> Iterator[Snapshot]:
+        """Yield the state at rest, unless the run has begun, then that after every step to come.
+
+        In between the run may be saved, where it `saves_now`, or restored: the next step is the one after
+        that state's.
+
+        Args:
+            ahead: steps that may be taken before the first of them is shown, at least one: many together
+                cost less.
+            most: states to yield, and steps to take for them; None for all.
+
+        Raises:
+            SolverError: the physics could not be solved; the snapshots so far stand.
+        """
+        wanted = sys.maxsize if most is None else most
+        if self._cursor is None and wanted:
+            began = time.perf_counter()
+            try:
+                first = self._start(began)
+            except SolverError as error:
+                raise error.at("at the start") from error.__cause__
+            self._cursor, wanted = Cursor(), wanted - 1
+            yield first
+        while wanted and self._cursor is not None:
+            to = self._cursor.following(self._counts)
+            if to is None:
+                return
+            if not self._waiting:
+                left = self._counts[to.phase] - to.done + 1
+                self._waiting.extend(self._taken(to, min(ahead, left, wanted)))
+            snapshot = self._waiting.popleft()
+            self._cursor, wanted = to, wanted - 1
+            yield snapshot
+
+    def _taken(self, to: Cursor, most: int) -> Sequence[Snapshot]:
+        """Take steps as `_take` does; an error says in which of them it was raised."""
+        parts, planned = self._parts, self._parts.plan.phases[to.phase]
+        try:
+            return self._take(planned, to, most)
+        except SolverError as error:
+            step, share = self._step_of(planned, to)
+            loads = parts.actuation.loads(planned.begin.interpolated(planned.end, share))
+            pressures, names = parts.soft.pressures_Pa, parts.scenario.soft_robot.cable_names()
+            where = whereabouts(planned.phase.name, step, pressures, loads.cable_tension_N, names)
+            raise error.at(where) from error.__cause__
+
+    @property
+    def saves_now(self) -> bool:
+        """Whether no step has been taken, or begun, beyond the one shown last."""
+        return not self._waiting
+
+    def save_state(self) -> RunState:
+        """Return the present state; costs little, as arrays are shared.
+
+        Raises:
+            InputError: the run has not begun, or has been stepped ahead of what it has shown.
+        """
+        if self._cursor is None:
+            raise InputError("a run can be saved once its state at rest is known: take the first of steps()")
+        if not self.saves_now:
+            raise InputError(f"later ticks than {self._cursor.tick} have been taken: use steps(ahead=1)")
+        return replace(self._state(self._cursor), own=self._save_own())
+
+    def _state(self, cursor: Cursor) -> RunState:
+        """Return the present state of all parts, as if at that step."""
+        parts = self._parts
+        return RunState(
+            cursor, parts.soft.save_state(), parts.carrier.save_state(), self._gas.save_state(),
+            parts.actuation.save_state(), None, self.choices,
+        )  # fmt: skip
+
+    def restore_state(self, state: RunState) -> None:
+        """Return to a state of `save_state`, of this run or of one whose parts have the same sizes.
+
+        Raises:
+            InputError: the state does not fit.
+        """
+        state.choices.check(self.choices)
+        cursor, counts = state.cursor, self._counts
+        check_state(state, self._state(cursor), RunState)
+        if not (0 <= cursor.phase < len(counts) and 0 <= cursor.done <= counts[cursor.phase]):
+            raise InputError(
+                f"the saved state is at step {cursor.done} of phase {cursor.phase + 1}; here the phases have "
+                f"{', '.join(map(str, counts))} steps"
+            )
+        if cursor.tick != sum(counts[: cursor.phase]) + cursor.done:
+            raise InputError(f"the saved state is at step {cursor.tick}, which is not {cursor}")
+        self._waiting.clear()
+        self._restore_own(state.own)
+        self._parts.soft.restore_state(state.soft)
+        self._parts.carrier.restore_state(state.carrier)
+        self._gas.restore_state(state.gas)
+        self._parts.actuation.restore_state(state.devices)
+        self._cursor = cursor
+
+    def _begin_phase(self, planned: PhasePlan, flange: Pose) -> None:
+        """Change what is held, how the gas is given and what devices do, with the flange where it is."""
+        planned.holding.apply(self._parts.soft, flange)
+        self._gas.begin(planned.gas, self._parts.soft)
+        self._parts.actuation.begin_phase(planned, self._parts.soft)
+
+    @abstractmethod
+    def _start(self, began: float) -> Snapshot:
+        """Bring everything to rest where the plan starts; `began` is when the work on it did."""
+
+    @abstractmethod
+    def _take(self, planned: PhasePlan, to: Cursor, most: int) -> Sequence[Snapshot]:
+        """Take the step of a phase that ends at `to`, and those after it, but not more than `most`."""
+
+    @abstractmethod
+    def _step_of(self, planned: PhasePlan, to: Cursor) -> tuple[str, float]:
+        """Return what the step that ends at `to` is called, and the share of the phase's ramp there."""
+
+    @abstractmethod
+    def _save_own(self) -> Any:
+        """Return what the steps to come depend on besides soft side, carrier and gas; None for nothing."""
+
+    @abstractmethod
+    def _restore_own(self, state: Any) -> None:
+        """Return to a state of `_save_own`.
+
+        Raises:
+            InputError: the state is of a run in the other mode.
+        """

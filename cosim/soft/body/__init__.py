@@ -1,0 +1,1 @@
+"""The soft body as one: its chambers, centre line, attachments and copies."""

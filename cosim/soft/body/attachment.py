@@ -1,0 +1,106 @@
+"""A soft body on the tip of another one: both become one body, joined by a stiff plate."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import final
+
+import numpy as np
+
+from cosim.base.frames import Pose
+from cosim.base.names import ONLY_CHAMBER
+from cosim.errors import MeshError
+from cosim.soft.body.body import SoftBody
+from cosim.soft.body.gas_chamber import GasChamber
+from cosim.soft.elements.frame_ring import FrameRings
+
+
+@final
+@dataclass(frozen=True)
+class Plate:
+    """The stiff plate between two bodies.
+
+    Args:
+        mass_kg: spread evenly over the nodes that it joins.
+        stiffness_N_m: of the springs that keep its shape.
+    """
+
+    mass_kg: float
+    stiffness_N_m: float
+
+
+def attached(
+    body: SoftBody, own_chamber: str, part: SoftBody, name: str, body_from_part: Pose, plate: Plate
+) -> SoftBody:
+    """Return a body with a part on its tip; the base of the part and the tip of the body sit on one plate.
+
+    Base and tip stay those of the body. Rings, cables' places and chambers of the part come after the body's;
+    its rings are called `name/` and their own name, its chambers too, or `name` where it has only one.
+
+    Args:
+        body: that carries.
+        own_chamber: name of the body's chamber, where it has only one.
+        part: that is carried.
+        name: of the part.
+        body_from_part: where it is.
+        plate: that joins them.
+
+    Raises:
+        MeshError: films, fold barriers, or ends (closed or open) of the two differ.
+    """
+    _check_alike(body, part, name)
+    shift = body.nodes
+    positions = np.concatenate([body.positions, body_from_part.apply(part.positions)])
+    joined = np.unique(np.concatenate([body.tip, part.base + shift]))
+    mass = np.concatenate([body.node_mass, part.node_mass])
+    mass[joined] += plate.mass_kg / len(joined)
+    moved = () if part.frames is None else (part.frames.shifted(shift),)
+    return replace(
+        body,
+        positions=positions,
+        membranes=replace(
+            body.membranes,
+            triangles=np.concatenate([body.membranes.triangles, part.membranes.triangles + shift]),
+            shape_gradients=np.concatenate([body.membranes.shape_gradients, part.membranes.shape_gradients]),
+            areas=np.concatenate([body.membranes.areas, part.membranes.areas]),
+        ),
+        hinges=replace(
+            body.hinges,
+            nodes=np.concatenate([body.hinges.nodes, part.hinges.nodes + shift]),
+            stiffness=np.concatenate([body.hinges.stiffness, part.hinges.stiffness]),
+            rest_angle=np.concatenate([body.hinges.rest_angle, part.hinges.rest_angle]),
+        ),
+        caps=(*body.caps, *(cap + shift for cap in part.caps)),
+        cables=(*body.cables, *(replace(cable, nodes=cable.nodes + shift) for cable in part.cables)),
+        node_mass=mass,
+        rings={**body.rings, **{f"{name}/{key}": ring + shift for key, ring in part.rings.items()}},
+        plates=(
+            *body.plates,
+            *moved,
+            *(entry.shifted(shift) for entry in part.plates),
+            FrameRings.plate(positions, joined, plate.stiffness_N_m),
+        ),
+        chambers=_chambers(body, own_chamber, part, name),
+    )
+
+
+def _chambers(body: SoftBody, own_chamber: str, part: SoftBody, name: str) -> tuple[GasChamber, ...]:
+    own = tuple(
+        replace(chamber, name=own_chamber) if chamber.name == ONLY_CHAMBER else chamber
+        for chamber in body.gas_chambers
+    )
+    triangles, caps = len(body.membranes.triangles), len(body.caps)
+    return own + tuple(
+        chamber.shifted(name if chamber.name == ONLY_CHAMBER else f"{name}/{chamber.name}", triangles, caps)
+        for chamber in part.gas_chambers
+    )
+
+
+def _check_alike(body: SoftBody, part: SoftBody, name: str) -> None:
+    for what, one, other in (
+        ("film", body.membranes.film, part.membranes.film),
+        ("fold barrier", body.hinges.fold_barrier_rad, part.hinges.fold_barrier_rad),
+        ("ends closed", body.closed, part.closed),
+    ):
+        if one != other:
+            raise MeshError(f"{name} cannot be attached: {what} is {other}, that of the carrier is {one}")

@@ -1,0 +1,181 @@
+"""The soft body: what it is made of (frozen) and the loads on it (frozen)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import final
+
+import numpy as np
+
+from cosim.base.frames import Array, IntArray, cross
+from cosim.base.names import ONLY_CHAMBER
+from cosim.errors import MeshError
+from cosim.soft.body.gas_chamber import (
+    GasChamber,
+    check_chambers,
+)
+from cosim.soft.elements.cable import Cable
+from cosim.soft.elements.frame_ring import FrameRings
+from cosim.soft.elements.hinge import Hinges
+from cosim.soft.elements.material import Film
+from cosim.soft.elements.membrane import Membranes
+from cosim.soft.geometry.surface import dihedral_angle
+
+
+@final
+@dataclass(frozen=True)
+class SoftBody:
+    """A film chamber with hinges and cables, described once.
+
+    Args:
+        positions: (n, 3) [m], drawn shape, frame of the flange.
+        membranes: film triangles.
+        hinges: rotational springs.
+        caps: hole rings that close the chamber, fan normals outward.
+        closed: whether the caps carry pressure; False is the paper's open chamber.
+        cables: routed cables.
+        node_mass: (n,) [kg].
+        base: nodes that follow the flange.
+        tip: nodes of the last hole ring, in order.
+        rings: names of node groups.
+        frames: stiff frames around rings, or None.
+        plates: stiff plates, each joining a group of nodes.
+        chambers: which parts enclose a gas of their own; none: all of it encloses one.
+    """
+
+    positions: Array
+    membranes: Membranes
+    hinges: Hinges
+    caps: tuple[IntArray, ...]
+    closed: bool
+    cables: tuple[Cable, ...]
+    node_mass: Array
+    base: IntArray
+    tip: IntArray
+    rings: Mapping[str, IntArray] = field(default_factory=dict)
+    frames: FrameRings | None = None
+    plates: tuple[FrameRings, ...] = ()
+    chambers: tuple[GasChamber, ...] = ()
+
+    def __post_init__(self) -> None:
+        count = len(self.positions)
+        groups: dict[str, IntArray] = {
+            "triangles": self.membranes.triangles,
+            "hinges": self.hinges.nodes,
+            "base": self.base,
+            "tip": self.tip,
+            **{f"cap {k}": ring for k, ring in enumerate(self.caps)},
+            "frames": np.zeros(0, np.int64) if self.frames is None else self.frames.rings,
+            **{f"plate {k}": plate.rings for k, plate in enumerate(self.plates)},
+            **{f"cable {k}": cable.nodes for k, cable in enumerate(self.cables)},
+        }
+        for name, nodes in groups.items():
+            if nodes.size and (nodes.min() < 0 or nodes.max() >= count):
+                bad = int(nodes.min() if nodes.min() < 0 else nodes.max())
+                raise MeshError(f"{name} refers to node {bad}; there are nodes 0 to {count - 1}")
+        mass = self.node_mass
+        if mass.shape != (count,) or not ((mass >= 0.0) & (mass < np.inf)).all():
+            raise MeshError(f"node masses must be {count} finite numbers that are not negative")
+        if not np.isfinite(self.positions).all():
+            raise MeshError("the drawn shape holds positions that are not finite")
+        check_chambers(self.chambers, len(self.membranes.triangles), len(self.caps))
+
+    @property
+    def gas_chambers(self) -> tuple[GasChamber, ...]:
+        """The chambers; one that encloses all of the body where none are named."""
+        if self.chambers:
+            return self.chambers
+        return (
+            GasChamber(ONLY_CHAMBER, np.arange(len(self.membranes.triangles)), tuple(range(len(self.caps)))),
+        )
+
+    @classmethod
+    def from_arrays(
+        cls,
+        positions: Array,
+        triangles: IntArray,
+        film: Film,
+        *,
+        hinge_nodes: IntArray | None = None,
+        hinge_stiffness: Array | float = 0.0,
+        hinge_rest_angle: Array | None = None,
+        fold_barrier_rad: float = 0.0,
+        caps: tuple[IntArray, ...] = (),
+        closed: bool = True,
+        cables: tuple[Cable, ...] = (),
+        node_mass: Array | float = 0.0,
+        base: IntArray | None = None,
+        tip: IntArray | None = None,
+        rings: Mapping[str, IntArray] | None = None,
+    ) -> SoftBody:
+        """Return a body from plain arrays, so that foreign meshes run.
+
+        Args:
+            positions: (n, 3) [m], stress-free shape of the film.
+            triangles: (m, 3), outward orientation.
+            film: material.
+            hinge_nodes: (h, 4) nodes i, j, k, l; j-k is the edge.
+            hinge_stiffness: (h,) or one number [N m/rad].
+            hinge_rest_angle: (h,) [rad]; the drawn shape's angles if omitted.
+            fold_barrier_rad: angle below which the fold barrier acts; 0 for none.
+            caps: rings that close the chamber.
+            closed: whether the caps carry pressure.
+            cables: routed cables.
+            node_mass: (n,) or one number [kg].
+            base: nodes that follow the flange.
+            tip: nodes whose mean is the tip, in order around the ring.
+            rings: names of node groups.
+
+        Raises:
+            MeshError: degenerate triangles, unknown nodes, negative masses.
+        """
+        x = np.array(positions, dtype=np.float64, order="C")
+        tri = _indices(triangles)
+        if tri.size and (tri.min() < 0 or tri.max() >= len(x)):
+            raise MeshError(f"triangles refer to node {int(tri.max())}; there are nodes 0 to {len(x) - 1}")
+        nodes = np.zeros((0, 4), np.int64) if hinge_nodes is None else _indices(hinge_nodes)
+        stiffness = np.array(np.broadcast_to(hinge_stiffness, (len(nodes),)), dtype=np.float64)
+        if nodes.size and (nodes.min() < 0 or nodes.max() >= len(x)):
+            raise MeshError(f"hinges refer to node {int(nodes.max())}; there are nodes 0 to {len(x) - 1}")
+        rest = dihedral_angle(x, nodes) if hinge_rest_angle is None else np.array(hinge_rest_angle)
+        return cls(
+            positions=x,
+            membranes=Membranes.from_shape(x, tri, film),
+            hinges=Hinges(nodes, stiffness, rest, fold_barrier_rad),
+            caps=tuple(_indices(ring) for ring in caps),
+            closed=closed,
+            cables=cables,
+            node_mass=np.array(np.broadcast_to(node_mass, (len(x),)), dtype=np.float64),
+            base=_indices(() if base is None else base),
+            tip=_indices(() if tip is None else tip),
+            rings=dict(rings or {}),
+        )
+
+    @property
+    def nodes(self) -> int:
+        """Number of nodes."""
+        return len(self.positions)
+
+    @property
+    def mass_kg(self) -> float:
+        """Total mass."""
+        return float(self.node_mass.sum())
+
+    def tip_position(self, positions: Array) -> Array:
+        """Return the mean of the tip ring (3,) [m]."""
+        return np.asarray(positions[self.tip].mean(axis=0))
+
+    def tip_direction(self, positions: Array) -> Array:
+        """Return the unit normal (3,) of the tip ring, pointing away from the body.
+
+        The vector area of the ring, sum_i r_i x r_i+1 / 2, as ordered for the cap.
+        """
+        r = positions[self.tip]
+        area = cross(r, r[np.arange(1, len(r) + 1) % len(r)]).sum(axis=0)
+        return np.asarray(area / np.linalg.norm(area))
+
+
+def _indices(values: object) -> IntArray:
+    """Return a copy that can be written to: of one that can't, kernels would be compiled a second time."""
+    return np.array(values, dtype=np.int64, order="C")

@@ -1,0 +1,60 @@
+"""The line through the centres of a chamber's hole rings."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import int64, void
+
+from cosim.base.frames import Array, IntArray
+from cosim.base.kernels import BLOCKS, MATRIX, VECTOR, kernel
+from cosim.soft.body.body import SoftBody
+
+
+def hole_rings(body: SoftBody) -> IntArray:
+    """Return the hole rings (rings, nodes per ring), base to tip; those of the first of several copies."""
+    names = [name for name in body.rings if name.endswith(".hole") and "/" not in name]
+    return np.stack([*(body.rings[name] for name in names), body.rings["tip"]])
+
+
+def center_line_length(rings: IntArray, positions: Array) -> float:
+    """Return the length [m] of the polyline through the rings' centres.
+
+    Args:
+        rings: (rings, nodes per ring), base to tip.
+        positions: (n, 3) [m].
+    """
+    steps = np.diff(positions[rings].mean(axis=1), axis=0)
+    return float(np.sqrt((steps * steps).sum(axis=1)).sum())
+
+
+@kernel(void(BLOCKS, int64, MATRIX, MATRIX, VECTOR))
+def ring_figures(points, nodes, center, normal, length):  # type: ignore[no-untyped-def]
+    """Fill center, normal (k, 3) and length (k,) of k shapes from points (k, n, 3).
+
+    The first `nodes` points are the tip ring in order, sum_i (r_i - r_0) x (r_i+1 - r_0) its normal; the
+    others are the polyline.
+    """
+    area, one, two = np.empty(3), np.empty(3), np.empty(3)
+    for k in range(points.shape[0]):
+        area[:] = 0.0
+        for i in range(1, nodes - 1):
+            for r in range(3):
+                one[r] = points[k, i, r] - points[k, 0, r]
+                two[r] = points[k, i + 1, r] - points[k, 0, r]
+            for r in range(3):
+                s, t = (r + 1) % 3, (r + 2) % 3
+                area[r] += one[s] * two[t] - one[t] * two[s]
+        size = np.sqrt(area[0] * area[0] + area[1] * area[1] + area[2] * area[2])
+        for r in range(3):
+            normal[k, r] = area[r] / size
+            total = 0.0
+            for i in range(nodes):
+                total += points[k, i, r]
+            center[k, r] = total / nodes
+        length[k] = 0.0
+        for i in range(nodes + 1, points.shape[1]):
+            square = 0.0
+            for r in range(3):
+                step = points[k, i, r] - points[k, i - 1, r]
+                square += step * step
+            length[k] += np.sqrt(square)

@@ -1,0 +1,129 @@
+"""What acts on a soft body at one instant."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated, Protocol, final
+
+from cosim.base.frames import Array
+from cosim.errors import InputError
+from cosim.soft.body.gas_chamber import Gases, gas_between, of_each, pressure_between
+from cosim.soft.contact.obstacle_contact import ContactPlanes
+from cosim.soft.contact.self_contact_pairs import FilmPairs
+from cosim.soft.elements.gas import SealedGas
+
+
+class NodalPotential(Protocol):
+    """A further potential of the nodes' positions, for studies of a body."""
+
+    def add(self, positions: Array, gradient: Array, blocks: Array, *, hessian: bool) -> float:
+        """Add its gradient (n, 3) and Hessian blocks; return the energy [J]."""
+
+
+@final
+@dataclass(frozen=True)
+class Loads:
+    """What acts on a body at one instant.
+
+    Args:
+        pressure_Pa: gauge pressure of the gas, in all chambers or in each.
+        cable_tension_N: tension of each cable at its base end; without meaning where its length is commanded.
+        gravity: (3,) [m/s^2].
+        nodal_force: (n, 3) [N], dead load (it keeps its direction), world axes; None for none.
+        gas: sealed gas in place of a given pressure, in all chambers or in each; it needs a closed body.
+        contact: what may be touched; None for nothing.
+        cable_length_m: unstretched length of each cable whose length is commanded, None for one whose tension
+            is; empty where no length is.
+        self_contact: films that may touch one another; None for none.
+        extra: a further potential, such as springs; None for none.
+
+    Raises:
+        InputError: a negative tension: cables cannot push; a length that is not above 0.
+    """
+
+    pressure_Pa: float | Annotated[tuple[float, ...], ("chambers",)] = 0.0
+    cable_tension_N: Annotated[tuple[float, ...], ("cables",)] = ()
+    gravity: tuple[float, float, float] = (0.0, 0.0, -9.81)
+    nodal_force: Annotated[Array, ("nodes", 3)] | None = None
+    gas: Gases = None
+    contact: ContactPlanes | None = None
+    cable_length_m: tuple[float | None, ...] = ()
+    self_contact: FilmPairs | None = None
+    extra: NodalPotential | None = None
+
+    def __post_init__(self) -> None:
+        if not all(tension >= 0.0 for tension in self.cable_tension_N):
+            raise InputError(
+                f"cable tensions are {self.cable_tension_N} N; a cable cannot push, give 0 or more"
+            )
+        if not all(length is None or length > 0.0 for length in self.cable_length_m):
+            raise InputError(f"cable lengths are {self.cable_length_m} m; they must be above 0")
+
+    def pressures(self, chambers: int) -> tuple[float, ...]:
+        """Return the given gauge pressure [Pa] of each of so many chambers.
+
+        Raises:
+            InputError: there are more or fewer values than chambers.
+        """
+        return of_each(self.pressure_Pa, chambers, "pressure")
+
+    def gases(self, chambers: int) -> tuple[SealedGas | None, ...]:
+        """Return the sealed gas of each of so many chambers, None where the pressure is given.
+
+        Raises:
+            InputError: there are more or fewer values than chambers.
+        """
+        return of_each(self.gas, chambers, "gas")
+
+    def pressures_at(self, volumes_m3: tuple[float, ...]) -> tuple[float, ...]:
+        """Return the gauge pressure [Pa] in each chamber, that of sealed gases at these volumes [m^3]."""
+        given = self.pressures(len(volumes_m3))
+        gases = zip(self.gases(len(volumes_m3)), given, volumes_m3, strict=True)
+        return tuple(p if gas is None else gas.gauge_pressure(volume) for gas, p, volume in gases)
+
+    def interpolated(self, end: Loads, share: float) -> Loads:
+        """Return the loads at a share of the way to others; exactly those at 1.
+
+        Between two sealed gases the mass changes at the first one's volume; sealing is done at once, and so
+        is the change of a cable from commanded tension to commanded length.
+        """
+        if share >= 1.0:
+            return end
+        pulls = zip(self.cable_tension_N, end.cable_tension_N, strict=True)
+        tension = tuple(float((1.0 - share) * a + share * b) for a, b in pulls)
+        pairs = zip(self.gravity, end.gravity, strict=True)
+        gx, gy, gz = (float((1.0 - share) * a + share * b) for a, b in pairs)
+        pressure = pressure_between(self.pressure_Pa, end.pressure_Pa, share)
+        force = _weighted(self.nodal_force, end.nodal_force, share)
+        gas = gas_between(self.gas, end.gas, share)
+        lengths = _lengths(self.cable_length_m, end.cable_length_m, share)
+        return Loads(
+            pressure,
+            tension,
+            (gx, gy, gz),
+            force,
+            gas,
+            end.contact,
+            lengths,
+            end.self_contact,
+            end.extra,
+        )
+
+
+def _weighted(begin: Array | None, end: Array | None, share: float) -> Array | None:
+    """Return (1 - share) begin + share end, where None stands for zero."""
+    if begin is None or end is None:
+        return share * end if end is not None else (1.0 - share) * begin if begin is not None else None
+    return (1.0 - share) * begin + share * end
+
+
+def _lengths(
+    begin: tuple[float | None, ...], end: tuple[float | None, ...], share: float
+) -> tuple[float | None, ...]:
+    """Return the commanded lengths between two, of the cables that have one at the end."""
+    if len(begin) != len(end):
+        return end
+    return tuple(
+        b if a is None or b is None else (1.0 - share) * a + share * b
+        for a, b in zip(begin, end, strict=True)
+    )

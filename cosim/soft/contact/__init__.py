@@ -1,0 +1,1 @@
+"""Contact of the film with the scene's objects and with itself."""

@@ -1,0 +1,273 @@
+"""Contact of film with film: points of one unit on triangles of another, exactly conservative.
+
+A point y = sum_a w_a x_a presses on the plane of a triangle (x_1, x_2, x_3) of unit normal n, out of its gas:
+
+    d = n . (y - x_1),   d(d) = n . (dy - sum_j b_j dx_j)
+
+with b_j the barycentric coordinates of y's foot on the plane: equal and opposite forces along one line, so
+that momentum and angular momentum stay. With g_j the gradients of b_j in the plane, c = (w, -b) and
+G = (0, g) over the six nodes,
+
+    d2(d) / dx_a dx_b = -c_a G_b n^T - c_b n G_a^T - d (G_a . G_b) n n^T.
+
+The energy in d is that of `contact`. Film on film is counted from both sides, with half of the stiffness
+each: the pressure is the law's stiffness per area times the depth of one film in the other. So two equal
+films pressed together answer like each of them on a rigid plane between, under a law twice as stiff and half
+as wide.
+Friction: u = (1 - m m^T)(y - sum_j a_j x_j + stretch), with m the normal and a the foot at the start of
+the step, both frozen; `stretch` is what is left of earlier slips. Equal and opposite as well, but not along
+one line: a moment of the friction times the distance of y from the point that it is tied to is left over.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import final
+
+import numpy as np
+
+from cosim.base.frames import Array, IntArray, Mask
+from cosim.base.kernels import BLOCKS, INDEX_TABLE, MATRIX, REAL, VECTOR, inlined, kernel
+from cosim.soft.contact.obstacle_contact import ContactLaw, dragging_law, pressing_law
+from cosim.soft.contact.self_contact_memory import FilmMemory
+from cosim.soft.elements.blocks import add_block
+from cosim.soft.linear.coupled_pattern import CoupledPattern
+
+_NO_TABLE = np.zeros((0, 0), np.int64)
+_NO_BLOCKS = np.zeros((0, 3, 3))
+
+
+@inlined
+def foot_on_plane(x, corners, y, n, share, slope):  # type: ignore[no-untyped-def]
+    """Fill a triangle's normal, the weights of y's foot and their gradients; return the distance."""
+    for r in range(3):
+        s, q = (r + 1) % 3, (r + 2) % 3
+        n[r] = (x[corners[1], s] - x[corners[0], s]) * (x[corners[2], q] - x[corners[0], q]) - (
+            x[corners[1], q] - x[corners[0], q]
+        ) * (x[corners[2], s] - x[corners[0], s])
+    size = np.sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2])
+    distance = 0.0
+    for r in range(3):
+        n[r] /= size
+        distance += n[r] * (y[r] - x[corners[0], r])
+    for j in range(3):
+        b, c = corners[(j + 1) % 3], corners[(j + 2) % 3]
+        share[j] = 0.0
+        for r in range(3):
+            s, q = (r + 1) % 3, (r + 2) % 3
+            slope[j, r] = (n[s] * (x[c, q] - x[b, q]) - n[q] * (x[c, s] - x[b, s])) / size
+            share[j] += slope[j, r] * (y[r] - x[b, r])
+    return distance
+
+
+@inlined
+def _rub(x, nodes, w, stick, limit, m, stretch, gradient, tangent):  # type: ignore[no-untyped-def]
+    """Fill force and stiffness of one stick spring between two films; return its energy."""
+    u, along, square = np.empty(3), 0.0, 0.0
+    for r in range(3):
+        u[r] = stretch[r]
+        for a in range(6):
+            u[r] += w[a] * x[nodes[a], r]
+        along += m[r] * u[r]
+    for r in range(3):
+        u[r] -= along * m[r]
+        square += u[r] * u[r]
+    level, secant, rate = dragging_law(np.sqrt(square), stick)
+    fold = limit * (rate - secant) / max(square, 1e-300)
+    for r in range(3):
+        gradient[r] = limit * secant * u[r]
+        for c in range(3):
+            tangent[r, c] = fold * u[r] * u[c] - limit * secant * m[r] * m[c]
+        tangent[r, r] += limit * secant
+    return limit * level
+
+
+@inlined
+def _add_normal_part(push, rate, d, n, share, slope, a, b, k):  # type: ignore[no-untyped-def]
+    """Fill the block of nodes a and b: E'' c_a c_b n n^T + E' d2(d), E' = -push."""
+    outer = rate * share[a] * share[b]
+    for r in range(3):
+        outer += push * d * slope[a, r] * slope[b, r]
+    for r in range(3):
+        for c in range(3):
+            turning = share[a] * slope[b, r] * n[c] + share[b] * n[r] * slope[a, c]
+            k[r, c] = outer * n[r] * n[c] + push * turning
+
+
+@kernel(
+    REAL(
+        MATRIX, INDEX_TABLE, MATRIX, VECTOR, VECTOR, MATRIX, MATRIX, MATRIX, REAL, REAL, INDEX_TABLE, MATRIX,
+        BLOCKS, MATRIX,
+    )
+)  # fmt: skip
+def _add_pairs(  # type: ignore[no-untyped-def]
+    x, nodes, weights, stiffness, friction, held, normal, stretch, width, stick, slots, force, blocks, out
+):
+    """Add gradient (and Hessian, if slots is not empty) of all pairs; return the energy [J].
+
+    A row of `out` receives normal force, distance, and the force on the point (3,).
+    """
+    y, n, share, slope = np.empty(3), np.empty(3), np.zeros(6), np.zeros((6, 3))
+    w, rub, k, drag = np.zeros(6), np.empty(3), np.empty((3, 3)), np.empty((3, 3))
+    energy = 0.0
+    for e in range(nodes.shape[0]):
+        for r in range(3):
+            y[r] = 0.0
+            for a in range(3):
+                y[r] += weights[e, a] * x[nodes[e, a], r]
+        d = foot_on_plane(x, nodes[e, 3:], y, n, share[3:], slope[3:])
+        level, push, rate = pressing_law(0.5 * width - d, width)
+        energy += stiffness[e] * level
+        push, rate = stiffness[e] * push, stiffness[e] * rate
+        rub[:], drag[:] = 0.0, 0.0
+        for a in range(3):
+            share[a], share[3 + a] = weights[e, a], -share[3 + a]
+            w[a], w[3 + a] = weights[e, a], -held[e, a]
+        if friction[e] > 0.0:
+            energy += _rub(x, nodes[e], w, stick, friction[e], normal[e], stretch[e], rub, drag)
+        out[e, 0], out[e, 1] = push, d
+        for r in range(3):
+            out[e, 2 + r] = push * n[r] - rub[r]
+        if push == 0.0 and friction[e] == 0.0:
+            continue
+        for a in range(6):
+            for r in range(3):
+                force[nodes[e, a], r] += w[a] * rub[r] - push * share[a] * n[r]
+            for b in range(a + 1 if slots.shape[0] > 0 and (a > 2 or w[a] != 0.0) else 0):
+                if b < 3 and w[b] == 0.0:
+                    continue
+                _add_normal_part(push, rate, d, n, share, slope, a, b, k)
+                for r in range(3):
+                    for c in range(3):
+                        k[r, c] += w[a] * w[b] * drag[r, c]
+                add_block(blocks, slots[e, a * (a + 1) // 2 + b], k)
+    return energy
+
+
+def feet(positions: Array, nodes: IntArray, weights: Array) -> tuple[Array, Array, Array]:
+    """Return where points lie over triangles: weights of the feet (k, 3), normals (k, 3), distances (k,) [m].
+
+    Args:
+        positions: (n, 3) [m].
+        nodes: (k, 6), three of each point and of its triangle.
+        weights: (k, 3) of the point.
+    """
+    y = np.einsum("ka,kar->kr", weights, positions[nodes[:, :3]])
+    a, b, c = (positions[nodes[:, j]] for j in (3, 4, 5))
+    area = np.cross(b - a, c - a)
+    square = np.einsum("kr,kr->k", area, area)
+    opposite = ((b, c), (c, a), (a, b))
+    foot = [np.einsum("kr,kr->k", np.cross(p - y, q - y), area) / square for p, q in opposite]
+    normal = area / np.sqrt(square)[:, None]
+    return np.stack(foot, axis=1), normal, np.einsum("kr,kr->k", normal, y - a)
+
+
+@final
+@dataclass(frozen=True)
+class FilmPairs:
+    """What may touch in one step: points of the film and the triangles they may press on.
+
+    Args:
+        key: (k,) ascending; names the pair of point and unit.
+        triangle: (k,) that the point may press on.
+        nodes: (k, 6), three of the point (unused ones have weight 0), three of the triangle.
+        weights: (k, 3) of the point.
+        stiffness: (k,) [N/m].
+        friction: (k,) [N], largest friction force.
+        foot: (k, 3) weights of the point's foot on the triangle at the start of the step.
+        normal: (k, 3) of the triangle then.
+        stretch: (k, 3) [m], of the stick springs then, world.
+        law: widths of the transitions.
+        coupled: where the Hessian goes.
+        slots: (k, 21) places of the node pairs in it.
+    """
+
+    key: IntArray
+    triangle: IntArray
+    nodes: IntArray
+    weights: Array
+    stiffness: Array
+    friction: Array
+    foot: Array
+    normal: Array
+    stretch: Array
+    law: ContactLaw
+    coupled: CoupledPattern
+    slots: IntArray
+
+    def __len__(self) -> int:
+        return len(self.key)
+
+    def add(self, positions: Array, force: Array, blocks: Array, *, hessian: bool) -> float:
+        """Add gradient and Hessian at positions (n, 3) [m]; return the energy [J].
+
+        Args:
+            positions: (n, 3) [m], world.
+            force: (n, 3) [N], gets the gradient.
+            blocks: (coupled.pattern.blocks, 3, 3) [N/m], gets the Hessian.
+            hessian: whether to.
+        """
+        return self._evaluate(positions, force, blocks, self.slots if hessian else _NO_TABLE)[0]
+
+    def at(self, positions: Array) -> FilmForces:
+        """Return what the pairs press with at positions (n, 3) [m]."""
+        _, out = self._evaluate(positions, np.zeros_like(positions), _NO_BLOCKS, _NO_TABLE)
+        return FilmForces(out[:, 0], out[:, 1], out[:, 2:])
+
+    def memory(self, positions: Array, *, resting: bool = False) -> FilmMemory | None:
+        """Return what the next step knows of the contacts that press at the end of this one; None for none.
+
+        Args:
+            positions: (n, 3) [m], at the end.
+            resting: whether all stick springs are slack, as at the start of a motion.
+        """
+        found = self.at(positions)
+        kept = found.normal_force > 0.0
+        if not kept.any():
+            return None
+        stretch = np.zeros((len(self), 3)) if resting else self._dragged_stretch(positions)
+        return FilmMemory(self.key[kept], found.normal_force[kept], found.distance[kept], stretch[kept])
+
+    def _dragged_stretch(self, positions: Array) -> Array:
+        """Return the stretch (k, 3) [m] of the stick springs after the step, each at most `stick`."""
+        u = np.einsum("ka,kar->kr", self.weights, positions[self.nodes[:, :3]]) + self.stretch
+        u -= np.einsum("ka,kar->kr", self.foot, positions[self.nodes[:, 3:]])
+        u -= np.einsum("kr,kr->k", self.normal, u)[:, None] * self.normal
+        length = np.linalg.norm(u, axis=1)
+        kept = np.minimum(1.0, self.law.stick_m / np.maximum(length, 1e-300))
+        return np.asarray(kept[:, None] * u)
+
+    def rubbing(self, friction: Array, stretch: Array) -> FilmPairs:
+        """Return the same pairs with friction up to (k,) [N] by stick springs stretched by (k, 3) [m]."""
+        return replace(self, friction=friction, stretch=stretch)
+
+    def holding(self, positions: Array, slack: float, reach_m: float) -> Mask:
+        """Return which pairs (k,) still are some: foot in the triangle but for `slack`, distance in reach."""
+        foot, _, distance = feet(positions, self.nodes, self.weights)
+        return np.asarray((foot.min(axis=1) >= -slack) & (np.abs(distance) < reach_m))
+
+    def _evaluate(
+        self, positions: Array, force: Array, blocks: Array, slots: IntArray
+    ) -> tuple[float, Array]:
+        out = np.empty((len(self), 5))
+        energy: float = _add_pairs(
+            positions, self.nodes, self.weights, self.stiffness, self.friction, self.foot, self.normal,
+            self.stretch, self.law.smoothing_m, self.law.stick_m, slots, force, blocks, out,
+        )  # fmt: skip
+        return energy, out
+
+
+@final
+@dataclass(frozen=True)
+class FilmForces:
+    """What pairs press with.
+
+    Args:
+        normal_force: (k,) [N].
+        distance: (k,) [m] of the point from the triangle's plane, negative behind it.
+        force: (k, 3) [N], on the point; the triangle gets the opposite.
+    """
+
+    normal_force: Array
+    distance: Array
+    force: Array

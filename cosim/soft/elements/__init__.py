@@ -1,0 +1,1 @@
+"""Energy terms: films, hinges, gas, cables, stiff frames, weight."""

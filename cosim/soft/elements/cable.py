@@ -1,0 +1,142 @@
+"""Cables under a prescribed tension, routed through eyelets at nodes (commanded lengths: `cable_length`).
+
+Segment i between eyelets has the length L_i and the tension T_i = T_0 c_i, so that
+    energy = sum_i T_i L_i,
+    gradient = T_i t_i on its far node and -T_i t_i on its near node, t_i the unit direction,
+    hessian = T_i / L_i (1 - t_i t_i^T).
+Eyelets that meet would have no direction left, a tip of the energy's cone on which nothing is in balance. So
+below e = 0.1 mm, a film's thickness, L_i stands for the rounded length
+    l = e (3/8 + 3/4 s^2 - 1/8 s^4),   s = L_i / e,
+which joins L_i with its first two derivatives.
+Equal and opposite pairs: a cable adds no net force or moment. c_i = c^(i+1) with a loss factor c per
+eyelet (segment 0 has passed one eyelet), or exp(-mu x wrap angle) up to the segment (capstan). A cable
+cannot push: negative tensions are refused, zero tension is a slack cable.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Final, final
+
+import numpy as np
+
+from cosim.base.frames import Array, IntArray
+from cosim.base.kernels import BLOCKS, INDEX_TABLE, MATRIX, REAL, VECTOR, kernel
+from cosim.errors import InputError
+from cosim.soft.elements.blocks import add_block
+
+ROUNDED_m: Final = 1e-4
+"""e: eyelets nearer to each other than this have met."""
+
+
+@kernel(REAL(MATRIX, INDEX_TABLE, VECTOR, INDEX_TABLE, MATRIX, BLOCKS))
+def add_segments(x, segments, tension, slots, force, blocks):  # type: ignore[no-untyped-def]
+    """Add all segments' gradient to force, their Hessian to blocks if slots is not empty.
+
+    Returns the energy [J].
+    """
+    k = np.empty((3, 3))
+    minus = np.empty((3, 3))
+    t = np.empty(3)
+    with_hessian = slots.shape[0] > 0
+    energy = 0.0
+    for e in range(segments.shape[0]):
+        pull = tension[e]
+        if pull == 0.0:
+            continue
+        a, b = segments[e, 0], segments[e, 1]
+        length = 0.0
+        for r in range(3):
+            t[r] = x[b, r] - x[a, r]
+            length += t[r] * t[r]
+        length = np.sqrt(length)
+        if length < ROUNDED_m:
+            s = length / ROUNDED_m
+            energy += pull * ROUNDED_m * (0.375 + s * s * (0.75 - 0.125 * s * s))
+            across, along = pull * (1.5 - 0.5 * s * s) / ROUNDED_m, -pull / ROUNDED_m**3
+        else:
+            energy += pull * length
+            across, along = pull / length, -pull / length**3
+        for r in range(3):
+            force[a, r] -= across * t[r]
+            force[b, r] += across * t[r]
+        if with_hessian:
+            for r in range(3):
+                for c in range(3):
+                    k[r, c] = along * t[r] * t[c]
+                k[r, r] += across
+                for c in range(3):
+                    minus[r, c] = -k[r, c]
+            add_block(blocks, slots[e, 0], k)
+            add_block(blocks, slots[e, 1], minus)
+            add_block(blocks, slots[e, 2], k)
+    return energy
+
+
+@final
+@dataclass(frozen=True)
+class Cable:
+    """One routed cable.
+
+    Args:
+        nodes: (eyelets,) node indices, base to tip; the last one is the anchor.
+        loss_factor: c, tension ratio per eyelet passed (1 for none).
+        friction_coefficient: mu of the capstan law; 0 for none.
+        stiffness_N_m: tension per stretch of the whole cable, E A over its length; acts only where its length
+            is commanded.
+    """
+
+    nodes: IntArray
+    loss_factor: float = 1.0
+    friction_coefficient: float = 0.0
+    stiffness_N_m: float = 1e4
+
+    def __post_init__(self) -> None:
+        if len(self.nodes) < 2 or len(set(np.asarray(self.nodes).tolist())) != len(self.nodes):
+            raise InputError(
+                f"a cable needs at least two different eyelets and no eyelet twice; got nodes "
+                f"{np.asarray(self.nodes).tolist()}"
+            )
+        if not 0.0 < self.loss_factor <= 1.0:
+            raise InputError(f"cable loss factor {self.loss_factor} must lie in (0, 1]")
+        if not self.friction_coefficient >= 0.0:
+            raise InputError(f"cable friction coefficient {self.friction_coefficient} must not be negative")
+        if not 0.0 < self.stiffness_N_m < np.inf:
+            raise InputError(f"cable stiffness {self.stiffness_N_m} N/m must be positive and finite")
+
+    @property
+    def segments(self) -> IntArray:
+        """(eyelets - 1, 2) near and far node of each segment."""
+        return np.stack([self.nodes[:-1], self.nodes[1:]], axis=1)
+
+    def tension_ratio(self, positions: Array) -> Array:
+        """Return T_i / T_0 (eyelets - 1,) at the given shape.
+
+        Args:
+            positions: (n, 3) [m].
+        """
+        ratio = self._frictionless_ratio
+        if self.friction_coefficient > 0.0:
+            step = np.diff(positions[self.nodes], axis=0)
+            step = step / np.maximum(np.linalg.norm(step, axis=1), 1e-300)[:, None]
+            cosine = np.clip((step[1:] * step[:-1]).sum(axis=1), -1.0, 1.0)
+            wrap = np.concatenate([[0.0], np.cumsum(np.arccos(cosine))])
+            ratio = ratio * np.exp(-self.friction_coefficient * wrap)
+        return ratio
+
+    @cached_property
+    def _frictionless_ratio(self) -> Array:
+        ratio: Array = self.loss_factor ** np.arange(1.0, len(self.nodes))
+        return ratio
+
+    def length(self, positions: Array) -> float:
+        """Return the length of the routed polyline [m]."""
+        return float(self.segment_lengths(positions).sum())
+
+    def segment_lengths(self, positions: Array) -> Array:
+        """Return the length of every segment (eyelets - 1,) [m], rounded where eyelets meet."""
+        step = np.diff(positions[self.nodes], axis=0)
+        length = np.sqrt((step * step).sum(axis=1))
+        s = length / ROUNDED_m
+        return np.asarray(np.where(s < 1.0, ROUNDED_m * (0.375 + s * s * (0.75 - 0.125 * s * s)), length))

@@ -1,0 +1,192 @@
+"""Stiff frames around groups of nodes: a group keeps its drawn shape and moves almost like a rigid body.
+
+A group is a ring, or the nodes on one plate. With its drawn positions X (m, 3) and P = 1 - Q Q^T, the columns
+of Q a basis of constants and of coordinates in the plane (or space) of X, P x is how far the nodes deviate
+from the closest affine image of X.
+    energy = k |P x|^2 / 2 + sum over chords k (l - L)^2 / 2,   chords from each node i to node i + m // 3.
+The first term resists warping, out of the plane too, and knows no rigid motion; the chords resist what an
+affine image can still do, stretch and shear. As k grows the ring becomes rigid; the error falls with 1 / k.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import final
+
+import numpy as np
+
+from cosim.base.frames import Array, IntArray
+from cosim.base.kernels import BLOCKS, INDEX_TABLE, MATRIX, REAL, kernel
+from cosim.errors import MeshError
+from cosim.soft.elements.blocks import add_block
+
+_ORDERS_TRIED = 100
+
+
+@kernel(REAL(MATRIX, INDEX_TABLE, BLOCKS, MATRIX, REAL, INDEX_TABLE, MATRIX, BLOCKS))
+def add_frames(x, rings, projections, lengths, stiffness, slots, force, blocks):  # type: ignore[no-untyped-def]
+    """Add all frames' gradient to force and, if slots is not empty, their Hessian to blocks.
+
+    Returns the energy [J].
+    """
+    count = rings.shape[1]
+    with_hessian = slots.shape[0] > 0
+    block = np.zeros((3, 3))
+    u = np.empty(3)
+    energy = 0.0
+    for e in range(rings.shape[0]):
+        for a in range(count):
+            for r in range(3):
+                deviation = 0.0
+                for b in range(count):
+                    deviation += projections[e, a, b] * x[rings[e, b], r]
+                # P P = P: the gradient of |P x|^2 / 2 is P x itself
+                force[rings[e, a], r] += stiffness * deviation
+                energy += 0.5 * stiffness * deviation * deviation
+        if with_hessian:
+            block[:] = 0.0
+            for a in range(count):
+                for b in range(a + 1):
+                    for r in range(3):
+                        block[r, r] = stiffness * projections[e, a, b]
+                    add_block(blocks, slots[e, a * (a + 1) // 2 + b], block)
+        for a in range(count):
+            b = (a + count // 3) % count
+            length = 0.0
+            for r in range(3):
+                u[r] = x[rings[e, b], r] - x[rings[e, a], r]
+                length += u[r] * u[r]
+            length = math.sqrt(length)
+            stretch = length - lengths[e, a]
+            energy += 0.5 * stiffness * stretch * stretch
+            for r in range(3):
+                u[r] /= length
+                force[rings[e, b], r] += stiffness * stretch * u[r]
+                force[rings[e, a], r] -= stiffness * stretch * u[r]
+            if with_hessian:
+                across = stiffness * stretch / length
+                for r in range(3):
+                    for c in range(3):
+                        block[r, c] = (stiffness - across) * u[r] * u[c]
+                    block[r, r] += across
+                high, low = max(a, b), min(a, b)
+                add_block(blocks, slots[e, a * (a + 1) // 2 + a], block)
+                add_block(blocks, slots[e, b * (b + 1) // 2 + b], block)
+                for r in range(3):
+                    for c in range(3):
+                        block[r, c] = -block[r, c]
+                add_block(blocks, slots[e, high * (high + 1) // 2 + low], block)
+    return energy
+
+
+@final
+@dataclass(frozen=True)
+class FrameRings:
+    """Stiff frames of one body; all rings have the same number of nodes.
+
+    Args:
+        rings: (f, m) nodes, in order around each ring.
+        projections: (f, m, m), P.
+        lengths: (f, m) [m], drawn lengths of the chords.
+        stiffness_N_m: k.
+    """
+
+    rings: IntArray
+    projections: Array
+    lengths: Array
+    stiffness_N_m: float
+
+    @classmethod
+    def from_shape(cls, positions: Array, rings: IntArray, stiffness_N_m: float) -> FrameRings:
+        """Return frames that are stress free in the given shape.
+
+        Args:
+            positions: (n, 3) [m], drawn shape.
+            rings: (f, m) nodes, in order around each ring.
+            stiffness_N_m: k.
+
+        Raises:
+            MeshError: a ring has fewer than 3 nodes, lies on a line or is a parallelogram of 4 nodes (its
+                chords are its edges, which let it shear); k is not positive.
+        """
+        rings = np.array(rings, dtype=np.int64, order="C")
+        if rings.ndim != 2 or rings.shape[1] < 3:
+            raise MeshError(
+                f"frame rings have shape {rings.shape}; (rings, nodes), at least 3 nodes, is needed"
+            )
+        if not 0.0 < stiffness_N_m < np.inf:
+            raise MeshError(f"frame stiffness is {stiffness_N_m} N/m; it must be positive")
+        if rings.size and (rings.min() < 0 or rings.max() >= len(positions)):
+            raise MeshError(
+                f"frames refer to node {int(rings.max())}; there are nodes 0 to {len(positions) - 1}"
+            )
+        drawn = positions[rings]
+        projections = np.array([_projection(ring, e) for e, ring in enumerate(drawn)])
+        projections = projections.reshape(len(rings), rings.shape[1], rings.shape[1])
+        chords = np.roll(drawn, -(rings.shape[1] // 3), axis=1) - drawn
+        return cls(rings, projections, np.linalg.norm(chords, axis=2), stiffness_N_m)
+
+    @classmethod
+    def plate(cls, positions: Array, nodes: IntArray, stiffness_N_m: float) -> FrameRings:
+        """Return one frame of nodes that sit on a plate, in any order.
+
+        The order decides which chords there are: of several, the one is taken that resists every strain most.
+
+        Args:
+            positions: (n, 3) [m], drawn shape.
+            nodes: (m,) on the plate.
+            stiffness_N_m: k.
+
+        Raises:
+            MeshError: see `from_shape`.
+        """
+        random = np.random.default_rng(0)
+        orders = [nodes, *(random.permutation(nodes) for _ in range(_ORDERS_TRIED))]
+
+        def weakest(order: IntArray) -> float:
+            strains = _strain_of_chords(positions[order])
+            return float(np.linalg.svd(strains, compute_uv=False).min())
+
+        return cls.from_shape(positions, max(orders, key=weakest)[None], stiffness_N_m)
+
+    def shifted(self, nodes: int) -> FrameRings:
+        """Return the same frames where this many nodes come before theirs."""
+        return replace(self, rings=self.rings + nodes)
+
+    def add(self, positions: Array, slots: IntArray, force: Array, blocks: Array) -> float:
+        """Add the gradient to force and, if slots is not empty, the Hessian to blocks; return the energy [J].
+
+        Args:
+            positions: (n, 3) [m], C-contiguous.
+            slots: (f, m (m + 1) / 2) of the pattern, or empty.
+            force: (n, 3) [N].
+            blocks: (pattern.blocks, 3, 3) [N/m].
+        """
+        energy: float = add_frames(
+            positions, self.rings, self.projections, self.lengths, self.stiffness_N_m, slots, force, blocks
+        )
+        return energy
+
+
+def _projection(ring: Array, number: int) -> Array:
+    """Return P (m, m) of one ring's drawn positions (m, 3)."""
+    centred = ring - ring.mean(axis=0)
+    directions, sizes, _ = np.linalg.svd(centred, full_matrices=False)
+    if sizes[1] < 1e-6 * sizes[0] or sizes[0] == 0.0:
+        raise MeshError(f"frame ring {number} lies on a line; a frame needs a plane")
+    wide = sizes > 1e-6 * sizes[0]
+    spread = directions[:, wide] * sizes[wide]
+    if np.linalg.matrix_rank(_strain_of_chords(spread), tol=1e-6 * sizes[0]) < math.comb(wide.sum() + 1, 2):
+        raise MeshError(f"frame ring {number} can shear along its chords; add nodes to it")
+    # a drawn ring that is not flat has a third coordinate to keep
+    basis = np.column_stack([np.full(len(ring), len(ring) ** -0.5), directions[:, wide]])
+    return np.asarray(np.eye(len(ring)) - basis @ basis.T)
+
+
+def _strain_of_chords(points: Array) -> Array:
+    """Return the stretch (m, strains) [m] of each chord of points (m, d) by each affine strain."""
+    chord = np.roll(points, -(len(points) // 3), axis=0) - points
+    first, second = np.triu_indices(points.shape[1])
+    length = np.linalg.norm(chord, axis=1)
+    return np.asarray(chord[:, first] * chord[:, second] / length[:, None])

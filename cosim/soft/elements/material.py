@@ -1,0 +1,79 @@
+"""The material of the film: elastic constants, thickness, and the law by which it answers to strain."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Final, Literal, TypeAlias, final
+
+import numpy as np
+
+from cosim.base.frames import Array
+from cosim.errors import InputError
+
+FilmLaw: TypeAlias = Literal["plain", "tension_field", "edge_strain"]
+
+PLAIN: Final = 0
+TENSION_FIELD: Final = 1
+EDGE_STRAIN: Final = 2
+_LAWS: dict[str, int] = {"plain": PLAIN, "tension_field": TENSION_FIELD, "edge_strain": EDGE_STRAIN}
+
+
+@final
+@dataclass(frozen=True)
+class Film:
+    """Isotropic elastic film.
+
+    Args:
+        young_modulus_Pa: Young's modulus.
+        poisson_ratio: between -1 and 1 (plane stress; 1/2 is incompressible).
+        thickness_m: thickness.
+        law: how the film answers to strain.
+        compressive_fraction: of the plain law's compressive stiffness that a "tension_field" keeps, 0 to 1.
+
+    Raises:
+        InputError: a constant out of its bounds, an unknown law, or a fraction that does not fit it.
+    """
+
+    young_modulus_Pa: float
+    poisson_ratio: float
+    thickness_m: float
+    law: FilmLaw = "plain"
+    compressive_fraction: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name in ("young_modulus_Pa", "thickness_m"):
+            if not 0.0 < getattr(self, name) < math.inf:
+                raise InputError(f"{name} is {getattr(self, name)}; it must be positive and finite")
+        if not -1.0 < self.poisson_ratio < 1.0:
+            raise InputError(
+                f"poisson_ratio is {self.poisson_ratio}; it must lie between -1 and 1 (exclusive)"
+            )
+        if self.law not in _LAWS:
+            raise InputError(f"film law {self.law!r} is unknown; there are {', '.join(_LAWS)}")
+        if not 0.0 <= self.compressive_fraction <= 1.0:
+            raise InputError(f"compressive_fraction is {self.compressive_fraction}; it must be 0 to 1")
+        if self.compressive_fraction and self.law != "tension_field":
+            raise InputError(f"compressive_fraction goes with law 'tension_field'; the law is {self.law!r}")
+
+    @property
+    def law_code(self) -> int:
+        """The law as the kernels know it."""
+        return _LAWS[self.law]
+
+    @property
+    def membrane_stiffness(self) -> Array:
+        """(3, 3) [N/m]: maps (E11, E22, 2 E12) to (N11, N22, N12)."""
+        nu = self.poisson_ratio
+        factor = self.young_modulus_Pa * self.thickness_m / (1.0 - nu * nu)
+        return factor * np.array([[1.0, nu, 0.0], [nu, 1.0, 0.0], [0.0, 0.0, 0.5 * (1.0 - nu)]])
+
+    @property
+    def bending_stiffness_Nm(self) -> float:
+        """E t^3 / 12 [N m], the paper's hinge stiffness for unit edge factor."""
+        return self.young_modulus_Pa * self.thickness_m**3 / 12.0
+
+    @property
+    def flexural_rigidity_Nm(self) -> float:
+        """E t^3 / (12 (1 - nu^2)) [N m], bending moment per width over curvature."""
+        return self.bending_stiffness_Nm / (1.0 - self.poisson_ratio**2)

@@ -1,0 +1,97 @@
+"""Energy and gradient of many plain film triangles, without Hessian: in groups, one triangle per lane."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cosim.base.frames import Array
+from cosim.base.kernels import inlined
+
+# Quantity q of a lane is at s[q * LANES + lane], as in `hinge_gradient`.
+LANES = 64
+_D1, _D2, _ENERGY = 0, 3 * LANES, 6 * LANES
+
+
+def in_lanes(shape_gradients: Array, areas: Array) -> Array:
+    """Return g_1 (2), g_2 (2) and A of all triangles by group and lane (groups, 5 LANES), spare lanes zero.
+
+    Args:
+        shape_gradients: (m, 3, 2) [1/m].
+        areas: (m,) [m^2].
+    """
+    groups = -(-len(areas) // LANES)
+    values = np.zeros((5, groups * LANES))
+    values[:4, : len(areas)] = shape_gradients[:, 1:].reshape(-1, 4).T
+    values[4, : len(areas)] = areas
+    return np.ascontiguousarray(values.reshape(5, groups, LANES).transpose(1, 0, 2).reshape(groups, -1))
+
+
+@inlined
+def _gather(x, triangles, first, lanes, s):  # type: ignore[no-untyped-def]
+    """Fill both edges from node 0; lanes to spare repeat the first triangle."""
+    for lane in range(LANES):
+        e = first + (lane if lane < lanes else 0)
+        i, j, k = triangles[e, 0], triangles[e, 1], triangles[e, 2]
+        for r in range(3):
+            s[_D1 + r * LANES + lane] = x[j, r] - x[i, r]
+            s[_D2 + r * LANES + lane] = x[k, r] - x[i, r]
+
+
+@inlined
+def _differentiate(drawn, stiffness, s):  # type: ignore[no-untyped-def]
+    """Replace the edges by the gradients of nodes 1 and 2, and fill the energies."""
+    c00, c01, c02 = stiffness[0, 0], stiffness[0, 1], stiffness[0, 2]
+    c10, c11, c12 = stiffness[1, 0], stiffness[1, 1], stiffness[1, 2]
+    c20, c21, c22 = stiffness[2, 0], stiffness[2, 1], stiffness[2, 2]
+    for lane in range(LANES):
+        ax, ay = drawn[lane], drawn[LANES + lane]
+        bx, by = drawn[2 * LANES + lane], drawn[3 * LANES + lane]
+        area = drawn[4 * LANES + lane]
+        d0, d1, d2 = s[_D1 + lane], s[_D1 + LANES + lane], s[_D1 + 2 * LANES + lane]
+        h0, h1, h2 = s[_D2 + lane], s[_D2 + LANES + lane], s[_D2 + 2 * LANES + lane]
+        f0, f1, f2 = d0 * ax + h0 * bx, d1 * ax + h1 * bx, d2 * ax + h2 * bx
+        k0, k1, k2 = d0 * ay + h0 * by, d1 * ay + h1 * by, d2 * ay + h2 * by
+        e11 = 0.5 * (f0 * f0 + f1 * f1 + f2 * f2 - 1.0)
+        e22 = 0.5 * (k0 * k0 + k1 * k1 + k2 * k2 - 1.0)
+        e12 = f0 * k0 + f1 * k1 + f2 * k2
+        n11 = area * (c00 * e11 + c01 * e22 + c02 * e12)
+        n22 = area * (c10 * e11 + c11 * e22 + c12 * e12)
+        n12 = area * (c20 * e11 + c21 * e22 + c22 * e12)
+        s[_ENERGY + lane] = 0.5 * (e11 * n11 + e22 * n22 + e12 * n12)
+        p1, q1 = n11 * ax + n12 * ay, n12 * ax + n22 * ay
+        p2, q2 = n11 * bx + n12 * by, n12 * bx + n22 * by
+        s[_D1 + lane], s[_D2 + lane] = f0 * p1 + k0 * q1, f0 * p2 + k0 * q2
+        s[_D1 + LANES + lane], s[_D2 + LANES + lane] = f1 * p1 + k1 * q1, f1 * p2 + k1 * q2
+        s[_D1 + 2 * LANES + lane], s[_D2 + 2 * LANES + lane] = f2 * p1 + k2 * q1, f2 * p2 + k2 * q2
+
+
+@inlined
+def _scatter(triangles, first, lanes, s, force):  # type: ignore[no-untyped-def]
+    """Add a group's gradient to force; return its energy."""
+    energy = 0.0
+    for lane in range(lanes):
+        e = first + lane
+        i, j, k = triangles[e, 0], triangles[e, 1], triangles[e, 2]
+        energy += s[_ENERGY + lane]
+        for r in range(3):
+            one, two = s[_D1 + r * LANES + lane], s[_D2 + r * LANES + lane]
+            force[j, r] += one
+            force[k, r] += two
+            force[i, r] -= one + two
+    return energy
+
+
+@inlined
+def add_membrane_gradients(x, triangles, drawn, stiffness, force):  # type: ignore[no-untyped-def]
+    """Add the gradient of all triangles of the plain law to force; return the energy [J].
+
+    `drawn` is what `in_lanes` returns.
+    """
+    s = np.empty(7 * LANES)
+    energy = 0.0
+    for first in range(0, triangles.shape[0], LANES):
+        lanes = min(LANES, triangles.shape[0] - first)
+        _gather(x, triangles, first, lanes, s)
+        _differentiate(drawn[first // LANES], stiffness, s)
+        energy += _scatter(triangles, first, lanes, s, force)
+    return energy

@@ -1,0 +1,171 @@
+"""Gas pressure on the film: energy -p V with V the volume enclosed by the film and its caps.
+
+V = sum over triangles of a . (b x c) / 6. A cap closes a hole ring by a fan to the ring's mean point c,
+which is no node:  V_cap = c . sum_i (r_i x r_i+1) / 6.
+Closed, the follower pressure is conservative and its stiffness symmetric.
+An open chamber (the paper's model) feels no cap force; its load has no energy. `add_cap_forces`
+subtracts what the caps contribute, so that each film node carries a third of its triangles' p A.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cosim.base.frames import Array, IntArray, cross_matrix
+from cosim.base.kernels import BLOCKS, INDEX_TABLE, INDICES, MATRIX, REAL, inlined, kernel
+from cosim.soft.elements.blocks import add_block
+
+
+@inlined
+def _cross_block(v, factor, out):  # type: ignore[no-untyped-def]
+    """Fill out with factor * S(v), S(v) b = v x b."""
+    out[0, 0] = out[1, 1] = out[2, 2] = 0.0
+    out[0, 1] = -factor * v[2]
+    out[0, 2] = factor * v[1]
+    out[1, 0] = factor * v[2]
+    out[1, 2] = -factor * v[0]
+    out[2, 0] = -factor * v[1]
+    out[2, 1] = factor * v[0]
+
+
+@kernel(REAL(MATRIX, INDEX_TABLE, REAL, INDEX_TABLE, MATRIX, BLOCKS))
+def add_pressure(x, triangles, pressure, slots, force, blocks):  # type: ignore[no-untyped-def]
+    """Add the gradient of -p V of all film triangles to force, its Hessian to blocks if slots is not empty.
+
+    Returns the triangles' share of V [m^3].
+    """
+    k = np.empty((3, 3))
+    with_hessian = slots.shape[0] > 0
+    sixth = pressure / 6.0
+    volume = 0.0
+    for e in range(triangles.shape[0]):
+        ia, ib, ic = triangles[e, 0], triangles[e, 1], triangles[e, 2]
+        for r in range(3):
+            s, t = (r + 1) % 3, (r + 2) % 3
+            bc = x[ib, s] * x[ic, t] - x[ib, t] * x[ic, s]
+            volume += x[ia, r] * bc
+            force[ia, r] -= sixth * bc
+            force[ib, r] -= sixth * (x[ic, s] * x[ia, t] - x[ic, t] * x[ia, s])
+            force[ic, r] -= sixth * (x[ia, s] * x[ib, t] - x[ia, t] * x[ib, s])
+        if with_hessian:
+            # d(b x c)/db = -S(c), d(c x a)/dc = -S(a), d(b x c)/dc = S(b)
+            _cross_block(x[ic], -sixth, k)  # pair (b, a)
+            add_block(blocks, slots[e, 1], k)
+            _cross_block(x[ib], sixth, k)  # pair (c, a)
+            add_block(blocks, slots[e, 3], k)
+            _cross_block(x[ia], -sixth, k)  # pair (c, b)
+            add_block(blocks, slots[e, 4], k)
+    return volume / 6.0
+
+
+@kernel(REAL(MATRIX, INDEX_TABLE, INDICES, INDICES))
+def volume_inside(x, triangles, rings, starts):  # type: ignore[no-untyped-def]
+    """Return V [m^3] alone; cap k has the nodes rings[starts[k] : starts[k + 1]]."""
+    film = 0.0
+    for e in range(triangles.shape[0]):
+        ia, ib, ic = triangles[e, 0], triangles[e, 1], triangles[e, 2]
+        for r in range(3):
+            s, t = (r + 1) % 3, (r + 2) % 3
+            film += x[ia, r] * (x[ib, s] * x[ic, t] - x[ib, t] * x[ic, s])
+    volume = film / 6.0
+    total, area = np.empty(3), np.empty(3)
+    for k in range(starts.shape[0] - 1):
+        volume += _cap_volume(x, rings[starts[k] : starts[k + 1]], total, area)
+    return volume
+
+
+@inlined
+def _cap_volume(x, ring, total, area):  # type: ignore[no-untyped-def]
+    """Return a cap's share of V [m^3]; fill in the sums of r_i and of r_i x r_i+1."""
+    count = ring.shape[0]
+    total[:] = 0.0
+    area[:] = 0.0
+    for i in range(count):
+        a, b = ring[i], ring[(i + 1) % count]
+        for r in range(3):
+            s, t = (r + 1) % 3, (r + 2) % 3
+            total[r] += x[a, r]
+            area[r] += x[a, s] * x[b, t] - x[a, t] * x[b, s]
+    return (total[0] * area[0] + total[1] * area[1] + total[2] * area[2]) / (6.0 * count)
+
+
+@inlined
+def _add_cap_hessian(x, ring, factor, total, slots, blocks, k):  # type: ignore[no-untyped-def]
+    """Add the second derivatives of -p V of one cap; ring nodes are coupled pairwise."""
+    count = ring.shape[0]
+    vector = np.empty(3)
+    pair = 0
+    for a in range(count):
+        for b in range(a + 1):
+            # rows a, columns b of d/dr_b [area + (r_a+1 - r_a-1) x total]
+            for r in range(3):
+                da = x[ring[(a + 1) % count], r] - x[ring[(a - 1) % count], r]
+                db = x[ring[(b + 1) % count], r] - x[ring[(b - 1) % count], r]
+                vector[r] = da - db
+                if b == (a + 1) % count:
+                    vector[r] -= total[r]
+                if b == (a - 1) % count:
+                    vector[r] += total[r]
+            _cross_block(vector, -factor, k)
+            add_block(blocks, slots[pair], k)
+            pair += 1
+
+
+@kernel(REAL(MATRIX, INDICES, REAL, INDICES, MATRIX, BLOCKS))
+def add_cap(x, ring, pressure, slots, force, blocks):  # type: ignore[no-untyped-def]
+    """Add the gradient of -p V of one cap to force, its Hessian to blocks if slots is not empty.
+
+    Returns the cap's share of V [m^3].
+    """
+    count = ring.shape[0]
+    with_hessian = slots.shape[0] > 0
+    factor = pressure / (6.0 * count)
+    total, area = np.empty(3), np.empty(3)
+    k = np.empty((3, 3))
+    difference = np.empty(3)
+    volume = _cap_volume(x, ring, total, area)
+    for i in range(count):
+        before, after = ring[(i - 1) % count], ring[(i + 1) % count]
+        for r in range(3):
+            difference[r] = x[after, r] - x[before, r]
+        for r in range(3):
+            s, t = (r + 1) % 3, (r + 2) % 3
+            # d(total . area)/dr_i = area + (r_i+1 - r_i-1) x total
+            force[ring[i], r] -= factor * (area[r] + difference[s] * total[t] - difference[t] * total[s])
+    if with_hessian:
+        _add_cap_hessian(x, ring, factor, total, slots, blocks, k)
+    return volume
+
+
+def cap_force(positions: Array, ring: IntArray, pressure_Pa: float) -> tuple[Array, Array]:
+    """Return the pressure force that a cap would put on its ring, and that force's derivative.
+
+    Each fan triangle (c, r_i, r_i+1) gives a third of its p A to each corner; c's share is spread evenly.
+
+    Args:
+        positions: (n, 3) [m].
+        ring: (k,) nodes, ordered so that the fan's normal points out of the gas.
+        pressure_Pa: gauge pressure.
+
+    Returns:
+        (k, 3) [N] and (3 k, 3 k) [N/m], not symmetric.
+    """
+    r = positions[ring]
+    count = len(ring)
+    mean = r.mean(axis=0)
+    force = np.zeros((count, 3))
+    derivative = np.zeros((count, 3, count, 3))
+    for i in range(count):
+        k = (i + 1) % count
+        share = pressure_Pa / 6.0 * np.cross(r[i] - mean, r[k] - mean)
+        left, right = cross_matrix(r[i] - mean), cross_matrix(r[k] - mean)
+        change = np.zeros((3, count, 3))  # d(share): columns over the ring's nodes
+        change[:, i] -= pressure_Pa / 6.0 * right
+        change[:, k] += pressure_Pa / 6.0 * left
+        change += (pressure_Pa / 6.0 / count * (right - left))[:, None, :]
+        weight = np.full(count, 1.0 / count)
+        weight[i] += 1.0
+        weight[k] += 1.0
+        force += weight[:, None] * share
+        derivative += np.einsum("a,rbs->arbs", weight, change)
+    return force, derivative.reshape(3 * count, 3 * count)

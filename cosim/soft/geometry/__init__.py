@@ -1,0 +1,1 @@
+"""Meshes of soft bodies: stacks of polygons, their refinement, their surface."""

@@ -1,0 +1,226 @@
+"""Pneumatic chambers as triangle meshes: stacks of polygonal units, each two films welded at the rim."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+
+import numpy as np
+
+from cosim.base.frames import Array, IntArray
+from cosim.errors import MeshError
+from cosim.soft.geometry.surface import check_mesh
+
+
+@dataclass(frozen=True, eq=False)
+class Mesh:
+    """A film surface with named rings.
+
+    Frame: the tool's. The base ring lies at z = 0, the stack grows along +z, away from the flange.
+    Rings run counter-clockwise about +z. `unit_k.hole` is the lower hole ring of unit k = 1, 2, ...;
+    it is also the upper one of unit k - 1. Arrays are read-only.
+
+    Args:
+        positions: (n, 3) [m].
+        triangles: (m, 3) node indices, normals pointing out of the gas.
+        rings: node indices by name: unit_k.hole, unit_k.lower, unit_k.outer, unit_k.upper, tip.
+        caps: rings of the open ends, ordered so that the fan (centre, ring[i], ring[i + 1]) faces outward.
+        sides: corners of the polygon.
+        units: pneumatic units in the stack.
+        base_ring: name of the ring that the flange holds.
+        tip_ring: name of the ring at the free end.
+
+    Raises:
+        MeshError: see `cosim.soft.geometry.surface.check_mesh`; or a ring names a node that does not exist.
+    """
+
+    positions: Array
+    triangles: IntArray
+    rings: Mapping[str, IntArray]
+    caps: tuple[IntArray, ...]
+    sides: int
+    units: int
+    base_ring: str = "unit_1.hole"
+    tip_ring: str = "tip"
+
+    def __post_init__(self) -> None:
+        check_mesh(self.positions, self.triangles)
+        rings = {name: _read_only(ring) for name, ring in self.rings.items()}
+        for name, ring in rings.items():
+            if ring.min() < 0 or ring.max() >= len(self.positions):
+                raise MeshError(
+                    f"ring {name} uses nodes {ring.tolist()}; 0 to {len(self.positions) - 1} exist"
+                )
+        positions = np.array(self.positions, dtype=np.float64)
+        positions.setflags(write=False)
+        object.__setattr__(self, "positions", positions)
+        object.__setattr__(self, "triangles", _read_only(self.triangles))
+        object.__setattr__(self, "rings", MappingProxyType(rings))
+        object.__setattr__(self, "caps", tuple(_read_only(cap) for cap in self.caps))
+
+    @property
+    def seam(self) -> IntArray:
+        """Nodes of all outer rings, where two films are welded, ascending."""
+        return np.unique(np.concatenate([r for name, r in self.rings.items() if name.endswith(".outer")]))
+
+    def ring(self, name: str) -> IntArray:
+        """Return the nodes of a ring.
+
+        Raises:
+            MeshError: there is no ring of that name; the message lists those that exist.
+        """
+        if name not in self.rings:
+            raise MeshError(f"no ring {name!r}; there are {', '.join(self.rings)}")
+        return self.rings[name]
+
+    def corner(self, ring: str, corner: int) -> int:
+        """Return the node of a ring that points to corner 0 .. sides - 1, at any refinement.
+
+        Raises:
+            MeshError: there is no such ring or corner.
+        """
+        if not 0 <= corner < self.sides:
+            raise MeshError(f"no corner {corner}; corners 0 to {self.sides - 1} exist")
+        nodes = self.ring(ring)
+        return int(nodes[corner * len(nodes) // self.sides])
+
+    def corner_line(self, corner: int) -> IntArray:
+        """Return the outer corner nodes of all units, base to tip: a cable's route.
+
+        Raises:
+            MeshError: there is no such corner.
+        """
+        return np.array([self.corner(f"unit_{k}.outer", corner) for k in range(1, self.units + 1)])
+
+
+def _read_only(indices: IntArray) -> IntArray:
+    array = np.array(indices, dtype=np.int64)
+    array.setflags(write=False)
+    return array
+
+
+@dataclass(frozen=True)
+class PolygonalStack:
+    """A stack of n-gonal pneumatic units that share their hole rings.
+
+    Node order per unit: hole n, lower mid ring 2n, outer ring 2n, upper mid ring 2n; last comes the
+    hole ring of the tip. In the rings of 2n, even indices point to corners and odd ones lie on the
+    edge midpoints. Seven triangles per film and side. Source: the drawn shape of Sim-FAST's
+    pneumatic examples (Y. Zhu, CC-BY 4.0).
+
+    Args:
+        sides: corners of the polygon, >= 3.
+        units: >= 1.
+        corner_radius_m: axis to outer corner in the first unit [m].
+        hole_radius_m: axis to corner of the hole, in all units [m].
+        unit_height_m: drawn height of a unit [m].
+        taper: ratio of the corner radii of neighbouring units.
+        mid_ring_fraction: place of the mid rings, 0 at the hole and 1 at the outer ring.
+        ring_heights: heights of lower mid, outer and upper mid ring as fractions of the unit.
+        first_corner_rad: direction of corner 0 about +z [rad]; None: -pi / sides, so that the
+            edge between corners 0 and 1 faces +x.
+
+    Raises:
+        MeshError: a value is out of its bounds; the message names both.
+    """
+
+    sides: int
+    units: int
+    corner_radius_m: float
+    hole_radius_m: float
+    unit_height_m: float
+    taper: float = 1.0
+    mid_ring_fraction: float = 0.5
+    ring_heights: tuple[float, float, float] = (0.25, 0.5, 0.75)
+    first_corner_rad: float | None = None
+
+    def __post_init__(self) -> None:
+        low, middle, high = self.ring_heights
+        smallest = self.corner_radius_m * min(1.0, self.taper ** (self.units - 1))
+        conditions = {
+            f"sides is {self.sides}; at least 3 are needed": self.sides >= 3,
+            f"units is {self.units}; at least 1 is needed": self.units >= 1,
+            f"hole_radius_m is {self.hole_radius_m}; it must be > 0": self.hole_radius_m > 0.0,
+            f"unit_height_m is {self.unit_height_m}; it must be > 0": 0.0 < self.unit_height_m < np.inf,
+            f"taper is {self.taper}; it must be > 0": 0.0 < self.taper < np.inf,
+            f"corner_radius_m is {self.corner_radius_m} and {smallest:.4g} in the smallest unit; "
+            f"it must exceed hole_radius_m = {self.hole_radius_m}": self.hole_radius_m < smallest < np.inf,
+            f"mid_ring_fraction is {self.mid_ring_fraction}; it must lie between 0 and 1 (exclusive)": (
+                0.0 < self.mid_ring_fraction < 1.0
+            ),
+            f"ring_heights are {self.ring_heights}; they must rise between 0 and 1 (exclusive)": (
+                0.0 < low < middle < high < 1.0
+            ),
+        }
+        for message, holds in conditions.items():
+            if not holds:
+                raise MeshError(message)
+
+    def mesh(self) -> Mesh:
+        """Return the drawn shape."""
+        n = self.sides
+        rings, levels = {}, []
+        for unit in range(self.units):
+            start = 7 * n * unit
+            for name, first, count in (("hole", 0, n), ("lower", n, 2 * n), ("outer", 3 * n, 2 * n),
+                                       ("upper", 5 * n, 2 * n)):  # fmt: skip
+                rings[f"unit_{unit + 1}.{name}"] = np.arange(start + first, start + first + count)
+            levels += self._unit_positions(unit)
+        tip = 7 * n * self.units + np.arange(n)
+        rings["tip"] = tip
+        levels.append(self._polygon(self.hole_radius_m, self.units * self.unit_height_m)[::2])
+        triangles = [self._unit_triangles(unit) for unit in range(self.units)]
+        return Mesh(
+            positions=np.concatenate(levels),
+            triangles=np.concatenate(triangles),
+            rings=rings,
+            caps=(rings["unit_1.hole"][::-1], tip),
+            sides=n,
+            units=self.units,
+        )
+
+    def _polygon(self, radius: float, height: float) -> Array:
+        """Corners (even) and edge midpoints (odd) of the polygon at a height: (2 sides, 3) [m]."""
+        first = -np.pi / self.sides if self.first_corner_rad is None else self.first_corner_rad
+        angle = first + 2.0 * np.pi / self.sides * np.arange(self.sides)
+        corners = radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+        points = np.full((2 * self.sides, 3), height)
+        points[::2, :2] = corners
+        points[1::2, :2] = 0.5 * (corners + np.roll(corners, -1, axis=0))
+        return points
+
+    def _unit_positions(self, unit: int) -> list[Array]:
+        outer = self.corner_radius_m * self.taper**unit
+        middle = self.hole_radius_m + self.mid_ring_fraction * (outer - self.hole_radius_m)
+        low, half, high = (self.unit_height_m * (unit + height) for height in self.ring_heights)
+        return [
+            self._polygon(self.hole_radius_m, self.unit_height_m * unit)[::2],
+            self._polygon(middle, low),
+            self._polygon(outer, half),
+            self._polygon(middle, high),
+        ]
+
+    def _unit_triangles(self, unit: int) -> IntArray:
+        """Both films of a unit: the lower faces -z, the upper +z."""
+        n, start = self.sides, 7 * self.sides * unit
+        hole, above = start + np.arange(n), start + 7 * n + np.arange(n)
+        lower, outer, upper = (start + n * first + np.arange(2 * n) for first in (1, 3, 5))
+        return np.concatenate([_film(hole, lower, outer)[:, ::-1], _film(above, upper, outer)])
+
+
+def _film(hole: IntArray, middle: IntArray, outer: IntArray) -> IntArray:
+    """Return the 7 triangles per side of one film, counter-clockwise about +z: (7 sides, 3)."""
+    h, h_next = hole, np.roll(hole, -1)
+    m, m_half, m_next = middle[::2], middle[1::2], np.roll(middle[::2], -1)
+    o, o_half, o_next = outer[::2], outer[1::2], np.roll(outer[::2], -1)
+    corners = [
+        (h, m_half, h_next),
+        (h, m, m_half),
+        (h_next, m_half, m_next),
+        (m, o_half, m_half),
+        (m_half, o_half, m_next),
+        (m, o, o_half),
+        (m_next, o_half, o_next),
+    ]
+    return np.concatenate([np.stack(triangle, axis=1) for triangle in corners])

@@ -1,0 +1,192 @@
+"""Triangulated surfaces: their checks, the edges that fold, the angle at them, the volume they close."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from cosim.base.frames import Array, IntArray
+from cosim.errors import MeshError
+
+SMALLEST_SHAPE_RATIO = 1e-8
+"""Bound on area / (longest edge)^2; an equilateral triangle has 0.43."""
+
+
+def triangle_area(positions: Array, triangles: IntArray) -> Array:
+    """Return the area |(b - a) x (c - a)| / 2 of each triangle.
+
+    Args:
+        positions: (n, 3) [m].
+        triangles: (m, 3) node indices.
+
+    Returns:
+        (m,) [m^2].
+    """
+    a, b, c = (positions[triangles[:, i]] for i in range(3))
+    return np.asarray(0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1))
+
+
+def directed_edges(triangles: IntArray) -> IntArray:
+    """Return the three edges of each triangle in its own sense of rotation.
+
+    Args:
+        triangles: (m, 3) node indices.
+
+    Returns:
+        (3 m, 2); rows 3 t .. 3 t + 2 are the edges ab, bc, ca of triangle t.
+    """
+    return np.asarray(triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2))
+
+
+def check_mesh(positions: Array, triangles: IntArray, *, shape_ratio: float = SMALLEST_SHAPE_RATIO) -> None:
+    """Refuse a surface on which the elements cannot work.
+
+    Args:
+        positions: (n, 3) [m].
+        triangles: (m, 3) node indices.
+        shape_ratio: least allowed area / (longest edge)^2.
+
+    Raises:
+        MeshError: a position is not finite; a triangle names a node that does not exist, repeats a
+            node, or is degenerate; an edge belongs to more than two triangles, or to two that turn
+            opposite ways; a node belongs to no triangle. The message names it and its value.
+    """
+    positions = np.asarray(positions)
+    triangles = np.asarray(triangles)
+    if positions.ndim != 2 or positions.shape[1] != 3:
+        raise MeshError(f"positions have shape {positions.shape}; (nodes, 3) is needed")
+    if triangles.ndim != 2 or triangles.shape[1] != 3 or len(triangles) == 0:
+        raise MeshError(f"triangles have shape {triangles.shape}; (triangles, 3), not empty, is needed")
+    _check_nodes(positions, triangles)
+    _check_shapes(positions, triangles, shape_ratio)
+    _check_edges(triangles)
+
+
+def _check_nodes(positions: Array, triangles: IntArray) -> None:
+    bad = np.flatnonzero(~np.isfinite(positions).all(axis=1))
+    if bad.size:
+        raise MeshError(f"node {bad[0]} lies at {positions[bad[0]].tolist()}; positions must be finite")
+    bad = np.flatnonzero(((triangles < 0) | (triangles >= len(positions))).any(axis=1))
+    if bad.size:
+        row = triangles[bad[0]].tolist()
+        raise MeshError(f"triangle {bad[0]} uses nodes {row}; nodes 0 to {len(positions) - 1} exist")
+    a, b, c = triangles.T
+    bad = np.flatnonzero((a == b) | (b == c) | (c == a))
+    if bad.size:
+        raise MeshError(f"triangle {bad[0]} uses nodes {triangles[bad[0]].tolist()}: one of them twice")
+    used = np.zeros(len(positions), dtype=bool)
+    used[triangles] = True
+    if not used.all():
+        raise MeshError(f"node {np.flatnonzero(~used)[0]} belongs to no triangle; remove it")
+
+
+def _check_shapes(positions: Array, triangles: IntArray, shape_ratio: float) -> None:
+    area = triangle_area(positions, triangles)
+    edges = positions[directed_edges(triangles)]
+    longest = np.linalg.norm(edges[:, 1] - edges[:, 0], axis=1).reshape(-1, 3).max(axis=1)
+    bound = shape_ratio * longest**2
+    bad = np.flatnonzero(area <= bound)
+    if bad.size:
+        t = bad[0]
+        raise MeshError(
+            f"triangle {t} (nodes {triangles[t].tolist()}) is degenerate: area {area[t]:.3g} m^2, "
+            f"at least {bound[t]:.3g} m^2 is needed for a longest edge of {longest[t]:.3g} m"
+        )
+
+
+def _check_edges(triangles: IntArray) -> None:
+    edges = directed_edges(triangles)
+    undirected, inverse, count = np.unique(
+        np.sort(edges, axis=1), axis=0, return_inverse=True, return_counts=True
+    )
+    inverse = inverse.ravel()
+    bad = np.flatnonzero(count > 2)
+    if bad.size:
+        owners = (np.flatnonzero(inverse == bad[0]) // 3).tolist()
+        raise MeshError(
+            f"edge {undirected[bad[0]].tolist()} belongs to {count[bad[0]]} triangles {owners}; 2 at most"
+        )
+    forward, count = np.unique(edges, axis=0, return_counts=True)
+    bad = np.flatnonzero(count > 1)
+    if bad.size:
+        edge = forward[bad[0]]
+        owners = (np.flatnonzero((edges == edge).all(axis=1)) // 3).tolist()
+        raise MeshError(
+            f"triangles {owners} both run along edge {edge.tolist()} in the same sense: "
+            "one of them is turned inside out"
+        )
+
+
+def interior_hinges(triangles: IntArray, seam: IntArray | Sequence[int] = ()) -> IntArray:
+    """Return the edges that fold, each with the two nodes that face it.
+
+    An edge shared by two triangles folds, unless both its ends are seam nodes: two films welded
+    along a seam turn freely about it. Row [i, j, k, l]: j-k is the edge; the triangle with l runs
+    along it from j to k, the one with i from k to j. So `dihedral_angle` is taken on the inner side
+    (through the gas, if normals point outward): less than pi where the surface is convex, and near
+    2 pi at the hole ring where two units meet.
+
+    Args:
+        triangles: (m, 3) node indices, consistently oriented.
+        seam: (s,) node indices.
+
+    Returns:
+        (h, 4), sorted by (j, k), j < k.
+    """
+    edges = directed_edges(triangles)
+    facing = np.asarray(triangles)[:, [2, 0, 1]].ravel()
+    rising = edges[:, 0] < edges[:, 1]
+    low, high = edges.min(axis=1), edges.max(axis=1)
+    key = low * (int(high.max()) + 1) + high
+    forward = np.flatnonzero(rising)
+    backward = np.flatnonzero(~rising)
+    _, at_forward, at_backward = np.intersect1d(key[forward], key[backward], return_indices=True)
+    first, second = backward[at_backward], forward[at_forward]
+    hinges = np.stack([facing[first], low[first], high[first], facing[second]], axis=1)
+    welded = np.isin(hinges[:, 1:3], np.asarray(seam, dtype=np.int64)).all(axis=1)
+    return np.asarray(hinges[~welded], dtype=np.int64)
+
+
+def dihedral_angle(positions: Array, hinges: IntArray) -> Array:
+    """Return the angle between the two triangles at each hinge.
+
+    theta = atan2(|r_kj| (n . r_ij), m . n) modulo 2 pi, with r_ij = x_i - x_j, r_kj = x_k - x_j,
+    r_kl = x_k - x_l, m = r_ij x r_kj, n = r_kj x r_kl; pi where the two triangles are flat. Exact for
+    all angles: the arc cosine of m . n would lose half the digits near 0 and pi. Reversing a row
+    keeps theta; exchanging i and l alone gives 2 pi - theta.
+
+    Args:
+        positions: (n, 3) [m].
+        hinges: (h, 4) node indices i, j, k, l; j-k is the shared edge.
+
+    Returns:
+        (h,) in [0, 2 pi) [rad].
+    """
+    xi, xj, xk, xl = (positions[hinges[:, a]] for a in range(4))
+    r_ij, r_kj, r_kl = xi - xj, xk - xj, xk - xl
+    m, n = np.cross(r_ij, r_kj), np.cross(r_kj, r_kl)
+    sine = np.linalg.norm(r_kj, axis=1) * np.einsum("ha,ha->h", n, r_ij)
+    return np.asarray(np.arctan2(sine, np.einsum("ha,ha->h", m, n)) % (2.0 * np.pi))
+
+
+def enclosed_volume(positions: Array, triangles: IntArray, caps: Sequence[IntArray] = ()) -> float:
+    """Return the volume sum det(a, b, c) / 6 inside a surface closed by caps.
+
+    A cap is the fan of triangles (mean of its ring, ring[i], ring[i + 1]). With every hole capped the
+    result does not depend on the origin; normals pointing outward make it positive.
+
+    Args:
+        positions: (n, 3) [m].
+        triangles: (m, 3) node indices.
+        caps: rings of node indices, each (r,), ordered so that their fans face outward.
+
+    Returns:
+        Volume [m^3].
+    """
+    a, b, c = (positions[triangles[:, i]] for i in range(3))
+    volume = np.einsum("ta,ta->", a, np.cross(b, c))
+    for cap in caps:
+        ring = positions[cap]
+        volume += ring.mean(axis=0) @ np.cross(ring, np.roll(ring, -1, axis=0)).sum(axis=0)
+    return float(volume / 6.0)

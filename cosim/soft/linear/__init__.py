@@ -1,0 +1,1 @@
+"""Sparse symmetric systems: patterns, orderings and factorisations."""

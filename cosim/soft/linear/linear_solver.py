@@ -1,0 +1,218 @@
+"""Direct solvers for the tangent stiffness of the free components, behind one small interface."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from typing import Annotated, Any, final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_matrix, csc_matrix
+from scipy.sparse.linalg import SuperLU, splu
+
+from cosim.base.frames import Array, IntArray, Mask
+from cosim.base.state_check import check_indices
+from cosim.errors import InputError
+from cosim.soft.linear.low_rank import LowRank, LowRankCorrection
+from cosim.soft.linear.pattern import BlockPattern
+
+
+def by_component(mask: Mask) -> Mask:
+    """Return a mask of nodes (n,) as one of components (n, 3); one of components as it is."""
+    return np.repeat(mask[:, None], 3, axis=1) if mask.ndim == 1 else mask
+
+
+@final
+@dataclass(frozen=True)
+class FactorState:
+    """A factorisation, for `LinearSolver.restore_state`; its arrays are not written to again.
+
+    Args:
+        parts: of the sparse factor, as the kind of solver has them.
+        correction: by the dense terms; None without any.
+    """
+
+    parts: tuple[Annotated[NDArray[Any], ("*",)], ...]
+    correction: LowRankCorrection | None
+
+
+class LinearSolver(ABC):
+    """Factorises A = K + shift 1 + sum_k c_k v_k v_k^T of the free components and solves with it.
+
+    The dense terms never enter the sparse factor of K + shift 1; see `low_rank`.
+
+    Args:
+        pattern: of the whole body.
+        free: (n,) bool, nodes that can move, or (n, 3) bool, world components that can.
+    """
+
+    def __init__(self, pattern: BlockPattern, free: Mask) -> None:
+        self.pattern = pattern
+        self.free: Mask = by_component(free)
+        self.free_nodes: IntArray = np.flatnonzero(self.free.any(axis=1))
+        self.size = int(self.free.sum())
+        self._correction: LowRankCorrection | None = None
+
+    def factor(self, blocks: Array, shift: float = 0.0, low_rank: LowRank | None = None) -> bool:
+        """Factorise; False when the matrix is not positive definite (where the method can tell).
+
+        Args:
+            blocks: (pattern.blocks, 3, 3) [N/m].
+            shift: added to the diagonal [N/m].
+            low_rank: dense terms, or None.
+        """
+        self._correction = None
+        if not self._factorise(blocks, shift):
+            return False
+        if low_rank is not None and low_rank.coefficients.any():
+            correction = LowRankCorrection.of(low_rank, self._solve_sparse)
+            if not correction.definite:
+                return False
+            self._correction = correction
+        return True
+
+    def solve(self, load: Array, turn: Array | None = None) -> Array:
+        """Return the displacement (n, 3) [m] under a load (n, 3) [N]; zero where clamped.
+
+        Args:
+            load: on all nodes.
+            turn: (3, 3), rotation of the body since it was factorised, its matrix with it; None for none.
+        """
+        if self._correction is None:
+            return self._solve_turned(load, turn)
+        solution = np.asarray(self._solve_sparse((load if turn is None else load @ turn)[None])[0])
+        self._correction.apply(solution)
+        return solution if turn is None else solution @ turn.T
+
+    def save_state(self) -> FactorState:
+        """Return the factorisation in store."""
+        return FactorState(self._lend_factor(), self._correction)
+
+    def restore_state(self, state: FactorState) -> None:
+        """Take a factorisation of `save_state`, of a solver with the same pattern and free components."""
+        correction = state.correction
+        if correction is not None and correction.vectors.shape[1] != 3 * self.pattern.nodes:
+            raise InputError("the saved correction of a factorisation is of another body")
+        if correction is not None and correction.inner is not None:
+            check_indices(correction.inner[1], len(correction.vectors), "dense terms")
+        self._correction = correction
+        self._take_factor(state.parts)
+
+    def _solve_turned(self, load: Array, turn: Array | None) -> Array:
+        """Return what `solve` does without dense terms."""
+        if turn is None:
+            return np.asarray(self._solve_sparse(load[None])[0])
+        return np.asarray(self._solve_sparse((load @ turn)[None])[0] @ turn.T)
+
+    @abstractmethod
+    def _lend_factor(self) -> tuple[NDArray[Any], ...]:
+        """Return the arrays of the sparse factor; they are not written to from now on."""
+
+    @abstractmethod
+    def _take_factor(self, parts: tuple[NDArray[Any], ...]) -> None:
+        """Take the sparse factor from arrays of `_lend_factor`, which are not written to."""
+
+    @abstractmethod
+    def _factorise(self, blocks: Array, shift: float) -> bool:
+        """Factorise the sparse part; False when it is not positive definite (where the method can tell)."""
+
+    @abstractmethod
+    def _solve_sparse(self, loads: Array) -> Array:
+        """Return the displacements (k, n, 3) [m] of the sparse part under loads (k, n, 3) [N]."""
+
+
+def numbering(free: Mask, order: IntArray) -> IntArray:
+    """Return the equation (n, 3) of each component, -1 where clamped, with the nodes taken in `order`."""
+    number = np.full(free.shape, -1, dtype=np.int64)
+    nodes, components = np.nonzero(free[order])
+    number[order[nodes], components] = np.arange(len(nodes))
+    return number
+
+
+def equations(number: IntArray) -> IntArray:
+    """Return the component 3 node + axis (size,) that each equation stands for."""
+    components = np.flatnonzero(number.ravel() >= 0)
+    return np.asarray(components[np.argsort(number.ravel()[components])])
+
+
+def lower_entries(pattern: BlockPattern, number: IntArray) -> tuple[IntArray, IntArray, IntArray]:
+    """Return (row, column, index into blocks.ravel()) of the lower triangle.
+
+    Args:
+        pattern: of the whole body.
+        number: (n, 3) equation of each component, -1 where clamped.
+    """
+    r, c = (axis.ravel() for axis in np.meshgrid(np.arange(3), np.arange(3), indexing="ij"))
+    row = number[pattern.row][:, r]
+    column = number[pattern.column][:, c]
+    # diagonal blocks hold both triangles of a symmetric block: keep the lower one only
+    twice = (pattern.row == pattern.column)[:, None] & (r < c)
+    kept = (row >= 0) & (column >= 0) & ~twice
+    index = np.flatnonzero(kept)
+    row, column = row[kept], column[kept]
+    return np.maximum(row, column), np.minimum(row, column), index
+
+
+@final
+class GeneralLU(LinearSolver):
+    """SuperLU for tangents that are not symmetric; refuses a singular matrix, not an indefinite one.
+
+    `extra` holds (nodes, (3 k, 3 k) matrix) parts added to the symmetric blocks before factorising.
+    """
+
+    def __init__(self, pattern: BlockPattern, free: Mask) -> None:
+        super().__init__(pattern, free)
+        self._number = numbering(self.free, self.free_nodes)
+        self._row, self._column, self._source = lower_entries(pattern, self._number)
+        self._dofs = equations(self._number)
+        self._factor: SuperLU | None = None
+        self._factorised = csc_matrix((self.size, self.size))
+        self.extra: list[tuple[IntArray, Array]] = []
+
+    def matrix(self, blocks: Array, shift: float = 0.0) -> csc_matrix:
+        """Return the whole matrix (size, size) of the free components."""
+        value = blocks.reshape(-1)[self._source]
+        lower = coo_matrix((value, (self._row, self._column)), shape=(self.size,) * 2)
+        strict = self._row != self._column
+        upper = coo_matrix((value[strict], (self._column[strict], self._row[strict])), shape=(self.size,) * 2)
+        total = (lower + upper).tocsc()
+        for nodes, part in self.extra:
+            dofs = self._number[nodes].ravel()
+            inside = dofs >= 0
+            rows, columns = np.meshgrid(dofs[inside], dofs[inside], indexing="ij")
+            value = part[np.ix_(inside, inside)].ravel()
+            total = (
+                total + coo_matrix((value, (rows.ravel(), columns.ravel())), shape=(self.size,) * 2).tocsc()
+            )
+        if shift:
+            total = total + shift * coo_matrix((np.ones(self.size), (range(self.size),) * 2)).tocsc()
+        return total.tocsc()
+
+    def _factorise(self, blocks: Array, shift: float) -> bool:
+        self._factorised = self.matrix(blocks, shift)
+        try:
+            self._factor = splu(self._factorised)
+        except RuntimeError:  # SuperLU's word for a pivot that is exactly zero
+            return False
+        return True
+
+    def _lend_factor(self) -> tuple[NDArray[Any], ...]:
+        return self._factorised.data, self._factorised.indices, self._factorised.indptr
+
+    def _take_factor(self, parts: tuple[NDArray[Any], ...]) -> None:
+        if self._factorised.data is not parts[0]:
+            # SuperLU gives no factor out, but makes the same one of the same matrix
+            try:
+                matrix = csc_matrix(parts, shape=(self.size,) * 2)
+                matrix.check_format(full_check=True)
+                self._factorised, self._factor = matrix, splu(matrix)
+            except (ValueError, TypeError, RuntimeError) as error:
+                raise InputError(f"the saved factorisation is not one of this body: {error}") from error
+
+    def _solve_sparse(self, loads: Array) -> Array:
+        assert self._factor is not None, "factor() comes before solve()"
+        count = len(loads)
+        result = np.zeros((count, 3 * self.pattern.nodes))
+        result[:, self._dofs] = self._factor.solve(loads.reshape(count, -1)[:, self._dofs].T).T
+        return result.reshape(count, -1, 3)

@@ -1,0 +1,71 @@
+"""The fixed sparsity pattern of the tangent stiffness, as 3 x 3 blocks of node pairs."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Annotated, final
+
+import numpy as np
+
+from cosim.base.frames import IntArray
+
+
+@final
+@dataclass(frozen=True)
+class BlockPattern:
+    """Lower triangle of a symmetric matrix of 3 x 3 node blocks.
+
+    Block s couples node row[s] with node column[s], row[s] >= column[s].
+
+    Args:
+        nodes: number of nodes.
+        row: (blocks,) node of the block's rows.
+        column: (blocks,) node of the block's columns.
+    """
+
+    nodes: int
+    row: Annotated[IntArray, ("k",)]
+    column: Annotated[IntArray, ("k",)]
+
+    @classmethod
+    def from_elements(cls, nodes: int, elements: Sequence[IntArray]) -> BlockPattern:
+        """Return the union of all node pairs within each element and of all diagonal blocks.
+
+        Args:
+            nodes: number of nodes.
+            elements: arrays (elements, nodes per element) of node indices.
+        """
+        keys = [np.arange(nodes, dtype=np.int64) * (nodes + 1)]
+        for element in elements:
+            for a in range(element.shape[1]):
+                for b in range(a):
+                    high = np.maximum(element[:, a], element[:, b])
+                    keys.append(high * nodes + np.minimum(element[:, a], element[:, b]))
+        key = np.unique(np.concatenate(keys))
+        return cls(nodes, key // nodes, key % nodes)
+
+    @property
+    def blocks(self) -> int:
+        """Number of stored blocks."""
+        return len(self.row)
+
+    def slots(self, elements: IntArray) -> IntArray:
+        """Return where each element's node pairs are stored.
+
+        Pair (a, b), a >= b, of an element is column a (a + 1) / 2 + b. The value s >= 0 means block s;
+        s < 0 means block -1 - s, to be added transposed because node a precedes node b.
+
+        Args:
+            elements: (elements, k) node indices.
+        """
+        count, k = elements.shape
+        result = np.empty((count, k * (k + 1) // 2), dtype=np.int64)
+        stored = self.row * self.nodes + self.column
+        for a in range(k):
+            for b in range(a + 1):
+                na, nb = elements[:, a], elements[:, b]
+                key = np.maximum(na, nb) * self.nodes + np.minimum(na, nb)
+                slot = np.searchsorted(stored, key)
+                result[:, a * (a + 1) // 2 + b] = np.where(na >= nb, slot, -1 - slot)
+        return result

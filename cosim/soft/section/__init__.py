@@ -1,1 +1,0 @@
-"""Chains of rigid frames, one per ring; the sections between them carry the condensed energy of the film."""

@@ -1,0 +1,54 @@
+"""Compiles every kernel of the soft model once, and says so when it takes long."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from types import ModuleType
+from typing import Any
+
+from cosim.base.kernel_cache import remove_old
+from cosim.soft.body import center_line
+from cosim.soft.contact import contact_points as contact_surface
+from cosim.soft.contact import obstacle_contact as contact
+from cosim.soft.elements import cable, frame_ring, hinge, mass_moments, mass_terms, membrane, pressure
+from cosim.soft.linear import envelope_cholesky
+from cosim.soft.linear import multifrontal_kernels as front_kernels
+from cosim.soft.solve import problem
+
+MODULES: tuple[ModuleType, ...] = (
+    cable, center_line, contact, contact_surface, envelope_cholesky, frame_ring, front_kernels, hinge,
+    mass_moments, mass_terms, membrane, pressure, problem,
+)  # fmt: skip
+
+_SECONDS_EACH = 0.8  # in the mean, on an idle machine: 12 to 23 s for 25 of them, 27 to 60 s for 40
+
+
+def compile_kernels(
+    announce: Callable[[str], None] = lambda _text: None, more: tuple[ModuleType, ...] = ()
+) -> None:
+    """Compile the kernels, or load them from numba's cache on disk.
+
+    Args:
+        announce: told in one sentence, before the wait, when they have to be compiled.
+        more: modules with further kernels.
+    """
+    found: dict[int, Any] = {
+        id(value): value
+        for module in (*MODULES, *more)
+        for value in vars(module).values()
+        if getattr(value, "fixed_signature", None) is not None
+    }
+    kernels = list(found.values())
+    told = False
+    for kernel in kernels:
+        before = sum(kernel.stats.cache_misses.values())
+        kernel.compile(kernel.fixed_signature)
+        if not told and sum(kernel.stats.cache_misses.values()) > before:
+            tens_of_s = max(1, round(0.1 * _SECONDS_EACH * len(kernels)))
+            announce(
+                f"Compiling {len(kernels)} kernels: the first run on a machine takes some {10 * tens_of_s} s "
+                "longer, on a busy one twice that; the result is kept for later runs."
+            )
+            told = True
+    if told:
+        remove_old(kernels)

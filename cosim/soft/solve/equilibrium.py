@@ -1,0 +1,271 @@
+"""Static equilibrium of a soft body on a flange, followed from a known one."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import TypeAlias, final
+
+import numpy as np
+
+from cosim.base.frames import Array, Pose, Wrench
+from cosim.errors import ConvergenceError
+from cosim.soft.body.loads import Loads
+from cosim.soft.contact.obstacle_contact import ContactPlanes
+from cosim.soft.elements.cable_length import losses_follow
+from cosim.soft.solve.newton import NewtonOptions, NewtonResult, NewtonSolver
+from cosim.soft.solve.place import place_of_largest
+from cosim.soft.solve.pseudo_transient import slide
+from cosim.soft.solve.self_contact import SelfContact
+from cosim.soft.solve.state import Clamp, SoftState
+
+_SPLITS_MAX = 8
+_FRICTION_ROUNDS_MAX = 30
+CONTACT_ROUNDS_MAX = 40
+_FOOT_SLACK = 0.02  # more in every round
+_SHRINKS_BELOW = 0.99  # a sequence of shapes that is extrapolated
+_EXTRAPOLATED_M = 1e-3  # at most
+
+
+Obstacles: TypeAlias = Callable[[Array], ContactPlanes | None]
+"""Positions (n, 3) [m] -> what may be touched near them, without friction; None for nothing."""
+
+
+@final
+@dataclass(frozen=True)
+class Equilibrium:
+    """A solved equilibrium.
+
+    Args:
+        state: at rest.
+        world_from_flange: pose of the flange.
+        loads: that it carries.
+        wrench: exerted on the flange, at its origin, world axes.
+        residual_N: largest out-of-balance component on a free node.
+        iterations: Newton iterations spent since the equilibrium it was followed from.
+        potential_J: potential energy, loads included.
+        shifted: iterations that met an indefinite tangent.
+        slides: how often on the way Newton's method found nothing near and a damped slide led on; see
+            `pseudo_transient`.
+    """
+
+    state: SoftState
+    world_from_flange: Pose
+    loads: Loads
+    wrench: Wrench
+    residual_N: float
+    iterations: int
+    potential_J: float
+    shifted: int
+    slides: int = 0
+
+
+@final
+class EquilibriumSolver:
+    """Follows equilibria of one body with a given clamp.
+
+    `obstacles` says what the film may touch; None for what the loads name.
+
+    Args:
+        solver: Newton's method for the body with that clamp.
+        clamp: nodes held by the flange.
+        options: bounds of the iteration.
+        self_contact: of the body's films with one another; None where it is not modelled.
+        slides_max: how often, on one way, the body may slide to another branch; see `follow`.
+    """
+
+    def __init__(
+        self,
+        solver: NewtonSolver,
+        clamp: Clamp,
+        options: NewtonOptions,
+        self_contact: SelfContact | None = None,
+        slides_max: int = 4,
+    ) -> None:
+        self.solver = solver
+        self.clamp = clamp
+        self.options = options
+        self.self_contact = self_contact
+        self.slides_max = slides_max
+        self.obstacles: Obstacles | None = None
+
+    def solve(
+        self, state: SoftState, world_from_flange: Pose, loads: Loads, start: Array | None = None
+    ) -> Equilibrium:
+        """Find the equilibrium near a state in one go.
+
+        Args:
+            state: a state whose hinge angles are known.
+            world_from_flange: pose of the flange.
+            loads: that act.
+            start: (n, 3) [m], better guess of the positions, if there is one.
+
+        Raises:
+            ConvergenceError: none was found.
+        """
+        guess = self.clamp.place(state.positions if start is None else start, world_from_flange)
+        result, loads = self._settle_contacts(guess, state.angles, loads)
+        result = self._settle_friction(result, loads)
+        if not result.converged:
+            raise ConvergenceError(
+                f"no equilibrium found: {result.outcome.value}; residual {result.residual_N:.3g} N, bound "
+                f"{self.options.tolerance_N:.3g} N, {result.iterations} iterations, the largest "
+                f"at {place_of_largest(self.solver, result.positions)}",
+                result.residual_N,
+                result.iterations,
+            )
+        pairs = loads.self_contact
+        touching = None if pairs is None else pairs.memory(result.positions, resting=True)
+        wrench = self.clamp.wrench(self.solver.system.gradient, result.positions, world_from_flange)
+        return Equilibrium(
+            SoftState.at_rest(result.positions, result.angles, touching), world_from_flange, loads, wrench,
+            result.residual_N, result.iterations, result.potential_J, result.shifted,
+        )  # fmt: skip
+
+    def start(self, state: SoftState, world_from_flange: Pose, loads: Loads) -> Equilibrium:
+        """Find the first equilibrium of all: hung up without pressure and tension, then loaded.
+
+        Args:
+            state: near it, such as the drawn shape.
+            world_from_flange: pose of the flange.
+            loads: that act in the end.
+
+        Raises:
+            ConvergenceError: none was found.
+        """
+        hanging = Loads(0.0, (0.0,) * len(loads.cable_tension_N), loads.gravity)
+        try:
+            hung = self.solve(state, world_from_flange, hanging)
+        except ConvergenceError:
+            if not self.slides_max:
+                raise
+            hung = self.slide(state, world_from_flange, hanging)
+        found = self.follow(hung, world_from_flange, loads)
+        spent, slides = hung.iterations + found.iterations, hung.slides + found.slides
+        return replace(found, iterations=spent, slides=slides)
+
+    def follow(self, begin: Equilibrium, world_from_flange: Pose, loads: Loads) -> Equilibrium:
+        """Follow an equilibrium to another flange pose and other loads, in as few pieces as it takes.
+
+        The body is first carried rigidly with the flange. A piece that does not converge is halved. Where
+        even the smallest does not, the branch ends there, and the body slides to where it comes to rest.
+
+        Args:
+            begin: where to start.
+            world_from_flange: wanted pose of the flange.
+            loads: wanted loads.
+
+        Raises:
+            ConvergenceError: a piece of 1/256 of the way did not converge, nor did the slide from there.
+        """
+        here, done, piece, spent, slides = begin, 0.0, 1.0, 0, 0
+        while done < 1.0:
+            share = min(1.0, done + piece)
+            pose = begin.world_from_flange.interpolated(world_from_flange, share)
+            load = begin.loads.interpolated(loads, share)
+            state = here.state.carried(pose @ here.world_from_flange.inverse())
+            try:
+                found = self.solve(state, pose, load)
+            except ConvergenceError as error:
+                spent += error.iterations
+                if piece > 0.5**_SPLITS_MAX:
+                    piece *= 0.5
+                    continue
+                if slides == self.slides_max:
+                    raise
+                found, slides, piece = self.slide(state, pose, load), slides + 1, 1.0
+            here, done, spent = found, share, spent + found.iterations
+        return replace(here, iterations=spent, slides=slides)
+
+    def slide(self, state: SoftState, world_from_flange: Pose, loads: Loads) -> Equilibrium:
+        """Find the equilibrium that a damped body slides to, however far from a state: the last resort.
+
+        Args:
+            state: where it starts; its hinge angles are known.
+            world_from_flange: pose of the flange.
+            loads: that act.
+
+        Raises:
+            ConvergenceError: it comes to rest nowhere.
+        """
+        start = self.clamp.place(state.positions, world_from_flange)
+        slid = slide(self.solver, start, state.angles, lambda x: self._touched(x, loads), self.options)
+        rest = self.solve(SoftState.at_rest(slid.positions, slid.angles), world_from_flange, loads)
+        return replace(rest, iterations=slid.iterations + rest.iterations, slides=1)
+
+    def _touched(self, positions: Array, loads: Loads) -> Loads:
+        """Return the loads with what is touched near given positions."""
+        films, obstacles = self.self_contact, self.obstacles
+        planes = loads.contact if obstacles is None else obstacles(positions)
+        pairs = None if films is None else films.static_pairs(positions, None, 0.0)
+        return replace(loads, contact=planes, self_contact=pairs)
+
+    def _settle_contacts(self, start: Array, angles: Array, loads: Loads) -> tuple[NewtonResult, Loads]:
+        """Solve, and repeat while something else is touched than what was found before the solution.
+
+        Returns:
+            The solution, and the loads with the contacts it was found with.
+
+        Raises:
+            ConvergenceError: the contacts keep changing.
+        """
+        films, obstacles = self.self_contact, self.obstacles
+        if films is None and obstacles is None:
+            return self.solver.solve(start, angles, loads, self.options), loads
+        pairs, spent, shifted, trail = None, 0, 0, []
+        for round_ in range(CONTACT_ROUNDS_MAX):
+            if films is not None:
+                # a foot at the edge of two triangles could change sides for ever: it sticks more and more
+                pairs = films.static_pairs(start, pairs, _FOOT_SLACK * round_)
+            planes = loads.contact if obstacles is None else obstacles(start)
+            loads = replace(loads, contact=planes, self_contact=pairs)
+            result = self.solver.solve(start, angles, loads, self.options)
+            settled = round_ > 0 and result.iterations == 0
+            spent, shifted = spent + result.iterations, shifted + result.shifted
+            if settled or not result.converged:
+                return replace(result, iterations=spent, shifted=shifted), loads
+            start, angles = result.positions, result.angles
+            if obstacles is not None:
+                trail.append(start)
+                start = end_of(trail)
+        raise ConvergenceError(
+            f"no equilibrium found: what is touched still changes after {CONTACT_ROUNDS_MAX} rounds, "
+            f"{len(pairs or ())} pairs of films, {len(planes or ())} points near obstacles; try smaller "
+            "increments",
+            result.residual_N,
+            spent,
+        )
+
+    def _settle_friction(self, result: NewtonResult, loads: Loads) -> NewtonResult:
+        """Repeat while losses along the cables change with the shape: friction has no potential."""
+        cables = self.solver.system.body.cables
+        friction = any(cable.friction_coefficient for cable in cables)
+        if not friction and not losses_follow(cables, loads.cable_length_m):
+            return result
+        for _ in range(_FRICTION_ROUNDS_MAX):
+            again = self.solver.solve(result.positions, result.angles, loads, self.options)
+            if again.iterations == 0 or not again.converged:
+                return again
+            result = again
+        return result
+
+
+def end_of(trail: list[Array]) -> Array:
+    """Return where a sequence of shapes goes, whose steps shrink by one factor r: x + d r / (1 - r) (Aitken).
+
+    On a curved obstacle, whose tangent planes move with the film, the rounds converge like that. A sequence
+    that was extrapolated starts anew.
+
+    Args:
+        trail: the shapes (n, 3) [m] so far; emptied when it is extrapolated.
+    """
+    if len(trail) < 3:
+        return trail[-1]
+    before, last = trail[-2] - trail[-3], trail[-1] - trail[-2]
+    ratio = float(np.einsum("nr,nr->", before, last)) / max(float((before**2).sum()), 1e-300)
+    if not 0.1 < ratio < _SHRINKS_BELOW:
+        return trail[-1]
+    step = ratio / (1.0 - ratio) * last
+    end = trail[-1] + step * min(1.0, _EXTRAPOLATED_M / max(float(np.abs(step).max()), 1e-300))
+    trail.clear()
+    return end

@@ -1,0 +1,136 @@
+"""The gas of all chambers of a body in its potential: at a given pressure -p V, or sealed U(V)."""
+
+from __future__ import annotations
+
+from typing import final
+
+import numpy as np
+
+from cosim.base.frames import Array, IntArray
+from cosim.errors import InputError
+from cosim.soft.body.body import SoftBody
+from cosim.soft.body.loads import Loads
+from cosim.soft.elements.gas import SealedGas
+from cosim.soft.elements.pressure import add_cap, add_pressure, cap_force, volume_inside
+from cosim.soft.linear.low_rank import LowRank
+from cosim.soft.linear.pattern import BlockPattern
+
+_NO_TABLE = np.zeros((0, 0), np.int64)
+_NO_SLOTS = np.zeros(0, np.int64)
+
+
+@final
+class _Enclosure:
+    """Film triangles and caps of one chamber, with their places in the tangent."""
+
+    def __init__(self, triangles: IntArray, caps: list[IntArray], pattern: BlockPattern) -> None:
+        self._triangles = np.ascontiguousarray(triangles)
+        self._slots = pattern.slots(self._triangles)
+        self._rings = np.concatenate([_NO_SLOTS, *caps])
+        self._ring_starts = np.cumsum([0, *(len(ring) for ring in caps)], dtype=np.int64)
+        self._caps = [(ring, np.ascontiguousarray(pattern.slots(ring[None, :])[0])) for ring in caps]
+
+    def add(self, x: Array, pressure: float, gradient: Array, blocks: Array, hessian: bool) -> float:
+        """Add the gradient and Hessian of -p V at a given pressure; return V [m^3]."""
+        slots = self._slots if hessian else _NO_TABLE
+        volume: float = add_pressure(x, self._triangles, pressure, slots, gradient, blocks)
+        for ring, cap_slots in self._caps:
+            volume += add_cap(x, ring, pressure, cap_slots if hessian else _NO_SLOTS, gradient, blocks)
+        return volume
+
+    def volume(self, x: Array) -> float:
+        """Return V [m^3]."""
+        found: float = volume_inside(x, self._triangles, self._rings, self._ring_starts)
+        return found
+
+    def take_caps_away(self, x: Array, pressure: float, gradient: Array) -> list[tuple[IntArray, Array]]:
+        """Subtract the caps' load from the gradient; return what that adds to the stiffness."""
+        stiffness = []
+        for ring, _ in self._caps:
+            force, derivative = cap_force(x, ring, pressure)
+            gradient[ring] += force
+            stiffness.append((ring, derivative))
+        return stiffness
+
+
+@final
+class GasElements:
+    """Assembles the gas of all chambers.
+
+    After `add`: `volumes` [m^3] and `pressures` [Pa, gauge] of each chamber, `low_rank` (dense parts of the
+    Hessian under sealed gases, or None), `open_cap_stiffness` (what missing caps add to the stiffness).
+
+    Args:
+        body: whose chambers.
+        pattern: of its tangent.
+    """
+
+    def __init__(self, body: SoftBody, pattern: BlockPattern) -> None:
+        self._closed = body.closed or not body.caps
+        self._enclosures = [
+            _Enclosure(body.membranes.triangles[part.triangles], [body.caps[k] for k in part.caps], pattern)
+            for part in body.gas_chambers
+        ]
+        self.count = len(self._enclosures)
+        self.volumes: tuple[float, ...] = (0.0,) * self.count
+        self.pressures: tuple[float, ...] = (0.0,) * self.count
+        self.low_rank: LowRank | None = None
+        self.open_cap_stiffness: list[tuple[IntArray, Array]] = []
+
+    def enclosed_volumes(self, x: Array) -> tuple[float, ...]:
+        """Return the volume [m^3] of each chamber at positions (n, 3) [m]; change nothing."""
+        return tuple(part.volume(x) for part in self._enclosures)
+
+    def add(self, x: Array, loads: Loads, gradient: Array, blocks: Array, *, hessian: bool) -> float:
+        """Add gradient and, if told to, Hessian; return the potential [J], infinite where gas has no volume.
+
+        Args:
+            x: (n, 3) [m], positions.
+            loads: pressure or sealed gas of each chamber.
+            gradient: (n, 3) [N].
+            blocks: (pattern.blocks, 3, 3) [N/m].
+            hessian: whether to fill `blocks`.
+        """
+        self.low_rank = None
+        gases, pressures = loads.gases(self.count), loads.pressures(self.count)
+        if loads.gas is not None:
+            pressures = self._with_sealed(x, gases, pressures)
+            if not np.isfinite(pressures).all():
+                return np.inf
+        self.pressures = pressures
+        self.volumes = tuple(
+            part.add(x, pressure, gradient, blocks, hessian)
+            for part, pressure in zip(self._enclosures, pressures, strict=True)
+        )
+        if not self._closed:
+            self.open_cap_stiffness = [
+                entry
+                for part, pressure in zip(self._enclosures, pressures, strict=True)
+                for entry in part.take_caps_away(x, pressure, gradient)
+            ]
+        energy = 0.0
+        for gas, pressure, volume in zip(gases, pressures, self.volumes, strict=True):
+            energy += -pressure * volume if gas is None else gas.potential(volume)
+        return energy
+
+    def _with_sealed(
+        self, x: Array, gases: tuple[SealedGas | None, ...], pressures: tuple[float, ...]
+    ) -> tuple[float, ...]:
+        """Return the gauge pressures [Pa], sealed gases at this shape; keep their dense stiffness."""
+        if not self._closed:
+            raise InputError("a sealed gas needs a closed body; this one has open caps")
+        found, slopes, stiffness = list(pressures), [], []
+        blocks = np.zeros((0, 3, 3))
+        for k, gas in enumerate(gases):
+            if gas is None:
+                continue
+            slope = np.zeros_like(x)
+            volume = self._enclosures[k].add(x, -1.0, slope, blocks, hessian=False)
+            found[k] = gas.gauge_pressure(volume)
+            if not np.isfinite(found[k]):
+                return tuple(found)
+            slopes.append(slope)
+            stiffness.append(gas.stiffness(volume))
+        if slopes:
+            self.low_rank = LowRank(np.array(slopes), np.array(stiffness))
+        return tuple(found)

@@ -1,0 +1,306 @@
+"""Newton's method with exact Hessians on the potential of a soft body.
+
+Each iteration solves (K + mu 1) d = -gradient. mu is zero while K is positive definite and grows until
+the factor exists otherwise (inertia correction); the step is then halved until the potential falls
+(or, for loads without a potential, the work of the out-of-balance force along the step).
+In dynamics the factor of an earlier step may serve for a while, turned with the flange: an iteration with it
+costs a tenth, and is undone when the residual does not fall.
+Source: Nocedal and Wright, Numerical Optimization, 2nd ed., sections 3.4 and 3.5.
+"""
+
+from __future__ import annotations
+
+import enum
+import math
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+
+from cosim.base.frames import Array, Mask
+from cosim.base.state_check import check_indices
+from cosim.errors import InputError
+from cosim.soft.body.loads import Loads
+from cosim.soft.linear.inertia_correction import ShiftSearch
+from cosim.soft.linear.kept_factor import KeptFactor, NewtonState
+from cosim.soft.linear.linear_solver import GeneralLU, LinearSolver, by_component
+from cosim.soft.linear.multifrontal_cholesky import cholesky
+from cosim.soft.linear.pattern import BlockPattern
+from cosim.soft.solve.assembly import Inertia, SoftSystem
+from cosim.soft.solve.problem import Point, Problem
+
+
+class Outcome(enum.Enum):
+    """How Newton's method ended, as a sentence."""
+
+    CONVERGED = "the residual is below its bound"
+    ITERATION_LIMIT = "the iteration limit was reached above the residual's bound"
+    NO_DESCENT = "no step along the Newton direction lowers the potential"
+    INDEFINITE = "no shift up to its bound makes the tangent positive definite"
+    NOT_FINITE = "positions or forces are not finite"
+
+
+@final
+@dataclass(frozen=True)
+class NewtonOptions:
+    """Bounds of Newton's method.
+
+    Args:
+        tolerance_N: largest free component of the out-of-balance force, and a hundredth of its resultant.
+        start_tolerance_N: the same for a start that is taken as it is, without an iteration.
+        iterations_max: iterations with a new tangent before giving up.
+        shift_start_N_m: first mu tried on an indefinite tangent.
+        shift_max_N_m: largest mu tried.
+        halvings_max: how often a step is halved before giving up.
+        reuse_max: iterations per solution with a factorisation that is kept; 0 for Newton's method proper.
+        reuse_rate: such an iteration must bring the residual below this share of the last one.
+        step_max_m: longest nodal displacement in one iteration.
+    """
+
+    tolerance_N: float = 1e-6
+    start_tolerance_N: float = 1e-6
+    iterations_max: int = 60
+    shift_start_N_m: float = 0.05
+    shift_max_N_m: float = 1e8
+    halvings_max: int = 30
+    step_max_m: float = 0.05
+    reuse_max: int = 0
+    reuse_rate: float = 0.5
+
+
+@final
+@dataclass(frozen=True)
+class NewtonResult:
+    """Where Newton's method ended.
+
+    Args:
+        positions: (n, 3) [m].
+        angles: (h,) [rad], unwrapped hinge angles there.
+        outcome: how it ended.
+        residual_N: largest free out-of-balance component.
+        iterations: linear solves, those with a kept factorisation included.
+        factorisations: of new tangents, attempts included.
+        potential_J: there, inertia included.
+        shifted: iterations in which the tangent was indefinite.
+    """
+
+    positions: Array
+    angles: Array
+    outcome: Outcome
+    residual_N: float
+    iterations: int
+    factorisations: int
+    potential_J: float
+    shifted: int
+
+    @property
+    def converged(self) -> bool:
+        """Whether the residual is below its bound."""
+        return self.outcome is Outcome.CONVERGED
+
+
+@final
+class NewtonSolver:
+    """Newton's method for one body with given clamped nodes or components; owns the factorisation.
+
+    Args:
+        system: assembled body.
+        clamped: (n,) bool, nodes whose positions are given, or (n, 3) bool, world components that are
+            given: a node on a plane of symmetry has one.
+    """
+
+    def __init__(self, system: SoftSystem, clamped: Mask) -> None:
+        self.system = system
+        self.clamped = clamped
+        self.free = np.ascontiguousarray(by_component(~clamped))
+        self._narrow = self._solver_for(system.pattern, None)
+        self.linear: LinearSolver = self._narrow
+        self._kept: KeptFactor | None = None
+        self._shifts = ShiftSearch()
+
+    def solve(
+        self,
+        start: Array,
+        reference_angles: Array,
+        loads: Loads,
+        options: NewtonOptions,
+        inertia: Inertia | None = None,
+        frame: Array | None = None,
+    ) -> NewtonResult:
+        """Find the stationary point of the potential near `start`.
+
+        Args:
+            start: (n, 3) [m], clamped nodes and components where they shall be.
+            reference_angles: (h,) [rad], unwrapped angles of the last accepted state.
+            loads: pressure, tension, gravity.
+            options: bounds.
+            inertia: of an implicit step; None in statics.
+            frame: (3, 3), rotation of the flange; a factorisation that is kept turns with it.
+        """
+        system = self.system
+        problem = Problem(system, self.free, loads, system.segment_tension(start, loads), inertia)
+        turned = np.eye(3) if frame is None else frame
+        point = problem.at(np.ascontiguousarray(start), reference_angles)
+        angles = system.angles.copy()
+        tangents = factorisations = shifted = reused = 0
+        while True:
+            outcome = self._verdict(point, tangents, reused, options)
+            if outcome not in (None, Outcome.ITERATION_LIMIT):
+                break
+            if reused < options.reuse_max:
+                found = self._reuse(problem, point, angles, turned, options)
+                if found is not None:
+                    point, reused, angles = found, reused + 1, system.angles.copy()
+                    continue
+            if outcome is not None:
+                point = problem.at(point.positions, angles)
+                break
+            problem.at(point.positions, angles, hessian=True)
+            attempts = self._factor(options)
+            factorisations += abs(attempts)
+            shifted += abs(attempts) > 1
+            self._kept = KeptFactor(problem.kind, turned) if attempts == 1 else None
+            if attempts < 0:
+                outcome = Outcome.INDEFINITE
+                break
+            tangents += 1
+            step = self.linear.solve(-system.gradient)
+            found = self._search(problem, point, step, angles, options)
+            if found is None:
+                point, outcome = problem.at(point.positions, angles), Outcome.NO_DESCENT
+                break
+            point, angles = found, system.angles.copy()
+        return NewtonResult(
+            point.positions, system.angles.copy(), outcome, point.residual, tangents + reused,
+            factorisations, point.energy, shifted,
+        )  # fmt: skip
+
+    def factorise(
+        self, positions: Array, angles: Array, loads: Loads, inertia: Inertia | None, frame: Array
+    ) -> bool:
+        """Factorise the tangent at a given shape into `linear`; False where it is indefinite.
+
+        Args:
+            positions: (n, 3) [m].
+            angles: (h,) [rad], unwrapped hinge angles there.
+            loads: that act.
+            inertia: of an implicit step; None in statics.
+            frame: (3, 3), rotation of the flange.
+        """
+        system = self.system
+        gradient = system.gradient.copy()
+        problem = Problem(system, self.free, loads, system.segment_tension(positions, loads), inertia)
+        problem.at(positions, angles, hessian=True)
+        system.gradient[:] = gradient
+        definite = self._fitted_solver().factor(system.tangent_blocks, low_rank=system.low_rank)
+        self._kept = KeptFactor(problem.kind, frame) if definite else None
+        return definite
+
+    def save_state(self) -> NewtonState:
+        """Return what the next solution depends on besides its arguments."""
+        factor = None if self._kept is None else self.linear.save_state()
+        wide = None if self.linear is self._narrow else self.linear.pattern
+        return NewtonState(self._kept, factor, self.system.gradient.copy(), wide)
+
+    def restore_state(self, state: NewtonState) -> None:
+        """Return to a state of `save_state`, of a solver with the same clamp."""
+        if state.wide is not None:
+            self._check_pattern(state.wide)
+        if (state.kept is None) is not (state.factor is None):
+            raise InputError("the saved factorisation is not whole")
+        self._kept = state.kept
+        self._fit(self.system.pattern if state.wide is None else state.wide)
+        if state.factor is not None:
+            self.linear.restore_state(state.factor)
+        self.system.gradient[:] = state.gradient
+
+    def _check_pattern(self, wide: BlockPattern) -> None:
+        own = self.system.pattern
+        check_indices(wide.row, own.nodes, "nodes")
+        check_indices(wide.column, own.nodes, "nodes")
+        key = wide.row * own.nodes + wide.column
+        holds = np.isin(own.row * own.nodes + own.column, key).all()
+        ordered = (np.diff(key) > 0).all() and (wide.column <= wide.row).all()
+        if not (wide.nodes == own.nodes and holds and ordered):
+            raise InputError("the saved pattern of touching films is not one of this body")
+
+    @staticmethod
+    def _verdict(point: Point, tangents: int, reused: int, options: NewtonOptions) -> Outcome | None:
+        if not (math.isfinite(point.residual) and math.isfinite(point.energy)):
+            return Outcome.NOT_FINITE
+        # many small forces of one sign add up: a start is accepted by the stricter bound only
+        moved = tangents + reused > 0
+        if point.residual < (options.tolerance_N if moved else options.start_tolerance_N):
+            return Outcome.CONVERGED
+        return Outcome.ITERATION_LIMIT if tangents >= options.iterations_max else None
+
+    def _reuse(
+        self, problem: Problem, point: Point, angles: Array, frame: Array, options: NewtonOptions
+    ) -> Point | None:
+        """Return the point one step on with the factorisation in store, or None where it does not serve.
+
+        Then the system's gradient may be that of the point that was tried.
+        """
+        kept = self._kept
+        if kept is None or kept.kind != problem.kind:
+            return None
+        turn = frame @ kept.frame.T  # from the rotation of the factorisation to the present one
+        step = self.linear.solve(-self.system.gradient, turn)
+        if not np.abs(step).max() <= options.step_max_m:
+            return None
+        trial = problem.at(point.positions + step, angles)
+        if math.isfinite(trial.energy) and trial.residual <= options.reuse_rate * point.residual:
+            return trial
+        self._kept = None
+        return None
+
+    def _factor(self, options: NewtonOptions) -> int:
+        """Factorise, with a shift where need be; return the number of attempts, negative if all failed."""
+        system, linear = self.system, self._fitted_solver()
+        return self._shifts.factor(
+            lambda shift: linear.factor(system.tangent_blocks, shift, system.low_rank),
+            options.shift_start_N_m,
+            options.shift_max_N_m,
+        )
+
+    def _fitted_solver(self) -> LinearSolver:
+        """Return the linear solver, made for the pattern of the present tangent."""
+        self._fit(self.system.tangent_pattern)
+        if isinstance(self.linear, GeneralLU):
+            # d(gradient)/dx gains what the missing caps take away
+            self.linear.extra = self.system.open_cap_stiffness
+        return self.linear
+
+    def _fit(self, pattern: BlockPattern) -> None:
+        if self.linear.pattern is not pattern:
+            narrow = pattern is self.system.pattern
+            self.linear = self._narrow if narrow else self._solver_for(pattern, self._narrow)
+
+    def _solver_for(self, pattern: BlockPattern, like: LinearSolver | None) -> LinearSolver:
+        if self.system.conservative:
+            return cholesky(pattern, self.free, self.system.eyelets, like)
+        return GeneralLU(pattern, self.free)
+
+    def _search(
+        self, problem: Problem, point: Point, step: Array, angles: Array, options: NewtonOptions
+    ) -> Point | None:
+        """Return the accepted point along the step, or None."""
+        system = self.system
+        longest = float(np.abs(step).max())
+        slope = float(np.einsum("nr,nr->", system.gradient, step))
+        factor = min(1.0, options.step_max_m / longest) if longest > 0.0 else 1.0
+        # what rounding can hide in a sum of terms of this size
+        rounding = 1e-13 * (1.0 + abs(point.energy))
+        for _ in range(options.halvings_max):
+            trial = problem.at(point.positions + factor * step, angles)
+            if system.conservative:
+                enough = trial.energy <= point.energy + 1e-4 * factor * slope + rounding
+            else:
+                # work of the out-of-balance force along the step (Crisfield's line search), of which a short
+                # step takes little away
+                work = float(np.einsum("nr,nr->", system.gradient, step))
+                enough = math.isfinite(trial.energy) and abs(work) <= (1.0 - 0.1 * factor) * abs(slope)
+            if enough or (math.isfinite(trial.energy) and trial.residual < 0.1 * point.residual):
+                return trial
+            factor *= 0.5
+        return None

@@ -1,0 +1,84 @@
+"""What Newton's method minimises in one solution, and points of it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Final, final
+
+from cosim.base.frames import Array, Mask
+from cosim.base.kernels import MASKS, MATRIX, REAL, kernel
+from cosim.soft.body.loads import Loads
+from cosim.soft.solve.assembly import Inertia, SoftSystem
+
+RESULTANT_SHARE: Final = 1e-2
+"""Of the resultant force, or of the moment over the body's size, that counts as a residual."""
+
+
+@kernel(REAL(MATRIX, MATRIX, MASKS))
+def _residual(x, values, counted):  # type: ignore[no-untyped-def]
+    """Return the largest component of those counted, or the share of their resultant where that is larger.
+
+    Many small forces of one sign add up to a wrench that is not there. NaN if a component is not a number.
+    """
+    largest, size = 0.0, 0.0
+    fx = fy = fz = mx = my = mz = 0.0
+    for i in range(values.shape[0]):
+        gx = values[i, 0] if counted[i, 0] else 0.0
+        gy = values[i, 1] if counted[i, 1] else 0.0
+        gz = values[i, 2] if counted[i, 2] else 0.0
+        most = max(abs(gx), abs(gy), abs(gz))
+        if gx != gx or gy != gy or gz != gz:
+            return math.nan
+        largest = max(largest, most)
+        rx, ry, rz = x[i, 0] - x[0, 0], x[i, 1] - x[0, 1], x[i, 2] - x[0, 2]
+        size = max(size, rx * rx + ry * ry + rz * rz)
+        fx, fy, fz = fx + gx, fy + gy, fz + gz
+        mx, my, mz = mx + ry * gz - rz * gy, my + rz * gx - rx * gz, mz + rx * gy - ry * gx
+    force, moment = math.sqrt(fx * fx + fy * fy + fz * fz), math.sqrt(mx * mx + my * my + mz * mz)
+    if size > 0.0:
+        force = max(force, moment / math.sqrt(size))
+    return max(largest, RESULTANT_SHARE * force)
+
+
+@final
+@dataclass(frozen=True)
+class Point:
+    """Positions (n, 3) [m] with their potential [J] and residual [N]."""
+
+    positions: Array
+    energy: float
+    residual: float
+
+
+@final
+@dataclass(frozen=True)
+class Problem:
+    """A potential under some loads; `system.gradient` belongs to the newest point of it.
+
+    Args:
+        system: assembled body.
+        free: (n, 3) bool, components that move.
+        loads: that act.
+        tension: (segments,), see `SoftSystem.segment_tension`.
+        inertia: of an implicit step; None in statics.
+    """
+
+    system: SoftSystem
+    free: Mask
+    loads: Loads
+    tension: Array
+    inertia: Inertia | None
+
+    def at(self, positions: Array, angles: Array, *, hessian: bool = False) -> Point:
+        """Return the point at positions (n, 3) [m]; hinge angles unwrap against those given (h,) [rad]."""
+        energy = self.system.evaluate(
+            positions, self.loads, self.tension, angles, inertia=self.inertia, hessian=hessian
+        )
+        return Point(positions, energy, _residual(positions, self.system.gradient, self.free))
+
+    @cached_property
+    def kind(self) -> float:
+        """Tells apart tangents that cannot stand for each other: statics, or the step's inertia."""
+        return 0.0 if self.inertia is None else float(self.inertia.coefficient.sum())

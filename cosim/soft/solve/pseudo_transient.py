@@ -1,0 +1,69 @@
+"""Pseudo-transient continuation: equilibria that Newton's method does not reach, by damped steps that grow.
+
+Each step minimises potential + c |x - x_n|^2 / 2, an implicit step of a body without mass in a viscous bath:
+c = drag / pseudo time. c falls while steps succeed, so that the shape slides from where a branch of
+equilibria ends to the next stable one, where Newton's method proper takes over: what is found is an
+equilibrium of the body alone.
+Source: Kelley and Keyes, SIAM J. Numer. Anal. 35 (1998) 508.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from cosim.base.frames import Array
+from cosim.soft.body.loads import Loads
+from cosim.soft.solve.assembly import Inertia
+from cosim.soft.solve.newton import NewtonOptions, NewtonResult, NewtonSolver, Outcome
+
+_BED_N_m = 1e3  # c of the first step
+_FALL, _RISE = 0.4, 6.0
+_LEAST_BED_N_m, _LARGEST_BED_N_m = 1e-3, 1e7
+_PROPER_BELOW_N_m = 10.0  # where Newton's method proper is tried
+_ITERATIONS_MAX = 12  # of a step
+_STEPS_MAX = 150
+
+
+def slide(
+    solver: NewtonSolver,
+    start: Array,
+    angles: Array,
+    loads_at: Callable[[Array], Loads],
+    options: NewtonOptions,
+) -> NewtonResult:
+    """Return the equilibrium that a damped body slides to, or how far it got.
+
+    Args:
+        solver: Newton's method for the body.
+        start: (n, 3) [m], clamped components where they shall be.
+        angles: (h,) [rad], unwrapped, of the last accepted state.
+        loads_at: positions (n, 3) [m] -> loads, with what is touched near them.
+        options: bounds of Newton's method.
+    """
+    step = replace(options, iterations_max=min(_ITERATIONS_MAX, options.iterations_max))
+    bed, x, spent, shifted = _BED_N_m, start, 0, 0
+    found: NewtonResult | None = None
+    for _ in range(_STEPS_MAX):
+        loads = loads_at(x)
+        tried = solver.solve(x, angles, loads, step, Inertia(np.full(len(x), bed), x))
+        spent, shifted = spent + tried.iterations, shifted + tried.shifted
+        if tried.outcome is Outcome.NOT_FINITE or tried.outcome is Outcome.INDEFINITE:
+            bed *= _RISE
+        else:
+            x, angles = tried.positions, tried.angles
+            bed *= _FALL if tried.converged else _RISE
+        if tried.converged and bed < _PROPER_BELOW_N_m:
+            found = solver.solve(x, angles, loads, options)
+            spent, shifted = spent + found.iterations, shifted + found.shifted
+            if found.converged:
+                break
+        bed = max(bed, _LEAST_BED_N_m)
+        if bed > _LARGEST_BED_N_m:
+            break
+    if found is None:
+        found = solver.solve(x, angles, loads_at(x), options)
+        spent, shifted = spent + found.iterations, shifted + found.shifted
+    return replace(found, iterations=spent, shifted=shifted)

@@ -1,0 +1,143 @@
+"""State of a soft body, and how it is held by the flange."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Annotated, final
+
+import numpy as np
+
+from cosim.base.frames import Array, IntArray, Mask, Pose, Wrench
+from cosim.soft.body.body import SoftBody
+from cosim.soft.contact.self_contact_memory import FilmMemory
+from cosim.soft.geometry.surface import dihedral_angle
+
+
+@final
+@dataclass(frozen=True)
+class Clamp:
+    """Nodes held rigidly to the flange, as a whole or in single world components.
+
+    Args:
+        nodes: (k,) indices, ascending.
+        offsets: (k, 3) [m], their places in the flange frame.
+        components: (k, 3) bool, the world components in which each is held.
+    """
+
+    nodes: Annotated[IntArray, ("k",)]
+    offsets: Annotated[Array, ("k", 3)]
+    components: Annotated[Mask, ("k", 3)]
+
+    @classmethod
+    def of_base(cls, body: SoftBody) -> Clamp:
+        """Return the clamp of the body's base nodes, where they are drawn."""
+        nodes = np.unique(body.base)
+        return cls(nodes, body.positions[nodes], np.ones((len(nodes), 3), dtype=bool))
+
+    def extended(self, nodes: IntArray, positions: Array, world_from_flange: Pose) -> Clamp:
+        """Return a clamp that also holds `nodes` (m,) as a whole; see `holding`."""
+        held = np.zeros((len(positions), 3), dtype=bool)
+        held[nodes] = True
+        return self.holding(held, positions, world_from_flange)
+
+    def holding(self, held: Mask, positions: Array, world_from_flange: Pose) -> Clamp:
+        """Return a clamp that also holds further components where they are now.
+
+        Args:
+            held: (n, 3) bool, components to hold besides those held already.
+            positions: (n, 3) [m], world, of all nodes.
+            world_from_flange: present pose of the flange.
+        """
+        mask = self.mask(len(positions)) | held
+        offsets = world_from_flange.inverse().apply(positions)
+        whole = self.components.all(axis=1)
+        offsets[self.nodes[whole]] = self.offsets[whole]
+        nodes = np.flatnonzero(mask.any(axis=1))
+        return Clamp(nodes, offsets[nodes], mask[nodes])
+
+    def without(self, nodes: IntArray) -> Clamp:
+        """Return a clamp that lets the given nodes go."""
+        kept = ~np.isin(self.nodes, nodes)
+        return Clamp(self.nodes[kept], self.offsets[kept], self.components[kept])
+
+    def mask(self, count: int) -> Mask:
+        """Return (count, 3) bool, true where a component is held."""
+        held = np.zeros((count, 3), dtype=bool)
+        held[self.nodes] = self.components
+        return held
+
+    def place(self, positions: Array, world_from_flange: Pose) -> Array:
+        """Return the positions (n, 3) [m] with the held components where the flange has them."""
+        placed = np.array(positions)
+        target = world_from_flange.apply(self.offsets)
+        placed[self.nodes] = target if self._whole else np.where(self.components, target, placed[self.nodes])
+        return placed
+
+    @cached_property
+    def _whole(self) -> bool:
+        """Whether all nodes are held in all components."""
+        return bool(self.components.all())
+
+    def reaction(self, gradient: Array) -> Array:
+        """Return the force (k, 3) [N] that the flange supplies to each held node, free components zero.
+
+        Args:
+            gradient: (n, 3) [N], of the potential, inertia included.
+        """
+        held = gradient[self.nodes]
+        return held if self._whole else np.where(self.components, held, 0.0)
+
+    def wrench(self, gradient: Array, positions: Array, world_from_flange: Pose) -> Wrench:
+        """Return what the body exerts on the flange, at its origin, world axes.
+
+        force = -sum_k r_k, torque = -sum_k (x_k - o) x r_k, with r the reactions at the held nodes.
+
+        Args:
+            gradient: (n, 3) [N].
+            positions: (n, 3) [m], world.
+            world_from_flange: pose of the flange, o its origin.
+        """
+        reaction = self.reaction(gradient)
+        arm = positions[self.nodes] - world_from_flange.translation
+        (_, xy, xz), (yx, _, yz), (zx, zy, _) = (arm.T @ reaction).tolist()
+        return Wrench(-reaction.sum(axis=0), np.array((zy - yz, xz - zx, yx - xy)))
+
+
+@final
+@dataclass(frozen=True)
+class SoftState:
+    """What the next step of a soft body depends on.
+
+    Args:
+        positions: (n, 3) [m], world.
+        velocities: (n, 3) [m/s].
+        angles: (h,) [rad], unwrapped hinge angles.
+        earlier: positions and velocities one step before, for two-step integrators.
+        touching: films that press on one another; None for none.
+    """
+
+    positions: Annotated[Array, ("nodes", 3)]
+    velocities: Annotated[Array, ("nodes", 3)]
+    angles: Annotated[Array, ("hinges",)]
+    earlier: tuple[Annotated[Array, ("nodes", 3)], Annotated[Array, ("nodes", 3)]] | None = None
+    touching: FilmMemory | None = None
+
+    @classmethod
+    def drawn(cls, body: SoftBody, world_from_flange: Pose) -> SoftState:
+        """Return the drawn shape, at rest on the flange."""
+        positions = np.ascontiguousarray(world_from_flange.apply(body.positions))
+        return cls(positions, np.zeros_like(positions), dihedral_angle(body.positions, body.hinges.nodes))
+
+    @classmethod
+    def at_rest(cls, positions: Array, angles: Array, touching: FilmMemory | None = None) -> SoftState:
+        """Return a state without velocity."""
+        return cls(positions, np.zeros_like(positions), angles, None, touching)
+
+    def carried(self, motion: Pose) -> SoftState:
+        """Return the state moved rigidly by `motion` (world to world)."""
+        turn = motion.rotation.T
+        return SoftState(
+            np.ascontiguousarray(motion.apply(self.positions)), self.velocities @ turn, self.angles, None,
+            None if self.touching is None else self.touching.carried(motion),
+        )  # fmt: skip

@@ -1,0 +1,53 @@
+"""How far an implicit step is off: its distance from an explicit prediction of the same order, weighted.
+
+Implicit Euler leaves -h^2 x''/2 of the exact solution, free flight x + h v leaves +h^2 x''/2: half their
+distance is the error. BDF2 leaves -2 h^3 x'''/9, the explicit x + h (3 v_n - v_n-1) / 2 leaves 5 h^3 x'''/12:
+8/23 of it.
+Source: Hairer, Norsett and Wanner, Solving ODEs I, section III.2 (error constants; Milne's device).
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from cosim.soft.solve.state import SoftState
+from cosim.soft.solve.time_step import Integrator
+
+_PIECES_MAX = 16
+_SAFETY = 1.2
+_RELAXED = 0.25  # of the bound: then longer pieces are tried in the next step
+
+
+def step_error(integrator: Integrator, before: SoftState, after: SoftState, step_s: float) -> float:
+    """Return the largest error of a node's position made in a step [m].
+
+    Args:
+        integrator: that took the step.
+        before: state at its beginning.
+        after: state at its end.
+        step_s: h [s].
+    """
+    if integrator == "implicit_euler" or before.earlier is None:
+        predicted, share = before.positions + step_s * before.velocities, 0.5
+    else:
+        flight = 1.5 * before.velocities - 0.5 * before.earlier[1]
+        predicted, share = before.positions + step_s * flight, 8.0 / 23.0
+    away = after.positions - predicted
+    return share * math.sqrt(float(np.einsum("nr,nr->n", away, away).max()))
+
+
+def pieces_after(pieces: int, error_m: float, bound_m: float, order: int) -> int:
+    """Return into how many pieces a step should be cut, judging by its error in so many.
+
+    Args:
+        pieces: it was cut into.
+        error_m: largest of a piece.
+        bound_m: that a piece shall keep.
+        order: of the integrator; the error of a piece goes with its length to the power order + 1.
+    """
+    if error_m > bound_m:
+        wanted: float = pieces * _SAFETY * (error_m / bound_m) ** (1.0 / (order + 1))
+        return min(_PIECES_MAX, max(pieces + 1, math.ceil(wanted)))
+    return max(1, pieces // 2) if error_m < _RELAXED * bound_m / 2.0**order else pieces

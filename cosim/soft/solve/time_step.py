@@ -1,0 +1,319 @@
+"""Implicit time steps of a soft body: each is the minimum of an incremental potential.
+
+Implicit Euler:  y = x_n + h v_n,  M (x - y) / h^2 = f(x),  v = (x - x_n) / h.
+BDF2, s = 2 h / 3:  a = (4 x_n - x_n-1) / 3,  y = a + s (4 v_n - v_n-1) / 3,  M (x - y) / s^2 = f(x),
+v = (x - a) / s; its first step is implicit Euler.
+Mass-proportional damping alpha adds M alpha v. Source: Hairer and Wanner, Solving ODEs II, chapter III.1.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Literal, TypeAlias, final
+
+import numpy as np
+
+from cosim.base.frames import Array, Pose
+from cosim.errors import ConvergenceError, InputError
+from cosim.soft.body.loads import Loads
+from cosim.soft.elements.cable_length import losses_follow
+from cosim.soft.solve.assembly import Inertia
+from cosim.soft.solve.newton import NewtonOptions, NewtonResult, NewtonSolver, Outcome
+from cosim.soft.solve.place import place_of_largest
+from cosim.soft.solve.self_contact import SelfContact
+from cosim.soft.solve.state import Clamp, SoftState
+
+_REUSE_MAX = 30  # iterations with a kept factorisation in a step that is solved closely
+_FINE_ITERATIONS_MAX = 4  # new tangents in it below an ordinary step's tolerance
+_LOSS_ROUNDS_MAX = 8
+
+Integrator: TypeAlias = Literal["implicit_euler", "bdf2"]
+
+
+# An acceleration is taken to stay where it moves nodes by so much in a step. Below, starts that are near
+# enough would carry it on for ever: a resting body would wander. Above, films flutter: it will turn round.
+_EVEN_m = (1e-7, 1e-4)
+_LARGE_TURN_RAD = 0.01  # above it, another start of Newton's method pays for looking for it
+
+
+@final
+@dataclass(frozen=True)
+class StepOptions:
+    """How a time step is solved.
+
+    Args:
+        integrator: "implicit_euler" (first order, damps) or "bdf2" (second order, damps less).
+        tolerance_N: a step whose residual is below this is done.
+        iterations: new tangents of an ordinary step, besides iterations with a kept one.
+        residual_bound_N: a step whose residual is above this after them goes on iterating.
+        newton: bounds of the iteration.
+        damping_per_s: alpha [1/s].
+        substep_error_m: a step whose error is larger is cut into pieces; None: never (see `step_error`).
+    """
+
+    integrator: Integrator = "implicit_euler"
+    tolerance_N: float = 1e-4
+    iterations: int = 1
+    residual_bound_N: float = 0.1
+    newton: NewtonOptions = NewtonOptions(reuse_max=6)
+    damping_per_s: float = 0.0
+    substep_error_m: float | None = None
+
+
+def difference_scheme(integrator: Integrator, state: SoftState, h: float) -> tuple[Array, float, Array]:
+    """Return (base, span, speed) of the next step: v = (x - base) / span, acceleration = (v - speed) / span.
+
+    Args:
+        integrator: see the module's text.
+        state: at the beginning of the step.
+        h: its length [s].
+    """
+    if integrator == "implicit_euler" or state.earlier is None:
+        return state.positions, h, state.velocities
+    x1, v1 = state.earlier
+    return (4.0 * state.positions - x1) / 3.0, 2.0 * h / 3.0, (4.0 * state.velocities - v1) / 3.0
+
+
+def inertia_weight(span: float, damping_per_s: float) -> float:
+    """Return (1 + alpha s) / s^2 [1/s^2]: what a step's inertia and damping add to the stiffness, per mass.
+
+    Args:
+        span: s [s], of `difference_scheme`.
+        damping_per_s: alpha [1/s].
+    """
+    return (1.0 + damping_per_s * span) / span**2
+
+
+def _turn(before: Pose, after: Pose) -> float:
+    """Return the angle [rad] between two poses."""
+    cosine = 0.5 * (float(before.rotation.ravel().dot(after.rotation.ravel())) - 1.0)
+    return math.acos(min(1.0, max(-1.0, cosine)))
+
+
+def _flight(integrator: Integrator, state: SoftState, h: float) -> Array:
+    """Return where the nodes get if their acceleration stays, or their velocity where it would not.
+
+    An acceleration that stays leads exactly there.
+
+    Args:
+        integrator: BDF2 moves them with the velocity in the middle of the step, implicit Euler with the last.
+        state: at the beginning of the step.
+        h: its length [s].
+    """
+    flight: Array = state.positions + h * state.velocities
+    if state.earlier is None:
+        return flight
+    share = 0.5 if integrator == "bdf2" else 1.0
+    gained = share * h * (state.velocities - state.earlier[1])
+    least_m, most_m = _EVEN_m
+    return flight + gained if least_m < float(np.abs(gained).max()) < most_m else flight
+
+
+@final
+@dataclass(frozen=True)
+class StepAim:
+    """How closely a step is solved that is taken again and again.
+
+    Args:
+        tolerance_N: a step whose residual is below this is done.
+        start: (n, 3) [m], where an earlier try of the same step ended; None for the first.
+    """
+
+    tolerance_N: float
+    start: Array | None = None
+
+    def newton(self, options: StepOptions) -> tuple[NewtonOptions, NewtonOptions]:
+        """Return the bounds of Newton's method up to an ordinary step's tolerance, and beyond it.
+
+        Beyond, few new tangents are spent: where films buckle, the tangent is shifted and gains little.
+        """
+        coarse = max(self.tolerance_N, options.tolerance_N)
+        given, fine = replace(options.newton, reuse_max=_REUSE_MAX), self.tolerance_N
+        return (
+            replace(given, tolerance_N=coarse, start_tolerance_N=coarse),
+            replace(given, tolerance_N=fine, start_tolerance_N=fine, iterations_max=_FINE_ITERATIONS_MAX),
+        )
+
+
+@final
+class ImplicitStepper:
+    """Steps one body with a given clamp.
+
+    Args:
+        solver: Newton's method for the body with that clamp.
+        clamp: nodes held by the flange.
+        options: how steps are solved.
+        self_contact: of the body's films with one another; None where it is not modelled.
+    """
+
+    def __init__(
+        self,
+        solver: NewtonSolver,
+        clamp: Clamp,
+        options: StepOptions,
+        self_contact: SelfContact | None = None,
+    ) -> None:
+        self.solver = solver
+        self.clamp = clamp
+        self.options = options
+        self.self_contact = self_contact
+        # of an ordinary step: until it is solved, and in a first go
+        self._whole = replace(options.newton, tolerance_N=options.tolerance_N)
+        self._first = replace(self._whole, iterations_max=options.iterations)
+
+    def step(
+        self,
+        state: SoftState,
+        world_from_flange: Pose,
+        loads: Loads,
+        step_s: float,
+        before: Pose | None = None,
+        aim: StepAim | None = None,
+    ) -> tuple[SoftState, NewtonResult]:
+        """Advance by one step, with the flange at its new pose.
+
+        Args:
+            state: at the beginning.
+            world_from_flange: pose of the flange at the end.
+            loads: at the end.
+            step_s: h [s].
+            before: pose of the flange at the beginning; with it, a large turn finds a better start.
+            aim: how closely; as an ordinary step unless given.
+
+        Raises:
+            InputError: the step is not positive, or not finite.
+            ConvergenceError: no acceptable solution; the caller still holds `state`.
+        """
+        if not 0.0 < step_s < math.inf:
+            raise InputError(f"step {step_s} s must be positive and finite")
+        base, span, speed = difference_scheme(self.options.integrator, state, step_s)
+        inertia = self._inertia(base, span, speed)
+        loads = self._with_films(state, loads, step_s)
+        starts = [_flight(self.options.integrator, state, step_s), state.positions]
+        if before is not None and _turn(before, world_from_flange) > _LARGE_TURN_RAD:
+            starts = self._ranked(starts, state, before, world_from_flange, loads, inertia)
+        # flight is the better start, unless it takes films too far; then the step begins where it is
+        if aim is not None and aim.start is not None:
+            starts = [aim.start, *starts]
+        for free in starts:
+            start = self.clamp.place(free, world_from_flange)
+            result = self._solve(start, state, world_from_flange, loads, inertia, aim)
+            result = self._with_losses(result, world_from_flange, loads, inertia, aim)
+            if result.converged or self._acceptable(result, aim):
+                break
+        else:
+            where = place_of_largest(self.solver, result.positions)
+            raise ConvergenceError(
+                f"the soft step did not converge: {result.outcome.value}; residual {result.residual_N:.3g} N "
+                f"after {result.iterations} iterations, the largest at {where}",
+                result.residual_N,
+                result.iterations,
+            )
+        velocities = (result.positions - base) / span
+        earlier, pairs = (state.positions, state.velocities), loads.self_contact
+        touching = None if pairs is None else pairs.memory(result.positions)
+        return SoftState(result.positions, velocities, result.angles, earlier, touching), result
+
+    def _with_films(self, state: SoftState, loads: Loads, step_s: float) -> Loads:
+        """Return the loads with the films that may touch one another in the step."""
+        if self.self_contact is None:
+            return loads
+        return replace(loads, self_contact=self.self_contact.step_pairs(state, step_s))
+
+    def factorise(self, state: SoftState, world_from_flange: Pose, loads: Loads, step_s: float) -> bool:
+        """Factorise the tangent of a step that ends at a state; False where it is indefinite.
+
+        Args:
+            state: at the end of a step.
+            world_from_flange: pose of the flange there.
+            loads: there.
+            step_s: h [s].
+        """
+        inertia = self._inertia(*difference_scheme(self.options.integrator, state, step_s))
+        loads = self._with_films(state, loads, step_s)
+        return self.solver.factorise(
+            state.positions, state.angles, loads, inertia, world_from_flange.rotation
+        )
+
+    def _ranked(
+        self, starts: list[Array], state: SoftState, before: Pose, after: Pose, loads: Loads, inertia: Inertia
+    ) -> list[Array]:
+        """Return the starts and that which goes with the flange, the one of least potential first.
+
+        Free flight goes along tangents: where the flange turns far in a step, it stretches the film.
+        """
+        system, positions = self.solver.system, state.positions
+        carried = np.ascontiguousarray((after @ before.inverse()).apply(positions))
+        tension = system.segment_tension(positions, loads)
+
+        def potential(start: Array) -> float:
+            placed = self.clamp.place(start, after)
+            value = system.evaluate(placed, loads, tension, state.angles, inertia=inertia, hessian=False)
+            return value if math.isfinite(value) else math.inf
+
+        return sorted([*starts, carried], key=potential)
+
+    def _inertia(self, base: Array, span: float, speed: Array) -> Inertia:
+        """Return M (v - speed) / s + alpha M v with v = (x - base) / s, written as one elastic bed."""
+        growth = 1.0 + self.options.damping_per_s * span
+        weight = self.solver.system.body.node_mass * inertia_weight(span, self.options.damping_per_s)
+        return Inertia(weight, base + span / growth * speed)
+
+    def _solve(
+        self,
+        start: Array,
+        state: SoftState,
+        flange: Pose,
+        loads: Loads,
+        inertia: Inertia,
+        aim: StepAim | None,
+    ) -> NewtonResult:
+        options, frame = self.options, flange.rotation
+        if aim is not None:
+            coarse, fine = aim.newton(options)
+            result = self.solver.solve(start, state.angles, loads, coarse, inertia, frame)
+            if not result.converged or result.residual_N < aim.tolerance_N:
+                return result
+            spent = result.iterations
+            result = self.solver.solve(result.positions, state.angles, loads, fine, inertia, frame)
+            return replace(result, iterations=spent + result.iterations)
+        # a contact that is half solved would push with a force of its own making
+        if loads.contact is not None or loads.self_contact is not None:
+            return self.solver.solve(start, state.angles, loads, self._whole, inertia, frame)
+        result = self.solver.solve(start, state.angles, loads, self._first, inertia, frame)
+        if result.outcome is not Outcome.ITERATION_LIMIT or self._acceptable(result):
+            return result
+        spent = result.iterations
+        result = self.solver.solve(result.positions, result.angles, loads, self._whole, inertia, frame)
+        return replace(result, iterations=spent + result.iterations)
+
+    def _with_losses(
+        self, result: NewtonResult, flange: Pose, loads: Loads, inertia: Inertia, aim: StepAim | None
+    ) -> NewtonResult:
+        """Repeat while the shape changes the losses of cables of commanded length: stiff ones feel that."""
+        if not losses_follow(self.solver.system.body.cables, loads.cable_length_m):
+            return result
+        bound, frame = self.options.tolerance_N if aim is None else aim.tolerance_N, flange.rotation
+        options = replace(self.options.newton, tolerance_N=bound, start_tolerance_N=bound)
+        for _ in range(_LOSS_ROUNDS_MAX):
+            if not (result.converged or self._acceptable(result, aim)):
+                break
+            again = self.solver.solve(result.positions, result.angles, loads, options, inertia, frame)
+            if not again.converged:
+                break
+            spent = result.iterations + again.iterations
+            result = replace(
+                again, iterations=spent, factorisations=result.factorisations + again.factorisations
+            )
+            if again.iterations == 0:
+                break
+        return result
+
+    def _acceptable(self, result: NewtonResult, aim: StepAim | None = None) -> bool:
+        """Whether an ordinary step may end here: all iterations spent, residual within its bound."""
+        if aim is not None:
+            # below an ordinary step's tolerance rounding may leave no descent
+            return result.residual_N <= self.options.tolerance_N
+        limit = result.outcome is Outcome.ITERATION_LIMIT
+        return limit and result.residual_N <= self.options.residual_bound_N

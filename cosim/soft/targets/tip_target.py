@@ -1,0 +1,128 @@
+"""Where the deformed tip shall be, and what a search for it is given and returns."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+
+from cosim.base.frames import Array, vector_from_rotation
+from cosim.soft.solve.equilibrium import Equilibrium
+from cosim.soft.solve.sensitivity import TipFrame
+
+
+@final
+@dataclass(frozen=True)
+class TipTarget:
+    """Where the deformed tip shall be; give what matters, leave out what does not.
+
+    Args:
+        position: (3,) [m], world.
+        direction: (3,), unit normal of the tip ring, world.
+        rotation: (3, 3), the whole tip frame; replaces `direction`.
+        height: [m], world z alone; replaces `position`.
+    """
+
+    position: Array | None = None
+    direction: Array | None = None
+    rotation: Array | None = None
+    height: float | None = None
+
+    def error(self, tip: TipFrame) -> tuple[Array, Array]:
+        """Return (rows, error): rows (m, 6) select from the tip's motion, error (m,) is what is missing."""
+        rows, errors = [], []
+        if self.position is not None:
+            rows.append(np.eye(6)[:3])
+            errors.append(self.position - tip.position)
+        elif self.height is not None:
+            rows.append(np.eye(6)[2:3])
+            errors.append(np.array([self.height - tip.position[2]]))
+        if self.rotation is not None:
+            rows.append(np.eye(6)[3:])
+            errors.append(vector_from_rotation(self.rotation @ tip.rotation.T))
+        elif self.direction is not None:
+            wanted = self.direction / np.linalg.norm(self.direction)
+            # only the rotation about the two axes across the direction counts
+            across = tip.rotation[:, :2].T
+            rows.append(np.concatenate([np.zeros((2, 3)), across], axis=1))
+            errors.append(across @ shortest_turn(tip.direction, wanted))
+        return np.concatenate(rows), np.concatenate(errors)
+
+    def distance(self, tip: TipFrame) -> tuple[float, float]:
+        """Return how far off the tip is: (position [m], angle [rad])."""
+        position = angle = 0.0
+        if self.position is not None:
+            position = float(np.linalg.norm(self.position - tip.position))
+        elif self.height is not None:
+            position = abs(self.height - float(tip.position[2]))
+        if self.rotation is not None:
+            angle = float(np.linalg.norm(vector_from_rotation(self.rotation @ tip.rotation.T)))
+        elif self.direction is not None:
+            angle = float(np.linalg.norm(shortest_turn(tip.direction, self.direction)))
+        return position, angle
+
+
+@final
+@dataclass(frozen=True)
+class TargetOptions:
+    """Bounds of the search.
+
+    Args:
+        position_tolerance_m: accepted distance of the tip.
+        angle_tolerance_rad: accepted angle of the tip.
+        iterations_max: sensitivities before giving up.
+        lever_m: length that weighs a flange rotation against a translation (the smaller motion is chosen).
+        tension_max_N: largest cable tension allowed.
+    """
+
+    position_tolerance_m: float = 1e-5
+    angle_tolerance_rad: float = 1e-4
+    iterations_max: int = 20
+    lever_m: float = 0.5
+    tension_max_N: float = 100.0
+
+    def met(self, found: TargetSolution) -> bool:
+        """Return whether a tip is on its target."""
+        return (
+            found.position_error_m <= self.position_tolerance_m
+            and found.angle_error_rad <= self.angle_tolerance_rad
+        )
+
+
+@final
+@dataclass(frozen=True)
+class TargetSolution:
+    """A flange pose and loads whose equilibrium has the tip on target.
+
+    Args:
+        equilibrium: with its flange pose and loads.
+        position_error_m: distance of the tip from the target.
+        angle_error_rad: angle of the tip from the target.
+        iterations: sensitivities computed.
+    """
+
+    equilibrium: Equilibrium
+    position_error_m: float
+    angle_error_rad: float
+    iterations: int
+
+    def off(self) -> str:
+        """Return how far off the tip is, for a message."""
+        angle = f" and {np.degrees(self.angle_error_rad):.2f} degrees" if self.angle_error_rad else ""
+        return f"{1e3 * self.position_error_m:.2f} mm{angle}"
+
+
+def shortest_turn(begin: Array, end: Array) -> Array:
+    """Return the rotation vector [rad] that turns one direction into another the shortest way."""
+    begin, end = begin / np.linalg.norm(begin), end / np.linalg.norm(end)
+    axis = np.cross(begin, end)
+    sine = float(np.linalg.norm(axis))
+    if sine < 1e-12:
+        return np.zeros(3) if begin @ end > 0.0 else np.pi * _any_normal(begin)
+    return np.asarray(np.arctan2(sine, begin @ end) / sine * axis)
+
+
+def _any_normal(direction: Array) -> Array:
+    normal = np.cross(direction, np.eye(3)[int(np.argmin(np.abs(direction)))])
+    return np.asarray(normal / np.linalg.norm(normal))

@@ -1,0 +1,1 @@
+"""What is seen of a run: snapshots, decisions, figures and the summary."""

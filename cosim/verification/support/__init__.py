@@ -1,0 +1,1 @@
+"""Meshes and specimens that verification cases share."""

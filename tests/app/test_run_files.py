@@ -1,0 +1,54 @@
+"""The directory of a run: who reads in it sees whole files."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from cosim.app import run_files
+from cosim.app.output_directory import MARKER, OutputDirectory
+from cosim.app.run_files import SUMMARY, RunFiles, default_directory, recordings
+
+
+def test_who_reads_a_summary_reads_one_to_its_end(tmp_path: Path) -> None:
+    files = RunFiles(tmp_path, {})
+    long, short = {"status": "interrupted", "ticks": list(range(5000))}, {"status": "completed"}
+    files.finish(long)
+    with (tmp_path / SUMMARY).open(encoding="utf-8") as reader:
+        begun = reader.read(100)
+        files.finish(short)  # written beside it and put in its place at once, not over it
+        assert json.loads(begun + reader.read()) == long
+    assert json.loads((tmp_path / SUMMARY).read_text(encoding="utf-8")) == short
+    assert [path.name for path in tmp_path.iterdir()] == [SUMMARY]
+
+
+def test_runs_of_one_second_get_directories_of_their_own(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(run_files.time, "strftime", lambda _form: "20260203-040506")
+    for name in ("arm-20260203-040506", "arm-20260203-040506-2", "arm-20260203-040506-3"):
+        assert default_directory("arm") == Path("runs", name)
+        default_directory("arm").mkdir(parents=True)
+
+
+def test_recordings_are_those_that_the_run_wrote(tmp_path: Path) -> None:
+    with OutputDirectory(tmp_path) as directory:
+        directory.make()
+        directory.claim("recording.rrd", "recording-2.rrd", "recording-10.rrd")
+    for name in (
+        "recording-2.rrd",
+        "recording-10.rrd",
+        "recording-3.rrd",
+        "recording-best.rrd",
+        "recording.rrd",
+    ):
+        (tmp_path / name).touch()
+    names = [path.name for path in recordings(tmp_path)]
+    assert names == ["recording.rrd", "recording-2.rrd", "recording-10.rrd"]
+    # of a copy that has lost its marker, all that are named like one
+    (tmp_path / MARKER).unlink()
+    names = [path.name for path in recordings(tmp_path)]
+    assert names == ["recording.rrd", "recording-2.rrd", "recording-3.rrd", "recording-10.rrd"]

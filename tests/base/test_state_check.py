@@ -1,0 +1,84 @@
+"""Saved states are checked in kind, size and numbers before anything takes them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Annotated, Any
+
+import numpy as np
+import pytest
+
+from cosim.base.frames import Array, IntArray
+from cosim.base.state_check import check_indices, check_state
+from cosim.errors import InputError
+
+
+@dataclass(frozen=True)
+class Inner:
+    """A state whose arrays have as many rows as there are contacts."""
+
+    key: Annotated[IntArray, ("k",)]
+    force: Annotated[Array, ("k", 3)]
+
+
+@dataclass(frozen=True)
+class Outer:
+    """A state of nodes, with an inner one that may be missing."""
+
+    positions: Annotated[Array, ("nodes", 3)]
+    stiffness: Array
+    earlier: Annotated[Array, ("nodes", 3)] | None = None
+    inner: Inner | None = None
+    counts: tuple[int, ...] = ()
+    ratio: float = 0.0
+
+
+PRESENT = Outer(np.zeros((4, 3)), np.ones(2))
+INNER = Inner(np.arange(2), np.zeros((2, 3)))
+GOOD = Outer(np.ones((4, 3)), np.zeros(2), np.ones((4, 3)), INNER, (1, 2), 1)
+
+
+def test_a_state_may_hold_more_or_less_than_the_present_one() -> None:
+    check_state(GOOD, PRESENT)
+    check_state(PRESENT, GOOD)
+    check_state(replace(GOOD, inner=Inner(np.arange(5), np.zeros((5, 3)))), GOOD)
+
+
+@pytest.mark.parametrize(
+    ("changes", "text"),
+    [
+        ({"positions": np.ones((2, 3))}, r"state.positions has shape \(2, 3\), not \(4, 3\)"),
+        ({"earlier": np.ones((5, 3))}, r"state.earlier has shape \(5, 3\), not \(4, 3\)"),
+        ({"stiffness": np.ones(1)}, r"state.stiffness has shape \(1,\), here \(2,\)"),
+        ({"stiffness": np.ones(2, np.float32)}, "holds float32, not float64"),
+        ({"stiffness": np.ones(2).astype(">f8")}, "holds >f8, not float64"),
+        ({"stiffness": np.array([1.0, np.nan])}, "not finite"),
+        ({"stiffness": None}, "state.stiffness is a NoneType"),
+        ({"positions": np.asfortranarray(np.ones((4, 3)))}, "stored by columns"),
+        ({"inner": replace(INNER, force=np.zeros((1, 3)))}, r"inner.force has shape \(1, 3\), not \(2, 3\)"),
+        ({"inner": replace(INNER, key=np.zeros(2))}, "inner.key holds float64, not int64"),
+        ({"inner": PRESENT}, "state.inner is a Outer"),
+        ({"counts": (1, 2.5)}, r"state.counts\[1\] is a float, not a int"),
+        ({"counts": (1, 2**70)}, "too large"),
+        ({"counts": 3}, "state.counts is a int"),
+        ({"ratio": float("inf")}, "state.ratio is inf"),
+        ({"ratio": True}, "state.ratio is a bool"),
+        ({"ratio": "1"}, "state.ratio is a str"),
+    ],
+)
+def test_what_does_not_fit_is_named(changes: dict[str, Any], text: str) -> None:
+    with pytest.raises(InputError, match=text):
+        check_state(replace(GOOD, **changes), PRESENT)
+
+
+def test_another_class_is_refused() -> None:
+    with pytest.raises(InputError, match="state is a Inner, not a Outer"):
+        check_state(INNER, PRESENT)
+
+
+@pytest.mark.parametrize("index", [-1, 4])
+def test_indices_name_what_there_is(index: int) -> None:
+    check_indices(np.array([0, 3]), 4, "nodes")
+    check_indices(np.zeros(0, np.int64), 0, "nodes")
+    with pytest.raises(InputError, match=r"names nodes .*; there are 4"):
+        check_indices(np.array([0, index]), 4, "nodes")

@@ -1,0 +1,106 @@
+"""Section models of scenarios: built once, kept, their error reported."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import cosim
+from cosim.build import section_cache as module
+from cosim.config.loading import load_scenario
+from cosim.errors import ScenarioError
+from cosim.reduced.section_model import SectionModel
+from cosim.soft.body.body import SoftBody
+from tests.small_section import on_a_ur5e, section
+
+SCENARIO = on_a_ur5e(
+    25e3,
+    """
+[[phase]]
+name = "hang"
+duration_s = 0.02
+""",
+)
+
+
+def test_the_error_of_a_model_is_told_and_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    monkeypatch.setattr(module, "build_model", lambda *_: section().model)
+    path = tmp_path / "three_units.toml"
+    path.write_text(SCENARIO, encoding="utf-8")
+    run = cosim.run(path)
+    figures = run.summary["section_model"]
+    assert 1e-5 < figures["tip_error_m"] < 2e-3
+    assert 0.02 < figures["tip_error_m"] / figures["tip_error"] < 0.08  # the arm's length
+    assert figures["frames"] == 5  # flange, three rims, tip
+    assert figures["samples"] > 100
+    assert f"{1e3 * figures['tip_error_m']:.1f} mm" in run.stage.report
+    monkeypatch.setattr(module, "build_model", lambda *_: pytest.fail("the model has been built before"))
+    assert cosim.run(path).summary["section_model"] == figures
+    assert cosim.run(path, overrides={"fidelity": "rigid"}).summary["section_model"] is None
+
+
+def test_a_model_is_kept_for_its_range_of_pressure(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    built: list[float] = []
+
+    def build(_body: SoftBody, largest_Pa: float) -> SectionModel:
+        built.append(largest_Pa)
+        spline = replace(section().model.spline, largest_Pa=largest_Pa)
+        return replace(section().model, spline=spline)
+
+    monkeypatch.setattr(module, "build_model", build)
+    path = tmp_path / "three_units.toml"
+    path.write_text(SCENARIO, encoding="utf-8")
+    ordinary, high = load_scenario(path), load_scenario(path, {"phase.hang.pressure_Pa": 90e3})
+    models = [module.section_model(scenario) for scenario in (ordinary, high, ordinary, high)]
+    ranges = [model.spline.largest_Pa for model in models]
+    assert built == ranges[:2] == ranges[2:]
+    assert ranges[0] < 90e3 < ranges[1]  # a model for less pressure must not serve for more
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"soft_robot": "three_finger_gripper"}, "soft_robot.copies: have no section model: fingers fold"),
+        ({"soft_robot": "arm_with_gripper"}, "soft_robot.attach: has no section model"),
+        ({"contact.self_contact": True}, "contact.self_contact: is not in a section model"),
+    ],
+)
+def test_what_a_section_model_leaves_out_is_refused(
+    tmp_path: Path, changes: dict[str, Any], message: str
+) -> None:
+    path = tmp_path / "three_units.toml"
+    path.write_text(SCENARIO, encoding="utf-8")
+    with pytest.raises(ScenarioError, match=message):
+        load_scenario(path, changes)
+
+
+def test_a_model_that_loses_its_equilibria_says_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    lost = replace(section().model, tip_error=float("inf"), tip_error_m=float("inf"))
+    monkeypatch.setattr(module, "build_model", lambda *_: lost)
+    path = tmp_path / "three_units.toml"
+    path.write_text(SCENARIO, encoding="utf-8")
+    run = cosim.run(path)
+    assert run.summary["section_model"]["tip_error_m"] is None
+    assert "it has no equilibrium at some loads" in run.stage.report
+
+
+@pytest.mark.parametrize("mode", ["dynamic", "quasistatic"])
+def test_cables_are_wound_as_on_the_film(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, mode: str) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    monkeypatch.setattr(module, "build_model", lambda *_: section().model)
+    path = tmp_path / "three_units.toml"
+    wind = "duration_s = 0.1\nincrements = 4\ncable_shortening_m = { right = 0.004 }"
+    path.write_text(SCENARIO.replace("duration_s = 0.02", wind), encoding="utf-8")
+    found, film = (
+        cosim.run(path, overrides={"fidelity": fidelity, "mode": mode}) for fidelity in ("section", "lumped")
+    )
+    assert film.cable_tension_N[-1, 0] > 0.5
+    assert found.cable_tension_N[-1] == pytest.approx(film.cable_tension_N[-1], rel=0.05)
+    ways = [run.tip_position[-1] - run.tip_position[0] for run in (found, film)]
+    assert ways[0] == pytest.approx(ways[1], abs=0.05 * float(abs(ways[1]).max()))

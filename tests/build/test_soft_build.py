@@ -1,0 +1,105 @@
+"""From a robot's description to a soft body: refinement keeps what must stay."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from cosim.base.resources import scenario_path
+from cosim.build.soft_body import build_soft_body
+from cosim.config.loading import load_scenario
+from cosim.config.schema.soft_robot import SoftRobot
+from cosim.config.schema.solver import ChamberModel
+from cosim.soft.body.body import SoftBody
+from cosim.soft.body.loads import Loads
+from cosim.soft.elements.shell_hinges import bending_measure
+from cosim.soft.geometry.surface import triangle_area
+from cosim.soft.solve.assembly import SoftSystem
+from cosim.soft.solve.newton import NewtonOptions, NewtonSolver
+
+
+@pytest.fixture(scope="module")
+def robot() -> SoftRobot:
+    """Return the hexagonal arm cut down to its first unit, without cables."""
+    arm = load_scenario(str(scenario_path("ur5e_hexagon_arm"))).soft_robot
+    return replace(arm, chamber=replace(arm.chamber, units=1), cables=())
+
+
+def refined(
+    robot: SoftRobot, levels: int, rule: str = "uniform", model: ChamberModel | None = None
+) -> SoftBody:
+    changed = replace(
+        robot, chamber=replace(robot.chamber, refine=levels), hinge=replace(robot.hinge, rule=rule)
+    )
+    return build_soft_body(changed, model or ChamberModel())
+
+
+def test_unrefined_uniform_hinges_have_the_given_stiffness(robot: SoftRobot) -> None:
+    body = refined(robot, 0)
+    expected = robot.hinge.stiffness_factor * body.membranes.film.bending_stiffness_Nm
+    assert (body.hinges.stiffness == expected).all()
+
+
+@pytest.mark.parametrize("all_hinges", [True, False])
+@pytest.mark.parametrize("levels", [1, 2])
+def test_refined_uniform_hinges_keep_the_bending_energy(
+    robot: SoftRobot, levels: int, all_hinges: bool
+) -> None:
+    model = ChamberModel(all_hinges=all_hinges)
+    coarse, fine = refined(robot, 0, model=model), refined(robot, levels, model=model)
+    measures = [
+        bending_measure(body.positions, body.hinges.nodes, body.hinges.stiffness) for body in (coarse, fine)
+    ]
+    assert measures[1] == pytest.approx(measures[0], rel=1e-12)
+    assert np.ptp(fine.hinges.stiffness) == 0.0
+    assert len(coarse.hinges.nodes) == (108 if all_hinges else 84)
+
+
+@pytest.mark.parametrize("levels", [0, 2])
+def test_shell_hinges_have_the_film_s_rigidity(robot: SoftRobot, levels: int) -> None:
+    body = refined(robot, levels, "shell")
+    area = float(triangle_area(body.positions, body.membranes.triangles).sum())
+    rigidity = robot.hinge.stiffness_factor * body.membranes.film.flexural_rigidity_Nm
+    measure = bending_measure(body.positions, body.hinges.nodes, body.hinges.stiffness)
+    assert measure == pytest.approx(rigidity * area, rel=1e-12)
+
+
+def test_refinement_keeps_the_mass(robot: SoftRobot) -> None:
+    heavy = replace(
+        robot, mass=replace(robot.mass, seam_mass_kg=0.003), film=replace(robot.film, density_kg_m3=1e3)
+    )
+    coarse, fine = refined(heavy, 0), refined(heavy, 2)
+    assert coarse.mass_kg > 48 * robot.mass.node_mass_kg + 12 * 0.003
+    assert fine.mass_kg == pytest.approx(coarse.mass_kg, rel=1e-12)
+
+
+@pytest.mark.parametrize("levels", [0, 1])
+def test_frames_ring_the_outer_rims(robot: SoftRobot, levels: int) -> None:
+    assert refined(robot, levels).frames is None
+    framed = replace(robot, frame=replace(robot.frame, kind="stiff"))
+    body = refined(framed, levels)
+    assert body.frames is not None
+    np.testing.assert_array_equal(body.frames.rings, body.rings["unit_1.outer"][None])
+
+
+@pytest.mark.parametrize(
+    ("levels", "rule"),
+    [(0, "uniform"), (1, "uniform"), (2, "uniform"), (0, "shell"), (1, "shell"), (2, "shell"), (3, "shell")],
+)
+def test_a_refined_unit_inflates(robot: SoftRobot, levels: int, rule: str) -> None:
+    body = refined(robot, levels, rule)
+    held = np.zeros(body.nodes, dtype=bool)
+    held[body.base] = True
+    system = SoftSystem(body)
+    solver = NewtonSolver(system, held)
+    x, angles = body.positions, system.angles.copy()
+    options = NewtonOptions(iterations_max=300)
+    for pressure in np.linspace(0.0, 1e3, 5)[1:]:
+        result = solver.solve(x, angles, Loads(pressure, (), (0.0, 0.0, 0.0)), options)
+        assert result.converged, result.outcome
+        x, angles = result.positions, result.angles
+    stretch = body.tip_position(x)[2] - body.tip_position(body.positions)[2]
+    # a unit of 50 mm radius opens by some millimetres to some 20
+    assert 2e-3 < stretch < 0.03

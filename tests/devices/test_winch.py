@@ -1,0 +1,89 @@
+"""Winch: resolution of steps, speed limit, stall, lost steps."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from itertools import pairwise
+
+import pytest
+
+from cosim.devices.winch import Winch, WinchState
+from cosim.errors import InputError
+
+TICK_s = 2e-3
+STIFFNESS = 5e3
+# NEMA 17, 16 microsteps, gear 10:1, drum of 10 mm: 1.96 um a step, 22 mm/s, 400 N
+WINCH = Winch(math.pi / 1600.0, 10.0, 0.01, 11200.0, 0.4)
+COARSE = Winch(math.pi / 100.0, 1.0, 0.01, 900.0, 0.05)
+
+
+def wind(
+    winch: Winch, wanted_m: float, ticks: int, spring_N_m: float = 0.0, state: WinchState | None = None
+) -> list[WinchState]:
+    """Return the states of a winch whose cable pulls on a spring, taut at 0.3 m."""
+    state = WinchState(0.3) if state is None else state
+    states = [state]
+    for _ in range(ticks):
+        tension = max(spring_N_m * (0.3 - winch.length_m(state)), 0.0)
+        # cable and spring are one: the spring's end is fixed
+        state = winch.advanced(state, wanted_m, tension, spring_N_m or STIFFNESS, TICK_s)
+        states.append(state)
+    return states
+
+
+def test_figures_of_a_winch() -> None:
+    assert WINCH.step_m == pytest.approx(1.9635e-6, rel=1e-4)
+    assert WINCH.speed_m_s == pytest.approx(22.0e-3, rel=1e-3)
+    assert WINCH.stall_force_N == pytest.approx(400.0)
+
+
+@pytest.mark.parametrize("wanted", [0.29, 0.3104321])
+def test_lengths_are_whole_steps(wanted: float) -> None:
+    last = wind(COARSE, wanted, 100)[-1]
+    assert abs(COARSE.length_m(last) - wanted) <= 0.5 * COARSE.step_m * (1.0 + 1e-9)
+    assert last.commanded == round((0.3 - wanted) / COARSE.step_m)
+    # and then it stands
+    assert COARSE.advanced(last, wanted, 0.0, STIFFNESS, TICK_s).commanded == last.commanded
+
+
+def test_speed_is_limited_also_below_a_step_per_tick() -> None:
+    slow = replace(COARSE, step_rate_per_s=130.0)  # 0.26 steps a tick
+    states = wind(slow, 0.2, 1000)
+    assert states[-1].commanded == pytest.approx(130.0 * 2.0, abs=1)
+    assert max(b.commanded - a.commanded for a, b in pairwise(states)) == 1
+    # what was not stepped while it stood is not made up for
+    idle = wind(slow, 0.3, 1000)[-1]
+    assert wind(slow, 0.2, 10, state=idle)[-1].commanded <= 4
+
+
+def test_against_a_spring_the_winch_stalls_at_its_force_and_loses_steps() -> None:
+    states = wind(COARSE, 0.25, 400, spring_N_m=1000.0)
+    pulls = [1000.0 * (0.3 - COARSE.length_m(state)) for state in states]
+    last, held = states[-1], pulls[-1]
+    assert max(pulls) <= COARSE.stall_force_N
+    assert COARSE.stall_force_N == pytest.approx(5.0)
+    assert COARSE.stall_force_N - 1000.0 * COARSE.step_m <= held <= COARSE.stall_force_N
+    # the driver believes that it is there
+    assert last.commanded == round(0.05 / COARSE.step_m)
+    assert last.lost == last.commanded - math.floor(5.0 / (1000.0 * COARSE.step_m))
+    # so it comes back too long, by the steps that it lost
+    back = wind(COARSE, 0.3, 400, spring_N_m=1000.0, state=last)[-1]
+    assert COARSE.length_m(back) - 0.3 == pytest.approx(last.lost * COARSE.step_m)
+
+
+def test_a_load_beyond_stall_drags_the_drum_back() -> None:
+    begin = WinchState(0.3)
+    after = COARSE.advanced(begin, 0.3, 5.0 + 2.5 * STIFFNESS * COARSE.step_m, STIFFNESS, TICK_s)
+    assert (after.commanded, after.lost) == (0, 3)
+    assert COARSE.advanced(begin, 0.3, 4.99, STIFFNESS, TICK_s).lost == 0
+
+
+def test_paying_out_is_not_hindered_by_the_tension() -> None:
+    after = COARSE.advanced(WinchState(0.3), 0.35, 4.99, STIFFNESS, TICK_s)
+    assert (after.commanded, after.lost) == (-1, 0)
+
+
+def test_wrong_winches_are_refused() -> None:
+    with pytest.raises(InputError, match=r"gear_ratio is 0\.0"):
+        replace(WINCH, gear_ratio=0.0)

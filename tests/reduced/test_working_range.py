@@ -1,0 +1,36 @@
+"""The section that is nearest to the end of its model's range is named with its strain."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from cosim.reduced.sections.ring_frames import frames_from_strains, strains
+from cosim.reduced.sections.section_energy import BENT, LOW
+from cosim.reduced.solve.working_range import place_in_range
+from tests.small_section import section
+
+PRESSURE_Pa = 25e3
+
+
+def test_the_section_that_uses_most_of_its_range_is_named() -> None:
+    body = section()
+    straight = body.straight(PRESSURE_Pa)
+    body.set_pressure(PRESSURE_Pa)
+    limits, values = body.coefficients.copy(), strains(straight[:-1], straight[1:])
+    assert not place_in_range(body, straight, PRESSURE_Pa).at_its_end
+    bent = values.copy()
+    bent[1, 3:5] = np.sqrt(limits[1, BENT]) * np.array([0.6, 0.8])
+    found = place_in_range(body, frames_from_strains(straight[0], bent), PRESSURE_Pa)
+    assert found.share == pytest.approx(1.0)
+    angle = np.degrees(np.arcsin(np.sqrt(limits[1, BENT])))
+    assert found.text == (
+        f"section 2 of 4 (unit_1.outer to unit_2.outer) is bent by {angle:.1f} degrees, "
+        f"its model ends at {angle:.1f} (at 25 kPa)"
+    )
+    short = values.copy()
+    short[3, 2] *= 1.0 + 0.97 * limits[3, LOW]
+    found = place_in_range(body, frames_from_strains(straight[0], short), PRESSURE_Pa)
+    assert found.share == pytest.approx(0.97, abs=0.01)
+    assert found.at_its_end
+    assert found.text.startswith("section 4 of 4 (unit_3.outer to tip) is shortened by ")

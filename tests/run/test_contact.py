@@ -1,0 +1,148 @@
+"""A soft robot that presses on an object of its scenario; a gripper that lifts one."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import cosim
+from cosim.app.driver import build_simulation
+from cosim.config.loading import load_scenario
+from cosim.errors import InputError
+
+SCENARIO = """
+schema = 1
+title = "An inflated core is lowered onto a block"
+robot = "ur5e"
+soft_robot = "square_core"
+recording = { frames_per_s = 10.0 }
+solver = { damping_per_s = 20.0 }
+
+[start]
+flange = { position_m = [0.4, 0.0, 0.5], direction = [0.0, 0.0, -1.0] }
+
+[[object]]
+name = "block"
+shape = "box"
+size_m = [0.2, 0.2, 0.1]
+position_m = [0.4, 0.0, 0.407]
+
+[[phase]]
+name = "inflate"
+duration_s = 0.4
+pressure_Pa = 10e3
+
+[[phase]]
+name = "press"
+duration_s = 0.4
+settle_s = 0.8
+flange_shift_m = [0.0, 0.0, -0.01]
+"""
+
+
+def run(tmp_path: Path, **overrides: Any) -> cosim.RunResult:
+    """Return the run of the scenario with changes."""
+    path = tmp_path / "press.toml"
+    path.write_text(SCENARIO, encoding="utf-8")
+    return cosim.run(path, overrides=overrides)
+
+
+def test_the_flange_feels_what_the_block_bears(tmp_path: Path) -> None:
+    result = run(tmp_path)
+    assert result.contacts[0] == 0
+    weight = result.summary["soft_weight_N"]
+    borne = result.flange_force[-1, 2] + weight
+    assert result.contact_force_N[-1] > 1.0
+    # friction bears nothing upwards on a level block; what is left moves by less than this
+    assert borne == pytest.approx(result.contact_force_N[-1], rel=0.01)
+    assert 0.0 < result.contact_depth_m[-1] < 1e-3
+    assert result.summary["max_contact_force_N"] == result.contact_force_N.max()
+    assert "block" in result.stage.report
+    # on a level block the normal forces are all of its load that is upright; no other body bears any
+    block = result.body("block")
+    np.testing.assert_allclose(-result.body_contact_force[:, block, 2], result.contact_force_N, atol=1e-9)
+    assert not np.delete(result.body_contact_force, block, axis=1).any()
+    np.testing.assert_allclose(result.body_position[:, block], [[0.4, 0.0, 0.407]] * len(result.tick))
+    with pytest.raises(InputError, match=r"no body 'blok'; there are world, .*, block"):
+        result.body("blok")
+
+
+@pytest.mark.parametrize("scheme", ["staggered", "iterated"])
+def test_action_equals_reaction_at_every_tick(tmp_path: Path, scheme: str) -> None:
+    changes = {"coupling.scheme": scheme, "phase.press.settle_s": 0.0, "phase.press.duration_s": 0.2}
+    result = run(tmp_path, **changes)
+    assert result.contacts[-1] > 0
+    assert result.summary["max_momentum_error"] < 1e-10
+    iterated = scheme == "iterated"
+    assert result.summary["iterated_ticks"] == (result.summary["ticks"] if iterated else 0)
+    assert (result.summary["max_interface_power_error"] < 1e-8) is iterated
+    assert result.summary["max_interface_trials"] <= 8
+    assert scheme in result.stage.report
+
+
+def test_switched_off_the_block_is_not_felt(tmp_path: Path) -> None:
+    result = run(tmp_path, **{"contact.enabled": False})
+    assert result.contacts.max() == 0
+    assert result.flange_force[-1, 2] == pytest.approx(-result.summary["soft_weight_N"], rel=0.01)
+    assert "switched off" in result.stage.report
+
+
+@pytest.mark.parametrize("shape", [{"shape": "box"}, {"shape": "sphere", "size_m": [0.05]}])
+def test_the_quasistatic_mode_presses_as_hard_as_the_dynamic_one_does_at_rest(
+    tmp_path: Path, shape: dict[str, Any]
+) -> None:
+    block = {"name": "block", "size_m": [0.2, 0.2, 0.1], "position_m": [0.4, 0.0, 0.407], **shape}
+    steps = {"phase.inflate.increments": 4, "phase.press.increments": 4}
+    still = run(tmp_path, mode="quasistatic", object=[block], **steps)
+    moved = run(tmp_path, object=[block])
+    assert still.contacts[0] == 0
+    assert still.contact_force_N[-1] == pytest.approx(moved.contact_force_N[-1], rel=5e-3)
+    assert still.contact_depth_m[-1] == pytest.approx(moved.contact_depth_m[-1], rel=0.02)
+    # without friction the level block bears upwards only, and all that the flange does not
+    if shape["shape"] == "box":
+        borne = still.flange_force[-1, 2] + still.summary["soft_weight_N"]
+        assert borne == pytest.approx(still.contact_force_N[-1], rel=1e-6)
+    assert "no friction" in still.stage.report
+    pressed = np.linalg.norm(still.body_contact_force[:, still.body("block")], axis=1)
+    assert pressed[-1] == pytest.approx(still.contact_force_N[-1], rel=0.02)
+    # at rest the servos hold what they hold at the end of the motion; at its start, what they give after it
+    np.testing.assert_allclose(still.joint_torque[-1], moved.joint_torque[-1], atol=0.05)
+    np.testing.assert_allclose(moved.joint_torque[0], moved.joint_torque[1], atol=0.05)
+    assert np.abs(still.joint_torque[-1]).max() > 10.0
+    # MuJoCo moves the joints at the speed that they have at the end of the tick
+    for result in (still, moved):
+        speed = np.diff(result.joint_position, axis=0) / np.diff(result.time_s)[:, None]
+        np.testing.assert_allclose(result.joint_velocity[1:], speed, atol=1e-9)
+    assert moved.stage.joint_names[0] == "shoulder_pan_joint"
+    assert moved.joint_velocity.max() > 0.01
+
+
+def test_the_quasistatic_mode_leaves_out_what_can_move(tmp_path: Path) -> None:
+    block = {"name": "block", "shape": "box", "size_m": [0.2, 0.2, 0.1], "position_m": [0.4, 0.0, 0.407]}
+    steps = {"phase.inflate.increments": 2, "phase.press.increments": 2}
+    result = run(tmp_path, mode="quasistatic", object=[{**block, "mass_kg": 1.0}], **steps)
+    assert result.contacts.max() == 0
+
+
+def test_a_gripper_lifts_a_roll_and_keeps_it() -> None:
+    """100 g: drawn up against the palm, and lifted off its stand."""
+    quick = [
+        {"name": "inflate", "duration_s": 0.3, "pressure_Pa": 40e3},
+        {"name": "lower", "duration_s": 0.3, "flange_shift_m": [0.0, 0.0, -0.142]},
+        {"name": "close", "duration_s": 0.4, "cable_tension_N": [6.0] * 6},
+        {"name": "lift", "duration_s": 0.3, "flange_shift_m": [0.0, 0.0, 0.05]},
+    ]
+    simulation = build_simulation(load_scenario("gripper_lifts_roll", {"phase": quick}))
+    roll = simulation.stage.body_names.index("roll")
+    ends: dict[int, float] = {}
+    for snapshot in simulation.steps():
+        height = snapshot.body_position[roll, 2]
+        ends[snapshot.phase] = height - snapshot.world_from_flange.translation[2]
+    # the top of the roll, 45 mm above its middle, touches the palm 8 mm below the flange
+    assert ends[2] == pytest.approx(-0.053, abs=1e-3)
+    assert ends[3] == pytest.approx(ends[2], abs=1e-3)
+    assert height > 0.245 + 0.05
+    assert snapshot.ledger.contact_force_N > 0.1 * 9.81

@@ -1,0 +1,70 @@
+"""Scenarios whose soft robot touches itself: figures, switch, both modes, a state that is saved."""
+
+from __future__ import annotations
+
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import cosim
+from cosim.build.fidelity import fidelity_body
+from cosim.config.loading import load_scenario
+from tests.app.test_saved_runs import same, simulation, through_a_file
+from tests.soft.interpenetration import deepest_m
+
+SCENARIO = "gripper_closes_on_itself"
+SHORT: dict[str, Any] = {"phase.inflate.increments": 6, "phase.close.increments": 10}
+QUICK: dict[str, Any] = {
+    "mode": "dynamic",
+    "clock.tick_s": 0.004,
+    "solver.damping_per_s": 10.0,
+    "phase.inflate.duration_s": 0.3,
+    "phase.close.duration_s": 0.4,
+    "phase.close.settle_s": 0.0,
+}
+
+
+def closed(**overrides: Any) -> tuple[cosim.RunResult, float]:
+    """Return the run of three fingers that close on nothing, and how deep they are in one another [m]."""
+    given = {**SHORT, **overrides}
+    result = cosim.run(SCENARIO, overrides=given)
+    assert result.summary["status"] == "completed"
+    body = fidelity_body(load_scenario(SCENARIO, given))
+    return result, deepest_m(body, result.node_position[-1])
+
+
+def test_fingers_meet_and_press_in_statics() -> None:
+    result, depth = closed()
+    summary = result.summary
+    assert result.self_contacts[0] == 0
+    assert result.self_contact_force_N[-1] > 10.0
+    assert summary["max_self_contact_force_N"] == result.self_contact_force_N.max()
+    assert summary["max_self_contact_depth_m"] == result.self_contact_depth_m.max()
+    assert summary["max_contact_force_N"] == 0.0  # that is of contact with the scene
+    assert depth < 3e-4
+    assert "between 24 units" in result.stage.report
+    through, deep = closed(**{"contact.self_contact": False})
+    assert deep > 2e-3
+    assert through.summary["max_self_contact_force_N"] == 0.0
+    assert "Self contact**: not modelled" in through.stage.report
+
+
+def test_a_dynamic_run_with_rubbing_films_goes_on_bit_for_bit(tmp_path: Path) -> None:
+    whole = simulation(SCENARIO, **QUICK)
+    steps = whole.steps()
+    for snapshot in steps:
+        if snapshot.ledger.self_contact_force_N > 5.0:
+            break
+    state = through_a_file(whole.save_state(), tmp_path)
+    expected = list(islice(steps, 8))
+    assert expected[-1].ledger.self_contact_force_N > 5.0
+    other = simulation(SCENARIO, **QUICK)
+    other.restore_state(state)
+    assert same(list(islice(other.steps(), 8)), expected)
+
+
+def test_negative_friction_is_refused() -> None:
+    with pytest.raises(cosim.ScenarioError, match=r"contact\.self_friction"):
+        load_scenario(SCENARIO, {"contact.self_friction": -0.5})

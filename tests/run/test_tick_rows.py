@@ -1,0 +1,319 @@
+"""Ticks taken in a row, in one kernel, are those that are taken one by one."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from dataclasses import fields
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cosim.app.driver import Options, build_simulation, drive, execute, with_fidelity_chosen
+from cosim.app.simulation import Simulation
+from cosim.build import section_cache as section_model
+from cosim.config.loading import load_scenario
+from cosim.config.schema.scenario import Scenario
+from cosim.coupling.batch.batch import Lockstep
+from cosim.errors import ConvergenceError, InputError, InstabilityError
+from cosim.telemetry.snapshot import LedgerEntry, Snapshot
+from tests.small_section import ROBOT, on_a_ur5e, section
+
+SCENARIO = on_a_ur5e(
+    20e3,
+    """
+[[phase]]
+name = "turn"
+duration_s = 0.06
+settle_s = 0.02
+pressure_Pa = 25e3
+cable_tension_N = [2.0, 0.0]
+flange_turn = { axis = [0.0, 1.0, 0.0], angle_rad = -0.02 }
+
+[[phase]]
+name = "hold"
+duration_s = 0.03
+clamp = ["unit_1.outer"]
+cable_tension_N = [0.0, 1.0]
+""",
+)
+
+
+@pytest.fixture(scope="module")
+def path(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    """The scenario's file, while its section model is at hand."""
+    file = tmp_path_factory.mktemp("rows") / "three_units.toml"
+    file.write_text(SCENARIO, encoding="utf-8")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("XDG_CACHE_HOME", str(file.parent / "cache"))
+        patch.setattr(section_model, "build_model", lambda *_: section().model)
+        yield file
+
+
+def scenario(path: Path, **changes: Any) -> Scenario:
+    overrides = {name.replace("__", "."): value for name, value in changes.items()}
+    return with_fidelity_chosen(load_scenario(path, overrides), lambda _text: None)
+
+
+def one_by_one(wanted: Scenario) -> list[Snapshot]:
+    """Return all ticks without rows."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Lockstep, "of", lambda *_: None)
+        return list(build_simulation(wanted).steps())
+
+
+def numbers(snapshot: Snapshot) -> dict[str, Any]:
+    """Return what a snapshot shows, as arrays, wall time left out."""
+    ledger = snapshot.ledger
+    flange, twist, wrench = snapshot.world_from_flange, snapshot.flange_twist, ledger.wrench
+    shown = {
+        "flange": [*flange.translation, *flange.rotation.ravel()],
+        "twist": [*twist.linear, *twist.angular],
+        "wrench": [*wrench.force, *wrench.torque],
+        "nodes": snapshot.node_position,
+        "target": snapshot.joint_target,
+    }
+    for name in (
+        "tick", "time_s", "phase", "joint_position", "joint_velocity", "joint_torque", "body_position",
+        "body_contact_force", "body_quaternion", "cable_tension_N",
+        "chamber_pressure_Pa", "chamber_volume_m3", "tip_position", "sag_m",
+    ):  # fmt: skip
+        shown[name] = getattr(snapshot, name)
+    for field in fields(LedgerEntry):
+        if field.name not in ("wrench", "scheme"):
+            shown[field.name] = getattr(ledger, field.name)
+    return {name: np.asarray(value, dtype=np.float64) for name, value in shown.items()}
+
+
+def assert_close(found: list[Snapshot], expected: list[Snapshot], tolerance: float) -> None:
+    assert len(found) == len(expected)
+    for one, other in zip(found, expected, strict=True):
+        mine, others = numbers(one), numbers(other)
+        for name, value in mine.items():
+            np.testing.assert_allclose(value, others[name], rtol=tolerance, atol=tolerance, err_msg=name)
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {},
+        {"solver__integrator": "bdf2"},
+        {"payload_compensation": False},
+        {"gravity_m_s2": [3.0, 0.0, -5.0], "solver__damping_per_s": 1.0},
+    ],
+    ids=str,
+)
+def test_rows_are_ticks(path: Path, changes: dict[str, Any]) -> None:
+    """Up to rounding: the torque of a payload is summed in another order."""
+    wanted = scenario(path, **changes)
+    rows, ticks = list(build_simulation(wanted).steps(64)), one_by_one(wanted)
+    assert sum(snapshot.kept_row is not None for snapshot in rows) == len(rows) - 1
+    assert not any(snapshot.kept_row for snapshot in ticks)
+    assert np.ptp([snapshot.tip_position for snapshot in ticks], axis=0).max() > 1e-3
+    assert_close(rows, ticks, 1e-9)
+
+
+def test_what_may_be_touched_goes_tick_by_tick(path: Path) -> None:
+    wanted = scenario(path, contact__only_in_reach=False)
+    assert not any(snapshot.kept_row for snapshot in islice(build_simulation(wanted).steps(64), 3))
+
+
+def test_sealed_gas_goes_tick_by_tick(path: Path) -> None:
+    wanted = scenario(path, phase__hold__gas="sealed", contact__enabled=False)
+    rows, ticks = list(build_simulation(wanted).steps(64)), one_by_one(wanted)
+    assert {snapshot.phase for snapshot in rows[1:] if snapshot.kept_row} == {0}
+    assert rows[-1].pressure_Pa != 25e3
+    assert_close(rows, ticks, 1e-9)
+
+
+def test_commanded_cables_go_tick_by_tick(path: Path, tmp_path: Path) -> None:
+    text = SCENARIO.replace("cable_tension_N = [0.0, 1.0]", "cable_shortening_m = { cable_1 = 1e-3 }")
+    names = load_scenario(path).soft_robot.cable_names()
+    (tmp_path / "short.toml").write_text(text.replace("cable_1", names[0]), encoding="utf-8")
+    wanted = scenario(tmp_path / "short.toml")
+    assert not any(snapshot.kept_row for snapshot in islice(build_simulation(wanted).steps(64), 50))
+
+
+def test_devices_act_tick_by_tick(path: Path) -> None:
+    run: Any = build_simulation(scenario(path))
+    run._parts.actuation.active = True  # as with a controller of tensions, which leaves the loads plain
+    run._parts.actuation.report = lambda *_: None
+    assert not any(snapshot.kept_row for snapshot in islice(run.steps(64), 3))
+
+
+def test_rows_know_what_is_mounted(path: Path, tmp_path: Path) -> None:
+    palm = "palm = { radius_m = 0.05, thickness_m = 0.02, mass_kg = 0.7 }"
+    text = SCENARIO.replace(ROBOT, ROBOT.replace("{ file", f"{{ {palm}, file", 1))
+    (tmp_path / "palm.toml").write_text(text, encoding="utf-8")
+    wanted = scenario(tmp_path / "palm.toml")
+    rows, ticks = list(build_simulation(wanted).steps(64)), one_by_one(wanted)
+    assert rows[-1].kept_row is not None
+    assert_close(rows, ticks, 1e-9)
+
+
+@pytest.mark.parametrize("integrator", ["implicit_euler", "bdf2"])
+def test_rows_carry_algorithmic_mass(path: Path, integrator: str) -> None:
+    wanted = scenario(path, clock__tick_s=0.0005, solver__integrator=integrator)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("cosim.run.coupling_scheme.StaggeredCoupling", _always_carrying)
+        rows, ticks = list(build_simulation(wanted).steps(64)), one_by_one(wanted)
+    assert all(snapshot.ledger.algorithmic_mass for snapshot in rows[1:])
+    assert_close(rows, ticks, 1e-9)
+
+
+def _always_carrying(interface: Any) -> Any:
+    from cosim.coupling.schemes.staggered import StaggeredCoupling
+
+    return StaggeredCoupling(interface, ratio_bound=0.0)
+
+
+@pytest.mark.parametrize(("ahead", "integrator"), [(1, "bdf2"), (7, "bdf2"), (7, "implicit_euler")])
+def test_how_many_ticks_go_in_a_row_changes_no_bit(path: Path, ahead: int, integrator: str) -> None:
+    wanted = scenario(path, solver__integrator=integrator)
+    few, many = list(build_simulation(wanted).steps(ahead)), list(build_simulation(wanted).steps(64))
+    assert_close(few, many, 0.0)
+
+
+def test_a_soft_step_that_is_left_is_finished(path: Path) -> None:
+    """A jump of the pressure in long ticks: free flight leaves the range of the model."""
+    wanted = scenario(path, clock__tick_s=0.005, phase__turn__ramp="step", phase__turn__pressure_Pa=40e3)
+    rows, ticks = list(build_simulation(wanted).steps(64)), one_by_one(wanted)
+    left = [snapshot.tick for snapshot in rows[1:] if snapshot.kept_row is None]
+    assert 1 < len(left) < len(rows) - 1
+    assert_close(rows, ticks, 1e-9)
+
+
+def test_nothing_is_saved_ahead_of_what_is_shown(path: Path) -> None:
+    run: Any = build_simulation(scenario(path))
+    steps = run.steps(8)
+    list(islice(steps, 4))
+    assert not run.saves_now
+    with pytest.raises(InputError, match="later ticks than 3 have been taken"):
+        run.save_state()
+    list(islice(steps, 5))
+    assert run.saves_now
+    saved = run.save_state()
+    rest = list(steps)
+    run.restore_state(saved)
+    assert_close(list(run.steps(3)), rest, 0.0)
+
+
+def test_a_run_stopped_within_a_row_goes_on_bit_for_bit(path: Path, tmp_path: Path) -> None:
+    wanted, seen = scenario(path), []
+
+    def stop() -> str | None:
+        seen.append(None)
+        return "enough" if len(seen) == 13 else None
+
+    whole = execute(wanted, build_simulation, Options(tmp_path / "whole"), 0.0)
+    stopped = execute(wanted, build_simulation, Options(tmp_path / "part", stop=stop), 0.0)
+    assert (stopped.summary["status"], stopped.summary["ticks"]) == ("interrupted", 12)
+    resumed = execute(wanted, build_simulation, Options(tmp_path / "part", resume=True), 0.0)
+    assert resumed.summary["resumed_at_ticks"] == [12]
+    assert resumed.summary["phases"] == whole.summary["phases"]
+
+
+def test_a_rigid_side_that_blows_up_is_named(path: Path) -> None:
+    run: Any = build_simulation(scenario(path))
+    shown: list[int] = []
+
+    def observe(snapshot: Snapshot) -> None:
+        shown.append(snapshot.tick)
+        if snapshot.tick == 8:
+            run._parts.carrier._scene._data.qvel[0] = np.nan
+
+    ending = drive(run.steps(8), [observe], lambda: None)
+    assert isinstance(ending.error, InstabilityError)
+    assert shown == list(range(9))
+
+
+def test_the_flange_sensor_shows_the_last_tick(path: Path) -> None:
+    """Its axes are those at the beginning of the tick."""
+    wanted = scenario(path)
+    row: Any = build_simulation(wanted)
+    list(row.steps(64, 21))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Lockstep, "of", lambda *_: None)
+        ticks: Any = build_simulation(wanted)
+        list(ticks.steps(1, 21))
+    found, expected = (run._parts.carrier._scene.flange_sensor() for run in (row, ticks))
+    np.testing.assert_allclose(found.force, expected.force, atol=1e-9)
+    np.testing.assert_allclose(found.torque, expected.torque, atol=1e-9)
+
+
+def test_ticks_before_a_rigid_side_that_blows_up_are_shown(
+    path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """In the middle of a row; what is saved is the state before that tick."""
+    taken = Lockstep.commands
+
+    def wrong(self: Lockstep, *given: Any) -> Any:
+        found = taken(self, *given)
+        if found is not None and len(found.torque) > 20:
+            found.torque[20, 0] = np.nan
+        return found
+
+    wanted = scenario(path)
+    with monkeypatch.context() as patch:
+        patch.setattr(Lockstep, "commands", wrong)
+        failed = execute(wanted, build_simulation, Options(tmp_path), 0.0)
+    assert isinstance(failed.error, InstabilityError)
+    assert failed.summary["ticks"] == 20
+    resumed = execute(wanted, build_simulation, Options(tmp_path, resume=True), 0.0)
+    assert resumed.summary["resumed_at_ticks"] == [20]
+    assert resumed.summary["status"] == "completed"
+
+
+def test_a_soft_step_without_solution_leaves_the_state_before_it(path: Path, tmp_path: Path) -> None:
+    wanted = scenario(path, clock__tick_s=0.01, phase__hold__ramp="step", phase__hold__pressure_Pa=200.0)
+    failed = execute(wanted, build_simulation, Options(tmp_path), 0.0)
+    assert isinstance(failed.error, ConvergenceError)
+    assert failed.summary["ticks"] >= 8  # all of the first phase
+    assert re.match(
+        r"ConvergenceError: phase 'hold', tick \d+ \(0\.\d+ s\), 25 kPa, cable left at \S+ N: even in steps "
+        r"of 0\.312 ms: the section model ends here: section \d of \d \(.*\) is \w+ by .*, its model ends ",
+        failed.summary["reason"],
+    ), failed.summary["reason"]
+    again = execute(wanted, build_simulation, Options(tmp_path, resume=True), 0.0)
+    assert again.summary["resumed_at_ticks"] == [failed.summary["ticks"]]
+    assert again.summary["ticks"] == failed.summary["ticks"]
+    assert again.summary["reason"] == failed.summary["reason"]
+
+
+def test_as_many_states_are_yielded_as_asked_for(path: Path) -> None:
+    run = build_simulation(scenario(path))
+    first = list(run.steps(64, 5))
+    assert [snapshot.tick for snapshot in first] == list(range(5))
+    assert run.saves_now  # none was taken beyond
+    assert [snapshot.tick for snapshot in run.steps(3, 4)] == [5, 6, 7, 8]
+    assert run.saves_now
+    assert len(list(run.steps(64))) == run.stage.ticks - 8
+
+
+def test_stepping_by_hand_is_running(path: Path) -> None:
+    wanted = scenario(path)
+    whole, simulation = list(build_simulation(wanted).steps(64)), Simulation(wanted)
+    for ticks in (1, 20, 1, 30):
+        simulation.step(ticks)
+        assert_close([simulation.snapshot], [whole[simulation.snapshot.tick]], 0.0)
+
+
+def test_an_interrupted_step_leaves_what_was_before(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    simulation = Simulation(scenario(path))
+    expected = Simulation(scenario(path)).step(30)
+    simulation.step(4)
+    taken = Lockstep.advance
+
+    def interrupted(self: Lockstep, *given: Any) -> Any:
+        taken(self, *given)
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Lockstep, "advance", interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            simulation.step(26)
+    assert simulation.snapshot.tick == 4
+    assert_close([simulation.step(26)], [expected], 0.0)

@@ -1,0 +1,87 @@
+"""The summary holds what docs/summary.md documents."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from cosim.config.loading import load_scenario
+from cosim.telemetry.summary import SummaryBuilder, summary_markdown
+
+DOCUMENT = Path(__file__).parents[2] / "docs" / "summary.md"
+
+
+@pytest.fixture
+def summary(made_up_build: Callable[..., Any]) -> dict[str, Any]:
+    simulation = made_up_build()(load_scenario("ur5e_hexagon_arm"))
+    builder = SummaryBuilder(simulation.stage, startup_s=1.5, version="0")
+    for snapshot in simulation.steps():
+        builder.observe(snapshot)
+    return builder.finish("completed", None, wall_s=0.01)
+
+
+def test_the_summary_adds_up(summary: dict[str, Any]) -> None:
+    assert summary["ticks"] == 25
+    assert summary["newton_iterations"] == 2 * 26
+    assert sum(phase["newton_iterations"] for phase in summary["phases"]) == summary["newton_iterations"]
+    assert summary["max_equilibrium_residual_N"] == pytest.approx(25e-9)
+    assert summary["max_interface_power_error_W"] == pytest.approx(25e-6)
+    assert summary["real_time_factor"] == pytest.approx(25 * 0.002 / 0.01)
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_power_that_vanishes_counts_like_power_that_appears(
+    sign: float, made_up_build: Callable[..., Any]
+) -> None:
+    simulation = made_up_build()(load_scenario("ur5e_hexagon_arm"))
+    builder = SummaryBuilder(simulation.stage, 0.0, "0")
+    for snapshot in simulation.steps():
+        error_W = sign * 1e-6 * snapshot.tick
+        entry = replace(snapshot.ledger, soft_power_W=-1.0 + error_W, power_size_W=2.0)
+        assert entry.power_error_W == pytest.approx(error_W)
+        builder.observe(replace(snapshot, ledger=entry))
+    summary = builder.finish("completed", None, 0.01)
+    assert summary["max_interface_power_error_W"] == pytest.approx(25e-6)
+    assert summary["max_interface_power_error"] == pytest.approx(12.5e-6)
+
+
+def test_a_phase_ends_with_its_last_tick(summary: dict[str, Any]) -> None:
+    assert [phase["end_s"] for phase in summary["phases"]] == pytest.approx(
+        [0.01, 0.02, 0.03, 0.04, 0.05], rel=1e-12
+    )
+    assert [phase["pressure_Pa"] for phase in summary["phases"]] == [500.0, 1000.0, 1500.0, 2000.0, 2500.0]
+    assert all(phase["complete"] for phase in summary["phases"])
+
+
+def test_targets_appear_only_where_there_is_one(summary: dict[str, Any]) -> None:
+    assert [("tip_error_m" in phase) for phase in summary["phases"]] == [False] * 4 + [True]
+    assert summary["phases"][-1]["tip_error_m"] == pytest.approx(0.025, rel=1e-12)
+
+
+def test_numbers_that_are_not_finite_become_null(made_up_build: Callable[..., Any]) -> None:
+    simulation = made_up_build()(load_scenario("ur5e_hexagon_arm"))
+    builder = SummaryBuilder(simulation.stage, 0.0, "0")
+    builder.observe(replace(next(simulation.steps()), sag_m=float("nan")))
+    figures = builder.finish("failed", "InstabilityError: nan", 0.0)
+    assert figures["phases"][0]["sag_m"] is None
+    json.dumps(figures, allow_nan=False)
+    assert "InstabilityError" in summary_markdown(figures)
+
+
+def test_every_key_is_documented_and_every_documented_key_exists(summary: dict[str, Any]) -> None:
+    documented = set(re.findall(r"^\| `(\w+)` \|", DOCUMENT.read_text(encoding="utf-8"), re.MULTILINE))
+    keys = set(summary) | {key for phase in summary["phases"] for key in phase}
+    # the devices of the made-up run are none
+    assert documented == keys | set(summary["phases"][0]["flange_wrench"]) | {"devices"}
+
+
+def test_the_markdown_has_a_row_per_phase(summary: dict[str, Any]) -> None:
+    text = summary_markdown(summary)
+    for phase in summary["phases"]:
+        assert f"| {phase['name']} |" in text
