@@ -60,9 +60,9 @@ def watch() -> Stopwatch:
     from cosim.kinematics.arm import Arm
     from cosim.recording.rerun_recorder import RerunRecorder
     from cosim.rigid.scene.scene import RigidScene
-    from cosim.run.parts import Parts
     from cosim.soft.linear.envelope_cholesky import EnvelopeCholesky
     from cosim.soft.solve.assembly import SoftSystem
+    from cosim.stepping.parts import Parts
 
     stopwatch = Stopwatch()
     stopwatch.wrap(SoftSystem, "evaluate", "soft: energy, gradient, Hessian")

@@ -63,7 +63,7 @@ def test_an_installed_wheel_finds_its_data_from_another_directory(tmp_path: Path
     with zipfile.ZipFile(wheel) as archive:
         archive.extractall(site)
     code = (
-        f"import sys; sys.path.insert(0, {str(site)!r}); import cosim; from cosim import resources as r;"
+        f"import sys; sys.path.insert(0, {str(site)!r}); import cosim; from cosim.base import resources as r;"
         "assert cosim.__file__.startswith(sys.path[0]), cosim.__file__;"
         "cosim.load_scenario('ur5e_hexagon_arm'); assert (r.robots_directory() / 'ur5e').is_dir();"
         "print(*r.list_scenarios(), *r.list_soft_robots())"

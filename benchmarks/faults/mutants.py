@@ -34,7 +34,12 @@ from benchmarks.faults.source_tree import SourceTree
 ROOT = Path(__file__).resolve().parents[2]
 AREAS = {
     "coupling": ("coupling/**/*.py",),
-    "contact": ("soft/contact/*.py", "reduced/**/*contact*.py", "rigid/**/*contact*.py", "coupling/contact/*.py"),
+    "contact": (
+        "soft/contact/*.py",
+        "reduced/**/*contact*.py",
+        "rigid/**/*contact*.py",
+        "coupling/contact/*.py",
+    ),
     "planning": ("plan/*.py", "soft/targets/*.py"),
     "files": ("app/*.py", "base/*files.py", "base/*data.py", "base/state*.py", "config/toml/*.py"),
 }

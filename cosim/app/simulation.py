@@ -18,7 +18,7 @@ from cosim.base.state_check import check_state
 from cosim.config.loading import load_scenario
 from cosim.config.schema.scenario import Scenario
 from cosim.errors import InputError
-from cosim.run.stepped_run import RunState
+from cosim.stepping.stepped_run import RunState
 from cosim.telemetry.block import READ_AT_ONCE
 from cosim.telemetry.choices import Choices
 from cosim.telemetry.snapshot import Snapshot, Stage

@@ -11,10 +11,10 @@ from cosim.config.schema.scenario import Scenario
 from cosim.plan.decision import Decision
 from cosim.plan.plan import Plan
 from cosim.plan.reach import FlangeTravel, film_reach, flange_travel, within_reach
-from cosim.run.self_contact_law import film_report
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
 from cosim.soft.contact.self_contact_faces import FilmFaces
+from cosim.stepping.self_contact_law import film_report
 from cosim.telemetry.choices import CONTACT, CONTACT_ENABLED, ONLY_IN_REACH
 
 if TYPE_CHECKING:

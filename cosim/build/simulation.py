@@ -25,14 +25,14 @@ from cosim.plan.decision import Decision
 from cosim.plan.plan import JointPlanner, Plan, make_plan
 from cosim.plan.reach import film_reach, flange_travel
 from cosim.plan.section_plan import section_range
-from cosim.run.carrier import Carrier, HeldBase
-from cosim.run.dynamic import DynamicSimulation
-from cosim.run.parts import Parts
-from cosim.run.quasistatic import QuasistaticSimulation
-from cosim.run.self_contact_law import film_report
 from cosim.soft.body.body import SoftBody
 from cosim.soft.contact.obstacle_contact import ContactLaw
 from cosim.soft.solve.energy_share import hinge_energy_share
+from cosim.stepping.carrier import Carrier, HeldBase
+from cosim.stepping.dynamic import DynamicSimulation
+from cosim.stepping.parts import Parts
+from cosim.stepping.quasistatic import QuasistaticSimulation
+from cosim.stepping.self_contact_law import film_report
 from cosim.telemetry.choices import CONTACT, Choices
 from cosim.telemetry.snapshot import Stage
 
@@ -83,7 +83,7 @@ def _arm(scenario: Scenario, trial: SoftSide, soft: SoftSide, before: Choices | 
     from cosim.plan.joint_planner import plan_joints
     from cosim.rigid.build.description import SceneDescription
     from cosim.rigid.scene.scene import RigidScene
-    from cosim.run.arm_carrier import ArmCarrier
+    from cosim.stepping.arm_carrier import ArmCarrier
 
     file, palm = find_arm(scenario.robot), scenario.soft_robot.palm
     arm = Arm(file, gravity=scenario.gravity_m_s2)

@@ -17,7 +17,7 @@ from cosim.config.schema.phase import FlangePose
 from cosim.config.schema.scenario import Scenario
 from cosim.plan.flange_path import rotation_from_direction
 from cosim.plan.plan import PhasePlan
-from cosim.run.stepped_run import SteppedRun
+from cosim.stepping.stepped_run import SteppedRun
 from cosim.trade.simulation import Build
 
 

@@ -10,7 +10,7 @@ import pytest
 
 PACKAGE = Path(__file__).resolve().parents[2] / "cosim"
 FOLDERS = (
-    "base", "soft", "reduced", "rigid", "kinematics", "coupling", "plan", "devices", "run", "telemetry", "build",
+    "soft", "reduced", "rigid", "kinematics", "coupling", "plan", "devices", "stepping", "telemetry", "build",
 )  # fmt: skip
 SAVES = {"save_state", "_save_own", "_lend_factor"}
 """Any of these methods saves: its own, what a run adds to its base class, what a linear solver adds."""

@@ -17,11 +17,11 @@ from cosim.coupling.schemes.ledger import LedgerEntry
 from cosim.errors import ConvergenceError, InputError
 from cosim.plan.plan import PhasePlan, start_equilibrium
 from cosim.plan.ramp import Progress
-from cosim.run.parts import Moment, Parts
-from cosim.run.stepped_run import Cursor, SteppedRun
 from cosim.soft.body.loads import Loads
 from cosim.soft.solve.equilibrium import Equilibrium
 from cosim.soft.solve.state import SoftState
+from cosim.stepping.parts import Moment, Parts
+from cosim.stepping.stepped_run import Cursor, SteppedRun
 from cosim.telemetry.snapshot import Snapshot, Stage
 
 _DROOP_ROUNDS_MAX = 20

@@ -27,11 +27,11 @@ from cosim.plan.joint_path import JointReference
 from cosim.rigid.scene.link_contacts import LinkContact
 from cosim.rigid.scene.scene import RigidScene
 from cosim.rigid.scene.state import RigidState
-from cosim.run.carrier import Carrier
-from cosim.run.coupling_scheme import exchange_report, make_coupling
 from cosim.soft.body.loads import Loads
 from cosim.soft.contact.obstacle_contact import ContactLaw
 from cosim.soft.solve.equilibrium import Obstacles
+from cosim.stepping.carrier import Carrier
+from cosim.stepping.coupling_scheme import exchange_report, make_coupling
 
 _SETTLED_RAD = 1e-9
 

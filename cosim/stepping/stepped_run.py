@@ -16,8 +16,8 @@ from cosim.devices.device_loop import ActuationState
 from cosim.errors import InputError, SolverError
 from cosim.plan.chamber_gas import ChamberGas, ChamberGasState
 from cosim.plan.plan import PhasePlan, Plan
-from cosim.run.parts import Parts
-from cosim.run.whereabouts import whereabouts
+from cosim.stepping.parts import Parts
+from cosim.stepping.whereabouts import whereabouts
 from cosim.telemetry.choices import CONTACT, Choices
 from cosim.telemetry.snapshot import Snapshot, Stage
 

@@ -158,7 +158,7 @@ def test_rows_know_what_is_mounted(path: Path, tmp_path: Path) -> None:
 def test_rows_carry_algorithmic_mass(path: Path, integrator: str) -> None:
     wanted = scenario(path, clock__tick_s=0.0005, solver__integrator=integrator)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("cosim.run.coupling_scheme.StaggeredCoupling", _always_carrying)
+        patch.setattr("cosim.stepping.coupling_scheme.StaggeredCoupling", _always_carrying)
         rows, ticks = list(build_simulation(wanted).steps(64)), one_by_one(wanted)
     assert all(snapshot.ledger.algorithmic_mass for snapshot in rows[1:])
     assert_close(rows, ticks, 1e-9)

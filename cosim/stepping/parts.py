@@ -17,9 +17,9 @@ from cosim.coupling.soft_sides.soft_side import SoftSide
 from cosim.devices.device_loop import Actuation, Instant
 from cosim.plan.chamber_gas import ChamberGas
 from cosim.plan.plan import PhasePlan, Plan
-from cosim.run.carrier import Carrier
-from cosim.run.self_contact_law import with_film_contacts
 from cosim.soft.body.loads import Loads
+from cosim.stepping.carrier import Carrier
+from cosim.stepping.self_contact_law import with_film_contacts
 from cosim.telemetry.film_shape import FilmShape
 from cosim.telemetry.snapshot import Snapshot
 

@@ -13,10 +13,10 @@ from cosim.coupling.clock import Clock
 from cosim.coupling.schemes.ledger import LedgerEntry
 from cosim.plan.chamber_gas import ChamberGas
 from cosim.reduced.sections.outputs import CENTER, WRENCH
-from cosim.run.parts import Parts
-from cosim.run.stepped_run import Cursor
-from cosim.run.tick_references import TickReferences
 from cosim.soft.body.loads import Loads
+from cosim.stepping.parts import Parts
+from cosim.stepping.stepped_run import Cursor
+from cosim.stepping.tick_references import TickReferences
 from cosim.telemetry.snapshot import Snapshot
 from cosim.telemetry.tick_columns import TickColumns
 

@@ -14,11 +14,11 @@ from cosim.coupling.schemes.ledger import LedgerEntry
 from cosim.errors import InputError
 from cosim.plan.plan import PhasePlan, start_equilibrium
 from cosim.plan.ramp import progress
-from cosim.run.parts import Moment, Parts
-from cosim.run.stepped_run import Cursor, SteppedRun
-from cosim.run.tick_references import TickReferences
-from cosim.run.tick_rows import TickRows
 from cosim.soft.body.loads import Loads
+from cosim.stepping.parts import Moment, Parts
+from cosim.stepping.stepped_run import Cursor, SteppedRun
+from cosim.stepping.tick_references import TickReferences
+from cosim.stepping.tick_rows import TickRows
 from cosim.telemetry.snapshot import Snapshot, Stage
 
 
