@@ -3,7 +3,7 @@ meets the wish.
 
 Every wish goes the user's way: the figures are measured once (in an empty cache directory), the choice is
 made, and the chosen scenario is run as `cosim run` runs it, recording on. Speed is then that of this run;
-errors are those of its tip, objects and flange force against the reference member, run once more.
+errors are those of its tip, objects and mean flange force against the reference member, run once more.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from cosim.telemetry.snapshot import Snapshot, Stage
 from cosim.trade.auto import settled
 from cosim.trade.choice import Wish
 from cosim.trade.curve import Curve, CurveBuilder, trace
-from cosim.trade.measuring import compared
+from cosim.trade.measuring import FORCE_MEAN, compared
 from cosim.trade.members import Member, durations, short_members
 
 
@@ -80,7 +80,7 @@ def check_choices(trades: Mapping[str, Any], figures: Path) -> tuple[str, bool]:
     figures.write_text(json.dumps(rows, indent=2) + "\n", encoding="utf-8")
     head = [
         "| scenario | wish | chosen | as measured for the choice | the run: real-time factor (wall) | (CPU) "
-        "| position [mm] | force [N] | met |",
+        f"| position [mm] | force, {FORCE_MEAN} [N] | met |",
         "|---|---|---|---|---:|---:|---:|---:|---|",
     ]
     return "\n".join([*head, *map(_line, rows)]), all(row["met"] for row in rows)

@@ -89,7 +89,7 @@ def run_trade(name: str) -> tuple[str, bool]:
     choices = [choice_lines(results, wish) for wish in trade.wishes]
     draw(scenario.title, results, DOCS / f"trade_{name}.png")
     (DOCS / f"trade_{name}.json").write_text(as_json(scenario.name, results, None), encoding="utf-8")
-    picture = f"![errors of tip and flange force against the real-time factor](trade_{name}.png)\n"
+    picture = f"![errors of tip and flange force's mean against the real-time factor](trade_{name}.png)\n"
     body = "\n".join([picture, tables(results), *(f"- {line}" for line in choices)])
     return body, not any(line.startswith("No member") for line in choices)
 

@@ -133,7 +133,9 @@ def _add_trade(commands: Any) -> None:
     wish = trade.add_mutually_exclusive_group()
     wish.add_argument("--budget", metavar="FACTOR", help="pick the most accurate member that fast: 1.0x")
     wish.add_argument("--tolerance", metavar="LENGTH", help="pick the fastest member as near as this: 1mm")
-    trade.add_argument("--force-tolerance", metavar="FORCE", help="and as near in the flange force: 0.1N")
+    trade.add_argument(
+        "--force-tolerance", metavar="FORCE", help="and as near in the flange force's mean over 40 ms: 0.1N"
+    )
     trade.add_argument(
         "--against",
         choices=("finest", "refined"),

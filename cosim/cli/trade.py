@@ -45,7 +45,7 @@ def trade_command(
         out: directory of the results.
         budget: least real-time factor, such as "1.0x".
         tolerance: largest tip error, such as "1mm".
-        force_tolerance: largest error of the flange force, such as "0.1N".
+        force_tolerance: largest error of the flange force's mean over 40 ms, such as "0.1N".
         assignments: changes to the scenario, texts of the form key=value.
         quick: fewer members.
         time_scale: factor on the duration of every phase.

@@ -9,7 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from cosim._version import __version__
+from cosim.base.code_identity import code_identity
 from cosim.base.kept_data import keep, kept
 from cosim.config.loading import load_scenario
 from cosim.config.schema.scenario import Scenario
@@ -74,10 +74,13 @@ def figures(
 
 
 def content_hash(scenario: Scenario, members: Sequence[Member]) -> str:
-    """Return what names the figures of a scenario: a hash of all that they depend on."""
+    """Return what names the figures of a scenario: a hash of all that they depend on.
+
+    The code is among it: another program may measure something else, or run at another speed.
+    """
     table = {key: value for key, value in to_table(scenario).items() if key not in _WITHOUT}
     ways = [dict(member.changes) for member in members]
-    text = json.dumps([__version__, table, ways], sort_keys=True)
+    text = json.dumps([code_identity(), table, ways], sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import final
 
 from cosim.errors import InputError
-from cosim.trade.measuring import Measured
+from cosim.trade.measuring import FORCE_MEAN, Measured
 
 RESERVE = 0.15
 """Share of a budget by which a member is to be faster, as the speed of a machine varies."""
@@ -23,7 +23,7 @@ class Wish:
     Args:
         budget: least real-time factor.
         tolerance_m: largest error of the tip, and of objects that can move.
-        force_N: largest error of the flange force.
+        force_N: largest error of the flange force's moving mean.
     """
 
     budget: float | None = None
@@ -47,7 +47,7 @@ class Wish:
         if self.tolerance_m is not None:
             parts.append(f"tolerance tip error {1e3 * self.tolerance_m:g} mm")
         if self.force_N is not None:
-            parts.append(f"tolerance flange force {self.force_N:g} N")
+            parts.append(f"tolerance flange force ({FORCE_MEAN}) {self.force_N:g} N")
         return ", ".join(parts) or "no wish"
 
 

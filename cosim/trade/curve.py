@@ -77,6 +77,25 @@ class Curve:
         objects = rows[1].reshape(len(times), -1, 3)
         return Curve(times, rows[0], objects, rows[2], rows[3][:, 0], (), self.cpu_s, self.iterations)
 
+    def mean_force(self, begin_s: Array, end_s: Array) -> Array:
+        """Return the mean of the flange force over windows of time, of all ticks in them.
+
+        The force is linear between ticks, so a window need not begin or end with one.
+
+        Args:
+            begin_s: (n,), within the run.
+            end_s: (n,), within the run, later than the beginnings.
+
+        Returns:
+            (n, 3) [N], axes as of `force`.
+        """
+        times = np.unique(np.concatenate([self.time_s, begin_s, end_s]))
+        force = np.stack([np.interp(times, self.time_s, column) for column in self.force.T], 1)
+        each = 0.5 * (force[1:] + force[:-1]) * np.diff(times)[:, None]
+        impulse = np.concatenate([np.zeros((1, 3)), np.cumsum(each, axis=0)])
+        gained = impulse[np.searchsorted(times, end_s)] - impulse[np.searchsorted(times, begin_s)]
+        return np.asarray(gained / (end_s - begin_s)[:, None])
+
     @property
     def real_time_factor(self) -> float:
         """Simulated time over CPU time."""

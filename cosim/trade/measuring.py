@@ -1,6 +1,8 @@
 """Runs the members of a trade and measures each against the reference of its group.
 
-Tip position, objects and forces are sampled at common times.
+Tip position, objects and contact forces are sampled at common times. The flange force is compared by its
+moving mean: from tick to tick it chatters, and its values do not converge with the tick; what it passes on
+over some time does.
 """
 
 from __future__ import annotations
@@ -21,6 +23,12 @@ from cosim.trade.members import Member
 from cosim.trade.simulation import Build
 
 SAMPLE_S = 0.02
+FORCE_WINDOW_S = 0.04
+"""Time over which the flange force is averaged: two of the longest ticks."""
+
+FORCE_MEAN = f"{1e3 * FORCE_WINDOW_S:g} ms mean"
+"""What of the flange force is compared, in words."""
+
 SLOWEST = 0.05
 """Real-time factor below which a member is stopped, unless told otherwise."""
 
@@ -38,7 +46,7 @@ class Measured:
         tip_error_m: largest distance from the reference's tip over the run.
         tip_rms_m: root mean square of it.
         end_error_m: largest at the ends of phases.
-        force_error_N: largest difference of the flange force over the run.
+        force_error_N: largest difference over the run of the flange force's mean over 40 ms.
         contact_error_N: root mean square difference of the sum of normal contact forces over the run.
         iterations: Newton iterations a tick.
         object_error_m: largest distance of an object that can move from where it is in the reference.
@@ -187,12 +195,30 @@ def compared(
         tip_error_m=float(distance.max()),
         tip_rms_m=float(np.sqrt((distance**2).mean())),
         end_error_m=end_error,
-        force_error_N=float(_distances(here.force, there.force).max()),
+        force_error_N=_force_error(curve, reference, times),
         contact_error_N=float(np.sqrt(((here.contact - there.contact) ** 2).mean())),
         iterations=curve.iterations,
         object_error_m=float(moved.max()) if moved.size else np.nan,
         base_error_m=np.nan if base is None else float(_distances(here.tip, base.at(times).tip).max()),
     )
+
+
+def _force_error(curve: Curve, reference: Curve, times: Array) -> float:
+    """Return the largest difference [N] of the flange force's moving mean.
+
+    The window is centred on each compared time, and moved into the run at its ends; of a shorter run, it is
+    all of it.
+
+    Args:
+        curve: of a member.
+        reference: what it is measured against.
+        times: (n,) [s], compared.
+    """
+    last_s = min(float(curve.time_s[-1]), float(reference.time_s[-1]))
+    window_s = min(FORCE_WINDOW_S, last_s)
+    begin_s = np.clip(times - 0.5 * window_s, 0.0, last_s - window_s)
+    here, there = (each.mean_force(begin_s, begin_s + window_s) for each in (curve, reference))
+    return float(_distances(here, there).max())
 
 
 def _distances(here: Array, there: Array) -> Array:

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from cosim.trade.choice import candidates, pareto_front
-from cosim.trade.measuring import Measured
+from cosim.trade.measuring import FORCE_MEAN, Measured
 
 _STYLES = {
     "Euler, 1 tangent": ("o", "tab:blue"),
@@ -32,7 +32,7 @@ def can_draw() -> bool:
 def draw(title: str, results: Sequence[Measured], path: Path) -> None:
     """Draw errors of the members that a choice is made from into a PNG file; needs matplotlib.
 
-    Positions and flange force, and contact forces where there are any, over the real-time factor.
+    Positions, the flange force's moving mean, and contact forces where there are any, over the speed.
 
     Args:
         title: of the scenario.
@@ -55,7 +55,7 @@ def draw(title: str, results: Sequence[Measured], path: Path) -> None:
               label="Pareto front")  # fmt: skip
     left.set_ylabel("largest error of tip and objects [mm]" if moving else "largest tip error [mm]")
     _scatter(others[0], shown, [result.force_error_N for result in shown])
-    others[0].set_ylabel("largest error of the flange force [N]")
+    others[0].set_ylabel(f"largest error of the flange force, {FORCE_MEAN} [N]")
     if touching:
         _scatter(others[1], shown, [result.contact_error_N for result in shown])
         others[1].set_ylabel("rms error of the sum of contact forces [N]")

@@ -105,6 +105,16 @@ def test_figures_are_measured_once_and_serve_every_wish(calls: list[int], tmp_pa
     assert len(calls) == 3
 
 
+def test_figures_that_other_code_has_measured_are_not_used(
+    calls: list[int], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    auto.settled(small(**WORDS), build, tmp_path, lambda _text: None)
+    here = auto.code_identity()
+    monkeypatch.setattr(auto, "code_identity", lambda: {**here, "source": "edited"})  # of the same version
+    auto.settled(small(**WORDS), build, tmp_path, lambda _text: None)
+    assert len(calls) == 2
+
+
 def test_a_wish_that_nothing_meets_is_refused_with_the_nearest(calls: list[int], tmp_path: Path) -> None:
     with pytest.raises(
         ScenarioError, match=r"auto: no member meets tolerance tip error 1e-06 mm.*BDF2, 2 ms"

@@ -22,7 +22,7 @@ class Auto:
         budget: least real-time factor of a recorded run, as `cosim run` prints it on an idle machine; the
             nearest to the reference among these is taken.
         tolerance_m: largest error of the tip, and of objects that can move; the fastest within it is taken.
-        force_tolerance_N: largest error of the flange force.
+        force_tolerance_N: largest error of the flange force's moving mean over 40 ms.
         chosen: what was chosen, with its figures; cosim writes it into the scenario as it ran.
     """
 
