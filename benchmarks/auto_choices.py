@@ -20,12 +20,12 @@ from cosim.app.driver import Options, build_simulation, execute, recorded, rerun
 from cosim.config.loading import load_scenario
 from cosim.config.schema.scenario import Scenario
 from cosim.errors import ScenarioError
-from cosim.telemetry.snapshot import Snapshot, Stage
+from cosim.telemetry.snapshot import RunInfo, Snapshot
 from cosim.trade.auto import settled
-from cosim.trade.choice import Wish
+from cosim.trade.choice import Requirement
 from cosim.trade.curve import Curve, CurveBuilder, trace
 from cosim.trade.measuring import FORCE_MEAN, compared
-from cosim.trade.members import Member, durations, short_members
+from cosim.trade.members import Candidate, durations, short_members
 
 
 @dataclass
@@ -38,7 +38,7 @@ class CurveWatcher:
 
     scenario: Scenario
 
-    def open(self, stage: Stage) -> None:
+    def open(self, stage: RunInfo) -> None:
         """The run begins."""
         self._builder = CurveBuilder(self.scenario, stage)
         self._began = time.process_time()
@@ -86,7 +86,7 @@ def check_choices(trades: Mapping[str, Any], figures: Path) -> tuple[str, bool]:
     return "\n".join([*head, *map(_line, rows)]), all(row["met"] for row in rows)
 
 
-def _chosen(scenario: Scenario, wish: Wish, cache: Path) -> Scenario:
+def _chosen(scenario: Scenario, wish: Requirement, cache: Path) -> Scenario:
     words = {
         "auto.budget": wish.budget,
         "auto.tolerance_m": wish.tolerance_m,
@@ -97,14 +97,14 @@ def _chosen(scenario: Scenario, wish: Wish, cache: Path) -> Scenario:
     return settled(asking, build_simulation, cache, lambda text: print(text, flush=True), recorded)
 
 
-def _refused(scenario: Scenario, wish: Wish) -> dict[str, Any]:
+def _refused(scenario: Scenario, wish: Requirement) -> dict[str, Any]:
     """Return the row of a wish that no member meets."""
     figures = ("real_time_factor_wall", "real_time_factor_cpu", "position_error_m", "force_error_N")
     row = {"scenario": scenario.name, "wish": wish.words, "chosen": "none", "measured": ""}
     return {**row, **dict.fromkeys(figures), "met": False}
 
 
-def _row(scenario: Scenario, wish: Wish, chosen: Scenario, reference: Curve) -> dict[str, Any]:
+def _row(scenario: Scenario, wish: Requirement, chosen: Scenario, reference: Curve) -> dict[str, Any]:
     """Run what was chosen, and compare it with the wish."""
     watcher = CurveWatcher(chosen)
     with tempfile.TemporaryDirectory() as directory:
@@ -115,7 +115,7 @@ def _row(scenario: Scenario, wish: Wish, chosen: Scenario, reference: Curve) -> 
     assert chosen.auto is not None
     assert chosen.auto.chosen is not None
     name, _, figures = chosen.auto.chosen.partition(": ")
-    run = compared(Member(name, "time", {}), watcher.curve, reference)
+    run = compared(Candidate(name, "time", {}), watcher.curve, reference)
     wall_factor = float(outcome.summary["real_time_factor"])
     # on a machine with other work the wall time says nothing; on an idle one both are met
     best = replace(run, real_time_factor=max(wall_factor, run.real_time_factor))

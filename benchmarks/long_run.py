@@ -39,7 +39,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import numpy as np
 
-from cosim.app.driver import Options, Simulation, build_simulation, execute, rerun_recorder
+from cosim.app.driver import Options, Runnable, build_simulation, execute, rerun_recorder
 from cosim.base.arms import find_arm
 from cosim.base.frames import Array
 from cosim.build.fidelity import soft_sides
@@ -47,7 +47,7 @@ from cosim.config.loading import load_scenario
 from cosim.config.schema.scenario import Scenario
 from cosim.kinematics.arm import Arm
 from cosim.soft.solve.assembly import SoftSystem
-from cosim.telemetry.snapshot import Snapshot, Stage
+from cosim.telemetry.snapshot import RunInfo, Snapshot
 
 TICK_S = 0.002
 MOVE_S, SETTLE_S = 0.5, 20.0
@@ -112,7 +112,7 @@ class Energies:
         of: its scenario.
     """
 
-    def __init__(self, simulation: Simulation, of: Scenario) -> None:
+    def __init__(self, simulation: Runnable, of: Scenario) -> None:
         body = soft_sides(of)[1].body
         self._simulation, self._system = simulation, SoftSystem(body)
         self._arm = Arm(find_arm(of.robot), gravity=of.gravity_m_s2)
@@ -151,13 +151,13 @@ class Watch:
         self._before: Snapshot | None = None
         self._first: tuple[Array, Array, Array] | None = None
 
-    def build(self, of: Scenario) -> Simulation:
+    def build(self, of: Scenario) -> Runnable:
         """Build the simulation and keep it in sight."""
         simulation = build_simulation(of)
         self.energies = Energies(simulation, of)
         return simulation
 
-    def open(self, stage: Stage) -> None:
+    def open(self, stage: RunInfo) -> None:
         """Make room for all samples at once, so that memory tells of the run alone."""
         self.samples = np.full(((stage.ticks - self._settled) // self._every + 1, 8), np.nan)
 

@@ -31,7 +31,7 @@ from benchmarks.measure.soft_ticks import STEP_S, jerk_times, motion_times
 from cosim.base.frames import Array, Pose
 from cosim.build.soft_body import build_soft_body
 from cosim.config.loading import load_soft_robot
-from cosim.config.schema.solver import ChamberModel
+from cosim.config.schema.solver import ModelTable
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
 from cosim.soft.linear.envelope_cholesky import EnvelopeCholesky
@@ -50,7 +50,7 @@ _CALLS_S, _TICKS_S = 0.1, 1.5  # how long a part of an iteration, or ticks, are 
 def refined_arm(refine: int) -> SoftBody:
     """Return the ten-unit arm with every triangle divided into four so many times."""
     robot = load_soft_robot("hexagon_arm")
-    return build_soft_body(replace(robot, chamber=replace(robot.chamber, refine=refine)), ChamberModel())
+    return build_soft_body(replace(robot, chamber=replace(robot.chamber, refine=refine)), ModelTable())
 
 
 class Iteration:

@@ -19,7 +19,7 @@ import numpy as np
 from cosim.base.frames import Array, Pose, rotation_from_vector
 from cosim.build.soft_body import build_soft_body
 from cosim.config.loading import load_scenario
-from cosim.config.schema.phase import TipTarget as Target
+from cosim.config.schema.phase import TipTargetTable
 from cosim.coupling.soft_sides.lumped_arm import SoftArm
 from cosim.errors import ConvergenceError, UnreachableError
 from cosim.plan.target_motion import reach
@@ -128,7 +128,7 @@ class Bench:
         tension = found.equilibrium.loads.cable_tension_N
         try:
             _, end = reach(
-                self.soft, self.slack, self.slack.loads, Target(height_m=height, reach_with="cables")
+                self.soft, self.slack, self.slack.loads, TipTargetTable(height_m=height, reach_with="cables")
             )
         except UnreachableError as error:
             return Height(tension_N, height, tension, None, found.iterations, str(error))

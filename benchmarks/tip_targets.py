@@ -24,7 +24,7 @@ from cosim.base.frames import Array, Pose, rotation_from_vector
 from cosim.build.simulation import build
 from cosim.build.soft_body import build_soft_body
 from cosim.config.loading import load_scenario
-from cosim.config.schema.phase import FlangePose, Phase, Start, TipTarget
+from cosim.config.schema.phase import FlangePoseTable, PhaseTable, StartTable, TipTargetTable
 from cosim.config.schema.scenario import Scenario
 from cosim.coupling.soft_sides.lumped_arm import SoftArm
 from cosim.errors import ConvergenceError, ScenarioError, UnreachableError
@@ -40,7 +40,7 @@ from cosim.soft.solve.time_step import StepOptions
 from cosim.soft.targets import tip_target as search
 from cosim.soft.targets.flange_search import find_flange_pose
 
-START = FlangePose((0.4, 0.0, 0.7), (0.0, 0.0, -1.0))
+START = FlangePoseTable((0.4, 0.0, 0.7), (0.0, 0.0, -1.0))
 BOX = np.array([[0.3, 0.5], [-0.2, 0.2], [0.6, 0.8]])
 PRESSURE_Pa = 30e3
 TENSION_MAX_N = 5.0
@@ -149,8 +149,10 @@ class Bench:
 
     def reaching(self, target: Target) -> Scenario:
         """Return the scenario that goes from hanging to the target."""
-        phase = Phase("reach", RAMP_S, SETTLE_S, tip_target=TipTarget(target.position, target.direction))
-        start = Start(START, PRESSURE_Pa, target.tension_N)
+        phase = PhaseTable(
+            "reach", RAMP_S, SETTLE_S, tip_target=TipTargetTable(target.position, target.direction)
+        )
+        start = StartTable(START, PRESSURE_Pa, target.tension_N)
         return replace(self.scenario, start=start, phases=(phase,), mode="dynamic")
 
 

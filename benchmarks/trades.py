@@ -27,10 +27,10 @@ from cosim.app.driver import build_simulation, recorded
 from cosim.cli.trade_progress import TradeProgress
 from cosim.config.loading import load_scenario
 from cosim.recording import membrane_colours
-from cosim.trade.choice import Wish
+from cosim.trade.choice import Requirement
 from cosim.trade.compilation import compile_for_trade
 from cosim.trade.measuring import Measured, measure
-from cosim.trade.members import members_of
+from cosim.trade.members import candidates_of
 from cosim.trade.plot import draw
 from cosim.trade.report import as_json, choice_lines, markdown
 
@@ -53,7 +53,7 @@ class Trade:
     changes: Mapping[str, Any]
     quick: bool
     time_scale: float
-    wishes: tuple[Wish, ...]
+    wishes: tuple[Requirement, ...]
 
 
 SHORT_GRASP = {
@@ -67,8 +67,16 @@ SHORT_GRASP = {
     "phase.hold.duration_s": 0.1,
 }
 TRADES = {
-    "reference": Trade("ur5e_hexagon_arm", {}, False, 0.5, (Wish(tolerance_m=1e-3), Wish(budget=1.0))),
-    "grasp": Trade("gripper_lifts_roll", SHORT_GRASP, True, 1.0, (Wish(tolerance_m=5e-3), Wish(budget=0.25))),
+    "reference": Trade(
+        "ur5e_hexagon_arm", {}, False, 0.5, (Requirement(tolerance_m=1e-3), Requirement(budget=1.0))
+    ),
+    "grasp": Trade(
+        "gripper_lifts_roll",
+        SHORT_GRASP,
+        True,
+        1.0,
+        (Requirement(tolerance_m=5e-3), Requirement(budget=0.25)),
+    ),
 }
 
 
@@ -83,7 +91,7 @@ def run_trade(name: str) -> tuple[str, bool]:
     trade = TRADES[name]
     scenario = load_scenario(trade.scenario, trade.changes)
     compile_for_trade(scenario, print, (membrane_colours,))
-    members = members_of(scenario, quick=trade.quick, time_scale=trade.time_scale)
+    members = candidates_of(scenario, quick=trade.quick, time_scale=trade.time_scale)
     telling = TradeProgress(sys.stdout, len(members)).telling
     results = measure(scenario, members, build_simulation, telling, follow=recorded)
     choices = [choice_lines(results, wish) for wish in trade.wishes]

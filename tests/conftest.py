@@ -11,15 +11,15 @@ import pytest
 
 from cosim.base.frames import Pose, Twist, Wrench
 from cosim.config.schema.scenario import Scenario
-from cosim.telemetry.snapshot import LedgerEntry, Snapshot, Stage
+from cosim.telemetry.snapshot import LedgerEntry, RunInfo, Snapshot
 
 TICKS_PER_PHASE = 5
 
 
-def made_up_stage(scenario: Scenario) -> Stage:
+def made_up_stage(scenario: Scenario) -> RunInfo:
     """Return a stage with the scenario's phases, each of 5 ticks."""
     ticks = TICKS_PER_PHASE * len(scenario.phases)
-    return Stage(
+    return RunInfo(
         scenario=scenario.name,
         title=scenario.title,
         mode=scenario.mode,
@@ -77,7 +77,7 @@ def made_up_snapshot(tick: int, tick_s: float) -> Snapshot:
 class MadeUpSimulation:
     """Yields made-up snapshots; `at_tick` is called with each tick before it is yielded."""
 
-    stage: Stage
+    stage: RunInfo
     at_tick: Callable[[int], None] = lambda tick: None
     next_tick: int = 0
     saves_now: bool = True

@@ -18,7 +18,7 @@ from cosim.base.state_archive import read_archive, read_header, write_archive
 from cosim.base.state_check import check_state
 from cosim.base.stateful import Stateful
 from cosim.errors import InputError
-from cosim.telemetry.snapshot import Snapshot, Stage
+from cosim.telemetry.snapshot import RunInfo, Snapshot
 from cosim.telemetry.summary import Status, SummaryBuilder, SummaryState
 
 _KEEP_TICKS = 20  # one for every tick would cost some percent: each makes the next factorisation a copy
@@ -255,7 +255,7 @@ def tick_to_resume(directory: Path, loaded: Mapping[str, str]) -> int:
     return tick
 
 
-def read_checkpoint(directory: Path, simulation: Saves, stage: Stage) -> Checkpoint:
+def read_checkpoint(directory: Path, simulation: Saves, stage: RunInfo) -> Checkpoint:
     """Return the checkpoint of a run, with the simulation, which has been built, brought to it.
 
     Args:

@@ -19,11 +19,11 @@ from cosim.app.run_files import RECORDING, RunFiles
 from cosim.base.resources import cache_directory
 from cosim.base.stateful import Stateful
 from cosim.config.schema.scenario import Scenario
-from cosim.config.schema.solver import Recording
+from cosim.config.schema.solver import RecordingTable
 from cosim.errors import SolverError
-from cosim.recording.recorder import NullRecorder, Part, Recorder
+from cosim.recording.recorder import NullRecorder, Recorder, RecordingPart
 from cosim.telemetry.block import READ_AT_ONCE
-from cosim.telemetry.snapshot import Snapshot, Stage
+from cosim.telemetry.snapshot import RunInfo, Snapshot
 from cosim.telemetry.summary import Status, SummaryBuilder, reason_of, summary_markdown
 
 if TYPE_CHECKING:
@@ -33,11 +33,11 @@ if TYPE_CHECKING:
 Observe = Callable[[Snapshot], None]
 
 
-class Simulation(Stateful[Any], Protocol):
+class Runnable(Stateful[Any], Protocol):
     """What can be run; `steps` goes on from a restored state."""
 
     @property
-    def stage(self) -> Stage:
+    def stage(self) -> RunInfo:
         """Everything that does not change during the run."""
 
     @property
@@ -53,10 +53,10 @@ class Simulation(Stateful[Any], Protocol):
         """
 
 
-class Watcher(Protocol):
+class Observer(Protocol):
     """What follows a run while it lasts."""
 
-    def open(self, stage: Stage) -> None:
+    def open(self, stage: RunInfo) -> None:
         """The simulation is built; nothing has been written yet."""
 
     def observe(self, snapshot: Snapshot) -> None:
@@ -68,7 +68,7 @@ class Watcher(Protocol):
 
 @final
 @dataclass(frozen=True)
-class Ending:
+class Termination:
     """How a run ended; `error` is None unless something was raised."""
 
     status: Status
@@ -91,8 +91,8 @@ class Options:
     """
 
     directory: Path | None = None
-    make_recorder: Callable[[Path, Recording, Part], Recorder] | None = None
-    watchers: Sequence[Watcher] = ()
+    make_recorder: Callable[[Path, RecordingTable, RecordingPart], Recorder] | None = None
+    watchers: Sequence[Observer] = ()
     stop: Callable[[], str | None] = lambda: None
     checkpoint_every_s: float = 30.0
     resume: bool = False
@@ -100,7 +100,7 @@ class Options:
 
 @final
 @dataclass(frozen=True)
-class Outcome:
+class RunOutcome:
     """What is left of a run.
 
     Args:
@@ -113,8 +113,8 @@ class Outcome:
 
 
 def execute(
-    scenario: Scenario, build: Callable[[Scenario], Simulation], options: Options, started: float
-) -> Outcome:
+    scenario: Scenario, build: Callable[[Scenario], Runnable], options: Options, started: float
+) -> RunOutcome:
     """Build and run a scenario, or the rest of it; the files are complete when this returns.
 
     Args:
@@ -145,16 +145,16 @@ def execute(
 
 def _run(
     scenario: Scenario,
-    simulation: Simulation,
+    simulation: Runnable,
     first: Snapshot | None,
     snapshots: Iterator[Snapshot],
     options: Options,
     earlier: Checkpoint | None,
     started: float,
     files: RunFiles | None,
-) -> Outcome:
+) -> RunOutcome:
     origin = Origin.of(uuid4().hex, earlier)
-    recorder = _begin_files(scenario, options, files, Part(origin.run_id, origin.before))
+    recorder = _begin_files(scenario, options, files, RecordingPart(origin.run_id, origin.before))
     recorder.open(simulation.stage)
     if first is not None:
         recorder.lay_out(first)
@@ -180,10 +180,12 @@ def _run(
     finally:
         if files is not None:
             files.finish(figures)
-    return Outcome(figures, ending.error)
+    return RunOutcome(figures, ending.error)
 
 
-def _begin_files(scenario: Scenario, options: Options, files: RunFiles | None, part: Part) -> Recorder:
+def _begin_files(
+    scenario: Scenario, options: Options, files: RunFiles | None, part: RecordingPart
+) -> Recorder:
     if files is None:
         return NullRecorder()
     if options.resume:
@@ -199,7 +201,7 @@ def build_simulation(
     scenario: Scenario,
     controllers: Mapping[str, AnyController] | None = None,
     before: Choices | None = None,
-) -> Simulation:
+) -> Runnable:
     """Return the simulation of a checked scenario; loads the engines, which wrong input need not wait for.
 
     Args:
@@ -234,10 +236,10 @@ def with_fidelity_chosen(scenario: Scenario, tell: Callable[[str], None]) -> Sce
 
 
 @contextmanager
-def recorded(scenario: Scenario, stage: Stage) -> Iterator[Observe]:
+def recorded(scenario: Scenario, stage: RunInfo) -> Iterator[Observe]:
     """Do with every snapshot what a run does: sum it up and record it; the recording is thrown away."""
     with TemporaryDirectory() as directory:
-        recorder = rerun_recorder(Path(directory) / RECORDING, scenario.recording, Part(uuid4().hex))
+        recorder = rerun_recorder(Path(directory) / RECORDING, scenario.recording, RecordingPart(uuid4().hex))
         recorder.open(stage)
         summary = SummaryBuilder(stage, 0.0, __version__)
 
@@ -251,7 +253,7 @@ def recorded(scenario: Scenario, stage: Stage) -> Iterator[Observe]:
             recorder.close("", "completed")
 
 
-def rerun_recorder(path: Path, settings: Recording, part: Part) -> Recorder:
+def rerun_recorder(path: Path, settings: RecordingTable, part: RecordingPart) -> Recorder:
     """Return the recorder that writes a Rerun recording."""
     from cosim.recording.rerun_recorder import RerunRecorder
 
@@ -263,7 +265,7 @@ def drive(
     observers: Sequence[Observe],
     stop: Callable[[], str | None],
     at_end: Callable[[], None] = lambda: None,
-) -> Ending:
+) -> Termination:
     """Feed every snapshot to every observer, in order, until a stop, an exception or the end (`at_end`)."""
     try:
         for snapshot in snapshots:
@@ -271,13 +273,13 @@ def drive(
                 observe(snapshot)
             reason = stop()
             if reason is not None:
-                return Ending("interrupted", reason)
+                return Termination("interrupted", reason)
         at_end()  # what observers still gather belongs to the time of the loop
     except KeyboardInterrupt as error:
-        return Ending("interrupted", "keyboard interrupt", error)
+        return Termination("interrupted", "keyboard interrupt", error)
     except Exception as error:  # whatever it is, the recording and the summary are to be readable
-        return Ending("failed", reason_of(error), error)
-    return Ending("completed")
+        return Termination("failed", reason_of(error), error)
+    return Termination("completed")
 
 
 def _with_first(steps: Iterator[Snapshot]) -> tuple[Snapshot | None, Iterator[Snapshot]]:

@@ -10,7 +10,7 @@ from pathlib import Path
 from cosim.app.run_files import SCENARIO
 from cosim.base.arms import find_arm
 from cosim.config.schema.mesh_paths import mesh_path
-from cosim.config.schema.objects import Part, SceneObject
+from cosim.config.schema.objects import ObjectTable, SolidTable
 from cosim.config.schema.scenario import NO_ARM, Scenario
 from cosim.config.writing import scenario_text
 
@@ -36,7 +36,7 @@ def changed_file(before: Mapping[str, str], now: Mapping[str, str]) -> str | Non
 
 
 def _meshes(scenario: Scenario) -> Iterator[tuple[str, Path]]:
-    solids: list[SceneObject | Part] = [*scenario.objects]
+    solids: list[ObjectTable | SolidTable] = [*scenario.objects]
     for entry in scenario.objects:
         solids += entry.parts
     for solid in solids:

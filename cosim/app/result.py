@@ -15,7 +15,7 @@ from cosim._version import __version__
 from cosim.base.frames import Array, IntArray
 from cosim.errors import InputError
 from cosim.telemetry.block import Block, read_now
-from cosim.telemetry.snapshot import Snapshot, Stage
+from cosim.telemetry.snapshot import RunInfo, Snapshot
 from cosim.telemetry.summary import SummaryBuilder, reason_of
 
 
@@ -71,7 +71,7 @@ class RunResult:
         node_position: (frames, nodes, 3) [m].
     """
 
-    stage: Stage
+    stage: RunInfo
     summary: dict[str, Any]
     directory: Path | None
     tick: IntArray
@@ -162,7 +162,7 @@ class ResultBuilder:
     """
 
     def __init__(self, frames_per_s: float) -> None:
-        self._stage: Stage | None = None
+        self._stage: RunInfo | None = None
         self._frame_s = 1.0 / frames_per_s
         self._next_frame_s = 0.0
         self._unread: list[Snapshot] = []
@@ -171,7 +171,7 @@ class ResultBuilder:
         self._frame_time_s: list[Array] = []
         self._node_position: list[Array] = []
 
-    def open(self, stage: Stage) -> None:
+    def open(self, stage: RunInfo) -> None:
         """Take in what does not change during the run."""
         self._stage = stage
 
@@ -219,7 +219,7 @@ class ResultBuilder:
 
 
 def result_of(
-    stage: Stage, frames_per_s: float, snapshots: Iterable[Snapshot], error: BaseException
+    stage: RunInfo, frames_per_s: float, snapshots: Iterable[Snapshot], error: BaseException
 ) -> RunResult:
     """Return what a run that has been stepped by hand shows of some ticks, before an error ended it."""
     arrays, summary = ResultBuilder(frames_per_s), SummaryBuilder(stage, 0.0, __version__)

@@ -10,10 +10,10 @@ import numpy as np
 
 from cosim.base.state_check import check_indices, check_state
 from cosim.errors import InputError
-from cosim.telemetry.snapshot import Snapshot, Stage
+from cosim.telemetry.snapshot import RunInfo, Snapshot
 
 
-def sizes_of(stage: Stage) -> dict[str, int]:
+def sizes_of(stage: RunInfo) -> dict[str, int]:
     """Return the counts by which `check_state` judges what a simulation shows of itself."""
     return {
         "bodies": len(stage.body_names),
@@ -22,7 +22,7 @@ def sizes_of(stage: Stage) -> dict[str, int]:
     }
 
 
-def check_shown(snapshot: Snapshot, stage: Stage) -> None:
+def check_shown(snapshot: Snapshot, stage: RunInfo) -> None:
     """Check that a saved snapshot is one of a stage: what draws it takes that for granted.
 
     Raises:

@@ -21,7 +21,7 @@ from cosim.errors import InputError
 from cosim.stepping.stepped_run import RunState
 from cosim.telemetry.block import READ_AT_ONCE
 from cosim.telemetry.choices import Choices
-from cosim.telemetry.snapshot import Snapshot, Stage
+from cosim.telemetry.snapshot import RunInfo, Snapshot
 
 if TYPE_CHECKING:
     from cosim.devices.controller import AnyController
@@ -88,7 +88,7 @@ class Simulation:
         self.restore(start)
 
     @property
-    def stage(self) -> Stage:
+    def stage(self) -> RunInfo:
         """Everything that does not change during the run."""
         return self._run.stage
 

@@ -20,8 +20,8 @@ from scipy.optimize import least_squares
 
 from cosim.base.frames import Array, Pose
 from cosim.build.soft_body import build_soft_body, calibrated_model
-from cosim.config.schema.soft_robot import Calibration, SoftRobot
-from cosim.config.schema.solver import ChamberModel
+from cosim.config.schema.soft_robot import CalibrationTable, SoftRobotTable
+from cosim.config.schema.solver import ModelTable
 from cosim.errors import ConvergenceError
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
@@ -86,7 +86,7 @@ class CalibrationReport:
         speedup: CPU time of the refined model over that of the coarse one, same cases.
     """
 
-    calibration: Calibration
+    calibration: CalibrationTable
     cases: tuple[LoadCase, ...]
     fitted: int
     refined: Array
@@ -96,7 +96,7 @@ class CalibrationReport:
 
 
 def calibrate(
-    robot: SoftRobot,
+    robot: SoftRobotTable,
     *,
     refine: int = 2,
     units: int = 2,
@@ -147,7 +147,9 @@ def largest_errors(cases: Sequence[LoadCase], errors: Array) -> tuple[float, flo
     return float(size[~lateral].max()), float(size[lateral].max())
 
 
-def _fit(specimen: SoftRobot, cases: Sequence[LoadCase], truth: Array, tell: Callable[[str], None]) -> Array:
+def _fit(
+    specimen: SoftRobotTable, cases: Sequence[LoadCase], truth: Array, tell: Callable[[str], None]
+) -> Array:
     """Return the parameters (3,) that serve the cases best, from two starts."""
     weight = np.array([_LATERAL_WEIGHT if case.lateral else 1.0 for case in cases])
 
@@ -163,7 +165,7 @@ def _fit(specimen: SoftRobot, cases: Sequence[LoadCase], truth: Array, tell: Cal
     return np.asarray(min(fits, key=lambda found: float(found.cost)).x)
 
 
-def _error(specimen: SoftRobot, parameters: Array, cases: Sequence[LoadCase], truth: Array) -> Array:
+def _error(specimen: SoftRobotTable, parameters: Array, cases: Sequence[LoadCase], truth: Array) -> Array:
     """Return the relative errors of the calibrated coarse mesh."""
     try:
         return responses(calibrated_model(specimen, _calibration(parameters)), cases) / truth - 1.0
@@ -171,19 +173,19 @@ def _error(specimen: SoftRobot, parameters: Array, cases: Sequence[LoadCase], tr
         return np.full(len(cases), _FAILED)
 
 
-def _calibration(parameters: Array) -> Calibration:
+def _calibration(parameters: Array) -> CalibrationTable:
     logarithm, fraction, hinge = (float(value) for value in parameters)
-    return Calibration(
+    return CalibrationTable(
         film_modulus_factor=float(np.exp(logarithm)), compressive_fraction=fraction, hinge_factor=hinge
     )
 
 
-def _specimen(robot: SoftRobot, units: int) -> SoftRobot:
+def _specimen(robot: SoftRobotTable, units: int) -> SoftRobotTable:
     chamber = replace(robot.chamber, units=min(units, robot.chamber.units), refine=0)
     return replace(robot, chamber=chamber, cables=(), base=("unit_1.hole",), calibration=None)
 
 
-def refined_model(robot: SoftRobot, refine: int) -> SoftRobot:
+def refined_model(robot: SoftRobotTable, refine: int) -> SoftRobotTable:
     """Return the robot with a finer mesh, a plain film and hinges that bend like the film."""
     return replace(
         robot,
@@ -194,12 +196,12 @@ def refined_model(robot: SoftRobot, refine: int) -> SoftRobot:
     )
 
 
-def _timed(robot: SoftRobot, cases: Sequence[LoadCase]) -> tuple[Array, float]:
+def _timed(robot: SoftRobotTable, cases: Sequence[LoadCase]) -> tuple[Array, float]:
     began = time.process_time()
     return responses(robot, cases), time.process_time() - began
 
 
-def responses(robot: SoftRobot, cases: Sequence[LoadCase]) -> Array:
+def responses(robot: SoftRobotTable, cases: Sequence[LoadCase]) -> Array:
     """Return what the tip does under each case [m]: its deflection under a lateral force, else its extension.
 
     Args:
@@ -209,7 +211,7 @@ def responses(robot: SoftRobot, cases: Sequence[LoadCase]) -> Array:
     Raises:
         ConvergenceError: no equilibrium under one of the loads.
     """
-    body = build_soft_body(robot, ChamberModel())
+    body = build_soft_body(robot, ModelTable())
     clamp = Clamp.of_base(body)
     options = NewtonOptions(iterations_max=300, step_max_m=0.01)
     newton = NewtonSolver(SoftSystem(body), clamp.mask(body.nodes))

@@ -10,8 +10,8 @@ from cosim.build.calibration import refined_model
 from cosim.build.section_cache import section_model
 from cosim.build.soft_body import build_soft_body
 from cosim.config.schema.scenario import Scenario
-from cosim.config.schema.soft_robot import SoftRobot
-from cosim.config.schema.solver import ChamberModel
+from cosim.config.schema.soft_robot import SoftRobotTable
+from cosim.config.schema.solver import ModelTable
 from cosim.coupling.soft_sides.frozen_body import FrozenBody
 from cosim.coupling.soft_sides.lumped_arm import SoftArm
 from cosim.coupling.soft_sides.section_arm import SectionArm
@@ -61,7 +61,7 @@ def fidelity_body(scenario: Scenario) -> SoftBody:
         return build_soft_body(*_described(scenario))
 
 
-def _described(scenario: Scenario) -> tuple[SoftRobot, ChamberModel]:
+def _described(scenario: Scenario) -> tuple[SoftRobotTable, ModelTable]:
     """Return the soft robot and the comparison switches with a refined mesh where it is asked for.
 
     A calibration is of the unrefined mesh. Its place is taken by the model that it was fitted to, a plain
@@ -76,7 +76,7 @@ def _described(scenario: Scenario) -> tuple[SoftRobot, ChamberModel]:
     return _finer(robot), model
 
 
-def _finer(robot: SoftRobot) -> SoftRobot:
+def _finer(robot: SoftRobotTable) -> SoftRobotTable:
     """Return a robot with every triangle divided into four, those of what it carries as well."""
     parts = tuple(replace(part, robot=_finer(part.robot)) for part in robot.attachments)
     chamber = replace(robot.chamber, refine=robot.chamber.refine + 1)

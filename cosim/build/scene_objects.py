@@ -7,16 +7,15 @@ from dataclasses import fields
 from cosim.base.triangle_mesh import TriangleMesh, read_mesh
 from cosim.build.blame import blamed_on
 from cosim.config.schema.mesh_paths import mesh_path
-from cosim.config.schema.objects import Part
-from cosim.config.schema.objects import SceneObject as SceneObjectSchema
-from cosim.config.schema.wire import Wire as WireSchema
+from cosim.config.schema.objects import ObjectTable, SolidTable
+from cosim.config.schema.wire import WireTable
 from cosim.rigid.build.description import SceneObject
 from cosim.rigid.build.geometry import Geometry
 from cosim.rigid.build.joint import Joint
 from cosim.rigid.build.wire import Wire
 
 
-def rigid_object(entry: SceneObjectSchema) -> SceneObject:
+def rigid_object(entry: ObjectTable) -> SceneObject:
     """Return a scenario's object for the rigid scene."""
     with blamed_on(f"object.{entry.name}"):
         return SceneObject(
@@ -35,13 +34,13 @@ def rigid_object(entry: SceneObjectSchema) -> SceneObject:
         )
 
 
-def rigid_wire(entry: WireSchema) -> Wire:
+def rigid_wire(entry: WireTable) -> Wire:
     """Return a scenario's wire for the rigid scene."""
     with blamed_on(f"wire.{entry.name}"):
         return Wire(**{field.name: getattr(entry, field.name) for field in fields(entry)})
 
 
-def _joint(entry: SceneObjectSchema) -> Joint | None:
+def _joint(entry: ObjectTable) -> Joint | None:
     if (hinge := entry.hinge) is not None:
         return Joint(
             "hinge", hinge.axis, hinge.anchor_m, hinge.parent, hinge.range_rad,
@@ -55,7 +54,7 @@ def _joint(entry: SceneObjectSchema) -> Joint | None:
     return None
 
 
-def _geometry(part: Part, entry: SceneObjectSchema) -> Geometry:
+def _geometry(part: SolidTable, entry: ObjectTable) -> Geometry:
     return Geometry(
         shape=part.shape,
         size_m=part.size_m,
@@ -69,5 +68,5 @@ def _geometry(part: Part, entry: SceneObjectSchema) -> Geometry:
     )
 
 
-def _mesh(entry: SceneObjectSchema | Part) -> TriangleMesh | None:
+def _mesh(entry: ObjectTable | SolidTable) -> TriangleMesh | None:
     return None if entry.file is None else read_mesh(mesh_path(entry.file)).scaled(entry.scale)

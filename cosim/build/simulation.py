@@ -34,7 +34,7 @@ from cosim.stepping.parts import Parts
 from cosim.stepping.quasistatic import QuasistaticSimulation
 from cosim.stepping.self_contact_law import film_report
 from cosim.telemetry.choices import CONTACT, Choices
-from cosim.telemetry.snapshot import Stage
+from cosim.telemetry.snapshot import RunInfo
 
 _Arranged: TypeAlias = tuple[Plan, Carrier, tuple[Decision, ...], PlannedArm | None]
 
@@ -138,9 +138,9 @@ def _plan(scenario: Scenario, plan_joints: JointPlanner, trial: SoftSide) -> Pla
 
 def _stage(
     parts: Parts, modelled: tuple[Decision, ...], planned: PlannedArm | None, ticks: int, tick_s: float
-) -> Stage:
+) -> RunInfo:
     scenario, carrier, body = parts.scenario, parts.carrier, parts.soft.body
-    return Stage(
+    return RunInfo(
         scenario=scenario.name,
         title=scenario.title,
         mode=scenario.mode,

@@ -8,9 +8,14 @@ import numpy as np
 
 from cosim.base.frames import Array, IntArray, Pose
 from cosim.build.published_hinges import without_spring
-from cosim.config.schema.soft_robot import ARM_CHAMBER, Attachment, Calibration, SoftRobot
-from cosim.config.schema.soft_robot import Cable as CableSchema
-from cosim.config.schema.solver import ChamberModel
+from cosim.config.schema.soft_robot import (
+    ARM_CHAMBER,
+    AttachmentTable,
+    CableTable,
+    CalibrationTable,
+    SoftRobotTable,
+)
+from cosim.config.schema.solver import ModelTable
 from cosim.soft.body.attachment import Plate, attached
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.copies import around_axis, copies
@@ -23,12 +28,12 @@ from cosim.soft.geometry.refinement import refine
 from cosim.soft.geometry.surface import interior_hinges, triangle_area
 
 
-def build_mesh(robot: SoftRobot) -> Mesh:
+def build_mesh(robot: SoftRobotTable) -> Mesh:
     """Return the chamber's mesh in the flange frame."""
     return refine(_coarse_mesh(robot), robot.chamber.refine)
 
 
-def _coarse_mesh(robot: SoftRobot) -> Mesh:
+def _coarse_mesh(robot: SoftRobotTable) -> Mesh:
     c = robot.chamber
     stack = PolygonalStack(
         c.sides, c.units, c.corner_radius_m, c.hole_radius_m, c.unit_height_m, c.taper,
@@ -37,13 +42,13 @@ def _coarse_mesh(robot: SoftRobot) -> Mesh:
     return stack.mesh()
 
 
-def build_film(robot: SoftRobot) -> Film:
+def build_film(robot: SoftRobotTable) -> Film:
     """Return the film of a robot's walls."""
     f = robot.film
     return Film(f.young_modulus_Pa, f.poisson_ratio, f.thickness_m, f.law, f.compressive_fraction)
 
 
-def calibrated_model(robot: SoftRobot, calibration: Calibration) -> SoftRobot:
+def calibrated_model(robot: SoftRobotTable, calibration: CalibrationTable) -> SoftRobotTable:
     """Return the robot with a calibration applied to its film and hinges."""
     film = replace(
         robot.film,
@@ -60,7 +65,7 @@ def calibrated_model(robot: SoftRobot, calibration: Calibration) -> SoftRobot:
     return replace(robot, film=film, hinge=hinge, calibration=None)
 
 
-def build_soft_body(robot: SoftRobot, model: ChamberModel) -> SoftBody:
+def build_soft_body(robot: SoftRobotTable, model: ModelTable) -> SoftBody:
     """Return the soft body of a robot, in the flange frame.
 
     Args:
@@ -100,14 +105,14 @@ def build_soft_body(robot: SoftRobot, model: ChamberModel) -> SoftBody:
     return body
 
 
-def _with_attachment(body: SoftBody, entry: Attachment, model: ChamberModel) -> SoftBody:
+def _with_attachment(body: SoftBody, entry: AttachmentTable, model: ModelTable) -> SoftBody:
     top = body.tip_position(body.positions) + np.array([0.0, 0.0, entry.height_m])
     plate = Plate(entry.plate.mass_kg, entry.plate.stiffness_N_m)
     part = build_soft_body(entry.robot, model)
     return attached(body, ARM_CHAMBER, part, entry.name, Pose(np.eye(3), top), plate)
 
 
-def _cable(mesh: Mesh, entry: CableSchema) -> Cable:
+def _cable(mesh: Mesh, entry: CableTable) -> Cable:
     first, last = entry.units
     route = mesh.corner_line(entry.corner)[first - 1 : last]
     return Cable(
@@ -118,7 +123,7 @@ def _cable(mesh: Mesh, entry: CableSchema) -> Cable:
     )
 
 
-def _hinges(robot: SoftRobot, model: ChamberModel, mesh: Mesh, film: Film) -> tuple[IntArray, Array]:
+def _hinges(robot: SoftRobotTable, model: ModelTable, mesh: Mesh, film: Film) -> tuple[IntArray, Array]:
     """Return hinge nodes (h, 4) and their stiffness (h,) [N m/rad].
 
     The published subset of hinges exists on the unrefined mesh only; a refined mesh has all hinges, with
@@ -139,14 +144,14 @@ def _hinges(robot: SoftRobot, model: ChamberModel, mesh: Mesh, film: Film) -> tu
     return hinges, uniform
 
 
-def _frames(mesh: Mesh, robot: SoftRobot) -> FrameRings | None:
+def _frames(mesh: Mesh, robot: SoftRobotTable) -> FrameRings | None:
     if robot.frame.kind == "none":
         return None
     rings = np.array([ring for name, ring in mesh.rings.items() if name.endswith(".outer")])
     return FrameRings.from_shape(mesh.positions, rings, robot.frame.stiffness_N_m)
 
 
-def _node_mass(mesh: Mesh, robot: SoftRobot) -> Array:
+def _node_mass(mesh: Mesh, robot: SoftRobotTable) -> Array:
     """Return the mass (n,) [kg] of each node; a refined mesh spreads what the unrefined one carries."""
     coarse = _coarse_mesh(robot)
     mass = np.full(len(mesh.positions), robot.mass.node_mass_kg * len(coarse.positions) / len(mesh.positions))

@@ -9,7 +9,7 @@ from cosim.base.resources import soft_robot_path
 from cosim.build.calibration import CalibrationReport, calibrate
 from cosim.cli.screen import printable, tell
 from cosim.config.loading import load_soft_robot
-from cosim.config.schema.soft_robot import Calibration
+from cosim.config.schema.soft_robot import CalibrationTable
 from cosim.soft.solve.compilation import compile_kernels
 
 _SECTION = re.compile(r"\n*^\[calibration\].*?(?=^\[|\Z)", re.MULTILINE | re.DOTALL)
@@ -55,7 +55,7 @@ def _lines(report: CalibrationReport) -> list[str]:
     return lines
 
 
-def table_text(calibration: Calibration) -> str:
+def table_text(calibration: CalibrationTable) -> str:
     """Return the calibration as the TOML table of a soft robot's file."""
     low, high = calibration.pressure_range_Pa
     return (

@@ -6,7 +6,7 @@ import signal
 from types import FrameType, TracebackType
 from typing import Any, final
 
-from cosim.telemetry.snapshot import Snapshot, Stage
+from cosim.telemetry.snapshot import RunInfo, Snapshot
 
 
 @final
@@ -41,7 +41,7 @@ class Interruption:
         """Return why the loop should stop, or None."""
         return None if self.signal_number is None else signal.Signals(self.signal_number).name
 
-    def open(self, stage: Stage) -> None:
+    def open(self, stage: RunInfo) -> None:
         """Note that the loop runs: from here on there is something to save."""
         self._running = True
 

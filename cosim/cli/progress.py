@@ -7,14 +7,14 @@ from typing import TextIO, final
 
 from cosim.cli.screen import draw, tell
 from cosim.plan.decision import SECTION_RANGE
-from cosim.telemetry.snapshot import Snapshot, Stage
+from cosim.telemetry.snapshot import RunInfo, Snapshot
 
 _REDRAW_S = 0.2
 _BAR = 24
 
 
 @final
-class Progress:
+class ProgressLine:
     """Draws one line that renews itself on a terminal; elsewhere one line per finished phase.
 
     Args:
@@ -24,12 +24,12 @@ class Progress:
     def __init__(self, stream: TextIO) -> None:
         self._stream = stream
         self._terminal = stream.isatty()
-        self._stage: Stage | None = None
+        self._stage: RunInfo | None = None
         self._last: Snapshot | None = None
         self._first: Snapshot | None = None
         self._started = self._drawn = 0.0
 
-    def open(self, stage: Stage) -> None:
+    def open(self, stage: RunInfo) -> None:
         """Start the clock."""
         self._stage = stage
         self._started = self._drawn = time.perf_counter()
@@ -68,7 +68,7 @@ class PlanWarnings:
     def __init__(self, stream: TextIO) -> None:
         self._stream = stream
 
-    def open(self, stage: Stage) -> None:
+    def open(self, stage: RunInfo) -> None:
         """Say it, one line each."""
         for line in () if stage.arm is None else stage.arm.warnings():
             tell(f"warning: {line}", self._stream)
@@ -83,7 +83,7 @@ class PlanWarnings:
         """Nothing to do."""
 
 
-def progress_line(stage: Stage, snapshot: Snapshot, wall_s: float, first: Snapshot) -> str:
+def progress_line(stage: RunInfo, snapshot: Snapshot, wall_s: float, first: Snapshot) -> str:
     """Return the text of the progress line after `wall_s` seconds of the loop that began with `first`."""
     share = snapshot.tick / stage.ticks if stage.ticks else 1.0
     filled = min(_BAR, int(_BAR * share))

@@ -10,9 +10,9 @@ from typing import Any, final
 
 from cosim.app.checkpoint import check_resumable, tick_to_resume
 from cosim.app.driver import (
+    Observer,
     Options,
-    Outcome,
-    Watcher,
+    RunOutcome,
     build_simulation,
     execute,
     rerun_recorder,
@@ -21,7 +21,7 @@ from cosim.app.first_run import prepared
 from cosim.app.loaded_files import loaded_digests
 from cosim.app.run_files import SCENARIO, SUMMARY, check_directory, default_directory, recordings
 from cosim.cli.interruption import Interruption
-from cosim.cli.progress import PlanWarnings, Progress
+from cosim.cli.progress import PlanWarnings, ProgressLine
 from cosim.cli.screen import tell
 from cosim.config.loading import load_scenario
 from cosim.config.schema.scenario import Scenario
@@ -91,8 +91,8 @@ def resume_command(directory: Path, how: RunOptions) -> int:
 def _execute(scenario: Scenario, directory: Path, how: RunOptions, *, resume: bool) -> int:
     scenario = prepared(scenario, _ignore if how.quiet else tell, recording=how.recording)
     with Interruption() as interruption:
-        shown: list[Watcher] = [] if how.quiet else [PlanWarnings(sys.stderr), Progress(sys.stderr)]
-        watchers: list[Watcher] = [interruption, *shown]
+        shown: list[Observer] = [] if how.quiet else [PlanWarnings(sys.stderr), ProgressLine(sys.stderr)]
+        watchers: list[Observer] = [interruption, *shown]
         make_recorder = rerun_recorder if how.recording else None
         options = Options(
             directory, make_recorder, watchers, interruption.reason, how.checkpoint_every_s, resume
@@ -109,7 +109,7 @@ def _ignore(_text: str) -> None:
     """Say nothing."""
 
 
-def _report(outcome: Outcome, directory: Path, interruption: Interruption, *, quiet: bool) -> int:
+def _report(outcome: RunOutcome, directory: Path, interruption: Interruption, *, quiet: bool) -> int:
     if not quiet:
         tell(_closing_lines(outcome.summary, directory))
     if outcome.summary["status"] == "interrupted":

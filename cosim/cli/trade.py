@@ -15,10 +15,10 @@ from cosim.config.loading import load_scenario
 from cosim.config.schema.scenario import Scenario
 from cosim.config.toml.overrides import parse_assignment
 from cosim.recording import membrane_colours
-from cosim.trade.choice import Wish, parse_budget, parse_force, parse_tolerance
+from cosim.trade.choice import Requirement, parse_budget, parse_force, parse_tolerance
 from cosim.trade.compilation import compile_for_trade
 from cosim.trade.measuring import SLOWEST, Measured, measure
-from cosim.trade.members import Truth, members_of
+from cosim.trade.members import Truth, candidates_of
 from cosim.trade.plot import can_draw, draw
 from cosim.trade.report import as_json, choice_lines, markdown
 
@@ -59,7 +59,7 @@ def trade_command(
     bound = parse_budget(slowest)
     scenario = load_scenario(scenario_name, dict(map(parse_assignment, assignments)))
     scenario = replace(scenario, fidelity="lumped", auto=None)
-    members = members_of(scenario, quick=quick, time_scale=time_scale, truth=truth)
+    members = candidates_of(scenario, quick=quick, time_scale=time_scale, truth=truth)
     with OutputDirectory(out) as directory:
         compile_for_trade(scenario, tell, (membrane_colours,))
         progress = TradeProgress(sys.stderr, len(members))
@@ -75,7 +75,7 @@ def trade_command(
 
 
 def _write(
-    directory: OutputDirectory, scenario: Scenario, results: Sequence[Measured], wish: Wish | None
+    directory: OutputDirectory, scenario: Scenario, results: Sequence[Measured], wish: Requirement | None
 ) -> None:
     table = markdown(scenario.title, results)
     print(
@@ -91,10 +91,10 @@ def _write(
         tell("no plot: it needs matplotlib (pip install matplotlib)")
 
 
-def _wish(budget: str | None, tolerance: str | None, force: str | None) -> Wish | None:
+def _wish(budget: str | None, tolerance: str | None, force: str | None) -> Requirement | None:
     if budget is None and tolerance is None and force is None:
         return None
-    return Wish(
+    return Requirement(
         None if budget is None else parse_budget(budget),
         None if tolerance is None else parse_tolerance(tolerance),
         None if force is None else parse_force(force),

@@ -6,7 +6,7 @@ from typing import TextIO, final
 
 from cosim.cli.screen import draw
 from cosim.trade.measuring import Measured, Telling
-from cosim.trade.member import Member
+from cosim.trade.member import Candidate
 from cosim.trade.report import result_line
 
 
@@ -25,7 +25,7 @@ class TradeProgress:
         self._place, self._name = 0, ""
         self.telling = Telling(self.begin, self.advance, self.done)
 
-    def begin(self, place: int, member: Member) -> None:
+    def begin(self, place: int, member: Candidate) -> None:
         """A member begins."""
         self._place, self._name = place, member.name
         self.advance(0.0)

@@ -12,7 +12,7 @@ from cosim.base.resources import scenario_path, soft_robot_path
 from cosim.config.rules.scenario_rules import check_scenario, check_soft_robot
 from cosim.config.schema.mesh_paths import with_mesh_paths
 from cosim.config.schema.scenario import Scenario
-from cosim.config.schema.soft_robot import SoftRobot
+from cosim.config.schema.soft_robot import SoftRobotTable
 from cosim.config.tension_tables import list_tensions
 from cosim.config.toml.overrides import apply_override
 from cosim.config.toml.parsing import parse
@@ -48,12 +48,14 @@ def load_scenario(source: str | Path | Scenario, overrides: Mapping[str, Any] | 
     for key, value in overrides.items():
         apply_override(table, key, value)
     check_values(table)
-    list_tensions(table, lambda: parse(SoftRobot, table.get("soft_robot", {}), "soft_robot").cable_names())
+    list_tensions(
+        table, lambda: parse(SoftRobotTable, table.get("soft_robot", {}), "soft_robot").cable_names()
+    )
     scenario = parse(Scenario, table)
     return resolve(replace(scenario, objects=with_mesh_paths(scenario.objects, place)))
 
 
-def load_soft_robot(name_or_path: str | Path) -> SoftRobot:
+def load_soft_robot(name_or_path: str | Path) -> SoftRobotTable:
     """Return a checked soft robot, by name or path of its file.
 
     Raises:
@@ -63,7 +65,7 @@ def load_soft_robot(name_or_path: str | Path) -> SoftRobot:
     path = soft_robot_path(name_or_path)
     table = RobotFiles().table(str(path), Path(), "soft_robot")
     check_values(table, "soft_robot")
-    robot = parse(SoftRobot, table, "soft_robot")
+    robot = parse(SoftRobotTable, table, "soft_robot")
     check_soft_robot(robot, "soft_robot")
     return robot
 

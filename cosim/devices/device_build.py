@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 
-from cosim.config.schema.devices import ControllerDevice, PumpDevice, WinchDevice
+from cosim.config.schema.devices import ControllerTable, PumpTable, WinchTable
 from cosim.config.schema.scenario import Scenario
 from cosim.devices.controller import AnyController, Controller
 from cosim.devices.feedback_law import BangBang, FeedbackLaw, ProportionalIntegral
@@ -16,7 +16,7 @@ from cosim.devices.zero_order_hold import ZeroOrderHold
 from cosim.errors import InputError, ScenarioError
 
 
-def build_pump(entry: PumpDevice, tick_s: float) -> Pump:
+def build_pump(entry: PumpTable, tick_s: float) -> Pump:
     """Return the pump of a table; its sensor's delay is rounded to whole ticks."""
     return Pump(
         flow_kg_s=entry.flow_kg_s,
@@ -28,7 +28,7 @@ def build_pump(entry: PumpDevice, tick_s: float) -> Pump:
     )
 
 
-def build_winch(entry: WinchDevice) -> Winch:
+def build_winch(entry: WinchTable) -> Winch:
     """Return the winch of a table."""
     return Winch(
         entry.step_angle_rad, entry.gear_ratio, entry.drum_radius_m, entry.step_rate_per_s,
@@ -67,7 +67,7 @@ def build_holds(scenario: Scenario, given: Mapping[str, AnyController]) -> dict[
     return holds
 
 
-def _controller(entry: ControllerDevice, given: Mapping[str, AnyController]) -> AnyController:
+def _controller(entry: ControllerTable, given: Mapping[str, AnyController]) -> AnyController:
     if entry.kind == "python":
         if entry.name not in given:
             raise ScenarioError(
@@ -78,7 +78,7 @@ def _controller(entry: ControllerDevice, given: Mapping[str, AnyController]) -> 
     return FeedbackLoop(entry.measures, _law(entry), entry.commands, entry.cables)
 
 
-def _law(entry: ControllerDevice) -> FeedbackLaw:
+def _law(entry: ControllerTable) -> FeedbackLaw:
     highest = math.inf if entry.output_max is None else entry.output_max
     if entry.kind == "bang_bang":
         assert entry.increment is not None, "checked with the scenario"

@@ -15,7 +15,7 @@ import numpy as np
 
 from cosim.base.frames import Array, Pose
 from cosim.config.rules.device_rules import acting
-from cosim.config.schema.phase import Phase
+from cosim.config.schema.phase import PhaseTable
 from cosim.config.schema.scenario import Scenario
 from cosim.coupling.soft_sides.soft_side import SoftSide
 from cosim.devices.cable_drive import CableDrive, CableDriveState, Order
@@ -235,7 +235,7 @@ class Actuation:
                     "given pressure; give gas = 'sealed' in that phase"
                 )
             if content is not None:
-                gas.put(pump.chamber, pump.work(content, volumes[pump.chamber], self._tick_s, setpoint))
+                gas.set_gas(pump.chamber, pump.work(content, volumes[pump.chamber], self._tick_s, setpoint))
 
     def _measure(self, soft: SoftSide, instant: Instant, setpoint: float | None) -> Measurement:
         x = soft.state.positions
@@ -276,7 +276,7 @@ def _orders(planned: PhasePlan, names: tuple[str, ...]) -> list[Order | None]:
     return orders
 
 
-def _finds_tensions(phase: Phase) -> bool:
+def _finds_tensions(phase: PhaseTable) -> bool:
     return phase.tip_target is not None and phase.tip_target.reach_with == "cables"
 
 

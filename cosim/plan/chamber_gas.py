@@ -11,7 +11,7 @@ from cosim.base.frozen import changed
 from cosim.base.state_check import check_indices
 from cosim.config.rules.gas_rules import GasRule
 from cosim.config.schema.per_chamber import as_load
-from cosim.config.schema.solver import Gas
+from cosim.config.schema.solver import GasTable
 from cosim.coupling.soft_sides.soft_side import SoftSide
 from cosim.plan.load_ramp import LoadRamp
 from cosim.soft.body.loads import Loads
@@ -44,7 +44,7 @@ class ChamberGas:
         settings: of the gas where it is sealed.
     """
 
-    def __init__(self, settings: Gas) -> None:
+    def __init__(self, settings: GasTable) -> None:
         self._settings = settings
         self._rules: tuple[GasRule, ...] = ()
         self._sealed: list[SealedGas | None] = []
@@ -94,7 +94,7 @@ class ChamberGas:
         """Return the sealed gas in a chamber (by index); None while its pressure is given."""
         return self._sealed[chamber]
 
-    def put(self, chamber: int, gas: SealedGas) -> None:
+    def set_gas(self, chamber: int, gas: SealedGas) -> None:
         """Replace the sealed gas in a chamber (by index)."""
         self._sealed[chamber] = gas
 
@@ -136,7 +136,7 @@ class ChamberGas:
         """Whether any chamber is sealed."""
         return self._sealed.count(None) < len(self._sealed)
 
-    def pass_time(self, soft: SoftSide, step_s: float) -> None:
+    def advance(self, soft: SoftSide, step_s: float) -> None:
         """Let sealed gases leak, and flow through orifices, for a while at the present volumes."""
         if not self._holds_gas:
             return

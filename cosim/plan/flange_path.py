@@ -9,7 +9,7 @@ from typing import final
 import numpy as np
 
 from cosim.base.frames import Array, Pose, cross_matrix, rotation_from_vector, vector_from_rotation
-from cosim.config.schema.phase import FlangePose, FlangeTurn
+from cosim.config.schema.phase import FlangePoseTable, FlangeTurnTable
 from cosim.plan.shake import Shake
 
 _DOWN = np.array([0.0, 0.0, -1.0])
@@ -41,7 +41,7 @@ def rotation_from_direction(direction: Array, roll_rad: float = 0.0) -> Array:
     return np.asarray(shortest @ _HANGING @ rotation_from_vector(np.array([0.0, 0.0, roll_rad])))
 
 
-def pose_of(flange: FlangePose) -> Pose:
+def pose_of(flange: FlangePoseTable) -> Pose:
     """Return the pose, world from flange, that a scenario's `flange` table describes."""
     rotation = rotation_from_direction(np.array(flange.direction), flange.roll_rad)
     return Pose(rotation, np.array(flange.position_m))
@@ -80,7 +80,7 @@ class FlangeWay:
 
     @classmethod
     def relative(
-        cls, begin: Pose, turn: FlangeTurn | None, shift_m: Array | None, shake: Shake | None = None
+        cls, begin: Pose, turn: FlangeTurnTable | None, shift_m: Array | None, shake: Shake | None = None
     ) -> FlangeWay:
         """Return a turn about the flange's own origin, a shift and a shake, along world axes."""
         vector = np.zeros(3)

@@ -9,7 +9,7 @@ import numpy as np
 
 from cosim.base.frames import Array, IntArray, Mask
 from cosim.config.schema.name_patterns import matching
-from cosim.config.schema.phase import Force, Support
+from cosim.config.schema.phase import ForceTable, SupportTable
 from cosim.soft.body.body import SoftBody
 
 _AXES = "xyz"
@@ -38,7 +38,7 @@ def nodes_of(
     return np.unique(np.concatenate([np.zeros(0, np.int64), *found]))
 
 
-def held_components(body: SoftBody, sides_of: SidesOf, supports: Sequence[Support]) -> Mask:
+def held_components(body: SoftBody, sides_of: SidesOf, supports: Sequence[SupportTable]) -> Mask:
     """Return (n, 3) bool, the world components that supports hold."""
     held = np.zeros((body.nodes, 3), dtype=bool)
     for support in supports:
@@ -48,7 +48,7 @@ def held_components(body: SoftBody, sides_of: SidesOf, supports: Sequence[Suppor
     return held
 
 
-def nodal_force(body: SoftBody, sides_of: SidesOf, forces: Sequence[Force]) -> Array:
+def nodal_force(body: SoftBody, sides_of: SidesOf, forces: Sequence[ForceTable]) -> Array:
     """Return (n, 3) [N], each force shared evenly by its nodes."""
     total = np.zeros((body.nodes, 3))
     for force in forces:

@@ -15,7 +15,7 @@ import numpy as np
 from cosim.base.frames import Array, IntArray, Mask, Pose
 from cosim.config.rules.gas_rules import GasRule, gas_rules
 from cosim.config.schema.per_chamber import PerChamber, as_load, values_after
-from cosim.config.schema.phase import Phase, Start, TipTarget
+from cosim.config.schema.phase import PhaseTable, StartTable, TipTargetTable
 from cosim.config.schema.scenario import Scenario
 from cosim.coupling.soft_sides.soft_side import SoftSide
 from cosim.errors import ScenarioError, SolverError, UnreachableError
@@ -74,7 +74,7 @@ class PhasePlan:
         flange: where it is to be at its end.
     """
 
-    phase: Phase
+    phase: PhaseTable
     joints: JointPath
     begin: Loads
     end: Loads
@@ -102,7 +102,7 @@ class Plan:
     phases: tuple[PhasePlan, ...]
 
 
-def start_loads(start: Start, body: SoftBody, gravity: tuple[float, float, float]) -> Loads:
+def start_loads(start: StartTable, body: SoftBody, gravity: tuple[float, float, float]) -> Loads:
     """Return the loads before the first phase; tensions and pressures left out are zero."""
     tension = start.cable_tension_N or (0.0,) * len(body.cables)
     return Loads(_pressures(0.0, start.pressure_Pa, body), tuple(tension), gravity)
@@ -176,7 +176,7 @@ def _given_ways(scenario: Scenario, start: Pose) -> list[FlangeWay]:
 class _Draft:
     """A phase whose flange motion is known, before the arm's joints are."""
 
-    phase: Phase
+    phase: PhaseTable
     way: FlangeWay
     begin: Loads
     end: Loads
@@ -209,11 +209,11 @@ def _drafts(scenario: Scenario, soft: SoftSide, start: Pose, loads: Loads) -> li
     return drafts
 
 
-def _leaked(soft: SoftSide, here: Equilibrium, gas: ChamberGas, phase: Phase) -> Equilibrium:
+def _leaked(soft: SoftSide, here: Equilibrium, gas: ChamberGas, phase: PhaseTable) -> Equilibrium:
     """Return the equilibrium at the end of a phase, what flows in its time gone; settles it."""
     soft.settle(here)
     for _ in range(_LEAK_PIECES if gas.flows else 0):
-        gas.pass_time(soft, (phase.duration_s + phase.settle_s) / _LEAK_PIECES)
+        gas.advance(soft, (phase.duration_s + phase.settle_s) / _LEAK_PIECES)
         try:
             here = soft.follow(here, here.world_from_flange, gas.filled(here.loads))
         except SolverError as error:
@@ -222,20 +222,20 @@ def _leaked(soft: SoftSide, here: Equilibrium, gas: ChamberGas, phase: Phase) ->
     return here
 
 
-def _holding(body: SoftBody, sides: SidesOf, phase: Phase) -> Holding:
+def _holding(body: SoftBody, sides: SidesOf, phase: PhaseTable) -> Holding:
     hold = held_components(body, sides, phase.supports)
     hold[nodes_of(body, sides, phase.clamp, None)] = True
     return Holding(nodes_of(body, sides, phase.release, None), hold)
 
 
-def _flange_key(phase: Phase) -> str:
+def _flange_key(phase: PhaseTable) -> str:
     for key in ("flange", "flange_turn", "flange_shift_m", "flange_shake", "tip_target"):
         if getattr(phase, key) is not None:
             return f"phase.{phase.name}.{key}"
     return f"phase.{phase.name}"
 
 
-def _target_point(target: TipTarget | None) -> Array | None:
+def _target_point(target: TipTargetTable | None) -> Array | None:
     if target is None:
         return None
     if target.position_m is not None:
@@ -244,7 +244,7 @@ def _target_point(target: TipTarget | None) -> Array | None:
 
 
 def _solve_phase(
-    soft: SoftSide, here: Equilibrium, phase: Phase, loads: Loads
+    soft: SoftSide, here: Equilibrium, phase: PhaseTable, loads: Loads
 ) -> tuple[FlangeWay, Equilibrium]:
     """Return the flange's way through a phase and the equilibrium at its end."""
     try:
@@ -257,7 +257,7 @@ def _solve_phase(
         raise ScenarioError(_flange_key(phase), f"the static plan fails: {error}") from error
 
 
-def _end_loads(loads: Loads, phase: Phase, body: SoftBody, sides: SidesOf) -> Loads:
+def _end_loads(loads: Loads, phase: PhaseTable, body: SoftBody, sides: SidesOf) -> Loads:
     """Return the loads at the end of a phase; the same object where the phase changes none."""
     if phase.pressure_Pa is not None:
         loads = replace(loads, pressure_Pa=_pressures(loads.pressure_Pa, phase.pressure_Pa, body))
@@ -268,7 +268,7 @@ def _end_loads(loads: Loads, phase: Phase, body: SoftBody, sides: SidesOf) -> Lo
     return loads
 
 
-def _way(here: Pose, phase: Phase) -> FlangeWay:
+def _way(here: Pose, phase: PhaseTable) -> FlangeWay:
     if phase.flange is not None:
         way = FlangeWay.to(here, pose_of(phase.flange))
     else:

@@ -9,7 +9,7 @@ from typing import final
 import numpy as np
 
 from cosim.base.frames import Array
-from cosim.config.schema.phase import Phase
+from cosim.config.schema.phase import PhaseTable
 from cosim.plan.ramp import progress
 
 _PIECES_PER_CYCLE = 24
@@ -29,7 +29,7 @@ class Shake:
     cycles: float
 
     @classmethod
-    def of(cls, phase: Phase) -> Shake | None:
+    def of(cls, phase: PhaseTable) -> Shake | None:
         """Return that of a phase, None where it does not shake."""
         given = phase.flange_shake
         if given is None:

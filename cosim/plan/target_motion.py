@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from cosim.base.frames import Pose, rotation_from_vector
-from cosim.config.schema.phase import TipTarget
+from cosim.config.schema.phase import TipTargetTable
 from cosim.coupling.soft_sides.soft_side import SoftSide
 from cosim.errors import InputError, UnreachableError
 from cosim.plan.flange_path import FlangeWay
@@ -46,7 +46,7 @@ def walk(soft: SoftSide, begin: Equilibrium, way: FlangeWay, loads: Loads, finer
 
 
 def reach(
-    soft: SoftSide, begin: Equilibrium, loads: Loads, target: TipTarget
+    soft: SoftSide, begin: Equilibrium, loads: Loads, target: TipTargetTable
 ) -> tuple[FlangeWay, Equilibrium]:
     """Return the flange's way to a target, and the equilibrium that this motion ends in.
 
@@ -79,7 +79,7 @@ def reach(
     )
 
 
-def _wanted(target: TipTarget) -> search.TipTarget:
+def _wanted(target: TipTargetTable) -> search.TipTarget:
     return search.TipTarget(
         position=None if target.position_m is None else np.array(target.position_m),
         direction=None if target.direction is None else np.array(target.direction),
@@ -87,7 +87,9 @@ def _wanted(target: TipTarget) -> search.TipTarget:
     )
 
 
-def _search(soft: SoftSide, here: Equilibrium, target: TipTarget, wanted: search.TipTarget) -> Equilibrium:
+def _search(
+    soft: SoftSide, here: Equilibrium, target: TipTargetTable, wanted: search.TipTarget
+) -> Equilibrium:
     if target.reach_with == "cables":
         return soft.find_tensions(here, wanted)
     if target.reach_with == "flange":

@@ -9,7 +9,7 @@ import numpy as np
 
 from cosim.base.frames import Array, rotation_from_quaternion
 from cosim.soft.geometry.surface import triangle_area
-from cosim.telemetry.snapshot import Snapshot, Stage
+from cosim.telemetry.snapshot import RunInfo, Snapshot
 
 _UP: Final = np.array([0.0, 0.0, 1.0])
 _HALF_VIEW: Final = np.radians(25.5)
@@ -42,12 +42,12 @@ class Eye:
         return np.asarray(sideways / np.linalg.norm(sideways))
 
 
-def soft_size(stage: Stage, first: Snapshot) -> float:
+def soft_size(stage: RunInfo, first: Snapshot) -> float:
     """Return the side of a square of the film's area [m]: a chamber grows no larger, however it is folded."""
     return float(np.sqrt(triangle_area(first.node_position, stage.soft_triangles).sum()))
 
 
-def scene_eye(stage: Stage, first: Snapshot) -> Eye:
+def scene_eye(stage: RunInfo, first: Snapshot) -> Eye:
     """Return a camera that holds the arm and the space that the soft robot will need.
 
     It stands to the right of the line from the arm's base to its flange, turned towards the front.
@@ -66,7 +66,7 @@ def scene_eye(stage: Stage, first: Snapshot) -> Eye:
     return Eye(target + distance * eye.direction, target)
 
 
-def _points_to_show(stage: Stage, first: Snapshot) -> Array:
+def _points_to_show(stage: RunInfo, first: Snapshot) -> Array:
     """All nodes and rigid corners but those of the floor, and where the soft robot may swing: (n, 3) [m]."""
     reach = soft_size(stage, first)
     flange = first.world_from_flange
@@ -81,7 +81,7 @@ def _points_to_show(stage: Stage, first: Snapshot) -> Array:
     return np.concatenate(points)
 
 
-def close_eye(stage: Stage, first: Snapshot) -> Eye:
+def close_eye(stage: RunInfo, first: Snapshot) -> Eye:
     """Return a camera on the soft robot, in a frame that follows it without turning.
 
     Args:

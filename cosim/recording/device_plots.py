@@ -13,7 +13,7 @@ from cosim.devices.device_report import ActuationReport, DeviceNames
 from cosim.recording.colours import GREEN, ORANGE, SKY, Colour, series_colours
 from cosim.recording.plot import Plot
 from cosim.telemetry.block import Block
-from cosim.telemetry.snapshot import Snapshot, Stage
+from cosim.telemetry.snapshot import RunInfo, Snapshot
 
 _TAB: Final = "Devices"
 _SHOWN: Final[dict[str, tuple[str, float]]] = {
@@ -23,7 +23,7 @@ _SHOWN: Final[dict[str, tuple[str, float]]] = {
 """What controllers measure: title and scale."""
 
 
-def device_plots(stage: Stage) -> list[Plot]:
+def device_plots(stage: RunInfo) -> list[Plot]:
     """Return the plots of a scenario's devices; none where it has none."""
     names = stage.devices
     if names is None:
@@ -82,7 +82,7 @@ def _setpoint(devices: ActuationReport, own: set[str]) -> float:
     return given[0] if given else math.nan
 
 
-def _cable_plots(stage: Stage, names: DeviceNames) -> list[Plot]:
+def _cable_plots(stage: RunInfo, names: DeviceNames) -> list[Plot]:
     if not names.lengths:
         return []
     cables = stage.cable_names

@@ -15,7 +15,7 @@ from cosim.recording.colours import SKY, VERMILION, WHITE
 from cosim.recording.columns import column
 from cosim.recording.line_strips import send_lines, style_lines
 from cosim.telemetry.block import Block
-from cosim.telemetry.snapshot import Stage
+from cosim.telemetry.snapshot import RunInfo
 
 _WEIGHT_ARROW: Final = 0.33
 """Length of the weight's arrow over the size of the soft robot; all forces share its scale."""
@@ -46,7 +46,7 @@ class LoadArrows:
         eye: camera from which they are to be seen.
     """
 
-    def __init__(self, stream: rr.RecordingStream, stage: Stage, size_m: float, eye: Eye) -> None:
+    def __init__(self, stream: rr.RecordingStream, stage: RunInfo, size_m: float, eye: Eye) -> None:
         self._stream = stream
         self._weight_N = stage.soft_weight_N
         self._down = stage.gravity / max(float(np.linalg.norm(stage.gravity)), 1e-30)

@@ -18,7 +18,7 @@ from cosim.recording.colours import (
 from cosim.recording.device_plots import device_plots
 from cosim.recording.plot import Plot
 from cosim.telemetry.block import Block
-from cosim.telemetry.snapshot import Stage
+from cosim.telemetry.snapshot import RunInfo
 
 SMALLEST_RESIDUAL_N = 1e-16
 """Shown for an exact zero, which has no logarithm."""
@@ -26,7 +26,7 @@ SMALLEST_RESIDUAL_N = 1e-16
 _OF_AN_ARM = frozenset({"power_error", "stability", "joint_error"})
 
 
-def plots_of(stage: Stage, joints: int) -> tuple[Plot, ...]:
+def plots_of(stage: RunInfo, joints: int) -> tuple[Plot, ...]:
     """Return the plots of a run, in the order in which they are shown.
 
     Args:
@@ -37,7 +37,7 @@ def plots_of(stage: Stage, joints: int) -> tuple[Plot, ...]:
     return plots if joints else tuple(plot for plot in plots if plot.entity not in _OF_AN_ARM)
 
 
-def _robot_plots(stage: Stage) -> list[Plot]:
+def _robot_plots(stage: RunInfo) -> list[Plot]:
     cables, chambers = len(stage.cables), stage.chamber_names
     several = len(chambers) > 1
     plots = [
@@ -125,7 +125,7 @@ def _interface_plots() -> list[Plot]:
     ]
 
 
-def _run_plots(stage: Stage, joints: int) -> list[Plot]:
+def _run_plots(stage: RunInfo, joints: int) -> list[Plot]:
     real_time = stage.mode == "dynamic"
     cost = Plot(
         "tick_cost",

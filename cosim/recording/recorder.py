@@ -6,12 +6,12 @@ from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from typing import final
 
-from cosim.telemetry.snapshot import Snapshot, Stage
+from cosim.telemetry.snapshot import RunInfo, Snapshot
 
 
 @final
 @dataclass(frozen=True)
-class Part:
+class RecordingPart:
     """Which part of a run a recording holds; the parts of one run open as one recording.
 
     Args:
@@ -27,7 +27,7 @@ class Recorder(ABC):
     """Receives the stage once, then every snapshot of a run in order, then the outcome."""
 
     @abstractmethod
-    def open(self, stage: Stage) -> None:
+    def open(self, stage: RunInfo) -> None:
         """Begin a recording.
 
         Args:
@@ -67,7 +67,7 @@ class Recorder(ABC):
 class NullRecorder(Recorder):
     """Records nothing."""
 
-    def open(self, stage: Stage) -> None:
+    def open(self, stage: RunInfo) -> None:
         """Do nothing."""
 
     def record(self, snapshot: Snapshot) -> None:

@@ -17,12 +17,12 @@ from cosim.recording.camera import close_eye, scene_eye
 from cosim.recording.colours import series_colours
 from cosim.recording.column_buffer import PlotBuffer, time_columns
 from cosim.recording.plots import plots_of
-from cosim.recording.recorder import Part, Recorder
+from cosim.recording.recorder import Recorder, RecordingPart
 from cosim.recording.rigid_mesh import log_rigid_meshes
 from cosim.recording.scene import Scene
 from cosim.recording.stress_legend import log_stress_legend
 from cosim.telemetry.block import Block
-from cosim.telemetry.snapshot import Snapshot, Stage
+from cosim.telemetry.snapshot import RunInfo, Snapshot
 
 APPLICATION_ID: Final = "cosim"
 STRESS_RANGE_PA: Final = (0.0, 25e6)
@@ -64,7 +64,7 @@ class RerunRecorder(Recorder):
         *,
         frames_per_s: float = FRAMES_PER_S,
         stress_range_Pa: tuple[float, float] = STRESS_RANGE_PA,
-        part: Part | None = None,
+        part: RecordingPart | None = None,
     ) -> None:
         if not 0.0 < frames_per_s < np.inf:
             raise InputError(f"frames_per_s is {frames_per_s}; it must be above 0")
@@ -76,7 +76,7 @@ class RerunRecorder(Recorder):
         self._part = part
         self._run: _Run | None = None
 
-    def open(self, stage: Stage) -> None:
+    def open(self, stage: RunInfo) -> None:
         """Make the file; see `Recorder.open`."""
         self._path.parent.mkdir(parents=True, exist_ok=True)
         part = self._part
@@ -135,7 +135,7 @@ class _Run:
     def __init__(
         self,
         stream: rr.RecordingStream,
-        stage: Stage,
+        stage: RunInfo,
         frame_ns: float,
         stress_range_Pa: tuple[float, float],
     ) -> None:

@@ -11,7 +11,7 @@ import rerun as rr
 from cosim.base.body_shape import BodyShape
 from cosim.base.frames import Array, IntArray, cross
 from cosim.recording.colours import FLOOR_SHADE
-from cosim.telemetry.snapshot import Stage
+from cosim.telemetry.snapshot import RunInfo
 
 FLOOR_NAME: Final = "floor"
 _SHARP: Final = float(np.cos(np.radians(35.0)))
@@ -22,7 +22,7 @@ def body_path(name: str) -> str:
     return f"/world/rigid/{rr.escape_entity_path_part(name)}"
 
 
-def log_rigid_meshes(stream: rr.RecordingStream, stage: Stage) -> None:
+def log_rigid_meshes(stream: rr.RecordingStream, stage: RunInfo) -> None:
     """Log the shapes of all bodies below their entities, which are moved."""
     count: Counter[int] = Counter()
     for shape in stage.shapes:

@@ -22,7 +22,7 @@ from cosim.recording.membrane_colours import MembraneColours
 from cosim.recording.rigid_mesh import body_path
 from cosim.recording.tip import TipMarks
 from cosim.telemetry.block import Block
-from cosim.telemetry.snapshot import Snapshot, Stage
+from cosim.telemetry.snapshot import RunInfo, Snapshot
 
 Single: TypeAlias = NDArray[np.float32]
 
@@ -49,7 +49,11 @@ class Scene:
     """
 
     def __init__(
-        self, stream: rr.RecordingStream, stage: Stage, first: Snapshot, stress_range_Pa: tuple[float, float]
+        self,
+        stream: rr.RecordingStream,
+        stage: RunInfo,
+        first: Snapshot,
+        stress_range_Pa: tuple[float, float],
     ) -> None:
         self._stream = stream
         self._stage = stage

@@ -11,7 +11,7 @@ import numpy as np
 from cosim.base.body_shape import BodyShape
 from cosim.base.frames import Array, Pose, Twist, Wrench
 from cosim.base.state_check import check_indices, check_state
-from cosim.config.schema.coupling import Coupling as CouplingSettings
+from cosim.config.schema.coupling import CouplingTable
 from cosim.coupling.batch.batch import Lockstep, Servos
 from cosim.coupling.contact.contact_exchange import ContactExchange
 from cosim.coupling.contact.contact_report import NOTHING_TOUCHED, ContactReport
@@ -76,12 +76,12 @@ class ArmCarrier(Carrier):
         payload_compensation: bool,
         contact: ContactLaw | None = None,
         mounted: MassProperties | None = None,
-        exchange: CouplingSettings | None = None,
+        exchange: CouplingTable | None = None,
     ) -> None:
         self._name, self._arm, self._scene, self._soft = name, arm, scene, soft
         self._compensation = payload_compensation
         self._contact_law, self._mounted = contact, mounted
-        self._exchange = exchange or CouplingSettings()
+        self._exchange = exchange or CouplingTable()
         self._reference = np.zeros(arm.joint_count)
         self._coupling: Coupling | None = None
         self._touching: tuple[LinkContact, ...] = ()
@@ -138,15 +138,15 @@ class ArmCarrier(Carrier):
     def touched(self) -> ContactReport:
         return NOTHING_TOUCHED if self._coupling is None else self._coupling.interface.touched
 
-    def stand(self, joints: Array) -> None:
+    def set_configuration(self, joints: Array) -> None:
         self._scene.set_joint_state(joints)
         self._reference = joints
 
-    def bring(self, reference: Array) -> None:
+    def track(self, reference: Array) -> None:
         self._scene.set_joint_state(reference + self._scene.joint_position - self._reference)
         self._reference = reference
 
-    def give_way(self, reference: Array, wrench: Wrench) -> bool:
+    def relax_under(self, reference: Array, wrench: Wrench) -> bool:
         scene, still = self._scene, np.zeros_like(reference)
         feedforward = self._arm.inverse_dynamics(reference, still, still, payload=self._payload())
         joints = scene.static_configuration(reference, feedforward, wrench)

@@ -27,8 +27,8 @@ if TYPE_CHECKING:  # a scene without an arm does not wait for MuJoCo
 class Carrier(ABC):
     """Carries the flange along its planned way, and is acted on by the soft robot.
 
-    Statics: `stand`, then `bring` and `give_way` for every increment. Dynamics: `stand`, `couple`, then
-    `tick`.
+    Statics: `set_configuration`, then `track` and `relax_under` for every increment. Dynamics:
+    `set_configuration`, `couple`, then `tick`.
     """
 
     @property
@@ -90,15 +90,15 @@ class Carrier(ABC):
         return NOTHING_TOUCHED
 
     @abstractmethod
-    def stand(self, joints: Array) -> None:
+    def set_configuration(self, joints: Array) -> None:
         """Go to joint angles (joints,) [rad], at rest."""
 
     @abstractmethod
-    def bring(self, reference: Array) -> None:
+    def track(self, reference: Array) -> None:
         """Move on to new references (joints,) [rad] at rest, the deflection under load unchanged."""
 
     @abstractmethod
-    def give_way(self, reference: Array, wrench: Wrench) -> bool:
+    def relax_under(self, reference: Array, wrench: Wrench) -> bool:
         """Go where the soft robot's wrench at the flange pushes it; return whether it still moved."""
 
     @property
@@ -211,13 +211,13 @@ class HeldBase(Carrier):
     def body_poses(self) -> tuple[Array, Array]:
         return np.zeros((0, 3)), np.zeros((0, 4))
 
-    def stand(self, joints: Array) -> None:
+    def set_configuration(self, joints: Array) -> None:
         pass
 
-    def bring(self, reference: Array) -> None:
+    def track(self, reference: Array) -> None:
         pass
 
-    def give_way(self, reference: Array, wrench: Wrench) -> bool:
+    def relax_under(self, reference: Array, wrench: Wrench) -> bool:
         return False
 
     def couple(self, wrench: Wrench) -> None:

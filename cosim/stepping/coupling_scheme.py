@@ -11,7 +11,7 @@ from cosim.coupling.schemes.scheme import Coupling
 from cosim.coupling.schemes.staggered import StaggeredCoupling
 
 
-def make_coupling(settings: coupling_schema.Coupling, interface: Interface) -> Coupling:
+def make_coupling(settings: coupling_schema.CouplingTable, interface: Interface) -> Coupling:
     """Return the scheme that a scenario asks for."""
     options = IterationOptions(settings.tolerance, settings.iterations_max)
     if settings.scheme == "iterated":
@@ -21,7 +21,7 @@ def make_coupling(settings: coupling_schema.Coupling, interface: Interface) -> C
     return StaggeredCoupling(interface)
 
 
-def exchange_report(settings: coupling_schema.Coupling) -> str:
+def exchange_report(settings: coupling_schema.CouplingTable) -> str:
     """Return in words how both sides exchange their loads."""
     if settings.scheme == "staggered":
         return "staggered, both ways at every tick"

@@ -15,11 +15,11 @@ from cosim.errors import InputError
 from cosim.plan.plan import PhasePlan, start_equilibrium
 from cosim.plan.ramp import progress
 from cosim.soft.body.loads import Loads
-from cosim.stepping.parts import Moment, Parts
+from cosim.stepping.parts import Parts, TickState
 from cosim.stepping.stepped_run import Cursor, SteppedRun
 from cosim.stepping.tick_references import TickReferences
 from cosim.stepping.tick_rows import TickRows
-from cosim.telemetry.snapshot import Snapshot, Stage
+from cosim.telemetry.snapshot import RunInfo, Snapshot
 
 
 @final
@@ -31,7 +31,7 @@ class DynamicSimulation(SteppedRun):
         stage: its unchanging description.
     """
 
-    def __init__(self, parts: Parts, stage: Stage) -> None:
+    def __init__(self, parts: Parts, stage: RunInfo) -> None:
         super().__init__(parts, stage, [parts.ticks(planned.phase) for planned in parts.plan.phases])
         self._references: TickReferences | None = None
         self._rows: TickRows | None = None
@@ -45,14 +45,14 @@ class DynamicSimulation(SteppedRun):
     def _start(self, began: float) -> Snapshot:
         parts = self._parts
         plan, carrier, soft = parts.plan, parts.carrier, parts.soft
-        carrier.stand(plan.joints)
+        carrier.set_configuration(plan.joints)
         found = start_equilibrium(soft, carrier.flange_pose, plan.loads)
         soft.settle(found)
         ledger = LedgerEntry(
             found.wrench, 0.0, 0.0, found.residual_N, found.iterations, 0.0, False, slides=found.slides
         )
         still, torque = np.zeros_like(plan.joints), carrier.holding_torque(found.wrench)
-        moment = Moment(0, 0.0, 0, plan.joints, plan.loads, carrier.flange_pose, Twist(), still, torque)
+        moment = TickState(0, 0.0, 0, plan.joints, plan.loads, carrier.flange_pose, Twist(), still, torque)
         carrier.couple(found.wrench)
         return parts.snapshot(moment, ledger, time.perf_counter() - began)
 
@@ -80,7 +80,7 @@ class DynamicSimulation(SteppedRun):
         parts, tick_s = self._parts, self.stage.tick_s
         assert self._references is not None, "_take() makes them"
         reference, share = self._references.at(to.done)
-        self._gas.pass_time(parts.soft, tick_s)
+        self._gas.advance(parts.soft, tick_s)
         parts.work_devices(planned, self._gas, Clock(tick_s, to.tick).time_s - tick_s, share)
         loads = parts.actuation.loads(self._gas.between(planned.begin, planned.end, share))
         ledger = parts.carrier.tick(reference, loads)
@@ -94,7 +94,7 @@ class DynamicSimulation(SteppedRun):
     def _shown(self, target: Array, loads: Loads, ledger: LedgerEntry, to: Cursor, began: float) -> Snapshot:
         parts, time_s = self._parts, Clock(self.stage.tick_s, to.tick).time_s
         carrier = parts.carrier
-        moment = Moment(
+        moment = TickState(
             to.tick, time_s, to.phase, target, loads, carrier.flange_pose, carrier.flange_twist,
             carrier.joint_velocity, carrier.joint_torque, carrier.touched,
         )  # fmt: skip

@@ -9,7 +9,7 @@ import numpy as np
 
 from cosim.base.frames import Array, Pose, Twist
 from cosim.base.frozen import quickly_made
-from cosim.config.schema.phase import Phase
+from cosim.config.schema.phase import PhaseTable
 from cosim.config.schema.scenario import Scenario
 from cosim.coupling.contact.contact_report import NOTHING_TOUCHED, ContactReport
 from cosim.coupling.schemes.ledger import LedgerEntry
@@ -29,7 +29,7 @@ _LOOKED_AFTER_S = 1.0 / 30.0
 @final
 @quickly_made
 @dataclass(frozen=True)
-class Moment:
+class TickState:
     """Where a run is: tick and time, phase, and what drives it.
 
     Args:
@@ -78,7 +78,7 @@ class Parts:
         statics = scenario.mode == "quasistatic"
         self._looked_every = 1 if statics else max(1, round(_LOOKED_AFTER_S / scenario.clock.tick_s))
 
-    def ticks(self, phase: Phase) -> int:
+    def ticks(self, phase: PhaseTable) -> int:
         """Return how many ticks of the clock a phase lasts, at least one."""
         return max(1, round((phase.duration_s + phase.settle_s) / self.scenario.clock.tick_s))
 
@@ -92,7 +92,7 @@ class Parts:
             instant = Instant(time_s, self.carrier.flange_pose, self.carrier.joint_position)
             self.actuation.act(planned, gas, self.soft, instant, share)
 
-    def snapshot(self, moment: Moment, ledger: LedgerEntry, wall_s: float) -> Snapshot:
+    def snapshot(self, moment: TickState, ledger: LedgerEntry, wall_s: float) -> Snapshot:
         """Return the present state as a snapshot."""
         carrier, soft, loads = self.carrier, self.soft, moment.loads
         # stands for all that the film's shape decides, see Snapshot

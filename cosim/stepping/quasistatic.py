@@ -20,9 +20,9 @@ from cosim.plan.ramp import Progress
 from cosim.soft.body.loads import Loads
 from cosim.soft.solve.equilibrium import Equilibrium
 from cosim.soft.solve.state import SoftState
-from cosim.stepping.parts import Moment, Parts
+from cosim.stepping.parts import Parts, TickState
 from cosim.stepping.stepped_run import Cursor, SteppedRun
-from cosim.telemetry.snapshot import Snapshot, Stage
+from cosim.telemetry.snapshot import RunInfo, Snapshot
 
 _DROOP_ROUNDS_MAX = 20
 
@@ -50,7 +50,7 @@ class QuasistaticSimulation(SteppedRun):
         stage: its unchanging description.
     """
 
-    def __init__(self, parts: Parts, stage: Stage) -> None:
+    def __init__(self, parts: Parts, stage: RunInfo) -> None:
         phases = [planned.phase for planned in parts.plan.phases]
         super().__init__(parts, stage, [phase.increments for phase in phases])
         self._ends_s = list(accumulate(phase.duration_s + phase.settle_s for phase in phases))
@@ -61,7 +61,7 @@ class QuasistaticSimulation(SteppedRun):
     def _start(self, began: float) -> Snapshot:
         parts = self._parts
         plan, carrier = parts.plan, parts.carrier
-        carrier.stand(plan.joints)
+        carrier.set_configuration(plan.joints)
         here = start_equilibrium(parts.soft, carrier.flange_pose, plan.loads)
         self._here, spent = self._with_droop(here, plan.joints, here.iterations)
         still = np.zeros_like(plan.joints)
@@ -79,7 +79,7 @@ class QuasistaticSimulation(SteppedRun):
         joints = parts.carrier.joint_position
         share = to.done / phase.increments
         reference = planned.joints.at(Progress(share, 0.0, 0.0)).position
-        self._gas.pass_time(parts.soft, span)
+        self._gas.advance(parts.soft, span)
         parts.work_devices(planned, self._gas, began_s + (to.done - 1) * span, share)
         loads = parts.actuation.loads(self._gas.between(planned.begin, planned.end, share))
         here, spent = self._advance(before, reference, loads)
@@ -119,7 +119,7 @@ class QuasistaticSimulation(SteppedRun):
             here.wrench, rigid_power, motion.soft_power_W, here.residual_N, spent, 0.0, False,
             touched.count, touched.normal_force_N, touched.depth_m, slides=here.slides,
         )  # fmt: skip
-        moment = Moment(
+        moment = TickState(
             to.tick, time_s, to.phase, reference, here.loads, here.world_from_flange, motion.twist,
             motion.joint_velocity, parts.carrier.holding_torque(here.wrench), touched,
         )  # fmt: skip
@@ -128,7 +128,7 @@ class QuasistaticSimulation(SteppedRun):
     def _advance(self, here: Equilibrium, reference: Array, loads: Loads) -> tuple[Equilibrium, int]:
         """Return the next equilibrium of carrier and soft body, and the Newton iterations spent."""
         carrier, soft = self._parts.carrier, self._parts.soft
-        carrier.bring(reference)
+        carrier.track(reference)
         pose = carrier.flange_pose
         local = here.world_from_flange.inverse().apply(here.state.positions)
         # the shape goes on as it changed in the last increment, seen from the flange
@@ -147,7 +147,7 @@ class QuasistaticSimulation(SteppedRun):
         carrier, soft = self._parts.carrier, self._parts.soft
         for _ in range(_DROOP_ROUNDS_MAX):
             soft.settle(found)
-            if not carrier.give_way(reference, found.wrench):
+            if not carrier.relax_under(reference, found.wrench):
                 break
             slides = found.slides
             found = soft.follow(found, carrier.flange_pose, found.loads)

@@ -19,7 +19,7 @@ from cosim.plan.plan import PhasePlan, Plan
 from cosim.stepping.parts import Parts
 from cosim.stepping.whereabouts import whereabouts
 from cosim.telemetry.choices import CONTACT, Choices
-from cosim.telemetry.snapshot import Snapshot, Stage
+from cosim.telemetry.snapshot import RunInfo, Snapshot
 
 
 @final
@@ -79,7 +79,7 @@ class SteppedRun(ABC):
         counts: steps of each phase, at least one.
     """
 
-    def __init__(self, parts: Parts, stage: Stage, counts: Sequence[int]) -> None:
+    def __init__(self, parts: Parts, stage: RunInfo, counts: Sequence[int]) -> None:
         self._parts, self.stage, self._counts = parts, stage, tuple(counts)
         contact = next(decision for decision in stage.modelled if decision.what == CONTACT)
         self.choices = Choices.of(parts.scenario, contact)

@@ -19,7 +19,7 @@ if TYPE_CHECKING:  # who only looks at snapshots needs no engine
     from cosim.plan.arm_plan import PlannedArm
     from cosim.rigid.scene.link_contacts import LinkContact
 
-__all__ = ["BodyShape", "LedgerEntry", "Snapshot", "Stage"]
+__all__ = ["BodyShape", "LedgerEntry", "RunInfo", "Snapshot"]
 
 _FROM_FILM = (
     "node_position", "volume_m3", "chamber_volume_m3", "tip_position", "tip_direction", "sag_m",
@@ -27,7 +27,7 @@ _FROM_FILM = (
 
 
 @dataclass(frozen=True, repr=False)
-class Stage:
+class RunInfo:
     """Everything about a run that does not change while it runs.
 
     Args:
@@ -83,7 +83,7 @@ class Stage:
     def __repr__(self) -> str:
         """Return two lines: what run it is of, and its parts."""
         return (
-            f"Stage of {self.scenario}, {self.mode}: {self.ticks} ticks of {self.tick_s:g} s in the phases "
+            f"Run of {self.scenario}, {self.mode}: {self.ticks} ticks of {self.tick_s:g} s in the phases "
             f"{', '.join(self.phase_names)}\n"
             f"{len(self.joint_names)} joints, bodies {', '.join(self.body_names) or 'none'}, "
             f"{len(self.soft_triangles)} triangles of film, {len(self.cables)} cables"
@@ -102,7 +102,7 @@ class Snapshot:
     Args:
         tick: count from 1; 0 is the state before the first tick.
         time_s: tick times tick length [s].
-        phase: index into `Stage.phase_names`.
+        phase: index into `RunInfo.phase_names`.
         joint_position: (joints,) [rad].
         joint_velocity: (joints,) [rad/s]; in statics the mean one over the increment.
         joint_torque: (joints,) [N m], that the servos gave in the tick, or hold with at rest.
@@ -115,7 +115,7 @@ class Snapshot:
         flange_twist: of the flange origin, world axes.
         pressure_Pa: gauge pressure in the first chamber, of a sealed gas at its present volume.
         volume_m3: inside the film of all chambers, hole rings closed by flat fans.
-        chamber_pressure_Pa: (chambers,), gauge, in the order of `Stage.chamber_names`.
+        chamber_pressure_Pa: (chambers,), gauge, in the order of `RunInfo.chamber_names`.
         chamber_volume_m3: (chambers,).
         cable_tension_N: (cables,) at the base end.
         tip_position: (3,) [m], mean of the last hole ring.

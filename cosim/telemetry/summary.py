@@ -15,7 +15,7 @@ from cosim.telemetry.arm_figures import ArmFigures, arm_table
 from cosim.telemetry.block import Block, read_now
 from cosim.telemetry.device_figures import DeviceFigures, DeviceFiguresState
 from cosim.telemetry.exchange_figures import ExchangeFigures, largest
-from cosim.telemetry.snapshot import Snapshot, Stage
+from cosim.telemetry.snapshot import RunInfo, Snapshot
 
 SUMMARY_SCHEMA = 1
 Status = Literal["completed", "interrupted", "failed"]
@@ -63,7 +63,7 @@ class SummaryBuilder:
     """
 
     def __init__(
-        self, stage: Stage, startup_s: float, version: str, resumed_at_ticks: tuple[int, ...] = ()
+        self, stage: RunInfo, startup_s: float, version: str, resumed_at_ticks: tuple[int, ...] = ()
     ) -> None:
         self._stage = stage
         self._startup_s = startup_s

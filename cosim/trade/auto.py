@@ -15,11 +15,11 @@ from cosim.config.loading import load_scenario
 from cosim.config.schema.scenario import Scenario
 from cosim.config.writing import to_table
 from cosim.errors import ScenarioError
-from cosim.trade.choice import Wish, pareto_front, pick
+from cosim.trade.choice import Requirement, pareto_front, pick
 from cosim.trade.compilation import compile_for_trade
 from cosim.trade.curve import Follow, unfollowed
 from cosim.trade.measuring import Measured, Telling, measure
-from cosim.trade.members import Member, short_members
+from cosim.trade.members import Candidate, short_members
 from cosim.trade.report import entry, figures_text, result_line
 from cosim.trade.simulation import Build
 
@@ -44,7 +44,7 @@ def settled(
     """
     if scenario.fidelity != "auto" or scenario.auto is None:
         return scenario
-    wish = Wish(scenario.auto.budget, scenario.auto.tolerance_m, scenario.auto.force_tolerance_N)
+    wish = Requirement(scenario.auto.budget, scenario.auto.tolerance_m, scenario.auto.force_tolerance_N)
     results, source = figures(replace(scenario, fidelity="lumped", auto=None), build, cache, tell, follow)
     found = pick(results, wish)
     if found is None:
@@ -73,7 +73,7 @@ def figures(
     return results, f"measured now, kept in {path}"
 
 
-def content_hash(scenario: Scenario, members: Sequence[Member]) -> str:
+def content_hash(scenario: Scenario, members: Sequence[Candidate]) -> str:
     """Return what names the figures of a scenario: a hash of all that they depend on.
 
     The code is among it: another program may measure something else, or run at another speed.
@@ -84,7 +84,7 @@ def content_hash(scenario: Scenario, members: Sequence[Member]) -> str:
     return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 
-def _unpacked(data: bytes, members: Sequence[Member]) -> list[Measured]:
+def _unpacked(data: bytes, members: Sequence[Candidate]) -> list[Measured]:
     rows: list[dict[str, Any]] = json.loads(data)
     return [
         Measured(

@@ -17,7 +17,7 @@ _LENGTHS_m = {"mm": 1e-3, "um": 1e-6, "cm": 1e-2, "m": 1.0}
 
 @final
 @dataclass(frozen=True)
-class Wish:
+class Requirement:
     """What a member shall meet; None: anything will do.
 
     Args:
@@ -70,7 +70,7 @@ def candidates(results: Sequence[Measured]) -> list[Measured]:
     return [result for result in results if result.member.group == group]
 
 
-def pick(results: Sequence[Measured], wish: Wish) -> Measured | None:
+def pick(results: Sequence[Measured], wish: Requirement) -> Measured | None:
     """Return the member that meets a wish best, or None if none meets it.
 
     Where none meets a budget with the reserve, the fastest of those that meet it without is taken.

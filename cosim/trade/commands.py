@@ -13,7 +13,7 @@ import numpy as np
 
 from cosim.base.frames import Pose
 from cosim.config.loading import resolve
-from cosim.config.schema.phase import FlangePose
+from cosim.config.schema.phase import FlangePoseTable
 from cosim.config.schema.scenario import Scenario
 from cosim.plan.flange_path import rotation_from_direction
 from cosim.plan.plan import PhasePlan
@@ -50,14 +50,14 @@ def _tensions(planned: PhasePlan) -> dict[str, tuple[float, ...]]:
     return {"cable_tension_N": tuple(planned.end.cable_tension_N)}
 
 
-def _flange(planned: PhasePlan) -> dict[str, FlangePose]:
+def _flange(planned: PhasePlan) -> dict[str, FlangePoseTable]:
     return {"flange": flange_pose(planned.flange)}
 
 
-def flange_pose(pose: Pose) -> FlangePose:
+def flange_pose(pose: Pose) -> FlangePoseTable:
     """Return a pose, world from flange, as a scenario's `flange` table describes it."""
     direction = pose.rotation[:, 2]
     turned = rotation_from_direction(direction).T @ pose.rotation  # about the flange's z axis
     x, y, z = (float(value) for value in pose.translation)
     a, b, c = (float(value) for value in direction / np.linalg.norm(direction))
-    return FlangePose((x, y, z), (a, b, c), math.atan2(turned[1, 0], turned[0, 0]))
+    return FlangePoseTable((x, y, z), (a, b, c), math.atan2(turned[1, 0], turned[0, 0]))

@@ -18,7 +18,7 @@ import numpy as np
 from cosim.base.frames import Array
 from cosim.config.schema.scenario import Scenario
 from cosim.telemetry.block import READ_AT_ONCE, Block, read_now
-from cosim.telemetry.snapshot import Snapshot, Stage
+from cosim.telemetry.snapshot import RunInfo, Snapshot
 from cosim.trade.simulation import Build
 
 _COLUMNS = ("time_s", "tip_position", "flange_force", "contact_force_N", "phase", "newton_iterations")
@@ -26,7 +26,7 @@ STRETCH_S = 0.2
 """Simulated time over which a run must not be slower than its bound."""
 
 
-Follow: TypeAlias = Callable[[Scenario, Stage], AbstractContextManager[Callable[[Snapshot], None]]]
+Follow: TypeAlias = Callable[[Scenario, RunInfo], AbstractContextManager[Callable[[Snapshot], None]]]
 """Opens what follows a run; the context gives what is called with every snapshot."""
 
 
@@ -34,7 +34,7 @@ class TooSlowError(Exception):
     """A run is slower than its bound; it has been ended."""
 
 
-def unfollowed(_scenario: Scenario, _stage: Stage) -> AbstractContextManager[Callable[[Snapshot], None]]:
+def unfollowed(_scenario: Scenario, _stage: RunInfo) -> AbstractContextManager[Callable[[Snapshot], None]]:
     """Follow a run with nothing."""
     return nullcontext(lambda _snapshot: None)
 
@@ -113,7 +113,7 @@ class CurveBuilder:
     """
 
     scenario: Scenario
-    stage: Stage
+    stage: RunInfo
     _arrays: dict[str, list[Array]] = field(default_factory=lambda: {name: [] for name in _COLUMNS})
     _objects: list[Array] = field(default_factory=list)
     _unread: list[Snapshot] = field(default_factory=list)

@@ -19,7 +19,7 @@ from cosim.config.schema.scenario import Scenario
 from cosim.errors import CosimError
 from cosim.trade.commands import with_commands
 from cosim.trade.curve import Curve, Follow, TooSlowError, trace, unfollowed
-from cosim.trade.members import Member
+from cosim.trade.members import Candidate
 from cosim.trade.simulation import Build
 
 SAMPLE_S = 0.02
@@ -55,7 +55,7 @@ class Measured:
         failure: why it did not finish; empty if it did.
     """
 
-    member: Member
+    member: Candidate
     real_time_factor: float = np.nan
     tip_error_m: float = np.nan
     tip_rms_m: float = np.nan
@@ -94,14 +94,14 @@ class Telling:
         done: of its figures.
     """
 
-    begin: Callable[[int, Member], None] = lambda _place, _member: None
+    begin: Callable[[int, Candidate], None] = lambda _place, _member: None
     advance: Callable[[float], None] = lambda _share: None
     done: Callable[[Measured], None] = lambda _result: None
 
 
 def measure(
     scenario: Scenario,
-    members: Sequence[Member],
+    members: Sequence[Candidate],
     build: Build,
     telling: Telling | None = None,
     *,
@@ -147,7 +147,7 @@ class _Comparison:
         self._references: dict[str, Curve] = {}
         self._bases: dict[str, Curve] = {}
 
-    def basis(self, member: Member) -> Scenario:
+    def basis(self, member: Candidate) -> Scenario:
         """Return the scenario that a member changes."""
         if not member.commanded:
             return self._scenario
@@ -155,7 +155,7 @@ class _Comparison:
             self._commanded = with_commands(self._scenario, self._build)
         return self._commanded
 
-    def result(self, member: Member, curve: Curve, *, statics: bool) -> Measured:
+    def result(self, member: Candidate, curve: Curve, *, statics: bool) -> Measured:
         """Return a member's figures; it may be what others are measured against."""
         if member.reference:
             self._references[member.group] = curve
@@ -166,7 +166,12 @@ class _Comparison:
 
 
 def compared(
-    member: Member, curve: Curve, reference: Curve | None, base: Curve | None = None, *, statics: bool = False
+    member: Candidate,
+    curve: Curve,
+    reference: Curve | None,
+    base: Curve | None = None,
+    *,
+    statics: bool = False,
 ) -> Measured:
     """Return a member's figures; of statics, which have no time between phase ends, only those there.
 

@@ -11,7 +11,7 @@ Group: TypeAlias = Literal["time", "model"]
 
 @final
 @dataclass(frozen=True)
-class Member:
+class Candidate:
     """One way to run the scenario.
 
     Args:

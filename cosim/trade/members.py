@@ -10,10 +10,10 @@ from cosim.config.loading import load_scenario
 from cosim.config.schema.fidelity import Fidelity
 from cosim.config.schema.scenario import Scenario
 from cosim.errors import InputError, ScenarioError
-from cosim.trade.member import Group, Member
+from cosim.trade.member import Candidate, Group
 from cosim.trade.model_members import model_members
 
-__all__ = ["Group", "Member", "Truth", "durations", "lower_fidelities", "members_of", "short_members"]
+__all__ = ["Candidate", "Group", "Truth", "candidates_of", "durations", "lower_fidelities", "short_members"]
 
 Truth: TypeAlias = Literal["finest", "refined"]
 
@@ -33,9 +33,9 @@ _CONVERGED_SHARE: Final = 0.01
 """Residual of a converged tick over that of one with one tangent."""
 
 
-def members_of(
+def candidates_of(
     scenario: Scenario, *, quick: bool = False, time_scale: float = 1.0, truth: Truth = "finest"
-) -> tuple[Member, ...]:
+) -> tuple[Candidate, ...]:
     """Return the members of a scenario's trade, each group's reference before its others.
 
     Args:
@@ -63,7 +63,7 @@ def members_of(
     return tuple(replace(m, changes={**m.changes, **hurried}) for m in members)
 
 
-def short_members(scenario: Scenario) -> tuple[Member, ...]:
+def short_members(scenario: Scenario) -> tuple[Candidate, ...]:
     """Return the few members that an automatic choice is made from.
 
     Without anything to touch BDF2 is nearer at every tick and costs the same; with contact Euler's damping
@@ -85,7 +85,7 @@ def _time_members(
     *,
     converge: bool,
     integrators: tuple[str, ...] = ("implicit_euler", "bdf2"),
-) -> list[Member]:
+) -> list[Candidate]:
     """Return the ways to step time, and the lower fidelities, the longest tick last.
 
     Args:
@@ -102,7 +102,7 @@ def _time_members(
     }
     finest = {"fidelity": "lumped", "clock.tick_s": 0.5 * ticks_s[0], "solver.integrator": "bdf2"}
     name = f"BDF2, {_milliseconds(0.5 * ticks_s[0])}, converged"
-    members = [Member(name, "time", {**finest, **converged}, reference=True)]
+    members = [Candidate(name, "time", {**finest, **converged}, reference=True)]
     labels = {"implicit_euler": "Euler", "bdf2": "BDF2"}
     for tick in ticks_s:
         for integrator in integrators:
@@ -114,13 +114,13 @@ def _time_members(
             for iterations, suffix in ways:
                 name = f"{labels[integrator]}, {_milliseconds(tick)}, {suffix}"
                 family = f"{labels[integrator]}, {suffix}"
-                members.append(Member(name, "time", {**changes, **iterations}, family=family))
+                members.append(Candidate(name, "time", {**changes, **iterations}, family=family))
     for fidelity in lower_fidelities():
         rungs = [tick for tick in _RUNG_TICKS_S[fidelity] if tick >= ticks_s[0]]
         for tick in rungs if _can_be(scenario, fidelity) else rungs[:1]:
             changes = {"fidelity": fidelity, "clock.tick_s": tick, "solver.integrator": "bdf2"}
             name = f"{fidelity}, {_milliseconds(tick)}"
-            members.append(Member(name, "time", {**changes, **one}, family=fidelity))
+            members.append(Candidate(name, "time", {**changes, **one}, family=fidelity))
     return members
 
 

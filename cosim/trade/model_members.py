@@ -7,7 +7,7 @@ from typing import Any, Final
 
 from cosim.config.schema.scenario import NO_ARM, Scenario
 from cosim.telemetry.choices import CONTACT
-from cosim.trade.member import Member
+from cosim.trade.member import Candidate
 
 _TICK_S: Final = 0.01
 _SUBSTEP_ERROR_M: Final = 2e-5
@@ -19,7 +19,7 @@ _LAWS: Final = {
 }
 
 
-def model_members(scenario: Scenario, fidelities: tuple[str, ...], *, quick: bool) -> list[Member]:
+def model_members(scenario: Scenario, fidelities: tuple[str, ...], *, quick: bool) -> list[Candidate]:
     """Return what is modelled otherwise, all at one tick, so that errors of time stepping nearly cancel.
 
     That tick is long, as the reference is dear; where something can move it is the scenario's own, as
@@ -34,8 +34,8 @@ def model_members(scenario: Scenario, fidelities: tuple[str, ...], *, quick: boo
     if any(entry.mass_kg is not None for entry in scenario.objects) or scenario.wires:
         same["clock.tick_s"] = scenario.clock.tick_s
 
-    def member(name: str, changes: Mapping[str, Any], decision: str = "", **more: Any) -> Member:
-        return Member(name, "model", {**same, **changes}, decision=decision, commanded=True, **more)
+    def member(name: str, changes: Mapping[str, Any], decision: str = "", **more: Any) -> Candidate:
+        return Candidate(name, "model", {**same, **changes}, decision=decision, commanded=True, **more)
 
     members = [
         member("model as it is", {}, reference=quick, base=True),

@@ -10,7 +10,7 @@ from textwrap import shorten
 from typing import Any, final
 
 from cosim._version import __version__
-from cosim.trade.choice import Wish, candidates, pareto_front, pick
+from cosim.trade.choice import Requirement, candidates, pareto_front, pick
 from cosim.trade.measuring import FORCE_MEAN, Measured
 
 GROUPS = {
@@ -111,7 +111,7 @@ def result_line(result: Measured) -> str:
     return f"{result.member.name}: {figures_text(result)}"
 
 
-def choice_lines(results: Sequence[Measured], wish: Wish) -> str:
+def choice_lines(results: Sequence[Measured], wish: Requirement) -> str:
     """Return which member meets a wish, and how to run it."""
     found = pick(candidates(results), wish)
     if found is None:
@@ -123,7 +123,7 @@ def choice_lines(results: Sequence[Measured], wish: Wish) -> str:
     )
 
 
-def as_json(title: str, results: Sequence[Measured], wish: Wish | None) -> str:
+def as_json(title: str, results: Sequence[Measured], wish: Requirement | None) -> str:
     """Return everything as a JSON document; numbers that are not finite become null."""
     chosen = pick(candidates(results), wish) if wish else None
     fronts = [r for group in GROUPS for r in pareto_front([m for m in results if m.member.group == group])]

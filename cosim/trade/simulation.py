@@ -6,14 +6,14 @@ from collections.abc import Callable, Iterator
 from typing import Protocol, TypeAlias
 
 from cosim.config.schema.scenario import Scenario
-from cosim.telemetry.snapshot import Snapshot, Stage
+from cosim.telemetry.snapshot import RunInfo, Snapshot
 
 
 class Steps(Protocol):
     """Something that can be stepped."""
 
     @property
-    def stage(self) -> Stage:
+    def stage(self) -> RunInfo:
         """Everything that does not change during the run."""
 
     def steps(self, ahead: int = 1) -> Iterator[Snapshot]:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cosim.app.driver import Simulation, build_simulation
+from cosim.app.driver import Runnable, build_simulation
 from cosim.base.state_archive import read_archive, write_archive
 from cosim.config.loading import load_scenario
 from cosim.errors import InputError
@@ -30,7 +30,7 @@ GRASP: dict[str, Any] = {
 GRASPED = 160  # tick at which the fingers hold the roll above the table
 
 
-def simulation(name: str, **overrides: Any) -> Simulation:
+def simulation(name: str, **overrides: Any) -> Runnable:
     """Return the simulation of a scenario with changes."""
     return build_simulation(load_scenario(name, overrides))
 

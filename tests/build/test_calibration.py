@@ -13,11 +13,11 @@ from cosim.build.calibration import CalibrationReport, calibrate, largest_errors
 from cosim.build.soft_body import build_soft_body
 from cosim.cli.calibrate import table_text, write_table
 from cosim.config.loading import load_scenario, load_soft_robot
-from cosim.config.schema.soft_robot import Calibration
-from cosim.config.schema.solver import ChamberModel
+from cosim.config.schema.soft_robot import CalibrationTable
+from cosim.config.schema.solver import ModelTable
 from cosim.errors import ScenarioError
 
-VALUES = Calibration(film_modulus_factor=0.5, compressive_fraction=0.25, hinge_factor=2.0)
+VALUES = CalibrationTable(film_modulus_factor=0.5, compressive_fraction=0.25, hinge_factor=2.0)
 
 
 @pytest.fixture(scope="module")
@@ -50,8 +50,8 @@ def test_largest_errors_are_over_fitted_and_checked_loads(report: CalibrationRep
 
 def test_a_calibration_changes_film_and_hinges() -> None:
     robot = replace(load_soft_robot("hexagon_arm"), calibration=VALUES)
-    plain = build_soft_body(robot, ChamberModel())
-    fitted = build_soft_body(robot, ChamberModel(calibrated=True))
+    plain = build_soft_body(robot, ModelTable())
+    fitted = build_soft_body(robot, ModelTable(calibrated=True))
     film = plain.membranes.film
     assert fitted.membranes.film.law == "tension_field"
     assert fitted.membranes.film.compressive_fraction == 0.25

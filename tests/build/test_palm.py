@@ -11,11 +11,11 @@ from cosim.app.driver import build_simulation
 from cosim.base.arms import find_arm
 from cosim.build.palm import PALM_NAME, palm_mass, palm_object
 from cosim.config.loading import load_scenario
-from cosim.config.schema.soft_robot import Palm
+from cosim.config.schema.soft_robot import PalmTable
 from cosim.coupling.soft_sides.mass import MassProperties
 from cosim.rigid import RigidScene, SceneDescription, SceneObject
 
-PALM = Palm(radius_m=0.08, thickness_m=0.01, mass_kg=1.0)
+PALM = PalmTable(radius_m=0.08, thickness_m=0.01, mass_kg=1.0)
 SCENARIO = """
 schema = 1
 title = "A heavy palm is carried"

@@ -10,8 +10,8 @@ import pytest
 from cosim.base.resources import scenario_path
 from cosim.build.soft_body import build_soft_body
 from cosim.config.loading import load_scenario
-from cosim.config.schema.soft_robot import SoftRobot
-from cosim.config.schema.solver import ChamberModel
+from cosim.config.schema.soft_robot import SoftRobotTable
+from cosim.config.schema.solver import ModelTable
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
 from cosim.soft.elements.shell_hinges import bending_measure
@@ -21,22 +21,22 @@ from cosim.soft.solve.newton import NewtonOptions, NewtonSolver
 
 
 @pytest.fixture(scope="module")
-def robot() -> SoftRobot:
+def robot() -> SoftRobotTable:
     """Return the hexagonal arm cut down to its first unit, without cables."""
     arm = load_scenario(str(scenario_path("ur5e_hexagon_arm"))).soft_robot
     return replace(arm, chamber=replace(arm.chamber, units=1), cables=())
 
 
 def refined(
-    robot: SoftRobot, levels: int, rule: str = "uniform", model: ChamberModel | None = None
+    robot: SoftRobotTable, levels: int, rule: str = "uniform", model: ModelTable | None = None
 ) -> SoftBody:
     changed = replace(
         robot, chamber=replace(robot.chamber, refine=levels), hinge=replace(robot.hinge, rule=rule)
     )
-    return build_soft_body(changed, model or ChamberModel())
+    return build_soft_body(changed, model or ModelTable())
 
 
-def test_unrefined_uniform_hinges_have_the_given_stiffness(robot: SoftRobot) -> None:
+def test_unrefined_uniform_hinges_have_the_given_stiffness(robot: SoftRobotTable) -> None:
     body = refined(robot, 0)
     expected = robot.hinge.stiffness_factor * body.membranes.film.bending_stiffness_Nm
     assert (body.hinges.stiffness == expected).all()
@@ -45,9 +45,9 @@ def test_unrefined_uniform_hinges_have_the_given_stiffness(robot: SoftRobot) -> 
 @pytest.mark.parametrize("all_hinges", [True, False])
 @pytest.mark.parametrize("levels", [1, 2])
 def test_refined_uniform_hinges_keep_the_bending_energy(
-    robot: SoftRobot, levels: int, all_hinges: bool
+    robot: SoftRobotTable, levels: int, all_hinges: bool
 ) -> None:
-    model = ChamberModel(all_hinges=all_hinges)
+    model = ModelTable(all_hinges=all_hinges)
     coarse, fine = refined(robot, 0, model=model), refined(robot, levels, model=model)
     measures = [
         bending_measure(body.positions, body.hinges.nodes, body.hinges.stiffness) for body in (coarse, fine)
@@ -58,7 +58,7 @@ def test_refined_uniform_hinges_keep_the_bending_energy(
 
 
 @pytest.mark.parametrize("levels", [0, 2])
-def test_shell_hinges_have_the_film_s_rigidity(robot: SoftRobot, levels: int) -> None:
+def test_shell_hinges_have_the_film_s_rigidity(robot: SoftRobotTable, levels: int) -> None:
     body = refined(robot, levels, "shell")
     area = float(triangle_area(body.positions, body.membranes.triangles).sum())
     rigidity = robot.hinge.stiffness_factor * body.membranes.film.flexural_rigidity_Nm
@@ -66,7 +66,7 @@ def test_shell_hinges_have_the_film_s_rigidity(robot: SoftRobot, levels: int) ->
     assert measure == pytest.approx(rigidity * area, rel=1e-12)
 
 
-def test_refinement_keeps_the_mass(robot: SoftRobot) -> None:
+def test_refinement_keeps_the_mass(robot: SoftRobotTable) -> None:
     heavy = replace(
         robot, mass=replace(robot.mass, seam_mass_kg=0.003), film=replace(robot.film, density_kg_m3=1e3)
     )
@@ -76,7 +76,7 @@ def test_refinement_keeps_the_mass(robot: SoftRobot) -> None:
 
 
 @pytest.mark.parametrize("levels", [0, 1])
-def test_frames_ring_the_outer_rims(robot: SoftRobot, levels: int) -> None:
+def test_frames_ring_the_outer_rims(robot: SoftRobotTable, levels: int) -> None:
     assert refined(robot, levels).frames is None
     framed = replace(robot, frame=replace(robot.frame, kind="stiff"))
     body = refined(framed, levels)
@@ -88,7 +88,7 @@ def test_frames_ring_the_outer_rims(robot: SoftRobot, levels: int) -> None:
     ("levels", "rule"),
     [(0, "uniform"), (1, "uniform"), (2, "uniform"), (0, "shell"), (1, "shell"), (2, "shell"), (3, "shell")],
 )
-def test_a_refined_unit_inflates(robot: SoftRobot, levels: int, rule: str) -> None:
+def test_a_refined_unit_inflates(robot: SoftRobotTable, levels: int, rule: str) -> None:
     body = refined(robot, levels, rule)
     held = np.zeros(body.nodes, dtype=bool)
     held[body.base] = True

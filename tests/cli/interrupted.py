@@ -12,7 +12,7 @@ import pytest
 
 from cosim.cli import running
 from cosim.cli.main import main
-from cosim.recording.recorder import Part
+from cosim.recording.recorder import RecordingPart
 from tests.cli.test_run import REFERENCE, NotingRecorder, files_in, summary_of
 
 WALL = {"startup_s", "wall_s", "real_time_factor", "resumed_at_ticks"}
@@ -40,7 +40,7 @@ class Command:
     def __init__(self, monkeypatch: pytest.MonkeyPatch, made_up_build: Any, directory: Path) -> None:
         self._patch, self._build, self.directory = monkeypatch, made_up_build, directory
         self.scenario: str = REFERENCE
-        self.parts: list[Part] = []
+        self.parts: list[RecordingPart] = []
         self.recorders: list[NotingRecorder] = []
 
     def __call__(self, *arguments: str, at_tick: Callable[[int], None] = lambda tick: None) -> int:
@@ -48,7 +48,7 @@ class Command:
         self._patch.setattr(running, "rerun_recorder", self._recorder)
         return main(["run", *arguments])
 
-    def _recorder(self, path: Path, settings: Any, part: Part) -> NotingRecorder:
+    def _recorder(self, path: Path, settings: Any, part: RecordingPart) -> NotingRecorder:
         self.parts.append(part)
         self.recorders.append(NotingRecorder(path))
         return self.recorders[-1]

@@ -15,11 +15,11 @@ import pytest
 from cosim.app.output_directory import MARKER
 from cosim.cli import running
 from cosim.cli.main import main
-from cosim.cli.progress import Progress, clock
+from cosim.cli.progress import ProgressLine, clock
 from cosim.config.loading import load_scenario
 from cosim.errors import ConvergenceError, UnreachableError
 from cosim.recording.recorder import Recorder
-from cosim.telemetry.snapshot import Snapshot, Stage
+from cosim.telemetry.snapshot import RunInfo, Snapshot
 
 REFERENCE = "ur5e_hexagon_arm"
 TICKS = 25
@@ -32,7 +32,7 @@ class NotingRecorder(Recorder):
         self.path = path
         self.ticks: list[int] = []
 
-    def open(self, stage: Stage) -> None:
+    def open(self, stage: RunInfo) -> None:
         self.path.write_text("open", encoding="utf-8")
 
     def record(self, snapshot: Snapshot) -> None:
@@ -225,7 +225,7 @@ def test_the_progress_line_renews_itself_on_a_terminal(made_up_build: Callable[.
             return True
 
     stream = Terminal()
-    progress = Progress(stream)
+    progress = ProgressLine(stream)
     simulation = made_up_build()(load_scenario(REFERENCE))
     progress.open(simulation.stage)
     for snapshot in simulation.steps():

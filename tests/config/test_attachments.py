@@ -12,7 +12,7 @@ from cosim.build.fidelity import fidelity_body
 from cosim.build.simulation import build
 from cosim.build.soft_body import build_soft_body
 from cosim.config.loading import load_scenario, load_soft_robot
-from cosim.config.schema.solver import ChamberModel
+from cosim.config.schema.solver import ModelTable
 from cosim.config.writing import scenario_text
 from cosim.errors import ScenarioError
 from cosim.plan.reach import film_reach
@@ -30,7 +30,7 @@ SHORT: dict[str, Any] = {"name": "inflate", "duration_s": 0.02, "pressure_Pa": {
 
 def test_names_in_the_schema_are_those_of_the_body() -> None:
     robot = load_soft_robot(ARM)
-    body = build_soft_body(robot, ChamberModel())
+    body = build_soft_body(robot, ModelTable())
     assert robot.chamber_names() == ("arm", *FINGERS)
     assert tuple(part.name for part in body.chambers) == robot.chamber_names()
     assert set(body.rings) == set(robot.ring_names())
@@ -43,7 +43,7 @@ def test_names_in_the_schema_are_those_of_the_body() -> None:
 
 
 def test_cables_of_fingers_run_along_the_side_that_faces_the_axis() -> None:
-    body = build_soft_body(load_soft_robot(ARM), ChamberModel())
+    body = build_soft_body(load_soft_robot(ARM), ModelTable())
     for k, cable in enumerate(body.cables[2:]):
         finger = body.rings[f"gripper/copy_{1 + k // 2}/unit_1.outer"]
         radius = np.linalg.norm(body.positions[:, :2], axis=1)
@@ -111,7 +111,7 @@ def test_wrong_tables_of_tensions_are_refused() -> None:
 
 
 def test_the_reach_goes_on_beyond_the_plate() -> None:
-    bodies = (build_soft_body(load_soft_robot(name), ChamberModel()) for name in ("hexagon_arm", ARM))
+    bodies = (build_soft_body(load_soft_robot(name), ModelTable()) for name in ("hexagon_arm", ARM))
     arm, whole = (film_reach(body, 0.0) for body in bodies)
     assert arm < whole < np.inf
 

@@ -12,7 +12,7 @@ from cosim.app.result import RunResult
 from cosim.build.simulation import build
 from cosim.build.soft_body import build_soft_body
 from cosim.config.loading import load_scenario
-from cosim.config.schema.solver import ChamberModel, Gas
+from cosim.config.schema.solver import GasTable, ModelTable
 from cosim.config.writing import to_table
 from cosim.errors import ScenarioError
 
@@ -57,8 +57,8 @@ def test_some_chambers_are_sealed_while_others_follow_the_plan(mode: str) -> Non
         mode=mode,
     )
     sealed = np.flatnonzero(result.phase == 1)
-    absolute = result.chamber_pressure_Pa[:, 0] + Gas().ambient_Pa
-    constant = (absolute * result.chamber_volume_m3[:, 0] ** Gas().exponent)[sealed]
+    absolute = result.chamber_pressure_Pa[:, 0] + GasTable().ambient_Pa
+    constant = (absolute * result.chamber_volume_m3[:, 0] ** GasTable().exponent)[sealed]
     assert constant == pytest.approx(constant[0], rel=1e-9)
     assert result.chamber_pressure_Pa[-1, 0] > 5.2e3
     np.testing.assert_allclose(result.chamber_pressure_Pa[-1, 1:], [5e3, 6e3], rtol=1e-12)
@@ -75,7 +75,7 @@ def test_gas_flows_through_an_orifice_until_pressures_agree() -> None:
     assert 2.3e3 < first < third < 7.7e3
     assert second == pytest.approx(5e3, rel=1e-9)
     here = np.concatenate([np.flatnonzero(result.phase == 0)[-1:], np.flatnonzero(result.phase == 1)])
-    mass = (result.chamber_pressure_Pa + Gas().ambient_Pa) * result.chamber_volume_m3 / (287.05 * 300.0)
+    mass = (result.chamber_pressure_Pa + GasTable().ambient_Pa) * result.chamber_volume_m3 / (287.05 * 300.0)
     # what one loses the other gains, by the difference of pressures over time
     assert mass[here, 0] + mass[here, 2] == pytest.approx(mass[here[0], 0] + mass[here[0], 2], rel=1e-9)
     difference = (result.chamber_pressure_Pa[:, 2] - result.chamber_pressure_Pa[:, 0])[here]
@@ -126,7 +126,7 @@ def test_wrong_orifices_are_refused(chambers: list[str], word: str) -> None:
 
 def test_names_in_the_schema_are_those_of_the_body() -> None:
     robot = load_scenario("three_unit_inflation", TRIPLE).soft_robot
-    body = build_soft_body(robot, ChamberModel())
+    body = build_soft_body(robot, ModelTable())
     assert tuple(part.name for part in body.chambers) == robot.chamber_names()
     assert set(body.rings) == set(robot.ring_names())
 

@@ -41,7 +41,7 @@ def test_the_mass_is_how_the_wrench_answers_a_motion_of_the_flange(integrator: I
         sides = []
         for nudge in (NUDGE, -NUDGE):
             sides.append(answer(soft, nudge * np.eye(6)[j]))
-            soft.take_back(before)
+            soft.restore(before)
         found[:, j] = -(sides[0] - sides[1]) / (2.0 * NUDGE) * TICK_S**2
     answer(soft, np.zeros(6))
     mass = algorithmic_mass(soft, HANGING.translation, np.inf, None, TICK_S)

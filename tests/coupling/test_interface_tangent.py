@@ -46,7 +46,7 @@ def test_the_tangent_is_what_repeated_steps_show(integrator: Integrator) -> None
     for j in range(6):
         sides = []
         for nudge in (NUDGE_m, -NUDGE_m):
-            soft.take_back(before)
+            soft.restore(before)
             moved = nudge * motion[:, :, j]
             along = np.einsum("kr,kr->k", planes.normal, moved)
             there = replace(planes, offset=planes.offset + along, anchor=planes.anchor + moved)

@@ -6,10 +6,12 @@ import numpy as np
 import pytest
 
 from cosim.base.frames import Wrench
-from cosim.coupling.schemes.momentum_balance import Handed
+from cosim.coupling.schemes.momentum_balance import TransferredLoads
 
 ORIGIN = np.array([0.3, -0.2, 0.7])
-HANDED = Handed.of(Wrench(np.array([4.0, 1.0, -2.0]), np.array([0.1, 0.2, 0.3])), ORIGIN, np.arange(6.0), 5.0)
+HANDED = TransferredLoads.of(
+    Wrench(np.array([4.0, 1.0, -2.0]), np.array([0.1, 0.2, 0.3])), ORIGIN, np.arange(6.0), 5.0
+)
 FLANGE = np.array([4.0, 1.0, -2.0, 0.1, 0.2, 0.3])
 FLANGE[3:] += np.cross(ORIGIN, FLANGE[:3])
 

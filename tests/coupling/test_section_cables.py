@@ -92,12 +92,12 @@ def test_the_tangent_holds_the_cable() -> None:
     force = np.random.default_rng(1).normal(0.0, 1.0, (1, body().nodes, 3))
     moved = arm.response(force, floor, step_s)
     assert moved is not None
-    arm.take_back(here)
+    arm.restore(here)
     ends = []
     for sign in (1.0, -1.0):
         arm.advance_closely(FLANGE, replace(loads, nodal_force=sign * 1e-3 * force[0]), step_s, AIM)
         ends.append(arm.state.positions)
-        arm.take_back(here)
+        arm.restore(here)
     numeric = (ends[0] - ends[1]) / 2e-3
     # the tangent is symmetric, a cable that loses a fifth of its tension at every eyelet is not
     assert moved[0] == pytest.approx(numeric, abs=0.05 * float(np.abs(numeric).max()))

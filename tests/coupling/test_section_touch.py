@@ -70,7 +70,7 @@ def test_the_tangent_is_that_of_the_step() -> None:
         for sign in (1.0, -1.0):
             arm.advance_closely(lowered(), replace(loads, nodal_force=sign * 1e-5 * force), STEP_S, AIM)
             ends.append(arm.state.positions)
-            arm.take_back(before)
+            arm.restore(before)
         numeric = (ends[0] - ends[1]) / 2e-5
         # the step's residual, 1e-9 N, over the differences' 1e-5 N
         assert moved == pytest.approx(numeric, abs=2e-3 * float(np.abs(numeric).max()))
@@ -83,10 +83,10 @@ def test_a_step_taken_again_ends_at_the_same_place() -> None:
         reply = arm.advance_closely(lowered(), loads, STEP_S, StepAim(1e-9, start))
         assert reply.residual_N < 1e-9
         ends.append(arm.state.positions)
-        arm.take_back(before)
+        arm.restore(before)
         for _ in range(10):  # however many trials there are: films of past states are forgotten
             arm.advance(lowered(0.5), loads, STEP_S)
             assert arm.state is not before
-            arm.take_back(before)
+            arm.restore(before)
     assert ends[1] == pytest.approx(ends[0], abs=1e-12)
     assert ends[2] == pytest.approx(ends[0], abs=1e-12)

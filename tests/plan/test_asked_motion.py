@@ -9,7 +9,7 @@ import pytest
 from scipy.interpolate import CubicSpline
 
 from cosim.base.frames import Pose
-from cosim.config.schema.phase import Phase
+from cosim.config.schema.phase import PhaseTable
 from cosim.plan.arm_plan import AskedMotion, asked_motion
 from cosim.plan.joint_path import JointPath
 from cosim.plan.plan import Holding, PhasePlan, Plan
@@ -31,7 +31,7 @@ def asked(*paths: JointPath, settle_s: float = 0.0) -> AskedMotion:
     nothing = Holding(np.zeros(0, np.int64), np.zeros((0, 3), dtype=bool))
     phases = tuple(
         PhasePlan(
-            Phase(f"p{k}", DURATION_S, settle_s if k == len(paths) - 1 else 0.0, ramp="linear"),
+            PhaseTable(f"p{k}", DURATION_S, settle_s if k == len(paths) - 1 else 0.0, ramp="linear"),
             path, Loads(), Loads(), (), nothing, None, Pose(),
         )
         for k, path in enumerate(paths)

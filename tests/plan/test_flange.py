@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from cosim.base.frames import Pose
-from cosim.config.schema.phase import FlangePose, FlangeShake, FlangeTurn, Phase
+from cosim.config.schema.phase import FlangePoseTable, FlangeShakeTable, FlangeTurnTable, PhaseTable
 from cosim.plan.flange_path import FlangeWay, pose_of, rotation_from_direction
 from cosim.plan.shake import Shake
 
@@ -15,7 +15,7 @@ ROUNDING = 1e-14
 
 
 def test_hanging_down_keeps_the_worlds_x_axis() -> None:
-    pose = pose_of(FlangePose((0.3, 0.0, 0.7), (0.0, 0.0, -2.0)))
+    pose = pose_of(FlangePoseTable((0.3, 0.0, 0.7), (0.0, 0.0, -2.0)))
     assert pose.rotation == pytest.approx(np.diag([1.0, -1.0, -1.0]), abs=ROUNDING)
     assert pose.translation.tolist() == [0.3, 0.0, 0.7]
 
@@ -45,9 +45,9 @@ def test_the_roll_turns_right_handed_about_the_flanges_z_axis() -> None:
 
 
 def test_the_reference_turn_swings_the_tip_towards_x_with_the_flanges_x_axis_up() -> None:
-    start = pose_of(FlangePose((0.3, 0.0, 0.7), (0.0, 0.0, -1.0)))
+    start = pose_of(FlangePoseTable((0.3, 0.0, 0.7), (0.0, 0.0, -1.0)))
     angle = 0.28 * np.pi
-    end = FlangeWay.relative(start, FlangeTurn((0.0, 3.0, 0.0), -angle), None).end
+    end = FlangeWay.relative(start, FlangeTurnTable((0.0, 3.0, 0.0), -angle), None).end
     assert end.rotation[:, 2] == pytest.approx([np.sin(angle), 0.0, -np.cos(angle)], abs=ROUNDING)
     assert end.rotation[2, 0] > 0.0  # the cables, on the flange's +x side, end on top
     assert end.translation == pytest.approx(start.translation)
@@ -55,7 +55,7 @@ def test_the_reference_turn_swings_the_tip_towards_x_with_the_flanges_x_axis_up(
 
 
 def test_half_of_a_motion_done_twice_is_the_motion() -> None:
-    turn, shift = FlangeTurn((1.0, 2.0, -0.5), 1.1), np.array([0.1, -0.2, 0.3])
+    turn, shift = FlangeTurnTable((1.0, 2.0, -0.5), 1.1), np.array([0.1, -0.2, 0.3])
     start = Pose(rotation_from_direction(np.array([0.2, 0.5, -0.3])), np.array([1.0, 2.0, 3.0]))
     once = FlangeWay.relative(start, turn, shift).end
     half = FlangeWay.relative(start, turn, shift).at(0.5)
@@ -80,8 +80,10 @@ def test_a_shake_begins_and_ends_at_rest_and_reaches_its_amplitude() -> None:
 
 
 def test_a_phase_says_how_its_flange_shakes() -> None:
-    shake = Shake.of(Phase("shake", 1.5, ramp="linear", flange_shake=FlangeShake((0.0, 3.0, 4.0), 0.01, 4.0)))
+    shake = Shake.of(
+        PhaseTable("shake", 1.5, ramp="linear", flange_shake=FlangeShakeTable((0.0, 3.0, 4.0), 0.01, 4.0))
+    )
     assert shake is not None
     assert shake.amplitude == pytest.approx([0.0, 0.006, 0.008])
     assert shake.cycles == pytest.approx(6.0)  # 4 a second for 1.5 s
-    assert Shake.of(Phase("rest", 1.5)) is None
+    assert Shake.of(PhaseTable("rest", 1.5)) is None

@@ -9,7 +9,7 @@ import pytest
 
 from cosim.base.arms import find_arm
 from cosim.base.frames import Array, Pose, rotation_from_vector
-from cosim.config.schema.phase import FlangeShake, FlangeTurn, Phase
+from cosim.config.schema.phase import FlangeShakeTable, FlangeTurnTable, PhaseTable
 from cosim.kinematics.arm import Arm
 from cosim.plan.flange_path import FlangeWay
 from cosim.plan.joint_planner import plan_joints
@@ -33,7 +33,7 @@ def arm() -> Arm:
 
 
 def travel(
-    arm: Arm, phase: Phase, turn: FlangeTurn | None, shift: Array | None, lever_m: float
+    arm: Arm, phase: PhaseTable, turn: FlangeTurnTable | None, shift: Array | None, lever_m: float
 ) -> FlangeTravel:
     """Return the flange's travel in one phase from a pose over the table."""
     way = FlangeWay.relative(START, turn, shift, Shake.of(phase))
@@ -44,7 +44,7 @@ def travel(
 
 
 def test_a_shift_asks_for_its_minimum_jerk_peak_and_is_sampled_closely(arm: Arm) -> None:
-    phase = Phase("move", 0.5)
+    phase = PhaseTable("move", 0.5)
     found = travel(arm, phase, None, np.array([0.0, 0.1, 0.0]), 0.3)
     assert found.acceleration_m_s2 == pytest.approx(0.1 * JERK_PEAK / 0.5**2, rel=0.01)
     assert found.positions[[0, -1]] == pytest.approx(
@@ -57,14 +57,14 @@ def test_a_shift_asks_for_its_minimum_jerk_peak_and_is_sampled_closely(arm: Arm)
 def test_a_lever_along_the_flange_s_axis_adds_to_the_shift(arm: Arm) -> None:
     # hanging, a small turn about y moves the lever's end towards -x, by as much as the flange goes there
     angle, lever = 0.05, 0.4
-    turn, shift = FlangeTurn((0.0, 1.0, 0.0), angle), np.array([-lever * angle, 0.0, 0.0])
-    found = travel(arm, Phase("move", 0.5), turn, shift, lever)
+    turn, shift = FlangeTurnTable((0.0, 1.0, 0.0), angle), np.array([-lever * angle, 0.0, 0.0])
+    found = travel(arm, PhaseTable("move", 0.5), turn, shift, lever)
     assert found.acceleration_m_s2 == pytest.approx(2.0 * lever * angle * JERK_PEAK / 0.5**2, rel=0.02)
 
 
 def test_shaking_counts_with_its_stroke_and_its_acceleration(arm: Arm) -> None:
-    shake = FlangeShake((0.0, 0.0, 1.0), 0.01, 4.0)
-    found = travel(arm, Phase("shake", 1.0, ramp="linear", flange_shake=shake), None, None, 0.2)
+    shake = FlangeShakeTable((0.0, 0.0, 1.0), 0.01, 4.0)
+    found = travel(arm, PhaseTable("shake", 1.0, ramp="linear", flange_shake=shake), None, None, 0.2)
     assert found.gap_m >= 0.02
     assert found.acceleration_m_s2 == pytest.approx(0.01 * (8.0 * np.pi) ** 2)
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from benchmarks.tip_heights import HANGING, Bench, Design, draws, measure
-from cosim.config.schema.phase import TipTarget
+from cosim.config.schema.phase import TipTargetTable
 from cosim.coupling.soft_sides.lumped_arm import SoftArm
 from cosim.errors import UnreachableError
 from cosim.plan.target_motion import reach
@@ -60,7 +60,7 @@ def test_a_search_that_ended_where_the_motion_does_not_lead_is_repeated(
         return found if calls > 1 else replace(found, loads=replace(found.loads, cable_tension_N=(1.0, 0.5)))
 
     monkeypatch.setattr(SoftArm, "find_tensions", astray)
-    target = TipTarget(height_m=height, reach_with="cables")
+    target = TipTargetTable(height_m=height, reach_with="cables")
     way, end = reach(bench.soft, bench.slack, bench.slack.loads, target)
     assert bench.height(end) == pytest.approx(height, abs=2e-5)
     assert calls == 2

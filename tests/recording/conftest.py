@@ -14,9 +14,9 @@ from rerun.chunk import RrdReader
 from cosim.base.frames import Array, Pose, Twist, Wrench, quaternion_from_rotation, rotation_from_vector
 from cosim.recording.rerun_recorder import RerunRecorder
 from cosim.soft.geometry.polygonal_stack import PolygonalStack
-from cosim.telemetry.snapshot import BodyShape, LedgerEntry, Snapshot, Stage
+from cosim.telemetry.snapshot import BodyShape, LedgerEntry, RunInfo, Snapshot
 
-MakeStage: TypeAlias = Callable[..., Stage]
+MakeStage: TypeAlias = Callable[..., RunInfo]
 MakeSnapshot: TypeAlias = Callable[..., Snapshot]
 
 MESH = PolygonalStack(sides=4, units=3, corner_radius_m=0.04, hole_radius_m=0.004, unit_height_m=0.004).mesh()
@@ -33,7 +33,7 @@ def stretch_stress(positions: Array) -> Array:
     return np.asarray(1e8 * (0.5 - positions[MESH.triangles, 2].mean(axis=1)))
 
 
-def make_stage(**changes: Any) -> Stage:
+def make_stage(**changes: Any) -> RunInfo:
     """Return a stage of 1.5 s at 2 ms ticks."""
     values: dict[str, Any] = {
         "scenario": "made_up",
@@ -54,10 +54,10 @@ def make_stage(**changes: Any) -> Stage:
         "membrane_stress": stretch_stress,
         "report": "Model: made up.",
     }
-    return Stage(**(values | changes))
+    return RunInfo(**(values | changes))
 
 
-def make_snapshot(stage: Stage, tick: int, **changes: Any) -> Snapshot:
+def make_snapshot(stage: RunInfo, tick: int, **changes: Any) -> Snapshot:
     """Return a snapshot; from halfway on there is a tip target and tension."""
     time = tick * stage.tick_s
     late = 2 * tick >= stage.ticks
@@ -133,7 +133,7 @@ class Recorded:
 
 
 def record(
-    path: Path, stage: Stage, make_snapshot: MakeSnapshot, ticks: int | None = None, **options: Any
+    path: Path, stage: RunInfo, make_snapshot: MakeSnapshot, ticks: int | None = None, **options: Any
 ) -> Recorded:
     recorder = RerunRecorder(path, **options)
     recorder.open(stage)

@@ -11,7 +11,7 @@ from cosim.config.loading import load_scenario
 from cosim.devices.device_report import ActuationReport, ControlReport, DeviceNames, PumpReport
 from cosim.recording.plots import plots_of
 from cosim.telemetry.block import Block
-from cosim.telemetry.snapshot import Snapshot, Stage
+from cosim.telemetry.snapshot import RunInfo, Snapshot
 from tests.conftest import made_up_snapshot, made_up_stage
 
 NAMES = DeviceNames(("main",), (("bend", "bending_angle_rad"), ("lift", "tip_height_m")), True, True)
@@ -27,16 +27,16 @@ REPORT = ActuationReport(
 
 
 @pytest.fixture
-def stage() -> Stage:
+def stage() -> RunInfo:
     return replace(made_up_stage(load_scenario("ur5e_hexagon_arm")), cable_names=("left",), devices=NAMES)
 
 
-def values(stage: Stage, snapshot: Snapshot) -> dict[str, list[float]]:
+def values(stage: RunInfo, snapshot: Snapshot) -> dict[str, list[float]]:
     shown = [plot for plot in plots_of(stage, 6) if plot.tab == "Devices"]
     return {plot.entity: plot.values(Block([snapshot])).ravel().tolist() for plot in shown}
 
 
-def test_every_device_has_its_curve(stage: Stage) -> None:
+def test_every_device_has_its_curve(stage: RunInfo) -> None:
     snapshot = replace(made_up_snapshot(3, 0.002), devices=REPORT)
     shown = values(stage, snapshot)
     assert shown["control/bending_angle_rad"] == pytest.approx([30.0])
@@ -51,7 +51,7 @@ def test_every_device_has_its_curve(stage: Stage) -> None:
         assert plot.values(Block([snapshot] * 2)).size == 2 * len(plot.series) == 2 * len(plot.colours)
 
 
-def test_a_scenario_without_devices_has_no_such_curves(stage: Stage) -> None:
+def test_a_scenario_without_devices_has_no_such_curves(stage: RunInfo) -> None:
     assert values(replace(stage, devices=None), made_up_snapshot(3, 0.002)) == {}
     only_pump = replace(stage, devices=DeviceNames(("main",), (), False, False))
     assert values(only_pump, replace(made_up_snapshot(3, 0.002), devices=REPORT)).keys() == {

@@ -13,9 +13,9 @@ from cosim.recording.colours import stress_scale
 from cosim.recording.creases import crease_lines
 from cosim.recording.rigid_mesh import corner_normals
 from cosim.soft.geometry.polygonal_stack import PolygonalStack
-from cosim.telemetry.snapshot import Snapshot, Stage
+from cosim.telemetry.snapshot import RunInfo, Snapshot
 
-MakeStage = Callable[..., Stage]
+MakeStage = Callable[..., RunInfo]
 MakeSnapshot = Callable[..., Snapshot]
 
 CUBE = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])

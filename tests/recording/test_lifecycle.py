@@ -15,13 +15,13 @@ import rerun as rr
 
 from cosim.errors import InputError, OutputError
 from cosim.recording import rerun_recorder
-from cosim.recording.recorder import NullRecorder, Part
+from cosim.recording.recorder import NullRecorder, RecordingPart
 from cosim.recording.rerun_recorder import RerunRecorder
-from cosim.telemetry.snapshot import Snapshot, Stage
+from cosim.telemetry.snapshot import RunInfo, Snapshot
 
 pytestmark = pytest.mark.usefixtures("strict")
 
-MakeStage = Callable[..., Stage]
+MakeStage = Callable[..., RunInfo]
 MakeSnapshot = Callable[..., Snapshot]
 Read = Callable[[Path], Any]
 
@@ -139,7 +139,7 @@ def test_run_without_a_tick_leaves_a_readable_file(rrd: Path, make_stage: MakeSt
 def test_equal_ids_join_recordings(rrd: Path, make_stage: MakeStage) -> None:
     ids = []
     for name in ("a", "b"):
-        recorder = RerunRecorder(rrd.with_name(name), part=Part("run-7"))
+        recorder = RerunRecorder(rrd.with_name(name), part=RecordingPart("run-7"))
         recorder.open(make_stage())
         recorder.close("", "completed")
         ids.append(rrd.with_name(name).read_bytes().count(b"run-7"))
@@ -183,7 +183,7 @@ def test_a_later_part_is_laid_out_as_the_first(
     stage = make_stage()
     first, last = make_snapshot(stage, 0), make_snapshot(stage, 400)
     paths = [rrd.with_name(name) for name in ("whole.rrd", "later.rrd")]
-    for path, part, begin in ((paths[0], None, 0), (paths[1], Part("run-7", (first, last)), 401)):
+    for path, part, begin in ((paths[0], None, 0), (paths[1], RecordingPart("run-7", (first, last)), 401)):
         recorder = RerunRecorder(path, part=part)
         recorder.open(stage)
         for tick in range(begin, 421):

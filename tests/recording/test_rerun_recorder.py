@@ -11,11 +11,11 @@ import pytest
 from numpy.typing import NDArray
 from rerun.chunk import RrdReader
 
-from cosim.telemetry.snapshot import Snapshot, Stage
+from cosim.telemetry.snapshot import RunInfo, Snapshot
 
 pytestmark = pytest.mark.usefixtures("strict")
 
-MakeStage = Callable[..., Stage]
+MakeStage = Callable[..., RunInfo]
 MakeSnapshot = Callable[..., Snapshot]
 Record = Callable[..., Any]
 FILM = "/world/soft/film"
@@ -23,7 +23,7 @@ SINGLE = 6e-8
 """Relative rounding error of single precision, in which the viewer keeps positions."""
 
 
-def frame_times(stage: Stage, frames_per_s: float) -> list[int]:
+def frame_times(stage: RunInfo, frames_per_s: float) -> list[int]:
     """First tick at or after each frame's instant, and the last tick [ns]."""
     tick_ns = round(1e9 * stage.tick_s)
     instants = np.arange(stage.duration_s * frames_per_s) / frames_per_s
@@ -146,7 +146,7 @@ def test_free_components_of_a_target_follow_the_tip(
     # A target of height alone leaves x and y free: not a number in the snapshot.
     stage = make_stage()
 
-    def at_a_height(stage: Stage, tick: int) -> Snapshot:
+    def at_a_height(stage: RunInfo, tick: int) -> Snapshot:
         return make_snapshot(stage, tick, tip_target=np.array([np.nan, np.nan, 0.4]))
 
     recorded = record(rrd, stage, at_a_height, ticks=50)

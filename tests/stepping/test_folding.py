@@ -11,7 +11,7 @@ import cosim
 from cosim.base.frames import Pose
 from cosim.build.soft_body import build_soft_body
 from cosim.config.loading import load_scenario
-from cosim.config.schema.solver import ChamberModel
+from cosim.config.schema.solver import ModelTable
 from cosim.errors import ConvergenceError
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
@@ -28,7 +28,7 @@ def inflated(
     """Return a weightless soft robot on a fixed flange under pressure, and what solves it."""
     keys = {f"soft_robot.{name.replace('__', '.')}": value for name, value in overrides.items()}
     robot = load_scenario(scenario, keys).soft_robot
-    body = build_soft_body(robot, ChamberModel(closed=closed))
+    body = build_soft_body(robot, ModelTable(closed=closed))
     clamp = Clamp.of_base(body)
     newton = NewtonSolver(SoftSystem(body), clamp.mask(body.nodes))
     solver = EquilibriumSolver(newton, clamp, NewtonOptions(iterations_max=100))

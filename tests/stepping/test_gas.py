@@ -12,10 +12,10 @@ from cosim.app.result import RunResult
 from cosim.base.frames import Array
 from cosim.build.simulation import build
 from cosim.config.loading import load_scenario
-from cosim.config.schema.solver import Gas
+from cosim.config.schema.solver import GasTable
 from cosim.errors import ScenarioError
 
-AMBIENT_Pa = Gas().ambient_Pa
+AMBIENT_Pa = GasTable().ambient_Pa
 INFLATE: dict[str, Any] = {"name": "inflate", "duration_s": 0.5, "increments": 20, "pressure_Pa": 5e3}
 PUSH = [{"rings": ["tip"], "total_N": [0.0, 0.0, -2.0]}]  # the specimen stands on its base
 

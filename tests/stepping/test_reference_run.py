@@ -15,7 +15,7 @@ import pytest
 from cosim.build.simulation import build
 from cosim.cli.main import main
 from cosim.config.loading import load_scenario
-from cosim.telemetry.snapshot import Snapshot, Stage
+from cosim.telemetry.snapshot import RunInfo, Snapshot
 
 REFERENCE = "ur5e_hexagon_arm"
 PHASES = ("hang", "inflate", "turn", "lift", "reach")
@@ -27,7 +27,7 @@ SHORTER: dict[str, Any] = {
 
 
 @cache
-def run(mode: str) -> tuple[Stage, tuple[Snapshot, ...]]:
+def run(mode: str) -> tuple[RunInfo, tuple[Snapshot, ...]]:
     """Return stage and snapshots of the shortened run."""
     simulation = build(
         load_scenario(REFERENCE, {"mode": mode, **(FEWER if mode == "quasistatic" else SHORTER)})

@@ -12,7 +12,7 @@ from cosim.cli.main import main
 from cosim.config.loading import load_scenario
 from cosim.errors import InputError
 from cosim.trade.measuring import measure
-from cosim.trade.members import Member, lower_fidelities, members_of, short_members
+from cosim.trade.members import Member, candidates_of, lower_fidelities, short_members
 from tests.trade.test_auto import small
 
 REFERENCE = "ur5e_hexagon_arm"
@@ -20,20 +20,20 @@ REFERENCE = "ur5e_hexagon_arm"
 
 def test_against_the_refined_mesh_there_is_one_table() -> None:
     scenario = load_scenario(REFERENCE)
-    both, one = members_of(scenario), members_of(scenario, truth="refined")
+    both, one = candidates_of(scenario), candidates_of(scenario, truth="refined")
     assert {member.name for member in both} == {member.name for member in one}
     assert [member.name for member in one if member.reference] == ["refined once more"]
     assert one[0].reference
     assert {member.group for member in one} == {"model"}
     assert one[0].changes["fidelity"] == "refined"
     with pytest.raises(InputError, match="no refined mesh"):
-        members_of(scenario, quick=True, truth="refined")
+        candidates_of(scenario, quick=True, truth="refined")
 
 
 def test_every_lower_fidelity_is_a_member_of_both_tables_and_of_the_short_list() -> None:
     assert "rigid" in lower_fidelities()
     for members in (
-        members_of(load_scenario(REFERENCE), quick=True),
+        candidates_of(load_scenario(REFERENCE), quick=True),
         short_members(load_scenario(REFERENCE)),
     ):
         timed = {member.changes["fidelity"] for member in members if member.group == "time"}
@@ -41,7 +41,9 @@ def test_every_lower_fidelity_is_a_member_of_both_tables_and_of_the_short_list()
 
 
 def test_every_switch_of_what_is_modelled_is_a_member() -> None:
-    changes = [member.changes for member in members_of(load_scenario(REFERENCE)) if member.group == "model"]
+    changes = [
+        member.changes for member in candidates_of(load_scenario(REFERENCE)) if member.group == "model"
+    ]
     keys = {key for change in changes for key in change}
     assert keys >= {"contact.enabled", "soft_robot.hinge.stiffness_factor", "mode", "fidelity"}
 

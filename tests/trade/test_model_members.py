@@ -14,7 +14,7 @@ from cosim.config.schema.scenario import Scenario
 from cosim.plan.flange_path import pose_of
 from cosim.trade.commands import flange_pose, with_commands
 from cosim.trade.measuring import measure
-from cosim.trade.members import Member, members_of
+from cosim.trade.members import Member, candidates_of
 from tests.trade.test_auto import small
 
 REFERENCE, GRASP = "ur5e_hexagon_arm", "gripper_lifts_roll"
@@ -36,13 +36,13 @@ def test_every_decision_of_a_run_has_a_member_that_decides_otherwise(name: str) 
     phases = [{"name": "rest", "duration_s": 0.1}]
     scenario = load_scenario(name, {"phase": phases, "mode": "dynamic"})
     decided = {entry.what for entry in build(scenario).stage.modelled}
-    assert decided == {member.decision for member in members_of(scenario, quick=True)} - {""}
+    assert decided == {member.decision for member in candidates_of(scenario, quick=True)} - {""}
 
 
 def test_members_of_a_scenario_with_a_light_object_keep_its_tick() -> None:
     grasp, arm = load_scenario(GRASP), load_scenario(REFERENCE)
     for scenario, tick_s in ((grasp, grasp.clock.tick_s), (arm, 0.01)):
-        models = [member for member in members_of(scenario, quick=True) if member.group == "model"]
+        models = [member for member in candidates_of(scenario, quick=True) if member.group == "model"]
         assert {member.changes["clock.tick_s"] for member in models} == {tick_s}
 
 

@@ -18,12 +18,12 @@ from cosim.cli.main import main
 from cosim.config.loading import load_scenario
 from cosim.config.schema.scenario import Scenario
 from cosim.errors import InputError
-from cosim.telemetry.snapshot import Snapshot, Stage
-from cosim.trade.choice import Wish, pareto_front, parse_budget, parse_force, parse_tolerance, pick
+from cosim.telemetry.snapshot import RunInfo, Snapshot
+from cosim.trade.choice import Requirement, pareto_front, parse_budget, parse_force, parse_tolerance, pick
 from cosim.trade.commands import with_commands
 from cosim.trade.curve import Curve, unfollowed
 from cosim.trade.measuring import Measured, Telling, compared, measure
-from cosim.trade.members import Member, members_of
+from cosim.trade.members import Member, candidates_of
 from cosim.trade.plot import draw
 from cosim.trade.report import as_json, choice_lines, markdown
 
@@ -75,17 +75,17 @@ def test_the_front_leaves_out_what_is_beaten_twice() -> None:
 @pytest.mark.parametrize(
     ("wish", "name"),
     [
-        (Wish(budget=1.0), "middle"),
-        (Wish(budget=8.0), "fast"),  # just met
-        (Wish(budget=5.0), "fast"),
-        (Wish(tolerance_m=0.006), "middle"),
-        (Wish(tolerance_m=0.5), "fast"),
-        (Wish(tolerance_m=0.001), "good"),
-        (Wish(tolerance_m=0.5, force_N=0.05), "middle"),
-        (Wish(budget=0.1, force_N=0.05), "good"),
+        (Requirement(budget=1.0), "middle"),
+        (Requirement(budget=8.0), "fast"),  # just met
+        (Requirement(budget=5.0), "fast"),
+        (Requirement(tolerance_m=0.006), "middle"),
+        (Requirement(tolerance_m=0.5), "fast"),
+        (Requirement(tolerance_m=0.001), "good"),
+        (Requirement(tolerance_m=0.5, force_N=0.05), "middle"),
+        (Requirement(budget=0.1, force_N=0.05), "good"),
     ],
 )
-def test_the_choice_meets_the_wish(wish: Wish, name: str) -> None:
+def test_the_choice_meets_the_wish(wish: Requirement, name: str) -> None:
     found = pick(made_up(), wish)
     assert found is not None
     assert names([found]) == [name]
@@ -95,7 +95,7 @@ def test_the_choice_meets_the_wish(wish: Wish, name: str) -> None:
 
 def test_a_budget_is_met_with_a_reserve_where_that_is_possible() -> None:
     for budget, name in ((4.0, "fast"), (3.0, "middle"), (7.9, "fast")):
-        found = pick(made_up(), Wish(budget=budget))
+        found = pick(made_up(), Requirement(budget=budget))
         assert found is not None
         assert names([found]) == [name]
 
@@ -103,14 +103,16 @@ def test_a_budget_is_met_with_a_reserve_where_that_is_possible() -> None:
 def test_a_tolerance_is_of_objects_as_well() -> None:
     reference, fast, _, middle, *_ = made_up()
     dropped = replace(middle, object_error_m=0.2)
-    assert pick([reference, fast, dropped], Wish(tolerance_m=0.006)) is None
+    assert pick([reference, fast, dropped], Requirement(tolerance_m=0.006)) is None
     assert names(pareto_front([reference, fast, dropped])) == ["fast"]
     assert "| objects, largest [mm] |" in markdown("made up", [reference, dropped])
     assert "objects, largest" not in markdown("made up", [reference, fast])
 
 
-@pytest.mark.parametrize("wish", [Wish(budget=9.0), Wish(tolerance_m=1e-5), Wish(1.0, force_N=0.01)])
-def test_a_wish_may_be_out_of_reach(wish: Wish) -> None:
+@pytest.mark.parametrize(
+    "wish", [Requirement(budget=9.0), Requirement(tolerance_m=1e-5), Requirement(1.0, force_N=0.01)]
+)
+def test_a_wish_may_be_out_of_reach(wish: Requirement) -> None:
     assert pick(made_up(), wish) is None
     assert choice_lines(made_up(), wish).startswith("No member")
 
@@ -135,7 +137,7 @@ def test_report_and_figures() -> None:
     assert "| * | middle, 1 ms, 1 tangent | 4.00 | 5 | 5 | 5 | 0.05 | 0.3 | 2.00 |" in table
     assert "| ref | finest | 0.10 |" in table
     assert "failed: ConvergenceError: no |" in table
-    document = json.loads(as_json("made up", made_up(), Wish(budget=1.0)))
+    document = json.loads(as_json("made up", made_up(), Requirement(budget=1.0)))
     assert document["choice"] == "middle, 1 ms, 1 tangent"
     assert [entry["pareto"] for entry in document["members"]] == [False, True, False, True, True, False]
     assert document["members"][-1]["tip_error_m"] is None
@@ -151,7 +153,7 @@ def test_members_of_the_reference_scenario_all_load() -> None:
     scenario = load_scenario(REFERENCE)
     commanded = with_commands(scenario, build)
     for quick in (False, True):
-        members = members_of(scenario, quick=quick, time_scale=0.5)
+        members = candidates_of(scenario, quick=quick, time_scale=0.5)
         assert len({member.name for member in members}) == len(members)
         assert members[0].reference
         assert members[0].changes["clock.tick_s"] < min(m.changes["clock.tick_s"] for m in members[1:])
@@ -162,15 +164,15 @@ def test_members_of_the_reference_scenario_all_load() -> None:
             for phase in changed.phases:
                 ticks = phase.duration_s / changed.clock.tick_s
                 assert ticks == pytest.approx(round(ticks), abs=1e-6)
-    groups = [member.group for member in members_of(scenario) if member.reference]
+    groups = [member.group for member in candidates_of(scenario) if member.reference]
     assert groups == ["time", "model"]
 
 
 def test_members_need_a_dynamic_run_and_a_positive_factor() -> None:
     with pytest.raises(InputError, match="quasistatic"):
-        members_of(load_scenario(REFERENCE, {"mode": "quasistatic"}))
+        candidates_of(load_scenario(REFERENCE, {"mode": "quasistatic"}))
     with pytest.raises(InputError, match="time scale"):
-        members_of(load_scenario(REFERENCE), time_scale=0.0)
+        candidates_of(load_scenario(REFERENCE), time_scale=0.0)
 
 
 def test_errors_shrink_with_the_tick_at_the_integrators_order() -> None:
@@ -236,7 +238,7 @@ def test_what_follows_a_run_sees_every_snapshot_and_ends_with_it() -> None:
     seen: list[int] = []
 
     @contextmanager
-    def follow(_scenario: Scenario, stage: Stage) -> Iterator[Callable[[Snapshot], None]]:
+    def follow(_scenario: Scenario, stage: RunInfo) -> Iterator[Callable[[Snapshot], None]]:
         try:
             yield lambda snapshot: seen.append(snapshot.tick)
         finally:
@@ -279,7 +281,7 @@ def test_the_command_writes_table_figures_and_plot(
     assert (out / "trade.md").read_text(encoding="utf-8") in written
     document = json.loads((out / "trade.json").read_text(encoding="utf-8"))
     assert document["scenario"] == REFERENCE
-    assert len(document["members"]) == len(members_of(load_scenario(REFERENCE), quick=True))
+    assert len(document["members"]) == len(candidates_of(load_scenario(REFERENCE), quick=True))
     monkeypatch.setattr(command, "can_draw", lambda: False)
     assert main(["trade", REFERENCE, "--quick", "--out", str(tmp_path / "b"), "--budget", "1e12x"]) == 1
     captured = capsys.readouterr()

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 
 from cosim.config.rules.gas_rules import gas_rules
-from cosim.config.schema.devices import ControllerDevice
-from cosim.config.schema.phase import Phase
+from cosim.config.schema.devices import ControllerTable
+from cosim.config.schema.phase import PhaseTable
 from cosim.config.schema.scenario import Scenario
 from cosim.config.toml.suggestions import unknown_name_message
 from cosim.errors import ScenarioError
@@ -55,12 +55,12 @@ def check_devices(scenario: Scenario) -> None:
             )
 
 
-def uses_lengths(phase: Phase) -> bool:
+def uses_lengths(phase: PhaseTable) -> bool:
     """Return whether a phase commands cable lengths."""
     return phase.cable_length_m is not None or phase.cable_shortening_m is not None
 
 
-def acting(phase: Phase) -> dict[str, float | None]:
+def acting(phase: PhaseTable) -> dict[str, float | None]:
     """Return the controllers that act in a phase, with their setpoints; None for one without."""
     named: dict[str, float | None] = dict.fromkeys(phase.control)
     for key in SETPOINTS:
@@ -105,9 +105,7 @@ def _check_winches(scenario: Scenario, cables: tuple[str, ...]) -> None:
             taken[name] = winch.name
 
 
-def _check_controller(
-    controller: ControllerDevice, cables: tuple[str, ...], tick_s: float, path: str
-) -> None:
+def _check_controller(controller: ControllerTable, cables: tuple[str, ...], tick_s: float, path: str) -> None:
     ticks = controller.period_s / tick_s
     if round(ticks) < 1 or abs(ticks - round(ticks)) > _PERIOD_ROUNDING * ticks:
         raise ScenarioError(
@@ -132,7 +130,7 @@ def _check_controller(
         )
 
 
-def _check_lengths(phase: Phase, cables: tuple[str, ...], path: str) -> None:
+def _check_lengths(phase: PhaseTable, cables: tuple[str, ...], path: str) -> None:
     lengths, shortenings = phase.cable_length_m or {}, phase.cable_shortening_m or {}
     for key, given in (("cable_length_m", lengths), ("cable_shortening_m", shortenings)):
         _check_cables(given, cables, f"{path}.{key}")
@@ -147,7 +145,7 @@ def _check_lengths(phase: Phase, cables: tuple[str, ...], path: str) -> None:
             )
 
 
-def _check_fidelity(phase: Phase, scenario: Scenario, path: str) -> None:
+def _check_fidelity(phase: PhaseTable, scenario: Scenario, path: str) -> None:
     """Check that cables are commanded by length only where the soft robot's model knows lengths."""
     reason = _WITHOUT_LENGTHS.get(scenario.fidelity)
     if reason is None:
@@ -162,7 +160,7 @@ def _check_fidelity(phase: Phase, scenario: Scenario, path: str) -> None:
             )
 
 
-def _check_pumping(phase: Phase, index: int, scenario: Scenario, path: str) -> None:
+def _check_pumping(phase: PhaseTable, index: int, scenario: Scenario, path: str) -> None:
     chambers = scenario.soft_robot.chamber_names()
     pumps = {pump.name: pump for pump in scenario.pumps}
     for name in phase.pump_pressure_Pa or {}:
@@ -174,7 +172,7 @@ def _check_pumping(phase: Phase, index: int, scenario: Scenario, path: str) -> N
             raise ScenarioError(where, "needs gas = 'sealed': a pump changes the amount of a trapped gas")
 
 
-def _check_control(phase: Phase, controllers: Sequence[ControllerDevice], path: str) -> None:
+def _check_control(phase: PhaseTable, controllers: Sequence[ControllerTable], path: str) -> None:
     known = {controller.name: controller for controller in controllers}
     moved = dict.fromkeys(phase.cable_length_m or {}, "cable_length_m or cable_shortening_m")
     moved |= dict.fromkeys(phase.cable_shortening_m or {}, "cable_length_m or cable_shortening_m")

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import final
 
 from cosim.config.schema.per_chamber import given_values, values_after
-from cosim.config.schema.phase import Phase
+from cosim.config.schema.phase import PhaseTable
 from cosim.config.schema.scenario import Scenario
 from cosim.config.toml.suggestions import unknown_name_message
 from cosim.errors import ScenarioError
@@ -74,7 +74,7 @@ def check_gas(scenario: Scenario) -> None:
 
 
 def _check_sealed(
-    phase: Phase, rule: GasRule, pressure_Pa: float | None, scenario: Scenario, path: str
+    phase: PhaseTable, rule: GasRule, pressure_Pa: float | None, scenario: Scenario, path: str
 ) -> None:
     if not scenario.chamber.closed:
         raise ScenarioError(f"{path}.gas", "'sealed' needs chamber.closed = true; open ends hold no gas")
@@ -107,7 +107,7 @@ def _check_sealing(pressure_Pa: float, ambient_Pa: float, path: str) -> None:
         )
 
 
-def _check_leak(phase: Phase, rules: tuple[GasRule, ...], names: tuple[str, ...], path: str) -> None:
+def _check_leak(phase: PhaseTable, rules: tuple[GasRule, ...], names: tuple[str, ...], path: str) -> None:
     """Check that a leak is given to sealed chambers; one number for all needs one of them to be sealed."""
     leaks = given_values(phase.leak_kg_s_Pa, names, f"{path}.leak_kg_s_Pa")
     single = not isinstance(phase.leak_kg_s_Pa, tuple | Mapping) and any(rule.sealed for rule in rules)

@@ -8,8 +8,8 @@ import numpy as np
 
 from cosim.base.triangle_mesh import read_mesh
 from cosim.config.schema.mesh_paths import mesh_path
-from cosim.config.schema.objects import Hinge, Part, SceneObject
-from cosim.config.schema.wire import Wire
+from cosim.config.schema.objects import HingeJointTable, ObjectTable, SolidTable
+from cosim.config.schema.wire import WireTable
 from cosim.config.toml.suggestions import unknown_name_message
 from cosim.errors import MeshError, ScenarioError
 
@@ -19,7 +19,7 @@ LEAST_INERTIA_kg_m2: Final = 1e-15  # that MuJoCo takes
 _SIZE_ENTRIES: Final = {"box": 3, "sphere": 1, "cylinder": 2, "capsule": 2, "ellipsoid": 3, "mesh": 0}
 
 
-def check_objects(objects: tuple[SceneObject, ...], wires: tuple[Wire, ...]) -> None:
+def check_objects(objects: tuple[ObjectTable, ...], wires: tuple[WireTable, ...]) -> None:
     """Check the objects and wires of a scenario, one by one and together.
 
     Raises:
@@ -36,7 +36,7 @@ def check_objects(objects: tuple[SceneObject, ...], wires: tuple[Wire, ...]) -> 
         _check_wire(wire, names, f"wire.{wire.name}")
 
 
-def _check_joint(entry: SceneObject, names: tuple[str, ...], path: str) -> None:
+def _check_joint(entry: ObjectTable, names: tuple[str, ...], path: str) -> None:
     if entry.hinge is not None and entry.slide is not None:
         raise ScenarioError(f"{path}.slide", "cannot stand beside hinge; an object has one joint")
     joint, key = entry.hinge or entry.slide, "hinge" if entry.hinge is not None else "slide"
@@ -46,8 +46,8 @@ def _check_joint(entry: SceneObject, names: tuple[str, ...], path: str) -> None:
         raise ScenarioError(f"{path}.mass_kg", f"is missing; what hangs on a {key} needs mass")
     if joint.parent is not None and joint.parent not in names:
         raise ScenarioError(f"{path}.{key}.parent", unknown_name_message("object", joint.parent, names))
-    unit = "rad" if isinstance(joint, Hinge) else "m"
-    limits = joint.range_rad if isinstance(joint, Hinge) else joint.range_m
+    unit = "rad" if isinstance(joint, HingeJointTable) else "m"
+    limits = joint.range_rad if isinstance(joint, HingeJointTable) else joint.range_m
     if limits is not None and not (limits[0] <= 0.0 <= limits[1] and limits[0] < limits[1]):
         raise ScenarioError(
             f"{path}.{key}.range_{unit}", f"{list(limits)} must increase and hold 0, where the object starts"
@@ -63,7 +63,7 @@ def _check_line(name: str, parents: dict[str, str | None]) -> None:
         line.append(parent)
 
 
-def _check_wire(wire: Wire, names: tuple[str, ...], path: str) -> None:
+def _check_wire(wire: WireTable, names: tuple[str, ...], path: str) -> None:
     for key in ("first", "last"):
         held = getattr(wire, key)
         if held is not None and held not in names:
@@ -85,7 +85,7 @@ def _check_wire(wire: Wire, names: tuple[str, ...], path: str) -> None:
         )
 
 
-def check_object(entry: SceneObject, path: str) -> None:
+def check_object(entry: ObjectTable, path: str) -> None:
     """Check one object; `path` is that of its table.
 
     Raises:
@@ -98,7 +98,7 @@ def check_object(entry: SceneObject, path: str) -> None:
         _check_solid(part, f"{path}.part.{index}")
 
 
-def _check_solid(entry: SceneObject | Part, path: str) -> None:
+def _check_solid(entry: ObjectTable | SolidTable, path: str) -> None:
     if entry.shape is None:
         if entry.size_m:
             raise ScenarioError(f"{path}.size_m", "goes with a shape; none is given")

@@ -12,9 +12,9 @@ from cosim.config.rules.gas_rules import check_gas
 from cosim.config.rules.object_rules import check_objects
 from cosim.config.rules.size_rules import check_sizes
 from cosim.config.rules.support_rules import check_holding, check_rings
-from cosim.config.schema.phase import Phase, TipTarget
+from cosim.config.schema.phase import PhaseTable, TipTargetTable
 from cosim.config.schema.scenario import NO_ARM, Scenario
-from cosim.config.schema.soft_robot import Cable, SoftRobot
+from cosim.config.schema.soft_robot import CableTable, SoftRobotTable
 from cosim.config.toml.suggestions import unknown_name_message
 from cosim.errors import ScenarioError
 
@@ -70,7 +70,7 @@ def _check_calibrated(scenario: Scenario) -> None:
         )
 
 
-def check_soft_robot(robot: SoftRobot, path: str) -> None:
+def check_soft_robot(robot: SoftRobotTable, path: str) -> None:
     """Check a soft robot's geometry, clamped rings and cables; `path` is that of its table.
 
     Raises:
@@ -102,7 +102,7 @@ def check_soft_robot(robot: SoftRobot, path: str) -> None:
     check_attachments(robot, path)
 
 
-def check_attachments(robot: SoftRobot, path: str) -> None:
+def check_attachments(robot: SoftRobotTable, path: str) -> None:
     """Check what a soft robot carries on its tip; `path` is that of the robot's table.
 
     Raises:
@@ -124,7 +124,7 @@ def check_attachments(robot: SoftRobot, path: str) -> None:
             )
 
 
-def _check_cable(cable: Cable, robot: SoftRobot, path: str) -> None:
+def _check_cable(cable: CableTable, robot: SoftRobotTable, path: str) -> None:
     sides, units = robot.chamber.sides, robot.chamber.units
     if cable.corner >= sides:
         raise ScenarioError(f"{path}.corner", f"{cable.corner} does not exist; corners 0 to {sides - 1} do")
@@ -138,7 +138,7 @@ def _check_cable(cable: Cable, robot: SoftRobot, path: str) -> None:
         raise ScenarioError(path, f"give capstan_factor or friction_coefficient; {given} is given")
 
 
-def _check_phase(phase: Phase, scenario: Scenario, path: str) -> None:
+def _check_phase(phase: PhaseTable, scenario: Scenario, path: str) -> None:
     robot = scenario.soft_robot
     if phase.duration_s < scenario.clock.tick_s:
         raise ScenarioError(
@@ -155,7 +155,7 @@ def _check_phase(phase: Phase, scenario: Scenario, path: str) -> None:
         _check_tip_target(phase.tip_target, phase, moves, robot, path)
 
 
-def _check_shake(phase: Phase, frequency_Hz: float, path: str) -> None:
+def _check_shake(phase: PhaseTable, frequency_Hz: float, path: str) -> None:
     if phase.ramp != "linear":
         raise ScenarioError(f"{path}.ramp", f"flange_shake needs ramp = 'linear'; it is '{phase.ramp}'")
     if phase.duration_s * frequency_Hz < 3.0:
@@ -165,7 +165,7 @@ def _check_shake(phase: Phase, frequency_Hz: float, path: str) -> None:
 
 
 def _check_tip_target(
-    target: TipTarget, phase: Phase, moves: Sequence[str], robot: SoftRobot, path: str
+    target: TipTargetTable, phase: PhaseTable, moves: Sequence[str], robot: SoftRobotTable, path: str
 ) -> None:
     where = f"{path}.tip_target"
     if (target.position_m is None) == (target.height_m is None):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from cosim.config.schema.phase import Phase
+from cosim.config.schema.phase import PhaseTable
 from cosim.config.schema.scenario import Scenario
 from cosim.errors import ScenarioError
 
@@ -34,7 +34,7 @@ def check_section(scenario: Scenario) -> None:
         _check_phase(phase)
 
 
-def _check_phase(phase: Phase) -> None:
+def _check_phase(phase: PhaseTable) -> None:
     path = f"phase.{phase.name}"
     if phase.supports:
         raise ScenarioError(f"{path}.support", "is not in a section model; use fidelity = 'lumped'")

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Final
 
-from cosim.config.schema.phase import Phase
+from cosim.config.schema.phase import PhaseTable
 from cosim.config.schema.scenario import Scenario
-from cosim.config.schema.soft_robot import SoftRobot
+from cosim.config.schema.soft_robot import SoftRobotTable
 from cosim.errors import ScenarioError
 
 MOST_TRIANGLES: Final = 200_000
@@ -35,7 +35,7 @@ def check_sizes(scenario: Scenario) -> None:
     _check_length(scenario)
 
 
-def triangle_count(robot: SoftRobot) -> int:
+def triangle_count(robot: SoftRobotTable) -> int:
     """Return how many triangles the mesh of a soft robot has, with its copies and attachments."""
     chamber = robot.chamber
     own = _TRIANGLES_PER_UNIT_AND_SIDE * chamber.sides * chamber.units << 2 * chamber.refine
@@ -55,7 +55,7 @@ def _check_triangles(scenario: Scenario) -> None:
         )
 
 
-def _check_shake(phase: Phase) -> None:
+def _check_shake(phase: PhaseTable) -> None:
     if phase.flange_shake is None:
         return
     periods = phase.flange_shake.frequency_Hz * phase.duration_s

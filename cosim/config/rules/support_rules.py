@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from cosim.config.schema.name_patterns import matching
-from cosim.config.schema.phase import Force, Phase, Support
+from cosim.config.schema.phase import ForceTable, PhaseTable, SupportTable
 from cosim.config.schema.scenario import NO_ARM, Scenario
-from cosim.config.schema.soft_robot import SoftRobot
+from cosim.config.schema.soft_robot import SoftRobotTable
 from cosim.config.toml.suggestions import unknown_name_message
 from cosim.errors import ScenarioError
 
@@ -40,7 +40,7 @@ def check_holding(scenario: Scenario) -> None:
             raise ScenarioError(f"{path}.release", "lets go of all that holds the soft robot; support it")
 
 
-def check_rings(rings: Iterable[str], robot: SoftRobot, path: str) -> None:
+def check_rings(rings: Iterable[str], robot: SoftRobotTable, path: str) -> None:
     """Check that rings, or patterns of rings, exist.
 
     Raises:
@@ -52,13 +52,13 @@ def check_rings(rings: Iterable[str], robot: SoftRobot, path: str) -> None:
             raise ScenarioError(path, unknown_name_message("ring", ring, known))
 
 
-def expanded(rings: Iterable[str], robot: SoftRobot) -> set[str]:
+def expanded(rings: Iterable[str], robot: SoftRobotTable) -> set[str]:
     """Return the names of the rings that names and patterns stand for."""
     known = robot.ring_names()
     return {name for ring in rings for name in matching(ring, known)}
 
 
-def _check_group(group: Support | Force, robot: SoftRobot, path: str) -> None:
+def _check_group(group: SupportTable | ForceTable, robot: SoftRobotTable, path: str) -> None:
     check_rings(group.rings, robot, f"{path}.rings")
     if group.corners is None:
         return
@@ -70,7 +70,7 @@ def _check_group(group: Support | Force, robot: SoftRobot, path: str) -> None:
             raise ScenarioError(f"{path}.corners", f"{corner} does not exist; corners 0 to {sides - 1} do")
 
 
-def _check_carrier(phase: Phase, robot: str, path: str) -> None:
+def _check_carrier(phase: PhaseTable, robot: str, path: str) -> None:
     """Check that a phase asks for motion only of an arm, and for supports only without one."""
     if robot != NO_ARM:
         if phase.supports:
@@ -88,7 +88,7 @@ def _check_carrier(phase: Phase, robot: str, path: str) -> None:
         )
 
 
-def _check_release(phase: Phase, held: set[str], robot: SoftRobot, path: str) -> None:
+def _check_release(phase: PhaseTable, held: set[str], robot: SoftRobotTable, path: str) -> None:
     for ring in phase.release:
         if not expanded([ring], robot) <= held:
             raise ScenarioError(

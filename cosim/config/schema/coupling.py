@@ -10,7 +10,7 @@ from cosim.config.toml.constraints import Bounds, Count
 
 @final
 @dataclass(frozen=True)
-class Coupling:
+class CouplingTable:
     """How arm, objects and soft robot exchange their loads in the dynamic mode.
 
     Args:

@@ -10,7 +10,7 @@ from cosim.config.toml.constraints import Length, Name, NonNegative, Positive
 
 @final
 @dataclass(frozen=True)
-class PumpDevice:
+class PumpTable:
     """A pump with a pressure switch on the gas of a chamber, at work where a phase gives `pump_pressure_Pa`.
 
     Args:
@@ -35,7 +35,7 @@ class PumpDevice:
 
 @final
 @dataclass(frozen=True)
-class WinchDevice:
+class WinchTable:
     """Winches of one kind, one per cable, which go to the cable lengths that phases and controllers command.
 
     Args:
@@ -58,7 +58,7 @@ class WinchDevice:
 
 @final
 @dataclass(frozen=True)
-class ControllerDevice:
+class ControllerTable:
     """A controller with a fixed rate, which acts in the phases that name it.
 
     Args:

@@ -13,7 +13,7 @@ Fidelity: TypeAlias = Literal["rigid", "section", "lumped", "refined", "auto"]
 
 @final
 @dataclass(frozen=True)
-class Auto:
+class AutoTable:
     """What fidelity, tick and integrator shall meet with `fidelity = "auto"`; at least one wish.
 
     Errors are those against the lumped model at the finest tick of the measurement.

@@ -7,10 +7,10 @@ from pathlib import Path
 from typing import TypeVar
 
 from cosim.base.resources import is_file, list_object_meshes, object_mesh_path
-from cosim.config.schema.objects import Part, SceneObject
+from cosim.config.schema.objects import ObjectTable, SolidTable
 from cosim.errors import ScenarioError
 
-Solid = TypeVar("Solid", SceneObject, Part)
+Solid = TypeVar("Solid", ObjectTable, SolidTable)
 
 
 def mesh_path(file: str) -> Path:
@@ -18,7 +18,7 @@ def mesh_path(file: str) -> Path:
     return Path(file) if Path(file).is_absolute() else object_mesh_path(file)
 
 
-def with_mesh_paths(objects: tuple[SceneObject, ...], folder: Path) -> tuple[SceneObject, ...]:
+def with_mesh_paths(objects: tuple[ObjectTable, ...], folder: Path) -> tuple[ObjectTable, ...]:
     """Return objects whose mesh files are absolute paths, or names of files that come with cosim.
 
     Args:

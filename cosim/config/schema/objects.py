@@ -36,7 +36,7 @@ GREY: tuple[float, float, float, float] = (0.55, 0.57, 0.60, 1.0)
 
 @final
 @dataclass(frozen=True)
-class Part:
+class SolidTable:
     """A further solid on an object's body; parts may overlap.
 
     Args:
@@ -66,7 +66,7 @@ class Part:
 
 @final
 @dataclass(frozen=True)
-class Hinge:
+class HingeJointTable:
     """Turns an object about an axis; the moment is -stiffness q - damping dq/dt - dry friction.
 
     Args:
@@ -88,7 +88,7 @@ class Hinge:
 
 @final
 @dataclass(frozen=True)
-class Slide:
+class SlideJointTable:
     """Shifts an object along an axis; the force is -stiffness q - damping dq/dt - dry friction.
 
     Args:
@@ -108,7 +108,7 @@ class Slide:
 
 @final
 @dataclass(frozen=True)
-class SceneObject:
+class ObjectTable:
     """A rigid body of the scene.
 
     Args:
@@ -138,6 +138,6 @@ class SceneObject:
     mass_kg: Positive | None = None
     rgba: Colour = GREY
     friction: NonNegative = 0.8
-    hinge: Hinge | None = None
-    slide: Slide | None = None
-    parts: tuple[Part, ...] = field(default=(), metadata={"key": "part"})
+    hinge: HingeJointTable | None = None
+    slide: SlideJointTable | None = None
+    parts: tuple[SolidTable, ...] = field(default=(), metadata={"key": "part"})

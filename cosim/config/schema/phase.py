@@ -29,7 +29,7 @@ Tensions = tuple[NonNegative, ...]
 
 @final
 @dataclass(frozen=True)
-class FlangePose:
+class FlangePoseTable:
     """Absolute pose of the flange: origin, z axis, roll about it (see the module's text)."""
 
     position_m: Vector3
@@ -39,7 +39,7 @@ class FlangePose:
 
 @final
 @dataclass(frozen=True)
-class FlangeTurn:
+class FlangeTurnTable:
     """Right-handed rotation about the flange's origin, world axis, from where the phase starts."""
 
     axis: Direction
@@ -48,7 +48,7 @@ class FlangeTurn:
 
 @final
 @dataclass(frozen=True)
-class FlangeShake:
+class FlangeShakeTable:
     """The flange swings to and fro along a line, and ends where it began.
 
     Args:
@@ -64,7 +64,7 @@ class FlangeShake:
 
 @final
 @dataclass(frozen=True)
-class TipTarget:
+class TipTargetTable:
     """Where the soft tip should be at the end of a phase: `position_m`, or only its height.
 
     Args:
@@ -84,7 +84,7 @@ class TipTarget:
 
 @final
 @dataclass(frozen=True)
-class Start:
+class StartTable:
     """State before the first tick; an empty list of tensions means none.
 
     Args:
@@ -93,14 +93,14 @@ class Start:
         cable_tension_N: at the base end of each cable.
     """
 
-    flange: FlangePose
+    flange: FlangePoseTable
     pressure_Pa: PerChamber[Pressure] = 0.0
     cable_tension_N: Tensions = ()
 
 
 @final
 @dataclass(frozen=True)
-class Support:
+class SupportTable:
     """Nodes held in the world; only without an arm.
 
     Args:
@@ -116,7 +116,7 @@ class Support:
 
 @final
 @dataclass(frozen=True)
-class Force:
+class ForceTable:
     """A dead load on nodes, at the end of the ramp.
 
     Args:
@@ -132,7 +132,7 @@ class Force:
 
 @final
 @dataclass(frozen=True)
-class Phase:
+class PhaseTable:
     """One stretch of the run; what is omitted stays as it is.
 
     What belongs to the gas is one value for all chambers, or a list, or a table by chamber.
@@ -181,12 +181,12 @@ class Phase:
     control: tuple[str, ...] = ()
     control_bending_angle_rad: Mapping[str, float] | None = None
     control_tip_height_m: Mapping[str, float] | None = None
-    flange: FlangePose | None = None
-    flange_turn: FlangeTurn | None = None
+    flange: FlangePoseTable | None = None
+    flange_turn: FlangeTurnTable | None = None
     flange_shift_m: Vector3 | None = None
-    flange_shake: FlangeShake | None = None
+    flange_shake: FlangeShakeTable | None = None
     release: tuple[str, ...] = ()
     clamp: tuple[str, ...] = ()
-    supports: tuple[Support, ...] = field(default=(), metadata={"key": "support"})
-    forces: tuple[Force, ...] = field(default=(), metadata={"key": "force"})
-    tip_target: TipTarget | None = None
+    supports: tuple[SupportTable, ...] = field(default=(), metadata={"key": "support"})
+    forces: tuple[ForceTable, ...] = field(default=(), metadata={"key": "force"})
+    tip_target: TipTargetTable | None = None

@@ -5,14 +5,21 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Annotated, Final, Literal, final
 
-from cosim.config.schema.coupling import Coupling
-from cosim.config.schema.devices import ControllerDevice, PumpDevice, WinchDevice
-from cosim.config.schema.fidelity import Auto, Fidelity
-from cosim.config.schema.objects import SceneObject
-from cosim.config.schema.phase import Phase, Start
-from cosim.config.schema.soft_robot import SoftRobot
-from cosim.config.schema.solver import ChamberModel, Clock, Contact, Gas, Recording, Solver
-from cosim.config.schema.wire import Wire
+from cosim.config.schema.coupling import CouplingTable
+from cosim.config.schema.devices import ControllerTable, PumpTable, WinchTable
+from cosim.config.schema.fidelity import AutoTable, Fidelity
+from cosim.config.schema.objects import ObjectTable
+from cosim.config.schema.phase import PhaseTable, StartTable
+from cosim.config.schema.soft_robot import SoftRobotTable
+from cosim.config.schema.solver import (
+    ClockTable,
+    ContactTable,
+    GasTable,
+    ModelTable,
+    RecordingTable,
+    SolverTable,
+)
+from cosim.config.schema.wire import WireTable
 from cosim.config.toml.constraints import Length, Name, Text, Vector3
 
 NO_ARM: Final = "none"
@@ -43,23 +50,23 @@ class Scenario:
     name: Name
     title: Text
     robot: str
-    soft_robot: SoftRobot
-    start: Start
-    phases: Annotated[tuple[Phase, ...], Length(at_least=1)] = field(metadata={"key": "phase"})
+    soft_robot: SoftRobotTable
+    start: StartTable
+    phases: Annotated[tuple[PhaseTable, ...], Length(at_least=1)] = field(metadata={"key": "phase"})
     mode: Literal["dynamic", "quasistatic"] = "dynamic"
     fidelity: Fidelity = "lumped"
-    auto: Auto | None = None
+    auto: AutoTable | None = None
     gravity_m_s2: Vector3 = (0.0, 0.0, -9.81)
     payload_compensation: bool = True
-    clock: Clock = Clock()
-    solver: Solver = Solver()
-    contact: Contact = Contact()
-    coupling: Coupling = Coupling()
-    chamber: ChamberModel = ChamberModel()
-    gas: Gas = Gas()
-    recording: Recording = Recording()
-    objects: tuple[SceneObject, ...] = field(default=(), metadata={"key": "object"})
-    wires: tuple[Wire, ...] = field(default=(), metadata={"key": "wire"})
-    pumps: tuple[PumpDevice, ...] = field(default=(), metadata={"key": "pump"})
-    winches: tuple[WinchDevice, ...] = field(default=(), metadata={"key": "winch"})
-    controllers: tuple[ControllerDevice, ...] = field(default=(), metadata={"key": "controller"})
+    clock: ClockTable = ClockTable()
+    solver: SolverTable = SolverTable()
+    contact: ContactTable = ContactTable()
+    coupling: CouplingTable = CouplingTable()
+    chamber: ModelTable = ModelTable()
+    gas: GasTable = GasTable()
+    recording: RecordingTable = RecordingTable()
+    objects: tuple[ObjectTable, ...] = field(default=(), metadata={"key": "object"})
+    wires: tuple[WireTable, ...] = field(default=(), metadata={"key": "wire"})
+    pumps: tuple[PumpTable, ...] = field(default=(), metadata={"key": "pump"})
+    winches: tuple[WinchTable, ...] = field(default=(), metadata={"key": "winch"})
+    controllers: tuple[ControllerTable, ...] = field(default=(), metadata={"key": "controller"})

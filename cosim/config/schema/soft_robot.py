@@ -28,7 +28,7 @@ UnitRange = tuple[Count, Count]
 
 @final
 @dataclass(frozen=True)
-class Chamber:
+class StackTable:
     """Geometry of a straight stack of polygonal units, drawn along the flange's z axis.
 
     Args:
@@ -61,7 +61,7 @@ class Chamber:
 
 @final
 @dataclass(frozen=True)
-class Film:
+class FilmTable:
     """Elastic sheet of the chamber walls.
 
     Args:
@@ -80,7 +80,7 @@ class Film:
 
 @final
 @dataclass(frozen=True)
-class Hinge:
+class HingeTable:
     """Rotational springs of the folds.
 
     Args:
@@ -99,7 +99,7 @@ class Hinge:
 
 @final
 @dataclass(frozen=True)
-class Frame:
+class StiffenerTable:
     """Printed frames around the outer ring of every unit.
 
     Args:
@@ -113,7 +113,7 @@ class Frame:
 
 @final
 @dataclass(frozen=True)
-class Mass:
+class MassTable:
     """Mass beyond that of the film.
 
     Args:
@@ -129,7 +129,7 @@ class Mass:
 
 @final
 @dataclass(frozen=True)
-class Cable:
+class CableTable:
     """A cable along one corner line, through the outer ring of each unit of a range.
 
     Exactly one of the two loss models is given.
@@ -152,7 +152,7 @@ class Cable:
 
 @final
 @dataclass(frozen=True)
-class Copies:
+class CopiesTable:
     """The robot several times on one flange, evenly spaced about its z axis, such as fingers on a palm.
 
     Ring names mean the first copy, towards the flange's +x; the rings of copy k are called copy_k/NAME, and
@@ -175,7 +175,7 @@ class Copies:
 
 @final
 @dataclass(frozen=True)
-class Palm:
+class PalmTable:
     """A round plate fixed to the flange, its back on the flange's xy plane; rigid bodies touch it.
 
     The film does not: it is mounted there. Only with an arm.
@@ -193,7 +193,7 @@ class Palm:
 
 @final
 @dataclass(frozen=True)
-class Calibration:
+class CalibrationTable:
     """Parameters of the unrefined mesh that make it answer like the refined one; made by `cosim calibrate`.
 
     Args:
@@ -217,7 +217,7 @@ class Calibration:
 
 @final
 @dataclass(frozen=True)
-class Plate:
+class PlateTable:
     """A stiff plate between two soft robots.
 
     Args:
@@ -231,7 +231,7 @@ class Plate:
 
 @final
 @dataclass(frozen=True)
-class Attachment:
+class AttachmentTable:
     """Another soft robot on the tip of this one; a plate joins its base rings to the tip ring.
 
     Its rings, cables and chambers are called NAME/ and their own name.
@@ -243,14 +243,14 @@ class Attachment:
     """
 
     name: Name
-    robot: SoftRobot
+    robot: SoftRobotTable
     height_m: NonNegative = 0.0
-    plate: Plate = Plate()
+    plate: PlateTable = PlateTable()
 
 
 @final
 @dataclass(frozen=True)
-class SoftRobot:
+class SoftRobotTable:
     """A soft robot: geometry, film, folds, masses, clamped rings and cables.
 
     Args:
@@ -264,17 +264,17 @@ class SoftRobot:
 
     name: Name
     source: Text
-    chamber: Chamber
-    film: Film
-    hinge: Hinge = Hinge()
-    frame: Frame = Frame()
-    mass: Mass = Mass()
+    chamber: StackTable
+    film: FilmTable
+    hinge: HingeTable = HingeTable()
+    frame: StiffenerTable = StiffenerTable()
+    mass: MassTable = MassTable()
     base: Annotated[tuple[str, ...], Length(at_least=1)] = ("unit_1.hole",)
-    cables: tuple[Cable, ...] = field(default=(), metadata={"key": "cable"})
-    copies: Copies | None = None
-    attachments: tuple[Attachment, ...] = field(default=(), metadata={"key": "attach"})
-    palm: Palm | None = None
-    calibration: Calibration | None = None
+    cables: tuple[CableTable, ...] = field(default=(), metadata={"key": "cable"})
+    copies: CopiesTable | None = None
+    attachments: tuple[AttachmentTable, ...] = field(default=(), metadata={"key": "attach"})
+    palm: PalmTable | None = None
+    calibration: CalibrationTable | None = None
     schema: Literal[1] = 1
 
     def cable_names(self) -> tuple[str, ...]:

@@ -10,7 +10,7 @@ from cosim.config.toml.constraints import Bounds, Count, NonNegative, Positive
 
 @final
 @dataclass(frozen=True)
-class Clock:
+class ClockTable:
     """The lockstep clock: rigid and soft side advance by one tick at a time."""
 
     tick_s: Annotated[float, Bounds(above=0.0, at_most=0.1)] = 0.002
@@ -18,7 +18,7 @@ class Clock:
 
 @final
 @dataclass(frozen=True)
-class Solver:
+class SolverTable:
     """How the soft side is solved.
 
     Args:
@@ -45,7 +45,7 @@ class Solver:
 
 @final
 @dataclass(frozen=True)
-class Contact:
+class ContactTable:
     """Contact of the soft robot with the scene and with itself; in the quasistatic mode without friction.
 
     Args:
@@ -69,7 +69,7 @@ class Contact:
 
 @final
 @dataclass(frozen=True)
-class ChamberModel:
+class ModelTable:
     """Switches for comparison with the published open-chamber data.
 
     Args:
@@ -85,7 +85,7 @@ class ChamberModel:
 
 @final
 @dataclass(frozen=True)
-class Orifice:
+class OrificeTable:
     """A hole or hose between two chambers; gas flows while both are sealed, dm/dt = conductance (p_1 - p_2).
 
     Args:
@@ -99,7 +99,7 @@ class Orifice:
 
 @final
 @dataclass(frozen=True)
-class Gas:
+class GasTable:
     """The gas in the chambers, wherever a phase seals it.
 
     Args:
@@ -112,12 +112,12 @@ class Gas:
     exponent: Annotated[float, Bounds(at_least=1.0, at_most=2.0)] = 1.4
     ambient_Pa: NonNegative = 101325.0
     temperature_K: Positive = 293.15
-    orifices: tuple[Orifice, ...] = field(default=(), metadata={"key": "orifice"})
+    orifices: tuple[OrificeTable, ...] = field(default=(), metadata={"key": "orifice"})
 
 
 @final
 @dataclass(frozen=True)
-class Recording:
+class RecordingTable:
     """How often the recording holds the scene, in simulated time; curves have a point per tick."""
 
     frames_per_s: Positive = 60.0

@@ -18,7 +18,7 @@ COPPER: tuple[float, float, float, float] = (0.72, 0.45, 0.20, 1.0)
 
 @final
 @dataclass(frozen=True)
-class Wire:
+class WireTable:
     """A thin flexible body that cannot stretch; its bodies are called NAME/1, NAME/2, ...
 
     Args:

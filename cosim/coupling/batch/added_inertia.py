@@ -7,7 +7,7 @@ from typing import NamedTuple
 from cosim.base.frames import Array
 
 
-class CarriedRow(NamedTuple):
+class AddedInertiaRow(NamedTuple):
     """What the joints carry in a row of ticks.
 
     Args:

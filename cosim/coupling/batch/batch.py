@@ -13,7 +13,7 @@ from typing import final
 import numpy as np
 
 from cosim.base.frames import Array, Mask, Pose
-from cosim.coupling.batch.added_inertia import CarriedRow
+from cosim.coupling.batch.added_inertia import AddedInertiaRow
 from cosim.coupling.batch.batch_kernel import (
     ALL_DONE,
     RIGID_SIDE_WARNS,
@@ -23,7 +23,7 @@ from cosim.coupling.batch.batch_kernel import (
     advance_ticks,
 )
 from cosim.coupling.schemes.ledger import LedgerEntry
-from cosim.coupling.schemes.momentum_balance import NOTHING, Handed, six_numbers
+from cosim.coupling.schemes.momentum_balance import NOTHING, TransferredLoads, six_numbers
 from cosim.coupling.schemes.staggered import StaggeredCoupling
 from cosim.coupling.soft_sides.chain_reader import ChainRows
 from cosim.coupling.soft_sides.section_arm import SectionArm
@@ -156,7 +156,7 @@ class Lockstep:
         return Row(ticks, shapes, pressure, done, half_done, broken, ratio, carried)
 
     def _advance(
-        self, ticks: Ticks, commands: Commands, loads: Sequence[Loads], carried: CarriedRow
+        self, ticks: Ticks, commands: Commands, loads: Sequence[Loads], carried: AddedInertiaRow
     ) -> tuple[int, int]:
         """Advance in one go; return how many ticks are done, and how that ended."""
         scene, soft, stepper = self._coupling.interface.scene, self._soft, self._soft.stepper
@@ -220,7 +220,7 @@ class Lockstep:
             )  # fmt: skip
             soft.go_to(last, _pose(ticks, done), loads[done - 1])
             size = float(ticks.handed[done, 6])
-            handed = Handed(six_numbers(ticks.handed[done, :6]), NOTHING, size, 0.0)
+            handed = TransferredLoads(six_numbers(ticks.handed[done, :6]), NOTHING, size, 0.0)
             coupling.end_row(done, supplied_wrench(figures), handed)
         if half_done:
             self._lost = float(ticks.momentum_error[done])

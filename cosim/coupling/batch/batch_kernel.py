@@ -13,7 +13,7 @@ from numba import types
 
 from cosim.base.frames import Array, IntArray
 from cosim.base.kernels import BLOCKS, BOOLEAN, INDICES, MATRIX, REAL, VECTOR, inlined, kernel
-from cosim.coupling.batch.added_inertia import CarriedRow
+from cosim.coupling.batch.added_inertia import AddedInertiaRow
 from cosim.coupling.schemes.momentum_balance import LEVER_M, SMALLEST_N
 from cosim.reduced.sections.outputs import CENTER, INERTIA, WRENCH
 from cosim.reduced.sections.pressure_spline import weighted_rows
@@ -100,7 +100,7 @@ class Ticks(NamedTuple):
         return Ticks(*(array[first:] for array in self))  # type: ignore[arg-type]
 
 
-_CARRIED = types.NamedTuple((types.Array(types.float64, 2, "A"), VECTOR, MATRIX), CarriedRow)
+_CARRIED = types.NamedTuple((types.Array(types.float64, 2, "A"), VECTOR, MATRIX), AddedInertiaRow)
 _COMMANDS = types.NamedTuple((MATRIX, MATRIX, MATRIX, BLOCKS, VECTOR, INDICES, MATRIX, MATRIX), Commands)
 _TICKS = types.NamedTuple(
     (

@@ -53,7 +53,7 @@ class AutomaticCoupling(Coupling):
     def tick(self, command: ServoCommand, loads: Loads) -> LedgerEntry:
         interface = self.interface
         if interface.to_be_weighed:
-            interface.weigh()
+            interface.update_stability_ratio()
         iterates = interface.ratio > self._ratio_bound or interface.contact_ratio > RATIO_BOUND
         if iterates and not self._iterates:
             self._iterated.begin_again()

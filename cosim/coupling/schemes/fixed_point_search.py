@@ -153,7 +153,7 @@ class InterfaceSearch:
         """Return both sides to the start of the tick; the soft side keeps its factorisation."""
         interface = self._interface
         interface.scene.restore_state(self._rigid)
-        interface.soft.take_back(self._before)
+        interface.soft.restore(self._before)
         if interface.contact is not None and self._contact is not None:
             interface.contact.restore_state(self._contact)
 

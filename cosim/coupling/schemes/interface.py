@@ -10,7 +10,7 @@ from cosim.base.frozen import changed
 from cosim.coupling.contact.added_mass_free import BodyMass, BodyMassState
 from cosim.coupling.contact.contact_exchange import ContactExchange, ContactState
 from cosim.coupling.contact.contact_report import NOTHING_TOUCHED, ContactReport
-from cosim.coupling.schemes.momentum_balance import NOTHING, Handed, six_numbers
+from cosim.coupling.schemes.momentum_balance import NOTHING, TransferredLoads, six_numbers
 from cosim.coupling.soft_sides.answer_weights import exchange_gain
 from cosim.coupling.soft_sides.mass import stability_ratio
 from cosim.coupling.soft_sides.soft_side import SoftReply, SoftSide
@@ -57,7 +57,7 @@ class InterfaceState:
     """
 
     wrench: Wrench
-    handed: Handed
+    handed: TransferredLoads
     touched: ContactReport
     ratio: float
     ticks: int
@@ -83,7 +83,7 @@ class Interface:
         self.body_mass = BodyMass(contact, soft, scene.tick_s) if contact is not None else None
         self._untouched = self._contacts()
         self.wrench = wrench
-        self.handed = Handed.of(wrench, scene.flange_pose.translation, NOTHING, 0.0)
+        self.handed = TransferredLoads.of(wrench, scene.flange_pose.translation, NOTHING, 0.0)
         self.touched: ContactReport = NOTHING_TOUCHED
         self.ratio = 0.0
         self.ticks = 0
@@ -109,7 +109,7 @@ class Interface:
     def _weighed_every(self) -> int:
         return self._seldom if self.ratio < _FAR_RATIO else self._often
 
-    def weigh(self) -> None:
+    def update_stability_ratio(self) -> None:
         """Find the stability ratio of the flange, as if no algorithmic mass rode on the joints.
 
         That of the soft side as a rigid body, times what its integrator makes of it in an exchange that is
@@ -169,5 +169,7 @@ class Interface:
             self.touched = self.contact.settle(soft.state.positions)
         if self.contact is not None and self.contact.planes is not None:
             film_load = six_numbers(self.contact.film_load(soft.state.positions))
-        self.handed = Handed.of(reply.wrench, flange.translation, film_load, self.touched.normal_force_N)
+        self.handed = TransferredLoads.of(
+            reply.wrench, flange.translation, film_load, self.touched.normal_force_N
+        )
         return reply

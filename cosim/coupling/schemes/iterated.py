@@ -68,7 +68,7 @@ class IteratedCoupling(Coupling):
     def tick(self, command: ServoCommand, loads: Loads) -> LedgerEntry:
         interface, vector = self.interface, self._vector
         if interface.to_be_weighed:
-            interface.weigh()
+            interface.update_stability_ratio()
         interface.ticks += 1
         interface.scene.set_control(command.position, command.velocity, command.feedforward)
         vector.begin()

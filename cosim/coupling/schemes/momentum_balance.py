@@ -1,6 +1,6 @@
 """Action and reaction, checked in every tick: what the rigid side has received is what was handed over.
 
-Handed over: the soft side's wrench on the flange, and the contact forces on its film with the opposite sign,
+Transferred: the soft side's wrench on the flange, and the contact forces on its film with the opposite sign,
 summed node by node. Received: what MuJoCo holds applied to the flange and to the touched bodies in the step,
 read back from it. Both are taken about the world's origin, so forces stand for momentum and torques for
 angular momentum, each times the tick. In the staggered exchange a tick receives what the tick before has
@@ -23,7 +23,7 @@ NOTHING: SixNumbers = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 @final
 @dataclass(frozen=True)
-class Handed:
+class TransferredLoads:
     """Loads about the world's origin, (force, torque) each; plain numbers, as numpy is slow on six.
 
     Args:
@@ -39,7 +39,7 @@ class Handed:
     bodies_size_N: float
 
     @classmethod
-    def of(cls, wrench: Wrench, origin: Array, film_load: SixNumbers, pressing_N: float) -> Handed:
+    def of(cls, wrench: Wrench, origin: Array, film_load: SixNumbers, pressing_N: float) -> TransferredLoads:
         """Return what the soft side hands over at the end of a step.
 
         Args:
@@ -53,9 +53,9 @@ class Handed:
         flange = (x, y, z, u + b * z - c * y, v + c * x - a * z, w + a * y - b * x)
         return cls(flange, film_load, max(abs(x), abs(y), abs(z)), pressing_N)
 
-    def plus(self, flange: SixNumbers, bodies: SixNumbers) -> Handed:
+    def plus(self, flange: SixNumbers, bodies: SixNumbers) -> TransferredLoads:
         """Return these loads and others on top."""
-        return Handed(
+        return TransferredLoads(
             _sum(self.flange, flange), _sum(self.bodies, bodies), self.flange_size_N, self.bodies_size_N
         )
 

@@ -16,11 +16,11 @@ from typing import final
 import numpy as np
 
 from cosim.base.frames import Array, Wrench
-from cosim.coupling.batch.added_inertia import CarriedRow
+from cosim.coupling.batch.added_inertia import AddedInertiaRow
 from cosim.coupling.schemes.algorithmic_mass import algorithmic_mass
 from cosim.coupling.schemes.interface import Interface, InterfaceState, ServoCommand
 from cosim.coupling.schemes.ledger import LedgerEntry
-from cosim.coupling.schemes.momentum_balance import Handed, received_bodies, received_flange
+from cosim.coupling.schemes.momentum_balance import TransferredLoads, received_bodies, received_flange
 from cosim.coupling.schemes.scheme import Coupling
 from cosim.coupling.soft_sides.answer_weights import expecting_no_change
 from cosim.soft.body.loads import Loads
@@ -65,7 +65,7 @@ class StaggeredCoupling(Coupling):
         interface = self.interface
         scene, received, handed = interface.scene, interface.wrench, interface.handed
         if interface.to_be_weighed:
-            self._weigh()
+            self._update_stability_ratio()
         interface.ticks += 1
         scene.set_control(command.position, command.velocity, command.feedforward)
         scene.apply_flange_wrench(received)
@@ -92,19 +92,19 @@ class StaggeredCoupling(Coupling):
             interface.body_mass.update(carry=self._bodies_carry)
         return self._entry(reply, received, algorithmic_mass=self._carries, momentum_error=momentum_error)
 
-    def begin_row(self) -> tuple[int, CarriedRow]:
+    def begin_row(self) -> tuple[int, AddedInertiaRow]:
         """Begin ticks that are taken elsewhere, in a row.
 
         Returns:
             How many may follow until the flange is to be weighed again, and what the joints carry meanwhile.
         """
         if self.interface.to_be_weighed:
-            self._weigh()
+            self._update_stability_ratio()
         joints = len(self._added) if self._carries else 0
-        carried = CarriedRow(self._added[:joints, :joints], self._weights, self._past)
+        carried = AddedInertiaRow(self._added[:joints, :joints], self._weights, self._past)
         return self.interface.ticks_to_weighing, carried
 
-    def end_row(self, ticks: int, wrench: Wrench, handed: Handed) -> None:
+    def end_row(self, ticks: int, wrench: Wrench, handed: TransferredLoads) -> None:
         """Go on from ticks that were taken elsewhere.
 
         Args:
@@ -123,10 +123,10 @@ class StaggeredCoupling(Coupling):
         self._added, self._carries = state.added, bool(state.added.any())
         self._past[:] = state.past
 
-    def _weigh(self) -> None:
+    def _update_stability_ratio(self) -> None:
         """Bring the stability ratio, and with it the carried algorithmic mass, up to date."""
         interface, scene = self.interface, self.interface.scene
-        interface.weigh()
+        interface.update_stability_ratio()
         carries, added = interface.ratio > self._ratio_bound, np.zeros_like(self._added)
         if carries:
             contact = None if interface.contact is None else interface.contact.planes

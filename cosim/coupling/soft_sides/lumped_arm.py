@@ -112,7 +112,7 @@ class SoftArm(SoftSide):
         """Advance by one step, as closely as asked for."""
         return self._advance((world_from_flange, loads), step_s, aim)
 
-    def take_back(self, before: SoftState) -> None:
+    def restore(self, before: SoftState) -> None:
         """Undo the last step; the factorisation stays."""
         self.state = before
         (self._flange, self._loads), self._flange_before, self._piece_s = self._begin

@@ -130,7 +130,7 @@ class SectionArm(SoftSide):
         start = None if aim.start is None else self._reached
         return self._advance(world_from_flange, loads, step_s, StepAim(aim.tolerance_N, start))
 
-    def take_back(self, before: SoftState) -> None:
+    def restore(self, before: SoftState) -> None:
         """Undo the last step; where it ended is a start for the next one."""
         self._reached = self._last.frames
         (self._last, self._flange, self._loads), self._film = self._begin, before

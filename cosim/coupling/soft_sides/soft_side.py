@@ -81,7 +81,7 @@ class SoftSide(ABC):
         """
         return self.advance(world_from_flange, loads, step_s)
 
-    def take_back(self, before: SoftState) -> None:
+    def restore(self, before: SoftState) -> None:
         """Undo the last step; what a solver has learned in it may stay.
 
         Args:

@@ -28,7 +28,7 @@ _ROUNDS_MAX = 30
 _TOLERANCE_N = 1e-6
 
 
-class Attempt(Protocol):
+class TensionAttempt(Protocol):
     """A solution at given tensions."""
 
     @property
@@ -48,7 +48,7 @@ class Attempt(Protocol):
         """Gauge pressure of the gas."""
 
 
-Found = TypeVar("Found", bound=Attempt)
+Found = TypeVar("Found", bound=TensionAttempt)
 
 
 def commanded(loads: Loads) -> tuple[int, ...]:

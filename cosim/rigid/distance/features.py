@@ -161,7 +161,7 @@ def _film_near(points, x, triangles, reach, depth, out_point, out_triangle, out_
 
 @final
 @dataclass(frozen=True)
-class FilmHits:
+class SceneHits:
     """Pairs of a feature point and the film triangle nearest to it.
 
     Args:
@@ -184,7 +184,7 @@ class FilmHits:
 
 def near_film(
     points: Array, positions: Array, triangles: IntArray, reach_m: float, depth_m: float
-) -> FilmHits:
+) -> SceneHits:
     """Return for each point the film triangle nearest to it, where it is near enough.
 
     Args:
@@ -200,6 +200,6 @@ def near_film(
     count = _film_near(
         np.ascontiguousarray(points), positions, triangles, reach_m, depth_m, point, triangle, weight, out
     )
-    return FilmHits(
+    return SceneHits(
         point[:count], triangle[:count], weight[:count], out[:count, 0], np.ascontiguousarray(out[:count, 1:])
     )

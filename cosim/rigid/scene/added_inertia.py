@@ -16,7 +16,7 @@ from cosim.base.frames import Array, IntArray
 
 
 @final
-class CarriedMass:
+class AddedInertia:
     """Keeps MuJoCo's mass matrix up to date with what is carried.
 
     `on_arm` (joints, joints) is A, `bodies` (b,) and `inertia` (b, 6, 6) say what bodies carry.

@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 
 from cosim.base.frames import Array, IntArray, Mask, cross
-from cosim.rigid.scene.added_inertia import CarriedMass
+from cosim.rigid.scene.added_inertia import AddedInertia
 
 
 @final
@@ -32,7 +32,7 @@ class Bodies:
         self._on_joints[self.free] = False
         self.loaded: IntArray = np.zeros(0, np.int64)
         self._own_armature = model.dof_armature[self._dofs].copy()
-        self.carried = CarriedMass(model, data, arm)
+        self.carried = AddedInertia(model, data, arm)
 
     def names(self, bodies: IntArray) -> tuple[str, ...]:
         """Return the names of bodies (b,)."""
