@@ -16,9 +16,9 @@ SAVES = {"save_state", "_save_own", "_lend_factor"}
 """Any of these methods saves: its own, what a run adds to its base class, what a linear solver adds."""
 
 SAVED_OTHERWISE = {
+    "AddedInertia": "by RigidScene",
     "Arm": "the payload in its model is set anew for every payload",
     "Bodies": "by RigidScene",
-    "CarriedMass": "by RigidScene",
     "ChainSolver": "workspace, and what it keeps by pressure and loads",
     "ChainStepper": "the flange's frame, for the kernel",
     "ContactQuery": "poses, read anew for every search",

@@ -19,7 +19,7 @@ from cosim.errors import ScenarioError
 from cosim.trade import auto
 from cosim.trade.curve import trace
 from cosim.trade.measuring import Measured, compared
-from cosim.trade.members import Member, short_members
+from cosim.trade.members import Candidate, short_members
 
 WORDS = {"fidelity": "auto", "auto.tolerance_m": 1e-3}
 
@@ -39,7 +39,7 @@ def made_up_measure(calls: list[int]) -> Callable[..., list[Measured]]:
     """Return a measurement in which a coarser tick is faster and worse: error [m] = tick / 10."""
 
     def measure(
-        _scenario: Scenario, members: tuple[Member, ...], *_others: Any, **_more: Any
+        _scenario: Scenario, members: tuple[Candidate, ...], *_others: Any, **_more: Any
     ) -> list[Measured]:
         calls.append(len(members))
         results = []

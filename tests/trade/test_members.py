@@ -12,7 +12,7 @@ from cosim.cli.main import main
 from cosim.config.loading import load_scenario
 from cosim.errors import InputError
 from cosim.trade.measuring import measure
-from cosim.trade.members import Member, candidates_of, lower_fidelities, short_members
+from cosim.trade.members import Candidate, candidates_of, lower_fidelities, short_members
 from tests.trade.test_auto import small
 
 REFERENCE = "ur5e_hexagon_arm"
@@ -54,8 +54,8 @@ def test_statics_are_compared_at_phase_ends_only() -> None:
         {"name": "more", "duration_s": 0.2, "settle_s": 0.2, "pressure_Pa": 10e3, "increments": 4},
     ]
     members = [
-        Member("dynamics", "model", {"clock.tick_s": 0.005}, reference=True),
-        Member("statics", "model", {"mode": "quasistatic"}),
+        Candidate("dynamics", "model", {"clock.tick_s": 0.005}, reference=True),
+        Candidate("statics", "model", {"mode": "quasistatic"}),
     ]
     slow = small(**{"phase": phases, "solver.damping_per_s": 30.0})
     statics = measure(slow, members, build)[1]

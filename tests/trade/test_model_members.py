@@ -14,7 +14,7 @@ from cosim.config.schema.scenario import Scenario
 from cosim.plan.flange_path import pose_of
 from cosim.trade.commands import flange_pose, with_commands
 from cosim.trade.measuring import measure
-from cosim.trade.members import Member, candidates_of
+from cosim.trade.members import Candidate, candidates_of
 from tests.trade.test_auto import small
 
 REFERENCE, GRASP = "ur5e_hexagon_arm", "gripper_lifts_roll"
@@ -74,10 +74,10 @@ def test_commands_in_place_of_targets_lead_the_same_way() -> None:
 def test_switches_are_measured_against_the_model_as_it_is() -> None:
     softer = {"soft_robot.film.young_modulus_Pa": 1e8}
     members = [
-        Member("finer", "model", {"clock.tick_s": 0.005, **softer}, reference=True, commanded=True),
-        Member("as it is", "model", {"clock.tick_s": 0.01}, base=True, commanded=True),
-        Member("the same", "model", {"clock.tick_s": 0.01}, commanded=True),
-        Member("other", "model", {"clock.tick_s": 0.01, **softer}, commanded=True),
+        Candidate("finer", "model", {"clock.tick_s": 0.005, **softer}, reference=True, commanded=True),
+        Candidate("as it is", "model", {"clock.tick_s": 0.01}, base=True, commanded=True),
+        Candidate("the same", "model", {"clock.tick_s": 0.01}, commanded=True),
+        Candidate("other", "model", {"clock.tick_s": 0.01, **softer}, commanded=True),
     ]
     finer, base, same, other = measure(lifted(), members, build)
     assert np.isnan(finer.base_error_m)

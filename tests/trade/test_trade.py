@@ -23,7 +23,7 @@ from cosim.trade.choice import Requirement, pareto_front, parse_budget, parse_fo
 from cosim.trade.commands import with_commands
 from cosim.trade.curve import Curve, unfollowed
 from cosim.trade.measuring import Measured, Telling, compared, measure
-from cosim.trade.members import Member, candidates_of
+from cosim.trade.members import Candidate, candidates_of
 from cosim.trade.plot import draw
 from cosim.trade.report import as_json, choice_lines, markdown
 
@@ -33,17 +33,17 @@ MADE_UP = [("fast", 8.0, 0.02), ("slow and bad", 1.0, 0.03), ("middle", 4.0, 0.0
 
 def made_up() -> list[Measured]:
     """Return a reference and four members with given speeds and errors."""
-    reference = Measured(Member("finest", "time", {}, reference=True), 0.1, 0.0, 0.0, 0.0, 0.0, 0.0, 2.0)
+    reference = Measured(Candidate("finest", "time", {}, reference=True), 0.1, 0.0, 0.0, 0.0, 0.0, 0.0, 2.0)
     changes = {"clock.tick_s": 0.001, "phase.a.duration_s": 1.0}
     rows = [
-        Measured(Member(f"{name}, 1 ms, 1 tangent", "time", changes),
+        Measured(Candidate(f"{name}, 1 ms, 1 tangent", "time", changes),
                  factor, error, error, error, 10.0 * error, 0.3, 2.0)
         for name, factor, error in MADE_UP
     ]  # fmt: skip
     return [
         reference,
         *rows,
-        Measured(Member("lost", "time", {}), failure="failed: ConvergenceError: no; at all"),
+        Measured(Candidate("lost", "time", {}), failure="failed: ConvergenceError: no; at all"),
     ]
 
 
@@ -178,12 +178,12 @@ def test_members_need_a_dynamic_run_and_a_positive_factor() -> None:
 def test_errors_shrink_with_the_tick_at_the_integrators_order() -> None:
     converged = {"solver.dynamic_newton_iterations": 50, "solver.dynamic_tolerance_N": 1e-8}
     members = [
-        Member("finest", "time", {**converged, "clock.tick_s": 2.5e-4, "solver.integrator": "bdf2"}, True)
+        Candidate("finest", "time", {**converged, "clock.tick_s": 2.5e-4, "solver.integrator": "bdf2"}, True)
     ]
     for integrator in ("implicit_euler", "bdf2"):
         for tick in (0.002, 0.001):
             changes = {**converged, "clock.tick_s": tick, "solver.integrator": integrator}
-            members.append(Member(f"{integrator} {tick}", "time", changes))
+            members.append(Candidate(f"{integrator} {tick}", "time", changes))
     told: list[Measured] = []
     # slow and damped, so that the errors are those of the motion and not of the film's vibrations
     phase = {"name": "inflate", "duration_s": 0.4, "pressure_Pa": 20e3}
@@ -208,9 +208,9 @@ def test_errors_shrink_with_the_tick_at_the_integrators_order() -> None:
 
 def test_a_member_that_fails_leaves_the_others() -> None:
     members = [
-        Member("finest", "time", {"clock.tick_s": 0.005}, True),
-        Member("impossible", "time", {"clock.tick_s": 0.01, "start.pressure_Pa": "high"}),
-        Member("coarse", "time", {"clock.tick_s": 0.01}),
+        Candidate("finest", "time", {"clock.tick_s": 0.005}, True),
+        Candidate("impossible", "time", {"clock.tick_s": 0.01, "start.pressure_Pa": "high"}),
+        Candidate("coarse", "time", {"clock.tick_s": 0.01}),
     ]
     results = measure(small(), members, build)
     assert [bool(result.failure) for result in results] == [False, True, False]
@@ -220,8 +220,8 @@ def test_a_member_that_fails_leaves_the_others() -> None:
 
 def test_a_member_that_is_too_slow_is_stopped_by_name() -> None:
     members = [
-        Member("finest", "time", {"clock.tick_s": 0.005}, True),
-        Member("coarse", "time", {"clock.tick_s": 0.01}),
+        Candidate("finest", "time", {"clock.tick_s": 0.005}, True),
+        Candidate("coarse", "time", {"clock.tick_s": 0.01}),
     ]
     # no machine is that fast; a reference may be ten times slower, and is not stopped either
     results = measure(small(), members, build, slowest=1e9)
@@ -244,7 +244,7 @@ def test_what_follows_a_run_sees_every_snapshot_and_ends_with_it() -> None:
         finally:
             seen.append(-stage.ticks)
 
-    members = [Member("finest", "time", {"clock.tick_s": 0.02}, True)]
+    members = [Candidate("finest", "time", {"clock.tick_s": 0.02}, True)]
     measure(small(), members, build, follow=follow)
     assert seen == [*range(8), -7]
     seen.clear()
@@ -258,12 +258,12 @@ def test_objects_that_can_move_are_compared() -> None:
     there, here = (
         Curve(times, still, objects, still, np.zeros(2), (1,), 0.1, 1.0) for objects in (0.0 * moved, moved)
     )
-    result = compared(Member("other", "time", {}), here, there)
+    result = compared(Candidate("other", "time", {}), here, there)
     assert result.object_error_m == pytest.approx(0.5)
     assert result.tip_error_m == 0.0
     assert result.position_error_m == result.object_error_m
     without = Curve(times, still, np.zeros((2, 0, 3)), still, np.zeros(2), (1,), 0.1, 1.0)
-    assert compared(Member("other", "time", {}), without, without).position_error_m == 0.0
+    assert compared(Candidate("other", "time", {}), without, without).position_error_m == 0.0
 
 
 def test_the_command_writes_table_figures_and_plot(
