@@ -10,7 +10,7 @@ from cosim.build.simulation import build
 from cosim.config.loading import load_scenario
 from cosim.trade.curve import Curve, trace
 from cosim.trade.measuring import Measured, compared
-from cosim.trade.members import Member
+from cosim.trade.members import Candidate
 
 
 def pushed(tick_s: float, force_N: Array) -> Curve:
@@ -22,7 +22,7 @@ def pushed(tick_s: float, force_N: Array) -> Curve:
 
 
 def force_error(here: Curve, there: Curve) -> float:
-    return compared(Member("other", "time", {}), here, there).force_error_N
+    return compared(Candidate("other", "time", {}), here, there).force_error_N
 
 
 def test_the_force_is_compared_by_its_moving_mean() -> None:
@@ -70,4 +70,4 @@ def test_with_an_arm_errors_are_of_first_order_in_the_tick() -> None:
 
 
 def error(here: Curve, there: Curve) -> Measured:
-    return compared(Member("coarser", "time", {}), here, there)
+    return compared(Candidate("coarser", "time", {}), here, there)
