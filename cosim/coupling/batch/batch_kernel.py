@@ -100,7 +100,7 @@ class Ticks(NamedTuple):
         return Ticks(*(array[first:] for array in self))  # type: ignore[arg-type]
 
 
-_CARRIED = types.NamedTuple((types.Array(types.float64, 2, "A"), VECTOR, MATRIX), AddedInertiaRow)
+_CARRIED = types.NamedTuple((MATRIX, VECTOR, MATRIX), AddedInertiaRow)
 _COMMANDS = types.NamedTuple((MATRIX, MATRIX, MATRIX, BLOCKS, VECTOR, INDICES, MATRIX, MATRIX), Commands)
 _TICKS = types.NamedTuple(
     (

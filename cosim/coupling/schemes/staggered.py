@@ -101,7 +101,7 @@ class StaggeredCoupling(Coupling):
         if self.interface.to_be_weighed:
             self._update_stability_ratio()
         joints = len(self._added) if self._carries else 0
-        carried = AddedInertiaRow(self._added[:joints, :joints], self._weights, self._past)
+        carried = AddedInertiaRow(self._added[:joints, :joints].copy(), self._weights, self._past)
         return self.interface.ticks_to_weighing, carried
 
     def end_row(self, ticks: int, wrench: Wrench, handed: TransferredLoads) -> None:
