@@ -24,7 +24,8 @@ from cosim.telemetry.snapshot import RunInfo, Snapshot
 from cosim.trade.auto import settled
 from cosim.trade.choice import Requirement
 from cosim.trade.curve import Curve, CurveBuilder, trace
-from cosim.trade.measuring import FORCE_MEAN, compared
+from cosim.trade.measured import FORCE_MEAN
+from cosim.trade.measuring import compared
 from cosim.trade.members import Candidate, durations, short_members
 
 

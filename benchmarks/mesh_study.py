@@ -35,10 +35,11 @@ from cosim.soft.geometry.refinement import refine
 from cosim.soft.geometry.surface import interior_hinges
 from cosim.soft.solve.assembly import SoftSystem
 from cosim.soft.solve.compilation import compile_kernels
-from cosim.soft.solve.equilibrium import Equilibrium, EquilibriumSolver
-from cosim.soft.solve.newton import NewtonOptions, NewtonSolver
+from cosim.soft.solve.equilibrium import EquilibriumSolver
+from cosim.soft.solve.newton import NewtonSolver
+from cosim.soft.solve.newton_options import NewtonOptions
 from cosim.soft.solve.stability import PerturbationOptions, find_lower_state, negative_pivots
-from cosim.soft.solve.state import Clamp, SoftState
+from cosim.soft.solve.state import Clamp, Equilibrium, SoftState
 
 REFERENCE = Path(__file__).resolve().parents[1] / "tests/reference/finite_elements.json"
 PRESSURES_KPA = (2.0, 5.0, 10.0, 20.0, 40.0)

@@ -26,9 +26,10 @@ from cosim.soft.elements.cable import Cable
 from cosim.soft.elements.material import Film, FilmLaw
 from cosim.soft.geometry.surface import interior_hinges
 from cosim.soft.solve.assembly import SoftSystem
-from cosim.soft.solve.equilibrium import Equilibrium, EquilibriumSolver
-from cosim.soft.solve.newton import NewtonOptions, NewtonSolver
-from cosim.soft.solve.state import Clamp, SoftState
+from cosim.soft.solve.equilibrium import EquilibriumSolver
+from cosim.soft.solve.newton import NewtonSolver
+from cosim.soft.solve.newton_options import NewtonOptions
+from cosim.soft.solve.state import Clamp, Equilibrium, SoftState
 
 REFERENCE = Path(__file__).resolve().parents[1] / "tests" / "reference" / "UR_Pneumatic.npz"
 PAPER_INCREMENTS = (140, 140, 100)

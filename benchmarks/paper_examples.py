@@ -34,7 +34,8 @@ from cosim.soft.elements.cable import Cable
 from cosim.soft.elements.material import Film, FilmLaw
 from cosim.soft.geometry.surface import dihedral_angle
 from cosim.soft.solve.assembly import SoftSystem
-from cosim.soft.solve.newton import NewtonOptions, NewtonSolver
+from cosim.soft.solve.newton import NewtonSolver
+from cosim.soft.solve.newton_options import NewtonOptions
 
 REFERENCE = Path(__file__).resolve().parents[1] / "tests" / "reference"
 EXAMPLES = (

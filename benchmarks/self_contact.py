@@ -26,10 +26,10 @@ from cosim.soft.contact.obstacle_contact import ContactLaw
 from cosim.soft.contact.self_contact_pairs import FilmPairs, feet
 from cosim.soft.linear.envelope_cholesky import EnvelopeCholesky
 from cosim.soft.linear.low_rank import LowRank
-from cosim.soft.solve.equilibrium import Equilibrium, EquilibriumSolver
-from cosim.soft.solve.newton import NewtonOptions
+from cosim.soft.solve.equilibrium import EquilibriumSolver
+from cosim.soft.solve.newton_options import NewtonOptions
 from cosim.soft.solve.self_contact import FilmContactLaw, SelfContact
-from cosim.soft.solve.state import SoftState
+from cosim.soft.solve.state import Equilibrium, SoftState
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from tests.soft.bodies import HANGING, Held, PRESSURE_Pa, held, hexagon_arm, no_load

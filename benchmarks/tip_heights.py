@@ -24,9 +24,9 @@ from cosim.coupling.soft_sides.lumped_arm import SoftArm
 from cosim.errors import ConvergenceError, UnreachableError
 from cosim.plan.target_motion import reach
 from cosim.soft.body.loads import Loads
-from cosim.soft.solve.equilibrium import Equilibrium
-from cosim.soft.solve.newton import NewtonOptions
-from cosim.soft.solve.time_step import StepOptions
+from cosim.soft.solve.newton_options import NewtonOptions
+from cosim.soft.solve.state import Equilibrium
+from cosim.soft.solve.time_scheme import StepOptions
 from cosim.soft.targets.tension_search import find_tensions
 from cosim.soft.targets.tip_target import TipTarget
 

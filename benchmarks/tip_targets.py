@@ -33,10 +33,10 @@ from cosim.plan.flange_path import FlangeWay, pose_of
 from cosim.plan.plan import start_equilibrium
 from cosim.soft.body.center_line import center_line_length, hole_rings
 from cosim.soft.body.loads import Loads
-from cosim.soft.solve.equilibrium import Equilibrium
-from cosim.soft.solve.newton import NewtonOptions
-from cosim.soft.solve.sensitivity import TipFrame
-from cosim.soft.solve.time_step import StepOptions
+from cosim.soft.body.tip_frame import TipFrame
+from cosim.soft.solve.newton_options import NewtonOptions
+from cosim.soft.solve.state import Equilibrium
+from cosim.soft.solve.time_scheme import StepOptions
 from cosim.soft.targets import tip_target as search
 from cosim.soft.targets.flange_search import find_flange_pose
 

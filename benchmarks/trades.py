@@ -29,7 +29,8 @@ from cosim.config.loading import load_scenario
 from cosim.recording import membrane_colours
 from cosim.trade.choice import Requirement
 from cosim.trade.compilation import compile_for_trade
-from cosim.trade.measuring import Measured, measure
+from cosim.trade.measured import Measured
+from cosim.trade.measuring import measure
 from cosim.trade.members import candidates_of
 from cosim.trade.plot import draw
 from cosim.trade.report import as_json, choice_lines, markdown

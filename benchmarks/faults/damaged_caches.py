@@ -30,7 +30,7 @@ from cosim.config.schema.scenario import Scenario
 from cosim.reduced.section_model import SectionModel
 from cosim.reduced.sections.pressure_spline import PressureSpline
 from cosim.trade import auto
-from cosim.trade.measuring import Measured
+from cosim.trade.measured import Measured
 from cosim.trade.members import short_members
 
 WAYS = 205

@@ -10,8 +10,8 @@ from cosim.base.frames import Pose, rotation_from_vector
 from cosim.coupling.soft_sides.lumped_arm import SoftArm
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
-from cosim.soft.solve.newton import NewtonOptions
-from cosim.soft.solve.time_step import StepOptions
+from cosim.soft.solve.newton_options import NewtonOptions
+from cosim.soft.solve.time_scheme import StepOptions
 
 STEP_S = 0.002
 HANGING = Pose(np.diag([1.0, -1.0, -1.0]))

@@ -14,9 +14,11 @@ from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
 from cosim.soft.solve.assembly import SoftSystem
 from cosim.soft.solve.equilibrium import EquilibriumSolver
-from cosim.soft.solve.newton import NewtonOptions, NewtonSolver
+from cosim.soft.solve.newton import NewtonSolver
+from cosim.soft.solve.newton_options import NewtonOptions
 from cosim.soft.solve.state import Clamp, SoftState
-from cosim.soft.solve.time_step import ImplicitStepper, Integrator, StepOptions
+from cosim.soft.solve.time_scheme import Integrator, StepOptions
+from cosim.soft.solve.time_step import ImplicitStepper
 
 _HANGING = Pose(np.diag([1.0, -1.0, -1.0]))
 

@@ -16,7 +16,6 @@ from cosim._version import __version__
 from cosim.app.checkpoint import Checkpoint, CheckpointKeeper, Origin, read_checkpoint
 from cosim.app.loaded_files import loaded_digests
 from cosim.app.run_files import RECORDING, RunFiles
-from cosim.base.resources import cache_directory
 from cosim.base.stateful import Stateful
 from cosim.config.schema.scenario import Scenario
 from cosim.config.schema.solver import RecordingTable
@@ -212,27 +211,6 @@ def build_simulation(
     from cosim.build.simulation import build
 
     return build(scenario, controllers, before)
-
-
-def with_fidelity_chosen(scenario: Scenario, tell: Callable[[str], None]) -> Scenario:
-    """Return the scenario with `fidelity = "auto"` replaced by what meets its `[auto]`; build what it needs.
-
-    Args:
-        scenario: checked.
-        tell: told what is measured, and what is chosen.
-
-    Raises:
-        ScenarioError: nothing meets it.
-    """
-    if scenario.fidelity == "auto":
-        from cosim.trade.auto import settled  # here: few runs measure anything
-
-        scenario = settled(scenario, build_simulation, cache_directory(), tell, recorded)
-    if scenario.fidelity == "section":
-        from cosim.build.section_cache import section_model  # here, as few runs build one
-
-        section_model(scenario, tell)
-    return scenario
 
 
 @contextmanager

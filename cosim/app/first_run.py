@@ -6,7 +6,8 @@ import logging
 from collections.abc import Callable
 from types import ModuleType
 
-from cosim.app.driver import with_fidelity_chosen
+from cosim.app.driver import build_simulation, recorded
+from cosim.base.resources import cache_directory
 from cosim.build.kernel_modules import kernel_modules
 from cosim.config.schema.scenario import Scenario
 
@@ -28,6 +29,27 @@ def prepared(scenario: Scenario, tell: Callable[[str], None], *, recording: bool
     chosen = with_fidelity_chosen(scenario, tell)
     compile_kernels(tell, _modules(chosen, recording))
     return chosen
+
+
+def with_fidelity_chosen(scenario: Scenario, tell: Callable[[str], None]) -> Scenario:
+    """Return the scenario with `fidelity = "auto"` replaced by what meets its `[auto]`; build what it needs.
+
+    Args:
+        scenario: checked.
+        tell: told what is measured, and what is chosen.
+
+    Raises:
+        ScenarioError: nothing meets it.
+    """
+    if scenario.fidelity == "auto":
+        from cosim.trade.auto import settled  # here: few runs measure anything
+
+        scenario = settled(scenario, build_simulation, cache_directory(), tell, recorded)
+    if scenario.fidelity == "section":
+        from cosim.build.section_cache import section_model  # here, as few runs build one
+
+        section_model(scenario, tell)
+    return scenario
 
 
 def log(text: str) -> None:

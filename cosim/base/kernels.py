@@ -5,12 +5,82 @@ Importing a kernel compiles nothing; `compile_kernels` in compilation.py does, o
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import re
+import time
+from collections.abc import Callable, Iterable
+from contextlib import suppress
+from functools import cache
+from hashlib import sha256
+from pathlib import Path
 from typing import Any, TypeVar
 
 import numba
+from numba.core.caching import IndexDataCacheFile
 
-from cosim.base.kernel_cache import keep_by_source
+_PACKAGE = Path(__file__).resolve().parents[1]
+_IMPORT = re.compile(r"^\s*(?:from|import) cosim\.?([\w.]*)(?: import (\([^)]*\)|.*))?", re.MULTILINE)
+_OLD_S = 7 * 24 * 3600.0
+
+
+def keep_by_source(dispatcher: Any) -> None:
+    """Let a cached kernel be kept, where numba keeps it, under the hash of its source.
+
+    Args:
+        dispatcher: of a function of cosim, declared with `cache=True`.
+    """
+    kept = dispatcher._cache  # numba has no public way to say what else a kernel depends on
+    place = kept._impl
+    path = Path(dispatcher.py_func.__code__.co_filename).resolve()
+    name = f"{place.filename_base}-{source_hash(path)}"
+    kept._cache_file = IndexDataCacheFile(kept.cache_path, name, place.locator.get_source_stamp())
+
+
+@cache
+def source_hash(path: Path) -> str:
+    """Return a hash of a file and of all files of cosim that it imports, to any depth."""
+    digest, found, to_do = sha256(), {path}, [path]
+    while to_do:
+        for imported in _imports(to_do.pop()) - found:
+            found.add(imported)
+            to_do.append(imported)
+    for entry in sorted(found):
+        digest.update(_text(entry).encode())
+    return digest.hexdigest()[:12]
+
+
+def remove_old(kernels: Iterable[Any]) -> None:
+    """Delete machine code of other versions of kernels, if it was made more than a week ago.
+
+    Args:
+        kernels: dispatchers of `keep_by_source`.
+    """
+    for kernel in kernels:
+        kept = kernel._cache
+        folder, base = Path(kept.cache_path), kept._impl.filename_base
+        own = f"{base}-{source_hash(Path(kernel.py_func.__code__.co_filename).resolve())}."
+        with suppress(OSError):  # another process may do the same
+            for path in folder.glob(f"{base}[-.]*.nb[ic]"):
+                if not path.name.startswith(own) and time.time() - path.stat().st_mtime > _OLD_S:
+                    path.unlink()
+
+
+@cache
+def _text(path: Path) -> str:
+    return path.read_text(encoding="utf-8")
+
+
+@cache
+def _imports(path: Path) -> frozenset[Path]:
+    """Return the files of cosim that a file imports."""
+    found = set()
+    for module, names in _IMPORT.findall(_text(path)):
+        folder = _PACKAGE.joinpath(*module.split(".")) if module else _PACKAGE
+        for name in ("", *re.findall(r"\w+", names)):
+            candidate = (folder / name if name else folder).with_suffix(".py")
+            if candidate.is_file():
+                found.add(candidate)
+    return frozenset(found)
+
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
@@ -65,3 +135,17 @@ def _compiled_later(function: Any, **options: Any) -> Any:
         return numba.njit(function, **(_OPTIONS | options | {"cache": False}))
     keep_by_source(dispatcher)
     return dispatcher
+
+
+@inlined
+def add_block(blocks: Any, slot: int, value: Any) -> None:
+    """Add a 3 x 3 value to block `slot`, or its transpose to block -1 - slot."""
+    if slot >= 0:
+        for r in range(3):
+            for c in range(3):
+                blocks[slot, r, c] += value[r, c]
+    else:
+        slot = -1 - slot
+        for r in range(3):
+            for c in range(3):
+                blocks[slot, r, c] += value[c, r]

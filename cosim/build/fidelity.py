@@ -20,8 +20,8 @@ from cosim.errors import ScenarioError
 from cosim.plan.flange_path import pose_of
 from cosim.reduced.section_model import SectionBody, SectionModel
 from cosim.soft.body.body import SoftBody
-from cosim.soft.solve.newton import NewtonOptions
-from cosim.soft.solve.time_step import StepOptions
+from cosim.soft.solve.newton_options import NewtonOptions
+from cosim.soft.solve.time_scheme import StepOptions
 from cosim.stepping.self_contact_law import film_law
 
 _REUSE_MAX = 6  # iterations with a kept factorisation: beyond, a new one is cheaper

@@ -18,7 +18,7 @@ from cosim.reduced.fit.building import METHOD, LARGEST_PRESSURE_Pa, build_model
 from cosim.reduced.section_model import SectionModel
 from cosim.reduced.sections.pressure_spline import PressureSpline
 from cosim.soft.body.body import SoftBody
-from cosim.soft.elements.fold_law import CLOSED_FRACTION
+from cosim.soft.elements.hinge_gradient import CLOSED_FRACTION
 
 _ARRAYS = ("energy", "length", "gas", "nodes", "force_error")
 _MARGIN = 1.1  # of the range of pressure over the largest that a scenario gives

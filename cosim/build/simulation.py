@@ -20,7 +20,8 @@ from cosim.devices.controller import AnyController
 from cosim.devices.device_loop import Actuation
 from cosim.devices.device_names import device_names, device_report
 from cosim.errors import ScenarioError, SceneError, SolverError
-from cosim.plan.arm_plan import PlannedArm, checked_start, drawn_payload, planned_arm
+from cosim.plan.arm_limits import PlannedArm
+from cosim.plan.arm_plan import checked_start, drawn_payload, planned_arm
 from cosim.plan.decision import Decision
 from cosim.plan.plan import JointPlanner, Plan, make_plan
 from cosim.plan.reach import film_reach, flange_travel

@@ -9,14 +9,7 @@ from pathlib import Path
 from typing import Any, final
 
 from cosim.app.checkpoint import check_resumable, tick_to_resume
-from cosim.app.driver import (
-    Observer,
-    Options,
-    RunOutcome,
-    build_simulation,
-    execute,
-    rerun_recorder,
-)
+from cosim.app.driver import Observer, Options, RunOutcome, build_simulation, execute, rerun_recorder
 from cosim.app.first_run import prepared
 from cosim.app.loaded_files import loaded_digests
 from cosim.app.run_files import SCENARIO, SUMMARY, check_directory, default_directory, recordings

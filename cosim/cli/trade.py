@@ -17,7 +17,8 @@ from cosim.config.toml.overrides import parse_assignment
 from cosim.recording import membrane_colours
 from cosim.trade.choice import Requirement, parse_budget, parse_force, parse_tolerance
 from cosim.trade.compilation import compile_for_trade
-from cosim.trade.measuring import SLOWEST, Measured, measure
+from cosim.trade.measured import Measured
+from cosim.trade.measuring import SLOWEST, measure
 from cosim.trade.members import Truth, candidates_of
 from cosim.trade.plot import can_draw, draw
 from cosim.trade.report import as_json, choice_lines, markdown

@@ -5,7 +5,8 @@ from __future__ import annotations
 from typing import TextIO, final
 
 from cosim.cli.screen import draw
-from cosim.trade.measuring import Measured, Telling
+from cosim.trade.measured import Measured
+from cosim.trade.measuring import Telling
 from cosim.trade.member import Candidate
 from cosim.trade.report import result_line
 

@@ -12,8 +12,8 @@ import numpy as np
 from cosim.base.frames import Array, IntArray
 
 if TYPE_CHECKING:  # a scene without an arm waits for neither engine
+    from cosim.base.link_contact import LinkContact
     from cosim.kinematics.arm import Arm
-    from cosim.rigid.scene.link_contacts import LinkContact
 
 TRACKING_BOUND_RAD: Final = 0.1
 """Distance of a joint from where it is asked to be, above which the arm does not follow its plan."""
@@ -199,3 +199,32 @@ def with_touches(
 
 def _or_infinite(limit: Array) -> Array:
     return np.where(limit > 0.0, limit, np.inf)
+
+
+@final
+@dataclass(frozen=True)
+class PlannedArm:
+    """How near to its bounds a plan takes an arm.
+
+    Args:
+        limits: of the arm.
+        extremes: of each quantity.
+        touches: of links with what stands still, and with one another, on the planned way.
+        phase_names: in order.
+    """
+
+    limits: ArmLimits
+    extremes: tuple[Extreme, ...]
+    touches: tuple[Touch, ...]
+    phase_names: tuple[str, ...]
+
+    def figures(self) -> dict[str, Any]:
+        """Return them for the summary."""
+        found = {extreme.quantity: extreme.figures(self.phase_names) for extreme in self.extremes}
+        touches = [touch.figures(self.phase_names) for touch in self.touches]
+        return {**{name: found.get(name) for name in UNITS if name != "tracking_error"}, "contacts": touches}
+
+    def warnings(self) -> list[str]:
+        """Return one line for each bound that the plan goes beyond, and for each contact."""
+        beyond = [extreme.text(self.phase_names) for extreme in self.extremes if extreme.beyond]
+        return [f"{PLANNED}{text}" for text in beyond + [t.text(self.phase_names) for t in self.touches]]

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, final
+from typing import TYPE_CHECKING, final
 
 import numpy as np
 
 from cosim.base.frames import Array, IntArray, Mask, Pose
 from cosim.coupling.soft_sides.mass import MassProperties
 from cosim.errors import ScenarioError
-from cosim.plan.arm_limits import PLANNED, UNITS, ArmLimits, Extreme, Touch, with_touches
+from cosim.plan.arm_limits import ArmLimits, PlannedArm, Touch, with_touches
 from cosim.plan.flange_path import FlangeWay
 from cosim.plan.joint_path import JointPath, JointReference
 from cosim.plan.plan import JointPlanner, PhasePlan, Plan
@@ -25,35 +25,6 @@ if TYPE_CHECKING:
 _FEWEST, _MOST, _PER_KNOT = 50, 1000, 2  # samples of a phase in which the arm moves
 _INSIDE = 1e-9  # share of a phase between its border and what counts as within
 _STANDS_IN_M = 1e-3  # an arm that stands no deeper than this touches
-
-
-@final
-@dataclass(frozen=True)
-class PlannedArm:
-    """How near to its bounds a plan takes an arm.
-
-    Args:
-        limits: of the arm.
-        extremes: of each quantity.
-        touches: of links with what stands still, and with one another, on the planned way.
-        phase_names: in order.
-    """
-
-    limits: ArmLimits
-    extremes: tuple[Extreme, ...]
-    touches: tuple[Touch, ...]
-    phase_names: tuple[str, ...]
-
-    def figures(self) -> dict[str, Any]:
-        """Return them for the summary."""
-        found = {extreme.quantity: extreme.figures(self.phase_names) for extreme in self.extremes}
-        touches = [touch.figures(self.phase_names) for touch in self.touches]
-        return {**{name: found.get(name) for name in UNITS if name != "tracking_error"}, "contacts": touches}
-
-    def warnings(self) -> list[str]:
-        """Return one line for each bound that the plan goes beyond, and for each contact."""
-        beyond = [extreme.text(self.phase_names) for extreme in self.extremes if extreme.beyond]
-        return [f"{PLANNED}{text}" for text in beyond + [t.text(self.phase_names) for t in self.touches]]
 
 
 @final

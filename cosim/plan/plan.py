@@ -28,7 +28,7 @@ from cosim.plan.target_motion import reach, walk
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.gas_chamber import of_each
 from cosim.soft.body.loads import Loads
-from cosim.soft.solve.equilibrium import Equilibrium
+from cosim.soft.solve.state import Equilibrium
 
 _LEAK_PIECES = 8
 

@@ -12,16 +12,17 @@ from cosim.plan.flange_path import FlangeWay
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.center_line import center_line_length, hole_rings
 from cosim.soft.body.loads import Loads
-from cosim.soft.solve.equilibrium import Equilibrium
-from cosim.soft.solve.sensitivity import TipFrame
+from cosim.soft.body.tip_frame import TipFrame
+from cosim.soft.solve.state import Equilibrium
 from cosim.soft.targets import tip_target as search
+from cosim.soft.targets.target_solution import TargetOptions, TargetSolution
 
 # A static path is cut finer than the joint path only where loads change much: these pieces suffice
 # for the branch to be the one that a slow motion follows.
 _LOAD_PIECES = 4
 _FINER = (1, 8)  # how much finer it is cut where it ends beside its target
 _SEARCHES = 3
-_ON_TARGET = search.TargetOptions(position_tolerance_m=1e-4, angle_tolerance_rad=1e-3)
+_ON_TARGET = TargetOptions(position_tolerance_m=1e-4, angle_tolerance_rad=1e-3)
 
 
 def walk(soft: SoftSide, begin: Equilibrium, way: FlangeWay, loads: Loads, finer: int = 1) -> Equilibrium:
@@ -69,7 +70,7 @@ def reach(
         for finer in _FINER:
             here = walk(soft, begin, way, found.loads, finer)
             tip = TipFrame.of(soft.body, here.state.positions)
-            missed = search.TargetSolution(here, *wanted.distance(tip), 0)
+            missed = TargetSolution(here, *wanted.distance(tip), 0)
             if target.reach_with == "none" or _ON_TARGET.met(missed):
                 return way, here
     raise UnreachableError(

@@ -10,28 +10,32 @@ import numpy as np
 
 from cosim.base.body_shape import BodyShape
 from cosim.base.frames import Array, Pose, Twist, Wrench
+from cosim.base.link_contact import LinkContact
 from cosim.base.state_check import check_indices, check_state
 from cosim.config.schema.coupling import CouplingTable
-from cosim.coupling.batch.batch import Lockstep, Servos
+from cosim.coupling.batch.batch import SectionLockstep
+from cosim.coupling.batch.lockstep import Lockstep, Servos
 from cosim.coupling.contact.contact_exchange import ContactExchange
 from cosim.coupling.contact.contact_report import NOTHING_TOUCHED, ContactReport
+from cosim.coupling.schemes.automatic import AutomaticCoupling
+from cosim.coupling.schemes.fixed_point_search import IterationOptions
 from cosim.coupling.schemes.interface import Interface, ServoCommand
+from cosim.coupling.schemes.iterated import IteratedCoupling
 from cosim.coupling.schemes.ledger import LedgerEntry
 from cosim.coupling.schemes.scheme import Coupling
+from cosim.coupling.schemes.staggered import StaggeredCoupling
 from cosim.coupling.soft_sides.mass import MassProperties
 from cosim.coupling.soft_sides.soft_side import SoftSide
 from cosim.errors import InputError, SolverError
 from cosim.kinematics.arm import Arm, Payload
 from cosim.kinematics.inertial_parameters import COUNT, inertial_parameters
 from cosim.plan.joint_path import JointReference
-from cosim.rigid.scene.link_contacts import LinkContact
 from cosim.rigid.scene.scene import RigidScene
 from cosim.rigid.scene.state import RigidState
 from cosim.soft.body.loads import Loads
 from cosim.soft.contact.obstacle_contact import ContactLaw
-from cosim.soft.solve.equilibrium import Obstacles
+from cosim.soft.solve.state import Obstacles
 from cosim.stepping.carrier import Carrier
-from cosim.stepping.coupling_scheme import exchange_report, make_coupling
 
 _SETTLED_RAD = 1e-9
 
@@ -180,7 +184,7 @@ class ArmCarrier(Carrier):
         load, parameters = self._mounted, np.zeros(COUNT)
         if load is not None:
             parameters = inertial_parameters(load.mass_kg, load.center, load.inertia)
-        self._lockstep = Lockstep.of(self._coupling, soft, parameters)
+        self._lockstep = SectionLockstep.of(self._coupling, soft, parameters)
 
     def save_state(self) -> ArmCarrierState:
         coupling = None if self._coupling is None else self._coupling.save_state()
@@ -243,3 +247,23 @@ class ArmCarrier(Carrier):
             mass = mass.joined(self._mounted.moved(self._scene.flange_pose))
         center, inertia = mass.in_frame(self._scene.flange_pose)
         return Payload(mass.mass_kg, center, inertia)
+
+
+def make_coupling(settings: CouplingTable, interface: Interface) -> Coupling:
+    """Return the scheme that a scenario asks for."""
+    options = IterationOptions(settings.tolerance, settings.iterations_max)
+    if settings.scheme == "iterated":
+        return IteratedCoupling(interface, options)
+    if settings.scheme == "auto":
+        return AutomaticCoupling(interface, options)
+    return StaggeredCoupling(interface)
+
+
+def exchange_report(settings: CouplingTable) -> str:
+    """Return in words how both sides exchange their loads."""
+    if settings.scheme == "staggered":
+        return "staggered, both ways at every tick"
+    agreed = f"every tick repeated until the loads agree to {settings.tolerance:g}"
+    if settings.scheme == "iterated":
+        return f"iterated: {agreed}"
+    return f"automatic: staggered; where that would need algorithmic mass, {agreed}"

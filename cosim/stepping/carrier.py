@@ -17,11 +17,11 @@ from cosim.errors import InputError
 from cosim.plan.flange_path import FlangeWay
 from cosim.plan.joint_path import JointPath, JointReference
 from cosim.soft.body.loads import Loads
-from cosim.soft.solve.equilibrium import Obstacles
+from cosim.soft.solve.state import Obstacles
 
 if TYPE_CHECKING:  # a scene without an arm does not wait for MuJoCo
-    from cosim.coupling.batch.batch import Lockstep, Servos
-    from cosim.rigid.scene.link_contacts import LinkContact
+    from cosim.base.link_contact import LinkContact
+    from cosim.coupling.batch.lockstep import Lockstep, Servos
 
 
 class Carrier(ABC):

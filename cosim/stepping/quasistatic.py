@@ -18,8 +18,7 @@ from cosim.errors import ConvergenceError, InputError
 from cosim.plan.plan import PhasePlan, start_equilibrium
 from cosim.plan.ramp import Progress
 from cosim.soft.body.loads import Loads
-from cosim.soft.solve.equilibrium import Equilibrium
-from cosim.soft.solve.state import SoftState
+from cosim.soft.solve.state import Equilibrium, SoftState
 from cosim.stepping.parts import Parts, TickState
 from cosim.stepping.stepped_run import Cursor, SteppedRun
 from cosim.telemetry.snapshot import RunInfo, Snapshot

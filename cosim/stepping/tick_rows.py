@@ -21,9 +21,9 @@ from cosim.telemetry.snapshot import Snapshot
 from cosim.telemetry.tick_columns import TickColumns
 
 if TYPE_CHECKING:  # a scene without an arm does not wait for MuJoCo
-    from cosim.coupling.batch.batch import Lockstep, Row
+    from cosim.base.link_contact import LinkContact
     from cosim.coupling.batch.batch_kernel import Commands, Ticks
-    from cosim.rigid.scene.link_contacts import LinkContact
+    from cosim.coupling.batch.lockstep import Lockstep, TickBatch
 
 
 @final
@@ -105,7 +105,7 @@ class TickRows:
         found = {k: search(ticks.joints[k], ticks.places[k], ticks.quaternions[k]) for k in looked}
         return {k: contacts for k, contacts in found.items() if contacts}
 
-    def _columns(self, row: Row, to: Cursor, place: int, spent_s: float) -> TickColumns:
+    def _columns(self, row: TickBatch, to: Cursor, place: int, spent_s: float) -> TickColumns:
         """Return what ticks show whose commands begin at a place."""
         n, ticks = row.done, row.ticks
         tick = np.arange(to.tick, to.tick + n)

@@ -14,8 +14,8 @@ from cosim.telemetry.snapshot import LedgerEntry, Snapshot
 from cosim.telemetry.tick_columns import TickColumns
 
 if TYPE_CHECKING:
+    from cosim.base.link_contact import LinkContact
     from cosim.coupling.soft_sides.shape_reader import ShapeFigures
-    from cosim.rigid.scene.link_contacts import LinkContact
 
 READ_AT_ONCE: Final = 64
 """Snapshots that observers gather before they read them: more cost no less each, fine meshes are large."""

@@ -14,8 +14,8 @@ from cosim.telemetry.snapshot import Snapshot
 from cosim.telemetry.tick_columns import TickColumns
 
 if TYPE_CHECKING:
+    from cosim.base.link_contact import LinkContact
     from cosim.coupling.soft_sides.shape_reader import Rows, ShapeFigures, ShapeReader
-    from cosim.rigid.scene.link_contacts import LinkContact
 
 
 @final

@@ -16,8 +16,8 @@ from cosim.telemetry.film_shape import FilmShape
 from cosim.telemetry.tick_columns import FROM_ROW, TickColumns
 
 if TYPE_CHECKING:  # who only looks at snapshots needs no engine
-    from cosim.plan.arm_plan import PlannedArm
-    from cosim.rigid.scene.link_contacts import LinkContact
+    from cosim.base.link_contact import LinkContact
+    from cosim.plan.arm_limits import PlannedArm
 
 __all__ = ["BodyShape", "LedgerEntry", "RunInfo", "Snapshot"]
 

@@ -14,8 +14,8 @@ from cosim.coupling.schemes.ledger import LedgerEntry
 from cosim.telemetry.film_shape import FilmShape
 
 if TYPE_CHECKING:  # who only looks at snapshots needs no kernels
+    from cosim.base.link_contact import LinkContact
     from cosim.coupling.soft_sides.shape_reader import ShapeRows
-    from cosim.rigid.scene.link_contacts import LinkContact
 
 
 @final

@@ -18,7 +18,8 @@ from cosim.errors import ScenarioError
 from cosim.trade.choice import Requirement, pareto_front, pick
 from cosim.trade.compilation import compile_for_trade
 from cosim.trade.curve import Follow, unfollowed
-from cosim.trade.measuring import Measured, Telling, measure
+from cosim.trade.measured import Measured
+from cosim.trade.measuring import Telling, measure
 from cosim.trade.members import Candidate, short_members
 from cosim.trade.report import entry, figures_text, result_line
 from cosim.trade.simulation import Build

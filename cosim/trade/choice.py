@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import final
 
 from cosim.errors import InputError
-from cosim.trade.measuring import FORCE_MEAN, Measured
+from cosim.trade.measured import FORCE_MEAN, Measured
 
 RESERVE = 0.15
 """Share of a budget by which a member is to be faster, as the speed of a machine varies."""

@@ -8,7 +8,7 @@ over some time does.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import final
 
 import numpy as np
@@ -19,68 +19,17 @@ from cosim.config.schema.scenario import Scenario
 from cosim.errors import CosimError
 from cosim.trade.commands import with_commands
 from cosim.trade.curve import Curve, Follow, TooSlowError, trace, unfollowed
+from cosim.trade.measured import FORCE_WINDOW_S, Measured
 from cosim.trade.members import Candidate
 from cosim.trade.simulation import Build
 
 SAMPLE_S = 0.02
-FORCE_WINDOW_S = 0.04
-"""Time over which the flange force is averaged: two of the longest ticks."""
 
-FORCE_MEAN = f"{1e3 * FORCE_WINDOW_S:g} ms mean"
-"""What of the flange force is compared, in words."""
 
 SLOWEST = 0.05
 """Real-time factor below which a member is stopped, unless told otherwise."""
 
 _REFERENCE_SLOWEST = 0.1  # share of that bound which a reference has to keep: nothing is measured without it
-
-
-@final
-@dataclass(frozen=True)
-class Measured:
-    """A member's cost and errors; errors are NaN where there is nothing to measure against.
-
-    Args:
-        member: which.
-        real_time_factor: simulated time over CPU time of the loop.
-        tip_error_m: largest distance from the reference's tip over the run.
-        tip_rms_m: root mean square of it.
-        end_error_m: largest at the ends of phases.
-        force_error_N: largest difference over the run of the flange force's mean over 40 ms.
-        contact_error_N: root mean square difference of the sum of normal contact forces over the run.
-        iterations: Newton iterations a tick.
-        object_error_m: largest distance of an object that can move from where it is in the reference.
-        base_error_m: largest distance from the tip of the model as it is, over the run (statics: at the
-            ends of phases); NaN where that is the reference.
-        failure: why it did not finish; empty if it did.
-    """
-
-    member: Candidate
-    real_time_factor: float = np.nan
-    tip_error_m: float = np.nan
-    tip_rms_m: float = np.nan
-    end_error_m: float = np.nan
-    force_error_N: float = np.nan
-    contact_error_N: float = np.nan
-    iterations: float = np.nan
-    object_error_m: float = np.nan
-    base_error_m: float = np.nan
-    failure: str = ""
-
-    @classmethod
-    def numbers(cls) -> tuple[str, ...]:
-        """Return the names of its figures."""
-        return tuple(entry.name for entry in fields(cls) if entry.name not in ("member", "failure"))
-
-    @property
-    def position_error_m(self) -> float:
-        """Largest error of the tip, and of what can move."""
-        return float(np.fmax(self.tip_error_m, self.object_error_m))
-
-    @property
-    def comparable(self) -> bool:
-        """Whether it has finished and was measured against another one."""
-        return not self.failure and not self.member.reference and bool(np.isfinite(self.tip_error_m))
 
 
 @final

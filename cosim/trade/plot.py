@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from cosim.trade.choice import candidates, pareto_front
-from cosim.trade.measuring import FORCE_MEAN, Measured
+from cosim.trade.measured import FORCE_MEAN, Measured
 
 _STYLES = {
     "Euler, 1 tangent": ("o", "tab:blue"),

@@ -11,7 +11,7 @@ from typing import Any, final
 
 from cosim._version import __version__
 from cosim.trade.choice import Requirement, candidates, pareto_front, pick
-from cosim.trade.measuring import FORCE_MEAN, Measured
+from cosim.trade.measured import FORCE_MEAN, Measured
 
 GROUPS = {
     "time": "Fidelity, and how time is stepped",

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from cosim.base import kernel_cache
+from cosim.base import kernels as kernel_cache
 from cosim.soft.elements import cable
 
 SOURCES = Path(kernel_cache.__file__).parent

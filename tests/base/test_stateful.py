@@ -28,7 +28,7 @@ SAVED_OTHERWISE = {
     "InterfaceLoads": "workspace of the search for one tick",
     "InterfaceSearch": "lives for one tick",
     "LinkContacts": "how clear the arm was last; what is found does not depend on it",
-    "Lockstep": "of a tick that is half done, after which nothing is saved",
+    "SectionLockstep": "of a tick that is half done, after which nothing is saved",
     "RobotFiles": "counts the files that are read for one scenario",
     "SectionBody": "what it keeps by pressure",
     "SelfContact": "pattern of the last pairs of films, made anew where it does not serve",

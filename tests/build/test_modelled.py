@@ -16,7 +16,7 @@ from cosim.plan.decision import Decision
 from cosim.plan.reach import film_reach
 from cosim.soft.body.loads import Loads
 from cosim.soft.solve.energy_share import hinge_energy_share
-from cosim.soft.solve.newton import NewtonOptions
+from cosim.soft.solve.newton_options import NewtonOptions
 from cosim.soft.solve.state import SoftState
 from tests.soft.bodies import held, hexagon_arm
 

@@ -17,7 +17,8 @@ from cosim.soft.body.loads import Loads
 from cosim.soft.elements.shell_hinges import bending_measure
 from cosim.soft.geometry.surface import triangle_area
 from cosim.soft.solve.assembly import SoftSystem
-from cosim.soft.solve.newton import NewtonOptions, NewtonSolver
+from cosim.soft.solve.newton import NewtonSolver
+from cosim.soft.solve.newton_options import NewtonOptions
 
 
 @pytest.fixture(scope="module")

@@ -25,8 +25,8 @@ from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
 from cosim.soft.contact.obstacle_contact import ContactLaw
 from cosim.soft.elements.material import Film
-from cosim.soft.solve.newton import NewtonOptions
-from cosim.soft.solve.time_step import Integrator, StepOptions
+from cosim.soft.solve.newton_options import NewtonOptions
+from cosim.soft.solve.time_scheme import Integrator, StepOptions
 from tests.soft.bodies import icosphere
 
 EDGE_M, RADIUS_M, OVERLAP_M, PRESSURE_PA = 0.04, 0.025, 0.004, 5e3

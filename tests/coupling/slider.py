@@ -24,9 +24,11 @@ from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
 from cosim.soft.elements.material import Film
 from cosim.soft.solve.assembly import SoftSystem
-from cosim.soft.solve.newton import NewtonOptions, NewtonSolver
+from cosim.soft.solve.newton import NewtonSolver
+from cosim.soft.solve.newton_options import NewtonOptions
 from cosim.soft.solve.state import Clamp, SoftState
-from cosim.soft.solve.time_step import ImplicitStepper, StepAim, StepOptions
+from cosim.soft.solve.time_scheme import StepAim, StepOptions
+from cosim.soft.solve.time_step import ImplicitStepper
 
 URDF = """<robot name="slider"><link name="rail"/>
 <link name="carriage"><inertial><mass value="{mass}"/>

@@ -10,8 +10,8 @@ from cosim.coupling.schemes.algorithmic_mass import algorithmic_mass, rigid_shar
 from cosim.coupling.schemes.staggered import StaggeredCoupling
 from cosim.coupling.soft_sides.answer_weights import answer_weights, exchange_gain, expecting_no_change
 from cosim.coupling.soft_sides.lumped_arm import SoftArm
-from cosim.soft.solve.newton import NewtonOptions
-from cosim.soft.solve.time_step import Integrator, StepAim, StepOptions
+from cosim.soft.solve.newton_options import NewtonOptions
+from cosim.soft.solve.time_scheme import Integrator, StepAim, StepOptions
 from tests.coupling.slider import OneBody, Slider
 from tests.soft.bodies import HANGING, PRESSURE_Pa, hexagon_arm, no_load
 

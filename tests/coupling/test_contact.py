@@ -21,8 +21,8 @@ from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
 from cosim.soft.contact.obstacle_contact import ContactLaw
 from cosim.soft.elements.material import Film
-from cosim.soft.solve.newton import NewtonOptions
-from cosim.soft.solve.time_step import StepOptions
+from cosim.soft.solve.newton_options import NewtonOptions
+from cosim.soft.solve.time_scheme import StepOptions
 from tests.coupling.pads import GRASP, Grasp
 from tests.soft.bodies import icosphere, random_rotation
 

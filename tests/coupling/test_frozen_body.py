@@ -12,8 +12,8 @@ from cosim.coupling.soft_sides.frozen_body import FrozenBody
 from cosim.coupling.soft_sides.lumped_arm import SoftArm
 from cosim.errors import InputError
 from cosim.soft.contact.obstacle_contact import ContactLaw, ContactPlanes
-from cosim.soft.solve.newton import NewtonOptions
-from cosim.soft.solve.time_step import StepOptions
+from cosim.soft.solve.newton_options import NewtonOptions
+from cosim.soft.solve.time_scheme import StepOptions
 from cosim.soft.targets.tip_target import TipTarget
 from tests.soft.bodies import HANGING, PRESSURE_Pa, hexagon_arm, no_load
 

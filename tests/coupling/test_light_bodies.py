@@ -17,8 +17,8 @@ from cosim.rigid.scene.scene import RigidScene
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
 from cosim.soft.elements.material import Film
-from cosim.soft.solve.newton import NewtonOptions
-from cosim.soft.solve.time_step import StepOptions
+from cosim.soft.solve.newton_options import NewtonOptions
+from cosim.soft.solve.time_scheme import StepOptions
 from tests.soft.bodies import icosphere
 
 GRAVITY, RADIUS_M, BALL_M, DROP_M = 9.81, 0.025, 0.01, 0.02

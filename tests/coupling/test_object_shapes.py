@@ -19,8 +19,8 @@ from cosim.rigid.scene.scene import RigidScene
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
 from cosim.soft.elements.material import Film
-from cosim.soft.solve.newton import NewtonOptions
-from cosim.soft.solve.time_step import StepOptions
+from cosim.soft.solve.newton_options import NewtonOptions
+from cosim.soft.solve.time_scheme import StepOptions
 from tests.soft.bodies import icosphere
 
 RADIUS_M, TICK_S, PRESSURE_PA = 0.05, 2e-3, 5e3

@@ -14,8 +14,8 @@ from cosim.coupling.soft_sides.lumped_arm import SoftArm
 from cosim.errors import InputError
 from cosim.soft.linear.envelope_cholesky import EnvelopeCholesky
 from cosim.soft.linear.linear_solver import GeneralLU
-from cosim.soft.solve.newton import NewtonOptions
-from cosim.soft.solve.time_step import Integrator, StepOptions
+from cosim.soft.solve.newton_options import NewtonOptions
+from cosim.soft.solve.time_scheme import Integrator, StepOptions
 from tests.coupling.pads import Grasp
 from tests.coupling.test_staggered import Rig, rig
 from tests.soft.bodies import HANGING, hexagon_arm, no_load

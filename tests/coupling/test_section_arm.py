@@ -14,8 +14,8 @@ from cosim.coupling.soft_sides.shape_reader import MeshReader
 from cosim.errors import InputError
 from cosim.soft.body.loads import Loads
 from cosim.soft.elements.gas import SealedGas
-from cosim.soft.solve.newton import NewtonOptions
-from cosim.soft.solve.time_step import Integrator, StepOptions
+from cosim.soft.solve.newton_options import NewtonOptions
+from cosim.soft.solve.time_scheme import Integrator, StepOptions
 from cosim.soft.targets.tip_target import TipTarget
 from tests.small_section import body, section
 

@@ -11,8 +11,8 @@ from cosim.base.frames import Pose, rotation_from_vector
 from cosim.coupling.soft_sides.section_arm import SectionArm
 from cosim.soft.body.loads import Loads
 from cosim.soft.contact.obstacle_contact import ContactLaw
-from cosim.soft.solve.newton import NewtonOptions
-from cosim.soft.solve.time_step import StepAim, StepOptions
+from cosim.soft.solve.newton_options import NewtonOptions
+from cosim.soft.solve.time_scheme import StepAim, StepOptions
 from tests.small_section import body, section
 from tests.soft.contacts import half_space
 

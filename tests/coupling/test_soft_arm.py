@@ -12,8 +12,9 @@ from cosim.base.frames import Array, Pose, Twist, rotation_from_vector, vector_f
 from cosim.coupling.soft_sides.answer_weights import exchange_gain
 from cosim.coupling.soft_sides.lumped_arm import SoftArm
 from cosim.errors import ConvergenceError
-from cosim.soft.solve.newton import NewtonOptions
-from cosim.soft.solve.time_step import ImplicitStepper, StepOptions
+from cosim.soft.solve.newton_options import NewtonOptions
+from cosim.soft.solve.time_scheme import StepOptions
+from cosim.soft.solve.time_step import ImplicitStepper
 from tests.soft.bodies import HANGING, PRESSURE_Pa, hexagon_arm, no_load
 
 STEP_S = 0.002

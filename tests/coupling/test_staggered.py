@@ -21,8 +21,8 @@ from cosim.kinematics.arm import Payload
 from cosim.rigid.build.description import SceneDescription, ServoGains
 from cosim.rigid.scene.scene import RigidScene
 from cosim.soft.body.loads import Loads
-from cosim.soft.solve.newton import NewtonOptions
-from cosim.soft.solve.time_step import Integrator, StepOptions
+from cosim.soft.solve.newton_options import NewtonOptions
+from cosim.soft.solve.time_scheme import Integrator, StepOptions
 from tests.soft.bodies import HANGING, WEIGHT_PER_NODE_N, PRESSURE_Pa, hexagon_arm, no_load
 
 UNITS = 2

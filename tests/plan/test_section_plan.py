@@ -8,7 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from cosim.app.driver import build_simulation, with_fidelity_chosen
+from cosim.app.driver import build_simulation
+from cosim.app.first_run import with_fidelity_chosen
 from cosim.build import section_cache as section_model
 from cosim.cli.progress import PlanWarnings
 from cosim.config.loading import load_scenario

@@ -16,9 +16,10 @@ from cosim.soft.elements.membrane import Film
 from cosim.soft.geometry.polygonal_stack import PolygonalStack
 from cosim.soft.geometry.surface import interior_hinges
 from cosim.soft.solve.assembly import SoftSystem
-from cosim.soft.solve.equilibrium import Equilibrium, EquilibriumSolver
-from cosim.soft.solve.newton import NewtonOptions, NewtonSolver
-from cosim.soft.solve.state import Clamp, SoftState
+from cosim.soft.solve.equilibrium import EquilibriumSolver
+from cosim.soft.solve.newton import NewtonSolver
+from cosim.soft.solve.newton_options import NewtonOptions
+from cosim.soft.solve.state import Clamp, Equilibrium, SoftState
 
 FILM = Film(1.3e9, 0.2, 0.11e-3)
 WEIGHT_PER_NODE_N = 0.02

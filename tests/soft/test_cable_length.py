@@ -18,7 +18,8 @@ from cosim.soft.geometry.surface import dihedral_angle
 from cosim.soft.linear.low_rank import LowRank
 from cosim.soft.solve.assembly import SoftSystem
 from cosim.soft.solve.sensitivity import Sensitivity
-from cosim.soft.solve.time_step import ImplicitStepper, StepOptions
+from cosim.soft.solve.time_scheme import StepOptions
+from cosim.soft.solve.time_step import ImplicitStepper
 from tests.derivatives import RELATIVE, Evaluate, dense, derivative_errors
 from tests.soft.bodies import HANGING, held, hexagon_arm, hung, shapes
 

@@ -10,7 +10,8 @@ from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
 from cosim.soft.geometry.surface import check_mesh, enclosed_volume, interior_hinges
 from cosim.soft.solve.assembly import SoftSystem
-from cosim.soft.solve.newton import NewtonOptions, NewtonSolver
+from cosim.soft.solve.newton import NewtonSolver
+from cosim.soft.solve.newton_options import NewtonOptions
 from cosim.soft.solve.state import SoftState
 from tests.soft.bodies import FILM, held, icosphere
 

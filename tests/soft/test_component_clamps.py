@@ -13,7 +13,8 @@ from cosim.soft.linear.envelope_cholesky import EnvelopeCholesky
 from cosim.soft.linear.linear_solver import GeneralLU, LinearSolver, by_component
 from cosim.soft.linear.multifrontal_cholesky import DissectedCholesky
 from cosim.soft.solve.assembly import SoftSystem
-from cosim.soft.solve.newton import NewtonOptions, NewtonSolver
+from cosim.soft.solve.newton import NewtonSolver
+from cosim.soft.solve.newton_options import NewtonOptions
 
 FILM = Film(1e6, 0.3, 1e-3)
 

@@ -10,9 +10,10 @@ import pytest
 from cosim.base.frames import Array, Pose, rotation_from_vector
 from cosim.errors import ConvergenceError, InputError
 from cosim.soft.body.loads import Loads
-from cosim.soft.solve.newton import NewtonOptions
+from cosim.soft.solve.newton_options import NewtonOptions
 from cosim.soft.solve.state import Clamp, SoftState
-from cosim.soft.solve.time_step import ImplicitStepper, Integrator, StepOptions
+from cosim.soft.solve.time_scheme import Integrator, StepOptions
+from cosim.soft.solve.time_step import ImplicitStepper
 from tests.soft.bodies import HANGING, Held, PRESSURE_Pa, held, hexagon_arm, hung, no_load
 
 INTEGRATORS: tuple[Integrator, ...] = ("implicit_euler", "bdf2")

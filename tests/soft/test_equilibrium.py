@@ -15,7 +15,7 @@ from cosim.soft.contact.contact_points import ContactSurface
 from cosim.soft.contact.obstacle_contact import ContactLaw, ContactPlanes
 from cosim.soft.elements.cable import Cable
 from cosim.soft.solve.equilibrium import EquilibriumSolver
-from cosim.soft.solve.newton import NewtonOptions
+from cosim.soft.solve.newton_options import NewtonOptions
 from cosim.soft.solve.state import SoftState
 from tests.soft.bodies import HANGING, PRESSURE_Pa, held, hexagon_arm, hung, no_load
 from tests.soft.contacts import half_space

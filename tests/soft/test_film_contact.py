@@ -10,8 +10,7 @@ import pytest
 from cosim.base.frames import Array
 from cosim.soft.contact.obstacle_contact import ContactLaw
 from cosim.soft.contact.self_contact_pairs import FilmPairs, feet
-from cosim.soft.linear.coupled_pattern import CoupledPattern
-from cosim.soft.linear.pattern import BlockPattern
+from cosim.soft.linear.pattern import BlockPattern, CoupledPattern
 from tests.derivatives import RELATIVE, dense, derivative_errors
 from tests.soft.bodies import random_rotation
 

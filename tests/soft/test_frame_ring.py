@@ -12,7 +12,8 @@ from cosim.errors import MeshError
 from cosim.soft.body.body import SoftBody
 from cosim.soft.elements.frame_ring import FrameRings
 from cosim.soft.solve.assembly import SoftSystem
-from cosim.soft.solve.newton import NewtonOptions, NewtonSolver
+from cosim.soft.solve.newton import NewtonSolver
+from cosim.soft.solve.newton_options import NewtonOptions
 from tests.derivatives import RELATIVE, Evaluate, assembled, derivative_errors
 from tests.soft.bodies import hexagon_arm, no_load, random_rotation
 

@@ -18,7 +18,8 @@ from cosim.soft.linear.envelope_cholesky import EnvelopeCholesky
 from cosim.soft.linear.linear_solver import GeneralLU
 from cosim.soft.linear.low_rank import LowRank
 from cosim.soft.solve.assembly import SoftSystem
-from cosim.soft.solve.newton import NewtonOptions, NewtonResult, NewtonSolver
+from cosim.soft.solve.newton import NewtonSolver
+from cosim.soft.solve.newton_options import NewtonOptions, NewtonResult
 from tests.derivatives import RELATIVE, dense, derivative_errors
 from tests.soft.bodies import FILM as BODY_FILM
 from tests.soft.bodies import hexagon_arm, icosphere, inflated_positions, no_load, shapes

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from cosim.base.frames import Array
-from cosim.soft.elements.arctangent import full_angle
-from cosim.soft.elements.fold_law import CLOSED_FRACTION, fold_law
 from cosim.soft.elements.hinge import Hinges, add_hinges
+from cosim.soft.elements.hinge_gradient import CLOSED_FRACTION, fold_law, full_angle
 from cosim.soft.geometry.surface import dihedral_angle
 from cosim.soft.solve.assembly import SoftSystem
 from tests.derivatives import RELATIVE, Evaluate, assembled, derivative_errors

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from cosim.base.frames import Array, Pose, rotation_from_vector
-from cosim.soft.solve.newton import NewtonOptions, NewtonResult, Outcome
+from cosim.soft.solve.newton_options import NewtonOptions, NewtonResult, Outcome
 from cosim.soft.solve.state import SoftState
 from tests.soft.bodies import HANGING, Held, PRESSURE_Pa, held, hexagon_arm, hung, no_load
 

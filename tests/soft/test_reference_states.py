@@ -18,7 +18,8 @@ from cosim.soft.body.loads import Loads
 from cosim.soft.elements.material import Film, FilmLaw
 from cosim.soft.geometry.surface import dihedral_angle
 from cosim.soft.solve.assembly import SoftSystem
-from cosim.soft.solve.newton import NewtonOptions, NewtonSolver
+from cosim.soft.solve.newton import NewtonSolver
+from cosim.soft.solve.newton_options import NewtonOptions
 
 FOLDER = Path(__file__).resolve().parents[1] / "reference"
 STAGES = [("Three_Unit_Compare", "inflate")]

@@ -20,11 +20,13 @@ from cosim.soft.contact.self_contact_points import FilmPoints
 from cosim.soft.elements.material import Film
 from cosim.soft.geometry.surface import triangle_area
 from cosim.soft.solve.assembly import SoftSystem
-from cosim.soft.solve.equilibrium import Equilibrium, EquilibriumSolver
-from cosim.soft.solve.newton import NewtonOptions, NewtonSolver
+from cosim.soft.solve.equilibrium import EquilibriumSolver
+from cosim.soft.solve.newton import NewtonSolver
+from cosim.soft.solve.newton_options import NewtonOptions
 from cosim.soft.solve.self_contact import FilmContactLaw, SelfContact
-from cosim.soft.solve.state import Clamp, SoftState
-from cosim.soft.solve.time_step import ImplicitStepper, StepOptions
+from cosim.soft.solve.state import Clamp, Equilibrium, SoftState
+from cosim.soft.solve.time_scheme import StepOptions
+from cosim.soft.solve.time_step import ImplicitStepper
 from tests.soft.bodies import HANGING, PRESSURE_Pa, held, hexagon_arm, icosphere, no_load
 from tests.soft.contacts import half_space
 from tests.soft.interpenetration import deepest_m

@@ -11,12 +11,12 @@ from cosim.base.frames import Array, Pose, rotation_from_vector, vector_from_rot
 from cosim.errors import ConvergenceError
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
+from cosim.soft.body.tip_frame import TipFrame
 from cosim.soft.elements.cable import Cable
 from cosim.soft.geometry.surface import interior_hinges
-from cosim.soft.solve.equilibrium import Equilibrium
-from cosim.soft.solve.newton import NewtonOptions
-from cosim.soft.solve.sensitivity import Sensitivity, TipFrame
-from cosim.soft.solve.state import SoftState
+from cosim.soft.solve.newton_options import NewtonOptions
+from cosim.soft.solve.sensitivity import Sensitivity
+from cosim.soft.solve.state import Equilibrium, SoftState
 from tests.derivatives import relative_error
 from tests.soft.bodies import FILM, HANGING, Held, PRESSURE_Pa, held, hexagon_arm, hung, no_load, shapes
 

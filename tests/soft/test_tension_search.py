@@ -12,9 +12,8 @@ from cosim.base.frames import Array, Pose
 from cosim.errors import ConvergenceError, UnreachableError
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
-from cosim.soft.solve.equilibrium import Equilibrium
-from cosim.soft.solve.sensitivity import TipFrame
-from cosim.soft.solve.state import SoftState
+from cosim.soft.body.tip_frame import TipFrame
+from cosim.soft.solve.state import Equilibrium, SoftState
 from cosim.soft.targets.tension_search import find_tensions
 from cosim.soft.targets.tip_target import TipTarget
 from tests.soft.bodies import HANGING, hexagon_arm, no_load

@@ -12,12 +12,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cosim.app.driver import Options, build_simulation, drive, execute, with_fidelity_chosen
+from cosim.app.driver import Options, build_simulation, drive, execute
+from cosim.app.first_run import with_fidelity_chosen
 from cosim.app.simulation import Simulation
 from cosim.build import section_cache as section_model
 from cosim.config.loading import load_scenario
 from cosim.config.schema.scenario import Scenario
-from cosim.coupling.batch.batch import Lockstep
+from cosim.coupling.batch.batch import SectionLockstep
 from cosim.coupling.batch.batch_kernel import advance_ticks
 from cosim.coupling.schemes.staggered import StaggeredCoupling
 from cosim.errors import ConvergenceError, InputError, InstabilityError
@@ -63,7 +64,7 @@ def scenario(path: Path, **changes: Any) -> Scenario:
 def one_by_one(wanted: Scenario) -> list[Snapshot]:
     """Return all ticks without rows."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(Lockstep, "of", lambda *_: None)
+        patch.setattr(SectionLockstep, "of", lambda *_: None)
         return list(build_simulation(wanted).steps())
 
 
@@ -160,7 +161,7 @@ def test_rows_know_what_is_mounted(path: Path, tmp_path: Path) -> None:
 def test_rows_carry_algorithmic_mass(path: Path, integrator: str) -> None:
     wanted = scenario(path, clock__tick_s=0.0005, solver__integrator=integrator)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("cosim.stepping.coupling_scheme.StaggeredCoupling", _always_carrying)
+        patch.setattr("cosim.stepping.arm_carrier.StaggeredCoupling", _always_carrying)
         rows, ticks = list(build_simulation(wanted).steps(64)), one_by_one(wanted)
     assert set(advance_ticks.signatures) == {advance_ticks.fixed_signature.args}  # compiled for no others
     assert all(snapshot.ledger.algorithmic_mass for snapshot in rows[1:])
@@ -237,7 +238,7 @@ def test_the_flange_sensor_shows_the_last_tick(path: Path) -> None:
     row: Any = build_simulation(wanted)
     list(row.steps(64, 21))
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(Lockstep, "of", lambda *_: None)
+        patch.setattr(SectionLockstep, "of", lambda *_: None)
         ticks: Any = build_simulation(wanted)
         list(ticks.steps(1, 21))
     found, expected = (run._parts.carrier._scene.flange_sensor() for run in (row, ticks))
@@ -249,9 +250,9 @@ def test_ticks_before_a_rigid_side_that_blows_up_are_shown(
     path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """In the middle of a row; what is saved is the state before that tick."""
-    taken = Lockstep.commands
+    taken = SectionLockstep.commands
 
-    def wrong(self: Lockstep, *given: Any) -> Any:
+    def wrong(self: SectionLockstep, *given: Any) -> Any:
         found = taken(self, *given)
         if found is not None and len(found.torque) > 20:
             found.torque[20, 0] = np.nan
@@ -259,7 +260,7 @@ def test_ticks_before_a_rigid_side_that_blows_up_are_shown(
 
     wanted = scenario(path)
     with monkeypatch.context() as patch:
-        patch.setattr(Lockstep, "commands", wrong)
+        patch.setattr(SectionLockstep, "commands", wrong)
         failed = execute(wanted, build_simulation, Options(tmp_path), 0.0)
     assert isinstance(failed.error, InstabilityError)
     assert failed.summary["ticks"] == 20
@@ -306,14 +307,14 @@ def test_an_interrupted_step_leaves_what_was_before(path: Path, monkeypatch: pyt
     simulation = Simulation(scenario(path))
     expected = Simulation(scenario(path)).step(30)
     simulation.step(4)
-    taken = Lockstep.advance
+    taken = SectionLockstep.advance
 
-    def interrupted(self: Lockstep, *given: Any) -> Any:
+    def interrupted(self: SectionLockstep, *given: Any) -> Any:
         taken(self, *given)
         raise KeyboardInterrupt
 
     with monkeypatch.context() as patch:
-        patch.setattr(Lockstep, "advance", interrupted)
+        patch.setattr(SectionLockstep, "advance", interrupted)
         with pytest.raises(KeyboardInterrupt):
             simulation.step(26)
     assert simulation.snapshot.tick == 4

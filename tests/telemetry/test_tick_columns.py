@@ -12,11 +12,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cosim.app.driver import build_simulation, with_fidelity_chosen
+from cosim.app.driver import build_simulation
+from cosim.app.first_run import with_fidelity_chosen
 from cosim.base.state_archive import read_archive, write_archive
 from cosim.build import section_cache as section_model
 from cosim.config.loading import load_scenario
-from cosim.coupling.batch.batch import Lockstep
+from cosim.coupling.batch.batch import SectionLockstep
 from cosim.coupling.soft_sides.chain_reader import ChainRows
 from cosim.devices.device_loop import bending_angle
 from cosim.telemetry.block import Block
@@ -85,7 +86,7 @@ def snapshots(tmp_path_factory: pytest.TempPathFactory) -> list[Snapshot]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("XDG_CACHE_HOME", str(path.parent / "cache"))
         patch.setattr(section_model, "build_model", lambda *_: section().model)
-        patch.setattr(Lockstep, "of", lambda *_: None)  # which would show rows
+        patch.setattr(SectionLockstep, "of", lambda *_: None)  # which would show rows
         scenario = with_fidelity_chosen(load_scenario(path), lambda _text: None)
         made = list(build_simulation(scenario).steps())
     for snapshot in made:

@@ -18,7 +18,8 @@ from cosim.config.writing import scenario_text
 from cosim.errors import ScenarioError
 from cosim.trade import auto
 from cosim.trade.curve import trace
-from cosim.trade.measuring import Measured, compared
+from cosim.trade.measured import Measured
+from cosim.trade.measuring import compared
 from cosim.trade.members import Candidate, short_members
 
 WORDS = {"fidelity": "auto", "auto.tolerance_m": 1e-3}

@@ -9,7 +9,8 @@ from cosim.base.frames import Array
 from cosim.build.simulation import build
 from cosim.config.loading import load_scenario
 from cosim.trade.curve import Curve, trace
-from cosim.trade.measuring import Measured, compared
+from cosim.trade.measured import Measured
+from cosim.trade.measuring import compared
 from cosim.trade.members import Candidate
 
 

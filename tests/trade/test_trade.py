@@ -22,7 +22,8 @@ from cosim.telemetry.snapshot import RunInfo, Snapshot
 from cosim.trade.choice import Requirement, pareto_front, parse_budget, parse_force, parse_tolerance, pick
 from cosim.trade.commands import with_commands
 from cosim.trade.curve import Curve, unfollowed
-from cosim.trade.measuring import Measured, Telling, compared, measure
+from cosim.trade.measured import Measured
+from cosim.trade.measuring import Telling, compared, measure
 from cosim.trade.members import Candidate, candidates_of
 from cosim.trade.plot import draw
 from cosim.trade.report import as_json, choice_lines, markdown

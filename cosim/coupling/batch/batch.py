@@ -7,12 +7,11 @@ that does not converge in one go; that tick is finished by `StaggeredCoupling`, 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import final
 
 import numpy as np
 
-from cosim.base.frames import Array, Mask, Pose
+from cosim.base.frames import Array, Pose
 from cosim.coupling.batch.added_inertia import AddedInertiaRow
 from cosim.coupling.batch.batch_kernel import (
     ALL_DONE,
@@ -22,6 +21,7 @@ from cosim.coupling.batch.batch_kernel import (
     Ticks,
     advance_ticks,
 )
+from cosim.coupling.batch.lockstep import Lockstep, Servos, TickBatch
 from cosim.coupling.schemes.ledger import LedgerEntry
 from cosim.coupling.schemes.momentum_balance import NOTHING, TransferredLoads, six_numbers
 from cosim.coupling.schemes.staggered import StaggeredCoupling
@@ -33,55 +33,11 @@ from cosim.reduced.solve.state import ChainState
 from cosim.reduced.solve.time_step import ChainStep
 from cosim.rigid.scene.native import NativeScene
 from cosim.soft.body.loads import Loads
-from cosim.soft.solve.newton import Outcome
+from cosim.soft.solve.newton_options import Outcome
 
 
 @final
-@dataclass(frozen=True)
-class Servos:
-    """What the servos are asked for in n ticks; see `Commands`.
-
-    Args:
-        position: (n, joints) [rad].
-        velocity: (n, joints) [rad/s].
-        torque: (n, joints) [N m].
-        by_payload: (n, joints, 10).
-    """
-
-    position: Array
-    velocity: Array
-    torque: Array
-    by_payload: Array
-
-
-@final
-@dataclass(frozen=True)
-class Row:
-    """Ticks that were taken in a row.
-
-    Args:
-        ticks: what they leave; rows beyond the last one hold nothing.
-        shapes: of the film in the ticks done.
-        pressure_Pa: (done,), gauge.
-        done: how many.
-        half_done: whether the next one waits for `Lockstep.finish_tick`.
-        broken: whether the rigid side has become unstable in the next one; `Lockstep.advance` says so.
-        stability_ratio: (n,), see `LedgerEntry`.
-        algorithmic_mass: (n,), the same.
-    """
-
-    ticks: Ticks
-    shapes: ChainRows
-    pressure_Pa: Array
-    done: int
-    half_done: bool
-    broken: bool
-    stability_ratio: Array
-    algorithmic_mass: Mask
-
-
-@final
-class Lockstep:
+class SectionLockstep(Lockstep):
     """Advances one coupling by many ticks at once.
 
     Args:
@@ -98,7 +54,7 @@ class Lockstep:
         self._reader, self._lost = soft.shape_reader(), 0.0
 
     @classmethod
-    def of(cls, coupling: object, soft: object, mounted: Array) -> Lockstep | None:
+    def of(cls, coupling: object, soft: object, mounted: Array) -> SectionLockstep | None:
         """Return what advances a coupling; None where that takes more than a kernel."""
         if not isinstance(coupling, StaggeredCoupling) or coupling.interface.contact is not None:
             return None
@@ -108,7 +64,6 @@ class Lockstep:
         return cls(coupling, native, soft, mounted)
 
     def commands(self, servos: Servos, loads: Sequence[Loads]) -> Commands | None:
-        """Return what is asked for in n ticks; None where the loads are more than pressure and tensions."""
         if not all(_plain(load) for load in {id(load): load for load in loads}.values()):
             return None
         pressure = np.array([load.pressures(1)[0] for load in loads])
@@ -124,16 +79,7 @@ class Lockstep:
             self._soft.stepper.segment_tensions(tension),
         )  # fmt: skip
 
-    def advance(self, commands: Commands, loads: Sequence[Loads]) -> Row:
-        """Advance by n ticks, or fewer where a soft step is left or the rigid side breaks down.
-
-        Args:
-            commands: of n ticks.
-            loads: at their ends.
-
-        Raises:
-            InstabilityError: the rigid side is no longer finite, in the first of these ticks or before.
-        """
+    def advance(self, commands: Commands, loads: Sequence[Loads]) -> TickBatch:
         interface, count = self._coupling.interface, len(loads)
         interface.scene.check()
         ticks = self._empty(count)
@@ -153,7 +99,7 @@ class Lockstep:
             interface.scene.check()
         pressure = commands.pressure[:done]
         shapes = ChainRows(self._reader, ticks.motion[2 : done + 2, 0], pressure)
-        return Row(ticks, shapes, pressure, done, half_done, broken, ratio, carried)
+        return TickBatch(ticks, shapes, pressure, done, half_done, broken, ratio, carried)
 
     def _advance(
         self, ticks: Ticks, commands: Commands, loads: Sequence[Loads], carried: AddedInertiaRow
@@ -177,14 +123,6 @@ class Lockstep:
         return done, ending
 
     def finish_tick(self, loads: Loads) -> LedgerEntry:
-        """Take the soft half of a tick that `advance` has left half done.
-
-        Args:
-            loads: at its end.
-
-        Raises:
-            ConvergenceError: no solution.
-        """
         self._coupling.interface.ticks += 1
         return self._coupling.finish_tick(loads, self._coupling.wrench, self._lost)
 

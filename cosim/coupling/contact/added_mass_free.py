@@ -21,9 +21,14 @@ import numpy as np
 
 from cosim.base.frames import Array
 from cosim.coupling.contact.added_mass_jointed import JointedMass, JointedMassState
-from cosim.coupling.contact.body_stiffness import RATIO_BOUND, RENEW_ABOVE, RENEW_EVERY_TICKS, body_stiffness
+from cosim.coupling.contact.body_stiffness import (
+    RATIO_BOUND,
+    RENEW_ABOVE,
+    RENEW_EVERY_TICKS,
+    Yielding,
+    body_stiffness,
+)
 from cosim.coupling.contact.contact_exchange import ContactExchange
-from cosim.coupling.soft_sides.soft_side import SoftSide
 from cosim.soft.contact.obstacle_contact import ContactPlanes
 
 _FADING_S: Final = 0.5
@@ -53,7 +58,7 @@ class BodyMass:
         tick_s: h [s].
     """
 
-    def __init__(self, exchange: ContactExchange, soft: SoftSide, tick_s: float) -> None:
+    def __init__(self, exchange: ContactExchange, soft: Yielding, tick_s: float) -> None:
         self._exchange, self._soft, self._tick_s = exchange, soft, tick_s
         free = exchange.bodies.free
         self._inertia = exchange.bodies.inertia(free)

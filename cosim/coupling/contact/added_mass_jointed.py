@@ -13,9 +13,14 @@ from typing import Annotated, final
 import numpy as np
 
 from cosim.base.frames import Array, IntArray
-from cosim.coupling.contact.body_stiffness import RATIO_BOUND, RENEW_ABOVE, RENEW_EVERY_TICKS, body_stiffness
+from cosim.coupling.contact.body_stiffness import (
+    RATIO_BOUND,
+    RENEW_ABOVE,
+    RENEW_EVERY_TICKS,
+    Yielding,
+    body_stiffness,
+)
 from cosim.coupling.contact.contact_exchange import ContactExchange
-from cosim.coupling.soft_sides.soft_side import SoftSide
 from cosim.soft.contact.obstacle_contact import ContactPlanes
 
 
@@ -40,7 +45,7 @@ class JointedMass:
         tick_s: h [s].
     """
 
-    def __init__(self, exchange: ContactExchange, soft: SoftSide, tick_s: float) -> None:
+    def __init__(self, exchange: ContactExchange, soft: Yielding, tick_s: float) -> None:
         self._exchange, self._soft, self._tick_s = exchange, soft, tick_s
         self._any = len(exchange.bodies.on_joints(np.unique(exchange.query.body))) > 0
         self._touched: IntArray = np.zeros(0, np.int64)

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from typing import Protocol
+
 import numpy as np
 
 from cosim.base.frames import Array, IntArray
 from cosim.coupling.contact.contact_exchange import ContactExchange
 from cosim.coupling.contact.contact_motion import rigid_motions, spread
-from cosim.coupling.soft_sides.soft_side import SoftSide
 from cosim.soft.contact.obstacle_contact import ContactPlanes
+from cosim.soft.solve.state import SoftState
 
 RATIO_BOUND = 1.0
 """Algorithmic mass over a body's inertia above which the explicit exchange can grow."""
@@ -17,9 +19,20 @@ RENEW_ABOVE = 1.2
 """Growth of the contacts' own stiffness beyond which S is found anew: it grows at most in proportion."""
 
 
+class Yielding(Protocol):
+    """What gives way to forces on its nodes within a tick: the soft side."""
+
+    @property
+    def state(self) -> SoftState:
+        """State after the newest step."""
+
+    def response(self, forces: Array, contact: ContactPlanes | None, step_s: float) -> Array | None:
+        """Return (m, n, 3) [m] under forces (m, n, 3) [N]; None where the tangent is indefinite."""
+
+
 def body_stiffness(
     exchange: ContactExchange,
-    soft: SoftSide,
+    soft: Yielding,
     planes: ContactPlanes,
     tangents: Array,
     bodies: IntArray,

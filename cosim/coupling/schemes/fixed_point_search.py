@@ -16,7 +16,7 @@ from cosim.coupling.schemes.quasi_newton import QuasiNewton
 from cosim.coupling.soft_sides.soft_side import SoftReply
 from cosim.errors import ConvergenceError, SolverError
 from cosim.soft.body.loads import Loads
-from cosim.soft.solve.time_step import StepAim
+from cosim.soft.solve.time_scheme import StepAim
 
 _SOFT_SHARE = 0.1  # of the interface's residual: what the soft step's own may be
 _SMALLEST_N = 1.0  # loads below it count as this large: rounding of the film's forces is far below 1e-9 N

@@ -17,7 +17,7 @@ from cosim.coupling.soft_sides.soft_side import SoftReply, SoftSide
 from cosim.errors import InputError
 from cosim.rigid.scene.scene import RigidScene
 from cosim.soft.body.loads import Loads
-from cosim.soft.solve.time_step import StepAim
+from cosim.soft.solve.time_scheme import StepAim
 
 # Shape and configuration hardly change meanwhile, and the ratio costs as much as the rest of the exchange.
 # So it is found after a time, in bounds of ticks; after a longer one where nothing hangs on it.

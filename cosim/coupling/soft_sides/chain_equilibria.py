@@ -19,8 +19,9 @@ from cosim.reduced.solve.newton import ChainResult, ChainSolver
 from cosim.reduced.solve.state import ChainState
 from cosim.reduced.solve.working_range import place_in_range
 from cosim.soft.body.loads import Loads
-from cosim.soft.solve.equilibrium import CONTACT_ROUNDS_MAX, Equilibrium, Obstacles, end_of
-from cosim.soft.solve.newton import NewtonOptions, Outcome
+from cosim.soft.solve.equilibrium import CONTACT_ROUNDS_MAX, end_of
+from cosim.soft.solve.newton_options import NewtonOptions, Outcome
+from cosim.soft.solve.state import Equilibrium, Obstacles
 
 _SPLITS_MAX = 8
 

@@ -15,9 +15,8 @@ from cosim.errors import InputError
 from cosim.soft.body.loads import Loads
 from cosim.soft.contact.contact_points import ContactSurface
 from cosim.soft.contact.obstacle_contact import ContactPlanes
-from cosim.soft.solve.equilibrium import Equilibrium
-from cosim.soft.solve.state import SoftState
-from cosim.soft.solve.time_step import inertia_weight
+from cosim.soft.solve.state import Equilibrium, SoftState
+from cosim.soft.solve.time_scheme import inertia_weight
 from cosim.soft.targets.tip_target import TipTarget
 
 

@@ -19,18 +19,14 @@ from cosim.soft.body.loads import Loads
 from cosim.soft.contact.contact_points import ContactSurface
 from cosim.soft.contact.obstacle_contact import ContactPlanes
 from cosim.soft.solve.assembly import SoftSystem
-from cosim.soft.solve.equilibrium import Equilibrium, EquilibriumSolver, Obstacles
-from cosim.soft.solve.newton import NewtonOptions, NewtonSolver
+from cosim.soft.solve.equilibrium import EquilibriumSolver
+from cosim.soft.solve.newton import NewtonSolver
+from cosim.soft.solve.newton_options import NewtonOptions
 from cosim.soft.solve.self_contact import FilmContactLaw, SelfContact
-from cosim.soft.solve.state import Clamp, SoftState
+from cosim.soft.solve.state import Clamp, Equilibrium, Obstacles, SoftState
 from cosim.soft.solve.step_error import pieces_after, step_error
-from cosim.soft.solve.time_step import (
-    ImplicitStepper,
-    StepAim,
-    StepOptions,
-    difference_scheme,
-    inertia_weight,
-)
+from cosim.soft.solve.time_scheme import StepAim, StepOptions, difference_scheme, inertia_weight
+from cosim.soft.solve.time_step import ImplicitStepper
 from cosim.soft.targets import flange_search, tension_search
 from cosim.soft.targets.tip_target import TipTarget
 

@@ -36,10 +36,9 @@ from cosim.soft.body.loads import Loads
 from cosim.soft.contact.contact_points import ContactSurface
 from cosim.soft.contact.obstacle_contact import ContactPlanes
 from cosim.soft.solve.assembly import SoftSystem
-from cosim.soft.solve.equilibrium import Equilibrium, Obstacles
-from cosim.soft.solve.newton import NewtonOptions, Outcome
-from cosim.soft.solve.state import SoftState
-from cosim.soft.solve.time_step import StepAim, StepOptions
+from cosim.soft.solve.newton_options import NewtonOptions, Outcome
+from cosim.soft.solve.state import Equilibrium, Obstacles, SoftState
+from cosim.soft.solve.time_scheme import StepAim, StepOptions
 from cosim.soft.targets import flange_search, tension_search
 from cosim.soft.targets.tip_target import TipTarget
 

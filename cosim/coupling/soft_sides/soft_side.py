@@ -21,9 +21,8 @@ from cosim.soft.body.loads import Loads
 from cosim.soft.contact.contact_points import ContactSurface
 from cosim.soft.contact.obstacle_contact import ContactPlanes
 from cosim.soft.contact.self_contact_memory import FilmMemory
-from cosim.soft.solve.equilibrium import Equilibrium, Obstacles
-from cosim.soft.solve.state import SoftState
-from cosim.soft.solve.time_step import StepAim, inertia_weight
+from cosim.soft.solve.state import Equilibrium, Obstacles, SoftState
+from cosim.soft.solve.time_scheme import StepAim, inertia_weight
 from cosim.soft.targets.tip_target import TipTarget
 
 

@@ -19,9 +19,10 @@ from cosim.reduced.solve.newton import ChainSolver
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
 from cosim.soft.solve.assembly import SoftSystem
-from cosim.soft.solve.equilibrium import Equilibrium, EquilibriumSolver
-from cosim.soft.solve.newton import NewtonOptions, NewtonSolver, Outcome
-from cosim.soft.solve.state import Clamp, SoftState
+from cosim.soft.solve.equilibrium import EquilibriumSolver
+from cosim.soft.solve.newton import NewtonSolver
+from cosim.soft.solve.newton_options import NewtonOptions, Outcome
+from cosim.soft.solve.state import Clamp, Equilibrium, SoftState
 
 LARGEST_PRESSURE_Pa: Final = 45e3
 """Working range of pressure, unless more is asked for."""

@@ -21,9 +21,10 @@ from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
 from cosim.soft.elements.frame_ring import FrameRings
 from cosim.soft.solve.assembly import SoftSystem
-from cosim.soft.solve.equilibrium import Equilibrium, EquilibriumSolver
-from cosim.soft.solve.newton import NewtonOptions, NewtonSolver
-from cosim.soft.solve.state import Clamp, SoftState
+from cosim.soft.solve.equilibrium import EquilibriumSolver
+from cosim.soft.solve.newton import NewtonSolver
+from cosim.soft.solve.newton_options import NewtonOptions
+from cosim.soft.solve.state import Clamp, Equilibrium, SoftState
 
 _STILL = (0.0, 0.0, 0.0)
 _STRAIGHT = 5  # straight samples at each pressure

@@ -20,7 +20,7 @@ from cosim.reduced.solve.newton import Bed, ChainSolver
 from cosim.reduced.solve.sensitivity import ChainTangent
 from cosim.soft.body.loads import Loads
 from cosim.soft.elements.cable_length import base_tension, onset
-from cosim.soft.solve.newton import Outcome
+from cosim.soft.solve.newton_options import Outcome
 
 CLOSE_N: Final = 1e-8
 """How closely a chain is solved whose cables have lengths: their tension feels where it ends."""

@@ -14,7 +14,7 @@ from cosim.reduced.sections.assembly import assemble, minimise
 from cosim.reduced.solve.contact import FrameContacts
 from cosim.reduced.solve.sealed_pressure import solve_sealed
 from cosim.soft.body.loads import Loads
-from cosim.soft.solve.newton import Outcome
+from cosim.soft.solve.newton_options import Outcome
 
 OUTCOMES = (
     Outcome.CONVERGED,

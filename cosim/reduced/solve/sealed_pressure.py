@@ -7,7 +7,7 @@ from typing import Protocol, TypeVar
 
 from cosim.base.frames import Array
 from cosim.soft.elements.gas import SealedGas
-from cosim.soft.solve.newton import Outcome
+from cosim.soft.solve.newton_options import Outcome
 
 _ROUNDS_MAX = 30
 _TOLERANCE = 1e-9  # of the absolute pressure

@@ -12,7 +12,7 @@ from cosim.base.frames import Array, Mask
 from cosim.errors import ConvergenceError
 from cosim.reduced.solve.newton import Bed, ChainSolver
 from cosim.soft.body.loads import Loads
-from cosim.soft.solve.sensitivity import TipFrame
+from cosim.soft.body.tip_frame import TipFrame
 
 
 @final

@@ -21,8 +21,8 @@ from cosim.reduced.solve.sealed_pressure import solve_sealed
 from cosim.reduced.solve.state import ChainState
 from cosim.reduced.solve.working_range import place_in_range
 from cosim.soft.body.loads import Loads
-from cosim.soft.solve.newton import Outcome
-from cosim.soft.solve.time_step import StepAim, StepOptions, inertia_weight
+from cosim.soft.solve.newton_options import Outcome
+from cosim.soft.solve.time_scheme import StepAim, StepOptions, inertia_weight
 
 
 @final

@@ -12,12 +12,18 @@ import numpy as np
 
 from cosim.base.frames import Pose
 from cosim.errors import InputError, SceneError
-from cosim.rigid.build.description import SceneDescription, SceneObject, ServoGains
+from cosim.rigid.build.description import (
+    FLANGE_SITE,
+    FORCE_SENSOR,
+    TORQUE_SENSOR,
+    SceneDescription,
+    SceneObject,
+    ServoGains,
+)
 from cosim.rigid.build.object_bodies import add_mounted, add_object, prepare
 from cosim.rigid.build.wire_bodies import add_wire, relax_wire
 
-FLANGE_MOUNT, FLANGE_SITE = "flange_mount", "flange"
-FORCE_SENSOR, TORQUE_SENSOR = "flange_force", "flange_torque"
+FLANGE_MOUNT = "flange_mount"
 
 # Robot links meet floor and objects but not one another.
 _ROBOT_CONTACT = (1, 2)

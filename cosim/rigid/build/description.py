@@ -14,6 +14,9 @@ from cosim.rigid.build.geometry import Geometry
 from cosim.rigid.build.joint import Joint
 from cosim.rigid.build.wire import Wire
 
+FLANGE_SITE, FORCE_SENSOR, TORQUE_SENSOR = "flange", "flange_force", "flange_torque"
+VISUAL_GROUP = 1  # MuJoCo's URDF reader puts what is drawn into this geom group
+
 
 @dataclass(frozen=True)
 class SceneObject:

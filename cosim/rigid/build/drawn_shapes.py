@@ -8,7 +8,7 @@ import numpy as np
 from cosim.base.body_shape import BodyShape
 from cosim.base.frames import Pose
 from cosim.rigid.build import tessellation
-from cosim.rigid.build.object_bodies import VISUAL_GROUP
+from cosim.rigid.build.description import VISUAL_GROUP
 
 _TILE_M = 0.25
 _DARKER = 0.90

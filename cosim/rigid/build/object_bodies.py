@@ -7,11 +7,10 @@ import numpy as np
 
 from cosim.base.frames import Array, Pose
 from cosim.base.triangle_mesh import TriangleMesh
-from cosim.rigid.build.description import SceneObject
+from cosim.rigid.build.description import VISUAL_GROUP, SceneObject
 from cosim.rigid.build.geometry import Geometry
 from cosim.rigid.build.joint import Joint
 
-VISUAL_GROUP = 1  # MuJoCo's URDF reader puts what is drawn into this geom group
 _CONTACT = (2, 3)  # floor and objects meet everything
 _GEOM_TYPES = {
     "box": mujoco.mjtGeom.mjGEOM_BOX,

@@ -5,8 +5,8 @@ from __future__ import annotations
 import mujoco
 
 from cosim.base.frames import Pose, quaternion_from_rotation
-from cosim.rigid.build.description import SceneObject
-from cosim.rigid.build.object_bodies import HARD, VISUAL_GROUP, world_pose
+from cosim.rigid.build.description import VISUAL_GROUP, SceneObject
+from cosim.rigid.build.object_bodies import HARD, world_pose
 from cosim.rigid.build.wire import Wire
 
 # It meets robots (bit 1) and objects (bit 2); two of its kind meet neither's bits.

@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 
 from cosim.base.frames import Array, IntArray
-from cosim.rigid.build.compile_model import FLANGE_SITE, FORCE_SENSOR, TORQUE_SENSOR
+from cosim.rigid.build.description import FLANGE_SITE, FORCE_SENSOR, TORQUE_SENSOR
 
 
 @dataclass(frozen=True)

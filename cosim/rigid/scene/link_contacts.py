@@ -7,35 +7,17 @@ for in a copy of the model in which the arm's links meet everything, and nothing
 from __future__ import annotations
 
 import copy
-from dataclasses import dataclass
 from typing import final
 
 import mujoco
 import numpy as np
 
 from cosim.base.frames import Array, Mask
+from cosim.base.link_contact import LinkContact
 from cosim.rigid.scene.layout import ArmLayout
 
 _SEEN_M = 0.01  # from here on, distances are known; to know of more costs more than it saves
 _LINK, _OBJECT = 1, 2  # bits: links look for both, objects for links only
-
-
-@final
-@dataclass(frozen=True)
-class LinkContact:
-    """A link that touches something.
-
-    Args:
-        link: its name.
-        other: of an object, of the floor, or of a link.
-        depth_m: how far they overlap, of the deepest point.
-        movable: whether the other one can move, links not counted.
-    """
-
-    link: str
-    other: str
-    depth_m: float
-    movable: bool
 
 
 @final

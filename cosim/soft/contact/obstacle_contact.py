@@ -25,9 +25,8 @@ from typing import Annotated, final
 import numpy as np
 
 from cosim.base.frames import Array, IntArray
-from cosim.base.kernels import BLOCKS, INDEX_TABLE, MATRIX, REAL, VECTOR, inlined, kernel
+from cosim.base.kernels import BLOCKS, INDEX_TABLE, MATRIX, REAL, VECTOR, add_block, inlined, kernel
 from cosim.errors import InputError
-from cosim.soft.elements.blocks import add_block
 
 _NO_TABLE = np.zeros((0, 0), np.int64)
 

@@ -27,11 +27,10 @@ from typing import final
 import numpy as np
 
 from cosim.base.frames import Array, IntArray, Mask
-from cosim.base.kernels import BLOCKS, INDEX_TABLE, MATRIX, REAL, VECTOR, inlined, kernel
+from cosim.base.kernels import BLOCKS, INDEX_TABLE, MATRIX, REAL, VECTOR, add_block, inlined, kernel
 from cosim.soft.contact.obstacle_contact import ContactLaw, dragging_law, pressing_law
 from cosim.soft.contact.self_contact_memory import FilmMemory
-from cosim.soft.elements.blocks import add_block
-from cosim.soft.linear.coupled_pattern import CoupledPattern
+from cosim.soft.linear.pattern import CoupledPattern
 
 _NO_TABLE = np.zeros((0, 0), np.int64)
 _NO_BLOCKS = np.zeros((0, 3, 3))

@@ -22,9 +22,8 @@ from typing import Final, final
 import numpy as np
 
 from cosim.base.frames import Array, IntArray
-from cosim.base.kernels import BLOCKS, INDEX_TABLE, MATRIX, REAL, VECTOR, kernel
+from cosim.base.kernels import BLOCKS, INDEX_TABLE, MATRIX, REAL, VECTOR, add_block, kernel
 from cosim.errors import InputError
-from cosim.soft.elements.blocks import add_block
 
 ROUNDED_m: Final = 1e-4
 """e: eyelets nearer to each other than this have met."""

@@ -17,9 +17,8 @@ from typing import final
 import numpy as np
 
 from cosim.base.frames import Array, IntArray
-from cosim.base.kernels import BLOCKS, INDEX_TABLE, MATRIX, REAL, kernel
+from cosim.base.kernels import BLOCKS, INDEX_TABLE, MATRIX, REAL, add_block, kernel
 from cosim.errors import MeshError
-from cosim.soft.elements.blocks import add_block
 
 _ORDERS_TRIED = 100
 

@@ -17,13 +17,140 @@ second derivatives are written here in the orthonormal frames of the two triangl
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import final
 
+import numpy as np
+
 from cosim.base.frames import Array, IntArray
-from cosim.base.kernels import BLOCKS, INDEX_TABLE, MATRIX, REAL, VECTOR, kernel
-from cosim.soft.elements.hinge_gradient import add_hinge_gradients
-from cosim.soft.elements.hinge_hessian import add_hinge_hessians
+from cosim.base.kernels import BLOCKS, INDEX_TABLE, MATRIX, REAL, VECTOR, inlined, kernel
+from cosim.soft.elements.hinge_gradient import (
+    ALPHA,
+    BETA,
+    LANES,
+    MOMENT,
+    QUANTITIES,
+    TANGENT,
+    A,
+    B,
+    E,
+    U,
+    W,
+    add_hinge_gradients,
+    differentiate,
+    gather,
+    load,
+    scatter,
+)  # fmt: skip
+
+# Entry (r, c) of pair p is at h[(9 p + 3 r + c) * _FEW + lane]; pairs ii ji jj ki kj kk li lj lk ll.
+_FEW = 16
+_II, _JI, _JJ, _KI, _KJ, _KK, _LI, _LJ, _LK, _LL = (9 * _FEW * pair for pair in range(10))
+
+
+@inlined
+def _second_derivatives(s, begin, h):  # type: ignore[no-untyped-def]
+    """Fill the second derivatives of the angle."""
+    for lane in range(_FEW):
+        at = begin + lane
+        alpha, beta = s[ALPHA + at], s[BETA + at]
+        e0, e1, e2 = s[E + at], s[E + LANES + at], s[E + 2 * LANES + at]
+        a0, a1, a2 = s[A + at], s[A + LANES + at], s[A + 2 * LANES + at]
+        b0, b1, b2 = s[B + at], s[B + LANES + at], s[B + 2 * LANES + at]
+        over = 1.0 / (e0 * e0 + e1 * e1 + e2 * e2)
+        unit = math.sqrt(over)
+        a, b, e = (a0, a1, a2), (b0, b1, b2), (e0 * over, e1 * over, e2 * over)
+        p = unit * (e1 * a2 - e2 * a1), unit * (e2 * a0 - e0 * a2), unit * (e0 * a1 - e1 * a0)
+        q = unit * (e1 * b2 - e2 * b1), unit * (e2 * b0 - e0 * b2), unit * (e0 * b1 - e1 * b0)
+        for c in range(3):
+            d_alpha = over * s[U + c * LANES + at] - 2.0 * alpha * e[c]
+            d_beta = over * s[W + c * LANES + at] + e[c] - 2.0 * beta * e[c]
+            for r in range(3):
+                place, mirror = (3 * r + c) * _FEW + lane, (3 * c + r) * _FEW + lane
+                first, second = p[r] * a[c] + a[r] * p[c], q[r] * b[c] + b[r] * q[c]
+                a_e, b_e = alpha * first - e[r] * a[c], beta * second - e[r] * b[c]
+                h[_II + place] = -first
+                h[_JI + mirror] = first - a_e
+                h[_KI + mirror] = a_e
+                h[_LL + place] = second
+                h[_LK + place] = b_e - second
+                h[_LJ + place] = -b_e
+                h[_KK + place] = (beta - 1.0) * (b_e - second) + b[r] * d_beta - alpha * a_e - a[r] * d_alpha
+
+
+@inlined
+def _complete(s, begin, h):  # type: ignore[no-untyped-def]
+    """Fill what translations fix, and turn second derivatives of the angle into those of the energy."""
+    for lane in range(_FEW):
+        at = begin + lane
+        alpha, beta, moment, tangent = s[ALPHA + at], s[BETA + at], s[MOMENT + at], s[TANGENT + at]
+        a = s[A + at], s[A + LANES + at], s[A + 2 * LANES + at]
+        b = s[B + at], s[B + LANES + at], s[B + 2 * LANES + at]
+        j = (
+            (alpha - 1.0) * a[0] - beta * b[0],
+            (alpha - 1.0) * a[1] - beta * b[1],
+            (alpha - 1.0) * a[2] - beta * b[2],
+        )
+        k = (
+            (beta - 1.0) * b[0] - alpha * a[0],
+            (beta - 1.0) * b[1] - alpha * a[1],
+            (beta - 1.0) * b[2] - alpha * a[2],
+        )
+        for r in range(3):
+            for c in range(3):
+                place, mirror = (3 * r + c) * _FEW + lane, (3 * c + r) * _FEW + lane
+                kj = -h[_KI + place] - h[_LK + mirror] - h[_KK + place]
+                jk = -h[_KI + mirror] - h[_LK + place] - h[_KK + mirror]
+                jj = -h[_JI + place] - h[_LJ + mirror] - jk
+                h[_KJ + place] = moment * kj + tangent * k[r] * j[c]
+                h[_JJ + place] = moment * jj + tangent * j[r] * j[c]
+        for r in range(3):
+            for c in range(3):
+                place = (3 * r + c) * _FEW + lane
+                h[_II + place] = moment * h[_II + place] + tangent * a[r] * a[c]
+                h[_JI + place] = moment * h[_JI + place] + tangent * j[r] * a[c]
+                h[_KI + place] = moment * h[_KI + place] + tangent * k[r] * a[c]
+                h[_KK + place] = moment * h[_KK + place] + tangent * k[r] * k[c]
+                h[_LI + place] = tangent * b[r] * a[c]
+                h[_LJ + place] = moment * h[_LJ + place] + tangent * b[r] * j[c]
+                h[_LK + place] = moment * h[_LK + place] + tangent * b[r] * k[c]
+                h[_LL + place] = moment * h[_LL + place] + tangent * b[r] * b[c]
+
+
+@inlined
+def _assemble(slots, first, lanes, h, blocks):  # type: ignore[no-untyped-def]
+    """Add the Hessians of some hinges from `first` on to the blocks."""
+    for lane in range(lanes):
+        for pair in range(10):
+            slot, at = slots[first + lane, pair], 9 * _FEW * pair + lane
+            if slot >= 0:
+                for r in range(3):
+                    for c in range(3):
+                        blocks[slot, r, c] += h[at + (3 * r + c) * _FEW]
+            else:
+                slot = -1 - slot
+                for r in range(3):
+                    for c in range(3):
+                        blocks[slot, c, r] += h[at + (3 * r + c) * _FEW]
+
+
+@inlined
+def add_hinge_hessians(x, hinges, stiffness, rest, theta1, reference, slots, force, blocks, angles):  # type: ignore[no-untyped-def]
+    """Add all hinges' gradient to force and Hessian to blocks, write their angles; return the energy."""
+    s, h = np.empty(QUANTITIES * LANES), np.empty(90 * _FEW)
+    energy = 0.0
+    for first in range(0, hinges.shape[0], LANES):
+        lanes = min(LANES, hinges.shape[0] - first)
+        gather(x, hinges, first, lanes, s)
+        differentiate(s)
+        energy += load(stiffness, rest, theta1, reference, first, lanes, s, angles)
+        scatter(hinges, first, lanes, s, force)
+        for begin in range(0, lanes, _FEW):
+            _second_derivatives(s, begin, h)
+            _complete(s, begin, h)
+            _assemble(slots, first + begin, min(_FEW, lanes - begin), h, blocks)
+    return energy
 
 
 @kernel(REAL(MATRIX, INDEX_TABLE, VECTOR, VECTOR, REAL, VECTOR, INDEX_TABLE, MATRIX, BLOCKS, VECTOR))

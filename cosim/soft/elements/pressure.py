@@ -12,8 +12,7 @@ from __future__ import annotations
 import numpy as np
 
 from cosim.base.frames import Array, IntArray, cross_matrix
-from cosim.base.kernels import BLOCKS, INDEX_TABLE, INDICES, MATRIX, REAL, inlined, kernel
-from cosim.soft.elements.blocks import add_block
+from cosim.base.kernels import BLOCKS, INDEX_TABLE, INDICES, MATRIX, REAL, add_block, inlined, kernel
 
 
 @inlined

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from types import ModuleType
 from typing import Any
 
-from cosim.base.kernel_cache import remove_old
+from cosim.base.kernels import remove_old
 from cosim.soft.body import center_line
 from cosim.soft.contact import contact_points as contact_surface
 from cosim.soft.contact import obstacle_contact as contact

@@ -2,22 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
-from typing import TypeAlias, final
+from dataclasses import replace
+from typing import final
 
 import numpy as np
 
-from cosim.base.frames import Array, Pose, Wrench
+from cosim.base.frames import Array, Pose
 from cosim.errors import ConvergenceError
 from cosim.soft.body.loads import Loads
-from cosim.soft.contact.obstacle_contact import ContactPlanes
 from cosim.soft.elements.cable_length import losses_follow
-from cosim.soft.solve.newton import NewtonOptions, NewtonResult, NewtonSolver
+from cosim.soft.solve.newton import NewtonSolver
+from cosim.soft.solve.newton_options import NewtonOptions, NewtonResult
 from cosim.soft.solve.place import place_of_largest
 from cosim.soft.solve.pseudo_transient import slide
 from cosim.soft.solve.self_contact import SelfContact
-from cosim.soft.solve.state import Clamp, SoftState
+from cosim.soft.solve.state import Clamp, Equilibrium, Obstacles, SoftState
 
 _SPLITS_MAX = 8
 _FRICTION_ROUNDS_MAX = 30
@@ -25,39 +24,6 @@ CONTACT_ROUNDS_MAX = 40
 _FOOT_SLACK = 0.02  # more in every round
 _SHRINKS_BELOW = 0.99  # a sequence of shapes that is extrapolated
 _EXTRAPOLATED_M = 1e-3  # at most
-
-
-Obstacles: TypeAlias = Callable[[Array], ContactPlanes | None]
-"""Positions (n, 3) [m] -> what may be touched near them, without friction; None for nothing."""
-
-
-@final
-@dataclass(frozen=True)
-class Equilibrium:
-    """A solved equilibrium.
-
-    Args:
-        state: at rest.
-        world_from_flange: pose of the flange.
-        loads: that it carries.
-        wrench: exerted on the flange, at its origin, world axes.
-        residual_N: largest out-of-balance component on a free node.
-        iterations: Newton iterations spent since the equilibrium it was followed from.
-        potential_J: potential energy, loads included.
-        shifted: iterations that met an indefinite tangent.
-        slides: how often on the way Newton's method found nothing near and a damped slide led on; see
-            `pseudo_transient`.
-    """
-
-    state: SoftState
-    world_from_flange: Pose
-    loads: Loads
-    wrench: Wrench
-    residual_N: float
-    iterations: int
-    potential_J: float
-    shifted: int
-    slides: int = 0
 
 
 @final
@@ -107,10 +73,11 @@ class EquilibriumSolver:
         result, loads = self._settle_contacts(guess, state.angles, loads)
         result = self._settle_friction(result, loads)
         if not result.converged:
+            system = self.solver.system
             raise ConvergenceError(
                 f"no equilibrium found: {result.outcome.value}; residual {result.residual_N:.3g} N, bound "
                 f"{self.options.tolerance_N:.3g} N, {result.iterations} iterations, the largest "
-                f"at {place_of_largest(self.solver, result.positions)}",
+                f"at {place_of_largest(system.body, result.positions, system.gradient, self.solver.free)}",
                 result.residual_N,
                 result.iterations,
             )

@@ -10,9 +10,7 @@ Source: Nocedal and Wright, Numerical Optimization, 2nd ed., sections 3.4 and 3.
 
 from __future__ import annotations
 
-import enum
 import math
-from dataclasses import dataclass
 from typing import final
 
 import numpy as np
@@ -27,76 +25,8 @@ from cosim.soft.linear.linear_solver import GeneralLU, LinearSolver, by_componen
 from cosim.soft.linear.multifrontal_cholesky import cholesky
 from cosim.soft.linear.pattern import BlockPattern
 from cosim.soft.solve.assembly import Inertia, SoftSystem
+from cosim.soft.solve.newton_options import NewtonOptions, NewtonResult, Outcome
 from cosim.soft.solve.problem import Point, Problem
-
-
-class Outcome(enum.Enum):
-    """How Newton's method ended, as a sentence."""
-
-    CONVERGED = "the residual is below its bound"
-    ITERATION_LIMIT = "the iteration limit was reached above the residual's bound"
-    NO_DESCENT = "no step along the Newton direction lowers the potential"
-    INDEFINITE = "no shift up to its bound makes the tangent positive definite"
-    NOT_FINITE = "positions or forces are not finite"
-
-
-@final
-@dataclass(frozen=True)
-class NewtonOptions:
-    """Bounds of Newton's method.
-
-    Args:
-        tolerance_N: largest free component of the out-of-balance force, and a hundredth of its resultant.
-        start_tolerance_N: the same for a start that is taken as it is, without an iteration.
-        iterations_max: iterations with a new tangent before giving up.
-        shift_start_N_m: first mu tried on an indefinite tangent.
-        shift_max_N_m: largest mu tried.
-        halvings_max: how often a step is halved before giving up.
-        reuse_max: iterations per solution with a factorisation that is kept; 0 for Newton's method proper.
-        reuse_rate: such an iteration must bring the residual below this share of the last one.
-        step_max_m: longest nodal displacement in one iteration.
-    """
-
-    tolerance_N: float = 1e-6
-    start_tolerance_N: float = 1e-6
-    iterations_max: int = 60
-    shift_start_N_m: float = 0.05
-    shift_max_N_m: float = 1e8
-    halvings_max: int = 30
-    step_max_m: float = 0.05
-    reuse_max: int = 0
-    reuse_rate: float = 0.5
-
-
-@final
-@dataclass(frozen=True)
-class NewtonResult:
-    """Where Newton's method ended.
-
-    Args:
-        positions: (n, 3) [m].
-        angles: (h,) [rad], unwrapped hinge angles there.
-        outcome: how it ended.
-        residual_N: largest free out-of-balance component.
-        iterations: linear solves, those with a kept factorisation included.
-        factorisations: of new tangents, attempts included.
-        potential_J: there, inertia included.
-        shifted: iterations in which the tangent was indefinite.
-    """
-
-    positions: Array
-    angles: Array
-    outcome: Outcome
-    residual_N: float
-    iterations: int
-    factorisations: int
-    potential_J: float
-    shifted: int
-
-    @property
-    def converged(self) -> bool:
-        """Whether the residual is below its bound."""
-        return self.outcome is Outcome.CONVERGED
 
 
 @final

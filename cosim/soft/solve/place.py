@@ -4,19 +4,20 @@ from __future__ import annotations
 
 import numpy as np
 
-from cosim.base.frames import Array
-from cosim.soft.solve.newton import NewtonSolver
+from cosim.base.frames import Array, Mask
+from cosim.soft.body.body import SoftBody
 
 
-def place_of_largest(solver: NewtonSolver, positions: Array) -> str:
+def place_of_largest(body: SoftBody, positions: Array, gradient: Array, free: Mask) -> str:
     """Return the node where the largest residual is, and the ring nearest to it.
 
     Args:
-        solver: whose system was evaluated last where it has ended.
-        positions: (n, 3) [m], there.
+        body: whose residual it is.
+        positions: (n, 3) [m].
+        gradient: (n, 3) [N], of the potential there.
+        free: (n, 3) bool, components that move.
     """
-    body = solver.system.body
-    size = np.where(solver.free, np.abs(solver.system.gradient), 0.0).max(axis=1)
+    size = np.where(free, np.abs(gradient), 0.0).max(axis=1)
     node = int(np.argmax(np.where(np.isfinite(size), size, np.inf)))
     if not body.rings:
         return f"node {node}"

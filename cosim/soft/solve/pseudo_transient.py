@@ -17,7 +17,8 @@ import numpy as np
 from cosim.base.frames import Array
 from cosim.soft.body.loads import Loads
 from cosim.soft.solve.assembly import Inertia
-from cosim.soft.solve.newton import NewtonOptions, NewtonResult, NewtonSolver, Outcome
+from cosim.soft.solve.newton import NewtonSolver
+from cosim.soft.solve.newton_options import NewtonOptions, NewtonResult, Outcome
 
 _BED_N_m = 1e3  # c of the first step
 _FALL, _RISE = 0.4, 6.0

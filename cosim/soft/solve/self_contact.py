@@ -20,8 +20,7 @@ from cosim.soft.contact.self_contact_faces import FilmFaces
 from cosim.soft.contact.self_contact_pairs import FilmPairs, feet
 from cosim.soft.contact.self_contact_points import FilmPoints
 from cosim.soft.contact.self_contact_search import FilmSearch
-from cosim.soft.linear.coupled_pattern import CoupledPattern
-from cosim.soft.linear.pattern import BlockPattern
+from cosim.soft.linear.pattern import BlockPattern, CoupledPattern
 from cosim.soft.solve.state import SoftState
 
 _STEP_REACH_M = 1e-3  # looked ahead besides what the film moves in a step

@@ -17,9 +17,9 @@ from cosim.base.frames import Array
 from cosim.errors import ConvergenceError
 from cosim.soft.linear.linear_solver import GeneralLU, by_component
 from cosim.soft.linear.low_rank import negative_added
-from cosim.soft.solve.equilibrium import Equilibrium, EquilibriumSolver
+from cosim.soft.solve.equilibrium import EquilibriumSolver
 from cosim.soft.solve.newton import NewtonSolver
-from cosim.soft.solve.state import SoftState
+from cosim.soft.solve.state import Equilibrium, SoftState
 
 
 def negative_pivots(solver: NewtonSolver, equilibrium: Equilibrium) -> int:

@@ -1,15 +1,18 @@
-"""State of a soft body, and how it is held by the flange."""
+"""States of a soft body: how it moves, how the flange holds it, and its equilibria."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Annotated, final
+from typing import Annotated, TypeAlias, final
 
 import numpy as np
 
 from cosim.base.frames import Array, IntArray, Mask, Pose, Wrench
 from cosim.soft.body.body import SoftBody
+from cosim.soft.body.loads import Loads
+from cosim.soft.contact.obstacle_contact import ContactPlanes
 from cosim.soft.contact.self_contact_memory import FilmMemory
 from cosim.soft.geometry.surface import dihedral_angle
 
@@ -141,3 +144,36 @@ class SoftState:
             np.ascontiguousarray(motion.apply(self.positions)), self.velocities @ turn, self.angles, None,
             None if self.touching is None else self.touching.carried(motion),
         )  # fmt: skip
+
+
+Obstacles: TypeAlias = Callable[[Array], ContactPlanes | None]
+"""Positions (n, 3) [m] -> what may be touched near them, without friction; None for nothing."""
+
+
+@final
+@dataclass(frozen=True)
+class Equilibrium:
+    """A solved equilibrium.
+
+    Args:
+        state: at rest.
+        world_from_flange: pose of the flange.
+        loads: that it carries.
+        wrench: exerted on the flange, at its origin, world axes.
+        residual_N: largest out-of-balance component on a free node.
+        iterations: Newton iterations spent since the equilibrium it was followed from.
+        potential_J: potential energy, loads included.
+        shifted: iterations that met an indefinite tangent.
+        slides: how often on the way Newton's method found nothing near and a damped slide led on; see
+            `pseudo_transient`.
+    """
+
+    state: SoftState
+    world_from_flange: Pose
+    loads: Loads
+    wrench: Wrench
+    residual_N: float
+    iterations: int
+    potential_J: float
+    shifted: int
+    slides: int = 0

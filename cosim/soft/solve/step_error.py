@@ -13,7 +13,7 @@ import math
 import numpy as np
 
 from cosim.soft.solve.state import SoftState
-from cosim.soft.solve.time_step import Integrator
+from cosim.soft.solve.time_scheme import Integrator
 
 _PIECES_MAX = 16
 _SAFETY = 1.2

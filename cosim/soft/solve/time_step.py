@@ -1,16 +1,13 @@
 """Implicit time steps of a soft body: each is the minimum of an incremental potential.
 
-Implicit Euler:  y = x_n + h v_n,  M (x - y) / h^2 = f(x),  v = (x - x_n) / h.
-BDF2, s = 2 h / 3:  a = (4 x_n - x_n-1) / 3,  y = a + s (4 v_n - v_n-1) / 3,  M (x - y) / s^2 = f(x),
-v = (x - a) / s; its first step is implicit Euler.
-Mass-proportional damping alpha adds M alpha v. Source: Hairer and Wanner, Solving ODEs II, chapter III.1.
+The formulas are those of `time_scheme`.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
-from typing import Literal, TypeAlias, final
+from dataclasses import replace
+from typing import final
 
 import numpy as np
 
@@ -19,70 +16,20 @@ from cosim.errors import ConvergenceError, InputError
 from cosim.soft.body.loads import Loads
 from cosim.soft.elements.cable_length import losses_follow
 from cosim.soft.solve.assembly import Inertia
-from cosim.soft.solve.newton import NewtonOptions, NewtonResult, NewtonSolver, Outcome
+from cosim.soft.solve.newton import NewtonSolver
+from cosim.soft.solve.newton_options import NewtonResult, Outcome
 from cosim.soft.solve.place import place_of_largest
 from cosim.soft.solve.self_contact import SelfContact
 from cosim.soft.solve.state import Clamp, SoftState
+from cosim.soft.solve.time_scheme import Integrator, StepAim, StepOptions, difference_scheme, inertia_weight
 
-_REUSE_MAX = 30  # iterations with a kept factorisation in a step that is solved closely
-_FINE_ITERATIONS_MAX = 4  # new tangents in it below an ordinary step's tolerance
 _LOSS_ROUNDS_MAX = 8
-
-Integrator: TypeAlias = Literal["implicit_euler", "bdf2"]
 
 
 # An acceleration is taken to stay where it moves nodes by so much in a step. Below, starts that are near
 # enough would carry it on for ever: a resting body would wander. Above, films flutter: it will turn round.
 _EVEN_m = (1e-7, 1e-4)
 _LARGE_TURN_RAD = 0.01  # above it, another start of Newton's method pays for looking for it
-
-
-@final
-@dataclass(frozen=True)
-class StepOptions:
-    """How a time step is solved.
-
-    Args:
-        integrator: "implicit_euler" (first order, damps) or "bdf2" (second order, damps less).
-        tolerance_N: a step whose residual is below this is done.
-        iterations: new tangents of an ordinary step, besides iterations with a kept one.
-        residual_bound_N: a step whose residual is above this after them goes on iterating.
-        newton: bounds of the iteration.
-        damping_per_s: alpha [1/s].
-        substep_error_m: a step whose error is larger is cut into pieces; None: never (see `step_error`).
-    """
-
-    integrator: Integrator = "implicit_euler"
-    tolerance_N: float = 1e-4
-    iterations: int = 1
-    residual_bound_N: float = 0.1
-    newton: NewtonOptions = NewtonOptions(reuse_max=6)
-    damping_per_s: float = 0.0
-    substep_error_m: float | None = None
-
-
-def difference_scheme(integrator: Integrator, state: SoftState, h: float) -> tuple[Array, float, Array]:
-    """Return (base, span, speed) of the next step: v = (x - base) / span, acceleration = (v - speed) / span.
-
-    Args:
-        integrator: see the module's text.
-        state: at the beginning of the step.
-        h: its length [s].
-    """
-    if integrator == "implicit_euler" or state.earlier is None:
-        return state.positions, h, state.velocities
-    x1, v1 = state.earlier
-    return (4.0 * state.positions - x1) / 3.0, 2.0 * h / 3.0, (4.0 * state.velocities - v1) / 3.0
-
-
-def inertia_weight(span: float, damping_per_s: float) -> float:
-    """Return (1 + alpha s) / s^2 [1/s^2]: what a step's inertia and damping add to the stiffness, per mass.
-
-    Args:
-        span: s [s], of `difference_scheme`.
-        damping_per_s: alpha [1/s].
-    """
-    return (1.0 + damping_per_s * span) / span**2
 
 
 def _turn(before: Pose, after: Pose) -> float:
@@ -108,32 +55,6 @@ def _flight(integrator: Integrator, state: SoftState, h: float) -> Array:
     gained = share * h * (state.velocities - state.earlier[1])
     least_m, most_m = _EVEN_m
     return flight + gained if least_m < float(np.abs(gained).max()) < most_m else flight
-
-
-@final
-@dataclass(frozen=True)
-class StepAim:
-    """How closely a step is solved that is taken again and again.
-
-    Args:
-        tolerance_N: a step whose residual is below this is done.
-        start: (n, 3) [m], where an earlier try of the same step ended; None for the first.
-    """
-
-    tolerance_N: float
-    start: Array | None = None
-
-    def newton(self, options: StepOptions) -> tuple[NewtonOptions, NewtonOptions]:
-        """Return the bounds of Newton's method up to an ordinary step's tolerance, and beyond it.
-
-        Beyond, few new tangents are spent: where films buckle, the tangent is shifted and gains little.
-        """
-        coarse = max(self.tolerance_N, options.tolerance_N)
-        given, fine = replace(options.newton, reuse_max=_REUSE_MAX), self.tolerance_N
-        return (
-            replace(given, tolerance_N=coarse, start_tolerance_N=coarse),
-            replace(given, tolerance_N=fine, start_tolerance_N=fine, iterations_max=_FINE_ITERATIONS_MAX),
-        )
 
 
 @final
@@ -203,7 +124,8 @@ class ImplicitStepper:
             if result.converged or self._acceptable(result, aim):
                 break
         else:
-            where = place_of_largest(self.solver, result.positions)
+            system = self.solver.system
+            where = place_of_largest(system.body, result.positions, system.gradient, self.solver.free)
             raise ConvergenceError(
                 f"the soft step did not converge: {result.outcome.value}; residual {result.residual_N:.3g} N "
                 f"after {result.iterations} iterations, the largest at {where}",

@@ -16,11 +16,13 @@ import numpy as np
 from cosim.base.frames import Array, Pose, cross_matrix, rotation_from_vector
 from cosim.errors import UnreachableError
 from cosim.soft.body.loads import Loads
-from cosim.soft.solve.equilibrium import Equilibrium, EquilibriumSolver
-from cosim.soft.solve.sensitivity import TipFrame
+from cosim.soft.body.tip_frame import TipFrame
+from cosim.soft.solve.equilibrium import EquilibriumSolver
+from cosim.soft.solve.state import Equilibrium
+from cosim.soft.targets.target_solution import TargetOptions, TargetSolution
 from cosim.soft.targets.tip_follower import Follower, follower_of
 from cosim.soft.targets.tip_search import TipSearch
-from cosim.soft.targets.tip_target import TargetOptions, TargetSolution, TipTarget
+from cosim.soft.targets.tip_target import TipTarget
 
 _LARGEST_TURN_RAD = 0.8
 _LARGEST_SHIFT_M = 5.0  # a shift hardly bends the law: only a search that is held back feels it

@@ -15,12 +15,14 @@ from scipy.optimize import lsq_linear
 from cosim.base.frames import Array, Pose
 from cosim.errors import ConvergenceError, UnreachableError
 from cosim.soft.body.loads import Loads
-from cosim.soft.solve.equilibrium import Equilibrium, EquilibriumSolver
-from cosim.soft.solve.sensitivity import TipFrame
+from cosim.soft.body.tip_frame import TipFrame
+from cosim.soft.solve.equilibrium import EquilibriumSolver
+from cosim.soft.solve.state import Equilibrium
+from cosim.soft.targets.target_solution import TargetOptions, TargetSolution
 from cosim.soft.targets.tension_sweep import TensionSweep, pull_lines, tensions_text
 from cosim.soft.targets.tip_follower import Follower, follower_of
 from cosim.soft.targets.tip_search import Ended, TipSearch
-from cosim.soft.targets.tip_target import TargetOptions, TargetSolution, TipTarget
+from cosim.soft.targets.tip_target import TipTarget
 
 _LARGEST_CHANGE_N = 10.0
 

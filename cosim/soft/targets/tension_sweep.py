@@ -16,7 +16,7 @@ from scipy.optimize import brentq
 
 from cosim.base.frames import Array
 from cosim.errors import ConvergenceError
-from cosim.soft.solve.equilibrium import Equilibrium
+from cosim.soft.solve.state import Equilibrium
 from cosim.soft.targets.tip_follower import Follower
 from cosim.soft.targets.tip_target import TipTarget
 

@@ -7,8 +7,10 @@ from typing import Protocol, final
 from cosim.base.frames import Array, Pose
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
-from cosim.soft.solve.equilibrium import Equilibrium, EquilibriumSolver
-from cosim.soft.solve.sensitivity import Sensitivity, TipFrame
+from cosim.soft.body.tip_frame import TipFrame
+from cosim.soft.solve.equilibrium import EquilibriumSolver
+from cosim.soft.solve.sensitivity import Sensitivity
+from cosim.soft.solve.state import Equilibrium
 
 
 class TipSensitivity(Protocol):

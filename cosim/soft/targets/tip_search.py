@@ -16,10 +16,11 @@ import numpy as np
 from cosim.base.frames import Array, Pose
 from cosim.errors import ConvergenceError
 from cosim.soft.body.loads import Loads
-from cosim.soft.solve.equilibrium import Equilibrium
-from cosim.soft.solve.sensitivity import TipFrame
+from cosim.soft.body.tip_frame import TipFrame
+from cosim.soft.solve.state import Equilibrium
+from cosim.soft.targets.target_solution import TargetOptions, TargetSolution
 from cosim.soft.targets.tip_follower import Follower
-from cosim.soft.targets.tip_target import TargetOptions, TargetSolution, TipTarget
+from cosim.soft.targets.tip_target import TipTarget
 
 _ACCEPTED = 0.1  # share of the promised gain
 _WELL_FORETOLD = 0.75

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.optimize import brentq
 
 from cosim.soft.elements.material import Film
-from cosim.soft.solve.newton import NewtonOptions
+from cosim.soft.solve.newton_options import NewtonOptions
 from cosim.verification.support.case import Case, Figure
 from cosim.verification.support.specimen import UNLOADED, Specimen
 from cosim.verification.support.strip import Strip

@@ -11,7 +11,7 @@ from scipy.optimize import brentq
 
 from cosim.soft.body.body import SoftBody
 from cosim.soft.elements.material import Film
-from cosim.soft.solve.newton import NewtonOptions
+from cosim.soft.solve.newton_options import NewtonOptions
 from cosim.verification.support.case import Case, Figure
 from cosim.verification.support.meshes import quarter_disc
 from cosim.verification.support.specimen import UNLOADED, Specimen

@@ -9,7 +9,7 @@ import numpy as np
 
 from cosim.soft.body.body import SoftBody
 from cosim.soft.elements.material import Film
-from cosim.soft.solve.newton import NewtonOptions
+from cosim.soft.solve.newton_options import NewtonOptions
 from cosim.verification.support.case import Case, Figure
 from cosim.verification.support.meshes import held_on_axis, tube
 from cosim.verification.support.specimen import UNLOADED, Specimen

@@ -9,7 +9,7 @@ from typing import ClassVar, final
 import numpy as np
 
 from cosim.base.frames import Array
-from cosim.soft.solve.equilibrium import Equilibrium
+from cosim.soft.solve.state import Equilibrium
 from cosim.verification.support.case import Case, Figure
 from cosim.verification.support.specimen import UNLOADED, Specimen
 from cosim.verification.support.strip import Strip

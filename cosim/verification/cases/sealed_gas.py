@@ -12,7 +12,7 @@ from scipy.optimize import brentq
 from cosim.soft.body.body import SoftBody
 from cosim.soft.elements.gas import SealedGas, STANDARD_ATMOSPHERE_Pa
 from cosim.soft.elements.material import Film
-from cosim.soft.solve.newton import NewtonOptions
+from cosim.soft.solve.newton_options import NewtonOptions
 from cosim.verification.support.case import Case, Figure
 from cosim.verification.support.meshes import octant_sphere
 from cosim.verification.support.specimen import UNLOADED, Specimen

@@ -9,7 +9,7 @@ from typing import ClassVar, final
 import numpy as np
 
 from cosim.errors import ConvergenceError
-from cosim.soft.solve.equilibrium import Equilibrium
+from cosim.soft.solve.state import Equilibrium
 from cosim.verification.support.case import Case, Figure
 from cosim.verification.support.sheet import PRESSURE_PA, Sheet
 from cosim.verification.support.specimen import Specimen

@@ -17,7 +17,8 @@ from cosim.soft.geometry.surface import interior_hinges
 from cosim.soft.solve.assembly import SoftSystem
 from cosim.soft.solve.newton import NewtonSolver
 from cosim.soft.solve.state import SoftState
-from cosim.soft.solve.time_step import ImplicitStepper, Integrator
+from cosim.soft.solve.time_scheme import Integrator
+from cosim.soft.solve.time_step import ImplicitStepper
 from cosim.verification.support.case import Case, Figure, observed_order
 from cosim.verification.support.meshes import grid_triangles
 from cosim.verification.support.specimen import NO_CLAMP, exact_steps

@@ -10,7 +10,7 @@ import numpy as np
 from cosim.base.frames import Array, Mask
 from cosim.soft.body.body import SoftBody
 from cosim.soft.elements.material import Film
-from cosim.soft.solve.newton import NewtonOptions
+from cosim.soft.solve.newton_options import NewtonOptions
 from cosim.verification.support.meshes import Shape
 from cosim.verification.support.specimen import UNLOADED, Specimen
 

@@ -11,8 +11,8 @@ import numpy as np
 from cosim.base.frames import Array, Mask
 from cosim.soft.body.body import SoftBody
 from cosim.soft.elements.material import Film
-from cosim.soft.solve.equilibrium import Equilibrium
-from cosim.soft.solve.newton import NewtonOptions
+from cosim.soft.solve.newton_options import NewtonOptions
+from cosim.soft.solve.state import Equilibrium
 from cosim.verification.support.meshes import held_on_axis, tube
 from cosim.verification.support.specimen import UNLOADED, Specimen
 

@@ -11,7 +11,7 @@ from cosim.base.frames import Array, Mask
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
 from cosim.soft.elements.material import Film
-from cosim.soft.solve.newton import NewtonOptions
+from cosim.soft.solve.newton_options import NewtonOptions
 from cosim.verification.support.specimen import UNLOADED
 
 PRESSURE_PA = 1000.0

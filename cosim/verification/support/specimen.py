@@ -11,10 +11,11 @@ from cosim.base.frames import Array, Mask, Pose
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
 from cosim.soft.solve.assembly import SoftSystem
-from cosim.soft.solve.equilibrium import Equilibrium, EquilibriumSolver
-from cosim.soft.solve.newton import NewtonOptions, NewtonSolver
-from cosim.soft.solve.state import Clamp, SoftState
-from cosim.soft.solve.time_step import Integrator, StepOptions
+from cosim.soft.solve.equilibrium import EquilibriumSolver
+from cosim.soft.solve.newton import NewtonSolver
+from cosim.soft.solve.newton_options import NewtonOptions
+from cosim.soft.solve.state import Clamp, Equilibrium, SoftState
+from cosim.soft.solve.time_scheme import Integrator, StepOptions
 
 UNLOADED = Loads(gravity=(0.0, 0.0, 0.0))
 """No pressure, no weight, no forces."""

@@ -11,7 +11,7 @@ from cosim.base.frames import Array, IntArray, Mask
 from cosim.soft.body.body import SoftBody
 from cosim.soft.elements.material import Film
 from cosim.soft.geometry.surface import interior_hinges
-from cosim.soft.solve.newton import NewtonOptions
+from cosim.soft.solve.newton_options import NewtonOptions
 from cosim.verification.support.specimen import Specimen
 
 PANEL_FACTOR = 1e4

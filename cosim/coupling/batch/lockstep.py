@@ -1,0 +1,89 @@
+"""Many ticks in one call: what is asked for, what comes back, and what takes them."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import final
+
+from cosim.base.frames import Array, Mask
+from cosim.coupling.batch.batch_kernel import Commands, Ticks
+from cosim.coupling.schemes.ledger import LedgerEntry
+from cosim.coupling.soft_sides.shape_reader import ShapeRows
+from cosim.soft.body.loads import Loads
+
+
+@final
+@dataclass(frozen=True)
+class Servos:
+    """What the servos are asked for in n ticks; see `Commands`.
+
+    Args:
+        position: (n, joints) [rad].
+        velocity: (n, joints) [rad/s].
+        torque: (n, joints) [N m].
+        by_payload: (n, joints, 10).
+    """
+
+    position: Array
+    velocity: Array
+    torque: Array
+    by_payload: Array
+
+
+@final
+@dataclass(frozen=True)
+class TickBatch:
+    """Ticks that were taken in a row.
+
+    Args:
+        ticks: what they leave; rows beyond the last one hold nothing.
+        shapes: of the film in the ticks done.
+        pressure_Pa: (done,), gauge.
+        done: how many.
+        half_done: whether the next one waits for `Lockstep.finish_tick`.
+        broken: whether the rigid side has become unstable in the next one; `Lockstep.advance` says so.
+        stability_ratio: (n,), see `LedgerEntry`.
+        algorithmic_mass: (n,), the same.
+    """
+
+    ticks: Ticks
+    shapes: ShapeRows
+    pressure_Pa: Array
+    done: int
+    half_done: bool
+    broken: bool
+    stability_ratio: Array
+    algorithmic_mass: Mask
+
+
+class Lockstep(ABC):
+    """Advances rigid and soft side together by many ticks at once."""
+
+    @abstractmethod
+    def commands(self, servos: Servos, loads: Sequence[Loads]) -> Commands | None:
+        """Return what is asked for in n ticks; None where the loads are more than pressure and tensions."""
+
+    @abstractmethod
+    def advance(self, commands: Commands, loads: Sequence[Loads]) -> TickBatch:
+        """Advance by n ticks, or fewer where a soft step is left or the rigid side breaks down.
+
+        Args:
+            commands: of n ticks.
+            loads: at their ends.
+
+        Raises:
+            InstabilityError: the rigid side is no longer finite, in the first of these ticks or before.
+        """
+
+    @abstractmethod
+    def finish_tick(self, loads: Loads) -> LedgerEntry:
+        """Take the soft half of a tick that `advance` has left half done.
+
+        Args:
+            loads: at its end.
+
+        Raises:
+            ConvergenceError: no solution.
+        """
