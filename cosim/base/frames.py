@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 Array: TypeAlias = NDArray[np.float64]
 IntArray: TypeAlias = NDArray[np.int64]
 Mask: TypeAlias = NDArray[np.bool_]
+PlaceArray: TypeAlias = NDArray[np.uint64]
 SixNumbers: TypeAlias = tuple[float, float, float, float, float, float]
 
 _Kind = TypeVar("_Kind")

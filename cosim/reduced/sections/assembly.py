@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numba import int64, types, void
 
+from cosim.base.frames import Array, IntArray
 from cosim.base.kernels import INDICES, MATRIX, REAL, VECTOR, inlined, kernel
 from cosim.reduced.sections.block_cholesky import factorise, substitute
 from cosim.reduced.sections.contact_terms import add_contacts
@@ -44,7 +45,7 @@ def assemble(  # type: ignore[no-untyped-def]
 
 
 @kernel(void(CUBE, MATRIX, REAL, CUBE))
-def change_frames(frames, step, factor, out):  # type: ignore[no-untyped-def]
+def change_frames(frames: Array, step: Array, factor: float, out: Array) -> None:
     """Move every frame by factor times its step (dr, phi): out = (r + dr, exp(S(phi)) a_i)."""
     phi, v, w = np.empty(3), np.empty(3), np.empty(3)
     for f in range(frames.shape[0]):
@@ -191,7 +192,9 @@ def minimise(  # type: ignore[no-untyped-def]
 
 
 @kernel(REAL(CUBE, MATRIX, MATRIX, VECTOR, VECTOR))
-def gas_volume(frames, coefficients, rates, inverse_length, length_rate):  # type: ignore[no-untyped-def]
+def gas_volume(
+    frames: Array, coefficients: Array, rates: Array, inverse_length: Array, length_rate: Array
+) -> float:
     """Return -d(energy of all sections)/dp [m^3] at given frames.
 
     rates: d coefficients / dp; length_rate: dL/dp [m/Pa].
@@ -208,7 +211,7 @@ def gas_volume(frames, coefficients, rates, inverse_length, length_rate):  # typ
 
 
 @kernel(void(CUBE, INDICES, CUBE, MATRIX))
-def combine_points(frames, before, weights, out):  # type: ignore[no-untyped-def]
+def combine_points(frames: Array, before: IntArray, weights: Array, out: Array) -> None:
     """Fill out (n, 3) with combinations (n, 2, 4) of the points of two frames, `before` (n,) and the next."""
     for n in range(out.shape[0]):
         b = before[n]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numba import void
 
@@ -32,7 +34,7 @@ def center_and_inertia(figures: Array) -> tuple[Array, Array]:
 
 
 @kernel(void(CUBE, FLAGS, CUBE, MATRIX, VECTOR))
-def fill_figures(frames, free, mass, gradient, out):  # type: ignore[no-untyped-def]
+def fill_figures(frames: Array, free: Any, mass: Array, gradient: Array, out: Array) -> None:
     """Fill out (FIGURES,): the wrench on the flange at its origin, centre and inertia of the mass.
 
     Held frames are supplied with the gradient (f, 6) of the potential; the flange bears its opposite.

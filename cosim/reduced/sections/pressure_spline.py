@@ -30,7 +30,7 @@ def _cubics(u, out):  # type: ignore[no-untyped-def]
 
 
 @kernel(int64(REAL, REAL, int64, MATRIX))
-def active_terms(pressure, largest, intervals, out):  # type: ignore[no-untyped-def]
+def active_terms(pressure: float, largest: float, intervals: int, out: Array) -> int:
     """Fill out (2, TERMS): values and slopes d/dp [1/Pa] of the functions that are not zero.
 
     Returns the first of them. Beyond 0 to `largest` the functions go on as straight lines in p.
@@ -54,7 +54,7 @@ def active_terms(pressure, largest, intervals, out):  # type: ignore[no-untyped-
 
 
 @kernel(void(VECTOR, REAL, int64, BLOCKS))
-def fill_bases(pressures, largest, intervals, out):  # type: ignore[no-untyped-def]
+def fill_bases(pressures: Array, largest: float, intervals: int, out: Array) -> None:
     """Put the active terms of pressures (k,) in their places in out (k, 2, size)."""
     terms = np.empty((2, TERMS))
     for p in range(pressures.shape[0]):
@@ -65,7 +65,7 @@ def fill_bases(pressures, largest, intervals, out):  # type: ignore[no-untyped-d
 
 
 @kernel(void(MATRIX, int64, VECTOR, VECTOR))
-def weighted_rows(table, first, weights, out):  # type: ignore[no-untyped-def]
+def weighted_rows(table: Array, first: int, weights: Array, out: Array) -> None:
     """Fill out (m,) with TERMS rows of table (size, m) from `first` on, times weights (TERMS,)."""
     for k in range(out.shape[0]):
         out[k] = (

@@ -13,11 +13,12 @@ with polynomials in z of the orders in `_ORDERS`. All coefficients, and L, depen
 
 from __future__ import annotations
 
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numba import float64, void
 
+from cosim.base.frames import Array
 from cosim.base.kernels import MATRIX, VECTOR, inlined, kernel
 
 _ORDERS: Final = {"A": 6, "B": 4, "B2": 2, "B3": 1, "S": 2, "Q": 2, "Q2": 1, "T": 2}
@@ -134,7 +135,7 @@ def _bending(x, derivatives, mixed, hessian):  # type: ignore[no-untyped-def]
 
 
 @kernel(void(MATRIX, VECTOR, MATRIX, float64[:, :, ::1]))
-def basis(strains, inverse_length, values, gradients):  # type: ignore[no-untyped-def]
+def basis(strains: Array, inverse_length: Array, values: Array, gradients: Any) -> None:
     """Fill values (n, COEFFICIENTS) and gradients (n, 6, COEFFICIENTS) of every term, coefficient one."""
     count = values.shape[1]
     unit = np.zeros((1, count))

@@ -171,7 +171,7 @@ def _solid_angle(p, a, b, c):  # type: ignore[no-untyped-def]
 
 
 @kernel((MATRIX, BLOCKS, MATRIX))
-def _exact_distances(points, corners, out):  # type: ignore[no-untyped-def]
+def _exact_distances(points: Array, corners: Array, out: Array) -> None:
     """Fill out[:, 0] with the signed distance of points (n, 3) to a closed surface of corners (f, 3, 3)."""
     weight = np.empty(3)
     for n in range(points.shape[0]):

@@ -8,8 +8,11 @@ root found by Newton's method from a bound below it, where the function is conve
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
+from cosim.base.frames import Array
 from cosim.base.kernels import inlined
 
 _ROOT_ITERATIONS_MAX = 200
@@ -18,14 +21,14 @@ _OFF_PLANE = 1e-13  # share of the shortest half axis by which a point is kept o
 
 
 @inlined
-def plane(x, y, z, size, normal):  # type: ignore[no-untyped-def]
+def plane(x: float, y: float, z: float, size: Array, normal: Array) -> Any:
     """Half-space z < 0."""
     normal[0], normal[1], normal[2] = 0.0, 0.0, 1.0
     return z
 
 
 @inlined
-def _from_center_line(x, y, z, radius, normal):  # type: ignore[no-untyped-def]
+def _from_center_line(x: float, y: float, z: float, radius: float, normal: Array) -> Any:
     length = np.sqrt(x * x + y * y + z * z)
     if length > 0.0:
         normal[0], normal[1], normal[2] = x / length, y / length, z / length
@@ -35,19 +38,19 @@ def _from_center_line(x, y, z, radius, normal):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def sphere(x, y, z, size, normal):  # type: ignore[no-untyped-def]
+def sphere(x: float, y: float, z: float, size: Array, normal: Array) -> Any:
     """Ball of radius size[0]."""
     return _from_center_line(x, y, z, size[0], normal)
 
 
 @inlined
-def capsule(x, y, z, size, normal):  # type: ignore[no-untyped-def]
+def capsule(x: float, y: float, z: float, size: Array, normal: Array) -> Any:
     """Radius size[0] about the segment |z| < size[1]."""
     return _from_center_line(x, y, z - min(max(z, -size[1]), size[1]), size[0], normal)
 
 
 @inlined
-def cylinder(x, y, z, size, normal):  # type: ignore[no-untyped-def]
+def cylinder(x: float, y: float, z: float, size: Array, normal: Array) -> Any:
     """Radius size[0], |z| < size[1]."""
     rho = np.sqrt(x * x + y * y)
     cx, cy = (x / rho, y / rho) if rho > 0.0 else (1.0, 0.0)
@@ -65,7 +68,7 @@ def cylinder(x, y, z, size, normal):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def box(x, y, z, size, normal):  # type: ignore[no-untyped-def]
+def box(x: float, y: float, z: float, size: Array, normal: Array) -> Any:
     """|x| < size[0], |y| < size[1], |z| < size[2]."""
     p = (x, y, z)
     axis, largest, square = 0, -np.inf, 0.0
@@ -85,7 +88,7 @@ def box(x, y, z, size, normal):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def _ellipsoid_root(r0, r1, z0, z1, z2):  # type: ignore[no-untyped-def]
+def _ellipsoid_root(r0: float, r1: float, z0: float, z1: float, z2: float) -> Any:
     """Return q > 0 with sum_i (r_i z_i / (q + r_i - 1))^2 = 1, r_2 = 1 <= r_i."""
     # no term exceeds 1 at the root, so it lies above each of these; from below Newton's method is monotone
     q = max(z2, r0 * z0 - r0 + 1.0, r1 * z1 - r1 + 1.0)
@@ -102,7 +105,7 @@ def _ellipsoid_root(r0, r1, z0, z1, z2):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def ellipsoid(x, y, z, size, normal):  # type: ignore[no-untyped-def]
+def ellipsoid(x: float, y: float, z: float, size: Array, normal: Array) -> Any:
     """Half axes size[0..2] along x, y, z."""
     p = (x, y, z)
     small = 0

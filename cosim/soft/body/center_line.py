@@ -28,7 +28,7 @@ def center_line_length(rings: IntArray, positions: Array) -> float:
 
 
 @kernel(void(BLOCKS, int64, MATRIX, MATRIX, VECTOR))
-def ring_figures(points, nodes, center, normal, length):  # type: ignore[no-untyped-def]
+def ring_figures(points: Array, nodes: int, center: Array, normal: Array, length: Array) -> None:
     """Fill center, normal (k, 3) and length (k,) of k shapes from points (k, n, 3).
 
     The first `nodes` points are the tip ring in order, sum_i (r_i - r_0) x (r_i+1 - r_0) its normal; the

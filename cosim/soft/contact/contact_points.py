@@ -25,7 +25,7 @@ _CORNER, _MIDPOINT, _CENTROID = 1.0 / 20.0, 2.0 / 15.0, 9.0 / 20.0
 
 
 @kernel((MATRIX, INDEX_TABLE, MATRIX, MATRIX))
-def _combine(x, nodes, weights, out):  # type: ignore[no-untyped-def]
+def _combine(x: Array, nodes: IntArray, weights: Array, out: Array) -> None:
     """Fill out[k] = sum_a weights[k, a] x[nodes[k, a]]."""
     for k in range(nodes.shape[0]):
         for r in range(3):
@@ -37,7 +37,7 @@ def _combine(x, nodes, weights, out):  # type: ignore[no-untyped-def]
 
 
 @kernel((MATRIX, MATRIX, VECTOR, VECTOR, VECTOR))
-def _span(x, v, low, high, fastest):  # type: ignore[no-untyped-def]
+def _span(x: Array, v: Array, low: Array, high: Array, fastest: Array) -> None:
     """Fill smallest and largest coordinates of x and, in fastest[0], the largest |v| squared."""
     low[:], high[:], fastest[0] = np.inf, -np.inf, 0.0
     for n in range(x.shape[0]):

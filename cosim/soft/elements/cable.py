@@ -30,7 +30,9 @@ ROUNDED_m: Final = 1e-4
 
 
 @kernel(REAL(MATRIX, INDEX_TABLE, VECTOR, INDEX_TABLE, MATRIX, BLOCKS))
-def add_segments(x, segments, tension, slots, force, blocks):  # type: ignore[no-untyped-def]
+def add_segments(
+    x: Array, segments: IntArray, tension: Array, slots: IntArray, force: Array, blocks: Array
+) -> float:
     """Add all segments' gradient to force, their Hessian to blocks if slots is not empty.
 
     Returns the energy [J].

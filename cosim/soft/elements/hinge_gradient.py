@@ -10,10 +10,11 @@ alpha = u . e / e^2, beta = w . e / e^2.
 from __future__ import annotations
 
 import math
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
+from cosim.base.frames import Array, IntArray
 from cosim.base.kernels import inlined
 
 TURN = 2.0 * math.pi
@@ -21,7 +22,7 @@ _EIGHTH = math.tan(math.pi / 8.0)
 
 
 @inlined
-def full_angle(sine, cosine):  # type: ignore[no-untyped-def]
+def full_angle(sine: float, cosine: float) -> float:
     """Return atan2(sine, cosine) in [0, 2 pi), to 2e-15; NaN where both are zero.
 
     The ratio is brought to |t| <= tan(pi / 8); there (atan(t) / t - 1) / t^2 is a polynomial in t^2 that
@@ -62,7 +63,7 @@ _CLOSED_LOGARITHM = math.log(math.cos(_CLOSED_ARGUMENT))
 
 
 @inlined
-def fold_law(angle, rest, stiffness, theta1):  # type: ignore[no-untyped-def]
+def fold_law(angle: float, rest: float, stiffness: float, theta1: float) -> tuple[float, float, float]:
     """Return energy, moment and tangent of one spring, all finite and continuous, also beyond 0 and 2 pi."""
     if theta1 <= 0.0 or theta1 < angle < TURN - theta1:
         difference = angle - rest
@@ -96,7 +97,7 @@ QUANTITIES = 20
 
 
 @inlined
-def gather(x, hinges, first, lanes, s):  # type: ignore[no-untyped-def]
+def gather(x: Array, hinges: IntArray, first: int, lanes: int, s: Array) -> None:
     """Fill u, e and w of a group; lanes to spare repeat the first hinge."""
     for lane in range(LANES):
         h = first + (lane if lane < lanes else 0)
@@ -108,7 +109,7 @@ def gather(x, hinges, first, lanes, s):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def differentiate(s):  # type: ignore[no-untyped-def]
+def differentiate(s: Array) -> None:
     """Fill angle, a, b, alpha and beta of a group."""
     for lane in range(LANES):
         u0, u1, u2 = s[U + lane], s[U + LANES + lane], s[U + 2 * LANES + lane]
@@ -146,7 +147,7 @@ def load(stiffness, rest, theta1, reference, first, lanes, s, angles):  # type: 
 
 
 @inlined
-def scatter(hinges, first, lanes, s, force):  # type: ignore[no-untyped-def]
+def scatter(hinges: IntArray, first: int, lanes: int, s: Array, force: Any) -> None:
     """Add a group's gradient to force."""
     for lane in range(lanes):
         h = first + lane

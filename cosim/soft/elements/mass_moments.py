@@ -7,11 +7,12 @@ a block is one point, and M_b its mass.
 
 from __future__ import annotations
 
+from cosim.base.frames import Array
 from cosim.base.kernels import BLOCKS, REAL, VECTOR, kernel
 
 
 @kernel(REAL(BLOCKS, BLOCKS, VECTOR))
-def mass_moments(mass, points, moments):  # type: ignore[no-untyped-def]
+def mass_moments(mass: Array, points: Array, moments: Array) -> float:
     """Set moments (9,) to the first ones, and xx, xy, xz, yy, yz, zz of the second; return the mass [kg].
 
     Args:

@@ -6,11 +6,12 @@ inertia:  energy = sum c |x - y|^2 / 2,     gradient = c (x - y),     Hessian = 
 
 from __future__ import annotations
 
+from cosim.base.frames import Array
 from cosim.base.kernels import BLOCKS, INDICES, MATRIX, REAL, VECTOR, kernel
 
 
 @kernel(REAL(MATRIX, VECTOR, VECTOR, MATRIX))
-def add_gravity(x, mass, gravity, force):  # type: ignore[no-untyped-def]
+def add_gravity(x: Array, mass: Array, gravity: Array, force: Array) -> float:
     """Add the gradient of the weight's potential to force; return that potential [J]."""
     energy = 0.0
     for i in range(x.shape[0]):

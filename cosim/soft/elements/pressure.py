@@ -9,6 +9,8 @@ subtracts what the caps contribute, so that each film node carries a third of it
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from cosim.base.frames import Array, IntArray, cross_matrix
@@ -58,7 +60,7 @@ def add_pressure(x, triangles, pressure, slots, force, blocks):  # type: ignore[
 
 
 @kernel(REAL(MATRIX, INDEX_TABLE, INDICES, INDICES))
-def volume_inside(x, triangles, rings, starts):  # type: ignore[no-untyped-def]
+def volume_inside(x: Array, triangles: IntArray, rings: IntArray, starts: IntArray) -> float:
     """Return V [m^3] alone; cap k has the nodes rings[starts[k] : starts[k + 1]]."""
     film = 0.0
     for e in range(triangles.shape[0]):
@@ -111,7 +113,7 @@ def _add_cap_hessian(x, ring, factor, total, slots, blocks, k):  # type: ignore[
 
 
 @kernel(REAL(MATRIX, INDICES, REAL, INDICES, MATRIX, BLOCKS))
-def add_cap(x, ring, pressure, slots, force, blocks):  # type: ignore[no-untyped-def]
+def add_cap(x: Array, ring: IntArray, pressure: float, slots: IntArray, force: Array, blocks: Array) -> Any:
     """Add the gradient of -p V of one cap to force, its Hessian to blocks if slots is not empty.
 
     Returns the cap's share of V [m^3].

@@ -9,6 +9,7 @@ import math
 
 import numpy as np
 
+from cosim.base.frames import Array, PlaceArray
 from cosim.base.kernels import BOOLEAN, PLACE_TABLE, PLACES, REAL, VECTOR, inlined, kernel
 from cosim.soft.linear.elimination_tree import CHILD, COLUMNS, ENTRY, FIRST, LEFT, REST, RUN, START
 
@@ -156,7 +157,9 @@ def _add_transposed(store, at, count, p, x, y):  # type: ignore[no-untyped-def]
 
 
 @kernel((VECTOR, PLACE_TABLE, PLACES, VECTOR, VECTOR, VECTOR), reorder_sums=True)
-def substitute(store, fronts, rest, here, there, x):  # type: ignore[no-untyped-def]
+def substitute(
+    store: Array, fronts: PlaceArray, rest: PlaceArray, here: Array, there: Array, x: Array
+) -> None:
     """Solve for x (size,) in place; `here` and `there` are room for a front's components and its rest."""
     count = np.uint64(fronts.shape[0]) - _1
     for k in range(count):

@@ -17,7 +17,7 @@ RESULTANT_SHARE: Final = 1e-2
 
 
 @kernel(REAL(MATRIX, MATRIX, MASKS))
-def _residual(x, values, counted):  # type: ignore[no-untyped-def]
+def _residual(x: Array, values: Array, counted: Mask) -> float:
     """Return the largest component of those counted, or the share of their resultant where that is larger.
 
     Many small forces of one sign add up to a wrench that is not there. NaN if a component is not a number.
