@@ -15,7 +15,7 @@ from rerun.chunk import RrdReader
 
 from cosim.app import checkpoint
 from cosim.app.driver import Runnable, build_simulation
-from cosim.app.simulation import Runnable as SteppedByHand
+from cosim.app.simulation import Simulation as SteppedByHand
 from cosim.base.state_archive import read_archive
 from cosim.cli import running
 from cosim.cli.main import main
