@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from typing import Annotated, Any
 
 import numpy as np
@@ -31,11 +32,12 @@ class Outer:
     inner: Inner | None = None
     counts: tuple[int, ...] = ()
     ratio: float = 0.0
+    loads: Mapping[str, float] = field(default_factory=dict)
 
 
 PRESENT = Outer(np.zeros((4, 3)), np.ones(2))
 INNER = Inner(np.arange(2), np.zeros((2, 3)))
-GOOD = Outer(np.ones((4, 3)), np.zeros(2), np.ones((4, 3)), INNER, (1, 2), 1)
+GOOD = Outer(np.ones((4, 3)), np.zeros(2), np.ones((4, 3)), INNER, (1, 2), 1, {"cable": 2.0})
 
 
 def test_a_state_may_hold_more_or_less_than_the_present_one() -> None:
@@ -64,6 +66,9 @@ def test_a_state_may_hold_more_or_less_than_the_present_one() -> None:
         ({"ratio": float("inf")}, "state.ratio is inf"),
         ({"ratio": True}, "state.ratio is a bool"),
         ({"ratio": "1"}, "state.ratio is a str"),
+        ({"ratio": {"cable": 1.0}}, "state.ratio is a dict"),
+        ({"loads": {"cable": True}}, "state.loads.cable is a bool"),
+        ({"loads": 1.0}, "state.loads is a float"),
     ],
 )
 def test_what_does_not_fit_is_named(changes: dict[str, Any], text: str) -> None:

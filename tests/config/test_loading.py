@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from cosim.base.resources import list_scenarios, list_soft_robots, scenario_path
 from cosim.config.loading import load_scenario, load_soft_robot, question
 from cosim.config.schema.scenario import Scenario
-from cosim.config.toml.overrides import merge, parse_assignment
+from cosim.config.toml.overrides import apply_override, merge, parse_assignment
 from cosim.config.writing import scenario_text
 from cosim.errors import InputError, ScenarioError
 
@@ -56,6 +56,14 @@ def test_the_reference_scenario_holds_the_papers_numbers() -> None:
     assert abs(turn.angle_rad) == pytest.approx(0.28 * np.pi, rel=1e-15)
     # the tip, at (0, 0, -1) from the flange, must swing towards +x
     assert np.cross(np.array(turn.axis) * turn.angle_rad, [0.0, 0.0, -1.0])[0] > 0.0
+
+
+@pytest.mark.parametrize(("parent", "value"), [("start", [0.1, 0.2]), ("ticks", 3), ("mode", "dynamic")])
+def test_overrides_enter_nothing_but_tables(parent: str, value: object) -> None:
+    tables = {parent: value}
+    with pytest.raises(ScenarioError, match=f"^{parent}.1: cannot be set: {parent} is not a table$"):
+        apply_override(tables, f"{parent}.1.more", 0.0)
+    assert tables == {parent: value}
 
 
 def test_overrides_reach_every_kind_of_place() -> None:

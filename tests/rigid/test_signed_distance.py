@@ -156,6 +156,9 @@ def test_a_geom_of_distances_serves_a_hollow_shape() -> None:
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
     query = ContactQuery(model, data, [0])
+    shapes = query.shapes
+    end = shapes.origin[0] + shapes.spacing[0] * (shapes.table[0, 1:] - 1)
+    np.testing.assert_allclose(end, -shapes.origin[0], atol=1e-9)  # the same rim on all sides
     points = np.random.default_rng(0).uniform(-0.05, 0.05, size=(2000, 3))
     wanted = surface_distance(points, corners[faces])
     near = np.abs(wanted) < 0.004

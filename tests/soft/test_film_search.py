@@ -42,13 +42,18 @@ def all_pairs(
     return found
 
 
-@pytest.mark.parametrize(("seed", "height"), [(0, 1.0), (1, 1.0), (2, 0.15), (3, 0.15)])
-def test_crumpled_units_are_found_over_one_another(seed: int, height: float) -> None:
+def crumpled(seed: int, height: float) -> tuple[FilmFaces, FilmPoints, Array]:
+    """Return faces, points and nodes (n, 3) [m] of three units, at a share of their height."""
     body = hexagon_arm(3)
     faces = FilmFaces.of(body)
-    points = FilmPoints.of(faces, body.positions)
     noise = np.random.default_rng(seed).normal(0.0, 5e-3, (body.nodes, 3))
     x = np.ascontiguousarray(inflated_positions(3) * (1.0, 1.0, height) + noise)
+    return faces, FilmPoints.of(faces, body.positions), x
+
+
+@pytest.mark.parametrize(("seed", "height"), [(0, 1.0), (1, 1.0), (2, 0.15), (3, 0.15)])
+def test_crumpled_units_are_found_over_one_another(seed: int, height: float) -> None:
+    faces, points, x = crumpled(seed, height)
     hits = FilmSearch(faces, points).near(x, 3e-3, 4e-3)
     found = set(zip(hits.point.tolist(), hits.triangle.tolist(), strict=True))
     assert len(found) == len(hits.point)
@@ -56,3 +61,17 @@ def test_crumpled_units_are_found_over_one_another(seed: int, height: float) -> 
     kinds = faces.relation[points.home[hits.point, 0], faces.face[hits.triangle]]
     assert (kinds == Relation.VALLEY).any()
     assert (kinds == Relation.APART).any() == (height < 1.0)
+
+
+def test_more_pairs_than_there_is_room_for_are_found_all_the_same() -> None:
+    faces, points, x = crumpled(2, 0.15)
+    search = FilmSearch(faces, points)
+    expected = search.near(x, 3e-3, 4e-3)
+    untouched = np.full((5, 2), -1)
+    search._out = untouched[:4]
+    found = search.near(x, 3e-3, 4e-3)
+    np.testing.assert_array_equal(found.point, expected.point)
+    np.testing.assert_array_equal(found.triangle, expected.triangle)
+    assert len(found.point) > 4
+    assert (untouched[:4] >= 0).all()
+    assert (untouched[4] == -1).all()
