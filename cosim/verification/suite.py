@@ -8,11 +8,9 @@ from dataclasses import dataclass
 from typing import final
 
 from cosim.errors import InputError, SolverError
-from cosim.verification.cases.cantilever_modes import CantileverModes
 from cosim.verification.cases.capstan import Capstan
 from cosim.verification.cases.catenary import Catenary
 from cosim.verification.cases.euler_buckling import EulerBuckling, PostBuckling
-from cosim.verification.cases.free_flight import FreeFlight
 from cosim.verification.cases.heavy_cantilever import HeavyCantilever
 from cosim.verification.cases.hencky_membrane import HenckyMembrane
 from cosim.verification.cases.inflated_beam import InflatedCantilever, InflatedThreePoint
@@ -26,8 +24,10 @@ from cosim.verification.cases.sealed_gas import SealedGasSphere
 from cosim.verification.cases.square_airbag import SquareAirbag
 from cosim.verification.cases.square_pillow import SquarePillow
 from cosim.verification.cases.squeezed_tube import SqueezedTube
-from cosim.verification.cases.time_order import TimeOrder
 from cosim.verification.cases.tip_loaded_cantilever import TipLoadedCantilever
+from cosim.verification.dynamic_cases.cantilever_modes import CantileverModes
+from cosim.verification.dynamic_cases.free_flight import FreeFlight
+from cosim.verification.dynamic_cases.time_order import TimeOrder
 from cosim.verification.support.case import Case, Figure
 
 CASES: tuple[Case, ...] = (

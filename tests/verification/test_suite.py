@@ -14,7 +14,7 @@ from cosim.cli.main import main
 from cosim.cli.verify import verify_command
 from cosim.errors import ConvergenceError
 from cosim.soft.solve.time_scheme import Integrator
-from cosim.verification.cases.time_order import THEORY
+from cosim.verification.dynamic_cases.time_order import THEORY
 from cosim.verification.suite import CASES, run_case
 from cosim.verification.support.case import Case, Figure, observed_order
 

@@ -1,0 +1,1 @@
+"""Known answers of motions: frequencies, orders of convergence, flight."""
