@@ -7,11 +7,15 @@ DEMO_DIR := runs/demo
 export OMP_NUM_THREADS ?= 1
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: help demo test benchmark clean
+.PHONY: help demo test check format lint types benchmark clean
 
 help:
 	@echo "make demo       install into .venv and run the reference scenario"
 	@echo "make test       install into .venv with the development tools and check everything"
+	@echo "make check      format, lint and types only"
+	@echo "make format     format the code"
+	@echo "make lint       ruff, and the order of the rooms"
+	@echo "make types      mypy"
 	@echo "make benchmark  measure speed and accuracy (benchmarks/)"
 	@echo "make clean      remove .venv, caches and runs"
 
@@ -21,11 +25,22 @@ demo: .venv/installed
 	@echo "The recording is $(DEMO_DIR)/recording.rrd, its figures are in $(DEMO_DIR)/summary.json."
 	@echo "Open it with:  $(BIN)/cosim view $(DEMO_DIR)"
 
-test: .venv/installed-dev
-	$(BIN)/ruff check .
-	$(BIN)/ruff format --check .
-	$(BIN)/mypy
+test: check
 	$(BIN)/python -m pytest --numprocesses auto --maxprocesses 4 --dist loadfile
+
+check: lint types
+	$(BIN)/ruff format --check .
+
+format: .venv/installed-dev
+	$(BIN)/ruff check --fix .
+	$(BIN)/ruff format .
+
+lint: .venv/installed-dev
+	$(BIN)/ruff check .
+	$(BIN)/lint-imports --no-cache
+
+types: .venv/installed-dev
+	$(BIN)/mypy
 
 benchmark: .venv/installed-dev
 	@for script in benchmarks/*.py; do echo "== $$script"; $(BIN)/python "$$script" || exit 1; done

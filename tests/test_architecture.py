@@ -39,6 +39,23 @@ def test_every_room_has_its_place_in_the_order() -> None:
     assert there | {"errors", "_version"} == rooms
 
 
+def test_the_document_draws_the_rooms_in_their_order() -> None:
+    text = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
+    drawing = text.split("```text\n")[1].split("```")[0]
+    lines = [re.split(r"\s{2,}", line)[0] for line in drawing.splitlines()]
+    contracts = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["importlinter"]
+    assert lines == next(entry for entry in contracts["contracts"] if entry["type"] == "layers")["layers"]
+
+
+def test_the_glossary_has_each_word_once_in_order() -> None:
+    text = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
+    rows = re.findall(r"^\| ([^|]+?) \|", text.split("## Words")[1].split("\n## ")[0], re.MULTILINE)[2:]
+    words = [word for row in rows for word in row.split(", ")]
+    assert len(words) >= 30
+    assert len(set(words)) == len(words)
+    assert [row.lower() for row in rows] == sorted(row.lower() for row in rows)
+
+
 @pytest.mark.parametrize("path", PYTHON_FILES, ids=relative)
 def test_files_and_functions_stay_short(path: Path) -> None:
     text = path.read_text(encoding="utf-8")

@@ -41,11 +41,17 @@ def test_every_command_of_the_readme_is_understood(capsys: pytest.CaptureFixture
     assert all(re.search(rf"^\s+{command}\s", shown, re.MULTILINE) for command in used)
 
 
-def test_every_scenario_and_file_of_the_readme_exists() -> None:
+def test_every_scenario_of_the_readme_exists() -> None:
     for name in re.findall(r"^cosim run (\w+) ", README, re.MULTILINE):
         assert name in list_scenarios()
-    for target in re.findall(r"\]\((?!https?:)([^)]+)\)", README):
-        assert (ROOT / target).exists(), f"README points to {target}"
+
+
+@pytest.mark.parametrize(
+    "page", [*ROOT.glob("*.md"), *(ROOT / "docs").glob("*.md")], ids=lambda page: page.name
+)
+def test_every_link_of_a_document_leads_somewhere(page: Path) -> None:
+    for target in re.findall(r"\]\((?!https?:)([^)#]+)(?:#[^)]*)?\)", page.read_text(encoding="utf-8")):
+        assert (page.parent / target).exists(), f"{page.name} points to {target}"
 
 
 def test_the_citation_has_the_packages_version() -> None:
