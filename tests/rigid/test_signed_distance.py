@@ -79,48 +79,6 @@ def test_the_broad_phase_keeps_every_shape_that_has_a_hit() -> None:
     assert dropped > 200 * 0.5 * len(query)  # and it does drop shapes
 
 
-def _height_field(heights: Array) -> ContactQuery:
-    spec = mujoco.MjSpec()
-    rows, columns = heights.shape
-    spec.add_hfield(
-        name="ground", nrow=rows, ncol=columns, size=(0.3, 0.2, 0.1, 0.01), userdata=heights.ravel() / 0.1
-    )
-    spec.worldbody.add_geom(name="ground", type=mujoco.mjtGeom.mjGEOM_HFIELD, hfieldname="ground")
-    model = spec.compile()
-    data = mujoco.MjData(model)
-    mujoco.mj_forward(model, data)
-    return ContactQuery(model, data, [0])
-
-
-def test_a_tilted_height_field_is_a_plane() -> None:
-    x, y = np.meshgrid(np.linspace(-0.3, 0.3, 31), np.linspace(-0.2, 0.2, 21))
-    query = _height_field(0.05 + 0.1 * x + 0.05 * y)
-    rng = np.random.default_rng(0)
-    points = rng.uniform((-0.25, -0.15, -0.1), (0.25, 0.15, 0.1), size=(300, 3))
-    # the heights above run from 0.01 to 0.09; stretched: 0 to 0.1
-    wanted = (points[:, 2] - 0.05 - 0.125 * points[:, 0] - 0.0625 * points[:, 1]) / np.sqrt(
-        1.0 + 0.125**2 + 0.0625**2
-    )
-    hits = query.distances(points, FAR_M)
-    # data are single precision
-    np.testing.assert_allclose(hits.distance, wanted, atol=2e-8)
-    normal = np.array([-0.125, -0.0625, 1.0])
-    np.testing.assert_allclose(hits.normal @ normal / np.linalg.norm(normal), 1.0, rtol=1e-10)
-
-
-def test_the_foot_on_a_bump_of_a_height_field_is_found_along_the_normal() -> None:
-    x, y = np.meshgrid(np.linspace(-0.3, 0.3, 121), np.linspace(-0.2, 0.2, 81))
-    lowest = np.exp(-(0.3**2 + 0.2**2) / 0.02)  # MuJoCo stretches the data to 0..1
-    query = _height_field(0.1 * (np.exp(-(x**2 + y**2) / 0.02) - lowest) / (1.0 - lowest))
-    fine = np.linspace(-0.2, 0.2, 801)
-    height = 0.1 * (np.exp(-(fine**2) / 0.02) - lowest) / (1.0 - lowest)
-    curve = np.stack([fine, np.zeros_like(fine), height], axis=1)
-    points = curve[100:700:25] + np.array([0.004, 0.0, 0.01])
-    wanted = np.array([np.linalg.norm(curve - p, axis=1).min() for p in points])
-    # chords of 5 mm cells under a curvature of 10 1/m: up to 3e-5; the straight drop would err by 2 mm
-    np.testing.assert_allclose(query.distances(points, FAR_M).distance, wanted, atol=5e-5)
-
-
 def test_a_closed_surface_knows_its_inside() -> None:
     half = np.array([0.02, 0.03, 0.01])
     corners = np.array(list(np.ndindex(2, 2, 2))) * 2.0 * half - half
@@ -135,11 +93,12 @@ def test_a_closed_surface_knows_its_inside() -> None:
     np.testing.assert_allclose(surface_distance(points, corners[faces]), wanted, atol=1e-15)
 
 
-def test_a_geom_without_surface_is_refused() -> None:
+@pytest.mark.parametrize("kind", [mujoco.mjtGeom.mjGEOM_TRIANGLE, mujoco.mjtGeom.mjGEOM_HFIELD])
+def test_a_geom_without_surface_is_refused(kind: mujoco.mjtGeom) -> None:
     model, data = compiled()
     kinds = model.geom_type.copy()
     try:
-        model.geom_type[model.geom("box").id] = mujoco.mjtGeom.mjGEOM_TRIANGLE
+        model.geom_type[model.geom("box").id] = kind
         with pytest.raises(InputError, match=r"'box'.*no surface"):
             ContactQuery(model, data, [model.geom("box").id])
     finally:

@@ -1,8 +1,8 @@
 """Distances between points of a soft body and the geoms of a compiled MuJoCo model.
 
-MuJoCo's own collision pipeline serves convex pairs; for points against height fields and distance grids it
-errs by millimetres, and it is several times slower. So shapes are read once from the compiled
-model, and each query reads poses only.
+MuJoCo's own collision pipeline serves convex pairs; for points against distance grids it errs by
+millimetres, and it is several times slower. So shapes are read once from the compiled model, and each query
+reads poses only.
 """
 
 from __future__ import annotations
@@ -110,12 +110,6 @@ def shapes_of(model: mujoco.MjModel, geoms: IntArray) -> Shapes:
             faces[g] = before, before + len(equations)
             planes.append(equations)
             corners.append(triangles)
-        elif kind[g] == ShapeKind.HEIGHT_FIELD:
-            heights = _heights(model, int(geom))
-            table[g] = sum(map(len, values)), *heights.shape, 0
-            values.append(heights.ravel())
-            # the ground below is solid however deep: points under it are inside
-            half[g, 2] = _SHEET_SIZE
         elif kind[g] == ShapeKind.GRID:
             distances, origin[g], spacing[g] = _distance_grid(model, int(geom))
             table[g] = sum(map(len, values)), *distances.shape
@@ -145,15 +139,6 @@ def _hull(model: mujoco.MjModel, geom: int) -> tuple[Array, Array]:
     planes = np.array(hull.equations)
     planes[:, 3] *= -1.0
     return planes, vertices[hull.simplices]
-
-
-def _heights(model: mujoco.MjModel, geom: int) -> Array:
-    """Return the heights (rows, columns) [m] of a height field; rows along y, columns along x."""
-    field = int(model.geom_dataid[geom])
-    rows, columns = int(model.hfield_nrow[field]), int(model.hfield_ncol[field])
-    first = int(model.hfield_adr[field])
-    data = np.array(model.hfield_data[first : first + rows * columns], dtype=np.float64)
-    return np.asarray(data.reshape(rows, columns) * model.hfield_size[field, 2])
 
 
 def _distance_grid(model: mujoco.MjModel, geom: int) -> tuple[Array, Array, Array]:

@@ -1,4 +1,4 @@
-"""Signed distance to surfaces given by data: convex hulls, height fields, grids of distances.
+"""Signed distance to surfaces given by data: convex hulls and grids of distances.
 
 Each function fills `normal` (3,), outward, and returns the distance [m], negative inside.
 Source of the closest point on a triangle: Ericson, Real-Time Collision Detection, section 5.1.5.
@@ -12,7 +12,6 @@ from cosim.base.frames import Array
 from cosim.base.kernels import BLOCKS, MATRIX, inlined, kernel
 
 FAR = 1e9  # distance reported where a surface is not defined
-_FOOT_ITERATIONS = 8
 
 
 @inlined
@@ -82,42 +81,6 @@ def hull(p, planes, corners, reach, weight, normal):  # type: ignore[no-untyped-
     for r in range(3):
         offset = p[r] - weight[0] * a[r] - weight[1] * b[r] - weight[2] * c[r]
         normal[r] = offset / distance if distance > 1e-9 else planes[face, r]
-    return distance
-
-
-@inlined
-def _patch(table, u, v):  # type: ignore[no-untyped-def]
-    """Return bilinear value and derivatives by u and v, in cells, of a table (rows = v, columns = u)."""
-    i = min(max(int(np.floor(u)), 0), table.shape[1] - 2)
-    j = min(max(int(np.floor(v)), 0), table.shape[0] - 2)
-    s, t = u - i, v - j
-    z00, z10, z01, z11 = table[j, i], table[j, i + 1], table[j + 1, i], table[j + 1, i + 1]
-    value = (1 - t) * ((1 - s) * z00 + s * z10) + t * ((1 - s) * z01 + s * z11)
-    return value, (1 - t) * (z10 - z00) + t * (z11 - z01), (1 - s) * (z01 - z00) + s * (z11 - z10)
-
-
-@inlined
-def height_field(p, table, size, normal):  # type: ignore[no-untyped-def]
-    """Ground below a bilinear height table [m] over |x| < size[0], |y| < size[1].
-
-    The foot of the normal is found by projecting on the tangent plane again and again.
-    """
-    if abs(p[0]) > size[0] or abs(p[1]) > size[1]:
-        return FAR
-    per_x, per_y = (table.shape[1] - 1) / (2.0 * size[0]), (table.shape[0] - 1) / (2.0 * size[1])
-    x, y = p[0], p[1]
-    distance = 0.0
-    for _ in range(_FOOT_ITERATIONS):
-        value, du, dv = _patch(table, (x + size[0]) * per_x, (y + size[1]) * per_y)
-        gx, gy = du * per_x, dv * per_y
-        length = np.sqrt(1.0 + gx * gx + gy * gy)
-        distance = (p[2] - value - gx * (p[0] - x) - gy * (p[1] - y)) / length
-        normal[0], normal[1], normal[2] = -gx / length, -gy / length, 1.0 / length
-        x_next = min(max(p[0] - distance * normal[0], -size[0]), size[0])
-        y_next = min(max(p[1] - distance * normal[1], -size[1]), size[1])
-        if abs(x_next - x) + abs(y_next - y) < 1e-10:
-            break
-        x, y = x_next, y_next
     return distance
 
 

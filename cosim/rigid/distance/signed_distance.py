@@ -10,7 +10,7 @@ import numpy as np
 
 from cosim.base.frames import Array, IntArray
 from cosim.base.kernels import BLOCKS, INDEX_TABLE, INDICES, INTEGER, MATRIX, REAL, VECTOR, inlined, kernel
-from cosim.rigid.distance.mesh_distance import FAR, grid, height_field, hull
+from cosim.rigid.distance.mesh_distance import FAR, grid, hull
 from cosim.rigid.distance.primitive_distance import box, capsule, cylinder, ellipsoid, plane, sphere
 
 
@@ -18,7 +18,6 @@ class ShapeKind(IntEnum):
     """Kinds of shapes, numbered as MuJoCo numbers its geoms."""
 
     PLANE = 0
-    HEIGHT_FIELD = 1
     SPHERE = 2
     CAPSULE = 3
     ELLIPSOID = 4
@@ -31,7 +30,7 @@ class ShapeKind(IntEnum):
 @final
 @dataclass(frozen=True)
 class Shapes:
-    """Shapes in their own frames; data of hulls, height fields and grids lie end to end.
+    """Shapes in their own frames; data of hulls and grids lie end to end.
 
     Args:
         kind: (g,) values of `ShapeKind`.
@@ -41,10 +40,10 @@ class Shapes:
         faces: (g, 2) first and one past the last hull face.
         planes: (f, 4) outward unit normal and offset [m] of the hull faces.
         corners: (f, 3, 3) [m], of the hull faces.
-        table: (g, 4) first entry in `values`, then the table's shape (rows, columns, layers).
+        table: (g, 4) first entry in `values`, then the grid's shape.
         origin: (g, 3) [m], of the grid.
         spacing: (g, 3) [m], of the grid.
-        values: heights and distances [m].
+        values: distances [m].
     """
 
     kind: IntArray
@@ -76,10 +75,6 @@ def _distance(kind, p, size, reach, planes, corners, values, table, origin, spac
         return box(p[0], p[1], p[2], size, normal)
     if kind == 7:
         return hull(p, planes, corners, reach, weight, normal)
-    if kind == 1:
-        rows, columns = table[1], table[2]
-        heights = values[table[0] : table[0] + rows * columns].reshape((rows, columns))
-        return height_field(p, heights, size, normal)
     if kind == 8:
         nx, ny, nz = table[1], table[2], table[3]
         distances = values[table[0] : table[0] + nx * ny * nz].reshape((nx, ny, nz))
