@@ -2,7 +2,7 @@
 
 CosimError
 ├── InputError              the user's data is wrong; nothing has run yet (exit code 2)
-│   ├── ScenarioError       a scenario or robot file: carries the path of the key
+│   ├── ScenarioError       a scenario or robot file: carries the path of every wrong key
 │   ├── SceneError          the rigid engine refuses a body of the scene: carries the body's name
 │   ├── MeshError           degenerate, inverted or unconnected meshes
 │   └── UnreachableError    no configuration reaches the wanted pose; carries the closest one
@@ -17,7 +17,10 @@ All of them can be pickled. What ends `cosim.run` or `Simulation.step` early car
 
 from __future__ import annotations
 
-from typing import Any, Self
+from typing import Any, Final, Self
+
+MOST_LINES: Final = 20
+"""Faults of a file that are told at once."""
 
 
 class CosimError(Exception):
@@ -38,11 +41,21 @@ class InputError(CosimError):
 
 
 class ScenarioError(InputError):
-    """A scenario or robot file holds a wrong key or value; `path` names the key."""
+    """A scenario or robot file holds wrong keys or values; `path` names the first one of `faults`.
 
-    def __init__(self, path: str, message: str) -> None:
+    Args:
+        path: of the key.
+        message: what is wrong with it, and what is allowed.
+        further: (path, message) of the others; the text of the error has a line for each of the first ones.
+    """
+
+    def __init__(self, path: str, message: str, further: tuple[tuple[str, str], ...] = ()) -> None:
         self.path = path
-        super().__init__(f"{path}: {message}" if path else message)
+        self.faults = ((path, message), *further)
+        lines = [f"{place}: {problem}" if place else problem for place, problem in self.faults[:MOST_LINES]]
+        if len(self.faults) > MOST_LINES:
+            lines.append(f"... and {len(self.faults) - MOST_LINES} more")
+        super().__init__("\n".join(lines))
 
 
 class SceneError(InputError):

@@ -19,7 +19,7 @@ from cosim.base.resources import data_directory, list_scenarios, list_soft_robot
 from cosim.config.loading import load_scenario, load_soft_robot
 from cosim.config.schema.scenario import Scenario
 from cosim.config.toml.robot_files import RobotFiles
-from cosim.errors import InputError, ScenarioError, SolverError
+from cosim.errors import MOST_LINES, InputError, ScenarioError, SolverError
 
 TICKS = 3
 LONGEST_REFUSAL = 1500
@@ -129,12 +129,13 @@ def _run(scenario: Scenario) -> None:
 
 def _wrong_refusal(error: InputError) -> str:
     """Return what is wrong with how an input is refused; empty if nothing is."""
-    text = str(error)
-    if not isinstance(error, ScenarioError) or not error.path:
+    if not isinstance(error, ScenarioError) or not all(path for path, _ in error.faults):
         return "no path: "
-    if "\n" in text or not all(letter.isprintable() for letter in text):
-        return "not one printable line: "
-    return f"{len(text)} characters: " if len(text) > LONGEST_REFUSAL else ""
+    lines = str(error).split("\n")
+    if len(lines) != min(len(error.faults), MOST_LINES + 1) or not all(line.isprintable() for line in lines):
+        return "not one printable line for each fault: "
+    longest = max(map(len, lines))
+    return f"{longest} characters: " if longest > LONGEST_REFUSAL else ""
 
 
 @cache

@@ -7,6 +7,7 @@ one, has them at the top of the repository. Both are found without regard to the
 from __future__ import annotations
 
 import os
+from itertools import takewhile
 from pathlib import Path
 
 from cosim.errors import InputError
@@ -82,6 +83,13 @@ def is_file(path: Path) -> bool:
         return path.is_file()
     except (OSError, ValueError):  # too long, not permitted, or a null character
         return False
+
+
+def question(path: Path) -> str:
+    """Return the first paragraph of a scenario file's first comment: the question that it answers."""
+    lines = takewhile(lambda line: line.strip("# "), path.read_text(encoding="utf-8").splitlines())
+    comments = takewhile(lambda line: line.startswith("#"), lines)
+    return " ".join(line.strip("# ") for line in comments).removeprefix("Question:").strip()
 
 
 def _find(kind: str, name_or_path: str | Path, folder: str, names: tuple[str, ...]) -> Path:

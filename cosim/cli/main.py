@@ -33,7 +33,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         return _flushed(_command(options, started))
     except InputError as error:
-        tell(f"cosim: error: {error}")
+        for line in str(error).split("\n"):
+            tell(f"cosim: error: {line}")
         return EXIT_INPUT
     except SolverError as error:
         tell(f"cosim: not solved: {error}")
@@ -201,8 +202,7 @@ def _trade(options: argparse.Namespace) -> int:
 
 
 def _list() -> int:
-    from cosim.base.resources import list_scenarios, scenario_path
-    from cosim.config.loading import question
+    from cosim.base.resources import list_scenarios, question, scenario_path
 
     names = list_scenarios()
     width = max(map(len, names), default=0)

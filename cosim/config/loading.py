@@ -3,20 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
-from itertools import takewhile
 from pathlib import Path
 from typing import Any
 
+from cosim.base.frozen import changed
 from cosim.base.resources import scenario_path, soft_robot_path
 from cosim.config.rules.scenario_rules import check_scenario, check_soft_robot
 from cosim.config.schema.mesh_paths import with_mesh_paths
 from cosim.config.schema.scenario import Scenario
 from cosim.config.schema.soft_robot import SoftRobotTable
-from cosim.config.tension_tables import list_tensions
+from cosim.config.tension_tables import with_listed_tensions
+from cosim.config.toml.faults import UNKNOWN, Faults
 from cosim.config.toml.overrides import apply_override
 from cosim.config.toml.parsing import parse
-from cosim.config.toml.reading import check_values, read_table
+from cosim.config.toml.reading import read_table
 from cosim.config.toml.robot_files import RobotFiles
 from cosim.config.writing import to_table
 
@@ -30,9 +30,9 @@ def load_scenario(source: str | Path | Scenario, overrides: Mapping[str, Any] | 
 
     Raises:
         InputError: there is no such scenario.
-        ScenarioError: a key or value is wrong; the message starts with the key's path.
+        ScenarioError: keys or values are wrong; each line of the message starts with a key's path.
     """
-    overrides = dict(overrides or {})
+    overrides, faults = dict(overrides or {}), Faults()
     if isinstance(source, Scenario):
         table, folder = to_table(source), Path()
     else:
@@ -44,15 +44,16 @@ def load_scenario(source: str | Path | Scenario, overrides: Mapping[str, Any] | 
         apply_override(table, "soft_robot", overrides.pop("soft_robot"))
         folder = Path()
     if "soft_robot" in table:
-        table["soft_robot"] = RobotFiles().expand(table["soft_robot"], folder, "soft_robot")
+        robot, table["soft_robot"] = table["soft_robot"], UNKNOWN
+        with faults:
+            table["soft_robot"] = RobotFiles().expand(robot, folder, "soft_robot")
     for key, value in overrides.items():
-        apply_override(table, key, value)
-    check_values(table)
-    list_tensions(
-        table, lambda: parse(SoftRobotTable, table.get("soft_robot", {}), "soft_robot").cable_names()
-    )
-    scenario = parse(Scenario, table)
-    return resolve(replace(scenario, objects=with_mesh_paths(scenario.objects, place)))
+        with faults:
+            apply_override(table, key, value)
+    scenario = parse(Scenario, table, "", faults)
+    with faults:
+        scenario = changed(scenario, objects=with_mesh_paths(scenario.objects, place, faults))
+    return _resolved(scenario, faults)
 
 
 def load_soft_robot(name_or_path: str | Path) -> SoftRobotTable:
@@ -60,29 +61,29 @@ def load_soft_robot(name_or_path: str | Path) -> SoftRobotTable:
 
     Raises:
         InputError: there is no such soft robot.
-        ScenarioError: a key or value is wrong.
+        ScenarioError: keys or values are wrong.
     """
-    path = soft_robot_path(name_or_path)
+    path, faults = soft_robot_path(name_or_path), Faults()
     table = RobotFiles().table(str(path), Path(), "soft_robot")
-    check_values(table, "soft_robot")
-    robot = parse(SoftRobotTable, table, "soft_robot")
-    check_soft_robot(robot, "soft_robot")
+    robot = parse(SoftRobotTable, table, "soft_robot", faults)
+    check_soft_robot(robot, "soft_robot", faults)
+    faults.tell()
     return robot
 
 
 def resolve(scenario: Scenario) -> Scenario:
-    """Return the scenario with its rules checked and omitted start tensions filled with zeros.
+    """Return the scenario with its rules checked and its tensions listed, zeros where the start omits them.
 
     Raises:
         ScenarioError: see `cosim.config.rules.scenario_rules`.
     """
-    check_scenario(scenario)
-    tensions = scenario.start.cable_tension_N or (0.0,) * len(scenario.soft_robot.cable_names())
-    return replace(scenario, start=replace(scenario.start, cable_tension_N=tensions))
+    return _resolved(scenario, Faults())
 
 
-def question(path: Path) -> str:
-    """Return the first paragraph of a scenario file's first comment: the question that it answers."""
-    lines = takewhile(lambda line: line.strip("# "), path.read_text(encoding="utf-8").splitlines())
-    comments = takewhile(lambda line: line.startswith("#"), lines)
-    return " ".join(line.strip("# ") for line in comments).removeprefix("Question:").strip()
+def _resolved(scenario: Scenario, faults: Faults) -> Scenario:
+    with faults:
+        scenario = with_listed_tensions(scenario, faults)
+    with faults:
+        check_scenario(scenario, faults)
+    faults.tell()
+    return scenario

@@ -9,7 +9,7 @@ from dataclasses import fields, is_dataclass
 from typing import Any
 
 from cosim.config.schema.scenario import Scenario
-from cosim.config.toml.parsing import key_of
+from cosim.config.toml.key_paths import key_of
 
 _HEADER = "# The scenario as it ran, every value spelled out. Run it again with: cosim run <this file>\n"
 

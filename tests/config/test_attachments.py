@@ -105,7 +105,7 @@ def test_wrong_tables_of_tensions_are_refused() -> None:
     assert refusal({"cable_tension_N": {"rigt": 1.0}}).startswith(
         "phase.p0.cable_tension_N.rigt: no cable 'rigt'"
     )
-    assert refusal({"cable_tension_N": {"right": -1.0}}).startswith("phase.p0.cable_tension_N.1: -1")
+    assert refusal({"cable_tension_N": {"right": -1.0}}).startswith("phase.p0.cable_tension_N.right: -1")
     reach = {"tip_target": {"height_m": 0.1, "reach_with": "cables"}}
     assert "leaves out left" in refusal(reach, {"cable_tension_N": {"right": 1.0, "gripper": 1.0}})
 

@@ -11,8 +11,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cosim.base.resources import list_scenarios, list_soft_robots, scenario_path
-from cosim.config.loading import load_scenario, load_soft_robot, question
+from cosim.base.resources import list_scenarios, list_soft_robots, question, scenario_path
+from cosim.config.loading import load_scenario, load_soft_robot
 from cosim.config.schema.scenario import Scenario
 from cosim.config.toml.overrides import apply_override, merge, parse_assignment
 from cosim.config.writing import scenario_text

@@ -72,7 +72,7 @@ REPLACED = {
     ),
     "2 km of shift": ("[0.02,", "[2000.0,", "phase.move.flange_shift_m.1", "within -100 and 100"),
     "900 brackets": ("schema = 1", "x = " + "[" * 900 + "]" * 900 + "\nschema = 1", "scenario.toml", "deep"),
-    "120 brackets": ("schema = 1", "schema = " + "[" * 120 + "]" * 120, "schema.1.1", "nested too deeply"),
+    "120 brackets": ("schema = 1", "schema = " + "[" * 120 + "]" * 120, "schema", "allowed"),
     "name of 300 letters": (
         'title = "short"',
         f'title = "short"\nname = "{"n" * 300}"',
@@ -123,7 +123,7 @@ REPLACED = {
         "flange_shift_m = [0.02, 0.0, 0.0]",
         "flange_turn = { axis = [0.0, 0.0, 1.0], angle_rad = 8e3 }",
         "phase.move.flange_turn.angle_rad",
-        "at most 100",
+        "within -100 and 100",
     ),
     "shaken for hours": (
         "flange_shift_m = [0.02, 0.0, 0.0]",
@@ -257,14 +257,14 @@ def test_files_that_attach_twice_each_are_refused(
     assert word in said
 
 
-def test_tensions_by_name_need_a_robot_and_tensions_before(
+def test_tensions_by_name_beside_a_wrong_robot_or_start_are_not_told(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     by_name = SHORT.replace("[1.0, 1.0]", "{ left = 1.0 }")
     number = by_name.replace('"hexagon_arm"', "0.3")
     assert refusal(tmp_path, capsys, number).startswith("soft_robot: expected a table, got the number 0.3")
     start = by_name.replace("[start]", "[start]\ncable_tension_N = 5")
-    assert refusal(tmp_path, capsys, start).startswith("phase.move.cable_tension_N: leaves out right")
+    assert refusal(tmp_path, capsys, start).startswith("start.cable_tension_N: expected a list or a table")
 
 
 def test_what_is_printed_cannot_steer_the_terminal() -> None:

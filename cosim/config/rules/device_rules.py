@@ -2,54 +2,65 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 
 from cosim.config.rules.gas_rules import gas_rules
-from cosim.config.schema.devices import ControllerTable
+from cosim.config.schema.devices import ControllerTable, PumpTable
 from cosim.config.schema.phase import PhaseTable
 from cosim.config.schema.scenario import Scenario
-from cosim.config.toml.suggestions import unknown_name_message
+from cosim.config.schema.soft_robot import SoftRobotTable
+from cosim.config.toml.faults import Faults
+from cosim.config.toml.suggestions import listing, unknown_name_message
 from cosim.errors import ScenarioError
 
 SETPOINTS = {"control_bending_angle_rad": "bending_angle_rad", "control_tip_height_m": "tip_height_m"}
 """Key of a phase -> what the controllers that it names measure."""
 
-_NEEDED = {"bang_bang": ("increment",), "pi": ("proportional_gain", "integral_gain_per_s")}
+_NEEDED = {"bang_bang": ("increment",), "pi": ("proportional_gain", "integral_gain_per_s"), "python": ()}
 _PERIOD_ROUNDING = 1e-6
 _WITHOUT_LENGTHS = {"rigid": "keeps its shape, and with it the routes of all cables"}
 
 
-def check_devices(scenario: Scenario) -> None:
+def check_devices(scenario: Scenario, faults: Faults) -> None:
     """Check devices, and what phases ask of them.
 
-    Raises:
-        ScenarioError: the first rule that is broken.
+    Args:
+        scenario: may hold UNKNOWN.
+        faults: gets the rules that are broken.
     """
-    _check_mode(scenario)
-    for pump in scenario.pumps:
-        if pump.vent_above_Pa is not None and pump.vent_kg_s_Pa == 0.0:
-            raise ScenarioError(
-                f"pump.{pump.name}.vent_kg_s_Pa",
-                "is missing: the valve of vent_above_Pa lets nothing through",
-            )
-        _check_chamber(pump.chamber, scenario.soft_robot.chamber_names(), f"pump.{pump.name}.chamber")
-    cables = scenario.soft_robot.cable_names()
-    _check_winches(scenario, cables)
-    for controller in scenario.controllers:
-        _check_controller(controller, cables, scenario.clock.tick_s, f"controller.{controller.name}")
+    with faults:
+        _check_mode(scenario)
+    with faults:
+        for pump in scenario.pumps:
+            with faults:
+                _check_pump(pump, scenario.soft_robot, f"pump.{pump.name}", faults)
+    with faults:
+        _check_winches(scenario, scenario.soft_robot.cable_names(), faults)
+    with faults:
+        for controller in scenario.controllers:
+            with faults:
+                _check_controller(controller, scenario, f"controller.{controller.name}", faults)
+    with faults:
+        for index, phase in enumerate(scenario.phases):
+            with faults:
+                path = f"phase.{phase.name}"
+                for check in (_check_lengths, _check_fidelity, _check_control):
+                    with faults:
+                        check(phase, scenario, path)
+                _check_pumping(phase, index, scenario, path, faults)
+    _check_targets(scenario)
+
+
+def _check_targets(scenario: Scenario) -> None:
+    """Check that no tip target comes after what the run alone can know."""
     moved, pumped = False, False
-    for index, phase in enumerate(scenario.phases):
-        path = f"phase.{phase.name}"
-        _check_lengths(phase, cables, path)
-        _check_fidelity(phase, scenario, path)
-        _check_pumping(phase, index, scenario, path)
-        _check_control(phase, scenario.controllers, path)
+    for phase in scenario.phases:
         moved = moved or uses_lengths(phase) or bool(acting(phase))
         pumped = pumped or phase.pump_pressure_Pa is not None
         if phase.tip_target is not None and (moved or pumped):
             cause = "pump" if pumped else "commanded cable length or controller"
             raise ScenarioError(
-                f"{path}.tip_target",
+                f"phase.{phase.name}.tip_target",
                 f"is planned before the run, which cannot know what a {cause} has done by then; put it into "
                 "a phase before the first of these",
             )
@@ -81,11 +92,17 @@ def _check_mode(scenario: Scenario) -> None:
             )
 
 
-def _check_chamber(chamber: str | None, names: Sequence[str], path: str) -> None:
-    if chamber is None and len(names) > 1:
-        raise ScenarioError(path, f"is missing; there are: {', '.join(names)}")
-    if chamber is not None and chamber not in names:
-        raise ScenarioError(path, unknown_name_message("chamber", chamber, tuple(names)))
+def _check_pump(pump: PumpTable, robot: SoftRobotTable, path: str, faults: Faults) -> None:
+    with faults:
+        if pump.vent_above_Pa is not None and pump.vent_kg_s_Pa == 0.0:
+            raise ScenarioError(
+                f"{path}.vent_kg_s_Pa", "is missing: the valve of vent_above_Pa lets nothing through"
+            )
+    names = robot.chamber_names()
+    if pump.chamber is None and len(names) > 1:
+        raise ScenarioError(f"{path}.chamber", f"is missing; there are: {listing(names)}")
+    if pump.chamber is not None and pump.chamber not in names:
+        raise ScenarioError(f"{path}.chamber", unknown_name_message("chamber", pump.chamber, names))
 
 
 def _check_cables(named: Iterable[str], cables: tuple[str, ...], path: str) -> None:
@@ -94,43 +111,56 @@ def _check_cables(named: Iterable[str], cables: tuple[str, ...], path: str) -> N
             raise ScenarioError(path, unknown_name_message("cable", name, cables))
 
 
-def _check_winches(scenario: Scenario, cables: tuple[str, ...]) -> None:
+def _check_winches(scenario: Scenario, cables: tuple[str, ...], faults: Faults) -> None:
+    for winch in scenario.winches:
+        with faults:
+            _check_cables(winch.cables, cables, f"winch.{winch.name}.cables")
     taken: dict[str, str] = {}
     for winch in scenario.winches:
         path = f"winch.{winch.name}.cables"
-        _check_cables(winch.cables, cables, path)
         for name in winch.cables:
             if name in taken:
                 raise ScenarioError(path, f"cable '{name}' is wound by winch '{taken[name]}' already")
             taken[name] = winch.name
 
 
-def _check_controller(controller: ControllerTable, cables: tuple[str, ...], tick_s: float, path: str) -> None:
-    ticks = controller.period_s / tick_s
-    if round(ticks) < 1 or abs(ticks - round(ticks)) > _PERIOD_ROUNDING * ticks:
-        raise ScenarioError(
-            f"{path}.period_s", f"{controller.period_s:g} must be a whole number of ticks of {tick_s:g} s"
-        )
-    _check_cables(controller.cables, cables, f"{path}.cables")
-    if controller.kind == "python":
-        return
-    if not controller.cables:
-        raise ScenarioError(f"{path}.cables", f"is missing; there are: {', '.join(cables) or 'none'}")
+def _check_controller(controller: ControllerTable, scenario: Scenario, path: str, faults: Faults) -> None:
+    with faults:
+        _check_period(controller.period_s, scenario.clock.tick_s, f"{path}.period_s")
+    with faults:
+        cables = scenario.soft_robot.cable_names()
+        _check_cables(controller.cables, cables, f"{path}.cables")
+        if not controller.cables and controller.kind != "python":
+            raise ScenarioError(f"{path}.cables", f"is missing; there are: {listing(cables)}")
     for key in _NEEDED[controller.kind]:
-        if getattr(controller, key) is None:
-            raise ScenarioError(f"{path}.{key}", f"is missing; kind '{controller.kind}' needs it")
-    if controller.output_max is not None and controller.output_max <= controller.output_min:
-        raise ScenarioError(
-            f"{path}.output_max",
-            f"{controller.output_max:g} must be above output_min, {controller.output_min:g}",
-        )
+        with faults:
+            if getattr(controller, key) is None:
+                raise ScenarioError(f"{path}.{key}", f"is missing; kind '{controller.kind}' needs it")
+    if controller.kind != "python":
+        _check_output(controller, path, faults)
+
+
+def _check_period(period_s: float, tick_s: float, path: str) -> None:
+    ticks = period_s / tick_s
+    if round(ticks) < 1 or abs(ticks - round(ticks)) > _PERIOD_ROUNDING * ticks:
+        raise ScenarioError(path, f"{period_s:g} must be a whole number of ticks of {tick_s:g} s")
+
+
+def _check_output(controller: ControllerTable, path: str, faults: Faults) -> None:
+    with faults:
+        if controller.output_max is not None and controller.output_max <= controller.output_min:
+            raise ScenarioError(
+                f"{path}.output_max",
+                f"{controller.output_max:g} must be above output_min, {controller.output_min:g}",
+            )
     if controller.commands == "cable_tension_N" and controller.output_min < 0.0:
         raise ScenarioError(
             f"{path}.output_min", f"{controller.output_min:g} N: a cable cannot push, give 0 or more"
         )
 
 
-def _check_lengths(phase: PhaseTable, cables: tuple[str, ...], path: str) -> None:
+def _check_lengths(phase: PhaseTable, scenario: Scenario, path: str) -> None:
+    cables = scenario.soft_robot.cable_names()
     lengths, shortenings = phase.cable_length_m or {}, phase.cable_shortening_m or {}
     for key, given in (("cable_length_m", lengths), ("cable_shortening_m", shortenings)):
         _check_cables(given, cables, f"{path}.{key}")
@@ -160,20 +190,21 @@ def _check_fidelity(phase: PhaseTable, scenario: Scenario, path: str) -> None:
             )
 
 
-def _check_pumping(phase: PhaseTable, index: int, scenario: Scenario, path: str) -> None:
+def _check_pumping(phase: PhaseTable, index: int, scenario: Scenario, path: str, faults: Faults) -> None:
     chambers = scenario.soft_robot.chamber_names()
     pumps = {pump.name: pump for pump in scenario.pumps}
     for name in phase.pump_pressure_Pa or {}:
         where = f"{path}.pump_pressure_Pa.{name}"
-        if name not in pumps:
-            raise ScenarioError(where, unknown_name_message("pump", name, tuple(pumps)))
-        chamber = pumps[name].chamber or chambers[0]
-        if not gas_rules(scenario)[index][chambers.index(chamber)].sealed:
-            raise ScenarioError(where, "needs gas = 'sealed': a pump changes the amount of a trapped gas")
+        with faults:
+            if name not in pumps:
+                raise ScenarioError(where, unknown_name_message("pump", name, tuple(pumps)))
+            chamber = pumps[name].chamber or chambers[0]
+            if chamber in chambers and not gas_rules(scenario)[index][chambers.index(chamber)].sealed:
+                raise ScenarioError(where, "needs gas = 'sealed': a pump changes the amount of a trapped gas")
 
 
-def _check_control(phase: PhaseTable, controllers: Sequence[ControllerTable], path: str) -> None:
-    known = {controller.name: controller for controller in controllers}
+def _check_control(phase: PhaseTable, scenario: Scenario, path: str) -> None:
+    known = {controller.name: controller for controller in scenario.controllers}
     moved = dict.fromkeys(phase.cable_length_m or {}, "cable_length_m or cable_shortening_m")
     moved |= dict.fromkeys(phase.cable_shortening_m or {}, "cable_length_m or cable_shortening_m")
     for key in ("control", *SETPOINTS):

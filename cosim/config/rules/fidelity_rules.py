@@ -6,38 +6,49 @@ from typing import Final
 
 from cosim.config.rules.section_rules import check_section
 from cosim.config.schema.scenario import Scenario
+from cosim.config.toml.faults import Faults
 from cosim.errors import ScenarioError
 
 _REFINE_MAX: Final = 4
 
 
-def check_fidelity(scenario: Scenario) -> None:
+def check_fidelity(scenario: Scenario, faults: Faults) -> None:
     """Check that nothing is asked of a fidelity that it leaves out.
 
-    Raises:
-        ScenarioError: the first rule that is broken.
+    Args:
+        scenario: may hold UNKNOWN.
+        faults: gets the rules that are broken.
     """
-    _check_auto(scenario)
-    if scenario.fidelity == "refined" and scenario.soft_robot.chamber.refine >= _REFINE_MAX:
-        raise ScenarioError(
-            "fidelity",
-            f"'refined' is one refinement more than soft_robot.chamber.refine, which is at its bound of "
-            f"{_REFINE_MAX} already",
-        )
+    with faults:
+        _check_auto(scenario)
+    with faults:
+        if scenario.fidelity == "refined" and scenario.soft_robot.chamber.refine >= _REFINE_MAX:
+            raise ScenarioError(
+                "fidelity",
+                "'refined' is one refinement more than soft_robot.chamber.refine, which is at its bound of "
+                f"{_REFINE_MAX} already",
+            )
     if scenario.fidelity == "section":
-        check_section(scenario)
-    if scenario.fidelity != "rigid":
-        return
-    if not scenario.chamber.closed:
-        raise ScenarioError(
-            "fidelity", "'rigid' needs chamber.closed = true: it leaves out how an open chamber's gas pushes"
-        )
+        check_section(scenario, faults)
+    if scenario.fidelity == "rigid":
+        _check_rigid(scenario, faults)
+
+
+def _check_rigid(scenario: Scenario, faults: Faults) -> None:
+    with faults:
+        if not scenario.chamber.closed:
+            raise ScenarioError(
+                "fidelity",
+                "'rigid' needs chamber.closed = true: it leaves out how an open chamber's gas pushes",
+            )
     for phase in scenario.phases:
-        for key, given in (("release", phase.release), ("support", phase.supports)):
-            if given:
-                raise ScenarioError(
-                    f"phase.{phase.name}.{key}", "cannot stand beside fidelity = 'rigid': every node is held"
-                )
+        for key, field in (("release", "release"), ("support", "supports")):
+            with faults:
+                if getattr(phase, field):
+                    raise ScenarioError(
+                        f"phase.{phase.name}.{key}",
+                        "cannot stand beside fidelity = 'rigid': every node is held",
+                    )
 
 
 def _check_auto(scenario: Scenario) -> None:

@@ -9,6 +9,7 @@ from typing import final
 from cosim.config.schema.per_chamber import given_values, values_after
 from cosim.config.schema.phase import PhaseTable
 from cosim.config.schema.scenario import Scenario
+from cosim.config.toml.faults import Faults
 from cosim.config.toml.suggestions import unknown_name_message
 from cosim.errors import ScenarioError
 
@@ -46,29 +47,42 @@ def gas_rules(scenario: Scenario) -> tuple[tuple[GasRule, ...], ...]:
     return tuple(rules)
 
 
-def check_gas(scenario: Scenario) -> None:
+def check_gas(scenario: Scenario, faults: Faults) -> None:
     """Check what the phases ask of the gas.
 
-    Raises:
-        ScenarioError: the first rule that is broken.
+    Args:
+        scenario: may hold UNKNOWN.
+        faults: gets the rules that are broken.
     """
     names = scenario.soft_robot.chamber_names()
-    _check_orifices(scenario, names)
+    with faults:
+        _check_orifices(scenario, names, faults)
+    with faults:
+        given_values(scenario.start.pressure_Pa, names, "start.pressure_Pa")
+    for phase in scenario.phases:
+        for key in ("gas", "leak_kg_s_Pa", "pressure_Pa"):
+            with faults:
+                given_values(getattr(phase, key), names, f"phase.{phase.name}.{key}")
     pressures = values_after((0.0,) * len(names), scenario.start.pressure_Pa, names, "start.pressure_Pa")
     before = (GasRule(),) * len(names)
     for phase, rules in zip(scenario.phases, gas_rules(scenario), strict=True):
         path = f"phase.{phase.name}"
-        given = given_values(phase.pressure_Pa, names, f"{path}.pressure_Pa")
-        for was, rule, pressure, wanted in zip(before, rules, pressures, given, strict=True):
-            if rule.sealed:
-                _check_sealed(phase, rule, wanted, scenario, path)
-                if not was.sealed:
+        with faults:
+            given = given_values(phase.pressure_Pa, names, f"{path}.pressure_Pa")
+            for was, rule, wanted in zip(before, rules, given, strict=True):
+                if rule.sealed:
+                    _check_sealed(phase, rule, wanted, scenario, path)
+                elif was.sealed and wanted is None:
+                    raise ScenarioError(
+                        f"{path}.pressure_Pa",
+                        "is missing: the phase before is sealed, so there is none to keep",
+                    )
+        with faults:
+            for was, rule, pressure in zip(before, rules, pressures, strict=True):
+                if rule.sealed and not was.sealed:
                     _check_sealing(pressure, scenario.gas.ambient_Pa, path)
-            elif was.sealed and wanted is None:
-                raise ScenarioError(
-                    f"{path}.pressure_Pa", "is missing: the phase before is sealed, so there is none to keep"
-                )
-        _check_leak(phase, rules, names, path)
+        with faults:
+            _check_leak(phase, rules, names, path)
         before = rules
         pressures = values_after(pressures, phase.pressure_Pa, names, f"{path}.pressure_Pa")
 
@@ -119,14 +133,15 @@ def _check_leak(phase: PhaseTable, rules: tuple[GasRule, ...], names: tuple[str,
             )
 
 
-def _check_orifices(scenario: Scenario, names: tuple[str, ...]) -> None:
+def _check_orifices(scenario: Scenario, names: tuple[str, ...], faults: Faults) -> None:
     for place, orifice in enumerate(scenario.gas.orifices, start=1):
         path = f"gas.orifice.{place}.chambers"
-        for name in orifice.chambers:
-            if name not in names:
-                raise ScenarioError(path, unknown_name_message("chamber", name, names))
-        if orifice.chambers[0] == orifice.chambers[1]:
-            raise ScenarioError(path, f"joins '{orifice.chambers[0]}' to itself; name two chambers")
+        with faults:
+            for name in orifice.chambers:
+                if name not in names:
+                    raise ScenarioError(path, unknown_name_message("chamber", name, names))
+            if orifice.chambers[0] == orifice.chambers[1]:
+                raise ScenarioError(path, f"joins '{orifice.chambers[0]}' to itself; name two chambers")
 
 
 def gas_report(scenario: Scenario) -> str:

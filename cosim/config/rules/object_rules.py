@@ -9,7 +9,9 @@ import numpy as np
 from cosim.base.triangle_mesh import read_mesh
 from cosim.config.schema.mesh_paths import mesh_path
 from cosim.config.schema.objects import HingeJointTable, ObjectTable, SolidTable
+from cosim.config.schema.scenario import Scenario
 from cosim.config.schema.wire import WireTable
+from cosim.config.toml.faults import Faults
 from cosim.config.toml.suggestions import unknown_name_message
 from cosim.errors import MeshError, ScenarioError
 
@@ -19,33 +21,44 @@ LEAST_INERTIA_kg_m2: Final = 1e-15  # that MuJoCo takes
 _SIZE_ENTRIES: Final = {"box": 3, "sphere": 1, "cylinder": 2, "capsule": 2, "ellipsoid": 3, "mesh": 0}
 
 
-def check_objects(objects: tuple[ObjectTable, ...], wires: tuple[WireTable, ...]) -> None:
+def check_objects(scenario: Scenario, faults: Faults) -> None:
     """Check the objects and wires of a scenario, one by one and together.
 
-    Raises:
-        ScenarioError: the first rule that is broken.
+    Args:
+        scenario: may hold UNKNOWN.
+        faults: gets the rules that are broken.
     """
+    objects = scenario.objects
+    with faults:
+        for entry in objects:
+            with faults:
+                check_object(entry, f"object.{entry.name}", faults)
     names = tuple(entry.name for entry in objects)
     for entry in objects:
-        check_object(entry, f"object.{entry.name}")
-        _check_joint(entry, names, f"object.{entry.name}")
+        with faults:
+            _check_joint(entry, names, f"object.{entry.name}", faults)
+    with faults:
+        for wire in scenario.wires:
+            with faults:
+                _check_wire(wire, names, f"wire.{wire.name}", faults)
     parents = {entry.name: joint.parent for entry in objects if (joint := entry.hinge or entry.slide)}
-    for entry in objects:
-        _check_line(entry.name, parents)
-    for wire in wires:
-        _check_wire(wire, names, f"wire.{wire.name}")
+    for name in names:
+        with faults:
+            _check_line(name, parents)
 
 
-def _check_joint(entry: ObjectTable, names: tuple[str, ...], path: str) -> None:
+def _check_joint(entry: ObjectTable, names: tuple[str, ...], path: str, faults: Faults) -> None:
     if entry.hinge is not None and entry.slide is not None:
         raise ScenarioError(f"{path}.slide", "cannot stand beside hinge; an object has one joint")
     joint, key = entry.hinge or entry.slide, "hinge" if entry.hinge is not None else "slide"
     if joint is None:
         return
-    if entry.mass_kg is None:
-        raise ScenarioError(f"{path}.mass_kg", f"is missing; what hangs on a {key} needs mass")
-    if joint.parent is not None and joint.parent not in names:
-        raise ScenarioError(f"{path}.{key}.parent", unknown_name_message("object", joint.parent, names))
+    with faults:
+        if entry.mass_kg is None:
+            raise ScenarioError(f"{path}.mass_kg", f"is missing; what hangs on a {key} needs mass")
+    with faults:
+        if joint.parent is not None and joint.parent not in names:
+            raise ScenarioError(f"{path}.{key}.parent", unknown_name_message("object", joint.parent, names))
     unit = "rad" if isinstance(joint, HingeJointTable) else "m"
     limits = joint.range_rad if isinstance(joint, HingeJointTable) else joint.range_m
     if limits is not None and not (limits[0] <= 0.0 <= limits[1] and limits[0] < limits[1]):
@@ -63,11 +76,12 @@ def _check_line(name: str, parents: dict[str, str | None]) -> None:
         line.append(parent)
 
 
-def _check_wire(wire: WireTable, names: tuple[str, ...], path: str) -> None:
+def _check_wire(wire: WireTable, names: tuple[str, ...], path: str, faults: Faults) -> None:
     for key in ("first", "last"):
-        held = getattr(wire, key)
-        if held is not None and held not in names:
-            raise ScenarioError(f"{path}.{key}", unknown_name_message("object", held, names))
+        with faults:
+            held = getattr(wire, key)
+            if held is not None and held not in names:
+                raise ScenarioError(f"{path}.{key}", unknown_name_message("object", held, names))
     points = np.array(wire.points_m)
     length = float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
     if length / wire.segments <= 2.0 * wire.radius_m:
@@ -85,20 +99,26 @@ def _check_wire(wire: WireTable, names: tuple[str, ...], path: str) -> None:
         )
 
 
-def check_object(entry: ObjectTable, path: str) -> None:
-    """Check one object; `path` is that of its table.
+def check_object(entry: ObjectTable, path: str, faults: Faults) -> None:
+    """Check one object.
 
-    Raises:
-        ScenarioError: the first rule that is broken.
+    Args:
+        entry: may hold UNKNOWN.
+        path: of its table.
+        faults: gets the rules that are broken.
     """
-    if entry.shape is None and not entry.parts:
-        raise ScenarioError(path, "give a shape, or [[object.part]] tables; neither is given")
-    _check_solid(entry, path)
-    for index, part in enumerate(entry.parts, start=1):
-        _check_solid(part, f"{path}.part.{index}")
+    with faults:
+        if entry.shape is None and not entry.parts:
+            raise ScenarioError(path, "give a shape, or [[object.part]] tables; neither is given")
+    solids: list[tuple[str, ObjectTable | SolidTable]] = [(path, entry)]
+    solids += [(f"{path}.part.{k}", part) for k, part in enumerate(entry.parts, start=1)]
+    for where, solid in solids:
+        for check in (_check_size, _check_mesh):
+            with faults:
+                check(solid, where)
 
 
-def _check_solid(entry: ObjectTable | SolidTable, path: str) -> None:
+def _check_size(entry: ObjectTable | SolidTable, path: str) -> None:
     if entry.shape is None:
         if entry.size_m:
             raise ScenarioError(f"{path}.size_m", "goes with a shape; none is given")
@@ -107,6 +127,9 @@ def _check_solid(entry: ObjectTable | SolidTable, path: str) -> None:
             f"{path}.size_m",
             f"has {len(entry.size_m)} entries; a {entry.shape} has {_SIZE_ENTRIES[entry.shape]}",
         )
+
+
+def _check_mesh(entry: ObjectTable | SolidTable, path: str) -> None:
     if entry.shape != "mesh":
         if entry.file is not None:
             raise ScenarioError(f"{path}.file", "goes with shape = 'mesh'")

@@ -14,42 +14,54 @@ from cosim.config.rules.size_rules import check_sizes
 from cosim.config.rules.support_rules import check_holding, check_rings
 from cosim.config.schema.phase import PhaseTable, TipTargetTable
 from cosim.config.schema.scenario import NO_ARM, Scenario
-from cosim.config.schema.soft_robot import CableTable, SoftRobotTable
-from cosim.config.toml.suggestions import unknown_name_message
+from cosim.config.schema.soft_robot import AttachmentTable, CableTable, SoftRobotTable
+from cosim.config.toml.faults import Faults
+from cosim.config.toml.suggestions import listing, unknown_name_message
 from cosim.errors import ScenarioError
 
 LEAST_NODE_MASS_kg: Final = 1e-12
+_NAMED: Final = {
+    "object": "objects", "phase": "phases", "pump": "pumps", "winch": "winches", "controller": "controllers"
+}  # fmt: skip
 _MOVES = ("flange", "flange_turn", "flange_shift_m", "flange_shake")
 
 
-def check_scenario(scenario: Scenario) -> None:
+def check_scenario(scenario: Scenario, faults: Faults) -> None:
     """Check what single values cannot show: names that must exist, lengths that must agree.
 
-    Raises:
-        ScenarioError: the first rule that is broken.
+    Args:
+        scenario: may hold UNKNOWN where it is wrong by itself; what needs that is not checked.
+        faults: gets the rules that are broken.
     """
+    with faults:
+        _check_arm(scenario.robot)
+    with faults:
+        check_soft_robot(scenario.soft_robot, "soft_robot", faults)
+    with faults:
+        _check_calibrated(scenario)
+    for key, field in _NAMED.items():
+        with faults:
+            _check_unique((entry.name for entry in getattr(scenario, field)), key)
+    with faults:
+        _check_unique([e.name for e in scenario.objects] + [wire.name for wire in scenario.wires], "wire")
+    with faults:
+        cables = scenario.soft_robot.cable_names()
+        _check_tensions(scenario.start.cable_tension_N or None, cables, "start.cable_tension_N")
+    with faults:
+        check_objects(scenario, faults)
+    with faults:
+        for phase in scenario.phases:
+            with faults:
+                _check_phase(phase, scenario, f"phase.{phase.name}", faults)
+    for check in (check_sizes, check_holding, check_fidelity, check_gas, check_devices):
+        with faults:
+            check(scenario, faults)
+
+
+def _check_arm(robot: str) -> None:
     robots = (*arm_names(), NO_ARM)
-    if scenario.robot not in robots:
-        raise ScenarioError("robot", unknown_name_message("arm", scenario.robot, robots))
-    check_soft_robot(scenario.soft_robot, "soft_robot")
-    _check_calibrated(scenario)
-    _check_unique((entry.name for entry in scenario.objects), "object")
-    _check_unique([entry.name for entry in scenario.objects] + [wire.name for wire in scenario.wires], "wire")
-    _check_unique((entry.name for entry in scenario.phases), "phase")
-    _check_unique((entry.name for entry in scenario.pumps), "pump")
-    _check_unique((entry.name for entry in scenario.winches), "winch")
-    _check_unique((entry.name for entry in scenario.controllers), "controller")
-    cables = scenario.soft_robot.cable_names()
-    if scenario.start.cable_tension_N:
-        _check_tensions(scenario.start.cable_tension_N, cables, "start.cable_tension_N")
-    check_objects(scenario.objects, scenario.wires)
-    for phase in scenario.phases:
-        _check_phase(phase, scenario, f"phase.{phase.name}")
-    check_sizes(scenario)
-    check_holding(scenario)
-    check_fidelity(scenario)
-    check_gas(scenario)
-    check_devices(scenario)
+    if robot not in robots:
+        raise ScenarioError("robot", unknown_name_message("arm", robot, robots))
 
 
 def _check_calibrated(scenario: Scenario) -> None:
@@ -70,108 +82,139 @@ def _check_calibrated(scenario: Scenario) -> None:
         )
 
 
-def check_soft_robot(robot: SoftRobotTable, path: str) -> None:
-    """Check a soft robot's geometry, clamped rings and cables; `path` is that of its table.
+def check_soft_robot(robot: SoftRobotTable, path: str, faults: Faults) -> None:
+    """Check a soft robot's geometry, clamped rings, cables and attachments.
 
-    Raises:
-        ScenarioError: the first rule that is broken.
+    Args:
+        robot: may hold UNKNOWN.
+        path: of its table.
+        faults: gets the rules that are broken.
     """
-    chamber = robot.chamber
-    smallest = chamber.corner_radius_m * chamber.taper ** (chamber.units - 1)
-    if smallest <= chamber.hole_radius_m:
+    for check in (_check_holes, _check_mass, _check_law):
+        with faults:
+            check(robot, path)
+    with faults:
+        check_rings(robot.base, robot, f"{path}.base")
+    with faults:
+        _check_unique((cable.name for cable in robot.cables), f"{path}.cable")
+    with faults:
+        for cable in robot.cables:
+            with faults:
+                _check_cable(cable, robot, f"{path}.cable.{cable.name}", faults)
+    with faults:
+        _check_unique((entry.name for entry in robot.attachments), f"{path}.attach")
+    with faults:
+        for entry in robot.attachments:
+            with faults:
+                _check_attachment(entry, robot, f"{path}.attach.{entry.name}", faults)
+
+
+def _check_holes(robot: SoftRobotTable, path: str) -> None:
+    stack = robot.chamber
+    smallest = stack.corner_radius_m * stack.taper ** (stack.units - 1)
+    if smallest <= stack.hole_radius_m:
         raise ScenarioError(
             f"{path}.chamber.hole_radius_m",
-            f"{chamber.hole_radius_m:g} must be below the last unit's corner radius, {smallest:.4g}",
+            f"{stack.hole_radius_m:g} must be below the last unit's corner radius, {smallest:.4g}",
         )
-    film_mass = robot.film.density_kg_m3 * robot.film.thickness_m * chamber.unit_height_m**2
+
+
+def _check_mass(robot: SoftRobotTable, path: str) -> None:
+    film_mass = robot.film.density_kg_m3 * robot.film.thickness_m * robot.chamber.unit_height_m**2
     if robot.mass.node_mass_kg < LEAST_NODE_MASS_kg and film_mass < LEAST_NODE_MASS_kg:
         raise ScenarioError(
             f"{path}.mass.node_mass_kg",
             f"every node needs mass, {LEAST_NODE_MASS_kg:g} kg at least; give node_mass_kg or "
             "film.density_kg_m3",
         )
+
+
+def _check_law(robot: SoftRobotTable, path: str) -> None:
     if robot.film.compressive_fraction and robot.film.law != "tension_field":
         raise ScenarioError(
             f"{path}.film.compressive_fraction",
             f"goes with law = 'tension_field'; the law is '{robot.film.law}'",
         )
-    check_rings(robot.base, robot, f"{path}.base")
-    _check_unique((cable.name for cable in robot.cables), f"{path}.cable")
-    for cable in robot.cables:
-        _check_cable(cable, robot, f"{path}.cable.{cable.name}")
-    check_attachments(robot, path)
 
 
-def check_attachments(robot: SoftRobotTable, path: str) -> None:
-    """Check what a soft robot carries on its tip; `path` is that of the robot's table.
-
-    Raises:
-        ScenarioError: the first rule that is broken.
-    """
-    _check_unique((entry.name for entry in robot.attachments), f"{path}.attach")
-    for entry in robot.attachments:
-        where, part = f"{path}.attach.{entry.name}", entry.robot
-        check_soft_robot(part, f"{where}.robot")
+def _check_attachment(entry: AttachmentTable, robot: SoftRobotTable, path: str, faults: Faults) -> None:
+    with faults:
+        check_soft_robot(entry.robot, f"{path}.robot", faults)
+    with faults:
         if robot.copies is not None:
-            raise ScenarioError(where, "cannot stand beside copies, which have no single tip")
-        if part.film != robot.film:
-            raise ScenarioError(f"{where}.robot.film", f"differs from the film of '{robot.name}'; must not")
-        if part.hinge.fold_barrier_rad != robot.hinge.fold_barrier_rad:
+            raise ScenarioError(path, "cannot stand beside copies, which have no single tip")
+    with faults:
+        if entry.robot.film != robot.film:
+            raise ScenarioError(f"{path}.robot.film", f"differs from the film of '{robot.name}'; must not")
+    barrier, own = entry.robot.hinge.fold_barrier_rad, robot.hinge.fold_barrier_rad
+    if barrier != own:
+        raise ScenarioError(
+            f"{path}.robot.hinge.fold_barrier_rad",
+            f"{barrier:g} differs from that of '{robot.name}', {own:g}; must not",
+        )
+
+
+def _check_cable(cable: CableTable, robot: SoftRobotTable, path: str, faults: Faults) -> None:
+    with faults:
+        sides = robot.chamber.sides
+        if cable.corner >= sides:
             raise ScenarioError(
-                f"{where}.robot.hinge.fold_barrier_rad",
-                f"{part.hinge.fold_barrier_rad:g} differs from that of '{robot.name}', "
-                f"{robot.hinge.fold_barrier_rad:g}; must not",
+                f"{path}.corner", f"{cable.corner} does not exist; corners 0 to {sides - 1} do"
             )
-
-
-def _check_cable(cable: CableTable, robot: SoftRobotTable, path: str) -> None:
-    sides, units = robot.chamber.sides, robot.chamber.units
-    if cable.corner >= sides:
-        raise ScenarioError(f"{path}.corner", f"{cable.corner} does not exist; corners 0 to {sides - 1} do")
-    first, last = cable.units
-    if last > units:
-        raise ScenarioError(f"{path}.units", f"unit {last} does not exist; units 1 to {units} do")
-    if first >= last:
-        raise ScenarioError(f"{path}.units", f"[{first}, {last}] must run from a unit to a later one")
+    with faults:
+        (first, last), units = cable.units, robot.chamber.units
+        if last > units:
+            raise ScenarioError(f"{path}.units", f"unit {last} does not exist; units 1 to {units} do")
+        if first >= last:
+            raise ScenarioError(f"{path}.units", f"[{first}, {last}] must run from a unit to a later one")
     if (cable.capstan_factor is None) == (cable.friction_coefficient is None):
         given = "neither" if cable.capstan_factor is None else "both"
         raise ScenarioError(path, f"give capstan_factor or friction_coefficient; {given} is given")
 
 
-def _check_phase(phase: PhaseTable, scenario: Scenario, path: str) -> None:
-    robot = scenario.soft_robot
-    if phase.duration_s < scenario.clock.tick_s:
-        raise ScenarioError(
-            f"{path}.duration_s", f"{phase.duration_s:g} is shorter than a tick ({scenario.clock.tick_s:g} s)"
-        )
-    if phase.cable_tension_N is not None:
-        _check_tensions(phase.cable_tension_N, robot.cable_names(), f"{path}.cable_tension_N")
-    moves = [key for key in _MOVES if getattr(phase, key) is not None]
-    if phase.flange is not None and len(moves) > 1:
-        raise ScenarioError(f"{path}.{moves[1]}", "cannot stand beside flange, which already gives the pose")
-    if phase.flange_shake is not None:
-        _check_shake(phase, phase.flange_shake.frequency_Hz, path)
+def _check_phase(phase: PhaseTable, scenario: Scenario, path: str, faults: Faults) -> None:
+    with faults:
+        if phase.duration_s < scenario.clock.tick_s:
+            raise ScenarioError(
+                f"{path}.duration_s",
+                f"{phase.duration_s:g} is shorter than a tick ({scenario.clock.tick_s:g} s)",
+            )
+    with faults:
+        cables = scenario.soft_robot.cable_names()
+        _check_tensions(phase.cable_tension_N, cables, f"{path}.cable_tension_N")
+    with faults:
+        moves = _moves(phase)
+        if phase.flange is not None and len(moves) > 1:
+            raise ScenarioError(
+                f"{path}.{moves[1]}", "cannot stand beside flange, which already gives the pose"
+            )
+    with faults:
+        if phase.flange_shake is not None:
+            _check_shake(phase, phase.flange_shake.frequency_Hz, path, faults)
     if phase.tip_target is not None:
-        _check_tip_target(phase.tip_target, phase, moves, robot, path)
+        _check_tip_target(phase.tip_target, phase, scenario.soft_robot, path)
 
 
-def _check_shake(phase: PhaseTable, frequency_Hz: float, path: str) -> None:
-    if phase.ramp != "linear":
-        raise ScenarioError(f"{path}.ramp", f"flange_shake needs ramp = 'linear'; it is '{phase.ramp}'")
+def _moves(phase: PhaseTable) -> list[str]:
+    return [key for key in _MOVES if getattr(phase, key) is not None]
+
+
+def _check_shake(phase: PhaseTable, frequency_Hz: float, path: str, faults: Faults) -> None:
+    with faults:
+        if phase.ramp != "linear":
+            raise ScenarioError(f"{path}.ramp", f"flange_shake needs ramp = 'linear'; it is '{phase.ramp}'")
     if phase.duration_s * frequency_Hz < 3.0:
         raise ScenarioError(
             f"{path}.duration_s", f"{phase.duration_s:g} is shorter than 3 periods of flange_shake"
         )
 
 
-def _check_tip_target(
-    target: TipTargetTable, phase: PhaseTable, moves: Sequence[str], robot: SoftRobotTable, path: str
-) -> None:
+def _check_tip_target(target: TipTargetTable, phase: PhaseTable, robot: SoftRobotTable, path: str) -> None:
     where = f"{path}.tip_target"
     if (target.position_m is None) == (target.height_m is None):
         given = "neither" if target.position_m is None else "both"
         raise ScenarioError(where, f"give position_m or height_m; {given} is given")
-    if moves:
+    if moves := _moves(phase):
         raise ScenarioError(f"{path}.{moves[0]}", "cannot stand beside tip_target in one phase")
     if target.reach_with != "cables":
         if target.height_m is not None:
@@ -183,10 +226,11 @@ def _check_tip_target(
         raise ScenarioError(f"{path}.cable_tension_N", "cannot stand beside a target reached with cables")
 
 
-def _check_tensions(tensions: Sequence[float], cables: Sequence[str], path: str) -> None:
-    if len(tensions) != len(cables):
-        names = ", ".join(cables) or "none"
-        raise ScenarioError(path, f"has {len(tensions)} entries; there are {len(cables)} cables: {names}")
+def _check_tensions(tensions: Sequence[float] | None, cables: Sequence[str], path: str) -> None:
+    if isinstance(tensions, tuple) and len(tensions) != len(cables):  # a table has been refused before
+        raise ScenarioError(
+            path, f"has {len(tensions)} entries; there are {len(cables)} cables: {listing(cables)}"
+        )
 
 
 def _check_unique(names: Iterable[str], path: str) -> None:

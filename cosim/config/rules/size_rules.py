@@ -7,6 +7,7 @@ from typing import Final
 from cosim.config.schema.phase import PhaseTable
 from cosim.config.schema.scenario import Scenario
 from cosim.config.schema.soft_robot import SoftRobotTable
+from cosim.config.toml.faults import Faults
 from cosim.errors import ScenarioError
 
 MOST_TRIANGLES: Final = 200_000
@@ -17,21 +18,29 @@ MOST_SHAKE_PERIODS: Final = 1_000
 _TRIANGLES_PER_UNIT_AND_SIDE: Final = 14
 
 
-def check_sizes(scenario: Scenario) -> None:
+def check_sizes(scenario: Scenario, faults: Faults) -> None:
     """Check that what a scenario asks for can be built within minutes and some gigabytes.
 
-    Raises:
-        ScenarioError: the first bound that is exceeded.
+    Args:
+        scenario: may hold UNKNOWN.
+        faults: gets the bounds that are exceeded.
     """
-    _check_triangles(scenario)
-    solids = sum(max(1, bool(entry.shape) + len(entry.parts)) for entry in scenario.objects)
-    if solids > MOST_SOLIDS:
-        raise ScenarioError("object", f"makes {solids} solids in all; at most {MOST_SOLIDS} are allowed")
-    segments = sum(wire.segments for wire in scenario.wires)
-    if segments > MOST_SOLIDS:
-        raise ScenarioError("wire", f"makes {segments} segments in all; at most {MOST_SOLIDS} are allowed")
-    for phase in scenario.phases:
-        _check_shake(phase)
+    with faults:
+        _check_triangles(scenario)
+    with faults:
+        solids = sum(max(1, bool(entry.shape) + len(entry.parts)) for entry in scenario.objects)
+        if solids > MOST_SOLIDS:
+            raise ScenarioError("object", f"makes {solids} solids in all; at most {MOST_SOLIDS} are allowed")
+    with faults:
+        segments = sum(wire.segments for wire in scenario.wires)
+        if segments > MOST_SOLIDS:
+            raise ScenarioError(
+                "wire", f"makes {segments} segments in all; at most {MOST_SOLIDS} are allowed"
+            )
+    with faults:
+        for phase in scenario.phases:
+            with faults:
+                _check_shake(phase)
     _check_length(scenario)
 
 

@@ -8,36 +8,50 @@ from cosim.config.schema.name_patterns import matching
 from cosim.config.schema.phase import ForceTable, PhaseTable, SupportTable
 from cosim.config.schema.scenario import NO_ARM, Scenario
 from cosim.config.schema.soft_robot import SoftRobotTable
-from cosim.config.toml.suggestions import unknown_name_message
+from cosim.config.toml.faults import Faults
+from cosim.config.toml.suggestions import listing, unknown_name_message
 from cosim.errors import ScenarioError
 
 _MOTIONS = ("flange", "flange_turn", "flange_shift_m")
 
 
-def check_holding(scenario: Scenario) -> None:
+def check_holding(scenario: Scenario, faults: Faults) -> None:
     """Check rings, supports and forces of all phases, and what a scenario without an arm cannot have.
 
-    Raises:
-        ScenarioError: the first rule that is broken.
+    Args:
+        scenario: may hold UNKNOWN.
+        faults: gets the rules that are broken.
     """
-    if scenario.robot == NO_ARM and scenario.objects:
-        raise ScenarioError("object", f"needs an arm; robot is '{NO_ARM}'")
+    with faults:
+        if scenario.robot == NO_ARM and scenario.objects:
+            raise ScenarioError("object", f"needs an arm; robot is '{NO_ARM}'")
+    for phase in scenario.phases:
+        with faults:
+            _check_named(phase, scenario.soft_robot, f"phase.{phase.name}", faults)
+        with faults:
+            _check_carrier(phase, scenario.robot, f"phase.{phase.name}", faults)
     robot = scenario.soft_robot
     held, supported = expanded(robot.base, robot), False
     for phase in scenario.phases:
         path = f"phase.{phase.name}"
-        for key in ("release", "clamp"):
-            check_rings(getattr(phase, key), robot, f"{path}.{key}")
-        for place, support in enumerate(phase.supports, start=1):
-            _check_group(support, robot, f"{path}.support.{place}")
-        for place, force in enumerate(phase.forces, start=1):
-            _check_group(force, robot, f"{path}.force.{place}")
-        _check_carrier(phase, scenario.robot, path)
-        _check_release(phase, held, robot, path)
+        with faults:
+            _check_release(phase, held, robot, path)
         held = held - expanded(phase.release, robot) | expanded(phase.clamp, robot)
         supported = supported or bool(phase.supports)
         if not held and not supported:
             raise ScenarioError(f"{path}.release", "lets go of all that holds the soft robot; support it")
+
+
+def _check_named(phase: PhaseTable, robot: SoftRobotTable, path: str, faults: Faults) -> None:
+    """Check that the rings and corners that a phase names exist."""
+    for key in ("release", "clamp"):
+        with faults:
+            check_rings(getattr(phase, key), robot, f"{path}.{key}")
+    for key, groups in (("support", "supports"), ("force", "forces")):
+        with faults:
+            for place, group in enumerate(getattr(phase, groups), start=1):
+                with faults:
+                    _check_group(group, robot, f"{path}.{key}.{place}")
 
 
 def check_rings(rings: Iterable[str], robot: SoftRobotTable, path: str) -> None:
@@ -70,7 +84,7 @@ def _check_group(group: SupportTable | ForceTable, robot: SoftRobotTable, path: 
             raise ScenarioError(f"{path}.corners", f"{corner} does not exist; corners 0 to {sides - 1} do")
 
 
-def _check_carrier(phase: PhaseTable, robot: str, path: str) -> None:
+def _check_carrier(phase: PhaseTable, robot: str, path: str, faults: Faults) -> None:
     """Check that a phase asks for motion only of an arm, and for supports only without one."""
     if robot != NO_ARM:
         if phase.supports:
@@ -80,8 +94,11 @@ def _check_carrier(phase: PhaseTable, robot: str, path: str) -> None:
             )
         return
     for key in _MOTIONS:
-        if getattr(phase, key) is not None:
-            raise ScenarioError(f"{path}.{key}", f"needs an arm; robot is '{NO_ARM}', which holds the base")
+        with faults:
+            if getattr(phase, key) is not None:
+                raise ScenarioError(
+                    f"{path}.{key}", f"needs an arm; robot is '{NO_ARM}', which holds the base"
+                )
     if phase.tip_target is not None and phase.tip_target.reach_with != "cables":
         raise ScenarioError(
             f"{path}.tip_target.reach_with", f"must be 'cables': robot is '{NO_ARM}', which holds the base"
@@ -91,6 +108,4 @@ def _check_carrier(phase: PhaseTable, robot: str, path: str) -> None:
 def _check_release(phase: PhaseTable, held: set[str], robot: SoftRobotTable, path: str) -> None:
     for ring in phase.release:
         if not expanded([ring], robot) <= held:
-            raise ScenarioError(
-                f"{path}.release", f"'{ring}' is not held; held are: {', '.join(sorted(held)) or 'none'}"
-            )
+            raise ScenarioError(f"{path}.release", f"'{ring}' is not held; held are: {listing(sorted(held))}")

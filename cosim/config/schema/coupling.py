@@ -5,7 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Annotated, Literal, final
 
-from cosim.config.toml.constraints import Bounds, Count
+from annotated_types import Interval
+
+from cosim.config.toml.constraints import Count
 
 
 @final
@@ -22,5 +24,5 @@ class CouplingTable:
     """
 
     scheme: Literal["staggered", "iterated", "auto"] = "staggered"
-    tolerance: Annotated[float, Bounds(at_least=1e-12, at_most=1e-3)] = 1e-9
+    tolerance: Annotated[float, Interval(ge=1e-12, le=1e-3)] = 1e-9
     iterations_max: Count = 30

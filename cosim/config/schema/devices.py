@@ -5,7 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Annotated, Literal, final
 
-from cosim.config.toml.constraints import Length, Name, NonNegative, Positive
+from annotated_types import Len
+
+from cosim.config.toml.constraints import Name, NonNegative, Positive
 
 
 @final
@@ -48,7 +50,7 @@ class WinchTable:
     """
 
     name: Name
-    cables: Annotated[tuple[str, ...], Length(at_least=1)]
+    cables: Annotated[tuple[str, ...], Len(min_length=1)]
     step_angle_rad: Positive
     drum_radius_m: Positive
     step_rate_per_s: Positive

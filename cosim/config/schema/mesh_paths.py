@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 from typing import TypeVar
 
+from cosim.base.frozen import changed
 from cosim.base.resources import is_file, list_object_meshes, object_mesh_path
 from cosim.config.schema.objects import ObjectTable, SolidTable
+from cosim.config.toml.faults import UNKNOWN, Faults, guard
 from cosim.errors import ScenarioError
 
 Solid = TypeVar("Solid", ObjectTable, SolidTable)
@@ -18,34 +19,45 @@ def mesh_path(file: str) -> Path:
     return Path(file) if Path(file).is_absolute() else object_mesh_path(file)
 
 
-def with_mesh_paths(objects: tuple[ObjectTable, ...], folder: Path) -> tuple[ObjectTable, ...]:
+def with_mesh_paths(
+    objects: tuple[ObjectTable, ...], folder: Path, faults: Faults
+) -> tuple[ObjectTable, ...]:
     """Return objects whose mesh files are absolute paths, or names of files that come with cosim.
 
     Args:
         objects: as in the scenario file.
         folder: of the scenario file.
-
-    Raises:
-        ScenarioError: a file is neither there nor among those that come with cosim.
+        faults: gets files that are neither there nor among those that come with cosim.
     """
     found = []
     for entry in objects:
-        path = f"object.{entry.name}"
-        parts = tuple(_found(p, folder, f"{path}.part.{k}") for k, p in enumerate(entry.parts, start=1))
-        found.append(replace(_found(entry, folder, path), parts=parts))
+        here = entry
+        with faults:
+            path = f"object.{entry.name}"
+            here = _found(here, folder, path, faults)
+            pairs = enumerate(entry.parts, start=1)
+            parts = tuple(_found(part, folder, f"{path}.part.{k}", faults) for k, part in pairs)
+            here = changed(here, parts=parts)
+        found.append(here)
     return tuple(found)
 
 
-def _found(entry: Solid, folder: Path, path: str) -> Solid:
-    if entry.file is None:
-        return entry
-    beside = folder / entry.file
+def _found(entry: Solid, folder: Path, path: str, faults: Faults) -> Solid:
+    with faults:
+        return entry if entry.file is None else changed(entry, file=_path(entry.file, folder, path))
+    unknown = changed(entry, file=UNKNOWN)
+    guard(unknown)
+    return unknown
+
+
+def _path(file: str, folder: Path, path: str) -> str:
+    beside = folder / file
     if is_file(beside):
-        return replace(entry, file=str(beside.resolve()))
+        return str(beside.resolve())
     known = list_object_meshes()
-    if entry.file in known:
-        return entry
+    if file in known:
+        return file
     raise ScenarioError(
         f"{path}.file",
-        f"{entry.file!r} is neither beside the scenario nor one of cosim's: {', '.join(known) or 'none'}",
+        f"{file!r} is neither beside the scenario nor one of cosim's: {', '.join(known) or 'none'}",
     )

@@ -17,19 +17,12 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Annotated, Literal, TypeAlias, final
 
-from cosim.config.toml.constraints import (
-    Colour,
-    Direction,
-    Length,
-    Name,
-    NonNegative,
-    Positive,
-    Quaternion,
-    Vector3,
-)
+from annotated_types import Len
+
+from cosim.config.toml.constraints import Colour, Direction, Name, NonNegative, Positive, Quaternion, Vector3
 
 Shape: TypeAlias = Literal["box", "sphere", "cylinder", "capsule", "ellipsoid", "mesh"]
-Size: TypeAlias = Annotated[tuple[Positive, ...], Length(at_most=3)]
+Size: TypeAlias = Annotated[tuple[Positive, ...], Len(max_length=3)]
 STANDING_STILL: tuple[float, float, float, float] = (1.0, 0.0, 0.0, 0.0)
 GREY: tuple[float, float, float, float] = (0.55, 0.57, 0.60, 1.0)
 
@@ -140,4 +133,4 @@ class ObjectTable:
     friction: NonNegative = 0.8
     hinge: HingeJointTable | None = None
     slide: SlideJointTable | None = None
-    parts: tuple[SolidTable, ...] = field(default=(), metadata={"key": "part"})
+    parts: tuple[SolidTable, ...] = field(default=(), metadata={"alias": "part"})

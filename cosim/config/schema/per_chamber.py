@@ -10,6 +10,7 @@ from collections.abc import Mapping, Sequence
 from typing import TypeAlias, TypeVar
 
 from cosim.config.schema.name_patterns import by_name
+from cosim.config.toml.suggestions import listing
 from cosim.errors import ScenarioError
 
 Value = TypeVar("Value")
@@ -35,8 +36,9 @@ def given_values(
     if not isinstance(setting, tuple):
         return (setting,) * len(names)
     if len(setting) != len(names):
-        listed = ", ".join(names)
-        raise ScenarioError(path, f"has {len(setting)} entries; there are {len(names)} chambers: {listed}")
+        raise ScenarioError(
+            path, f"has {len(setting)} entries; there are {len(names)} chambers: {listing(names)}"
+        )
     return setting
 
 

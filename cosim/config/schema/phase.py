@@ -11,20 +11,21 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Annotated, Literal, final
 
+from annotated_types import Interval, Len
+
 from cosim.config.schema.per_chamber import PerChamber
 from cosim.config.toml.constraints import (
-    Bounds,
     Count,
     Direction,
-    Length,
     Name,
     NonNegative,
+    OrByName,
     Positive,
     Pressure,
     Vector3,
 )
 
-Tensions = tuple[NonNegative, ...]
+Tensions = Annotated[tuple[NonNegative, ...], OrByName()]
 
 
 @final
@@ -43,7 +44,7 @@ class FlangeTurnTable:
     """Right-handed rotation about the flange's origin, world axis, from where the phase starts."""
 
     axis: Direction
-    angle_rad: Annotated[float, Bounds(at_least=-100.0, at_most=100.0)]
+    angle_rad: Annotated[float, Interval(ge=-100.0, le=100.0)]
 
 
 @final
@@ -109,7 +110,7 @@ class SupportTable:
         axes: world axes along which they are held, where they are when the phase starts.
     """
 
-    rings: Annotated[tuple[str, ...], Length(at_least=1)]
+    rings: Annotated[tuple[str, ...], Len(min_length=1)]
     corners: tuple[int, ...] | None = None
     axes: Literal["x", "y", "z", "xy", "xz", "yz", "xyz"] = "xyz"
 
@@ -125,7 +126,7 @@ class ForceTable:
         total_N: shared evenly by the nodes, world axes.
     """
 
-    rings: Annotated[tuple[str, ...], Length(at_least=1)]
+    rings: Annotated[tuple[str, ...], Len(min_length=1)]
     total_N: Vector3
     corners: tuple[int, ...] | None = None
 
@@ -187,6 +188,6 @@ class PhaseTable:
     flange_shake: FlangeShakeTable | None = None
     release: tuple[str, ...] = ()
     clamp: tuple[str, ...] = ()
-    supports: tuple[SupportTable, ...] = field(default=(), metadata={"key": "support"})
-    forces: tuple[ForceTable, ...] = field(default=(), metadata={"key": "force"})
+    supports: tuple[SupportTable, ...] = field(default=(), metadata={"alias": "support"})
+    forces: tuple[ForceTable, ...] = field(default=(), metadata={"alias": "force"})
     tip_target: TipTargetTable | None = None

@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Annotated, Final, Literal, final
 
+from annotated_types import Len
+
 from cosim.config.schema.coupling import CouplingTable
 from cosim.config.schema.devices import ControllerTable, PumpTable, WinchTable
 from cosim.config.schema.fidelity import AutoTable, Fidelity
@@ -20,7 +22,7 @@ from cosim.config.schema.solver import (
     SolverTable,
 )
 from cosim.config.schema.wire import WireTable
-from cosim.config.toml.constraints import Length, Name, Text, Vector3
+from cosim.config.toml.constraints import Name, Text, Vector3
 
 NO_ARM: Final = "none"
 
@@ -52,7 +54,7 @@ class Scenario:
     robot: str
     soft_robot: SoftRobotTable
     start: StartTable
-    phases: Annotated[tuple[PhaseTable, ...], Length(at_least=1)] = field(metadata={"key": "phase"})
+    phases: Annotated[tuple[PhaseTable, ...], Len(min_length=1)] = field(metadata={"alias": "phase"})
     mode: Literal["dynamic", "quasistatic"] = "dynamic"
     fidelity: Fidelity = "lumped"
     auto: AutoTable | None = None
@@ -65,8 +67,8 @@ class Scenario:
     chamber: ModelTable = ModelTable()
     gas: GasTable = GasTable()
     recording: RecordingTable = RecordingTable()
-    objects: tuple[ObjectTable, ...] = field(default=(), metadata={"key": "object"})
-    wires: tuple[WireTable, ...] = field(default=(), metadata={"key": "wire"})
-    pumps: tuple[PumpTable, ...] = field(default=(), metadata={"key": "pump"})
-    winches: tuple[WinchTable, ...] = field(default=(), metadata={"key": "winch"})
-    controllers: tuple[ControllerTable, ...] = field(default=(), metadata={"key": "controller"})
+    objects: tuple[ObjectTable, ...] = field(default=(), metadata={"alias": "object"})
+    wires: tuple[WireTable, ...] = field(default=(), metadata={"alias": "wire"})
+    pumps: tuple[PumpTable, ...] = field(default=(), metadata={"alias": "pump"})
+    winches: tuple[WinchTable, ...] = field(default=(), metadata={"alias": "winch"})
+    controllers: tuple[ControllerTable, ...] = field(default=(), metadata={"alias": "controller"})

@@ -5,21 +5,21 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Annotated, Final, Literal, final
 
+from annotated_types import Interval, Len
+
 from cosim.base.names import ONLY_CHAMBER
 from cosim.config.toml.constraints import (
-    Bounds,
     Colour,
     Count,
     Fraction,
     Increasing,
-    Length,
     Name,
     NonNegative,
     Positive,
     Text,
 )
 
-HeightFractions = Annotated[tuple[Fraction, Fraction, Fraction], Increasing()]
+HeightFractions = Annotated[tuple[Fraction, Fraction, Fraction], Increasing]
 ARM_CHAMBER: Final = "arm"
 """Name of the gas chamber of a robot that carries others."""
 
@@ -46,17 +46,17 @@ class StackTable:
         refine: how often each triangle is divided into four.
     """
 
-    sides: Annotated[int, Bounds(at_least=3, at_most=64)]
-    units: Annotated[int, Bounds(at_least=1, at_most=200)]
+    sides: Annotated[int, Interval(ge=3, le=64)]
+    units: Annotated[int, Interval(ge=1, le=200)]
     corner_radius_m: Positive
     hole_radius_m: Positive
     unit_height_m: Positive
     ring_heights: HeightFractions
     kind: Literal["polygonal_stack"] = "polygonal_stack"
-    taper: Annotated[float, Bounds(above=0.0, at_most=1.0)] = 1.0
+    taper: Annotated[float, Interval(gt=0.0, le=1.0)] = 1.0
     mid_ring_fraction: Fraction = 0.5
     first_corner_rad: float | None = None
-    refine: Annotated[int, Bounds(at_least=0, at_most=4)] = 0
+    refine: Annotated[int, Interval(ge=0, le=4)] = 0
 
 
 @final
@@ -71,11 +71,11 @@ class FilmTable:
     """
 
     young_modulus_Pa: Positive
-    poisson_ratio: Annotated[float, Bounds(above=-1.0, below=0.5)]
+    poisson_ratio: Annotated[float, Interval(gt=-1.0, lt=0.5)]
     thickness_m: Positive
     density_kg_m3: NonNegative = 0.0
     law: Literal["plain", "tension_field", "edge_strain"] = "plain"
-    compressive_fraction: Annotated[float, Bounds(at_least=0.0, at_most=1.0)] = 0.0
+    compressive_fraction: Annotated[float, Interval(ge=0.0, le=1.0)] = 0.0
 
 
 @final
@@ -94,7 +94,7 @@ class HingeTable:
 
     rule: Literal["uniform", "shell"] = "uniform"
     stiffness_factor: NonNegative = 1.0
-    fold_barrier_rad: Annotated[float, Bounds(at_least=0.0, below=3.141592653589793)] = 0.0
+    fold_barrier_rad: Annotated[float, Interval(ge=0.0, lt=3.141592653589793)] = 0.0
 
 
 @final
@@ -143,9 +143,9 @@ class CableTable:
     """
 
     name: Name
-    corner: Annotated[int, Bounds(at_least=0)]
+    corner: Annotated[int, Interval(ge=0)]
     units: UnitRange
-    capstan_factor: Annotated[float, Bounds(above=0.0, at_most=1.0)] | None = None
+    capstan_factor: Annotated[float, Interval(gt=0.0, le=1.0)] | None = None
     friction_coefficient: NonNegative | None = None
     stiffness_N_m: Positive = 1e4
 
@@ -166,7 +166,7 @@ class CopiesTable:
         height_m: of their origins along the flange's z axis.
     """
 
-    count: Annotated[int, Bounds(at_least=1, at_most=12)]
+    count: Annotated[int, Interval(ge=1, le=12)]
     radius_m: NonNegative
     tilt_rad: float = 0.0
     spin_rad: float = 0.0
@@ -207,7 +207,7 @@ class CalibrationTable:
     """
 
     film_modulus_factor: Positive
-    compressive_fraction: Annotated[float, Bounds(at_least=0.0, at_most=1.0)]
+    compressive_fraction: Annotated[float, Interval(ge=0.0, le=1.0)]
     hinge_factor: NonNegative
     reference_refine: Count = 2
     pressure_range_Pa: tuple[Positive, Positive] = (5e3, 40e3)
@@ -269,10 +269,10 @@ class SoftRobotTable:
     hinge: HingeTable = HingeTable()
     frame: StiffenerTable = StiffenerTable()
     mass: MassTable = MassTable()
-    base: Annotated[tuple[str, ...], Length(at_least=1)] = ("unit_1.hole",)
-    cables: tuple[CableTable, ...] = field(default=(), metadata={"key": "cable"})
+    base: Annotated[tuple[str, ...], Len(min_length=1)] = ("unit_1.hole",)
+    cables: tuple[CableTable, ...] = field(default=(), metadata={"alias": "cable"})
     copies: CopiesTable | None = None
-    attachments: tuple[AttachmentTable, ...] = field(default=(), metadata={"key": "attach"})
+    attachments: tuple[AttachmentTable, ...] = field(default=(), metadata={"alias": "attach"})
     palm: PalmTable | None = None
     calibration: CalibrationTable | None = None
     schema: Literal[1] = 1

@@ -5,7 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Annotated, Literal, final
 
-from cosim.config.toml.constraints import Bounds, Count, NonNegative, Positive
+from annotated_types import Interval
+
+from cosim.config.toml.constraints import Count, NonNegative, Positive
 
 
 @final
@@ -13,7 +15,7 @@ from cosim.config.toml.constraints import Bounds, Count, NonNegative, Positive
 class ClockTable:
     """The lockstep clock: rigid and soft side advance by one tick at a time."""
 
-    tick_s: Annotated[float, Bounds(above=0.0, at_most=0.1)] = 0.002
+    tick_s: Annotated[float, Interval(gt=0.0, le=0.1)] = 0.002
 
 
 @final
@@ -109,10 +111,10 @@ class GasTable:
         orifices: `[[gas.orifice]]` in the file.
     """
 
-    exponent: Annotated[float, Bounds(at_least=1.0, at_most=2.0)] = 1.4
+    exponent: Annotated[float, Interval(ge=1.0, le=2.0)] = 1.4
     ambient_Pa: NonNegative = 101325.0
     temperature_K: Positive = 293.15
-    orifices: tuple[OrificeTable, ...] = field(default=(), metadata={"key": "orifice"})
+    orifices: tuple[OrificeTable, ...] = field(default=(), metadata={"alias": "orifice"})
 
 
 @final

@@ -11,7 +11,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Annotated, final
 
-from cosim.config.toml.constraints import Bounds, Colour, Length, Name, NonNegative, Positive, Vector3
+from annotated_types import Interval, Len
+
+from cosim.config.toml.constraints import Colour, Name, NonNegative, Positive, Vector3
 
 COPPER: tuple[float, float, float, float] = (0.72, 0.45, 0.20, 1.0)
 
@@ -35,10 +37,10 @@ class WireTable:
     """
 
     name: Name
-    points_m: Annotated[tuple[Vector3, ...], Length(at_least=2)]
+    points_m: Annotated[tuple[Vector3, ...], Len(min_length=2)]
     radius_m: Positive
     mass_kg: Positive
-    segments: Annotated[int, Bounds(at_least=1, at_most=500)] = 20
+    segments: Annotated[int, Interval(ge=1, le=500)] = 20
     bending_stiffness_Nm2: NonNegative = 0.0
     bending_damping_Nm2s: NonNegative = 0.0
     straight: bool = False

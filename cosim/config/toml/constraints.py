@@ -1,141 +1,106 @@
-"""Constraints that a scenario's values carry in their type annotations.
+"""Types of a scenario's values, with their constraints.
 
-`Annotated[float, Bounds(above=0.0)]` reads as "a number above 0"; the parser applies every constraint it
-finds and reports the text that `violation` returns.
+`Annotated[float, Interval(gt=0.0)]` reads as "a number above 0"; bounds of numbers and lengths are those of
+the package annotated_types, the rest is here.
 """
 
 from __future__ import annotations
 
-import re
-from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Annotated, Any, Final, final
 
-LONGEST_SHOWN: Final = 60
-LONGEST_NAME: Final = 64
+from annotated_types import Interval, Len
 
+from cosim.config.toml.key_paths import LONGEST_NAME
 
-def shown(value: Any) -> str:
-    """Return a value as messages show it: texts in quotes, control characters escaped, long ones cut."""
-    quoted = repr(value)
-    return quoted if len(quoted) <= LONGEST_SHOWN else f"{quoted[: LONGEST_SHOWN - 3]}..."
-
-
-class Constraint(ABC):
-    """What a value must satisfy beyond its type."""
-
-    @abstractmethod
-    def violation(self, value: Any) -> str | None:
-        """Return what is wrong with `value` and what is allowed, or None."""
+LEAST_DIRECTION: Final = 1e-9
 
 
 @final
 @dataclass(frozen=True)
-class Bounds(Constraint):
-    """Limits of a number: `above` and `below` exclude the limit itself."""
+class Rule:
+    """What a value must satisfy beyond its type, as pydantic applies it.
 
-    above: float | None = None
-    at_least: float | None = None
-    below: float | None = None
-    at_most: float | None = None
+    Args:
+        problem: returns what is wrong with a value, or None.
+    """
 
-    def violation(self, value: Any) -> str | None:
-        """Return what is wrong with the number, or None."""
-        inside = (
-            (self.above is None or value > self.above)
-            and (self.at_least is None or value >= self.at_least)
-            and (self.below is None or value < self.below)
-            and (self.at_most is None or value <= self.at_most)
-        )
-        return None if inside else f"{value:g} is out of bounds; must be {self.describe()}"
+    problem: Callable[[Any], str | None]
 
-    def describe(self) -> str:
-        """Return the bounds in words."""
-        words = (
-            ("above", self.above),
-            ("at least", self.at_least),
-            ("below", self.below),
-            ("at most", self.at_most),
-        )
-        return " and ".join(f"{word} {limit:g}" for word, limit in words if limit is not None)
+    def __get_pydantic_core_schema__(self, source: Any, handler: Callable[[Any], Any]) -> Any:
+        """Return the schema of the type, with the rule after it."""
+        from pydantic_core import PydanticCustomError, core_schema  # here: engines import the schema as well
+
+        def checked(value: Any) -> Any:
+            if problem := self.problem(value):
+                raise PydanticCustomError("rule", "{problem}", {"problem": problem})
+            return value
+
+        return core_schema.no_info_after_validator_function(checked, handler(source))
 
 
 @final
 @dataclass(frozen=True)
-class Length(Constraint):
-    """Smallest and largest number of entries of a list, or of the characters of a text."""
-
-    at_least: int = 0
-    at_most: int | None = None
-    of: str = "entries"
-
-    def violation(self, value: Any) -> str | None:
-        """Return what is wrong with the list's length, or None."""
-        if len(value) < self.at_least:
-            return f"has {len(value)} {self.of}; needs at least {self.at_least}"
-        if self.at_most is not None and len(value) > self.at_most:
-            return f"has {len(value)} {self.of}; at most {self.at_most} are allowed"
-        return None
-
-
-@final
-@dataclass(frozen=True)
-class NonZero(Constraint):
-    """A vector with a length above `smallest`, so that it names a direction."""
-
-    smallest: float = 1e-9
-
-    def violation(self, value: Any) -> str | None:
-        """Return what is wrong with the vector, or None."""
-        if sum(component * component for component in value) <= self.smallest**2:
-            return f"{list(value)} has no direction; must not be zero"
-        return None
-
-
-@final
-@dataclass(frozen=True)
-class Increasing(Constraint):
-    """A list whose entries grow strictly."""
-
-    def violation(self, value: Any) -> str | None:
-        """Return what is wrong with the list, or None."""
-        grows = all(first < second for first, second in pairwise(value))
-        return None if grows else f"{list(value)} must increase from entry to entry"
-
-
-@final
-@dataclass(frozen=True)
-class Pattern(Constraint):
-    """A text that matches a regular expression from end to end."""
+class Pattern:
+    """A text that a regular expression matches; `meaning` says in words what is asked."""
 
     expression: str
     meaning: str
 
-    def violation(self, value: Any) -> str | None:
-        """Return what is wrong with the text, or None."""
-        return None if re.fullmatch(self.expression, value) else f"{shown(value)} must be {self.meaning}"
+    def __get_pydantic_core_schema__(self, source: Any, handler: Callable[[Any], Any]) -> Any:
+        """Return the schema of a text with this pattern."""
+        return {**handler(source), "pattern": self.expression, "metadata": {"meaning": self.meaning}}
 
 
-Positive = Annotated[float, Bounds(above=0.0)]
-NonNegative = Annotated[float, Bounds(at_least=0.0)]
-Fraction = Annotated[float, Bounds(above=0.0, below=1.0)]
-Share = Annotated[float, Bounds(at_least=0.0, at_most=1.0)]
-Pressure = Annotated[float, Bounds(at_least=-1e5)]
+@final
+class OrByName:
+    """A list that a file may also give as a table by names; `resolve` turns it into a list."""
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: Callable[[Any], Any]) -> Any:
+        """Return the schema of the list, or of a table with the same entries."""
+        from pydantic_core import core_schema  # here: engines import the schema as well
+
+        listed = handler(source)
+        named = core_schema.dict_schema(core_schema.str_schema(), listed["items_schema"][0])
+        return core_schema.union_schema([listed, named])
+
+
+def _without_direction(vector: Sequence[float]) -> str | None:
+    if sum(component * component for component in vector) <= LEAST_DIRECTION**2:
+        return f"{list(vector)} has no direction; must not be zero"
+    return None
+
+
+def _not_increasing(values: Sequence[float]) -> str | None:
+    grows = all(first < second for first, second in pairwise(values))
+    return None if grows else f"{list(values)} must increase from entry to entry"
+
+
+Positive = Annotated[float, Interval(gt=0.0)]
+NonNegative = Annotated[float, Interval(ge=0.0)]
+Fraction = Annotated[float, Interval(gt=0.0, lt=1.0)]
+Share = Annotated[float, Interval(ge=0.0, le=1.0)]
+Pressure = Annotated[float, Interval(ge=-1e5)]
 """Gauge pressure: not below vacuum."""
 
-Count = Annotated[int, Bounds(at_least=1, at_most=1_000_000)]
+Count = Annotated[int, Interval(ge=1, le=1_000_000)]
 Vector3 = tuple[float, float, float]
-Direction = Annotated[tuple[float, float, float], NonZero()]
-Quaternion = Annotated[tuple[float, float, float, float], NonZero()]
+Direction = Annotated[tuple[float, float, float], Rule(_without_direction)]
+Quaternion = Annotated[tuple[float, float, float, float], Rule(_without_direction)]
+Increasing = Rule(_not_increasing)
 Colour = tuple[Share, Share, Share, Share]
 Name = Annotated[
     str,
-    Pattern(r"[A-Za-z][A-Za-z0-9_-]*", "a letter followed by letters, digits, '_' or '-'"),
-    Length(at_most=LONGEST_NAME, of="characters"),
+    Len(max_length=LONGEST_NAME),
+    Pattern("^[A-Za-z][A-Za-z0-9_-]*$", "a letter followed by letters, digits, '_' or '-'"),
 ]
 Text = Annotated[
     str,
-    Pattern(r"(?s).*\S.*", "a text that is not empty"),
-    Pattern(r"[^\x00-\x08\x0b-\x1f\x7f-\x9f]*", "without control characters but tabs and line breaks"),
+    Pattern(
+        r"^[^\u0000-\u0008\u000b-\u001f\u007f-\u009f]*[^\s\u0000-\u0008\u000b-\u001f\u007f-\u009f]"
+        r"[^\u0000-\u0008\u000b-\u001f\u007f-\u009f]*$",
+        "a text that is not empty, without control characters but tabs and line breaks",
+    ),
 ]

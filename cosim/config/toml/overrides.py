@@ -6,7 +6,8 @@ import tomllib
 from collections.abc import Mapping
 from typing import Any
 
-from cosim.config.toml.reading import check_values
+from cosim.config.toml.faults import UNKNOWN, NotKnown
+from cosim.config.toml.reading import only_readable
 from cosim.errors import ScenarioError
 
 
@@ -20,9 +21,7 @@ def parse_assignment(text: str) -> tuple[str, Any]:
     path = path.strip()
     if not equals or not all(path.split(".")):
         raise ScenarioError("", f"'{text}' is not of the form key=value, such as clock.tick_s=0.001")
-    found = _value(value.strip())
-    check_values({path: found})
-    return path, found
+    return path, _value(value.strip())
 
 
 def apply_override(table: dict[str, Any], path: str, value: Any) -> None:
@@ -41,18 +40,7 @@ def apply_override(table: dict[str, Any], path: str, value: Any) -> None:
     if not isinstance(here, dict):
         kind = "a list; set it as a whole" if isinstance(here, list) else "a single value"
         raise ScenarioError(path, f"cannot be set: {'.'.join(parents)} is {kind}")
-    here[last] = plain(value)
-
-
-def plain(value: Any) -> Any:
-    """Return a value with tuples and arrays turned into lists, tables into dicts, all of them copies."""
-    if isinstance(value, Mapping):
-        return {str(key): plain(item) for key, item in value.items()}
-    if hasattr(value, "tolist"):
-        return plain(value.tolist())
-    if isinstance(value, list | tuple):
-        return [plain(item) for item in value]
-    return value
+    here[last] = only_readable(value)
 
 
 def merge(base: dict[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
@@ -65,6 +53,8 @@ def merge(base: dict[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _enter(here: Any, part: str, path: str) -> Any:
+    if here is UNKNOWN:
+        raise NotKnown
     if isinstance(here, dict):
         return here.setdefault(part, {})
     if isinstance(here, list) and all(isinstance(entry, dict) for entry in here):

@@ -1,169 +1,110 @@
 """Turns tables (nested dicts, as TOML gives them) into frozen dataclasses, strictly.
 
-Every refusal names the path of the key, the value, and what is allowed.
+pydantic checks types, keys and bounds; every fault is told with the path of its key, the value, and what is
+allowed. What is wrong in a table does not keep rules from being checked on the rest.
 """
 
 from __future__ import annotations
 
-import json
-import math
-import types
 from collections.abc import Mapping
-from dataclasses import MISSING, Field, fields, is_dataclass
-from functools import cache
-from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
+from typing import Any, NamedTuple, TypeVar
 
-from cosim.config.toml.constraints import LONGEST_NAME, Bounds, Constraint, shown
-from cosim.config.toml.magnitudes import magnitude_of
-from cosim.config.toml.suggestions import unknown_key_message
-from cosim.errors import ScenarioError
+from pydantic_core import ValidationError
+
+from cosim.config.toml.core_schemas import Node, definitions_of, file_schema, inner_node, validator_of
+from cosim.config.toml.fault_texts import UNKNOWN_KEY, fault_text, keys_of
+from cosim.config.toml.faults import UNKNOWN, Faults, guard
+from cosim.config.toml.key_paths import join, label
+from cosim.config.toml.reading import only_readable
 
 Schema = TypeVar("Schema")
 
 
-def parse(schema: type[Schema], table: Any, path: str = "") -> Schema:
-    """Return the dataclass that a table describes.
+class _Place(NamedTuple):
+    """Where a fault is: its path, the schema's node, the value, and the table and key that hold it."""
+
+    path: str
+    node: Node
+    value: Any
+    table: dict[str, Any]
+    key: str
+
+
+def parse(kind: type[Schema], table: Mapping[str, Any], path: str, faults: Faults) -> Schema:
+    """Return the dataclass that a table describes; a field whose value is wrong holds UNKNOWN.
 
     Args:
-        schema: a frozen dataclass whose annotations carry the constraints.
+        kind: a frozen dataclass whose annotations carry the constraints.
         table: as TOML gives it.
         path: of the table itself, for messages.
-
-    Raises:
-        ScenarioError: no table, an unknown or missing key, a wrong type, or a value out of bounds.
+        faults: gets all faults of the table.
     """
-    if not isinstance(table, Mapping):
-        raise ScenarioError(path, f"expected a table, got {describe(table)}")
-    annotations = _annotations(schema)  # type: ignore[arg-type]
-    known = {key_of(entry): entry for entry in fields(schema)}  # type: ignore[arg-type]
-    for key in table:
-        if key not in known:
-            raise ScenarioError(join(path, key), unknown_key_message(key, tuple(known)))
-    values: dict[str, Any] = {}
-    for key, entry in known.items():
-        if key in table:
-            values[entry.name] = _convert(annotations[entry.name], table[key], join(path, key), key)
-        elif entry.default is MISSING and entry.default_factory is MISSING:
-            raise ScenarioError(join(path, key), "is missing; it has no default")
-    return schema(**values)
+    kept, validator = only_readable(table), validator_of(kind)  # type: ignore[arg-type]
+    made: Schema
+    try:
+        made = validator.validate_python(kept)
+        guard(made)
+        return made
+    except ValidationError as error:
+        found = _without_gaps(error)
+    schema = file_schema(kind)  # type: ignore[arg-type]
+    pairs = [(item, _place(schema, kept, path, item)) for item in found]
+    for item, place in pairs:
+        faults.add(place.path, fault_text(item, place.node, place.value))
+        place.table[place.key] = UNKNOWN
+        if item["type"] == UNKNOWN_KEY:  # any other key of the table may be what was meant
+            del place.table[place.key]
+            place.table.update(dict.fromkeys(keys_of(place.node).keys() - place.table.keys(), UNKNOWN))
+    made = validator.validate_python(kept)
+    guard(made)
+    return made
 
 
-def key_of(entry: Field[Any]) -> str:
-    """Return the key in the file of a dataclass field."""
-    return str(entry.metadata.get("key", entry.name))
+def _without_gaps(error: ValidationError) -> list[dict[str, Any]]:
+    """Return what pydantic found; entries missing at the end of a list are one fault, that of the list.
+
+    Nothing is said of a list that has a wrong entry.
+    """
+    found: dict[tuple[str | int, ...], dict[str, Any]] = {}
+    for item in error.errors(include_url=False, include_input=False):
+        place = item["loc"]
+        if item["type"] == "missing" and isinstance(place[-1], int):
+            place = place[:-1]
+            found[place] = {"type": "too_short", "loc": place}
+        else:
+            found[place] = dict(item)
+    for above in [place[:depth] for place in found for depth in range(1, len(place))]:
+        found.pop(above, None)  # too short without the wrong entries: that follows from them
+    return list(found.values())
 
 
-def join(path: str, key: str) -> str:
-    """Return the path of a key inside a table; a key that would not show is put in quotes, as in TOML."""
-    visible = key if key.isprintable() and key and not set(key) & set(" .\"'") else json.dumps(key)
-    return f"{path}.{visible}" if path else visible
+def _place(schema: Node, kept: dict[str, Any], path: str, found: Mapping[str, Any]) -> _Place:
+    """Return where a fault is; the table and key are the innermost ones that a dataclass has a field for."""
+    definitions = definitions_of(schema)
+    node, value = inner_node(schema, definitions), kept
+    table, key = kept, ""
+    for part in found["loc"]:
+        if node["type"] == "tagged-union":
+            node = inner_node(node["choices"][part], definitions)
+            continue
+        within, value = value, _item(value, part)
+        path = join(path, label(value, part + 1) if isinstance(part, int) else part)
+        if node["type"] == "dataclass-args":
+            table, key = within, str(part)
+            if found["type"] == UNKNOWN_KEY and part not in keys_of(node):
+                break
+            inner = keys_of(node)[key]
+        elif node["type"] == "dict":
+            inner = node["values_schema"]
+        else:
+            items = node["items_schema"]
+            inner = items[int(part) if "variadic_item_index" not in node else 0]
+        node = inner_node(inner, definitions)
+    return _Place(path, node, value, table, key)
 
 
-def describe(value: Any) -> str:
-    """Return a value with its kind, for messages."""
-    kinds: tuple[tuple[type, str], ...] = (
-        (bool, "the truth value"),
-        (int, "the whole number"),
-        (float, "the number"),
-        (str, "the text"),
-        (list, "the list"),
-        (Mapping, "a table"),
-    )
-    kind = next((name for kind, name in kinds if isinstance(value, kind)), f"a {type(value).__name__}")
-    if isinstance(value, Mapping):
-        return kind
-    return f"{kind} {str(value).lower() if isinstance(value, bool) else shown(value)}"
-
-
-@cache
-def _annotations(schema: type) -> dict[str, Any]:
-    return get_type_hints(schema, include_extras=True)
-
-
-def _convert(annotation: Any, value: Any, path: str, key: str) -> Any:
-    """Return a value as its annotation says; `key` is that of the dataclass, whose unit bounds numbers."""
-    origin = get_origin(annotation)
-    if origin is Annotated:
-        inner, *extras = get_args(annotation)
-        converted = _convert(inner, value, path, key)
-        for constraint in (extra for extra in extras if isinstance(extra, Constraint)):
-            message = constraint.violation(converted) or _too_small(constraint, converted, key)
-            if message:
-                raise ScenarioError(path, message)
-        return converted
-    if origin in (Union, types.UnionType):  # X | None: TOML has no null, so a value given is an X
-        options = [argument for argument in get_args(annotation) if argument is not type(None)]
-        return _convert(_fitting(options, value), value, path, key)
-    if origin is Literal:
-        return _choice(get_args(annotation), value, path)
-    if origin is tuple:
-        return _sequence(get_args(annotation), value, path, key)
-    if origin is Mapping:
-        _, inner = get_args(annotation)
-        if not isinstance(value, Mapping):
-            raise ScenarioError(path, f"expected a table, got {describe(value)}")
-        return {name: _convert(inner, item, join(path, name), key) for name, item in value.items()}
-    if is_dataclass(annotation):
-        return parse(annotation, value, path)  # type: ignore[arg-type]
-    return _scalar(annotation, value, path, key)
-
-
-def _fitting(options: list[Any], value: Any) -> Any:
-    """Return which of several annotations a value is for: a list, a table, or the first one."""
-    kind = tuple if isinstance(value, list) else Mapping if isinstance(value, Mapping) else None
-    return next((option for option in options if kind and get_origin(option) is kind), options[0])
-
-
-def _choice(choices: tuple[Any, ...], value: Any, path: str) -> Any:
-    for choice in choices:
-        if value == choice and type(value) is type(choice):
-            return choice
-    allowed = ", ".join(f"'{choice}'" if isinstance(choice, str) else str(choice) for choice in choices)
-    raise ScenarioError(path, f"got {describe(value)}; allowed: {allowed}")
-
-
-def _sequence(arguments: tuple[Any, ...], value: Any, path: str, key: str) -> tuple[Any, ...]:
-    if not isinstance(value, list):
-        raise ScenarioError(path, f"expected a list, got {describe(value)}")
-    if len(arguments) == 2 and arguments[1] is Ellipsis:
-        arguments = (arguments[0],) * len(value)
-    if len(arguments) != len(value):
-        raise ScenarioError(path, f"has {len(value)} entries; must have {len(arguments)}")
-    pairs = zip(arguments, value, strict=True)
-    return tuple(
-        _convert(argument, item, join(path, label(item, index)), key)
-        for index, (argument, item) in enumerate(pairs, start=1)
-    )
-
-
-def label(item: Any, index: int) -> str:
-    """Return the name of an entry of a list of tables, else (or if it is too long) its place from 1."""
-    name = item.get("name") if isinstance(item, Mapping) else None
-    return name if isinstance(name, str) and 0 < len(name) <= LONGEST_NAME else str(index)
-
-
-def _too_small(constraint: Constraint, value: Any, key: str) -> str | None:
-    """Return what is wrong with a number that must be above 0 and is as good as 0."""
-    smallest = magnitude_of(key).smallest
-    if isinstance(constraint, Bounds) and constraint.above == 0.0 and value < smallest:
-        return f"{value:g} is out of bounds; must be at least {smallest:g}"
-    return None
-
-
-def _scalar(kind: Any, value: Any, path: str, key: str) -> Any:
-    if kind is float:
-        if isinstance(value, bool) or not isinstance(value, int | float):
-            raise ScenarioError(path, f"expected a number, got {describe(value)}")
-        number = float(value)
-        if not math.isfinite(number):
-            raise ScenarioError(path, f"got {value:g}; must be a finite number")
-        largest = magnitude_of(key).largest
-        if abs(number) > largest:
-            raise ScenarioError(
-                path, f"{value:g} is out of bounds; must be within {-largest:g} and {largest:g}"
-            )
-        return number
-    expected = {bool: "true or false", int: "a whole number", str: "a text in quotes"}[kind]
-    if type(value) is not kind:
-        raise ScenarioError(path, f"expected {expected}, got {describe(value)}")
-    return value
+def _item(value: Any, part: str | int) -> Any:
+    try:
+        return value[part]
+    except LookupError:  # a missing key
+        return None

@@ -5,27 +5,38 @@ from __future__ import annotations
 import sys
 import tomllib
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, final
 
-from cosim.config.toml.parsing import join, label
+from cosim.config.toml.faults import UNKNOWN
 from cosim.errors import ScenarioError
 
 LARGEST_FILE_BYTES: Final = 4_000_000
 DEEPEST: Final = 24
-LONGEST_KEY: Final = 100
 LONGEST_TEXT: Final = 10_000
 LONGEST_LIST: Final = 10_000
 LARGEST_INTEGER: Final = 2**63 - 1
 """What TOML asks every reader to hold."""
 
 
+@final
+@dataclass(frozen=True)
+class Unreadable:
+    """Stands for a value of a file that cannot be used, whatever its key.
+
+    Args:
+        problem: what is wrong with it.
+    """
+
+    problem: str
+
+
 def read_table(path: Path) -> dict[str, Any]:
-    """Return the tables of a TOML file; a byte order mark is skipped.
+    """Return the tables of a TOML file as `only_readable` makes them; a byte order mark is skipped.
 
     Raises:
-        ScenarioError: the file cannot be read, is too large, or is not TOML; `path` is the file's name. Or a
-            value is too deep, long or large: see `check_values`.
+        ScenarioError: the file cannot be read, is too large, or is not TOML; `path` is the file's name.
     """
     try:
         with path.open("rb") as stream:
@@ -46,37 +57,31 @@ def read_table(path: Path) -> dict[str, Any]:
     except ValueError as error:
         most = sys.get_int_max_str_digits()
         raise ScenarioError(str(path), f"holds a whole number of more than {most} digits") from error
-    check_values(table)
-    return table
+    readable: dict[str, Any] = only_readable(table)
+    return readable
 
 
-def check_values(table: Mapping[str, Any], path: str = "") -> None:
-    """Check that nothing in nested tables is deeper, longer or larger than the program can hold or show.
+def only_readable(value: Any, depth: int = 0) -> Any:
+    """Return a copy in which what is deeper, longer or larger than the program can hold is `Unreadable`.
+
+    Tuples and arrays become lists.
 
     Args:
-        table: as TOML gives it.
-        path: of the table, for messages.
-
-    Raises:
-        ScenarioError: the first value that is.
+        value: as TOML gives it, or Python.
+        depth: of the value in the table that is read.
     """
-    open_values: list[tuple[Any, str, int]] = [(table, path, 0)]
-    while open_values:
-        value, place, depth = open_values.pop()
-        problem = _problem(value, depth)
-        if problem is not None:
-            raise ScenarioError(place, problem)
-        if isinstance(value, Mapping):
-            for key, item in reversed(list(value.items())):
-                if len(key) > LONGEST_KEY:
-                    shown = f"{key[:LONGEST_KEY]}..."
-                    raise ScenarioError(
-                        join(place, shown), f"has {len(key)} characters; keys have at most {LONGEST_KEY}"
-                    )
-                open_values.append((item, join(place, key), depth + 1))
-        elif isinstance(value, list):
-            entries = reversed(list(enumerate(value, start=1)))
-            open_values += [(item, join(place, label(item, k)), depth + 1) for k, item in entries]
+    if value is UNKNOWN or isinstance(value, Unreadable):
+        return value
+    problem = _problem(value, depth)
+    if problem is not None:
+        return Unreadable(problem)
+    if isinstance(value, Mapping):
+        return {str(key): only_readable(item, depth + 1) for key, item in value.items()}
+    if hasattr(value, "tolist"):
+        return only_readable(value.tolist(), depth)
+    if isinstance(value, list | tuple):
+        return [only_readable(item, depth + 1) for item in value]
+    return value
 
 
 def _problem(value: Any, depth: int) -> str | None:

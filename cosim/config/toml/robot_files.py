@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import Any, Final, final
 
 from cosim.base.resources import is_file, soft_robot_path
-from cosim.config.toml.overrides import merge, plain
-from cosim.config.toml.parsing import describe, join, label
-from cosim.config.toml.reading import read_table
+from cosim.config.toml.key_paths import describe, join, label
+from cosim.config.toml.overrides import merge
+from cosim.config.toml.reading import only_readable, read_table
 from cosim.errors import InputError, ScenarioError
 
 MOST_FILES: Final = 64
@@ -44,7 +44,7 @@ class RobotFiles:
         self, table: Mapping[str, Any], folder: Path, path: str, chain: tuple[Path, ...] = ()
     ) -> dict[str, Any]:
         """Return a soft robot's table with the files that it and its attachments start from put in."""
-        full: dict[str, Any] = plain(table)
+        full: dict[str, Any] = only_readable(table)
         if "file" in full:
             file = full.pop("file")
             if not isinstance(file, str):

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from difflib import get_close_matches
 
-from cosim.config.toml.constraints import LONGEST_NAME, shown
+from cosim.config.toml.key_paths import LONGEST_KEY, LONGEST_NAME, shown
 
 _UNITS = (
     "kg_s_Pa",
@@ -42,6 +43,8 @@ _UNITS = (
 
 def unknown_key_message(key: str, known: tuple[str, ...]) -> str:
     """Return what to say about a key that does not exist among the known ones."""
+    if len(key) > LONGEST_KEY:
+        return f"has {len(key)} characters; keys have at most {LONGEST_KEY}"
     stem, unit = split_unit(key)
     for candidate in known:
         candidate_stem, candidate_unit = split_unit(candidate)
@@ -58,8 +61,12 @@ def unknown_name_message(kind: str, name: str, known: tuple[str, ...]) -> str:
     """Return what to say about a name that does not exist among the known ones."""
     close = get_close_matches(name, known, n=1, cutoff=0.6) if len(name) <= LONGEST_NAME else []
     hint = f"; did you mean '{close[0]}'?" if close else ""
-    listed = known if len(known) <= 12 else (*known[:6], "...", *known[-3:])
-    return f"no {kind} {shown(name)}{hint}. There are: {', '.join(listed) or 'none'}".replace("?.", "?")
+    return f"no {kind} {shown(name)}{hint}. There are: {listing(known)}".replace("?.", "?")
+
+
+def listing(names: Sequence[str]) -> str:
+    """Return names in one line, the middle of many left out."""
+    return ", ".join(names if len(names) <= 12 else (*names[:6], "...", *names[-3:])) or "none"
 
 
 def split_unit(key: str) -> tuple[str, str]:

@@ -1,0 +1,103 @@
+"""Every wrong key of a file is told at once, one line each."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from cosim.base.resources import scenario_path
+from cosim.cli.main import main
+from cosim.config.loading import load_scenario
+from cosim.errors import ScenarioError
+
+REFERENCE = "ur5e_hexagon_arm"
+
+
+def refusal(overrides: dict[str, object], scenario: str | Path = REFERENCE) -> ScenarioError:
+    with pytest.raises(ScenarioError) as caught:
+        load_scenario(scenario, overrides)
+    return caught.value
+
+
+def test_faults_of_all_kinds_are_told_together() -> None:
+    error = refusal(
+        {
+            "clock.tck_s": 0.001,  # unknown key
+            "phase.inflate.pressure_Pa": "30 kPa",  # type
+            "phase.turn.duration_s": -1.0,  # bound
+            "gravity_m_s2": [0.0, -9.81],  # length
+            "start.flange.direction": [0.0, 0.0, 0.0],  # a rule on one value
+            "soft_robot.cable.left.corner": 6,  # a rule across tables
+            "phase.lift.clamp": ["unit_99.outer"],
+            "robot": "ur6e",
+            "film.law": "plain",  # a table that there is not
+        }
+    )
+    assert {path for path, _ in error.faults} == {
+        "clock.tck_s", "phase.inflate.pressure_Pa", "phase.turn.duration_s", "gravity_m_s2",
+        "start.flange.direction", "soft_robot.cable.left.corner", "phase.lift.clamp", "robot", "film",
+    }  # fmt: skip
+    assert str(error).split("\n") == [f"{path}: {problem}" for path, problem in error.faults]
+
+
+def test_no_rule_is_told_that_follows_from_a_misspelt_key() -> None:
+    error = refusal({"phase.reach.tip_target": {"hight_m": 0.5, "reach_with": "cables"}})
+    assert error.faults == (("phase.reach.tip_target.hight_m", "unknown key; did you mean height_m?"),)
+    cable = {"name": "left", "corner": 1, "units": [1, 10], "capstan": 0.8}
+    error = refusal({"soft_robot.cable": [cable], "start.cable_tension_N": [0.0]})
+    assert [path for path, _ in error.faults] == ["soft_robot.cable.left.capstan"]
+
+
+def test_no_rule_is_told_of_a_value_that_is_wrong_by_itself() -> None:
+    assert refusal({"soft_robot.chamber.units": "ten"}).path == "soft_robot.chamber.units"
+    assert len(refusal({"soft_robot.chamber.units": "ten"}).faults) == 1
+
+
+def test_a_robot_that_is_not_there_hides_no_other_fault() -> None:
+    error = refusal({"soft_robot": "hexagon_leg", "soft_robot.film.thickness_m": 1e-4, "mode": "static"})
+    assert [path for path, _ in error.faults] == ["soft_robot", "mode"]
+
+
+def test_files_of_an_object_and_its_parts_are_told(tmp_path: Path) -> None:
+    ball = {"shape": "mesh", "file": "reel.stl"}
+    solid = {"name": "a", "position_m": [0.0, 0.0, 0.0], "part": [ball, ball], **ball}
+    error = refusal({"object": [solid]})
+    assert [path for path, _ in error.faults] == [
+        "object.a.file", "object.a.part.1.file", "object.a.part.2.file"
+    ]  # fmt: skip
+
+
+def test_at_most_twenty_lines_are_told(capsys: pytest.CaptureFixture[str]) -> None:
+    wrong = [word for k in range(23) for word in ("--set", f"wrong_{k:02}=1")]
+    assert main(["run", REFERENCE, *wrong]) == 2
+    lines = capsys.readouterr().err.splitlines()
+    assert lines[0].startswith("cosim: error: wrong_00: unknown key")
+    assert lines[19].startswith("cosim: error: wrong_19: unknown key")
+    assert lines[20:] == ["cosim: error: ... and 3 more"]
+
+
+def test_a_truth_value_is_no_number_and_a_number_no_text() -> None:
+    values: dict[str, object] = {"schema": True, "clock.tick_s": True, "title": 5, "contact.enabled": 1}
+    assert {path for path, _ in refusal(values).faults} == values.keys()
+    assert load_scenario(REFERENCE, {"phase.inflate.pressure_Pa": 30000}).phases[1].pressure_Pa == 30e3
+
+
+@pytest.mark.parametrize("arguments", [["list"], ["--help"]])
+def test_pydantic_is_imported_only_where_a_file_is_read(arguments: list[str]) -> None:
+    code = (
+        "import contextlib, sys, cosim; from cosim.cli.main import main\n"
+        f"with contextlib.suppress(SystemExit): main({arguments!r})\n"
+        "print('pydantic' in sys.modules, file=sys.stderr)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stderr.strip() == "False"
+
+
+def test_a_file_is_read_with_the_same_faults_as_overrides(tmp_path: Path) -> None:
+    path = tmp_path / "mine.toml"
+    text = scenario_path(REFERENCE).read_text(encoding="utf-8")
+    path.write_text(text.replace("tick_s = 0.002", "tick_s = 0").replace("settle_s", "setle_s", 1))
+    assert [place for place, _ in refusal({}, path).faults] == ["phase.hang.setle_s", "clock.tick_s"]
