@@ -108,8 +108,16 @@ def _scale(table: dict[str, Any], place: Place, rng: Random) -> str:
         if isinstance(value, str | list):
             holder[place[-1]] = value * rng.choice((2, 3, 50))
         return f"repeat {place}"
-    holder[place[-1]] = value * factor * rng.choice((1.0, -1.0))
+    holder[place[-1]] = _product(value, factor) * rng.choice((1.0, -1.0))
     return f"multiply {place} by {factor:g}"
+
+
+def _product(value: float, factor: float) -> float:
+    """Return a product; infinite for an integer that is larger than any float."""
+    try:
+        return value * factor
+    except OverflowError:
+        return math.inf if value > 0 else -math.inf
 
 
 def _delete(table: dict[str, Any], place: Place, rng: Random) -> str:

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import math
+from functools import partial
 from itertools import count, islice
 from pathlib import Path
+from random import Random
 
 import pytest
 
 from benchmarks.faults.fuzz_files import main
+from benchmarks.faults.mutations import mutated
 from benchmarks.faults.trial import Case, Verdict, case_of, try_case
 
 LOADED, BUILT = 300, 8
@@ -30,6 +34,14 @@ def test_mutated_files_that_load_run_or_are_refused_with_a_path(tmp_path: Path) 
 
 def test_a_seed_means_one_file() -> None:
     assert case_of(7) == case_of(7) != case_of(8)
+
+
+def test_integers_beyond_all_floats_are_scaled_too() -> None:
+    for number in (10**400, -(10**400)):
+        scaled = [table["x"] for table, done in map(partial(mutated, {"x": number}), map(Random, range(60)))
+                  if done[0].startswith("multiply") and len(done) == 1]  # fmt: skip
+        assert scaled
+        assert set(scaled) <= {math.inf, -math.inf}
 
 
 def test_findings_are_told_and_kept(
