@@ -20,10 +20,12 @@ from cosim.plan.ramp import Progress
 from cosim.soft.body.loads import Loads
 from cosim.soft.solve.state import Equilibrium, SoftState
 from cosim.stepping.parts import Parts, TickState
+from cosim.stepping.relaxed_wrench import RelaxedWrench
 from cosim.stepping.stepped_run import Cursor, SteppedRun
 from cosim.telemetry.snapshot import RunInfo, Snapshot
 
 _DROOP_ROUNDS_MAX = 20
+_SWINGS_M = 1e-5  # of the flange, in a round
 
 
 @final
@@ -142,15 +144,28 @@ class QuasistaticSimulation(SteppedRun):
         return self._with_droop(found, reference, spent)
 
     def _with_droop(self, found: Equilibrium, reference: Array, spent: int) -> tuple[Equilibrium, int]:
-        """Let the carrier give way to the wrench until it and the soft body agree."""
-        carrier, soft = self._parts.carrier, self._parts.soft
+        """Let the carrier give way to the wrench until it and the soft body agree.
+
+        Raises:
+            ConvergenceError: they do not.
+        """
+        carrier, soft, relaxed = self._parts.carrier, self._parts.soft, RelaxedWrench()
         for _ in range(_DROOP_ROUNDS_MAX):
             soft.settle(found)
-            if not carrier.relax_under(reference, found.wrench):
-                break
-            slides = found.slides
+            if not carrier.relax_under(reference, relaxed.next(found.wrench)):
+                return found, spent
+            slides, before = found.slides, found.world_from_flange
             found = soft.follow(found, carrier.flange_pose, found.loads)
             spent, found = spent + found.iterations, replace(found, slides=slides + found.slides)
+        moved = float(np.linalg.norm(found.world_from_flange.translation - before.translation))
+        if moved > _SWINGS_M:
+            raise ConvergenceError(
+                f"the arm and the soft robot that pushes it find no common place: after {_DROOP_ROUNDS_MAX} "
+                f"rounds the flange still moves by {1e3 * moved:.3g} mm, with "
+                f"{np.linalg.norm(found.wrench.force):.3g} N on it",
+                found.residual_N,
+                spent,
+            )
         return found, spent
 
 

@@ -15,7 +15,8 @@ from cosim.soft.contact.contact_points import ContactSurface
 from cosim.soft.contact.obstacle_contact import ContactLaw, ContactPlanes
 from cosim.soft.elements.cable import Cable
 from cosim.soft.solve.equilibrium import EquilibriumSolver
-from cosim.soft.solve.newton_options import NewtonOptions
+from cosim.soft.solve.newton_options import NewtonOptions, NewtonResult, Outcome
+from cosim.soft.solve.pseudo_transient import slide
 from cosim.soft.solve.state import SoftState
 from tests.soft.bodies import HANGING, PRESSURE_Pa, held, hexagon_arm, hung, no_load
 from tests.soft.contacts import half_space
@@ -105,6 +106,47 @@ def test_a_way_that_cannot_be_followed_is_an_error() -> None:
     with pytest.raises(ConvergenceError, match="iteration limit") as caught:
         one.equilibrium.follow(begin, HANGING, no_load(arm.body, pressure_Pa=PRESSURE_Pa))
     assert caught.value.residual_N > 1e-6
+
+
+def test_a_hopeless_way_is_given_up_soon_with_what_was_reached(monkeypatch: pytest.MonkeyPatch) -> None:
+    arm = held(hexagon_arm(2))
+    begin, loads = hung(arm), no_load(arm.body, pressure_Pa=8000.0)
+    tried: list[float] = []
+    solve = EquilibriumSolver.solve
+
+    def stuck_above_half(self: EquilibriumSolver, state: Any, pose: Pose, load: Loads) -> Any:
+        tried.append(load.pressure_Pa)
+        if load.pressure_Pa > 4000.0:
+            raise ConvergenceError("stuck at node 5", 1.0, 100)
+        return solve(self, state, pose, load)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(EquilibriumSolver, "solve", stuck_above_half)
+        with pytest.raises(ConvergenceError, match=r"at node 5; followed over 50 % of the way") as caught:
+            arm.equilibrium.follow(begin, HANGING, loads)
+    # three that led nowhere, the slide's end; down to 1/256 of the way there would be ten
+    assert len([pressure for pressure in tried if pressure > 4000.0]) == 4
+    assert caught.value.iterations > 400
+
+
+class Restless:
+    """Stands for Newton's method on a body that comes to rest only while it is damped."""
+
+    def __init__(self) -> None:
+        self.spent = 0
+
+    def solve(self, start: Array, angles: Array, loads: Loads, options: NewtonOptions, *damped: Any) -> Any:
+        outcome = Outcome.CONVERGED if damped else Outcome.ITERATION_LIMIT
+        self.spent += options.iterations_max
+        return NewtonResult(start, angles, outcome, 1.0, options.iterations_max, 1, 0.0, 0)
+
+
+def test_a_slide_that_comes_to_rest_nowhere_is_given_up_soon() -> None:
+    body: Any = Restless()
+    x, options = np.zeros((2, 3)), NewtonOptions(iterations_max=100)
+    found = slide(body, x, np.zeros(0), lambda x: Loads(), options)
+    assert not found.converged
+    assert found.iterations == body.spent < 520  # all its steps would take 17,000
 
 
 def test_following_nowhere_stays() -> None:

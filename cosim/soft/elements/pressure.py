@@ -13,8 +13,10 @@ from typing import Any
 
 import numpy as np
 
-from cosim.base.frames import Array, IntArray, cross_matrix
+from cosim.base.frames import Array, IntArray, cross, cross_matrix
 from cosim.base.kernels import BLOCKS, INDEX_TABLE, INDICES, MATRIX, REAL, add_block, inlined, kernel
+
+_CROSS = np.stack([cross_matrix(axis) for axis in np.eye(3)], axis=-1)  # (_CROSS @ v) @ b = v x b
 
 
 @inlined
@@ -151,22 +153,17 @@ def cap_force(positions: Array, ring: IntArray, pressure_Pa: float) -> tuple[Arr
     Returns:
         (k, 3) [N] and (3 k, 3 k) [N/m], not symmetric.
     """
-    r = positions[ring]
     count = len(ring)
-    mean = r.mean(axis=0)
-    force = np.zeros((count, 3))
-    derivative = np.zeros((count, 3, count, 3))
-    for i in range(count):
-        k = (i + 1) % count
-        share = pressure_Pa / 6.0 * np.cross(r[i] - mean, r[k] - mean)
-        left, right = cross_matrix(r[i] - mean), cross_matrix(r[k] - mean)
-        change = np.zeros((3, count, 3))  # d(share): columns over the ring's nodes
-        change[:, i] -= pressure_Pa / 6.0 * right
-        change[:, k] += pressure_Pa / 6.0 * left
-        change += (pressure_Pa / 6.0 / count * (right - left))[:, None, :]
-        weight = np.full(count, 1.0 / count)
-        weight[i] += 1.0
-        weight[k] += 1.0
-        force += weight[:, None] * share
-        derivative += np.einsum("a,rbs->arbs", weight, change)
-    return force, derivative.reshape(3 * count, 3 * count)
+    this = np.arange(count)
+    following = (this + 1) % count
+    arm = positions[ring] - positions[ring].mean(axis=0)
+    share = pressure_Pa / 6.0 * cross(arm, arm[following])
+    force = share.mean(axis=0) + share + np.roll(share, 1, axis=0)
+    left = pressure_Pa / 6.0 * np.einsum("rst,it->irs", _CROSS, arm)  # (k, 3, 3), arm x
+    right = left[following]
+    change = np.zeros((count, count, 3, 3))  # d(share i), by the ring's node
+    change[this, this] -= right
+    change[this, following] += left
+    change += ((right - left) / count)[:, None]
+    derivative = change.mean(axis=0) + change + np.roll(change, 1, axis=0)
+    return force, derivative.transpose(0, 2, 1, 3).reshape(3 * count, 3 * count)

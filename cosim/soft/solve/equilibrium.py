@@ -19,6 +19,7 @@ from cosim.soft.solve.self_contact import SelfContact
 from cosim.soft.solve.state import Clamp, Equilibrium, Obstacles, SoftState
 
 _SPLITS_MAX = 8
+_LOST_MAX = 250  # iterations that led nowhere, on one way, before its pieces are no longer halved
 _FRICTION_ROUNDS_MAX = 30
 CONTACT_ROUNDS_MAX = 40
 _FOOT_SLACK = 0.02  # more in every round
@@ -115,7 +116,8 @@ class EquilibriumSolver:
         """Follow an equilibrium to another flange pose and other loads, in as few pieces as it takes.
 
         The body is first carried rigidly with the flange. A piece that does not converge is halved. Where
-        even the smallest does not, the branch ends there, and the body slides to where it comes to rest.
+        even the smallest does not, or too many iterations led nowhere, the body slides on to where it comes
+        to rest: the work is bounded, and pieces that would never arrive are given up soon.
 
         Args:
             begin: where to start.
@@ -123,9 +125,10 @@ class EquilibriumSolver:
             loads: wanted loads.
 
         Raises:
-            ConvergenceError: a piece of 1/256 of the way did not converge, nor did the slide from there.
+            ConvergenceError: a piece of 1/256 of the way, or what many iterations were lost on, did not
+                converge, nor did the slide from there.
         """
-        here, done, piece, spent, slides = begin, 0.0, 1.0, 0, 0
+        here, done, piece, spent, slides, lost = begin, 0.0, 1.0, 0, 0, 0
         while done < 1.0:
             share = min(1.0, done + piece)
             pose = begin.world_from_flange.interpolated(world_from_flange, share)
@@ -134,13 +137,16 @@ class EquilibriumSolver:
             try:
                 found = self.solve(state, pose, load)
             except ConvergenceError as error:
-                spent += error.iterations
-                if piece > 0.5**_SPLITS_MAX:
-                    piece *= 0.5
+                spent, lost = spent + error.iterations, lost + error.iterations
+                if piece > 0.5**_SPLITS_MAX and lost < _LOST_MAX:
+                    piece = 0.5 * min(piece, 1.0 - done)
                     continue
                 if slides == self.slides_max:
-                    raise
-                found, slides, piece = self.slide(state, pose, load), slides + 1, 1.0
+                    raise _given_up(error, done, spent) from None
+                try:
+                    found, slides, piece = self.slide(state, pose, load), slides + 1, 1.0
+                except ConvergenceError as last:
+                    raise _given_up(last, done, spent + last.iterations) from None
             here, done, spent = found, share, spent + found.iterations
         return replace(here, iterations=spent, slides=slides)
 
@@ -157,7 +163,11 @@ class EquilibriumSolver:
         """
         start = self.clamp.place(state.positions, world_from_flange)
         slid = slide(self.solver, start, state.angles, lambda x: self._touched(x, loads), self.options)
-        rest = self.solve(SoftState.at_rest(slid.positions, slid.angles), world_from_flange, loads)
+        try:
+            rest = self.solve(SoftState.at_rest(slid.positions, slid.angles), world_from_flange, loads)
+        except ConvergenceError as error:
+            error.iterations += slid.iterations
+            raise
         return replace(rest, iterations=slid.iterations + rest.iterations, slides=1)
 
     def _touched(self, positions: Array, loads: Loads) -> Loads:
@@ -215,6 +225,12 @@ class EquilibriumSolver:
                 return again
             result = again
         return result
+
+
+def _given_up(error: ConvergenceError, done: float, spent: int) -> ConvergenceError:
+    """Return an error that also says how far a body was followed, and with how many iterations."""
+    message = f"{error}; followed over {100.0 * done:.3g} % of the way, given up after {spent} iterations"
+    return ConvergenceError(message, error.residual_N, spent)
 
 
 def end_of(trail: list[Array]) -> Array:

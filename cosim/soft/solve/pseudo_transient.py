@@ -26,6 +26,7 @@ _LEAST_BED_N_m, _LARGEST_BED_N_m = 1e-3, 1e7
 _PROPER_BELOW_N_m = 10.0  # where Newton's method proper is tried
 _ITERATIONS_MAX = 12  # of a step
 _STEPS_MAX = 150
+_SPENT_MAX = 400  # iterations of all steps, before a slide is given up
 
 
 def slide(
@@ -62,7 +63,7 @@ def slide(
             if found.converged:
                 break
         bed = max(bed, _LEAST_BED_N_m)
-        if bed > _LARGEST_BED_N_m:
+        if bed > _LARGEST_BED_N_m or spent >= _SPENT_MAX:
             break
     if found is None:
         found = solver.solve(x, angles, loads_at(x), options)
