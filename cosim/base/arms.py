@@ -101,19 +101,18 @@ def arm_names() -> tuple[str, ...]:
     return tuple(sorted({**_OWN_ARMS, **_PACKAGED_ARMS}))
 
 
-def find_arm(name: str, robots: Path | None = None) -> ArmFile:
+def find_arm(name: str) -> ArmFile:
     """Return the arm of a name.
 
     Args:
         name: one of `arm_names()`.
-        robots: folder of this project's own robots; the one that comes with it unless given.
 
     Raises:
         InputError: unknown name, or the file is missing or not usable.
     """
     packages: tuple[Path, ...] = ()
     if name in _OWN_ARMS:
-        entry, folder = _OWN_ARMS[name], robots or robots_directory()
+        entry, folder = _OWN_ARMS[name], robots_directory()
     elif name in _PACKAGED_ARMS:
         share = _packaged_share()
         entry, folder, packages = _PACKAGED_ARMS[name], share / _DATA_PACKAGE / "robots", (share,)

@@ -37,6 +37,7 @@ _STARTS = ((0.0, 0.2, 1.0), (-1.0, 0.5, 1.0))
 _BOUNDS = ((-4.0, 1e-3, 0.0), (2.0, 1.0, 30.0))
 _SCALE = (0.5, 0.2, 1.0)
 _LATERAL_WEIGHT = 0.2  # decides between parameters that serve pressure and axial loads equally well
+_PRESSURE_RANGE_Pa = (5e3, 40e3)
 _FAILED = 1.0  # relative error that a set of parameters without equilibrium is charged with
 
 
@@ -101,7 +102,6 @@ def calibrate(
     *,
     refine: int = 2,
     units: int = 2,
-    pressure_range_Pa: tuple[float, float] = (5e3, 40e3),
     tell: Callable[[str], None] = lambda _text: None,
 ) -> CalibrationReport:
     """Fit the coarse mesh of a robot to its refined model.
@@ -110,14 +110,13 @@ def calibrate(
         robot: its description; an existing calibration is ignored.
         refine: refinement of the model that is taken as truth.
         units: of the specimen, at most those of the robot.
-        pressure_range_Pa: lowest and highest pressure.
         tell: told what is being done.
 
     Raises:
         ConvergenceError: the refined model has no equilibrium under one of the loads.
     """
     specimen = _specimen(robot, units)
-    fit, check = load_cases(*pressure_range_Pa)
+    fit, check = load_cases(*_PRESSURE_RANGE_Pa)
     cases = (*fit, *check)
     tell(f"solving the refined model ({4**refine} times the triangles) under {len(cases)} loads")
     refined, refined_s = _timed(refined_model(specimen, refine), cases)
@@ -128,7 +127,7 @@ def calibrate(
     calibration = replace(
         _calibration(parameters),
         reference_refine=refine,
-        pressure_range_Pa=pressure_range_Pa,
+        pressure_range_Pa=_PRESSURE_RANGE_Pa,
         largest_error=straight,
         largest_lateral_error=lateral,
     )

@@ -33,7 +33,3 @@ class Clock:
     def advanced(self, ticks: int = 1) -> Clock:
         """Return the clock some ticks later."""
         return Clock(self.tick_s, self.tick + ticks)
-
-    def ticks_in(self, duration_s: float) -> int:
-        """Return the whole number of ticks nearest to a duration."""
-        return round(duration_s / self.tick_s)

@@ -14,6 +14,7 @@ from cosim.kinematics.arm import Arm
 
 _FULL_TURN = 2.0 * np.pi
 _CONVERGED = 1e-18  # squared error; steps converge quadratically, so the last digits are cheap
+_LARGEST_STEP_rad = 0.5  # of a joint from one pose of a path to the next
 _MARGIN = 1e-9  # rad, rounding of a limit
 
 PoseError = Callable[[Array], tuple[Array, Array]]
@@ -122,46 +123,37 @@ def solve(arm: Arm, target: Pose, seed: Array, options: InverseKinematicsOptions
     return Solution(q, position, rotation, search.iterations, attempt)
 
 
-def follow(
-    arm: Arm,
-    path: Sequence[Pose],
-    start: Array,
-    *,
-    largest_step_rad: float = 0.5,
-    options: InverseKinematicsOptions | None = None,
-) -> Array:
+def follow(arm: Arm, path: Sequence[Pose], start: Array) -> Array:
     """Return configurations (poses, joints) [rad] along a path, without a change of branch.
 
     Args:
         arm: the arm.
         path: world_from_flange, closely spaced.
         start: (joints,) [rad], at or near the first pose.
-        largest_step_rad: most that a joint may turn from one pose to the next.
-        options: tolerances and iterations; there are no restarts.
 
     Raises:
         InputError: a pose or the start is not finite, or the start has the wrong length.
         UnreachableError: the branch ends (singularity or joint limit) or a joint would have to jump.
     """
-    chosen = options or InverseKinematicsOptions()
+    options = InverseKinematicsOptions()
     q, configurations = start, []
     for index, target in enumerate(path):
         seed = _checked_seed(arm, target, q)
         error = arm.error_towards(target)
         search = _Search([], seed)
-        found = _descend(arm, error, seed, chosen, search)
+        found = _descend(arm, error, seed, options, search)
         if found is None:
             reason = f"the branch followed ends before pose {index} of the path"
             raise _unreachable(arm, target, search, reason)
         step = np.abs(found - seed)
         worst = int(np.argmax(step))
         outside = (found < arm.lower - _MARGIN) | (found > arm.upper + _MARGIN)
-        if step[worst] > largest_step_rad or np.any(outside):
-            joint = worst if step[worst] > largest_step_rad else int(np.argmax(outside))
+        if step[worst] > _LARGEST_STEP_rad or np.any(outside):
+            joint = worst if step[worst] > _LARGEST_STEP_rad else int(np.argmax(outside))
             raise UnreachableError(
                 f"pose {index} of the path: joint {arm.joint_names[joint]} would have to go from "
                 f"{seed[joint]:.3f} to {found[joint]:.3f} rad (limits {arm.lower[joint]:.3f} to "
-                f"{arm.upper[joint]:.3f}, largest step {largest_step_rad:.3f}); "
+                f"{arm.upper[joint]:.3f}, largest step {_LARGEST_STEP_rad:.3f}); "
                 "use a finer path or another start",
                 closest=arm.forward(seed),
             )

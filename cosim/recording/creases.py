@@ -8,21 +8,20 @@ from cosim.base.frames import Array, IntArray
 from cosim.soft.geometry.surface import dihedral_angle, interior_hinges
 
 
-def crease_lines(positions: Array, triangles: IntArray, angle: float = 0.5 * np.pi) -> list[IntArray]:
-    """Return the edges that fold outward by less than an angle, joined into lines.
+def crease_lines(positions: Array, triangles: IntArray) -> list[IntArray]:
+    """Return the edges that fold outward by less than a right angle, joined into lines.
 
     On a drawn chamber these are the welds between its films.
 
     Args:
         positions: (n, 3) [m].
         triangles: (m, 3) node indices, outward orientation.
-        angle: bound on the dihedral angle, through the gas [rad].
 
     Returns:
         Node indices of each line; closed lines end with their first node.
     """
     hinges = interior_hinges(triangles)
-    edges = hinges[dihedral_angle(positions, hinges) < angle, 1:3]
+    edges = hinges[dihedral_angle(positions, hinges) < 0.5 * np.pi, 1:3]
     neighbours: dict[int, list[int]] = {}
     for a, b in edges.tolist():
         neighbours.setdefault(a, []).append(b)

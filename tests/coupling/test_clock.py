@@ -17,13 +17,6 @@ def test_time_does_not_gather_rounding() -> None:
     assert Clock(0.002).advanced(7) == Clock(0.002, 7)
 
 
-def test_durations_become_whole_ticks() -> None:
-    # 0.3 / 0.002 is 149.99999999999997
-    assert Clock(0.002).ticks_in(0.3) == 150
-    assert Clock(0.002).ticks_in(0.0) == 0
-    assert Clock(0.001).ticks_in(2.5) == 2500
-
-
 @pytest.mark.parametrize("tick_s", [0.0, -0.002, float("nan")])
 def test_a_tick_has_a_length(tick_s: float) -> None:
     with pytest.raises(InputError, match="tick_s is"):

@@ -65,7 +65,7 @@ def test_mujoco_gets_the_reported_load() -> None:
         grasp.scene.begin_step()
     # the load stays while nobody changes it: second difference of the position under force and armature
     change = grasp.cube_position - 2.0 * velocity[1] + velocity[0]
-    inertia = 0.02 + (grasp.mass.added_to("cube")[:3] if grasp.mass is not None else 0.0)
+    inertia = 0.02 + (grasp.mass.save_state().added[0, :3] if grasp.mass is not None else 0.0)
     expected = (report.force[cube] + np.array([0.0, 0.0, -9.81 * 0.02])) / inertia * (2e-3) ** 2
     np.testing.assert_allclose(change, expected, atol=1e-9)
     np.testing.assert_array_equal(before, velocity[0])

@@ -121,7 +121,7 @@ def grasped(here: Grasp, ticks: int) -> list[Array]:
         report = here.tick()
         assert here.mass is not None
         found += [here.soft.state.positions, here.cube_position, report.force, report.torque]
-        found += [here.mass.added_to("cube")]
+        found += [here.mass.save_state().added]
     return found
 
 
@@ -146,7 +146,7 @@ def test_a_grasp_repeats_itself_with_friction_and_carried_mass() -> None:
     grasped(here, 60)
     states = states_of(here)
     assert here.mass is not None
-    assert here.mass.added_to("cube").any()
+    assert here.mass.save_state().added.any()
     memory = here.exchange.memory
     assert len(memory.key) > 10
     expected = grasped(here, 25)

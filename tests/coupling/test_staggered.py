@@ -92,7 +92,8 @@ def test_at_rest_the_sensor_shows_the_weight() -> None:
 def test_the_sensor_shows_an_equilibriums_wrench_at_rest() -> None:
     here = rig()
     here.scene.apply_flange_wrench(here.coupling.wrench)
-    sensor = here.scene.read_sensor_at_rest()
+    here.scene.finish_step()
+    sensor = here.scene.flange_sensor()
     weight = 9.81 * here.soft.body.mass_kg
     assert sensor.force == pytest.approx([0.0, 0.0, -weight], abs=1e-6 * weight)
 

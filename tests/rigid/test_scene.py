@@ -62,7 +62,6 @@ def test_sensor_at_rest_reads_the_load() -> None:
     # Required: 1e-6 relative; nothing but the load hangs on the flange, so rounding alone remains.
     np.testing.assert_allclose(scene.flange_sensor().force, LOAD.force, rtol=1e-9)
     np.testing.assert_allclose(scene.flange_sensor().torque, LOAD.torque, rtol=1e-9)
-    np.testing.assert_allclose(scene.read_sensor_at_rest().force, LOAD.force, rtol=1e-9)
 
 
 def test_sensor_reads_the_load_in_world_axes_while_moving() -> None:

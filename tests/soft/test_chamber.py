@@ -18,10 +18,10 @@ from cosim.soft.geometry.surface import (
     check_mesh,
     dihedral_angle,
     directed_edges,
-    enclosed_volume,
     interior_hinges,
     triangle_area,
 )
+from tests.soft.enclosed_volume import enclosed_volume
 
 REFERENCE = Path(__file__).parents[1] / "reference"
 ROUNDING_M = 1e-15

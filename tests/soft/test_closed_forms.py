@@ -8,12 +8,13 @@ import pytest
 from cosim.base.frames import Array, IntArray, Pose
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
-from cosim.soft.geometry.surface import check_mesh, enclosed_volume, interior_hinges
+from cosim.soft.geometry.surface import check_mesh, interior_hinges
 from cosim.soft.solve.assembly import SoftSystem
 from cosim.soft.solve.newton import NewtonSolver
 from cosim.soft.solve.newton_options import NewtonOptions
 from cosim.soft.solve.state import SoftState
 from tests.soft.bodies import FILM, held, icosphere
+from tests.soft.enclosed_volume import enclosed_volume
 
 RADIUS_M = 0.05
 PRESSURE_Pa = 1000.0

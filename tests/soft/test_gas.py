@@ -13,7 +13,7 @@ from cosim.errors import InputError
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
 from cosim.soft.elements.gas import SealedGas, STANDARD_ATMOSPHERE_Pa, exchange, leak
-from cosim.soft.geometry.surface import dihedral_angle, enclosed_volume
+from cosim.soft.geometry.surface import dihedral_angle
 from cosim.soft.linear.envelope_cholesky import EnvelopeCholesky
 from cosim.soft.linear.linear_solver import GeneralLU
 from cosim.soft.linear.low_rank import LowRank
@@ -23,6 +23,7 @@ from cosim.soft.solve.newton_options import NewtonOptions, NewtonResult
 from tests.derivatives import RELATIVE, dense, derivative_errors
 from tests.soft.bodies import FILM as BODY_FILM
 from tests.soft.bodies import hexagon_arm, icosphere, inflated_positions, no_load, shapes
+from tests.soft.enclosed_volume import enclosed_volume
 
 FILM = replace(BODY_FILM, young_modulus_Pa=1e7, thickness_m=1e-4)
 RADIUS_M = 0.05

@@ -10,10 +10,10 @@ import pytest
 from cosim.base.frames import Array, IntArray
 from cosim.soft.body.loads import Loads
 from cosim.soft.elements.pressure import add_cap, add_pressure, cap_force
-from cosim.soft.geometry.surface import enclosed_volume
 from cosim.soft.solve.assembly import SoftSystem
 from tests.derivatives import RELATIVE, Evaluate, assembled, derivative_errors, differences, relative_error
 from tests.soft.bodies import hexagon_arm, icosphere, random_rotation, shapes
+from tests.soft.enclosed_volume import enclosed_volume
 
 UNITS = 1
 P = 30e3

@@ -141,11 +141,6 @@ class BodyMass:
         self._added, self._age, self._free_ratio = state.added, state.age, state.free_ratio
         self._jointed.restore_state(state.jointed)
 
-    def added_to(self, name: str) -> Array:
-        """Return what a free body carries (6,): along world axes [kg], then about body axes [kg m^2]."""
-        bodies = self._exchange.bodies
-        return np.array(self._added[bodies.names(bodies.free).index(name)])
-
     def _carry(self, added: Array) -> None:
         if (added != self._added).any():
             self._exchange.bodies.set_added_armature(added)

@@ -16,6 +16,8 @@ from cosim.coupling.schemes.scheme import Coupling
 from cosim.coupling.schemes.staggered import StaggeredCoupling
 from cosim.soft.body.loads import Loads
 
+_FLANGE_RATIO_BOUND = 0.5  # of the stability ratio, above which ticks are iterated
+
 
 @final
 @dataclass(frozen=True)
@@ -38,14 +40,10 @@ class AutomaticCoupling(Coupling):
     Args:
         interface: between the sides.
         options: when the iterated scheme's loads agree.
-        ratio_bound: of the flange's stability ratio, above which ticks are iterated.
     """
 
-    def __init__(
-        self, interface: Interface, options: IterationOptions | None = None, ratio_bound: float = 0.5
-    ) -> None:
+    def __init__(self, interface: Interface, options: IterationOptions | None = None) -> None:
         super().__init__(interface)
-        self._ratio_bound = ratio_bound
         self._staggered = StaggeredCoupling(interface, np.inf, bodies_carry=False)
         self._iterated = IteratedCoupling(interface, options)
         self._iterates = False
@@ -54,7 +52,7 @@ class AutomaticCoupling(Coupling):
         interface = self.interface
         if interface.to_be_weighed:
             interface.update_stability_ratio()
-        iterates = interface.ratio > self._ratio_bound or interface.contact_ratio > RATIO_BOUND
+        iterates = interface.ratio > _FLANGE_RATIO_BOUND or interface.contact_ratio > RATIO_BOUND
         if iterates and not self._iterates:
             self._iterated.begin_again()
         self._iterates = iterates

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Final, final
 
@@ -50,17 +49,13 @@ class Effort:
 
 
 def build_model(
-    body: SoftBody,
-    largest_Pa: float = LARGEST_PRESSURE_Pa,
-    progress: Callable[[float], None] = lambda share: None,
-    effort: Effort | None = None,
+    body: SoftBody, largest_Pa: float = LARGEST_PRESSURE_Pa, effort: Effort | None = None
 ) -> SectionModel:
     """Return the section model of a body.
 
     Args:
         body: one stack of units.
         largest_Pa: end of its range of pressure.
-        progress: told the share that is done.
         effort: how much is sampled.
 
     Raises:
@@ -71,7 +66,7 @@ def build_model(
     spline = PressureSpline(largest_Pa, effort.intervals)
     tension = max(_TENSION_OF_WEIGHT * 9.81 * body.mass_kg, _LEAST_TENSION_N)
     samples = Sampler(body, frames).collect(
-        WorkingRange(spline.pressures(effort.levels), tension, samples=effort.samples), _SEED, progress
+        WorkingRange(spline.pressures(effort.levels), tension, samples=effort.samples), _SEED
     )
     fits = [fit_model(samples, frames, spline, smoothing) for smoothing in _SMOOTHINGS]
     # none whose equilibria are lost between the sampled pressures, and of the others the nearest to the film

@@ -7,7 +7,6 @@ section hang known forces only, so their resultant is the derivative of its ener
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import final
 
@@ -112,21 +111,18 @@ class Sampler:
         self._body = body
         self._radii = np.array([np.linalg.norm(shape, axis=1).max() for shape in frames.shapes])
 
-    def collect(
-        self, work: WorkingRange, seed: int, progress: Callable[[float], None] = lambda share: None
-    ) -> Samples:
+    def collect(self, work: WorkingRange, seed: int) -> Samples:
         """Return samples over a working range.
 
         Args:
             work: what to sample.
             seed: of the random poses.
-            progress: told the share that is done.
         """
         random = np.random.default_rng(seed)
         free = self._solver.solve(SoftState.drawn(self._body, Pose()), Pose(), self._slack)
         rows: list[tuple[float, Array, Array, float, Array, Array]] = []
         lengths, failures = [], 0
-        for done, pressure in enumerate(work.pressures_Pa):
+        for pressure in work.pressures_Pa:
             free = self._solver.follow(free, Pose(), replace(self._slack, pressure_Pa=pressure))
             rows.append(self._sample(free, np.zeros_like(free.state.positions)))
             low, high = self._lengths(free, work)
@@ -144,7 +140,6 @@ class Sampler:
                     rows.append(self._guided(free, wanted))
                 except ConvergenceError:
                     failures += 1
-            progress((done + 1) / len(work.pressures_Pa))
         pressures, strain, force, volume, frames, positions = (
             np.array(column) for column in zip(*rows, strict=True)
         )

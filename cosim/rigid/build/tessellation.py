@@ -31,24 +31,23 @@ def box(half: Array) -> Mesh:
     return np.concatenate(vertices), np.concatenate(triangles)
 
 
-def revolved(radius: Array, height: Array, segments: int = SEGMENTS) -> Mesh:
+def revolved(radius: Array, height: Array) -> Mesh:
     """Return the surface of a profile turned about z; radius zero closes it with a point.
 
     Args:
         radius: (rings,) [m], along the profile.
         height: (rings,) [m], not falling; two rings of one place make a sharp edge.
-        segments: around the axis.
     """
-    angle = np.linspace(0.0, 2.0 * np.pi, segments, endpoint=False)
+    angle = np.linspace(0.0, 2.0 * np.pi, SEGMENTS, endpoint=False)
     circle = np.stack((np.cos(angle), np.sin(angle)), axis=1)
     rings = np.concatenate(
-        (radius[:, None, None] * circle, np.repeat(height[:, None, None], segments, axis=1)), axis=2
+        (radius[:, None, None] * circle, np.repeat(height[:, None, None], SEGMENTS, axis=1)), axis=2
     )
-    around = np.arange(segments)
-    ahead = (around + 1) % segments
+    around = np.arange(SEGMENTS)
+    ahead = (around + 1) % SEGMENTS
     triangles = []
     for ring in range(len(radius) - 1):
-        low, high = ring * segments, (ring + 1) * segments
+        low, high = ring * SEGMENTS, (ring + 1) * SEGMENTS
         if radius[ring] > 0.0:
             triangles.append(np.stack((low + around, low + ahead, high + ahead), axis=1))
         if radius[ring + 1] > 0.0:

@@ -41,18 +41,18 @@ class FeaturePoints:
         return np.flatnonzero(chosen[self.shape])
 
 
-def feature_points(shapes: Shapes, spacing_m: float = _SPACING_M) -> FeaturePoints:
+def feature_points(shapes: Shapes) -> FeaturePoints:
     """Return corners, and points along edges and rims, of all shapes that have any."""
     owner, position = [np.zeros(0, np.int64)], [np.zeros((0, 3))]
     for g, kind in enumerate(shapes.kind):
         size = shapes.size[g]
         if kind == ShapeKind.BOX:
-            points = _box_edges(size, spacing_m)
+            points = _box_edges(size)
         elif kind == ShapeKind.CYLINDER:
-            points = _rims(size[0], size[1], spacing_m)
+            points = _rims(size[0], size[1])
         elif kind == ShapeKind.MESH:
             first, last = shapes.faces[g]
-            points = _hull_edges(shapes.planes[first:last], shapes.corners[first:last], spacing_m)
+            points = _hull_edges(shapes.planes[first:last], shapes.corners[first:last])
         else:
             continue
         owner.append(np.full(len(points), g, dtype=np.int64))
@@ -60,8 +60,8 @@ def feature_points(shapes: Shapes, spacing_m: float = _SPACING_M) -> FeaturePoin
     return FeaturePoints(np.concatenate(owner), np.concatenate(position))
 
 
-def _along(a: Array, b: Array, spacing: float) -> Array:
-    pieces = max(1, int(np.ceil(np.linalg.norm(b - a) / spacing)))
+def _along(a: Array, b: Array) -> Array:
+    pieces = max(1, int(np.ceil(np.linalg.norm(b - a) / _SPACING_M)))
     share = np.arange(pieces + 1)[:, None] / pieces
     return np.asarray((1.0 - share) * a + share * b)
 
@@ -72,21 +72,21 @@ def _unique(points: list[Array]) -> Array:
     return np.asarray(merged[np.sort(kept)])
 
 
-def _box_edges(half: Array, spacing: float) -> Array:
+def _box_edges(half: Array) -> Array:
     corners = [np.array(s) * half for s in np.ndindex(2, 2, 2)]
     corners = [2.0 * corner - half for corner in corners]
     pairs = [(a, b) for a in range(8) for b in range(a) if (a ^ b).bit_count() == 1]
-    return _unique([_along(corners[a], corners[b], spacing) for a, b in pairs])
+    return _unique([_along(corners[a], corners[b]) for a, b in pairs])
 
 
-def _rims(radius: float, half: float, spacing: float) -> Array:
-    turn = np.arange(max(8, int(np.ceil(2.0 * np.pi * radius / spacing))), dtype=np.float64)
+def _rims(radius: float, half: float) -> Array:
+    turn = np.arange(max(8, int(np.ceil(2.0 * np.pi * radius / _SPACING_M))), dtype=np.float64)
     turn *= 2.0 * np.pi / len(turn)
     rim = np.stack([radius * np.cos(turn), radius * np.sin(turn), np.full_like(turn, half)], axis=1)
     return np.concatenate([rim, rim * (1.0, 1.0, -1.0)])
 
 
-def _hull_edges(planes: Array, corners: Array, spacing: float) -> Array:
+def _hull_edges(planes: Array, corners: Array) -> Array:
     """Return points along the edges where two faces of a hull meet at a sharp angle."""
     faces: dict[tuple[bytes, bytes], list[int]] = {}
     for f, corner in enumerate(corners):
@@ -96,7 +96,7 @@ def _hull_edges(planes: Array, corners: Array, spacing: float) -> Array:
     parts = []
     for (first, second), (f, *others) in faces.items():
         if others and planes[f, :3] @ planes[others[0], :3] < _SHARP_COSINE:
-            parts.append(_along(np.frombuffer(first), np.frombuffer(second), spacing))
+            parts.append(_along(np.frombuffer(first), np.frombuffer(second)))
     return _unique(parts) if parts else np.zeros((0, 3))
 
 

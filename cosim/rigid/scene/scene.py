@@ -122,11 +122,6 @@ class RigidScene:
         return effort_limit(self._model, self._layout)
 
     @property
-    def servo_stiffness(self) -> Array:
-        """(joints,) [N m/rad]."""
-        return np.array(-self._model.actuator_biasprm[self._layout.joints, 1])
-
-    @property
     def servo_damping(self) -> Array:
         """(joints,) [N m s/rad]."""
         return np.array(-self._model.actuator_biasprm[self._layout.joints, 2])
@@ -239,14 +234,6 @@ class RigidScene:
     def native(self) -> NativeScene | None:
         """Return the scene for kernels that step it themselves; None where that is not possible."""
         return native_scene(self._model, self._data, self._layout)
-
-    def read_sensor_at_rest(self) -> Wrench:
-        """Return what the flange sensor shows when nothing moves, and keep it as its reading."""
-        self._data.qacc[:] = 0.0
-        mujoco.mj_rnePostConstraint(self._model, self._data)
-        mujoco.mj_sensorAcc(self._model, self._data)
-        self.flange.read_sensor()
-        return self.flange_sensor()
 
     def mobility(self, bodies: IntArray | None = None) -> Array:
         """Return W = J (M + h D)^-1 J^T (6 + 6 b, 6 + 6 b): velocity changes per impulse, see `mobility`.

@@ -1,4 +1,4 @@
-"""Triangulated surfaces: their checks, the edges that fold, the angle at them, the volume they close."""
+"""Triangulated surfaces: their checks, the edges that fold, the angle at them."""
 
 from __future__ import annotations
 
@@ -39,13 +39,12 @@ def directed_edges(triangles: IntArray) -> IntArray:
     return np.asarray(triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2))
 
 
-def check_mesh(positions: Array, triangles: IntArray, *, shape_ratio: float = SMALLEST_SHAPE_RATIO) -> None:
+def check_mesh(positions: Array, triangles: IntArray) -> None:
     """Refuse a surface on which the elements cannot work.
 
     Args:
         positions: (n, 3) [m].
         triangles: (m, 3) node indices.
-        shape_ratio: least allowed area / (longest edge)^2.
 
     Raises:
         MeshError: a position is not finite; a triangle names a node that does not exist, repeats a
@@ -59,7 +58,7 @@ def check_mesh(positions: Array, triangles: IntArray, *, shape_ratio: float = SM
     if triangles.ndim != 2 or triangles.shape[1] != 3 or len(triangles) == 0:
         raise MeshError(f"triangles have shape {triangles.shape}; (triangles, 3), not empty, is needed")
     _check_nodes(positions, triangles)
-    _check_shapes(positions, triangles, shape_ratio)
+    _check_shapes(positions, triangles)
     _check_edges(triangles)
 
 
@@ -81,11 +80,11 @@ def _check_nodes(positions: Array, triangles: IntArray) -> None:
         raise MeshError(f"node {np.flatnonzero(~used)[0]} belongs to no triangle; remove it")
 
 
-def _check_shapes(positions: Array, triangles: IntArray, shape_ratio: float) -> None:
+def _check_shapes(positions: Array, triangles: IntArray) -> None:
     area = triangle_area(positions, triangles)
     edges = positions[directed_edges(triangles)]
     longest = np.linalg.norm(edges[:, 1] - edges[:, 0], axis=1).reshape(-1, 3).max(axis=1)
-    bound = shape_ratio * longest**2
+    bound = SMALLEST_SHAPE_RATIO * longest**2
     bad = np.flatnonzero(area <= bound)
     if bad.size:
         t = bad[0]
@@ -168,25 +167,3 @@ def dihedral_angle(positions: Array, hinges: IntArray) -> Array:
     m, n = np.cross(r_ij, r_kj), np.cross(r_kj, r_kl)
     sine = np.linalg.norm(r_kj, axis=1) * np.einsum("ha,ha->h", n, r_ij)
     return np.asarray(np.arctan2(sine, np.einsum("ha,ha->h", m, n)) % (2.0 * np.pi))
-
-
-def enclosed_volume(positions: Array, triangles: IntArray, caps: Sequence[IntArray] = ()) -> float:
-    """Return the volume sum det(a, b, c) / 6 inside a surface closed by caps.
-
-    A cap is the fan of triangles (mean of its ring, ring[i], ring[i + 1]). With every hole capped the
-    result does not depend on the origin; normals pointing outward make it positive.
-
-    Args:
-        positions: (n, 3) [m].
-        triangles: (m, 3) node indices.
-        caps: rings of node indices, each (r,), ordered so that their fans face outward.
-
-    Returns:
-        Volume [m^3].
-    """
-    a, b, c = (positions[triangles[:, i]] for i in range(3))
-    volume = np.einsum("ta,ta->", a, np.cross(b, c))
-    for cap in caps:
-        ring = positions[cap]
-        volume += ring.mean(axis=0) @ np.cross(ring, np.roll(ring, -1, axis=0)).sum(axis=0)
-    return float(volume / 6.0)

@@ -41,14 +41,7 @@ class Cushion:
         return float(self.positions[0, 2])
 
 
-def inflated_cushion(
-    shape: Shape,
-    edge: Mask,
-    film: Film,
-    pressure_Pa: float,
-    rise_m: float,
-    fractions: tuple[float, ...] = _FRACTIONS,
-) -> Cushion:
+def inflated_cushion(shape: Shape, edge: Mask, film: Film, pressure_Pa: float, rise_m: float) -> Cushion:
     """Inflate two equal films that meet in the plane z = 0.
 
     Args:
@@ -57,7 +50,6 @@ def inflated_cushion(
         film: material; law "tension_field" is approached through falling compressive stiffness.
         pressure_Pa: of the gas.
         rise_m: first guess of the centre's height.
-        fractions: compressive stiffness of the steps before the film's own.
 
     Raises:
         ConvergenceError: no equilibrium was found.
@@ -69,7 +61,7 @@ def inflated_cushion(
     x = flat.copy()
     x[:, 2] = rise_m * (1.0 - (flat[:, 0] / size) ** 2) * (1.0 - (flat[:, 1] / size) ** 2)
     x[edge, 2] = 0.0
-    steps = [replace(film, compressive_fraction=f) for f in fractions] if film.law == "tension_field" else []
+    steps = [replace(film, compressive_fraction=f) for f in _FRACTIONS] if film.law == "tension_field" else []
     loads = replace(UNLOADED, pressure_Pa=pressure_Pa)
     tolerance = 1e-7 * pressure_Pa * size**2
     options = NewtonOptions(tolerance_N=tolerance, iterations_max=2000, step_max_m=0.1 * size)
