@@ -66,7 +66,7 @@ def scenario(phases: list[dict[str, Any]], tolerance_N: float = 1e-4) -> Scenari
         {"name": name, "corner": corner, "units": [1, 2], "capstan_factor": 0.8}
         for name, corner in (("right", 0), ("left", 1))
     ]
-    robot = {"file": "hexagon_arm", "chamber": {"units": 2}, "cable": cables}
+    robot = {"file": "hexagon_arm", "stack": {"units": 2}, "cable": cables}
     changes = {
         "soft_robot": robot,
         "clock.tick_s": TICK_S,

@@ -36,7 +36,7 @@ from cosim.config.loading import load_scenario
 ROOT = Path(__file__).resolve().parents[1]
 REFERENCE = ROOT / "tests" / "reference"
 EVERY_INCREMENT = {"recording.frames_per_s": 10_000.0}
-PAPER = {"chamber.closed": False, "chamber.all_hinges": False, "soft_robot.film.law": "edge_strain"}
+PAPER = {"model.closed": False, "model.all_hinges": False, "soft_robot.film.law": "edge_strain"}
 OURS, MODEL, CODE, FEM = "tab:blue", "tab:orange", "0.25", "tab:green"
 PRESSURES_kPa = (10, 20, 30)
 TOP_MIDDLE = (124, 126, 152, 154)  # the loaded corners of units 5 and 6

@@ -84,16 +84,16 @@ class Bench:
             {"name": f"c{k}", "corner": k, "units": [1, design.units], "capstan_factor": 0.8} for k in (0, 1)
         ]
         changes = {
-            "soft_robot.chamber.sides": design.sides,
-            "soft_robot.chamber.units": design.units,
-            "soft_robot.chamber.taper": design.taper,
-            "soft_robot.chamber.corner_radius_m": design.corner_radius_m,
-            "soft_robot.chamber.first_corner_rad": -np.pi / design.sides,
+            "soft_robot.stack.sides": design.sides,
+            "soft_robot.stack.units": design.units,
+            "soft_robot.stack.taper": design.taper,
+            "soft_robot.stack.corner_radius_m": design.corner_radius_m,
+            "soft_robot.stack.first_corner_rad": -np.pi / design.sides,
             "soft_robot.film.thickness_m": design.thickness_m,
             "soft_robot.cable": cables,
         }
         scenario = load_scenario("ur5e_hexagon_arm", changes)
-        body = build_soft_body(scenario.soft_robot, scenario.chamber)
+        body = build_soft_body(scenario.soft_robot, scenario.model)
         self.soft = SoftArm(body, HANGING, NewtonOptions(iterations_max=100), StepOptions())
         here = self.soft.start(HANGING, Loads(design.pressure_Pa, (0.0, 0.0)))
         for k in range(1, TURN_PIECES + 1):

@@ -88,7 +88,7 @@ class Bench:
     def __init__(self) -> None:
         self.scenario = load_scenario("ur5e_hexagon_arm")
         self.arm = Arm(find_arm(self.scenario.robot))
-        body = build_soft_body(self.scenario.soft_robot, self.scenario.chamber)
+        body = build_soft_body(self.scenario.soft_robot, self.scenario.model)
         self.soft = SoftArm(body, pose_of(START), NewtonOptions(iterations_max=100), StepOptions())
         self.hanging = pose_of(START)
 

@@ -13,7 +13,7 @@ from cosim.soft.body.body import SoftBody
 
 UNITS = 3
 ROBOT = (
-    f'{{ file = "hexagon_arm", chamber = {{ units = {UNITS} }}, cable = ['
+    f'{{ file = "hexagon_arm", stack = {{ units = {UNITS} }}, cable = ['
     f'{{ name = "right", corner = 0, units = [1, {UNITS}], capstan_factor = 0.8 }}, '
     f'{{ name = "left", corner = 1, units = [1, {UNITS}], capstan_factor = 0.8 }}] }}'
 )
@@ -23,7 +23,7 @@ ROBOT = (
 def on_a_ur5e(pressure_Pa: float, phases: str) -> str:
     """Return the text of a scenario in which it hangs from a UR5e, and starts at a pressure."""
     return f"""
-schema = 1
+schema = 2
 title = "Three units on a UR5e"
 robot = "ur5e"
 soft_robot = {ROBOT}
@@ -41,8 +41,8 @@ def body() -> SoftBody:
     scenario = load_scenario("ur5e_hexagon_arm")
     robot = scenario.soft_robot
     cables = tuple(replace(cable, units=(1, UNITS)) for cable in robot.cables)
-    small = replace(robot, chamber=replace(robot.chamber, units=UNITS), cables=cables)
-    return build_soft_body(small, scenario.chamber)
+    small = replace(robot, stack=replace(robot.stack, units=UNITS), cables=cables)
+    return build_soft_body(small, scenario.model)
 
 
 @cache

@@ -71,7 +71,7 @@ def overrides(extreme: ArmExtreme) -> dict[str, Any]:
         "phase": [phase],
     }
     if extreme.short:
-        robot: dict[str, Any] = {"file": "hexagon_arm", "chamber": {"units": 2}, "cable": []}
+        robot: dict[str, Any] = {"file": "hexagon_arm", "stack": {"units": 2}, "cable": []}
         if extreme.mass_ratio is not None:
             robot["mass"] = {"node_mass_kg": extreme.mass_ratio * ARM_MASS_KG / SHORT_NODES}
         changes |= {"soft_robot": robot, "start.cable_tension_N": []}

@@ -26,7 +26,7 @@ _HANGING = Pose(np.diag([1.0, -1.0, -1.0]))
 def film_only() -> SoftBody:
     """Return the hexagonal arm hanging down, without hinges and cables."""
     scenario = load_scenario("ur5e_hexagon_arm")
-    body = build_soft_body(scenario.soft_robot, scenario.chamber)
+    body = build_soft_body(scenario.soft_robot, scenario.model)
     hinges = replace(body.hinges, stiffness=0.0 * body.hinges.stiffness, fold_barrier_rad=0.0)
     return replace(
         body, positions=np.ascontiguousarray(_HANGING.apply(body.positions)), hinges=hinges, cables=()

@@ -181,15 +181,15 @@ def _calibration(parameters: Array) -> CalibrationTable:
 
 
 def _specimen(robot: SoftRobotTable, units: int) -> SoftRobotTable:
-    chamber = replace(robot.chamber, units=min(units, robot.chamber.units), refine=0)
-    return replace(robot, chamber=chamber, cables=(), base=("unit_1.hole",), calibration=None)
+    stack = replace(robot.stack, units=min(units, robot.stack.units), refine=0)
+    return replace(robot, stack=stack, cables=(), base=("unit_1.hole",), calibration=None)
 
 
 def refined_model(robot: SoftRobotTable, refine: int) -> SoftRobotTable:
     """Return the robot with a finer mesh, a plain film and hinges that bend like the film."""
     return replace(
         robot,
-        chamber=replace(robot.chamber, refine=refine),
+        stack=replace(robot.stack, refine=refine),
         film=replace(robot.film, law="plain", compressive_fraction=0.0),
         hinge=replace(robot.hinge, rule="shell", stiffness_factor=1.0),
         calibration=None,
@@ -217,7 +217,7 @@ def responses(robot: SoftRobotTable, cases: Sequence[LoadCase]) -> Array:
     newton = NewtonSolver(SoftSystem(body), clamp.mask(body.nodes))
     solver = EquilibriumSolver(newton, clamp, options, slides_max=0)
     inflated = _inflated(solver, body, sorted({case.pressure_Pa for case in cases}))
-    area = np.pi * robot.chamber.corner_radius_m**2
+    area = np.pi * robot.stack.corner_radius_m**2
     result = []
     for case in cases:
         here = inflated[case.pressure_Pa]

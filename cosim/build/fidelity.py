@@ -57,7 +57,7 @@ def fidelity_body(scenario: Scenario) -> SoftBody:
     Raises:
         ScenarioError: the geometry gives degenerate triangles.
     """
-    with blamed_on("soft_robot.chamber"):
+    with blamed_on("soft_robot.stack"):
         return build_soft_body(*_described(scenario))
 
 
@@ -67,10 +67,10 @@ def _described(scenario: Scenario) -> tuple[SoftRobotTable, ModelTable]:
     A calibration is of the unrefined mesh. Its place is taken by the model that it was fitted to, a plain
     film that bends as a shell.
     """
-    robot, model = scenario.soft_robot, scenario.chamber
+    robot, model = scenario.soft_robot, scenario.model
     if scenario.fidelity != "refined":
         return robot, model
-    finer = robot.chamber.refine + 1
+    finer = robot.stack.refine + 1
     if model.calibrated:
         return refined_model(robot, finer), replace(model, calibrated=False)
     return _finer(robot), model
@@ -79,8 +79,8 @@ def _described(scenario: Scenario) -> tuple[SoftRobotTable, ModelTable]:
 def _finer(robot: SoftRobotTable) -> SoftRobotTable:
     """Return a robot with every triangle divided into four, those of what it carries as well."""
     parts = tuple(replace(part, robot=_finer(part.robot)) for part in robot.attachments)
-    chamber = replace(robot.chamber, refine=robot.chamber.refine + 1)
-    return replace(robot, chamber=chamber, attachments=parts)
+    stack = replace(robot.stack, refine=robot.stack.refine + 1)
+    return replace(robot, stack=stack, attachments=parts)
 
 
 def _flexible(scenario: Scenario, body: SoftBody) -> SoftArm:
@@ -141,10 +141,6 @@ def _rung(scenario: Scenario) -> str:
     if scenario.fidelity == "section":
         return _section_rung(section_model(scenario))
     if scenario.fidelity == "refined":
-        law = (
-            "; plain film and shell hinges in place of the calibration" if scenario.chamber.calibrated else ""
-        )
+        law = "; plain film and shell hinges in place of the calibration" if scenario.model.calibrated else ""
         return f"refined: every triangle divided into four{law}"
-    return "lumped: the mesh of the soft robot's file" + (
-        ", calibrated" if scenario.chamber.calibrated else ""
-    )
+    return "lumped: the mesh of the soft robot's file" + (", calibrated" if scenario.model.calibrated else "")

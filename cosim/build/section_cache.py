@@ -31,7 +31,7 @@ def section_model(scenario: Scenario, tell: Callable[[str], None] = lambda text:
         scenario: checked, of a soft robot that has one.
         tell: told in one sentence what takes long.
     """
-    body = build_soft_body(scenario.soft_robot, scenario.chamber)
+    body = build_soft_body(scenario.soft_robot, scenario.model)
     largest = _largest_pressure(scenario)
     path = cache_directory() / f"section_{content_hash(body, largest)}.kept"
     found = kept(path, _unpacked)

@@ -30,11 +30,11 @@ from cosim.soft.geometry.surface import interior_hinges, triangle_area
 
 def build_mesh(robot: SoftRobotTable) -> Mesh:
     """Return the chamber's mesh in the flange frame."""
-    return refine(_coarse_mesh(robot), robot.chamber.refine)
+    return refine(_coarse_mesh(robot), robot.stack.refine)
 
 
 def _coarse_mesh(robot: SoftRobotTable) -> Mesh:
-    c = robot.chamber
+    c = robot.stack
     stack = PolygonalStack(
         c.sides, c.units, c.corner_radius_m, c.hole_radius_m, c.unit_height_m, c.taper,
         c.mid_ring_fraction, c.ring_heights, c.first_corner_rad,
@@ -133,22 +133,22 @@ def _hinges(robot: SoftRobotTable, model: ModelTable, mesh: Mesh, film: Film) ->
     drawn = interior_hinges(coarse.triangles, coarse.seam)
     if not model.all_hinges:
         drawn = drawn[~without_spring(coarse, drawn)]
-    hinges = drawn if robot.chamber.refine == 0 else interior_hinges(mesh.triangles, mesh.seam)
+    hinges = drawn if robot.stack.refine == 0 else interior_hinges(mesh.triangles, mesh.seam)
     factor = robot.hinge.stiffness_factor
     if robot.hinge.rule == "shell":
         rigidity = factor * film.flexural_rigidity_Nm
         return hinges, shell_stiffness(mesh.positions, mesh.triangles, hinges, rigidity)
     uniform = np.full(len(hinges), factor * film.bending_stiffness_Nm)
-    if robot.chamber.refine > 0:
+    if robot.stack.refine > 0:
         uniform *= bending_measure(coarse.positions, drawn) / bending_measure(mesh.positions, hinges)
     return hinges, uniform
 
 
 def _frames(mesh: Mesh, robot: SoftRobotTable) -> FrameRings | None:
-    if robot.frame.kind == "none":
+    if robot.stiffener.kind == "none":
         return None
     rings = np.array([ring for name, ring in mesh.rings.items() if name.endswith(".outer")])
-    return FrameRings.from_shape(mesh.positions, rings, robot.frame.stiffness_N_m)
+    return FrameRings.from_shape(mesh.positions, rings, robot.stiffener.stiffness_N_m)
 
 
 def _node_mass(mesh: Mesh, robot: SoftRobotTable) -> Array:

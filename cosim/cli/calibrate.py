@@ -37,7 +37,7 @@ def calibrate_command(name: str, refine: int, units: int, *, write: bool) -> int
     if write:
         path = soft_robot_path(name)
         write_table(path, text)
-        print(printable(f"written to {path}; a scenario uses it with chamber.calibrated = true"))
+        print(printable(f"written to {path}; a scenario uses it with model.calibrated = true"))
     return 0
 
 

@@ -1,5 +1,5 @@
-"""The command line: `cosim run`, `cosim list`, `cosim view`, `cosim verify`,
-`cosim calibrate`, `cosim trade`.
+"""The command line: `cosim run`, `cosim list`, `cosim view`, `cosim check`, `cosim upgrade`,
+`cosim verify`, `cosim calibrate`, `cosim trade`.
 
 Exit codes: 0 done, 1 the physics could not be solved or verified, 2 wrong input, 3 results could not be
 written, 128 + n stopped by signal n (141: nobody read standard output any more).
@@ -70,6 +70,8 @@ def _command(options: argparse.Namespace, started: float) -> int:
         return _calibrate(options)
     if options.command == "trade":
         return _trade(options)
+    if options.command in ("check", "upgrade"):
+        return _files(options)
     return _list() if options.command == "list" else _view(options.directory)
 
 
@@ -106,6 +108,7 @@ def _parser() -> argparse.ArgumentParser:
     commands.add_parser("list", help="list the scenarios and the questions they answer")
     view = commands.add_parser("view", help="open the recording of a run")
     view.add_argument("directory", metavar="DIR", type=Path, help="directory of a run, or a .rrd file")
+    _add_files(commands)
     verify = commands.add_parser("verify", help="check the soft model against known answers")
     verify.add_argument("cases", metavar="CASE", nargs="*", help="names of cases (default: all of them)")
     verify.add_argument("--json", metavar="FILE", type=Path, help="write the results to a file as well")
@@ -117,6 +120,13 @@ def _parser() -> argparse.ArgumentParser:
     calibrate.add_argument("--write", action="store_true", help="put the result into the soft robot's file")
     _add_trade(commands)
     return parser
+
+
+def _add_files(commands: Any) -> None:
+    check = commands.add_parser("check", help="check scenario and robot files without running anything")
+    check.add_argument("files", metavar="FILE", nargs="+", help="path of a .toml file, or name of a scenario")
+    upgrade = commands.add_parser("upgrade", help="rewrite files of the schema number before, in place")
+    upgrade.add_argument("files", metavar="FILE", nargs="+", help="path of a .toml file")
 
 
 def _add_trade(commands: Any) -> None:
@@ -199,6 +209,13 @@ def _trade(options: argparse.Namespace) -> int:
         time_scale=options.scale_time,
         slowest=options.slowest,
     )
+
+
+def _files(options: argparse.Namespace) -> int:
+    from cosim.cli.files import check_command, upgrade_command  # here, because it loads pydantic
+
+    fine = check_command(options.files) if options.command == "check" else upgrade_command(options.files)
+    return EXIT_DONE if fine else EXIT_INPUT
 
 
 def _list() -> int:

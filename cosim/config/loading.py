@@ -71,6 +71,23 @@ def load_soft_robot(name_or_path: str | Path) -> SoftRobotTable:
     return robot
 
 
+def is_scenario(table: Mapping[str, Any]) -> bool:
+    """Return whether a file's tables are those of a scenario; otherwise they are those of a soft robot."""
+    return bool({"phase", "start", "soft_robot", "robot"} & table.keys())
+
+
+def check_file(path: Path) -> None:
+    """Check a scenario or robot file without building anything.
+
+    Raises:
+        ScenarioError: keys or values are wrong, or the file cannot be read.
+    """
+    if is_scenario(read_table(path)):
+        load_scenario(path)
+    else:
+        load_soft_robot(path)
+
+
 def resolve(scenario: Scenario) -> Scenario:
     """Return the scenario with its rules checked and its tensions listed, zeros where the start omits them.
 

@@ -46,7 +46,7 @@ def model_members(scenario: Scenario, fidelities: tuple[str, ...], *, quick: boo
     ]  # fmt: skip
     if quick:
         return members
-    finer = {"fidelity": "refined", "chamber.calibrated": False}
+    finer = {"fidelity": "refined", "model.calibrated": False}
     return [member("refined once more", finer, reference=True), *members]
 
 
@@ -56,8 +56,8 @@ def _films(scenario: Scenario) -> dict[str, dict[str, Any]]:
     found: dict[str, dict[str, Any]] = {
         f"film law {law}": dict(changes) for law, changes in _LAWS.items() if law != robot.film.law
     }
-    if robot.calibration is not None and not scenario.chamber.calibrated:
-        found["calibrated"] = {"chamber.calibrated": True}
+    if robot.calibration is not None and not scenario.model.calibrated:
+        found["calibrated"] = {"model.calibrated": True}
     other = "shell" if robot.hinge.rule == "uniform" else "uniform"
     found[f"hinge rule {other}"] = {"soft_robot.hinge.rule": other}
     return found

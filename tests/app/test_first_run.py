@@ -25,10 +25,10 @@ from cosim.soft.solve import compilation
 
 ROOT = Path(__file__).resolve().parents[2]
 PRESS = """
-schema = 1
+schema = 2
 title = "A framed unit is pressed on a block"
 robot = "ur5e"
-soft_robot = { file = "hexagon_arm", chamber = { units = 1 }, cable = [], frame = { stiffness_N_m = 1e4 } }
+soft_robot = { file = "hexagon_arm", stack = { units = 1 }, cable = [], stiffener = { stiffness_N_m = 1e4 } }
 start = { flange = { position_m = [0.4, 0.0, 0.5], direction = [0.0, 0.0, -1.0] } }
 object = [{ name = "block", shape = "box", size_m = [0.2, 0.2, 0.1], position_m = [0.4, 0.0, 0.442] }]
 phase = [{ name = "press", duration_s = 0.04, pressure_Pa = 5e3, increments = 4 }]

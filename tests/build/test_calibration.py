@@ -71,7 +71,7 @@ def test_the_table_is_written_and_replaced_and_the_rest_stays(tmp_path: Path) ->
 
 
 def test_a_scenario_cannot_use_what_is_not_there() -> None:
-    with pytest.raises(ScenarioError, match=r"chamber.calibrated: .*square_core.* cosim calibrate"):
-        load_scenario("ur5e_hexagon_arm", {"chamber.calibrated": True, "soft_robot": "square_core"})
-    with pytest.raises(ScenarioError, match=r"chamber.calibrated: .*unrefined"):
-        load_scenario("ur5e_hexagon_arm", {"chamber.calibrated": True, "soft_robot.chamber.refine": 1})
+    with pytest.raises(ScenarioError, match=r"model.calibrated: .*square_core.* cosim calibrate"):
+        load_scenario("ur5e_hexagon_arm", {"model.calibrated": True, "soft_robot": "square_core"})
+    with pytest.raises(ScenarioError, match=r"model.calibrated: .*unrefined"):
+        load_scenario("ur5e_hexagon_arm", {"model.calibrated": True, "soft_robot.stack.refine": 1})

@@ -16,10 +16,10 @@ from cosim.config.loading import load_scenario
 from cosim.errors import ScenarioError
 
 SCENARIO = """
-schema = 1
+schema = 2
 title = "Two units on a UR5e"
 robot = "ur5e"
-soft_robot = { file = "hexagon_arm", chamber = { units = 2 }, cable = [] }
+soft_robot = { file = "hexagon_arm", stack = { units = 2 }, cable = [] }
 solver = { damping_per_s = 2.0 }
 
 [start]
@@ -75,7 +75,7 @@ def test_the_arm_droops_alike_under_either(folder: Path) -> None:
 def test_refined_divides_every_triangle(folder: Path) -> None:
     scenario = load_scenario(scenario_file(folder))
     finer = load_scenario(scenario, {"fidelity": "refined"})
-    by_hand = load_scenario(scenario, {"soft_robot.chamber.refine": 1})
+    by_hand = load_scenario(scenario, {"soft_robot.stack.refine": 1})
     assert len(fidelity_body(finer).membranes.triangles) == 4 * len(
         fidelity_body(scenario).membranes.triangles
     )
@@ -84,10 +84,10 @@ def test_refined_divides_every_triangle(folder: Path) -> None:
 
 
 def test_refined_takes_the_place_of_a_calibration_by_its_reference(folder: Path) -> None:
-    asked = {"fidelity": "refined", "chamber.calibrated": True, "soft_robot": "hexagon_arm"}
+    asked = {"fidelity": "refined", "model.calibrated": True, "soft_robot": "hexagon_arm"}
     body = fidelity_body(load_scenario(scenario_file(folder), asked))
     reference = {
-        "soft_robot": "hexagon_arm", "soft_robot.chamber.refine": 1,
+        "soft_robot": "hexagon_arm", "soft_robot.stack.refine": 1,
         "soft_robot.hinge.rule": "shell", "soft_robot.hinge.stiffness_factor": 1.0,
     }  # fmt: skip
     expected = fidelity_body(load_scenario(scenario_file(folder), reference))
@@ -108,10 +108,10 @@ def test_targets_of_a_rigid_robot_are_planned_on_the_lumped_one(folder: Path) ->
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"fidelity": "rigid", "chamber.closed": False}, "fidelity: 'rigid' needs chamber.closed"),
+        ({"fidelity": "rigid", "model.closed": False}, "fidelity: 'rigid' needs model.closed"),
         ({"fidelity": "rigid", "phase.turn.release": ["unit_1.hole"], "phase.turn.clamp": ["tip"]},
          "phase.turn.release: cannot stand beside fidelity = 'rigid'"),
-        ({"fidelity": "refined", "soft_robot.chamber.refine": 4}, "fidelity: 'refined' is one refinement"),
+        ({"fidelity": "refined", "soft_robot.stack.refine": 4}, "fidelity: 'refined' is one refinement"),
         ({"fidelity": "fine"}, "fidelity: got the text 'fine'; allowed: 'rigid', 'section', 'lumped', "),
     ],
 )  # fmt: skip
@@ -123,7 +123,7 @@ def test_what_a_fidelity_leaves_out_is_refused(folder: Path, changes: dict[str, 
 def test_the_switch_is_of_the_command_line_too(
     folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    words = ["--set", "fidelity=rigid", "--set", "chamber.closed=false"]
+    words = ["--set", "fidelity=rigid", "--set", "model.closed=false"]
     assert main(["run", str(scenario_file(folder)), "--out", str(tmp_path / "out"), *words]) == 2
     assert "fidelity" in capsys.readouterr().err
     assert not (tmp_path / "out").exists()

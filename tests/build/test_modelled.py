@@ -21,7 +21,7 @@ from cosim.soft.solve.state import SoftState
 from tests.soft.bodies import held, hexagon_arm
 
 GIVEN: dict[str, Any] = {
-    "soft_robot": {"file": "hexagon_arm", "chamber": {"units": 2}, "cable": [
+    "soft_robot": {"file": "hexagon_arm", "stack": {"units": 2}, "cable": [
         {"name": "right", "corner": 0, "units": [1, 2], "capstan_factor": 0.8}]},
     "start.cable_tension_N": [],
     "start.pressure_Pa": 10e3,

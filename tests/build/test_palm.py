@@ -17,7 +17,7 @@ from cosim.rigid import RigidScene, SceneDescription, SceneObject
 
 PALM = PalmTable(radius_m=0.08, thickness_m=0.01, mass_kg=1.0)
 SCENARIO = """
-schema = 1
+schema = 2
 title = "A heavy palm is carried"
 robot = "ur5e"
 soft_robot = { file = "square_core", palm = { radius_m = 0.08, thickness_m = 0.01, mass_kg = 1.0 } }

@@ -25,15 +25,13 @@ from cosim.soft.solve.newton_options import NewtonOptions
 def robot() -> SoftRobotTable:
     """Return the hexagonal arm cut down to its first unit, without cables."""
     arm = load_scenario(str(scenario_path("ur5e_hexagon_arm"))).soft_robot
-    return replace(arm, chamber=replace(arm.chamber, units=1), cables=())
+    return replace(arm, stack=replace(arm.stack, units=1), cables=())
 
 
 def refined(
     robot: SoftRobotTable, levels: int, rule: str = "uniform", model: ModelTable | None = None
 ) -> SoftBody:
-    changed = replace(
-        robot, chamber=replace(robot.chamber, refine=levels), hinge=replace(robot.hinge, rule=rule)
-    )
+    changed = replace(robot, stack=replace(robot.stack, refine=levels), hinge=replace(robot.hinge, rule=rule))
     return build_soft_body(changed, model or ModelTable())
 
 
@@ -79,7 +77,7 @@ def test_refinement_keeps_the_mass(robot: SoftRobotTable) -> None:
 @pytest.mark.parametrize("levels", [0, 1])
 def test_frames_ring_the_outer_rims(robot: SoftRobotTable, levels: int) -> None:
     assert refined(robot, levels).frames is None
-    framed = replace(robot, frame=replace(robot.frame, kind="stiff"))
+    framed = replace(robot, stiffener=replace(robot.stiffener, kind="stiff"))
     body = refined(framed, levels)
     assert body.frames is not None
     np.testing.assert_array_equal(body.frames.rings, body.rings["unit_1.outer"][None])

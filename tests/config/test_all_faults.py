@@ -52,8 +52,8 @@ def test_no_rule_is_told_that_follows_from_a_misspelt_key() -> None:
 
 
 def test_no_rule_is_told_of_a_value_that_is_wrong_by_itself() -> None:
-    assert refusal({"soft_robot.chamber.units": "ten"}).path == "soft_robot.chamber.units"
-    assert len(refusal({"soft_robot.chamber.units": "ten"}).faults) == 1
+    assert refusal({"soft_robot.stack.units": "ten"}).path == "soft_robot.stack.units"
+    assert len(refusal({"soft_robot.stack.units": "ten"}).faults) == 1
 
 
 def test_a_robot_that_is_not_there_hides_no_other_fault() -> None:

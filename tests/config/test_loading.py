@@ -47,7 +47,7 @@ def test_the_reference_scenario_holds_the_papers_numbers() -> None:
     robot = scenario.soft_robot
     assert [phase.name for phase in scenario.phases] == ["hang", "inflate", "turn", "lift", "reach"]
     assert sum(phase.increments for phase in scenario.phases) == 380
-    nodes = 7 * robot.chamber.sides * robot.chamber.units + robot.chamber.sides
+    nodes = 7 * robot.stack.sides * robot.stack.units + robot.stack.sides
     # 0.02 N per node; the mass per node is written with 16 digits
     assert nodes * robot.mass.node_mass_kg * 9.81 == pytest.approx(8.52, rel=1e-14)
     assert scenario.phases[1].pressure_Pa == 30e3

@@ -22,7 +22,7 @@ WRONG_VALUES = {
     "text for a number": ("phase.inflate.pressure_Pa=30kPa", "phase.inflate.pressure_Pa", "'30kPa'"),
     "bool for a number": ("clock.tick_s=true", "clock.tick_s", "expected a number"),
     "number for a text": ("title=3", "title", "expected a text"),
-    "number for a switch": ("chamber.closed=1", "chamber.closed", "true or false"),
+    "number for a switch": ("model.closed=1", "model.closed", "true or false"),
     "fraction for a count": ("phase.1.increments=2.5", "phase.hang.increments", "whole number"),
     "number for a table": ("clock=0.002", "clock", "expected a table"),
     "nan": ("phase.inflate.pressure_Pa=nan", "phase.inflate.pressure_Pa", "finite"),
@@ -38,8 +38,8 @@ WRONG_VALUES = {
         "soft_robot.film.compressive_fraction",
         "'plain'",
     ),
-    "unknown frame": ("soft_robot.frame.kind=rigid", "soft_robot.frame.kind", "'stiff'"),
-    "limp frame": ("soft_robot.frame.stiffness_N_m=0", "soft_robot.frame.stiffness_N_m", "above 0"),
+    "unknown frame": ("soft_robot.stiffener.kind=rigid", "soft_robot.stiffener.kind", "'stiff'"),
+    "limp frame": ("soft_robot.stiffener.stiffness_N_m=0", "soft_robot.stiffener.stiffness_N_m", "above 0"),
     "unknown hinge rule": ("soft_robot.hinge.rule=plate", "soft_robot.hinge.rule", "'shell'"),
     "too much compression": (
         "soft_robot.film.compressive_fraction=1.1",
@@ -71,8 +71,8 @@ WRONG_VALUES = {
     "two friction laws": ("soft_robot.cable.left.friction_coefficient=0.1", "soft_robot.cable.left", "both"),
     "unknown ring": ('phase.lift.clamp=["unit_11.outer"]', "phase.lift.clamp", "unit_11.outer"),
     "hole wider than unit": (
-        "soft_robot.chamber.hole_radius_m=0.04",
-        "soft_robot.chamber.hole_radius_m",
+        "soft_robot.stack.hole_radius_m=0.04",
+        "soft_robot.stack.hole_radius_m",
         "below",
     ),
     "two poses at once": ("phase.turn.flange={position_m=[0,0,1],direction=[0,0,1]}", "phase.turn", "flange"),
@@ -87,7 +87,7 @@ WRONG_VALUES = {
         "solver.stiffness_damping_s",
         "unknown key",
     ),
-    "later schema": ("schema=2", "schema", "allowed: 1"),
+    "later schema": ("schema=3", "schema", "allowed: 2"),
     "size of a shape": (
         'object=[{name="ball",shape="sphere",size_m=[1,1],position_m=[0,0,0]}]',
         "object.ball.size_m",
@@ -203,7 +203,7 @@ def test_wrong_values_are_refused(
     [
         ("broken.toml", b"schema = ", "is not TOML"),
         ("latin.toml", b'title = "\xe9"', "is not UTF-8"),
-        ("twice.toml", b"schema = 1\nschema = 1\n", "is not TOML"),
+        ("twice.toml", b"schema = 2\nschema = 2\n", "is not TOML"),
     ],
 )
 def test_wrong_files_are_refused(

@@ -17,7 +17,7 @@ from cosim.config.loading import load_scenario
 from cosim.errors import ScenarioError
 
 SHORT = """# Question: what does a short run do with this?
-schema = 1
+schema = 2
 title = "short"
 robot = "ur5e"
 soft_robot = "hexagon_arm"
@@ -36,7 +36,7 @@ flange_shift_m = [0.02, 0.0, 0.0]
 cable_tension_N = [1.0, 1.0]
 """
 ROBOT = 'soft_robot = "hexagon_arm"'
-FINEST = "chamber = { units = 200, sides = 64, refine = 4, taper = 1.0 }"
+FINEST = "stack = { units = 200, sides = 64, refine = 4, taper = 1.0 }"
 MESH = '\n[[object]]\nname = "m"\nshape = "mesh"\nposition_m = [0.5, 0.0, 0.5]\nfile = "m.obj"\n'
 WIRE = '[[wire]]\nname = "w"\npoints_m = [[0, 1, 1], [0, 2, 1]]\nradius_m = 1e-4\nsegments = 500\n'
 
@@ -58,12 +58,12 @@ REPLACED = {
         "at most 1e+06",
     ),
     "number of 5,000 digits": (
-        "schema = 1",
-        "schema = 1" + "0" * 5000,
+        "schema = 2",
+        "schema = 2" + "0" * 5000,
         "scenario.toml",
         "more than 4300 digits",
     ),
-    "number of 20,000 bits": ("schema = 1", "schema = 0x" + "f" * 5000, "schema", "20000 bits"),
+    "number of 20,000 bits": ("schema = 2", "schema = 0x" + "f" * 5000, "schema", "20000 bits"),
     "the same for a length": (
         "[0.02,",
         "[0x" + "f" * 5000 + ",",
@@ -71,8 +71,8 @@ REPLACED = {
         "20000 bits",
     ),
     "2 km of shift": ("[0.02,", "[2000.0,", "phase.move.flange_shift_m.1", "within -100 and 100"),
-    "900 brackets": ("schema = 1", "x = " + "[" * 900 + "]" * 900 + "\nschema = 1", "scenario.toml", "deep"),
-    "120 brackets": ("schema = 1", "schema = " + "[" * 120 + "]" * 120, "schema", "allowed"),
+    "900 brackets": ("schema = 2", "x = " + "[" * 900 + "]" * 900 + "\nschema = 2", "scenario.toml", "deep"),
+    "120 brackets": ("schema = 2", "schema = " + "[" * 120 + "]" * 120, "schema", "allowed"),
     "name of 300 letters": (
         'title = "short"',
         f'title = "short"\nname = "{"n" * 300}"',
@@ -90,15 +90,15 @@ REPLACED = {
         "control characters",
     ),
     "key that steers the terminal": (
-        "schema = 1",
-        '"\\u001b[2J\\n" = 1\nschema = 1',
+        "schema = 2",
+        '"\\u001b[2J\\n" = 1\nschema = 2',
         r'"\u001b[2J\n"',
         "unknown key",
     ),
-    "key without a letter": ("schema = 1", '"" = 1\nschema = 1', '""', "unknown key"),
+    "key without a letter": ("schema = 2", '"" = 1\nschema = 2', '""', "unknown key"),
     "key of a million letters": (
-        "schema = 1",
-        "k" * 1_000_000 + " = 1\nschema = 1",
+        "schema = 2",
+        "k" * 1_000_000 + " = 1\nschema = 2",
         "kkk",
         "1000000 characters",
     ),
@@ -112,7 +112,7 @@ REPLACED = {
     "finest mesh there could be": (
         ROBOT,
         f"soft_robot = {{ file = 'hexagon_arm', {FINEST} }}",
-        "soft_robot.chamber",
+        "soft_robot.stack",
         "45,875,200 triangles",
     ),
     "number for a robot": (ROBOT, "soft_robot = 5", "soft_robot", "expected a table"),

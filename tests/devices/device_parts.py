@@ -11,7 +11,7 @@ from cosim.config.schema.scenario import Scenario
 
 TICK_s = 0.004
 BASE = f"""
-schema = 1
+schema = 2
 title = "Three square units with devices"
 robot = "none"
 soft_robot = "square_core_cables"

@@ -14,7 +14,7 @@ import cosim
 from cosim.base.arms import find_arm
 from cosim.cli.main import EXIT_DONE, EXIT_INPUT, main
 
-SMALL = '{ file = "hexagon_arm", chamber = { units = 3 }, cable = []'
+SMALL = '{ file = "hexagon_arm", stack = { units = 3 }, cable = []'
 TABLE = """
 [[object]]
 name = "table"
@@ -37,7 +37,7 @@ def scenario(
     path = folder / "arm.toml"
     path.write_text(
         f"""
-schema = 1
+schema = 2
 title = "An arm"
 robot = "ur5e"
 soft_robot = {SMALL}{node_mass} }}

@@ -14,7 +14,7 @@ from cosim.config.loading import load_scenario
 from cosim.errors import InputError
 
 SCENARIO = """
-schema = 1
+schema = 2
 title = "An inflated core is lowered onto a block"
 robot = "ur5e"
 soft_robot = "square_core"

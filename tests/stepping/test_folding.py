@@ -70,9 +70,9 @@ def test_a_thin_refined_stack_bends_by_more_than_right_angles() -> None:
     result = cosim.run(
         "bending_angle",
         overrides={
-            "soft_robot.chamber.refine": 1,
-            "soft_robot.chamber.units": 6,
-            "soft_robot.chamber.corner_radius_m": 0.025 * np.sqrt(2.0),
+            "soft_robot.stack.refine": 1,
+            "soft_robot.stack.units": 6,
+            "soft_robot.stack.corner_radius_m": 0.025 * np.sqrt(2.0),
             "soft_robot.film.thickness_m": 50e-6,
             "soft_robot.film.young_modulus_Pa": 3e9,
             "soft_robot.hinge.rule": "shell",

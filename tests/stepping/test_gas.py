@@ -165,7 +165,7 @@ def test_wrong_gases_are_refused_by_the_key(case: str) -> None:
 @pytest.mark.parametrize(
     ("setting", "value", "path", "word"),
     [
-        ("chamber.closed", False, "phase.push.gas", "chamber.closed = true"),
+        ("model.closed", False, "phase.push.gas", "model.closed = true"),
         ("gas.ambient_Pa", 0.0, "phase.push.gas", "absolute pressure"),
         ("gas.exponent", 0.9, "gas.exponent", "at least 1"),
         ("gas.temperature_C", 20.0, "gas.temperature_C", "temperature_K"),

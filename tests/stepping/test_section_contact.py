@@ -16,7 +16,7 @@ from cosim.config.loading import load_scenario
 from tests.small_section import ROBOT, section
 
 START = f"""
-schema = 1
+schema = 2
 title = "Three units on a UR5e"
 robot = "ur5e"
 soft_robot = {ROBOT}

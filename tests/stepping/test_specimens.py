@@ -22,7 +22,7 @@ from cosim.config.writing import scenario_text
 from cosim.errors import ScenarioError
 
 REFERENCE = Path(__file__).resolve().parents[1] / "reference"
-PAPER = {"chamber.closed": False, "chamber.all_hinges": False, "soft_robot.film.law": "edge_strain"}
+PAPER = {"model.closed": False, "model.all_hinges": False, "soft_robot.film.law": "edge_strain"}
 EVERY_INCREMENT = {"recording.frames_per_s": 10_000.0}
 SPECIMENS = (
     "three_unit_inflation",

@@ -29,7 +29,7 @@ def small(**changes: Any) -> Scenario:
     """Return two units on a held base that are blown up fast."""
     given = {
         "robot": "none",
-        "soft_robot": {"file": "hexagon_arm", "chamber": {"units": 2}, "cable": []},
+        "soft_robot": {"file": "hexagon_arm", "stack": {"units": 2}, "cable": []},
         "start.cable_tension_N": [],
         "phase": [{"name": "inflate", "duration_s": 0.1, "pressure_Pa": 20e3}],
     }

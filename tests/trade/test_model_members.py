@@ -27,7 +27,7 @@ def lifted() -> Scenario:
         {"name": "inflate", "duration_s": 0.1, "pressure_Pa": 20e3},
         {"name": "lift", "duration_s": 0.1, "tip_target": {"height_m": 0.6594, "reach_with": "cables"}},
     ]
-    robot = {"file": "hexagon_arm", "chamber": {"units": 2}, "cable": [cable]}
+    robot = {"file": "hexagon_arm", "stack": {"units": 2}, "cable": [cable]}
     return small(soft_robot=robot, phase=phases, **{"start.cable_tension_N": [0.0]})
 
 

@@ -58,7 +58,7 @@ def small(**changes: Any) -> Scenario:
         REFERENCE,
         {
             "robot": "none",
-            "soft_robot": {"file": "hexagon_arm", "chamber": {"units": 2}, "cable": []},
+            "soft_robot": {"file": "hexagon_arm", "stack": {"units": 2}, "cable": []},
             "start.cable_tension_N": [],
             "phase": [
                 {"name": "inflate", "duration_s": 0.1, "pressure_Pa": 20e3},

@@ -22,10 +22,10 @@ def check_fidelity(scenario: Scenario, faults: Faults) -> None:
     with faults:
         _check_auto(scenario)
     with faults:
-        if scenario.fidelity == "refined" and scenario.soft_robot.chamber.refine >= _REFINE_MAX:
+        if scenario.fidelity == "refined" and scenario.soft_robot.stack.refine >= _REFINE_MAX:
             raise ScenarioError(
                 "fidelity",
-                "'refined' is one refinement more than soft_robot.chamber.refine, which is at its bound of "
+                "'refined' is one refinement more than soft_robot.stack.refine, which is at its bound of "
                 f"{_REFINE_MAX} already",
             )
     if scenario.fidelity == "section":
@@ -36,10 +36,10 @@ def check_fidelity(scenario: Scenario, faults: Faults) -> None:
 
 def _check_rigid(scenario: Scenario, faults: Faults) -> None:
     with faults:
-        if not scenario.chamber.closed:
+        if not scenario.model.closed:
             raise ScenarioError(
                 "fidelity",
-                "'rigid' needs chamber.closed = true: it leaves out how an open chamber's gas pushes",
+                "'rigid' needs model.closed = true: it leaves out how an open chamber's gas pushes",
             )
     for phase in scenario.phases:
         for key, field in (("release", "release"), ("support", "supports")):

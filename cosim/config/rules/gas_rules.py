@@ -90,8 +90,8 @@ def check_gas(scenario: Scenario, faults: Faults) -> None:
 def _check_sealed(
     phase: PhaseTable, rule: GasRule, pressure_Pa: float | None, scenario: Scenario, path: str
 ) -> None:
-    if not scenario.chamber.closed:
-        raise ScenarioError(f"{path}.gas", "'sealed' needs chamber.closed = true; open ends hold no gas")
+    if not scenario.model.closed:
+        raise ScenarioError(f"{path}.gas", "'sealed' needs model.closed = true; open ends hold no gas")
     if pressure_Pa is not None:
         raise ScenarioError(
             f"{path}.pressure_Pa",

@@ -66,19 +66,19 @@ def _check_arm(robot: str) -> None:
 
 def _check_calibrated(scenario: Scenario) -> None:
     robot = scenario.soft_robot
-    if not scenario.chamber.calibrated:
+    if not scenario.model.calibrated:
         return
     if robot.attachments:
-        raise ScenarioError("chamber.calibrated", "is of one soft robot; this one has attachments")
+        raise ScenarioError("model.calibrated", "is of one soft robot; this one has attachments")
     if robot.calibration is None:
         raise ScenarioError(
-            "chamber.calibrated",
+            "model.calibrated",
             f"soft robot '{robot.name}' has no [calibration]; make one: cosim calibrate {robot.name} --write",
         )
-    if robot.chamber.refine != 0:
+    if robot.stack.refine != 0:
         raise ScenarioError(
-            "chamber.calibrated",
-            f"a calibration is of the unrefined mesh; soft_robot.chamber.refine is {robot.chamber.refine}",
+            "model.calibrated",
+            f"a calibration is of the unrefined mesh; soft_robot.stack.refine is {robot.stack.refine}",
         )
 
 
@@ -110,17 +110,17 @@ def check_soft_robot(robot: SoftRobotTable, path: str, faults: Faults) -> None:
 
 
 def _check_holes(robot: SoftRobotTable, path: str) -> None:
-    stack = robot.chamber
+    stack = robot.stack
     smallest = stack.corner_radius_m * stack.taper ** (stack.units - 1)
     if smallest <= stack.hole_radius_m:
         raise ScenarioError(
-            f"{path}.chamber.hole_radius_m",
+            f"{path}.stack.hole_radius_m",
             f"{stack.hole_radius_m:g} must be below the last unit's corner radius, {smallest:.4g}",
         )
 
 
 def _check_mass(robot: SoftRobotTable, path: str) -> None:
-    film_mass = robot.film.density_kg_m3 * robot.film.thickness_m * robot.chamber.unit_height_m**2
+    film_mass = robot.film.density_kg_m3 * robot.film.thickness_m * robot.stack.unit_height_m**2
     if robot.mass.node_mass_kg < LEAST_NODE_MASS_kg and film_mass < LEAST_NODE_MASS_kg:
         raise ScenarioError(
             f"{path}.mass.node_mass_kg",
@@ -156,13 +156,13 @@ def _check_attachment(entry: AttachmentTable, robot: SoftRobotTable, path: str, 
 
 def _check_cable(cable: CableTable, robot: SoftRobotTable, path: str, faults: Faults) -> None:
     with faults:
-        sides = robot.chamber.sides
+        sides = robot.stack.sides
         if cable.corner >= sides:
             raise ScenarioError(
                 f"{path}.corner", f"{cable.corner} does not exist; corners 0 to {sides - 1} do"
             )
     with faults:
-        (first, last), units = cable.units, robot.chamber.units
+        (first, last), units = cable.units, robot.stack.units
         if last > units:
             raise ScenarioError(f"{path}.units", f"unit {last} does not exist; units 1 to {units} do")
         if first >= last:

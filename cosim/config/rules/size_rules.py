@@ -46,8 +46,8 @@ def check_sizes(scenario: Scenario, faults: Faults) -> None:
 
 def triangle_count(robot: SoftRobotTable) -> int:
     """Return how many triangles the mesh of a soft robot has, with its copies and attachments."""
-    chamber = robot.chamber
-    own = _TRIANGLES_PER_UNIT_AND_SIDE * chamber.sides * chamber.units << 2 * chamber.refine
+    stack = robot.stack
+    own = _TRIANGLES_PER_UNIT_AND_SIDE * stack.sides * stack.units << 2 * stack.refine
     copies = 1 if robot.copies is None else robot.copies.count
     return copies * own + sum(triangle_count(part.robot) for part in robot.attachments)
 
@@ -58,7 +58,7 @@ def _check_triangles(scenario: Scenario) -> None:
     if triangles > MOST_TRIANGLES:
         also = ", fidelity = 'refined'" if finer else ""
         raise ScenarioError(
-            "soft_robot.chamber",
+            "soft_robot.stack",
             f"makes {triangles:,} triangles, copies and attachments counted; at most {MOST_TRIANGLES:,} are "
             f"allowed: take fewer units, sides, refine{also}",
         )

@@ -48,7 +48,7 @@ class Scenario:
         pumps, winches, controllers: `[[pump]]`, `[[winch]]`, `[[controller]]` in the file.
     """
 
-    schema: Literal[1]
+    schema: Literal[2]
     name: Name
     title: Text
     robot: str
@@ -64,7 +64,7 @@ class Scenario:
     solver: SolverTable = SolverTable()
     contact: ContactTable = ContactTable()
     coupling: CouplingTable = CouplingTable()
-    chamber: ModelTable = ModelTable()
+    model: ModelTable = ModelTable()
     gas: GasTable = GasTable()
     recording: RecordingTable = RecordingTable()
     objects: tuple[ObjectTable, ...] = field(default=(), metadata={"alias": "object"})

@@ -259,15 +259,15 @@ class SoftRobotTable:
         copies: how often, and where, all this is on the flange; omitted: once, along its z axis.
         attachments: `[[attach]]` in the file.
         palm: rigid plate that the soft parts are mounted on; omitted: none.
-        calibration: of the unrefined mesh; used where a scenario says `chamber.calibrated = true`.
+        calibration: of the unrefined mesh; used where a scenario says `model.calibrated = true`.
     """
 
     name: Name
     source: Text
-    chamber: StackTable
+    stack: StackTable
     film: FilmTable
     hinge: HingeTable = HingeTable()
-    frame: StiffenerTable = StiffenerTable()
+    stiffener: StiffenerTable = StiffenerTable()
     mass: MassTable = MassTable()
     base: Annotated[tuple[str, ...], Len(min_length=1)] = ("unit_1.hole",)
     cables: tuple[CableTable, ...] = field(default=(), metadata={"alias": "cable"})
@@ -275,7 +275,7 @@ class SoftRobotTable:
     attachments: tuple[AttachmentTable, ...] = field(default=(), metadata={"alias": "attach"})
     palm: PalmTable | None = None
     calibration: CalibrationTable | None = None
-    schema: Literal[1] = 1
+    schema: Literal[2] = 2
 
     def cable_names(self) -> tuple[str, ...]:
         """Return the names of all cables, copy by copy, then those of attachments."""
@@ -302,7 +302,7 @@ class SoftRobotTable:
     def ring_names(self) -> tuple[str, ...]:
         """Return the names of all rings, base to tip, then those of each copy, then those of attachments."""
         rings = ("hole", "lower", "outer", "upper")
-        units = range(1, self.chamber.units + 1)
+        units = range(1, self.stack.units + 1)
         own = (*(f"unit_{unit}.{ring}" for unit in units for ring in rings), "tip")
         count = 0 if self.copies is None else self.copies.count
         own += tuple(f"copy_{k}/{name}" for k in range(1, count + 1) for name in own)
@@ -315,4 +315,4 @@ class SoftRobotTable:
         for part in self.attachments:
             if ring.startswith(f"{part.name}/"):
                 return part.robot.sides_of(ring.removeprefix(f"{part.name}/"))
-        return self.chamber.sides
+        return self.stack.sides

@@ -6,6 +6,7 @@ import math
 from collections.abc import Mapping
 from typing import Any, Final
 
+from cosim.config.schema.old_keys import REMEDY, RENAMED, SCHEMA
 from cosim.config.toml.core_schemas import Node
 from cosim.config.toml.key_paths import describe, shown
 from cosim.config.toml.reading import Unreadable
@@ -38,11 +39,16 @@ def fault_text(error: Mapping[str, Any], node: Node, value: Any) -> str:
     if kind == "missing":
         return "is missing; it has no default"
     if kind == UNKNOWN_KEY:
-        return unknown_key_message(error["loc"][-1], tuple(keys_of(node)))
+        key = error["loc"][-1]
+        if new := RENAMED.get(node["dataclass_name"], {}).get(key):
+            return f"is called {new} since schema {SCHEMA}; {REMEDY}"
+        return unknown_key_message(key, tuple(keys_of(node)))
     if isinstance(value, Unreadable):
         return value.problem
     if kind == "rule":
         return str(error["ctx"]["problem"])
+    if error["loc"][-1] == "schema" and value == SCHEMA - 1 and not isinstance(value, bool):
+        return f"is {value}, that of older files; {REMEDY}"
     if node["type"] == "literal":
         allowed = ", ".join(f"'{c}'" if isinstance(c, str) else str(c) for c in node["expected"])
         return f"got {describe(value)}; allowed: {allowed}"

@@ -1,0 +1,104 @@
+"""Rewrites scenario and robot files of the schema number before: keys are renamed, all else stays."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Final
+
+from cosim.base.whole_files import whole_file
+from cosim.config.loading import is_scenario
+from cosim.config.schema.old_keys import RENAMED, SCHEMA
+from cosim.config.toml.key_spans import key_spans
+from cosim.config.toml.reading import read_table
+from cosim.errors import OutputError, ScenarioError
+
+_BEFORE: Final = SCHEMA - 1
+_CARRIED: Final = ("attach", "robot")
+
+
+def upgrade_file(path: Path) -> int:
+    """Rewrite a file in place and return how many keys and numbers were changed; 0 leaves it untouched.
+
+    Raises:
+        ScenarioError: it is not TOML, or has an old key beside the new one.
+        OutputError: it cannot be written.
+    """
+    read_table(path)
+    text = path.read_bytes().decode("utf-8")
+    try:
+        new, count = upgraded(text)
+    except ValueError as error:
+        raise ScenarioError(str(path), f"cannot be rewritten, do it by hand: {error}") from None
+    if count:
+        try:
+            with whole_file(path) as file:
+                file.write(new.encode("utf-8"))
+        except OSError as error:
+            raise OutputError(f"{path}: cannot be written: {error.strerror}") from error
+    return count
+
+
+def upgraded(text: str) -> tuple[str, int]:
+    """Return a file's text with its keys renamed, and how many keys and numbers were changed.
+
+    Raises:
+        ValueError: a table has an old key beside the new one.
+    """
+    table = _loaded(text)
+    scenario = is_scenario(table)
+    changes = []
+    for span in key_spans(text):
+        kind = _kind_of(span.path[:-1], scenario)
+        new = RENAMED.get(kind, {}).get(span.path[-1])
+        if new is not None:
+            changes.append((span.start, span.end, new))
+        if (
+            kind
+            and span.path[-1] == "schema"
+            and span.value
+            and _is_before(_loaded(f"x = {span.value}")["x"])
+        ):
+            changes.append((span.value_start, span.value_start + len(span.value), str(SCHEMA)))
+    made = text
+    for start, end, new in reversed(changes):
+        made = made[:start] + new + made[end:]
+    if repr(_loaded(made)) != repr(_renamed(table, (), scenario)):
+        raise ValueError("more than keys would change")
+    return made, len(changes)
+
+
+def _kind_of(table: tuple[str, ...], scenario: bool) -> str:
+    """Return the class of a table at a path; empty for those without old keys."""
+    if scenario:
+        if not table:
+            return "Scenario"
+        if table[0] != "soft_robot":
+            return ""
+        table = table[1:]
+    while table[:2] == _CARRIED:
+        table = table[2:]
+    return "" if table else "SoftRobotTable"
+
+
+def _renamed(value: Any, path: tuple[str, ...], scenario: bool) -> Any:
+    """Return tables as they are with new keys, made from the tables and not from the text."""
+    if isinstance(value, list):
+        return [_renamed(item, path, scenario) for item in value]
+    if not isinstance(value, Mapping):
+        return value
+    kind = _kind_of(path, scenario)
+    names = RENAMED.get(kind, {})
+    made = {names.get(key, key): _renamed(item, (*path, key), scenario) for key, item in value.items()}
+    if kind and _is_before(made.get("schema")):
+        made["schema"] = SCHEMA
+    return made
+
+
+def _is_before(number: Any) -> bool:
+    return number == _BEFORE and type(number) is int
+
+
+def _loaded(text: str) -> dict[str, Any]:
+    return tomllib.loads(text.removeprefix("\ufeff").replace("\r\n", "\n"))
