@@ -21,7 +21,7 @@ from cosim.devices.device_loop import Actuation
 from cosim.devices.device_names import device_names, device_report
 from cosim.errors import ScenarioError, SceneError, SolverError
 from cosim.plan.arm_limits import PlannedArm
-from cosim.plan.arm_plan import checked_start, drawn_payload, planned_arm
+from cosim.plan.arm_plan import check_base, checked_start, drawn_payload, planned_arm
 from cosim.plan.decision import Decision
 from cosim.plan.plan import JointPlanner, Plan, make_plan
 from cosim.plan.reach import film_reach, flange_travel
@@ -107,6 +107,8 @@ def _arm(scenario: Scenario, trial: SoftSide, soft: SoftSide, before: Choices | 
     if before is not None:
         contact = before.keep(contact)
     law = _contact_law(scenario) if contact.included else None
+    if law is not None:
+        check_base(scene, soft.body, plan.start, law.smoothing_m)
     carrier = ArmCarrier(
         scenario.robot, arm, scene, soft, scenario.payload_compensation, law, mounted, scenario.coupling
     )

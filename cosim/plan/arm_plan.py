@@ -176,3 +176,27 @@ def check_start(arm: Arm, scene: RigidScene, payload: Payload, joints: Array, ke
             f"the arm cannot hold itself and a payload of {payload.mass_kg:.3g} kg: {needs}; bring the "
             "flange closer in, or make the load lighter",
         )
+
+
+def check_base(scene: RigidScene, body: SoftBody, flange: Pose, depth_m: float) -> None:
+    """Check that the held end of a soft robot is not inside something that stands still.
+
+    Args:
+        scene: at its start.
+        body: on the flange.
+        flange: where it starts, world.
+        depth_m: up to which it may be inside.
+
+    Raises:
+        ScenarioError: a held node is deeper; the film beside it could only be torn out of there.
+    """
+    query = scene.contact_query(fixed_only=True)
+    hits = query.distances(flange.apply(body.positions[body.base]), -depth_m)
+    if len(hits.distance):
+        k = int(np.argmin(hits.distance))
+        other = scene.body_names[int(query.body[hits.shape[k]])]
+        raise ScenarioError(
+            "start.flange",
+            f"the soft robot's base stands {-1e3 * hits.distance[k]:.2f} mm deep in {other}; move the flange "
+            "or the objects",
+        )

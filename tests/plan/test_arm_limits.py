@@ -79,6 +79,11 @@ def test_an_arm_that_starts_in_a_table_is_refused(
     assert "mm deep in table" in said
 
 
+def test_a_base_that_starts_in_the_floor_is_refused() -> None:
+    with pytest.raises(cosim.ScenarioError, match=r"start\.flange: .*base stands 0\.70 mm deep in floor"):
+        cosim.run("paper_figure_9", overrides={"start.flange.position_m": [0.3, 0.0, -0.0007]})
+
+
 @pytest.mark.parametrize("mode", ["dynamic", "quasistatic"])
 def test_an_arm_that_cannot_hold_itself_at_its_start_is_refused(tmp_path: Path, mode: str) -> None:
     overrides = {"gravity_m_s2": [0.0, 0.0, -100.0], "mode": mode}
