@@ -37,7 +37,7 @@ def test_every_command_of_the_readme_is_understood(capsys: pytest.CaptureFixture
     with pytest.raises(SystemExit):
         main(["--help"])
     shown = capsys.readouterr().out
-    assert used == {"list", "run", "verify", "view"}
+    assert used == {"check", "list", "new", "run", "verify", "view"}
     assert all(re.search(rf"^\s+{command}\s", shown, re.MULTILINE) for command in used)
 
 

@@ -1,16 +1,24 @@
-"""`cosim check`, `cosim upgrade`: scenario and robot files."""
+"""`cosim check`, `cosim upgrade`, `cosim schema`, `cosim new`: scenario and robot files."""
 
 from __future__ import annotations
 
+import json
+import re
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Final
 
 from cosim.base.resources import is_file, scenario_path
+from cosim.base.whole_files import write_whole
 from cosim.cli.screen import printable
+from cosim.config.json_schema import Kind, json_schema
 from cosim.config.loading import check_file
 from cosim.config.schema.old_keys import SCHEMA
 from cosim.config.upgrading import upgrade_file
-from cosim.errors import InputError, ScenarioError
+from cosim.errors import InputError, OutputError, ScenarioError
+
+SCHEMA_FILE: Final = "cosim-scenario.schema.json"
+_STARTING_SCENARIO: Final = Path(__file__).with_name("starting_scenario.toml")
 
 
 def check_command(files: Sequence[str]) -> bool:
@@ -38,6 +46,39 @@ def upgrade_command(files: Sequence[str]) -> bool:
         done[name] = f"upgraded to schema {SCHEMA}, {count} changes" if count else "nothing to upgrade"
     fine = [_checked(name, text) for name, text in done.items()]
     return all(fine)
+
+
+def schema_text(kind: Kind) -> str:
+    """Return the JSON Schema of a kind of files, as a text."""
+    return json.dumps(json_schema(kind), indent=2, ensure_ascii=False) + "\n"
+
+
+def new_command(name: str) -> None:
+    """Write a starting scenario, and the schema that editors check it by, into the working directory.
+
+    Args:
+        name: of the scenario.
+
+    Raises:
+        InputError: the name is none, or a file of that name is there.
+        OutputError: a file cannot be written.
+    """
+    if not re.fullmatch("[A-Za-z][A-Za-z0-9_-]{0,63}", name):
+        raise InputError(
+            f"new {name!r}: give a letter followed by letters, digits, '_' or '-', without .toml"
+        )
+    path, schema, text = Path(f"{name}.toml"), Path(SCHEMA_FILE), schema_text("scenario")
+    if path.exists():
+        raise InputError(f"new {name}: {path} is there and is not overwritten")
+    if schema.exists() and schema.read_text(encoding="utf-8") != text:
+        raise InputError(f"new {name}: another {schema} is there and is not overwritten; move it away")
+    scenario = f"#:schema ./{SCHEMA_FILE}\n{_STARTING_SCENARIO.read_text(encoding='utf-8')}"
+    try:
+        write_whole(schema, text)
+        write_whole(path, scenario)
+    except OSError as error:
+        raise OutputError(f"{path}: cannot be written: {error.strerror}") from error
+    print(f"{path} written, with {schema} for editors; run it: cosim run {path}")
 
 
 def _checked(name: str, fine: str) -> bool:

@@ -1,5 +1,5 @@
-"""The command line: `cosim run`, `cosim list`, `cosim view`, `cosim check`, `cosim upgrade`,
-`cosim verify`, `cosim calibrate`, `cosim trade`.
+"""The command line: `cosim run`, `cosim list`, `cosim view`, `cosim new`, `cosim check`, `cosim upgrade`,
+`cosim schema`, `cosim verify`, `cosim calibrate`, `cosim trade`.
 
 Exit codes: 0 done, 1 the physics could not be solved or verified, 2 wrong input, 3 results could not be
 written, 128 + n stopped by signal n (141: nobody read standard output any more).
@@ -70,7 +70,7 @@ def _command(options: argparse.Namespace, started: float) -> int:
         return _calibrate(options)
     if options.command == "trade":
         return _trade(options)
-    if options.command in ("check", "upgrade"):
+    if options.command in ("new", "check", "upgrade", "schema"):
         return _files(options)
     return _list() if options.command == "list" else _view(options.directory)
 
@@ -123,10 +123,14 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _add_files(commands: Any) -> None:
+    new = commands.add_parser("new", help="write a starting scenario, and its schema for editors")
+    new.add_argument("name", metavar="NAME", help="of the scenario; it is written to NAME.toml, here")
     check = commands.add_parser("check", help="check scenario and robot files without running anything")
     check.add_argument("files", metavar="FILE", nargs="+", help="path of a .toml file, or name of a scenario")
     upgrade = commands.add_parser("upgrade", help="rewrite files of the schema number before, in place")
     upgrade.add_argument("files", metavar="FILE", nargs="+", help="path of a .toml file")
+    schema = commands.add_parser("schema", help="print the JSON Schema of scenario or robot files")
+    schema.add_argument("kind", nargs="?", choices=("scenario", "robot"), default="scenario")
 
 
 def _add_trade(commands: Any) -> None:
@@ -212,10 +216,16 @@ def _trade(options: argparse.Namespace) -> int:
 
 
 def _files(options: argparse.Namespace) -> int:
-    from cosim.cli.files import check_command, upgrade_command  # here, because it loads pydantic
+    from cosim.cli import files  # here, because it loads pydantic
 
-    fine = check_command(options.files) if options.command == "check" else upgrade_command(options.files)
-    return EXIT_DONE if fine else EXIT_INPUT
+    if options.command == "new":
+        files.new_command(options.name)
+        return EXIT_DONE
+    if options.command == "schema":
+        print(files.schema_text(options.kind), end="")
+        return EXIT_DONE
+    command = files.check_command if options.command == "check" else files.upgrade_command
+    return EXIT_DONE if command(options.files) else EXIT_INPUT
 
 
 def _list() -> int:

@@ -66,6 +66,8 @@ def _bounded(node: Any, key: str) -> Any:
     if not isinstance(node, dict):
         return node
     kind = node.get("type")
+    if kind == "nullable":  # TOML has no null: who leaves a value out leaves its key out
+        return _bounded(node["schema"], key)
     if kind == "dataclass-field":
         key = str(node.get("validation_alias", node["name"]))
     made = {name: value if name == "default" else _bounded(value, key) for name, value in node.items()}
@@ -87,8 +89,6 @@ def _strict(node: Any) -> Any:
     if not isinstance(node, dict):
         return node
     kind = node.get("type")
-    if kind == "nullable":  # TOML has no null: who leaves a value out leaves its key out
-        return _strict(node["schema"])
     made = {name: value if name == "default" else _strict(value) for name, value in node.items()}
     if kind in _SCALARS:
         made["strict"] = True

@@ -36,9 +36,13 @@ _BY_UNIT: Final = {
     "N": Magnitude(1e7, 1e-15),
     "Pa": Magnitude(1e13, 1e-3),
     "Nm": Magnitude(1e7, 1e-12),
+    "Nms": Magnitude(1e7, 1e-12),
+    "Nm2": Magnitude(1e7, 1e-15),
+    "Nm2s": Magnitude(1e7, 1e-15),
     "per_s": Magnitude(1e9, 1e-6),
     "m_s2": Magnitude(1e4, 1e-6),
     "N_m": Magnitude(1e12, 1e-9),
+    "Ns_m": Magnitude(1e9, 1e-12),
     "N_m3": Magnitude(1e15, 1e-3),
     "kg_m3": Magnitude(1e6, 1e-6),
     "kg_s": Magnitude(1e3, 1e-15),
@@ -49,6 +53,12 @@ _BY_UNIT: Final = {
 @cache
 def magnitude_of(key: str) -> Magnitude:
     """Return the bounds of a key's numbers: those of the longest unit that it ends in."""
+    return _BY_UNIT.get(unit_of(key), _ANY)
+
+
+@cache
+def unit_of(key: str) -> str:
+    """Return the longest unit that a key ends in, as keys write it; empty for a key without one."""
     words = key.split("_")
     endings = ("_".join(words[k:]) for k in range(1, len(words)))
-    return next((_BY_UNIT[unit] for unit in endings if unit in _BY_UNIT), _ANY)
+    return next((unit for unit in endings if unit in _BY_UNIT), "")

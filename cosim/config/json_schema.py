@@ -1,0 +1,121 @@
+"""JSON Schema (draft 2020-12) of scenario and robot files, for editors; made from the tables' classes.
+
+Bounds, defaults and enumerations are those of the fields, descriptions those of the docstrings' arguments.
+What only rules across tables can tell is not in it.
+"""
+
+from __future__ import annotations
+
+import inspect
+import re
+from collections.abc import Iterator
+from copy import deepcopy
+from dataclasses import fields
+from typing import Any, Final, Literal
+
+from pydantic.json_schema import GenerateJsonSchema
+
+from cosim.config.schema.old_keys import SCHEMA
+from cosim.config.schema.scenario import Scenario
+from cosim.config.schema.soft_robot import AttachmentTable, SoftRobotTable
+from cosim.config.toml.core_schemas import bounded_schema
+from cosim.config.toml.key_paths import key_of
+from cosim.config.toml.magnitudes import unit_of
+
+DIALECT: Final = "https://json-schema.org/draft/2020-12/schema"
+Kind = Literal["scenario", "robot"]
+_ROOTS: Final[dict[Kind, type]] = {"scenario": Scenario, "robot": SoftRobotTable}
+_UNITS: Final = {
+    "Nm": "N m", "Nms": "N m s", "Nm2": "N m^2", "Nm2s": "N m^2 s", "per_s": "1/s", "m_s2": "m/s^2",
+    "N_m": "N/m", "Ns_m": "N s/m", "N_m3": "N/m^3", "kg_m3": "kg/m^3", "kg_s": "kg/s", "kg_s_Pa": "kg/(s Pa)",
+}  # fmt: skip
+_CHANGES: Final = "Changes"
+_ROBOT_GIVEN: Final = (
+    {"type": "string", "description": "Name or path of a soft robot's file."},
+    {"$ref": f"#/$defs/{SoftRobotTable.__name__}"},
+    {"$ref": f"#/$defs/{SoftRobotTable.__name__}{_CHANGES}"},
+)
+
+
+def json_schema(kind: Kind) -> dict[str, Any]:
+    """Return the JSON Schema of a kind of files.
+
+    Args:
+        kind: "scenario" or "robot".
+    """
+    core, root = bounded_schema(_ROOTS[kind]), _ROOTS[kind].__name__
+    made = GenerateJsonSchema(by_alias=True).generate(core)
+    tables: dict[str, Any] = made.pop("$defs")
+    if kind == "scenario":
+        tables[root] = made
+        made["required"].remove("name")  # that of the file, if it is left out
+    for table in set(_classes(core)):
+        _describe(tables[table.__name__], table)
+    _add_changes(tables)
+    if kind == "scenario":
+        _give_robot(tables[root]["properties"]["soft_robot"])
+        top = tables.pop(root)
+    else:
+        top = {"anyOf": _ROBOT_GIVEN[1:]}
+    return {"$schema": DIALECT, "title": f"cosim {kind}, schema {SCHEMA}", **top, "$defs": tables}
+
+
+def _classes(node: Any) -> Iterator[type]:
+    """Yield the classes of all tables in a schema."""
+    if isinstance(node, dict):
+        if node.get("type") == "dataclass":
+            yield node["cls"]
+        node = list(node.values())
+    if isinstance(node, list):
+        for item in node:
+            yield from _classes(item)
+
+
+def _describe(table: dict[str, Any], kind: type) -> None:
+    """Put a class's texts, and the units of its keys, into its table."""
+    text, arguments = _texts(kind)
+    table.pop("title")
+    table |= {"description": text, "additionalProperties": False}
+    for entry in fields(kind):
+        key = key_of(entry)
+        node = table["properties"][key]
+        node.pop("title", None)
+        if node.get("default", 0) is None or isinstance(node.get("default"), dict):
+            del node["default"]  # left out, or told by the table itself
+        unit = _UNITS.get(unit_of(key), unit_of(key))
+        said = [arguments.get(entry.name, ""), f"Unit: {unit}." if unit else ""]
+        if any(said):
+            node["description"] = " ".join(filter(None, said))
+        if unit:
+            node["x-unit"] = unit
+
+
+def _texts(kind: type) -> tuple[str, dict[str, str]]:
+    """Return a class's docstring without its arguments, and the text of each argument."""
+    text, _, arguments = inspect.getdoc(kind).partition("\nArgs:\n")  # type: ignore[union-attr]
+    arguments, _, after = arguments.partition("\n\n")
+    found = {}
+    for entry in re.split(r"\n(?=    \S)", arguments):
+        names, _, meaning = entry.partition(":")
+        words = " ".join(meaning.split())
+        found.update({name.strip(): words for name in names.split(",")})
+    return " ".join(f"{text} {after}".split()), found
+
+
+def _add_changes(tables: dict[str, Any]) -> None:
+    """Add tables that change a soft robot's file: those of a soft robot, in which nothing is required."""
+    changes = deepcopy(tables[SoftRobotTable.__name__])
+    for node in changes["properties"].values():
+        name = node.get("$ref", "").rpartition("/")[2]
+        if "required" in tables.get(name, {}):
+            tables[name + _CHANGES] = {k: v for k, v in tables[name].items() if k != "required"}
+            node["$ref"] += _CHANGES
+    changes["properties"]["file"] = {"type": "string", "description": "Name or path of what is changed."}
+    tables[SoftRobotTable.__name__ + _CHANGES] = changes | {"required": ["file"]}
+    _give_robot(tables[AttachmentTable.__name__]["properties"]["robot"])
+
+
+def _give_robot(node: dict[str, Any]) -> None:
+    """Let a key take a soft robot as files give it, in place of its full table."""
+    del node["$ref"]
+    node["anyOf"] = _ROBOT_GIVEN
