@@ -84,6 +84,21 @@ def test_a_thin_refined_stack_bends_by_more_than_right_angles() -> None:
     assert result.summary["phases"][-1]["tip_direction"][2] < 0.0
 
 
+def test_an_arm_refined_twice_hangs_without_pressure() -> None:
+    # the start of the reference scenario at 0 Pa: half a minute of CPU time; none was found
+    robot = load_scenario("ur5e_hexagon_arm", {"soft_robot.stack.refine": 2}).soft_robot
+    body = build_soft_body(robot, ModelTable())
+    clamp, hanging = Clamp.of_base(body), Pose(np.diag([1.0, -1.0, -1.0]), np.zeros(3))
+    newton = NewtonSolver(SoftSystem(body), clamp.mask(body.nodes))
+    solver = EquilibriumSolver(newton, clamp, NewtonOptions(iterations_max=100))
+    slack = Loads(0.0, (0.0,) * len(body.cables), (0.0, 0.0, 0.0))
+    weightless = solver.solve(SoftState.drawn(body, hanging), hanging, slack)
+    here = solver.follow(weightless, hanging, replace(slack, gravity=(0.0, 0.0, -9.81)))
+    assert here.residual_N < 1e-6
+    # it carries its own weight and nothing else
+    assert -here.wrench.force[2] == pytest.approx(9.81 * body.mass_kg, abs=1e-4)
+
+
 def test_where_a_branch_ends_the_body_slides_to_the_next() -> None:
     # a shallow roof of two strips that snaps through; three short iterations do not lead there
     half, rise = 0.05, 0.01
