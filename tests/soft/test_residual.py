@@ -12,7 +12,7 @@ from cosim.soft.elements.material import Film
 from cosim.soft.solve.assembly import SoftSystem
 from cosim.soft.solve.problem import Problem
 
-COUNT = 150
+COUNT = 400
 FORCE_N = 1e-3
 
 
@@ -21,7 +21,7 @@ def residual_under(force: Array) -> float:
     x = np.repeat(np.arange(COUNT), 2) * 1e-3
     positions = np.stack([x, np.tile([0.0, 1e-3], COUNT), np.zeros(2 * COUNT)], axis=1)
     first = 2 * np.arange(COUNT - 1)[:, None]
-    triangles = np.concatenate([first + [0, 2, 1], first + [1, 2, 3]])
+    triangles = np.concatenate([first + np.array([0, 2, 1]), first + np.array([1, 2, 3])])
     body = SoftBody.from_arrays(positions, triangles, Film(1e6, 0.3, 1e-4))
     system = SoftSystem(body)
     loads = Loads(0.0, (), (0.0, 0.0, 0.0), force)
@@ -49,4 +49,4 @@ def test_forces_that_turn_the_body_count_by_their_moment() -> None:
     pull_m = 1e-3 * COUNT / 2.0  # between the middles of both halves
     size_m = float(np.hypot(1e-3 * (COUNT - 1), 1e-3))
     assert residual_under(force) == pytest.approx(1e-2 * COUNT * FORCE_N * pull_m / size_m)
-    assert residual_under(force) > FORCE_N / 2.0
+    assert residual_under(force) > FORCE_N  # more than any component
