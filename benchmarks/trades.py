@@ -24,7 +24,7 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from cosim.app.driver import build_simulation, recorded
-from cosim.cli.trade_progress import TradeProgress
+from cosim.cli.trade import TradeProgress
 from cosim.config.loading import load_scenario
 from cosim.recording import membrane_colours
 from cosim.trade.choice import Requirement

@@ -28,9 +28,9 @@ def kernel_modules(scenario: Scenario) -> tuple[ModuleType, ...]:
             assembly, chain_contact, chain_figures, chain_shapes, energy, implicit_step, pressure_spline,
         )  # fmt: skip
     if scenario.robot != NO_ARM:
-        from cosim.rigid.distance.compilation import KERNEL_MODULES  # here: it brings MuJoCo
+        from cosim.rigid.distance import features, mesh_distance, signed_distance  # here: they bring MuJoCo
 
-        modules += KERNEL_MODULES
+        modules += (features, mesh_distance, signed_distance)
         if scenario.fidelity == "section" and scenario.mode == "dynamic":
             from cosim.coupling.batch import batch_kernel as lockstep_kernel
 

@@ -1,18 +1,24 @@
-"""Rigid objects of a scenario as the rigid side wants them."""
+"""Rigid objects of a scenario, and the palm of a soft robot, as the rigid side wants them."""
 
 from __future__ import annotations
 
 from dataclasses import fields
 
+import numpy as np
+
 from cosim.base.triangle_mesh import TriangleMesh, read_mesh
 from cosim.build.blame import blamed_on
 from cosim.config.schema.mesh_paths import mesh_path
 from cosim.config.schema.objects import ObjectTable, SolidTable
+from cosim.config.schema.soft_robot import PalmTable
 from cosim.config.schema.wire import WireTable
+from cosim.coupling.soft_sides.mass import MassProperties
 from cosim.rigid.build.description import SceneObject
 from cosim.rigid.build.geometry import Geometry
 from cosim.rigid.build.joint import Joint
 from cosim.rigid.build.wire import Wire
+
+PALM_NAME = "palm"
 
 
 def rigid_object(entry: ObjectTable) -> SceneObject:
@@ -70,3 +76,18 @@ def _geometry(part: SolidTable, entry: ObjectTable) -> Geometry:
 
 def _mesh(entry: ObjectTable | SolidTable) -> TriangleMesh | None:
     return None if entry.file is None else read_mesh(mesh_path(entry.file)).scaled(entry.scale)
+
+
+def palm_object(palm: PalmTable) -> SceneObject:
+    """Return the plate in the flange frame."""
+    return SceneObject(
+        PALM_NAME, "cylinder", (palm.radius_m, palm.thickness_m), (0.0, 0.0, 0.5 * palm.thickness_m),
+        mass_kg=palm.mass_kg, rgba=palm.rgba, friction=palm.friction,
+    )  # fmt: skip
+
+
+def palm_mass(palm: PalmTable) -> MassProperties:
+    """Return the plate's mass in the flange frame; I_x = I_y = m (3 r^2 + t^2) / 12, I_z = m r^2 / 2."""
+    r, t = palm.radius_m, palm.thickness_m
+    across, along = palm.mass_kg * (3.0 * r * r + t * t) / 12.0, 0.5 * palm.mass_kg * r * r
+    return MassProperties(palm.mass_kg, np.array([0.0, 0.0, 0.5 * t]), np.diag([across, across, along]))

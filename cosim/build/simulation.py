@@ -78,8 +78,7 @@ def _held_base(scenario: Scenario, trial: SoftSide, soft: SoftSide, _before: Cho
 
 def _arm(scenario: Scenario, trial: SoftSide, soft: SoftSide, before: Choices | None) -> _Arranged:
     # imported here: a scene without an arm waits for neither engine
-    from cosim.build.palm import palm_mass, palm_object
-    from cosim.build.scene_objects import rigid_object, rigid_wire
+    from cosim.build.scene_objects import palm_mass, palm_object, rigid_object, rigid_wire
     from cosim.kinematics.arm import Arm
     from cosim.plan.joint_planner import plan_joints
     from cosim.rigid.build.description import SceneDescription

@@ -6,11 +6,12 @@ import sys
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import TextIO, final
 
 from cosim.app.driver import build_simulation, recorded
 from cosim.app.output_directory import OutputDirectory
+from cosim.cli.screen import draw as draw_line
 from cosim.cli.screen import printable, tell
-from cosim.cli.trade_progress import TradeProgress
 from cosim.config.loading import load_scenario
 from cosim.config.schema.scenario import Scenario
 from cosim.config.toml.overrides import parse_assignment
@@ -18,10 +19,11 @@ from cosim.recording import membrane_colours
 from cosim.trade.choice import Requirement, parse_budget, parse_force, parse_tolerance
 from cosim.trade.compilation import compile_for_trade
 from cosim.trade.measured import Measured
-from cosim.trade.measuring import SLOWEST, measure
+from cosim.trade.measuring import SLOWEST, Telling, measure
+from cosim.trade.member import Candidate
 from cosim.trade.members import Truth, candidates_of
 from cosim.trade.plot import can_draw, draw
-from cosim.trade.report import as_json, choice_lines, markdown
+from cosim.trade.report import as_json, choice_lines, markdown, result_line
 
 TABLE, FIGURES, PLOT = "trade.md", "trade.json", "trade.png"
 
@@ -100,3 +102,41 @@ def _wish(budget: str | None, tolerance: str | None, force: str | None) -> Requi
         None if tolerance is None else parse_tolerance(tolerance),
         None if force is None else parse_force(force),
     )
+
+
+@final
+class TradeProgress:
+    """Draws one line that renews itself on a terminal, and one for every member that is done.
+
+    Args:
+        stream: where to draw, usually stderr.
+        count: of members.
+    """
+
+    def __init__(self, stream: TextIO, count: int) -> None:
+        self._stream, self._count = stream, count
+        self._terminal = stream.isatty()
+        self._place, self._name = 0, ""
+        self.telling = Telling(self.begin, self.advance, self.done)
+
+    def begin(self, place: int, member: Candidate) -> None:
+        """A member begins."""
+        self._place, self._name = place, member.name
+        self.advance(0.0)
+
+    def advance(self, share: float) -> None:
+        """So much of its run is done; shown on a terminal only."""
+        if self._terminal:
+            self._write(f"\r\x1b[K{self._head} {self._name}: {100 * share:.0f} %")
+
+    def done(self, result: Measured) -> None:
+        """A member is done."""
+        start = "\r\x1b[K" if self._terminal else ""
+        self._write(f"{start}{self._head} {result_line(result)}\n")
+
+    @property
+    def _head(self) -> str:
+        return f"[{self._place + 1}/{self._count}]"
+
+    def _write(self, text: str) -> None:
+        draw_line(text, self._stream)

@@ -14,7 +14,6 @@ import math
 from dataclasses import dataclass, replace
 from typing import final
 
-from cosim.devices.delay_line import DelayLine
 from cosim.errors import InputError
 from cosim.soft.elements.gas import SealedGas, leak
 
@@ -120,3 +119,31 @@ class PumpState:
     starts: int = 0
     delivered_kg: float = 0.0
     on_s: float = 0.0
+
+
+@final
+@dataclass(frozen=True)
+class DelayLine:
+    """Values on their way, the oldest first.
+
+    Args:
+        waiting: one value per tick of the delay; none without delay.
+    """
+
+    waiting: tuple[float, ...] = ()
+
+    @classmethod
+    def filled(cls, value: float, ticks: int) -> DelayLine:
+        """Return a line of a number of ticks in which a value has stood for long.
+
+        Raises:
+            InputError: the number is negative.
+        """
+        if ticks < 0:
+            raise InputError(f"a delay of {ticks} ticks; it must be 0 or more")
+        return cls((value,) * ticks)
+
+    def passed(self, value: float) -> tuple[float, DelayLine]:
+        """Return what comes out when a value goes in, and the line afterwards."""
+        oldest, *waiting = (*self.waiting, value)
+        return oldest, DelayLine(tuple(waiting))

@@ -13,8 +13,7 @@ from cosim.config.rules.gas_rules import GasRule
 from cosim.config.schema.per_chamber import as_load
 from cosim.config.schema.solver import GasTable
 from cosim.coupling.soft_sides.soft_side import SoftSide
-from cosim.plan.load_ramp import LoadRamp
-from cosim.soft.body.loads import Loads
+from cosim.soft.body.loads import LoadRamp, Loads
 from cosim.soft.elements.gas import SealedGas, exchange, leak
 
 

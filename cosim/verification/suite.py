@@ -16,13 +16,11 @@ from cosim.verification.cases.hencky_membrane import HenckyMembrane
 from cosim.verification.cases.inflated_beam import InflatedCantilever, InflatedThreePoint
 from cosim.verification.cases.mylar_balloon import MylarBalloon
 from cosim.verification.cases.pouch_motor import PouchMotor
-from cosim.verification.cases.pressurised_cylinder import PressurisedCylinder
-from cosim.verification.cases.pressurised_sphere import PressurisedSphere
+from cosim.verification.cases.pressurised_shells import PressurisedCylinder, PressurisedSphere
 from cosim.verification.cases.rigid_motion import RigidMotion
 from cosim.verification.cases.roll_up import RollUp
 from cosim.verification.cases.sealed_gas import SealedGasSphere
-from cosim.verification.cases.square_airbag import SquareAirbag
-from cosim.verification.cases.square_pillow import SquarePillow
+from cosim.verification.cases.square_cushions import SquareAirbag, SquarePillow
 from cosim.verification.cases.squeezed_tube import SqueezedTube
 from cosim.verification.cases.tip_loaded_cantilever import TipLoadedCantilever
 from cosim.verification.dynamic_cases.cantilever_modes import CantileverModes

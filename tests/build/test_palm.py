@@ -9,7 +9,7 @@ import pytest
 
 from cosim.app.driver import build_simulation
 from cosim.base.arms import find_arm
-from cosim.build.palm import PALM_NAME, palm_mass, palm_object
+from cosim.build.scene_objects import PALM_NAME, palm_mass, palm_object
 from cosim.config.loading import load_scenario
 from cosim.config.schema.soft_robot import PalmTable
 from cosim.coupling.soft_sides.mass import MassProperties

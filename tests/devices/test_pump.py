@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from cosim.base.frames import Array
-from cosim.devices.delay_line import DelayLine
-from cosim.devices.pump import Pump, PumpState
+from cosim.devices.pump import DelayLine, Pump, PumpState
 from cosim.errors import InputError
 from cosim.soft.elements.gas import SealedGas, STANDARD_ATMOSPHERE_Pa, leak
 

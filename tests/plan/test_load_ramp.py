@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cosim.plan.load_ramp import LoadRamp
-from cosim.soft.body.loads import Loads
+from cosim.soft.body.loads import LoadRamp, Loads
 from cosim.soft.elements.gas import SealedGas
 
 BEGIN = Loads(1e4, (1.0, 0.0))

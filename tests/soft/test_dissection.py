@@ -18,9 +18,8 @@ from cosim.soft.linear.elimination_tree import FrontTree, length_left
 from cosim.soft.linear.envelope_cholesky import EnvelopeCholesky
 from cosim.soft.linear.linear_solver import LinearSolver
 from cosim.soft.linear.multifrontal_cholesky import DissectedCholesky, cholesky
-from cosim.soft.linear.nested_dissection import dissect
+from cosim.soft.linear.nested_dissection import dissect, least_cuts
 from cosim.soft.linear.pattern import CoupledPattern
-from cosim.soft.linear.vertex_cut import least_cuts
 from cosim.soft.solve.assembly import Inertia, SoftSystem
 from tests.soft.bodies import FILM, hexagon_arm
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from cosim.soft.linear.inertia_correction import ShiftSearch
+from cosim.soft.solve.newton import ShiftSearch
 
 START = 0.05
 

@@ -8,7 +8,7 @@ import pytest
 
 import cosim
 from cosim.errors import ConvergenceError
-from cosim.stepping.whereabouts import whereabouts
+from cosim.stepping.stepped_run import whereabouts
 
 INFLATE: dict[str, Any] = {"name": "inflate", "duration_s": 0.2, "increments": 8, "pressure_Pa": 5e3}
 

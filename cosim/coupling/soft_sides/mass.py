@@ -16,7 +16,7 @@ import numpy as np
 from scipy.linalg import lapack
 
 from cosim.base.frames import Array, Pose, cross_matrix
-from cosim.soft.elements.mass_moments import mass_moments
+from cosim.soft.elements.mass_terms import mass_moments
 
 
 @final

@@ -10,7 +10,7 @@ from numba import void
 from cosim.base.frames import Array, Mask, Wrench
 from cosim.base.kernels import MATRIX, VECTOR, kernel
 from cosim.reduced.sections.section_strains import CUBE, FLAGS
-from cosim.soft.elements.mass_moments import mass_moments
+from cosim.soft.elements.mass_terms import mass_moments
 
 WRENCH, CENTER, INERTIA, FIGURES = 0, 6, 9, 18
 """Places in the figures (FIGURES,): wrench (6,), centre (3,) [m] and inertia (3, 3) [kg m^2] about it."""

@@ -1,16 +1,21 @@
-"""What acts on a soft body at one instant."""
+"""What acts on a soft body at one instant, and over the progress of a phase."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Annotated, Protocol, final
 
+import numpy as np
+
 from cosim.base.frames import Array
+from cosim.base.frozen import changed
 from cosim.errors import InputError
 from cosim.soft.body.gas_chamber import Gases, gas_between, of_each, pressure_between
 from cosim.soft.contact.obstacle_contact import ContactPlanes
 from cosim.soft.contact.self_contact_pairs import FilmPairs
 from cosim.soft.elements.gas import SealedGas
+
+_RAMPED = {"pressure_Pa", "cable_tension_N"}
 
 
 class NodalPotential(Protocol):
@@ -127,3 +132,42 @@ def _lengths(
         b if a is None or b is None else (1.0 - share) * a + share * b
         for a, b in zip(begin, end, strict=True)
     )
+
+
+@final
+class LoadRamp:
+    """Loads over the progress of a phase; asked at every tick, so it looks once at what changes at all.
+
+    Args:
+        begin: at its start.
+        end: at its end.
+    """
+
+    def __init__(self, begin: Loads, end: Loads) -> None:
+        self.begin, self.end = begin, end
+        self._changing = frozenset(
+            field.name
+            for field in fields(Loads)
+            if not _same(getattr(begin, field.name), getattr(end, field.name))
+        )
+
+    def at(self, share: float) -> Loads:
+        """Return the loads at a share of the way, 0 to 1; see `Loads.interpolated`."""
+        begin, end = self.begin, self.end
+        if not self._changing or share >= 1.0:
+            return end
+        if not self._changing <= _RAMPED:
+            return begin.interpolated(end, share)
+        pulls = zip(begin.cable_tension_N, end.cable_tension_N, strict=True)
+        return changed(
+            end,
+            pressure_Pa=pressure_between(begin.pressure_Pa, end.pressure_Pa, share),
+            cable_tension_N=tuple([(1.0 - share) * first + share * last for first, last in pulls]),
+        )
+
+
+def _same(first: object, last: object) -> bool:
+    """Return whether two values are one, or equal; different arrays count as different."""
+    if first is last:
+        return True
+    return not isinstance(first, np.ndarray) and not isinstance(last, np.ndarray) and bool(first == last)

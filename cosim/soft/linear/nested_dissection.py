@@ -3,18 +3,24 @@
 A connected part is cut by the fewest nodes between both ends of its breadth-first order: of the two cuts that
 are found, the one with the less size^1.5 / (size of the smaller side). What is on either side is cut again,
 and eliminated before it. Nodes that tie far places together, such as the eyelets of a cable, would blur the
-order: it does not follow these ties, and what they tie across a cut is cut as well.
-Source: George and Liu, Computer Solution of Large Sparse Positive Definite Systems, 1981, chapter 8.
+order: it does not follow these ties, and what they tie across a cut is cut as well. The fewest nodes of a cut
+are a maximum flow: every node that may be cut becomes an arc of capacity one, every tie an arc without bound.
+Sources: George and Liu, Computer Solution of Large Sparse Positive Definite Systems, 1981, chapter 8;
+Ford and Fulkerson, Flows in Networks, 1962, chapter I.11 (Menger's theorem).
 """
 
 from __future__ import annotations
 
 import numpy as np
 from scipy.sparse import csr_matrix
-from scipy.sparse.csgraph import breadth_first_order, connected_components, reverse_cuthill_mckee
+from scipy.sparse.csgraph import (
+    breadth_first_order,
+    connected_components,
+    maximum_flow,
+    reverse_cuthill_mckee,
+)
 
 from cosim.base.frames import IntArray, Mask
-from cosim.soft.linear.vertex_cut import least_cuts
 
 _LEAF_NODES = 40  # parts no larger are not cut
 _END = 0.2  # share of the nodes, at either end, that a cut leaves alone
@@ -108,3 +114,43 @@ def _order(graph: csr_matrix, row: IntArray, far: Mask) -> IntArray:
         if len(order) == graph.shape[0]:
             break
     return order
+
+
+def least_cuts(graph: csr_matrix, near: Mask, far: Mask) -> tuple[IntArray, IntArray]:
+    """Return the least cut next to `near` and the one next to `far`; both have the same size.
+
+    Args:
+        graph: (n, n) adjacency, symmetric.
+        near: (n,) nodes on one side; none of them is tied to one of `far`.
+        far: (n,) nodes on the other side.
+    """
+    row, column = np.repeat(np.arange(graph.shape[0]), np.diff(graph.indptr)), graph.indices
+    between = np.flatnonzero(~(near | far))
+    count = len(between)
+    local = np.full(graph.shape[0], -1)
+    local[between] = np.arange(count)
+    a, b = local[row], local[column]
+    within = (a >= 0) & (b >= 0)
+    entered, left = np.unique(b[near[row] & (b >= 0)]), np.unique(a[far[column] & (a >= 0)])
+    # node i is the arc from i to count + i
+    source, sink = 2 * count, 2 * count + 1
+    tail = [np.arange(count), count + a[within], np.full(len(entered), source), count + left]
+    head = [count + np.arange(count), b[within], entered, np.full(len(left), sink)]
+    capacity = np.full(sum(len(part) for part in tail), count + 1, dtype=np.int32)
+    capacity[:count] = 1
+    shape = (2 * count + 2,) * 2
+    arcs = csr_matrix((capacity, (np.concatenate(tail), np.concatenate(head))), shape=shape)
+    spare = arcs - maximum_flow(arcs, source, sink).flow
+    spare.data[spare.data < 0] = 0
+    spare.eliminate_zeros()
+    reached, reaching = _reached(spare, source), _reached(spare.T.tocsr(), sink)
+    first = reached[:count] & ~reached[count:-2]
+    last = reaching[count:-2] & ~reaching[:count]
+    return between[first], between[last]
+
+
+def _reached(arcs: csr_matrix, start: int) -> Mask:
+    """Return which nodes (n,) arcs lead to."""
+    found = np.zeros(arcs.shape[0], dtype=bool)
+    found[breadth_first_order(arcs, start, return_predecessors=False)] = True
+    return found

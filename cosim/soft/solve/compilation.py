@@ -10,14 +10,14 @@ from cosim.base.kernels import remove_old
 from cosim.soft.body import center_line
 from cosim.soft.contact import contact_points as contact_surface
 from cosim.soft.contact import obstacle_contact as contact
-from cosim.soft.elements import cable, frame_ring, hinge, mass_moments, mass_terms, membrane, pressure
+from cosim.soft.elements import cable, frame_ring, hinge, mass_terms, membrane, pressure
 from cosim.soft.linear import envelope_cholesky
 from cosim.soft.linear import multifrontal_kernels as front_kernels
 from cosim.soft.solve import problem
 
 MODULES: tuple[ModuleType, ...] = (
     cable, center_line, contact, contact_surface, envelope_cholesky, frame_ring, front_kernels, hinge,
-    mass_moments, mass_terms, membrane, pressure, problem,
+    mass_terms, membrane, pressure, problem,
 )  # fmt: skip
 
 _SECONDS_EACH = 0.8  # in the mean, on an idle machine: 12 to 23 s for 25 of them, 27 to 60 s for 40
