@@ -22,7 +22,7 @@ import numpy as np
 
 from benchmarks.measure.calls import least_ms
 from cosim.base.frames import Array
-from cosim.soft.contact.obstacle_contact import ContactLaw
+from cosim.soft.contact.contact_law import ContactLaw
 from cosim.soft.contact.self_contact_pairs import FilmPairs, feet
 from cosim.soft.linear.envelope_cholesky import EnvelopeCholesky
 from cosim.soft.linear.low_rank import LowRank

@@ -27,7 +27,7 @@ from cosim.plan.plan import JointPlanner, Plan, make_plan
 from cosim.plan.reach import film_reach, flange_travel
 from cosim.plan.section_plan import section_range
 from cosim.soft.body.body import SoftBody
-from cosim.soft.contact.obstacle_contact import ContactLaw
+from cosim.soft.contact.contact_law import ContactLaw
 from cosim.soft.solve.energy_share import hinge_energy_share
 from cosim.stepping.carrier import Carrier, HeldBase
 from cosim.stepping.dynamic import DynamicSimulation

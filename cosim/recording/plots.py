@@ -38,27 +38,9 @@ def plots_of(stage: RunInfo, joints: int) -> tuple[Plot, ...]:
 
 
 def _robot_plots(stage: RunInfo) -> list[Plot]:
-    cables, chambers = len(stage.cables), stage.chamber_names
-    several = len(chambers) > 1
+    cables = len(stage.cables)
     plots = [
-        Plot(
-            "pressure",
-            "Pressure [kPa]",
-            "Robot",
-            chambers if several else ("gauge pressure",),
-            series_colours(len(chambers)) if several else [SKY],
-            lambda b: 1e-3 * b.chamber_pressure_Pa,
-            legend=several,
-        ),
-        Plot(
-            "volume",
-            "Chamber volume [ml]",
-            "Robot",
-            chambers if several else ("volume",),
-            series_colours(len(chambers)) if several else [GREEN],
-            lambda b: 1e6 * b.chamber_volume_m3,
-            legend=several,
-        ),
+        *_gas_plots(stage.chamber_names),
         Plot(
             "tip_position",
             "Tip position, world [mm]",
@@ -84,6 +66,30 @@ def _robot_plots(stage: RunInfo) -> list[Plot]:
         Plot("sag/target", "", "Robot", ("tip to target",), [GREEN], lambda b: 1e3 * target_distance(b)),
     ]
     return plots
+
+
+def _gas_plots(chambers: tuple[str, ...]) -> list[Plot]:
+    several = len(chambers) > 1
+    return [
+        Plot(
+            "pressure",
+            "Pressure [kPa]",
+            "Robot",
+            chambers if several else ("gauge pressure",),
+            series_colours(len(chambers)) if several else [SKY],
+            lambda b: 1e-3 * b.chamber_pressure_Pa,
+            legend=several,
+        ),
+        Plot(
+            "volume",
+            "Chamber volume [ml]",
+            "Robot",
+            chambers if several else ("volume",),
+            series_colours(len(chambers)) if several else [GREEN],
+            lambda b: 1e6 * b.chamber_volume_m3,
+            legend=several,
+        ),
+    ]
 
 
 def _interface_plots() -> list[Plot]:
@@ -144,6 +150,10 @@ def _run_plots(stage: RunInfo, joints: int) -> list[Plot]:
         series_colours(joints),
         lambda b: 1e3 * (b.joint_position - b.joint_target),
     )
+    return [*_solver_plots(), cost, tracking]
+
+
+def _solver_plots() -> list[Plot]:
     return [
         Plot(
             "residual",
@@ -165,8 +175,6 @@ def _run_plots(stage: RunInfo, joints: int) -> list[Plot]:
             legend=False,
             peaks=True,
         ),
-        cost,
-        tracking,
     ]
 
 

@@ -33,7 +33,7 @@ from cosim.plan.joint_path import JointReference
 from cosim.rigid.scene.scene import RigidScene
 from cosim.rigid.scene.state import RigidState
 from cosim.soft.body.loads import Loads
-from cosim.soft.contact.obstacle_contact import ContactLaw
+from cosim.soft.contact.contact_law import ContactLaw
 from cosim.soft.solve.state import Obstacles
 from cosim.stepping.carrier import Carrier
 

@@ -6,7 +6,7 @@ from cosim.base.frozen import changed
 from cosim.config.schema.scenario import Scenario
 from cosim.coupling.schemes.ledger import LedgerEntry
 from cosim.soft.body.body import SoftBody
-from cosim.soft.contact.obstacle_contact import ContactLaw
+from cosim.soft.contact.contact_law import ContactLaw
 from cosim.soft.contact.self_contact_faces import FilmFaces
 from cosim.soft.contact.self_contact_memory import FilmMemory
 from cosim.soft.solve.self_contact import FilmContactLaw

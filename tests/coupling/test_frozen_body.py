@@ -11,7 +11,8 @@ from cosim.base.frames import Pose, rotation_from_vector
 from cosim.coupling.soft_sides.frozen_body import FrozenBody
 from cosim.coupling.soft_sides.lumped_arm import SoftArm
 from cosim.errors import InputError
-from cosim.soft.contact.obstacle_contact import ContactLaw, ContactPlanes
+from cosim.soft.contact.contact_law import ContactLaw
+from cosim.soft.contact.obstacle_contact import ContactPlanes
 from cosim.soft.solve.newton_options import NewtonOptions
 from cosim.soft.solve.time_scheme import StepOptions
 from cosim.soft.targets.tip_target import TipTarget

@@ -10,7 +10,7 @@ import pytest
 from cosim.base.frames import Pose, rotation_from_vector
 from cosim.coupling.soft_sides.section_arm import SectionArm
 from cosim.soft.body.loads import Loads
-from cosim.soft.contact.obstacle_contact import ContactLaw
+from cosim.soft.contact.contact_law import ContactLaw
 from cosim.soft.solve.newton_options import NewtonOptions
 from cosim.soft.solve.time_scheme import StepAim, StepOptions
 from tests.small_section import body, section

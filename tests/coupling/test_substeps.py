@@ -8,12 +8,11 @@ import numpy as np
 import pytest
 
 from cosim.base.frames import Array, Pose, rotation_from_vector
-from cosim.coupling.soft_sides.flange_path import pose_within
 from cosim.coupling.soft_sides.lumped_arm import SoftArm
+from cosim.coupling.soft_sides.substeps import pieces_after, pose_within, step_error
 from cosim.plan.ramp import progress
 from cosim.soft.solve.newton_options import NewtonOptions
 from cosim.soft.solve.state import SoftState
-from cosim.soft.solve.step_error import pieces_after, step_error
 from cosim.soft.solve.time_scheme import Integrator, StepOptions
 from tests.soft.bodies import HANGING, PRESSURE_Pa, hexagon_arm, no_load
 

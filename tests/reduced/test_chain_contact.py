@@ -10,8 +10,9 @@ from cosim.reduced.sections.assembly import change_frames
 from cosim.reduced.solve.kinematics import node_motion
 from cosim.reduced.solve.newton import ChainSolver
 from cosim.soft.body.loads import Loads
+from cosim.soft.contact.contact_law import ContactLaw
 from cosim.soft.contact.contact_points import ContactSurface
-from cosim.soft.contact.obstacle_contact import ContactLaw, ContactPlanes
+from cosim.soft.contact.obstacle_contact import ContactPlanes
 from cosim.soft.solve.assembly import SoftSystem
 from tests.derivatives import RELATIVE, derivative_errors
 from tests.small_section import body, section

@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from cosim.base.frames import Array
+from cosim.soft.contact.contact_law import ContactLaw
 from cosim.soft.contact.contact_points import ContactSurface
-from cosim.soft.contact.obstacle_contact import ContactLaw, ContactPlanes
+from cosim.soft.contact.obstacle_contact import ContactPlanes
 
 
 def half_space(

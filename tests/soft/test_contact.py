@@ -11,8 +11,9 @@ from cosim.base.frames import Array, IntArray, Pose
 from cosim.errors import InputError
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
+from cosim.soft.contact.contact_law import ContactLaw
 from cosim.soft.contact.contact_points import ContactSurface
-from cosim.soft.contact.obstacle_contact import ContactLaw, ContactPlanes
+from cosim.soft.contact.obstacle_contact import ContactPlanes
 from cosim.soft.elements.material import Film
 from cosim.soft.geometry.surface import triangle_area
 from cosim.soft.solve.assembly import SoftSystem

@@ -11,8 +11,9 @@ import pytest
 from cosim.base.frames import Array, Pose, rotation_from_vector
 from cosim.errors import ConvergenceError
 from cosim.soft.body.loads import Loads
+from cosim.soft.contact.contact_law import ContactLaw
 from cosim.soft.contact.contact_points import ContactSurface
-from cosim.soft.contact.obstacle_contact import ContactLaw, ContactPlanes
+from cosim.soft.contact.obstacle_contact import ContactPlanes
 from cosim.soft.elements.cable import Cable
 from cosim.soft.solve.equilibrium import EquilibriumSolver
 from cosim.soft.solve.newton_options import NewtonOptions, NewtonResult, Outcome

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from cosim.base.frames import Array
-from cosim.soft.contact.obstacle_contact import ContactLaw
+from cosim.soft.contact.contact_law import ContactLaw
 from cosim.soft.contact.self_contact_pairs import FilmPairs, feet
 from cosim.soft.linear.pattern import BlockPattern, CoupledPattern
 from tests.derivatives import RELATIVE, dense, derivative_errors

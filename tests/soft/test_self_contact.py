@@ -13,8 +13,8 @@ from cosim.errors import InputError
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.copies import copies
 from cosim.soft.body.loads import Loads
+from cosim.soft.contact.contact_law import ContactLaw
 from cosim.soft.contact.contact_points import ContactSurface
-from cosim.soft.contact.obstacle_contact import ContactLaw
 from cosim.soft.contact.self_contact_faces import FilmFaces, Relation
 from cosim.soft.contact.self_contact_points import FilmPoints
 from cosim.soft.elements.material import Film

@@ -20,8 +20,9 @@ from cosim.errors import InputError
 from cosim.rigid.distance.contact_query import ContactQuery
 from cosim.rigid.distance.features import near_film
 from cosim.rigid.scene.bodies import Bodies
+from cosim.soft.contact.contact_law import ContactLaw
 from cosim.soft.contact.contact_points import ContactSurface, Extent
-from cosim.soft.contact.obstacle_contact import ContactForces, ContactLaw, ContactPlanes
+from cosim.soft.contact.obstacle_contact import ContactForces, ContactPlanes
 from cosim.soft.solve.state import SoftState
 
 _REACH_M = 1e-3  # looked ahead besides what the film moves in a tick

@@ -9,10 +9,10 @@ import numpy as np
 
 from cosim.base.frames import Array, IntArray, Mask, Pose
 from cosim.coupling.soft_sides.answer_weights import answer_weights
-from cosim.coupling.soft_sides.flange_path import pose_within
-from cosim.coupling.soft_sides.lumped_arm_state import SoftArmState
+from cosim.coupling.soft_sides.saved_states import SoftArmState
 from cosim.coupling.soft_sides.shape_reader import MeshReader
 from cosim.coupling.soft_sides.soft_side import SoftReply, SoftSide
+from cosim.coupling.soft_sides.substeps import pieces_after, pose_within, step_error
 from cosim.errors import ConvergenceError
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
@@ -24,7 +24,6 @@ from cosim.soft.solve.newton import NewtonSolver
 from cosim.soft.solve.newton_options import NewtonOptions
 from cosim.soft.solve.self_contact import FilmContactLaw, SelfContact
 from cosim.soft.solve.state import Clamp, Equilibrium, Obstacles, SoftState
-from cosim.soft.solve.step_error import pieces_after, step_error
 from cosim.soft.solve.time_scheme import StepAim, StepOptions, difference_scheme, inertia_weight
 from cosim.soft.solve.time_step import ImplicitStepper
 from cosim.soft.targets import flange_search, tension_search

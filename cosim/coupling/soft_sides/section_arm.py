@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TypeAlias, final
 
 import numpy as np
@@ -14,20 +14,14 @@ from cosim.coupling.soft_sides.chain_equilibria import ChainEquilibria
 from cosim.coupling.soft_sides.chain_films import ChainFilms
 from cosim.coupling.soft_sides.chain_reader import ChainReader, ChainShape
 from cosim.coupling.soft_sides.mass import MassProperties
+from cosim.coupling.soft_sides.saved_states import SectionArmState
 from cosim.coupling.soft_sides.soft_side import SoftReply, SoftSide
-from cosim.errors import ConvergenceError, InputError
+from cosim.errors import ConvergenceError
 from cosim.reduced.section_model import SectionBody
 from cosim.reduced.sections.outputs import center_and_inertia, figures_of, supplied_wrench
 from cosim.reduced.solve.clamp import FrameClamp
 from cosim.reduced.solve.commanded_cables import given_tensions
-from cosim.reduced.solve.kept_tangent import KeptTangentState
-from cosim.reduced.solve.kinematics import (
-    carried,
-    node_motion,
-    rates_from_nodes,
-    rigid_motion,
-    twists,
-)
+from cosim.reduced.solve.kinematics import carried, node_motion, rates_from_nodes, rigid_motion, twists
 from cosim.reduced.solve.newton import ChainSolver
 from cosim.reduced.solve.sensitivity import ChainSensitivity, ChainTangent
 from cosim.reduced.solve.state import ChainState
@@ -45,26 +39,6 @@ from cosim.soft.targets.tip_target import TipTarget
 _HALVINGS_MAX = 5
 
 _Drive: TypeAlias = tuple[Pose, Loads]
-
-
-@final
-@dataclass(frozen=True)
-class SectionArmState:
-    """What the next step of a section arm depends on.
-
-    Args:
-        last: where the last step ended.
-        clamp: frames held by the flange.
-        flange: world_from_flange.
-        loads: that act.
-        tangent: factor that the next step may begin with; None for none.
-    """
-
-    last: ChainStep
-    clamp: FrameClamp
-    flange: Pose
-    loads: Loads
-    tangent: KeptTangentState | None
 
 
 @final
@@ -254,9 +228,7 @@ class SectionArm(SoftSide):
         Raises:
             InputError: the state is of an arm with another number of frames.
         """
-        here, there = len(self.section.frames), len(state.clamp.held)
-        if here != there:
-            raise InputError(f"the saved soft robot has {there} frames, this one {here}")
+        state.check(len(self.section.frames))
         self._last, self._film, self.clamp = state.last, None, state.clamp
         self._flange, self._loads = state.flange, state.loads
         self._stepper.tangent.restore_state(state.tangent, state.clamp)

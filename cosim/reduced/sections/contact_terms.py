@@ -6,7 +6,7 @@ import numpy as np
 
 from cosim.base.kernels import inlined
 from cosim.reduced.sections.section_strains import add_turning
-from cosim.soft.contact.obstacle_contact import touch
+from cosim.soft.contact.contact_law import touch
 
 WEIGHTS, NORMAL, OFFSET, STIFFNESS, FRICTION, ANCHOR, COLUMNS = 0, 8, 11, 12, 13, 14, 17
 """Where a contact's row has what: weights of the points of two frames, and what is touched."""

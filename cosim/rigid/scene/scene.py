@@ -40,7 +40,8 @@ _STATE, _ALIKE = mujoco.mjtState.mjSTATE_INTEGRATION, "bodies and joints must be
 class RigidScene:
     """An arm on its base with servos, a flange sensor, and objects around it.
 
-    Joint quantities are ordered as `joint_names`; bodies as `body_names`, the world first.
+    Joint quantities are ordered as `joint_names`; bodies as `body_names`, the world first. `armature` (joints,)
+    [kg m^2] is the rotors' inertia, without what is carried.
 
     Args:
         description: what the scene is made of.
@@ -65,8 +66,8 @@ class RigidScene:
         self._warnings = self._data.warning.number
         # Servo inputs are interleaved: position, velocity, feedforward of each joint in turn.
         self._control = self._data.ctrl.reshape(-1, 3)
-        self._armature: Array = self._model.dof_armature[self._v].copy()
-        self._armature.setflags(write=False)
+        self.armature: Array = self._model.dof_armature[self._v].copy()
+        self.armature.setflags(write=False)
         self.flange = Flange(self._model, self._data, layout)
         self._tick_s = float(self._model.opt.timestep)
         self._step_damping = self._tick_s * self._model.dof_damping
@@ -125,11 +126,6 @@ class RigidScene:
     def servo_damping(self) -> Array:
         """(joints,) [N m s/rad]."""
         return np.array(-self._model.actuator_biasprm[self._layout.joints, 2])
-
-    @property
-    def armature(self) -> Array:
-        """Rotor inertia (joints,) [kg m^2], without what is carried."""
-        return self._armature
 
     @property
     def flange_pose(self) -> Pose:

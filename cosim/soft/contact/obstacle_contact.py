@@ -1,20 +1,10 @@
-"""Contact of film points with obstacle surfaces: penalty pressure and Coulomb friction with a stick spring.
+"""Contact of film points with obstacle surfaces: a force at each point, by the contact law, on its nodes.
 
 A contact point y = sum_a w_a x_a is a fixed combination of the nodes of one triangle. For one time step the
 obstacle's surface near it is its tangent plane, d = n . y - c (the nearest surface point of a curved obstacle
-is found anew at every step; the error within a step is (tangential displacement)^2 / (2 radius)). With the
-depth s = width / 2 - d and the stiffness k = (stiffness per area) x (tributary area), the energy is
-
-    0                                  s <= 0
-    k s^3 / (6 width)                  0 < s < width
-    k ((s - width / 2)^2 / 2 + width^2 / 24)   beyond,
-
-twice continuously differentiable; deep in contact the pressure is the stiffness per area times -d.
-Friction: u = (1 - n n^T)(y - anchor), energy F f0(|u|), f0' = f1 = 2 z - z^2 for z = |u| / stick < 1 and 1
-beyond, F = friction coefficient x normal force of the last step. The anchor rides on the obstacle and is
-dragged along once |u| exceeds `stick`, so a load below the limit is held without creep.
-Source: the smooth friction mollifier of Li et al., Incremental Potential Contact, ACM TOG 39 (2020) 49,
-here on the distance from an anchor instead of the displacement in a step.
+is found anew at every step; the error within a step is (tangential displacement)^2 / (2 radius)). Its
+stiffness is k = (stiffness per area) x (tributary area). The anchor of its stick spring rides on the obstacle
+and is dragged along once |u| exceeds `stick`, so a load below the limit is held without creep.
 """
 
 from __future__ import annotations
@@ -25,88 +15,10 @@ from typing import Annotated, final
 import numpy as np
 
 from cosim.base.frames import Array, IntArray
-from cosim.base.kernels import BLOCKS, INDEX_TABLE, MATRIX, REAL, VECTOR, add_block, inlined, kernel
-from cosim.errors import InputError
+from cosim.base.kernels import BLOCKS, INDEX_TABLE, MATRIX, REAL, VECTOR, add_block, kernel
+from cosim.soft.contact.contact_law import ContactLaw, touch
 
 _NO_TABLE = np.zeros((0, 0), np.int64)
-
-
-@final
-@dataclass(frozen=True)
-class ContactLaw:
-    """How film and obstacle press on each other.
-
-    Args:
-        stiffness_N_m3: pressure per depth; 30 kPa of gas sink in by 0.1 mm at the default.
-        smoothing_m: width of the transition; contact begins at half of it before touching.
-        stick_m: tangential distance from the anchor at which the full friction acts.
-
-    Raises:
-        InputError: a value that is not above 0.
-    """
-
-    stiffness_N_m3: float = 3e8
-    smoothing_m: float = 1e-4
-    stick_m: float = 1e-4
-
-    def __post_init__(self) -> None:
-        for name in ("stiffness_N_m3", "smoothing_m", "stick_m"):
-            if not getattr(self, name) > 0.0:
-                raise InputError(f"contact: {name} is {getattr(self, name)}; it must be above 0")
-
-
-@inlined
-def pressing_law(depth, width):  # type: ignore[no-untyped-def]
-    """Return energy, force and stiffness over k at a depth."""
-    if depth <= 0.0:
-        return 0.0, 0.0, 0.0
-    if depth < width:
-        return depth**3 / (6.0 * width), depth**2 / (2.0 * width), depth / width
-    beyond = depth - 0.5 * width
-    return 0.5 * beyond * beyond + width * width / 24.0, beyond, 1.0
-
-
-@inlined
-def dragging_law(length, stick):  # type: ignore[no-untyped-def]
-    """Return f0, f1 / |u| and the derivative of f1 by |u| at |u| = length."""
-    share = length / stick
-    if share < 1.0:
-        energy = stick * share * share * (1.0 - share / 3.0)
-        return energy, (2.0 - share) / stick, 2.0 * (1.0 - share) / stick
-    return length - stick / 3.0, 1.0 / length, 0.0
-
-
-@inlined
-def touch(point, n, offset, stiffness, friction, anchor, width, stick, own, tangent):  # type: ignore[no-untyped-def]
-    """Fill gradient (3,) and tangent (3, 3) of a contact by its point; return energy and normal force."""
-    u = np.empty(3)
-    distance, along = -offset, 0.0
-    for r in range(3):
-        distance += n[r] * point[r]
-        u[r] = point[r] - anchor[r]
-        along += n[r] * u[r]
-    level, push, rate = pressing_law(0.5 * width - distance, width)
-    pressing = stiffness * push
-    energy = stiffness * level
-    for r in range(3):
-        own[r] = -pressing * n[r]
-        for c in range(3):
-            tangent[r, c] = stiffness * rate * n[r] * n[c]
-    if friction > 0.0:
-        square = 0.0
-        for r in range(3):
-            u[r] -= along * n[r]
-            square += u[r] * u[r]
-        length = np.sqrt(square)
-        level, secant, rate = dragging_law(length, stick)
-        energy += friction * level
-        fold = friction * (rate - secant) / max(square, 1e-300)
-        for r in range(3):
-            own[r] += friction * secant * u[r]
-            tangent[r, r] += friction * secant
-            for c in range(3):
-                tangent[r, c] += fold * u[r] * u[c] - friction * secant * n[r] * n[c]
-    return energy, pressing
 
 
 @kernel(

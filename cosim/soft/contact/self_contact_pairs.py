@@ -28,7 +28,7 @@ import numpy as np
 
 from cosim.base.frames import Array, IntArray, Mask
 from cosim.base.kernels import BLOCKS, INDEX_TABLE, MATRIX, REAL, VECTOR, add_block, inlined, kernel
-from cosim.soft.contact.obstacle_contact import ContactLaw, dragging_law, pressing_law
+from cosim.soft.contact.contact_law import ContactLaw, dragging_law, pressing_law
 from cosim.soft.contact.self_contact_memory import FilmMemory
 from cosim.soft.linear.pattern import CoupledPattern
 

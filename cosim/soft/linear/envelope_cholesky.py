@@ -8,7 +8,6 @@ Source: George and Liu, Computer Solution of Large Sparse Positive Definite Syst
 
 from __future__ import annotations
 
-import math
 from typing import Any, final
 
 import numpy as np
@@ -17,205 +16,13 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import reverse_cuthill_mckee
 
 from cosim.base.frames import Array, IntArray, Mask
-from cosim.base.kernels import (
-    BLOCKS,
-    BOOLEAN,
-    INDICES,
-    INTEGER,
-    MATRIX,
-    PLACES,
-    REAL,
-    VECTOR,
-    inlined,
-    kernel,
-)
 from cosim.base.state_check import check_state
+from cosim.soft.linear.envelope_kernels import factorise, substitute
 from cosim.soft.linear.linear_solver import LinearSolver, equations, lower_entries, numbering
 from cosim.soft.linear.pattern import BlockPattern
 
 _TILE = 4
 _STRAIGHT = np.eye(3)
-# Places are unsigned in the kernels: an index that might be negative would be wrapped, and keep loops scalar.
-_1, _2, _3, _4 = np.uint64(1), np.uint64(2), np.uint64(3), np.uint64(4)
-
-
-@inlined
-def _products(store, a, wide, b, other, count):  # type: ignore[no-untyped-def]
-    """Return the sums of products of four rows at a and four at b, over `count` columns."""
-    s00 = s01 = s02 = s03 = s10 = s11 = s12 = s13 = 0.0
-    s20 = s21 = s22 = s23 = s30 = s31 = s32 = s33 = 0.0
-    at1, at2, at3 = a + wide, a + _2 * wide, a + _3 * wide
-    to1, to2, to3 = b + other, b + _2 * other, b + _3 * other
-    for k in range(count):
-        a0, a1, a2, a3 = store[a + k], store[at1 + k], store[at2 + k], store[at3 + k]
-        b0, b1, b2, b3 = store[b + k], store[to1 + k], store[to2 + k], store[to3 + k]
-        s00 += a0 * b0
-        s01 += a0 * b1
-        s02 += a0 * b2
-        s03 += a0 * b3
-        s10 += a1 * b0
-        s11 += a1 * b1
-        s12 += a1 * b2
-        s13 += a1 * b3
-        s20 += a2 * b0
-        s21 += a2 * b1
-        s22 += a2 * b2
-        s23 += a2 * b3
-        s30 += a3 * b0
-        s31 += a3 * b1
-        s32 += a3 * b2
-        s33 += a3 * b3
-    return (s00, s01, s02, s03), (s10, s11, s12, s13), (s20, s21, s22, s23), (s30, s31, s32, s33)
-
-
-@inlined
-def _finish_row(store, at, sums, below, scale):  # type: ignore[no-untyped-def]
-    """Turn a row of A_IJ into that of L_IJ, given L_JJ's strict lower triangle and inverse diagonal."""
-    l10, l20, l21, l30, l31, l32 = below
-    x0 = (store[at] - sums[0]) * scale[0]
-    x1 = (store[at + _1] - sums[1] - x0 * l10) * scale[1]
-    x2 = (store[at + _2] - sums[2] - x0 * l20 - x1 * l21) * scale[2]
-    x3 = (store[at + _3] - sums[3] - x0 * l30 - x1 * l31 - x2 * l32) * scale[3]
-    store[at], store[at + _1], store[at + _2], store[at + _3] = x0, x1, x2, x3
-
-
-@inlined
-def _finish_tile(store, at, wide, diagonal, other, inverse, c, sums):  # type: ignore[no-untyped-def]
-    """Turn A_IJ into L_IJ, given the sums of products and L_JJ."""
-    to1, to2, to3 = diagonal + other, diagonal + _2 * other, diagonal + _3 * other
-    below = store[to1], store[to2], store[to2 + _1], store[to3], store[to3 + _1], store[to3 + _2]
-    scale = inverse[c], inverse[c + _1], inverse[c + _2], inverse[c + _3]
-    _finish_row(store, at, sums[0], below, scale)
-    _finish_row(store, at + wide, sums[1], below, scale)
-    _finish_row(store, at + _2 * wide, sums[2], below, scale)
-    _finish_row(store, at + _3 * wide, sums[3], below, scale)
-
-
-@inlined
-def _finish_diagonal(store, at, wide, inverse, c, sums):  # type: ignore[no-untyped-def]
-    """Turn A_II into L_II, given the sums of products; False where it is not positive definite."""
-    at1, at2, at3 = at + wide, at + _2 * wide, at + _3 * wide
-    p0 = store[at] - sums[0][0]
-    v0 = 1.0 / math.sqrt(p0)
-    l10 = (store[at1] - sums[1][0]) * v0
-    p1 = store[at1 + _1] - sums[1][1] - l10 * l10
-    v1 = 1.0 / math.sqrt(p1)
-    l20 = (store[at2] - sums[2][0]) * v0
-    l21 = (store[at2 + _1] - sums[2][1] - l20 * l10) * v1
-    p2 = store[at2 + _2] - sums[2][2] - l20 * l20 - l21 * l21
-    v2 = 1.0 / math.sqrt(p2)
-    l30 = (store[at3] - sums[3][0]) * v0
-    l31 = (store[at3 + _1] - sums[3][1] - l30 * l10) * v1
-    l32 = (store[at3 + _2] - sums[3][2] - l30 * l20 - l31 * l21) * v2
-    p3 = store[at3 + _3] - sums[3][3] - l30 * l30 - l31 * l31 - l32 * l32
-    store[at1], store[at2], store[at2 + _1] = l10, l20, l21
-    store[at3], store[at3 + _1], store[at3 + _2] = l30, l31, l32
-    inverse[c], inverse[c + _1], inverse[c + _2], inverse[c + _3] = v0, v1, v2, 1.0 / math.sqrt(p3)
-    return p0 > 0.0 and p1 > 0.0 and p2 > 0.0 and p3 > 0.0  # false where one is not a number
-
-
-@inlined
-def _fill(values, source, place, begin, end, shift, size, row, store, at, wide):  # type: ignore[no-untyped-def]
-    """Write four rows of A + shift 1 to the store; rows beyond `size` are those of the identity."""
-    store[at : at + _4 * wide] = 0.0
-    for e in range(begin, end):
-        store[place[e]] = values[source[e]]
-    for r in range(_4):
-        store[at + r * wide + wide - _4 + r] += shift if row + r < size else 1.0
-
-
-@kernel(
-    BOOLEAN(VECTOR, PLACES, PLACES, PLACES, REAL, INTEGER, PLACES, PLACES, VECTOR, VECTOR), reorder_sums=True
-)
-def _factorise(values, source, place, entry, shift, size, start, first, store, inverse):  # type: ignore[no-untyped-def]
-    """Fill the store with L of A + shift 1; return whether that is positive definite.
-
-    Rows 4 I to 4 I + 3 begin in column 4 first[I], at start[I] in the store, one after the other. Their
-    entries e of A, from entry[I] on, are values[source[e]] at place[e]. The diagonal is written to `inverse`,
-    its reciprocal.
-    """
-    for i in range(np.uint64(start.shape[0])):
-        wide = _4 * (i - first[i] + _1)
-        begin, end = entry[i], entry[i + _1]
-        _fill(values, source, place, begin, end, shift, np.uint64(size), _4 * i, store, start[i], wide)
-        for j in range(first[i], i):
-            begin = max(first[i], first[j])
-            other = _4 * (j - first[j] + _1)
-            a, b = start[i] + _4 * (begin - first[i]), start[j] + _4 * (begin - first[j])
-            sums = _products(store, a, wide, b, other, _4 * (j - begin))
-            at, diagonal = start[i] + _4 * (j - first[i]), start[j] + other - _4
-            _finish_tile(store, at, wide, diagonal, other, inverse, _4 * j, sums)
-        a = start[i]
-        sums = _products(store, a, wide, a, wide, wide - _4)
-        if not _finish_diagonal(store, a + wide - _4, wide, inverse, _4 * i, sums):
-            return False
-    return True
-
-
-@inlined
-def _substitute_forward(store, start, first, inverse, x):  # type: ignore[no-untyped-def]
-    for i in range(np.uint64(start.shape[0])):
-        wide, column, e = _4 * (i - first[i] + _1), _4 * first[i], _4 * i
-        a, count = start[i], wide - _4
-        b, c, d = a + wide, a + _2 * wide, a + _3 * wide
-        s0 = s1 = s2 = s3 = 0.0
-        for k in range(count):
-            value = x[column + k]
-            s0 += store[a + k] * value
-            s1 += store[b + k] * value
-            s2 += store[c + k] * value
-            s3 += store[d + k] * value
-        b, c, d = b + count, c + count, d + count
-        x0 = (x[e] - s0) * inverse[e]
-        x1 = (x[e + _1] - s1 - store[b] * x0) * inverse[e + _1]
-        x2 = (x[e + _2] - s2 - store[c] * x0 - store[c + _1] * x1) * inverse[e + _2]
-        x3 = x[e + _3] - s3 - store[d] * x0 - store[d + _1] * x1 - store[d + _2] * x2
-        x[e], x[e + _1], x[e + _2], x[e + _3] = x0, x1, x2, x3 * inverse[e + _3]
-
-
-@inlined
-def _substitute_backward(store, start, first, inverse, x):  # type: ignore[no-untyped-def]
-    groups = np.uint64(start.shape[0])
-    for done in range(groups):
-        i = groups - _1 - done
-        wide, column, e = _4 * (i - first[i] + _1), _4 * first[i], _4 * i
-        a, count = start[i], wide - _4
-        b, c, d = a + wide, a + _2 * wide, a + _3 * wide
-        bb, cc, dd = b + count, c + count, d + count
-        x3 = x[e + _3] * inverse[e + _3]
-        x2 = (x[e + _2] - store[dd + _2] * x3) * inverse[e + _2]
-        x1 = (x[e + _1] - store[cc + _1] * x2 - store[dd + _1] * x3) * inverse[e + _1]
-        x0 = (x[e] - store[bb] * x1 - store[cc] * x2 - store[dd] * x3) * inverse[e]
-        for k in range(count):
-            x[column + k] -= store[a + k] * x0 + store[b + k] * x1 + store[c + k] * x2 + store[d + k] * x3
-        x[e], x[e + _1], x[e + _2], x[e + _3] = x0, x1, x2, x3
-
-
-@inlined
-def _turn(values, turn):  # type: ignore[no-untyped-def]
-    """Multiply the rows of values (n, 3) by turn (3, 3) from the right, in place."""
-    for i in range(values.shape[0]):
-        a, b, c = values[i, 0], values[i, 1], values[i, 2]
-        for r in range(3):
-            values[i, r] = a * turn[0, r] + b * turn[1, r] + c * turn[2, r]
-
-
-@kernel((VECTOR, PLACES, PLACES, VECTOR, INDICES, MATRIX, BLOCKS), reorder_sums=True)
-def _solve(store, start, first, inverse, dofs, turn, loads):  # type: ignore[no-untyped-def]
-    """Solve in place for each of loads (k, n, 3), turned before and back after; equation e is dofs[e]."""
-    x = np.zeros(4 * start.shape[0])
-    back = turn.T.copy()
-    for case in range(loads.shape[0]):
-        _turn(loads[case], turn)
-        values = loads[case].reshape(-1)
-        for e in range(dofs.shape[0]):
-            x[e] = values[dofs[e]]
-        _substitute_forward(store, start, first, inverse, x)
-        _substitute_backward(store, start, first, inverse, x)
-        values[:] = 0.0
-        for e in range(dofs.shape[0]):
-            values[dofs[e]] = x[e]
-        _turn(loads[case], back)
 
 
 def _first_entries(row: IntArray, column: IntArray, size: int) -> IntArray:
@@ -290,7 +97,7 @@ class EnvelopeCholesky(LinearSolver):
         source, place, entry = self._entries
         values, start_first = blocks.reshape(-1), self._places
         return bool(
-            _factorise(
+            factorise(
                 values, source, place, entry, shift, self.size, *start_first, self._store, self._inverse
             )
         )
@@ -306,11 +113,11 @@ class EnvelopeCholesky(LinearSolver):
 
     def _solve_sparse(self, loads: Array) -> Array:
         result = np.array(loads, order="C")
-        _solve(self._store, *self._places, self._inverse, self._dofs, _STRAIGHT, result)
+        substitute(self._store, *self._places, self._inverse, self._dofs, _STRAIGHT, result)
         return result
 
     def _solve_turned(self, load: Array, turn: Array | None) -> Array:
         result = np.array(load[None], order="C")
         straight = _STRAIGHT if turn is None else turn
-        _solve(self._store, *self._places, self._inverse, self._dofs, straight, result)
+        substitute(self._store, *self._places, self._inverse, self._dofs, straight, result)
         return np.asarray(result[0])

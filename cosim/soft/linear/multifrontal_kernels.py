@@ -13,7 +13,7 @@ from cosim.base.frames import Array, PlaceArray
 from cosim.base.kernels import BOOLEAN, PLACE_TABLE, PLACES, REAL, VECTOR, inlined, kernel
 from cosim.soft.linear.elimination_tree import CHILD, COLUMNS, ENTRY, FIRST, LEFT, REST, RUN, START
 
-# Places are unsigned, as in `envelope_cholesky`.
+# Places are unsigned, as in `envelope_kernels`.
 _0, _1, _2, _3, _4, _WIDE = (np.uint64(n) for n in (0, 1, 2, 3, 4, COLUMNS))
 
 

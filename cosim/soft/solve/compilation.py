@@ -11,12 +11,12 @@ from cosim.soft.body import center_line
 from cosim.soft.contact import contact_points as contact_surface
 from cosim.soft.contact import obstacle_contact as contact
 from cosim.soft.elements import cable, frame_ring, hinge, mass_terms, membrane, pressure
-from cosim.soft.linear import envelope_cholesky
+from cosim.soft.linear import envelope_kernels
 from cosim.soft.linear import multifrontal_kernels as front_kernels
 from cosim.soft.solve import problem
 
 MODULES: tuple[ModuleType, ...] = (
-    cable, center_line, contact, contact_surface, envelope_cholesky, frame_ring, front_kernels, hinge,
+    cable, center_line, contact, contact_surface, envelope_kernels, frame_ring, front_kernels, hinge,
     mass_terms, membrane, pressure, problem,
 )  # fmt: skip
 

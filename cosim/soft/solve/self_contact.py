@@ -15,7 +15,7 @@ import numpy as np
 from cosim.base.frames import Array, IntArray
 from cosim.errors import InputError
 from cosim.soft.body.body import SoftBody
-from cosim.soft.contact.obstacle_contact import ContactLaw
+from cosim.soft.contact.contact_law import ContactLaw
 from cosim.soft.contact.self_contact_faces import FilmFaces
 from cosim.soft.contact.self_contact_pairs import FilmPairs, feet
 from cosim.soft.contact.self_contact_points import FilmPoints

@@ -1,5 +1,6 @@
-"""How far an implicit step is off: its distance from an explicit prediction of the same order, weighted.
+"""Cutting a tick into pieces: where the flange is within it, and how far a piece is off.
 
+The error of an implicit step is its distance from an explicit prediction of the same order, weighted.
 Implicit Euler leaves -h^2 x''/2 of the exact solution, free flight x + h v leaves +h^2 x''/2: half their
 distance is the error. BDF2 leaves -2 h^3 x'''/9, the explicit x + h (3 v_n - v_n-1) / 2 leaves 5 h^3 x'''/12:
 8/23 of it.
@@ -12,12 +13,36 @@ import math
 
 import numpy as np
 
+from cosim.base.frames import Pose, rotation_from_vector, vector_from_rotation
 from cosim.soft.solve.state import SoftState
 from cosim.soft.solve.time_scheme import Integrator
 
 _PIECES_MAX = 16
 _SAFETY = 1.2
 _RELAXED = 0.25  # of the bound: then longer pieces are tried in the next step
+
+
+def pose_within(before: Pose | None, begin: Pose, end: Pose, share: float) -> Pose:
+    """Return the pose at a share s of a tick: x = x0 + s d1 + s (s - 1) (d1 + d_-1) / 2, exactly `end` at 1.
+
+    d1 and d_-1 are the displacements from the tick's beginning to its end and to the beginning of the tick
+    before, of the origin and as rotation vectors.
+
+    Args:
+        before: one tick before the tick's beginning; None: the way is straight.
+        begin: at the tick's beginning.
+        end: at its end.
+        share: 0 to 1.
+    """
+    if before is None or share >= 1.0:
+        return begin.interpolated(end, share)
+    bend = 0.5 * share * (share - 1.0)
+    ahead, back = end.translation - begin.translation, before.translation - begin.translation
+    turn_ahead = vector_from_rotation(end.rotation @ begin.rotation.T)
+    turn_back = vector_from_rotation(before.rotation @ begin.rotation.T)
+    turn = share * turn_ahead + bend * (turn_ahead + turn_back)
+    shift = share * ahead + bend * (ahead + back)
+    return Pose(rotation_from_vector(turn) @ begin.rotation, begin.translation + shift)
 
 
 def step_error(integrator: Integrator, before: SoftState, after: SoftState, step_s: float) -> float:
