@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 
 from cosim.base.frames import Array, IntArray, Pose
-from cosim.build.published_hinges import without_spring
 from cosim.config.schema.soft_robot import (
     ARM_CHAMBER,
     AttachmentTable,
@@ -26,6 +25,7 @@ from cosim.soft.elements.shell_hinges import bending_measure, shell_stiffness
 from cosim.soft.geometry.polygonal_stack import Mesh, PolygonalStack
 from cosim.soft.geometry.refinement import refine
 from cosim.soft.geometry.surface import interior_hinges, triangle_area
+from cosim.soft.published.hinges import without_spring
 
 
 def build_mesh(robot: SoftRobotTable) -> Mesh:

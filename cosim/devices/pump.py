@@ -52,7 +52,7 @@ class Pump:
 
     def standing(self, pressure_Pa: float) -> PumpState:
         """Return the state of a pump that is off beside a gauge pressure that has stood for long."""
-        return PumpState(DelayLine.filled(pressure_Pa, self.sensor_delay_ticks), pressure_Pa)
+        return PumpState(DelayLine.filled(pressure_Pa, self.sensor_delay_ticks))
 
     def switched(self, state: PumpState, pressure_Pa: float, setpoint_Pa: float) -> PumpState:
         """Return the state after the switch has taken in one more reading.
@@ -67,7 +67,7 @@ class Pump:
         on = seen < setpoint_Pa - half or (state.on and seen <= setpoint_Pa + half)
         open_ = seen > setpoint_Pa + self.vent_above_Pa or (state.venting and seen >= setpoint_Pa)
         started = state.starts + (on and not state.on)
-        return replace(state, sensor=sensor, seen_Pa=seen, on=on, venting=open_, starts=started)
+        return replace(state, sensor=sensor, on=on, venting=open_, starts=started)
 
     def worked(
         self, state: PumpState, gas: SealedGas, volume_m3: float, step_s: float
@@ -104,7 +104,6 @@ class PumpState:
 
     Args:
         sensor: readings on their way to the switch [Pa].
-        seen_Pa: the last one that it saw.
         on: whether the pump runs.
         venting: whether the valve is open.
         starts: how often it was switched on.
@@ -113,7 +112,6 @@ class PumpState:
     """
 
     sensor: DelayLine
-    seen_Pa: float
     on: bool = False
     venting: bool = False
     starts: int = 0

@@ -13,7 +13,7 @@ from cosim.coupling.schemes.ledger import LedgerEntry
 from cosim.coupling.soft_sides.lumped_arm import SoftArm
 from cosim.errors import InputError
 from cosim.soft.linear.envelope_cholesky import EnvelopeCholesky
-from cosim.soft.linear.linear_solver import GeneralLU
+from cosim.soft.published.general_lu import GeneralLU
 from cosim.soft.solve.newton_options import NewtonOptions
 from cosim.soft.solve.time_scheme import Integrator, StepOptions
 from tests.coupling.pads import Grasp

@@ -7,9 +7,10 @@ import pytest
 
 from cosim.base.frames import Array
 from cosim.soft.linear.envelope_cholesky import EnvelopeCholesky
-from cosim.soft.linear.linear_solver import GeneralLU, LinearSolver
+from cosim.soft.linear.linear_solver import LinearSolver
 from cosim.soft.linear.multifrontal_cholesky import DissectedCholesky
 from cosim.soft.linear.pattern import BlockPattern
+from cosim.soft.published.general_lu import GeneralLU
 from tests.derivatives import dense
 
 NODES = 14

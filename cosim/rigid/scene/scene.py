@@ -40,8 +40,8 @@ _STATE, _ALIKE = mujoco.mjtState.mjSTATE_INTEGRATION, "bodies and joints must be
 class RigidScene:
     """An arm on its base with servos, a flange sensor, and objects around it.
 
-    Joint quantities are ordered as `joint_names`; bodies as `body_names`, the world first. `armature` (joints,)
-    [kg m^2] is the rotors' inertia, without what is carried.
+    Joint quantities are ordered as `joint_names`; bodies as `body_names`, the world first. `armature`
+    (joints,) [kg m^2] is the rotors' inertia, without what is carried.
 
     Args:
         description: what the scene is made of.

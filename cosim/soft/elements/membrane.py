@@ -20,10 +20,10 @@ import numpy as np
 from cosim.base.frames import Array, IntArray
 from cosim.base.kernels import BLOCKS, INDEX_TABLE, INTEGER, MATRIX, REAL, VECTOR, add_block, inlined, kernel
 from cosim.errors import MeshError
-from cosim.soft.elements.edge_strain import edge_strain
 from cosim.soft.elements.material import PLAIN, TENSION_FIELD, Film
 from cosim.soft.elements.membrane_gradient import add_membrane_gradients, in_lanes
 from cosim.soft.elements.tension_field import film_states, tension_field
+from cosim.soft.published.edge_strain import edge_strain
 
 
 @inlined

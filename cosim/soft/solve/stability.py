@@ -15,8 +15,9 @@ from scipy.sparse.linalg import splu
 
 from cosim.base.frames import Array
 from cosim.errors import ConvergenceError
-from cosim.soft.linear.linear_solver import GeneralLU, by_component
+from cosim.soft.linear.linear_solver import by_component
 from cosim.soft.linear.low_rank import negative_added
+from cosim.soft.published.general_lu import GeneralLU
 from cosim.soft.solve.equilibrium import EquilibriumSolver
 from cosim.soft.solve.newton import NewtonSolver
 from cosim.soft.solve.state import Equilibrium, SoftState
