@@ -52,7 +52,7 @@ def test_the_palms_mass_is_mujocos() -> None:
     np.testing.assert_allclose(scene.bodies.inertia(index)[0, 3:], np.diag(own.inertia), rtol=1e-9)
     scene.set_control(scene.joint_position, feedforward=scene.bias_torque)
     scene.finish_step()
-    assert scene.flange_sensor().force[2] == pytest.approx(-9.81, rel=1e-6)
+    assert scene.flange.measured[2] == pytest.approx(-9.81, rel=1e-6)
 
 
 @pytest.mark.parametrize(("share", "angle"), [(0.5, 0.0), (0.9, 0.0), (0.9, 0.25 * np.pi)])

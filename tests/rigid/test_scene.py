@@ -49,8 +49,8 @@ def test_load_acts_at_the_flange_of_a_link_with_mass() -> None:
     scene.apply_flange_wrench(LOAD)
     run(scene, 200)
     np.testing.assert_allclose(scene.joint_position, file.home, atol=1e-10)
-    np.testing.assert_allclose(scene.flange_sensor().force, LOAD.force, rtol=1e-9)
-    np.testing.assert_allclose(scene.flange_sensor().torque, LOAD.torque, rtol=1e-9)
+    np.testing.assert_allclose(scene.flange.measured[:3], LOAD.force, rtol=1e-9)
+    np.testing.assert_allclose(scene.flange.measured[3:], LOAD.torque, rtol=1e-9)
 
 
 def test_sensor_at_rest_reads_the_load() -> None:
@@ -60,8 +60,8 @@ def test_sensor_at_rest_reads_the_load() -> None:
     run(scene, 3000)
     assert np.max(np.abs(scene.joint_velocity)) < 1e-9
     # Required: 1e-6 relative; nothing but the load hangs on the flange, so rounding alone remains.
-    np.testing.assert_allclose(scene.flange_sensor().force, LOAD.force, rtol=1e-9)
-    np.testing.assert_allclose(scene.flange_sensor().torque, LOAD.torque, rtol=1e-9)
+    np.testing.assert_allclose(scene.flange.measured[:3], LOAD.force, rtol=1e-9)
+    np.testing.assert_allclose(scene.flange.measured[3:], LOAD.torque, rtol=1e-9)
 
 
 def test_sensor_reads_the_load_in_world_axes_while_moving() -> None:
@@ -70,8 +70,8 @@ def test_sensor_reads_the_load_in_world_axes_while_moving() -> None:
     scene.apply_flange_wrench(LOAD)
     run(scene, 5)
     # The flange frame itself has no mass, so the load passes it unchanged.
-    np.testing.assert_allclose(scene.flange_sensor().force, LOAD.force, rtol=1e-9)
-    np.testing.assert_allclose(scene.flange_sensor().torque, LOAD.torque, rtol=1e-9)
+    np.testing.assert_allclose(scene.flange.measured[:3], LOAD.force, rtol=1e-9)
+    np.testing.assert_allclose(scene.flange.measured[3:], LOAD.torque, rtol=1e-9)
 
 
 def test_servo_holds_with_gravity_compensation_and_droops_without() -> None:
@@ -138,8 +138,9 @@ def test_redo_from_a_saved_state_is_bit_identical() -> None:
     def record() -> list[np.ndarray]:
         run(scene, 50)
         positions, quaternions = scene.body_poses()
-        sensor = scene.flange_sensor()
-        return [positions, quaternions, scene.joint_velocity, scene.joint_acceleration, sensor.force]
+        return [
+            positions, quaternions, scene.joint_velocity, scene.joint_acceleration, scene.flange.measured
+        ]  # fmt: skip
 
     first = record()
     scene.bodies.carried.carry_on_arm(np.diag(np.full(6, 3.0)))
@@ -155,13 +156,13 @@ def test_restored_state_is_readable_at_once() -> None:
     scene.apply_flange_wrench(LOAD)
     run(scene, 10)
     state, q, a = scene.save_state(), scene.joint_position, scene.joint_acceleration
-    position, sensor = scene.flange_pose.translation, scene.flange_sensor().force
+    position, sensor = scene.flange_pose.translation, scene.flange.measured[:3]
     run(scene, 10)
     scene.restore_state(state)
     np.testing.assert_array_equal(scene.joint_position, q)
     np.testing.assert_array_equal(scene.joint_acceleration, a)
     np.testing.assert_array_equal(scene.flange_pose.translation, position)
-    np.testing.assert_array_equal(scene.flange_sensor().force, sensor)
+    np.testing.assert_array_equal(scene.flange.measured[:3], sensor)
 
 
 def test_carried_inertia_acts_in_the_step_in_progress() -> None:

@@ -154,14 +154,6 @@ class RigidScene:
         position, quaternion = self._place
         return position.copy(), quaternion.copy()
 
-    def flange_sensor(self) -> Wrench:
-        """Return the load that what hangs on the flange puts on the arm, in the last finished step.
-
-        At the flange origin, world axes, as a force/torque sensor between arm and flange measures it.
-        """
-        load = self.flange.measured
-        return Wrench(load[:3], load[3:])
-
     def contact_query(self, *, fixed_only: bool = False) -> ContactQuery:
         """Return the distances to everything that collides (and is fixed), the arm itself left out."""
         geoms = touchable_geoms(self._model, self._layout.mount, fixed_only=fixed_only)
