@@ -82,29 +82,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--version", action="version", version=f"cosim {__version__}")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
-    run = commands.add_parser("run", help="run a scenario")
-    run.add_argument(
-        "scenario", metavar="SCENARIO", nargs="?", help="name (see 'cosim list') or path of a .toml file"
-    )
-    run.add_argument(
-        "--set",
-        dest="assignments",
-        metavar="KEY=VALUE",
-        action="append",
-        default=[],
-        help="change a value, such as mode=quasistatic or phase.inflate.pressure_Pa=20e3; may be repeated",
-    )
-    run.add_argument("--out", metavar="DIR", type=Path, help="directory of the results (default: runs/...)")
-    run.add_argument("--resume", metavar="DIR", type=Path, help="go on with the interrupted run in DIR")
-    run.add_argument(
-        "--checkpoint-every",
-        metavar="SECONDS",
-        type=float,
-        default=30.0,
-        help="wall time between two checkpoints that a run can be resumed from (default: 30)",
-    )
-    run.add_argument("--no-recording", action="store_true", help="write no recording.rrd")
-    run.add_argument("--quiet", action="store_true", help="show errors only")
+    _add_run(commands)
     commands.add_parser("list", help="list the scenarios and the questions they answer")
     view = commands.add_parser("view", help="open the recording of a run")
     view.add_argument("directory", metavar="DIR", type=Path, help="directory of a run, or a .rrd file")
@@ -131,6 +109,32 @@ def _add_files(commands: Any) -> None:
     upgrade.add_argument("files", metavar="FILE", nargs="+", help="path of a .toml file")
     schema = commands.add_parser("schema", help="print the JSON Schema of scenario or robot files")
     schema.add_argument("kind", nargs="?", choices=("scenario", "robot"), default="scenario")
+
+
+def _add_run(commands: Any) -> None:
+    run = commands.add_parser("run", help="run a scenario")
+    run.add_argument(
+        "scenario", metavar="SCENARIO", nargs="?", help="name (see 'cosim list') or path of a .toml file"
+    )
+    run.add_argument(
+        "--set",
+        dest="assignments",
+        metavar="KEY=VALUE",
+        action="append",
+        default=[],
+        help="change a value, such as mode=quasistatic or phase.inflate.pressure_Pa=20e3; may be repeated",
+    )
+    run.add_argument("--out", metavar="DIR", type=Path, help="directory of the results (default: runs/...)")
+    run.add_argument("--resume", metavar="DIR", type=Path, help="go on with the interrupted run in DIR")
+    run.add_argument(
+        "--checkpoint-every",
+        metavar="SECONDS",
+        type=float,
+        default=30.0,
+        help="wall time between two checkpoints that a run can be resumed from (default: 30)",
+    )
+    run.add_argument("--no-recording", action="store_true", help="write no recording.rrd")
+    run.add_argument("--quiet", action="store_true", help="show errors only")
 
 
 def _add_trade(commands: Any) -> None:
