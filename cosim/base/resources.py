@@ -13,6 +13,7 @@ from pathlib import Path
 from cosim.errors import InputError
 
 _PACKAGE = Path(__file__).resolve().parents[1]
+_LONGEST_SHOWN = 200  # characters of a name that no file has
 
 
 def cache_directory() -> Path:
@@ -99,4 +100,6 @@ def _find(kind: str, name_or_path: str | Path, folder: str, names: tuple[str, ..
     if path.suffix == ".toml" and is_file(path):
         return path
     hint = "" if path.suffix == ".toml" else ", or give the path of a .toml file"
-    raise InputError(f"no {kind} {str(name_or_path)!r}; there are: {', '.join(names) or 'none'}{hint}")
+    asked = str(name_or_path)
+    shown = asked if len(asked) <= _LONGEST_SHOWN else f"{asked[:_LONGEST_SHOWN]}..."
+    raise InputError(f"no {kind} {shown!r}; there are: {', '.join(names) or 'none'}{hint}")

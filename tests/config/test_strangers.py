@@ -269,3 +269,9 @@ def test_tensions_by_name_beside_a_wrong_robot_or_start_are_not_told(
 
 def test_what_is_printed_cannot_steer_the_terminal() -> None:
     assert printable("\x1b[2J\tm\u00e9\u202e\n\x9b\x00") == "\\x1b[2J\tm\u00e9\\u202e\n\\x9b\\x00"
+
+
+def test_a_name_that_no_file_has_is_cut() -> None:
+    with pytest.raises(ScenarioError, match=r"no soft robot 'a{200}\.\.\.'") as caught:
+        load_scenario("ur5e_hexagon_arm", {"soft_robot": "a" * 5000})
+    assert len(str(caught.value)) < 1000
