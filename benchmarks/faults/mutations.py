@@ -5,13 +5,17 @@ from __future__ import annotations
 import datetime
 import json
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from copy import deepcopy
 from random import Random
-from typing import Any, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 Place: TypeAlias = tuple[str | int, ...]
 """Keys and places from the top of nested tables and lists down to a value."""
+Source: TypeAlias = Mapping[str, Any]
+"""Tables as they were before any mutation."""
+Change: TypeAlias = Callable[[dict[str, Any], Place, Random, Source], str]
+"""Changes tables at a place, and returns in words how."""
 
 _NUMBERS = (
     0, -1, 1, 2, 3, 7, 64, 201, 1979, 10**6, -(10**6), 10**12, 2**63 - 1, 2**63, 10**400, -(10**400), 0.0,
@@ -31,20 +35,45 @@ _OTHERS: tuple[Any, ...] = (
 )  # fmt: skip
 
 
-def mutated(table: Mapping[str, Any], rng: Random) -> tuple[dict[str, Any], list[str]]:
-    """Return a copy of nested tables with one to three mutations, and what they are.
+class Mutation(NamedTuple):
+    """A change of nested tables.
+
+    Args:
+        place: of what changes, in the tables as they were.
+        change: what is done.
+        seed: of its random choices.
+    """
+
+    place: Place
+    change: Change
+    seed: int
+
+
+def mutations_of(table: Mapping[str, Any], rng: Random) -> list[Mutation]:
+    """Return one to three mutations, none of them within what another one changes.
 
     Args:
         table: as TOML gives it.
         rng: decides.
     """
-    changed: dict[str, Any] = deepcopy(dict(table))
-    done = []
+    places = list(_places(table))
+    found: list[Mutation] = []
     for _ in range(rng.choice((1, 1, 1, 2, 3))):
-        places = list(_places(changed))
-        if places:
-            done.append(rng.choice(_MUTATIONS)(changed, rng.choice(places), rng))
-    return changed, done
+        mutation = Mutation(rng.choice(places), rng.choice(_MUTATIONS), rng.getrandbits(32))
+        if not any(_nested(mutation.place, other.place) for other in found):
+            found.append(mutation)
+    return found
+
+
+def mutated(table: Mapping[str, Any], mutations: Sequence[Mutation]) -> tuple[dict[str, Any], list[str]]:
+    """Return a copy of nested tables with some mutations, and what they are; the last places come first."""
+    changed: dict[str, Any] = deepcopy(dict(table))
+    ordered = sorted(mutations, key=lambda mutation: tuple(map(str, mutation.place)), reverse=True)
+    return changed, [m.change(changed, m.place, Random(m.seed), table) for m in ordered]
+
+
+def _nested(first: Place, second: Place) -> bool:
+    return first[: len(second)] == second or second[: len(first)] == first
 
 
 def broken(text: str, rng: Random) -> tuple[str, str]:
@@ -84,20 +113,20 @@ def _places(value: Any, here: Place = ()) -> Any:
         yield from _places(item, (*here, key))
 
 
-def _holder(table: dict[str, Any], place: Place) -> Any:
+def _holder(table: Source, place: Place) -> Any:
     here: Any = table
     for key in place[:-1]:
         here = here[key]
     return here
 
 
-def _set(table: dict[str, Any], place: Place, rng: Random) -> str:
+def _set(table: dict[str, Any], place: Place, rng: Random, source: Source) -> str:
     value = deepcopy(rng.choice(rng.choice((_NUMBERS, _TEXTS, _OTHERS))))
     _holder(table, place)[place[-1]] = value
     return f"set {place} to {value!r:.60}"
 
 
-def _scale(table: dict[str, Any], place: Place, rng: Random) -> str:
+def _scale(table: dict[str, Any], place: Place, rng: Random, source: Source) -> str:
     """Multiply a number; a text or a list is repeated."""
     holder, factor = (
         _holder(table, place),
@@ -120,15 +149,15 @@ def _product(value: float, factor: float) -> float:
         return math.inf if value > 0 else -math.inf
 
 
-def _delete(table: dict[str, Any], place: Place, rng: Random) -> str:
+def _delete(table: dict[str, Any], place: Place, rng: Random, source: Source) -> str:
     del _holder(table, place)[place[-1]]
     return f"delete {place}"
 
 
-def _rename(table: dict[str, Any], place: Place, rng: Random) -> str:
+def _rename(table: dict[str, Any], place: Place, rng: Random, source: Source) -> str:
     holder = _holder(table, place)
     if not isinstance(holder, dict):
-        return _set(table, place, rng)
+        return _set(table, place, rng, source)
     old = str(place[-1])
     new = rng.choice(("", " ", old.upper(), old[:-1], old + "_m", old.rpartition("_")[0], rng.choice(_TEXTS)))
     items = [(new if key == old else key, item) for key, item in holder.items()]
@@ -137,15 +166,15 @@ def _rename(table: dict[str, Any], place: Place, rng: Random) -> str:
     return f"rename {place} to {new!r:.40}"
 
 
-def _swap(table: dict[str, Any], place: Place, rng: Random) -> str:
+def _swap(table: dict[str, Any], place: Place, rng: Random, source: Source) -> str:
     """Put the value of one place at another one, both copied."""
-    other = rng.choice(list(_places(table)))
-    value = deepcopy(_holder(table, other)[other[-1]])
+    other = rng.choice(list(_places(source)))
+    value = deepcopy(_holder(source, other)[other[-1]])
     _holder(table, place)[place[-1]] = value
     return f"put {other} at {place}"
 
 
-def _duplicate(table: dict[str, Any], place: Place, rng: Random) -> str:
+def _duplicate(table: dict[str, Any], place: Place, rng: Random, source: Source) -> str:
     """Double an entry of a list; a key gets a second one beside it."""
     holder = _holder(table, place)
     if isinstance(holder, list):
@@ -157,7 +186,7 @@ def _duplicate(table: dict[str, Any], place: Place, rng: Random) -> str:
     return f"duplicate {place}"
 
 
-def _nest(table: dict[str, Any], place: Place, rng: Random) -> str:
+def _nest(table: dict[str, Any], place: Place, rng: Random, source: Source) -> str:
     holder, depth = _holder(table, place), rng.choice((1, 2, 30, 90))
     wrap: Callable[[Any], Any] = rng.choice((lambda inner: [inner], lambda inner: {"x": inner}))
     value = holder[place[-1]]
@@ -167,7 +196,7 @@ def _nest(table: dict[str, Any], place: Place, rng: Random) -> str:
     return f"nest {place} {depth} deep"
 
 
-_MUTATIONS: tuple[Callable[[dict[str, Any], Place, Random], str], ...] = (
+_MUTATIONS: tuple[Change, ...] = (
     _set, _set, _set, _set, _scale, _scale, _scale, _delete, _rename, _swap, _swap, _duplicate, _nest,
 )  # fmt: skip
 

@@ -14,17 +14,21 @@ from pathlib import Path
 from random import Random
 from typing import Any, Literal, final
 
-from benchmarks.faults.mutations import broken, mutated, toml_text
+from benchmarks.faults.mutations import broken, mutated, mutations_of, toml_text
 from cosim.base.resources import data_directory, list_scenarios, list_soft_robots, soft_robot_path
 from cosim.config.loading import load_scenario, load_soft_robot
 from cosim.config.schema.scenario import Scenario
+from cosim.config.toml.faults import Faults
 from cosim.config.toml.robot_files import RobotFiles
 from cosim.errors import MOST_LINES, InputError, ScenarioError, SolverError
 
 TICKS = 3
 LONGEST_REFUSAL = 1500
 Level = Literal["load", "build"]
-Kind = Literal["completed", "refused when loaded", "refused when built", "unsolved", "slow", "finding"]
+Kind = Literal[
+    "completed", "refused when loaded", "refused in part", "refused when built", "unsolved", "slow", "finding"
+]  # fmt: skip
+"""In part: a mutation that is refused alone is not told beside others, whose keys a rule needs."""
 
 
 @final
@@ -38,6 +42,7 @@ class Case:
         text: of the file.
         robot: whether it is that of a soft robot, not a scenario.
         other_mode: whether it is loaded in the quasistatic mode instead of the dynamic one, or the reverse.
+        alone: text of the file with each of several mutations alone; empty where there is one.
     """
 
     source: str
@@ -45,6 +50,7 @@ class Case:
     text: str
     robot: bool
     other_mode: bool
+    alone: tuple[str, ...] = ()
 
 
 @final
@@ -65,8 +71,10 @@ def case_of(seed: int) -> Case:
     if rng.random() < 0.08:
         text, what = broken(text, rng)
         return Case(name, what, text, robot, other_mode)
-    changed, done = mutated(table, rng)
-    return Case(name, "; ".join(done), toml_text(changed), robot, other_mode)
+    mutations = mutations_of(table, rng)
+    changed, done = mutated(table, mutations)
+    alone = tuple(toml_text(mutated(table, [one])[0]) for one in mutations) if len(mutations) > 1 else ()
+    return Case(name, "; ".join(done), toml_text(changed), robot, other_mode, alone)
 
 
 def unchanged(scenario: str) -> Case:
@@ -83,8 +91,7 @@ def try_case(case: Case, level: Level, folder: Path) -> Verdict:
         level: "load": all that needs no build; "build": built, and three ticks.
         folder: for its file, which `mesh.obj` and the like may stand beside.
     """
-    path = folder / "case.toml"
-    path.write_bytes(case.text.encode("utf-8", "surrogatepass"))
+    path = _written(case.text, folder)
     refused: Kind = "refused when loaded"
     try:
         with contextlib.redirect_stderr(io.StringIO()):
@@ -94,7 +101,10 @@ def try_case(case: Case, level: Level, folder: Path) -> Verdict:
                 _run(scenario)
     except InputError as error:
         problem = _wrong_refusal(error)
-        return Verdict("finding" if problem else refused, f"{problem}{type(error).__name__}: {error}")
+        what = f"{problem}{type(error).__name__}: {error}"
+        if not problem and case.alone and level == "load" and (hidden := _hidden(case, error, folder)):
+            return Verdict("refused in part", f"not told: {hidden}; {what}")
+        return Verdict("finding" if problem else refused, what)
     except SolverError as error:
         return Verdict("unsolved", f"{type(error).__name__}: {error}")
     except Exception as error:
@@ -102,6 +112,30 @@ def try_case(case: Case, level: Level, folder: Path) -> Verdict:
         place = f"{Path(frame.filename).name}:{frame.lineno}"
         return Verdict("finding", f"traceback {type(error).__name__} at {place}: {str(error)[:300]}")
     return Verdict("completed", "")
+
+
+def _hidden(case: Case, error: InputError, folder: Path) -> str:
+    """Return the refusal of a mutation that is refused alone and not told beside the others; or empty."""
+    told = [place for place, _ in getattr(error, "faults", ())]
+    for text in case.alone:
+        try:
+            (load_soft_robot if case.robot else load_scenario)(_written(text, folder))
+        except ScenarioError as alone:
+            if not any(_same(place, other) for place, _ in alone.faults for other in told):
+                return str(alone)
+    return ""
+
+
+def _same(first: str, second: str) -> bool:
+    """Return whether two paths mean one key, one leads to the other, or only the name of a table differs."""
+    nested = f"{first}.".startswith(f"{second}.") or f"{second}.".startswith(f"{first}.")
+    return nested or first.rpartition(".")[2] == second.rpartition(".")[2]
+
+
+def _written(text: str, folder: Path) -> Path:
+    path = folder / "case.toml"
+    path.write_bytes(text.encode("utf-8", "surrogatepass"))
+    return path
 
 
 def _loaded(path: Path, case: Case) -> Scenario:
@@ -146,7 +180,9 @@ def _sources() -> tuple[tuple[str, Mapping[str, Any], bool], ...]:
         path = data_directory() / "scenarios" / f"{name}.toml"
         table = tomllib.loads(path.read_text(encoding="utf-8"))
         table["name"] = name
-        full = dict(table, soft_robot=RobotFiles().expand(table["soft_robot"], path.parent, "soft_robot"))
+        full = dict(
+            table, soft_robot=RobotFiles(Faults()).expand(table["soft_robot"], path.parent, "soft_robot")
+        )
         found += [(name, table, False), (f"{name}+robot", full, False)]
     for name in list_soft_robots():
         found.append((name, tomllib.loads(soft_robot_path(name).read_text(encoding="utf-8")), True))

@@ -46,7 +46,7 @@ def load_scenario(source: str | Path | Scenario, overrides: Mapping[str, Any] | 
     if "soft_robot" in table:
         robot, table["soft_robot"] = table["soft_robot"], UNKNOWN
         with faults:
-            table["soft_robot"] = RobotFiles().expand(robot, folder, "soft_robot")
+            table["soft_robot"] = RobotFiles(faults).expand(robot, folder, "soft_robot")
     for key, value in overrides.items():
         with faults:
             apply_override(table, key, value)
@@ -64,7 +64,7 @@ def load_soft_robot(name_or_path: str | Path) -> SoftRobotTable:
         ScenarioError: keys or values are wrong.
     """
     path, faults = soft_robot_path(name_or_path), Faults()
-    table = RobotFiles().table(str(path), Path(), "soft_robot")
+    table = RobotFiles(faults).expand(str(path), Path(), "soft_robot")
     robot = parse(SoftRobotTable, table, "soft_robot", faults)
     check_soft_robot(robot, "soft_robot", faults)
     faults.tell()

@@ -60,7 +60,7 @@ class Faults:
     """Collects faults: `with faults:` notes what is raised within, and goes on after it."""
 
     def __init__(self) -> None:
-        self.found: list[Fault] = []
+        self._found: dict[Fault, None] = {}
 
     def __enter__(self) -> None:
         """Begin something that may raise ScenarioError."""
@@ -76,8 +76,7 @@ class Faults:
 
     def add(self, path: str, message: str) -> None:
         """Note what is wrong with a key, once."""
-        if (path, message) not in self.found:
-            self.found.append((path, message))
+        self._found[path, message] = None
 
     def tell(self) -> None:
         """Raise what was found.
@@ -85,5 +84,6 @@ class Faults:
         Raises:
             ScenarioError: with all faults, if there are any.
         """
-        if self.found:
-            raise ScenarioError(*self.found[0], further=tuple(self.found[1:]))
+        if self._found:
+            first, *others = self._found
+            raise ScenarioError(*first, further=tuple(others))

@@ -37,6 +37,8 @@ def apply_override(table: dict[str, Any], path: str, value: Any) -> None:
     here: Any = table
     for depth, part in enumerate(parents):
         here = _enter(here, part, ".".join(parents[:depth]))
+    if here is UNKNOWN:
+        raise NotKnown
     if not isinstance(here, dict):
         kind = "a list; set it as a whole" if isinstance(here, list) else "a single value"
         raise ScenarioError(path, f"cannot be set: {'.'.join(parents)} is {kind}")

@@ -62,6 +62,23 @@ def parse(kind: type[Schema], table: Mapping[str, Any], path: str, faults: Fault
     return made
 
 
+def with_unknown(kind: type, given: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a table in which all that is not given is UNKNOWN, within its tables as well."""
+    schema = file_schema(kind)
+    definitions = definitions_of(schema)
+
+    def filled(node: Node, table: Mapping[str, Any]) -> dict[str, Any]:
+        keys = keys_of(node)
+        made: dict[str, Any] = dict.fromkeys(keys, UNKNOWN)
+        for key, value in table.items():
+            inner = inner_node(keys[key], definitions) if key in keys else node
+            deeper = inner["type"] == node["type"] and inner is not node and isinstance(value, dict)
+            made[key] = filled(inner, value) if deeper else value
+        return made
+
+    return filled(inner_node(schema, definitions), given)
+
+
 def _without_gaps(error: ValidationError) -> list[dict[str, Any]]:
     """Return what pydantic found; entries missing at the end of a list are one fault, that of the list.
 

@@ -21,7 +21,7 @@ LARGEST_INTEGER: Final = 2**63 - 1
 
 
 @final
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Unreadable:
     """Stands for a value of a file that cannot be used, whatever its key.
 
@@ -30,6 +30,10 @@ class Unreadable:
     """
 
     problem: str
+
+    def __repr__(self) -> str:
+        """Return what stands for it in a list that is shown."""
+        return "..."
 
 
 def read_table(path: Path) -> dict[str, Any]:
