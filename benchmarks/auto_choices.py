@@ -1,9 +1,10 @@
 """What `fidelity = "auto"` chooses for the scenarios of docs/trade.md, and whether the run that follows
-meets the wish.
+meets the requirement.
 
-Every wish goes the user's way: the figures are measured once (in an empty cache directory), the choice is
-made, and the chosen scenario is run as `cosim run` runs it, recording on. Speed is then that of this run;
-errors are those of its tip, objects and mean flange force against the reference member, run once more.
+Every requirement goes the user's way: the figures are measured once (in an empty cache directory), the
+choice is made, and the chosen scenario is run as `cosim run` runs it, recording on. Speed is then that of
+this run; errors are those of its tip, objects and mean flange force against the reference candidate, run
+once more.
 """
 
 from __future__ import annotations
@@ -21,12 +22,12 @@ from cosim.config.loading import load_scenario
 from cosim.config.schema.scenario import Scenario
 from cosim.errors import ScenarioError
 from cosim.telemetry.snapshot import RunInfo, Snapshot
-from cosim.trade.auto import settled
+from cosim.trade.auto import chosen_fidelity
+from cosim.trade.candidates import Candidate, durations, short_candidates
 from cosim.trade.choice import Requirement
 from cosim.trade.curve import Curve, CurveBuilder, trace
 from cosim.trade.measured import FORCE_MEAN
 from cosim.trade.measuring import compared
-from cosim.trade.members import Candidate, durations, short_members
 
 
 @dataclass
@@ -54,10 +55,10 @@ class CurveWatcher:
 
 
 def check_choices(trades: Mapping[str, Any], figures: Path) -> tuple[str, bool]:
-    """Return a table of all wishes, and whether every one is met.
+    """Return a table of all requirements, and whether every one is met.
 
     Args:
-        trades: what is run, and the wishes; see benchmarks/trades.py.
+        trades: what is run, and the requirements; see benchmarks/trades.py.
         figures: the file that the rows are written to, as JSON.
     """
     rows = []
@@ -66,47 +67,47 @@ def check_choices(trades: Mapping[str, Any], figures: Path) -> tuple[str, bool]:
         scenario = load_scenario(scenario, durations(scenario, trade.time_scale))
         reference: Curve | None = None
         with tempfile.TemporaryDirectory() as cache:
-            for wish in trade.wishes:
+            for requirement in trade.requirements:
                 try:
-                    chosen = _chosen(scenario, wish, Path(cache))
+                    chosen = _chosen(scenario, requirement, Path(cache))
                 except ScenarioError as error:  # nothing meets it
                     print(error, flush=True)
-                    rows.append(_refused(scenario, wish))
+                    rows.append(_refused(scenario, requirement))
                     continue
                 if reference is None:  # after the measurement, when everything is loaded
-                    finest = short_members(scenario)[0]
+                    finest = short_candidates(scenario)[0]
                     reference = trace(load_scenario(scenario, finest.changes), build_simulation)
-                rows.append(_row(scenario, wish, chosen, reference))
+                rows.append(_row(scenario, requirement, chosen, reference))
                 print(_line(rows[-1]), flush=True)
     figures.write_text(json.dumps(rows, indent=2) + "\n", encoding="utf-8")
     head = [
-        "| scenario | wish | chosen | as measured for the choice | the run: real-time factor (wall) | (CPU) "
-        f"| position [mm] | force, {FORCE_MEAN} [N] | met |",
+        "| scenario | requirement | chosen | as measured for the choice | the run: real-time factor (wall) "
+        f"| (CPU) | position [mm] | force, {FORCE_MEAN} [N] | met |",
         "|---|---|---|---|---:|---:|---:|---:|---|",
     ]
     return "\n".join([*head, *map(_line, rows)]), all(row["met"] for row in rows)
 
 
-def _chosen(scenario: Scenario, wish: Requirement, cache: Path) -> Scenario:
+def _chosen(scenario: Scenario, requirement: Requirement, cache: Path) -> Scenario:
     words = {
-        "auto.budget": wish.budget,
-        "auto.tolerance_m": wish.tolerance_m,
-        "auto.force_tolerance_N": wish.force_N,
+        "auto.budget": requirement.budget,
+        "auto.tolerance_m": requirement.tolerance_m,
+        "auto.force_tolerance_N": requirement.force_N,
     }
     given = {key: value for key, value in words.items() if value is not None}
     asking = load_scenario(scenario, {"fidelity": "auto", **given})
-    return settled(asking, build_simulation, cache, lambda text: print(text, flush=True), recorded)
+    return chosen_fidelity(asking, build_simulation, cache, lambda text: print(text, flush=True), recorded)
 
 
-def _refused(scenario: Scenario, wish: Requirement) -> dict[str, Any]:
-    """Return the row of a wish that no member meets."""
+def _refused(scenario: Scenario, requirement: Requirement) -> dict[str, Any]:
+    """Return the row of a requirement that no candidate meets."""
     figures = ("real_time_factor_wall", "real_time_factor_cpu", "position_error_m", "force_error_N")
-    row = {"scenario": scenario.name, "wish": wish.words, "chosen": "none", "measured": ""}
+    row = {"scenario": scenario.name, "requirement": requirement.words, "chosen": "none", "measured": ""}
     return {**row, **dict.fromkeys(figures), "met": False}
 
 
-def _row(scenario: Scenario, wish: Requirement, chosen: Scenario, reference: Curve) -> dict[str, Any]:
-    """Run what was chosen, and compare it with the wish."""
+def _row(scenario: Scenario, requirement: Requirement, chosen: Scenario, reference: Curve) -> dict[str, Any]:
+    """Run what was chosen, and compare it with the requirement."""
     watcher = CurveWatcher(chosen)
     with tempfile.TemporaryDirectory() as directory:
         options = Options(Path(directory) / "run", rerun_recorder, [watcher])
@@ -122,14 +123,14 @@ def _row(scenario: Scenario, wish: Requirement, chosen: Scenario, reference: Cur
     best = replace(run, real_time_factor=max(wall_factor, run.real_time_factor))
     return {
         "scenario": scenario.name,
-        "wish": wish.words,
+        "requirement": requirement.words,
         "chosen": name,
         "measured": figures,
         "real_time_factor_wall": wall_factor,
         "real_time_factor_cpu": run.real_time_factor,
         "position_error_m": run.position_error_m,
         "force_error_N": run.force_error_N,
-        "met": wish.met_by(best),
+        "met": requirement.met_by(best),
     }
 
 
@@ -139,7 +140,7 @@ def _line(row: Mapping[str, Any]) -> str:
 
     cells = [
         f"`{row['scenario']}`",
-        row["wish"],
+        row["requirement"],
         row["chosen"],
         row["measured"],
         number("real_time_factor_wall"),

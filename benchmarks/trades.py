@@ -3,7 +3,7 @@
     python benchmarks/trades.py reference grasp auto     # some 12 minutes of an idle core
 
 `reference` and `grasp` are trades, `auto` is what `fidelity = "auto"` chooses for both, and whether the run
-that follows meets the wish. The exit code is 1 where a wish is not met.
+that follows meets the requirement. The exit code is 1 where a requirement is not met.
 
 Writes docs/trade_NAME.json, of a trade docs/trade_NAME.png as well, and replaces what stands between the
 marks of that name in docs/trade.md.
@@ -27,11 +27,11 @@ from cosim.app.driver import build_simulation, recorded
 from cosim.cli.trade import TradeProgress
 from cosim.config.loading import load_scenario
 from cosim.recording import membrane_colours
+from cosim.trade.candidates import candidates_of
 from cosim.trade.choice import Requirement
 from cosim.trade.compilation import compile_for_trade
 from cosim.trade.measured import Measured
 from cosim.trade.measuring import measure
-from cosim.trade.members import candidates_of
 from cosim.trade.plot import draw
 from cosim.trade.report import as_json, choice_lines, markdown
 
@@ -45,16 +45,16 @@ class Trade:
     Args:
         scenario: name.
         changes: to it, by key path.
-        quick: fewer members, no refined mesh.
+        quick: fewer candidates, no refined mesh.
         time_scale: factor on the phases' durations.
-        wishes: whose choices are shown.
+        requirements: whose choices are shown.
     """
 
     scenario: str
     changes: Mapping[str, Any]
     quick: bool
     time_scale: float
-    wishes: tuple[Requirement, ...]
+    requirements: tuple[Requirement, ...]
 
 
 SHORT_GRASP = {
@@ -88,19 +88,19 @@ def tables(results: list[Measured]) -> str:
 
 
 def run_trade(name: str) -> tuple[str, bool]:
-    """Run one trade and write its files; return what the document shows, and whether all wishes are met."""
+    """Run one trade and write its files; return what the document shows, whether requirements are met."""
     trade = TRADES[name]
     scenario = load_scenario(trade.scenario, trade.changes)
     compile_for_trade(scenario, print, (membrane_colours,))
-    members = candidates_of(scenario, quick=trade.quick, time_scale=trade.time_scale)
-    telling = TradeProgress(sys.stdout, len(members)).telling
-    results = measure(scenario, members, build_simulation, telling, follow=recorded)
-    choices = [choice_lines(results, wish) for wish in trade.wishes]
+    candidates = candidates_of(scenario, quick=trade.quick, time_scale=trade.time_scale)
+    telling = TradeProgress(sys.stdout, len(candidates)).telling
+    results = measure(scenario, candidates, build_simulation, telling, follow=recorded)
+    choices = [choice_lines(results, requirement) for requirement in trade.requirements]
     draw(scenario.title, results, DOCS / f"trade_{name}.png")
     (DOCS / f"trade_{name}.json").write_text(as_json(scenario.name, results, None), encoding="utf-8")
     picture = f"![errors of tip and flange force's mean against the real-time factor](trade_{name}.png)\n"
     body = "\n".join([picture, tables(results), *(f"- {line}" for line in choices)])
-    return body, not any(line.startswith("No member") for line in choices)
+    return body, not any(line.startswith("No candidate") for line in choices)
 
 
 def put_into_document(name: str, body: str) -> None:
@@ -113,7 +113,7 @@ def put_into_document(name: str, body: str) -> None:
 
 
 def main() -> int:
-    """Run what is asked for and write its files; return 1 where a wish is not met."""
+    """Run what is asked for and write its files; return 1 where a requirement is not met."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("names", nargs="+", choices=(*TRADES, "auto"))
     all_met = True

@@ -30,8 +30,8 @@ from cosim.config.schema.scenario import Scenario
 from cosim.reduced.section_model import SectionModel
 from cosim.reduced.sections.pressure_spline import PressureSpline
 from cosim.trade import auto
+from cosim.trade.candidates import short_candidates
 from cosim.trade.measured import Measured
-from cosim.trade.members import short_members
 
 WAYS = 205
 Random = np.random.Generator
@@ -133,8 +133,8 @@ def try_all(seed: int, folder: Path, ways: int = WAYS) -> list[str]:
     replaced: tuple[Any, Any] = section_model, auto
     replaced[0].build_model = lambda *_: model
     # numbers that a file holds in few digits
-    figures = [(random.integers(1, 9, 9) / 8.0).tolist() for _ in short_members(scenario)]
-    rows = [Measured(member, *own) for member, own in zip(short_members(scenario), figures, strict=True)]
+    figures = [(random.integers(1, 9, 9) / 8.0).tolist() for _ in short_candidates(scenario)]
+    rows = [Measured(member, *own) for member, own in zip(short_candidates(scenario), figures, strict=True)]
     replaced[1].measure = lambda *_, **__: rows
     replaced[1].compile_for_trade = lambda *_: None
     section_result(scenario)

@@ -42,9 +42,9 @@ def with_fidelity_chosen(scenario: Scenario, tell: Callable[[str], None]) -> Sce
         ScenarioError: nothing meets it.
     """
     if scenario.fidelity == "auto":
-        from cosim.trade.auto import settled  # here: few runs measure anything
+        from cosim.trade.auto import chosen_fidelity  # here: few runs measure anything
 
-        scenario = settled(scenario, build_simulation, cache_directory(), tell, recorded)
+        scenario = chosen_fidelity(scenario, build_simulation, cache_directory(), tell, recorded)
     if scenario.fidelity == "section":
         from cosim.build.section_cache import section_model  # here, as few runs build one
 

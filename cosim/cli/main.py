@@ -149,9 +149,13 @@ def _add_trade(commands: Any) -> None:
         default=[],
         help="change a value of the scenario first; may be repeated",
     )
-    wish = trade.add_mutually_exclusive_group()
-    wish.add_argument("--budget", metavar="FACTOR", help="pick the most accurate member that fast: 1.0x")
-    wish.add_argument("--tolerance", metavar="LENGTH", help="pick the fastest member as near as this: 1mm")
+    requirement = trade.add_mutually_exclusive_group()
+    requirement.add_argument(
+        "--budget", metavar="FACTOR", help="pick the most accurate candidate that fast: 1.0x"
+    )
+    requirement.add_argument(
+        "--tolerance", metavar="LENGTH", help="pick the fastest candidate as near as this: 1mm"
+    )
     trade.add_argument(
         "--force-tolerance", metavar="FORCE", help="and as near in the flange force's mean over 40 ms: 0.1N"
     )
@@ -161,9 +165,12 @@ def _add_trade(commands: Any) -> None:
         default="finest",
         help="what a choice is measured against: the same mesh at the finest tick, or the refined mesh",
     )
-    trade.add_argument("--quick", action="store_true", help="fewer members, none with a refined mesh")
+    trade.add_argument("--quick", action="store_true", help="fewer candidates, none with a refined mesh")
     trade.add_argument(
-        "--slowest", metavar="FACTOR", default="0.05x", help="stop members slower than this (default: 0.05x)"
+        "--slowest",
+        metavar="FACTOR",
+        default="0.05x",
+        help="stop candidates slower than this (default: 0.05x)",
     )
     trade.add_argument("--scale-time", type=float, default=1.0, help="factor on the phases' durations")
 

@@ -16,12 +16,12 @@ from cosim.config.loading import load_scenario
 from cosim.config.schema.scenario import Scenario
 from cosim.config.toml.overrides import parse_assignment
 from cosim.recording import membrane_colours
+from cosim.trade.candidate import Candidate
+from cosim.trade.candidates import Truth, candidates_of
 from cosim.trade.choice import Requirement, parse_budget, parse_force, parse_tolerance
 from cosim.trade.compilation import compile_for_trade
 from cosim.trade.measured import Measured
 from cosim.trade.measuring import SLOWEST, Telling, measure
-from cosim.trade.member import Candidate
-from cosim.trade.members import Truth, candidates_of
 from cosim.trade.plot import can_draw, draw
 from cosim.trade.report import as_json, choice_lines, markdown, result_line
 
@@ -41,7 +41,7 @@ def trade_command(
     truth: Truth = "finest",
     slowest: str = f"{SLOWEST}x",
 ) -> int:
-    """Run a scenario's members, write table, JSON and plot; return 0, or 1 if no member meets the wish.
+    """Run a scenario's candidates, write table, JSON and plot; return 1 if none meets the requirement.
 
     Args:
         scenario_name: name or path.
@@ -50,35 +50,38 @@ def trade_command(
         tolerance: largest tip error, such as "1mm".
         force_tolerance: largest error of the flange force's mean over 40 ms, such as "0.1N".
         assignments: changes to the scenario, texts of the form key=value.
-        quick: fewer members.
+        quick: fewer candidates.
         time_scale: factor on the duration of every phase.
         truth: what a choice is measured against.
-        slowest: real-time factor below which a member is stopped, such as "0.05x".
+        slowest: real-time factor below which a candidate is stopped, such as "0.05x".
 
     Raises:
         InputError: wrong words, or a directory that cannot be written; nothing was run.
     """
-    wish = _wish(budget, tolerance, force_tolerance)
+    requirement = _requirement(budget, tolerance, force_tolerance)
     bound = parse_budget(slowest)
     scenario = load_scenario(scenario_name, dict(map(parse_assignment, assignments)))
     scenario = replace(scenario, fidelity="lumped", auto=None)
-    members = candidates_of(scenario, quick=quick, time_scale=time_scale, truth=truth)
+    candidates = candidates_of(scenario, quick=quick, time_scale=time_scale, truth=truth)
     with OutputDirectory(out) as directory:
         compile_for_trade(scenario, tell, (membrane_colours,))
-        progress = TradeProgress(sys.stderr, len(members))
+        progress = TradeProgress(sys.stderr, len(candidates))
         results = measure(
-            scenario, members, build_simulation, progress.telling, follow=recorded, slowest=bound
+            scenario, candidates, build_simulation, progress.telling, follow=recorded, slowest=bound
         )
-        _write(directory, scenario, results, wish)
-    if wish is None:
+        _write(directory, scenario, results, requirement)
+    if requirement is None:
         return 0
-    line = choice_lines(results, wish)
+    line = choice_lines(results, requirement)
     print(printable(line))
-    return int(line.startswith("No member"))
+    return int(line.startswith("No candidate"))
 
 
 def _write(
-    directory: OutputDirectory, scenario: Scenario, results: Sequence[Measured], wish: Requirement | None
+    directory: OutputDirectory,
+    scenario: Scenario,
+    results: Sequence[Measured],
+    requirement: Requirement | None,
 ) -> None:
     table = markdown(scenario.title, results)
     print(
@@ -87,14 +90,14 @@ def _write(
     directory.make()
     directory.claim(TABLE, FIGURES, PLOT)
     directory.write(TABLE, table)
-    directory.write(FIGURES, as_json(scenario.name, results, wish))
+    directory.write(FIGURES, as_json(scenario.name, results, requirement))
     if can_draw():
         draw(scenario.title, results, directory.path / PLOT)
     else:
         tell("no plot: it needs matplotlib (pip install matplotlib)")
 
 
-def _wish(budget: str | None, tolerance: str | None, force: str | None) -> Requirement | None:
+def _requirement(budget: str | None, tolerance: str | None, force: str | None) -> Requirement | None:
     if budget is None and tolerance is None and force is None:
         return None
     return Requirement(
@@ -106,11 +109,11 @@ def _wish(budget: str | None, tolerance: str | None, force: str | None) -> Requi
 
 @final
 class TradeProgress:
-    """Draws one line that renews itself on a terminal, and one for every member that is done.
+    """Draws one line that renews itself on a terminal, and one for every candidate that is done.
 
     Args:
         stream: where to draw, usually stderr.
-        count: of members.
+        count: of candidates.
     """
 
     def __init__(self, stream: TextIO, count: int) -> None:
@@ -119,9 +122,9 @@ class TradeProgress:
         self._place, self._name = 0, ""
         self.telling = Telling(self.begin, self.advance, self.done)
 
-    def begin(self, place: int, member: Candidate) -> None:
-        """A member begins."""
-        self._place, self._name = place, member.name
+    def begin(self, place: int, candidate: Candidate) -> None:
+        """A candidate begins."""
+        self._place, self._name = place, candidate.name
         self.advance(0.0)
 
     def advance(self, share: float) -> None:
@@ -130,7 +133,7 @@ class TradeProgress:
             self._write(f"\r\x1b[K{self._head} {self._name}: {100 * share:.0f} %")
 
     def done(self, result: Measured) -> None:
-        """A member is done."""
+        """A candidate is done."""
         start = "\r\x1b[K" if self._terminal else ""
         self._write(f"{start}{self._head} {result_line(result)}\n")
 

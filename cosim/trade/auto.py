@@ -15,12 +15,12 @@ from cosim.config.loading import load_scenario
 from cosim.config.schema.scenario import Scenario
 from cosim.config.writing import to_table
 from cosim.errors import ScenarioError
+from cosim.trade.candidates import Candidate, short_candidates
 from cosim.trade.choice import Requirement, pareto_front, pick
 from cosim.trade.compilation import compile_for_trade
 from cosim.trade.curve import Follow, unfollowed
 from cosim.trade.measured import Measured
 from cosim.trade.measuring import Telling, measure
-from cosim.trade.members import Candidate, short_members
 from cosim.trade.report import entry, figures_text, result_line
 from cosim.trade.simulation import Build
 
@@ -28,7 +28,7 @@ _WITHOUT = ("name", "title", "fidelity", "auto")
 """What the figures of a scenario do not depend on."""
 
 
-def settled(
+def chosen_fidelity(
     scenario: Scenario, build: Build, cache: Path, tell: Callable[[str], None], follow: Follow = unfollowed
 ) -> Scenario:
     """Return the scenario with its fidelity chosen, if it asks for that; otherwise as it is.
@@ -41,59 +41,61 @@ def settled(
         follow: what follows the run that is chosen for, as its cost counts.
 
     Raises:
-        ScenarioError: no member meets the wish; the message names the nearest.
+        ScenarioError: no candidate meets the requirement; the message names the nearest.
     """
     if scenario.fidelity != "auto" or scenario.auto is None:
         return scenario
-    wish = Requirement(scenario.auto.budget, scenario.auto.tolerance_m, scenario.auto.force_tolerance_N)
+    requirement = Requirement(
+        scenario.auto.budget, scenario.auto.tolerance_m, scenario.auto.force_tolerance_N
+    )
     results, source = figures(replace(scenario, fidelity="lumped", auto=None), build, cache, tell, follow)
-    found = pick(results, wish)
+    found = pick(results, requirement)
     if found is None:
-        raise ScenarioError("auto", f"no member meets {wish.words}; {_nearest(results)}")
-    said = f"{found.member.name}: {figures_text(found)}"
+        raise ScenarioError("auto", f"no candidate meets {requirement.words}; {_nearest(results)}")
+    said = f"{found.candidate.name}: {figures_text(found)}"
     tell(f"auto: chose {said} ({source})")
     plain = replace(scenario, fidelity="lumped", auto=None)
-    chosen = load_scenario(plain, found.member.changes)
+    chosen = load_scenario(plain, found.candidate.changes)
     return replace(chosen, auto=replace(scenario.auto, chosen=said))
 
 
 def figures(
     scenario: Scenario, build: Build, cache: Path, tell: Callable[[str], None], follow: Follow = unfollowed
 ) -> tuple[list[Measured], str]:
-    """Return the measured members of a scenario, and where the figures come from; see `settled`."""
-    members = short_members(scenario)
-    path = cache / f"trade_{content_hash(scenario, members)}.kept"
-    found = kept(path, lambda data: _unpacked(data, members))
+    """Return the measured candidates of a scenario, and where their figures come from."""
+    candidates = short_candidates(scenario)
+    path = cache / f"trade_{content_hash(scenario, candidates)}.kept"
+    found = kept(path, lambda data: _unpacked(data, candidates))
     if found is not None:
         return found, f"measured before: {path}"
-    tell(f"auto: measuring {len(members)} ways to run '{scenario.name}', once")
+    tell(f"auto: measuring {len(candidates)} ways to run '{scenario.name}', once")
     compile_for_trade(scenario, tell)
     telling = Telling(done=lambda result: tell(f"auto: {result_line(result)}"))
-    results = measure(scenario, members, build, telling, follow=follow)
+    results = measure(scenario, candidates, build, telling, follow=follow)
     keep(path, json.dumps([entry(result) for result in results]).encode())
     return results, f"measured now, kept in {path}"
 
 
-def content_hash(scenario: Scenario, members: Sequence[Candidate]) -> str:
+def content_hash(scenario: Scenario, candidates: Sequence[Candidate]) -> str:
     """Return what names the figures of a scenario: a hash of all that they depend on.
 
     The code is among it: another program may measure something else, or run at another speed.
     """
     table = {key: value for key, value in to_table(scenario).items() if key not in _WITHOUT}
-    ways = [dict(member.changes) for member in members]
+    ways = [dict(candidate.changes) for candidate in candidates]
     text = json.dumps([code_identity(), table, ways], sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 
-def _unpacked(data: bytes, members: Sequence[Candidate]) -> list[Measured]:
+def _unpacked(data: bytes, candidates: Sequence[Candidate]) -> list[Measured]:
     rows: list[dict[str, Any]] = json.loads(data)
     return [
         Measured(
-            member,
+            candidate,
             failure=row["failure"] or "",
             **{key: _number(row[key]) for key in Measured.numbers()},
         )
-        for member, row in zip(members, rows, strict=True)
+        for candidate, row in zip(candidates, rows, strict=True)
     ]
 
 
@@ -106,4 +108,4 @@ def _nearest(results: Sequence[Measured]) -> str:
     if not front:
         return "none of them ran to its end"
     ends = {id(result): result for result in (front[0], front[-1])}.values()
-    return "there are " + " and ".join(f"{result.member.name} ({figures_text(result)})" for result in ends)
+    return "there are " + " and ".join(f"{result.candidate.name} ({figures_text(result)})" for result in ends)

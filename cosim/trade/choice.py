@@ -1,4 +1,4 @@
-"""Which members are worth having, and which one to take."""
+"""Which candidates are worth having, and which one to take."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from cosim.errors import InputError
 from cosim.trade.measured import FORCE_MEAN, Measured
 
 RESERVE = 0.15
-"""Share of a budget by which a member is to be faster, as the speed of a machine varies."""
+"""Share of a budget by which a candidate is to be faster, as the speed of a machine varies."""
 
 _LENGTHS_m = {"mm": 1e-3, "um": 1e-6, "cm": 1e-2, "m": 1.0}
 
@@ -18,7 +18,7 @@ _LENGTHS_m = {"mm": 1e-3, "um": 1e-6, "cm": 1e-2, "m": 1.0}
 @final
 @dataclass(frozen=True)
 class Requirement:
-    """What a member shall meet; None: anything will do.
+    """What a candidate shall meet; None: anything will do.
 
     Args:
         budget: least real-time factor.
@@ -31,7 +31,7 @@ class Requirement:
     force_N: float | None = None
 
     def met_by(self, result: Measured, reserve: float = 0.0) -> bool:
-        """Whether a member meets all of it, the budget with a reserve: speeds vary from run to run."""
+        """Whether a candidate meets all of it, the budget with a reserve: speeds vary from run to run."""
         return (
             (self.budget is None or result.real_time_factor >= (1.0 + reserve) * self.budget)
             and (self.tolerance_m is None or result.position_error_m <= self.tolerance_m)
@@ -40,7 +40,7 @@ class Requirement:
 
     @property
     def words(self) -> str:
-        """The wish in words."""
+        """The requirement in words."""
         parts = []
         if self.budget is not None:
             parts.append(f"budget real-time factor {self.budget:g}")
@@ -48,7 +48,7 @@ class Requirement:
             parts.append(f"tolerance tip error {1e3 * self.tolerance_m:g} mm")
         if self.force_N is not None:
             parts.append(f"tolerance flange force ({FORCE_MEAN}) {self.force_N:g} N")
-        return ", ".join(parts) or "no wish"
+        return ", ".join(parts) or "no requirement"
 
 
 def pareto_front(results: Sequence[Measured]) -> list[Measured]:
@@ -64,26 +64,26 @@ def pareto_front(results: Sequence[Measured]) -> list[Measured]:
     return front
 
 
-def candidates(results: Sequence[Measured]) -> list[Measured]:
-    """Return the members of the table that a choice is made from: the first one."""
-    group = results[0].member.group if results else "time"
-    return [result for result in results if result.member.group == group]
+def eligible(results: Sequence[Measured]) -> list[Measured]:
+    """Return the candidates of the table that a choice is made from: the first one."""
+    group = results[0].candidate.group if results else "time"
+    return [result for result in results if result.candidate.group == group]
 
 
-def pick(results: Sequence[Measured], wish: Requirement) -> Measured | None:
-    """Return the member that meets a wish best, or None if none meets it.
+def pick(results: Sequence[Measured], requirement: Requirement) -> Measured | None:
+    """Return the candidate that meets a requirement best, or None if none meets it.
 
     Where none meets a budget with the reserve, the fastest of those that meet it without is taken.
 
     Args:
         results: of one group.
-        wish: with a budget, the least position error is best; without, the greatest speed.
+        requirement: with a budget, the least position error is best; without, the greatest speed.
     """
     comparable = [result for result in results if result.comparable]
-    safe = [result for result in comparable if wish.met_by(result, RESERVE)]
-    if wish.budget is not None and safe:
+    safe = [result for result in comparable if requirement.met_by(result, RESERVE)]
+    if requirement.budget is not None and safe:
         return min(safe, key=lambda result: (result.position_error_m, -result.real_time_factor))
-    able = [result for result in comparable if wish.met_by(result)]
+    able = [result for result in comparable if requirement.met_by(result)]
     return max(able, key=lambda result: (result.real_time_factor, -result.position_error_m), default=None)
 
 

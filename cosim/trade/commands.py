@@ -1,6 +1,6 @@
 """The commands that a scenario's plan finds, in place of the targets that it was asked for.
 
-Members that differ in what is modelled would each find their own tensions and flange poses for a target of
+Candidates that differ in what is modelled would each find their own tensions and flange poses for a target of
 the tip: their errors would be those of the targets, not of the models.
 """
 

@@ -1,4 +1,4 @@
-"""Compiles what any member of a trade needs, so that no member's time holds a compilation."""
+"""Compiles what any candidate of a trade needs, so that no candidate's time holds a compilation."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a member of a trade does, tick by tick, and what that costs.
+"""What a candidate of a trade does, tick by tick, and what that costs.
 
 The speed is simulated time over CPU time of the loop (not wall time, so that other work on the machine does
 not count as waiting), with whatever follows the run inside: `cosim run` records.
@@ -42,7 +42,7 @@ def unfollowed(_scenario: Scenario, _stage: RunInfo) -> AbstractContextManager[C
 @final
 @dataclass(frozen=True)
 class Curve:
-    """What a member did.
+    """What a candidate did.
 
     Args:
         time_s: (k,).

@@ -7,7 +7,7 @@ from typing import Final, final
 
 import numpy as np
 
-from cosim.trade.member import Candidate
+from cosim.trade.candidate import Candidate
 
 FORCE_WINDOW_S: Final = 0.04
 """Time over which the flange force is averaged: two of the longest ticks."""
@@ -19,10 +19,10 @@ FORCE_MEAN: Final = f"{1e3 * FORCE_WINDOW_S:g} ms mean"
 @final
 @dataclass(frozen=True)
 class Measured:
-    """A member's cost and errors; errors are NaN where there is nothing to measure against.
+    """A candidate's cost and errors; errors are NaN where there is nothing to measure against.
 
     Args:
-        member: which.
+        candidate: which.
         real_time_factor: simulated time over CPU time of the loop.
         tip_error_m: largest distance from the reference's tip over the run.
         tip_rms_m: root mean square of it.
@@ -36,7 +36,7 @@ class Measured:
         failure: why it did not finish; empty if it did.
     """
 
-    member: Candidate
+    candidate: Candidate
     real_time_factor: float = np.nan
     tip_error_m: float = np.nan
     tip_rms_m: float = np.nan
@@ -51,7 +51,7 @@ class Measured:
     @classmethod
     def numbers(cls) -> tuple[str, ...]:
         """Return the names of its figures."""
-        return tuple(entry.name for entry in fields(cls) if entry.name not in ("member", "failure"))
+        return tuple(entry.name for entry in fields(cls) if entry.name not in ("candidate", "failure"))
 
     @property
     def position_error_m(self) -> float:
@@ -61,4 +61,4 @@ class Measured:
     @property
     def comparable(self) -> bool:
         """Whether it has finished and was measured against another one."""
-        return not self.failure and not self.member.reference and bool(np.isfinite(self.tip_error_m))
+        return not self.failure and not self.candidate.reference and bool(np.isfinite(self.tip_error_m))

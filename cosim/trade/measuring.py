@@ -1,4 +1,4 @@
-"""Runs the members of a trade and measures each against the reference of its group.
+"""Runs the candidates of a trade and measures each against the reference of its group.
 
 Tip position, objects and contact forces are sampled at common times. The flange force is compared by its
 moving mean: from tick to tick it chatters, and its values do not converge with the tick; what it passes on
@@ -17,17 +17,17 @@ from cosim.base.frames import Array
 from cosim.config.loading import load_scenario
 from cosim.config.schema.scenario import Scenario
 from cosim.errors import CosimError
+from cosim.trade.candidates import Candidate
 from cosim.trade.commands import with_commands
 from cosim.trade.curve import Curve, Follow, TooSlowError, trace, unfollowed
 from cosim.trade.measured import FORCE_WINDOW_S, Measured
-from cosim.trade.members import Candidate
 from cosim.trade.simulation import Build
 
 SAMPLE_S = 0.02
 
 
 SLOWEST = 0.05
-"""Real-time factor below which a member is stopped, unless told otherwise."""
+"""Real-time factor below which a candidate is stopped, unless told otherwise."""
 
 _REFERENCE_SLOWEST = 0.1  # share of that bound which a reference has to keep: nothing is measured without it
 
@@ -35,60 +35,60 @@ _REFERENCE_SLOWEST = 0.1  # share of that bound which a reference has to keep: n
 @final
 @dataclass(frozen=True)
 class Telling:
-    """Who is told of members.
+    """Who is told of candidates.
 
     Args:
-        begin: of a member's place in the list, counted from 0, before it runs.
+        begin: of a candidate's place in the list, counted from 0, before it runs.
         advance: of the share of its run that is done, now and then.
         done: of its figures.
     """
 
-    begin: Callable[[int, Candidate], None] = lambda _place, _member: None
+    begin: Callable[[int, Candidate], None] = lambda _place, _candidate: None
     advance: Callable[[float], None] = lambda _share: None
     done: Callable[[Measured], None] = lambda _result: None
 
 
 def measure(
     scenario: Scenario,
-    members: Sequence[Candidate],
+    candidates: Sequence[Candidate],
     build: Build,
     telling: Telling | None = None,
     *,
     follow: Follow = unfollowed,
     slowest: float = SLOWEST,
 ) -> list[Measured]:
-    """Run all members, each group's reference before its others.
+    """Run all candidates, each group's reference before its others.
 
     Args:
         scenario: that they change.
-        members: to run.
+        candidates: to run.
         build: makes a simulation.
         telling: who is told of them.
         follow: what else sees every snapshot, inside the measured time.
-        slowest: real-time factor below which a member is stopped, a reference at a tenth of it; 0: none is.
+        slowest: real-time factor below which a candidate is stopped, a reference at a tenth of it; 0: none.
     """
     telling = telling or Telling()
     comparison = _Comparison(scenario, build)
     results: list[Measured] = []
-    for place, member in enumerate(members):
-        telling.begin(place, member)
-        least = slowest * (_REFERENCE_SLOWEST if member.reference else 1.0)
+    for place, candidate in enumerate(candidates):
+        telling.begin(place, candidate)
+        least = slowest * (_REFERENCE_SLOWEST if candidate.reference else 1.0)
         try:
-            changed = load_scenario(comparison.basis(member), member.changes)
+            changed = load_scenario(comparison.basis(candidate), candidate.changes)
             curve = trace(changed, build, follow, slowest=least, advance=telling.advance)
         except TooSlowError as error:
-            result = Measured(member, failure=f"stopped: {error}")
+            result = Measured(candidate, failure=f"stopped: {error}")
         except CosimError as error:
-            result = Measured(member, failure=f"failed: {type(error).__name__}: {error}")
+            result = Measured(candidate, failure=f"failed: {type(error).__name__}: {error}")
         else:
-            result = comparison.result(member, curve, statics=changed.mode == "quasistatic")
+            result = comparison.result(candidate, curve, statics=changed.mode == "quasistatic")
         results.append(result)
         telling.done(result)
     return results
 
 
 class _Comparison:
-    """What members start from and are measured against."""
+    """What candidates start from and are measured against."""
 
     def __init__(self, scenario: Scenario, build: Build) -> None:
         self._scenario, self._build = scenario, build
@@ -96,47 +96,47 @@ class _Comparison:
         self._references: dict[str, Curve] = {}
         self._bases: dict[str, Curve] = {}
 
-    def basis(self, member: Candidate) -> Scenario:
-        """Return the scenario that a member changes."""
-        if not member.commanded:
+    def basis(self, candidate: Candidate) -> Scenario:
+        """Return the scenario that a candidate changes."""
+        if not candidate.commanded:
             return self._scenario
         if self._commanded is None:
             self._commanded = with_commands(self._scenario, self._build)
         return self._commanded
 
-    def result(self, member: Candidate, curve: Curve, *, statics: bool) -> Measured:
-        """Return a member's figures; it may be what others are measured against."""
-        if member.reference:
-            self._references[member.group] = curve
-        if member.base:
-            self._bases[member.group] = curve
-        reference, base = self._references.get(member.group), self._bases.get(member.group)
-        return compared(member, curve, reference, None if base is reference else base, statics=statics)
+    def result(self, candidate: Candidate, curve: Curve, *, statics: bool) -> Measured:
+        """Return a candidate's figures; it may be what others are measured against."""
+        if candidate.reference:
+            self._references[candidate.group] = curve
+        if candidate.base:
+            self._bases[candidate.group] = curve
+        reference, base = self._references.get(candidate.group), self._bases.get(candidate.group)
+        return compared(candidate, curve, reference, None if base is reference else base, statics=statics)
 
 
 def compared(
-    member: Candidate,
+    candidate: Candidate,
     curve: Curve,
     reference: Curve | None,
     base: Curve | None = None,
     *,
     statics: bool = False,
 ) -> Measured:
-    """Return a member's figures; of statics, which have no time between phase ends, only those there.
+    """Return a candidate's figures; of statics, which have no time between phase ends, only those there.
 
     Args:
-        member: which.
+        candidate: which.
         curve: of it.
         reference: what it is measured against.
         base: the model as it is; None where that is the reference.
-        statics: whether the member is quasistatic.
+        statics: whether the candidate is quasistatic.
     """
     if reference is None:
-        return Measured(member, curve.real_time_factor, iterations=curve.iterations)
+        return Measured(candidate, curve.real_time_factor, iterations=curve.iterations)
     end_error = _end_distance(curve, reference)
     if statics:
         return Measured(
-            member, curve.real_time_factor, end_error_m=end_error, iterations=curve.iterations,
+            candidate, curve.real_time_factor, end_error_m=end_error, iterations=curve.iterations,
             base_error_m=np.nan if base is None else _end_distance(curve, base),
         )  # fmt: skip
     times = np.arange(0.0, min(curve.time_s[-1], reference.time_s[-1]) + 0.5 * SAMPLE_S, SAMPLE_S)
@@ -144,7 +144,7 @@ def compared(
     distance = _distances(here.tip, there.tip)
     moved = _distances(here.objects, there.objects)
     return Measured(
-        member,
+        candidate,
         curve.real_time_factor,
         tip_error_m=float(distance.max()),
         tip_rms_m=float(np.sqrt((distance**2).mean())),
@@ -164,7 +164,7 @@ def _force_error(curve: Curve, reference: Curve, times: Array) -> float:
     all of it.
 
     Args:
-        curve: of a member.
+        curve: of a candidate.
         reference: what it is measured against.
         times: (n,) [s], compared.
     """

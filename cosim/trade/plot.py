@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from cosim.trade.choice import candidates, pareto_front
+from cosim.trade.choice import eligible, pareto_front
 from cosim.trade.measured import FORCE_MEAN, Measured
 
 _STYLES = {
@@ -30,20 +30,20 @@ def can_draw() -> bool:
 
 
 def draw(title: str, results: Sequence[Measured], path: Path) -> None:
-    """Draw errors of the members that a choice is made from into a PNG file; needs matplotlib.
+    """Draw errors of the candidates that a choice is made from into a PNG file; needs matplotlib.
 
     Positions, the flange force's moving mean, and contact forces where there are any, over the speed.
 
     Args:
         title: of the scenario.
-        results: all members.
+        results: all candidates.
         path: of the file.
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
     from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
-    shown = [result for result in candidates(results) if result.comparable]
+    shown = [result for result in eligible(results) if result.comparable]
     front = pareto_front(shown)
     moving = any(math.isfinite(result.object_error_m) for result in shown)
     touching = any(result.contact_error_N > 0.0 for result in shown)
@@ -78,9 +78,9 @@ def draw(title: str, results: Sequence[Measured], path: Path) -> None:
 def _scatter(axes: Any, results: Sequence[Measured], errors: Sequence[float]) -> None:
     labelled = set()
     for result, error in zip(results, errors, strict=True):
-        label = result.member.family or "other models"
+        label = result.candidate.family or "other models"
         marker, colour = _STYLES.get(label, ("x", "black"))
-        tick = f"{1e3 * float(result.member.changes.get('clock.tick_s', 0.0)):g} ms"
+        tick = f"{1e3 * float(result.candidate.changes.get('clock.tick_s', 0.0)):g} ms"
         axes.plot(result.real_time_factor, error, marker=marker, color=colour, ls="",
                   label=None if label in labelled else label)  # fmt: skip
         axes.annotate(tick, (result.real_time_factor, error), fontsize=6, xytext=(4, 3),

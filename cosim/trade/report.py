@@ -10,7 +10,7 @@ from textwrap import shorten
 from typing import Any, final
 
 from cosim._version import __version__
-from cosim.trade.choice import Requirement, candidates, pareto_front, pick
+from cosim.trade.choice import Requirement, eligible, pareto_front, pick
 from cosim.trade.measured import FORCE_MEAN, Measured
 
 GROUPS = {
@@ -32,7 +32,7 @@ class _Column:
     def cell(self, result: Measured) -> str:
         """Return the figure in its unit; empty for none."""
         value = self.factor * float(getattr(result, self.name))
-        return f"{value:.3g}" if math.isfinite(value) and not result.member.reference else ""
+        return f"{value:.3g}" if math.isfinite(value) and not result.candidate.reference else ""
 
 
 _COLUMNS = (
@@ -47,18 +47,18 @@ _COLUMNS = (
 
 
 def markdown(title: str, results: Sequence[Measured]) -> str:
-    """Return the tables of all groups; members on the Pareto front have a star."""
+    """Return the tables of all groups; candidates on the Pareto front have a star."""
     lines = [f"# Speed against accuracy: {title}", ""]
     lines += [
         "Errors are against the reference of each table (marked ref), sampled every 20 ms of the run; of the",
         f"flange force, of its moving mean ({FORCE_MEAN}). The real-time factor is simulated time over CPU",
-        "time of the loop, recording included. A star: no other member of the table is both faster and",
+        "time of the loop, recording included. A star: no other candidate of the table is both faster and",
         "nearer to the reference.",
     ]
     for group, heading in GROUPS.items():
-        members = [result for result in results if result.member.group == group]
-        if members:
-            lines += ["", f"## {heading}", "", *_table(members)]
+        candidates = [result for result in results if result.candidate.group == group]
+        if candidates:
+            lines += ["", f"## {heading}", "", *_table(candidates)]
     return "\n".join(lines) + "\n"
 
 
@@ -68,17 +68,19 @@ def _table(results: Sequence[Measured]) -> list[str]:
         for column in _COLUMNS
         if not column.optional or any(math.isfinite(getattr(result, column.name)) for result in results)
     ]
-    heads = ["", "member", "real-time factor", *(column.head for column in shown), "iterations a tick"]
+    heads = ["", "candidate", "real-time factor", *(column.head for column in shown), "iterations a tick"]
     rule = ["---", "---", *(["---:"] * (len(shown) + 2))]
     front = pareto_front(results)
     rows = [_line(heads), _line(rule)]
     for result in results:
-        mark = "ref" if result.member.reference else "*" if result in front else ""
+        mark = "ref" if result.candidate.reference else "*" if result in front else ""
         if result.failure:
-            rows.append(_line([mark, result.member.name, _short(result.failure), *[""] * (len(shown) + 1)]))
+            rows.append(
+                _line([mark, result.candidate.name, _short(result.failure), *[""] * (len(shown) + 1)])
+            )
             continue
         cells = [f"{result.real_time_factor:.2f}", *(column.cell(result) for column in shown)]
-        rows.append(_line([mark, result.member.name, *cells, f"{result.iterations:.2f}"]))
+        rows.append(_line([mark, result.candidate.name, *cells, f"{result.iterations:.2f}"]))
     return rows
 
 
@@ -103,52 +105,52 @@ def figures_text(result: Measured) -> str:
 
 
 def result_line(result: Measured) -> str:
-    """Return what became of a member, in one line."""
+    """Return what became of a candidate, in one line."""
     if result.failure:
-        return f"{result.member.name}: {result.failure}"
-    if result.member.reference:
-        return f"{result.member.name}: x{result.real_time_factor:.2f} real time, the reference"
-    return f"{result.member.name}: {figures_text(result)}"
+        return f"{result.candidate.name}: {result.failure}"
+    if result.candidate.reference:
+        return f"{result.candidate.name}: x{result.real_time_factor:.2f} real time, the reference"
+    return f"{result.candidate.name}: {figures_text(result)}"
 
 
-def choice_lines(results: Sequence[Measured], wish: Requirement) -> str:
-    """Return which member meets a wish, and how to run it."""
-    found = pick(candidates(results), wish)
+def choice_lines(results: Sequence[Measured], requirement: Requirement) -> str:
+    """Return which candidate meets a requirement, and how to run it."""
+    found = pick(eligible(results), requirement)
     if found is None:
-        return f"No member meets {wish.words}."
+        return f"No candidate meets {requirement.words}."
     return (
-        f"For {wish.words}: {found.member.name} (x{found.real_time_factor:.2f} real time, "
+        f"For {requirement.words}: {found.candidate.name} (x{found.real_time_factor:.2f} real time, "
         f"{1e3 * found.position_error_m:.3g} mm, force, {FORCE_MEAN}, {found.force_error_N:.3g} N). "
-        f"Run it with: {found.member.words}"
+        f"Run it with: {found.candidate.words}"
     )
 
 
-def as_json(title: str, results: Sequence[Measured], wish: Requirement | None) -> str:
+def as_json(title: str, results: Sequence[Measured], requirement: Requirement | None) -> str:
     """Return everything as a JSON document; numbers that are not finite become null."""
-    chosen = pick(candidates(results), wish) if wish else None
-    fronts = [r for group in GROUPS for r in pareto_front([m for m in results if m.member.group == group])]
+    chosen = pick(eligible(results), requirement) if requirement else None
+    fronts = [r for group in GROUPS for r in pareto_front([m for m in results if m.candidate.group == group])]
     document = {
         "cosim": __version__,
         "scenario": title,
-        "choice": chosen.member.name if chosen else None,
-        "members": [{**entry(result), "pareto": result in fronts} for result in results],
+        "choice": chosen.candidate.name if chosen else None,
+        "candidates": [{**entry(result), "pareto": result in fronts} for result in results],
     }
     return json.dumps(document, indent=2, allow_nan=False) + "\n"
 
 
 def entry(result: Measured) -> dict[str, Any]:
-    """Return a member and its figures in JSON's own kinds."""
+    """Return a candidate and its figures in JSON's own kinds."""
     numbers = {
         name: value if math.isfinite(value) else None
         for name, value in vars(result).items()
         if isinstance(value, float)
     }
-    member = result.member
+    candidate = result.candidate
     return {
-        "name": member.name,
-        "group": member.group,
-        "reference": member.reference,
-        "changes": dict(member.changes),
+        "name": candidate.name,
+        "group": candidate.group,
+        "reference": candidate.reference,
+        "changes": dict(candidate.changes),
         **numbers,
         "failure": result.failure or None,
     }

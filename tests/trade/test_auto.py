@@ -1,4 +1,4 @@
-"""`fidelity = "auto"`: what is chosen meets its wish by construction; figures are measured once."""
+"""`fidelity = "auto"`: what is chosen meets its requirement by construction; figures are measured once."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ from cosim.config.schema.scenario import Scenario
 from cosim.config.writing import scenario_text
 from cosim.errors import ScenarioError
 from cosim.trade import auto
+from cosim.trade.candidates import Candidate, short_candidates
 from cosim.trade.curve import trace
 from cosim.trade.measured import Measured
 from cosim.trade.measuring import compared
-from cosim.trade.members import Candidate, short_members
 
 WORDS = {"fidelity": "auto", "auto.tolerance_m": 1e-3}
 
@@ -40,17 +40,17 @@ def made_up_measure(calls: list[int]) -> Callable[..., list[Measured]]:
     """Return a measurement in which a coarser tick is faster and worse: error [m] = tick / 10."""
 
     def measure(
-        _scenario: Scenario, members: tuple[Candidate, ...], *_others: Any, **_more: Any
+        _scenario: Scenario, candidates: tuple[Candidate, ...], *_others: Any, **_more: Any
     ) -> list[Measured]:
-        calls.append(len(members))
+        calls.append(len(candidates))
         results = []
-        for member in members:
-            tick = member.changes["clock.tick_s"]
-            if member.changes["fidelity"] == "rigid":
-                results.append(Measured(member, failure="InputError: no rigid one here"))
+        for candidate in candidates:
+            tick = candidate.changes["clock.tick_s"]
+            if candidate.changes["fidelity"] == "rigid":
+                results.append(Measured(candidate, failure="InputError: no rigid one here"))
                 continue
-            error = 0.0 if member.reference else 0.1 * tick
-            results.append(Measured(member, 1e3 * tick, error, error, error, 10.0 * error, 0.0, 1.0))
+            error = 0.0 if candidate.reference else 0.1 * tick
+            results.append(Measured(candidate, 1e3 * tick, error, error, error, 10.0 * error, 0.0, 1.0))
         return results
 
     return measure
@@ -64,7 +64,7 @@ def calls(monkeypatch: pytest.MonkeyPatch) -> list[int]:
 
 
 @pytest.mark.parametrize(
-    ("wish", "tick_s"),
+    ("requirement", "tick_s"),
     [
         ({"auto.tolerance_m": 1.1e-3}, 0.01),
         ({"auto.tolerance_m": 1.0}, 0.02),
@@ -74,11 +74,11 @@ def calls(monkeypatch: pytest.MonkeyPatch) -> list[int]:
         ({"auto.budget": 6.0, "auto.tolerance_m": 1.5e-3}, 0.01),
     ],
 )
-def test_the_choice_meets_the_wish(
-    wish: dict[str, float], tick_s: float, calls: list[int], tmp_path: Path
+def test_the_choice_meets_the_requirement(
+    requirement: dict[str, float], tick_s: float, calls: list[int], tmp_path: Path
 ) -> None:
     told: list[str] = []
-    chosen = auto.settled(small(fidelity="auto", **wish), build, tmp_path, told.append)
+    chosen = auto.chosen_fidelity(small(fidelity="auto", **requirement), build, tmp_path, told.append)
     assert chosen.clock.tick_s == tick_s
     assert chosen.fidelity != "auto"
     assert chosen.auto is not None
@@ -90,56 +90,60 @@ def test_the_choice_meets_the_wish(
     assert load_scenario(again) == chosen
 
 
-def test_figures_are_measured_once_and_serve_every_wish(calls: list[int], tmp_path: Path) -> None:
+def test_figures_are_measured_once_and_serve_every_requirement(calls: list[int], tmp_path: Path) -> None:
     told: list[str] = []
-    auto.settled(small(**WORDS), build, tmp_path, told.append)
-    auto.settled(small(fidelity="auto", **{"auto.budget": 1.0}), build, tmp_path, told.append)
-    auto.settled(small(**WORDS, title="another name for it"), build, tmp_path, told.append)
-    assert calls == [len(short_members(small()))]
+    auto.chosen_fidelity(small(**WORDS), build, tmp_path, told.append)
+    auto.chosen_fidelity(small(fidelity="auto", **{"auto.budget": 1.0}), build, tmp_path, told.append)
+    auto.chosen_fidelity(small(**WORDS, title="another name for it"), build, tmp_path, told.append)
+    assert calls == [len(short_candidates(small()))]
     assert "measured before" in told[-1]
-    auto.settled(small(**WORDS, **{"solver.damping_per_s": 3.0}), build, tmp_path, told.append)
+    auto.chosen_fidelity(small(**WORDS, **{"solver.damping_per_s": 3.0}), build, tmp_path, told.append)
     assert len(calls) == 2  # another motion, other figures
     for path in tmp_path.glob("trade_*.kept"):
         path.write_text("{", encoding="utf-8")
     with pytest.warns(RuntimeWarning, match="is damaged"):
-        auto.settled(small(**WORDS), build, tmp_path, told.append)
+        auto.chosen_fidelity(small(**WORDS), build, tmp_path, told.append)
     assert len(calls) == 3
 
 
 def test_figures_that_other_code_has_measured_are_not_used(
     calls: list[int], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    auto.settled(small(**WORDS), build, tmp_path, lambda _text: None)
+    auto.chosen_fidelity(small(**WORDS), build, tmp_path, lambda _text: None)
     here = auto.code_identity()
     monkeypatch.setattr(auto, "code_identity", lambda: {**here, "source": "edited"})  # of the same version
-    auto.settled(small(**WORDS), build, tmp_path, lambda _text: None)
+    auto.chosen_fidelity(small(**WORDS), build, tmp_path, lambda _text: None)
     assert len(calls) == 2
 
 
-def test_a_wish_that_nothing_meets_is_refused_with_the_nearest(calls: list[int], tmp_path: Path) -> None:
+def test_a_requirement_that_nothing_meets_is_refused_with_the_nearest(
+    calls: list[int], tmp_path: Path
+) -> None:
     with pytest.raises(
-        ScenarioError, match=r"auto: no member meets tolerance tip error 1e-06 mm.*BDF2, 2 ms"
+        ScenarioError, match=r"auto: no candidate meets tolerance tip error 1e-06 mm.*BDF2, 2 ms"
     ):
-        auto.settled(small(fidelity="auto", **{"auto.tolerance_m": 1e-9}), build, tmp_path, lambda _t: None)
+        auto.chosen_fidelity(
+            small(fidelity="auto", **{"auto.tolerance_m": 1e-9}), build, tmp_path, lambda _t: None
+        )
 
 
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"fidelity": "auto"}, "auto: is missing a wish"),
+        ({"fidelity": "auto"}, "auto: is missing a requirement"),
         ({"auto.budget": 1.0}, "auto: goes with fidelity = 'auto'; the fidelity is 'lumped'"),
         ({"fidelity": "auto", "auto.budget": 0.0}, "auto.budget: "),
         ({**WORDS, "mode": "quasistatic"}, "fidelity: 'auto' chooses among dynamic runs"),
     ],
 )
-def test_wrong_wishes_are_refused(changes: dict[str, Any], message: str) -> None:
+def test_wrong_requirements_are_refused(changes: dict[str, Any], message: str) -> None:
     with pytest.raises(ScenarioError, match=message):
         small(**changes)
 
 
-def test_a_scenario_without_the_wish_stays_as_it_is(tmp_path: Path) -> None:
+def test_a_scenario_without_the_requirement_stays_as_it_is(tmp_path: Path) -> None:
     scenario = small()
-    assert auto.settled(scenario, build, tmp_path, lambda _text: None) is scenario
+    assert auto.chosen_fidelity(scenario, build, tmp_path, lambda _text: None) is scenario
     assert not list(tmp_path.iterdir())
 
 
@@ -166,11 +170,13 @@ def test_the_run_that_was_chosen_is_within_the_tolerance(
 ) -> None:
     phases = [{"name": "inflate", "duration_s": 0.1, "pressure_Pa": 20e3}]
     scenario, tolerance_m = small(phase=phases), 3e-3
-    lumped = [member for member in short_members(scenario) if member.changes["fidelity"] == "lumped"]
-    monkeypatch.setattr(auto, "short_members", lambda _scenario: tuple(lumped))
+    lumped = [
+        candidate for candidate in short_candidates(scenario) if candidate.changes["fidelity"] == "lumped"
+    ]
+    monkeypatch.setattr(auto, "short_candidates", lambda _scenario: tuple(lumped))
     asking = load_scenario(scenario, {"fidelity": "auto", "auto.tolerance_m": tolerance_m})
-    chosen = auto.settled(asking, build, tmp_path, lambda _text: None)
-    truth, *others = (trace(load_scenario(scenario, member.changes), build) for member in lumped)
+    chosen = auto.chosen_fidelity(asking, build, tmp_path, lambda _text: None)
+    truth, *others = (trace(load_scenario(scenario, candidate.changes), build) for candidate in lumped)
     errors = [compared(lumped[1], curve, truth).tip_error_m for curve in others]
     assert errors[0] < tolerance_m < errors[-1]  # there is something to choose
     run = cosim.run(chosen)

@@ -1,4 +1,4 @@
-"""Errors of a trade's members: the flange force by its moving mean, and their order in the tick."""
+"""Errors of a trade's candidates: the flange force by its moving mean, and their order in the tick."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ import pytest
 from cosim.base.frames import Array
 from cosim.build.simulation import build
 from cosim.config.loading import load_scenario
+from cosim.trade.candidates import Candidate
 from cosim.trade.curve import Curve, trace
 from cosim.trade.measured import Measured
 from cosim.trade.measuring import compared
-from cosim.trade.members import Candidate
 
 
 def pushed(tick_s: float, force_N: Array) -> Curve:

@@ -1,4 +1,4 @@
-"""`cosim trade`: members, errors against the reference, Pareto front, choice, files."""
+"""`cosim trade`: candidates, errors against the reference, Pareto front, choice, files."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ from cosim.config.loading import load_scenario
 from cosim.config.schema.scenario import Scenario
 from cosim.errors import InputError
 from cosim.telemetry.snapshot import RunInfo, Snapshot
+from cosim.trade.candidates import Candidate, candidates_of
 from cosim.trade.choice import Requirement, pareto_front, parse_budget, parse_force, parse_tolerance, pick
 from cosim.trade.commands import with_commands
 from cosim.trade.curve import Curve, unfollowed
 from cosim.trade.measured import Measured
 from cosim.trade.measuring import Telling, compared, measure
-from cosim.trade.members import Candidate, candidates_of
 from cosim.trade.plot import draw
 from cosim.trade.report import as_json, choice_lines, markdown
 
@@ -33,7 +33,7 @@ MADE_UP = [("fast", 8.0, 0.02), ("slow and bad", 1.0, 0.03), ("middle", 4.0, 0.0
 
 
 def made_up() -> list[Measured]:
-    """Return a reference and four members with given speeds and errors."""
+    """Return a reference and four candidates with given speeds and errors."""
     reference = Measured(Candidate("finest", "time", {}, reference=True), 0.1, 0.0, 0.0, 0.0, 0.0, 0.0, 2.0)
     changes = {"clock.tick_s": 0.001, "phase.a.duration_s": 1.0}
     rows = [
@@ -49,7 +49,7 @@ def made_up() -> list[Measured]:
 
 
 def names(results: list[Measured]) -> list[str]:
-    return [result.member.name.split(",")[0] for result in results]
+    return [result.candidate.name.split(",")[0] for result in results]
 
 
 def small(**changes: Any) -> Scenario:
@@ -74,7 +74,7 @@ def test_the_front_leaves_out_what_is_beaten_twice() -> None:
 
 
 @pytest.mark.parametrize(
-    ("wish", "name"),
+    ("requirement", "name"),
     [
         (Requirement(budget=1.0), "middle"),
         (Requirement(budget=8.0), "fast"),  # just met
@@ -86,12 +86,12 @@ def test_the_front_leaves_out_what_is_beaten_twice() -> None:
         (Requirement(budget=0.1, force_N=0.05), "good"),
     ],
 )
-def test_the_choice_meets_the_wish(wish: Requirement, name: str) -> None:
-    found = pick(made_up(), wish)
+def test_the_choice_meets_the_requirement(requirement: Requirement, name: str) -> None:
+    found = pick(made_up(), requirement)
     assert found is not None
     assert names([found]) == [name]
-    assert "--set clock.tick_s=0.001" in choice_lines(made_up(), wish)
-    assert "phase" not in choice_lines(made_up(), wish)
+    assert "--set clock.tick_s=0.001" in choice_lines(made_up(), requirement)
+    assert "phase" not in choice_lines(made_up(), requirement)
 
 
 def test_a_budget_is_met_with_a_reserve_where_that_is_possible() -> None:
@@ -111,14 +111,14 @@ def test_a_tolerance_is_of_objects_as_well() -> None:
 
 
 @pytest.mark.parametrize(
-    "wish", [Requirement(budget=9.0), Requirement(tolerance_m=1e-5), Requirement(1.0, force_N=0.01)]
+    "requirement", [Requirement(budget=9.0), Requirement(tolerance_m=1e-5), Requirement(1.0, force_N=0.01)]
 )
-def test_a_wish_may_be_out_of_reach(wish: Requirement) -> None:
-    assert pick(made_up(), wish) is None
-    assert choice_lines(made_up(), wish).startswith("No member")
+def test_a_requirement_may_be_out_of_reach(requirement: Requirement) -> None:
+    assert pick(made_up(), requirement) is None
+    assert choice_lines(made_up(), requirement).startswith("No candidate")
 
 
-def test_words_of_wishes() -> None:
+def test_words_of_requirements() -> None:
     assert parse_budget("1.5x") == 1.5
     assert parse_budget("2") == 2.0
     assert parse_force("0.1 N") == 0.1
@@ -140,8 +140,8 @@ def test_report_and_figures() -> None:
     assert "failed: ConvergenceError: no |" in table
     document = json.loads(as_json("made up", made_up(), Requirement(budget=1.0)))
     assert document["choice"] == "middle, 1 ms, 1 tangent"
-    assert [entry["pareto"] for entry in document["members"]] == [False, True, False, True, True, False]
-    assert document["members"][-1]["tip_error_m"] is None
+    assert [entry["pareto"] for entry in document["candidates"]] == [False, True, False, True, True, False]
+    assert document["candidates"][-1]["tip_error_m"] is None
 
 
 def test_the_plot_is_a_picture(tmp_path: Path) -> None:
@@ -150,26 +150,26 @@ def test_the_plot_is_a_picture(tmp_path: Path) -> None:
     assert (tmp_path / "trade.png").read_bytes().startswith(b"\x89PNG")
 
 
-def test_members_of_the_reference_scenario_all_load() -> None:
+def test_candidates_of_the_reference_scenario_all_load() -> None:
     scenario = load_scenario(REFERENCE)
     commanded = with_commands(scenario, build)
     for quick in (False, True):
-        members = candidates_of(scenario, quick=quick, time_scale=0.5)
-        assert len({member.name for member in members}) == len(members)
-        assert members[0].reference
-        assert members[0].changes["clock.tick_s"] < min(m.changes["clock.tick_s"] for m in members[1:])
-        for member in members:
-            changed = load_scenario(commanded if member.commanded else scenario, member.changes)
+        candidates = candidates_of(scenario, quick=quick, time_scale=0.5)
+        assert len({candidate.name for candidate in candidates}) == len(candidates)
+        assert candidates[0].reference
+        assert candidates[0].changes["clock.tick_s"] < min(m.changes["clock.tick_s"] for m in candidates[1:])
+        for candidate in candidates:
+            changed = load_scenario(commanded if candidate.commanded else scenario, candidate.changes)
             seconds = [sum(p.duration_s + p.settle_s for p in run.phases) for run in (changed, scenario)]
             assert seconds[0] == pytest.approx(0.5 * seconds[1], abs=0.2)
             for phase in changed.phases:
                 ticks = phase.duration_s / changed.clock.tick_s
                 assert ticks == pytest.approx(round(ticks), abs=1e-6)
-    groups = [member.group for member in candidates_of(scenario) if member.reference]
+    groups = [candidate.group for candidate in candidates_of(scenario) if candidate.reference]
     assert groups == ["time", "model"]
 
 
-def test_members_need_a_dynamic_run_and_a_positive_factor() -> None:
+def test_candidates_need_a_dynamic_run_and_a_positive_factor() -> None:
     with pytest.raises(InputError, match="quasistatic"):
         candidates_of(load_scenario(REFERENCE, {"mode": "quasistatic"}))
     with pytest.raises(InputError, match="time scale"):
@@ -178,18 +178,18 @@ def test_members_need_a_dynamic_run_and_a_positive_factor() -> None:
 
 def test_errors_shrink_with_the_tick_at_the_integrators_order() -> None:
     converged = {"solver.dynamic_newton_iterations": 50, "solver.dynamic_tolerance_N": 1e-8}
-    members = [
+    candidates = [
         Candidate("finest", "time", {**converged, "clock.tick_s": 2.5e-4, "solver.integrator": "bdf2"}, True)
     ]
     for integrator in ("implicit_euler", "bdf2"):
         for tick in (0.002, 0.001):
             changes = {**converged, "clock.tick_s": tick, "solver.integrator": integrator}
-            members.append(Candidate(f"{integrator} {tick}", "time", changes))
+            candidates.append(Candidate(f"{integrator} {tick}", "time", changes))
     told: list[Measured] = []
     # slow and damped, so that the errors are those of the motion and not of the film's vibrations
     phase = {"name": "inflate", "duration_s": 0.4, "pressure_Pa": 20e3}
     slow = small(**{"start.pressure_Pa": 10e3, "solver.damping_per_s": 60.0, "phase": [phase]})
-    results = measure(slow, members, build, Telling(done=told.append))
+    results = measure(slow, candidates, build, Telling(done=told.append))
     assert told == results
     assert results[0].tip_error_m == 0.0
     euler, half_euler, bdf2, half_bdf2 = results[1:]
@@ -207,32 +207,32 @@ def test_errors_shrink_with_the_tick_at_the_integrators_order() -> None:
     assert results[1].force_error_N > 1e-4
 
 
-def test_a_member_that_fails_leaves_the_others() -> None:
-    members = [
+def test_a_candidate_that_fails_leaves_the_others() -> None:
+    candidates = [
         Candidate("finest", "time", {"clock.tick_s": 0.005}, True),
         Candidate("impossible", "time", {"clock.tick_s": 0.01, "start.pressure_Pa": "high"}),
         Candidate("coarse", "time", {"clock.tick_s": 0.01}),
     ]
-    results = measure(small(), members, build)
+    results = measure(small(), candidates, build)
     assert [bool(result.failure) for result in results] == [False, True, False]
     assert "ScenarioError" in results[1].failure
     assert results[2].comparable
 
 
-def test_a_member_that_is_too_slow_is_stopped_by_name() -> None:
-    members = [
+def test_a_candidate_that_is_too_slow_is_stopped_by_name() -> None:
+    candidates = [
         Candidate("finest", "time", {"clock.tick_s": 0.005}, True),
         Candidate("coarse", "time", {"clock.tick_s": 0.01}),
     ]
     # no machine is that fast; a reference may be ten times slower, and is not stopped either
-    results = measure(small(), members, build, slowest=1e9)
+    results = measure(small(), candidates, build, slowest=1e9)
     assert [result.failure[:32] for result in results] == [
         "stopped: slower than x1e+08 real", "stopped: slower than x1e+09 real"
     ]  # fmt: skip
     assert "at 0.00 s, in 'inflate'" in results[0].failure
     table = markdown("made up", results)
     assert "| coarse | stopped: slower than x1e+09 real time" in table
-    assert not any(result.failure for result in measure(small(), members, build, slowest=0.0))
+    assert not any(result.failure for result in measure(small(), candidates, build, slowest=0.0))
 
 
 def test_what_follows_a_run_sees_every_snapshot_and_ends_with_it() -> None:
@@ -245,11 +245,11 @@ def test_what_follows_a_run_sees_every_snapshot_and_ends_with_it() -> None:
         finally:
             seen.append(-stage.ticks)
 
-    members = [Candidate("finest", "time", {"clock.tick_s": 0.02}, True)]
-    measure(small(), members, build, follow=follow)
+    candidates = [Candidate("finest", "time", {"clock.tick_s": 0.02}, True)]
+    measure(small(), candidates, build, follow=follow)
     assert seen == [*range(8), -7]
     seen.clear()
-    measure(small(), members, build, follow=follow, slowest=1e9)
+    measure(small(), candidates, build, follow=follow, slowest=1e9)
     assert seen == [0, -7]
 
 
@@ -282,11 +282,11 @@ def test_the_command_writes_table_figures_and_plot(
     assert (out / "trade.md").read_text(encoding="utf-8") in written
     document = json.loads((out / "trade.json").read_text(encoding="utf-8"))
     assert document["scenario"] == REFERENCE
-    assert len(document["members"]) == len(candidates_of(load_scenario(REFERENCE), quick=True))
+    assert len(document["candidates"]) == len(candidates_of(load_scenario(REFERENCE), quick=True))
     monkeypatch.setattr(command, "can_draw", lambda: False)
     assert main(["trade", REFERENCE, "--quick", "--out", str(tmp_path / "b"), "--budget", "1e12x"]) == 1
     captured = capsys.readouterr()
-    assert "No member" in captured.out
+    assert "No candidate" in captured.out
     assert "needs matplotlib" in captured.err
     assert not (tmp_path / "b" / "trade.png").exists()
 

@@ -52,15 +52,19 @@ def _check_rigid(scenario: Scenario, faults: Faults) -> None:
 
 
 def _check_auto(scenario: Scenario) -> None:
-    wish = scenario.auto
+    requirement = scenario.auto
     if scenario.fidelity != "auto":
-        if wish is not None and wish.chosen is None:
+        if requirement is not None and requirement.chosen is None:
             raise ScenarioError("auto", f"goes with fidelity = 'auto'; the fidelity is '{scenario.fidelity}'")
         return
     if scenario.mode != "dynamic":
         raise ScenarioError("fidelity", f"'auto' chooses among dynamic runs; the mode is '{scenario.mode}'")
-    if wish is None or (wish.budget, wish.tolerance_m, wish.force_tolerance_N) == (None, None, None):
+    if requirement is None or (
+        requirement.budget,
+        requirement.tolerance_m,
+        requirement.force_tolerance_N,
+    ) == (None, None, None):
         raise ScenarioError(
-            "auto", "is missing a wish; fidelity = 'auto' needs auto.budget (least real-time factor), "
+            "auto", "is missing a requirement; fidelity = 'auto' needs auto.budget (least real-time factor), "
             "auto.tolerance_m (of the tip) or auto.force_tolerance_N",
         )  # fmt: skip

@@ -14,7 +14,7 @@ Fidelity: TypeAlias = Literal["rigid", "section", "lumped", "refined", "auto"]
 @final
 @dataclass(frozen=True)
 class AutoTable:
-    """What fidelity, tick and integrator shall meet with `fidelity = "auto"`; at least one wish.
+    """What fidelity, tick and integrator shall meet with `fidelity = "auto"`; at least one requirement.
 
     Errors are those against the lumped model at the finest tick of the measurement.
 

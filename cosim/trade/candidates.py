@@ -1,4 +1,4 @@
-"""The members of a trade: one scenario with other fidelities, ticks, integrators, iterations and models."""
+"""The candidates of a trade: one scenario with other fidelities, ticks, integrators and models."""
 
 from __future__ import annotations
 
@@ -10,10 +10,18 @@ from cosim.config.loading import load_scenario
 from cosim.config.schema.fidelity import Fidelity
 from cosim.config.schema.scenario import Scenario
 from cosim.errors import InputError, ScenarioError
-from cosim.trade.member import Candidate, Group
-from cosim.trade.model_members import model_members
+from cosim.trade.candidate import Candidate, Group
+from cosim.trade.model_candidates import model_candidates
 
-__all__ = ["Candidate", "Group", "Truth", "candidates_of", "durations", "lower_fidelities", "short_members"]
+__all__ = [
+    "Candidate",
+    "Group",
+    "Truth",
+    "candidates_of",
+    "durations",
+    "lower_fidelities",
+    "short_candidates",
+]
 
 Truth: TypeAlias = Literal["finest", "refined"]
 
@@ -36,7 +44,7 @@ _CONVERGED_SHARE: Final = 0.01
 def candidates_of(
     scenario: Scenario, *, quick: bool = False, time_scale: float = 1.0, truth: Truth = "finest"
 ) -> tuple[Candidate, ...]:
-    """Return the members of a scenario's trade, each group's reference before its others.
+    """Return the candidates of a scenario's trade, each group's reference before its others.
 
     Args:
         scenario: checked, in the dynamic mode.
@@ -55,23 +63,23 @@ def candidates_of(
     if truth == "refined" and quick:
         raise InputError("a quick trade runs no refined mesh to measure against")
     hurried = durations(scenario, time_scale)
-    time = _time_members(scenario, _QUICK_TICKS_S if quick else _TICKS_S, converge=True)
-    model = model_members(scenario, lower_fidelities(), quick=quick)
-    members = (*time, *model)
+    time = _time_candidates(scenario, _QUICK_TICKS_S if quick else _TICKS_S, converge=True)
+    model = model_candidates(scenario, lower_fidelities(), quick=quick)
+    candidates = (*time, *model)
     if truth == "refined":
-        members = (model[0], *(replace(m, group="model", reference=False) for m in (*time, *model[1:])))
-    return tuple(replace(m, changes={**m.changes, **hurried}) for m in members)
+        candidates = (model[0], *(replace(m, group="model", reference=False) for m in (*time, *model[1:])))
+    return tuple(replace(m, changes={**m.changes, **hurried}) for m in candidates)
 
 
-def short_members(scenario: Scenario) -> tuple[Candidate, ...]:
-    """Return the few members that an automatic choice is made from.
+def short_candidates(scenario: Scenario) -> tuple[Candidate, ...]:
+    """Return the few candidates that an automatic choice is made from.
 
     Without anything to touch BDF2 is nearer at every tick and costs the same; with contact Euler's damping
     may help, so both are tried.
     """
     both = ("implicit_euler", "bdf2")
     integrators = both if scenario.objects or scenario.wires else both[1:]
-    return tuple(_time_members(scenario, _SHORT_TICKS_S, converge=False, integrators=integrators))
+    return tuple(_time_candidates(scenario, _SHORT_TICKS_S, converge=False, integrators=integrators))
 
 
 def lower_fidelities() -> tuple[str, ...]:
@@ -79,7 +87,7 @@ def lower_fidelities() -> tuple[str, ...]:
     return tuple(name for name in get_args(Fidelity) if name in _RUNG_TICKS_S)
 
 
-def _time_members(
+def _time_candidates(
     scenario: Scenario,
     ticks_s: tuple[float, ...],
     *,
@@ -91,7 +99,7 @@ def _time_members(
     Args:
         scenario: checked.
         ticks_s: of the lumped model.
-        converge: whether there are members that converge every tick.
+        converge: whether there are candidates that converge every tick.
         integrators: to try.
     """
     loose = scenario.solver.dynamic_tolerance_N
@@ -102,7 +110,7 @@ def _time_members(
     }
     finest = {"fidelity": "lumped", "clock.tick_s": 0.5 * ticks_s[0], "solver.integrator": "bdf2"}
     name = f"BDF2, {_milliseconds(0.5 * ticks_s[0])}, converged"
-    members = [Candidate(name, "time", {**finest, **converged}, reference=True)]
+    candidates = [Candidate(name, "time", {**finest, **converged}, reference=True)]
     labels = {"implicit_euler": "Euler", "bdf2": "BDF2"}
     for tick in ticks_s:
         for integrator in integrators:
@@ -114,18 +122,18 @@ def _time_members(
             for iterations, suffix in ways:
                 name = f"{labels[integrator]}, {_milliseconds(tick)}, {suffix}"
                 family = f"{labels[integrator]}, {suffix}"
-                members.append(Candidate(name, "time", {**changes, **iterations}, family=family))
+                candidates.append(Candidate(name, "time", {**changes, **iterations}, family=family))
     for fidelity in lower_fidelities():
         rungs = [tick for tick in _RUNG_TICKS_S[fidelity] if tick >= ticks_s[0]]
         for tick in rungs if _can_be(scenario, fidelity) else rungs[:1]:
             changes = {"fidelity": fidelity, "clock.tick_s": tick, "solver.integrator": "bdf2"}
             name = f"{fidelity}, {_milliseconds(tick)}"
-            members.append(Candidate(name, "time", {**changes, **one}, family=fidelity))
-    return members
+            candidates.append(Candidate(name, "time", {**changes, **one}, family=fidelity))
+    return candidates
 
 
 def _can_be(scenario: Scenario, fidelity: str) -> bool:
-    """Whether a scenario can be run at a fidelity; where not, one member says why."""
+    """Whether a scenario can be run at a fidelity; where not, one candidate says why."""
     try:
         load_scenario(scenario, {"fidelity": fidelity})
     except ScenarioError:

@@ -1,4 +1,4 @@
-"""Members of a trade that differ in what is modelled: models, and every switch of what a run leaves out."""
+"""Candidates of a trade that differ in what is modelled: models, and switches of what a run leaves out."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Any, Final
 
 from cosim.config.schema.scenario import NO_ARM, Scenario
 from cosim.telemetry.choices import CONTACT
-from cosim.trade.member import Candidate
+from cosim.trade.candidate import Candidate
 
 _TICK_S: Final = 0.01
 _SUBSTEP_ERROR_M: Final = 2e-5
@@ -19,7 +19,7 @@ _LAWS: Final = {
 }
 
 
-def model_members(scenario: Scenario, fidelities: tuple[str, ...], *, quick: bool) -> list[Candidate]:
+def model_candidates(scenario: Scenario, fidelities: tuple[str, ...], *, quick: bool) -> list[Candidate]:
     """Return what is modelled otherwise, all at one tick, so that errors of time stepping nearly cancel.
 
     That tick is long, as the reference is dear; where something can move it is the scenario's own, as
@@ -34,24 +34,28 @@ def model_members(scenario: Scenario, fidelities: tuple[str, ...], *, quick: boo
     if any(entry.mass_kg is not None for entry in scenario.objects) or scenario.wires:
         same["clock.tick_s"] = scenario.clock.tick_s
 
-    def member(name: str, changes: Mapping[str, Any], decision: str = "", **more: Any) -> Candidate:
+    def candidate(name: str, changes: Mapping[str, Any], decision: str = "", **more: Any) -> Candidate:
         return Candidate(name, "model", {**same, **changes}, decision=decision, commanded=True, **more)
 
-    members = [
-        member("model as it is", {}, reference=quick, base=True),
-        *(member(name, changes) for name, changes in _films(scenario).items()),
-        *(member(name, changes, decision) for name, (changes, decision) in _switches(scenario).items()),
-        *(member(f"fidelity {name}", {"fidelity": name}, "elasticity" if name == "rigid" else "", family=name)
-          for name in fidelities),
+    candidates = [
+        candidate("model as it is", {}, reference=quick, base=True),
+        *(candidate(name, changes) for name, changes in _films(scenario).items()),
+        *(candidate(name, changes, decision) for name, (changes, decision) in _switches(scenario).items()),
+        *(
+            candidate(
+                f"fidelity {name}", {"fidelity": name}, "elasticity" if name == "rigid" else "", family=name
+            )
+            for name in fidelities
+        ),
     ]  # fmt: skip
     if quick:
-        return members
+        return candidates
     finer = {"fidelity": "refined", "model.calibrated": False}
-    return [member("refined once more", finer, reference=True), *members]
+    return [candidate("refined once more", finer, reference=True), *candidates]
 
 
 def _films(scenario: Scenario) -> dict[str, dict[str, Any]]:
-    """Return other films and hinges, by the member's name."""
+    """Return other films and hinges, by the candidate's name."""
     robot = scenario.soft_robot
     found: dict[str, dict[str, Any]] = {
         f"film law {law}": dict(changes) for law, changes in _LAWS.items() if law != robot.film.law

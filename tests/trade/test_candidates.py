@@ -1,4 +1,4 @@
-"""Members of a trade beside ticks: fidelities, switches, statics, and what they are measured against."""
+"""Candidates of a trade beside ticks: fidelities, switches, statics, and what they are measured against."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from cosim.build.simulation import build
 from cosim.cli.main import main
 from cosim.config.loading import load_scenario
 from cosim.errors import InputError
+from cosim.trade.candidates import Candidate, candidates_of, lower_fidelities, short_candidates
 from cosim.trade.measuring import measure
-from cosim.trade.members import Candidate, candidates_of, lower_fidelities, short_members
 from tests.trade.test_auto import small
 
 REFERENCE = "ur5e_hexagon_arm"
@@ -21,28 +21,30 @@ REFERENCE = "ur5e_hexagon_arm"
 def test_against_the_refined_mesh_there_is_one_table() -> None:
     scenario = load_scenario(REFERENCE)
     both, one = candidates_of(scenario), candidates_of(scenario, truth="refined")
-    assert {member.name for member in both} == {member.name for member in one}
-    assert [member.name for member in one if member.reference] == ["refined once more"]
+    assert {candidate.name for candidate in both} == {candidate.name for candidate in one}
+    assert [candidate.name for candidate in one if candidate.reference] == ["refined once more"]
     assert one[0].reference
-    assert {member.group for member in one} == {"model"}
+    assert {candidate.group for candidate in one} == {"model"}
     assert one[0].changes["fidelity"] == "refined"
     with pytest.raises(InputError, match="no refined mesh"):
         candidates_of(scenario, quick=True, truth="refined")
 
 
-def test_every_lower_fidelity_is_a_member_of_both_tables_and_of_the_short_list() -> None:
+def test_every_lower_fidelity_is_a_candidate_of_both_tables_and_of_the_short_list() -> None:
     assert "rigid" in lower_fidelities()
-    for members in (
+    for candidates in (
         candidates_of(load_scenario(REFERENCE), quick=True),
-        short_members(load_scenario(REFERENCE)),
+        short_candidates(load_scenario(REFERENCE)),
     ):
-        timed = {member.changes["fidelity"] for member in members if member.group == "time"}
+        timed = {candidate.changes["fidelity"] for candidate in candidates if candidate.group == "time"}
         assert timed == {*lower_fidelities(), "lumped"}
 
 
-def test_every_switch_of_what_is_modelled_is_a_member() -> None:
+def test_every_switch_of_what_is_modelled_is_a_candidate() -> None:
     changes = [
-        member.changes for member in candidates_of(load_scenario(REFERENCE)) if member.group == "model"
+        candidate.changes
+        for candidate in candidates_of(load_scenario(REFERENCE))
+        if candidate.group == "model"
     ]
     keys = {key for change in changes for key in change}
     assert keys >= {"contact.enabled", "soft_robot.hinge.stiffness_factor", "mode", "fidelity"}
@@ -53,12 +55,12 @@ def test_statics_are_compared_at_phase_ends_only() -> None:
         {"name": "inflate", "duration_s": 0.2, "settle_s": 0.2, "pressure_Pa": 5e3, "increments": 4},
         {"name": "more", "duration_s": 0.2, "settle_s": 0.2, "pressure_Pa": 10e3, "increments": 4},
     ]
-    members = [
+    candidates = [
         Candidate("dynamics", "model", {"clock.tick_s": 0.005}, reference=True),
         Candidate("statics", "model", {"mode": "quasistatic"}),
     ]
     slow = small(**{"phase": phases, "solver.damping_per_s": 30.0})
-    statics = measure(slow, members, build)[1]
+    statics = measure(slow, candidates, build)[1]
     assert not statics.failure
     assert np.isnan(statics.tip_error_m)
     assert not statics.comparable

@@ -1,4 +1,4 @@
-"""Members that differ in what is modelled: each decision of a run has one, all with the same commands."""
+"""Candidates that differ in what is modelled: each decision of a run has one, all with the same commands."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from cosim.build.simulation import build
 from cosim.config.loading import load_scenario
 from cosim.config.schema.scenario import Scenario
 from cosim.plan.flange_path import pose_of
+from cosim.trade.candidates import Candidate, candidates_of
 from cosim.trade.commands import flange_pose, with_commands
 from cosim.trade.measuring import measure
-from cosim.trade.members import Candidate, candidates_of
 from tests.trade.test_auto import small
 
 REFERENCE, GRASP = "ur5e_hexagon_arm", "gripper_lifts_roll"
@@ -32,18 +32,20 @@ def lifted() -> Scenario:
 
 
 @pytest.mark.parametrize("name", [REFERENCE, GRASP, "hexagon_arm_curls"])
-def test_every_decision_of_a_run_has_a_member_that_decides_otherwise(name: str) -> None:
+def test_every_decision_of_a_run_has_a_candidate_that_decides_otherwise(name: str) -> None:
     phases = [{"name": "rest", "duration_s": 0.1}]
     scenario = load_scenario(name, {"phase": phases, "mode": "dynamic"})
     decided = {entry.what for entry in build(scenario).stage.modelled}
-    assert decided == {member.decision for member in candidates_of(scenario, quick=True)} - {""}
+    assert decided == {candidate.decision for candidate in candidates_of(scenario, quick=True)} - {""}
 
 
-def test_members_of_a_scenario_with_a_light_object_keep_its_tick() -> None:
+def test_candidates_of_a_scenario_with_a_light_object_keep_its_tick() -> None:
     grasp, arm = load_scenario(GRASP), load_scenario(REFERENCE)
     for scenario, tick_s in ((grasp, grasp.clock.tick_s), (arm, 0.01)):
-        models = [member for member in candidates_of(scenario, quick=True) if member.group == "model"]
-        assert {member.changes["clock.tick_s"] for member in models} == {tick_s}
+        models = [
+            candidate for candidate in candidates_of(scenario, quick=True) if candidate.group == "model"
+        ]
+        assert {candidate.changes["clock.tick_s"] for candidate in models} == {tick_s}
 
 
 @pytest.mark.parametrize("turn", [[0.0, 0.0, 0.4], [3.0, 0.2, -0.5], [0.1, -1.2, 0.8]])
@@ -73,13 +75,13 @@ def test_commands_in_place_of_targets_lead_the_same_way() -> None:
 
 def test_switches_are_measured_against_the_model_as_it_is() -> None:
     softer = {"soft_robot.film.young_modulus_Pa": 1e8}
-    members = [
+    candidates = [
         Candidate("finer", "model", {"clock.tick_s": 0.005, **softer}, reference=True, commanded=True),
         Candidate("as it is", "model", {"clock.tick_s": 0.01}, base=True, commanded=True),
         Candidate("the same", "model", {"clock.tick_s": 0.01}, commanded=True),
         Candidate("other", "model", {"clock.tick_s": 0.01, **softer}, commanded=True),
     ]
-    finer, base, same, other = measure(lifted(), members, build)
+    finer, base, same, other = measure(lifted(), candidates, build)
     assert np.isnan(finer.base_error_m)
     assert base.base_error_m == same.base_error_m == 0.0
     assert same.tip_error_m > 1e-5

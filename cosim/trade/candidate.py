@@ -1,4 +1,4 @@
-"""One member of a trade."""
+"""One candidate of a trade."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ class Candidate:
 
     Args:
         name: for the table.
-        group: "time": members differ in fidelity and in how time is stepped; "model": in what is modelled.
+        group: "time": candidates differ in fidelity and in how time is stepped; "model": in what is modelled.
         changes: overrides of the scenario, by key path.
         reference: whether the others of its group are measured against it.
         family: what it has in common with others of one colour in the plot.
