@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TypeAlias, final
+from typing import final
 
 import numpy as np
 
@@ -12,7 +12,7 @@ from cosim.coupling.soft_sides.answer_weights import answer_weights
 from cosim.coupling.soft_sides.saved_states import SoftArmState
 from cosim.coupling.soft_sides.shape_reader import MeshReader
 from cosim.coupling.soft_sides.soft_side import SoftReply, SoftSide
-from cosim.coupling.soft_sides.substeps import pieces_after, pose_within, step_error
+from cosim.coupling.soft_sides.substeps import Drive, pieces_after, pose_within, step_error, step_or_halves
 from cosim.errors import ConvergenceError
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
@@ -28,10 +28,6 @@ from cosim.soft.solve.time_scheme import StepAim, StepOptions, difference_scheme
 from cosim.soft.solve.time_step import ImplicitStepper
 from cosim.soft.targets import flange_search, tension_search
 from cosim.soft.targets.tip_target import TipTarget
-
-_HALVINGS_MAX = 5
-
-_Drive: TypeAlias = tuple[Pose, Loads]
 
 
 @final
@@ -65,7 +61,7 @@ class SoftArm(SoftSide):
         self._residual = 0.0
         self._pieces, self._last_pieces, self._piece_s = 1, 1, 0.0
         # of the last step: where it began, and what the step before it had left
-        self._begin: tuple[_Drive, Pose | None, float] = ((self._flange, self._loads), None, 0.0)
+        self._begin: tuple[Drive, Pose | None, float] = ((self._flange, self._loads), None, 0.0)
         self._hold(Clamp.of_base(body))
 
     def _hold(self, clamp: Clamp) -> None:
@@ -112,7 +108,7 @@ class SoftArm(SoftSide):
         self.state = before
         (self._flange, self._loads), self._flange_before, self._piece_s = self._begin
 
-    def _advance(self, end: _Drive, step_s: float, aim: StepAim | None) -> SoftReply:
+    def _advance(self, end: Drive, step_s: float, aim: StepAim | None) -> SoftReply:
         begin, before = (self._flange, self._loads), self.state
         self._begin = (begin, self._flange_before, self._piece_s)
         try:
@@ -158,11 +154,11 @@ class SoftArm(SoftSide):
             return None
         return np.array([self._stepper.solver.linear.solve(force) for force in forces])
 
-    def _march(self, begin: _Drive, end: _Drive, step_s: float, aim: StepAim | None) -> int:
+    def _march(self, begin: Drive, end: Drive, step_s: float, aim: StepAim | None) -> int:
         """Take one step, cut into as many pieces as its error asks for; return the Newton iterations."""
         bound, before = self._dynamics.substep_error_m, self.state
         if bound is None:
-            return self._step(begin, end, step_s, _HALVINGS_MAX, aim)
+            return step_or_halves(self._step, self._restart, begin, end, step_s, aim)
         if aim is not None and aim.start is not None:  # again: cut as it was the first time
             return self._cut(begin, end, step_s, self._last_pieces, aim)[0]
         order = 2 if self._dynamics.integrator == "bdf2" else 1
@@ -177,41 +173,30 @@ class SoftArm(SoftSide):
             self.state = before
 
     def _cut(
-        self, begin: _Drive, end: _Drive, step_s: float, pieces: int, aim: StepAim | None
+        self, begin: Drive, end: Drive, step_s: float, pieces: int, aim: StepAim | None
     ) -> tuple[int, float]:
         """Take a step in equal pieces; return the Newton iterations and the largest error of a piece [m]."""
         length, here, spent, worst = step_s / pieces, begin, 0, 0.0
         if length != self._piece_s:
-            self.state, self._piece_s = replace(self.state, earlier=None), length
+            self._restart()
+            self._piece_s = length
         part = None if aim is None else StepAim(aim.tolerance_N)
         for k in range(1, pieces + 1):
             share, before = k / pieces, self.state
             flange = pose_within(self._flange_before, begin[0], end[0], share)
             here, last = (flange, begin[1].interpolated(end[1], share)), here
-            spent += self._step(last, here, length, _HALVINGS_MAX, part)
+            spent += step_or_halves(self._step, self._restart, last, here, length, part)
             worst = max(worst, step_error(self._dynamics.integrator, before, self.state, length))
         return spent, worst
 
-    def _step(
-        self, begin: _Drive, end: _Drive, step_s: float, halvings: int, aim: StepAim | None = None
-    ) -> int:
-        """Take one step, or two halves where it does not converge; return the Newton iterations."""
-        (flange, loads) = end
-        try:
-            self.state, result = self._stepper.step(self.state, flange, loads, step_s, begin[0], aim)
-        except ConvergenceError as error:
-            if halvings == 0:
-                raise error.at(f"even in steps of {1e3 * step_s:.3g} ms") from None
-            middle = (begin[0].interpolated(flange, 0.5), begin[1].interpolated(loads, 0.5))
-            # a two-step integrator cannot look back over a change of step
-            self.state = replace(self.state, earlier=None)
-            part = None if aim is None else StepAim(aim.tolerance_N)
-            spent = error.iterations + self._step(begin, middle, 0.5 * step_s, halvings - 1, part)
-            spent += self._step(middle, end, 0.5 * step_s, halvings - 1, part)
-            self.state = replace(self.state, earlier=None)
-            return spent
+    def _step(self, begin: Drive, end: Drive, step_s: float, aim: StepAim | None) -> int:
+        self.state, result = self._stepper.step(self.state, *end, step_s, begin[0], aim)
         self._residual = result.residual_N
         return result.iterations
+
+    def _restart(self) -> None:
+        """Let the next step be the first one of a two-step integrator."""
+        self.state = replace(self.state, earlier=None)
 
     def start(self, world_from_flange: Pose, loads: Loads) -> Equilibrium:
         """Return the equilibrium before the first phase: hung up without pressure, then loaded."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TypeAlias, final
+from typing import final
 
 import numpy as np
 from scipy.linalg import LinAlgError
@@ -16,6 +16,7 @@ from cosim.coupling.soft_sides.chain_reader import ChainReader, ChainShape
 from cosim.coupling.soft_sides.mass import MassProperties
 from cosim.coupling.soft_sides.saved_states import SectionArmState
 from cosim.coupling.soft_sides.soft_side import SoftReply, SoftSide
+from cosim.coupling.soft_sides.substeps import Drive, step_or_halves
 from cosim.errors import ConvergenceError
 from cosim.reduced.section_model import SectionBody
 from cosim.reduced.sections.outputs import center_and_inertia, figures_of, supplied_wrench
@@ -35,10 +36,6 @@ from cosim.soft.solve.state import Equilibrium, Obstacles, SoftState
 from cosim.soft.solve.time_scheme import StepAim, StepOptions
 from cosim.soft.targets import flange_search, tension_search
 from cosim.soft.targets.tip_target import TipTarget
-
-_HALVINGS_MAX = 5
-
-_Drive: TypeAlias = tuple[Pose, Loads]
 
 
 @final
@@ -132,7 +129,9 @@ class SectionArm(SoftSide):
     def _advance(self, flange: Pose, loads: Loads, step_s: float, aim: StepAim | None) -> SoftReply:
         self._begin = (self._last, self._flange, self._loads)
         try:
-            iterations = self._step(self._begin[1:], (flange, loads), step_s, _HALVINGS_MAX, aim)
+            iterations = step_or_halves(
+                self._step, self._restart, self._begin[1:], (flange, loads), step_s, aim
+            )
         except ConvergenceError:
             self._last = self._begin[0]
             raise
@@ -141,26 +140,12 @@ class SectionArm(SoftSide):
         self._flange, self._loads = flange, loads
         return SoftReply(supplied_wrench(self._last.figures), self._last.residual_N, iterations)
 
-    def _step(
-        self, begin: _Drive, end: _Drive, step_s: float, halvings: int, aim: StepAim | None = None
-    ) -> int:
-        """Take one step, or two halves where it does not converge; return the Newton iterations."""
-        try:
-            here = self._last
-            self._last = self._stepper.step(here.chain, self.clamp, *end, step_s, here.pressure_Pa, aim)
-        except ConvergenceError as error:
-            if halvings == 0:
-                raise error.at(f"even in steps of {1e3 * step_s:.3g} ms") from None
-            middle = (begin[0].interpolated(end[0], 0.5), begin[1].interpolated(end[1], 0.5))
-            self._look_no_further_back()
-            part = None if aim is None else StepAim(aim.tolerance_N)
-            spent = error.iterations + self._step(begin, middle, 0.5 * step_s, halvings - 1, part)
-            spent += self._step(middle, end, 0.5 * step_s, halvings - 1, part)
-            self._look_no_further_back()
-            return spent
+    def _step(self, _begin: Drive, end: Drive, step_s: float, aim: StepAim | None) -> int:
+        here = self._last
+        self._last = self._stepper.step(here.chain, self.clamp, *end, step_s, here.pressure_Pa, aim)
         return self._last.iterations
 
-    def _look_no_further_back(self) -> None:
+    def _restart(self) -> None:
         """Let the next step be the first one of a two-step integrator."""
         self._last = replace(self._last, chain=replace(self._last.chain, earlier=None))
 

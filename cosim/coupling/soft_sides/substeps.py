@@ -1,4 +1,4 @@
-"""Cutting a tick into pieces: where the flange is within it, and how far a piece is off.
+"""Cutting a tick into pieces: halves of one that does not converge, the flange within it, a piece's error.
 
 The error of an implicit step is its distance from an explicit prediction of the same order, weighted.
 Implicit Euler leaves -h^2 x''/2 of the exact solution, free flight x + h v leaves +h^2 x''/2: half their
@@ -10,16 +10,61 @@ Source: Hairer, Norsett and Wanner, Solving ODEs I, section III.2 (error constan
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from typing import TypeAlias
 
 import numpy as np
 
 from cosim.base.frames import Pose, rotation_from_vector, vector_from_rotation
+from cosim.errors import ConvergenceError
+from cosim.soft.body.loads import Loads
 from cosim.soft.solve.state import SoftState
-from cosim.soft.solve.time_scheme import Integrator
+from cosim.soft.solve.time_scheme import Integrator, StepAim
 
+Drive: TypeAlias = tuple[Pose, Loads]
+_HALVINGS_MAX = 5
 _PIECES_MAX = 16
 _SAFETY = 1.2
 _RELAXED = 0.25  # of the bound: then longer pieces are tried in the next step
+
+
+def step_or_halves(
+    step: Callable[[Drive, Drive, float, StepAim | None], int],
+    restart: Callable[[], None],
+    begin: Drive,
+    end: Drive,
+    step_s: float,
+    aim: StepAim | None,
+    halvings: int = _HALVINGS_MAX,
+) -> int:
+    """Take one step, or two halves where it does not converge; return the Newton iterations.
+
+    Args:
+        step: takes a step between two flange poses and loads, or leaves the state as it is.
+        restart: lets the next step be the first one: a two-step integrator cannot look back over a change of
+            step.
+        begin: flange pose and loads at the beginning.
+        end: at the end.
+        step_s: length [s].
+        aim: what the step is asked for; None for nothing.
+        halvings: how often it may be halved.
+
+    Raises:
+        ConvergenceError: not even the shortest pieces converge.
+    """
+    try:
+        return step(begin, end, step_s, aim)
+    except ConvergenceError as error:
+        if halvings == 0:
+            raise error.at(f"even in steps of {1e3 * step_s:.3g} ms") from None
+        spent = error.iterations
+    middle = (begin[0].interpolated(end[0], 0.5), begin[1].interpolated(end[1], 0.5))
+    restart()
+    part = None if aim is None else StepAim(aim.tolerance_N)
+    for first, last in ((begin, middle), (middle, end)):
+        spent += step_or_halves(step, restart, first, last, 0.5 * step_s, part, halvings - 1)
+    restart()
+    return spent
 
 
 def pose_within(before: Pose | None, begin: Pose, end: Pose, share: float) -> Pose:
