@@ -121,7 +121,7 @@ def kernel(signature: Any, *, reorder_sums: bool = False) -> Callable[[Function]
     return decorate
 
 
-def inlined(function: Function) -> Function:
+def device_function(function: Function) -> Function:
     """Mark a small function that kernels call; it is compiled with each of them."""
     result: Function = _compiled_later(function, inline="never")
     return result
@@ -137,7 +137,7 @@ def _compiled_later(function: Any, **options: Any) -> Any:
     return dispatcher
 
 
-@inlined
+@device_function
 def add_block(blocks: Any, slot: int, value: Any) -> None:
     """Add a 3 x 3 value to block `slot`, or its transpose to block -1 - slot."""
     if slot >= 0:

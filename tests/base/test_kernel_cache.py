@@ -23,9 +23,9 @@ def scaled(x):
     return times(x)
 """
 HELPER = """
-from cosim.base.kernels import inlined
+from cosim.base.kernels import device_function
 from cosim.constants import FACTOR
-@inlined
+@device_function
 def times(x):
     return {factor} * FACTOR * x
 """

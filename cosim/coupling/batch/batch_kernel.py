@@ -12,7 +12,7 @@ import numpy as np
 from numba import types
 
 from cosim.base.frames import Array, IntArray
-from cosim.base.kernels import BLOCKS, BOOLEAN, INDICES, MATRIX, REAL, VECTOR, inlined, kernel
+from cosim.base.kernels import BLOCKS, BOOLEAN, INDICES, MATRIX, REAL, VECTOR, device_function, kernel
 from cosim.coupling.batch.added_inertia import AddedInertiaRow
 from cosim.coupling.schemes.momentum_balance import LEVER_M, SMALLEST_N
 from cosim.reduced.sections.outputs import CENTER, INERTIA, WRENCH
@@ -111,7 +111,7 @@ _TICKS = types.NamedTuple(
 )  # fmt: skip
 
 
-@inlined
+@device_function
 def _fill_payload(figures, mass, origin, axes, mounted, out):  # type: ignore[no-untyped-def]
     """Fill out (10,) with the `inertial_parameters` of the chain's mass and of what is mounted."""
     center, turned, inertia = np.empty(3), np.empty((3, 3)), np.empty((3, 3))
@@ -140,7 +140,7 @@ def _fill_payload(figures, mass, origin, axes, mounted, out):  # type: ignore[no
         out[k] += mounted[k]
 
 
-@inlined
+@device_function
 def _command(scene, commands, k, payload):  # type: ignore[no-untyped-def]
     """Tell the servos what to follow."""
     for j in range(scene.control.shape[0]):
@@ -152,7 +152,7 @@ def _command(scene, commands, k, payload):  # type: ignore[no-untyped-def]
         scene.control[j, 2] = torque
 
 
-@inlined
+@device_function
 def _give_back(scene, carried):  # type: ignore[no-untyped-def]
     """Give back what the carried inertia takes as long as the soft side answers as before."""
     joints, depth = carried.inertia.shape[0], carried.past.shape[0]
@@ -167,7 +167,7 @@ def _give_back(scene, carried):  # type: ignore[no-untyped-def]
                 scene.torque[i] += carried.inertia[i, j] * carried.weights[k] * carried.past[k, j]
 
 
-@inlined
+@device_function
 def _carry(scene, inertia):  # type: ignore[no-untyped-def]
     """Add what the joints carry to a mass matrix that MuJoCo has computed for new positions."""
     joints = inertia.shape[0]
@@ -178,7 +178,7 @@ def _carry(scene, inertia):  # type: ignore[no-untyped-def]
         call_step(scene.steps[FACTORISE], scene.sides[0], scene.sides[1])
 
 
-@inlined
+@device_function
 def _momentum_error(scene, handed):  # type: ignore[no-untyped-def]
     """Return how far what acts on the flange is from what was handed over, see `momentum`."""
     largest = 0.0
@@ -192,7 +192,7 @@ def _momentum_error(scene, handed):  # type: ignore[no-untyped-def]
     return largest / max(handed[6], SMALLEST_N)
 
 
-@inlined
+@device_function
 def _read_scene(scene, ticks, k):  # type: ignore[no-untyped-def]
     """Keep where arm and bodies are at the end of tick k, and how the flange moves."""
     for j in range(scene.position.shape[0]):
@@ -213,7 +213,7 @@ def _read_scene(scene, ticks, k):  # type: ignore[no-untyped-def]
             ticks.axes[k + 1, r, c] = scene.axes[r, c]
 
 
-@inlined
+@device_function
 def _hand_over(ticks, k):  # type: ignore[no-untyped-def]
     """Take the wrench from the chain's figures to the world's origin."""
     place, size = ticks.origin[k + 1], 0.0
@@ -227,7 +227,7 @@ def _hand_over(ticks, k):  # type: ignore[no-untyped-def]
     ticks.handed[k + 1, 6] = size
 
 
-@inlined
+@device_function
 def _fill_power(scene, ticks, k):  # type: ignore[no-untyped-def]
     """Keep the powers of the wrench that acted and of the answer, see `LedgerEntry`."""
     received = given = force = moment = speed = turn = 0.0
@@ -242,7 +242,7 @@ def _fill_power(scene, ticks, k):  # type: ignore[no-untyped-def]
     ticks.power[k, 2] = np.sqrt(force) * np.sqrt(speed) + np.sqrt(moment) * np.sqrt(turn)
 
 
-@inlined
+@device_function
 def _set_pressure(chain, commands, k):  # type: ignore[no-untyped-def]
     """Bring sections and eyelets to the pressure of tick k."""
     first, weights = commands.first[k], commands.weights[k]

@@ -6,7 +6,7 @@ import numpy as np
 from numba import int64, types, void
 
 from cosim.base.frames import Array, IntArray
-from cosim.base.kernels import INDICES, MATRIX, REAL, VECTOR, inlined, kernel
+from cosim.base.kernels import INDICES, MATRIX, REAL, VECTOR, device_function, kernel
 from cosim.reduced.sections.block_cholesky import factorise, substitute
 from cosim.reduced.sections.contact_terms import add_contacts
 from cosim.reduced.sections.frame_terms import add_cables, add_frames
@@ -70,7 +70,7 @@ def change_frames(frames: Array, step: Array, factor: float, out: Array) -> None
                 out[f, a, r] = frames[f, a, r] + sine * v[r] + versine * w[r]
 
 
-@inlined
+@device_function
 def copy_frames(frames, out):  # type: ignore[no-untyped-def]
     """Fill out (f, 4, 3); an assignment of whole arrays takes seconds to compile, as it can fail."""
     for f in range(frames.shape[0]):
@@ -79,7 +79,7 @@ def copy_frames(frames, out):  # type: ignore[no-untyped-def]
                 out[f, a, r] = frames[f, a, r]
 
 
-@inlined
+@device_function
 def _residual(gradient, free, lever):  # type: ignore[no-untyped-def]
     """Return the largest out-of-balance force, or moment over lever."""
     largest = 0.0
@@ -92,7 +92,7 @@ def _residual(gradient, free, lever):  # type: ignore[no-untyped-def]
     return largest
 
 
-@inlined
+@device_function
 def _descent(free, gradient, step):  # type: ignore[no-untyped-def]
     """Turn the solution into a step; return the potential's slope along it, and the factor that bounds it."""
     slope = longest = turn = 0.0
@@ -107,7 +107,7 @@ def _descent(free, gradient, step):  # type: ignore[no-untyped-def]
     return slope, min(1.0, min(_STEP_MAX_M / max(longest, 1e-30), _TURN_MAX / max(turn, 1e-30)))
 
 
-@inlined
+@device_function
 def _descends(value, energy, fall, residual, before):  # type: ignore[no-untyped-def]
     """Whether a step has lowered the potential as it should, or the residual by far."""
     if not np.isfinite(value):
@@ -115,7 +115,7 @@ def _descends(value, energy, fall, residual, before):  # type: ignore[no-untyped
     return value <= energy + 1e-4 * fall + 1e-13 * (1.0 + abs(energy)) or residual < 0.1 * before
 
 
-@inlined
+@device_function
 def _factorise(free, diagonal, off, scale, low, side):  # type: ignore[no-untyped-def]
     """Factorise the tangent; return the least shift [N/m] tried that makes it definite, or one too large."""
     shift = 0.0

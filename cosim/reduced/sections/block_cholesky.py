@@ -9,10 +9,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from cosim.base.kernels import inlined
+from cosim.base.kernels import device_function
 
 
-@inlined
+@device_function
 def _cholesky(low, f):  # type: ignore[no-untyped-def]
     """Factorise the lower triangle of block f in place; False where it is not positive definite."""
     for j in range(6):
@@ -30,7 +30,7 @@ def _cholesky(low, f):  # type: ignore[no-untyped-def]
     return True
 
 
-@inlined
+@device_function
 def factorise(free, diagonal, off, shift, scale, low, side):  # type: ignore[no-untyped-def]
     """Fill low and side (f, 6, 6) with L and S; False where the free part is not positive definite."""
     for f in range(free.shape[0]):
@@ -58,7 +58,7 @@ def factorise(free, diagonal, off, shift, scale, low, side):  # type: ignore[no-
     return True
 
 
-@inlined
+@device_function
 def substitute(free, low, side, load, step):  # type: ignore[no-untyped-def]
     """Solve with the factor for load (f, 6); step (f, 6) is zero where a frame is held."""
     count = free.shape[0]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cosim.base.kernels import inlined
+from cosim.base.kernels import device_function
 from cosim.reduced.sections.section_strains import add_turning
 from cosim.soft.contact.contact_law import touch
 
@@ -12,7 +12,7 @@ WEIGHTS, NORMAL, OFFSET, STIFFNESS, FRICTION, ANCHOR, COLUMNS = 0, 8, 11, 12, 13
 """Where a contact's row has what: weights of the points of two frames, and what is touched."""
 
 
-@inlined
+@device_function
 def add_contacts(frames, first, rows, widths, out, diagonal, off, hessian):  # type: ignore[no-untyped-def]
     """Add all contacts; return their energy.
 
@@ -53,7 +53,7 @@ def add_contacts(frames, first, rows, widths, out, diagonal, off, hessian):  # t
     return energy
 
 
-@inlined
+@device_function
 def _place(frames, f, rows, k, arm, point):  # type: ignore[no-untyped-def]
     """Fill the contact point and its arms q (2, 3) from both origins, each by its weights."""
     for r in range(3):
@@ -67,7 +67,7 @@ def _place(frames, f, rows, k, arm, point):  # type: ignore[no-untyped-def]
             point[r] += rows[k, w] * frames[f + side, 0, r] + arm[side, r]
 
 
-@inlined
+@device_function
 def _slopes(rows, k, arm, jac):  # type: ignore[no-untyped-def]
     """Fill jac (3, 12), d point / d (dr, phi) of both frames: [w 1, -S(q)]."""
     for side in range(2):
@@ -78,7 +78,7 @@ def _slopes(rows, k, arm, jac):  # type: ignore[no-untyped-def]
             jac[r, 6 * side + 3 + j] = -arm[side, i]
 
 
-@inlined
+@device_function
 def _add_stiffness(f, jac, tangent, turned, diagonal, off):  # type: ignore[no-untyped-def]
     """Add J^T K J to the blocks of frames f and f + 1."""
     for k in range(12):
@@ -92,7 +92,7 @@ def _add_stiffness(f, jac, tangent, turned, diagonal, off):  # type: ignore[no-u
                 off[f + 1, i, k] += jac[r, 6 + i] * turned[r, k]
 
 
-@inlined
+@device_function
 def _add_rotations(f, own, arm, work, diagonal):  # type: ignore[no-untyped-def]
     """Add the second order of the rotations, the gradient `own` (3,) by the point times its arms."""
     for side in range(2):

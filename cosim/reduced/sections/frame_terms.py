@@ -8,11 +8,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from cosim.base.kernels import inlined
+from cosim.base.kernels import device_function
 from cosim.reduced.sections.section_strains import add_skew, add_turning
 
 
-@inlined
+@device_function
 def add_frames(frames, load, bed, mass, target, out, diagonal, hessian):  # type: ignore[no-untyped-def]
     """Fill gradient and diagonal blocks with dead loads and the inertial bed; return their energy.
 
@@ -57,7 +57,7 @@ def add_frames(frames, load, bed, mass, target, out, diagonal, hessian):  # type
     return energy
 
 
-@inlined
+@device_function
 def _add_bed(frames, f, bed, mass, turn, diagonal):  # type: ignore[no-untyped-def]
     """Add the second derivatives of dead loads and bed; turn (3, 3), sum of forces times axes."""
     add_turning(diagonal, f, turn, 1.0)
@@ -88,7 +88,7 @@ def _add_bed(frames, f, bed, mass, turn, diagonal):  # type: ignore[no-untyped-d
     add_turning(diagonal, f, turn, -1.0)
 
 
-@inlined
+@device_function
 def add_cables(frames, far, eyelets, tension, out, diagonal, off, hessian):  # type: ignore[no-untyped-def]
     """Add all cable segments under tension; return their energy.
 
@@ -132,7 +132,7 @@ def add_cables(frames, far, eyelets, tension, out, diagonal, off, hessian):  # t
     return energy
 
 
-@inlined
+@device_function
 def _add_across(b, arm, t, tension, length, diagonal, off):  # type: ignore[no-untyped-def]
     """Add the stiffness of a segment across its direction t, and what turning its arms q adds.
 

@@ -13,14 +13,14 @@ import numpy as np
 from numba import int64, void
 
 from cosim.base.frames import Array
-from cosim.base.kernels import BLOCKS, MATRIX, REAL, VECTOR, inlined, kernel
+from cosim.base.kernels import BLOCKS, MATRIX, REAL, VECTOR, device_function, kernel
 
 _SCALE_Pa = 200.0
 TERMS = 4
 """Functions that differ from zero at a pressure, at most."""
 
 
-@inlined
+@device_function
 def _cubics(u, out):  # type: ignore[no-untyped-def]
     v = 1.0 - u
     out[0] = v * v * v / 6.0

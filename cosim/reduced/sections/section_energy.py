@@ -19,7 +19,7 @@ import numpy as np
 from numba import float64, void
 
 from cosim.base.frames import Array
-from cosim.base.kernels import MATRIX, VECTOR, inlined, kernel
+from cosim.base.kernels import MATRIX, VECTOR, device_function, kernel
 
 _ORDERS: Final = {"A": 6, "B": 4, "B2": 2, "B3": 1, "S": 2, "Q": 2, "Q2": 1, "T": 2}
 COEFFICIENTS: Final = sum(order + 1 for order in _ORDERS.values()) + 4
@@ -27,7 +27,7 @@ LOW, HIGH, BENT = COEFFICIENTS, COEFFICIENTS + 1, COEFFICIENTS + 2
 """Columns behind the coefficients: limits of z, and of b."""
 
 
-@inlined
+@device_function
 def _polynomial(c, s, first, order, z):  # type: ignore[no-untyped-def]
     """Return value, slope and curvature of sum_k c[s, first + k] z^k."""
     value = slope = curvature = 0.0
@@ -38,13 +38,13 @@ def _polynomial(c, s, first, order, z):  # type: ignore[no-untyped-def]
     return value, slope, curvature
 
 
-@inlined
+@device_function
 def _quadratic(c0, c1, c2, z):  # type: ignore[no-untyped-def]
     """Return value, slope and curvature of c0 + c1 z + c2 z^2."""
     return c0 + z * (c1 + z * c2), c1 + 2.0 * c2 * z, 2.0 * c2
 
 
-@inlined
+@device_function
 def section_energy(c, s, x, inverse_length, gradient, hessian):  # type: ignore[no-untyped-def]
     """Return F; fill its gradient (6,) and, if asked to, its Hessian (6, 6) with respect to the strains.
 
@@ -93,7 +93,7 @@ def section_energy(c, s, x, inverse_length, gradient, hessian):  # type: ignore[
     )  # fmt: skip
 
 
-@inlined
+@device_function
 def _stretching(x, inverse_length, second, hessian):  # type: ignore[no-untyped-def]
     """Fill the Hessian's row and column of u_3 from the second derivatives z and (z, b, s, q, t)."""
     f_zz, f_zb, f_zs, f_zq, f_zt = second
@@ -108,7 +108,7 @@ def _stretching(x, inverse_length, second, hessian):  # type: ignore[no-untyped-
         hessian[k, 2] = hessian[2, k]
 
 
-@inlined
+@device_function
 def _bending(x, derivatives, mixed, hessian):  # type: ignore[no-untyped-def]
     """Fill the rest of the Hessian from the derivatives by (b, s, q, t), and by bb, bq, qq."""
     f_b, f_s, f_q, f_t, f_bb, f_bq, f_qq = derivatives

@@ -17,14 +17,14 @@ from __future__ import annotations
 import numpy as np
 from numba import boolean, float64
 
-from cosim.base.kernels import inlined
+from cosim.base.kernels import device_function
 from cosim.reduced.sections.section_energy import BENT, HIGH, LOW, section_energy
 
 CUBE = float64[:, :, ::1]
 FLAGS = boolean[::1]
 
 
-@inlined
+@device_function
 def add_skew(block, f, row, column, x, y, z):  # type: ignore[no-untyped-def]
     """Add S((x, y, z)) to a 3 x 3 part of block f."""
     block[f, row, column + 1] -= z
@@ -35,7 +35,7 @@ def add_skew(block, f, row, column, x, y, z):  # type: ignore[no-untyped-def]
     block[f, row + 2, column + 1] += x
 
 
-@inlined
+@device_function
 def add_turning(block, f, n, factor):  # type: ignore[no-untyped-def]
     """Add factor [(n + n^T) / 2 - (trace n) 1] to the rotational part of block f, n (3, 3) a sum of f v^T."""
     trace = n[0, 0] + n[1, 1] + n[2, 2]
@@ -45,7 +45,7 @@ def add_turning(block, f, n, factor):  # type: ignore[no-untyped-def]
         block[f, 3 + r, 3 + r] -= factor * trace
 
 
-@inlined
+@device_function
 def section_strains(frames, s, d, x):  # type: ignore[no-untyped-def]
     """Fill d (3,) and the strains x (6,) of section s."""
     for r in range(3):
@@ -60,7 +60,7 @@ def section_strains(frames, s, d, x):  # type: ignore[no-untyped-def]
         x[3 + i] = 0.5 * twist
 
 
-@inlined
+@device_function
 def _add_pull(frames, s, d, g, out, lean, turn):  # type: ignore[no-untyped-def]
     """Add the section's forces and moments, from the derivatives g (6,) by its strains.
 
@@ -85,7 +85,7 @@ def _add_pull(frames, s, d, g, out, lean, turn):  # type: ignore[no-untyped-def]
         out[s + 1, 3 + r] += 0.5 * (lean[1, i] * d[k] - lean[1, k] * d[i]) - moment
 
 
-@inlined
+@device_function
 def _strain_slopes(frames, s, d, jac):  # type: ignore[no-untyped-def]
     """Fill jac (6, 9), d strains / d (r_b, phi_a, phi_b); r_a has the opposite sign of r_b.
 
@@ -104,7 +104,7 @@ def _strain_slopes(frames, s, d, jac):  # type: ignore[no-untyped-def]
             )  # fmt: skip
 
 
-@inlined
+@device_function
 def _turned(h, jac, out):  # type: ignore[no-untyped-def]
     """Fill out (6, 9), h jac."""
     for i in range(6):
@@ -115,13 +115,13 @@ def _turned(h, jac, out):  # type: ignore[no-untyped-def]
             out[i, 6 + k] = h[i, 0] * jac[0, 6 + k] + h[i, 1] * jac[1, 6 + k] + h[i, 2] * jac[2, 6 + k] - bent
 
 
-@inlined
+@device_function
 def _product(a, b, row, i, k):  # type: ignore[no-untyped-def]
     """Return the product of columns i of a and k of b, over three rows from `row` on."""
     return a[row, i] * b[row, k] + a[row + 1, i] * b[row + 1, k] + a[row + 2, i] * b[row + 2, k]
 
 
-@inlined
+@device_function
 def _add_stiffness(jac, turned, s, diagonal, off):  # type: ignore[no-untyped-def]
     """Add jac^T turned to the blocks of the frames beside section s; the block between them is new."""
     b = s + 1
@@ -148,7 +148,7 @@ def _add_stiffness(jac, turned, s, diagonal, off):  # type: ignore[no-untyped-de
             diagonal[b, i, k] += _product(jac, turned, 0, 3 + i, 3 + k) - bent_b
 
 
-@inlined
+@device_function
 def _add_geometric(s, d, lean, turn, diagonal, off):  # type: ignore[no-untyped-def]
     """Add the strains' own second derivatives times the energy's gradient; turn is overwritten."""
     b = s + 1
@@ -175,7 +175,7 @@ def _add_geometric(s, d, lean, turn, diagonal, off):  # type: ignore[no-untyped-
     add_turning(diagonal, b, turn, 1.0)
 
 
-@inlined
+@device_function
 def add_sections(frames, c, inverse_length, out, diagonal, off, hessian):  # type: ignore[no-untyped-def]
     """Add all sections; off is filled anew. Returns their energy."""
     d, x, g, h = np.empty(3), np.empty(6), np.empty(6), np.empty((6 if hessian else 0, 6))

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numba import int64, types
 
-from cosim.base.kernels import MATRIX, REAL, VECTOR, inlined, kernel
+from cosim.base.kernels import MATRIX, REAL, VECTOR, device_function, kernel
 from cosim.reduced.sections.assembly import (
     CABLES,
     CHAIN,
@@ -30,7 +30,7 @@ FREE_FLIGHT, STANDING, CARRIED, GIVEN = 0, 1, 2, 3
 what is in the result already."""
 
 
-@inlined
+@device_function
 def _scheme(here, earlier, two_steps, h, damping, base, target):  # type: ignore[no-untyped-def]
     """Fill base and target (f, 4, 3); return span and the bed's coefficient."""
     span = 2.0 * h / 3.0 if two_steps else h
@@ -47,7 +47,7 @@ def _scheme(here, earlier, two_steps, h, damping, base, target):  # type: ignore
     return span, (1.0 + damping * span) / (span * span)
 
 
-@inlined
+@device_function
 def _free_flight(here, h, twists, out):  # type: ignore[no-untyped-def]
     """Fill out (f, 4, 3) with the frames after moving on as they do; twists (f, 6) is scratch."""
     for f in range(out.shape[0]):
@@ -61,7 +61,7 @@ def _free_flight(here, h, twists, out):  # type: ignore[no-untyped-def]
     change_frames(here[0], twists, h, out)
 
 
-@inlined
+@device_function
 def _carry(frames, flange, out):  # type: ignore[no-untyped-def]
     """Fill out (f, 4, 3) with the frames moved rigidly as frame 0 comes to the flange (4, 3)."""
     arm = np.empty(3)
@@ -78,7 +78,7 @@ def _carry(frames, flange, out):  # type: ignore[no-untyped-def]
                     out[f, a, r] += flange[0, r]
 
 
-@inlined
+@device_function
 def _place(free, offsets, flange, out):  # type: ignore[no-untyped-def]
     """Put the held frames of out where the flange (4, 3) has them, offsets (f, 4, 3) in its frame."""
     for f in range(out.shape[0]):

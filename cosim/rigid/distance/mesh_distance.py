@@ -9,12 +9,12 @@ from __future__ import annotations
 import numpy as np
 
 from cosim.base.frames import Array
-from cosim.base.kernels import BLOCKS, MATRIX, inlined, kernel
+from cosim.base.kernels import BLOCKS, MATRIX, device_function, kernel
 
 FAR = 1e9  # distance reported where a surface is not defined
 
 
-@inlined
+@device_function
 def closest_on_triangle(p, a, b, c, weight):  # type: ignore[no-untyped-def]
     """Fill the barycentric weights (3,) of the point of triangle a, b, c closest to p."""
     d1 = d2 = d3 = d4 = d5 = d6 = 0.0
@@ -46,7 +46,7 @@ def closest_on_triangle(p, a, b, c, weight):  # type: ignore[no-untyped-def]
     weight[0], weight[1], weight[2] = 1.0 - v - w, v, w
 
 
-@inlined
+@device_function
 def hull(p, planes, corners, reach, weight, normal):  # type: ignore[no-untyped-def]
     """Convex hull of triangles: planes (f, 4), outward normal and offset, corners (f, 3, 3).
 
@@ -84,7 +84,7 @@ def hull(p, planes, corners, reach, weight, normal):  # type: ignore[no-untyped-
     return distance
 
 
-@inlined
+@device_function
 def grid(p, table, origin, spacing, normal):  # type: ignore[no-untyped-def]
     """Trilinear table of signed distances [m]; normal along its gradient."""
     i, j, k = 0, 0, 0
@@ -118,7 +118,7 @@ def grid(p, table, origin, spacing, normal):  # type: ignore[no-untyped-def]
     return value
 
 
-@inlined
+@device_function
 def _solid_angle(p, a, b, c):  # type: ignore[no-untyped-def]
     """Return the signed solid angle of a triangle seen from p (van Oosterom and Strackee, 1983)."""
     # component by component: temporary arrays would cost ten times as much

@@ -13,21 +13,21 @@ from typing import Any
 import numpy as np
 
 from cosim.base.frames import Array
-from cosim.base.kernels import inlined
+from cosim.base.kernels import device_function
 
 _ROOT_ITERATIONS_MAX = 200
 _ROOT_RELATIVE = 1e-14
 _OFF_PLANE = 1e-13  # share of the shortest half axis by which a point is kept off the planes of symmetry
 
 
-@inlined
+@device_function
 def plane(x: float, y: float, z: float, size: Array, normal: Array) -> Any:
     """Half-space z < 0."""
     normal[0], normal[1], normal[2] = 0.0, 0.0, 1.0
     return z
 
 
-@inlined
+@device_function
 def _from_center_line(x: float, y: float, z: float, radius: float, normal: Array) -> Any:
     length = np.sqrt(x * x + y * y + z * z)
     if length > 0.0:
@@ -37,19 +37,19 @@ def _from_center_line(x: float, y: float, z: float, radius: float, normal: Array
     return length - radius
 
 
-@inlined
+@device_function
 def sphere(x: float, y: float, z: float, size: Array, normal: Array) -> Any:
     """Ball of radius size[0]."""
     return _from_center_line(x, y, z, size[0], normal)
 
 
-@inlined
+@device_function
 def capsule(x: float, y: float, z: float, size: Array, normal: Array) -> Any:
     """Radius size[0] about the segment |z| < size[1]."""
     return _from_center_line(x, y, z - min(max(z, -size[1]), size[1]), size[0], normal)
 
 
-@inlined
+@device_function
 def cylinder(x: float, y: float, z: float, size: Array, normal: Array) -> Any:
     """Radius size[0], |z| < size[1]."""
     rho = np.sqrt(x * x + y * y)
@@ -67,7 +67,7 @@ def cylinder(x: float, y: float, z: float, size: Array, normal: Array) -> Any:
     return distance
 
 
-@inlined
+@device_function
 def box(x: float, y: float, z: float, size: Array, normal: Array) -> Any:
     """|x| < size[0], |y| < size[1], |z| < size[2]."""
     p = (x, y, z)
@@ -87,7 +87,7 @@ def box(x: float, y: float, z: float, size: Array, normal: Array) -> Any:
     return largest
 
 
-@inlined
+@device_function
 def _ellipsoid_root(r0: float, r1: float, z0: float, z1: float, z2: float) -> Any:
     """Return q > 0 with sum_i (r_i z_i / (q + r_i - 1))^2 = 1, r_2 = 1 <= r_i."""
     # no term exceeds 1 at the root, so it lies above each of these; from below Newton's method is monotone
@@ -104,7 +104,7 @@ def _ellipsoid_root(r0: float, r1: float, z0: float, z1: float, z2: float) -> An
     return q
 
 
-@inlined
+@device_function
 def ellipsoid(x: float, y: float, z: float, size: Array, normal: Array) -> Any:
     """Half axes size[0..2] along x, y, z."""
     p = (x, y, z)

@@ -9,7 +9,17 @@ from typing import final
 import numpy as np
 
 from cosim.base.frames import Array, IntArray
-from cosim.base.kernels import BLOCKS, INDEX_TABLE, INDICES, INTEGER, MATRIX, REAL, VECTOR, inlined, kernel
+from cosim.base.kernels import (
+    BLOCKS,
+    INDEX_TABLE,
+    INDICES,
+    INTEGER,
+    MATRIX,
+    REAL,
+    VECTOR,
+    device_function,
+    kernel,
+)
 from cosim.rigid.distance.mesh_distance import FAR, grid, hull
 from cosim.rigid.distance.primitive_distance import box, capsule, cylinder, ellipsoid, plane, sphere
 
@@ -59,7 +69,7 @@ class Shapes:
     values: Array
 
 
-@inlined
+@device_function
 def _distance(kind, p, size, reach, planes, corners, values, table, origin, spacing, weight, normal):  # type: ignore[no-untyped-def]
     if kind == 0:
         return plane(p[0], p[1], p[2], size, normal)

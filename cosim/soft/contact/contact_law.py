@@ -20,7 +20,7 @@ from typing import final
 
 import numpy as np
 
-from cosim.base.kernels import inlined
+from cosim.base.kernels import device_function
 from cosim.errors import InputError
 
 
@@ -48,7 +48,7 @@ class ContactLaw:
                 raise InputError(f"contact: {name} is {getattr(self, name)}; it must be above 0")
 
 
-@inlined
+@device_function
 def pressing_law(depth, width):  # type: ignore[no-untyped-def]
     """Return energy, force and stiffness over k at a depth."""
     if depth <= 0.0:
@@ -59,7 +59,7 @@ def pressing_law(depth, width):  # type: ignore[no-untyped-def]
     return 0.5 * beyond * beyond + width * width / 24.0, beyond, 1.0
 
 
-@inlined
+@device_function
 def dragging_law(length, stick):  # type: ignore[no-untyped-def]
     """Return f0, f1 / |u| and the derivative of f1 by |u| at |u| = length."""
     share = length / stick
@@ -69,7 +69,7 @@ def dragging_law(length, stick):  # type: ignore[no-untyped-def]
     return length - stick / 3.0, 1.0 / length, 0.0
 
 
-@inlined
+@device_function
 def touch(point, n, offset, stiffness, friction, anchor, width, stick, own, tangent):  # type: ignore[no-untyped-def]
     """Fill gradient (3,) and tangent (3, 3) of a contact by its point; return energy and normal force."""
     u = np.empty(3)

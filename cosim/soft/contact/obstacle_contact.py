@@ -28,8 +28,8 @@ _NO_TABLE = np.zeros((0, 0), np.int64)
     )
 )  # fmt: skip
 def _add_contacts(  # type: ignore[no-untyped-def]
-    x, nodes, weights, normal, offset, stiffness, friction, anchor, width, stick, slots, force, blocks, own,
-    pressing,
+    x, nodes, weights, normal, offset, stiffness, friction, anchor, width, stick, slots, gradient, blocks,
+    own, pressing,
 ):  # fmt: skip
     """Add gradient (and Hessian, if slots is not empty) of all contacts; return the energy [J].
 
@@ -49,7 +49,7 @@ def _add_contacts(  # type: ignore[no-untyped-def]
         energy += level
         for a in range(3):
             for r in range(3):
-                force[nodes[e, a], r] += weights[e, a] * own[e, r]
+                gradient[nodes[e, a], r] += weights[e, a] * own[e, r]
             if not with_hessian:
                 continue
             for b in range(a + 1):
@@ -95,16 +95,16 @@ class ContactPlanes:
     def __len__(self) -> int:
         return len(self.nodes)
 
-    def add(self, positions: Array, force: Array, blocks: Array, *, hessian: bool) -> float:
+    def add(self, positions: Array, gradient: Array, blocks: Array, *, hessian: bool) -> float:
         """Add gradient and Hessian at positions (n, 3) [m]; return the energy [J].
 
         Args:
             positions: (n, 3) [m], world.
-            force: (n, 3) [N], gets the gradient.
+            gradient: (n, 3) [N], gets the gradient.
             blocks: (pattern.blocks, 3, 3) [N/m], gets the Hessian.
             hessian: whether to.
         """
-        return self._evaluate(positions, force, blocks, self.slots if hessian else _NO_TABLE)[0]
+        return self._evaluate(positions, gradient, blocks, self.slots if hessian else _NO_TABLE)[0]
 
     def at(self, positions: Array) -> ContactForces:
         """Return forces and places of the contact points at positions (n, 3) [m]."""

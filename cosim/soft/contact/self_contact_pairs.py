@@ -27,7 +27,7 @@ from typing import final
 import numpy as np
 
 from cosim.base.frames import Array, IntArray, Mask
-from cosim.base.kernels import BLOCKS, INDEX_TABLE, MATRIX, REAL, VECTOR, add_block, inlined, kernel
+from cosim.base.kernels import BLOCKS, INDEX_TABLE, MATRIX, REAL, VECTOR, add_block, device_function, kernel
 from cosim.soft.contact.contact_law import ContactLaw, dragging_law, pressing_law
 from cosim.soft.contact.self_contact_memory import FilmMemory
 from cosim.soft.linear.pattern import CoupledPattern
@@ -36,7 +36,7 @@ _NO_TABLE = np.zeros((0, 0), np.int64)
 _NO_BLOCKS = np.zeros((0, 3, 3))
 
 
-@inlined
+@device_function
 def foot_on_plane(x, corners, y, n, share, slope):  # type: ignore[no-untyped-def]
     """Fill a triangle's normal, the weights of y's foot and their gradients; return the distance."""
     for r in range(3):
@@ -59,7 +59,7 @@ def foot_on_plane(x, corners, y, n, share, slope):  # type: ignore[no-untyped-de
     return distance
 
 
-@inlined
+@device_function
 def _rub(x, nodes, w, stick, limit, m, stretch, gradient, tangent):  # type: ignore[no-untyped-def]
     """Fill force and stiffness of one stick spring between two films; return its energy."""
     u, along, square = np.empty(3), 0.0, 0.0
@@ -81,7 +81,7 @@ def _rub(x, nodes, w, stick, limit, m, stretch, gradient, tangent):  # type: ign
     return limit * level
 
 
-@inlined
+@device_function
 def _add_normal_part(push, rate, d, n, share, slope, a, b, k):  # type: ignore[no-untyped-def]
     """Fill the block of nodes a and b: E'' c_a c_b n n^T + E' d2(d), E' = -push."""
     outer = rate * share[a] * share[b]
@@ -100,7 +100,7 @@ def _add_normal_part(push, rate, d, n, share, slope, a, b, k):  # type: ignore[n
     )
 )  # fmt: skip
 def _add_pairs(  # type: ignore[no-untyped-def]
-    x, nodes, weights, stiffness, friction, held, normal, stretch, width, stick, slots, force, blocks, out
+    x, nodes, weights, stiffness, friction, held, normal, stretch, width, stick, slots, gradient, blocks, out
 ):
     """Add gradient (and Hessian, if slots is not empty) of all pairs; return the energy [J].
 
@@ -131,7 +131,7 @@ def _add_pairs(  # type: ignore[no-untyped-def]
             continue
         for a in range(6):
             for r in range(3):
-                force[nodes[e, a], r] += w[a] * rub[r] - push * share[a] * n[r]
+                gradient[nodes[e, a], r] += w[a] * rub[r] - push * share[a] * n[r]
             for b in range(a + 1 if slots.shape[0] > 0 and (a > 2 or w[a] != 0.0) else 0):
                 if b < 3 and w[b] == 0.0:
                     continue
@@ -197,16 +197,16 @@ class FilmPairs:
     def __len__(self) -> int:
         return len(self.key)
 
-    def add(self, positions: Array, force: Array, blocks: Array, *, hessian: bool) -> float:
+    def add(self, positions: Array, gradient: Array, blocks: Array, *, hessian: bool) -> float:
         """Add gradient and Hessian at positions (n, 3) [m]; return the energy [J].
 
         Args:
             positions: (n, 3) [m], world.
-            force: (n, 3) [N], gets the gradient.
+            gradient: (n, 3) [N], gets the gradient.
             blocks: (coupled.pattern.blocks, 3, 3) [N/m], gets the Hessian.
             hessian: whether to.
         """
-        return self._evaluate(positions, force, blocks, self.slots if hessian else _NO_TABLE)[0]
+        return self._evaluate(positions, gradient, blocks, self.slots if hessian else _NO_TABLE)[0]
 
     def at(self, positions: Array) -> FilmForces:
         """Return what the pairs press with at positions (n, 3) [m]."""

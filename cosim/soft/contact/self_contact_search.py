@@ -13,7 +13,7 @@ from typing import final
 import numpy as np
 
 from cosim.base.frames import Array, IntArray
-from cosim.base.kernels import INDEX_TABLE, INDICES, INTEGER, MATRIX, REAL, VECTOR, inlined, kernel
+from cosim.base.kernels import INDEX_TABLE, INDICES, INTEGER, MATRIX, REAL, VECTOR, device_function, kernel
 from cosim.soft.contact.self_contact_faces import FilmFaces, Relation
 from cosim.soft.contact.self_contact_pairs import foot_on_plane
 from cosim.soft.contact.self_contact_points import FilmPoints
@@ -30,7 +30,7 @@ _VALLEY, _FACING_VALLEY, _FACING_APART = (
 )
 
 
-@inlined
+@device_function
 def _cell(value, low, size, count):  # type: ignore[no-untyped-def]
     return min(max(int((value - low) / size), 0), count - 1)
 
@@ -70,14 +70,14 @@ def _fill_grid(x, triangles, low, size, counts, room, start, entries):  # type: 
     return total
 
 
-@inlined
+@device_function
 def _cosine(outward, n):  # type: ignore[no-untyped-def]
     """Return the cosine of the angle between two directions, the second of unit length."""
     size = np.sqrt(outward[0] * outward[0] + outward[1] * outward[1] + outward[2] * outward[2])
     return (outward[0] * n[0] + outward[1] * n[1] + outward[2] * n[2]) / size
 
 
-@inlined
+@device_function
 def _share_nodes(nodes, corners):  # type: ignore[no-untyped-def]
     """Return whether a point and a triangle have a node in common."""
     for a in range(3):

@@ -31,9 +31,9 @@ ROUNDED_m: Final = 1e-4
 
 @kernel(REAL(MATRIX, INDEX_TABLE, VECTOR, INDEX_TABLE, MATRIX, BLOCKS))
 def add_segments(
-    x: Array, segments: IntArray, tension: Array, slots: IntArray, force: Array, blocks: Array
+    x: Array, segments: IntArray, tension: Array, slots: IntArray, gradient: Array, blocks: Array
 ) -> float:
-    """Add all segments' gradient to force, their Hessian to blocks if slots is not empty.
+    """Add all segments to gradient, their Hessian to blocks if slots is not empty.
 
     Returns the energy [J].
     """
@@ -60,8 +60,8 @@ def add_segments(
             energy += pull * length
             across, along = pull / length, -pull / length**3
         for r in range(3):
-            force[a, r] -= across * t[r]
-            force[b, r] += across * t[r]
+            gradient[a, r] -= across * t[r]
+            gradient[b, r] += across * t[r]
         if with_hessian:
             for r in range(3):
                 for c in range(3):

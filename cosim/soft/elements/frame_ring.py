@@ -24,8 +24,8 @@ _ORDERS_TRIED = 100
 
 
 @kernel(REAL(MATRIX, INDEX_TABLE, BLOCKS, MATRIX, REAL, INDEX_TABLE, MATRIX, BLOCKS))
-def add_frames(x, rings, projections, lengths, stiffness, slots, force, blocks):  # type: ignore[no-untyped-def]
-    """Add all frames' gradient to force and, if slots is not empty, their Hessian to blocks.
+def add_frames(x, rings, projections, lengths, stiffness, slots, gradient, blocks):  # type: ignore[no-untyped-def]
+    """Add all frames to gradient and, if slots is not empty, their Hessian to blocks.
 
     Returns the energy [J].
     """
@@ -41,7 +41,7 @@ def add_frames(x, rings, projections, lengths, stiffness, slots, force, blocks):
                 for b in range(count):
                     deviation += projections[e, a, b] * x[rings[e, b], r]
                 # P P = P: the gradient of |P x|^2 / 2 is P x itself
-                force[rings[e, a], r] += stiffness * deviation
+                gradient[rings[e, a], r] += stiffness * deviation
                 energy += 0.5 * stiffness * deviation * deviation
         if with_hessian:
             block[:] = 0.0
@@ -61,8 +61,8 @@ def add_frames(x, rings, projections, lengths, stiffness, slots, force, blocks):
             energy += 0.5 * stiffness * stretch * stretch
             for r in range(3):
                 u[r] /= length
-                force[rings[e, b], r] += stiffness * stretch * u[r]
-                force[rings[e, a], r] -= stiffness * stretch * u[r]
+                gradient[rings[e, b], r] += stiffness * stretch * u[r]
+                gradient[rings[e, a], r] -= stiffness * stretch * u[r]
             if with_hessian:
                 across = stiffness * stretch / length
                 for r in range(3):
@@ -153,17 +153,17 @@ class FrameRings:
         """Return the same frames where this many nodes come before theirs."""
         return replace(self, rings=self.rings + nodes)
 
-    def add(self, positions: Array, slots: IntArray, force: Array, blocks: Array) -> float:
-        """Add the gradient to force and, if slots is not empty, the Hessian to blocks; return the energy [J].
+    def add(self, positions: Array, slots: IntArray, gradient: Array, blocks: Array) -> float:
+        """Add to gradient and, if slots is not empty, the Hessian to blocks; return the energy [J].
 
         Args:
             positions: (n, 3) [m], C-contiguous.
             slots: (f, m (m + 1) / 2) of the pattern, or empty.
-            force: (n, 3) [N].
+            gradient: (n, 3) [N].
             blocks: (pattern.blocks, 3, 3) [N/m].
         """
         energy: float = add_frames(
-            positions, self.rings, self.projections, self.lengths, self.stiffness_N_m, slots, force, blocks
+            positions, self.rings, self.projections, self.lengths, self.stiffness_N_m, slots, gradient, blocks
         )
         return energy
 

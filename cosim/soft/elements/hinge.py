@@ -24,7 +24,7 @@ from typing import final
 import numpy as np
 
 from cosim.base.frames import Array, IntArray
-from cosim.base.kernels import BLOCKS, INDEX_TABLE, MATRIX, REAL, VECTOR, inlined, kernel
+from cosim.base.kernels import BLOCKS, INDEX_TABLE, MATRIX, REAL, VECTOR, device_function, kernel
 from cosim.soft.elements.hinge_gradient import (
     ALPHA,
     BETA,
@@ -49,7 +49,7 @@ _FEW = 16
 _II, _JI, _JJ, _KI, _KJ, _KK, _LI, _LJ, _LK, _LL = (9 * _FEW * pair for pair in range(10))
 
 
-@inlined
+@device_function
 def _second_derivatives(s, begin, h):  # type: ignore[no-untyped-def]
     """Fill the second derivatives of the angle."""
     for lane in range(_FEW):
@@ -79,7 +79,7 @@ def _second_derivatives(s, begin, h):  # type: ignore[no-untyped-def]
                 h[_KK + place] = (beta - 1.0) * (b_e - second) + b[r] * d_beta - alpha * a_e - a[r] * d_alpha
 
 
-@inlined
+@device_function
 def _complete(s, begin, h):  # type: ignore[no-untyped-def]
     """Fill what translations fix, and turn second derivatives of the angle into those of the energy."""
     for lane in range(_FEW):
@@ -118,7 +118,7 @@ def _complete(s, begin, h):  # type: ignore[no-untyped-def]
                 h[_LL + place] = moment * h[_LL + place] + tangent * b[r] * b[c]
 
 
-@inlined
+@device_function
 def _assemble(slots, first, lanes, h, blocks):  # type: ignore[no-untyped-def]
     """Add the Hessians of some hinges from `first` on to the blocks."""
     for lane in range(lanes):
@@ -135,9 +135,9 @@ def _assemble(slots, first, lanes, h, blocks):  # type: ignore[no-untyped-def]
                         blocks[slot, c, r] += h[at + (3 * r + c) * _FEW]
 
 
-@inlined
-def add_hinge_hessians(x, hinges, stiffness, rest, theta1, reference, slots, force, blocks, angles):  # type: ignore[no-untyped-def]
-    """Add all hinges' gradient to force and Hessian to blocks, write their angles; return the energy."""
+@device_function
+def add_hinge_hessians(x, hinges, stiffness, rest, theta1, reference, slots, gradient, blocks, angles):  # type: ignore[no-untyped-def]
+    """Add all hinges to gradient and Hessian to blocks, write their angles; return the energy."""
     s, h = np.empty(QUANTITIES * LANES), np.empty(90 * _FEW)
     energy = 0.0
     for first in range(0, hinges.shape[0], LANES):
@@ -145,7 +145,7 @@ def add_hinge_hessians(x, hinges, stiffness, rest, theta1, reference, slots, for
         gather(x, hinges, first, lanes, s)
         differentiate(s)
         energy += load(stiffness, rest, theta1, reference, first, lanes, s, angles)
-        scatter(hinges, first, lanes, s, force)
+        scatter(hinges, first, lanes, s, gradient)
         for begin in range(0, lanes, _FEW):
             _second_derivatives(s, begin, h)
             _complete(s, begin, h)
@@ -154,15 +154,15 @@ def add_hinge_hessians(x, hinges, stiffness, rest, theta1, reference, slots, for
 
 
 @kernel(REAL(MATRIX, INDEX_TABLE, VECTOR, VECTOR, REAL, VECTOR, INDEX_TABLE, MATRIX, BLOCKS, VECTOR))
-def add_hinges(x, hinges, stiffness, rest, theta1, reference, slots, force, blocks, angles):  # type: ignore[no-untyped-def]
-    """Add all hinges' gradient to force and, if slots is not empty, their Hessian to blocks.
+def add_hinges(x, hinges, stiffness, rest, theta1, reference, slots, gradient, blocks, angles):  # type: ignore[no-untyped-def]
+    """Add all hinges to gradient and, if slots is not empty, their Hessian to blocks.
 
     The angle is unwrapped against `reference`, the angle at the last accepted state, and written to
     `angles`. Returns the energy [J].
     """
     if slots.shape[0] == 0:
-        return add_hinge_gradients(x, hinges, stiffness, rest, theta1, reference, force, angles)
-    return add_hinge_hessians(x, hinges, stiffness, rest, theta1, reference, slots, force, blocks, angles)
+        return add_hinge_gradients(x, hinges, stiffness, rest, theta1, reference, gradient, angles)
+    return add_hinge_hessians(x, hinges, stiffness, rest, theta1, reference, slots, gradient, blocks, angles)
 
 
 @final

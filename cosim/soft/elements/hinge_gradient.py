@@ -15,13 +15,13 @@ from typing import Any, Final
 import numpy as np
 
 from cosim.base.frames import Array, IntArray
-from cosim.base.kernels import inlined
+from cosim.base.kernels import device_function
 
 TURN = 2.0 * math.pi
 _EIGHTH = math.tan(math.pi / 8.0)
 
 
-@inlined
+@device_function
 def full_angle(sine: float, cosine: float) -> float:
     """Return atan2(sine, cosine) in [0, 2 pi), to 2e-15; NaN where both are zero.
 
@@ -62,7 +62,7 @@ _CLOSED_STIFFNESS = 1.0 / math.cos(_CLOSED_ARGUMENT) ** 2
 _CLOSED_LOGARITHM = math.log(math.cos(_CLOSED_ARGUMENT))
 
 
-@inlined
+@device_function
 def fold_law(angle: float, rest: float, stiffness: float, theta1: float) -> tuple[float, float, float]:
     """Return energy, moment and tangent of one spring, all finite and continuous, also beyond 0 and 2 pi."""
     if theta1 <= 0.0 or theta1 < angle < TURN - theta1:
@@ -96,7 +96,7 @@ U, E, W, A, B, ALPHA, BETA, ANGLE, MOMENT, TANGENT = (
 QUANTITIES = 20
 
 
-@inlined
+@device_function
 def gather(x: Array, hinges: IntArray, first: int, lanes: int, s: Array) -> None:
     """Fill u, e and w of a group; lanes to spare repeat the first hinge."""
     for lane in range(LANES):
@@ -108,7 +108,7 @@ def gather(x: Array, hinges: IntArray, first: int, lanes: int, s: Array) -> None
             s[W + r * LANES + lane] = x[k, r] - x[m, r]
 
 
-@inlined
+@device_function
 def differentiate(s: Array) -> None:
     """Fill angle, a, b, alpha and beta of a group."""
     for lane in range(LANES):
@@ -129,7 +129,7 @@ def differentiate(s: Array) -> None:
         s[BETA + lane] = (w0 * e0 + w1 * e1 + w2 * e2) / square
 
 
-@inlined
+@device_function
 def load(stiffness, rest, theta1, reference, first, lanes, s, angles):  # type: ignore[no-untyped-def]
     """Write a group's unwrapped angles to `angles`, fill its moments and tangents; return the energy."""
     energy = 0.0
@@ -146,24 +146,24 @@ def load(stiffness, rest, theta1, reference, first, lanes, s, angles):  # type: 
     return energy
 
 
-@inlined
-def scatter(hinges: IntArray, first: int, lanes: int, s: Array, force: Any) -> None:
-    """Add a group's gradient to force."""
+@device_function
+def scatter(hinges: IntArray, first: int, lanes: int, s: Array, gradient: Any) -> None:
+    """Add a group to gradient."""
     for lane in range(lanes):
         h = first + lane
         i, j, k, m = hinges[h, 0], hinges[h, 1], hinges[h, 2], hinges[h, 3]
         moment, alpha, beta = s[MOMENT + lane], s[ALPHA + lane], s[BETA + lane]
         for r in range(3):
             a, b = moment * s[A + r * LANES + lane], moment * s[B + r * LANES + lane]
-            force[i, r] += a
-            force[m, r] += b
-            force[j, r] += (alpha - 1.0) * a - beta * b
-            force[k, r] += (beta - 1.0) * b - alpha * a
+            gradient[i, r] += a
+            gradient[m, r] += b
+            gradient[j, r] += (alpha - 1.0) * a - beta * b
+            gradient[k, r] += (beta - 1.0) * b - alpha * a
 
 
-@inlined
-def add_hinge_gradients(x, hinges, stiffness, rest, theta1, reference, force, angles):  # type: ignore[no-untyped-def]
-    """Add all hinges' gradient to force, write their angles; return the energy as `add_hinges` does.
+@device_function
+def add_hinge_gradients(x, hinges, stiffness, rest, theta1, reference, gradient, angles):  # type: ignore[no-untyped-def]
+    """Add all hinges to gradient, write their angles; return the energy as `add_hinges` does.
 
     A loop of its own: one loop for both, with a branch for the Hessian, takes a fifth longer with it.
     """
@@ -174,5 +174,5 @@ def add_hinge_gradients(x, hinges, stiffness, rest, theta1, reference, force, an
         gather(x, hinges, first, lanes, s)
         differentiate(s)
         energy += load(stiffness, rest, theta1, reference, first, lanes, s, angles)
-        scatter(hinges, first, lanes, s, force)
+        scatter(hinges, first, lanes, s, gradient)
     return energy

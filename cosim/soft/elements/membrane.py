@@ -18,7 +18,17 @@ from typing import final
 import numpy as np
 
 from cosim.base.frames import Array, IntArray
-from cosim.base.kernels import BLOCKS, INDEX_TABLE, INTEGER, MATRIX, REAL, VECTOR, add_block, inlined, kernel
+from cosim.base.kernels import (
+    BLOCKS,
+    INDEX_TABLE,
+    INTEGER,
+    MATRIX,
+    REAL,
+    VECTOR,
+    add_block,
+    device_function,
+    kernel,
+)
 from cosim.errors import MeshError
 from cosim.soft.elements.material import PLAIN, TENSION_FIELD, Film
 from cosim.soft.elements.membrane_gradient import add_membrane_gradients, in_lanes
@@ -26,7 +36,7 @@ from cosim.soft.elements.tension_field import film_states, tension_field
 from cosim.soft.published.edge_strain import edge_strain
 
 
-@inlined
+@device_function
 def _columns(x, triangle, g, f):  # type: ignore[no-untyped-def]
     """Fill f = F^T (2, 3) for one triangle and return E11, E22, 2 E12."""
     a, b, c = triangle[0], triangle[1], triangle[2]
@@ -41,7 +51,7 @@ def _columns(x, triangle, g, f):  # type: ignore[no-untyped-def]
     return e11, e22, e12
 
 
-@inlined
+@device_function
 def _pair_block(f, stiffness, ga, gb, geometric, area, out):  # type: ignore[no-untyped-def]
     """Fill out = area (geometric 1 + B_a^T C B_b) with B_a = u1_a f1^T + u2_a f2^T."""
     # C u_q for u_1 = (gb0, 0, gb1) and u_2 = (0, gb1, gb0), in the strain components (E11, E22, 2 E12)
@@ -63,7 +73,7 @@ def _pair_block(f, stiffness, ga, gb, geometric, area, out):  # type: ignore[no-
         out[r, r] += area * geometric
 
 
-@inlined
+@device_function
 def _first_node_blocks(k11, k21, k22, k10, k20, k00):  # type: ignore[no-untyped-def]
     """Fill the blocks of node 0: the gradients g_a sum to zero, so they follow from the others."""
     for r in range(3):
@@ -76,13 +86,13 @@ def _first_node_blocks(k11, k21, k22, k10, k20, k00):  # type: ignore[no-untyped
 
 
 @kernel(REAL(MATRIX, INDEX_TABLE, BLOCKS, VECTOR, MATRIX, MATRIX, INTEGER, REAL, INDEX_TABLE, MATRIX, BLOCKS))
-def add_membranes(x, triangles, gradients, areas, drawn, stiffness, law, fraction, slots, force, blocks):  # type: ignore[no-untyped-def]
-    """Add all triangles' gradient to force and, if slots is not empty, their Hessian to blocks.
+def add_membranes(x, triangles, gradients, areas, drawn, stiffness, law, fraction, slots, gradient, blocks):  # type: ignore[no-untyped-def]
+    """Add all triangles to gradient and, if slots is not empty, their Hessian to blocks.
 
     `law` is a law code of the film, `fraction` the compressive fraction. Returns the energy [J].
     """
     if law == PLAIN and slots.shape[0] == 0:
-        return add_membrane_gradients(x, triangles, drawn, stiffness, force)
+        return add_membrane_gradients(x, triangles, drawn, stiffness, gradient)
     f = np.empty((2, 3))
     fn = np.empty((2, 3))
     k11, k21, k22 = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))
@@ -116,9 +126,9 @@ def add_membranes(x, triangles, gradients, areas, drawn, stiffness, law, fractio
         for k in range(3):
             r1 = fn[0, k] * g[1, 0] + fn[1, k] * g[1, 1]
             r2 = fn[0, k] * g[2, 0] + fn[1, k] * g[2, 1]
-            force[i1, k] += r1
-            force[i2, k] += r2
-            force[i0, k] -= r1 + r2
+            gradient[i1, k] += r1
+            gradient[i2, k] += r2
+            gradient[i0, k] -= r1 + r2
         if with_hessian:
             s11 = g[1, 0] * (n11 * g[1, 0] + n12 * g[1, 1]) + g[1, 1] * (n12 * g[1, 0] + n22 * g[1, 1])
             s21 = g[2, 0] * (n11 * g[1, 0] + n12 * g[1, 1]) + g[2, 1] * (n12 * g[1, 0] + n22 * g[1, 1])
@@ -210,19 +220,19 @@ class Membranes:
         gradients[:, 0] = -gradients[:, 1] - gradients[:, 2]
         return cls(triangles, gradients, 0.5 * twice_area, film)
 
-    def add(self, positions: Array, slots: IntArray, force: Array, blocks: Array) -> float:
-        """Add the gradient to force and, if slots is not empty, the Hessian to blocks; return the energy [J].
+    def add(self, positions: Array, slots: IntArray, gradient: Array, blocks: Array) -> float:
+        """Add to gradient and, if slots is not empty, the Hessian to blocks; return the energy [J].
 
         Args:
             positions: (n, 3) [m], C-contiguous.
             slots: (m, 6) of the pattern, or empty.
-            force: (n, 3) [N].
+            gradient: (n, 3) [N].
             blocks: (pattern.blocks, 3, 3) [N/m].
         """
         film = self.film
         energy: float = add_membranes(
             positions, self.triangles, self.shape_gradients, self.areas, self._lanes, self._stiffness,
-            film.law_code, film.compressive_fraction, slots, force, blocks,
+            film.law_code, film.compressive_fraction, slots, gradient, blocks,
         )  # fmt: skip
         return energy
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from cosim.base.frames import Array
-from cosim.base.kernels import inlined
+from cosim.base.kernels import device_function
 
 # Quantity q of a lane is at s[q * LANES + lane], as in `hinge_gradient`.
 LANES = 64
@@ -26,7 +26,7 @@ def in_lanes(shape_gradients: Array, areas: Array) -> Array:
     return np.ascontiguousarray(values.reshape(5, groups, LANES).transpose(1, 0, 2).reshape(groups, -1))
 
 
-@inlined
+@device_function
 def _gather(x, triangles, first, lanes, s):  # type: ignore[no-untyped-def]
     """Fill both edges from node 0; lanes to spare repeat the first triangle."""
     for lane in range(LANES):
@@ -37,7 +37,7 @@ def _gather(x, triangles, first, lanes, s):  # type: ignore[no-untyped-def]
             s[_D2 + r * LANES + lane] = x[k, r] - x[i, r]
 
 
-@inlined
+@device_function
 def _differentiate(drawn, stiffness, s):  # type: ignore[no-untyped-def]
     """Replace the edges by the gradients of nodes 1 and 2, and fill the energies."""
     c00, c01, c02 = stiffness[0, 0], stiffness[0, 1], stiffness[0, 2]
@@ -65,9 +65,9 @@ def _differentiate(drawn, stiffness, s):  # type: ignore[no-untyped-def]
         s[_D1 + 2 * LANES + lane], s[_D2 + 2 * LANES + lane] = f2 * p1 + k2 * q1, f2 * p2 + k2 * q2
 
 
-@inlined
-def _scatter(triangles, first, lanes, s, force):  # type: ignore[no-untyped-def]
-    """Add a group's gradient to force; return its energy."""
+@device_function
+def _scatter(triangles, first, lanes, s, gradient):  # type: ignore[no-untyped-def]
+    """Add a group to gradient; return its energy."""
     energy = 0.0
     for lane in range(lanes):
         e = first + lane
@@ -75,15 +75,15 @@ def _scatter(triangles, first, lanes, s, force):  # type: ignore[no-untyped-def]
         energy += s[_ENERGY + lane]
         for r in range(3):
             one, two = s[_D1 + r * LANES + lane], s[_D2 + r * LANES + lane]
-            force[j, r] += one
-            force[k, r] += two
-            force[i, r] -= one + two
+            gradient[j, r] += one
+            gradient[k, r] += two
+            gradient[i, r] -= one + two
     return energy
 
 
-@inlined
-def add_membrane_gradients(x, triangles, drawn, stiffness, force):  # type: ignore[no-untyped-def]
-    """Add the gradient of all triangles of the plain law to force; return the energy [J].
+@device_function
+def add_membrane_gradients(x, triangles, drawn, stiffness, gradient):  # type: ignore[no-untyped-def]
+    """Add the gradient of all triangles of the plain law to gradient; return the energy [J].
 
     `drawn` is what `in_lanes` returns.
     """
@@ -93,5 +93,5 @@ def add_membrane_gradients(x, triangles, drawn, stiffness, force):  # type: igno
         lanes = min(LANES, triangles.shape[0] - first)
         _gather(x, triangles, first, lanes, s)
         _differentiate(drawn[first // LANES], stiffness, s)
-        energy += _scatter(triangles, first, lanes, s, force)
+        energy += _scatter(triangles, first, lanes, s, gradient)
     return energy

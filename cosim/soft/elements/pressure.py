@@ -14,12 +14,12 @@ from typing import Any
 import numpy as np
 
 from cosim.base.frames import Array, IntArray, cross, cross_matrix
-from cosim.base.kernels import BLOCKS, INDEX_TABLE, INDICES, MATRIX, REAL, add_block, inlined, kernel
+from cosim.base.kernels import BLOCKS, INDEX_TABLE, INDICES, MATRIX, REAL, add_block, device_function, kernel
 
 _CROSS = np.stack([cross_matrix(axis) for axis in np.eye(3)], axis=-1)  # (_CROSS @ v) @ b = v x b
 
 
-@inlined
+@device_function
 def _cross_block(v, factor, out):  # type: ignore[no-untyped-def]
     """Fill out with factor * S(v), S(v) b = v x b."""
     out[0, 0] = out[1, 1] = out[2, 2] = 0.0
@@ -32,8 +32,8 @@ def _cross_block(v, factor, out):  # type: ignore[no-untyped-def]
 
 
 @kernel(REAL(MATRIX, INDEX_TABLE, REAL, INDEX_TABLE, MATRIX, BLOCKS))
-def add_pressure(x, triangles, pressure, slots, force, blocks):  # type: ignore[no-untyped-def]
-    """Add the gradient of -p V of all film triangles to force, its Hessian to blocks if slots is not empty.
+def add_pressure(x, triangles, pressure, slots, gradient, blocks):  # type: ignore[no-untyped-def]
+    """Add -p V of all film triangles to gradient, and to blocks if slots is not empty.
 
     Returns the triangles' share of V [m^3].
     """
@@ -47,9 +47,9 @@ def add_pressure(x, triangles, pressure, slots, force, blocks):  # type: ignore[
             s, t = (r + 1) % 3, (r + 2) % 3
             bc = x[ib, s] * x[ic, t] - x[ib, t] * x[ic, s]
             volume += x[ia, r] * bc
-            force[ia, r] -= sixth * bc
-            force[ib, r] -= sixth * (x[ic, s] * x[ia, t] - x[ic, t] * x[ia, s])
-            force[ic, r] -= sixth * (x[ia, s] * x[ib, t] - x[ia, t] * x[ib, s])
+            gradient[ia, r] -= sixth * bc
+            gradient[ib, r] -= sixth * (x[ic, s] * x[ia, t] - x[ic, t] * x[ia, s])
+            gradient[ic, r] -= sixth * (x[ia, s] * x[ib, t] - x[ia, t] * x[ib, s])
         if with_hessian:
             # d(b x c)/db = -S(c), d(c x a)/dc = -S(a), d(b x c)/dc = S(b)
             _cross_block(x[ic], -sixth, k)  # pair (b, a)
@@ -77,7 +77,7 @@ def volume_inside(x: Array, triangles: IntArray, rings: IntArray, starts: IntArr
     return volume
 
 
-@inlined
+@device_function
 def _cap_volume(x, ring, total, area):  # type: ignore[no-untyped-def]
     """Return a cap's share of V [m^3]; fill in the sums of r_i and of r_i x r_i+1."""
     count = ring.shape[0]
@@ -92,7 +92,7 @@ def _cap_volume(x, ring, total, area):  # type: ignore[no-untyped-def]
     return (total[0] * area[0] + total[1] * area[1] + total[2] * area[2]) / (6.0 * count)
 
 
-@inlined
+@device_function
 def _add_cap_hessian(x, ring, factor, total, slots, blocks, k):  # type: ignore[no-untyped-def]
     """Add the second derivatives of -p V of one cap; ring nodes are coupled pairwise."""
     count = ring.shape[0]
@@ -115,8 +115,10 @@ def _add_cap_hessian(x, ring, factor, total, slots, blocks, k):  # type: ignore[
 
 
 @kernel(REAL(MATRIX, INDICES, REAL, INDICES, MATRIX, BLOCKS))
-def add_cap(x: Array, ring: IntArray, pressure: float, slots: IntArray, force: Array, blocks: Array) -> Any:
-    """Add the gradient of -p V of one cap to force, its Hessian to blocks if slots is not empty.
+def add_cap(
+    x: Array, ring: IntArray, pressure: float, slots: IntArray, gradient: Array, blocks: Array
+) -> Any:
+    """Add the gradient of -p V of one cap to gradient, its Hessian to blocks if slots is not empty.
 
     Returns the cap's share of V [m^3].
     """
@@ -134,7 +136,7 @@ def add_cap(x: Array, ring: IntArray, pressure: float, slots: IntArray, force: A
         for r in range(3):
             s, t = (r + 1) % 3, (r + 2) % 3
             # d(total . area)/dr_i = area + (r_i+1 - r_i-1) x total
-            force[ring[i], r] -= factor * (area[r] + difference[s] * total[t] - difference[t] * total[s])
+            gradient[ring[i], r] -= factor * (area[r] + difference[s] * total[t] - difference[t] * total[s])
     if with_hessian:
         _add_cap_hessian(x, ring, factor, total, slots, blocks, k)
     return volume

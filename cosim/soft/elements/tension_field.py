@@ -19,14 +19,14 @@ from typing import Final
 import numpy as np
 
 from cosim.base.frames import Array, IntArray
-from cosim.base.kernels import inlined
+from cosim.base.kernels import device_function
 
 SLACK: Final = 0
 WRINKLED: Final = 1
 TAUT: Final = 2
 
 
-@inlined
+@device_function
 def tension_field(e11, e22, e12, stiffness, fraction, n, c):  # type: ignore[no-untyped-def]
     """Fill n (3,) and c (3, 3), first and second derivative of the energy density by (E11, E22, 2 E12).
 

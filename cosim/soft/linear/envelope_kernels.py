@@ -15,7 +15,7 @@ from cosim.base.kernels import (
     PLACES,
     REAL,
     VECTOR,
-    inlined,
+    device_function,
     kernel,
 )
 
@@ -23,7 +23,7 @@ from cosim.base.kernels import (
 _1, _2, _3, _4 = np.uint64(1), np.uint64(2), np.uint64(3), np.uint64(4)
 
 
-@inlined
+@device_function
 def _products(store, a, wide, b, other, count):  # type: ignore[no-untyped-def]
     """Return the sums of products of four rows at a and four at b, over `count` columns."""
     s00 = s01 = s02 = s03 = s10 = s11 = s12 = s13 = 0.0
@@ -52,7 +52,7 @@ def _products(store, a, wide, b, other, count):  # type: ignore[no-untyped-def]
     return (s00, s01, s02, s03), (s10, s11, s12, s13), (s20, s21, s22, s23), (s30, s31, s32, s33)
 
 
-@inlined
+@device_function
 def _finish_row(store, at, sums, below, scale):  # type: ignore[no-untyped-def]
     """Turn a row of A_IJ into that of L_IJ, given L_JJ's strict lower triangle and inverse diagonal."""
     l10, l20, l21, l30, l31, l32 = below
@@ -63,7 +63,7 @@ def _finish_row(store, at, sums, below, scale):  # type: ignore[no-untyped-def]
     store[at], store[at + _1], store[at + _2], store[at + _3] = x0, x1, x2, x3
 
 
-@inlined
+@device_function
 def _finish_tile(store, at, wide, diagonal, other, inverse, c, sums):  # type: ignore[no-untyped-def]
     """Turn A_IJ into L_IJ, given the sums of products and L_JJ."""
     to1, to2, to3 = diagonal + other, diagonal + _2 * other, diagonal + _3 * other
@@ -75,7 +75,7 @@ def _finish_tile(store, at, wide, diagonal, other, inverse, c, sums):  # type: i
     _finish_row(store, at + _3 * wide, sums[3], below, scale)
 
 
-@inlined
+@device_function
 def _finish_diagonal(store, at, wide, inverse, c, sums):  # type: ignore[no-untyped-def]
     """Turn A_II into L_II, given the sums of products; False where it is not positive definite."""
     at1, at2, at3 = at + wide, at + _2 * wide, at + _3 * wide
@@ -98,7 +98,7 @@ def _finish_diagonal(store, at, wide, inverse, c, sums):  # type: ignore[no-unty
     return p0 > 0.0 and p1 > 0.0 and p2 > 0.0 and p3 > 0.0  # false where one is not a number
 
 
-@inlined
+@device_function
 def _fill(values, source, place, begin, end, shift, size, row, store, at, wide):  # type: ignore[no-untyped-def]
     """Write four rows of A + shift 1 to the store; rows beyond `size` are those of the identity."""
     store[at : at + _4 * wide] = 0.0
@@ -136,7 +136,7 @@ def factorise(values, source, place, entry, shift, size, start, first, store, in
     return True
 
 
-@inlined
+@device_function
 def _substitute_forward(store, start, first, inverse, x):  # type: ignore[no-untyped-def]
     for i in range(np.uint64(start.shape[0])):
         wide, column, e = _4 * (i - first[i] + _1), _4 * first[i], _4 * i
@@ -157,7 +157,7 @@ def _substitute_forward(store, start, first, inverse, x):  # type: ignore[no-unt
         x[e], x[e + _1], x[e + _2], x[e + _3] = x0, x1, x2, x3 * inverse[e + _3]
 
 
-@inlined
+@device_function
 def _substitute_backward(store, start, first, inverse, x):  # type: ignore[no-untyped-def]
     groups = np.uint64(start.shape[0])
     for done in range(groups):
@@ -175,7 +175,7 @@ def _substitute_backward(store, start, first, inverse, x):  # type: ignore[no-un
         x[e], x[e + _1], x[e + _2], x[e + _3] = x0, x1, x2, x3
 
 
-@inlined
+@device_function
 def _turn(values, turn):  # type: ignore[no-untyped-def]
     """Multiply the rows of values (n, 3) by turn (3, 3) from the right, in place."""
     for i in range(values.shape[0]):

@@ -10,14 +10,14 @@ import math
 import numpy as np
 
 from cosim.base.frames import Array, PlaceArray
-from cosim.base.kernels import BOOLEAN, PLACE_TABLE, PLACES, REAL, VECTOR, inlined, kernel
+from cosim.base.kernels import BOOLEAN, PLACE_TABLE, PLACES, REAL, VECTOR, device_function, kernel
 from cosim.soft.linear.elimination_tree import CHILD, COLUMNS, ENTRY, FIRST, LEFT, REST, RUN, START
 
 # Places are unsigned, as in `envelope_kernels`.
 _0, _1, _2, _3, _4, _WIDE = (np.uint64(n) for n in (0, 1, 2, 3, 4, COLUMNS))
 
 
-@inlined
+@device_function
 def _invert(own, p, inverse, scale, row):  # type: ignore[no-untyped-def]
     """Turn A_pp (p, p) into L and write L^-1 to inverse; False where A_pp is not positive definite."""
     for i in range(p):
@@ -47,7 +47,7 @@ def _invert(own, p, inverse, scale, row):  # type: ignore[no-untyped-def]
     return True
 
 
-@inlined
+@device_function
 def _take(fronts, children, runs, rows, k, owned, stack, to, wide, back):  # type: ignore[no-untyped-def]
     """Add what the children of front k leave: to the columns it owns, of rows of `wide`, or to its rest."""
     for place in range(fronts[k, CHILD], fronts[k + _1, CHILD]):
@@ -64,7 +64,7 @@ def _take(fronts, children, runs, rows, k, owned, stack, to, wide, back):  # typ
                     to[target + j] += stack[source + j]
 
 
-@inlined
+@device_function
 def _leave(below, q, p, factor, left):  # type: ignore[no-untyped-def]
     """Write -W^T to the factor and -W W^T to left, both by groups of rows of W (q, p)."""
     at, to, room = _0, _0, p * _WIDE
@@ -117,7 +117,7 @@ def factorise(values, source, place, shift, fronts, children, runs, rows, work, 
     return True
 
 
-@inlined
+@device_function
 def _add_product(store, at, count, wide, x, y):  # type: ignore[no-untyped-def]
     """Add M x to y, M (count, wide) at a place of the store."""
     for i in range(_0, count & ~_3, _4):
@@ -141,7 +141,7 @@ def _add_product(store, at, count, wide, x, y):  # type: ignore[no-untyped-def]
         y[i] += total
 
 
-@inlined
+@device_function
 def _add_transposed(store, at, count, p, x, y):  # type: ignore[no-untyped-def]
     """Add M^T x to y, M (count, p) at a place of the store."""
     for i in range(_0, count & ~_3, _4):

@@ -11,10 +11,10 @@ from __future__ import annotations
 
 import math
 
-from cosim.base.kernels import inlined
+from cosim.base.kernels import device_function
 
 
-@inlined
+@device_function
 def _edge_maps(g, rows, columns):  # type: ignore[no-untyped-def]
     """Fill rows (3, 3) with Q of the edges 0-1, 0-2 and 1-2, columns (3, 3) with its inverse's columns.
 
@@ -42,7 +42,7 @@ def _edge_maps(g, rows, columns):  # type: ignore[no-untyped-def]
             columns[edge, r] /= determinant
 
 
-@inlined
+@device_function
 def edge_strain(e11, e22, e12, g, stiffness, rows, columns, n, c):  # type: ignore[no-untyped-def]
     """Fill n (3,) and c (3, 3), first and second derivative of the energy density by (E11, E22, 2 E12).
 
