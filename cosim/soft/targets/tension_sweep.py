@@ -44,7 +44,7 @@ class PullLine:
 
 @final
 @dataclass(frozen=True)
-class _Place:
+class _SweepPoint:
     """A state of a sweep.
 
     Args:
@@ -99,7 +99,7 @@ class TensionSweep:
         self._first = self._place(0.0, begin)
         self._places = [self._first]
         self._lost = ""
-        self._jumps: list[tuple[_Place, _Place]] = []
+        self._jumps: list[tuple[_SweepPoint, _SweepPoint]] = []
 
     @property
     def nearest(self) -> Equilibrium:
@@ -130,7 +130,7 @@ class TensionSweep:
             text += f", with a snap from {heights} at {tensions_text(after.here)}"
         return text + (f", beyond which {self._lost}" if self._lost else "")
 
-    def _steps(self) -> Iterator[tuple[_Place, _Place]]:
+    def _steps(self) -> Iterator[tuple[_SweepPoint, _SweepPoint]]:
         """Yield every two neighbouring states, until the line ends or the equilibrium is lost."""
         length = np.linalg.norm(self._first.tip - self._first.here.world_from_flange.translation)
         here, step = self._first, _FIRST_STEP
@@ -148,7 +148,7 @@ class TensionSweep:
             yield here, there
             here, step = there, min(_LARGEST_STEP, 2.0 * step) if moved < _LITTLE * length else step
 
-    def _between(self, before: _Place, after: _Place, tolerance_m: float) -> Equilibrium | None:
+    def _between(self, before: _SweepPoint, after: _SweepPoint, tolerance_m: float) -> Equilibrium | None:
         """Return the state between two that has the wanted height; None where it jumps over it."""
         sides = {np.sign(self._over(place)): place for place in (after, before)}
 
@@ -169,26 +169,26 @@ class TensionSweep:
         self._jumps.append((sides[np.sign(self._over(before))], sides[np.sign(self._over(after))]))
         return None
 
-    def _followed(self, begin: _Place, share: float) -> _Place:
+    def _followed(self, begin: _SweepPoint, share: float) -> _SweepPoint:
         start = np.array(self._first.here.loads.cable_tension_N)
         tension = tuple(((1.0 - share) * start + share * self._line.end_N).tolist())
         loads = replace(begin.here.loads, cable_tension_N=tension)
         return self._place(share, self._follower.follow(begin.here, begin.here.world_from_flange, loads))
 
-    def _place(self, share: float, here: Equilibrium) -> _Place:
-        return _Place(share, here, self._follower.body.tip_position(here.state.positions))
+    def _place(self, share: float, here: Equilibrium) -> _SweepPoint:
+        return _SweepPoint(share, here, self._follower.body.tip_position(here.state.positions))
 
-    def _over(self, place: _Place) -> float:
+    def _over(self, place: _SweepPoint) -> float:
         assert self._target.height is not None
         return float(place.tip[2] - self._target.height)
 
-    def _missing(self, place: _Place) -> float:
+    def _missing(self, place: _SweepPoint) -> float:
         if self._target.position is None:
             return 0.0 if self._target.height is None else abs(self._over(place))
         return float(np.linalg.norm(place.tip - self._target.position))
 
 
-def _height(place: _Place) -> float:
+def _height(place: _SweepPoint) -> float:
     return float(place.tip[2])
 
 
