@@ -72,12 +72,14 @@ def test_an_installed_wheel_finds_its_data_from_another_directory(tmp_path: Path
         f"import sys; sys.path.insert(0, {str(site)!r}); import cosim; from cosim.base import resources as r;"
         "assert cosim.__file__.startswith(sys.path[0]), cosim.__file__;"
         "cosim.load_scenario('ur5e_hexagon_arm'); assert (r.robots_directory() / 'ur5e').is_dir();"
+        "from cosim.cli.main import main; main(['new', 'mine']);"
         "print(*r.list_scenarios(), *r.list_soft_robots())"
     )
     done = subprocess.run(
         [sys.executable, "-c", code], cwd=elsewhere, check=True, capture_output=True, text=True
     )
-    assert done.stdout.split() == [*list_scenarios(), *list_soft_robots()]
+    assert done.stdout.splitlines()[1].split() == [*list_scenarios(), *list_soft_robots()]
+    assert (elsewhere / "mine.toml").is_file()
 
 
 def test_dependencies_are_bounded_where_their_interfaces_move() -> None:

@@ -70,6 +70,16 @@ def test_files_of_an_object_and_its_parts_are_told(tmp_path: Path) -> None:
     ]  # fmt: skip
 
 
+def test_a_name_used_twice_is_told_beside_a_name_that_is_wrong() -> None:
+    ball = {"shape": "sphere", "size_m": [0.1], "position_m": [0.0, 0.0, 0.0]}
+    balls = [{"name": name, **ball} for name in ("a", 5, "a", "b")]
+    wire = {"name": "b", "points_m": [[0, 0, 0], [0, 0, 1]], "radius_m": 0.01, "mass_kg": 1.0}
+    error = refusal({"object": balls})
+    assert [path for path, _ in error.faults] == ["object.2.name", "object.a"]
+    balls[1]["name"] = "c"
+    assert [path for path, _ in refusal({"object": balls, "wire": [wire]}).faults] == ["object.a", "wire.b"]
+
+
 def test_at_most_twenty_lines_are_told(capsys: pytest.CaptureFixture[str]) -> None:
     wrong = [word for k in range(23) for word in ("--set", f"wrong_{k:02}=1")]
     assert main(["run", REFERENCE, *wrong]) == 2

@@ -6,7 +6,7 @@ import tomllib
 from pathlib import Path
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from benchmarks.faults.mutations import toml_text
@@ -173,6 +173,7 @@ VALUES = st.recursive(
 )
 
 
+@settings(deadline=None)
 @given(st.dictionaries(KEYS, VALUES))
 def test_every_key_of_a_text_is_found(table: dict[str, object]) -> None:
     def paths(value: object, path: tuple[str, ...]) -> list[tuple[str, ...]]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from typing import Final
+from typing import Final, Protocol
 
 from cosim.base.arms import arm_names
 from cosim.config.rules.device_rules import check_devices
@@ -26,6 +26,11 @@ _NAMED: Final = {
 _MOVES = ("flange", "flange_turn", "flange_shift_m", "flange_shake")
 
 
+class _Named(Protocol):
+    @property
+    def name(self) -> str: ...
+
+
 def check_scenario(scenario: Scenario, faults: Faults) -> None:
     """Check what single values cannot show: names that must exist, lengths that must agree.
 
@@ -41,9 +46,9 @@ def check_scenario(scenario: Scenario, faults: Faults) -> None:
         _check_calibrated(scenario)
     for key, field in _NAMED.items():
         with faults:
-            _check_unique((entry.name for entry in getattr(scenario, field)), key)
+            _check_unique(getattr(scenario, field), key, faults)
     with faults:
-        _check_unique([e.name for e in scenario.objects] + [wire.name for wire in scenario.wires], "wire")
+        _check_unique(scenario.wires, "wire", faults, {entry.name for entry in scenario.objects})
     with faults:
         cables = scenario.soft_robot.cable_names()
         _check_tensions(scenario.start.cable_tension_N or None, cables, "start.cable_tension_N")
@@ -96,13 +101,13 @@ def check_soft_robot(robot: SoftRobotTable, path: str, faults: Faults) -> None:
     with faults:
         check_rings(robot.base, robot, f"{path}.base")
     with faults:
-        _check_unique((cable.name for cable in robot.cables), f"{path}.cable")
+        _check_unique(robot.cables, f"{path}.cable", faults)
     with faults:
         for cable in robot.cables:
             with faults:
                 _check_cable(cable, robot, f"{path}.cable.{cable.name}", faults)
     with faults:
-        _check_unique((entry.name for entry in robot.attachments), f"{path}.attach")
+        _check_unique(robot.attachments, f"{path}.attach", faults)
     with faults:
         for entry in robot.attachments:
             with faults:
@@ -233,9 +238,10 @@ def _check_tensions(tensions: Sequence[float] | None, cables: Sequence[str], pat
         )
 
 
-def _check_unique(names: Iterable[str], path: str) -> None:
-    seen: set[str] = set()
-    for name in names:
-        if name in seen:
-            raise ScenarioError(f"{path}.{name}", "the name is used twice; names must differ")
-        seen.add(name)
+def _check_unique(entries: Iterable[_Named], path: str, faults: Faults, taken: Iterable[str] = ()) -> None:
+    seen = set(taken)
+    for entry in entries:
+        with faults:
+            if entry.name in seen:
+                raise ScenarioError(f"{path}.{entry.name}", "the name is used twice; names must differ")
+            seen.add(entry.name)
