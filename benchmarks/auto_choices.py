@@ -21,7 +21,8 @@ from cosim.app.driver import Options, build_simulation, execute, recorded, rerun
 from cosim.config.loading import load_scenario
 from cosim.config.schema.scenario import Scenario
 from cosim.errors import ScenarioError
-from cosim.telemetry.snapshot import RunInfo, Snapshot
+from cosim.telemetry.snapshot import RunInfo
+from cosim.telemetry.tick_batch import TickBatch
 from cosim.trade.auto import chosen_fidelity
 from cosim.trade.candidates import Candidate, durations, short_candidates
 from cosim.trade.choice import Requirement
@@ -45,9 +46,9 @@ class CurveWatcher:
         self._builder = CurveBuilder(self.scenario, stage)
         self._began = time.process_time()
 
-    def observe(self, snapshot: Snapshot) -> None:
-        """Take in one snapshot."""
-        self._builder.observe(snapshot)
+    def observe(self, batch: TickBatch) -> None:
+        """Take in some ticks."""
+        self._builder.observe(batch)
 
     def close(self) -> None:
         """The run has ended."""

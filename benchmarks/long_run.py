@@ -47,7 +47,8 @@ from cosim.config.loading import load_scenario
 from cosim.config.schema.scenario import Scenario
 from cosim.kinematics.arm import Arm
 from cosim.soft.solve.assembly import SoftSystem
-from cosim.telemetry.snapshot import RunInfo, Snapshot
+from cosim.telemetry.snapshot import RunInfo
+from cosim.telemetry.tick_batch import TickBatch
 
 TICK_S = 0.002
 MOVE_S, SETTLE_S = 0.5, 20.0
@@ -118,15 +119,20 @@ class Energies:
         self._arm = Arm(find_arm(of.robot), gravity=of.gravity_m_s2)
         self.weight_N = float(body.node_mass.sum()) * float(np.linalg.norm(of.gravity_m_s2))
 
-    def now(self, before: Snapshot, here: Snapshot) -> Array:
-        """Return (soft arm, its kinetic energy, that of the rigid arm), from two snapshots in turn."""
+    def now(self, before: Array, here: Array) -> Array:
+        """Return (soft arm, its kinetic energy, that of the rigid arm).
+
+        Args:
+            before: (joints,) [rad], one tick ago.
+            here: (joints,) [rad], now.
+        """
         soft, system = self._simulation.save_state().soft, self._system
         x, angles, v = soft.soft.positions, soft.soft.angles, soft.soft.velocities
         tension = system.segment_tension(x, soft.loads)
         potential = system.evaluate(x, soft.loads, tension, angles, hessian=False)
         kinetic = 0.5 * float(np.einsum("n,nr,nr->", system.body.node_mass, v, v))
-        rate = (here.joint_position - before.joint_position) / TICK_S
-        rigid = 0.5 * float(rate @ self._arm.mass_matrix(here.joint_position) @ rate)
+        rate = (here - before) / TICK_S
+        rigid = 0.5 * float(rate @ self._arm.mass_matrix(here) @ rate)
         return np.array([potential + kinetic, kinetic, rigid])
 
 
@@ -138,7 +144,7 @@ class Watch:
 
     Args:
         of: scenario.
-        every: ticks between two samples of energy and memory.
+        every: ticks between two samples of energy and memory, each at the end of a batch.
         settled: first tick that counts, a multiple of `every`.
     """
 
@@ -148,8 +154,8 @@ class Watch:
         self.samples = np.zeros((0, 8))
         self.taken = 0
         self.moved = np.zeros(3)
-        self._before: Snapshot | None = None
-        self._first: tuple[Array, Array, Array] | None = None
+        self._joints = np.zeros((0, 0))
+        self._first: Array | None = None
 
     def build(self, of: Scenario) -> Runnable:
         """Build the simulation and keep it in sight."""
@@ -161,20 +167,22 @@ class Watch:
         """Make room for all samples at once, so that memory tells of the run alone."""
         self.samples = np.full(((stage.ticks - self._settled) // self._every + 1, 8), np.nan)
 
-    def observe(self, snapshot: Snapshot) -> None:
-        """Take in one snapshot."""
-        before, self._before = self._before, snapshot
-        if snapshot.tick < self._settled or before is None:
+    def observe(self, batch: TickBatch) -> None:
+        """Take in some ticks."""
+        joints = batch.joint_position
+        self._joints = np.concatenate([self._joints.reshape(-1, joints.shape[1]), joints])[-2:]
+        counted = (batch.tick >= self._settled) & (batch.tick > 0)
+        if not counted.any():
             return
-        flange = snapshot.world_from_flange
-        here = (snapshot.tip_position, flange.translation, flange.inverse().apply(snapshot.tip_position))
-        self._first = self._first or here
-        moves = [float(np.linalg.norm(now - then)) for now, then in zip(here, self._first, strict=True)]
-        self.moved = np.maximum(self.moved, moves)
-        if snapshot.tick % self._every == 0:
+        tip, flange = batch.tip_position[counted], batch.flange_position[counted]
+        on_flange = np.einsum("kji,kj->ki", batch.flange_rotation[counted], tip - flange)
+        here = np.stack([tip, flange, on_flange], axis=1)
+        self._first = here[0].copy() if self._first is None else self._first
+        self.moved = np.maximum(self.moved, np.linalg.norm(here - self._first, axis=2).max(axis=0))
+        if batch.tick[-1] // self._every > (batch.tick[counted][0] - 1) // self._every:
             assert self.energies is not None, "build() comes before observe()"
-            energies, memory = self.energies.now(before, snapshot), (resident_kB(), sys.getallocatedblocks())
-            self.samples[self.taken] = (*snapshot.tip_position, *energies, *memory)
+            energies, memory = self.energies.now(*self._joints), (resident_kB(), sys.getallocatedblocks())
+            self.samples[self.taken] = (*tip[-1], *energies, *memory)
             self.taken += 1
 
     def close(self) -> None:

@@ -2,9 +2,9 @@
 
     python benchmarks/tick_cost.py [--fidelity section] [--scenario NAME] [--ticks 2000] [--json FILE]
 
-CPU time of the thread. Where ticks go in a row, first what one of them costs so. Then the whole tick and the
-soft step in it, one by one; then the same tick with a soft step that answers at once, in which the parts are
-warm in the caches: the least of several rounds.
+CPU time of the thread. Where many ticks go in one call, first what one of them costs so. Then the whole tick
+and the soft step in it, one by one; then the same tick with a soft step that answers at once, in which the
+parts are warm in the caches: the least of several rounds.
 """
 
 from __future__ import annotations
@@ -23,14 +23,12 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 _ROUNDS, _TICKS_PER_ROUND = 12, 400
 
 
-def in_a_row(run: Any) -> float:
-    """Return the least CPU time of a tick [us] of those taken in a row; the run goes back after it."""
-    from cosim.telemetry.block import READ_AT_ONCE
-
+def together(run: Any) -> float:
+    """Return the least CPU time of a tick [us] of those taken together; the run goes back after it."""
     saved, least = run.save_state(), float("inf")
     for _ in range(_ROUNDS):
         began = time.thread_time_ns()
-        ticks = sum(1 for _ in run.steps(READ_AT_ONCE, _TICKS_PER_ROUND))
+        ticks = sum(map(len, run.batches(most=_TICKS_PER_ROUND)))
         least = min(least, 1e-3 * (time.thread_time_ns() - began) / ticks)
         run.restore_state(saved)
     return least
@@ -98,7 +96,7 @@ def main() -> None:
         pass
     figures = {}
     if carrier.lockstep is not None:
-        figures["tick in a row"] = in_a_row(run)
+        figures["tick of a batch"] = together(run)
         carrier._lockstep = None
     figures |= in_a_run(run, soft, options.ticks) | {"around it, alone": alone(run, soft)}
     for name, microseconds in figures.items():

@@ -11,7 +11,9 @@ import pytest
 
 from cosim.base.frames import Pose, Twist, Wrench
 from cosim.config.schema.scenario import Scenario
+from cosim.telemetry.film_shape import FilmShape
 from cosim.telemetry.snapshot import LedgerEntry, RunInfo, Snapshot
+from cosim.telemetry.tick_batch import TickBatch
 
 TICKS_PER_PHASE = 5
 
@@ -56,17 +58,17 @@ def made_up_snapshot(tick: int, tick_s: float) -> Snapshot:
         body_position=np.zeros((2, 3)),
         body_quaternion=np.tile([1.0, 0.0, 0.0, 0.0], (2, 1)),
         body_contact_force=np.zeros((2, 3)),
-        node_position=np.full((3, 3), float(tick)),
+        film=FilmShape(
+            node_position=np.full((3, 3), float(tick)),
+            chamber_volume_m3=np.array([1e-4 * (1.0 + tick)]),
+            tip_position=np.array([0.3, 0.0, 0.5 + 0.001 * tick]),
+            tip_direction=np.array([0.0, 0.0, -1.0]),
+            center_line_m=0.001 * tick,
+        ),
         world_from_flange=Pose(np.eye(3), np.array([0.3, 0.0, 0.7])),
         flange_twist=Twist(),
-        pressure_Pa=100.0 * tick,
-        volume_m3=1e-4 * (1.0 + tick),
         chamber_pressure_Pa=np.array([100.0 * tick]),
-        chamber_volume_m3=np.array([1e-4 * (1.0 + tick)]),
         cable_tension_N=np.array([1.0 * tick]),
-        tip_position=np.array([0.3, 0.0, 0.5 + 0.001 * tick]),
-        tip_direction=np.array([0.0, 0.0, -1.0]),
-        sag_m=0.001 * tick,
         tip_target=None,
         ledger=entry,
         tick_wall_s=1e-4,
@@ -82,7 +84,7 @@ class MadeUpSimulation:
     next_tick: int = 0
     saves_now: bool = True
 
-    def steps(self, ahead: int = 1, most: int | None = None) -> Iterator[Snapshot]:
+    def steps(self, most: int | None = None) -> Iterator[Snapshot]:
         """Yield tick 0 to the last, or those that are left."""
         for tick in islice(range(self.next_tick, self.stage.ticks + 1), most):
             self.at_tick(tick)
@@ -91,6 +93,10 @@ class MadeUpSimulation:
             target = np.array([0.3, 0.0, 0.5]) if last_phase else None
             self.next_tick = tick + 1
             yield replace(snapshot, tip_target=target)
+
+    def batches(self, most: int | None = None) -> Iterator[TickBatch]:
+        """Yield the same, each as a batch."""
+        return (TickBatch.of([snapshot]) for snapshot in self.steps(most))
 
     def save_state(self) -> int:
         """Return the next tick."""

@@ -59,7 +59,7 @@ for line in sys.stdin:
         class Stop:
             def __init__(self, inner): self.inner, self.stage = inner, inner.stage
             def __getattr__(self, name): return getattr(self.inner, name)
-            def steps(self, ahead=1, most=None): return self.inner.steps(ahead, 3)
+            def batches(self): return self.inner.batches(most=3)
         running.build_simulation = lambda scenario: Stop(build_simulation(scenario))
         try:
             code = main(["run", "--resume", line.strip(), "--no-recording", "--quiet"])

@@ -20,6 +20,7 @@ from cosim.base.stateful import Stateful
 from cosim.errors import InputError
 from cosim.telemetry.snapshot import RunInfo, Snapshot
 from cosim.telemetry.summary import Status, SummaryBuilder, SummaryState
+from cosim.telemetry.tick_batch import TickBatch
 
 _KEEP_TICKS = 20  # one for every tick would cost some percent: each makes the next factorisation a copy
 _KEEP_S = 0.1  # fast ticks are solved again in no time
@@ -97,7 +98,7 @@ class Saves(Stateful[Any], Protocol):
 
     @property
     def saves_now(self) -> bool:
-        """Whether its state is that of the last snapshot: it may have been stepped ahead."""
+        """Whether its state is that of the last tick shown: a later one may have begun."""
 
     def steps(self) -> Iterator[Snapshot]:
         """Yield the states to come."""
@@ -109,7 +110,7 @@ class CheckpointKeeper:
 
     Args:
         simulation: whose state.
-        summary: whose figures; it sees every snapshot first.
+        summary: whose figures; it sees all ticks first.
         origin: of the loop.
         files: of the run.
         every_s: wall time between two checkpoints; infinite for one at an early end only.
@@ -134,17 +135,17 @@ class CheckpointKeeper:
         self._age_ticks = 0
         self._began = self._written = self._renewed = time.perf_counter()
 
-    def observe(self, snapshot: Snapshot) -> None:
-        """Take in one snapshot; the summary has seen it already."""
-        self._first = self._first or snapshot
-        self._age_ticks += 1
+    def observe(self, batch: TickBatch) -> None:
+        """Take in some ticks; the summary has seen them already."""
+        self._first = self._first or batch.snapshot(0).kept()
+        self._age_ticks += len(batch)
         age_s = time.perf_counter() - self._renewed
         old = age_s >= _KEEP_S and (self._age_ticks >= _KEEP_TICKS or age_s >= _KEEP_AT_LAST_S)
         if (old and self._simulation.saves_now) or self._kept is None:
             self._keep()
 
-    def write_when_due(self, _snapshot: Snapshot) -> None:
-        """Write a checkpoint if the last one is old; everything else has seen the tick already."""
+    def write_when_due(self, _batch: TickBatch) -> None:
+        """Write a checkpoint if the last one is old; everything else has seen the ticks already."""
         if time.perf_counter() - self._written >= self._every_s and self._simulation.saves_now:
             self._before_writing()
             self._keep()

@@ -1,4 +1,4 @@
-"""Runs a built simulation: feeds its snapshots to observers, and ends in good order whatever happens."""
+"""Runs a built simulation: feeds its ticks to observers, and ends in good order whatever happens."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
-from itertools import chain, islice
+from itertools import chain
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, Protocol, final
@@ -21,19 +21,19 @@ from cosim.config.schema.scenario import Scenario
 from cosim.config.schema.solver import RecordingTable
 from cosim.errors import SolverError
 from cosim.recording.recorder import NullRecorder, Recorder, RecordingPart
-from cosim.telemetry.block import READ_AT_ONCE
 from cosim.telemetry.snapshot import RunInfo, Snapshot
 from cosim.telemetry.summary import Status, SummaryBuilder, reason_of, summary_markdown
+from cosim.telemetry.tick_batch import TickBatch
 
 if TYPE_CHECKING:
     from cosim.devices.controller import AnyController
     from cosim.telemetry.choices import Choices
 
-Observe = Callable[[Snapshot], None]
+Observe = Callable[[TickBatch], None]
 
 
 class Runnable(Stateful[Any], Protocol):
-    """What can be run; `steps` goes on from a restored state."""
+    """What can be run; `steps`, `batches` and `advance` go on from a restored state."""
 
     @property
     def stage(self) -> RunInfo:
@@ -41,15 +41,24 @@ class Runnable(Stateful[Any], Protocol):
 
     @property
     def saves_now(self) -> bool:
-        """Whether `save_state` may be called: not while it is stepped ahead of what it has yielded."""
+        """Whether `save_state` may be called: not where a tick after the one yielded last has begun."""
 
-    def steps(self, ahead: int = 1, most: int | None = None) -> Iterator[Snapshot]:
+    @property
+    def tick(self) -> int | None:
+        """Ticks taken so far; None before the state at rest is known."""
+
+    def steps(self, most: int | None = None) -> Iterator[Snapshot]:
         """Yield the state before the first tick, unless the run has begun, then that after every tick.
 
         Args:
-            ahead: ticks that may be taken before the first of them is yielded.
             most: states to yield, and ticks to take for them; None for all.
         """
+
+    def batches(self, *, most: int | None = None) -> Iterator[TickBatch]:
+        """Yield the same, many ticks of one phase at a time."""
+
+    def advance(self, steps: int) -> Snapshot:
+        """Take some ticks, at least one, and return what is there then."""
 
 
 class Observer(Protocol):
@@ -58,8 +67,8 @@ class Observer(Protocol):
     def open(self, stage: RunInfo) -> None:
         """The simulation is built; nothing has been written yet."""
 
-    def observe(self, snapshot: Snapshot) -> None:
-        """Take in one snapshot."""
+    def observe(self, batch: TickBatch) -> None:
+        """Take in some ticks of one phase; `batch.snapshot(k)` shows one of them."""
 
     def close(self) -> None:
         """The run has ended, one way or another."""
@@ -83,8 +92,9 @@ class Options:
     Args:
         directory: where the files go; None writes none.
         make_recorder: makes the recorder of a file; None for no recording.
-        watchers: shown every snapshot.
-        stop: asked after every tick; a text ends the run as interrupted, for that reason.
+        watchers: shown every tick.
+        stop: asked after every batch of ticks, some tenth of a second at most; a text ends the run as
+            interrupted, for that reason.
         checkpoint_every_s: wall time between two checkpoints in the directory.
         resume: whether to go on with the run in the directory, from its checkpoint.
     """
@@ -135,18 +145,18 @@ def execute(
         if options.resume:
             assert options.directory is not None, "a run is resumed in its directory"
             earlier = read_checkpoint(options.directory, simulation, simulation.stage)
-        first, snapshots = _with_first(simulation.steps(READ_AT_ONCE))
+        first, batches = _with_first(simulation.batches())
         for watcher in options.watchers:
             watcher.open(simulation.stage)
             stack.callback(watcher.close)
-        return _run(scenario, simulation, first, snapshots, options, earlier, started, files)
+        return _run(scenario, simulation, first, batches, options, earlier, started, files)
 
 
 def _run(
     scenario: Scenario,
     simulation: Runnable,
-    first: Snapshot | None,
-    snapshots: Iterator[Snapshot],
+    first: TickBatch | None,
+    batches: Iterator[TickBatch],
     options: Options,
     earlier: Checkpoint | None,
     started: float,
@@ -156,7 +166,7 @@ def _run(
     recorder = _begin_files(scenario, options, files, RecordingPart(origin.run_id, origin.before))
     recorder.open(simulation.stage)
     if first is not None:
-        recorder.lay_out(first)
+        recorder.lay_out(first.snapshot(0))
     loop_started = time.perf_counter()
     origin = origin.after(loop_started - started)
     summary = SummaryBuilder(simulation.stage, origin.startup_s, __version__, origin.resumed_at_ticks)
@@ -169,7 +179,7 @@ def _run(
         keeper = CheckpointKeeper(simulation, summary, origin, files, every_s, recorder.flush)
         observers = [summary.observe, keeper.observe, recorder.record, keeper.write_when_due]
     observers += [watcher.observe for watcher in options.watchers]
-    ending = drive(snapshots, observers, options.stop, recorder.flush)
+    ending = drive(batches, observers, options.stop, recorder.flush)
     wall_s = origin.wall_s + time.perf_counter() - loop_started
     if keeper is not None:
         keeper.end(ending.status, ending.error)
@@ -215,15 +225,15 @@ def build_simulation(
 
 @contextmanager
 def recorded(scenario: Scenario, stage: RunInfo) -> Iterator[Observe]:
-    """Do with every snapshot what a run does: sum it up and record it; the recording is thrown away."""
+    """Do with every tick what a run does: sum it up and record it; the recording is thrown away."""
     with TemporaryDirectory() as directory:
         recorder = rerun_recorder(Path(directory) / RECORDING, scenario.recording, RecordingPart(uuid4().hex))
         recorder.open(stage)
         summary = SummaryBuilder(stage, 0.0, __version__)
 
-        def observe(snapshot: Snapshot) -> None:
-            summary.observe(snapshot)
-            recorder.record(snapshot)
+        def observe(batch: TickBatch) -> None:
+            summary.observe(batch)
+            recorder.record(batch)
 
         try:
             yield observe
@@ -239,16 +249,16 @@ def rerun_recorder(path: Path, settings: RecordingTable, part: RecordingPart) ->
 
 
 def drive(
-    snapshots: Iterator[Snapshot],
+    batches: Iterator[TickBatch],
     observers: Sequence[Observe],
     stop: Callable[[], str | None],
     at_end: Callable[[], None] = lambda: None,
 ) -> Termination:
-    """Feed every snapshot to every observer, in order, until a stop, an exception or the end (`at_end`)."""
+    """Feed all ticks to every observer, in order, until a stop, an exception or the end (`at_end`)."""
     try:
-        for snapshot in snapshots:
+        for batch in batches:
             for observe in observers:
-                observe(snapshot)
+                observe(batch)
             reason = stop()
             if reason is not None:
                 return Termination("interrupted", reason)
@@ -260,18 +270,18 @@ def drive(
     return Termination("completed")
 
 
-def _with_first(steps: Iterator[Snapshot]) -> tuple[Snapshot | None, Iterator[Snapshot]]:
-    """Compute the first snapshot now: wrong input then shows before anything is written.
+def _with_first(batches: Iterator[TickBatch]) -> tuple[TickBatch | None, Iterator[TickBatch]]:
+    """Compute the first ticks now: wrong input then shows before anything is written.
 
     Returns:
-        it, unless it could not be found or nothing is left; and all snapshots.
+        them, unless they could not be found or nothing is left; and all ticks.
     """
     try:
-        first = list(islice(steps, 1))
+        first = next(batches, None)
     except SolverError as error:
         return None, map(_raise, [error])  # raised inside the loop, which writes what is known
-    return (first[0] if first else None), chain(first, steps)
+    return first, batches if first is None else chain([first], batches)
 
 
-def _raise(error: SolverError) -> Snapshot:
+def _raise(error: SolverError) -> TickBatch:
     raise error

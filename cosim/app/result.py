@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import time
 from collections.abc import Iterable
 from dataclasses import dataclass, fields
@@ -14,9 +13,9 @@ import numpy as np
 from cosim._version import __version__
 from cosim.base.frames import Array, IntArray
 from cosim.errors import InputError
-from cosim.telemetry.block import Block, read_now
-from cosim.telemetry.snapshot import RunInfo, Snapshot
+from cosim.telemetry.snapshot import RunInfo
 from cosim.telemetry.summary import SummaryBuilder, reason_of
+from cosim.telemetry.tick_batch import TickBatch
 
 
 @final
@@ -155,7 +154,7 @@ _ROUNDING_S = 1e-9
 
 @final
 class ResultBuilder:
-    """Follows a run and gathers its arrays; reads them off many snapshots at once.
+    """Follows a run and gathers its arrays.
 
     Args:
         frames_per_s: how often node positions are kept, in simulated time.
@@ -164,9 +163,7 @@ class ResultBuilder:
     def __init__(self, frames_per_s: float) -> None:
         self._stage: RunInfo | None = None
         self._frame_s = 1.0 / frames_per_s
-        self._next_frame_s = 0.0
-        self._unread: list[Snapshot] = []
-        self._frames: list[Snapshot] = []
+        self._frame = -1
         self._arrays: dict[str, list[Any]] = {name: [] for name in _COLUMNS}
         self._frame_time_s: list[Array] = []
         self._node_position: list[Array] = []
@@ -175,39 +172,28 @@ class ResultBuilder:
         """Take in what does not change during the run."""
         self._stage = stage
 
-    def observe(self, snapshot: Snapshot) -> None:
-        """Take in one snapshot."""
-        self._unread.append(snapshot)
-        if snapshot.time_s >= self._next_frame_s - _ROUNDING_S:
-            self._frames.append(snapshot)
-            frames = math.floor((snapshot.time_s + _ROUNDING_S) / self._frame_s)
-            self._next_frame_s = (frames + 1.0) * self._frame_s
-        if read_now(self._unread):
-            self._read()
-
-    def _read(self) -> None:
-        """Read the arrays off the snapshots gathered, and let go of them."""
-        if self._unread:
-            block, self._unread = Block(self._unread), []
-            for name, found in self._arrays.items():
-                found.append(getattr(block, name))
-        if self._frames:
-            block, self._frames = Block(self._frames), []
-            self._frame_time_s.append(block.time_s)
-            self._node_position.append(block.node_position)
+    def observe(self, batch: TickBatch) -> None:
+        """Take in some ticks."""
+        for name, found in self._arrays.items():
+            found.append(getattr(batch, name))
+        frames = np.floor((batch.time_s + _ROUNDING_S) / self._frame_s).astype(np.int64)
+        rows = np.flatnonzero(np.diff(frames, prepend=self._frame))
+        self._frame = int(frames[-1])
+        if len(rows):
+            self._frame_time_s.append(batch.time_s[rows])
+            self._node_position.append(batch.film.some(rows).node_position())
 
     def close(self) -> None:
         """Nothing to do."""
 
     def result(self, summary: dict[str, Any], directory: Path | None) -> RunResult:
-        """Return the arrays of all snapshots so far.
+        """Return the arrays of all ticks so far.
 
         Raises:
             ValueError: the run has not been opened.
         """
         if self._stage is None:
             raise ValueError("no run has been opened")
-        self._read()
         return RunResult(
             stage=self._stage,
             summary=summary,
@@ -219,15 +205,15 @@ class ResultBuilder:
 
 
 def result_of(
-    stage: RunInfo, frames_per_s: float, snapshots: Iterable[Snapshot], error: BaseException
+    stage: RunInfo, frames_per_s: float, batches: Iterable[TickBatch], error: BaseException
 ) -> RunResult:
     """Return what a run that has been stepped by hand shows of some ticks, before an error ended it."""
     arrays, summary = ResultBuilder(frames_per_s), SummaryBuilder(stage, 0.0, __version__)
     arrays.open(stage)
     began = time.perf_counter()
-    for snapshot in snapshots:
-        arrays.observe(snapshot)
-        summary.observe(snapshot)
+    for batch in batches:
+        arrays.observe(batch)
+        summary.observe(batch)
     figures = summary.finish("failed", reason_of(error), time.perf_counter() - began)
     return arrays.result(figures, None)
 
@@ -241,4 +227,4 @@ _COLUMNS: Final = tuple(
     for field in fields(RunResult)
     if field.name not in ("stage", "summary", "directory", "frame_time_s", "node_position")
 )
-"""Of a block, one row per snapshot."""
+"""Of a batch, one row per tick."""

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, final
 
@@ -19,9 +18,9 @@ from cosim.config.loading import load_scenario
 from cosim.config.schema.scenario import Scenario
 from cosim.errors import InputError
 from cosim.stepping.stepped_run import RunState
-from cosim.telemetry.block import READ_AT_ONCE
 from cosim.telemetry.choices import Choices
 from cosim.telemetry.snapshot import RunInfo, Snapshot
+from cosim.telemetry.tick_batch import TickBatch
 
 if TYPE_CHECKING:
     from cosim.devices.controller import AnyController
@@ -79,7 +78,7 @@ class Simulation:
         before = start.run.choices if isinstance(start, SavedState) else None
         self._run = build_simulation(self.scenario, controllers, before)
         if start is None:
-            self._snapshot = next(self._run.steps())
+            self._snapshot = self._run.advance(1)
             return
         saved = _read(start)
         # what is in a file can be read once something like it has been built
@@ -114,26 +113,33 @@ class Simulation:
         """
         if not 0 <= ticks <= self.ticks_left:
             raise InputError(f"{ticks} ticks were asked for; the scenario has {self.ticks_left} left")
-        before, shown, done = self._run.save_state(), self._snapshot, 0
+        if not ticks:
+            return self._snapshot
+        before = self._run.save_state()
         try:
-            for snapshot in self._run.steps(READ_AT_ONCE, ticks):
-                self._snapshot, done = snapshot, done + 1
+            self._snapshot = self._run.advance(ticks)
         except Exception as error:
             # the ticks that were solved are solved again: cheaper than to keep a state before every one
+            solved = (self._run.tick or 0) - self._snapshot.tick
             self._run.restore_state(before)
-            solved = chain([shown], self._run.steps(READ_AT_ONCE, done))
             frames_per_s = self.scenario.recording.frames_per_s
-            vars(error)["result"] = result_of(self.stage, frames_per_s, solved, error)
+            vars(error)["result"] = result_of(self.stage, frames_per_s, self._again(solved), error)
             raise
         except KeyboardInterrupt:  # in the middle of anything
             self._run.restore_state(before)
-            self._snapshot = shown
             raise
         return self._snapshot
 
+    def _again(self, ticks: int) -> Iterator[TickBatch]:
+        """Yield the present state and some ticks that are known to be solved."""
+        yield TickBatch.of([self._snapshot])
+        for batch in self._run.batches(most=ticks):
+            self._snapshot = batch.snapshot(-1)
+            yield batch
+
     def save(self) -> SavedState:
         """Return the present state; it costs little, and saving has no effect on the ticks to come."""
-        return SavedState(self._run.save_state(), self._snapshot)
+        return SavedState(self._run.save_state(), self._snapshot.kept())
 
     def restore(self, saved: SavedState | str | Path) -> None:
         """Go to a saved state, that of a file, or a run's checkpoint.npz.

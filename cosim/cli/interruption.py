@@ -6,7 +6,8 @@ import signal
 from types import FrameType, TracebackType
 from typing import Any, final
 
-from cosim.telemetry.snapshot import RunInfo, Snapshot
+from cosim.telemetry.snapshot import RunInfo
+from cosim.telemetry.tick_batch import TickBatch
 
 
 @final
@@ -45,8 +46,8 @@ class Interruption:
         """Note that the loop runs: from here on there is something to save."""
         self._running = True
 
-    def observe(self, snapshot: Snapshot) -> None:
-        """Nothing to do; `reason` is asked after every tick."""
+    def observe(self, batch: TickBatch) -> None:
+        """Nothing to do; `reason` is asked after every batch."""
 
     def close(self) -> None:
         """Nothing to do; the files are still being closed."""

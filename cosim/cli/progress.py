@@ -8,6 +8,7 @@ from typing import TextIO, final
 from cosim.cli.screen import draw, tell
 from cosim.plan.decision import SECTION_RANGE
 from cosim.telemetry.snapshot import RunInfo, Snapshot
+from cosim.telemetry.tick_batch import TickBatch
 
 _REDRAW_S = 0.2
 _BAR = 24
@@ -34,9 +35,9 @@ class ProgressLine:
         self._stage = stage
         self._started = self._drawn = time.perf_counter()
 
-    def observe(self, snapshot: Snapshot) -> None:
-        """Take in one snapshot; draw at most five times a second."""
-        now = time.perf_counter()
+    def observe(self, batch: TickBatch) -> None:
+        """Take in some ticks; draw at most five times a second."""
+        now, snapshot = time.perf_counter(), batch.snapshot(-1)
         if not self._terminal and self._last is not None and snapshot.phase != self._last.phase:
             self._write(self._last, now, "\n")
         self._first, self._last = self._first or snapshot, snapshot
@@ -76,7 +77,7 @@ class PlanWarnings:
             if decision.what == SECTION_RANGE and not decision.included:
                 tell(f"warning: {decision.line}", self._stream)
 
-    def observe(self, snapshot: Snapshot) -> None:
+    def observe(self, batch: TickBatch) -> None:
         """Nothing to do."""
 
     def close(self) -> None:

@@ -6,14 +6,13 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from cosim.base.frozen import changed
 from cosim.base.resources import scenario_path, soft_robot_path
 from cosim.config.rules.scenario_rules import check_scenario, check_soft_robot
 from cosim.config.schema.mesh_paths import with_mesh_paths
 from cosim.config.schema.scenario import Scenario
 from cosim.config.schema.soft_robot import SoftRobotTable
 from cosim.config.tension_tables import with_listed_tensions
-from cosim.config.toml.faults import UNKNOWN, Faults
+from cosim.config.toml.faults import UNKNOWN, Faults, copy_with
 from cosim.config.toml.overrides import apply_override
 from cosim.config.toml.parsing import parse
 from cosim.config.toml.reading import read_table
@@ -52,7 +51,7 @@ def load_scenario(source: str | Path | Scenario, overrides: Mapping[str, Any] | 
             apply_override(table, key, value)
     scenario = parse(Scenario, table, "", faults)
     with faults:
-        scenario = changed(scenario, objects=with_mesh_paths(scenario.objects, place, faults))
+        scenario = copy_with(scenario, objects=with_mesh_paths(scenario.objects, place, faults))
     return _resolved(scenario, faults)
 
 

@@ -9,11 +9,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any, Final, TypeVar
 
-from cosim.base.frozen import changed
 from cosim.config.schema.name_patterns import by_name
 from cosim.config.schema.phase import PhaseTable, StartTable
 from cosim.config.schema.scenario import Scenario
-from cosim.config.toml.faults import Faults
+from cosim.config.toml.faults import Faults, copy_with
 from cosim.errors import ScenarioError
 
 Table = TypeVar("Table", StartTable, PhaseTable)
@@ -33,7 +32,7 @@ def with_listed_tensions(scenario: Scenario, faults: Faults) -> Scenario:
     with faults:
         start = _with_list(start, before, cables, "start")
         before = start.cable_tension_N or before
-        start = changed(start, cable_tension_N=before)
+        start = copy_with(start, cable_tension_N=before)
     for phase in scenario.phases:
         listed = phase
         with faults:
@@ -42,7 +41,7 @@ def with_listed_tensions(scenario: Scenario, faults: Faults) -> Scenario:
             if listed.tip_target is not None and listed.tip_target.reach_with == "cables":
                 before = None
         phases.append(listed)
-    return changed(scenario, start=start, phases=tuple(phases))
+    return copy_with(scenario, start=start, phases=tuple(phases))
 
 
 def _with_list(table: Table, before: tuple[float, ...] | None, cables: Sequence[str], path: str) -> Table:
@@ -62,4 +61,4 @@ def _with_list(table: Table, before: tuple[float, ...] | None, cables: Sequence[
             f"leaves out {missing[0]}, whose tension before is not known here; name all cables",
         )
     tensions = dict(zip(cables, before or (), strict=False)) | found
-    return changed(table, cable_tension_N=tuple(tensions[name] for name in cables))
+    return copy_with(table, cable_tension_N=tuple(tensions[name] for name in cables))

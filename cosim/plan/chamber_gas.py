@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated, final
 
 import numpy as np
 
-from cosim.base.frozen import changed
 from cosim.base.state_check import check_indices
 from cosim.config.rules.gas_rules import GasRule
 from cosim.config.schema.per_chamber import as_load
@@ -128,7 +127,7 @@ class ChamberGas:
         gas, pressure = as_load(tuple(self._sealed)) if self._holds_gas else None, as_load(pressures)
         if gas is loads.gas and pressure == loads.pressure_Pa:
             return loads
-        return changed(loads, pressure_Pa=pressure, gas=gas)
+        return replace(loads, pressure_Pa=pressure, gas=gas)
 
     @property
     def _holds_gas(self) -> bool:

@@ -12,25 +12,23 @@ from cosim.base.frames import Array, IntArray
 from cosim.recording.blueprint import TICKS, TIMELINE
 from cosim.recording.columns import column
 from cosim.recording.plot import Plot
-from cosim.telemetry.block import Block, read_now
-from cosim.telemetry.snapshot import Snapshot
+from cosim.telemetry.tick_batch import TickBatch
 
 
-def time_columns(ticks: Sequence[int] | IntArray, tick_ns: int) -> list[rr.TimeColumn]:
+def time_columns(ticks: IntArray, tick_ns: int) -> list[rr.TimeColumn]:
     """Return both timelines of some ticks; whole nanoseconds, because rounded seconds would not join.
 
     Args:
-        ticks: rising.
+        ticks: (n,), rising.
         tick_ns: length of a tick [ns].
     """
-    count = np.asarray(ticks, dtype=np.int64)
-    duration = (count * tick_ns).astype("timedelta64[ns]")
-    return [rr.TimeColumn(TIMELINE, duration=duration), rr.TimeColumn(TICKS, sequence=count)]
+    duration = (ticks * tick_ns).astype("timedelta64[ns]")
+    return [rr.TimeColumn(TIMELINE, duration=duration), rr.TimeColumn(TICKS, sequence=ticks)]
 
 
 @final
 class PlotBuffer:
-    """Values of all plots, one row per tick; read off many snapshots at once.
+    """Values of all plots, one row per tick.
 
     Args:
         stream: to write to.
@@ -42,29 +40,18 @@ class PlotBuffer:
         self._stream = stream
         self._plots = plots
         self._tick_ns = tick_ns
-        self._unread: list[Snapshot] = []
         self._ticks: list[IntArray] = []
         self._values: list[Array] = []
         self._styled: set[str] = set()
 
-    def append(self, snapshot: Snapshot) -> None:
-        """Take the values of one tick."""
-        self._unread.append(snapshot)
-        if read_now(self._unread):
-            self._read()
-
-    def _read(self) -> None:
-        """Take the values of the snapshots, and let go of them."""
-        block = Block(self._unread)
-        columns = [plot.values(block).reshape(len(block), len(plot.series)) for plot in self._plots]
+    def append(self, batch: TickBatch) -> None:
+        """Take the values of some ticks."""
+        columns = [plot.values(batch).reshape(len(batch), len(plot.series)) for plot in self._plots]
         self._values.append(np.concatenate(columns, axis=1))
-        self._ticks.append(block.tick)
-        self._unread = []
+        self._ticks.append(batch.tick)
 
     def flush(self) -> None:
         """Write what was gathered."""
-        if self._unread:
-            self._read()
         if not self._values:
             return
         values, ticks = np.concatenate(self._values), np.concatenate(self._ticks)

@@ -12,8 +12,8 @@ from cosim.base.frames import Array
 from cosim.devices.device_report import ActuationReport, DeviceNames
 from cosim.recording.colours import GREEN, ORANGE, SKY, Colour, series_colours
 from cosim.recording.plot import Plot
-from cosim.telemetry.block import Block
-from cosim.telemetry.snapshot import RunInfo, Snapshot
+from cosim.telemetry.snapshot import RunInfo
+from cosim.telemetry.tick_batch import TickBatch
 
 _TAB: Final = "Devices"
 _SHOWN: Final[dict[str, tuple[str, float]]] = {
@@ -38,16 +38,16 @@ def _plot(
     values: Callable[[ActuationReport], Array | tuple[float, ...]],
     colours: Sequence[Colour] | None = None,
 ) -> Plot:
-    def of(block: Block) -> Array:
-        return np.array([values(_devices(snapshot)) for snapshot in block.snapshots])
+    def of(batch: TickBatch) -> Array:
+        return np.array([values(report) for report in _reports(batch)])
 
     shown = series_colours(len(series)) if colours is None else colours
     return Plot(entity, title, _TAB, series, shown, of)
 
 
-def _devices(snapshot: Snapshot) -> ActuationReport:
-    assert snapshot.devices is not None, "a stage with devices has snapshots with devices"
-    return snapshot.devices
+def _reports(batch: TickBatch) -> list[ActuationReport]:
+    """Return what each tick of a scenario with devices says on them."""
+    return [report for report in batch.devices if report is not None]
 
 
 def _control_plots(names: DeviceNames) -> list[Plot]:
@@ -61,13 +61,13 @@ def _control_plots(names: DeviceNames) -> list[Plot]:
 
 
 def _control_plot(quantity: str, title: str, scale: float, own: set[str]) -> tuple[Plot, Plot]:
-    def measured(block: Block) -> Array:
+    def measured(batch: TickBatch) -> Array:
         if quantity == "tip_height_m":
-            return scale * block.tip_position[:, 2]
-        return scale * block.numbers(lambda s: _devices(s).bending_angle_rad)
+            return scale * batch.tip_position[:, 2]
+        return np.array([scale * report.bending_angle_rad for report in _reports(batch)])
 
-    def setpoint(block: Block) -> Array:
-        return scale * block.numbers(lambda s: _setpoint(_devices(s), own))
+    def setpoint(batch: TickBatch) -> Array:
+        return np.array([scale * _setpoint(report, own) for report in _reports(batch)])
 
     entity = f"control/{quantity}"
     return (

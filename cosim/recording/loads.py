@@ -14,8 +14,8 @@ from cosim.recording.camera import Eye
 from cosim.recording.colours import SKY, VERMILION, WHITE
 from cosim.recording.columns import column
 from cosim.recording.line_strips import send_lines, style_lines
-from cosim.telemetry.block import Block
 from cosim.telemetry.snapshot import RunInfo
+from cosim.telemetry.tick_batch import TickBatch
 
 _WEIGHT_ARROW: Final = 0.33
 """Length of the weight's arrow over the size of the soft robot; all forces share its scale."""
@@ -59,7 +59,7 @@ class LoadArrows:
         self._beside = 0.27 * size_m * eye.left
         self._log_styles()
 
-    def send(self, frames: Block, centre: Array, times: Sequence[rr.TimeColumn]) -> None:
+    def send(self, frames: TickBatch, centre: Array, times: Sequence[rr.TimeColumn]) -> None:
         """Write frames.
 
         Args:

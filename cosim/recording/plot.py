@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from cosim.base.frames import Array
 from cosim.recording.colours import Colour
-from cosim.telemetry.block import Block
+from cosim.telemetry.tick_batch import TickBatch
 
 
 @dataclass(frozen=True)
@@ -20,7 +20,7 @@ class Plot:
         tab: the tab it is shown in.
         series: name of each curve.
         colours: of each curve.
-        values: the curves' values in a block of k snapshots, (k, series) or for one curve (k,), in the
+        values: the curves' values in a batch of k ticks, (k, series) or for one curve (k,), in the
             title's unit; not a number: no point.
         legend: whether the plot names its curves.
         peaks: whether crowded curves show their largest value rather than their range.
@@ -31,6 +31,6 @@ class Plot:
     tab: str
     series: tuple[str, ...]
     colours: Sequence[Colour]
-    values: Callable[[Block], Array]
+    values: Callable[[TickBatch], Array]
     legend: bool = True
     peaks: bool = False

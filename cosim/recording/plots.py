@@ -17,8 +17,8 @@ from cosim.recording.colours import (
 )
 from cosim.recording.device_plots import device_plots
 from cosim.recording.plot import Plot
-from cosim.telemetry.block import Block
 from cosim.telemetry.snapshot import RunInfo
+from cosim.telemetry.tick_batch import TickBatch
 
 SMALLEST_RESIDUAL_N = 1e-16
 """Shown for an exact zero, which has no logarithm."""
@@ -178,17 +178,17 @@ def _solver_plots() -> list[Plot]:
     ]
 
 
-def cost_ms(block: Block, tick_s: float | None) -> Array:
+def cost_ms(batch: TickBatch, tick_s: float | None) -> Array:
     """Return the wall time of ticks [ms]; (k, 2) with the length of a tick if that is given, else (k,)."""
-    wall = 1e3 * block.tick_wall_s
-    return wall if tick_s is None else np.stack([wall, np.full(len(block), 1e3 * tick_s)], axis=1)
+    wall = 1e3 * batch.tick_wall_s
+    return wall if tick_s is None else np.stack([wall, np.full(len(batch), 1e3 * tick_s)], axis=1)
 
 
-def target_distance(block: Block) -> Array:
+def target_distance(batch: TickBatch) -> Array:
     """Return the distance of the tip from its target (k,) [m]; not a number while there is none.
 
     A component of the target that is not a number is free and does not count.
     """
-    away = block.tip_position - block.tip_target
+    away = batch.tip_position - batch.tip_target
     away[np.isnan(away)] = 0.0
-    return np.where(block.has_tip_target, np.sqrt((away * away).sum(axis=1)), np.nan)
+    return np.where(batch.has_tip_target, np.sqrt((away * away).sum(axis=1)), np.nan)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import final
 
 from cosim.telemetry.snapshot import RunInfo, Snapshot
+from cosim.telemetry.tick_batch import TickBatch
 
 
 @final
@@ -24,7 +25,7 @@ class RecordingPart:
 
 
 class Recorder(ABC):
-    """Receives the stage once, then every snapshot of a run in order, then the outcome."""
+    """Receives the stage once, then the ticks of a run in order, then the outcome."""
 
     @abstractmethod
     def open(self, stage: RunInfo) -> None:
@@ -42,11 +43,11 @@ class Recorder(ABC):
         """
 
     @abstractmethod
-    def record(self, snapshot: Snapshot) -> None:
-        """Take in one snapshot; ticks must rise.
+    def record(self, batch: TickBatch) -> None:
+        """Take in some ticks of one phase; they must rise.
 
         Args:
-            snapshot: state at the end of a tick. Recorders may keep it: its arrays must not be reused.
+            batch: the ticks. Recorders may keep them: the arrays must not be reused.
         """
 
     @abstractmethod
@@ -70,7 +71,7 @@ class NullRecorder(Recorder):
     def open(self, stage: RunInfo) -> None:
         """Do nothing."""
 
-    def record(self, snapshot: Snapshot) -> None:
+    def record(self, batch: TickBatch) -> None:
         """Do nothing."""
 
     def flush(self) -> None:

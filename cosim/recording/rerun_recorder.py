@@ -11,6 +11,7 @@ from typing import Final, final
 import numpy as np
 import rerun as rr
 
+from cosim.base.frames import IntArray
 from cosim.errors import InputError, OutputError
 from cosim.recording.blueprint import blueprint
 from cosim.recording.camera import close_eye, scene_eye
@@ -21,8 +22,8 @@ from cosim.recording.recorder import Recorder, RecordingPart
 from cosim.recording.rigid_mesh import log_rigid_meshes
 from cosim.recording.scene import Scene
 from cosim.recording.stress_legend import log_stress_legend
-from cosim.telemetry.block import Block
 from cosim.telemetry.snapshot import RunInfo, Snapshot
+from cosim.telemetry.tick_batch import TickBatch
 
 APPLICATION_ID: Final = "cosim"
 STRESS_RANGE_PA: Final = (0.0, 25e6)
@@ -92,16 +93,16 @@ class RerunRecorder(Recorder):
         if self._run is not None:
             self._run.lay_out(first)
 
-    def record(self, snapshot: Snapshot) -> None:
-        """Take in one snapshot; see `Recorder.record`.
+    def record(self, batch: TickBatch) -> None:
+        """Take in some ticks; see `Recorder.record`.
 
         Raises:
             RuntimeError: the recorder is not open.
         """
         if self._run is None:
-            raise RuntimeError("the recorder is not open: call open(stage) before record(snapshot)")
+            raise RuntimeError("the recorder is not open: call open(stage) before record(batch)")
         with _named(self._path):
-            self._run.record(snapshot)
+            self._run.record(batch)
 
     def flush(self) -> None:
         """Write what was gathered so far; does nothing if it is not open. See `Recorder.flush`."""
@@ -146,7 +147,8 @@ class _Run:
         self._tick_ns = round(stage.tick_s * _SECOND_NS)
         self._curves: PlotBuffer | None = None
         self._scene: Scene | None = None
-        self._frames: list[Snapshot] = []
+        self._frames: list[TickBatch] = []
+        self._drawn = 0
         self._frame = -1
         self._drawn_tick = -1
         self._frames_most = 1
@@ -154,28 +156,35 @@ class _Run:
         self._due = self._opened + _GATHERED_S
         self._written_tick = 0
         self._phase = -1
-        self._last: Snapshot | None = None
+        self._last: TickBatch | None = None
         self._log_static()
 
-    def record(self, snapshot: Snapshot) -> None:
-        curves = self._curves or self.lay_out(snapshot)
-        if snapshot.phase != self._phase:
-            self._begin_phase(snapshot)
-        curves.append(snapshot)
-        self._last = snapshot
-        time_ns = snapshot.tick * self._tick_ns
-        frame = int(time_ns / self._frame_ns)
-        if frame != self._frame or snapshot.tick == self._stage.ticks:
-            self._frame = frame
-            self._drawn_tick = snapshot.tick
-            self._frames.append(snapshot)
-        much = len(self._frames) >= self._frames_most or snapshot.tick - self._written_tick >= _TICKS_GATHERED
+    def record(self, batch: TickBatch) -> None:
+        curves = self._curves or self.lay_out(batch.snapshot(0))
+        if batch.phase[0] != self._phase:
+            self._begin_phase(batch)
+        curves.append(batch)
+        self._last = batch
+        frames = (batch.tick * self._tick_ns / self._frame_ns).astype(np.int64)
+        shown = (np.diff(frames, prepend=self._frame) != 0) | (batch.tick == self._stage.ticks)
+        self._frame = int(frames[-1])
+        self._draw(np.flatnonzero(shown))
+        tick = int(batch.tick[-1])
+        much = self._drawn >= self._frames_most or tick - self._written_tick >= _TICKS_GATHERED
         if much or time.perf_counter() >= self._due:
             self.flush()
 
+    def _draw(self, rows: IntArray) -> None:
+        """Keep rows of the last ticks as frames."""
+        assert self._last is not None, "record() comes before"
+        if len(rows):
+            self._frames.append(self._last.some(rows))
+            self._drawn += len(rows)
+            self._drawn_tick = int(self._last.tick[rows[-1]])
+
     def close(self, summary_markdown: str, status: str) -> None:
-        if self._last is not None and self._last.tick != self._drawn_tick:
-            self._frames.append(self._last)
+        if self._last is not None and self._last.tick[-1] != self._drawn_tick:
+            self._draw(np.array([len(self._last) - 1]))
         self.flush()
         text = f"{summary_markdown}\n\n{self._stage.report}"
         self._log_summary(text)
@@ -221,20 +230,20 @@ class _Run:
         self._scene.go_on(last)
         self._frame = int(last.tick * self._tick_ns / self._frame_ns)
 
-    def _begin_phase(self, snapshot: Snapshot) -> None:
-        self._phase = snapshot.phase
-        name = self._stage.phase_names[snapshot.phase]
-        times = time_columns([snapshot.tick], self._tick_ns)
+    def _begin_phase(self, batch: TickBatch) -> None:
+        self._phase = int(batch.phase[0])
+        name = self._stage.phase_names[self._phase]
+        times = time_columns(batch.tick[:1], self._tick_ns)
         self._stream.send_columns(_PHASE, times, rr.StateChange.columns(state=[name]))
 
     def flush(self) -> None:
         if self._curves is not None:
             self._curves.flush()
         if self._scene is not None and self._frames:
-            times = time_columns([frame.tick for frame in self._frames], self._tick_ns)
-            self._scene.send(Block(self._frames), times)
-            self._frames.clear()
+            frames = TickBatch.joined(self._frames)
+            self._scene.send(frames, time_columns(frames.tick, self._tick_ns))
+            self._frames, self._drawn = [], 0
         self._stream.flush()
-        self._written_tick = 0 if self._last is None else self._last.tick
+        self._written_tick = 0 if self._last is None else int(self._last.tick[-1])
         now = time.perf_counter()
         self._due = now + max(_GATHERED_S, _GATHERED_SHARE * (now - self._opened))

@@ -21,8 +21,8 @@ from cosim.recording.loads import LoadArrows
 from cosim.recording.membrane_colours import MembraneColours
 from cosim.recording.rigid_mesh import body_path
 from cosim.recording.tip import TipMarks
-from cosim.telemetry.block import Block
 from cosim.telemetry.snapshot import RunInfo, Snapshot
+from cosim.telemetry.tick_batch import TickBatch
 
 Single: TypeAlias = NDArray[np.float32]
 
@@ -72,7 +72,7 @@ class Scene:
         """Let the path of the tip go on from where it was."""
         self._tip = TipMarks(self._stream, last.tip_position)
 
-    def send(self, frames: Block, times: Sequence[rr.TimeColumn]) -> None:
+    def send(self, frames: TickBatch, times: Sequence[rr.TimeColumn]) -> None:
         """Write frames.
 
         Args:
@@ -97,7 +97,7 @@ class Scene:
         indices = self._stage.soft_triangles.astype(np.uint32)
         log("/world/soft/film", rr.Mesh3D.from_fields(triangle_indices=indices), static=True)
 
-    def _send_bodies(self, frames: Block, times: Sequence[rr.TimeColumn]) -> None:
+    def _send_bodies(self, frames: TickBatch, times: Sequence[rr.TimeColumn]) -> None:
         positions = frames.body_position
         quaternions = frames.body_quaternion[..., [1, 2, 3, 0]]
         for body in self._drawn:
@@ -108,14 +108,14 @@ class Scene:
         followed = column(rr.Transform3D, "translation", Translation3DBatch(seen))
         self._stream.send_columns(FOLLOW, times, [followed])
 
-    def _send_film(self, frames: Block, times: Sequence[rr.TimeColumn]) -> tuple[Single, Array]:
+    def _send_film(self, frames: TickBatch, times: Sequence[rr.TimeColumn]) -> tuple[Single, Array]:
         """Write the film; return its nodes (frames, n, 3) and their mean (frames, 3)."""
         count, nodes = len(frames), len(self._share)
         positions, centre = np.empty((count, nodes, 3), dtype=np.float32), np.empty((count, 3))
         colours = np.empty((count, nodes), dtype=np.uint32)
         for begin in range(0, count, _AT_ONCE):
             some = slice(begin, begin + _AT_ONCE)
-            x = Block(frames.snapshots[some]).node_position
+            x = frames.film.node_position(some)
             positions[some], centre[some] = x, self._share @ x
             colours[some] = self._colours.packed(x, np.array([self._stage.membrane_stress(one) for one in x]))
         each = np.full(count, nodes)
@@ -126,7 +126,7 @@ class Scene:
         self._stream.send_columns("/world/soft/film", times, columns)
         return positions, centre
 
-    def _send_cables(self, frames: Block, positions: Single, times: Sequence[rr.TimeColumn]) -> None:
+    def _send_cables(self, frames: TickBatch, positions: Single, times: Sequence[rr.TimeColumn]) -> None:
         tension = frames.cable_tension_N.reshape(-1, 1)
         taut = tension / (tension + _HALF_TAUT_N)
         colours = (1.0 - taut) * np.array(GREY) + taut * np.array(ORANGE)

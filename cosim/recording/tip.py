@@ -14,7 +14,7 @@ from cosim.recording.blueprint import TIP_PATH
 from cosim.recording.colours import GREEN, PINK
 from cosim.recording.columns import column
 from cosim.recording.line_strips import send_lines, style_lines
-from cosim.telemetry.block import Block
+from cosim.telemetry.tick_batch import TickBatch
 
 _TARGET: Final = "/world/target"
 _CROSS_M: Final = 0.06
@@ -39,7 +39,7 @@ class TipMarks:
         label = rr.Points3D.from_fields(colors=[GREEN], radii=[1e-4], labels=["target"])
         stream.log(f"{_TARGET}/label", label, static=True)
 
-    def send(self, frames: Block, times: Sequence[rr.TimeColumn]) -> None:
+    def send(self, frames: TickBatch, times: Sequence[rr.TimeColumn]) -> None:
         """Write frames; `times` has as many rows."""
         tips = np.concatenate([self._tip[None], frames.tip_position])
         self._tip = tips[-1]

@@ -15,11 +15,12 @@ from cosim.errors import InputError
 from cosim.plan.plan import PhasePlan, start_equilibrium
 from cosim.plan.ramp import progress
 from cosim.soft.body.loads import Loads
+from cosim.stepping.batch_stepper import BatchStepper
 from cosim.stepping.parts import Parts, TickState
 from cosim.stepping.stepped_run import Cursor, SteppedRun
 from cosim.stepping.tick_references import TickReferences
-from cosim.stepping.tick_rows import TickRows
 from cosim.telemetry.snapshot import RunInfo, Snapshot
+from cosim.telemetry.tick_batch import TickBatch
 
 
 @final
@@ -34,13 +35,14 @@ class DynamicSimulation(SteppedRun):
     def __init__(self, parts: Parts, stage: RunInfo) -> None:
         super().__init__(parts, stage, [parts.ticks(planned.phase) for planned in parts.plan.phases])
         self._references: TickReferences | None = None
-        self._rows: TickRows | None = None
+        self._batches: BatchStepper | None = None
 
     @property
     def saves_now(self) -> bool:
         """Whether no step has been taken, or begun, beyond the one shown last."""
-        rows = self._rows
-        return super().saves_now and (rows is None or (rows.half_done is None and not rows.broken))
+        batches = self._batches
+        begun = batches is not None and (batches.half_done is not None or batches.broken)
+        return super().saves_now and not begun
 
     def _start(self, began: float) -> Snapshot:
         parts = self._parts
@@ -56,24 +58,25 @@ class DynamicSimulation(SteppedRun):
         carrier.couple(found.wrench)
         return parts.snapshot(moment, ledger, time.perf_counter() - began)
 
-    def _take(self, planned: PhasePlan, to: Cursor, most: int) -> Sequence[Snapshot]:
+    def _take(self, planned: PhasePlan, to: Cursor, most: int) -> Sequence[Snapshot] | TickBatch:
         began, carrier = time.perf_counter(), self._parts.carrier
-        rows = self._rows
-        if rows is not None and rows.half_done is not None:
-            return [self._finish_tick(rows, rows.half_done, to, began)]
+        batches = self._batches
+        if batches is not None and batches.half_done is not None:
+            return [self._finish_tick(batches, batches.half_done, to, began)]
         if to.done == 1:
             self._begin_phase(planned, carrier.flange_pose)
         if self._references is None or self._references.planned is not planned:
-            self._references, self._rows = TickReferences(planned, self.stage.tick_s), None
+            self._references, self._batches = TickReferences(planned, self.stage.tick_s), None
         lockstep = carrier.lockstep
         if lockstep is None or self._parts.actuation.active:
             return [self._tick(planned, to, began)]
-        if self._rows is None:
-            self._rows = TickRows(self._parts, lockstep, self._references, self._gas, self.stage.tick_s)
-        taken = self._rows.take(to, most)
-        if taken is None:
+        if self._batches is None:
+            tick_s = self.stage.tick_s
+            self._batches = BatchStepper(self._parts, lockstep, self._references, self._gas, tick_s)
+        batch = self._batches.take(to, most)
+        if batch is None:
             return [self._tick(planned, to, began)]
-        return taken or self._take(planned, to, most)
+        return batch if len(batch) else self._take(planned, to, most)
 
     def _tick(self, planned: PhasePlan, to: Cursor, began: float) -> Snapshot:
         """Take one tick."""
@@ -86,10 +89,10 @@ class DynamicSimulation(SteppedRun):
         ledger = parts.carrier.tick(reference, loads)
         return self._shown(reference.position, loads, ledger, to, began)
 
-    def _finish_tick(self, rows: TickRows, loads: Loads, to: Cursor, began: float) -> Snapshot:
-        """Take the soft half of a tick whose rigid half has been taken in a row."""
-        ledger = rows.finish(loads)
-        return self._shown(rows.references.at(to.done)[0].position, loads, ledger, to, began)
+    def _finish_tick(self, batches: BatchStepper, loads: Loads, to: Cursor, began: float) -> Snapshot:
+        """Take the soft half of a tick whose rigid half has been taken with a batch."""
+        ledger = batches.finish(loads)
+        return self._shown(batches.references.at(to.done)[0].position, loads, ledger, to, began)
 
     def _shown(self, target: Array, loads: Loads, ledger: LedgerEntry, to: Cursor, began: float) -> Snapshot:
         parts, time_s = self._parts, Clock(self.stage.tick_s, to.tick).time_s
@@ -111,4 +114,4 @@ class DynamicSimulation(SteppedRun):
     def _restore_own(self, state: object) -> None:
         if state is not None:
             raise InputError("the saved state is of a quasistatic run, this one is dynamic")
-        self._rows = None
+        self._batches = None

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, final
+from typing import final
 
 import numpy as np
 
 from cosim.base.frames import Array, Pose, Twist
-from cosim.base.frozen import quickly_made
 from cosim.config.schema.phase import PhaseTable
 from cosim.config.schema.scenario import Scenario
 from cosim.coupling.contact.contact_report import NOTHING_TOUCHED, ContactReport
@@ -20,14 +19,13 @@ from cosim.plan.plan import PhasePlan, Plan
 from cosim.soft.body.loads import Loads
 from cosim.stepping.carrier import Carrier
 from cosim.stepping.self_contact_law import with_film_contacts
-from cosim.telemetry.film_shape import FilmShape
+from cosim.telemetry.film_shape import UnreadFilmShape
 from cosim.telemetry.snapshot import Snapshot
 
 _LOOKED_AFTER_S = 1.0 / 30.0
 
 
 @final
-@quickly_made
 @dataclass(frozen=True)
 class TickState:
     """Where a run is: tick and time, phase, and what drives it.
@@ -74,7 +72,7 @@ class Parts:
     ) -> None:
         self.scenario, self.plan = scenario, plan
         self.carrier, self.soft, self.actuation = carrier, soft, actuation
-        self._reader = soft.shape_reader()
+        self.shape_reader = soft.shape_reader()
         statics = scenario.mode == "quasistatic"
         self._looked_every = 1 if statics else max(1, round(_LOOKED_AFTER_S / scenario.clock.tick_s))
 
@@ -95,10 +93,7 @@ class Parts:
     def snapshot(self, moment: TickState, ledger: LedgerEntry, wall_s: float) -> Snapshot:
         """Return the present state as a snapshot."""
         carrier, soft, loads = self.carrier, self.soft, moment.loads
-        # stands for all that the film's shape decides, see Snapshot
-        film: Any = FilmShape(self._reader, soft.shape_now(), moment.flange)
         places, quaternions = carrier.body_poses()
-        pressures = soft.pressures_Pa
         devices = self.actuation.report(soft, moment.flange)
         return Snapshot(
             tick=moment.tick,
@@ -111,17 +106,11 @@ class Parts:
             body_position=places,
             body_quaternion=quaternions,
             body_contact_force=moment.touched.on_each(len(places)),
-            node_position=film,
+            film=UnreadFilmShape(self.shape_reader, soft.shape_now()),
             world_from_flange=moment.flange,
             flange_twist=moment.twist,
-            pressure_Pa=pressures[0],
-            volume_m3=film,
-            chamber_pressure_Pa=np.array(pressures),
-            chamber_volume_m3=film,
+            chamber_pressure_Pa=np.array(soft.pressures_Pa),
             cable_tension_N=np.array(loads.cable_tension_N) if devices is None else devices.cable_tension_N,
-            tip_position=film,
-            tip_direction=film,
-            sag_m=film,
             tip_target=self.plan.phases[moment.phase].tip_target,
             ledger=with_film_contacts(ledger, soft.touching),
             tick_wall_s=wall_s,

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from cosim.base.frozen import changed
+from dataclasses import replace
+
 from cosim.config.schema.scenario import Scenario
 from cosim.coupling.schemes.ledger import LedgerEntry
 from cosim.soft.body.body import SoftBody
@@ -40,7 +41,7 @@ def with_film_contacts(ledger: LedgerEntry, films: FilmMemory | None) -> LedgerE
     """Return the ledger with what the soft robot's films press on one another."""
     if films is None:
         return ledger
-    return changed(
+    return replace(
         ledger,
         self_contacts=films.count,
         self_contact_force_N=films.normal_force_N,

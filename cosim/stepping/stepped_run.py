@@ -5,10 +5,9 @@ from __future__ import annotations
 import sys
 import time
 from abc import ABC, abstractmethod
-from collections import deque
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, final
+from typing import Any, Final, final
 
 from cosim.base.frames import Pose
 from cosim.base.state_check import check_state
@@ -19,6 +18,14 @@ from cosim.plan.plan import PhasePlan, Plan
 from cosim.stepping.parts import Parts
 from cosim.telemetry.choices import CONTACT, Choices
 from cosim.telemetry.snapshot import RunInfo, Snapshot
+from cosim.telemetry.tick_batch import TickBatch
+
+TOGETHER: Final = 512
+"""Steps that may be taken in one call, where a model takes many at once: more cost no less each."""
+_GATHERED: Final = 64
+"""Snapshots that make a batch, where steps are taken one by one: fine meshes are large."""
+_GATHERED_S: Final = 0.1
+"""Wall time of steps after which a batch is shown, though it has fewer."""
 
 
 @final
@@ -43,6 +50,10 @@ class Cursor:
         if self.phase + 1 < len(counts):
             return Cursor(self.tick + 1, self.phase + 1, 1)
         return None
+
+    def later(self, steps: int) -> Cursor:
+        """Return where so many steps later end, in the same phase."""
+        return Cursor(self.tick + steps, self.phase, self.done + steps)
 
 
 @final
@@ -84,7 +95,7 @@ class SteppedRun(ABC):
         self.choices = Choices.of(parts.scenario, contact)
         self._gas = ChamberGas(parts.scenario.gas)
         self._cursor: Cursor | None = None
-        self._waiting: deque[Snapshot] = deque()
+        self._failed = False  # in a step after the last one shown
 
     @property
     def plan(self) -> Plan:
@@ -96,20 +107,66 @@ class SteppedRun(ABC):
         """Steps taken so far; None before the state at rest is known."""
         return None if self._cursor is None else self._cursor.tick
 
-    def steps(self, ahead: int = 1, most: int | None = None) -> Iterator[Snapshot]:
+    def steps(self, most: int | None = None) -> Iterator[Snapshot]:
         """Yield the state at rest, unless the run has begun, then that after every step to come.
 
         In between the run may be saved, where it `saves_now`, or restored: the next step is the one after
         that state's.
 
         Args:
-            ahead: steps that may be taken before the first of them is shown, at least one: many together
-                cost less.
             most: states to yield, and steps to take for them; None for all.
 
         Raises:
             SolverError: the physics could not be solved; the snapshots so far stand.
         """
+        for taken in self._taken(1, most):
+            yield from taken
+
+    def batches(self, together: int = TOGETHER, most: int | None = None) -> Iterator[TickBatch]:
+        """Yield the same many steps at a time, all of one phase: this costs less.
+
+        Args:
+            together: steps that may be taken before the first of them is shown, at least one.
+            most: as in `steps`.
+
+        Raises:
+            SolverError: the physics could not be solved; the steps before it have been yielded.
+        """
+        gathered: list[Snapshot] = []
+        gathered_s = 0.0
+        try:
+            for taken in self._taken(together, most):
+                if isinstance(taken, TickBatch):
+                    yield TickBatch.joined([TickBatch.of(gathered), taken]) if gathered else taken
+                    gathered, gathered_s = [], 0.0
+                    continue
+                gathered += taken
+                gathered_s += taken[0].tick_wall_s
+                full = len(gathered) >= min(_GATHERED, together) or gathered_s >= _GATHERED_S
+                if full or self._at_edge:
+                    yield TickBatch.of(gathered)
+                    gathered, gathered_s = [], 0.0
+        except (Exception, KeyboardInterrupt):
+            if gathered:
+                self._failed = True
+                yield TickBatch.of(gathered)
+            raise
+        if gathered:
+            yield TickBatch.of(gathered)
+
+    def advance(self, steps: int) -> Snapshot:
+        """Take some steps, at least one, and return what is there then; the first finds the state at rest.
+
+        Raises:
+            SolverError: the physics could not be solved.
+        """
+        last: Sequence[Snapshot] | TickBatch = ()
+        for taken in self._taken(TOGETHER, steps):
+            last = taken
+        return last.snapshot(-1) if isinstance(last, TickBatch) else last[-1]
+
+    def _taken(self, together: int, most: int | None) -> Iterator[Sequence[Snapshot] | TickBatch]:
+        """Yield the state at rest, then steps: one snapshot, or a batch of at least one."""
         wanted = sys.maxsize if most is None else most
         if self._cursor is None and wanted:
             began = time.perf_counter()
@@ -118,19 +175,22 @@ class SteppedRun(ABC):
             except SolverError as error:
                 raise error.at("at the start") from error.__cause__
             self._cursor, wanted = Cursor(), wanted - 1
-            yield first
+            yield [first]
         while wanted and self._cursor is not None:
             to = self._cursor.following(self._counts)
             if to is None:
                 return
-            if not self._waiting:
-                left = self._counts[to.phase] - to.done + 1
-                self._waiting.extend(self._taken(to, min(ahead, left, wanted)))
-            snapshot = self._waiting.popleft()
-            self._cursor, wanted = to, wanted - 1
-            yield snapshot
+            taken = self._located(to, min(together, self._counts[to.phase] - to.done + 1, wanted))
+            self._cursor, wanted = to.later(len(taken) - 1), wanted - len(taken)
+            yield taken
 
-    def _taken(self, to: Cursor, most: int) -> Sequence[Snapshot]:
+    @property
+    def _at_edge(self) -> bool:
+        """Whether no further step of the phase of the last one is to come."""
+        cursor = self._cursor
+        return cursor is None or cursor.done in (0, self._counts[cursor.phase])
+
+    def _located(self, to: Cursor, most: int) -> Sequence[Snapshot] | TickBatch:
         """Take steps as `_take` does; an error says in which of them it was raised."""
         parts, planned = self._parts, self._parts.plan.phases[to.phase]
         try:
@@ -145,18 +205,18 @@ class SteppedRun(ABC):
     @property
     def saves_now(self) -> bool:
         """Whether no step has been taken, or begun, beyond the one shown last."""
-        return not self._waiting
+        return not self._failed
 
     def save_state(self) -> RunState:
         """Return the present state; costs little, as arrays are shared.
 
         Raises:
-            InputError: the run has not begun, or has been stepped ahead of what it has shown.
+            InputError: the run has not begun, or is in the middle of a step.
         """
         if self._cursor is None:
             raise InputError("a run can be saved once its state at rest is known: take the first of steps()")
         if not self.saves_now:
-            raise InputError(f"later ticks than {self._cursor.tick} have been taken: use steps(ahead=1)")
+            raise InputError(f"a later tick than {self._cursor.tick} has been begun: save before or after it")
         return replace(self._state(self._cursor), own=self._save_own())
 
     def _state(self, cursor: Cursor) -> RunState:
@@ -183,7 +243,7 @@ class SteppedRun(ABC):
             )
         if cursor.tick != sum(counts[: cursor.phase]) + cursor.done:
             raise InputError(f"the saved state is at step {cursor.tick}, which is not {cursor}")
-        self._waiting.clear()
+        self._failed = False
         self._restore_own(state.own)
         self._parts.soft.restore_state(state.soft)
         self._parts.carrier.restore_state(state.carrier)
@@ -202,8 +262,8 @@ class SteppedRun(ABC):
         """Bring everything to rest where the plan starts; `began` is when the work on it did."""
 
     @abstractmethod
-    def _take(self, planned: PhasePlan, to: Cursor, most: int) -> Sequence[Snapshot]:
-        """Take the step of a phase that ends at `to`, and those after it, but not more than `most`."""
+    def _take(self, planned: PhasePlan, to: Cursor, most: int) -> Sequence[Snapshot] | TickBatch:
+        """Take the step of a phase that ends at `to` alone, or a batch of up to `most` from it on."""
 
     @abstractmethod
     def _step_of(self, planned: PhasePlan, to: Cursor) -> tuple[str, float]:

@@ -9,7 +9,7 @@ import numpy as np
 
 from cosim.base.frames import Array
 from cosim.plan.arm_limits import UNITS, ArmLimits, Extreme, Touch, with_touches
-from cosim.telemetry.block import Block
+from cosim.telemetry.tick_batch import TickBatch
 
 _SATURATED: Final = 1.0 - 1e-9
 """Share of a joint's torque above which its servo has no more to give."""
@@ -48,36 +48,36 @@ class ArmFigures:
     touches: tuple[Touch, ...] = ()
     last: LastRow | None = None
 
-    def after(self, block: Block, limits: ArmLimits, *, dynamic: bool) -> ArmFigures:
+    def after(self, batch: TickBatch, limits: ArmLimits, *, dynamic: bool) -> ArmFigures:
         """Return the figures with some ticks more.
 
         The servos act on the error at the start of a tick: there the reference is compared with the joints.
 
         Args:
-            block: the ticks.
+            batch: the ticks.
             limits: of the arm.
             dynamic: whether the mode is.
         """
-        time_s, q, v, torque = block.time_s, block.joint_position, block.joint_velocity, block.joint_torque
+        time_s, q, v, torque = batch.time_s, batch.joint_position, batch.joint_velocity, batch.joint_torque
         last = self.last or LastRow(float(time_s[0]), q[0], v[0])
-        values = {"position": q, "torque": torque, "tracking_error": q - block.joint_target}
+        values = {"position": q, "torque": torque, "tracking_error": q - batch.joint_target}
         span_s = np.diff(time_s, prepend=last.time_s)
         if dynamic:
             values["velocity"] = v
             gone = np.where(span_s > 0.0, span_s, np.inf)[:, None]
             values["acceleration"] = np.diff(v, axis=0, prepend=last.velocity[None]) / gone
-            values["tracking_error"] = np.concatenate([last.position[None], q[:-1]]) - block.joint_target
+            values["tracking_error"] = np.concatenate([last.position[None], q[:-1]]) - batch.joint_target
         extremes = dict(self.extremes)
         for name, rows in values.items():
-            found = limits.extreme(name, rows, time_s, block.phase, extremes.get(name))
+            found = limits.extreme(name, rows, time_s, batch.phase, extremes.get(name))
             if found is not None:
                 extremes[name] = found
         saturated_s = np.zeros(len(limits.joint_names))
         if "torque" in extremes and extremes["torque"].excess >= _SATURATED - 1.0:
             saturated_s = span_s @ (np.abs(torque) >= _SATURATED * limits.torque)
         touches = self.touches
-        for row, contacts in block.link_contacts:
-            touches = with_touches(touches, contacts, float(time_s[row]), int(block.phase[row]))
+        for row, contacts in batch.link_contacts.items():
+            touches = with_touches(touches, contacts, float(time_s[row]), int(batch.phase[row]))
         return ArmFigures(
             extremes, saturated_s + (self.saturated_s if len(self.saturated_s) else 0.0), touches,
             LastRow(float(time_s[-1]), q[-1].copy(), v[-1].copy()),

@@ -8,8 +8,8 @@ from typing import Any, Final, final
 import numpy as np
 
 from cosim.base.frames import Array
-from cosim.devices.device_report import DeviceNames
-from cosim.telemetry.snapshot import Snapshot
+from cosim.devices.device_report import ActuationReport, DeviceNames
+from cosim.telemetry.tick_batch import TickBatch
 
 SETTLED_SHARE: Final = 0.05
 """Of the step from the first value to the setpoint, within which a controlled quantity counts as settled."""
@@ -21,13 +21,13 @@ class DeviceFiguresState:
     """The figures of a phase so far.
 
     Args:
-        last: snapshot seen.
-        time_s: of the snapshots of the phase.
+        last: report seen.
+        time_s: of the ticks of the phase.
         measured: by each controller, by its name.
         setpoint: of each controller.
     """
 
-    last: Snapshot | None
+    last: ActuationReport | None
     time_s: tuple[float, ...]
     measured: dict[str, tuple[float, ...]]
     setpoint: dict[str, float]
@@ -43,21 +43,22 @@ class DeviceFigures:
 
     def __init__(self, names: DeviceNames) -> None:
         self._names = names
-        self._last: Snapshot | None = None
+        self._last: ActuationReport | None = None
         self._begin()
 
-    def observe(self, snapshot: Snapshot) -> None:
-        """Take in one snapshot; they come in order."""
-        self._last = snapshot
-        self._time_s.append(snapshot.time_s)
-        for control in () if snapshot.devices is None else snapshot.devices.controls:
-            if control.measured is not None and control.setpoint is not None:
-                self._setpoint[control.name] = control.setpoint
-                self._measured.setdefault(control.name, []).append(control.measured)
+    def observe(self, batch: TickBatch) -> None:
+        """Take in ticks; they come in order."""
+        self._last = batch.devices[-1]
+        self._time_s += batch.time_s.tolist()
+        for report in batch.devices:
+            for control in () if report is None else report.controls:
+                if control.measured is not None and control.setpoint is not None:
+                    self._setpoint[control.name] = control.setpoint
+                    self._measured.setdefault(control.name, []).append(control.measured)
 
     def close_phase(self) -> dict[str, Any]:
         """Return the figures of the phase that ends, and begin the next one."""
-        devices = None if self._last is None else self._last.devices
+        devices = self._last
         if devices is None:
             return {}
         figures: dict[str, Any] = {

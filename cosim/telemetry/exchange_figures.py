@@ -8,7 +8,7 @@ from typing import Any, final
 import numpy as np
 
 from cosim.base.frames import Array
-from cosim.telemetry.block import Block
+from cosim.telemetry.tick_batch import TickBatch
 
 
 @final
@@ -32,16 +32,16 @@ class ExchangeFigures:
     power_error: float = 0.0
     momentum_error: float = 0.0
 
-    def after(self, block: Block) -> ExchangeFigures:
+    def after(self, batch: TickBatch) -> ExchangeFigures:
         """Return the figures with some ticks more."""
-        trials = block.iterated_trials
+        trials = batch.iterated_trials
         return ExchangeFigures(
             self.iterated_ticks + int(np.count_nonzero(trials)),
             self.trials + int(trials.sum()),
             max(self.most_trials, int(trials.max())),
-            largest(self.residual, block.interface_residual),
-            largest(self.power_error, block.power_error),
-            largest(self.momentum_error, block.momentum_error),
+            largest(self.residual, batch.interface_residual),
+            largest(self.power_error, batch.power_error),
+            largest(self.momentum_error, batch.momentum_error),
         )
 
     def summary(self) -> dict[str, Any]:

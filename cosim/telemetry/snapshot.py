@@ -3,27 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, fields
-from typing import TYPE_CHECKING, Annotated, Any
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Annotated, final
+
+import numpy as np
 
 from cosim.base.body_shape import BodyShape
 from cosim.base.frames import Array, IntArray, Pose, Twist
-from cosim.base.frozen import quickly_made
 from cosim.coupling.schemes.ledger import LedgerEntry
 from cosim.devices.device_report import ActuationReport, DeviceNames
 from cosim.plan.decision import Decision
-from cosim.telemetry.film_shape import FilmShape
-from cosim.telemetry.tick_columns import FROM_ROW, TickColumns
+from cosim.telemetry.film_shape import Film
 
 if TYPE_CHECKING:  # who only looks at snapshots needs no engine
     from cosim.base.link_contact import LinkContact
     from cosim.plan.arm_limits import PlannedArm
 
 __all__ = ["BodyShape", "LedgerEntry", "RunInfo", "Snapshot"]
-
-_FROM_FILM = (
-    "node_position", "volume_m3", "chamber_volume_m3", "tip_position", "tip_direction", "sag_m",
-)  # fmt: skip
 
 
 @dataclass(frozen=True, repr=False)
@@ -90,14 +86,10 @@ class RunInfo:
         )
 
 
-@quickly_made
-@dataclass(frozen=True, repr=False)
+@final
+@dataclass(frozen=True, repr=False, eq=False)
 class Snapshot:
     """State at the end of one tick; arrays are owned by the snapshot.
-
-    In place of each value that the film's shape decides (`_FROM_FILM`) one `FilmShape` may be given, the same
-    for all; they are then made of it when first asked for, and `kept_shape` holds it for a `Block` to read.
-    Of a row of `TickColumns` nearly everything is made when first asked for, see `of_row`.
 
     Args:
         tick: count from 1; 0 is the state before the first tick.
@@ -110,18 +102,12 @@ class Snapshot:
         body_position: (bodies, 3) [m], world.
         body_quaternion: (bodies, 4), (w, x, y, z), world from body.
         body_contact_force: (bodies, 3) [N], of the soft robot on each body, world axes.
-        node_position: (nodes, 3) [m], world.
+        film: where it is, and what follows from that; read when asked for.
         world_from_flange: pose of the flange.
         flange_twist: of the flange origin, world axes.
-        pressure_Pa: gauge pressure in the first chamber, of a sealed gas at its present volume.
-        volume_m3: inside the film of all chambers, hole rings closed by flat fans.
-        chamber_pressure_Pa: (chambers,), gauge, in the order of `RunInfo.chamber_names`.
-        chamber_volume_m3: (chambers,).
+        chamber_pressure_Pa: (chambers,), gauge, in the order of `RunInfo.chamber_names`; of a sealed gas at
+            its present volume.
         cable_tension_N: (cables,) at the base end.
-        tip_position: (3,) [m], mean of the last hole ring.
-        tip_direction: (3,), unit normal of the last hole ring, away from the base.
-        sag_m: distance of the tip from where the same arm, straight and rigid along the flange
-            axis at its present length, would have it.
         tip_target: (3,) [m] or None.
         ledger: what the interface exchanged.
         tick_wall_s: wall time of this tick [s].
@@ -139,48 +125,60 @@ class Snapshot:
     body_position: Annotated[Array, ("bodies", 3)]
     body_quaternion: Annotated[Array, ("bodies", 4)]
     body_contact_force: Annotated[Array, ("bodies", 3)]
-    node_position: Annotated[Array, ("film", 3)]
+    film: Film
     world_from_flange: Pose
     flange_twist: Twist
-    pressure_Pa: float
-    volume_m3: float
     chamber_pressure_Pa: Annotated[Array, ("chambers",)]
-    chamber_volume_m3: Annotated[Array, ("chambers",)]
     cable_tension_N: Annotated[Array, ("cables",)]
-    tip_position: Annotated[Array, (3,)]
-    tip_direction: Annotated[Array, (3,)]
-    sag_m: float
     tip_target: Annotated[Array, (3,)] | None
     ledger: LedgerEntry
     tick_wall_s: float
     devices: ActuationReport | None = None
     link_contacts: tuple[LinkContact, ...] = ()
-    kept_shape: FilmShape | None = field(init=False, repr=False, compare=False)
-    kept_row: tuple[TickColumns, int] | None = field(default=None, init=False, repr=False, compare=False)
 
-    def __post_init__(self) -> None:
-        held = vars(self)
-        film = held["node_position"]
-        if type(film) is not FilmShape:
-            held["kept_shape"] = None
-            return
-        held["kept_shape"] = film
-        for name in _FROM_FILM:
-            del held[name]
+    @property
+    def node_position(self) -> Array:
+        """(nodes, 3) [m], world."""
+        return self.film.node_position
 
-    @classmethod
-    def of_row(cls, columns: TickColumns, row: int) -> Snapshot:
-        """Return the snapshot of one row, in less than a microsecond."""
-        snapshot = object.__new__(cls)
-        held = vars(snapshot)
-        held["tick"], held["time_s"] = columns.clock[row]
-        held["phase"], held["kept_row"] = columns.phase, (columns, row)
-        return snapshot
+    @property
+    def pressure_Pa(self) -> float:
+        """Gauge pressure in the first chamber."""
+        return float(self.chamber_pressure_Pa[0])
 
-    def __getstate__(self) -> dict[str, Any]:
-        """Return what is copied or pickled: all values, without the other rows and what reads them."""
-        own = {field.name: getattr(self, field.name) for field in fields(self) if field.init}
-        return own | {"kept_shape": None}
+    @property
+    def chamber_volume_m3(self) -> Array:
+        """(chambers,), inside the film, hole rings closed by flat fans."""
+        return self.film.chamber_volume_m3
+
+    @property
+    def volume_m3(self) -> float:
+        """Of all chambers."""
+        return float(sum(self.chamber_volume_m3.tolist()))
+
+    @property
+    def tip_position(self) -> Array:
+        """(3,) [m], mean of the last hole ring."""
+        return self.film.tip_position
+
+    @property
+    def tip_direction(self) -> Array:
+        """(3,), unit normal of the last hole ring, away from the base."""
+        return self.film.tip_direction
+
+    @property
+    def sag_m(self) -> float:
+        """Distance of the tip from where a straight arm along the flange's axis would have it.
+
+        That arm is rigid, and as long as this one is at present.
+        """
+        flange = self.world_from_flange
+        away = self.tip_position - flange.translation - self.film.center_line_m * flange.rotation[:, 2]
+        return float(np.sqrt((away * away).sum()))
+
+    def kept(self) -> Snapshot:
+        """Return the same with all that is shown of the film read: what is saved."""
+        return replace(self, film=self.film.read())
 
     def __repr__(self) -> str:
         """Return two lines: when, and what is there then."""
@@ -193,17 +191,3 @@ class Snapshot:
             f"tip at ({tip}) mm, sag {1e3 * self.sag_m:.1f} mm, {pressures} kPa, "
             f"{self.ledger.contacts} contacts, residual {self.ledger.residual_N:.1e} N"
         )
-
-    if not TYPE_CHECKING:  # where it would hide misspelt names
-
-        def __getattr__(self, name: str) -> Any:
-            held = vars(self)
-            row = held.get("kept_row")
-            if row is not None and name in FROM_ROW:
-                value = FROM_ROW[name](*row)
-            elif name in _FROM_FILM and (row or held.get("kept_shape")) is not None:
-                value = getattr(self.kept_shape, name)
-            else:
-                raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
-            held[name] = value
-            return value

@@ -12,10 +12,10 @@ import numpy as np
 from cosim.base.state_check import check_state
 from cosim.errors import InputError
 from cosim.telemetry.arm_figures import ArmFigures, arm_table
-from cosim.telemetry.block import Block, read_now
 from cosim.telemetry.device_figures import DeviceFigures, DeviceFiguresState
 from cosim.telemetry.exchange_figures import ExchangeFigures, largest
 from cosim.telemetry.snapshot import RunInfo, Snapshot
+from cosim.telemetry.tick_batch import TickBatch
 
 SUMMARY_SCHEMA = 1
 Status = Literal["completed", "interrupted", "failed"]
@@ -27,7 +27,7 @@ _LARGEST: Final = (
 """Of every tick: the largest of the run is kept."""
 
 # of the builder; the rest is gathered
-_GIVEN = {"_stage", "_startup_s", "_version", "_resumed_at_ticks", "_last", "_devices", "_unread"}
+_GIVEN = {"_stage", "_startup_s", "_version", "_resumed_at_ticks", "_last", "_devices"}
 
 
 @final
@@ -53,7 +53,7 @@ class SummaryState:
 
 @final
 class SummaryBuilder:
-    """Gathers the figures of a run from its snapshots and keeps only what the summary needs.
+    """Gathers the figures of a run from its ticks and keeps only what the summary needs.
 
     Args:
         stage: of the run.
@@ -71,7 +71,6 @@ class SummaryBuilder:
         self._resumed_at_ticks = resumed_at_ticks
         self._phases: list[dict[str, Any]] = []
         self._last: Snapshot | None = None
-        self._unread: list[Snapshot] = []
         self._newton_iterations = 0
         self._slides = 0
         self._phase_iterations = 0
@@ -86,41 +85,31 @@ class SummaryBuilder:
         self._arm = ArmFigures()
         self._devices = None if stage.devices is None else DeviceFigures(stage.devices)
 
-    def observe(self, snapshot: Snapshot) -> None:
-        """Take in one snapshot; they come in order, tick 0 first."""
-        if self._last is not None and snapshot.phase != self._last.phase:
+    def observe(self, batch: TickBatch) -> None:
+        """Take in ticks of one phase; they come in order, tick 0 first."""
+        if self._last is not None and batch.phase[0] != self._last.phase:
             self._close_phase(complete=True)
-        self._unread.append(snapshot)
-        if read_now(self._unread):
-            self._read()
-        self._last = snapshot
+        self._last = batch.snapshot(-1)
         if self._devices is not None:
-            self._devices.observe(snapshot)
-
-    def _read(self) -> None:
-        """Take in the snapshots gathered, and let go of them."""
-        if not self._unread:
-            return
-        block, self._unread = Block(self._unread), []
-        iterations = int(block.newton_iterations.sum())
+            self._devices.observe(batch)
+        iterations = int(batch.newton_iterations.sum())
         self._newton_iterations += iterations
-        self._slides += int(block.slides.sum())
+        self._slides += int(batch.slides.sum())
         self._phase_iterations += iterations
-        self._exchange = self._exchange.after(block)
+        self._exchange = self._exchange.after(batch)
         if self._stage.arm is not None:
             dynamic = self._stage.mode == "dynamic"
-            self._arm = self._arm.after(block, self._stage.arm.limits, dynamic=dynamic)
-        self._max_power_error_W = largest(self._max_power_error_W, np.abs(block.power_error_W))
+            self._arm = self._arm.after(batch, self._stage.arm.limits, dynamic=dynamic)
+        self._max_power_error_W = largest(self._max_power_error_W, np.abs(batch.power_error_W))
         for name in _LARGEST:
             here = f"_max_{name}"
-            setattr(self, here, largest(getattr(self, here), getattr(block, name)))
+            setattr(self, here, largest(getattr(self, here), getattr(batch, name)))
 
     def save_state(self) -> SummaryState:
         """Return the figures so far; there is a snapshot."""
         assert self._last is not None, "observe() comes before save_state()"
-        self._read()
         gathered = {name: copy(value) for name, value in vars(self).items() if name not in _GIVEN}
-        return SummaryState(self._last, gathered, self._devices and self._devices.save_state())
+        return SummaryState(self._last.kept(), gathered, self._devices and self._devices.save_state())
 
     def restore_state(self, state: SummaryState) -> None:
         """Go on from figures of `save_state`.
@@ -134,7 +123,6 @@ class SummaryBuilder:
         check_state(state.gathered, own | {"_phases": []}, place="figures", finite=False)
         for phase in state.gathered["_phases"]:
             _phase_row(json_ready(phase))
-        self._unread = []
         self._last = state.last
         vars(self).update({name: copy(value) for name, value in state.gathered.items()})
         if self._devices is not None and state.devices is not None:
@@ -203,7 +191,6 @@ class SummaryBuilder:
     def _close_phase(self, *, complete: bool) -> None:
         if self._last is None:
             return
-        self._read()
         name = self._stage.phase_names[self._last.phase]
         figures = _phase_figures(self._last, name, self._phase_iterations, complete)
         figures |= _chamber_figures(self._last, self._stage.chamber_names)

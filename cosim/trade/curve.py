@@ -17,8 +17,8 @@ import numpy as np
 
 from cosim.base.frames import Array
 from cosim.config.schema.scenario import Scenario
-from cosim.telemetry.block import READ_AT_ONCE, Block, read_now
-from cosim.telemetry.snapshot import RunInfo, Snapshot
+from cosim.telemetry.snapshot import RunInfo
+from cosim.telemetry.tick_batch import TickBatch
 from cosim.trade.simulation import Build
 
 _COLUMNS = ("time_s", "tip_position", "flange_force", "contact_force_N", "phase", "newton_iterations")
@@ -26,17 +26,17 @@ STRETCH_S = 0.2
 """Simulated time over which a run must not be slower than its bound."""
 
 
-Follow: TypeAlias = Callable[[Scenario, RunInfo], AbstractContextManager[Callable[[Snapshot], None]]]
-"""Opens what follows a run; the context gives what is called with every snapshot."""
+Follow: TypeAlias = Callable[[Scenario, RunInfo], AbstractContextManager[Callable[[TickBatch], None]]]
+"""Opens what follows a run; the context gives what is called with all ticks."""
 
 
 class TooSlowError(Exception):
     """A run is slower than its bound; it has been ended."""
 
 
-def unfollowed(_scenario: Scenario, _stage: RunInfo) -> AbstractContextManager[Callable[[Snapshot], None]]:
+def unfollowed(_scenario: Scenario, _stage: RunInfo) -> AbstractContextManager[Callable[[TickBatch], None]]:
     """Follow a run with nothing."""
-    return nullcontext(lambda _snapshot: None)
+    return nullcontext(lambda _batch: None)
 
 
 @final
@@ -105,7 +105,7 @@ class Curve:
 @final
 @dataclass
 class CurveBuilder:
-    """Collects a curve from snapshots.
+    """Collects a curve from ticks.
 
     Args:
         scenario: that is run.
@@ -116,29 +116,19 @@ class CurveBuilder:
     stage: RunInfo
     _arrays: dict[str, list[Array]] = field(default_factory=lambda: {name: [] for name in _COLUMNS})
     _objects: list[Array] = field(default_factory=list)
-    _unread: list[Snapshot] = field(default_factory=list)
 
     def __post_init__(self) -> None:
         can_move = {entry.name for entry in self.scenario.objects if entry.mass_kg is not None}
         self._bodies = [k for k, name in enumerate(self.stage.body_names) if name in can_move]
 
-    def observe(self, snapshot: Snapshot) -> None:
-        """Take in one snapshot."""
-        self._unread.append(snapshot)
-        if read_now(self._unread):
-            self._read()
-
-    def _read(self) -> None:
-        """Read the columns off the snapshots gathered, and let go of them."""
-        if self._unread:
-            block, self._unread = Block(self._unread), []
-            self._objects.append(block.body_position[:, self._bodies])
-            for name, found in self._arrays.items():
-                found.append(getattr(block, name))
+    def observe(self, batch: TickBatch) -> None:
+        """Take in some ticks."""
+        self._objects.append(batch.body_position[:, self._bodies])
+        for name, found in self._arrays.items():
+            found.append(getattr(batch, name))
 
     def curve(self, cpu_s: float) -> Curve:
         """Return what was collected, which took so much CPU time."""
-        self._read()
         objects = np.concatenate(self._objects)
         time_s, tip, force, contact, phase, iterations = map(np.concatenate, self._arrays.values())
         last = len(phase) - 1
@@ -160,8 +150,8 @@ def trace(
     Args:
         scenario: checked.
         build: makes its simulation.
-        follow: what else sees every snapshot, inside the measured time.
-        slowest: real-time factor that every stretch of 0.2 s must reach; 0 for no bound.
+        follow: what else sees all ticks, inside the measured time.
+        slowest: real-time factor that every stretch of at least 0.2 s must reach; 0 for no bound.
         advance: told after every stretch how much of the run is done, from 0 to 1.
 
     Raises:
@@ -169,22 +159,23 @@ def trace(
         TooSlowError: a stretch is slower than the bound.
     """
     simulation = build(scenario)
-    snapshots, stage = simulation.steps(READ_AT_ONCE), simulation.stage
-    first = next(snapshots)  # before the clock starts: this one finds the start equilibrium
+    batches, stage = simulation.batches(), simulation.stage
+    first = next(batches)  # before the clock starts: this one finds the start equilibrium
     builder = CurveBuilder(scenario, stage)
-    bound_s = STRETCH_S / slowest if slowest > 0.0 else float("inf")
+    bound = 1.0 / slowest if slowest > 0.0 else float("inf")
     stretch_from_s = 0.0
     with follow(scenario, stage) as observe:
         began = stretch_began = time.process_time()
-        for snapshot in chain([first], snapshots):
-            builder.observe(snapshot)
-            observe(snapshot)
-            now = time.process_time()
-            if now - stretch_began > bound_s:
-                where = f"{snapshot.time_s:.2f} s, in '{stage.phase_names[snapshot.phase]}'"
+        for batch in chain([first], batches):
+            builder.observe(batch)
+            observe(batch)
+            now, time_s = time.process_time(), float(batch.time_s[-1])
+            stretch_s = time_s - stretch_from_s
+            if now - stretch_began > bound * max(stretch_s, STRETCH_S):
+                where = f"{time_s:.2f} s, in '{stage.phase_names[batch.phase[-1]]}'"
                 raise TooSlowError(f"slower than x{slowest:g} real time at {where}")
-            if snapshot.time_s - stretch_from_s >= STRETCH_S:
-                advance(snapshot.tick / stage.ticks)
-                stretch_from_s, stretch_began = snapshot.time_s, now
+            if stretch_s >= STRETCH_S:
+                advance(batch.tick[-1] / stage.ticks)
+                stretch_from_s, stretch_began = time_s, now
     spent = time.process_time() - began  # with what the follower had still to write
     return builder.curve(spent)

@@ -6,7 +6,8 @@ from collections.abc import Callable, Iterator
 from typing import Protocol, TypeAlias
 
 from cosim.config.schema.scenario import Scenario
-from cosim.telemetry.snapshot import RunInfo, Snapshot
+from cosim.telemetry.snapshot import RunInfo
+from cosim.telemetry.tick_batch import TickBatch
 
 
 class Steps(Protocol):
@@ -16,8 +17,8 @@ class Steps(Protocol):
     def stage(self) -> RunInfo:
         """Everything that does not change during the run."""
 
-    def steps(self, ahead: int = 1) -> Iterator[Snapshot]:
-        """Yield the state before the first tick, then that after every tick; `ahead` may be taken before."""
+    def batches(self) -> Iterator[TickBatch]:
+        """Yield the state before the first tick, then those after the ticks, many at a time."""
 
 
 Build: TypeAlias = Callable[[Scenario], Steps]

@@ -18,6 +18,7 @@ SAVES = {"save_state", "_save_own", "_lend_factor"}
 SAVED_OTHERWISE = {
     "AddedInertia": "by RigidScene",
     "Arm": "the payload in its model is set anew for every payload",
+    "BatchStepper": "worked out anew from the phase; nothing is saved while a tick is half done",
     "Bodies": "by RigidScene",
     "ChainSolver": "workspace, and what it keeps by pressure and loads",
     "ChainStepper": "the flange's frame, for the kernel",
@@ -36,7 +37,6 @@ SAVED_OTHERWISE = {
     "SoftSystem": "workspace; NewtonSolver saves the gradient, which is read later",
     "TensionSweep": "lives for one tip target of the plan",
     "TickReferences": "worked out anew from the phase",
-    "TickRows": "worked out anew from the phase; nothing is saved while a tick is half done",
 }
 
 

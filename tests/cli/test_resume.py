@@ -22,6 +22,7 @@ from cosim.cli.main import main
 from cosim.config.schema.scenario import Scenario
 from cosim.errors import ConvergenceError
 from cosim.telemetry.snapshot import RunInfo, Snapshot
+from cosim.telemetry.tick_batch import TickBatch
 from tests.cli.interrupted import Command, figures, interrupt_at
 from tests.cli.test_run import REFERENCE, TICKS, summary_of
 from tests.conftest import MadeUpSimulation
@@ -227,11 +228,14 @@ class Disturbed:
     def saves_now(self) -> bool:
         return self._inner.saves_now
 
-    def steps(self, ahead: int = 1, most: int | None = None) -> Iterator[Snapshot]:
-        for snapshot in self._inner.steps(ahead, most):
+    def steps(self) -> Iterator[Snapshot]:
+        for snapshot in self._inner.steps():
             if snapshot.tick == self._tick:
                 self._disturb()
             yield snapshot
+
+    def batches(self) -> Iterator[TickBatch]:
+        return (TickBatch.of([snapshot]) for snapshot in self.steps())
 
 
 def send_signal() -> None:

@@ -19,7 +19,8 @@ from cosim.cli.progress import ProgressLine, clock
 from cosim.config.loading import load_scenario
 from cosim.errors import ConvergenceError, UnreachableError
 from cosim.recording.recorder import Recorder
-from cosim.telemetry.snapshot import RunInfo, Snapshot
+from cosim.telemetry.snapshot import RunInfo
+from cosim.telemetry.tick_batch import TickBatch
 
 REFERENCE = "ur5e_hexagon_arm"
 TICKS = 25
@@ -35,8 +36,8 @@ class NotingRecorder(Recorder):
     def open(self, stage: RunInfo) -> None:
         self.path.write_text("open", encoding="utf-8")
 
-    def record(self, snapshot: Snapshot) -> None:
-        self.ticks.append(snapshot.tick)
+    def record(self, batch: TickBatch) -> None:
+        self.ticks += batch.tick.tolist()
 
     def flush(self) -> None:
         self.path.write_text(f"flushed {len(self.ticks)}", encoding="utf-8")
@@ -228,8 +229,8 @@ def test_the_progress_line_renews_itself_on_a_terminal(made_up_build: Callable[.
     progress = ProgressLine(stream)
     simulation = made_up_build()(load_scenario(REFERENCE))
     progress.open(simulation.stage)
-    for snapshot in simulation.steps():
-        progress.observe(snapshot)
+    for batch in simulation.batches():
+        progress.observe(batch)
     progress.close()
     drawn = stream.getvalue()
     assert drawn.count("\n") == 1

@@ -14,7 +14,9 @@ from rerun.chunk import RrdReader
 from cosim.base.frames import Array, Pose, Twist, Wrench, quaternion_from_rotation, rotation_from_vector
 from cosim.recording.rerun_recorder import RerunRecorder
 from cosim.soft.geometry.polygonal_stack import PolygonalStack
+from cosim.telemetry.film_shape import FilmShape
 from cosim.telemetry.snapshot import BodyShape, LedgerEntry, RunInfo, Snapshot
+from cosim.telemetry.tick_batch import TickBatch
 
 MakeStage: TypeAlias = Callable[..., RunInfo]
 MakeSnapshot: TypeAlias = Callable[..., Snapshot]
@@ -85,17 +87,11 @@ def make_snapshot(stage: RunInfo, tick: int, **changes: Any) -> Snapshot:
         "body_position": np.stack([np.zeros(3), flange.translation]),
         "body_quaternion": np.stack([np.array([1.0, 0.0, 0.0, 0.0]), quaternion_from_rotation(turn)]),
         "body_contact_force": np.zeros((2, 3)),
-        "node_position": nodes,
+        "film": FilmShape(nodes, np.array([1e-4 * (1.0 + time)]), tip, turn[:, 2], 0.01 * time),
         "world_from_flange": flange,
         "flange_twist": Twist(),
-        "pressure_Pa": 1e4 * time,
-        "volume_m3": 1e-4 * (1.0 + time),
         "chamber_pressure_Pa": np.array([1e4 * time]),
-        "chamber_volume_m3": np.array([1e-4 * (1.0 + time)]),
         "cable_tension_N": np.array([3.0, 0.0]) * late,
-        "tip_position": tip,
-        "tip_direction": turn[:, 2],
-        "sag_m": 0.01 * time,
         "tip_target": np.array([0.3, 0.0, 0.4]) if late else None,
         "ledger": ledger,
         "tick_wall_s": 0.001,
@@ -138,7 +134,7 @@ def record(
     recorder = RerunRecorder(path, **options)
     recorder.open(stage)
     for tick in range((stage.ticks if ticks is None else ticks) + 1):
-        recorder.record(make_snapshot(stage, tick))
+        recorder.record(TickBatch.of([make_snapshot(stage, tick)]))
     recorder.close("## The end", "completed")
     return Recorded(path)
 

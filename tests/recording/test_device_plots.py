@@ -10,8 +10,8 @@ import pytest
 from cosim.config.loading import load_scenario
 from cosim.devices.device_report import ActuationReport, ControlReport, DeviceNames, PumpReport
 from cosim.recording.plots import plots_of
-from cosim.telemetry.block import Block
 from cosim.telemetry.snapshot import RunInfo, Snapshot
+from cosim.telemetry.tick_batch import TickBatch
 from tests.conftest import made_up_snapshot, made_up_stage
 
 NAMES = DeviceNames(("main",), (("bend", "bending_angle_rad"), ("lift", "tip_height_m")), True, True)
@@ -33,7 +33,7 @@ def stage() -> RunInfo:
 
 def values(stage: RunInfo, snapshot: Snapshot) -> dict[str, list[float]]:
     shown = [plot for plot in plots_of(stage, 6) if plot.tab == "Devices"]
-    return {plot.entity: plot.values(Block([snapshot])).ravel().tolist() for plot in shown}
+    return {plot.entity: plot.values(TickBatch.of([snapshot])).ravel().tolist() for plot in shown}
 
 
 def test_every_device_has_its_curve(stage: RunInfo) -> None:
@@ -48,7 +48,7 @@ def test_every_device_has_its_curve(stage: RunInfo) -> None:
     assert shown["pump"] == [1.0, 0.0]
     assert shown["gas_delivered"] == pytest.approx([1.0])
     for plot in plots_of(stage, 6):
-        assert plot.values(Block([snapshot] * 2)).size == 2 * len(plot.series) == 2 * len(plot.colours)
+        assert plot.values(TickBatch.of([snapshot] * 2)).size == 2 * len(plot.series) == 2 * len(plot.colours)
 
 
 def test_a_scenario_without_devices_has_no_such_curves(stage: RunInfo) -> None:

@@ -6,6 +6,7 @@ import os
 import subprocess
 import sys
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,7 @@ from cosim.recording import rerun_recorder
 from cosim.recording.recorder import NullRecorder, RecordingPart
 from cosim.recording.rerun_recorder import RerunRecorder
 from cosim.telemetry.snapshot import RunInfo, Snapshot
+from cosim.telemetry.tick_batch import TickBatch
 
 pytestmark = pytest.mark.usefixtures("strict")
 
@@ -33,13 +35,14 @@ def test_killed_process_leaves_all_but_the_last_second(rrd: Path, tmp_path: Path
         "import os, runpy, sys, time\n"
         "from pathlib import Path\n"
         "from cosim.recording.rerun_recorder import RerunRecorder\n"
+        "from cosim.telemetry.tick_batch import TickBatch\n"
         f"made_up = runpy.run_path({str(Path(__file__).with_name('conftest.py'))!r})\n"
         "stage = made_up['make_stage']()\n"
         "recorder = RerunRecorder(Path(sys.argv[1]))\n"
         "recorder.open(stage)\n"
         "for tick in range(101):\n"
         "    time.sleep(1.05 * (tick == 70))\n"
-        "    recorder.record(made_up['make_snapshot'](stage, tick))\n"
+        "    recorder.record(TickBatch.of([made_up['make_snapshot'](stage, tick)]))\n"
         "os._exit(1)\n"
     )
     environment = os.environ | {"PYTHONPATH": str(Path(__file__).parents[2])}
@@ -58,7 +61,7 @@ def test_what_is_gathered_does_not_grow_without_bound(
     recorder = RerunRecorder(rrd, frames_per_s=500.0)
     recorder.open(stage)
     for tick in range(13):
-        recorder.record(make_snapshot(stage, tick))
+        recorder.record(TickBatch.of([make_snapshot(stage, tick)]))
     times = read(rrd).by_time("/world/soft/film", "Mesh3D:vertex_positions")
     assert list(times) == [2_000_000 * tick for tick in range(12)]  # four frames, three times
     recorder.close("", "completed")
@@ -75,7 +78,7 @@ def test_curves_without_frames_do_not_grow_without_bound(
     recorder = RerunRecorder(rrd, frames_per_s=1.0)
     recorder.open(stage)
     for tick in range(13):
-        recorder.record(make_snapshot(stage, tick))
+        recorder.record(TickBatch.of([make_snapshot(stage, tick)]))
     times = read(rrd).by_time("/plots/pressure", "Scalars:scalars")
     assert list(times) == [2_000_000 * tick for tick in range(11)]
     recorder.close("", "completed")
@@ -92,7 +95,7 @@ def test_a_long_run_is_not_written_in_splinters(
     recorder.open(stage)
     for tick in range(740):
         now = 0.5 * tick
-        recorder.record(make_snapshot(stage, tick))
+        recorder.record(TickBatch.of([make_snapshot(stage, tick)]))
     steps = np.diff(written)
     assert set(steps[:50]) == {1.0}
     assert set(steps[-5:]) == {3.5, 4.0}  # a hundredth of 370 s, in half seconds
@@ -119,8 +122,9 @@ def test_bare_stage_is_recorded(
     recorder.open(stage)
     corners = np.array([[0.3, 0, 0.5], [0.4, 0, 0.5], [0.3, 0.1, 0.4]])
     for tick in range(20):
-        changes = {"node_position": corners, "cable_tension_N": np.zeros(0), "tip_target": None}
-        recorder.record(make_snapshot(stage, tick, **changes))
+        film = replace(make_snapshot(stage, tick).film, node_position=corners)
+        changes = {"film": film, "cable_tension_N": np.zeros(0), "tip_target": None}
+        recorder.record(TickBatch.of([make_snapshot(stage, tick, **changes)]))
     recorder.close("", "completed")
     recorded = read(rrd)
     assert recorded.static("/world/soft/film", "Mesh3D:triangle_indices") == [[0, 1, 2]]
@@ -164,7 +168,7 @@ def test_recording_before_opening_is_refused(
     rrd: Path, make_stage: MakeStage, make_snapshot: MakeSnapshot
 ) -> None:
     with pytest.raises(RuntimeError, match=r"call open\(stage\)"):
-        RerunRecorder(rrd).record(make_snapshot(make_stage(), 0))
+        RerunRecorder(rrd).record(TickBatch.of([make_snapshot(make_stage(), 0)]))
 
 
 def test_null_recorder_writes_nothing(
@@ -172,7 +176,7 @@ def test_null_recorder_writes_nothing(
 ) -> None:
     recorder = NullRecorder()
     recorder.open(make_stage())
-    recorder.record(make_snapshot(make_stage(), 0))
+    recorder.record(TickBatch.of([make_snapshot(make_stage(), 0)]))
     recorder.close("", "completed")
     assert list(tmp_path.iterdir()) == []
 
@@ -187,7 +191,7 @@ def test_a_later_part_is_laid_out_as_the_first(
         recorder = RerunRecorder(path, part=part)
         recorder.open(stage)
         for tick in range(begin, 421):
-            recorder.record(make_snapshot(stage, tick))
+            recorder.record(TickBatch.of([make_snapshot(stage, tick)]))
         recorder.close("", "completed")
     whole, later = (read(path) for path in paths)
     seams, tip = "/world/soft/seams", "/world/soft/tip_path"
@@ -205,7 +209,7 @@ def test_a_file_that_cannot_be_written_is_named(
     recorder = RerunRecorder(rrd)
     stage = make_stage()
     recorder.open(stage)
-    recorder.record(make_snapshot(stage, 0))
+    recorder.record(TickBatch.of([make_snapshot(stage, 0)]))
 
     def full(self: Any) -> None:
         raise RuntimeError("File-writer thread shut down prematurely")  # what Rerun says of a full disk

@@ -2,32 +2,29 @@
 
 from __future__ import annotations
 
-from dataclasses import fields, replace
+import copy
+import pickle
+from collections.abc import Callable
+from dataclasses import fields
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from cosim.base.frames import Array, Pose
+from cosim.base.frames import Array
+from cosim.base.state_archive import read_archive, write_archive
 from cosim.build.simulation import build
 from cosim.config.loading import load_scenario
 from cosim.coupling.soft_sides.shape_reader import MeshReader
-from cosim.telemetry.film_shape import FilmShape
+from cosim.telemetry.film_shape import FilmShape, UnreadFilmShape
 from cosim.telemetry.snapshot import Snapshot
 from tests.soft.bodies import hexagon_arm
 
-MADE_LATER = (
-    "node_position", "tip_position", "tip_direction", "sag_m", "volume_m3", "chamber_volume_m3",
-)  # fmt: skip
+READ_LATER = ("node_position", "tip_position", "tip_direction", "sag_m", "volume_m3", "chamber_volume_m3")
 
 
-def snapshot_of(shape: Any) -> Snapshot:
-    """Return a snapshot in which only what depends on the film's shape means something."""
-    given = {field.name: None for field in fields(Snapshot) if field.init}
-    return Snapshot(**(given | dict.fromkeys(MADE_LATER, shape)))
-
-
-def test_what_the_shape_decides_is_made_once_and_kept() -> None:
+def test_what_the_shape_decides_is_read_once() -> None:
     body, asked = hexagon_arm(2), 0
 
     def volumes(positions: Array) -> tuple[float, ...]:
@@ -35,23 +32,33 @@ def test_what_the_shape_decides_is_made_once_and_kept() -> None:
         asked += 1
         return 1e-3, 2e-3
 
-    snapshot = snapshot_of(FilmShape(MeshReader(body, volumes), body.positions, Pose()))
+    film = UnreadFilmShape(MeshReader(body, volumes), body.positions)
     assert asked == 0
-    assert snapshot.volume_m3 == pytest.approx(3e-3)
-    assert snapshot.chamber_volume_m3 == pytest.approx([1e-3, 2e-3])
-    assert snapshot.tip_position == pytest.approx(body.tip_position(body.positions))
-    assert snapshot.sag_m == pytest.approx(0.0, abs=1e-12)
-    assert snapshot.tip_position is snapshot.tip_position
+    assert film.chamber_volume_m3 == pytest.approx([1e-3, 2e-3])
+    assert film.tip_position == pytest.approx(body.tip_position(body.positions))
+    assert film.center_line_m == pytest.approx(np.linalg.norm(film.tip_position))
+    assert film.read().node_position is film.node_position
     assert asked == 1
-    copy = replace(snapshot, tick=2)
-    assert (copy.volume_m3, copy.kept_shape) == (snapshot.volume_m3, None)
 
 
-def test_a_name_that_does_not_exist_is_refused() -> None:
+@pytest.mark.parametrize("copied", [copy.deepcopy, lambda film: pickle.loads(pickle.dumps(film))])
+def test_copies_hold_the_values(copied: Callable[[Any], Any]) -> None:
     body = hexagon_arm(2)
-    for shape in (None, FilmShape(MeshReader(body, lambda _x: (1.0,)), body.positions, Pose())):
-        with pytest.raises(AttributeError, match="'Snapshot' object has no attribute 'third'"):
-            _ = snapshot_of(shape).third  # type: ignore[attr-defined]
+    film = UnreadFilmShape(MeshReader(body, lambda _x: (1.0,)), body.positions)
+    found = copied(film)
+    assert type(found) is FilmShape
+    for field in fields(FilmShape):
+        np.testing.assert_array_equal(getattr(found, field.name), getattr(film, field.name))
+
+
+def test_what_is_kept_goes_through_an_archive(tmp_path: Path) -> None:
+    snapshot = next(build(load_scenario("ur5e_hexagon_arm", {"fidelity": "rigid"})).steps())
+    with pytest.raises(TypeError, match=r"film is a UnreadFilmShape, which no saved state can hold"):
+        write_archive(tmp_path / "state", {}, snapshot)
+    write_archive(tmp_path / "state", {}, snapshot.kept())
+    found = read_archive(tmp_path / "state")
+    for name in READ_LATER:
+        np.testing.assert_array_equal(getattr(found, name), getattr(snapshot, name), err_msg=name)
 
 
 @pytest.mark.parametrize("fidelity", ["lumped", "rigid"])
@@ -62,10 +69,10 @@ def test_a_snapshot_asked_late_shows_its_own_tick(fidelity: str) -> None:
         for _ in range(6):
             snapshots.append(next(steps))
             if asked_at_once:
-                for name in MADE_LATER:
+                for name in READ_LATER:
                     getattr(snapshots[-1], name)
         return snapshots
 
     for early, late in zip(taken(True), taken(False), strict=True):
-        for name in MADE_LATER:
+        for name in READ_LATER:
             np.testing.assert_array_equal(getattr(early, name), getattr(late, name), err_msg=name)

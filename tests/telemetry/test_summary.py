@@ -13,6 +13,7 @@ import pytest
 
 from cosim.config.loading import load_scenario
 from cosim.telemetry.summary import SummaryBuilder, summary_markdown
+from cosim.telemetry.tick_batch import TickBatch
 
 DOCUMENT = Path(__file__).parents[2] / "docs" / "summary.md"
 
@@ -21,8 +22,8 @@ DOCUMENT = Path(__file__).parents[2] / "docs" / "summary.md"
 def summary(made_up_build: Callable[..., Any]) -> dict[str, Any]:
     simulation = made_up_build()(load_scenario("ur5e_hexagon_arm"))
     builder = SummaryBuilder(simulation.stage, startup_s=1.5, version="0")
-    for snapshot in simulation.steps():
-        builder.observe(snapshot)
+    for batch in simulation.batches():
+        builder.observe(batch)
     return builder.finish("completed", None, wall_s=0.01)
 
 
@@ -45,7 +46,7 @@ def test_power_that_vanishes_counts_like_power_that_appears(
         error_W = sign * 1e-6 * snapshot.tick
         entry = replace(snapshot.ledger, soft_power_W=-1.0 + error_W, power_size_W=2.0)
         assert entry.power_error_W == pytest.approx(error_W)
-        builder.observe(replace(snapshot, ledger=entry))
+        builder.observe(TickBatch.of([replace(snapshot, ledger=entry)]))
     summary = builder.finish("completed", None, 0.01)
     assert summary["max_interface_power_error_W"] == pytest.approx(25e-6)
     assert summary["max_interface_power_error"] == pytest.approx(12.5e-6)
@@ -67,7 +68,9 @@ def test_targets_appear_only_where_there_is_one(summary: dict[str, Any]) -> None
 def test_numbers_that_are_not_finite_become_null(made_up_build: Callable[..., Any]) -> None:
     simulation = made_up_build()(load_scenario("ur5e_hexagon_arm"))
     builder = SummaryBuilder(simulation.stage, 0.0, "0")
-    builder.observe(replace(next(simulation.steps()), sag_m=float("nan")))
+    first = next(simulation.steps())
+    lost = replace(first.film, center_line_m=float("nan"))
+    builder.observe(TickBatch.of([replace(first, film=lost)]))
     figures = builder.finish("failed", "InstabilityError: nan", 0.0)
     assert figures["phases"][0]["sag_m"] is None
     json.dumps(figures, allow_nan=False)

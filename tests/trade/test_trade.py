@@ -18,7 +18,8 @@ from cosim.cli.main import main
 from cosim.config.loading import load_scenario
 from cosim.config.schema.scenario import Scenario
 from cosim.errors import InputError
-from cosim.telemetry.snapshot import RunInfo, Snapshot
+from cosim.telemetry.snapshot import RunInfo
+from cosim.telemetry.tick_batch import TickBatch
 from cosim.trade.candidates import Candidate, candidates_of
 from cosim.trade.choice import Requirement, pareto_front, parse_budget, parse_force, parse_tolerance, pick
 from cosim.trade.commands import with_commands
@@ -235,13 +236,13 @@ def test_a_candidate_that_is_too_slow_is_stopped_by_name() -> None:
     assert not any(result.failure for result in measure(small(), candidates, build, slowest=0.0))
 
 
-def test_what_follows_a_run_sees_every_snapshot_and_ends_with_it() -> None:
+def test_what_follows_a_run_sees_every_tick_and_ends_with_it() -> None:
     seen: list[int] = []
 
     @contextmanager
-    def follow(_scenario: Scenario, stage: RunInfo) -> Iterator[Callable[[Snapshot], None]]:
+    def follow(_scenario: Scenario, stage: RunInfo) -> Iterator[Callable[[TickBatch], None]]:
         try:
-            yield lambda snapshot: seen.append(snapshot.tick)
+            yield lambda batch: seen.extend(batch.tick.tolist())
         finally:
             seen.append(-stage.ticks)
 

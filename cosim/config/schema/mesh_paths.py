@@ -5,10 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TypeVar
 
-from cosim.base.frozen import changed
 from cosim.base.resources import is_file, list_object_meshes, object_mesh_path
 from cosim.config.schema.objects import ObjectTable, SolidTable
-from cosim.config.toml.faults import UNKNOWN, Faults, guard
+from cosim.config.toml.faults import UNKNOWN, Faults, copy_with, guard
 from cosim.errors import ScenarioError
 
 Solid = TypeVar("Solid", ObjectTable, SolidTable)
@@ -37,15 +36,15 @@ def with_mesh_paths(
             here = _found(here, folder, path, faults)
             pairs = enumerate(entry.parts, start=1)
             parts = tuple(_found(part, folder, f"{path}.part.{k}", faults) for k, part in pairs)
-            here = changed(here, parts=parts)
+            here = copy_with(here, parts=parts)
         found.append(here)
     return tuple(found)
 
 
 def _found(entry: Solid, folder: Path, path: str, faults: Faults) -> Solid:
     with faults:
-        return entry if entry.file is None else changed(entry, file=_path(entry.file, folder, path))
-    unknown = changed(entry, file=UNKNOWN)
+        return entry if entry.file is None else copy_with(entry, file=_path(entry.file, folder, path))
+    unknown = copy_with(entry, file=UNKNOWN)
     guard(unknown)
     return unknown
 

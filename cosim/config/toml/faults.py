@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import is_dataclass
 from functools import cache
 from types import TracebackType
-from typing import Any, Final, TypeAlias, final
+from typing import Any, Final, TypeAlias, TypeVar, final
 
 from cosim.errors import ScenarioError
 
+T = TypeVar("T")
 Fault: TypeAlias = tuple[str, str]
 """Path of a key, and what is wrong with it."""
 
@@ -39,6 +41,14 @@ def guard(value: Any) -> None:
             guard(item)
         if any(item is UNKNOWN for item in held):
             object.__setattr__(value, "__class__", _guarded(type(value)))  # type: ignore[arg-type]
+
+
+def copy_with(instance: T, **changes: Any) -> T:
+    """Return a copy of a dataclass with other values in some fields; the others may hold UNKNOWN."""
+    found = copy(instance)
+    for name, value in changes.items():
+        object.__setattr__(found, name, value)
+    return found
 
 
 @cache

@@ -13,19 +13,13 @@ import numpy as np
 
 from cosim.base.frames import Array, Pose
 from cosim.coupling.batch.added_inertia import AddedInertiaRow
-from cosim.coupling.batch.batch_kernel import (
-    ALL_DONE,
-    RIGID_SIDE_WARNS,
-    SOFT_STEP_LEFT,
-    Commands,
-    Ticks,
-    advance_ticks,
-)
-from cosim.coupling.batch.lockstep import Lockstep, Servos, TickBatch
+from cosim.coupling.batch.batch_arrays import Commands, Ticks
+from cosim.coupling.batch.batch_kernel import ALL_DONE, RIGID_SIDE_WARNS, SOFT_STEP_LEFT, advance_ticks
+from cosim.coupling.batch.lockstep import Lockstep, LockstepProgress, Servos
 from cosim.coupling.schemes.ledger import LedgerEntry
 from cosim.coupling.schemes.momentum_balance import NOTHING, TransferredLoads, six_numbers
 from cosim.coupling.schemes.staggered import StaggeredCoupling
-from cosim.coupling.soft_sides.chain_reader import ChainRows
+from cosim.coupling.soft_sides.chain_reader import ChainShapes
 from cosim.coupling.soft_sides.section_arm import SectionArm
 from cosim.reduced.sections.outputs import FIGURES, supplied_wrench
 from cosim.reduced.sections.pressure_spline import TERMS
@@ -51,7 +45,7 @@ class SectionLockstep(Lockstep):
         self, coupling: StaggeredCoupling, native: NativeScene, soft: SectionArm, mounted: Array
     ) -> None:
         self._coupling, self._native, self._soft, self._mounted = coupling, native, soft, mounted
-        self._reader, self._lost = soft.shape_reader(), 0.0
+        self._lost = 0.0
 
     @classmethod
     def of(cls, coupling: object, soft: object, mounted: Array) -> SectionLockstep | None:
@@ -79,7 +73,7 @@ class SectionLockstep(Lockstep):
             self._soft.stepper.segment_tensions(tension),
         )  # fmt: skip
 
-    def advance(self, commands: Commands, loads: Sequence[Loads]) -> TickBatch:
+    def advance(self, commands: Commands, loads: Sequence[Loads]) -> LockstepProgress:
         interface, count = self._coupling.interface, len(loads)
         interface.scene.check()
         ticks = self._empty(count)
@@ -98,8 +92,8 @@ class SectionLockstep(Lockstep):
         if broken and not done:
             interface.scene.check()
         pressure = commands.pressure[:done]
-        shapes = ChainRows(self._reader, ticks.motion[2 : done + 2, 0], pressure)
-        return TickBatch(ticks, shapes, pressure, done, half_done, broken, ratio, carried)
+        shapes = ChainShapes(ticks.motion[2 : done + 2, 0], pressure)
+        return LockstepProgress(ticks, shapes, pressure, done, half_done, broken, ratio, carried)
 
     def _advance(
         self, ticks: Ticks, commands: Commands, loads: Sequence[Loads], carried: AddedInertiaRow

@@ -6,109 +6,20 @@ step with the flange's new pose and returns the next wrench.
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 from numba import types
 
-from cosim.base.frames import Array, IntArray
-from cosim.base.kernels import BLOCKS, BOOLEAN, INDICES, MATRIX, REAL, VECTOR, device_function, kernel
-from cosim.coupling.batch.added_inertia import AddedInertiaRow
+from cosim.base.kernels import BOOLEAN, REAL, VECTOR, device_function, kernel
+from cosim.coupling.batch.batch_arrays import CARRIED, COMMANDS, TICKS
 from cosim.coupling.schemes.momentum_balance import LEVER_M, SMALLEST_N
 from cosim.reduced.sections.outputs import CENTER, INERTIA, WRENCH
 from cosim.reduced.sections.pressure_spline import weighted_rows
-from cosim.reduced.sections.section_strains import CUBE
 from cosim.reduced.solve.arrays import CHAIN_ARRAYS
 from cosim.reduced.solve.implicit_step import FREE_FLIGHT, implicit_step
 from cosim.rigid.scene.native import BEGIN, FACTORISE, FINISH, NATIVE_SCENE, call_step
 
-_MOTIONS = types.Array(types.float64, 5, "C")
-
 ALL_DONE, SOFT_STEP_LEFT, RIGID_SIDE_WARNS = 0, 1, 2
 """How a row of ticks ended; with the second, the tick's rigid half is done."""
-
-
-class Commands(NamedTuple):
-    """What is asked for in each of n ticks.
-
-    Args:
-        position: (n, joints) [rad].
-        velocity: (n, joints) [rad/s].
-        torque: (n, joints) [N m], feedforward without payload.
-        by_payload: (n, joints, 10), its derivative by the payload's `inertial_parameters`; of none: zero.
-        pressure: (n,) [Pa].
-        first: (n,), first of the spline's functions that are not zero at that pressure.
-        weights: (n, TERMS), their values.
-        tension: (n, k) [N], of all cable segments.
-    """
-
-    position: Array
-    velocity: Array
-    torque: Array
-    by_payload: Array
-    pressure: Array
-    first: IntArray
-    weights: Array
-    tension: Array
-
-    def rows(self, first: int, end: int) -> Commands:
-        """Return what is asked for in some of the ticks."""
-        return Commands(*(array[first:end] for array in self))  # type: ignore[arg-type]
-
-
-class Ticks(NamedTuple):
-    """What n ticks leave; of some there is one row more, the first of which is there before.
-
-    Args:
-        motion: (n + 2, 2, f, 4, 3), of the chain, from the step before the last one on.
-        gradient: (n, f, 6).
-        figures: (n + 1, FIGURES), of the chain.
-        origin: (n + 1, 3) [m], of the flange.
-        axes: (n + 1, 3, 3), world from flange.
-        twist: (n, 6), of the flange's origin, linear then angular, world axes.
-        handed: (n + 1, 7), the wrench about the world's origin, and its size [N].
-        joints: (n, joints) [rad].
-        joint_speed: (n, joints) [rad/s].
-        servo_torque: (n, joints) [N m].
-        places: (n, bodies, 3) [m].
-        quaternions: (n, bodies, 4).
-        power: (n, 3) [W], received by the rigid side, taken in by the soft one, and the size of such a power.
-        momentum_error: (n,), see `LedgerEntry`.
-        residual: (n,) [N].
-        iterations: (n,).
-    """
-
-    motion: Array
-    gradient: Array
-    figures: Array
-    origin: Array
-    axes: Array
-    twist: Array
-    handed: Array
-    joints: Array
-    joint_speed: Array
-    servo_torque: Array
-    places: Array
-    quaternions: Array
-    power: Array
-    momentum_error: Array
-    residual: Array
-    iterations: IntArray
-
-    def from_on(self, first: int) -> Ticks:
-        """Return the rows of a tick and all after it."""
-        return Ticks(*(array[first:] for array in self))  # type: ignore[arg-type]
-
-
-_CARRIED = types.NamedTuple((MATRIX, VECTOR, MATRIX), AddedInertiaRow)
-_COMMANDS = types.NamedTuple((MATRIX, MATRIX, MATRIX, BLOCKS, VECTOR, INDICES, MATRIX, MATRIX), Commands)
-_TICKS = types.NamedTuple(
-    (
-        _MOTIONS, CUBE, MATRIX, MATRIX, CUBE, MATRIX, MATRIX, MATRIX, MATRIX, MATRIX, CUBE, CUBE, MATRIX,
-        VECTOR, VECTOR, INDICES,
-    ),
-    Ticks,
-)  # fmt: skip
 
 
 @device_function
@@ -255,7 +166,7 @@ def _set_pressure(chain, commands, k):  # type: ignore[no-untyped-def]
 
 @kernel(
     types.Tuple((types.int64, types.int64, types.boolean))(
-        types.int64, NATIVE_SCENE, _CARRIED, VECTOR, REAL, _COMMANDS, CHAIN_ARRAYS, _TICKS, REAL, REAL,
+        types.int64, NATIVE_SCENE, CARRIED, VECTOR, REAL, COMMANDS, CHAIN_ARRAYS, TICKS, REAL, REAL,
         BOOLEAN, BOOLEAN, BOOLEAN, types.int64,
     )
 )  # fmt: skip

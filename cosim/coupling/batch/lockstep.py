@@ -5,12 +5,11 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import final
+from typing import Any, final
 
 from cosim.base.frames import Array, Mask
-from cosim.coupling.batch.batch_kernel import Commands, Ticks
+from cosim.coupling.batch.batch_arrays import Commands, Ticks
 from cosim.coupling.schemes.ledger import LedgerEntry
-from cosim.coupling.soft_sides.shape_reader import ShapeRows
 from cosim.soft.body.loads import Loads
 
 
@@ -34,12 +33,12 @@ class Servos:
 
 @final
 @dataclass(frozen=True)
-class TickBatch:
-    """Ticks that were taken in a row.
+class LockstepProgress:
+    """How far a lockstep has come in one call, and what its ticks have left.
 
     Args:
         ticks: what they leave; rows beyond the last one hold nothing.
-        shapes: of the film in the ticks done.
+        shapes: (done,) of the film, each as `SoftSide.shape_now` returns it.
         pressure_Pa: (done,), gauge.
         done: how many.
         half_done: whether the next one waits for `Lockstep.finish_tick`.
@@ -49,7 +48,7 @@ class TickBatch:
     """
 
     ticks: Ticks
-    shapes: ShapeRows
+    shapes: Sequence[Any]
     pressure_Pa: Array
     done: int
     half_done: bool
@@ -66,7 +65,7 @@ class Lockstep(ABC):
         """Return what is asked for in n ticks; None where the loads are more than pressure and tensions."""
 
     @abstractmethod
-    def advance(self, commands: Commands, loads: Sequence[Loads]) -> TickBatch:
+    def advance(self, commands: Commands, loads: Sequence[Loads]) -> LockstepProgress:
         """Advance by n ticks, or fewer where a soft step is left or the rigid side breaks down.
 
         Args:

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import final
 
 from cosim.base.frames import Array, Wrench
-from cosim.base.frozen import changed
 from cosim.coupling.contact.added_mass_free import BodyMass, BodyMassState
 from cosim.coupling.contact.contact_exchange import ContactExchange, ContactState
 from cosim.coupling.contact.contact_report import NOTHING_TOUCHED, ContactReport
@@ -159,7 +158,7 @@ class Interface:
         scene, soft, flange = self.scene, self.soft, self.scene.flange_pose
         if self.contact is not None:
             planes = self.contact.find(soft.state, scene.tick_s)
-            loads = loads if planes is None else changed(loads, contact=planes)
+            loads = loads if planes is None else replace(loads, contact=planes)
         if aim is None:
             reply = soft.advance(flange, loads, scene.tick_s)
         else:

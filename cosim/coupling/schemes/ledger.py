@@ -6,13 +6,11 @@ from dataclasses import dataclass
 from typing import Literal, TypeAlias, final
 
 from cosim.base.frames import Wrench
-from cosim.base.frozen import quickly_made
 
 Scheme: TypeAlias = Literal["staggered", "iterated"]
 
 
 @final
-@quickly_made
 @dataclass(frozen=True)
 class LedgerEntry:
     """What the interface exchanged in one tick.

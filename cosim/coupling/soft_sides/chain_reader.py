@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
-from typing import final
+from typing import final, overload
 
 import numpy as np
 
 from cosim.base.frames import Array
-from cosim.coupling.soft_sides.shape_reader import Rows, ShapeFigures, ShapeReader, ShapeRows
+from cosim.coupling.soft_sides.shape_figures import ShapeFigures
+from cosim.coupling.soft_sides.shape_reader import ShapeReader, figures_at
 from cosim.reduced.section_model import SectionBody
 from cosim.soft.body.center_line import hole_rings
 
@@ -51,52 +51,41 @@ class ChainReader(ShapeReader):
 
     def figures(self, shapes: Sequence[ChainShape]) -> ShapeFigures:
         """Return the figures; see `ShapeReader.figures`."""
-        return self.figures_of(*_stacked(shapes))
-
-    def figures_of(self, frames: Array, pressure_Pa: Array) -> ShapeFigures:
-        """Return the figures of chains with frames (k, f, 4, 3) at pressures (k,) [Pa]."""
+        frames, pressure_Pa = _stacked(shapes)
         found = self._section.points(frames, pressure_Pa, self._weights, self._before)
         volumes = self._section.volumes(frames, pressure_Pa)
-        return ShapeFigures.of(found, self._tip, volumes[:, None])
-
-    def films_of(self, frames: Array, pressure_Pa: Array) -> Array:
-        """Return the film's nodes (k, n, 3) [m] on chains with frames (k, f, 4, 3) at pressures (k,) [Pa]."""
-        return self._section.films(frames, pressure_Pa)
-
-
-def _stacked(shapes: Sequence[ChainShape]) -> tuple[Array, Array]:
-    """Return frames (k, f, 4, 3) and pressures (k,) of some shapes."""
-    frames = np.concatenate([shape.frames for shape in shapes]).reshape(len(shapes), -1, 4, 3)
-    return frames, np.array([shape.pressure_Pa for shape in shapes])
+        return figures_at(found, self._tip, volumes[:, None])
 
 
 @final
-class ChainRows(ShapeRows):
-    """Shapes of a section arm.
+class ChainShapes(Sequence[ChainShape]):
+    """Shapes of some ticks in a row, in arrays that nothing changes any more.
 
     Args:
-        reader: of the arm.
         frames: (k, f, 4, 3).
         pressure_Pa: (k,), gauge.
     """
 
-    def __init__(self, reader: ChainReader, frames: Array, pressure_Pa: Array) -> None:
-        self._reader, self._pressure_Pa = reader, np.ascontiguousarray(pressure_Pa)
-        self._frames = np.ascontiguousarray(frames)
+    def __init__(self, frames: Array, pressure_Pa: Array) -> None:
+        self.frames, self.pressure_Pa = np.ascontiguousarray(frames), np.ascontiguousarray(pressure_Pa)
 
-    @property
-    def reader(self) -> ChainReader:
-        return self._reader
+    def __len__(self) -> int:
+        return len(self.frames)
 
-    def shape(self, row: int) -> ChainShape:
-        return ChainShape(self._frames[row].copy(), float(self._pressure_Pa[row]))
+    @overload
+    def __getitem__(self, row: int) -> ChainShape: ...
+    @overload
+    def __getitem__(self, row: slice) -> ChainShapes: ...
+    def __getitem__(self, row: int | slice) -> ChainShape | ChainShapes:
+        """Return a shape, in arrays of its own, or some."""
+        if isinstance(row, slice):
+            return ChainShapes(self.frames[row], self.pressure_Pa[row])
+        return ChainShape(self.frames[row].copy(), float(self.pressure_Pa[row]))
 
-    def films(self, rows: Rows) -> Array:
-        return self._reader.films_of(self._frames[rows], self._pressure_Pa[rows])
 
-    def figures(self, rows: Rows) -> ShapeFigures:
-        return self._figures.of_rows(rows)
-
-    @cached_property
-    def _figures(self) -> ShapeFigures:
-        return self._reader.figures_of(self._frames, self._pressure_Pa)  # of all, as most will be asked for
+def _stacked(shapes: Sequence[ChainShape]) -> tuple[Array, Array]:
+    """Return frames (k, f, 4, 3) and pressures (k,) of some shapes."""
+    if isinstance(shapes, ChainShapes):
+        return shapes.frames, shapes.pressure_Pa
+    frames = np.concatenate([shape.frames for shape in shapes]).reshape(len(shapes), -1, 4, 3)
+    return frames, np.array([shape.pressure_Pa for shape in shapes])

@@ -4,66 +4,29 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from typing import Any, TypeAlias, final
+from typing import Any, final
 
 import numpy as np
 
-from cosim.base.frames import Array, IntArray
+from cosim.base.frames import Array
+from cosim.coupling.soft_sides.shape_figures import ShapeFigures
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.center_line import hole_rings, ring_figures
 
-Rows: TypeAlias = slice | IntArray
-"""Some rows of an array."""
 
-
-@final
-@dataclass(frozen=True)
-class ShapeFigures:
-    """Figures of k shapes.
+def figures_at(points: Array, nodes: int, volumes_m3: Array) -> ShapeFigures:
+    """Return the figures of k shapes.
 
     Args:
-        tip_position: (k, 3) [m], mean of the last hole ring.
-        tip_direction: (k, 3), unit normal of the last hole ring, away from the base.
-        center_line_m: (k,), length of the polyline through the centres of the hole rings.
+        points: (k, nodes + rings, 3) [m], the tip ring in order, then the centres of the hole rings from
+            base to tip.
+        nodes: of the tip ring.
         volumes_m3: (k, chambers).
     """
-
-    tip_position: Array
-    tip_direction: Array
-    center_line_m: Array
-    volumes_m3: Array
-
-    @classmethod
-    def of(cls, points: Array, nodes: int, volumes_m3: Array) -> ShapeFigures:
-        """Return the figures of tip and center line.
-
-        Args:
-            points: (k, nodes + rings, 3) [m], the tip ring in order, then the centres of the hole rings from
-                base to tip.
-            nodes: of the tip ring.
-            volumes_m3: (k, chambers).
-        """
-        count = len(points)
-        center, normal, length = np.empty((count, 3)), np.empty((count, 3)), np.empty(count)
-        ring_figures(points, nodes, center, normal, length)
-        return cls(center, normal, length, volumes_m3)
-
-    def of_rows(self, rows: Rows) -> ShapeFigures:
-        """Return the figures of some of the shapes."""
-        return ShapeFigures(
-            self.tip_position[rows], self.tip_direction[rows], self.center_line_m[rows], self.volumes_m3[rows]
-        )
-
-    def sag_m(self, origin: Array, axis: Array) -> Array:
-        """Return how far each tip is from where it would be on a straight line of the same length (k,) [m].
-
-        Args:
-            origin: (k, 3) [m], where the lines begin.
-            axis: (k, 3), unit vectors along them.
-        """
-        away = self.tip_position - origin - self.center_line_m[:, None] * axis
-        return np.asarray(np.sqrt((away * away).sum(axis=1)))
+    count = len(points)
+    center, normal, length = np.empty((count, 3)), np.empty((count, 3)), np.empty(count)
+    ring_figures(points, nodes, center, normal, length)
+    return ShapeFigures(center, normal, length, volumes_m3)
 
 
 class ShapeReader(ABC):
@@ -80,27 +43,6 @@ class ShapeReader(ABC):
     @abstractmethod
     def figures(self, shapes: Sequence[Any]) -> ShapeFigures:
         """Return the figures of some shapes, at least one."""
-
-
-class ShapeRows(ABC):
-    """Shapes of some ticks in a row, one row each, in arrays that nothing changes any more."""
-
-    @property
-    @abstractmethod
-    def reader(self) -> ShapeReader:
-        """What reads each shape by itself."""
-
-    @abstractmethod
-    def shape(self, row: int) -> Any:
-        """Return the shape in a row for the reader, in arrays of its own."""
-
-    @abstractmethod
-    def films(self, rows: Rows) -> Array:
-        """Return the film's nodes (k, n, 3) [m] of some rows, at least one."""
-
-    @abstractmethod
-    def figures(self, rows: Rows) -> ShapeFigures:
-        """Return the figures of some rows, at least one."""
 
 
 @final
@@ -128,4 +70,4 @@ class MeshReader(ShapeReader):
         tip = np.stack([shape[self._tip] for shape in shapes])
         centers = np.stack([shape[self._rings] for shape in shapes]).mean(axis=2)
         volumes = np.array([self._volumes(shape) for shape in shapes])
-        return ShapeFigures.of(np.concatenate([tip, centers], axis=1), tip.shape[1], volumes)
+        return figures_at(np.concatenate([tip, centers], axis=1), tip.shape[1], volumes)

@@ -8,7 +8,6 @@ from typing import final
 import numpy as np
 
 from cosim.base.frames import Array, Pose
-from cosim.base.frozen import quickly_made
 from cosim.errors import ConvergenceError
 from cosim.reduced.sections.outputs import FIGURES
 from cosim.reduced.solve.arrays import ChainArrays
@@ -26,7 +25,6 @@ from cosim.soft.solve.time_scheme import StepAim, StepOptions, inertia_weight
 
 
 @final
-@quickly_made
 @dataclass(frozen=True)
 class ChainStep:
     """Where a step ended.

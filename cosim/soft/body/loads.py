@@ -8,7 +8,6 @@ from typing import Annotated, Protocol, final
 import numpy as np
 
 from cosim.base.frames import Array
-from cosim.base.frozen import changed
 from cosim.errors import InputError
 from cosim.soft.body.gas_chamber import Gases, gas_between, of_each, pressure_between
 from cosim.soft.contact.obstacle_contact import ContactPlanes
@@ -159,11 +158,12 @@ class LoadRamp:
         if not self._changing <= _RAMPED:
             return begin.interpolated(end, share)
         pulls = zip(begin.cable_tension_N, end.cable_tension_N, strict=True)
-        return changed(
-            end,
-            pressure_Pa=pressure_between(begin.pressure_Pa, end.pressure_Pa, share),
-            cable_tension_N=tuple([(1.0 - share) * first + share * last for first, last in pulls]),
-        )
+        pressure = pressure_between(begin.pressure_Pa, end.pressure_Pa, share)
+        tension = tuple([(1.0 - share) * first + share * last for first, last in pulls])
+        return Loads(
+            pressure, tension, end.gravity, end.nodal_force, end.gas, end.contact, end.cable_length_m,
+            end.self_contact, end.extra,
+        )  # fmt: skip
 
 
 def _same(first: object, last: object) -> bool:

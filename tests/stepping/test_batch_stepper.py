@@ -1,4 +1,4 @@
-"""Ticks taken in a row, in one kernel, are those that are taken one by one."""
+"""Ticks taken together, in one kernel, are those that are taken one by one."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cosim.app.driver import Options, build_simulation, drive, execute
+from cosim.app.driver import Options, Runnable, build_simulation, drive, execute
 from cosim.app.first_run import with_fidelity_chosen
 from cosim.app.simulation import Simulation
 from cosim.build import section_cache as section_model
@@ -21,7 +21,9 @@ from cosim.coupling.batch.batch import SectionLockstep
 from cosim.coupling.batch.batch_kernel import advance_ticks
 from cosim.coupling.schemes.staggered import StaggeredCoupling
 from cosim.errors import ConvergenceError, InputError, InstabilityError
+from cosim.stepping.stepped_run import SteppedRun
 from cosim.telemetry.snapshot import Snapshot
+from cosim.telemetry.tick_batch import TickBatch
 from tests.small_section import ROBOT, on_a_ur5e, section
 from tests.stepping.snapshots import assert_close
 
@@ -61,8 +63,19 @@ def scenario(path: Path, **changes: Any) -> Scenario:
     return with_fidelity_chosen(load_scenario(path, overrides), lambda _text: None)
 
 
+def together(run: Runnable, many: int = 64, most: int | None = None) -> list[Snapshot]:
+    """Return ticks of which many were taken together."""
+    return [snapshot for batch in run.batches(many, most=most) for snapshot in batch]
+
+
+def taken_together(run: Any, most: int | None = None) -> list[int]:
+    """Return the ticks that the kernel takes."""
+    taken = [ticks for ticks in run._taken(64, most) if isinstance(ticks, TickBatch)]
+    return [tick for batch in taken for tick in batch.tick.tolist()]
+
+
 def one_by_one(wanted: Scenario) -> list[Snapshot]:
-    """Return all ticks without rows."""
+    """Return all ticks without the kernel."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(SectionLockstep, "of", lambda *_: None)
         return list(build_simulation(wanted).steps())
@@ -81,22 +94,22 @@ def one_by_one(wanted: Scenario) -> list[Snapshot]:
 def test_rows_are_ticks(path: Path, changes: dict[str, Any]) -> None:
     """Up to rounding: the torque of a payload is summed in another order."""
     wanted = scenario(path, **changes)
-    rows, ticks = list(build_simulation(wanted).steps(64)), one_by_one(wanted)
-    assert sum(snapshot.kept_row is not None for snapshot in rows) == len(rows) - 1
-    assert not any(snapshot.kept_row for snapshot in ticks)
+    run = build_simulation(wanted)
+    rows, ticks = together(run), one_by_one(wanted)
+    assert taken_together(build_simulation(wanted)) == list(range(1, run.stage.ticks + 1))
     assert np.ptp([snapshot.tip_position for snapshot in ticks], axis=0).max() > 1e-3
     assert_close(rows, ticks, 1e-9)
 
 
 def test_what_may_be_touched_goes_tick_by_tick(path: Path) -> None:
     wanted = scenario(path, contact__only_in_reach=False)
-    assert not any(snapshot.kept_row for snapshot in islice(build_simulation(wanted).steps(64), 3))
+    assert not taken_together(build_simulation(wanted), 3)
 
 
 def test_sealed_gas_goes_tick_by_tick(path: Path) -> None:
     wanted = scenario(path, phase__hold__gas="sealed", contact__enabled=False)
-    rows, ticks = list(build_simulation(wanted).steps(64)), one_by_one(wanted)
-    assert {snapshot.phase for snapshot in rows[1:] if snapshot.kept_row} == {0}
+    rows, ticks = together(build_simulation(wanted)), one_by_one(wanted)
+    assert {rows[tick].phase for tick in taken_together(build_simulation(wanted))} == {0}
     assert rows[-1].pressure_Pa != 25e3
     assert_close(rows, ticks, 1e-9)
 
@@ -106,14 +119,14 @@ def test_commanded_cables_go_tick_by_tick(path: Path, tmp_path: Path) -> None:
     names = load_scenario(path).soft_robot.cable_names()
     (tmp_path / "short.toml").write_text(text.replace("cable_1", names[0]), encoding="utf-8")
     wanted = scenario(tmp_path / "short.toml")
-    assert not any(snapshot.kept_row for snapshot in islice(build_simulation(wanted).steps(64), 50))
+    assert not taken_together(build_simulation(wanted), 50)
 
 
 def test_devices_act_tick_by_tick(path: Path) -> None:
     run: Any = build_simulation(scenario(path))
     run._parts.actuation.active = True  # as with a controller of tensions, which leaves the loads plain
     run._parts.actuation.report = lambda *_: None
-    assert not any(snapshot.kept_row for snapshot in islice(run.steps(64), 3))
+    assert not taken_together(run, 3)
 
 
 def test_rows_know_what_is_mounted(path: Path, tmp_path: Path) -> None:
@@ -121,8 +134,8 @@ def test_rows_know_what_is_mounted(path: Path, tmp_path: Path) -> None:
     text = SCENARIO.replace(ROBOT, ROBOT.replace("{ file", f"{{ {palm}, file", 1))
     (tmp_path / "palm.toml").write_text(text, encoding="utf-8")
     wanted = scenario(tmp_path / "palm.toml")
-    rows, ticks = list(build_simulation(wanted).steps(64)), one_by_one(wanted)
-    assert rows[-1].kept_row is not None
+    rows, ticks = together(build_simulation(wanted)), one_by_one(wanted)
+    assert taken_together(build_simulation(wanted))
     assert_close(rows, ticks, 1e-9)
 
 
@@ -131,7 +144,7 @@ def test_rows_carry_algorithmic_mass(path: Path, integrator: str) -> None:
     wanted = scenario(path, clock__tick_s=0.0005, solver__integrator=integrator)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("cosim.stepping.arm_carrier.StaggeredCoupling", _always_carrying)
-        rows, ticks = list(build_simulation(wanted).steps(64)), one_by_one(wanted)
+        rows, ticks = together(build_simulation(wanted)), one_by_one(wanted)
     assert set(advance_ticks.signatures) == {advance_ticks.fixed_signature.args}  # compiled for no others
     assert all(snapshot.ledger.algorithmic_mass for snapshot in rows[1:])
     assert_close(rows, ticks, 1e-9)
@@ -144,40 +157,43 @@ def _always_carrying(interface: Any) -> Any:
 @pytest.mark.parametrize(("ahead", "integrator"), [(1, "bdf2"), (7, "bdf2"), (7, "implicit_euler")])
 def test_how_many_ticks_go_in_a_row_changes_no_bit(path: Path, ahead: int, integrator: str) -> None:
     wanted = scenario(path, solver__integrator=integrator)
-    few, many = list(build_simulation(wanted).steps(ahead)), list(build_simulation(wanted).steps(64))
+    few, many = together(build_simulation(wanted), ahead), together(build_simulation(wanted))
     assert_close(few, many, 0.0)
 
 
 def test_a_soft_step_that_is_left_is_finished(path: Path) -> None:
     """A jump of the pressure in long ticks: free flight leaves the range of the model."""
     wanted = scenario(path, clock__tick_s=0.005, phase__turn__ramp="step", phase__turn__pressure_Pa=40e3)
-    rows, ticks = list(build_simulation(wanted).steps(64)), one_by_one(wanted)
-    left = [snapshot.tick for snapshot in rows[1:] if snapshot.kept_row is None]
+    rows, ticks = together(build_simulation(wanted)), one_by_one(wanted)
+    left = set(range(1, len(rows))) - set(taken_together(build_simulation(wanted)))
     assert 1 < len(left) < len(rows) - 1
     assert_close(rows, ticks, 1e-9)
 
 
 def test_nothing_is_saved_ahead_of_what_is_shown(path: Path) -> None:
     run: Any = build_simulation(scenario(path))
-    steps = run.steps(8)
-    list(islice(steps, 4))
-    assert not run.saves_now
-    with pytest.raises(InputError, match="later ticks than 3 have been taken"):
-        run.save_state()
-    list(islice(steps, 5))
+    batches = run.batches(8)
+    assert [len(batch) for batch in islice(batches, 2)] == [1, 8]
     assert run.saves_now
+    run._batches.half_done = run.plan.loads
+    with pytest.raises(InputError, match="a later tick than 8 has been begun"):
+        run.save_state()
+    run._batches.half_done = None
     saved = run.save_state()
-    rest = list(steps)
+    rest = [snapshot for batch in batches for snapshot in batch]
     run.restore_state(saved)
-    assert_close(list(run.steps(3)), rest, 0.0)
+    assert_close(together(run, 3), rest, 0.0)
 
 
-def test_a_run_stopped_within_a_row_goes_on_bit_for_bit(path: Path, tmp_path: Path) -> None:
+def test_a_run_stopped_within_a_phase_goes_on_bit_for_bit(
+    path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     wanted, seen = scenario(path), []
+    monkeypatch.setattr(SteppedRun.batches, "__defaults__", (4, None))
 
     def stop() -> str | None:
         seen.append(None)
-        return "enough" if len(seen) == 13 else None
+        return "enough" if len(seen) == 4 else None
 
     whole = execute(wanted, build_simulation, Options(tmp_path / "whole"), 0.0)
     stopped = execute(wanted, build_simulation, Options(tmp_path / "part", stop=stop), 0.0)
@@ -191,12 +207,12 @@ def test_a_rigid_side_that_blows_up_is_named(path: Path) -> None:
     run: Any = build_simulation(scenario(path))
     shown: list[int] = []
 
-    def observe(snapshot: Snapshot) -> None:
-        shown.append(snapshot.tick)
-        if snapshot.tick == 8:
+    def observe(batch: TickBatch) -> None:
+        shown.extend(batch.tick.tolist())
+        if shown[-1] == 8:
             run._parts.carrier._scene._data.qvel[0] = np.nan
 
-    ending = drive(run.steps(8), [observe], lambda: None)
+    ending = drive(run.batches(8), [observe], lambda: None)
     assert isinstance(ending.error, InstabilityError)
     assert shown == list(range(9))
 
@@ -205,11 +221,11 @@ def test_the_flange_sensor_shows_the_last_tick(path: Path) -> None:
     """Its axes are those at the beginning of the tick."""
     wanted = scenario(path)
     row: Any = build_simulation(wanted)
-    list(row.steps(64, 21))
+    together(row, most=21)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(SectionLockstep, "of", lambda *_: None)
         ticks: Any = build_simulation(wanted)
-        list(ticks.steps(1, 21))
+        list(ticks.steps(21))
     found, expected = (run._parts.carrier._scene.flange.measured for run in (row, ticks))
     np.testing.assert_allclose(found, expected, atol=1e-9)
 
@@ -255,17 +271,17 @@ def test_a_soft_step_without_solution_leaves_the_state_before_it(path: Path, tmp
 
 def test_as_many_states_are_yielded_as_asked_for(path: Path) -> None:
     run = build_simulation(scenario(path))
-    first = list(run.steps(64, 5))
+    first = together(run, most=5)
     assert [snapshot.tick for snapshot in first] == list(range(5))
     assert run.saves_now  # none was taken beyond
-    assert [snapshot.tick for snapshot in run.steps(3, 4)] == [5, 6, 7, 8]
+    assert [snapshot.tick for snapshot in together(run, 3, 4)] == [5, 6, 7, 8]
     assert run.saves_now
-    assert len(list(run.steps(64))) == run.stage.ticks - 8
+    assert len(together(run)) == run.stage.ticks - 8
 
 
 def test_stepping_by_hand_is_running(path: Path) -> None:
     wanted = scenario(path)
-    whole, simulation = list(build_simulation(wanted).steps(64)), Simulation(wanted)
+    whole, simulation = together(build_simulation(wanted)), Simulation(wanted)
     for ticks in (1, 20, 1, 30):
         simulation.step(ticks)
         assert_close([simulation.snapshot], [whole[simulation.snapshot.tick]], 0.0)

@@ -1,10 +1,9 @@
-"""Ticks of a phase in a row: what the lockstep is asked for, worked out for many ticks, and what it shows."""
+"""Many ticks of a phase in one call: what the lockstep is asked for, and what it shows."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
-from typing import TYPE_CHECKING, final
+from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 
@@ -17,18 +16,18 @@ from cosim.soft.body.loads import Loads
 from cosim.stepping.parts import Parts
 from cosim.stepping.stepped_run import Cursor
 from cosim.stepping.tick_references import TickReferences
-from cosim.telemetry.snapshot import Snapshot
-from cosim.telemetry.tick_columns import TickColumns
+from cosim.telemetry.film_shape import FilmShapes
+from cosim.telemetry.tick_batch import TickBatch
 
 if TYPE_CHECKING:  # a scene without an arm does not wait for MuJoCo
     from cosim.base.link_contact import LinkContact
-    from cosim.coupling.batch.batch_kernel import Commands, Ticks
-    from cosim.coupling.batch.lockstep import Lockstep, TickBatch
+    from cosim.coupling.batch.batch_arrays import Commands, Ticks
+    from cosim.coupling.batch.lockstep import Lockstep, LockstepProgress
 
 
 @final
-class TickRows:
-    """Takes ticks of one phase in rows, as many at once as the exchange allows.
+class BatchStepper:
+    """Takes ticks of one phase, as many at once as the exchange allows.
 
     Args:
         parts: of the run.
@@ -53,8 +52,10 @@ class TickRows:
         self.broken = False
         """Whether the rigid side has become unstable in the tick to come."""
 
-    def take(self, to: Cursor, most: int) -> Sequence[Snapshot] | None:
-        """Take ticks; return their snapshots, or None where a tick needs more than the lockstep does.
+    def take(self, to: Cursor, most: int) -> TickBatch | None:
+        """Take ticks; return them, or None where a tick needs more than the lockstep does.
+
+        A batch is empty where only the rigid half of a tick could be taken.
 
         Args:
             to: where the first tick ends.
@@ -68,17 +69,13 @@ class TickRows:
         if self._commands is None:
             return None
         stop = min(place + most, len(self._loads))
-        commands = self._commands.rows(place, stop)
         loads = self._loads[place:stop]
-        row = self._lockstep.advance(commands, loads)
-        self.broken = row.broken
-        if row.half_done:
-            self.half_done = loads[row.done]
-        if not row.done:
-            return ()
-        spent = (time.perf_counter() - began) / row.done
-        columns = self._columns(row, to, place, spent)
-        return [Snapshot.of_row(columns, k) for k in range(row.done)]
+        progress = self._lockstep.advance(self._commands.rows(place, stop), loads)
+        self.broken = progress.broken
+        if progress.half_done:
+            self.half_done = loads[progress.done]
+        spent = (time.perf_counter() - began) / max(1, progress.done)
+        return self._batch(progress, to, place, spent)
 
     def finish(self, loads: Loads) -> LedgerEntry:
         """Take the soft half of a tick that is half done; see `Lockstep.finish_tick`."""
@@ -105,36 +102,51 @@ class TickRows:
         found = {k: search(ticks.joints[k], ticks.places[k], ticks.quaternions[k]) for k in looked}
         return {k: contacts for k, contacts in found.items() if contacts}
 
-    def _columns(self, row: TickBatch, to: Cursor, place: int, spent_s: float) -> TickColumns:
+    def _batch(self, progress: LockstepProgress, to: Cursor, place: int, spent_s: float) -> TickBatch:
         """Return what ticks show whose commands begin at a place."""
-        n, ticks = row.done, row.ticks
-        tick = np.arange(to.tick, to.tick + n)
-        return TickColumns(
+        n, ticks = progress.done, progress.ticks
+        tick, target = np.arange(to.tick, to.tick + n), self.references.planned.tip_target
+        return TickBatch(
             tick=tick,
             time_s=np.array([Clock(self._tick_s, count).time_s for count in tick.tolist()]),
-            phase=to.phase,
+            phase=np.full(n, to.phase),
             joint_position=ticks.joints[:n],
             joint_velocity=ticks.joint_speed[:n],
             joint_torque=ticks.servo_torque[:n],
             joint_target=self._targets[place : place + n],
             body_position=ticks.places[:n],
             body_quaternion=ticks.quaternions[:n],
-            shapes=row.shapes,
+            body_contact_force=np.broadcast_to(np.zeros(3), ticks.places[:n].shape),
+            film=FilmShapes(self._parts.shape_reader, progress.shapes),
             flange_position=ticks.origin[1 : n + 1],
             flange_rotation=ticks.axes[1 : n + 1],
             flange_twist=ticks.twist[:n],
+            chamber_pressure_Pa=progress.pressure_Pa[:, None],
             cable_tension_N=self._tension[place : place + n],
-            chamber_pressure_Pa=row.pressure_Pa[:, None],
+            tip_target=np.broadcast_to(np.nan if target is None else target, (n, 3)),
+            has_tip_target=np.full(n, target is not None),
             wrench=ticks.figures[1 : n + 1, WRENCH:CENTER],
             rigid_power_W=ticks.power[:n, 0],
             soft_power_W=ticks.power[:n, 1],
-            power_size_W=ticks.power[:n, 2],
             residual_N=ticks.residual[:n],
-            momentum_error=ticks.momentum_error[:n],
             newton_iterations=ticks.iterations[:n],
-            stability_ratio=row.stability_ratio[:n],
-            algorithmic_mass=row.algorithmic_mass[:n],
-            tip_target=self.references.planned.tip_target,
-            tick_wall_s=spent_s,
+            stability_ratio=progress.stability_ratio[:n],
+            algorithmic_mass=progress.algorithmic_mass[:n],
+            power_size_W=ticks.power[:n, 2],
+            momentum_error=ticks.momentum_error[:n],
+            tick_wall_s=np.full(n, spent_s),
+            devices=(None,) * n,
             link_contacts=self._link_contacts(ticks, to.tick, n),
+            **_untouched(n),
         )
+
+
+def _untouched(count: int) -> dict[str, Any]:
+    """Return what is the same in all ticks of a staggered exchange that touch nothing."""
+    number, none = np.zeros(count), np.zeros(count, np.int64)
+    return {
+        "contacts": none, "contact_force_N": number, "contact_depth_m": number, "contact_ratio": number,
+        "self_contacts": none, "self_contact_force_N": number, "self_contact_depth_m": number,
+        "scheme": np.full(count, "staggered"), "trials": none + 1, "slides": none,
+        "interface_residual": number,
+    }  # fmt: skip

@@ -1,0 +1,286 @@
+"""Many ticks as columns: together they are read at a fraction of what they cost one by one."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+from operator import attrgetter
+from typing import TYPE_CHECKING, Any, Final, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cosim.base.frames import Array, IntArray, Mask, Pose, Twist, Wrench, quaternions_from_rotations
+from cosim.coupling.schemes.ledger import LedgerEntry
+from cosim.devices.device_report import ActuationReport
+from cosim.telemetry.film_shape import FilmShapes
+from cosim.telemetry.snapshot import Snapshot
+
+if TYPE_CHECKING:
+    from cosim.base.link_contact import LinkContact
+
+_NONE: Final = np.zeros(0)
+_NOWHERE: Final = np.full(3, np.nan)
+_STACKED: Final = (
+    "joint_position", "joint_velocity", "joint_torque", "joint_target", "body_position", "body_quaternion",
+    "body_contact_force", "chamber_pressure_Pa", "cable_tension_N",
+)  # fmt: skip
+"""Arrays of a snapshot, one row each in a batch."""
+_KINDS: Final = {"int": np.int64, "float": np.float64, "bool": np.bool_, "Scheme": np.str_}
+_OF_LEDGER: Final = {f.name: _KINDS[str(f.type)] for f in fields(LedgerEntry) if f.name != "wrench"}
+"""What a ledger says beside the wrench, and of which kind the columns are."""
+
+
+@final
+@dataclass(frozen=True, eq=False, repr=False)
+class TickBatch:
+    """Ticks of one run, one row each, that nobody writes to any more; see `Snapshot` and `LedgerEntry`.
+
+    Args:
+        tick: (n,).
+        time_s: (n,).
+        phase: (n,) index into `RunInfo.phase_names`.
+        joint_position: (n, joints) [rad].
+        joint_velocity: (n, joints) [rad/s].
+        joint_torque: (n, joints) [N m].
+        joint_target: (n, joints) [rad].
+        body_position: (n, bodies, 3) [m], world.
+        body_quaternion: (n, bodies, 4), (w, x, y, z), world from body.
+        body_contact_force: (n, bodies, 3) [N], world axes.
+        film: where it is.
+        flange_position: (n, 3) [m], world.
+        flange_rotation: (n, 3, 3), world from flange.
+        flange_twist: (n, 6), linear [m/s] and angular [rad/s], of its origin, world axes.
+        chamber_pressure_Pa: (n, chambers), gauge.
+        cable_tension_N: (n, cables), at the base end.
+        tip_target: (n, 3) [m], world; what is free, or not given at all, is not a number.
+        has_tip_target: (n,).
+        wrench: (n, 6), force [N] and torque [N m] on the flange, at its origin, world axes.
+        rigid_power_W: (n,), as all that follow down to `slides`; each is described in `LedgerEntry`.
+        tick_wall_s: (n,), wall time.
+        devices: n; None where a scenario has none.
+        link_contacts: of the arm's links, by row; rows left out have none.
+    """
+
+    tick: IntArray
+    time_s: Array
+    phase: IntArray
+    joint_position: Array
+    joint_velocity: Array
+    joint_torque: Array
+    joint_target: Array
+    body_position: Array
+    body_quaternion: Array
+    body_contact_force: Array
+    film: FilmShapes
+    flange_position: Array
+    flange_rotation: Array
+    flange_twist: Array
+    chamber_pressure_Pa: Array
+    cable_tension_N: Array
+    tip_target: Array
+    has_tip_target: Mask
+    wrench: Array
+    rigid_power_W: Array
+    soft_power_W: Array
+    residual_N: Array
+    newton_iterations: IntArray
+    stability_ratio: Array
+    algorithmic_mass: Mask
+    contacts: IntArray
+    contact_force_N: Array
+    contact_depth_m: Array
+    contact_ratio: Array
+    self_contacts: IntArray
+    self_contact_force_N: Array
+    self_contact_depth_m: Array
+    scheme: NDArray[np.str_]
+    trials: IntArray
+    interface_residual: Array
+    power_size_W: Array
+    momentum_error: Array
+    slides: IntArray
+    tick_wall_s: Array
+    devices: Sequence[ActuationReport | None]
+    link_contacts: Mapping[int, tuple[LinkContact, ...]]
+
+    @classmethod
+    def of(cls, snapshots: Sequence[Snapshot]) -> TickBatch:
+        """Return snapshots of one run as columns.
+
+        Args:
+            snapshots: at least one, in order.
+        """
+
+        def column(name: str, kind: type) -> Any:
+            return np.array(list(map(attrgetter(name), snapshots)), dtype=kind)
+
+        def rows(name: str) -> Any:
+            return _stacked(list(map(attrgetter(name), snapshots)))
+
+        targets = [snapshot.tip_target for snapshot in snapshots]
+        touching = ((row, snapshot.link_contacts) for row, snapshot in enumerate(snapshots))
+        return cls(
+            tick=column("tick", np.int64),
+            time_s=column("time_s", np.float64),
+            phase=column("phase", np.int64),
+            film=FilmShapes.of([snapshot.film for snapshot in snapshots]),
+            flange_position=rows("world_from_flange.translation"),
+            flange_rotation=rows("world_from_flange.rotation"),
+            flange_twist=np.hstack([rows("flange_twist.linear"), rows("flange_twist.angular")]),
+            tip_target=_stacked([_NOWHERE if target is None else target for target in targets]),
+            has_tip_target=np.array([target is not None for target in targets]),
+            wrench=np.hstack([rows("ledger.wrench.force"), rows("ledger.wrench.torque")]),
+            tick_wall_s=column("tick_wall_s", np.float64),
+            devices=[snapshot.devices for snapshot in snapshots],
+            link_contacts={row: contacts for row, contacts in touching if contacts},
+            **{name: rows(name) for name in _STACKED},
+            **{name: column(f"ledger.{name}", kind) for name, kind in _OF_LEDGER.items()},
+        )
+
+    @classmethod
+    def joined(cls, batches: Sequence[TickBatch]) -> TickBatch:
+        """Return batches of one run as one, at least one batch, in order."""
+        begins = np.cumsum([0, *map(len, batches)]).tolist()
+        touching = [(begin, batch.link_contacts) for begin, batch in zip(begins, batches, strict=False)]
+        return cls(
+            film=FilmShapes.joined([batch.film for batch in batches]),
+            devices=[report for batch in batches for report in batch.devices],
+            link_contacts={begin + row: found for begin, those in touching for row, found in those.items()},
+            **{name: np.concatenate([getattr(batch, name) for batch in batches]) for name in _ARRAYS},
+        )
+
+    def __len__(self) -> int:
+        return len(self.tick)
+
+    def __iter__(self) -> Iterator[Snapshot]:
+        """Yield the ticks one by one."""
+        return map(self.snapshot, range(len(self)))
+
+    def some(self, rows: IntArray) -> TickBatch:
+        """Return some of the ticks, by their rows, in arrays of their own."""
+        places = {row: place for place, row in enumerate(rows.tolist())}
+        return replace(
+            self,
+            film=self.film.some(rows),
+            devices=[self.devices[row] for row in places],
+            link_contacts={places[row]: found for row, found in self.link_contacts.items() if row in places},
+            **{name: getattr(self, name)[rows] for name in _ARRAYS},
+        )
+
+    def snapshot(self, row: int) -> Snapshot:
+        """Return one tick, in arrays of its own."""
+        row = range(len(self))[row]
+        force, torque = self.wrench[row].reshape(2, 3).copy()
+        linear, angular = self.flange_twist[row].reshape(2, 3).copy()
+        of_ledger = {name: getattr(self, name)[row].item() for name in _OF_LEDGER}
+        return Snapshot(
+            tick=int(self.tick[row]),
+            time_s=float(self.time_s[row]),
+            phase=int(self.phase[row]),
+            film=self.film[row],
+            world_from_flange=Pose.owning(self.flange_rotation[row].copy(), self.flange_position[row].copy()),
+            flange_twist=Twist.owning(linear, angular),
+            tip_target=self.tip_target[row].copy() if self.has_tip_target[row] else None,
+            ledger=LedgerEntry(Wrench.owning(force, torque), **of_ledger),
+            tick_wall_s=float(self.tick_wall_s[row]),
+            devices=self.devices[row],
+            link_contacts=self.link_contacts.get(row, ()),
+            **{name: getattr(self, name)[row].copy() for name in _STACKED},
+        )
+
+    @property
+    def pressure_Pa(self) -> Array:
+        """(n,), gauge, in the first chamber."""
+        return self.chamber_pressure_Pa[:, 0]
+
+    @property
+    def flange_quaternion(self) -> Array:
+        """(n, 4), (w, x, y, z), world from flange."""
+        return quaternions_from_rotations(self.flange_rotation)
+
+    @property
+    def flange_force(self) -> Array:
+        """(n, 3) [N], world axes."""
+        return self.wrench[:, :3]
+
+    @property
+    def flange_torque(self) -> Array:
+        """(n, 3) [N m], about the flange's origin, world axes."""
+        return self.wrench[:, 3:]
+
+    @property
+    def power_error_W(self) -> Array:
+        """(n,), see `LedgerEntry`."""
+        return self.rigid_power_W + self.soft_power_W
+
+    @property
+    def power_error(self) -> Array:
+        """(n,), see `LedgerEntry`."""
+        size = self.power_size_W
+        moved = size > 0.0
+        return np.where(moved, np.abs(self.power_error_W) / np.where(moved, size, 1.0), 0.0)
+
+    @property
+    def iterated_trials(self) -> IntArray:
+        """(n,), how often ticks were taken that were repeated until the loads agreed; 0 for the others."""
+        return np.where(self.scheme == "iterated", self.trials, 0)
+
+    @property
+    def node_position(self) -> Array:
+        """(n, nodes, 3) [m], world."""
+        return self.film.node_position()
+
+    @property
+    def tip_position(self) -> Array:
+        """(n, 3) [m], world."""
+        return self.film.figures.tip_position
+
+    @property
+    def tip_direction(self) -> Array:
+        """(n, 3), world."""
+        return self.film.figures.tip_direction
+
+    @property
+    def sag_m(self) -> Array:
+        """(n,), see `Snapshot.sag_m`."""
+        return self.film.figures.sag_m(self.flange_position, self.flange_rotation[:, :, 2])
+
+    @property
+    def chamber_volume_m3(self) -> Array:
+        """(n, chambers)."""
+        return self.film.figures.volumes_m3
+
+    @property
+    def volume_m3(self) -> Array:
+        """(n,), of all chambers."""
+        return np.asarray(self.chamber_volume_m3.sum(axis=1))
+
+    @property
+    def bending_angle_rad(self) -> Array:
+        """(n,), between the tip's direction and the flange's z axis."""
+        axis, tip = self.flange_rotation[:, :, 2], self.tip_direction
+        across = np.cross(axis, tip)
+        return np.asarray(np.arctan2(np.sqrt((across * across).sum(axis=1)), (axis * tip).sum(axis=1)))
+
+    @property
+    def cable_length_m(self) -> Array:
+        """(n, cables), of the routes; (n, 0) in a scenario without devices."""
+        return self._of_devices(lambda report: report.cable_length_m)
+
+    @property
+    def cable_unstretched_m(self) -> Array:
+        """(n, cables), off the drum; (n, 0) in a scenario without devices."""
+        return self._of_devices(lambda report: report.unstretched_m)
+
+    def _of_devices(self, read: Callable[[ActuationReport], Array]) -> Array:
+        return _stacked([_NONE if report is None else read(report) for report in self.devices])
+
+
+def _stacked(rows: Sequence[Array]) -> Array:
+    return np.concatenate(rows).reshape(len(rows), *rows[0].shape)  # in half the time of np.stack
+
+
+_ARRAYS: Final = tuple(
+    field.name for field in fields(TickBatch) if field.name not in ("film", "devices", "link_contacts")
+)
