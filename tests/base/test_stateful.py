@@ -23,6 +23,7 @@ SAVED_OTHERWISE = {
     "ChainSolver": "workspace, and what it keeps by pressure and loads",
     "ChainStepper": "the flange's frame, for the kernel",
     "ContactQuery": "poses, read anew for every search",
+    "FilmShapes": "figures of shapes that never change",
     "FilmSearch": "workspace, made larger where it does not suffice",
     "Flange": "its sensor's reading by RigidScene; pose and twist are read anew after every step",
     "GasElements": "workspace, overwritten by every evaluation",
