@@ -92,6 +92,7 @@ def test_at_most_twenty_lines_are_told(capsys: pytest.CaptureFixture[str]) -> No
 def test_a_truth_value_is_no_number_and_a_number_no_text() -> None:
     values: dict[str, object] = {"schema": True, "clock.tick_s": True, "title": 5, "contact.enabled": 1}
     assert {path for path, _ in refusal(values).faults} == values.keys()
+    assert refusal({"schema": 2.0}).faults == (("schema", "got the number 2.0; allowed: 2"),)
     assert load_scenario(REFERENCE, {"phase.inflate.pressure_Pa": 30000}).phases[1].pressure_Pa == 30e3
 
 

@@ -19,11 +19,11 @@ from cosim.errors import ScenarioError
 
 SCENARIO = '''# Question: what becomes of [chamber]?
 schema = 1                       # schema = 1 once
+robot = "none"
 title = """
 schema = 1
 [chamber]
-a "" quote\\""""
-robot = "none"
+a \\"" quote"""""
 "soft_robot" = { file = 'arm.toml', chamber = { units = 2 }, frame.kind = "stiff" , "film".law = "plain" }
 gravity_m_s2 = [ # schema = 1, chamber = 2
     0.0, 0.0,
@@ -43,11 +43,12 @@ pressure_Pa.chamber = 10e3
 
 [[pump]]
 name = "pump"
+schema = 1                       # of nothing
 chamber = "chamber"
 flow_kg_s = 1e-4
 '''
 NOW = (
-    SCENARIO.replace("schema = 1                    ", "schema = 2                    ")
+    SCENARIO.replace("schema = 1                    ", "schema = 2                    ", 1)
     .replace(", chamber = { units", ", stack = { units")
     .replace("frame.kind", "stiffener.kind")
     .replace('[ "chamber" ]', "[ model ]")
