@@ -214,16 +214,16 @@ class Pose:
         """Map points (..., 3) [m] by this pose."""
         return np.asarray(points @ self.rotation.T + self.translation)
 
-    def interpolated(self, end: Pose, share: float) -> Pose:
-        """Return the pose at a share of the shortest way to another; exactly that at 1.
+    def interpolated(self, end: Pose, fraction: float) -> Pose:
+        """Return the pose at a fraction of the shortest way to another; exactly that at 1.
 
         The origin moves on a line, the rotation about one axis.
         """
-        if share >= 1.0:
+        if fraction >= 1.0:
             return end
         turn = vector_from_rotation(end.rotation @ self.rotation.T)
-        origin = (1.0 - share) * self.translation + share * end.translation
-        return Pose(rotation_from_vector(share * turn) @ self.rotation, origin)
+        origin = (1.0 - fraction) * self.translation + fraction * end.translation
+        return Pose(rotation_from_vector(fraction * turn) @ self.rotation, origin)
 
 
 @dataclass(frozen=True)

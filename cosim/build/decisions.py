@@ -108,9 +108,9 @@ def _inertia(scenario: Scenario, travel: FlangeTravel | None) -> Decision:
     gravity = float(np.linalg.norm(scenario.gravity_m_s2))
     if travel is None or gravity == 0.0:
         return Decision(what, True, "the mode is dynamic", "mode")
-    share = travel.acceleration_m_s2 / gravity
-    hint = "; mode = 'quasistatic' would leave out little" if share < _SLOW else ""
-    reason = f"the plan asks the end of a straight arm for up to {100.0 * share:.2g} % of gravity{hint}"
+    fraction = travel.acceleration_m_s2 / gravity
+    hint = "; mode = 'quasistatic' would leave out little" if fraction < _SLOW else ""
+    reason = f"the plan asks the end of a straight arm for up to {100.0 * fraction:.2g} % of gravity{hint}"
     return Decision(what, True, reason, "mode")
 
 

@@ -86,14 +86,14 @@ class PlanWarnings:
 
 def progress_line(stage: RunInfo, snapshot: Snapshot, wall_s: float, first: Snapshot) -> str:
     """Return the text of the progress line after `wall_s` seconds of the loop that began with `first`."""
-    share = snapshot.tick / stage.ticks if stage.ticks else 1.0
-    filled = min(_BAR, int(_BAR * share))
+    fraction = snapshot.tick / stage.ticks if stage.ticks else 1.0
+    filled = min(_BAR, int(_BAR * fraction))
     factor = (snapshot.time_s - first.time_s) / wall_s if wall_s > 0.0 else 0.0
     done, to_do = snapshot.tick - first.tick, stage.ticks - snapshot.tick
     left = "..." if not done else f"{clock(wall_s * to_do / done)} left" if to_do else "done"
     bar = "#" * filled + "." * (_BAR - filled)
     return (
-        f"[{bar}] {100 * share:3.0f} %  {stage.phase_names[snapshot.phase]:<12} "
+        f"[{bar}] {100 * fraction:3.0f} %  {stage.phase_names[snapshot.phase]:<12} "
         f"{snapshot.time_s:.2f}/{stage.duration_s:.2f} s  x{factor:.2f} real time  {left}"
     )
 

@@ -127,10 +127,10 @@ class TradeProgress:
         self._place, self._name = place, candidate.name
         self.advance(0.0)
 
-    def advance(self, share: float) -> None:
+    def advance(self, fraction: float) -> None:
         """So much of its run is done; shown on a terminal only."""
         if self._terminal:
-            self._write(f"\r\x1b[K{self._head} {self._name}: {100 * share:.0f} %")
+            self._write(f"\r\x1b[K{self._head} {self._name}: {100 * fraction:.0f} %")
 
     def done(self, result: Measured) -> None:
         """A candidate is done."""

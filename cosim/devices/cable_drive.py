@@ -83,13 +83,18 @@ class CableDrive:
         self._state = replace(state, begin=state.wanted)
 
     def move(
-        self, order: Order | None, share: float, commanded: Order | None, positions: Array, step_s: float
+        self,
+        order: Order | None,
+        load_factor: float,
+        commanded: Order | None,
+        positions: Array,
+        step_s: float,
     ) -> None:
         """Go on to the end of a tick.
 
         Args:
             order: what the phase asks; None: all stays.
-            share: of the phase's ramp, 0 to 1.
+            load_factor: of the phase's ramp, 0 to 1.
             commanded: by a controller, in place of the ramp; None: the ramp.
             positions: (n, 3) [m], at the start of the tick.
             step_s: length of the tick.
@@ -100,7 +105,7 @@ class CableDrive:
         else:
             state = self._prepared(order, positions)
             end = _end(order, state.begin)
-            wanted = end if share >= 1.0 else state.begin + share * (end - state.begin)
+            wanted = end if load_factor >= 1.0 else state.begin + load_factor * (end - state.begin)
         state = replace(state, wanted=wanted)
         if state.length_m is not None and self.winch is not None and state.winch is not None:
             tension = base_tension(self.cable, positions, state.length_m)

@@ -118,7 +118,7 @@ class Actuation:
         self._started = tuple(name for name in self._started if name in self._setpoints)
 
     def act(
-        self, planned: PhasePlan, gas: ChamberGas, soft: SoftSide, instant: Instant, share: float
+        self, planned: PhasePlan, gas: ChamberGas, soft: SoftSide, instant: Instant, load_factor: float
     ) -> None:
         """Let controllers, pumps and winches act for one tick, from the state before it.
 
@@ -127,7 +127,7 @@ class Actuation:
             gas: in the chambers; pumps change it.
             soft: soft side.
             instant: the rest of what controllers see.
-            share: of the phase's ramp at the end of the tick.
+            load_factor: of the phase's ramp at the end of the tick.
         """
         if not self.active:
             return
@@ -145,7 +145,7 @@ class Actuation:
         self._work_pumps(gas, soft, pressures)
         triples = zip(self.cables, self._orders, commanded, strict=True)
         for drive, order, command in triples:
-            drive.move(order, share, command, soft.state.positions, self._tick_s)
+            drive.move(order, load_factor, command, soft.state.positions, self._tick_s)
 
     def loads(self, planned: Loads) -> Loads:
         """Return the loads with the cables as they are driven."""

@@ -100,25 +100,29 @@ class ChamberGas:
         """Return loads with what is in the chambers in place of the pressure."""
         return self._with(loads, self._pressures)
 
-    def between(self, begin: Loads, end: Loads, share: float) -> Loads:
-        """Return the loads at a share of a phase: only given pressures change as planned.
+    def between(self, begin: Loads, end: Loads, load_factor: float) -> Loads:
+        """Return the loads at a load factor in a phase: only given pressures change as planned.
 
         Args:
             begin: planned, at the start of the phase.
             end: planned, at its end.
-            share: 0 to 1.
+            load_factor: 0 to 1.
         """
         ramp = self._ramp
         if ramp is None or ramp.begin is not begin or ramp.end is not end:
             ramp = self._ramp = LoadRamp(begin, end)
             given = begin.pressures(len(self._pressures)) == self._pressures
             self._as_planned = given and not self._holds_gas
-        loads = ramp.at(share)
+        loads = ramp.at(load_factor)
         if self._as_planned:
             return loads
         planned = end.pressures(len(self._pressures))
         pressures = tuple(
-            now if gas is not None else wanted if share >= 1.0 else (1.0 - share) * now + share * wanted
+            now
+            if gas is not None
+            else wanted
+            if load_factor >= 1.0
+            else (1.0 - load_factor) * now + load_factor * wanted
             for gas, now, wanted in zip(self._sealed, self._pressures, planned, strict=True)
         )
         return self._with(loads, pressures)

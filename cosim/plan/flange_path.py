@@ -53,7 +53,7 @@ class FlangeWay:
     """A motion of the flange: its origin on a line, its rotation about one world axis.
 
     Args:
-        begin: world from flange, at share 0.
+        begin: world from flange, at fraction 0.
         turn: (3,) [rad], axis times angle; may exceed half a turn.
         shift: (3,) [m].
         shake: on top; None for none.
@@ -72,11 +72,11 @@ class FlangeWay:
         turn = vector_from_rotation(end.rotation @ begin.rotation.T)
         return cls(begin, turn, end.translation - begin.translation)
 
-    def at(self, share: float) -> Pose:
-        """Return world_from_flange at a share of the way."""
-        rotation = rotation_from_vector(share * self.turn) @ self.begin.rotation
-        place = self.begin.translation + share * self.shift
-        return Pose(rotation, place if self.shake is None else place + self.shake.at(share))
+    def at(self, fraction: float) -> Pose:
+        """Return world_from_flange at a fraction of the way."""
+        rotation = rotation_from_vector(fraction * self.turn) @ self.begin.rotation
+        place = self.begin.translation + fraction * self.shift
+        return Pose(rotation, place if self.shake is None else place + self.shake.at(fraction))
 
     @classmethod
     def relative(
@@ -97,7 +97,7 @@ class FlangeWay:
 
     @property
     def end(self) -> Pose:
-        """World from flange at share 1."""
+        """World from flange at fraction 1."""
         return self.at(1.0)
 
     @property

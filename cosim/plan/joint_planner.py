@@ -114,18 +114,18 @@ def _follow_all(
 
 
 def _spline(arm: Arm, way: FlangeWay, knots: Array) -> CubicSpline:
-    """Return the joint angles over the share of the way, through equally spaced knots (k, joints) [rad].
+    """Return the joint angles over the fraction of the way, through equally spaced knots (k, joints) [rad].
 
     Where the ends are not at rest, the flange's velocity there is exactly the way's: motions that follow one
     another at the same pace do so without a jump.
     """
-    shares = np.linspace(0.0, 1.0, len(knots))
-    spline = CubicSpline(shares, knots)
+    fractions = np.linspace(0.0, 1.0, len(knots))
+    spline = CubicSpline(fractions, knots)
     if not way.even:
         return spline
     slopes = []
-    for share in (0.0, 1.0):
-        jacobian, slope = arm.jacobian(np.asarray(spline(share))), np.asarray(spline(share, 1))
+    for fraction in (0.0, 1.0):
+        jacobian, slope = arm.jacobian(np.asarray(spline(fraction))), np.asarray(spline(fraction, 1))
         missing = way.rate_at_ends - jacobian @ slope
         slopes.append(slope + np.linalg.lstsq(jacobian, missing, rcond=_SINGULAR)[0])
-    return CubicSpline(shares, knots, bc_type=((1, slopes[0]), (1, slopes[1])))
+    return CubicSpline(fractions, knots, bc_type=((1, slopes[0]), (1, slopes[1])))

@@ -39,8 +39,8 @@ def section_range(arm: Arm, plan: Plan, make_soft: Callable[[], SoftSide]) -> De
         found = _largest_acceleration(arm, planned)
         if found is None:
             continue
-        share, pose, acceleration = found
-        loads = planned.begin.interpolated(planned.end, share)
+        fraction, pose, acceleration = found
+        loads = planned.begin.interpolated(planned.end, fraction)
         failure = _failure(make_soft(), pose, loads, acceleration)
         if failure is not None:
             size = float(np.linalg.norm(acceleration))
@@ -61,15 +61,15 @@ def _largest_acceleration(arm: Arm, planned: PhasePlan) -> tuple[float, Pose, Ar
     if path.spline is None or phase.ramp == "step":
         return None
     times = np.linspace(0.0, phase.duration_s, _SAMPLES)
-    shares = [progress(phase.ramp, t, phase.duration_s) for t in times]
-    poses = [arm.forward(path.at(share).position) for share in shares]
+    fractions = [progress(phase.ramp, t, phase.duration_s) for t in times]
+    poses = [arm.forward(path.at(fraction).position) for fraction in fractions]
     x = np.array([pose.translation for pose in poses])
     second = np.diff(x, n=2, axis=0) / (times[1] - times[0]) ** 2
     worst = int(np.argmax(np.linalg.norm(second, axis=1)))
     gravity = float(np.linalg.norm(planned.begin.gravity))
     if float(np.linalg.norm(second[worst])) < _SLOW * gravity:
         return None
-    return shares[worst + 1].value, poses[worst + 1], second[worst]
+    return fractions[worst + 1].value, poses[worst + 1], second[worst]
 
 
 def _failure(soft: SoftSide, pose: Pose, loads: Loads, acceleration: Array) -> str | None:

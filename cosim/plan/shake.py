@@ -37,11 +37,11 @@ class Shake:
         axis = np.array(given.axis)
         return cls(given.amplitude_m / np.linalg.norm(axis) * axis, given.frequency_Hz * phase.duration_s)
 
-    def at(self, share: float) -> Array:
-        """Return the displacement (3,) [m] at a share of the phase."""
-        from_end = self.cycles * min(share, 1.0 - share)
+    def at(self, fraction: float) -> Array:
+        """Return the displacement (3,) [m] at a fraction of the phase."""
+        from_end = self.cycles * min(fraction, 1.0 - fraction)
         fade = progress("smooth", from_end, 1.0).value
-        return np.asarray(fade * math.sin(2.0 * math.pi * self.cycles * share) * self.amplitude)
+        return np.asarray(fade * math.sin(2.0 * math.pi * self.cycles * fraction) * self.amplitude)
 
     @property
     def pieces(self) -> int:

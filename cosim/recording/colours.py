@@ -50,8 +50,8 @@ def stress_scale(steps: int = 256) -> Rgba:
     Returns:
         (steps, 4), opaque, low stress first.
     """
-    share = np.linspace(0.0, 1.0, steps)[:, None]
-    lightness, chroma, hue = (np.array(_SCALE_FROM) * (1.0 - share) + np.array(_SCALE_TO) * share).T
+    fraction = np.linspace(0.0, 1.0, steps)[:, None]
+    lightness, chroma, hue = (np.array(_SCALE_FROM) * (1.0 - fraction) + np.array(_SCALE_TO) * fraction).T
     linear = _linear_srgb(lightness, chroma, np.radians(hue))
     encoded = np.where(
         linear <= 0.0031308, 12.92 * linear, 1.055 * np.maximum(linear, 0.0) ** (1 / 2.4) - 0.055

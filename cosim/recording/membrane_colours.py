@@ -18,10 +18,10 @@ _AMBIENT: Final = 0.62
 
 
 @kernel(void(BLOCKS, INDEX_TABLE, MATRIX, VECTOR, VECTOR, MATRIX, VECTOR, float64, uint32[:, ::1]))
-def colour_nodes(x, triangles, stress, share, stress_range, scale, light, ambient, packed):  # type: ignore[no-untyped-def]
+def colour_nodes(x, triangles, stress, weight, stress_range, scale, light, ambient, packed):  # type: ignore[no-untyped-def]
     """Fill packed (k, n) with the colour of each node in k frames as 0xRRGGBBAA; see `MembraneColours`.
 
-    share: (n,) one over the number of triangles; scale: (colours, 3).
+    weight: (n,) one over the number of triangles; scale: (colours, 3).
     """
     last = scale.shape[0] - 1
     sums = np.empty((x.shape[1], 4))
@@ -38,7 +38,7 @@ def colour_nodes(x, triangles, stress, share, stress_range, scale, light, ambien
                 sums[node, 2] += n1
                 sums[node, 3] += n2
         for i in range(x.shape[1]):
-            place = (sums[i, 0] * share[i] - stress_range[0]) / (stress_range[1] - stress_range[0])
+            place = (sums[i, 0] * weight[i] - stress_range[0]) / (stress_range[1] - stress_range[0])
             index = 0
             if place > 0.0:  # what is not a number is not
                 index = int(min(place, 1.0) * last + 0.5)

@@ -26,10 +26,10 @@ def log_stress_legend(stream: rr.RecordingStream, stress_range_Pa: tuple[float, 
     """
     row = stress_scale(_WIDTH)[:, :3]
     stream.log(f"{PATH}/colours", rr.Image(np.tile(row, (_HEIGHT, 1, 1))), static=True)
-    share = np.linspace(0.0, 1.0, _TICKS)
+    fraction = np.linspace(0.0, 1.0, _TICKS)
     low, high = stress_range_Pa
-    x, y = share * _WIDTH, np.full(_TICKS, _HEIGHT + 4.0)
-    labels = [f"{1e-6 * (low + s * (high - low)):.3g}" for s in share]
+    x, y = fraction * _WIDTH, np.full(_TICKS, _HEIGHT + 4.0)
+    labels = [f"{1e-6 * (low + s * (high - low)):.3g}" for s in fraction]
     ticks = rr.Points2D(
         np.stack([x, y], axis=1), radii=[1.0], colors=[WHITE], labels=labels, show_labels=True
     )

@@ -82,10 +82,10 @@ class DynamicSimulation(SteppedRun):
         """Take one tick."""
         parts, tick_s = self._parts, self.stage.tick_s
         assert self._references is not None, "_take() makes them"
-        reference, share = self._references.at(to.done)
+        reference, load_factor = self._references.at(to.done)
         self._gas.advance(parts.soft, tick_s)
-        parts.work_devices(planned, self._gas, Clock(tick_s, to.tick).time_s - tick_s, share)
-        loads = parts.actuation.loads(self._gas.between(planned.begin, planned.end, share))
+        parts.work_devices(planned, self._gas, Clock(tick_s, to.tick).time_s - tick_s, load_factor)
+        loads = parts.actuation.loads(self._gas.between(planned.begin, planned.end, load_factor))
         ledger = parts.carrier.tick(reference, loads)
         return self._shown(reference.position, loads, ledger, to, began)
 
@@ -105,8 +105,8 @@ class DynamicSimulation(SteppedRun):
 
     def _step_of(self, planned: PhasePlan, to: Cursor) -> tuple[str, float]:
         time_s, tick_s = Clock(self.stage.tick_s, to.tick).time_s, self.stage.tick_s
-        share = progress(planned.phase.ramp, to.done * tick_s, planned.phase.duration_s).value
-        return f"tick {to.tick} ({time_s:g} s)", share
+        load_factor = progress(planned.phase.ramp, to.done * tick_s, planned.phase.duration_s).value
+        return f"tick {to.tick} ({time_s:g} s)", load_factor
 
     def _save_own(self) -> None:
         return None

@@ -84,11 +84,11 @@ class Parts:
         """Return after how many ticks (increments) of `count` from the first one on links are looked at."""
         return range(-first % self._looked_every, count, self._looked_every)
 
-    def work_devices(self, planned: PhasePlan, gas: ChamberGas, time_s: float, share: float) -> None:
-        """Let devices act for the tick or increment that begins at a time and ends at a share of the ramp."""
+    def work_devices(self, planned: PhasePlan, gas: ChamberGas, time_s: float, load_factor: float) -> None:
+        """Let devices act for the tick or increment that begins at a time and ends at a load factor."""
         if self.actuation.active:
             instant = Instant(time_s, self.carrier.flange_pose, self.carrier.joint_position)
-            self.actuation.act(planned, gas, self.soft, instant, share)
+            self.actuation.act(planned, gas, self.soft, instant, load_factor)
 
     def snapshot(self, moment: TickState, ledger: LedgerEntry, wall_s: float) -> Snapshot:
         """Return the present state as a snapshot."""

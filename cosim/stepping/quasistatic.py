@@ -78,11 +78,11 @@ class QuasistaticSimulation(SteppedRun):
             self._earlier = None
         span = (phase.duration_s + phase.settle_s) / phase.increments
         joints = parts.carrier.joint_position
-        share = to.done / phase.increments
-        reference = planned.joints.at(Progress(share, 0.0, 0.0)).position
+        load_factor = to.done / phase.increments
+        reference = planned.joints.at(Progress(load_factor, 0.0, 0.0)).position
         self._gas.advance(parts.soft, span)
-        parts.work_devices(planned, self._gas, began_s + (to.done - 1) * span, share)
-        loads = parts.actuation.loads(self._gas.between(planned.begin, planned.end, share))
+        parts.work_devices(planned, self._gas, began_s + (to.done - 1) * span, load_factor)
+        loads = parts.actuation.loads(self._gas.between(planned.begin, planned.end, load_factor))
         here, spent = self._advance(before, reference, loads)
         self._here = here
         motion = _mean_motion(parts, before, here, joints, span)

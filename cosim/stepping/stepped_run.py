@@ -196,8 +196,8 @@ class SteppedRun(ABC):
         try:
             return self._take(planned, to, most)
         except SolverError as error:
-            step, share = self._step_of(planned, to)
-            loads = parts.actuation.loads(planned.begin.interpolated(planned.end, share))
+            step, load_factor = self._step_of(planned, to)
+            loads = parts.actuation.loads(planned.begin.interpolated(planned.end, load_factor))
             pressures, names = parts.soft.pressures_Pa, parts.scenario.soft_robot.cable_names()
             where = whereabouts(planned.phase.name, step, pressures, loads.cable_tension_N, names)
             raise error.at(where) from error.__cause__
@@ -267,7 +267,7 @@ class SteppedRun(ABC):
 
     @abstractmethod
     def _step_of(self, planned: PhasePlan, to: Cursor) -> tuple[str, float]:
-        """Return what the step that ends at `to` is called, and the share of the phase's ramp there."""
+        """Return what the step that ends at `to` is called, and the load factor there."""
 
     @abstractmethod
     def _save_own(self) -> Any:

@@ -22,7 +22,7 @@ def test_the_section_that_uses_most_of_its_range_is_named() -> None:
     bent = values.copy()
     bent[1, 3:5] = np.sqrt(limits[1, BENT]) * np.array([0.6, 0.8])
     found = place_in_range(body, frames_from_strains(straight[0], bent), PRESSURE_Pa)
-    assert found.share == pytest.approx(1.0)
+    assert found.fraction == pytest.approx(1.0)
     angle = np.degrees(np.arcsin(np.sqrt(limits[1, BENT])))
     assert found.text == (
         f"section 2 of 4 (unit_1.outer to unit_2.outer) is bent by {angle:.1f} degrees, "
@@ -31,6 +31,6 @@ def test_the_section_that_uses_most_of_its_range_is_named() -> None:
     short = values.copy()
     short[3, 2] *= 1.0 + 0.97 * limits[3, LOW]
     found = place_in_range(body, frames_from_strains(straight[0], short), PRESSURE_Pa)
-    assert found.share == pytest.approx(0.97, abs=0.01)
+    assert found.fraction == pytest.approx(0.97, abs=0.01)
     assert found.at_its_end
     assert found.text.startswith("section 4 of 4 (unit_3.outer to tip) is shortened by ")

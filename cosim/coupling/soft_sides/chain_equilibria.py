@@ -161,11 +161,11 @@ class ChainEquilibria:
         """
         here, done, piece, spent = begin, 0.0, 1.0, 0
         while done < 1.0:
-            share = min(1.0, done + piece)
-            pose = begin.world_from_flange.interpolated(flange, share)
+            load_factor = min(1.0, done + piece)
+            pose = begin.world_from_flange.interpolated(flange, load_factor)
             motion = pose @ here.world_from_flange.inverse()
             chain, pressure = self._films.chain(here.state, here.world_from_flange, pressure_Pa)
-            load, frames = begin.loads.interpolated(loads, share), chain.frames
+            load, frames = begin.loads.interpolated(loads, load_factor), chain.frames
             if load.gases(1)[0] is None:
                 frames = self._section.stretched(frames, pressure, load.pressures(1)[0])
             try:
@@ -175,5 +175,5 @@ class ChainEquilibria:
                 if piece < 0.5**_SPLITS_MAX:
                     raise
                 continue
-            here, done, spent = found, share, spent + found.iterations
+            here, done, spent = found, load_factor, spent + found.iterations
         return replace(here, iterations=spent)

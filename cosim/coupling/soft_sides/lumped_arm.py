@@ -182,9 +182,9 @@ class SoftArm(SoftSide):
             self._piece_s = length
         part = None if aim is None else StepAim(aim.tolerance_N)
         for k in range(1, pieces + 1):
-            share, before = k / pieces, self.state
-            flange = pose_within(self._flange_before, begin[0], end[0], share)
-            here, last = (flange, begin[1].interpolated(end[1], share)), here
+            fraction, before = k / pieces, self.state
+            flange = pose_within(self._flange_before, begin[0], end[0], fraction)
+            here, last = (flange, begin[1].interpolated(end[1], fraction)), here
             spent += step_or_halves(self._step, self._restart, last, here, length, part)
             worst = max(worst, step_error(self._dynamics.integrator, before, self.state, length))
         return spent, worst

@@ -67,8 +67,8 @@ def step_or_halves(
     return spent
 
 
-def pose_within(before: Pose | None, begin: Pose, end: Pose, share: float) -> Pose:
-    """Return the pose at a share s of a tick: x = x0 + s d1 + s (s - 1) (d1 + d_-1) / 2, exactly `end` at 1.
+def pose_within(before: Pose | None, begin: Pose, end: Pose, fraction: float) -> Pose:
+    """Return the pose at a fraction s of a tick: x = x0 + s d1 + s (s - 1) (d1 + d_-1) / 2; `end` at 1.
 
     d1 and d_-1 are the displacements from the tick's beginning to its end and to the beginning of the tick
     before, of the origin and as rotation vectors.
@@ -77,16 +77,16 @@ def pose_within(before: Pose | None, begin: Pose, end: Pose, share: float) -> Po
         before: one tick before the tick's beginning; None: the way is straight.
         begin: at the tick's beginning.
         end: at its end.
-        share: 0 to 1.
+        fraction: 0 to 1.
     """
-    if before is None or share >= 1.0:
-        return begin.interpolated(end, share)
-    bend = 0.5 * share * (share - 1.0)
+    if before is None or fraction >= 1.0:
+        return begin.interpolated(end, fraction)
+    bend = 0.5 * fraction * (fraction - 1.0)
     ahead, back = end.translation - begin.translation, before.translation - begin.translation
     turn_ahead = vector_from_rotation(end.rotation @ begin.rotation.T)
     turn_back = vector_from_rotation(before.rotation @ begin.rotation.T)
-    turn = share * turn_ahead + bend * (turn_ahead + turn_back)
-    shift = share * ahead + bend * (ahead + back)
+    turn = fraction * turn_ahead + bend * (turn_ahead + turn_back)
+    shift = fraction * ahead + bend * (ahead + back)
     return Pose(rotation_from_vector(turn) @ begin.rotation, begin.translation + shift)
 
 
@@ -100,12 +100,12 @@ def step_error(integrator: Integrator, before: SoftState, after: SoftState, step
         step_s: h [s].
     """
     if integrator == "implicit_euler" or before.earlier is None:
-        predicted, share = before.positions + step_s * before.velocities, 0.5
+        predicted, fraction = before.positions + step_s * before.velocities, 0.5
     else:
         flight = 1.5 * before.velocities - 0.5 * before.earlier[1]
-        predicted, share = before.positions + step_s * flight, 8.0 / 23.0
+        predicted, fraction = before.positions + step_s * flight, 8.0 / 23.0
     away = after.positions - predicted
-    return share * math.sqrt(float(np.einsum("nr,nr->n", away, away).max()))
+    return fraction * math.sqrt(float(np.einsum("nr,nr->n", away, away).max()))
 
 
 def pieces_after(pieces: int, error_m: float, bound_m: float, order: int) -> int:

@@ -108,9 +108,9 @@ def _compared(body: SoftBody, model: SectionModel) -> SectionModel:
     slack, along = (0.0,) * len(body.cables), (0.0, 0.0, 9.81)
     error_m = error = 0.0
     straight = solver.solve(SoftState.drawn(body, Pose()), Pose(), Loads(0.0, slack, along))
-    for share in _SHARES:
+    for fraction in _SHARES:
         here = straight = solver.follow(
-            straight, Pose(), replace(straight.loads, pressure_Pa=share * model.spline.largest_Pa)
+            straight, Pose(), replace(straight.loads, pressure_Pa=fraction * model.spline.largest_Pa)
         )
         for lean in _LEANS_rad:
             tension = (pull * (lean > 0.0), *slack[1:]) if slack else ()

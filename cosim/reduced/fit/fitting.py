@@ -165,16 +165,16 @@ def _fit_nodes(samples: Samples, frames: RingFrames, over: Array) -> Array:
     result = np.zeros((size, count, 2, 4))
     for s in range(len(frames) - 1):
         first, second = samples.frames[:, s], samples.frames[:, s + 1]
-        for share, columns in ((0.0, [1, 2, 3]), (1.0, [5, 6, 7]), (None, [1, 2, 3, 4, 5, 6, 7])):
+        for fraction, columns in ((0.0, [1, 2, 3]), (1.0, [5, 6, 7]), (None, [1, 2, 3, 4, 5, 6, 7])):
             mine = frames.before == s
             mine &= (
-                (frames.share == share)
-                if share is not None
-                else ((frames.share > 0.0) & (frames.share < 1.0))
+                (frames.fraction == fraction)
+                if fraction is not None
+                else ((frames.fraction > 0.0) & (frames.fraction < 1.0))
             )
             if not mine.any():
                 continue
-            origin = second[:, 0] if share == 1.0 else first[:, 0]
+            origin = second[:, 0] if fraction == 1.0 else first[:, 0]
             features = np.concatenate(
                 [first[:, 1:], (second[:, 0] - first[:, 0])[:, None], second[:, 1:]], axis=1
             )[:, [c - 1 for c in columns]]
@@ -187,7 +187,7 @@ def _fit_nodes(samples: Samples, frames: RingFrames, over: Array) -> Array:
             weights[:, :, columns] = found.transpose(0, 2, 1)
             # partition of unity, for all pressures: the sum of the spline's functions is one
             weights[:, :, 0] = 1.0 - weights[:, :, 4]
-            if share == 1.0:
+            if fraction == 1.0:
                 weights[:, :, 0], weights[:, :, 4] = 0.0, 1.0
             result[:, mine] = weights.reshape(size, -1, 2, 4)
     return _centred(result, frames)

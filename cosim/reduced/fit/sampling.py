@@ -127,7 +127,9 @@ class Sampler:
             rows.append(self._sample(free, np.zeros_like(free.state.positions)))
             low, high = self._lengths(free, work)
             lengths.append(0.5 * (low + high))
-            straight = [straight_strains(low, high, share) for share in np.linspace(0.0, 1.0, _STRAIGHT)]
+            straight = [
+                straight_strains(low, high, fraction) for fraction in np.linspace(0.0, 1.0, _STRAIGHT)
+            ]
             # small ones tell what a section resists shear, bending and twist with, apart from one another
             small = [
                 at + work.small * (random_strains(random, low, high, self._radii, work) * _ACROSS)
@@ -194,10 +196,10 @@ class Sampler:
 _GUIDE_STIFFNESS = np.array([3e4, 3e4, 3e4, 30.0, 30.0, 30.0])
 
 
-def straight_strains(low: Array, high: Array, share: Array | float) -> Array:
-    """Return the strains (s, 6) of a straight chain, lengths a share of the way from low to high."""
+def straight_strains(low: Array, high: Array, fraction: Array | float) -> Array:
+    """Return the strains (s, 6) of a straight chain, lengths a fraction of the way from low to high."""
     result = np.zeros((len(low), 6))
-    result[:, 2] = low + share * (high - low)
+    result[:, 2] = low + fraction * (high - low)
     return result
 
 

@@ -37,14 +37,14 @@ class RingFrames:
         shapes: their drawn offsets (m, 3) [m] from the mean.
         drawn: (f, 4, 3), all frames as drawn, in the flange frame.
         before: (n,) the frame before each node; the next one is before + 1.
-        share: (n,) how far on the way from that frame to the next it is drawn, 0 to 1.
+        fraction: (n,) how far on the way from that frame to the next it is drawn, 0 to 1.
     """
 
     rings: tuple[IntArray, ...]
     shapes: tuple[Array, ...]
     drawn: Array
     before: IntArray
-    share: Array
+    fraction: Array
 
     @classmethod
     def of(cls, body: SoftBody) -> RingFrames:
@@ -67,10 +67,10 @@ class RingFrames:
         heights = drawn[:, 0, 2]
         z = body.positions[:, 2]
         before = np.clip(np.searchsorted(heights, z, side="right") - 1, 0, len(rings) - 1)
-        share = np.clip((z - heights[before]) / (heights[before + 1] - heights[before]), 0.0, 1.0)
+        fraction = np.clip((z - heights[before]) / (heights[before + 1] - heights[before]), 0.0, 1.0)
         for f, ring in enumerate(rings, start=1):  # on its own frame, whatever rounding says of its height
-            before[ring], share[ring] = min(f, len(rings) - 1), float(f == len(rings))
-        return cls(rings, shapes, drawn, before.astype(np.int64), share)
+            before[ring], fraction[ring] = min(f, len(rings) - 1), float(f == len(rings))
+        return cls(rings, shapes, drawn, before.astype(np.int64), fraction)
 
     def __len__(self) -> int:
         return len(self.rings) + 1
@@ -115,7 +115,7 @@ class RingFrames:
             moved: (f, 4, 3), where they go.
         """
         result = np.zeros_like(positions)
-        for frame, weight in ((self.before, 1.0 - self.share), (self.before + 1, self.share)):
+        for frame, weight in ((self.before, 1.0 - self.fraction), (self.before + 1, self.fraction)):
             local = np.einsum("nar,nr->na", frames[frame, 1:], positions - frames[frame, 0])
             there = moved[frame, 0] + np.einsum("na,nar->nr", local, moved[frame, 1:])
             result += weight[:, None] * there
@@ -131,7 +131,7 @@ class RingFrames:
             positions: (n, 3) [m], drawn shape.
         """
         result = np.zeros((len(self), POINTS, POINTS))
-        for frame, weight in ((self.before, 1.0 - self.share), (self.before + 1, self.share)):
+        for frame, weight in ((self.before, 1.0 - self.fraction), (self.before + 1, self.fraction)):
             local = positions - self.drawn[frame, 0]
             point = np.concatenate([np.ones((len(local), 1)), local], axis=1)
             point[:, 3] = 0.0

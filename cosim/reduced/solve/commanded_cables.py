@@ -79,14 +79,14 @@ class Pulls:
 
     Args:
         gradient: (c, f, 6) of sum_i c_i L_i [1, m].
-        share: (c,), m: that sum over the length.
+        mean_ratio: (c,), m: that sum over the length.
         stiffness: (c,) [N/m], k f'.
         tension_N: (c,) k f(L - L_0).
         missing_N: (c,) k (L_0 - L) of a slack cable, 0 of a taut one.
     """
 
     gradient: Array
-    share: Array
+    mean_ratio: Array
     stiffness: Array
     tension_N: Array
     missing_N: Array
@@ -98,18 +98,18 @@ class Pulls:
         x = solver.section.positions(frames, pressure_Pa)
         slack = with_tensions(loads, (0.0,) * len(cables))
         still = solver.evaluate(frames, slack, pressure_Pa)
-        gradient, share, stiffness, tension, missing = [], [], [], [], []
+        gradient, mean_ratio, stiffness, tension, missing = [], [], [], [], []
         for c in chosen:
             unit = tuple(float(c == d) for d in range(len(cables)))
             gradient.append(solver.evaluate(frames, with_tensions(loads, unit), pressure_Pa) - still)
             cable, lengths = cables[c], cables[c].segment_lengths(x)
-            share.append(float(cable.tension_ratio(x) @ lengths / lengths.sum()))
+            mean_ratio.append(float(cable.tension_ratio(x) @ lengths / lengths.sum()))
             stretch = float(lengths.sum()) - float(loads.cable_length_m[c] or 0.0)
             _, force, slope = onset(stretch)
             stiffness.append(cable.stiffness_N_m * slope)
             tension.append(cable.stiffness_N_m * force)
             missing.append(-cable.stiffness_N_m * stretch if force == 0.0 else 0.0)
-        figures = (np.array(row) for row in (share, stiffness, tension, missing))
+        figures = (np.array(row) for row in (mean_ratio, stiffness, tension, missing))
         return cls(np.array(gradient), *figures)
 
     def taut(self, solver: ChainSolver, chosen: list[int]) -> Array:
@@ -128,9 +128,9 @@ def given_tensions(
     if not commanded(loads):
         return loads, None
     pulls = Pulls.of(solver, frames, loads, pressure_Pa)
-    flat = pulls.gradient.reshape(len(pulls.share), -1)
+    flat = pulls.gradient.reshape(len(pulls.mean_ratio), -1)
     given = with_tensions(loads, tensions_at(solver, frames, loads, pressure_Pa))
-    return given, flat.T @ ((pulls.stiffness / pulls.share)[:, None] * flat)
+    return given, flat.T @ ((pulls.stiffness / pulls.mean_ratio)[:, None] * flat)
 
 
 def solve_commanded(
@@ -174,7 +174,7 @@ def solve_commanded(
             return _ended(found, Outcome.INDEFINITE, spent)
         shortened = np.einsum("cfi,dfi->cd", pulls.gradient, tangent.solve(pulls.gradient))
         # one that is pulled and found slack is on the taut side of the onset's bend, too far
-        matrix = np.eye(len(chosen)) + (pulls.taut(solver, chosen) / pulls.share)[:, None] * shortened
+        matrix = np.eye(len(chosen)) + (pulls.taut(solver, chosen) / pulls.mean_ratio)[:, None] * shortened
         off, tension = off + pulls.missing_N, tension.copy()
         tension[chosen] = np.maximum(tension[chosen] - np.linalg.solve(matrix, off), 0.0)
         found = attempt(with_tensions(loads, tuple(tension.tolist())), found)

@@ -97,15 +97,15 @@ class ChainSolver:
         """Find the frames of all cable segments; eyelets sit on rings of neighbouring units."""
         body, frames = self.section.body, self.section.frames
         self._segments = np.concatenate([np.zeros((0, 2), np.int64), *(c.segments for c in body.cables)])
-        own = frames.before + (frames.share > 0.5)
+        own = frames.before + (frames.fraction > 0.5)
         far = own[self._segments[:, 1]]
-        on_rings = np.isin(frames.share[self._segments], (0.0, 1.0)).all()
+        on_rings = np.isin(frames.fraction[self._segments], (0.0, 1.0)).all()
         if not on_rings or (own[self._segments[:, 0]] != far - 1).any():
             raise InputError(
                 "section models need every cable to run from unit to next unit through outer rings"
             )
         self._far = far.astype(np.int64)
-        side = (frames.share[self._segments] > 0.5).astype(int)
+        side = (frames.fraction[self._segments] > 0.5).astype(int)
         table = self.section.model.nodes[:, self._segments, side, 1:]
         self._eyelet_table = np.ascontiguousarray(table).reshape(len(table), -1)
         self.losses_follow_shape = any(cable.friction_coefficient for cable in body.cables)

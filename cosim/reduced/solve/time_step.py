@@ -150,7 +150,7 @@ class ChainStepper:
         """Return the error of a step that was not found: its model ends, or it has no other name."""
         section, text = self._solver.section, f"the soft step did not converge: {found.outcome.value}"
         ends = (place_in_range(section, x, found.pressure_Pa) for x in (found.frames, begin.frames))
-        end = max(ends, key=lambda place: place.share)
+        end = max(ends, key=lambda place: place.fraction)
         if end.at_its_end:
             text = f"the section model ends here: {end.text}; fidelity = 'lumped' knows what lies beyond"
         text += f"; residual {found.residual_N:.3g} N after {found.iterations} iterations"

@@ -23,17 +23,17 @@ class PlaceInRange:
     """The section that is nearest to the end of its range.
 
     Args:
-        share: of the range that it uses; 1 at its end.
+        fraction: of the range that it uses; 1 at its end.
         text: which section, which strain, its value and the end of its range.
     """
 
-    share: float
+    fraction: float
     text: str
 
     @property
     def at_its_end(self) -> bool:
         """Whether a step or an equilibrium that is not found there is one that the model does not have."""
-        return self.share > _AT_ITS_END
+        return self.fraction > _AT_ITS_END
 
 
 def place_in_range(section: SectionBody, frames: Array, pressure_Pa: float) -> PlaceInRange:
@@ -49,8 +49,8 @@ def place_in_range(section: SectionBody, frames: Array, pressure_Pa: float) -> P
     stretch = values[:, 2] * section.inverse_length - 1.0
     bend, bend_end = np.hypot(values[:, 3], values[:, 4]), np.sqrt(limits[:, BENT])
     stretch_end = np.where(stretch < 0.0, limits[:, LOW], limits[:, HIGH])
-    shares = np.stack([stretch / stretch_end, bend / bend_end])
-    kind, worst = divmod(int(np.argmax(shares)), len(stretch))
+    fractions = np.stack([stretch / stretch_end, bend / bend_end])
+    kind, worst = divmod(int(np.argmax(fractions)), len(stretch))
     count = len(stretch)
     where = f"section {worst + 1} of {count} ({_ring(worst, count)} to {_ring(worst + 1, count)})"
     if kind:
@@ -59,7 +59,7 @@ def place_in_range(section: SectionBody, frames: Array, pressure_Pa: float) -> P
         word = "shortened" if stretch[worst] < 0.0 else "stretched"
         value, end = 100.0 * abs(stretch[worst]), 100.0 * abs(stretch_end[worst])
         what = f"is {word} by {value:.1f} %, its model ends at {end:.1f} %"
-    return PlaceInRange(float(shares[kind, worst]), f"{where} {what} (at {1e-3 * pressure_Pa:.3g} kPa)")
+    return PlaceInRange(float(fractions[kind, worst]), f"{where} {what} (at {1e-3 * pressure_Pa:.3g} kPa)")
 
 
 def _ring(frame: int, sections: int) -> str:

@@ -62,8 +62,8 @@ def feature_points(shapes: Shapes) -> FeaturePoints:
 
 def _along(a: Array, b: Array) -> Array:
     pieces = max(1, int(np.ceil(np.linalg.norm(b - a) / _SPACING_M)))
-    share = np.arange(pieces + 1)[:, None] / pieces
-    return np.asarray((1.0 - share) * a + share * b)
+    fraction = np.arange(pieces + 1)[:, None] / pieces
+    return np.asarray((1.0 - fraction) * a + fraction * b)
 
 
 def _unique(points: list[Array]) -> Array:

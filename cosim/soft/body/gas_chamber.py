@@ -85,26 +85,26 @@ def of_each(value: Value | tuple[Value, ...], count: int, what: str) -> tuple[Va
 
 
 def pressure_between(
-    begin: float | tuple[float, ...], end: float | tuple[float, ...], share: float
+    begin: float | tuple[float, ...], end: float | tuple[float, ...], load_factor: float
 ) -> float | tuple[float, ...]:
-    """Return gauge pressures [Pa] at a share of the way, of all chambers or of each."""
+    """Return gauge pressures [Pa] at a load factor, of all chambers or of each."""
     if not isinstance(begin, tuple) and not isinstance(end, tuple):
-        return (1.0 - share) * begin + share * end
+        return (1.0 - load_factor) * begin + load_factor * end
     count = len(begin) if isinstance(begin, tuple) else len(end) if isinstance(end, tuple) else 1
     pairs = zip(of_each(begin, count, "pressure"), of_each(end, count, "pressure"), strict=True)
-    return tuple((1.0 - share) * first + share * last for first, last in pairs)
+    return tuple((1.0 - load_factor) * first + load_factor * last for first, last in pairs)
 
 
 Gases = SealedGas | None | tuple[SealedGas | None, ...]
 """A sealed gas, the same amount in every chamber; or for each chamber one, or None for a given pressure."""
 
 
-def gas_between(begin: Gases, end: Gases, share: float) -> Gases:
-    """Return sealed gases at a share of the way; where either end has none, what is at the end."""
+def gas_between(begin: Gases, end: Gases, load_factor: float) -> Gases:
+    """Return sealed gases at a load factor; where either end has none, what is at the end."""
     if not isinstance(begin, tuple) and not isinstance(end, tuple):
-        return end if begin is None or end is None else begin.towards(end, share)
+        return end if begin is None or end is None else begin.towards(end, load_factor)
     count = len(begin) if isinstance(begin, tuple) else len(end) if isinstance(end, tuple) else 1
     pairs = zip(of_each(begin, count, "gas"), of_each(end, count, "gas"), strict=True)
     return tuple(
-        last if first is None or last is None else first.towards(last, share) for first, last in pairs
+        last if first is None or last is None else first.towards(last, load_factor) for first, last in pairs
     )

@@ -85,22 +85,22 @@ class Loads:
         gases = zip(self.gases(len(volumes_m3)), given, volumes_m3, strict=True)
         return tuple(p if gas is None else gas.gauge_pressure(volume) for gas, p, volume in gases)
 
-    def interpolated(self, end: Loads, share: float) -> Loads:
-        """Return the loads at a share of the way to others; exactly those at 1.
+    def interpolated(self, end: Loads, load_factor: float) -> Loads:
+        """Return the loads on the way to others at a load factor; exactly those at 1.
 
         Between two sealed gases the mass changes at the first one's volume; sealing is done at once, and so
         is the change of a cable from commanded tension to commanded length.
         """
-        if share >= 1.0:
+        if load_factor >= 1.0:
             return end
         pulls = zip(self.cable_tension_N, end.cable_tension_N, strict=True)
-        tension = tuple(float((1.0 - share) * a + share * b) for a, b in pulls)
+        tension = tuple(float((1.0 - load_factor) * a + load_factor * b) for a, b in pulls)
         pairs = zip(self.gravity, end.gravity, strict=True)
-        gx, gy, gz = (float((1.0 - share) * a + share * b) for a, b in pairs)
-        pressure = pressure_between(self.pressure_Pa, end.pressure_Pa, share)
-        force = _weighted(self.nodal_force, end.nodal_force, share)
-        gas = gas_between(self.gas, end.gas, share)
-        lengths = _lengths(self.cable_length_m, end.cable_length_m, share)
+        gx, gy, gz = (float((1.0 - load_factor) * a + load_factor * b) for a, b in pairs)
+        pressure = pressure_between(self.pressure_Pa, end.pressure_Pa, load_factor)
+        force = _weighted(self.nodal_force, end.nodal_force, load_factor)
+        gas = gas_between(self.gas, end.gas, load_factor)
+        lengths = _lengths(self.cable_length_m, end.cable_length_m, load_factor)
         return Loads(
             pressure,
             tension,
@@ -114,21 +114,23 @@ class Loads:
         )
 
 
-def _weighted(begin: Array | None, end: Array | None, share: float) -> Array | None:
-    """Return (1 - share) begin + share end, where None stands for zero."""
-    if begin is None or end is None:
-        return share * end if end is not None else (1.0 - share) * begin if begin is not None else None
-    return (1.0 - share) * begin + share * end
+def _weighted(begin: Array | None, end: Array | None, load_factor: float) -> Array | None:
+    """Return (1 - load_factor) begin + load_factor end, where None stands for zero."""
+    if begin is None:
+        return None if end is None else load_factor * end
+    if end is None:
+        return (1.0 - load_factor) * begin
+    return (1.0 - load_factor) * begin + load_factor * end
 
 
 def _lengths(
-    begin: tuple[float | None, ...], end: tuple[float | None, ...], share: float
+    begin: tuple[float | None, ...], end: tuple[float | None, ...], load_factor: float
 ) -> tuple[float | None, ...]:
     """Return the commanded lengths between two, of the cables that have one at the end."""
     if len(begin) != len(end):
         return end
     return tuple(
-        b if a is None or b is None else (1.0 - share) * a + share * b
+        b if a is None or b is None else (1.0 - load_factor) * a + load_factor * b
         for a, b in zip(begin, end, strict=True)
     )
 
@@ -150,16 +152,16 @@ class LoadRamp:
             if not _same(getattr(begin, field.name), getattr(end, field.name))
         )
 
-    def at(self, share: float) -> Loads:
-        """Return the loads at a share of the way, 0 to 1; see `Loads.interpolated`."""
+    def at(self, load_factor: float) -> Loads:
+        """Return the loads at a load factor, 0 to 1; see `Loads.interpolated`."""
         begin, end = self.begin, self.end
-        if not self._changing or share >= 1.0:
+        if not self._changing or load_factor >= 1.0:
             return end
         if not self._changing <= _RAMPED:
-            return begin.interpolated(end, share)
+            return begin.interpolated(end, load_factor)
         pulls = zip(begin.cable_tension_N, end.cable_tension_N, strict=True)
-        pressure = pressure_between(begin.pressure_Pa, end.pressure_Pa, share)
-        tension = tuple([(1.0 - share) * first + share * last for first, last in pulls])
+        pressure = pressure_between(begin.pressure_Pa, end.pressure_Pa, load_factor)
+        tension = tuple([(1.0 - load_factor) * first + load_factor * last for first, last in pulls])
         return Loads(
             pressure, tension, end.gravity, end.nodal_force, end.gas, end.contact, end.cable_length_m,
             end.self_contact, end.extra,

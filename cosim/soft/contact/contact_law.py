@@ -62,10 +62,10 @@ def pressing_law(depth, width):  # type: ignore[no-untyped-def]
 @device_function
 def dragging_law(length, stick):  # type: ignore[no-untyped-def]
     """Return f0, f1 / |u| and the derivative of f1 by |u| at |u| = length."""
-    share = length / stick
-    if share < 1.0:
-        energy = stick * share * share * (1.0 - share / 3.0)
-        return energy, (2.0 - share) / stick, 2.0 * (1.0 - share) / stick
+    fraction = length / stick
+    if fraction < 1.0:
+        energy = stick * fraction * fraction * (1.0 - fraction / 3.0)
+        return energy, (2.0 - fraction) / stick, 2.0 * (1.0 - fraction) / stick
     return length - stick / 3.0, 1.0 / length, 0.0
 
 

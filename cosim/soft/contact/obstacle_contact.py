@@ -149,9 +149,9 @@ class ContactPlanes:
         u = point - self.anchor
         u -= np.einsum("kr,kr->k", self.normal, u)[:, None] * self.normal
         length = np.maximum(np.linalg.norm(u, axis=1), 1e-300)
-        share = np.minimum(length / self.law.stick_m, 1.0)
-        across = self.friction * np.where(share < 1.0, (2.0 - share) / self.law.stick_m, 1.0 / length)
-        along = self.friction * 2.0 * (1.0 - share) / self.law.stick_m
+        fraction = np.minimum(length / self.law.stick_m, 1.0)
+        across = self.friction * np.where(fraction < 1.0, (2.0 - fraction) / self.law.stick_m, 1.0 / length)
+        along = self.friction * 2.0 * (1.0 - fraction) / self.law.stick_m
         outer = self.normal[:, :, None] * self.normal[:, None, :]
         direction = u / length[:, None]
         slip = direction[:, :, None] * direction[:, None, :]

@@ -37,7 +37,7 @@ _NO_BLOCKS = np.zeros((0, 3, 3))
 
 
 @device_function
-def foot_on_plane(x, corners, y, n, share, slope):  # type: ignore[no-untyped-def]
+def foot_on_plane(x, corners, y, n, weight, slope):  # type: ignore[no-untyped-def]
     """Fill a triangle's normal, the weights of y's foot and their gradients; return the distance."""
     for r in range(3):
         s, q = (r + 1) % 3, (r + 2) % 3
@@ -51,11 +51,11 @@ def foot_on_plane(x, corners, y, n, share, slope):  # type: ignore[no-untyped-de
         distance += n[r] * (y[r] - x[corners[0], r])
     for j in range(3):
         b, c = corners[(j + 1) % 3], corners[(j + 2) % 3]
-        share[j] = 0.0
+        weight[j] = 0.0
         for r in range(3):
             s, q = (r + 1) % 3, (r + 2) % 3
             slope[j, r] = (n[s] * (x[c, q] - x[b, q]) - n[q] * (x[c, s] - x[b, s])) / size
-            share[j] += slope[j, r] * (y[r] - x[b, r])
+            weight[j] += slope[j, r] * (y[r] - x[b, r])
     return distance
 
 
@@ -82,14 +82,14 @@ def _rub(x, nodes, w, stick, limit, m, stretch, gradient, tangent):  # type: ign
 
 
 @device_function
-def _add_normal_part(push, rate, d, n, share, slope, a, b, k):  # type: ignore[no-untyped-def]
+def _add_normal_part(push, rate, d, n, weight, slope, a, b, k):  # type: ignore[no-untyped-def]
     """Fill the block of nodes a and b: E'' c_a c_b n n^T + E' d2(d), E' = -push."""
-    outer = rate * share[a] * share[b]
+    outer = rate * weight[a] * weight[b]
     for r in range(3):
         outer += push * d * slope[a, r] * slope[b, r]
     for r in range(3):
         for c in range(3):
-            turning = share[a] * slope[b, r] * n[c] + share[b] * n[r] * slope[a, c]
+            turning = weight[a] * slope[b, r] * n[c] + weight[b] * n[r] * slope[a, c]
             k[r, c] = outer * n[r] * n[c] + push * turning
 
 
@@ -106,7 +106,7 @@ def _add_pairs(  # type: ignore[no-untyped-def]
 
     A row of `out` receives normal force, distance, and the force on the point (3,).
     """
-    y, n, share, slope = np.empty(3), np.empty(3), np.zeros(6), np.zeros((6, 3))
+    y, n, weight, slope = np.empty(3), np.empty(3), np.zeros(6), np.zeros((6, 3))
     w, rub, k, drag = np.zeros(6), np.empty(3), np.empty((3, 3)), np.empty((3, 3))
     energy = 0.0
     for e in range(nodes.shape[0]):
@@ -114,13 +114,13 @@ def _add_pairs(  # type: ignore[no-untyped-def]
             y[r] = 0.0
             for a in range(3):
                 y[r] += weights[e, a] * x[nodes[e, a], r]
-        d = foot_on_plane(x, nodes[e, 3:], y, n, share[3:], slope[3:])
+        d = foot_on_plane(x, nodes[e, 3:], y, n, weight[3:], slope[3:])
         level, push, rate = pressing_law(0.5 * width - d, width)
         energy += stiffness[e] * level
         push, rate = stiffness[e] * push, stiffness[e] * rate
         rub[:], drag[:] = 0.0, 0.0
         for a in range(3):
-            share[a], share[3 + a] = weights[e, a], -share[3 + a]
+            weight[a], weight[3 + a] = weights[e, a], -weight[3 + a]
             w[a], w[3 + a] = weights[e, a], -held[e, a]
         if friction[e] > 0.0:
             energy += _rub(x, nodes[e], w, stick, friction[e], normal[e], stretch[e], rub, drag)
@@ -131,11 +131,11 @@ def _add_pairs(  # type: ignore[no-untyped-def]
             continue
         for a in range(6):
             for r in range(3):
-                gradient[nodes[e, a], r] += w[a] * rub[r] - push * share[a] * n[r]
+                gradient[nodes[e, a], r] += w[a] * rub[r] - push * weight[a] * n[r]
             for b in range(a + 1 if slots.shape[0] > 0 and (a > 2 or w[a] != 0.0) else 0):
                 if b < 3 and w[b] == 0.0:
                     continue
-                _add_normal_part(push, rate, d, n, share, slope, a, b, k)
+                _add_normal_part(push, rate, d, n, weight, slope, a, b, k)
                 for r in range(3):
                     for c in range(3):
                         k[r, c] += w[a] * w[b] * drag[r, c]

@@ -89,8 +89,8 @@ class FilmPoints:
             axis=1,
         )
         points = np.concatenate([unique for unique, _ in found])
-        share = np.array([_CORNER] * 3 + [_MIDPOINT] * 3 + [_CENTROID])
-        areas = triangle_area(positions, triangles)[:, None] * share
+        weight = np.array([_CORNER] * 3 + [_MIDPOINT] * 3 + [_CENTROID])
+        areas = triangle_area(positions, triangles)[:, None] * weight
         return cls(
             nodes=np.ascontiguousarray(points[:, 1:]),
             weights=np.repeat(kinds, counts, axis=0),

@@ -98,7 +98,7 @@ def _over(  # type: ignore[no-untyped-def]
     reach, behind, out,
 ):  # fmt: skip
     """Fill rows (point, triangle) of what lies over what; return how many that takes."""
-    n, share, slope = np.empty(3), np.empty(3), np.empty((3, 3))
+    n, weight, slope = np.empty(3), np.empty(3), np.empty((3, 3))
     units, best = np.empty(_UNITS_NEAR, np.int64), np.empty(_UNITS_NEAR)
     chosen, distance = np.empty(_UNITS_NEAR, np.int64), np.empty(_UNITS_NEAR)
     count = 0
@@ -119,8 +119,8 @@ def _over(  # type: ignore[no-untyped-def]
             facing = _cosine(outward[p], normals[t]) < (_FACING_VALLEY if kind == _VALLEY else _FACING_APART)
             if kind == _VALLEY and (not facing or _share_nodes(nodes[p], triangles[t])):
                 continue
-            d = foot_on_plane(x, triangles[t], y, n, share, slope)
-            if not min(share[0], share[1], share[2]) >= -_MARGIN:
+            d = foot_on_plane(x, triangles[t], y, n, weight, slope)
+            if not min(weight[0], weight[1], weight[2]) >= -_MARGIN:
                 continue
             slot = 0
             while slot < near and units[slot] != films[t, 1]:

@@ -102,13 +102,13 @@ class SealedGas:
         """
         return replace(self, pressure_Pa=self.pressure_Pa * mass_kg / self.mass_kg)
 
-    def towards(self, end: SealedGas, share: float) -> SealedGas:
-        """Return a gas between this one and another, with a share of the other's pressure at this volume."""
+    def towards(self, end: SealedGas, fraction: float) -> SealedGas:
+        """Return a gas between this one and another, with a part of the other's pressure at this volume."""
         there = end.at(self.volume_m3)
         return replace(
             there,
-            pressure_Pa=(1.0 - share) * self.pressure_Pa + share * there.pressure_Pa,
-            temperature_K=(1.0 - share) * self.temperature_K + share * there.temperature_K,
+            pressure_Pa=(1.0 - fraction) * self.pressure_Pa + fraction * there.pressure_Pa,
+            temperature_K=(1.0 - fraction) * self.temperature_K + fraction * there.temperature_K,
         )
 
 
@@ -125,8 +125,8 @@ def leak(gas: SealedGas, volume_m3: float, conductance_kg_s_Pa: float, step_s: f
     """
     here = gas.at(volume_m3)
     rise = here.pressure_Pa / here.mass_kg  # dp/dm = R T / V
-    share = -math.expm1(-conductance_kg_s_Pa * rise * step_s)
-    return here.with_mass(here.mass_kg - share * (here.pressure_Pa - here.ambient_Pa) / rise)
+    fraction = -math.expm1(-conductance_kg_s_Pa * rise * step_s)
+    return here.with_mass(here.mass_kg - fraction * (here.pressure_Pa - here.ambient_Pa) / rise)
 
 
 def exchange(
@@ -147,6 +147,6 @@ def exchange(
     """
     first, second = (gas.at(volume) for gas, volume in zip(gases, volumes_m3, strict=True))
     rise = first.pressure_Pa / first.mass_kg + second.pressure_Pa / second.mass_kg
-    share = -math.expm1(-conductance_kg_s_Pa * rise * step_s)
-    moved = share * (first.pressure_Pa - second.pressure_Pa) / rise
+    fraction = -math.expm1(-conductance_kg_s_Pa * rise * step_s)
+    moved = fraction * (first.pressure_Pa - second.pressure_Pa) / rise
     return first.with_mass(first.mass_kg - moved), second.with_mass(second.mass_kg + moved)

@@ -130,9 +130,9 @@ class EquilibriumSolver:
         """
         here, done, piece, spent, slides, lost = begin, 0.0, 1.0, 0, 0, 0
         while done < 1.0:
-            share = min(1.0, done + piece)
-            pose = begin.world_from_flange.interpolated(world_from_flange, share)
-            load = begin.loads.interpolated(loads, share)
+            load_factor = min(1.0, done + piece)
+            pose = begin.world_from_flange.interpolated(world_from_flange, load_factor)
+            load = begin.loads.interpolated(loads, load_factor)
             state = here.state.carried(pose @ here.world_from_flange.inverse())
             try:
                 found = self.solve(state, pose, load)
@@ -147,7 +147,7 @@ class EquilibriumSolver:
                     found, slides, piece = self.slide(state, pose, load), slides + 1, 1.0
                 except ConvergenceError as last:
                     raise _given_up(last, done, spent + last.iterations) from None
-            here, done, spent = found, share, spent + found.iterations
+            here, done, spent = found, load_factor, spent + found.iterations
         return replace(here, iterations=spent, slides=slides)
 
     def slide(self, state: SoftState, world_from_flange: Pose, loads: Loads) -> Equilibrium:

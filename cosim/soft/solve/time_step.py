@@ -51,8 +51,8 @@ def _flight(integrator: Integrator, state: SoftState, h: float) -> Array:
     flight: Array = state.positions + h * state.velocities
     if state.earlier is None:
         return flight
-    share = 0.5 if integrator == "bdf2" else 1.0
-    gained = share * h * (state.velocities - state.earlier[1])
+    fraction = 0.5 if integrator == "bdf2" else 1.0
+    gained = fraction * h * (state.velocities - state.earlier[1])
     least_m, most_m = _EVEN_m
     return flight + gained if least_m < float(np.abs(gained).max()) < most_m else flight
 

@@ -48,12 +48,12 @@ class _SweepPoint:
     """A state of a sweep.
 
     Args:
-        share: of the line.
+        fraction: of the line.
         here: the equilibrium.
         tip: (3,) [m], its tip.
     """
 
-    share: float
+    fraction: float
     here: Equilibrium
     tip: Array
 
@@ -134,9 +134,9 @@ class TensionSweep:
         """Yield every two neighbouring states, until the line ends or the equilibrium is lost."""
         length = np.linalg.norm(self._first.tip - self._first.here.world_from_flange.translation)
         here, step = self._first, _FIRST_STEP
-        while here.share < 1.0:
+        while here.fraction < 1.0:
             try:
-                there = self._followed(here, min(1.0, here.share + step))
+                there = self._followed(here, min(1.0, here.fraction + step))
             except ConvergenceError as error:
                 self._lost = str(error)
                 return
@@ -152,15 +152,15 @@ class TensionSweep:
         """Return the state between two that has the wanted height; None where it jumps over it."""
         sides = {np.sign(self._over(place)): place for place in (after, before)}
 
-        def over(share: float) -> float:
-            place = before if share == before.share else self._followed(before, share)
+        def over(fraction: float) -> float:
+            place = before if fraction == before.fraction else self._followed(before, fraction)
             difference = self._over(place)
             sides[np.sign(difference)] = place
             return 0.0 if abs(difference) <= tolerance_m else difference
 
         try:
-            share = brentq(over, before.share, after.share, xtol=1e-9)
-            found = self._followed(before, share)
+            fraction = brentq(over, before.fraction, after.fraction, xtol=1e-9)
+            found = self._followed(before, fraction)
         except ConvergenceError as error:
             self._lost = str(error)
             return None
@@ -169,14 +169,14 @@ class TensionSweep:
         self._jumps.append((sides[np.sign(self._over(before))], sides[np.sign(self._over(after))]))
         return None
 
-    def _followed(self, begin: _SweepPoint, share: float) -> _SweepPoint:
+    def _followed(self, begin: _SweepPoint, fraction: float) -> _SweepPoint:
         start = np.array(self._first.here.loads.cable_tension_N)
-        tension = tuple(((1.0 - share) * start + share * self._line.end_N).tolist())
+        tension = tuple(((1.0 - fraction) * start + fraction * self._line.end_N).tolist())
         loads = replace(begin.here.loads, cable_tension_N=tension)
-        return self._place(share, self._follower.follow(begin.here, begin.here.world_from_flange, loads))
+        return self._place(fraction, self._follower.follow(begin.here, begin.here.world_from_flange, loads))
 
-    def _place(self, share: float, here: Equilibrium) -> _SweepPoint:
-        return _SweepPoint(share, here, self._follower.body.tip_position(here.state.positions))
+    def _place(self, fraction: float, here: Equilibrium) -> _SweepPoint:
+        return _SweepPoint(fraction, here, self._follower.body.tip_position(here.state.positions))
 
     def _over(self, place: _SweepPoint) -> float:
         assert self._target.height is not None

@@ -39,8 +39,8 @@ def hanging(panels: int, span: float) -> tuple[float, float]:
         strip.body(), clamped, NewtonOptions(1e-7 * weight, iterations_max=400, step_max_m=0.2)
     )
     start = strip.body().positions
-    share = np.maximum(start[:, 0], 0.0)
-    start[:, 2] = -4.0 * math.sqrt(0.375 * span * (1.0 - span)) * share * (1.0 - share)
+    fraction = np.maximum(start[:, 0], 0.0)
+    start[:, 2] = -4.0 * math.sqrt(0.375 * span * (1.0 - span)) * fraction * (1.0 - fraction)
     start[:, 0] = np.where(start[:, 0] > 0.0, span * start[:, 0], start[:, 0])
     found = specimen.solve(specimen.drawn(start), replace(UNLOADED, gravity=(0.0, 0.0, -_GRAVITY)))
     pull = float(specimen.gradient(found)[strip.tip, 0].sum())

@@ -54,7 +54,7 @@ def sector_lattice(rings: int, sectors: int) -> tuple[IntArray, Array, IntArray]
         ring of each node (n,), share of the quarter turn (n,) in [0, 1], triangles (m, 3), counterclockwise.
     """
     ring = np.concatenate([np.full(sectors * i + 1, i) for i in range(rings + 1)])
-    share = np.concatenate([np.arange(sectors * i + 1) / max(sectors * i, 1) for i in range(rings + 1)])
+    fraction = np.concatenate([np.arange(sectors * i + 1) / max(sectors * i, 1) for i in range(rings + 1)])
     first = np.concatenate([[0], np.cumsum(sectors * np.arange(rings + 1) + 1)])
     triangles = []
     for i in range(rings):
@@ -62,13 +62,13 @@ def sector_lattice(rings: int, sectors: int) -> tuple[IntArray, Array, IntArray]
             inner, outer = first[i] + s * i, first[i + 1] + s * (i + 1)
             triangles += [(inner + q, outer + q, outer + q + 1) for q in range(i + 1)]
             triangles += [(inner + q, outer + q + 1, inner + q + 1) for q in range(i)]
-    return ring, share, np.array(triangles, dtype=np.int64)
+    return ring, fraction, np.array(triangles, dtype=np.int64)
 
 
 def quarter_disc(radius_m: float, rings: int) -> Shape:
     """Return a quarter of a flat disc in the plane z = 0, normal +z."""
-    ring, share, triangles = sector_lattice(rings, 2)
-    angle = 0.5 * math.pi * share
+    ring, fraction, triangles = sector_lattice(rings, 2)
+    angle = 0.5 * math.pi * fraction
     r = radius_m * ring / rings
     positions = np.stack([r * np.cos(angle), r * np.sin(angle), np.zeros_like(r)], axis=1)
     return Shape(positions, triangles, on_symmetry_planes(positions, (0, 1)))
@@ -76,8 +76,8 @@ def quarter_disc(radius_m: float, rings: int) -> Shape:
 
 def octant_sphere(radius_m: float, rings: int) -> Shape:
     """Return an eighth of a sphere about the origin; its nodes lie on the sphere."""
-    ring, share, triangles = sector_lattice(rings, 1)
-    azimuth, polar = 0.5 * math.pi * share, 0.5 * math.pi * ring / rings
+    ring, fraction, triangles = sector_lattice(rings, 1)
+    azimuth, polar = 0.5 * math.pi * fraction, 0.5 * math.pi * ring / rings
     positions = radius_m * np.stack(
         [np.sin(polar) * np.cos(azimuth), np.sin(polar) * np.sin(azimuth), np.cos(polar)], axis=1
     )
