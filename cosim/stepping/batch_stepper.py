@@ -13,8 +13,8 @@ from cosim.coupling.schemes.ledger import LedgerEntry
 from cosim.plan.chamber_gas import ChamberGas
 from cosim.reduced.sections.outputs import CENTER, WRENCH
 from cosim.soft.body.loads import Loads
+from cosim.stepping.cursor import Cursor
 from cosim.stepping.parts import Parts
-from cosim.stepping.stepped_run import Cursor
 from cosim.stepping.tick_references import TickReferences
 from cosim.telemetry.film_shape import FilmShapes
 from cosim.telemetry.tick_batch import TickBatch

@@ -16,8 +16,9 @@ from cosim.plan.plan import PhasePlan, start_equilibrium
 from cosim.plan.ramp import progress
 from cosim.soft.body.loads import Loads
 from cosim.stepping.batch_stepper import BatchStepper
+from cosim.stepping.cursor import Cursor
 from cosim.stepping.parts import Parts, TickState
-from cosim.stepping.stepped_run import Cursor, SteppedRun
+from cosim.stepping.stepped_run import SteppedRun
 from cosim.stepping.tick_references import TickReferences
 from cosim.telemetry.snapshot import RunInfo, Snapshot
 from cosim.telemetry.tick_batch import TickBatch

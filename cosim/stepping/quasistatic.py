@@ -19,9 +19,10 @@ from cosim.plan.plan import PhasePlan, start_equilibrium
 from cosim.plan.ramp import Progress
 from cosim.soft.body.loads import Loads
 from cosim.soft.solve.state import Equilibrium, SoftState
+from cosim.stepping.cursor import Cursor
 from cosim.stepping.parts import Parts, TickState
 from cosim.stepping.relaxed_wrench import RelaxedWrench
-from cosim.stepping.stepped_run import Cursor, SteppedRun
+from cosim.stepping.stepped_run import SteppedRun
 from cosim.telemetry.snapshot import RunInfo, Snapshot
 
 _DROOP_ROUNDS_MAX = 20

@@ -15,6 +15,7 @@ from cosim.devices.device_loop import ActuationState
 from cosim.errors import InputError, SolverError
 from cosim.plan.chamber_gas import ChamberGas, ChamberGasState
 from cosim.plan.plan import PhasePlan, Plan
+from cosim.stepping.cursor import Cursor
 from cosim.stepping.parts import Parts
 from cosim.telemetry.choices import CONTACT, Choices
 from cosim.telemetry.snapshot import RunInfo, Snapshot
@@ -26,34 +27,6 @@ _GATHERED: Final = 64
 """Snapshots that make a batch, where steps are taken one by one: fine meshes are large."""
 _GATHERED_S: Final = 0.1
 """Wall time of steps after which a batch is shown, though it has fewer."""
-
-
-@final
-@dataclass(frozen=True)
-class Cursor:
-    """Where in its plan a run is.
-
-    Args:
-        tick: steps taken in all.
-        phase: index of the phase.
-        done: steps taken in that phase.
-    """
-
-    tick: int = 0
-    phase: int = 0
-    done: int = 0
-
-    def following(self, counts: Sequence[int]) -> Cursor | None:
-        """Return where the next step ends, with so many steps in each phase; None at the end of the plan."""
-        if self.done < counts[self.phase]:
-            return Cursor(self.tick + 1, self.phase, self.done + 1)
-        if self.phase + 1 < len(counts):
-            return Cursor(self.tick + 1, self.phase + 1, 1)
-        return None
-
-    def later(self, steps: int) -> Cursor:
-        """Return where so many steps later end, in the same phase."""
-        return Cursor(self.tick + steps, self.phase, self.done + steps)
 
 
 @final
