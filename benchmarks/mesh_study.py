@@ -13,15 +13,18 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import sys
 import time
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import numpy as np
 
+from benchmarks.measure.stability import PerturbationOptions, find_lower_state, negative_pivots
 from cosim.base.frames import Array, Pose
 from cosim.errors import ConvergenceError, MeshError
 from cosim.soft.body.body import SoftBody
@@ -38,7 +41,6 @@ from cosim.soft.solve.compilation import compile_kernels
 from cosim.soft.solve.equilibrium import EquilibriumSolver
 from cosim.soft.solve.newton import NewtonSolver
 from cosim.soft.solve.newton_options import NewtonOptions
-from cosim.soft.solve.stability import PerturbationOptions, find_lower_state, negative_pivots
 from cosim.soft.solve.state import Clamp, Equilibrium, SoftState
 
 REFERENCE = Path(__file__).resolve().parents[1] / "tests/reference/finite_elements.json"

@@ -8,12 +8,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from benchmarks.measure.stability import PerturbationOptions, find_lower_state, negative_pivots
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
 from cosim.soft.elements.cable import Cable
 from cosim.soft.linear.low_rank import LowRank, negative_added
 from cosim.soft.solve.newton_options import NewtonOptions
-from cosim.soft.solve.stability import PerturbationOptions, find_lower_state, negative_pivots
 from cosim.soft.solve.state import Equilibrium
 from cosim.verification.support.specimen import UNLOADED, Specimen
 from cosim.verification.support.strip import Strip
