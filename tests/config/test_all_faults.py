@@ -46,9 +46,18 @@ def test_faults_of_all_kinds_are_told_together() -> None:
 def test_no_rule_is_told_that_follows_from_a_misspelt_key() -> None:
     error = refusal({"phase.reach.tip_target": {"hight_m": 0.5, "reach_with": "cables"}})
     assert error.faults == (("phase.reach.tip_target.hight_m", "unknown key; did you mean height_m?"),)
+    start = {"pressure_Pa": 0.0, "flage": {"position_m": [0.3, 0.0, 0.7], "direction": [0.0, 0.0, -1.0]}}
+    assert [path for path, _ in refusal({"start": start}).faults] == ["start.flage"]
     cable = {"name": "left", "corner": 1, "units": [1, 10], "capstan": 0.8}
     error = refusal({"soft_robot.cable": [cable], "start.cable_tension_N": [0.0]})
     assert [path for path, _ in error.faults] == ["soft_robot.cable.left.capstan"]
+
+
+def test_a_key_that_is_like_none_hides_no_rule() -> None:
+    error = refusal({"wrong": 1, "phase.turn.duration_s": 1e-3, "soft_robot.stack.hole_radius_m": 0.04})
+    assert {path for path, _ in error.faults} == {
+        "wrong", "phase.turn.duration_s", "soft_robot.stack.hole_radius_m"
+    }  # fmt: skip
 
 
 def test_no_rule_is_told_of_a_value_that_is_wrong_by_itself() -> None:

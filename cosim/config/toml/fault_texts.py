@@ -10,7 +10,7 @@ from cosim.config.schema.old_keys import REMEDY, RENAMED, SCHEMA
 from cosim.config.toml.core_schemas import Node
 from cosim.config.toml.key_paths import describe, shown
 from cosim.config.toml.reading import Unreadable
-from cosim.config.toml.suggestions import unknown_key_message
+from cosim.config.toml.suggestions import likely_keys, unknown_key_message
 
 UNKNOWN_KEY: Final = "unexpected_keyword_argument"
 _EXPECTED: Final = {
@@ -40,7 +40,7 @@ def fault_text(error: Mapping[str, Any], node: Node, value: Any) -> str:
         return "is missing; it has no default"
     if kind == UNKNOWN_KEY:
         key = error["loc"][-1]
-        if new := RENAMED.get(node["dataclass_name"], {}).get(key):
+        if new := _renamed(node, key):
             return f"is called {new} since schema {SCHEMA}; {REMEDY}"
         return unknown_key_message(key, tuple(keys_of(node)))
     if isinstance(value, Unreadable):
@@ -67,6 +67,16 @@ def fault_text(error: Mapping[str, Any], node: Node, value: Any) -> str:
     if isinstance(value, float) and not math.isfinite(value):
         return f"got {value:g}; must be a finite number"
     return f"{value:g} is out of bounds; must be {bounds_text(node)}"
+
+
+def meant_keys(node: Node, key: str) -> list[str]:
+    """Return which keys of a table may be meant by one that does not exist; `node` is the table's."""
+    new = _renamed(node, key)
+    return [new] if new else likely_keys(key, tuple(keys_of(node)))
+
+
+def _renamed(node: Node, key: str) -> str | None:
+    return RENAMED.get(node["dataclass_name"], {}).get(key)
 
 
 def keys_of(node: Node) -> dict[str, Node]:

@@ -11,9 +11,8 @@ from typing import Any, NamedTuple, TypeVar
 
 from pydantic_core import ValidationError
 
-from cosim.config.schema.old_keys import RENAMED
 from cosim.config.toml.core_schemas import Node, definitions_of, file_schema, inner_node, validator_of
-from cosim.config.toml.fault_texts import UNKNOWN_KEY, fault_text, keys_of
+from cosim.config.toml.fault_texts import UNKNOWN_KEY, fault_text, keys_of, meant_keys
 from cosim.config.toml.faults import UNKNOWN, Faults, guard
 from cosim.config.toml.key_paths import join, label
 from cosim.config.toml.reading import only_readable
@@ -50,13 +49,17 @@ def parse(kind: type[Schema], table: Mapping[str, Any], path: str, faults: Fault
         found = _without_gaps(error)
     schema = file_schema(kind)  # type: ignore[arg-type]
     pairs = [(item, _place(schema, kept, path, item)) for item in found]
-    pairs = [(item, place) for item, place in pairs if not _follows(item, place)]
     for item, place in pairs:
-        faults.add(place.path, fault_text(item, place.node, place.value))
-        place.table[place.key] = UNKNOWN
-        if item["type"] == UNKNOWN_KEY:  # any other key of the table may be what was meant
+        if item["type"] == UNKNOWN_KEY:
             del place.table[place.key]
-            place.table.update(dict.fromkeys(keys_of(place.node).keys() - place.table.keys(), UNKNOWN))
+            for key in meant_keys(place.node, place.key):
+                place.table.setdefault(key, UNKNOWN)
+    for item, place in pairs:
+        if item["type"] == "missing" and place.key in place.table:
+            continue  # it is there, but misspelt or by its old name
+        if item["type"] != UNKNOWN_KEY:
+            place.table[place.key] = UNKNOWN
+        faults.add(place.path, fault_text(item, place.node, place.value))
     made = validator.validate_python(kept)
     guard(made)
     return made
@@ -95,12 +98,6 @@ def _without_gaps(error: ValidationError) -> list[dict[str, Any]]:
     for above in [place[:depth] for place in found for depth in range(1, len(place))]:
         found.pop(above, None)  # too short without the wrong entries: that follows from them
     return list(found.values())
-
-
-def _follows(found: Mapping[str, Any], place: _Place) -> bool:
-    """Return whether a key is missing only because its table has it by its old name."""
-    old = {new: old for names in RENAMED.values() for old, new in names.items()}
-    return found["type"] == "missing" and old.get(place.key) in place.table
 
 
 def _place(schema: Node, kept: dict[str, Any], path: str, found: Mapping[str, Any]) -> _Place:

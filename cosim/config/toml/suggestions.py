@@ -45,16 +45,23 @@ def unknown_key_message(key: str, known: tuple[str, ...]) -> str:
     """Return what to say about a key that does not exist among the known ones."""
     if len(key) > LONGEST_KEY:
         return f"has {len(key)} characters; keys have at most {LONGEST_KEY}"
-    stem, unit = split_unit(key)
-    for candidate in known:
-        candidate_stem, candidate_unit = split_unit(candidate)
-        if candidate_unit and candidate_stem.lower() == stem.lower() and candidate != key:
-            given = f"'{unit}' is not the unit of this key" if unit else "the unit is part of the key"
-            return f"unknown key; {given}: write {candidate} (in {candidate_unit}; units are not converted)"
-    close = get_close_matches(key, known, n=3, cutoff=0.6)
-    if close:
-        return f"unknown key; did you mean {' or '.join(close)}?"
-    return f"unknown key; known are: {', '.join(sorted(known))}"
+    likely = likely_keys(key, known)
+    if not likely:
+        return f"unknown key; known are: {', '.join(sorted(known))}"
+    (stem, unit), (likely_stem, likely_unit) = split_unit(key), split_unit(likely[0])
+    if likely_unit and likely_stem.lower() == stem.lower():
+        given = f"'{unit}' is not the unit of this key" if unit else "the unit is part of the key"
+        return f"unknown key; {given}: write {likely[0]} (in {likely_unit}; units are not converted)"
+    return f"unknown key; did you mean {' or '.join(likely)}?"
+
+
+def likely_keys(key: str, known: Sequence[str]) -> list[str]:
+    """Return which of the known keys may be meant by one that does not exist: by its stem, or its letters."""
+    if len(key) > LONGEST_KEY:
+        return []
+    stem = split_unit(key)[0].lower()
+    same = [other for other in known if split_unit(other)[1] and split_unit(other)[0].lower() == stem]
+    return same[:1] or get_close_matches(key, known, n=3, cutoff=0.6)
 
 
 def unknown_name_message(kind: str, name: str, known: tuple[str, ...]) -> str:
