@@ -171,19 +171,18 @@ class TickBatch:
     def snapshot(self, row: int) -> Snapshot:
         """Return one tick, in arrays of its own."""
         row = range(len(self))[row]
-        force, torque = self.wrench[row].reshape(2, 3).copy()
-        linear, angular = self.flange_twist[row].reshape(2, 3).copy()
-        of_ledger = {name: getattr(self, name)[row].item() for name in _OF_LEDGER}
+        wrench, twist = self.wrench[row], self.flange_twist[row]
+        of_ledger = {name: getattr(self, name).item(row) for name in _OF_LEDGER}
         return Snapshot(
-            tick=int(self.tick[row]),
-            time_s=float(self.time_s[row]),
-            phase=int(self.phase[row]),
+            tick=self.tick.item(row),
+            time_s=self.time_s.item(row),
+            phase=self.phase.item(row),
             film=self.film[row],
             world_from_flange=Pose.owning(self.flange_rotation[row].copy(), self.flange_position[row].copy()),
-            flange_twist=Twist.owning(linear, angular),
+            flange_twist=Twist.owning(twist[:3].copy(), twist[3:].copy()),
             tip_target=self.tip_target[row].copy() if self.has_tip_target[row] else None,
-            ledger=LedgerEntry(Wrench.owning(force, torque), **of_ledger),
-            tick_wall_s=float(self.tick_wall_s[row]),
+            ledger=LedgerEntry(Wrench.owning(wrench[:3].copy(), wrench[3:].copy()), **of_ledger),
+            tick_wall_s=self.tick_wall_s.item(row),
             devices=self.devices[row],
             link_contacts=self.link_contacts.get(row, ()),
             **{name: getattr(self, name)[row].copy() for name in _STACKED},

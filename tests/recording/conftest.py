@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from itertools import groupby
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -133,8 +134,9 @@ def record(
 ) -> Recorded:
     recorder = RerunRecorder(path, **options)
     recorder.open(stage)
-    for tick in range((stage.ticks if ticks is None else ticks) + 1):
-        recorder.record(TickBatch.of([make_snapshot(stage, tick)]))
+    shown = (make_snapshot(stage, tick) for tick in range((stage.ticks if ticks is None else ticks) + 1))
+    for _, batch in groupby(shown, key=lambda snapshot: (snapshot.phase, snapshot.tick // 40)):
+        recorder.record(TickBatch.of(list(batch)))
     recorder.close("## The end", "completed")
     return Recorded(path)
 
