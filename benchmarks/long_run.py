@@ -127,7 +127,7 @@ class Energies:
             here: (joints,) [rad], now.
         """
         soft, system = self._simulation.save_state().soft, self._system
-        x, angles, v = soft.soft.positions, soft.soft.angles, soft.soft.velocities
+        x, angles, v = soft.soft.positions, soft.soft.memory, soft.soft.velocities
         tension = system.segment_tension(x, soft.loads)
         potential = system.evaluate(x, soft.loads, tension, angles, hessian=False)
         kinetic = 0.5 * float(np.einsum("n,nr,nr->", system.body.node_mass, v, v))

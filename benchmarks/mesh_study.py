@@ -15,7 +15,6 @@ import json
 import os
 import sys
 import time
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -71,7 +70,7 @@ def specimen(stack: PolygonalStack, level: int, fraction: float, framed: bool) -
     if not framed:
         return body
     rims = np.stack([ring for name, ring in mesh.rings.items() if name.endswith(".outer")])
-    return replace(body, frames=FrameRings.from_shape(mesh.positions, rims, FRAME_STIFFNESS_N_M))
+    return body.with_elements(FrameRings.from_shape(mesh.positions, rims, FRAME_STIFFNESS_N_M))
 
 
 class OpenSpecimen:

@@ -162,7 +162,7 @@ def stages_of(data: Any, body: SoftBody) -> Iterator[tuple[str, list[Increment]]
 
 @dataclass
 class Follower:
-    """Follows an example's equilibria; `positions` and `angles` are those of the last one.
+    """Follows an example's equilibria; `positions` and `memory` are those of the last one.
 
     Args:
         lagged: whether each increment takes the pressure force of the shape before it.
@@ -170,7 +170,7 @@ class Follower:
 
     body: SoftBody
     positions: Array
-    angles: Array
+    memory: Array
     lagged: bool = False
 
     def follow(self, clamped: Mask, increments: list[Increment]) -> int:
@@ -190,11 +190,11 @@ class Follower:
             loads = self._with_lag(solver.system, increment.loads) if self.lagged else increment.loads
             centre = self.positions[self.body.base].mean(axis=0)
             start = (self.positions - centre) @ rotation_from_vector(increment.turn).T + centre
-            found = solver.solve(start, self.angles, loads, options)
+            found = solver.solve(start, self.memory, loads, options)
             spent += found.iterations
             if not found.converged:
                 raise RuntimeError(f"{found.outcome.value}; residual {found.residual_N:.1e} N")
-            self.positions, self.angles = found.positions, found.angles
+            self.positions, self.memory = found.positions, found.memory
         return spent
 
     def _with_lag(self, system: SoftSystem, loads: Loads) -> Loads:
@@ -203,7 +203,7 @@ class Follower:
         tension = system.segment_tension(self.positions, loads)
         gradients = []
         for case in (without, loads):
-            system.evaluate(self.positions, case, tension, self.angles, hessian=False)
+            system.evaluate(self.positions, case, tension, self.memory, hessian=False)
             gradients.append(system.gradient.copy())
         assert loads.nodal_force is not None
         return replace(without, nodal_force=loads.nodal_force + gradients[0] - gradients[1])

@@ -66,7 +66,7 @@ class Iteration:
         self.linear = solver.linear
         self.parts: dict[str, Callable[[], object]] = {
             "assembly_ms": lambda: system.evaluate(
-                state.positions, loads, tension, state.angles, inertia=inertia
+                state.positions, loads, tension, state.memory, inertia=inertia
             ),
             "factor_ms": lambda: self.linear.factor(system.blocks),
             "solve_ms": lambda: self.linear.solve(system.gradient),

@@ -56,7 +56,7 @@ def solver_costs(arm: Held, here: Equilibrium, pairs: FilmPairs) -> dict[str, fl
     """Return the costs of both ways [ms]."""
     system, x, free = arm.system, here.state.positions, arm.newton.free
     tension = system.segment_tension(x, here.loads)
-    system.evaluate(x, here.loads, tension, here.state.angles)
+    system.evaluate(x, here.loads, tension, here.state.memory)
     body, wide = EnvelopeCholesky(system.pattern, free), EnvelopeCholesky(pairs.coupled.pattern, free)
     own, joined = system.blocks.copy(), system.tangent_blocks.copy()
     wide.factor(joined)
@@ -84,7 +84,7 @@ def solver_costs(arm: Held, here: Equilibrium, pairs: FilmPairs) -> dict[str, fl
 
 def iterations_to_balance(arm: Held, here: Equilibrium, pairs: FilmPairs, *, exact: bool) -> int:
     """Return the full Newton steps after 0.1 N more tension, with the pairs kept; at most 400."""
-    system, x, angles = arm.system, here.state.positions.copy(), here.state.angles
+    system, x, angles = arm.system, here.state.positions.copy(), here.state.memory
     tension = tuple(t + 0.1 for t in here.loads.cable_tension_N)
     loads = replace(here.loads, cable_tension_N=tension, self_contact=pairs)
     pattern = pairs.coupled.pattern

@@ -12,6 +12,8 @@ from cosim.build.soft_body import build_soft_body
 from cosim.config.loading import load_scenario
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
+from cosim.soft.elements.cable import Cable
+from cosim.soft.elements.hinge import Hinges
 from cosim.soft.solve.assembly import SoftSystem
 from cosim.soft.solve.equilibrium import EquilibriumSolver
 from cosim.soft.solve.newton import NewtonSolver
@@ -28,9 +30,8 @@ def film_only() -> SoftBody:
     scenario = load_scenario("ur5e_hexagon_arm")
     body = build_soft_body(scenario.soft_robot, scenario.model)
     hinges = replace(body.hinges, stiffness=0.0 * body.hinges.stiffness, fold_barrier_rad=0.0)
-    return replace(
-        body, positions=np.ascontiguousarray(_HANGING.apply(body.positions)), hinges=hinges, cables=()
-    )
+    bare = body.with_other(Hinges, hinges).with_other(Cable)
+    return replace(bare, positions=np.ascontiguousarray(_HANGING.apply(body.positions)))
 
 
 def make_case() -> tuple[SoftBody, Case]:
@@ -57,7 +58,7 @@ def simulate(body: SoftBody, case: Case, tick_s: float, integrator: Integrator, 
     if iterations > 1:
         options = replace(options, tolerance_N=1e-6)
     stepper = ImplicitStepper(newton, clamp, options)
-    state = SoftState.at_rest(np.array(case.start), SoftState.drawn(body, Pose()).angles)
+    state = SoftState.at_rest(np.array(case.start), SoftState.drawn(body, Pose()).memory)
 
     def step(time_s: float) -> None:
         nonlocal state

@@ -96,7 +96,8 @@ def build_soft_body(robot: SoftRobotTable, model: ModelTable) -> SoftBody:
         tip=mesh.ring(mesh.tip_ring),
         rings=mesh.rings,
     )
-    body = replace(body, frames=_frames(mesh, robot))
+    if robot.stiffener.kind != "none":
+        body = body.with_elements(_frames(mesh, robot))
     if robot.copies is not None:
         c = robot.copies
         body = copies(body, around_axis(c.count, c.radius_m, c.tilt_rad, c.spin_rad, c.height_m))
@@ -144,9 +145,7 @@ def _hinges(robot: SoftRobotTable, model: ModelTable, mesh: Mesh, film: Film) ->
     return hinges, uniform
 
 
-def _frames(mesh: Mesh, robot: SoftRobotTable) -> FrameRings | None:
-    if robot.stiffener.kind == "none":
-        return None
+def _frames(mesh: Mesh, robot: SoftRobotTable) -> FrameRings:
     rings = np.array([ring for name, ring in mesh.rings.items() if name.endswith(".outer")])
     return FrameRings.from_shape(mesh.positions, rings, robot.stiffener.stiffness_N_m)
 

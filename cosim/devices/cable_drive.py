@@ -7,8 +7,8 @@ from typing import Literal, TypeAlias, final
 
 from cosim.base.frames import Array
 from cosim.devices.winch import Winch, WinchState
-from cosim.soft.elements.cable import Cable
-from cosim.soft.elements.cable_length import base_tension, stretch_at
+from cosim.soft.elements.cable import Cable, base_tension
+from cosim.soft.elements.cable_length import stretch_at
 
 Order: TypeAlias = tuple[Literal["tension", "length", "shortening"], float]
 """What a phase asks of a cable, at the end of its ramp [N or m]."""

@@ -11,7 +11,7 @@ from cosim.base.frames import Pose, rotation_from_vector
 from cosim.coupling.soft_sides.lumped_arm import SoftArm
 from cosim.coupling.soft_sides.section_arm import SectionArm
 from cosim.soft.body.loads import Loads
-from cosim.soft.elements.cable_length import base_tension
+from cosim.soft.elements.cable import base_tension
 from cosim.soft.solve.newton_options import NewtonOptions
 from cosim.soft.solve.state import Equilibrium
 from cosim.soft.solve.time_scheme import StepOptions

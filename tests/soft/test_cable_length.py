@@ -11,8 +11,8 @@ from cosim.base.frames import Array
 from cosim.errors import InputError
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
-from cosim.soft.elements.cable import Cable
-from cosim.soft.elements.cable_length import TRANSITION_m, base_tension, onset, pull, stretch_at
+from cosim.soft.elements.cable import Cable, base_tension, pull
+from cosim.soft.elements.cable_length import TRANSITION_m, onset, stretch_at
 from cosim.soft.elements.material import Film
 from cosim.soft.geometry.surface import dihedral_angle
 from cosim.soft.linear.low_rank import LowRank
@@ -31,7 +31,7 @@ SHORTER_m = 4e-3
 def arm(**cable: float) -> SoftBody:
     body = hexagon_arm(UNITS)
     given = {"stiffness_N_m": STIFFNESS, **cable}
-    return replace(body, cables=tuple(replace(entry, **given) for entry in body.cables))
+    return body.with_other(Cable, *(replace(entry, **given) for entry in body.cables))
 
 
 def bare_cable(points: Array, **cable: float) -> SoftBody:
@@ -158,7 +158,7 @@ def test_the_tension_in_a_step_is_that_of_the_length_at_its_end(monkeypatch: pyt
         acting.append(found[0][0] / cable.loss_factor)
         return found
 
-    monkeypatch.setattr("cosim.soft.solve.assembly.pull", recorded)
+    monkeypatch.setattr("cosim.soft.elements.cable.pull", recorded)
     specimen = held(arm(stiffness_N_m=1e5))
     state = hung(specimen, pressure_Pa=30e3).state
     first = specimen.body.cables[0]

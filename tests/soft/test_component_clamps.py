@@ -50,7 +50,7 @@ def test_the_solution_is_that_of_the_dense_matrix(kind: type[LinearSolver]) -> N
     body = sheet(3, 3)
     system = SoftSystem(body)
     stretched = body.positions * np.array([1.05, 1.02, 1.0])
-    system.evaluate(stretched, Loads(), np.zeros(0), system.angles)
+    system.evaluate(stretched, Loads(), np.zeros(0), system.memory)
     dense = np.zeros((body.nodes, 3, body.nodes, 3))
     dense[system.pattern.row, :, system.pattern.column] = system.blocks
     dense[system.pattern.column, :, system.pattern.row] = system.blocks.transpose(0, 2, 1)
@@ -71,7 +71,7 @@ def hanging(body: SoftBody, clamped: Mask) -> Array:
     start = body.positions - np.array([0.0, 0.0, 0.05]) * ~by_component(clamped)
     loads = Loads(gravity=(0.0, 0.0, -9.81))
     system = SoftSystem(body)
-    result = NewtonSolver(system, clamped).solve(start, system.angles, loads, NewtonOptions(tolerance_N=1e-9))
+    result = NewtonSolver(system, clamped).solve(start, system.memory, loads, NewtonOptions(tolerance_N=1e-9))
     assert result.converged
     return result.positions
 

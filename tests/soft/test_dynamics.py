@@ -35,7 +35,7 @@ def afloat(units: int = 1) -> Held:
 def flying(arm: Held, velocity: Array) -> SoftState:
     """Return the drawn shape, all nodes at one velocity (3,) [m/s]."""
     drawn = arm.body.positions
-    return SoftState(drawn.copy(), np.tile(velocity, (len(drawn), 1)), arm.system.angles.copy())
+    return SoftState(drawn.copy(), np.tile(velocity, (len(drawn), 1)), arm.system.memory.copy())
 
 
 def shifted(time_s: float) -> Pose:
@@ -71,7 +71,7 @@ def test_free_fall(integrator: Integrator) -> None:
     arm, h, steps = afloat(), 0.002, 50
     gravity = np.array([1.0, -2.0, -9.81])
     state = SoftState(
-        arm.body.positions.copy(), np.full_like(arm.body.positions, 0.3), arm.system.angles.copy()
+        arm.body.positions.copy(), np.full_like(arm.body.positions, 0.3), arm.system.memory.copy()
     )
     move = stepper(arm, integrator)
     for k in range(1, steps + 1):
@@ -121,7 +121,7 @@ def test_momentum_of_a_floating_chamber_stays(integrator: Integrator) -> None:
 @pytest.mark.parametrize(("integrator", "alpha"), [("implicit_euler", 30.0), ("bdf2", 30.0)])
 def test_damping_slows_free_flight_by_its_formula(integrator: Integrator, alpha: float) -> None:
     arm, h = afloat(), 0.004
-    state = SoftState(arm.body.positions.copy(), np.tile([1.0, 0.0, -0.5], (48, 1)), arm.system.angles.copy())
+    state = SoftState(arm.body.positions.copy(), np.tile([1.0, 0.0, -0.5], (48, 1)), arm.system.memory.copy())
     move = stepper(arm, integrator, damping_per_s=alpha)
     speeds = [1.0]
     for _ in range(10):
@@ -226,11 +226,11 @@ def test_free_flight_that_would_cross_films_begins_where_it_is() -> None:
     speed = np.zeros_like(begin.state.positions)
     speed[arm.body.rings["unit_1.upper"]] = (0.0, 0.0, -2.0)
     speed[arm.body.rings["unit_2.lower"]] = (0.0, 0.0, 2.0)
-    state = SoftState(begin.state.positions, speed, begin.state.angles)
+    state = SoftState(begin.state.positions, speed, begin.state.memory)
     after, result = stepper(arm, newton=NewtonOptions()).step(state, HANGING, begin.loads, 0.002)
     assert result.converged
-    assert after.angles.min() > 0.0
-    assert after.angles.max() < 2.0 * np.pi
+    assert after.memory.min() > 0.0
+    assert after.memory.max() < 2.0 * np.pi
 
 
 def test_clamp_places_and_weighs_its_nodes() -> None:
@@ -269,7 +269,7 @@ def test_a_spinning_body_starts_where_the_flange_carries_it(angle: float) -> Non
     start, turn = hung(arm, pressure_Pa=PRESSURE_Pa).state, np.array([0.0, angle, 0.0])
     spin = np.cross(turn / h, start.positions - HANGING.translation)
     turned = Pose(rotation_from_vector(turn) @ HANGING.rotation, HANGING.translation)
-    state, loads = SoftState(start.positions, spin, start.angles), no_load(arm.body, pressure_Pa=PRESSURE_Pa)
+    state, loads = SoftState(start.positions, spin, start.memory), no_load(arm.body, pressure_Pa=PRESSURE_Pa)
     carried, blind = (
         stepper(arm).step(state, turned, loads, h, before)[1].iterations for before in (HANGING, None)
     )

@@ -92,7 +92,7 @@ def test_a_state_is_carried_with_its_velocities() -> None:
     body = hexagon_arm(1)
     drawn = SoftState.drawn(body, HANGING)
     spin = np.array([0.0, 0.0, 2.0])
-    flying = SoftState(drawn.positions, np.cross(spin, drawn.positions), drawn.angles)
+    flying = SoftState(drawn.positions, np.cross(spin, drawn.positions), drawn.memory)
     motion = Pose(rotation_from_vector(np.array([0.4, 0.2, -1.0])), np.array([1.0, 2.0, 3.0]))
     carried = flying.carried(motion)
     turned = motion.rotation @ spin
@@ -168,7 +168,7 @@ def test_a_cable_with_friction_settles() -> None:
     tension = arm.system.segment_tension(x, found.loads)
     assert tension[0] == 6.0
     assert tension[2] < 0.999 * 6.0
-    arm.system.evaluate(x, found.loads, tension, found.state.angles)
+    arm.system.evaluate(x, found.loads, tension, found.state.memory)
     # with the tensions of the shape that was found, not those of the one before
     assert np.abs(arm.system.gradient[arm.newton.free]).max() < 1e-6
 

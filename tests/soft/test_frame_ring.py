@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -89,17 +87,17 @@ def inflated_ring(stiffness_N_m: float | None) -> tuple[float, SoftBody, Array]:
     ring = body.rings["unit_1.outer"]
     if stiffness_N_m is not None:
         frames = FrameRings.from_shape(body.positions, ring[None], stiffness_N_m)
-        body = replace(body, frames=frames)
+        body = body.with_elements(frames)
     system = SoftSystem(body)
     held = np.zeros(body.nodes, dtype=bool)
     held[body.base] = True
-    solver, x, angles = NewtonSolver(system, held), body.positions, system.angles.copy()
+    solver, x, angles = NewtonSolver(system, held), body.positions, system.memory.copy()
     for pressure in np.linspace(0.0, 1e4, 11)[1:]:
         result = solver.solve(
             x, angles, no_load(body, pressure_Pa=pressure, gravity=(0.0, 0.0, 0.0)), NewtonOptions()
         )
         assert result.converged
-        x, angles = result.positions, result.angles
+        x, angles = result.positions, result.memory
     drawn, now = (p[ring] - p[ring].mean(axis=0) for p in (body.positions, x))
     u, _, vt = np.linalg.svd(drawn.T @ now)
     turn = u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt
@@ -119,7 +117,7 @@ def test_a_framed_unit_keeps_its_rim_and_opens_less() -> None:
 def test_a_body_without_frames_pays_nothing() -> None:
     body = hexagon_arm(2)
     rings = np.array([body.rings["unit_1.outer"], body.rings["unit_2.outer"]])
-    framed = replace(body, frames=FrameRings.from_shape(body.positions, rings, STIFFNESS_N_m))
+    framed = body.with_elements(FrameRings.from_shape(body.positions, rings, STIFFNESS_N_m))
     plain = SoftSystem(body).pattern.blocks
     # 12 nodes a ring: 66 pairs, of which 12 along the rim and 6 across its corners are there already
     assert SoftSystem(framed).pattern.blocks == plain + 2 * (66 - 18)

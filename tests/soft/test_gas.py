@@ -65,7 +65,7 @@ def test_derivatives_with_a_sealed_gas(shape: str) -> None:
     reference = dihedral_angle(x, body.hinges.nodes)
 
     def evaluate(y: Array) -> tuple[float, Array, Array]:
-        energy = system.evaluate(y, loads, np.zeros(len(system._segments)), reference)
+        energy = system.evaluate(y, loads, system.segment_tension(x, loads), reference)
         matrix = dense(system.pattern, system.blocks)
         assert system.low_rank is not None
         matrix += system.low_rank.matrix()
@@ -78,7 +78,7 @@ def test_a_sealed_gas_pushes_like_the_pressure_it_has() -> None:
     body, x = hexagon_arm(2), inflated_positions(2)
     system, gas = SoftSystem(body), air(0.95 * volume_of(body, x))
     reference = dihedral_angle(x, body.hinges.nodes)
-    none = np.zeros(len(system._segments))
+    none = system.segment_tension(x, no_load(body))
     system.evaluate(x, no_load(body, gas=gas), none, reference)
     gradient, pressure = system.gradient.copy(), system.pressure_Pa
     assert pressure == pytest.approx(gas.gauge_pressure(volume_of(body, x)), rel=1e-12)
@@ -95,7 +95,7 @@ def test_the_dense_term_is_solved_without_a_dense_matrix(
 ) -> None:
     body, x = hexagon_arm(1), inflated_positions(1)
     system, random = SoftSystem(body), np.random.default_rng(3)
-    system.evaluate(x, no_load(body, gas=air(volume_of(body, x))), np.zeros(0), system.angles)
+    system.evaluate(x, no_load(body, gas=air(volume_of(body, x))), np.zeros(0), system.memory)
     assert system.low_rank is not None
     slope = system.low_rank.vectors[0]
     free = random.random((body.nodes, 3)) < 0.8
@@ -120,7 +120,7 @@ def test_the_dense_term_is_solved_without_a_dense_matrix(
 def test_a_negative_dense_term_that_spoils_definiteness_is_refused() -> None:
     body, x = hexagon_arm(1), inflated_positions(1)
     system = SoftSystem(body)
-    system.evaluate(x, no_load(body), np.zeros(0), system.angles)
+    system.evaluate(x, no_load(body), np.zeros(0), system.memory)
     solver = EnvelopeCholesky(system.pattern, np.ones(body.nodes, dtype=bool))
     shift = 1e4
     matrix = dense(system.pattern, system.blocks) + shift * np.eye(x.size)
@@ -134,7 +134,7 @@ def test_a_negative_dense_term_that_spoils_definiteness_is_refused() -> None:
 def test_several_dense_terms_of_either_sign(kind: type[EnvelopeCholesky] | type[GeneralLU]) -> None:
     body, x = hexagon_arm(1), inflated_positions(1)
     system, random = SoftSystem(body), np.random.default_rng(5)
-    system.evaluate(x, no_load(body), np.zeros(0), system.angles)
+    system.evaluate(x, no_load(body), np.zeros(0), system.memory)
     free = random.random((body.nodes, 3)) < 0.8
     keep, shift = free.ravel(), 1e4
     terms = LowRank(random.normal(size=(4, *x.shape)), np.array([1e5, -30.0, 0.0, 2e2]))
@@ -214,7 +214,7 @@ def test_sealed_gas_resists_when_the_arm_is_loaded() -> None:
     moved = []
     for changes in ({"pressure_Pa": 3e4}, {"gas": gas}):
         loads = no_load(body, nodal_force=force, **calm, **changes)
-        result = solver.solve(begin.positions, begin.angles, loads, NewtonOptions())
+        result = solver.solve(begin.positions, begin.memory, loads, NewtonOptions())
         assert result.converged
         moved.append(float((result.positions - begin.positions)[body.tip, 2].mean()))
     assert system.pressure_Pa > 3e4
@@ -225,7 +225,7 @@ def test_an_open_body_cannot_be_sealed() -> None:
     body = replace(hexagon_arm(1), closed=False)
     system = SoftSystem(body)
     with pytest.raises(InputError, match="closed body"):
-        system.evaluate(inflated_positions(1), no_load(body, gas=air(1e-5)), np.zeros(0), system.angles)
+        system.evaluate(inflated_positions(1), no_load(body, gas=air(1e-5)), np.zeros(0), system.memory)
 
 
 def test_a_volume_that_is_gone_costs_infinitely_much() -> None:
@@ -233,7 +233,7 @@ def test_a_volume_that_is_gone_costs_infinitely_much() -> None:
     system = SoftSystem(body)
     inside_out = np.ascontiguousarray(x * (1.0, 1.0, -1.0))
     loads = no_load(body, gas=air(1e-5))
-    assert system.evaluate(inside_out, loads, np.zeros(0), system.angles, hessian=False) == np.inf
+    assert system.evaluate(inside_out, loads, np.zeros(0), system.memory, hessian=False) == np.inf
 
 
 def test_a_leak_decays_at_its_rate_whatever_the_step() -> None:

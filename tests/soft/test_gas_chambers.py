@@ -46,7 +46,7 @@ def test_each_chamber_feels_its_own_pressure() -> None:
 
 def test_volume_and_pressure_of_each_are_kept() -> None:
     x, system = apart("inflated"), SoftSystem(PAIR)
-    system.evaluate(x, Loads((10e3, 30e3)), np.zeros(0), system.angles.copy())
+    system.evaluate(x, Loads((10e3, 30e3)), np.zeros(0), system.memory.copy())
     first, second = system.gas.volumes
     assert second == pytest.approx(1.05**3 * first, rel=1e-12)
     assert system.gas.enclosed_volumes(x) == (first, second)

@@ -19,7 +19,7 @@ def inflated(arm: Held, options: NewtonOptions, **loads: object) -> NewtonResult
     """Return what one solution from the drawn shape gives under pressure at once."""
     drawn = SoftState.drawn(arm.body, HANGING)
     given = no_load(arm.body, **{"pressure_Pa": PRESSURE_Pa, **loads})
-    return arm.newton.solve(drawn.positions, drawn.angles, given, options)
+    return arm.newton.solve(drawn.positions, drawn.memory, given, options)
 
 
 def residuals(arm: Held, start: Array, angles: Array, count: int, **loads: object) -> list[float]:
@@ -37,7 +37,7 @@ def test_convergence_is_quadratic(closed: bool) -> None:
     arm = held(hexagon_arm(3, closed=closed))
     begin = hung(arm, pressure_Pa=PRESSURE_Pa, cable_tension_N=(2.0, 3.0)).state
     given = {"pressure_Pa": 1.02 * PRESSURE_Pa, "cable_tension_N": (2.0, 3.0)}
-    r = residuals(arm, begin.positions, begin.angles, 4, **given)
+    r = residuals(arm, begin.positions, begin.memory, 4, **given)
     # once below 0.01 N each residual is about the square of the last (in N, factor 2 as measured)
     assert r[2] < 0.01, r
     assert r[3] < 5.0 * r[2] ** 2, r
@@ -72,7 +72,7 @@ def test_positions_that_are_not_finite() -> None:
     arm = held(hexagon_arm(1))
     drawn = SoftState.drawn(arm.body, HANGING)
     drawn.positions[20, 1] = np.nan
-    result = arm.newton.solve(drawn.positions, drawn.angles, no_load(arm.body), NewtonOptions())
+    result = arm.newton.solve(drawn.positions, drawn.memory, no_load(arm.body), NewtonOptions())
     assert result.outcome is Outcome.NOT_FINITE
     assert result.iterations == 0
 
@@ -84,7 +84,7 @@ def test_crossed_films_part_again() -> None:
     crossed = found.state.positions.copy()
     lower, upper = (arm.body.rings[f"unit_2.{ring}"] for ring in ("lower", "upper"))
     crossed[upper] += 2.0 * (crossed[lower] - crossed[upper])
-    result = arm.newton.solve(crossed, found.state.angles, found.loads, EXACT)
+    result = arm.newton.solve(crossed, found.state.memory, found.loads, EXACT)
     assert result.converged
     # residuals of 1e-9 N over the softest stiffness
     assert result.positions == pytest.approx(found.state.positions, abs=1e-7)
@@ -108,7 +108,7 @@ def test_no_descent() -> None:
 def test_a_solution_is_left_as_it_is() -> None:
     arm = held(hexagon_arm(2))
     found = hung(arm, pressure_Pa=PRESSURE_Pa)
-    again = arm.newton.solve(found.state.positions, found.state.angles, found.loads, NewtonOptions())
+    again = arm.newton.solve(found.state.positions, found.state.memory, found.loads, NewtonOptions())
     assert again.outcome is Outcome.CONVERGED
     assert again.iterations == 0
     assert (again.positions == found.state.positions).all()
@@ -141,18 +141,18 @@ def test_films_never_cross(loads: dict[str, object]) -> None:
         here = arm.equilibrium.follow(
             here, HANGING, here.loads.interpolated(no_load(arm.body, **loads), share)
         )
-        assert here.state.angles.min() > 0.0
-        assert here.state.angles.max() < 2.0 * np.pi
+        assert here.state.memory.min() > 0.0
+        assert here.state.memory.max() < 2.0 * np.pi
     barrier = arm.body.hinges.fold_barrier_rad
-    assert min(here.state.angles.min(), 2.0 * np.pi - here.state.angles.max()) < barrier
+    assert min(here.state.memory.min(), 2.0 * np.pi - here.state.memory.max()) < barrier
 
 
 def test_a_kept_factorisation_gives_the_same_solution() -> None:
     arm = held(hexagon_arm(3))
     begin = hung(arm, pressure_Pa=PRESSURE_Pa)
     loads = no_load(arm.body, pressure_Pa=1.01 * PRESSURE_Pa)
-    fresh = arm.newton.solve(begin.state.positions, begin.state.angles, loads, EXACT)
-    kept = arm.newton.solve(begin.state.positions, begin.state.angles, loads, replace(EXACT, reuse_max=30))
+    fresh = arm.newton.solve(begin.state.positions, begin.state.memory, loads, EXACT)
+    kept = arm.newton.solve(begin.state.positions, begin.state.memory, loads, replace(EXACT, reuse_max=30))
     assert kept.converged
     assert kept.factorisations < fresh.factorisations
     # residuals of 1e-9 N over the softest stiffness
@@ -165,14 +165,14 @@ def test_a_kept_factorisation_turns_with_the_flange() -> None:
     begin = hung(arm, pressure_Pa=PRESSURE_Pa)
     turn = Pose(rotation_from_vector(np.array([0.3, -0.7, 0.2])), np.zeros(3))
     arm.newton.solve(
-        begin.state.positions, begin.state.angles, no_load(arm.body, pressure_Pa=1.001 * PRESSURE_Pa), EXACT,
+        begin.state.positions, begin.state.memory, no_load(arm.body, pressure_Pa=1.001 * PRESSURE_Pa), EXACT,
         frame=HANGING.rotation,
     )  # fmt: skip
     carried = begin.state.carried(turn)
     gx, gy, gz = (turn.rotation @ np.array(begin.loads.gravity)).tolist()
     loads = no_load(arm.body, pressure_Pa=1.002 * PRESSURE_Pa, gravity=(gx, gy, gz))
     result = arm.newton.solve(
-        carried.positions, carried.angles, loads, replace(EXACT, reuse_max=40, tolerance_N=1e-7),
+        carried.positions, carried.memory, loads, replace(EXACT, reuse_max=40, tolerance_N=1e-7),
         frame=turn.rotation @ HANGING.rotation,
     )  # fmt: skip
     assert result.converged
@@ -185,13 +185,13 @@ def test_a_start_is_accepted_by_its_own_bound_only() -> None:
     begin = hung(arm, pressure_Pa=PRESSURE_Pa)
     loads = no_load(arm.body, pressure_Pa=PRESSURE_Pa * (1.0 + 1e-6))
     start = arm.newton.solve(
-        begin.state.positions, begin.state.angles, loads, replace(EXACT, iterations_max=0)
+        begin.state.positions, begin.state.memory, loads, replace(EXACT, iterations_max=0)
     )
     assert 1e-9 < start.residual_N < 1e-4
     loose = NewtonOptions(tolerance_N=1e-3, start_tolerance_N=1e-3)
     strict = replace(loose, start_tolerance_N=0.5 * start.residual_N)
     for options, iterations in ((loose, 0), (strict, 1)):
-        result = arm.newton.solve(begin.state.positions, begin.state.angles, loads, options)
+        result = arm.newton.solve(begin.state.positions, begin.state.memory, loads, options)
         assert result.converged
         assert result.iterations == iterations
 
@@ -204,7 +204,7 @@ def test_small_forces_of_one_sense_are_not_left_out_of_balance() -> None:
     force = np.tile([0.0, 0.9 * tolerance, 0.0], (arm.body.nodes, 1))
     options = NewtonOptions(tolerance_N=tolerance, start_tolerance_N=tolerance)
     loads = replace(found.loads, nodal_force=force)
-    result = arm.newton.solve(found.state.positions, found.state.angles, loads, options)
+    result = arm.newton.solve(found.state.positions, found.state.memory, loads, options)
     assert result.converged
     left = np.where(arm.newton.free, arm.system.gradient, 0.0)
     assert np.linalg.norm(left.sum(axis=0)) < 100.0 * tolerance

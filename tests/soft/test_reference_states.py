@@ -92,7 +92,7 @@ def test_three_units_inflate_to_the_reference(law: FilmLaw, share: float) -> Non
         loads = Loads(step * float(data["target_pressure_Pa"]), (), (0.0, 0.0, 0.0))
         result = solver.solve(x, angles, loads, NewtonOptions())
         assert result.converged
-        x, angles = result.positions, result.angles
+        x, angles = result.positions, result.memory
     wanted = data["X_end_inflate_true_equilibrium_correctCST_m"]
     extension = float((wanted - body.positions)[body.tip, 2].mean())
     assert extension == pytest.approx(0.0305, abs=1e-4)

@@ -27,7 +27,7 @@ def residual_under(force: Array) -> float:
     loads = Loads(0.0, (), (0.0, 0.0, 0.0), force)
     free = np.ones((body.nodes, 3), dtype=bool)
     problem = Problem(system, free, loads, system.segment_tension(positions, loads), None)
-    return problem.at(positions, system.angles).residual
+    return problem.at(positions, system.memory).residual
 
 
 def test_a_single_force_counts_in_full() -> None:

@@ -13,6 +13,7 @@ from cosim.errors import ConvergenceError, UnreachableError
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
 from cosim.soft.body.tip_frame import TipFrame
+from cosim.soft.elements.cable import Cable
 from cosim.soft.solve.state import Equilibrium, SoftState
 from cosim.soft.targets.tension_search import find_tensions
 from cosim.soft.targets.tip_target import TipTarget
@@ -64,7 +65,7 @@ class Lift:
 @pytest.fixture(scope="module")
 def body() -> SoftBody:
     arm = hexagon_arm(2)
-    return replace(arm, cables=arm.cables[:1])
+    return arm.with_other(Cable, arm.cables[0])
 
 
 def test_a_height_behind_a_valley_is_found(body: SoftBody) -> None:

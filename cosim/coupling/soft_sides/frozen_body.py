@@ -81,7 +81,7 @@ class FrozenBody(SoftSide):
         before, x = self.state, np.ascontiguousarray(world_from_flange.apply(self._shape))
         v = (x - before.positions) / step_s
         acceleration = (v - before.velocities) / step_s + self._damping * v
-        self.state = SoftState(x, v, before.angles)
+        self.state = SoftState(x, v, before.memory)
         self._take(world_from_flange, loads, acceleration)
         return SoftReply(self._wrench(x), 0.0, 0)
 
@@ -108,7 +108,7 @@ class FrozenBody(SoftSide):
         self._take(world_from_flange, loads, np.zeros(3))
         potential = -float(self.body.node_mass @ x @ np.array(loads.gravity))
         return Equilibrium(
-            SoftState.at_rest(x, state.angles),
+            SoftState.at_rest(x, state.memory),
             world_from_flange,
             loads,
             self._wrench(x),

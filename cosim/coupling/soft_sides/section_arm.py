@@ -157,7 +157,7 @@ class SectionArm(SoftSide):
         self, state: SoftState, world_from_flange: Pose, loads: Loads, start: Array | None = None
     ) -> Equilibrium:
         """Find the equilibrium near a state in one go; the present state stays."""
-        begin = state if start is None else SoftState.at_rest(start, state.angles)
+        begin = state if start is None else SoftState.at_rest(start, state.memory)
         chain, pressure = self._chain_of(begin, world_from_flange)
         return self._equilibria.solve(chain.frames, self.clamp, world_from_flange, loads, pressure)
 

@@ -97,7 +97,7 @@ class Sampler:
     def __init__(self, body: SoftBody, frames: RingFrames) -> None:
         if body.frames is None:
             rings = np.array(frames.rings[:-1])
-            body = replace(body, frames=FrameRings.from_shape(body.positions, rings, _COUPLING_N_m))
+            body = body.with_elements(FrameRings.from_shape(body.positions, rings, _COUPLING_N_m))
         self._frames = frames
         self._system = SoftSystem(body)
         clamp = Clamp.of_base(body)

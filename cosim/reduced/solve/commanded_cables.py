@@ -19,7 +19,8 @@ from cosim.base.frames import Array, Mask
 from cosim.reduced.solve.newton import Bed, ChainSolver
 from cosim.reduced.solve.sensitivity import ChainTangent
 from cosim.soft.body.loads import Loads
-from cosim.soft.elements.cable_length import base_tension, onset
+from cosim.soft.elements.cable import base_tension
+from cosim.soft.elements.cable_length import onset
 from cosim.soft.solve.newton_options import Outcome
 
 CLOSE_N: Final = 1e-8

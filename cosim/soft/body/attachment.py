@@ -12,6 +12,7 @@ from cosim.base.names import ONLY_CHAMBER
 from cosim.errors import MeshError
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.gas_chamber import GasChamber
+from cosim.soft.elements.element import Element
 from cosim.soft.elements.frame_ring import FrameRings
 
 
@@ -48,40 +49,45 @@ def attached(
     Raises:
         MeshError: films, fold barriers, or ends (closed or open) of the two differ.
     """
-    _check_alike(body, part, name)
+    if body.closed != part.closed:
+        raise MeshError(
+            f"{name} cannot be attached: ends closed is {part.closed}, that of the carrier is {body.closed}"
+        )
     shift = body.nodes
     positions = np.concatenate([body.positions, body_from_part.apply(part.positions)])
     joined = np.unique(np.concatenate([body.tip, part.base + shift]))
     mass = np.concatenate([body.node_mass, part.node_mass])
     mass[joined] += plate.mass_kg / len(joined)
-    moved = () if part.frames is None else (part.frames.shifted(shift),)
     return replace(
         body,
         positions=positions,
-        membranes=replace(
-            body.membranes,
-            triangles=np.concatenate([body.membranes.triangles, part.membranes.triangles + shift]),
-            shape_gradients=np.concatenate([body.membranes.shape_gradients, part.membranes.shape_gradients]),
-            areas=np.concatenate([body.membranes.areas, part.membranes.areas]),
-        ),
-        hinges=replace(
-            body.hinges,
-            nodes=np.concatenate([body.hinges.nodes, part.hinges.nodes + shift]),
-            stiffness=np.concatenate([body.hinges.stiffness, part.hinges.stiffness]),
-            rest_angle=np.concatenate([body.hinges.rest_angle, part.hinges.rest_angle]),
-        ),
-        caps=(*body.caps, *(cap + shift for cap in part.caps)),
-        cables=(*body.cables, *(replace(cable, nodes=cable.nodes + shift) for cable in part.cables)),
-        node_mass=mass,
-        rings={**body.rings, **{f"{name}/{key}": ring + shift for key, ring in part.rings.items()}},
-        plates=(
-            *body.plates,
-            *moved,
-            *(entry.shifted(shift) for entry in part.plates),
+        elements=(
+            *_elements(body, part, name),
             FrameRings.plate(positions, joined, plate.stiffness_N_m),
         ),
+        caps=(*body.caps, *(cap + shift for cap in part.caps)),
+        node_mass=mass,
+        rings={**body.rings, **{f"{name}/{key}": ring + shift for key, ring in part.rings.items()}},
         chambers=_chambers(body, own_chamber, part, name),
     )
+
+
+def _elements(body: SoftBody, part: SoftBody, name: str) -> tuple[Element, ...]:
+    """Return the elements of the body, then those of the part; kinds of which a body has one are joined."""
+    found: list[Element] = []
+    for kind in dict.fromkeys((*body.kinds, *part.kinds)):
+        own, further = body.of_kind(kind), [_beyond(entry, body.nodes) for entry in part.of_kind(kind)]
+        try:
+            found += [kind.joined([*own, *further])] if kind.single else [*own, *further]
+        except MeshError as error:
+            raise MeshError(f"{name} cannot be attached: {error}") from None
+    return tuple(found)
+
+
+def _beyond(element: Element, nodes: int) -> Element:
+    """Return an element of a part, where this many nodes come before its own."""
+    shifted = element.shifted(nodes)
+    return replace(shifted, leads_on=True) if isinstance(shifted, FrameRings) else shifted
 
 
 def _chambers(body: SoftBody, own_chamber: str, part: SoftBody, name: str) -> tuple[GasChamber, ...]:
@@ -94,13 +100,3 @@ def _chambers(body: SoftBody, own_chamber: str, part: SoftBody, name: str) -> tu
         chamber.shifted(name if chamber.name == ONLY_CHAMBER else f"{name}/{chamber.name}", triangles, caps)
         for chamber in part.gas_chambers
     )
-
-
-def _check_alike(body: SoftBody, part: SoftBody, name: str) -> None:
-    for what, one, other in (
-        ("film", body.membranes.film, part.membranes.film),
-        ("fold barrier", body.hinges.fold_barrier_rad, part.hinges.fold_barrier_rad),
-        ("ends closed", body.closed, part.closed),
-    ):
-        if one != other:
-            raise MeshError(f"{name} cannot be attached: {what} is {other}, that of the carrier is {one}")

@@ -3,83 +3,131 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
-from typing import final
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import TypeVar, final
 
 import numpy as np
 
 from cosim.base.frames import Array, IntArray, cross
 from cosim.base.names import ONLY_CHAMBER
 from cosim.errors import MeshError
-from cosim.soft.body.gas_chamber import (
-    GasChamber,
-    check_chambers,
-)
+from cosim.soft.body.gas_chamber import GasChamber, check_chambers
 from cosim.soft.elements.cable import Cable
+from cosim.soft.elements.element import Element
 from cosim.soft.elements.frame_ring import FrameRings
 from cosim.soft.elements.hinge import Hinges
 from cosim.soft.elements.material import Film
 from cosim.soft.elements.membrane import Membranes
 from cosim.soft.geometry.surface import dihedral_angle
 
+_Kind = TypeVar("_Kind", bound=Element)
+
 
 @final
 @dataclass(frozen=True)
 class SoftBody:
-    """A film chamber with hinges and cables, described once.
+    """A body of film, with whatever else has a potential of its nodes' positions, described once.
 
     Args:
         positions: (n, 3) [m], drawn shape, frame of the flange.
-        membranes: film triangles.
-        hinges: rotational springs.
+        elements: film triangles and hinges, cables, frames and others; kept kind by kind.
         caps: hole rings that close the chamber, fan normals outward.
         closed: whether the caps carry pressure; False is the paper's open chamber.
-        cables: routed cables.
         node_mass: (n,) [kg].
         base: nodes that follow the flange.
         tip: nodes of the last hole ring, in order.
         rings: names of node groups.
-        frames: stiff frames around rings, or None.
-        plates: stiff plates, each joining a group of nodes.
         chambers: which parts enclose a gas of their own; none: all of it encloses one.
     """
 
     positions: Array
-    membranes: Membranes
-    hinges: Hinges
+    elements: tuple[Element, ...]
     caps: tuple[IntArray, ...]
     closed: bool
-    cables: tuple[Cable, ...]
     node_mass: Array
     base: IntArray
     tip: IntArray
     rings: Mapping[str, IntArray] = field(default_factory=dict)
-    frames: FrameRings | None = None
-    plates: tuple[FrameRings, ...] = ()
     chambers: tuple[GasChamber, ...] = ()
 
     def __post_init__(self) -> None:
+        by_kind = tuple(sorted(self.elements, key=lambda element: self.kinds.index(type(element))))
+        object.__setattr__(self, "elements", by_kind)
         count = len(self.positions)
         groups: dict[str, IntArray] = {
-            "triangles": self.membranes.triangles,
-            "hinges": self.hinges.nodes,
+            **{f"{element.label} {k}": element.all_nodes() for k, element in enumerate(by_kind)},
             "base": self.base,
             "tip": self.tip,
             **{f"cap {k}": ring for k, ring in enumerate(self.caps)},
-            "frames": np.zeros(0, np.int64) if self.frames is None else self.frames.rings,
-            **{f"plate {k}": plate.rings for k, plate in enumerate(self.plates)},
-            **{f"cable {k}": cable.nodes for k, cable in enumerate(self.cables)},
         }
         for name, nodes in groups.items():
             if nodes.size and (nodes.min() < 0 or nodes.max() >= count):
                 bad = int(nodes.min() if nodes.min() < 0 else nodes.max())
                 raise MeshError(f"{name} refers to node {bad}; there are nodes 0 to {count - 1}")
+        for kind in (kind for kind in self.kinds if kind.single and len(self.of_kind(kind)) > 1):
+            raise MeshError(f"{kind.label} are given {len(self.of_kind(kind))} times; a body has them once")
         mass = self.node_mass
         if mass.shape != (count,) or not ((mass >= 0.0) & (mass < np.inf)).all():
             raise MeshError(f"node masses must be {count} finite numbers that are not negative")
         if not np.isfinite(self.positions).all():
             raise MeshError("the drawn shape holds positions that are not finite")
         check_chambers(self.chambers, len(self.membranes.triangles), len(self.caps))
+
+    @cached_property
+    def kinds(self) -> tuple[type[Element], ...]:
+        """The kinds of its elements, in the order in which they are summed."""
+        return tuple(dict.fromkeys(type(element) for element in self.elements))
+
+    def of_kind(self, kind: type[_Kind]) -> tuple[_Kind, ...]:
+        """Return the elements of a kind."""
+        return tuple(element for element in self.elements if isinstance(element, kind))
+
+    def with_elements(self, *elements: Element) -> SoftBody:
+        """Return the body with further elements."""
+        return replace(self, elements=(*self.elements, *elements))
+
+    def with_other(self, kind: type[_Kind], *elements: _Kind) -> SoftBody:
+        """Return the body with others in place of all its elements of a kind."""
+        kept = tuple(element for element in self.elements if not isinstance(element, kind))
+        place = next((k for k, element in enumerate(self.elements) if isinstance(element, kind)), len(kept))
+        return replace(self, elements=(*kept[:place], *elements, *kept[place:]))
+
+    @cached_property
+    def membranes(self) -> Membranes:
+        """Film triangles."""
+        return self.of_kind(Membranes)[0]
+
+    @cached_property
+    def hinges(self) -> Hinges:
+        """Rotational springs."""
+        return self.of_kind(Hinges)[0]
+
+    @cached_property
+    def cables(self) -> tuple[Cable, ...]:
+        """Routed cables."""
+        return self.of_kind(Cable)
+
+    @cached_property
+    def frames(self) -> FrameRings | None:
+        """Stiff frames around rings, or None."""
+        return next((entry for entry in self.of_kind(FrameRings) if not entry.leads_on), None)
+
+    @cached_property
+    def plates(self) -> tuple[FrameRings, ...]:
+        """Stiff plates, each joining a group of nodes, and the frames beyond them."""
+        return tuple(entry for entry in self.of_kind(FrameRings) if entry.leads_on)
+
+    def first_memory(self) -> Array:
+        """Return what the elements remember (values,) of the drawn shape, one after the other."""
+        return np.concatenate([element.first_memory(self.positions) for element in self.elements])
+
+    @cached_property
+    def memory_places(self) -> tuple[slice, ...]:
+        """Where each element's part of that is."""
+        sizes = [len(element.first_memory(self.positions)) for element in self.elements]
+        ends = np.cumsum(sizes).tolist()
+        return tuple(slice(end - size, end) for end, size in zip(ends, sizes, strict=True))
 
     @property
     def gas_chambers(self) -> tuple[GasChamber, ...]:
@@ -139,13 +187,12 @@ class SoftBody:
         if nodes.size and (nodes.min() < 0 or nodes.max() >= len(x)):
             raise MeshError(f"hinges refer to node {int(nodes.max())}; there are nodes 0 to {len(x) - 1}")
         rest = dihedral_angle(x, nodes) if hinge_rest_angle is None else np.array(hinge_rest_angle)
+        hinges = Hinges(nodes, stiffness, rest, fold_barrier_rad)
         return cls(
             positions=x,
-            membranes=Membranes.from_shape(x, tri, film),
-            hinges=Hinges(nodes, stiffness, rest, fold_barrier_rad),
+            elements=(Membranes.from_shape(x, tri, film), hinges, *cables),
             caps=tuple(_indices(ring) for ring in caps),
             closed=closed,
-            cables=cables,
             node_mass=np.array(np.broadcast_to(node_mass, (len(x),)), dtype=np.float64),
             base=_indices(() if base is None else base),
             tip=_indices(() if tip is None else tip),

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -11,6 +10,7 @@ from cosim.base.frames import Array, Pose, rotation_from_vector
 from cosim.errors import MeshError
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.gas_chamber import GasChamber
+from cosim.soft.elements.element import Element
 
 
 def copies(body: SoftBody, poses: Sequence[Pose]) -> SoftBody:
@@ -34,39 +34,29 @@ def copies(body: SoftBody, poses: Sequence[Pose]) -> SoftBody:
     rings = dict(body.rings)
     for k in range(number):
         rings.update({f"copy_{k + 1}/{name}": ring + shift[k] for name, ring in body.rings.items()})
-    membranes, hinges, frames = body.membranes, body.hinges, body.frames
     return SoftBody(
         positions=np.concatenate([pose.apply(body.positions) for pose in poses]),
-        membranes=replace(
-            membranes,
-            triangles=np.concatenate([membranes.triangles + s for s in shift]),
-            shape_gradients=np.tile(membranes.shape_gradients, (number, 1, 1)),
-            areas=np.tile(membranes.areas, number),
-        ),
-        hinges=replace(
-            hinges,
-            nodes=np.concatenate([hinges.nodes + s for s in shift]),
-            stiffness=np.tile(hinges.stiffness, number),
-            rest_angle=np.tile(hinges.rest_angle, number),
-        ),
+        elements=_elements(body, shift),
         caps=tuple(cap + s for s in shift for cap in body.caps),
         closed=body.closed,
-        cables=tuple(replace(cable, nodes=cable.nodes + s) for s in shift for cable in body.cables),
         node_mass=np.tile(body.node_mass, number),
         base=np.concatenate([body.base + s for s in shift]),
         tip=body.tip,
         rings=rings,
-        frames=None
-        if frames is None
-        else replace(
-            frames,
-            rings=np.concatenate([frames.rings + s for s in shift]),
-            projections=np.tile(frames.projections, (number, 1, 1)),
-            lengths=np.tile(frames.lengths, (number, 1)),
-        ),
-        plates=tuple(plate.shifted(s) for s in shift for plate in body.plates),
         chambers=_chambers(body, number),
     )
+
+
+def _elements(body: SoftBody, shift: Sequence[int]) -> tuple[Element, ...]:
+    """Return the elements of all copies, copy k's nodes after shift[k] others."""
+    found: list[Element] = []
+    for kind in body.kinds:
+        own = body.of_kind(kind)
+        if kind.merges:
+            found += [kind.joined([entry.shifted(s) for s in shift]) for entry in own]
+        else:
+            found += [entry.shifted(s) for s in shift for entry in own]
+    return tuple(found)
 
 
 def _chambers(body: SoftBody, number: int) -> tuple[GasChamber, ...]:

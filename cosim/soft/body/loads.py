@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
+from functools import cached_property
 from typing import Annotated, Protocol, final
 
 import numpy as np
@@ -62,6 +63,11 @@ class Loads:
             )
         if not all(length is None or length > 0.0 for length in self.cable_length_m):
             raise InputError(f"cable lengths are {self.cable_length_m} m; they must be above 0")
+
+    @cached_property
+    def gravity_vector(self) -> Array:
+        """Gravity (3,) [m/s^2]."""
+        return np.array(self.gravity)
 
     def pressures(self, chambers: int) -> tuple[float, ...]:
         """Return the given gauge pressure [Pa] of each of so many chambers.

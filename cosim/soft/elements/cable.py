@@ -15,18 +15,25 @@ cannot push: negative tensions are refused, zero tension is a slack cable.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Final, final
+from typing import Annotated, ClassVar, Final, final
 
 import numpy as np
 
 from cosim.base.frames import Array, IntArray
 from cosim.base.kernels import BLOCKS, INDEX_TABLE, MATRIX, REAL, VECTOR, add_block, kernel
 from cosim.errors import InputError
+from cosim.soft.elements.cable_length import onset
+from cosim.soft.elements.element import NODES, Driven, Element, Instant, Sums, Term
+from cosim.soft.linear.low_rank import LowRank
 
 ROUNDED_m: Final = 1e-4
 """e: eyelets nearer to each other than this have met."""
+
+_NO_SLOTS = np.zeros((0, 0), np.int64)
+_NO_BLOCKS = np.zeros((0, 3, 3))
 
 
 @kernel(REAL(MATRIX, INDEX_TABLE, VECTOR, INDEX_TABLE, MATRIX, BLOCKS))
@@ -77,7 +84,7 @@ def add_segments(
 
 @final
 @dataclass(frozen=True)
-class Cable:
+class Cable(Element):
     """One routed cable.
 
     Args:
@@ -88,7 +95,11 @@ class Cable:
             is commanded.
     """
 
-    nodes: IntArray
+    label: ClassVar[str] = "cable"
+    merges: ClassVar[bool] = False
+    far: ClassVar[bool] = True
+
+    nodes: Annotated[IntArray, NODES]
     loss_factor: float = 1.0
     friction_coefficient: float = 0.0
     stiffness_N_m: float = 1e4
@@ -105,6 +116,14 @@ class Cable:
             raise InputError(f"cable friction coefficient {self.friction_coefficient} must not be negative")
         if not 0.0 < self.stiffness_N_m < np.inf:
             raise InputError(f"cable stiffness {self.stiffness_N_m} N/m must be positive and finite")
+
+    @property
+    def coupled(self) -> IntArray:
+        return self.segments
+
+    @classmethod
+    def bound(cls, alike: Sequence[Cable], sums: Sums) -> Sequence[Term]:
+        return [RoutedCables(alike, sums)]
 
     @property
     def segments(self) -> IntArray:
@@ -141,3 +160,96 @@ class Cable:
         length = np.sqrt((step * step).sum(axis=1))
         s = length / ROUNDED_m
         return np.asarray(np.where(s < 1.0, ROUNDED_m * (0.375 + s * s * (0.75 - 0.125 * s * s)), length))
+
+
+def base_tension(cable: Cable, positions: Array, length_m: float) -> float:
+    """Return T_0 [N] of a cable of commanded length [m] at the given shape (n, 3) [m]."""
+    return cable.stiffness_N_m * onset(cable.length(positions) - length_m)[1]
+
+
+def segment_weight(cable: Cable, positions: Array) -> Array:
+    """Return w_i = c_i / m (segments,), losses frozen at the given shape (n, 3) [m]."""
+    ratio, length = cable.tension_ratio(positions), cable.segment_lengths(positions)
+    return np.asarray(ratio * (length.sum() / (ratio @ length)))
+
+
+def losses_follow(cables: tuple[Cable, ...], lengths_m: tuple[float | None, ...]) -> bool:
+    """Return whether a solution with given lengths (or none) has frozen losses that it changes itself."""
+    pairs = zip(cables, lengths_m or (None,) * len(cables), strict=True)
+    return any(
+        length is not None and (cable.loss_factor < 1.0 or cable.friction_coefficient > 0.0)
+        for cable, length in pairs
+    )
+
+
+def pull(cable: Cable, positions: Array, weight: Array, length_m: float) -> tuple[Array, float, LowRank]:
+    """Return what a cable of commanded length does at a shape.
+
+    Args:
+        cable: routed through eyelets.
+        positions: (n, 3) [m].
+        weight: (segments,), w_i, from `segment_weight`.
+        length_m: L_0.
+
+    Returns:
+        Tension T_i of the segments (segments,) [N]; energy less sum T_i L_i [J], the energy that these
+        tensions would have if they were given; the dense part of the Hessian.
+    """
+    # the first segment has w_1 = c / m, so that m follows from it
+    stiffness = cable.stiffness_N_m * cable.loss_factor / weight[0]
+    weighted = float(weight @ cable.segment_lengths(positions))
+    energy, force, slope = onset(weighted - length_m)
+    gradient = np.zeros_like(positions)
+    if slope > 0.0:
+        add_segments(positions, cable.segments, weight, _NO_SLOTS, gradient, _NO_BLOCKS)
+    dense = LowRank(gradient[None], np.array([stiffness * slope]))
+    return stiffness * force * weight, stiffness * (energy - force * weighted), dense
+
+
+@final
+class RoutedCables:
+    """All cables of a body with the places of their segments in the tangent.
+
+    Args:
+        cables: in the body's order.
+        sums: what they add to.
+    """
+
+    def __init__(self, cables: Sequence[Cable], sums: Sums) -> None:
+        self._cables, self._sums = cables, sums
+        self._segments = np.concatenate([np.zeros((0, 2), np.int64), *(cable.segments for cable in cables)])
+        self._slots = sums.slots(self._segments)
+
+    def segment_tension(self, positions: Array, loads: Driven) -> Array:
+        """Return what losses at a given shape make of the loads in every segment (segments,).
+
+        The tension [N]; of a cable whose length is commanded the weight w_i (see `cable_length`).
+        """
+        lengths = loads.cable_length_m or (None,) * len(self._cables)
+        parts = [
+            tension * cable.tension_ratio(positions) if length is None else segment_weight(cable, positions)
+            for cable, tension, length in zip(self._cables, loads.cable_tension_N, lengths, strict=True)
+        ]
+        return np.concatenate([np.zeros(0), *parts])
+
+    def add(self, positions: Array, at: Instant, hessian: bool) -> float:
+        """Add the gradient and, if told to, the Hessian; return the energy [J]."""
+        tension, rest = self._pulls(positions, at)
+        sums, slots = self._sums, self._slots if hessian else _NO_SLOTS
+        added: float = add_segments(positions, self._segments, tension, slots, sums.gradient, sums.blocks)
+        return rest + added
+
+    def _pulls(self, x: Array, at: Instant) -> tuple[Array, float]:
+        """Return the tension of all segments (segments,) [N], and the energy beyond sum T_i L_i [J]."""
+        given, lengths = at.segment_tension, () if at.loads is None else at.loads.cable_length_m
+        if not lengths:
+            return given, 0.0
+        tension, energy, first = given.copy(), 0.0, 0
+        for cable, length in zip(self._cables, lengths, strict=True):
+            own = slice(first, first + len(cable.nodes) - 1)
+            if length is not None:
+                tension[own], rest, dense = pull(cable, x, given[own], length)
+                energy += rest
+                self._sums.add_dense(dense.vectors, dense.coefficients)
+            first = own.stop
+        return tension, energy

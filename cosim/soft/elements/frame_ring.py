@@ -12,13 +12,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import final
+from typing import Annotated, ClassVar, final
 
 import numpy as np
 
 from cosim.base.frames import Array, IntArray
 from cosim.base.kernels import BLOCKS, INDEX_TABLE, MATRIX, REAL, add_block, kernel
 from cosim.errors import MeshError
+from cosim.soft.elements.element import NODES, ROWS, STILL, DirectElement, Instant
 
 _ORDERS_TRIED = 100
 
@@ -81,7 +82,7 @@ def add_frames(x, rings, projections, lengths, stiffness, slots, gradient, block
 
 @final
 @dataclass(frozen=True)
-class FrameRings:
+class FrameRings(DirectElement):
     """Stiff frames of one body; all rings have the same number of nodes.
 
     Args:
@@ -89,12 +90,16 @@ class FrameRings:
         projections: (f, m, m), P.
         lengths: (f, m) [m], drawn lengths of the chords.
         stiffness_N_m: k.
+        leads_on: whether it joins films that nothing else joins, as a plate does.
     """
 
-    rings: IntArray
-    projections: Array
-    lengths: Array
+    label: ClassVar[str] = "frames"
+
+    rings: Annotated[IntArray, NODES]
+    projections: Annotated[Array, ROWS]
+    lengths: Annotated[Array, ROWS]
     stiffness_N_m: float
+    leads_on: bool = False
 
     @classmethod
     def from_shape(cls, positions: Array, rings: IntArray, stiffness_N_m: float) -> FrameRings:
@@ -147,21 +152,12 @@ class FrameRings:
             strains = _strain_of_chords(positions[order])
             return float(np.linalg.svd(strains, compute_uv=False).min())
 
-        return cls.from_shape(positions, max(orders, key=weakest)[None], stiffness_N_m)
+        frame = cls.from_shape(positions, max(orders, key=weakest)[None], stiffness_N_m)
+        return replace(frame, leads_on=True)
 
-    def shifted(self, nodes: int) -> FrameRings:
-        """Return the same frames where this many nodes come before theirs."""
-        return replace(self, rings=self.rings + nodes)
-
-    def add(self, positions: Array, slots: IntArray, gradient: Array, blocks: Array) -> float:
-        """Add to gradient and, if slots is not empty, the Hessian to blocks; return the energy [J].
-
-        Args:
-            positions: (n, 3) [m], C-contiguous.
-            slots: (f, m (m + 1) / 2) of the pattern, or empty.
-            gradient: (n, 3) [N].
-            blocks: (pattern.blocks, 3, 3) [N/m].
-        """
+    def add(
+        self, positions: Array, slots: IntArray, gradient: Array, blocks: Array, at: Instant = STILL
+    ) -> float:
         energy: float = add_frames(
             positions, self.rings, self.projections, self.lengths, self.stiffness_N_m, slots, gradient, blocks
         )

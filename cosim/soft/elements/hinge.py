@@ -19,12 +19,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import final
+from functools import cached_property
+from typing import Annotated, ClassVar, final
 
 import numpy as np
 
 from cosim.base.frames import Array, IntArray
 from cosim.base.kernels import BLOCKS, INDEX_TABLE, MATRIX, REAL, VECTOR, device_function, kernel
+from cosim.soft.elements.element import NODES, ROWS, STILL, DirectElement, Instant
 from cosim.soft.elements.hinge_gradient import (
     ALPHA,
     BETA,
@@ -43,6 +45,7 @@ from cosim.soft.elements.hinge_gradient import (
     load,
     scatter,
 )  # fmt: skip
+from cosim.soft.geometry.surface import dihedral_angle
 
 # Entry (r, c) of pair p is at h[(9 p + 3 r + c) * _FEW + lane]; pairs ii ji jj ki kj kk li lj lk ll.
 _FEW = 16
@@ -167,8 +170,8 @@ def add_hinges(x, hinges, stiffness, rest, theta1, reference, slots, gradient, b
 
 @final
 @dataclass(frozen=True)
-class Hinges:
-    """All rotational springs of a body.
+class Hinges(DirectElement):
+    """All rotational springs of a body; they remember their angles, unwrapped.
 
     Args:
         nodes: (h, 4) node indices i, j, k, l.
@@ -177,7 +180,33 @@ class Hinges:
         fold_barrier_rad: theta1, where the barrier begins; 0 for none.
     """
 
-    nodes: IntArray
-    stiffness: Array
-    rest_angle: Array
+    label: ClassVar[str] = "hinges"
+    single: ClassVar[bool] = True
+
+    nodes: Annotated[IntArray, NODES]
+    stiffness: Annotated[Array, ROWS]
+    rest_angle: Annotated[Array, ROWS]
     fold_barrier_rad: float
+
+    @cached_property
+    def _bends(self) -> bool:
+        """Whether they do anything: springs without stiffness and barrier do not, whatever their angles."""
+        return bool(self.stiffness.any()) or self.fold_barrier_rad > 0.0
+
+    @property
+    def coupled(self) -> IntArray:
+        return self.nodes if self._bends else self.nodes[:0]
+
+    def first_memory(self, positions: Array) -> Array:
+        return dihedral_angle(positions, self.nodes)
+
+    def add(
+        self, positions: Array, slots: IntArray, gradient: Array, blocks: Array, at: Instant = STILL
+    ) -> float:
+        if not self._bends:
+            return 0.0
+        energy: float = add_hinges(
+            positions, self.nodes, self.stiffness, self.rest_angle, self.fold_barrier_rad, at.memory, slots,
+            gradient, blocks, at.tracked,
+        )  # fmt: skip
+        return energy

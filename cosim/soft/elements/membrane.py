@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import final
+from typing import Annotated, ClassVar, final
 
 import numpy as np
 
@@ -30,6 +30,7 @@ from cosim.base.kernels import (
     kernel,
 )
 from cosim.errors import MeshError
+from cosim.soft.elements.element import NODES, ROWS, STILL, DirectElement, Instant
 from cosim.soft.elements.material import PLAIN, TENSION_FIELD, Film
 from cosim.soft.elements.membrane_gradient import add_membrane_gradients, in_lanes
 from cosim.soft.elements.tension_field import film_states, tension_field
@@ -170,7 +171,7 @@ def principal_forces(x, triangles, gradients, stiffness, law, fraction):  # type
 
 @final
 @dataclass(frozen=True)
-class Membranes:
+class Membranes(DirectElement):
     """All film triangles of a body.
 
     Args:
@@ -180,9 +181,12 @@ class Membranes:
         film: material.
     """
 
-    triangles: IntArray
-    shape_gradients: Array
-    areas: Array
+    label: ClassVar[str] = "triangles"
+    single: ClassVar[bool] = True
+
+    triangles: Annotated[IntArray, NODES]
+    shape_gradients: Annotated[Array, ROWS]
+    areas: Annotated[Array, ROWS]
     film: Film
 
     @classmethod
@@ -220,29 +224,23 @@ class Membranes:
         gradients[:, 0] = -gradients[:, 1] - gradients[:, 2]
         return cls(triangles, gradients, 0.5 * twice_area, film)
 
-    def add(self, positions: Array, slots: IntArray, gradient: Array, blocks: Array) -> float:
-        """Add to gradient and, if slots is not empty, the Hessian to blocks; return the energy [J].
-
-        Args:
-            positions: (n, 3) [m], C-contiguous.
-            slots: (m, 6) of the pattern, or empty.
-            gradient: (n, 3) [N].
-            blocks: (pattern.blocks, 3, 3) [N/m].
-        """
-        film = self.film
-        energy: float = add_membranes(
-            positions, self.triangles, self.shape_gradients, self.areas, self._lanes, self._stiffness,
-            film.law_code, film.compressive_fraction, slots, gradient, blocks,
-        )  # fmt: skip
+    def add(
+        self, positions: Array, slots: IntArray, gradient: Array, blocks: Array, at: Instant = STILL
+    ) -> float:
+        energy: float = add_membranes(positions, *self._given, slots, gradient, blocks)
         return energy
+
+    @cached_property
+    def _given(self) -> tuple[IntArray, Array, Array, Array, Array, int, float]:
+        """What the kernel takes of them."""
+        return (
+            self.triangles, self.shape_gradients, self.areas, in_lanes(self.shape_gradients, self.areas),
+            self._stiffness, self.film.law_code, self.film.compressive_fraction,
+        )  # fmt: skip
 
     @cached_property
     def _stiffness(self) -> Array:
         return self.film.membrane_stiffness
-
-    @cached_property
-    def _lanes(self) -> Array:
-        return in_lanes(self.shape_gradients, self.areas)
 
     def strain(self, positions: Array) -> Array:
         """Return the Green strain (m, 3) as (E11, E22, 2 E12) in each triangle's axes.

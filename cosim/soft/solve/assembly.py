@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import final
 
@@ -10,16 +11,13 @@ import numpy as np
 from cosim.base.frames import Array, IntArray
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
-from cosim.soft.elements.cable import add_segments
-from cosim.soft.elements.cable_length import pull, segment_weight
-from cosim.soft.elements.hinge import add_hinges
+from cosim.soft.elements.cable import RoutedCables
+from cosim.soft.elements.element import Element, Instant, Sums, Term
 from cosim.soft.elements.mass_terms import add_gravity, add_inertia
-from cosim.soft.geometry.surface import dihedral_angle
 from cosim.soft.linear.low_rank import LowRank
 from cosim.soft.linear.pattern import BlockPattern
 from cosim.soft.solve.gas_pressure import GasElements
 
-_NO_TABLE = np.zeros((0, 0), np.int64)
 _NO_SLOTS = np.zeros(0, np.int64)
 
 
@@ -33,49 +31,43 @@ class Inertia:
     Args:
         coefficient: (n,) [N/m], mass over the squared step, plus damping.
         target: (n, 3) [m], where free flight would take each node.
+        step_s: length of the step; infinite for a bed that is no step in time.
     """
 
     coefficient: Array
     target: Array
+    step_s: float = math.inf
 
 
 @final
 class SoftSystem:
     """Workspace in which one body's potential and derivatives are assembled.
 
-    After `evaluate`: `gradient` (n, 3) [N], `blocks` (pattern.blocks, 3, 3) [N/m], `angles` (h,) [rad]
-    `gas` (volume and pressure of each chamber), `low_rank` (dense parts of the Hessian, such as of sealed
-    gas). `tangent_pattern` and `tangent_blocks` are the sparse Hessian: the body's own, or a wider one where
-    films touch one another. They are overwritten by the next call.
+    After `evaluate`: `gradient` (n, 3) [N], `blocks` (pattern.blocks, 3, 3) [N/m], `memory` (values,) of the
+    elements as they track it, `gas` (volume and pressure of each chamber), `low_rank` (dense parts of the
+    Hessian, such as of sealed gas). `tangent_pattern` and `tangent_blocks` are the sparse Hessian: the body's
+    own, or a wider one where films touch one another. They are overwritten by the next call.
     """
 
     def __init__(self, body: SoftBody) -> None:
         self.body = body
-        self._segments = np.concatenate(
-            [np.zeros((0, 2), np.int64), *(cable.segments for cable in body.cables)], axis=0
-        )
-        triangles, springs = body.membranes.triangles, body.hinges
-        # springs without stiffness and barrier do nothing, whatever their angles
-        self._bends = bool(springs.stiffness.any()) or springs.fold_barrier_rad > 0.0
-        hinges = springs.nodes if self._bends else springs.nodes[:0]
-        cap_elements = [ring[None, :] for ring in body.caps]
-        self._frames = [*body.plates] if body.frames is None else [body.frames, *body.plates]
-        frames = [frame.rings for frame in self._frames]
+        rings = [ring[None, :] for ring in body.caps]
         self.pattern = BlockPattern.from_elements(
-            body.nodes, [triangles, hinges, self._segments, *cap_elements, *frames]
+            body.nodes, [*(element.coupled for element in body.elements), *rings]
         )
-        self._frame_slots = [self.pattern.slots(rings) for rings in frames]
-        self._triangle_slots = self.pattern.slots(triangles)
-        self._hinge_slots = self.pattern.slots(hinges)
-        self._segment_slots = self.pattern.slots(self._segments)
         self._diagonal = np.flatnonzero(self.pattern.row == self.pattern.column)
         self.gradient = np.zeros((body.nodes, 3))
         self.blocks = np.zeros((self.pattern.blocks, 3, 3))
         self.tangent_pattern, self.tangent_blocks = self.pattern, self.blocks
-        self.angles = dihedral_angle(body.positions, body.hinges.nodes)
+        self.memory = body.first_memory()
+        self._dense: list[LowRank] = []
+        sums = Sums(self.pattern.slots, self.gradient, self.blocks, self._add_dense)
+        self._terms = _bound_terms(body, sums)
+        found = [term for term, _ in self._terms if isinstance(term, RoutedCables)]
+        self._cables = found[0] if found else RoutedCables((), sums)
+        self._advancing = _advancing(body)
         self.gas = GasElements(body, self.pattern)
         self.low_rank: LowRank | None = None
-        self._dense: list[LowRank] = []
 
     @property
     def conservative(self) -> bool:
@@ -99,27 +91,37 @@ class SoftSystem:
 
     @property
     def eyelets(self) -> IntArray:
-        """Nodes (m,) that cables tie together across the mesh."""
-        return np.unique(self._segments)
+        """Nodes (m,) that elements tie together across the mesh."""
+        far = [element.coupled for element in self.body.elements if element.far]
+        return np.unique(np.concatenate([_NO_SLOTS, *(np.ravel(nodes) for nodes in far)]))
 
     def segment_tension(self, positions: Array, loads: Loads) -> Array:
         """Return what losses at a given shape make of the loads in every cable segment (segments,).
 
-        The tension [N]; of a cable whose length is commanded the weight w_i (see `cable_length`).
+        The tension [N]; of a cable whose length is commanded a weight, see `RoutedCables`.
         """
-        lengths = loads.cable_length_m or (None,) * len(self.body.cables)
-        parts = [
-            tension * cable.tension_ratio(positions) if length is None else segment_weight(cable, positions)
-            for cable, tension, length in zip(self.body.cables, loads.cable_tension_N, lengths, strict=True)
-        ]
-        return np.concatenate([np.zeros(0), *parts])
+        return self._cables.segment_tension(positions, loads)
+
+    def advanced(self, positions: Array, memory: Array) -> Array:
+        """Return what the elements remember (values,) once a step has ended.
+
+        Args:
+            positions: (n, 3) [m], at its end.
+            memory: (values,), as they tracked it there.
+        """
+        if not self._advancing:
+            return memory
+        result = memory.copy()
+        for element, own in self._advancing:
+            result[own] = element.advanced(positions, memory[own])
+        return result
 
     def evaluate(
         self,
         positions: Array,
         loads: Loads,
         segment_tension: Array,
-        reference_angles: Array,
+        memory: Array,
         *,
         inertia: Inertia | None = None,
         hessian: bool = True,
@@ -130,36 +132,26 @@ class SoftSystem:
             positions: (n, 3) [m], world, C-contiguous.
             loads: pressure, tension, gravity, nodal forces.
             segment_tension: (segments,), from `segment_tension`.
-            reference_angles: (h,) [rad] at the last accepted state; angles are unwrapped against them.
+            memory: (values,), what the elements remember of the last accepted state; hinge angles are
+                unwrapped against it.
             inertia: of an implicit step; None in statics.
             hessian: whether to fill `blocks`.
 
         Returns:
             The potential [J]; infinite where a sealed gas has no volume.
         """
-        body, x = self.body, positions
+        x, step_s = positions, math.inf if inertia is None else inertia.step_s
         self.gradient[:] = 0.0
         if hessian:
             self.blocks[:] = 0.0
-        table = (lambda slots: slots) if hessian else (lambda _slots: _NO_TABLE)
-        hinges = body.hinges
-        energy: float = body.membranes.add(x, table(self._triangle_slots), self.gradient, self.blocks)
-        if self._bends:
-            energy += add_hinges(
-                x, hinges.nodes, hinges.stiffness, hinges.rest_angle, hinges.fold_barrier_rad,
-                reference_angles, table(self._hinge_slots), self.gradient, self.blocks, self.angles,
-            )  # fmt: skip
-        self._dense = []
-        if segment_tension.any():  # slack cables add nothing
-            tension, rest = self._pulls(x, loads, segment_tension)
-            energy += rest + add_segments(
-                x, self._segments, tension, table(self._segment_slots), self.gradient, self.blocks
-            )
-        for frame, slots in zip(self._frames, self._frame_slots, strict=True):
-            energy += frame.add(x, table(slots), self.gradient, self.blocks)
+        self._dense.clear()
+        self.memory[:] = memory
+        at, energy = Instant(memory, self.memory, step_s, segment_tension, loads), 0.0
+        for term, own in self._terms:
+            energy += term.add(x, at if own is None else at.part(own), hessian)
         energy += self._add_gas(x, loads, hessian)
         self.low_rank = LowRank.joined(self._dense) if self._dense else None
-        energy += add_gravity(x, body.node_mass, np.array(loads.gravity), self.gradient)
+        energy += add_gravity(x, self.body.node_mass, loads.gravity_vector, self.gradient)
         if loads.nodal_force is not None:
             self.gradient -= loads.nodal_force
             energy -= float(np.einsum("nr,nr->", loads.nodal_force, x))
@@ -186,21 +178,31 @@ class SoftSystem:
             self.tangent_blocks = pairs.coupled.blocks(self.blocks)
         return pairs.add(x, self.gradient, self.tangent_blocks, hessian=hessian)
 
-    def _pulls(self, x: Array, loads: Loads, given: Array) -> tuple[Array, float]:
-        """Return the tension of all segments (segments,) [N], and the energy beyond sum T_i L_i [J]."""
-        if not loads.cable_length_m:
-            return given, 0.0
-        tension, energy, first = given.copy(), 0.0, 0
-        for cable, length in zip(self.body.cables, loads.cable_length_m, strict=True):
-            own = slice(first, first + len(cable.nodes) - 1)
-            if length is not None:
-                tension[own], rest, dense = pull(cable, x, given[own], length)
-                energy += rest
-                self._dense.append(dense)
-            first = own.stop
-        return tension, energy
+    def _add_dense(self, vectors: Array, coefficients: Array) -> None:
+        self._dense.append(LowRank(vectors, coefficients))
 
     def _add_gas(self, x: Array, loads: Loads, hessian: bool) -> float:
         energy = self.gas.add(x, loads, self.gradient, self.blocks, hessian=hessian)
         self._dense += [] if self.gas.low_rank is None else [self.gas.low_rank]
         return energy
+
+
+def _bound_terms(body: SoftBody, sums: Sums) -> list[tuple[Term, slice | None]]:
+    """Return a body's terms, each with the place of what it remembers; None where no other remembers."""
+    found: list[tuple[Term, slice]] = []
+    left = list(body.memory_places)  # elements stand kind by kind
+    for kind in body.kinds:
+        alike = body.of_kind(kind)
+        places, left = left[: len(alike)], left[len(alike) :]
+        terms = kind.bound(alike, sums)
+        if len(terms) < len(alike):  # one for all
+            places = [slice(places[0].start, places[-1].stop)]
+        found += zip(terms, places, strict=True)
+    remembering = sum(own.stop > own.start for _, own in found)
+    return [(term, own if remembering > 1 and own.stop > own.start else None) for term, own in found]
+
+
+def _advancing(body: SoftBody) -> list[tuple[Element, slice]]:
+    """Return the elements that remember something else of a step's end than they track, with its place."""
+    pairs = zip(body.elements, body.memory_places, strict=True)
+    return [(element, own) for element, own in pairs if type(element).advanced is not Element.advanced]

@@ -6,12 +6,29 @@ import numpy as np
 
 from cosim.base.frames import Array
 from cosim.soft.body.body import SoftBody
-from cosim.soft.elements.hinge import add_hinges
-from cosim.soft.geometry.surface import dihedral_angle
+from cosim.soft.elements.element import DirectElement, Instant
+from cosim.soft.elements.hinge import Hinges
+from cosim.soft.elements.membrane import Membranes
 
 _ROUNDING_J = 1e-15
 _NO_TABLE = np.zeros((0, 0), np.int64)
 _NO_BLOCKS = np.zeros((0, 3, 3))
+
+
+def stored_energy(body: SoftBody, positions: Array) -> dict[type[DirectElement], float]:
+    """Return the energy [J] that the elements of each kind store at rest, whatever acts on the body.
+
+    Args:
+        body: whose elements.
+        positions: (n, 3) [m].
+    """
+    x, unused = np.ascontiguousarray(positions), np.zeros_like(positions)
+    energy: dict[type[DirectElement], float] = {}
+    for element in body.of_kind(DirectElement):  # type: ignore[type-abstract]
+        memory = element.first_memory(body.positions)
+        added = element.add(x, _NO_TABLE, unused, _NO_BLOCKS, Instant(memory, memory.copy()))
+        energy[type(element)] = energy.get(type(element), 0.0) + added
+    return energy
 
 
 def hinge_energy_share(body: SoftBody, positions: Array) -> float:
@@ -21,13 +38,6 @@ def hinge_energy_share(body: SoftBody, positions: Array) -> float:
         body: whose film and hinges.
         positions: (n, 3) [m].
     """
-    x, unused = np.ascontiguousarray(positions), np.zeros_like(positions)
-    film = body.membranes.add(x, _NO_TABLE, unused, _NO_BLOCKS)
-    hinges = body.hinges
-    angles = dihedral_angle(body.positions, hinges.nodes)
-    bending: float = add_hinges(
-        x, hinges.nodes, hinges.stiffness, hinges.rest_angle, hinges.fold_barrier_rad, angles, _NO_TABLE,
-        unused, _NO_BLOCKS, np.empty_like(angles),
-    )  # fmt: skip
-    total = film + bending
+    energy = stored_energy(body, positions)
+    bending, total = energy[Hinges], energy[Membranes] + energy[Hinges]
     return bending / total if total > _ROUNDING_J else 0.0

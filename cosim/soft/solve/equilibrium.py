@@ -10,7 +10,7 @@ import numpy as np
 from cosim.base.frames import Array, Pose
 from cosim.errors import ConvergenceError
 from cosim.soft.body.loads import Loads
-from cosim.soft.elements.cable_length import losses_follow
+from cosim.soft.elements.cable import losses_follow
 from cosim.soft.solve.newton import NewtonSolver
 from cosim.soft.solve.newton_options import NewtonOptions, NewtonResult
 from cosim.soft.solve.place import place_of_largest
@@ -62,7 +62,7 @@ class EquilibriumSolver:
         """Find the equilibrium near a state in one go.
 
         Args:
-            state: a state whose hinge angles are known.
+            state: where it starts; its memory is that of a state near it.
             world_from_flange: pose of the flange.
             loads: that act.
             start: (n, 3) [m], better guess of the positions, if there is one.
@@ -71,7 +71,7 @@ class EquilibriumSolver:
             ConvergenceError: none was found.
         """
         guess = self.clamp.place(state.positions if start is None else start, world_from_flange)
-        result, loads = self._settle_contacts(guess, state.angles, loads)
+        result, loads = self._settle_contacts(guess, state.memory, loads)
         result = self._settle_friction(result, loads)
         if not result.converged:
             system = self.solver.system
@@ -85,8 +85,9 @@ class EquilibriumSolver:
         pairs = loads.self_contact
         touching = None if pairs is None else pairs.memory(result.positions, resting=True)
         wrench = self.clamp.wrench(self.solver.system.gradient, result.positions, world_from_flange)
+        memory = self.solver.system.advanced(result.positions, result.memory)
         return Equilibrium(
-            SoftState.at_rest(result.positions, result.angles, touching), world_from_flange, loads, wrench,
+            SoftState.at_rest(result.positions, memory, touching), world_from_flange, loads, wrench,
             result.residual_N, result.iterations, result.potential_J, result.shifted,
         )  # fmt: skip
 
@@ -154,7 +155,7 @@ class EquilibriumSolver:
         """Find the equilibrium that a damped body slides to, however far from a state: the last resort.
 
         Args:
-            state: where it starts; its hinge angles are known.
+            state: where it starts.
             world_from_flange: pose of the flange.
             loads: that act.
 
@@ -162,9 +163,9 @@ class EquilibriumSolver:
             ConvergenceError: it comes to rest nowhere.
         """
         start = self.clamp.place(state.positions, world_from_flange)
-        slid = slide(self.solver, start, state.angles, lambda x: self._touched(x, loads), self.options)
+        slid = slide(self.solver, start, state.memory, lambda x: self._touched(x, loads), self.options)
         try:
-            rest = self.solve(SoftState.at_rest(slid.positions, slid.angles), world_from_flange, loads)
+            rest = self.solve(SoftState.at_rest(slid.positions, slid.memory), world_from_flange, loads)
         except ConvergenceError as error:
             error.iterations += slid.iterations
             raise
@@ -177,7 +178,7 @@ class EquilibriumSolver:
         pairs = None if films is None else films.static_pairs(positions, None, 0.0)
         return replace(loads, contact=planes, self_contact=pairs)
 
-    def _settle_contacts(self, start: Array, angles: Array, loads: Loads) -> tuple[NewtonResult, Loads]:
+    def _settle_contacts(self, start: Array, memory: Array, loads: Loads) -> tuple[NewtonResult, Loads]:
         """Solve, and repeat while something else is touched than what was found before the solution.
 
         Returns:
@@ -188,7 +189,7 @@ class EquilibriumSolver:
         """
         films, obstacles = self.self_contact, self.obstacles
         if films is None and obstacles is None:
-            return self.solver.solve(start, angles, loads, self.options), loads
+            return self.solver.solve(start, memory, loads, self.options), loads
         pairs, spent, shifted, trail = None, 0, 0, []
         for round_ in range(CONTACT_ROUNDS_MAX):
             if films is not None:
@@ -196,12 +197,12 @@ class EquilibriumSolver:
                 pairs = films.static_pairs(start, pairs, _FOOT_SLACK * round_)
             planes = loads.contact if obstacles is None else obstacles(start)
             loads = replace(loads, contact=planes, self_contact=pairs)
-            result = self.solver.solve(start, angles, loads, self.options)
+            result = self.solver.solve(start, memory, loads, self.options)
             settled = round_ > 0 and result.iterations == 0
             spent, shifted = spent + result.iterations, shifted + result.shifted
             if settled or not result.converged:
                 return replace(result, iterations=spent, shifted=shifted), loads
-            start, angles = result.positions, result.angles
+            start, memory = result.positions, result.memory
             if obstacles is not None:
                 trail.append(start)
                 start = end_of(trail)
@@ -220,7 +221,7 @@ class EquilibriumSolver:
         if not friction and not losses_follow(cables, loads.cable_length_m):
             return result
         for _ in range(_FRICTION_ROUNDS_MAX):
-            again = self.solver.solve(result.positions, result.angles, loads, self.options)
+            again = self.solver.solve(result.positions, result.memory, loads, self.options)
             if again.iterations == 0 or not again.converged:
                 return again
             result = again

@@ -54,7 +54,7 @@ class NewtonSolver:
     def solve(
         self,
         start: Array,
-        reference_angles: Array,
+        memory: Array,
         loads: Loads,
         options: NewtonOptions,
         inertia: Inertia | None = None,
@@ -64,7 +64,7 @@ class NewtonSolver:
 
         Args:
             start: (n, 3) [m], clamped nodes and components where they shall be.
-            reference_angles: (h,) [rad], unwrapped angles of the last accepted state.
+            memory: (values,), what the elements remember of the last accepted state.
             loads: pressure, tension, gravity.
             options: bounds.
             inertia: of an implicit step; None in statics.
@@ -73,22 +73,22 @@ class NewtonSolver:
         system = self.system
         problem = Problem(system, self.free, loads, system.segment_tension(start, loads), inertia)
         turned = np.eye(3) if frame is None else frame
-        point = problem.at(np.ascontiguousarray(start), reference_angles)
-        angles = system.angles.copy()
+        point = problem.at(np.ascontiguousarray(start), memory)
+        memory = system.memory.copy()
         tangents = factorisations = shifted = reused = 0
         while True:
             outcome = self._verdict(point, tangents, reused, options)
             if outcome not in (None, Outcome.ITERATION_LIMIT):
                 break
             if reused < options.reuse_max:
-                found = self._reuse(problem, point, angles, turned, options)
+                found = self._reuse(problem, point, memory, turned, options)
                 if found is not None:
-                    point, reused, angles = found, reused + 1, system.angles.copy()
+                    point, reused, memory = found, reused + 1, system.memory.copy()
                     continue
             if outcome is not None:
-                point = problem.at(point.positions, angles)
+                point = problem.at(point.positions, memory)
                 break
-            problem.at(point.positions, angles, hessian=True)
+            problem.at(point.positions, memory, hessian=True)
             attempts = self._factor(options)
             factorisations += abs(attempts)
             shifted += abs(attempts) > 1
@@ -98,24 +98,24 @@ class NewtonSolver:
                 break
             tangents += 1
             step = self.linear.solve(-system.gradient)
-            found = self._search(problem, point, step, angles, options)
+            found = self._search(problem, point, step, memory, options)
             if found is None:
-                point, outcome = problem.at(point.positions, angles), Outcome.NO_DESCENT
+                point, outcome = problem.at(point.positions, memory), Outcome.NO_DESCENT
                 break
-            point, angles = found, system.angles.copy()
+            point, memory = found, system.memory.copy()
         return NewtonResult(
-            point.positions, system.angles.copy(), outcome, point.residual, tangents + reused,
+            point.positions, system.memory.copy(), outcome, point.residual, tangents + reused,
             factorisations, point.energy, shifted,
         )  # fmt: skip
 
     def factorise(
-        self, positions: Array, angles: Array, loads: Loads, inertia: Inertia | None, frame: Array
+        self, positions: Array, memory: Array, loads: Loads, inertia: Inertia | None, frame: Array
     ) -> bool:
         """Factorise the tangent at a given shape into `linear`; False where it is indefinite.
 
         Args:
             positions: (n, 3) [m].
-            angles: (h,) [rad], unwrapped hinge angles there.
+            memory: (values,), what the elements remember there.
             loads: that act.
             inertia: of an implicit step; None in statics.
             frame: (3, 3), rotation of the flange.
@@ -123,7 +123,7 @@ class NewtonSolver:
         system = self.system
         gradient = system.gradient.copy()
         problem = Problem(system, self.free, loads, system.segment_tension(positions, loads), inertia)
-        problem.at(positions, angles, hessian=True)
+        problem.at(positions, memory, hessian=True)
         system.gradient[:] = gradient
         definite = self._fitted_solver().factor(system.tangent_blocks, low_rank=system.low_rank)
         self._kept = KeptFactor(problem.kind, frame) if definite else None
@@ -168,7 +168,7 @@ class NewtonSolver:
         return Outcome.ITERATION_LIMIT if tangents >= options.iterations_max else None
 
     def _reuse(
-        self, problem: Problem, point: Point, angles: Array, frame: Array, options: NewtonOptions
+        self, problem: Problem, point: Point, memory: Array, frame: Array, options: NewtonOptions
     ) -> Point | None:
         """Return the point one step on with the factorisation in store, or None where it does not serve.
 
@@ -181,7 +181,7 @@ class NewtonSolver:
         step = self.linear.solve(-self.system.gradient, turn)
         if not np.abs(step).max() <= options.step_max_m:
             return None
-        trial = problem.at(point.positions + step, angles)
+        trial = problem.at(point.positions + step, memory)
         if math.isfinite(trial.energy) and trial.residual <= options.reuse_rate * point.residual:
             return trial
         self._kept = None
@@ -215,7 +215,7 @@ class NewtonSolver:
         return GeneralLU(pattern, self.free)
 
     def _search(
-        self, problem: Problem, point: Point, step: Array, angles: Array, options: NewtonOptions
+        self, problem: Problem, point: Point, step: Array, memory: Array, options: NewtonOptions
     ) -> Point | None:
         """Return the accepted point along the step, or None."""
         system = self.system
@@ -225,7 +225,7 @@ class NewtonSolver:
         # what rounding can hide in a sum of terms of this size
         rounding = 1e-13 * (1.0 + abs(point.energy))
         for _ in range(options.halvings_max):
-            trial = problem.at(point.positions + factor * step, angles)
+            trial = problem.at(point.positions + factor * step, memory)
             if system.conservative:
                 enough = trial.energy <= point.energy + 1e-4 * factor * slope + rounding
             else:

@@ -54,7 +54,7 @@ class NewtonResult:
 
     Args:
         positions: (n, 3) [m].
-        angles: (h,) [rad], unwrapped hinge angles there.
+        memory: (values,), what the elements remember there.
         outcome: how it ended.
         residual_N: largest free out-of-balance component.
         iterations: linear solves, those with a kept factorisation included.
@@ -64,7 +64,7 @@ class NewtonResult:
     """
 
     positions: Array
-    angles: Array
+    memory: Array
     outcome: Outcome
     residual_N: float
     iterations: int

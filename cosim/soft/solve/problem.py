@@ -71,10 +71,10 @@ class Problem:
     tension: Array
     inertia: Inertia | None
 
-    def at(self, positions: Array, angles: Array, *, hessian: bool = False) -> Point:
-        """Return the point at positions (n, 3) [m]; hinge angles unwrap against those given (h,) [rad]."""
+    def at(self, positions: Array, memory: Array, *, hessian: bool = False) -> Point:
+        """Return the point at positions (n, 3) [m]; elements remember (values,) the last accepted one."""
         energy = self.system.evaluate(
-            positions, self.loads, self.tension, angles, inertia=self.inertia, hessian=hessian
+            positions, self.loads, self.tension, memory, inertia=self.inertia, hessian=hessian
         )
         return Point(positions, energy, _residual(positions, self.system.gradient, self.free))
 

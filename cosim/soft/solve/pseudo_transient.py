@@ -32,7 +32,7 @@ _SPENT_MAX = 400  # iterations of all steps, before a slide is given up
 def slide(
     solver: NewtonSolver,
     start: Array,
-    angles: Array,
+    memory: Array,
     loads_at: Callable[[Array], Loads],
     options: NewtonOptions,
 ) -> NewtonResult:
@@ -41,7 +41,7 @@ def slide(
     Args:
         solver: Newton's method for the body.
         start: (n, 3) [m], clamped components where they shall be.
-        angles: (h,) [rad], unwrapped, of the last accepted state.
+        memory: (values,), what the elements remember of the last accepted state.
         loads_at: positions (n, 3) [m] -> loads, with what is touched near them.
         options: bounds of Newton's method.
     """
@@ -50,15 +50,15 @@ def slide(
     found: NewtonResult | None = None
     for _ in range(_STEPS_MAX):
         loads = loads_at(x)
-        tried = solver.solve(x, angles, loads, step, Inertia(np.full(len(x), bed), x))
+        tried = solver.solve(x, memory, loads, step, Inertia(np.full(len(x), bed), x))
         spent, shifted = spent + tried.iterations, shifted + tried.shifted
         if tried.outcome is Outcome.NOT_FINITE or tried.outcome is Outcome.INDEFINITE:
             bed *= _RISE
         else:
-            x, angles = tried.positions, tried.angles
+            x, memory = tried.positions, tried.memory
             bed *= _FALL if tried.converged else _RISE
         if tried.converged and bed < _PROPER_BELOW_N_m:
-            found = solver.solve(x, angles, loads, options)
+            found = solver.solve(x, memory, loads, options)
             spent, shifted = spent + found.iterations, shifted + found.shifted
             if found.converged:
                 break
@@ -66,6 +66,6 @@ def slide(
         if bed > _LARGEST_BED_N_m or spent >= _SPENT_MAX:
             break
     if found is None:
-        found = solver.solve(x, angles, loads_at(x), options)
+        found = solver.solve(x, memory, loads_at(x), options)
         spent, shifted = spent + found.iterations, shifted + found.shifted
     return replace(found, iterations=spent, shifted=shifted)

@@ -14,7 +14,6 @@ from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
 from cosim.soft.contact.obstacle_contact import ContactPlanes
 from cosim.soft.contact.self_contact_memory import FilmMemory
-from cosim.soft.geometry.surface import dihedral_angle
 
 
 @final
@@ -115,14 +114,14 @@ class SoftState:
     Args:
         positions: (n, 3) [m], world.
         velocities: (n, 3) [m/s].
-        angles: (h,) [rad], unwrapped hinge angles.
+        memory: (values,), what the elements remember, such as unwrapped hinge angles.
         earlier: positions and velocities one step before, for two-step integrators.
         touching: films that press on one another; None for none.
     """
 
     positions: Annotated[Array, ("nodes", 3)]
     velocities: Annotated[Array, ("nodes", 3)]
-    angles: Annotated[Array, ("hinges",)]
+    memory: Annotated[Array, ("values",)]
     earlier: tuple[Annotated[Array, ("nodes", 3)], Annotated[Array, ("nodes", 3)]] | None = None
     touching: FilmMemory | None = None
 
@@ -130,18 +129,18 @@ class SoftState:
     def drawn(cls, body: SoftBody, world_from_flange: Pose) -> SoftState:
         """Return the drawn shape, at rest on the flange."""
         positions = np.ascontiguousarray(world_from_flange.apply(body.positions))
-        return cls(positions, np.zeros_like(positions), dihedral_angle(body.positions, body.hinges.nodes))
+        return cls(positions, np.zeros_like(positions), body.first_memory())
 
     @classmethod
-    def at_rest(cls, positions: Array, angles: Array, touching: FilmMemory | None = None) -> SoftState:
+    def at_rest(cls, positions: Array, memory: Array, touching: FilmMemory | None = None) -> SoftState:
         """Return a state without velocity."""
-        return cls(positions, np.zeros_like(positions), angles, None, touching)
+        return cls(positions, np.zeros_like(positions), memory, None, touching)
 
     def carried(self, motion: Pose) -> SoftState:
         """Return the state moved rigidly by `motion` (world to world)."""
         turn = motion.rotation.T
         return SoftState(
-            np.ascontiguousarray(motion.apply(self.positions)), self.velocities @ turn, self.angles, None,
+            np.ascontiguousarray(motion.apply(self.positions)), self.velocities @ turn, self.memory, None,
             None if self.touching is None else self.touching.carried(motion),
         )  # fmt: skip
 

@@ -14,7 +14,7 @@ import numpy as np
 from cosim.base.frames import Array, Pose
 from cosim.errors import ConvergenceError, InputError
 from cosim.soft.body.loads import Loads
-from cosim.soft.elements.cable_length import losses_follow
+from cosim.soft.elements.cable import losses_follow
 from cosim.soft.solve.assembly import Inertia
 from cosim.soft.solve.newton import NewtonSolver
 from cosim.soft.solve.newton_options import NewtonResult, Outcome
@@ -109,7 +109,7 @@ class ImplicitStepper:
         if not 0.0 < step_s < math.inf:
             raise InputError(f"step {step_s} s must be positive and finite")
         base, span, speed = difference_scheme(self.options.integrator, state, step_s)
-        inertia = self._inertia(base, span, speed)
+        inertia = self._inertia(base, span, speed, step_s)
         loads = self._with_films(state, loads, step_s)
         starts = [_flight(self.options.integrator, state, step_s), state.positions]
         if before is not None and _turn(before, world_from_flange) > _LARGE_TURN_RAD:
@@ -135,7 +135,8 @@ class ImplicitStepper:
         velocities = (result.positions - base) / span
         earlier, pairs = (state.positions, state.velocities), loads.self_contact
         touching = None if pairs is None else pairs.memory(result.positions)
-        return SoftState(result.positions, velocities, result.angles, earlier, touching), result
+        memory = self.solver.system.advanced(result.positions, result.memory)
+        return SoftState(result.positions, velocities, memory, earlier, touching), result
 
     def _with_films(self, state: SoftState, loads: Loads, step_s: float) -> Loads:
         """Return the loads with the films that may touch one another in the step."""
@@ -152,10 +153,10 @@ class ImplicitStepper:
             loads: there.
             step_s: h [s].
         """
-        inertia = self._inertia(*difference_scheme(self.options.integrator, state, step_s))
+        inertia = self._inertia(*difference_scheme(self.options.integrator, state, step_s), step_s)
         loads = self._with_films(state, loads, step_s)
         return self.solver.factorise(
-            state.positions, state.angles, loads, inertia, world_from_flange.rotation
+            state.positions, state.memory, loads, inertia, world_from_flange.rotation
         )
 
     def _ranked(
@@ -171,16 +172,16 @@ class ImplicitStepper:
 
         def potential(start: Array) -> float:
             placed = self.clamp.place(start, after)
-            value = system.evaluate(placed, loads, tension, state.angles, inertia=inertia, hessian=False)
+            value = system.evaluate(placed, loads, tension, state.memory, inertia=inertia, hessian=False)
             return value if math.isfinite(value) else math.inf
 
         return sorted([*starts, carried], key=potential)
 
-    def _inertia(self, base: Array, span: float, speed: Array) -> Inertia:
+    def _inertia(self, base: Array, span: float, speed: Array, step_s: float) -> Inertia:
         """Return M (v - speed) / s + alpha M v with v = (x - base) / s, written as one elastic bed."""
         growth = 1.0 + self.options.damping_per_s * span
         weight = self.solver.system.body.node_mass * inertia_weight(span, self.options.damping_per_s)
-        return Inertia(weight, base + span / growth * speed)
+        return Inertia(weight, base + span / growth * speed, step_s)
 
     def _solve(
         self,
@@ -194,20 +195,20 @@ class ImplicitStepper:
         options, frame = self.options, flange.rotation
         if aim is not None:
             coarse, fine = aim.newton(options)
-            result = self.solver.solve(start, state.angles, loads, coarse, inertia, frame)
+            result = self.solver.solve(start, state.memory, loads, coarse, inertia, frame)
             if not result.converged or result.residual_N < aim.tolerance_N:
                 return result
             spent = result.iterations
-            result = self.solver.solve(result.positions, state.angles, loads, fine, inertia, frame)
+            result = self.solver.solve(result.positions, state.memory, loads, fine, inertia, frame)
             return replace(result, iterations=spent + result.iterations)
         # a contact that is half solved would push with a force of its own making
         if loads.contact is not None or loads.self_contact is not None:
-            return self.solver.solve(start, state.angles, loads, self._whole, inertia, frame)
-        result = self.solver.solve(start, state.angles, loads, self._first, inertia, frame)
+            return self.solver.solve(start, state.memory, loads, self._whole, inertia, frame)
+        result = self.solver.solve(start, state.memory, loads, self._first, inertia, frame)
         if result.outcome is not Outcome.ITERATION_LIMIT or self._acceptable(result):
             return result
         spent = result.iterations
-        result = self.solver.solve(result.positions, result.angles, loads, self._whole, inertia, frame)
+        result = self.solver.solve(result.positions, result.memory, loads, self._whole, inertia, frame)
         return replace(result, iterations=spent + result.iterations)
 
     def _with_losses(
@@ -221,7 +222,7 @@ class ImplicitStepper:
         for _ in range(_LOSS_ROUNDS_MAX):
             if not (result.converged or self._acceptable(result, aim)):
                 break
-            again = self.solver.solve(result.positions, result.angles, loads, options, inertia, frame)
+            again = self.solver.solve(result.positions, result.memory, loads, options, inertia, frame)
             if not again.converged:
                 break
             spent = result.iterations + again.iterations

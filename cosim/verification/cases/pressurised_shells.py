@@ -27,7 +27,7 @@ def inflated_sphere(rings: int) -> tuple[float, float]:
     specimen = Specimen(body, shape.symmetry, NewtonOptions(tolerance_N=1e-9))
     found = specimen.solve(specimen.drawn(), replace(UNLOADED, pressure_Pa=SPHERE_PA))
     volume = specimen.system.volume
-    specimen.system.evaluate(body.positions, UNLOADED, np.zeros(0), specimen.system.angles, hessian=False)
+    specimen.system.evaluate(body.positions, UNLOADED, np.zeros(0), specimen.system.memory, hessian=False)
     stress = body.membranes.principal_stress(found.state.positions).mean(axis=1)
     mean = float(stress @ body.membranes.areas / body.membranes.areas.sum())
     return (volume / specimen.system.volume) ** (1.0 / 3.0) - 1.0, mean

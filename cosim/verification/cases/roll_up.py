@@ -71,7 +71,7 @@ class RollUp(Case):
                 half = here
         x, z, _ = strip.deflection(here.state.positions)
         _, height, _ = strip.deflection(half.state.positions)
-        hinge_turn = np.abs(here.state.angles - math.pi)
+        hinge_turn = np.abs(here.state.memory - math.pi)
         return (
             Figure("height of the half circle / L", "1", height, 2.0 / math.pi, 5e-3),
             Figure("gap of the closed circle / L", "1", math.hypot(x, z), 0.0, 1e-3, absolute=True),

@@ -44,7 +44,7 @@ def motion(body: SoftBody, state: SoftState, system: SoftSystem) -> tuple[Array,
     """Return momentum (3,) [kg m/s], moment of momentum about the origin (3,) [kg m^2/s], energy [J]."""
     mass, x, v = body.node_mass[:, None], state.positions, state.velocities
     tension = system.segment_tension(x, _LOADS)
-    potential = system.evaluate(x, _LOADS, tension, state.angles, hessian=False)
+    potential = system.evaluate(x, _LOADS, tension, state.memory, hessian=False)
     return (mass * v).sum(0), np.cross(x, mass * v).sum(0), potential + 0.5 * float((mass * v * v).sum())
 
 
@@ -59,7 +59,7 @@ def drifts(steps: int) -> tuple[float, float, float]:
     stepper = ImplicitStepper(solver, NO_CLAMP, exact_steps("bdf2", 1e-11))
     state = SoftState.drawn(body, Pose())
     spin, flight = np.array([20.0, 5.0, 30.0]), np.array([0.5, -0.2, 0.3])
-    state = SoftState(state.positions, np.cross(spin, state.positions) + flight, state.angles)
+    state = SoftState(state.positions, np.cross(spin, state.positions) + flight, state.memory)
     begin = motion(body, state, probe)
     kinetic = 0.5 * float((body.node_mass[:, None] * state.velocities**2).sum())
     for _ in range(steps):

@@ -52,7 +52,7 @@ def exact_end(body: SoftBody, clamped: Mask) -> Array:
 
     def rates(_t: float, y: Array) -> Array:
         x = np.ascontiguousarray(y[: 3 * n].reshape(n, 3))
-        system.evaluate(x, _LOADS, np.zeros(0), system.angles.copy(), hessian=False)
+        system.evaluate(x, _LOADS, np.zeros(0), system.memory.copy(), hessian=False)
         acceleration = -system.gradient / body.node_mass[:, None]
         acceleration[clamped] = 0.0
         return np.concatenate([y[3 * n :], acceleration.ravel()])

@@ -1,0 +1,248 @@
+"""Elements: the terms of a soft body's potential, each described by one frozen class in one file.
+
+An element says which nodes it couples and what it adds to potential, gradient and tangent. Everything else
+is a loop over the elements of a body: its checks, the sparsity pattern, copies and attachments, the content
+hash, saved states and the kernels to compile. What these loops need to know of a field is its mark:
+    NODES   node indices, one row for each of many equal parts,
+    ROWS    further values, one row for each part,
+    none    a constant of all parts; not an array.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields, replace
+from functools import cache
+from typing import (
+    Annotated,
+    Any,
+    ClassVar,
+    Final,
+    NamedTuple,
+    Protocol,
+    Self,
+    TypeVar,
+    final,
+    get_args,
+    get_origin,
+    get_type_hints,
+)
+
+import numpy as np
+
+from cosim.base.frames import Array, IntArray
+from cosim.errors import MeshError
+
+NODES: Final = "nodes"
+ROWS: Final = "rows"
+
+_Kind = TypeVar("_Kind", bound="Element")
+
+_NO_TABLE = np.zeros((0, 0), np.int64)
+_NOTHING = np.zeros(0)
+
+
+class Driven(Protocol):
+    """What elements ask of the loads (`Loads`)."""
+
+    @property
+    def cable_tension_N(self) -> tuple[float, ...]:
+        """Tension of each cable at its base end."""
+
+    @property
+    def cable_length_m(self) -> tuple[float | None, ...]:
+        """Unstretched length of each cable whose length is commanded; empty where none is."""
+
+
+class Instant(NamedTuple):
+    """What acts on an element besides the shape.
+
+    Args:
+        memory: (m,), what the element remembers of the last accepted state; of one that remembers nothing,
+            anything.
+        tracked: (m,), filled with what it makes of that at the present shape; equal to `memory` beforehand.
+        step_s: length of an implicit step; infinite in statics.
+        segment_tension: (segments,) of all cables, see `SoftSystem.segment_tension`.
+        loads: that act; None where only the body itself is looked at.
+    """
+
+    memory: Array = _NOTHING
+    tracked: Array = _NOTHING
+    step_s: float = np.inf
+    segment_tension: Array = _NOTHING
+    loads: Driven | None = None
+
+    def part(self, own: slice) -> Instant:
+        """Return the same for one of several elements that remember something, its part cut out."""
+        return self._replace(memory=self.memory[own], tracked=self.tracked[own])
+
+
+STILL: Final = Instant()
+
+
+@final
+@dataclass(frozen=True)
+class Sums:
+    """What terms add to.
+
+    Args:
+        slots: nodes (parts, k) -> where their pairs are in `blocks`, see `BlockPattern.slots`.
+        gradient: (n, 3) [N].
+        blocks: (pattern.blocks, 3, 3) [N/m].
+        add_dense: vectors (k, n, 3), coefficients (k,) -> a dense part of the Hessian, see `LowRank`.
+    """
+
+    slots: Callable[[IntArray], IntArray]
+    gradient: Array
+    blocks: Array
+    add_dense: Callable[[Array, Array], None]
+
+
+class Term(Protocol):
+    """Elements of one kind with their places in the tangent."""
+
+    def add(self, positions: Array, at: Instant, hessian: bool) -> float:
+        """Add the gradient and, if told to, the Hessian; return the energy [J]."""
+
+
+class Element(ABC):
+    """A term of the potential, or several equal ones; a subclass is a frozen dataclass.
+
+    Nothing in it depends on where in space the body is drawn: what has a direction is said in axes of its
+    own, so that a copy elsewhere has the same values at other nodes.
+    """
+
+    label: ClassVar[str]
+    """What messages call it."""
+    single: ClassVar[bool] = False
+    """Whether a body has one of the kind at most; that of an attached part becomes one with it."""
+    merges: ClassVar[bool] = True
+    """Whether those of a body's copies become one, row after row; otherwise they follow copy by copy."""
+    far: ClassVar[bool] = False
+    """Whether it couples nodes across the mesh."""
+
+    @property
+    def coupled(self) -> IntArray:
+        """Nodes (parts, k) that it couples with one another: the field marked NODES."""
+        (name,) = _marked(type(self), NODES)
+        nodes: IntArray = getattr(self, name)
+        return nodes
+
+    @classmethod
+    @abstractmethod
+    def bound(cls, alike: Sequence[Self], sums: Sums) -> Sequence[Term]:
+        """Return the terms of a body's elements of this kind: one for each, or one for all.
+
+        Args:
+            alike: these elements, in the body's order.
+            sums: what they add to; there are blocks for all that they couple.
+        """
+
+    def first_memory(self, positions: Array) -> Array:
+        """Return what it remembers (m,) in the drawn shape (n, 3) [m]; a rigid motion changes none of it."""
+        return _NOTHING
+
+    def advanced(self, positions: Array, tracked: Array) -> Array:
+        """Return what it remembers (m,) once a shape (n, 3) [m] is accepted as a step's end.
+
+        Args:
+            positions: that shape.
+            tracked: (m,), see `Instant`.
+        """
+        return tracked
+
+    def shifted(self, nodes: int) -> Self:
+        """Return the same element where this many nodes come before its own."""
+        return _replaced(self, {name: getattr(self, name) + nodes for name in _marked(type(self), NODES)})
+
+    @classmethod
+    def joined(cls, elements: Sequence[Self]) -> Self:
+        """Return several as one, row after row.
+
+        Raises:
+            MeshError: constants of them differ.
+        """
+        first, marks = elements[0], layout(cls)
+        for name in (name for name, mark in marks.items() if mark is None):
+            for other in elements[1:]:
+                one, another = getattr(first, name), getattr(other, name)
+                if one != another:
+                    raise MeshError(f"{cls.label} differ in {name}: {one} and {another}")
+        rows = [name for name, mark in marks.items() if mark is not None]
+        return _replaced(
+            first, {name: np.concatenate([getattr(entry, name) for entry in elements]) for name in rows}
+        )
+
+    def all_nodes(self) -> IntArray:
+        """Return the indices (k,) of all nodes that it names."""
+        return np.concatenate([np.ravel(getattr(self, name)) for name in _marked(type(self), NODES)])
+
+
+class DirectElement(Element):
+    """An element that shares nothing with others of its kind."""
+
+    @abstractmethod
+    def add(
+        self, positions: Array, slots: IntArray, gradient: Array, blocks: Array, at: Instant = STILL
+    ) -> float:
+        """Add the gradient and, if slots is not empty, the Hessian; return the energy [J].
+
+        Args:
+            positions: (n, 3) [m], C-contiguous.
+            slots: of the pairs of `coupled`, from `BlockPattern.slots`, or empty.
+            gradient: (n, 3) [N].
+            blocks: (pattern.blocks, 3, 3) [N/m].
+            at: what acts besides the shape.
+        """
+
+    @classmethod
+    def bound(cls, alike: Sequence[Self], sums: Sums) -> Sequence[Term]:
+        return [_Direct(element, sums) for element in alike]
+
+
+@final
+class _Direct:
+    """A direct element with its places in the tangent."""
+
+    def __init__(self, element: DirectElement, sums: Sums) -> None:
+        self._add, self._slots = element.add, sums.slots(element.coupled)
+        self._gradient, self._blocks = sums.gradient, sums.blocks
+
+    def add(self, positions: Array, at: Instant, hessian: bool) -> float:
+        slots = self._slots if hessian else _NO_TABLE
+        return self._add(positions, slots, self._gradient, self._blocks, at)
+
+
+@cache
+def layout(kind: type[Element]) -> dict[str, str | None]:
+    """Return the mark of each field of a kind of elements.
+
+    Raises:
+        TypeError: it is no frozen dataclass, or has an array without a mark, which copies would not know.
+    """
+    described: Any = kind
+    if "__dataclass_params__" not in vars(kind) or not described.__dataclass_params__.frozen:
+        raise TypeError(f"{kind.__name__} must be a frozen dataclass")
+    hints, marks = get_type_hints(kind, include_extras=True), dict[str, str | None]()
+    for field in fields(described):
+        hint = hints[field.name]
+        mark = next((entry for entry in get_args(hint)[1:] if entry in (NODES, ROWS)), None)
+        marks[field.name] = mark if get_origin(hint) is Annotated else None
+        if marks[field.name] is None and _holds_array(hint):
+            raise TypeError(f"{kind.__name__}.{field.name} is an array; mark it with NODES or ROWS")
+    return marks
+
+
+def _holds_array(hint: Any) -> bool:
+    return get_origin(hint) is np.ndarray or any(_holds_array(entry) for entry in get_args(hint))
+
+
+def _marked(kind: type[Element], mark: str) -> list[str]:
+    return [name for name, found in layout(kind).items() if found == mark]
+
+
+def _replaced(element: _Kind, changes: dict[str, Any]) -> _Kind:
+    any_dataclass: Any = element
+    changed: _Kind = replace(any_dataclass, **changes)
+    return changed
