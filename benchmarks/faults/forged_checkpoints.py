@@ -78,6 +78,8 @@ def interrupted_run(name: str, folder: Path) -> Path:
         "import sys\n"
         "from cosim.cli.interruption import Interruption\n"
         "from cosim.cli.main import main\n"
+        "from cosim.stepping import stepped_run\n"
+        "stepped_run._GATHERED_S = 0.0  # each step is shown, and the reason asked for, by itself\n"
         "asked = []\n"
         "def reason(self):\n"
         "    asked.append(0)\n"

@@ -31,6 +31,7 @@ SAVED_OTHERWISE = {
     "InterfaceSearch": "lives for one tick",
     "LinkContacts": "how clear the arm was last; what is found does not depend on it",
     "SectionLockstep": "of a tick that is half done, after which nothing is saved",
+    "RelaxedWrench": "lives for one increment of statics",
     "RobotFiles": "counts the files that are read for one scenario",
     "SectionBody": "what it keeps by pressure",
     "SelfContact": "pattern of the last pairs of films, made anew where it does not serve",
