@@ -34,7 +34,7 @@ from cosim.soft.body.loads import Loads
 
 @final
 @dataclass(frozen=True)
-class Instant:
+class RobotState:
     """What of a run a controller sees besides the soft side.
 
     Args:
@@ -118,7 +118,7 @@ class Actuation:
         self._started = tuple(name for name in self._started if name in self._setpoints)
 
     def act(
-        self, planned: PhasePlan, gas: ChamberGas, soft: SoftSide, instant: Instant, load_factor: float
+        self, planned: PhasePlan, gas: ChamberGas, soft: SoftSide, instant: RobotState, load_factor: float
     ) -> None:
         """Let controllers, pumps and winches act for one tick, from the state before it.
 
@@ -237,7 +237,7 @@ class Actuation:
             if content is not None:
                 gas.set_gas(pump.chamber, pump.work(content, volumes[pump.chamber], self._tick_s, setpoint))
 
-    def _measure(self, soft: SoftSide, instant: Instant, setpoint: float | None) -> Measurement:
+    def _measure(self, soft: SoftSide, instant: RobotState, setpoint: float | None) -> Measurement:
         x = soft.state.positions
         direction = soft.body.tip_direction(x)
         pairs = list(zip(self._names, self.cables, strict=True))

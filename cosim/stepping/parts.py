@@ -13,7 +13,7 @@ from cosim.config.schema.scenario import Scenario
 from cosim.coupling.contact.contact_report import NOTHING_TOUCHED, ContactReport
 from cosim.coupling.schemes.ledger import LedgerEntry
 from cosim.coupling.soft_sides.soft_side import SoftSide
-from cosim.devices.device_loop import Actuation, Instant
+from cosim.devices.device_loop import Actuation, RobotState
 from cosim.plan.chamber_gas import ChamberGas
 from cosim.plan.plan import PhasePlan, Plan
 from cosim.soft.body.loads import Loads
@@ -87,7 +87,7 @@ class Parts:
     def work_devices(self, planned: PhasePlan, gas: ChamberGas, time_s: float, load_factor: float) -> None:
         """Let devices act for the tick or increment that begins at a time and ends at a load factor."""
         if self.actuation.active:
-            instant = Instant(time_s, self.carrier.flange_pose, self.carrier.joint_position)
+            instant = RobotState(time_s, self.carrier.flange_pose, self.carrier.joint_position)
             self.actuation.act(planned, gas, self.soft, instant, load_factor)
 
     def snapshot(self, moment: TickState, ledger: LedgerEntry, wall_s: float) -> Snapshot:

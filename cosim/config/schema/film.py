@@ -1,0 +1,81 @@
+"""Tables of what a soft robot is made of: film, hinges, stiffeners, mass."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated, Literal, final
+
+from annotated_types import Interval
+
+from cosim.config.toml.constraints import (
+    NonNegative,
+    Positive,
+)
+
+
+@final
+@dataclass(frozen=True)
+class FilmTable:
+    """Elastic sheet of the chamber walls.
+
+    Args:
+        law: "plain"; "tension_field": a film that wrinkles without resistance; "edge_strain": strain as bars
+            along the triangles' edges measure it (for comparison with published data).
+        compressive_fraction: of the plain law's compressive stiffness that a tension field keeps.
+    """
+
+    young_modulus_Pa: Positive
+    poisson_ratio: Annotated[float, Interval(gt=-1.0, lt=0.5)]
+    thickness_m: Positive
+    density_kg_m3: NonNegative = 0.0
+    law: Literal["plain", "tension_field", "edge_strain"] = "plain"
+    compressive_fraction: Annotated[float, Interval(ge=0.0, le=1.0)] = 0.0
+
+
+@final
+@dataclass(frozen=True)
+class HingeTable:
+    """Rotational springs of the folds.
+
+    Args:
+        rule: "uniform": every hinge has the same spring constant (scaled on a refined mesh, so that the mean
+            energy of bending to a cylinder stays); "shell": each by the triangles beside it, so that the film
+            bends like a shell.
+        stiffness_factor: uniform: spring constant divided by E t^3 / 12 [N m/rad]; shell: flexural rigidity
+            divided by E t^3 / (12 (1 - nu^2)).
+        fold_barrier_rad: the moment grows steeply below this dihedral angle and above 2 pi minus it.
+    """
+
+    rule: Literal["uniform", "shell"] = "uniform"
+    stiffness_factor: NonNegative = 1.0
+    fold_barrier_rad: Annotated[float, Interval(ge=0.0, lt=3.141592653589793)] = 0.0
+
+
+@final
+@dataclass(frozen=True)
+class StiffenerTable:
+    """Printed frames around the outer ring of every unit.
+
+    Args:
+        kind: "none", or "stiff": each outer ring keeps its drawn shape and moves almost as a rigid body.
+        stiffness_N_m: of the springs that keep the shape.
+    """
+
+    kind: Literal["none", "stiff"] = "none"
+    stiffness_N_m: Positive = 1e6
+
+
+@final
+@dataclass(frozen=True)
+class MassTable:
+    """Mass beyond that of the film.
+
+    Args:
+        node_mass_kg: at every node of the unrefined mesh.
+        seam_mass_kg: at every node of its outer rings (a unit's frame), in addition.
+
+    A refined mesh spreads the same totals evenly over its nodes.
+    """
+
+    node_mass_kg: NonNegative = 0.0
+    seam_mass_kg: NonNegative = 0.0
