@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import hashlib
 import io
 from collections.abc import Callable
-from dataclasses import fields, is_dataclass
-from typing import Any
 
 import numpy as np
 
+from cosim.base.identity import content_name
 from cosim.base.kept_data import keep, kept
 from cosim.base.resources import cache_directory
 from cosim.build.soft_body import build_soft_body
@@ -67,25 +65,7 @@ def _largest_pressure(scenario: Scenario) -> float:
 
 def content_hash(body: SoftBody, largest_Pa: float) -> str:
     """Return a short name of everything that a section model depends on."""
-    parts = hashlib.sha256()
-    _feed(parts, (METHOD, CLOSED_FRACTION, largest_Pa, body.positions, body.membranes, body.hinges))
-    _feed(parts, (body.caps, body.closed, body.frames, float(body.mass_kg), body.tip, body.base))
-    return parts.hexdigest()[:16]
-
-
-def _feed(parts: Any, value: Any) -> None:
-    if is_dataclass(value):
-        value = tuple(getattr(value, field.name) for field in fields(value))
-    if isinstance(value, tuple | list):
-        parts.update(b"(")
-        for entry in value:
-            _feed(parts, entry)
-        parts.update(b")")
-    elif isinstance(value, np.ndarray):
-        parts.update(str((value.shape, value.dtype)).encode())
-        parts.update(np.ascontiguousarray(value).tobytes())
-    else:
-        parts.update(repr(value).encode())
+    return content_name(METHOD, CLOSED_FRACTION, largest_Pa, body)
 
 
 def _packed(model: SectionModel) -> bytes:

@@ -7,6 +7,7 @@ that does not converge in one go; that tick is finished by `StaggeredCoupling`, 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import fields
 from typing import final
 
 import numpy as np
@@ -28,6 +29,9 @@ from cosim.reduced.solve.time_step import ChainStep
 from cosim.rigid.scene.native import NativeScene
 from cosim.soft.body.loads import Loads
 from cosim.soft.solve.newton_options import Outcome
+
+_TAKEN = {"pressure_Pa", "cable_tension_N", "gravity"}
+_NOT_TAKEN = [field for field in fields(Loads) if field.name not in _TAKEN]
 
 
 @final
@@ -162,14 +166,10 @@ class SectionLockstep(Lockstep):
 
 
 def _plain(load: Loads) -> bool:
-    """Whether pressure, tensions and gravity are all that acts."""
-    return (
-        load.nodal_force is None
-        and load.gas is None
-        and load.contact is None
-        and not load.cable_length_m
-        and load.self_contact is None
-        and load.extra is None
+    """Whether pressure, tensions and gravity are all that acts: everything else as if it was not given."""
+    given = ((getattr(load, field.name), field.default) for field in _NOT_TAKEN)
+    return all(
+        value is default or (isinstance(value, tuple) and value == default) for value, default in given
     )
 
 

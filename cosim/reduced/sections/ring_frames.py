@@ -51,10 +51,12 @@ class RingFrames:
         """Return the frames of a body.
 
         Raises:
-            InputError: the body is not one stack of units held at its first hole ring.
+            InputError: the body is not one stack of units held at its first hole ring, or it feels rates.
         """
         if any("/" in name for name in body.rings):
             raise InputError("section models are of one stack of units; this soft robot has copies")
+        for element in (element for element in body.elements if element.remembers_steps):
+            raise InputError(f"section models have no rates; this soft robot has {element.label}")
         outer = [ring for name, ring in body.rings.items() if name.endswith(".outer")]
         first = body.rings.get("unit_1.hole")
         if not outer or first is None or set(body.base.tolist()) != set(first.tolist()):

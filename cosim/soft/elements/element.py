@@ -152,6 +152,11 @@ class Element(ABC):
         """
         return tracked
 
+    @property
+    def remembers_steps(self) -> bool:
+        """Whether it remembers something of a step's end that it has not tracked: then it feels rates."""
+        return type(self).advanced is not Element.advanced
+
     def shifted(self, nodes: int) -> Self:
         """Return the same element where this many nodes come before its own."""
         return _replaced(self, {name: getattr(self, name) + nodes for name in _marked(type(self), NODES)})
@@ -212,6 +217,12 @@ class _Direct:
     def add(self, positions: Array, at: Instant, hessian: bool) -> float:
         slots = self._slots if hessian else _NO_TABLE
         return self._add(positions, slots, self._gradient, self._blocks, at)
+
+
+def kinds_known(of: type[Element] = Element) -> list[type[Element]]:
+    """Return all kinds of elements that were imported."""
+    kinds = of.__subclasses__()
+    return [*kinds, *(further for kind in kinds for further in kinds_known(kind))]
 
 
 @cache

@@ -205,4 +205,4 @@ def _bound_terms(body: SoftBody, sums: Sums) -> list[tuple[Term, slice | None]]:
 def _advancing(body: SoftBody) -> list[tuple[Element, slice]]:
     """Return the elements that remember something else of a step's end than they track, with its place."""
     pairs = zip(body.elements, body.memory_places, strict=True)
-    return [(element, own) for element, own in pairs if type(element).advanced is not Element.advanced]
+    return [(element, own) for element, own in pairs if element.remembers_steps]

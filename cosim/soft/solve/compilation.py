@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable
 from types import ModuleType
 from typing import Any
@@ -10,17 +11,22 @@ from cosim.base.kernels import remove_old
 from cosim.soft.body import center_line
 from cosim.soft.contact import contact_points as contact_surface
 from cosim.soft.contact import obstacle_contact as contact
-from cosim.soft.elements import cable, frame_ring, hinge, mass_terms, membrane, pressure
+from cosim.soft.elements import mass_terms, pressure
+from cosim.soft.elements.element import kinds_known
 from cosim.soft.linear import envelope_kernels
 from cosim.soft.linear import multifrontal_kernels as front_kernels
 from cosim.soft.solve import problem
 
-MODULES: tuple[ModuleType, ...] = (
-    cable, center_line, contact, contact_surface, envelope_kernels, frame_ring, front_kernels, hinge,
-    mass_terms, membrane, pressure, problem,
+_MODULES: tuple[ModuleType, ...] = (
+    center_line, contact, contact_surface, envelope_kernels, front_kernels, mass_terms, pressure, problem,
 )  # fmt: skip
 
 _SECONDS_EACH = 0.8  # in the mean, on an idle machine: 12 to 23 s for 25 of them, 27 to 60 s for 40
+
+
+def common_modules() -> tuple[ModuleType, ...]:
+    """Return the modules with kernels of every run: those of all known elements, and of what sums them."""
+    return (*_MODULES, *dict.fromkeys(sys.modules[kind.__module__] for kind in kinds_known()))
 
 
 def compile_kernels(
@@ -34,7 +40,7 @@ def compile_kernels(
     """
     found: dict[int, Any] = {
         id(value): value
-        for module in (*MODULES, *more)
+        for module in (*common_modules(), *more)
         for value in vars(module).values()
         if getattr(value, "fixed_signature", None) is not None
     }
