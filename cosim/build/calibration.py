@@ -182,7 +182,7 @@ def _calibration(parameters: Array) -> CalibrationTable:
 
 def _specimen(robot: SoftRobotTable, units: int) -> SoftRobotTable:
     stack = replace(robot.stack, units=min(units, robot.stack.units), refine=0)
-    return replace(robot, stack=stack, cables=(), base=("unit_1.hole",), calibration=None)
+    return replace(robot, stack=stack, cables=(), elements=(), base=("unit_1.hole",), calibration=None)
 
 
 def refined_model(robot: SoftRobotTable, refine: int) -> SoftRobotTable:

@@ -98,6 +98,7 @@ def build_soft_body(robot: SoftRobotTable, model: ModelTable) -> SoftBody:
     )
     if robot.stiffener.kind != "none":
         body = body.with_elements(_frames(mesh, robot))
+    body = body.with_elements(*(entry.element(body) for entry in robot.elements))
     if robot.copies is not None:
         c = robot.copies
         body = copies(body, around_axis(c.count, c.radius_m, c.tilt_rad, c.spin_rad, c.height_m))

@@ -1,4 +1,4 @@
-"""A kind of elements that the package does not have, with a memory of the last step: linear dashpots.
+"""Linear dashpots between nodes of a soft robot: elements with a memory of the last step.
 
 energy = c (l - l_n)^2 / (2 h), gradient = c (l - l_n) / h by the unit vector, with l_n the length at the
 step's beginning and h the step: the force is c times the mean rate of the length. Statics does not feel them.
@@ -8,11 +8,15 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Annotated, ClassVar, final
+from typing import Annotated, ClassVar, Literal, final
 
 import numpy as np
 
 from cosim.base.frames import Array, IntArray
+from cosim.config.schema.elements import ElementTable
+from cosim.config.toml.constraints import Positive
+from cosim.errors import InputError
+from cosim.soft.body.body import SoftBody
 from cosim.soft.elements.element import NODES, ROWS, STILL, DirectElement, Instant
 
 
@@ -23,14 +27,14 @@ class Dashpots(DirectElement):
 
     Args:
         nodes: (d, 2) node indices.
-        damping_N_s_m: (d,), c.
+        damping_Ns_m: (d,), c.
     """
 
     label: ClassVar[str] = "dashpots"
     far: ClassVar[bool] = True
 
     nodes: Annotated[IntArray, NODES]
-    damping_N_s_m: Annotated[Array, ROWS]
+    damping_Ns_m: Annotated[Array, ROWS]
 
     def first_memory(self, positions: Array) -> Array:
         return np.linalg.norm(positions[self.nodes[:, 1]] - positions[self.nodes[:, 0]], axis=1)
@@ -45,7 +49,7 @@ class Dashpots(DirectElement):
             return 0.0
         way = positions[self.nodes[:, 1]] - positions[self.nodes[:, 0]]
         length = np.linalg.norm(way, axis=1)
-        unit, stiffness = way / length[:, None], self.damping_N_s_m / at.step_s
+        unit, stiffness = way / length[:, None], self.damping_Ns_m / at.step_s
         force = stiffness * (length - at.memory)
         np.add.at(gradient, self.nodes[:, 1], force[:, None] * unit)
         np.add.at(gradient, self.nodes[:, 0], -force[:, None] * unit)
@@ -57,3 +61,25 @@ class Dashpots(DirectElement):
                 place = np.where(slots[:, pair] < 0, -1 - slots[:, pair], slots[:, pair])
                 np.add.at(blocks, place, sign * block)
         return float(0.5 * force @ (length - at.memory))
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class DashpotTable(ElementTable):
+    """A dashpot between two nodes.
+
+    Args:
+        ends: ring of each end and place in that ring, from 0 on.
+        damping_Ns_m: force over the rate of the length.
+    """
+
+    kind: Literal["dashpot"] = "dashpot"
+    ends: tuple[tuple[str, int], tuple[str, int]]
+    damping_Ns_m: Positive
+
+    def element(self, body: SoftBody) -> Dashpots:
+        for ring, place in self.ends:
+            if not 0 <= place < len(body.rings.get(ring, ())):
+                raise InputError(f"a dashpot ends at node {place} of ring '{ring}'; there is none")
+        nodes = np.array([[body.rings[ring][place] for ring, place in self.ends]])
+        return Dashpots(nodes, np.array([self.damping_Ns_m]))

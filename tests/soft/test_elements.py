@@ -36,8 +36,8 @@ STEP_S = 2e-3
 PAIRS = np.array([[0, 40], [30, 2]])
 
 
-def damped(body: SoftBody, damping_N_s_m: float = 0.5) -> SoftBody:
-    return body.with_elements(Dashpots(PAIRS, np.array([damping_N_s_m, 2.0 * damping_N_s_m])))
+def damped(body: SoftBody, damping_Ns_m: float = 0.5) -> SoftBody:
+    return body.with_elements(Dashpots(PAIRS, np.array([damping_Ns_m, 2.0 * damping_Ns_m])))
 
 
 def gradient_of(body: SoftBody, x: Array, memory: Array, loads: Loads, step_s: float = STEP_S) -> Array:

@@ -12,6 +12,7 @@ from cosim.config.rules.gas_rules import check_gas
 from cosim.config.rules.object_rules import check_objects
 from cosim.config.rules.size_rules import check_sizes
 from cosim.config.rules.support_rules import check_holding, check_rings
+from cosim.config.schema.elements import ElementTable
 from cosim.config.schema.phase import PhaseTable, TipTargetTable
 from cosim.config.schema.scenario import NO_ARM, Scenario
 from cosim.config.schema.soft_robot import AttachmentTable, CableTable, SoftRobotTable
@@ -107,11 +108,19 @@ def check_soft_robot(robot: SoftRobotTable, path: str, faults: Faults) -> None:
             with faults:
                 _check_cable(cable, robot, f"{path}.cable.{cable.name}", faults)
     with faults:
+        _check_elements(robot, f"{path}.element")
+    with faults:
         _check_unique(robot.attachments, f"{path}.attach", faults)
     with faults:
         for entry in robot.attachments:
             with faults:
                 _check_attachment(entry, robot, f"{path}.attach.{entry.name}", faults)
+
+
+def _check_elements(robot: SoftRobotTable, path: str) -> None:
+    for entry in robot.elements:
+        if type(entry) is ElementTable:
+            raise ScenarioError(path, f"kind '{entry.kind}' is not known; register it first, from Python")
 
 
 def _check_holes(robot: SoftRobotTable, path: str) -> None:

@@ -8,6 +8,7 @@ from typing import Annotated, Final, Literal, final
 from annotated_types import Interval, Len
 
 from cosim.base.names import ONLY_CHAMBER
+from cosim.config.schema.elements import ElementTable
 from cosim.config.schema.film import FilmTable, HingeTable, MassTable, StiffenerTable
 from cosim.config.toml.constraints import (
     Colour,
@@ -193,6 +194,7 @@ class SoftRobotTable:
         attachments: `[[attach]]` in the file.
         palm: rigid plate that the soft parts are mounted on; omitted: none.
         calibration: of the unrefined mesh; used where a scenario says `model.calibrated = true`.
+        elements: `[[element]]` in the file, of one copy; kinds are registered from Python.
     """
 
     name: Name
@@ -208,6 +210,7 @@ class SoftRobotTable:
     attachments: tuple[AttachmentTable, ...] = field(default=(), metadata={"alias": "attach"})
     palm: PalmTable | None = None
     calibration: CalibrationTable | None = None
+    elements: tuple[ElementTable, ...] = field(default=(), metadata={"alias": "element"})
     schema: Literal[2] = 2
 
     def cable_names(self) -> tuple[str, ...]:

@@ -42,6 +42,12 @@ def validator_of(kind: type) -> SchemaValidator:
     return SchemaValidator(file_schema(kind))
 
 
+def forget_schemas() -> None:
+    """Make schemas anew when they are next asked for: the tables that they may hold have changed."""
+    for kept in (bounded_schema, file_schema, validator_of):
+        kept.cache_clear()
+
+
 def definitions_of(schema: Node) -> dict[str, Node]:
     """Return the nodes of a schema that others refer to, by their references."""
     return {entry["ref"]: entry for entry in schema.get("definitions", ())}

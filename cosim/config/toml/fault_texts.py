@@ -52,6 +52,12 @@ def fault_text(error: Mapping[str, Any], node: Node, value: Any) -> str:
     if node["type"] == "literal":
         allowed = ", ".join(f"'{c}'" if isinstance(c, str) else str(c) for c in node["expected"])
         return f"got {describe(value)}; allowed: {allowed}"
+    if node["type"] == "tagged-union" and isinstance(node["discriminator"], str):
+        key, allowed = node["discriminator"], ", ".join(f"'{tag}'" for tag in node["choices"])
+        if not isinstance(value, Mapping):
+            return f"expected a table, got {describe(value)}"
+        given = describe(value[key]) if key in value else "missing"
+        return f"{key} is {given}; allowed: {allowed}"
     if node["type"] == "tagged-union":
         expected = " or ".join(_EXPECTED[choice["type"]] for choice in node["choices"].values())
         return f"expected {expected}, got {describe(value)}"
