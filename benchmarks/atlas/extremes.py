@@ -111,7 +111,7 @@ def body_of(extreme: Extreme) -> SoftBody:
     film = Film(extreme.young_modulus_Pa, 0.2, extreme.thickness_m, extreme.law)
     triangles = mesh.triangles.copy()
     triangles[: extreme.flipped] = triangles[: extreme.flipped, ::-1]
-    lines = [mesh.corner_line(0), mesh.corner_line(1)] if extreme.units > 1 else []
+    lines = [mesh.line("corner_0"), mesh.line("corner_1")] if extreme.units > 1 else []
     return SoftBody.from_arrays(
         mesh.positions,
         triangles,

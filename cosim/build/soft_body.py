@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from cosim.base.frames import Array, IntArray, Pose
+from cosim.build.stack_source import cable_route, drawn_stack
 from cosim.config.schema.soft_robot import (
     ARM_CHAMBER,
     AttachmentTable,
@@ -22,24 +23,10 @@ from cosim.soft.elements.cable import Cable
 from cosim.soft.elements.frame_ring import FrameRings
 from cosim.soft.elements.material import Film
 from cosim.soft.elements.shell_hinges import bending_measure, shell_stiffness
-from cosim.soft.geometry.polygonal_stack import Mesh, PolygonalStack
+from cosim.soft.geometry.named_mesh import NamedMesh
 from cosim.soft.geometry.refinement import refine
 from cosim.soft.geometry.surface import interior_hinges, triangle_area
 from cosim.soft.published.hinges import without_spring
-
-
-def build_mesh(robot: SoftRobotTable) -> Mesh:
-    """Return the chamber's mesh in the flange frame."""
-    return refine(_coarse_mesh(robot), robot.stack.refine)
-
-
-def _coarse_mesh(robot: SoftRobotTable) -> Mesh:
-    c = robot.stack
-    stack = PolygonalStack(
-        c.sides, c.units, c.corner_radius_m, c.hole_radius_m, c.unit_height_m, c.taper,
-        c.mid_ring_fraction, c.ring_heights, c.first_corner_rad,
-    )  # fmt: skip
-    return stack.mesh()
 
 
 def build_film(robot: SoftRobotTable) -> Film:
@@ -77,9 +64,10 @@ def build_soft_body(robot: SoftRobotTable, model: ModelTable) -> SoftBody:
     """
     if model.calibrated and robot.calibration is not None:
         robot = calibrated_model(robot, robot.calibration)
-    mesh = build_mesh(robot)
+    drawn = drawn_stack(robot.stack)
+    mesh = refine(drawn, robot.stack.refine)
     film = build_film(robot)
-    hinges, stiffness = _hinges(robot, model, mesh, film)
+    hinges, stiffness = _hinges(robot, model, drawn, mesh)
     base = np.unique(np.concatenate([mesh.ring(name) for name in robot.base]))
     body = SoftBody.from_arrays(
         mesh.positions,
@@ -91,7 +79,7 @@ def build_soft_body(robot: SoftRobotTable, model: ModelTable) -> SoftBody:
         caps=mesh.caps,
         closed=model.closed,
         cables=tuple(_cable(mesh, entry) for entry in robot.cables),
-        node_mass=_node_mass(mesh, robot),
+        node_mass=_node_mass(robot, drawn, mesh),
         base=base,
         tip=mesh.ring(mesh.tip_ring),
         rings=mesh.rings,
@@ -114,46 +102,45 @@ def _with_attachment(body: SoftBody, entry: AttachmentTable, model: ModelTable) 
     return attached(body, ARM_CHAMBER, part, entry.name, Pose(np.eye(3), top), plate)
 
 
-def _cable(mesh: Mesh, entry: CableTable) -> Cable:
-    first, last = entry.units
-    route = mesh.corner_line(entry.corner)[first - 1 : last]
+def _cable(mesh: NamedMesh, entry: CableTable) -> Cable:
     return Cable(
-        route,
+        cable_route(mesh, entry),
         1.0 if entry.capstan_factor is None else entry.capstan_factor,
         entry.friction_coefficient or 0.0,
         entry.stiffness_N_m,
     )
 
 
-def _hinges(robot: SoftRobotTable, model: ModelTable, mesh: Mesh, film: Film) -> tuple[IntArray, Array]:
+def _hinges(
+    robot: SoftRobotTable, model: ModelTable, coarse: NamedMesh, mesh: NamedMesh
+) -> tuple[IntArray, Array]:
     """Return hinge nodes (h, 4) and their stiffness (h,) [N m/rad].
 
     The published subset of hinges exists on the unrefined mesh only; a refined mesh has all hinges, with
     a uniform stiffness scaled to the bending measure of the unrefined ones.
     """
-    coarse = _coarse_mesh(robot)
+    film, refined = build_film(robot), mesh is not coarse
     drawn = interior_hinges(coarse.triangles, coarse.seam)
     if not model.all_hinges:
         drawn = drawn[~without_spring(coarse, drawn)]
-    hinges = drawn if robot.stack.refine == 0 else interior_hinges(mesh.triangles, mesh.seam)
+    hinges = interior_hinges(mesh.triangles, mesh.seam) if refined else drawn
     factor = robot.hinge.stiffness_factor
     if robot.hinge.rule == "shell":
         rigidity = factor * film.flexural_rigidity_Nm
         return hinges, shell_stiffness(mesh.positions, mesh.triangles, hinges, rigidity)
     uniform = np.full(len(hinges), factor * film.bending_stiffness_Nm)
-    if robot.stack.refine > 0:
+    if refined:
         uniform *= bending_measure(coarse.positions, drawn) / bending_measure(mesh.positions, hinges)
     return hinges, uniform
 
 
-def _frames(mesh: Mesh, robot: SoftRobotTable) -> FrameRings:
-    rings = np.array([ring for name, ring in mesh.rings.items() if name.endswith(".outer")])
+def _frames(mesh: NamedMesh, robot: SoftRobotTable) -> FrameRings:
+    rings = np.array([mesh.ring(name) for name in mesh.seam_rings])
     return FrameRings.from_shape(mesh.positions, rings, robot.stiffener.stiffness_N_m)
 
 
-def _node_mass(mesh: Mesh, robot: SoftRobotTable) -> Array:
+def _node_mass(robot: SoftRobotTable, coarse: NamedMesh, mesh: NamedMesh) -> Array:
     """Return the mass (n,) [kg] of each node; a refined mesh spreads what the unrefined one carries."""
-    coarse = _coarse_mesh(robot)
     mass = np.full(len(mesh.positions), robot.mass.node_mass_kg * len(coarse.positions) / len(mesh.positions))
     mass[mesh.seam] += robot.mass.seam_mass_kg * len(coarse.seam) / len(mesh.seam)
     areal = robot.film.density_kg_m3 * robot.film.thickness_m

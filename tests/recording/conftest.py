@@ -50,7 +50,7 @@ def make_stage(**changes: Any) -> RunInfo:
         "body_names": ("world", "box"),
         "shapes": (TETRAHEDRON,),
         "soft_triangles": MESH.triangles,
-        "cables": (MESH.corner_line(0), MESH.corner_line(1)),
+        "cables": (MESH.line("corner_0"), MESH.line("corner_1")),
         "chamber_names": ("chamber",),
         "soft_weight_N": 2.0,
         "gravity": np.array([0.0, 0.0, -9.81]),

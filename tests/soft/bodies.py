@@ -30,7 +30,7 @@ PRESSURE_Pa = 30e3
 def hexagon_arm(units: int, **changes: Any) -> SoftBody:
     """Return the paper's hexagonal arm with fewer units, closed, with its two cables."""
     mesh = PolygonalStack(6, units, 0.05, 0.01, 0.002, 0.95).mesh()
-    lines = (mesh.corner_line(0), mesh.corner_line(1)) if units > 1 else ()
+    lines = (mesh.line("corner_0"), mesh.line("corner_1")) if units > 1 else ()
     given: dict[str, Any] = {
         "hinge_nodes": interior_hinges(mesh.triangles, mesh.seam),
         "hinge_stiffness": 10.0 * FILM.bending_stiffness_Nm,

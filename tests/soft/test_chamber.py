@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from cosim.base.frames import Array, IntArray
 from cosim.errors import MeshError
-from cosim.soft.geometry.polygonal_stack import Mesh, PolygonalStack
+from cosim.soft.geometry.named_mesh import NamedMesh
+from cosim.soft.geometry.polygonal_stack import PolygonalStack
 from cosim.soft.geometry.refinement import refine
 from cosim.soft.geometry.surface import (
     check_mesh,
@@ -54,7 +55,7 @@ def oriented(triangles: IntArray) -> set[tuple[int, ...]]:
     return {tuple(row) for row in np.take_along_axis(triangles, columns, axis=1).tolist()}
 
 
-def capped(mesh: Mesh) -> IntArray:
+def capped(mesh: NamedMesh) -> IntArray:
     """Triangles of the surface closed by fans over extra centre nodes."""
     fans = [
         np.stack([np.full(len(cap), len(mesh.positions) + c), cap, np.roll(cap, -1)], axis=1)
@@ -72,7 +73,7 @@ def test_hexagon_arm_is_the_mirror_image_of_the_published_one() -> None:
     assert oriented(mesh.triangles[:, ::-1]) == oriented(data["triangles_pressure_outward"])
     assert mesh.ring("tip").tolist() == data["tip_ring_nodes"][0].tolist()
     assert mesh.ring(mesh.base_ring).tolist() == data["base_ring_nodes"][0].tolist()
-    lines = [mesh.corner_line(corner).tolist() for corner in (0, 1)]
+    lines = [mesh.line(f"corner_{corner}").tolist() for corner in (0, 1)]
     assert lines == data["cable_routes_nodes_base_to_tip"].tolist()
 
 
@@ -184,7 +185,7 @@ def test_refinement_keeps_the_drawn_shape(stack: PolygonalStack) -> None:
     assert coarse.rings.keys() == fine.rings.keys()
     for name, ring in coarse.rings.items():
         np.testing.assert_array_equal(fine.positions[fine.ring(name)[::4]], coarse.positions[ring])
-    line, drawn = fine.corner_line(2), coarse.corner_line(2)
+    line, drawn = fine.line("corner_2"), coarse.line("corner_2")
     np.testing.assert_array_equal(fine.positions[line], coarse.positions[drawn])
 
 
@@ -199,7 +200,7 @@ def test_refinement_adds_flat_hinges_and_keeps_the_folds() -> None:
 
 
 def test_refinement_keeps_the_bandwidth_unit_wise() -> None:
-    def bandwidth(mesh: Mesh) -> int:
+    def bandwidth(mesh: NamedMesh) -> int:
         return int(np.ptp(mesh.triangles, axis=1).max())
 
     coarse = HEXAGON_ARM.mesh()
@@ -256,12 +257,12 @@ def test_broken_meshes_are_refused(positions: Array, triangles: object, message:
         check_mesh(positions, np.array(triangles, dtype=np.int64))
 
 
-def test_unknown_rings_and_corners_are_named() -> None:
+def test_unknown_rings_and_lines_are_named() -> None:
     mesh = SQUARE_CORE.mesh()
     with pytest.raises(MeshError, match=r"no ring 'rim'; there are unit_1\.hole, unit_1\.lower"):
         mesh.ring("rim")
-    with pytest.raises(MeshError, match="no corner 4; corners 0 to 3 exist"):
-        mesh.corner_line(4)
+    with pytest.raises(MeshError, match="no line 'corner_4'; there are corner_0, corner_1, "):
+        mesh.line("corner_4")
 
 
 def test_mesh_is_read_only() -> None:

@@ -11,7 +11,8 @@ from cosim.base.frames import Array, IntArray
 from cosim.errors import MeshError
 from cosim.soft.elements.hinge import add_hinges
 from cosim.soft.elements.shell_hinges import bending_measure, hinge_areas, mean_square_angle, shell_stiffness
-from cosim.soft.geometry.polygonal_stack import Mesh, PolygonalStack
+from cosim.soft.geometry.named_mesh import NamedMesh
+from cosim.soft.geometry.polygonal_stack import PolygonalStack
 from cosim.soft.geometry.refinement import refine
 from cosim.soft.geometry.surface import interior_hinges, triangle_area
 from tests.soft.bodies import FILM
@@ -140,5 +141,5 @@ def test_a_hinge_off_the_mesh_is_named() -> None:
     assert len(shell_stiffness(flat, triangles, np.zeros((0, 4), np.int64), RIGIDITY_Nm)) == 0
 
 
-def _unit() -> Mesh:
+def _unit() -> NamedMesh:
     return PolygonalStack(6, 1, 0.05, 0.01, 0.002).mesh()

@@ -13,7 +13,7 @@ from cosim.soft.body.body import SoftBody
 def hole_rings(body: SoftBody) -> IntArray:
     """Return the hole rings (rings, nodes per ring), base to tip; those of the first of several copies."""
     names = [name for name in body.rings if name.endswith(".hole") and "/" not in name]
-    return np.stack([*(body.rings[name] for name in names), body.rings["tip"]])
+    return np.stack([*(body.rings[name] for name in names), body.tip])
 
 
 def center_line_length(rings: IntArray, positions: Array) -> float:

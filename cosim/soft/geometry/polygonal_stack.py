@@ -2,102 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from types import MappingProxyType
 
 import numpy as np
 
 from cosim.base.frames import Array, IntArray
 from cosim.errors import MeshError
-from cosim.soft.geometry.surface import check_mesh
-
-
-@dataclass(frozen=True, eq=False)
-class Mesh:
-    """A film surface with named rings.
-
-    Frame: the tool's. The base ring lies at z = 0, the stack grows along +z, away from the flange.
-    Rings run counter-clockwise about +z. `unit_k.hole` is the lower hole ring of unit k = 1, 2, ...;
-    it is also the upper one of unit k - 1. Arrays are read-only.
-
-    Args:
-        positions: (n, 3) [m].
-        triangles: (m, 3) node indices, normals pointing out of the gas.
-        rings: node indices by name: unit_k.hole, unit_k.lower, unit_k.outer, unit_k.upper, tip.
-        caps: rings of the open ends, ordered so that the fan (centre, ring[i], ring[i + 1]) faces outward.
-        sides: corners of the polygon.
-        units: pneumatic units in the stack.
-        base_ring: name of the ring that the flange holds.
-        tip_ring: name of the ring at the free end.
-
-    Raises:
-        MeshError: see `cosim.soft.geometry.surface.check_mesh`; or a ring names a node that does not exist.
-    """
-
-    positions: Array
-    triangles: IntArray
-    rings: Mapping[str, IntArray]
-    caps: tuple[IntArray, ...]
-    sides: int
-    units: int
-    base_ring: str = "unit_1.hole"
-    tip_ring: str = "tip"
-
-    def __post_init__(self) -> None:
-        check_mesh(self.positions, self.triangles)
-        rings = {name: _read_only(ring) for name, ring in self.rings.items()}
-        for name, ring in rings.items():
-            if ring.min() < 0 or ring.max() >= len(self.positions):
-                raise MeshError(
-                    f"ring {name} uses nodes {ring.tolist()}; 0 to {len(self.positions) - 1} exist"
-                )
-        positions = np.array(self.positions, dtype=np.float64)
-        positions.setflags(write=False)
-        object.__setattr__(self, "positions", positions)
-        object.__setattr__(self, "triangles", _read_only(self.triangles))
-        object.__setattr__(self, "rings", MappingProxyType(rings))
-        object.__setattr__(self, "caps", tuple(_read_only(cap) for cap in self.caps))
-
-    @property
-    def seam(self) -> IntArray:
-        """Nodes of all outer rings, where two films are welded, ascending."""
-        return np.unique(np.concatenate([r for name, r in self.rings.items() if name.endswith(".outer")]))
-
-    def ring(self, name: str) -> IntArray:
-        """Return the nodes of a ring.
-
-        Raises:
-            MeshError: there is no ring of that name; the message lists those that exist.
-        """
-        if name not in self.rings:
-            raise MeshError(f"no ring {name!r}; there are {', '.join(self.rings)}")
-        return self.rings[name]
-
-    def corner(self, ring: str, corner: int) -> int:
-        """Return the node of a ring that points to corner 0 .. sides - 1, at any refinement.
-
-        Raises:
-            MeshError: there is no such ring or corner.
-        """
-        if not 0 <= corner < self.sides:
-            raise MeshError(f"no corner {corner}; corners 0 to {self.sides - 1} exist")
-        nodes = self.ring(ring)
-        return int(nodes[corner * len(nodes) // self.sides])
-
-    def corner_line(self, corner: int) -> IntArray:
-        """Return the outer corner nodes of all units, base to tip: a cable's route.
-
-        Raises:
-            MeshError: there is no such corner.
-        """
-        return np.array([self.corner(f"unit_{k}.outer", corner) for k in range(1, self.units + 1)])
-
-
-def _read_only(indices: IntArray) -> IntArray:
-    array = np.array(indices, dtype=np.int64)
-    array.setflags(write=False)
-    return array
+from cosim.soft.geometry.named_mesh import NamedMesh
 
 
 @dataclass(frozen=True)
@@ -157,8 +68,14 @@ class PolygonalStack:
             if not holds:
                 raise MeshError(message)
 
-    def mesh(self) -> Mesh:
-        """Return the drawn shape."""
+    def mesh(self) -> NamedMesh:
+        """Return the drawn shape.
+
+        Its base ring lies at z = 0, the stack grows along +z. Rings run counter-clockwise about +z:
+        unit_k.hole, unit_k.lower, unit_k.outer, unit_k.upper, tip. `unit_k.hole` is the lower hole ring of
+        unit k = 1, 2, ...; it is also the upper one of unit k - 1. The films are welded along the outer
+        rings. Line corner_k leads through the outer nodes at corner k = 0, 1, ... of all units.
+        """
         n = self.sides
         rings, levels = {}, []
         for unit in range(self.units):
@@ -171,13 +88,16 @@ class PolygonalStack:
         rings["tip"] = tip
         levels.append(self._polygon(self.hole_radius_m, self.units * self.unit_height_m)[::2])
         triangles = [self._unit_triangles(unit) for unit in range(self.units)]
-        return Mesh(
+        outer = [f"unit_{unit + 1}.outer" for unit in range(self.units)]
+        return NamedMesh(
             positions=np.concatenate(levels),
             triangles=np.concatenate(triangles),
             rings=rings,
             caps=(rings["unit_1.hole"][::-1], tip),
-            sides=n,
-            units=self.units,
+            base_ring="unit_1.hole",
+            tip_ring="tip",
+            seam_rings=tuple(outer),
+            lines={f"corner_{k}": np.array([rings[name][2 * k] for name in outer]) for k in range(n)},
         )
 
     def _polygon(self, radius: float, height: float) -> Array:

@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from cosim.base.frames import IntArray
 from cosim.errors import MeshError
-from cosim.soft.geometry.polygonal_stack import Mesh
+from cosim.soft.geometry.named_mesh import NamedMesh
 from cosim.soft.geometry.surface import directed_edges
 
 
-def refine(mesh: Mesh, levels: int) -> Mesh:
+def refine(mesh: NamedMesh, levels: int) -> NamedMesh:
     """Return the mesh with each triangle cut into four, `levels` times.
 
     New nodes are edge midpoints of the drawn shape, so area, volume and rest angles stay; the new
-    edges inside a triangle are flat. Rings and caps gain the midpoints of their edges. Nodes are
+    edges inside a triangle are flat. Rings and caps gain the midpoints of their edges, lines keep their
+    nodes. Nodes are
     numbered by the mean number of the coarse nodes they come from, which keeps the half bandwidth
     near 4 per level times the coarse one: it stays unit-wise.
 
@@ -32,7 +35,7 @@ def refine(mesh: Mesh, levels: int) -> Mesh:
     return mesh
 
 
-def _refine_once(mesh: Mesh) -> Mesh:
+def _refine_once(mesh: NamedMesh) -> NamedMesh:
     n = len(mesh.positions)
     edges, inverse = np.unique(np.sort(directed_edges(mesh.triangles), axis=1), axis=0, return_inverse=True)
     rank = np.concatenate([np.arange(n), edges.mean(axis=1)])
@@ -42,15 +45,13 @@ def _refine_once(mesh: Mesh) -> Mesh:
     positions[number] = np.concatenate([mesh.positions, mesh.positions[edges].mean(axis=1)])
 
     middle = {(int(a), int(b)): int(number[n + e]) for e, (a, b) in enumerate(edges)}
-    return Mesh(
+    return replace(
+        mesh,
         positions=positions,
         triangles=_quarters(number[mesh.triangles], number[n + inverse.reshape(-1, 3)]),
         rings={name: _with_midpoints(ring, number, middle) for name, ring in mesh.rings.items()},
         caps=tuple(_with_midpoints(cap, number, middle) for cap in mesh.caps),
-        sides=mesh.sides,
-        units=mesh.units,
-        base_ring=mesh.base_ring,
-        tip_ring=mesh.tip_ring,
+        lines={name: number[line] for name, line in mesh.lines.items()},
     )
 
 

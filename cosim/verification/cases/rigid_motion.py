@@ -32,7 +32,7 @@ def chamber(law: FilmLaw = "plain") -> tuple[SoftBody, Array]:
         mesh.positions, mesh.triangles, Film(1.3e9, 0.2, 1.1e-4, law),
         hinge_nodes=interior_hinges(mesh.triangles, mesh.seam), hinge_stiffness=1.4e-3,
         fold_barrier_rad=0.02 * math.pi, caps=mesh.caps,
-        cables=tuple(Cable(mesh.corner_line(k), 0.8) for k in (0, 1)), node_mass=2e-3,
+        cables=tuple(Cable(mesh.line(f"corner_{k}"), 0.8) for k in (0, 1)), node_mass=2e-3,
     )  # fmt: skip
     scatter = 1e-3 * np.random.default_rng(0).normal(size=mesh.positions.shape)
     return body, np.ascontiguousarray(mesh.positions * (1.0, 1.0, 5.0) + scatter)
