@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from cosim.soft.body.loads import Loads
+from cosim.soft.elements import cable, hinge
 from cosim.soft.elements.cable import Cable
 from cosim.soft.elements.gas import SealedGas
 from cosim.soft.elements.material import Film
@@ -23,8 +24,8 @@ Fault = Callable[[pytest.MonkeyPatch], None]
 
 def stiff_hinges(patch: pytest.MonkeyPatch) -> None:
     """Hinges 2 % too stiff."""
-    true = system.add_hinges
-    patch.setattr(system, "add_hinges", lambda x, nodes, k, *rest: true(x, nodes, 1.02 * k, *rest))
+    true = hinge.add_hinges
+    patch.setattr(hinge, "add_hinges", lambda x, nodes, k, *rest: true(x, nodes, 1.02 * k, *rest))
 
 
 def strong_pressure(patch: pytest.MonkeyPatch) -> None:
@@ -69,7 +70,7 @@ def half_wrap(patch: pytest.MonkeyPatch) -> None:
 
 def one_sided_cables(patch: pytest.MonkeyPatch) -> None:
     """Cables pull 0.1 % less at their near ends than at their far ones."""
-    true = system.add_segments
+    true = cable.add_segments
 
     def unbalanced(x: Any, segments: Any, tension: Any, slots: Any, force: Any, blocks: Any) -> float:
         pull = np.zeros_like(force)
@@ -78,7 +79,7 @@ def one_sided_cables(patch: pytest.MonkeyPatch) -> None:
         force += pull
         return energy
 
-    patch.setattr(system, "add_segments", unbalanced)
+    patch.setattr(cable, "add_segments", unbalanced)
 
 
 def first_order_steps(patch: pytest.MonkeyPatch) -> None:
