@@ -134,6 +134,14 @@ def test_nodes_that_are_not_there_are_refused() -> None:
         hexagon_arm(1).with_elements(Dashpots(np.array([[0, 99]]), np.ones(1)))
 
 
+def test_a_body_without_a_film_or_hinges_says_so() -> None:
+    body = hexagon_arm(1)
+    for kind, text in ((Membranes, "needs its triangles"), (Hinges, "needs its hinges")):
+        kept = tuple(element for element in body.elements if not isinstance(element, kind))
+        with pytest.raises(MeshError, match=text):
+            replace(body, elements=kept)
+
+
 def test_its_kernels_are_compiled_with_the_others() -> None:
     assert dashpot in common_modules()
 

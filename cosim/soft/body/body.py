@@ -52,6 +52,9 @@ class SoftBody:
     chambers: tuple[GasChamber, ...] = ()
 
     def __post_init__(self) -> None:
+        for needed in (Membranes, Hinges):
+            if needed not in self.kinds:
+                raise MeshError(f"a body needs its {needed.label}, be there none of them")
         by_kind = tuple(sorted(self.elements, key=lambda element: self.kinds.index(type(element))))
         object.__setattr__(self, "elements", by_kind)
         count = len(self.positions)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import Annotated, Protocol, final
 
@@ -107,17 +107,10 @@ class Loads:
         force = _weighted(self.nodal_force, end.nodal_force, load_factor)
         gas = gas_between(self.gas, end.gas, load_factor)
         lengths = _lengths(self.cable_length_m, end.cable_length_m, load_factor)
-        return Loads(
-            pressure,
-            tension,
-            (gx, gy, gz),
-            force,
-            gas,
-            end.contact,
-            lengths,
-            end.self_contact,
-            end.extra,
-        )
+        return replace(
+            end, pressure_Pa=pressure, cable_tension_N=tension, gravity=(gx, gy, gz), nodal_force=force,
+            gas=gas, cable_length_m=lengths,
+        )  # fmt: skip
 
 
 def _weighted(begin: Array | None, end: Array | None, load_factor: float) -> Array | None:
