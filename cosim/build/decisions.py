@@ -12,7 +12,6 @@ from cosim.plan.decision import Decision
 from cosim.plan.plan import Plan
 from cosim.plan.reach import FlangeTravel, film_reach, flange_travel, within_reach
 from cosim.soft.body.body import SoftBody
-from cosim.soft.body.loads import Loads
 from cosim.soft.contact.self_contact_faces import FilmFaces
 from cosim.stepping.self_contact_law import film_report
 from cosim.telemetry.choices import CONTACT, CONTACT_ENABLED, ONLY_IN_REACH
@@ -69,8 +68,8 @@ def _unknown_reach(scenario: Scenario) -> str:
 
 
 def _largest_pressure(plan: Plan) -> float:
-    loads = [plan.loads, *(load for phase in plan.phases for load in (phase.begin, phase.end))]
-    return max(0.0, *(float(np.max(load.pressure_Pa)) for load in loads))
+    commands = [plan.command, *(asked for phase in plan.phases for asked in (phase.begin, phase.end))]
+    return max(0.0, *(pressure for command in commands for pressure in command.pressure_Pa))
 
 
 def decisions(
@@ -125,14 +124,10 @@ def _cables(scenario: Scenario, body: SoftBody, plan: Plan) -> Decision:
         return Decision(what, False, "there are none", "soft_robot.cable")
     if scenario.fidelity == "rigid":
         return Decision(what, False, "they do not move a rigid body", "fidelity")
-    loads = [plan.loads, *(load for phase in plan.phases for load in (phase.begin, phase.end))]
-    if any(_pulled(load) for load in loads) or scenario.winches or scenario.controllers:
+    commands = [plan.command, *(asked for phase in plan.phases for asked in (phase.begin, phase.end))]
+    if any(any(command.cable_tension_N) for command in commands) or scenario.winches or scenario.controllers:
         return Decision(what, True, "they are pulled", switch)
     return Decision(what, False, "they are slack throughout", switch)
-
-
-def _pulled(loads: Loads) -> bool:
-    return any(loads.cable_tension_N) or any(length is not None for length in loads.cable_length_m)
 
 
 def _hinges(scenario: Scenario) -> Decision:

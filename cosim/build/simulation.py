@@ -19,6 +19,7 @@ from cosim.coupling.soft_sides.soft_side import SoftSide
 from cosim.devices.controller import AnyController
 from cosim.devices.device_loop import Actuation
 from cosim.devices.device_names import device_names, device_report
+from cosim.devices.planned_commands import PlannedCommands
 from cosim.errors import ScenarioError, SceneError, SolverError
 from cosim.plan.arm_limits import PlannedArm
 from cosim.plan.arm_plan import check_base, checked_start, drawn_payload, planned_arm
@@ -60,7 +61,8 @@ def build(
     plan, carrier, modelled, planned = (_held_base if scenario.robot == NO_ARM else _arm)(
         scenario, trial, soft, before
     )
-    parts = Parts(scenario, plan, carrier, soft, actuation)
+    commands = PlannedCommands(scenario, plan, soft, actuation)
+    parts = Parts(scenario, plan, carrier, soft, commands)
     if scenario.mode == "quasistatic":
         ticks = sum(phase.increments for phase in scenario.phases)
         duration = sum(phase.duration_s + phase.settle_s for phase in scenario.phases)

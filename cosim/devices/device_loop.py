@@ -19,6 +19,7 @@ from cosim.config.schema.phase import PhaseTable
 from cosim.config.schema.scenario import Scenario
 from cosim.coupling.soft_sides.soft_side import SoftSide
 from cosim.devices.cable_drive import CableDrive, CableDriveState, Order
+from cosim.devices.command_source import RobotState
 from cosim.devices.controller import AnyController, Measurement
 from cosim.devices.device_build import build_holds, build_pump, build_winch
 from cosim.devices.device_names import device_names
@@ -28,24 +29,8 @@ from cosim.devices.zero_order_hold import Held, HoldState
 from cosim.errors import InputError
 from cosim.plan.chamber_gas import ChamberGas
 from cosim.plan.plan import PhasePlan
+from cosim.plan.robot_command import SoftCommand
 from cosim.soft.body.body import SoftBody
-from cosim.soft.body.loads import Loads
-
-
-@final
-@dataclass(frozen=True)
-class RobotState:
-    """What of a run a controller sees besides the soft side.
-
-    Args:
-        time_s: simulated time.
-        flange: world_from_flange.
-        joint_position: (joints,) [rad].
-    """
-
-    time_s: float
-    flange: Pose
-    joint_position: Array
 
 
 @final
@@ -147,14 +132,13 @@ class Actuation:
         for drive, order, command in triples:
             drive.move(order, load_factor, command, soft.state.positions, self._tick_s)
 
-    def loads(self, planned: Loads) -> Loads:
-        """Return the loads with the cables as they are driven."""
+    def driven(self, planned: SoftCommand) -> SoftCommand:
+        """Return a command with the cables as they are driven."""
         if not self.active:
             return planned
         tension = tuple(drive.given_tension_N for drive in self.cables)
         lengths = tuple(drive.length_m for drive in self.cables)
-        by_length = any(length is not None for length in lengths)
-        return replace(planned, cable_tension_N=tension, cable_length_m=lengths if by_length else ())
+        return replace(planned, cable_tension_N=tension, cable_length_m=lengths)
 
     def report(self, soft: SoftSide, flange: Pose) -> ActuationReport | None:
         """Return what the devices do at present; None where there are none."""

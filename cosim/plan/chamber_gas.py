@@ -9,10 +9,9 @@ import numpy as np
 
 from cosim.base.state_check import check_indices
 from cosim.config.rules.gas_rules import GasRule
-from cosim.config.schema.per_chamber import as_load
 from cosim.config.schema.solver import GasTable
 from cosim.coupling.soft_sides.soft_side import SoftSide
-from cosim.soft.body.loads import LoadRamp, Loads
+from cosim.plan.robot_command import CommandRamp, SoftCommand
 from cosim.soft.elements.gas import SealedGas, exchange, leak
 
 
@@ -36,7 +35,7 @@ class ChamberGasState:
 
 @final
 class ChamberGas:
-    """Knows what is in each chamber at present, and puts it into the planned loads.
+    """Knows what is in each chamber at present, and puts it into what is planned.
 
     Args:
         settings: of the gas where it is sealed.
@@ -48,7 +47,7 @@ class ChamberGas:
         self._sealed: list[SealedGas | None] = []
         self._pressures: tuple[float, ...] = ()
         self._orifices: list[tuple[int, int, float]] = []
-        self._ramp: LoadRamp | None = None
+        self._ramp: CommandRamp | None = None
         self._as_planned = False  # whether nothing in the chambers is other than the ramp has it
 
     def begin(self, rules: tuple[GasRule, ...], soft: SoftSide) -> None:
@@ -96,12 +95,12 @@ class ChamberGas:
         """Replace the sealed gas in a chamber (by index)."""
         self._sealed[chamber] = gas
 
-    def filled(self, loads: Loads) -> Loads:
-        """Return loads with what is in the chambers in place of the pressure."""
-        return self._with(loads, self._pressures)
+    def filled(self, command: SoftCommand) -> SoftCommand:
+        """Return a command with what is in the chambers in place of the planned pressure."""
+        return self._with(command, self._pressures)
 
-    def between(self, begin: Loads, end: Loads, load_factor: float) -> Loads:
-        """Return the loads at a load factor in a phase: only given pressures change as planned.
+    def between(self, begin: SoftCommand, end: SoftCommand, load_factor: float) -> SoftCommand:
+        """Return what is asked for at a load factor in a phase: only given pressures change as planned.
 
         Args:
             begin: planned, at the start of the phase.
@@ -110,37 +109,34 @@ class ChamberGas:
         """
         ramp = self._ramp
         if ramp is None or ramp.begin is not begin or ramp.end is not end:
-            ramp = self._ramp = LoadRamp(begin, end)
-            given = begin.pressures(len(self._pressures)) == self._pressures
-            self._as_planned = given and not self._holds_gas
-        loads = ramp.at(load_factor)
+            ramp = self._ramp = CommandRamp(begin, end)
+            self._as_planned = begin.pressure_Pa == self._pressures and not self.holds_gas
+        planned = ramp.at(load_factor)
         if self._as_planned:
-            return loads
-        planned = end.pressures(len(self._pressures))
+            return planned
         pressures = tuple(
             now
             if gas is not None
             else wanted
             if load_factor >= 1.0
             else (1.0 - load_factor) * now + load_factor * wanted
-            for gas, now, wanted in zip(self._sealed, self._pressures, planned, strict=True)
+            for gas, now, wanted in zip(self._sealed, self._pressures, end.pressure_Pa, strict=True)
         )
-        return self._with(loads, pressures)
+        return self._with(planned, pressures)
 
-    def _with(self, loads: Loads, pressures: tuple[float, ...]) -> Loads:
-        gas, pressure = as_load(tuple(self._sealed)) if self._holds_gas else None, as_load(pressures)
-        if gas is loads.gas and pressure == loads.pressure_Pa:
-            return loads
-        return replace(loads, pressure_Pa=pressure, gas=gas)
+    def _with(self, command: SoftCommand, pressures: tuple[float, ...]) -> SoftCommand:
+        if not self.holds_gas and pressures == command.pressure_Pa:
+            return command
+        return replace(command, pressure_Pa=pressures, gas=tuple(self._sealed))
 
     @property
-    def _holds_gas(self) -> bool:
+    def holds_gas(self) -> bool:
         """Whether any chamber is sealed."""
         return self._sealed.count(None) < len(self._sealed)
 
     def advance(self, soft: SoftSide, step_s: float) -> None:
         """Let sealed gases leak, and flow through orifices, for a while at the present volumes."""
-        if not self._holds_gas:
+        if not self.holds_gas:
             return
         now = soft.pressures_Pa
         triples = zip(self._sealed, now, self._pressures, strict=True)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import TypeAlias, final
 
 import numpy as np
@@ -23,6 +24,7 @@ from cosim.plan.chamber_gas import ChamberGas
 from cosim.plan.flange_path import FlangeWay, pose_of
 from cosim.plan.joint_path import JointPath
 from cosim.plan.node_groups import SidesOf, held_components, nodal_force, nodes_of
+from cosim.plan.robot_command import SoftCommand, loads_of
 from cosim.plan.shake import Shake
 from cosim.plan.target_motion import reach, walk
 from cosim.soft.body.body import SoftBody
@@ -66,8 +68,8 @@ class PhasePlan:
     Args:
         phase: as in the scenario.
         joints: joint angles along it.
-        begin: loads at its start; while the gas is sealed, their pressure means nothing.
-        end: loads at its end, the same.
+        begin: asked of the soft robot at its start, as if no gas was sealed.
+        end: at its end, the same.
         gas: how the gas of each chamber is given.
         holding: what is held otherwise from its start on.
         tip_target: (3,) [m]; components that are free are NaN; None without a target.
@@ -76,8 +78,8 @@ class PhasePlan:
 
     phase: PhaseTable
     joints: JointPath
-    begin: Loads
-    end: Loads
+    begin: SoftCommand
+    end: SoftCommand
     gas: tuple[GasRule, ...]
     holding: Holding
     tip_target: Array | None
@@ -92,13 +94,15 @@ class Plan:
     Args:
         start: pose of the flange.
         joints: (joints,) [rad] at the start.
-        loads: at the start.
+        command: to the soft robot at the start.
+        gravity: (3,) [m/s^2], world.
         phases: in order.
     """
 
     start: Pose
     joints: Array
-    loads: Loads
+    command: SoftCommand
+    gravity: tuple[float, float, float]
     phases: tuple[PhasePlan, ...]
 
 
@@ -151,14 +155,15 @@ def make_plan(scenario: Scenario, plan_joints: JointPlanner, soft: SoftSide) -> 
     loads = start_loads(scenario.start, soft.body, scenario.gravity_m_s2)
     drafts = _drafts(scenario, soft, start, loads)
     joints = joints_along([draft.way for draft in drafts])
+    planned = partial(SoftCommand.planned, chambers=len(soft.body.gas_chambers))
     plans = tuple(
         PhasePlan(
-            draft.phase, path, replace(draft.begin, gas=None), replace(draft.end, gas=None), rule,
+            draft.phase, path, planned(draft.begin), planned(draft.end), rule,
             draft.holding, _target_point(draft.phase.tip_target), draft.way.end,
         )
         for draft, path, rule in zip(drafts, joints, gas_rules(scenario), strict=True)
     )  # fmt: skip
-    return Plan(start, joints[0].first, loads, plans)
+    return Plan(start, joints[0].first, planned(loads), scenario.gravity_m_s2, plans)
 
 
 def _given_ways(scenario: Scenario, start: Pose) -> list[FlangeWay]:
@@ -196,7 +201,7 @@ def _drafts(scenario: Scenario, soft: SoftSide, start: Pose, loads: Loads) -> li
             holding = _holding(soft.body, sides, phase)
             holding.apply(soft, here.world_from_flange)
             gas.begin(rule, soft)
-            here = replace(here, loads=gas.filled(here.loads))
+            here = replace(here, loads=_filled(gas, here.loads, soft.body))
             end_loads = _end_loads(here.loads, phase, soft.body, sides)
             way, end = _solve_phase(soft, here, phase, end_loads)
             drafts.append(_Draft(phase, way, here.loads, end.loads, holding))
@@ -215,11 +220,16 @@ def _leaked(soft: SoftSide, here: Equilibrium, gas: ChamberGas, phase: PhaseTabl
     for _ in range(_LEAK_PIECES if gas.flows else 0):
         gas.advance(soft, (phase.duration_s + phase.settle_s) / _LEAK_PIECES)
         try:
-            here = soft.follow(here, here.world_from_flange, gas.filled(here.loads))
+            here = soft.follow(here, here.world_from_flange, _filled(gas, here.loads, soft.body))
         except SolverError as error:
             raise ScenarioError(f"phase.{phase.name}", f"the static plan fails: {error}") from error
         soft.settle(here)
     return here
+
+
+def _filled(gas: ChamberGas, loads: Loads, body: SoftBody) -> Loads:
+    """Return loads with what is in the chambers."""
+    return loads_of(gas.filled(SoftCommand.planned(loads, len(body.gas_chambers))), loads.gravity)
 
 
 def _holding(body: SoftBody, sides: SidesOf, phase: PhaseTable) -> Holding:

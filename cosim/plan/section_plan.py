@@ -14,6 +14,7 @@ from cosim.errors import ConvergenceError
 from cosim.plan.decision import SECTION_RANGE, Decision
 from cosim.plan.plan import PhasePlan, Plan, start_equilibrium
 from cosim.plan.ramp import progress
+from cosim.plan.robot_command import CommandRamp, loads_of
 from cosim.soft.body.loads import Loads
 
 if TYPE_CHECKING:
@@ -36,11 +37,11 @@ def section_range(arm: Arm, plan: Plan, make_soft: Callable[[], SoftSide]) -> De
         make_soft: makes a soft side at its start.
     """
     for planned in plan.phases:
-        found = _largest_acceleration(arm, planned)
+        found = _largest_acceleration(arm, planned, float(np.linalg.norm(plan.gravity)))
         if found is None:
             continue
         fraction, pose, acceleration = found
-        loads = planned.begin.interpolated(planned.end, fraction)
+        loads = loads_of(CommandRamp(planned.begin, planned.end).at(fraction), plan.gravity)
         failure = _failure(make_soft(), pose, loads, acceleration)
         if failure is not None:
             size = float(np.linalg.norm(acceleration))
@@ -52,7 +53,7 @@ def section_range(arm: Arm, plan: Plan, make_soft: Callable[[], SoftSide]) -> De
     return Decision(SECTION_RANGE, True, "the arm bears twice each phase's largest acceleration", "fidelity")
 
 
-def _largest_acceleration(arm: Arm, planned: PhasePlan) -> tuple[float, Pose, Array] | None:
+def _largest_acceleration(arm: Arm, planned: PhasePlan, gravity: float) -> tuple[float, Pose, Array] | None:
     """Return share of the ramp, pose of the flange and its acceleration (3,) [m/s^2] where that is largest.
 
     None where it is small, or a step, which has none.
@@ -66,7 +67,6 @@ def _largest_acceleration(arm: Arm, planned: PhasePlan) -> tuple[float, Pose, Ar
     x = np.array([pose.translation for pose in poses])
     second = np.diff(x, n=2, axis=0) / (times[1] - times[0]) ** 2
     worst = int(np.argmax(np.linalg.norm(second, axis=1)))
-    gravity = float(np.linalg.norm(planned.begin.gravity))
     if float(np.linalg.norm(second[worst])) < _SLOW * gravity:
         return None
     return fractions[worst + 1].value, poses[worst + 1], second[worst]

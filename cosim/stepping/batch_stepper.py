@@ -10,12 +10,10 @@ import numpy as np
 from cosim.base.frames import Array
 from cosim.coupling.clock import Clock
 from cosim.coupling.schemes.ledger import LedgerEntry
-from cosim.plan.chamber_gas import ChamberGas
 from cosim.reduced.sections.outputs import CENTER, WRENCH
 from cosim.soft.body.loads import Loads
 from cosim.stepping.cursor import Cursor
 from cosim.stepping.parts import Parts
-from cosim.stepping.tick_references import TickReferences
 from cosim.telemetry.film_shape import FilmShapes
 from cosim.telemetry.tick_batch import TickBatch
 
@@ -32,16 +30,12 @@ class BatchStepper:
     Args:
         parts: of the run.
         lockstep: of its carrier.
-        references: of the phase.
-        gas: in the chambers, which nothing but the plan changes.
+        phase: its index.
         tick_s: length of a tick [s].
     """
 
-    def __init__(
-        self, parts: Parts, lockstep: Lockstep, references: TickReferences, gas: ChamberGas, tick_s: float
-    ) -> None:
-        self._parts, self._lockstep, self._gas, self._tick_s = parts, lockstep, gas, tick_s
-        self.references = references
+    def __init__(self, parts: Parts, lockstep: Lockstep, phase: int, tick_s: float) -> None:
+        self._parts, self._lockstep, self.phase, self._tick_s = parts, lockstep, phase, tick_s
         self._first = 0
         self._targets: Array = np.zeros((0, 0))
         self._tension: Array = np.zeros((0, 0))
@@ -84,16 +78,20 @@ class BatchStepper:
         return ledger
 
     def _work_out(self, done: int) -> None:
-        """Work out what is asked for from a tick on."""
-        planned = self.references.planned
-        joints, shares = self.references.from_on(done)
-        self._first = done - 1
-        actuation, gas = self._parts.actuation, self._gas
-        self._loads = [actuation.loads(gas.between(planned.begin, planned.end, share)) for share in shares]
-        servos = self._parts.carrier.servos(joints)
+        """Work out what is asked for from a tick on, where that is known."""
+        parts, ahead = self._parts, self._parts.commands.ahead(self.phase, done)
+        self._first, self._loads, self._commands = done - 1, [], None
+        if ahead is None:
+            return
+        self._loads = [parts.loads(command) for command in ahead.soft]
+        servos = parts.carrier.servos(ahead.joints)
         self._targets = servos.position
-        self._tension = np.array([load.cable_tension_N for load in self._loads]).reshape(len(shares), -1)
+        self._tension = np.array([asked.cable_tension_N for asked in ahead.soft]).reshape(len(ahead.soft), -1)
         self._commands = self._lockstep.commands(servos, self._loads)
+
+    def target(self, done: int) -> Array:
+        """Return what the servos follow (joints,) [rad] in a tick taken last; see `take`."""
+        return np.asarray(self._targets[done - 1 - self._first])
 
     def _link_contacts(self, ticks: Ticks, first: int, count: int) -> dict[int, tuple[LinkContact, ...]]:
         """Return what the arm's links touch in ticks from the first one on, by row."""
@@ -105,7 +103,7 @@ class BatchStepper:
     def _batch(self, progress: LockstepProgress, to: Cursor, place: int, spent_s: float) -> TickBatch:
         """Return what ticks show whose commands begin at a place."""
         n, ticks = progress.done, progress.ticks
-        tick, target = np.arange(to.tick, to.tick + n), self.references.planned.tip_target
+        tick, target = np.arange(to.tick, to.tick + n), self._parts.plan.phases[self.phase].tip_target
         return TickBatch(
             tick=tick,
             time_s=np.array([Clock(self._tick_s, count).time_s for count in tick.tolist()]),

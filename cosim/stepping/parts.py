@@ -13,9 +13,9 @@ from cosim.config.schema.scenario import Scenario
 from cosim.coupling.contact.contact_report import NOTHING_TOUCHED, ContactReport
 from cosim.coupling.schemes.ledger import LedgerEntry
 from cosim.coupling.soft_sides.soft_side import SoftSide
-from cosim.devices.device_loop import Actuation, RobotState
-from cosim.plan.chamber_gas import ChamberGas
-from cosim.plan.plan import PhasePlan, Plan
+from cosim.devices.command_source import CommandSource, RobotState, StepToTake
+from cosim.plan.plan import Plan
+from cosim.plan.robot_command import RobotCommand, SoftCommand, loads_of
 from cosim.soft.body.loads import Loads
 from cosim.stepping.carrier import Carrier
 from cosim.stepping.self_contact_law import with_film_contacts
@@ -64,14 +64,15 @@ class Parts:
         plan: made from it.
         carrier: of the flange.
         soft: soft side.
-        actuation: devices.
+        commands: says what is asked of them.
     """
 
     def __init__(
-        self, scenario: Scenario, plan: Plan, carrier: Carrier, soft: SoftSide, actuation: Actuation
+        self, scenario: Scenario, plan: Plan, carrier: Carrier, soft: SoftSide, commands: CommandSource
     ) -> None:
         self.scenario, self.plan = scenario, plan
-        self.carrier, self.soft, self.actuation = carrier, soft, actuation
+        self.carrier, self.soft, self.commands = carrier, soft, commands
+        self._asked, self._loads = plan.command, loads_of(plan.command, plan.gravity)
         self.shape_reader = soft.shape_reader()
         statics = scenario.mode == "quasistatic"
         self._looked_every = 1 if statics else max(1, round(_LOOKED_AFTER_S / scenario.clock.tick_s))
@@ -84,17 +85,24 @@ class Parts:
         """Return after how many ticks (increments) of `count` from the first one on links are looked at."""
         return range(-first % self._looked_every, count, self._looked_every)
 
-    def work_devices(self, planned: PhasePlan, gas: ChamberGas, time_s: float, load_factor: float) -> None:
-        """Let devices act for the tick or increment that begins at a time and ends at a load factor."""
-        if self.actuation.active:
-            instant = RobotState(time_s, self.carrier.flange_pose, self.carrier.joint_position)
-            self.actuation.act(planned, gas, self.soft, instant, load_factor)
+    def command(self, step: StepToTake) -> RobotCommand:
+        """Return what is asked for in a step that is then taken."""
+        carrier = self.carrier
+        return self.commands.next(
+            step, lambda: RobotState(step.begin_s, carrier.flange_pose, carrier.joint_position)
+        )
+
+    def loads(self, command: SoftCommand) -> Loads:
+        """Return what acts on the soft body that is asked for something; the same object for the same."""
+        if command is not self._asked:
+            self._asked, self._loads = command, loads_of(command, self.plan.gravity)
+        return self._loads
 
     def snapshot(self, moment: TickState, ledger: LedgerEntry, wall_s: float) -> Snapshot:
         """Return the present state as a snapshot."""
         carrier, soft, loads = self.carrier, self.soft, moment.loads
         places, quaternions = carrier.body_poses()
-        devices = self.actuation.report(soft, moment.flange)
+        devices = self.commands.report(moment.flange)
         return Snapshot(
             tick=moment.tick,
             time_s=moment.time_s,

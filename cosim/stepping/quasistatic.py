@@ -14,9 +14,9 @@ from cosim.base.frames import Array, Twist, vector_from_rotation
 from cosim.base.state_check import check_state
 from cosim.coupling.contact.contact_report import NOTHING_TOUCHED, ContactReport
 from cosim.coupling.schemes.ledger import LedgerEntry
+from cosim.devices.command_source import StepToTake
 from cosim.errors import ConvergenceError, InputError
-from cosim.plan.plan import PhasePlan, start_equilibrium
-from cosim.plan.ramp import Progress
+from cosim.plan.plan import start_equilibrium
 from cosim.soft.body.loads import Loads
 from cosim.soft.solve.state import Equilibrium, SoftState
 from cosim.stepping.cursor import Cursor
@@ -64,34 +64,31 @@ class QuasistaticSimulation(SteppedRun):
         parts = self._parts
         plan, carrier = parts.plan, parts.carrier
         carrier.set_configuration(plan.joints)
-        here = start_equilibrium(parts.soft, carrier.flange_pose, plan.loads)
+        here = start_equilibrium(parts.soft, carrier.flange_pose, parts.loads(plan.command))
         self._here, spent = self._with_droop(here, plan.joints, here.iterations)
         still = np.zeros_like(plan.joints)
         return self._snapshot(Cursor(), 0.0, plan.joints, _Motion(Twist(), still, 0.0), spent, began)
 
-    def _take(self, planned: PhasePlan, to: Cursor, most: int) -> Sequence[Snapshot]:
+    def _take(self, to: Cursor, most: int) -> Sequence[Snapshot]:
         began = time.perf_counter()
-        parts, phase, before = self._parts, planned.phase, self._here
+        parts, before = self._parts, self._here
+        phase = parts.plan.phases[to.phase].phase
         assert before is not None, "the run has begun"
         began_s = self._ends_s[to.phase - 1] if to.phase else 0.0
         if to.done == 1:
-            self._begin_phase(planned, before.world_from_flange)
+            self._begin_phase(to.phase, before.world_from_flange)
             self._earlier = None
         span = (phase.duration_s + phase.settle_s) / phase.increments
         joints = parts.carrier.joint_position
-        load_factor = to.done / phase.increments
-        reference = planned.joints.at(Progress(load_factor, 0.0, 0.0)).position
-        self._gas.advance(parts.soft, span)
-        parts.work_devices(planned, self._gas, began_s + (to.done - 1) * span, load_factor)
-        loads = parts.actuation.loads(self._gas.between(planned.begin, planned.end, load_factor))
-        here, spent = self._advance(before, reference, loads)
+        command = parts.command(StepToTake(to.phase, to.done, began_s + (to.done - 1) * span, span))
+        reference = command.joints.position
+        here, spent = self._advance(before, reference, parts.loads(command.soft))
         self._here = here
         motion = _mean_motion(parts, before, here, joints, span)
         return [self._snapshot(to, began_s + to.done * span, reference, motion, spent, began)]
 
-    def _step_of(self, planned: PhasePlan, to: Cursor) -> tuple[str, float]:
-        count = planned.phase.increments
-        return f"increment {to.done} of {count}", to.done / count
+    def _step_of(self, to: Cursor) -> str:
+        return f"increment {to.done} of {self._parts.plan.phases[to.phase].phase.increments}"
 
     def _save_own(self) -> QuasistaticState:
         assert self._here is not None, "the run has begun"

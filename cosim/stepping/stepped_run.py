@@ -11,10 +11,8 @@ from typing import Any, Final, final
 
 from cosim.base.frames import Pose
 from cosim.base.state_check import check_state
-from cosim.devices.device_loop import ActuationState
 from cosim.errors import InputError, SolverError
-from cosim.plan.chamber_gas import ChamberGas, ChamberGasState
-from cosim.plan.plan import PhasePlan, Plan
+from cosim.plan.plan import Plan
 from cosim.stepping.cursor import Cursor
 from cosim.stepping.parts import Parts
 from cosim.telemetry.choices import CONTACT, Choices
@@ -38,8 +36,7 @@ class RunState:
         cursor: where in the plan.
         soft: of the soft side.
         carrier: of what carries the flange, contacts and exchange included.
-        gas: in the chamber.
-        devices: of pumps, winches and controllers.
+        commands: of what says what is asked for.
         own: of the mode of the run.
         choices: what the kind of this state follows from.
     """
@@ -47,8 +44,7 @@ class RunState:
     cursor: Cursor
     soft: Any
     carrier: Any
-    gas: ChamberGasState
-    devices: ActuationState
+    commands: Any
     own: Any
     choices: Choices
 
@@ -66,7 +62,6 @@ class SteppedRun(ABC):
         self._parts, self.stage, self._counts = parts, stage, tuple(counts)
         contact = next(decision for decision in stage.modelled if decision.what == CONTACT)
         self.choices = Choices.of(parts.scenario, contact)
-        self._gas = ChamberGas(parts.scenario.gas)
         self._cursor: Cursor | None = None
         self._failed = False  # in a step after the last one shown
 
@@ -167,12 +162,11 @@ class SteppedRun(ABC):
         """Take steps as `_take` does; an error says in which of them it was raised."""
         parts, planned = self._parts, self._parts.plan.phases[to.phase]
         try:
-            return self._take(planned, to, most)
+            return self._take(to, most)
         except SolverError as error:
-            step, load_factor = self._step_of(planned, to)
-            loads = parts.actuation.loads(planned.begin.interpolated(planned.end, load_factor))
+            tensions = parts.commands.cable_tension_N(to.phase, to.done)
             pressures, names = parts.soft.pressures_Pa, parts.scenario.soft_robot.cable_names()
-            where = whereabouts(planned.phase.name, step, pressures, loads.cable_tension_N, names)
+            where = whereabouts(planned.phase.name, self._step_of(to), pressures, tensions, names)
             raise error.at(where) from error.__cause__
 
     @property
@@ -196,8 +190,8 @@ class SteppedRun(ABC):
         """Return the present state of all parts, as if at that step."""
         parts = self._parts
         return RunState(
-            cursor, parts.soft.save_state(), parts.carrier.save_state(), self._gas.save_state(),
-            parts.actuation.save_state(), None, self.choices,
+            cursor, parts.soft.save_state(), parts.carrier.save_state(), parts.commands.save_state(), None,
+            self.choices,
         )  # fmt: skip
 
     def restore_state(self, state: RunState) -> None:
@@ -220,31 +214,29 @@ class SteppedRun(ABC):
         self._restore_own(state.own)
         self._parts.soft.restore_state(state.soft)
         self._parts.carrier.restore_state(state.carrier)
-        self._gas.restore_state(state.gas)
-        self._parts.actuation.restore_state(state.devices)
+        self._parts.commands.restore_state(state.commands)
         self._cursor = cursor
 
-    def _begin_phase(self, planned: PhasePlan, flange: Pose) -> None:
-        """Change what is held, how the gas is given and what devices do, with the flange where it is."""
-        planned.holding.apply(self._parts.soft, flange)
-        self._gas.begin(planned.gas, self._parts.soft)
-        self._parts.actuation.begin_phase(planned, self._parts.soft)
+    def _begin_phase(self, phase: int, flange: Pose) -> None:
+        """Change what is held and what is asked for, with the flange where it is."""
+        self._parts.plan.phases[phase].holding.apply(self._parts.soft, flange)
+        self._parts.commands.begin_phase(phase)
 
     @abstractmethod
     def _start(self, began: float) -> Snapshot:
         """Bring everything to rest where the plan starts; `began` is when the work on it did."""
 
     @abstractmethod
-    def _take(self, planned: PhasePlan, to: Cursor, most: int) -> Sequence[Snapshot] | TickBatch:
+    def _take(self, to: Cursor, most: int) -> Sequence[Snapshot] | TickBatch:
         """Take the step of a phase that ends at `to` alone, or a batch of up to `most` from it on."""
 
     @abstractmethod
-    def _step_of(self, planned: PhasePlan, to: Cursor) -> tuple[str, float]:
-        """Return what the step that ends at `to` is called, and the load factor there."""
+    def _step_of(self, to: Cursor) -> str:
+        """Return what the step that ends at `to` is called."""
 
     @abstractmethod
     def _save_own(self) -> Any:
-        """Return what the steps to come depend on besides soft side, carrier and gas; None for nothing."""
+        """Return what the steps to come depend on besides soft side, carrier, commands; None for nothing."""
 
     @abstractmethod
     def _restore_own(self, state: Any) -> None:

@@ -161,9 +161,9 @@ def test_the_gas_is_part_of_the_state() -> None:
     assert [snapshot.phase for snapshot in islice(steps, 14)][-1] == 1
     state = run.save_state()
     expected = list(islice(steps, 3))
-    (gas,) = state.gas.sealed
-    spoiled = replace(state.gas, sealed=(gas.with_mass(0.99 * gas.mass_kg),))
-    run.restore_state(replace(state, gas=spoiled))
+    (gas,) = state.commands.gas.sealed
+    spoiled = replace(state.commands.gas, sealed=(gas.with_mass(0.99 * gas.mass_kg),))
+    run.restore_state(replace(state, commands=replace(state.commands, gas=spoiled)))
     assert not same(list(islice(run.steps(), 3)), expected)
 
 

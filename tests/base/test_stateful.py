@@ -30,6 +30,7 @@ SAVED_OTHERWISE = {
     "InterfaceLoads": "workspace of the search for one tick",
     "InterfaceSearch": "lives for one tick",
     "LinkContacts": "how clear the arm was last; what is found does not depend on it",
+    "Parts": "loads of the last command, from which they follow",
     "RelaxedWrench": "lives for one increment of statics",
     "RobotFiles": "counts the files that are read for one scenario",
     "SectionBody": "what it keeps by pressure",

@@ -14,7 +14,7 @@ from cosim.plan.arm_plan import AskedMotion, asked_motion
 from cosim.plan.joint_path import JointPath
 from cosim.plan.plan import Holding, PhasePlan, Plan
 from cosim.plan.ramp import progress
-from cosim.soft.body.loads import Loads
+from cosim.plan.robot_command import SoftCommand
 
 TICK_S, DURATION_S = 2e-3, 0.5
 SPAN = np.array([0.3, -0.1, 0.2, 0.0, 0.5, -0.4])
@@ -28,15 +28,16 @@ def quickening(first: float, gain: float) -> JointPath:
 
 def asked(*paths: JointPath, settle_s: float = 0.0) -> AskedMotion:
     """Return what linear phases ask for, the last of which is held at its end."""
+    idle = SoftCommand((), (), (), ())
     nothing = Holding(np.zeros(0, np.int64), np.zeros((0, 3), dtype=bool))
     phases = tuple(
         PhasePlan(
             PhaseTable(f"p{k}", DURATION_S, settle_s if k == len(paths) - 1 else 0.0, ramp="linear"),
-            path, Loads(), Loads(), (), nothing, None, Pose(),
+            path, idle, idle, (), nothing, None, Pose(),
         )
         for k, path in enumerate(paths)
     )  # fmt: skip
-    return asked_motion(Plan(Pose(), paths[0].first, Loads(), phases), TICK_S)
+    return asked_motion(Plan(Pose(), paths[0].first, idle, (0.0, 0.0, 0.0), phases), TICK_S)
 
 
 @pytest.mark.parametrize("ramp", ["smooth", "linear"])

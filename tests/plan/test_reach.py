@@ -15,11 +15,11 @@ from cosim.plan.flange_path import FlangeWay
 from cosim.plan.joint_planner import plan_joints
 from cosim.plan.plan import Holding, PhasePlan, Plan
 from cosim.plan.reach import FlangeTravel, film_reach, flange_travel, within_reach
+from cosim.plan.robot_command import SoftCommand
 from cosim.plan.shake import Shake
 from cosim.rigid.build.description import SceneDescription
 from cosim.rigid.scene.scene import RigidScene
 from cosim.soft.body.attachment import Plate, attached
-from cosim.soft.body.loads import Loads
 from tests.soft.bodies import FILM, HANGING, hexagon_arm
 
 START = Pose(HANGING.rotation, np.array([0.4, 0.0, 0.6]))
@@ -37,10 +37,11 @@ def travel(
 ) -> FlangeTravel:
     """Return the flange's travel in one phase from a pose over the table."""
     way = FlangeWay.relative(START, turn, shift, Shake.of(phase))
+    idle = SoftCommand((), (), (), ())
     nothing = Holding(np.zeros(0, np.int64), np.zeros((0, 3), dtype=bool))
     (path,) = plan_joints(arm, START, [way], str)
-    planned = PhasePlan(phase, path, Loads(), Loads(), (), nothing, None, way.end)
-    return flange_travel(arm, Plan(START, path.first, Loads(), (planned,)), lever_m)
+    planned = PhasePlan(phase, path, idle, idle, (), nothing, None, way.end)
+    return flange_travel(arm, Plan(START, path.first, idle, (0.0, 0.0, 0.0), (planned,)), lever_m)
 
 
 def test_a_shift_asks_for_its_minimum_jerk_peak_and_is_sampled_closely(arm: Arm) -> None:

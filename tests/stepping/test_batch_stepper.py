@@ -124,8 +124,9 @@ def test_commanded_cables_go_tick_by_tick(path: Path, tmp_path: Path) -> None:
 
 def test_devices_act_tick_by_tick(path: Path) -> None:
     run: Any = build_simulation(scenario(path))
-    run._parts.actuation.active = True  # as with a controller of tensions, which leaves the loads plain
-    run._parts.actuation.report = lambda *_: None
+    devices = run._parts.commands._actuation
+    devices.active = True  # as with a controller of tensions, which leaves the loads plain
+    devices.report = lambda *_: None
     assert not taken_together(run, 3)
 
 
@@ -175,7 +176,7 @@ def test_nothing_is_saved_ahead_of_what_is_shown(path: Path) -> None:
     batches = run.batches(8)
     assert [len(batch) for batch in islice(batches, 2)] == [1, 8]
     assert run.saves_now
-    run._batches.half_done = run.plan.loads
+    run._batches.half_done = run._parts.loads(run.plan.command)
     with pytest.raises(InputError, match="a later tick than 8 has been begun"):
         run.save_state()
     run._batches.half_done = None

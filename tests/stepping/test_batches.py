@@ -28,10 +28,10 @@ def fail_at(run: Any, tick: int, error: BaseException) -> None:
     """Let a run fail in a tick."""
     taken = run._tick
 
-    def tick_or_error(planned: Any, to: Any, began: float) -> Any:
+    def tick_or_error(to: Any, began: float) -> Any:
         if to.tick == tick:
             raise error
-        return taken(planned, to, began)
+        return taken(to, began)
 
     run._tick = tick_or_error
 

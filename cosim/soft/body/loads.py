@@ -1,8 +1,8 @@
-"""What acts on a soft body at one instant, and over the progress of a phase."""
+"""What acts on a soft body at one instant."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Annotated, Protocol, final
 
@@ -14,8 +14,6 @@ from cosim.soft.body.gas_chamber import Gases, gas_between, of_each, pressure_be
 from cosim.soft.contact.obstacle_contact import ContactPlanes
 from cosim.soft.contact.self_contact_pairs import FilmPairs
 from cosim.soft.elements.gas import SealedGas
-
-_RAMPED = {"pressure_Pa", "cable_tension_N"}
 
 
 class NodalPotential(Protocol):
@@ -104,7 +102,7 @@ class Loads:
         pairs = zip(self.gravity, end.gravity, strict=True)
         gx, gy, gz = (float((1.0 - load_factor) * a + load_factor * b) for a, b in pairs)
         pressure = pressure_between(self.pressure_Pa, end.pressure_Pa, load_factor)
-        force = _weighted(self.nodal_force, end.nodal_force, load_factor)
+        force = force_between(self.nodal_force, end.nodal_force, load_factor)
         gas = gas_between(self.gas, end.gas, load_factor)
         lengths = _lengths(self.cable_length_m, end.cable_length_m, load_factor)
         return replace(
@@ -113,8 +111,8 @@ class Loads:
         )  # fmt: skip
 
 
-def _weighted(begin: Array | None, end: Array | None, load_factor: float) -> Array | None:
-    """Return (1 - load_factor) begin + load_factor end, where None stands for zero."""
+def force_between(begin: Array | None, end: Array | None, load_factor: float) -> Array | None:
+    """Return nodal forces (n, 3) [N] at a load factor, 0 to 1; None stands for zero."""
     if begin is None:
         return None if end is None else load_factor * end
     if end is None:
@@ -132,43 +130,3 @@ def _lengths(
         b if a is None or b is None else (1.0 - load_factor) * a + load_factor * b
         for a, b in zip(begin, end, strict=True)
     )
-
-
-@final
-class LoadRamp:
-    """Loads over the progress of a phase; asked at every tick, so it looks once at what changes at all.
-
-    Args:
-        begin: at its start.
-        end: at its end.
-    """
-
-    def __init__(self, begin: Loads, end: Loads) -> None:
-        self.begin, self.end = begin, end
-        self._changing = frozenset(
-            field.name
-            for field in fields(Loads)
-            if not _same(getattr(begin, field.name), getattr(end, field.name))
-        )
-
-    def at(self, load_factor: float) -> Loads:
-        """Return the loads at a load factor, 0 to 1; see `Loads.interpolated`."""
-        begin, end = self.begin, self.end
-        if not self._changing or load_factor >= 1.0:
-            return end
-        if not self._changing <= _RAMPED:
-            return begin.interpolated(end, load_factor)
-        pulls = zip(begin.cable_tension_N, end.cable_tension_N, strict=True)
-        pressure = pressure_between(begin.pressure_Pa, end.pressure_Pa, load_factor)
-        tension = tuple([(1.0 - load_factor) * first + load_factor * last for first, last in pulls])
-        return Loads(
-            pressure, tension, end.gravity, end.nodal_force, end.gas, end.contact, end.cable_length_m,
-            end.self_contact, end.extra,
-        )  # fmt: skip
-
-
-def _same(first: object, last: object) -> bool:
-    """Return whether two values are one, or equal; different arrays count as different."""
-    if first is last:
-        return True
-    return not isinstance(first, np.ndarray) and not isinstance(last, np.ndarray) and bool(first == last)

@@ -1,4 +1,4 @@
-"""What a phase asks for at each of its ticks, worked out for many ticks at once."""
+"""What a phase asks for at each of its ticks, worked out for many ticks at once, or increments."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from typing import final
 
 from cosim.plan.joint_path import JointReference
 from cosim.plan.plan import PhasePlan
-from cosim.plan.ramp import progress
+from cosim.plan.ramp import Progress, progress
 
 _TICKS = 256  # worked out at once
 
@@ -64,3 +64,20 @@ class TickReferences:
         self._first, self._joints = first, self.planned.joints.through(instants[:-1])
         self._shares = [instant.value for instant in instants[1:]]
         return self._joints
+
+
+@final
+class IncrementReferences:
+    """References of the arm and progress of the loads, increment by increment.
+
+    Args:
+        planned: the phase.
+    """
+
+    def __init__(self, planned: PhasePlan) -> None:
+        self.planned = planned
+
+    def at(self, done: int) -> tuple[JointReference, float]:
+        """Return where the joints are to be after so many increments, and the share of the ramp there."""
+        share = done / self.planned.phase.increments
+        return self.planned.joints.at(Progress(share, 0.0, 0.0)), share

@@ -18,9 +18,9 @@ from cosim.plan.joint_path import JointReference
 from cosim.plan.joint_planner import plan_joints
 from cosim.plan.plan import make_plan
 from cosim.plan.ramp import progress
+from cosim.plan.tick_references import TickReferences
 from cosim.soft.solve.newton_options import NewtonOptions
 from cosim.soft.solve.time_scheme import StepOptions
-from cosim.stepping.tick_references import TickReferences
 from tests.soft.bodies import hexagon_arm
 
 TICK_S = 0.002

@@ -1,0 +1,107 @@
+"""Says at every tick or increment of a run what is asked of the robot."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, final
+
+from cosim.base.frames import Array, Pose
+from cosim.devices.device_report import ActuationReport
+from cosim.plan.joint_path import JointReference
+from cosim.plan.robot_command import RobotCommand, SoftCommand
+
+
+@final
+@dataclass(frozen=True)
+class StepToTake:
+    """The tick or increment that is to be taken.
+
+    Args:
+        phase: its index.
+        done: steps of the phase at its end, at least one.
+        begin_s: simulated time at its start.
+        length_s: of it.
+    """
+
+    phase: int
+    done: int
+    begin_s: float
+    length_s: float
+
+
+@final
+@dataclass(frozen=True)
+class RobotState:
+    """What of a run is seen besides the soft side.
+
+    Args:
+        time_s: simulated time.
+        flange: world_from_flange.
+        joint_position: (joints,) [rad].
+    """
+
+    time_s: float
+    flange: Pose
+    joint_position: Array
+
+
+@final
+@dataclass(frozen=True)
+class CommandsAhead:
+    """What n ticks in a row ask for.
+
+    Args:
+        joints: what the servos follow, n rows.
+        soft: what the soft robot is asked for at the end of each; the same object where nothing changes.
+    """
+
+    joints: JointReference
+    soft: tuple[SoftCommand, ...]
+
+
+class CommandSource(ABC):
+    """Asks things of the robot; a run knows nothing else of what it is to do."""
+
+    @abstractmethod
+    def begin_phase(self, phase: int) -> None:
+        """Begin a phase, by its index; nothing moves at this instant."""
+
+    @abstractmethod
+    def next(self, step: StepToTake, see: Callable[[], RobotState]) -> RobotCommand:
+        """Return what is asked for in a step, which is then taken.
+
+        Args:
+            step: that is to be taken.
+            see: looks at the robot as it is at the start of the step.
+        """
+
+    def ahead(self, _phase: int, _done: int) -> CommandsAhead | None:
+        """Return what a tick and some after it ask for; None where that depends on what happens in them.
+
+        Args:
+            phase: index of their phase.
+            done: ticks of the phase at the end of the first.
+        """
+        return None
+
+    @abstractmethod
+    def cable_tension_N(self, phase: int, done: int) -> tuple[float, ...]:
+        """Return the tensions that a step asks for, as far as is known before it; for messages."""
+
+    def report(self, _flange: Pose) -> ActuationReport | None:
+        """Return what devices do at present, seen from a flange, world_from_flange; None without any."""
+        return None
+
+    @abstractmethod
+    def save_state(self) -> Any:
+        """Return what the next steps depend on, as a frozen dataclass."""
+
+    @abstractmethod
+    def restore_state(self, state: Any) -> None:
+        """Return to a state of `save_state`; the soft side has been restored before.
+
+        Raises:
+            InputError: the state does not fit.
+        """

@@ -1,0 +1,96 @@
+"""The commands of a scenario: its phases, the gas in the chambers, and its devices and controllers."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import final
+
+from cosim.base.frames import Pose
+from cosim.config.schema.scenario import Scenario
+from cosim.coupling.soft_sides.soft_side import SoftSide
+from cosim.devices.command_source import CommandsAhead, CommandSource, RobotState, StepToTake
+from cosim.devices.device_loop import Actuation, ActuationState
+from cosim.devices.device_report import ActuationReport
+from cosim.plan.chamber_gas import ChamberGas, ChamberGasState
+from cosim.plan.plan import Plan
+from cosim.plan.robot_command import CommandRamp, RobotCommand
+from cosim.plan.tick_references import IncrementReferences, TickReferences
+
+
+@final
+@dataclass(frozen=True)
+class PlannedCommandsState:
+    """What the next commands depend on.
+
+    Args:
+        gas: in the chambers.
+        devices: of pumps, winches and controllers.
+    """
+
+    gas: ChamberGasState
+    devices: ActuationState
+
+
+@final
+class PlannedCommands(CommandSource):
+    """Asks for what a scenario plans, and what its devices and controllers make of it.
+
+    Args:
+        scenario: checked.
+        plan: made from it.
+        soft: soft side, which devices act on and look at.
+        actuation: devices.
+    """
+
+    def __init__(self, scenario: Scenario, plan: Plan, soft: SoftSide, actuation: Actuation) -> None:
+        self._plan, self._soft, self._actuation = plan, soft, actuation
+        self._tick_s = None if scenario.mode == "quasistatic" else scenario.clock.tick_s
+        self._gas = ChamberGas(scenario.gas)
+        self._references: TickReferences | IncrementReferences | None = None
+
+    def begin_phase(self, phase: int) -> None:
+        planned = self._plan.phases[phase]
+        self._gas.begin(planned.gas, self._soft)
+        self._actuation.begin_phase(planned, self._soft)
+
+    def next(self, step: StepToTake, see: Callable[[], RobotState]) -> RobotCommand:
+        references = self._of(step.phase)
+        planned, (joints, load_factor) = references.planned, references.at(step.done)
+        self._gas.advance(self._soft, step.length_s)
+        if self._actuation.active:
+            self._actuation.act(planned, self._gas, self._soft, see(), load_factor)
+        asked = self._gas.between(planned.begin, planned.end, load_factor)
+        return RobotCommand(joints, self._actuation.driven(asked))
+
+    def ahead(self, phase: int, done: int) -> CommandsAhead | None:
+        references = self._of(phase)
+        if self._actuation.active or self._gas.holds_gas or isinstance(references, IncrementReferences):
+            return None
+        planned, (joints, shares) = references.planned, references.from_on(done)
+        begin, end, between = planned.begin, planned.end, self._gas.between
+        return CommandsAhead(joints, tuple([between(begin, end, share) for share in shares]))
+
+    def cable_tension_N(self, phase: int, done: int) -> tuple[float, ...]:
+        references = self._of(phase)
+        ramp = CommandRamp(references.planned.begin, references.planned.end)
+        return self._actuation.driven(ramp.at(references.at(done)[1])).cable_tension_N
+
+    def report(self, flange: Pose) -> ActuationReport | None:
+        return self._actuation.report(self._soft, flange)
+
+    def save_state(self) -> PlannedCommandsState:
+        return PlannedCommandsState(self._gas.save_state(), self._actuation.save_state())
+
+    def restore_state(self, state: PlannedCommandsState) -> None:
+        self._gas.restore_state(state.gas)
+        self._actuation.restore_state(state.devices)
+
+    def _of(self, phase: int) -> TickReferences | IncrementReferences:
+        """Return what a phase asks for, step by step."""
+        planned, found = self._plan.phases[phase], self._references
+        if found is None or found.planned is not planned:
+            tick_s = self._tick_s
+            found = IncrementReferences(planned) if tick_s is None else TickReferences(planned, tick_s)
+            self._references = found
+        return found
