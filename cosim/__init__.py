@@ -19,6 +19,9 @@ if TYPE_CHECKING:
     from cosim.app.simulation import Simulation as Simulation
     from cosim.base.resources import list_scenarios as list_scenarios
     from cosim.config.loading import load_scenario as load_scenario
+    from cosim.devices.controller import Command as Command
+    from cosim.devices.controller import Controller as Controller
+    from cosim.devices.controller import Measurement as Measurement
     from cosim.errors import ConvergenceError as ConvergenceError
     from cosim.errors import CosimError as CosimError
     from cosim.errors import InputError as InputError
@@ -32,10 +35,13 @@ if TYPE_CHECKING:
     from cosim.errors import UnreachableError as UnreachableError
 
 _HOMES = {
+    "Command": "cosim.devices.controller",
+    "Controller": "cosim.devices.controller",
     "ConvergenceError": "cosim.errors",
     "CosimError": "cosim.errors",
     "InputError": "cosim.errors",
     "InstabilityError": "cosim.errors",
+    "Measurement": "cosim.devices.controller",
     "MeshError": "cosim.errors",
     "OutputError": "cosim.errors",
     "RunInterrupted": "cosim.errors",

@@ -14,10 +14,13 @@ import cosim
 from cosim import errors
 
 EXPECTED = {
+    "Command",
+    "Controller",
     "ConvergenceError",
     "CosimError",
     "InputError",
     "InstabilityError",
+    "Measurement",
     "MeshError",
     "OutputError",
     "RunInterrupted",

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, final
 
-from cosim.base.frames import Array, Pose
+from cosim.base.frames import Array, Pose, Wrench
 from cosim.devices.device_report import ActuationReport
 from cosim.plan.joint_path import JointReference
 from cosim.plan.robot_command import RobotCommand, SoftCommand
@@ -34,17 +34,25 @@ class StepToTake:
 @final
 @dataclass(frozen=True)
 class RobotState:
-    """What of a run is seen besides the soft side.
+    """What of a run is seen besides the soft side, at the start of a step.
 
     Args:
         time_s: simulated time.
         flange: world_from_flange.
         joint_position: (joints,) [rad].
+        joint_velocity: (joints,) [rad/s].
+        joint_torque: (joints,) [N m], that the servos gave in the last tick.
+        wrench: that the soft robot exerts on the flange, about its origin, world axes.
+        contact_force: (3,) [N] of the soft robot on each rigid body in the last tick, world axes, by name.
     """
 
     time_s: float
     flange: Pose
     joint_position: Array
+    joint_velocity: Array
+    joint_torque: Array
+    wrench: Wrench
+    contact_force: Mapping[str, Array]
 
 
 @final

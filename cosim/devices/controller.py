@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Any, Final, Generic, TypeVar, final
 
-from cosim.base.frames import Array
+from cosim.base.frames import Array, Pose, Wrench
 
 State = TypeVar("State")
 NOTHING: Final[Mapping[str, float]] = MappingProxyType({})
@@ -30,11 +30,18 @@ class Measurement:
         tip_direction: (3,), unit normal of the tip ring, world.
         bending_angle_rad: between the tip's direction and the flange's z axis.
         pressure_Pa: gauge pressure of each chamber.
+        volume_m3: of each chamber.
         cable_tension_N: at the base end of each cable, by its name.
         cable_length_m: of each cable's route, by its name.
         cable_unstretched_m: commanded length of each cable, by its name; while its tension is commanded, the
             length by which it would be the same.
         joint_position: (joints,) [rad].
+        joint_velocity: (joints,) [rad/s].
+        joint_torque: (joints,) [N m], that the servos gave in the last tick; zero before the first.
+        flange: world_from_flange.
+        flange_wrench: that the soft robot exerts on the flange, about the flange's origin, world axes.
+        contact_force_N: (3,) [N] of the soft robot on each rigid body in the last tick, world axes, by the
+            body's name; the floor is part of "world".
     """
 
     time_s: float
@@ -43,10 +50,16 @@ class Measurement:
     tip_direction: Array
     bending_angle_rad: float
     pressure_Pa: tuple[float, ...]
+    volume_m3: tuple[float, ...]
     cable_tension_N: Mapping[str, float]
     cable_length_m: Mapping[str, float]
     cable_unstretched_m: Mapping[str, float]
     joint_position: Array
+    joint_velocity: Array
+    joint_torque: Array
+    flange: Pose
+    flange_wrench: Wrench
+    contact_force_N: Mapping[str, Array]
 
 
 @final

@@ -56,8 +56,7 @@ def build_holds(scenario: Scenario, given: Mapping[str, AnyController]) -> dict[
             )
         if not isinstance(controller, Controller):
             raise InputError(
-                f"controllers: '{name}' is a {type(controller).__name__}; derive it from "
-                "cosim.devices.controller.Controller"
+                f"controllers: '{name}' is a {type(controller).__name__}; derive it from cosim.Controller"
             )
     cables, pumps = scenario.soft_robot.cable_names(), tuple(pump.name for pump in scenario.pumps)
     holds = {}

@@ -232,10 +232,16 @@ class Actuation:
             tip_direction=direction,
             bending_angle_rad=bending_angle(direction, instant.flange),
             pressure_Pa=tuple(soft.pressures_Pa),
+            volume_m3=tuple(soft.volumes_m3),
             cable_tension_N={name: drive.tension_N(x) for name, drive in pairs},
             cable_length_m={name: drive.cable.length(x) for name, drive in pairs},
             cable_unstretched_m={name: drive.unstretched_m(x) for name, drive in pairs},
             joint_position=instant.joint_position,
+            joint_velocity=instant.joint_velocity,
+            joint_torque=instant.joint_torque,
+            flange=instant.flange,
+            flange_wrench=instant.wrench,
+            contact_force_N=instant.contact_force,
         )
 
 

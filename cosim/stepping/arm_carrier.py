@@ -115,6 +115,10 @@ class ArmCarrier(Carrier):
     def joint_torque(self) -> Array:
         return self._scene.servo_torque
 
+    @property
+    def wrench(self) -> Wrench:
+        return Wrench() if self._coupling is None else self._coupling.wrench
+
     def holding_torque(self, wrench: Wrench) -> Array:
         load = np.concatenate([wrench.force, wrench.torque])
         return np.asarray(self._scene.bias_torque - self._scene.flange.jacobian().T @ load)
@@ -190,8 +194,8 @@ class ArmCarrier(Carrier):
         coupling = None if self._coupling is None else self._coupling.save_state()
         return ArmCarrierState(self._scene.save_state(), self._reference, coupling)
 
-    def restore_state(self, state: ArmCarrierState | None) -> None:
-        if state is None:
+    def restore_state(self, state: object) -> None:
+        if not isinstance(state, ArmCarrierState):
             raise InputError("the saved state is of a held base, this flange is carried")
         touched = np.concatenate([state.scene.loaded, state.scene.carrying])
         check_indices(touched, len(self._scene.body_names), "bodies")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
@@ -60,6 +61,11 @@ class Carrier(ABC):
     @abstractmethod
     def joint_torque(self) -> Array:
         """(joints,) [N m], that the servos gave in the last tick."""
+
+    @property
+    @abstractmethod
+    def wrench(self) -> Wrench:
+        """What the soft robot exerts on the flange at present, at its origin, world axes; statics: zero."""
 
     @abstractmethod
     def holding_torque(self, wrench: Wrench) -> Array:
@@ -152,6 +158,18 @@ class Carrier(ABC):
 
 
 @final
+@dataclass(frozen=True)
+class HeldBaseState:
+    """What a held base feels.
+
+    Args:
+        wrench: of the soft robot on the flange, at its origin, world axes.
+    """
+
+    wrench: Wrench
+
+
+@final
 class HeldBase(Carrier):
     """Holds the flange where it starts: no arm, no joints, no rigid bodies.
 
@@ -163,6 +181,7 @@ class HeldBase(Carrier):
 
     def __init__(self, soft: SoftSide, world_from_flange: Pose, tick_s: float) -> None:
         self._soft, self._pose, self._tick_s = soft, world_from_flange, tick_s
+        self._wrench = Wrench()
 
     @staticmethod
     def plan(start: Pose, ways: list[FlangeWay], blame: Callable[[int], str]) -> tuple[JointPath, ...]:
@@ -193,6 +212,10 @@ class HeldBase(Carrier):
     def joint_torque(self) -> Array:
         return np.zeros(0)
 
+    @property
+    def wrench(self) -> Wrench:
+        return self._wrench
+
     def holding_torque(self, wrench: Wrench) -> Array:
         return np.zeros(0)
 
@@ -221,15 +244,17 @@ class HeldBase(Carrier):
         return False
 
     def couple(self, wrench: Wrench) -> None:
-        pass
+        self._wrench = wrench
 
-    def save_state(self) -> None:
-        return None
+    def save_state(self) -> HeldBaseState:
+        return HeldBaseState(self._wrench)
 
     def restore_state(self, state: object) -> None:
-        if state is not None:
+        if not isinstance(state, HeldBaseState):
             raise InputError("the saved state is of a flange that is carried, this base is held")
+        self._wrench = state.wrench
 
     def tick(self, reference: JointReference, loads: Loads) -> LedgerEntry:
         reply = self._soft.advance(self._pose, loads, self._tick_s)
+        self._wrench = reply.wrench
         return LedgerEntry(reply.wrench, 0.0, 0.0, reply.residual_N, reply.iterations, 0.0, False)

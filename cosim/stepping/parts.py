@@ -87,9 +87,20 @@ class Parts:
 
     def command(self, step: StepToTake) -> RobotCommand:
         """Return what is asked for in a step that is then taken."""
+        return self.commands.next(step, lambda: self._robot(step.begin_s))
+
+    def _robot(self, time_s: float) -> RobotState:
+        """Return what is seen of the robot now."""
         carrier = self.carrier
-        return self.commands.next(
-            step, lambda: RobotState(step.begin_s, carrier.flange_pose, carrier.joint_position)
+        names = carrier.body_names
+        return RobotState(
+            time_s,
+            carrier.flange_pose,
+            carrier.joint_position,
+            carrier.joint_velocity,
+            carrier.joint_torque,
+            carrier.wrench,
+            dict(zip(names, carrier.touched.on_each(len(names)), strict=True)),
         )
 
     def loads(self, command: SoftCommand) -> Loads:

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from cosim.base.frames import Array
-from cosim.devices.controller import Command, Controller, Measurement
+from cosim import Command, Controller, Measurement
+from cosim.base.frames import Array, Pose, Wrench
 from cosim.devices.feedback_law import BangBang, ProportionalIntegral
 from cosim.devices.feedback_loop import FeedbackLoop
 from cosim.devices.zero_order_hold import ZeroOrderHold
@@ -22,8 +22,9 @@ PI = ProportionalIntegral(1.5, 6.0, PERIOD_s, -math.inf, math.inf)
 
 def seen(**changes: object) -> Measurement:
     at_rest = Measurement(
-        0.0, 0.5, np.zeros(3), np.array([0.0, 0.0, 1.0]), 0.2, (0.0,), {"a": 3.0, "b": 0.0},
-        {"a": 0.21, "b": 0.31}, {"a": 0.2, "b": 0.3}, np.zeros(0),
+        0.0, 0.5, np.zeros(3), np.array([0.0, 0.0, 1.0]), 0.2, (0.0,), (1e-4,), {"a": 3.0, "b": 0.0},
+        {"a": 0.21, "b": 0.31}, {"a": 0.2, "b": 0.3}, np.zeros(0), np.zeros(0), np.zeros(0), Pose(),
+        Wrench(), {},
     )  # fmt: skip
     return replace(at_rest, **changes)  # type: ignore[arg-type]
 

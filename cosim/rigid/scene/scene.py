@@ -262,10 +262,11 @@ class RigidScene:
         integration = np.empty(mujoco.mj_stateSize(self._model, _STATE))
         mujoco.mj_getState(self._model, self._data, integration, _STATE)
         armature, acceleration = np.array(self._model.dof_armature), np.array(self._data.qacc)
+        servo_torque = np.array(self._data.qfrc_actuator)
         load, carried = self.flange.measured, self.bodies.carried
         return RigidState(
-            integration, armature, acceleration, load, self.bodies.loaded, carried.bodies, carried.inertia,
-            carried.on_arm,
+            integration, armature, acceleration, servo_torque, load, self.bodies.loaded, carried.bodies,
+            carried.inertia, carried.on_arm,
         )  # fmt: skip
 
     def restore_state(self, state: RigidState) -> None:
@@ -285,4 +286,5 @@ class RigidScene:
         mujoco.mj_setState(self._model, self._data, state.integration, _STATE)
         self.begin_step()
         self._data.qacc[:] = state.acceleration
+        self._data.qfrc_actuator[:] = state.servo_torque
         self.flange.measured = state.flange_load

@@ -17,6 +17,7 @@ class RigidState:
         integration: MuJoCo's own state vector, inputs and warm start included.
         armature: (dofs,) [kg m^2] or [kg], the algorithmic mass of free bodies included.
         acceleration: (dofs,) of the last finished step.
+        servo_torque: (dofs,) [N m] or [N], of the last finished step.
         flange_load: (6,) reading of the flange sensor.
         loaded: bodies that contact loads at present.
         carrying: bodies on joints that carry extra inertia.
@@ -27,6 +28,7 @@ class RigidState:
     integration: Array
     armature: Array
     acceleration: Array
+    servo_torque: Array
     flange_load: Array
     loaded: Annotated[IntArray, ("k",)]
     carrying: Annotated[IntArray, ("b",)]
