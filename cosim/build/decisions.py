@@ -62,6 +62,8 @@ def _unknown_reach(scenario: Scenario) -> str:
         return f"{', '.join(moving)} can move"
     if any(rule.sealed for rules in gas_rules(scenario) for rule in rules):
         return "sealed gas has no pressure known beforehand"
+    if scenario.commands:
+        return "what [[command]] asks for is not known beforehand"
     if any(phase.release for phase in scenario.phases):
         return "rings are let go"
     return ""
@@ -125,7 +127,8 @@ def _cables(scenario: Scenario, body: SoftBody, plan: Plan) -> Decision:
     if scenario.fidelity == "rigid":
         return Decision(what, False, "they do not move a rigid body", "fidelity")
     commands = [plan.command, *(asked for phase in plan.phases for asked in (phase.begin, phase.end))]
-    if any(any(command.cable_tension_N) for command in commands) or scenario.winches or scenario.controllers:
+    driven = scenario.winches or scenario.controllers or scenario.commands
+    if any(any(command.cable_tension_N) for command in commands) or driven:
         return Decision(what, True, "they are pulled", switch)
     return Decision(what, False, "they are slack throughout", switch)
 

@@ -16,6 +16,7 @@ from cosim.build.section_cache import section_figures
 from cosim.config.rules.gas_rules import gas_report
 from cosim.config.schema.scenario import NO_ARM, Scenario
 from cosim.coupling.soft_sides.soft_side import SoftSide
+from cosim.devices.command_source import CommandSource
 from cosim.devices.controller import AnyController
 from cosim.devices.device_loop import Actuation
 from cosim.devices.device_names import device_names, device_report
@@ -61,7 +62,9 @@ def build(
     plan, carrier, modelled, planned = (_held_base if scenario.robot == NO_ARM else _arm)(
         scenario, trial, soft, before
     )
-    commands = PlannedCommands(scenario, plan, soft, actuation)
+    commands: CommandSource = PlannedCommands(scenario, plan, soft, actuation)
+    for entry in scenario.commands:
+        commands = entry.source(commands, scenario)
     parts = Parts(scenario, plan, carrier, soft, commands)
     if scenario.mode == "quasistatic":
         ticks = sum(phase.increments for phase in scenario.phases)

@@ -85,7 +85,7 @@ class CommandSource(ABC):
             see: looks at the robot as it is at the start of the step.
         """
 
-    def ahead(self, _phase: int, _done: int) -> CommandsAhead | None:
+    def ahead(self, phase: int, done: int) -> CommandsAhead | None:
         """Return what a tick and some after it ask for; None where that depends on what happens in them.
 
         Args:
@@ -98,7 +98,7 @@ class CommandSource(ABC):
     def cable_tension_N(self, phase: int, done: int) -> tuple[float, ...]:
         """Return the tensions that a step asks for, as far as is known before it; for messages."""
 
-    def report(self, _flange: Pose) -> ActuationReport | None:
+    def report(self, flange: Pose) -> ActuationReport | None:
         """Return what devices do at present, seen from a flange, world_from_flange; None without any."""
         return None
 
@@ -113,3 +113,42 @@ class CommandSource(ABC):
         Raises:
             InputError: the state does not fit.
         """
+
+
+class ChangedCommands(CommandSource):
+    """Changes what another source asks for; what follows from its own past, a subclass saves besides.
+
+    Args:
+        given: the other source.
+    """
+
+    def __init__(self, given: CommandSource) -> None:
+        self.given = given
+
+    @abstractmethod
+    def changed(self, command: RobotCommand, step: StepToTake, see: Callable[[], RobotState]) -> RobotCommand:
+        """Return what is asked for in place of a command.
+
+        Args:
+            command: of the other source.
+            step: that is to be taken.
+            see: looks at the robot as it is at the start of the step.
+        """
+
+    def begin_phase(self, phase: int) -> None:
+        self.given.begin_phase(phase)
+
+    def next(self, step: StepToTake, see: Callable[[], RobotState]) -> RobotCommand:
+        return self.changed(self.given.next(step, see), step, see)
+
+    def cable_tension_N(self, phase: int, done: int) -> tuple[float, ...]:
+        return self.given.cable_tension_N(phase, done)
+
+    def report(self, flange: Pose) -> ActuationReport | None:
+        return self.given.report(flange)
+
+    def save_state(self) -> Any:
+        return self.given.save_state()
+
+    def restore_state(self, state: Any) -> None:
+        self.given.restore_state(state)

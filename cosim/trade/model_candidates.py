@@ -96,7 +96,7 @@ def _slack_cables(scenario: Scenario) -> dict[str, Any]:
     """Return the changes that leave all cables slack; none where there are none, or lengths are commanded."""
     lengths = any(phase.cable_length_m or phase.cable_shortening_m for phase in scenario.phases)
     count = len(scenario.soft_robot.cable_names())
-    if not count or lengths or scenario.winches or scenario.controllers:
+    if not count or lengths or scenario.winches or scenario.controllers or scenario.commands:
         return {}
     none = [0.0] * count
     pulled = [

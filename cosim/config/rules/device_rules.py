@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from cosim.config.rules.gas_rules import gas_rules
+from cosim.config.schema.commands import CommandTable
 from cosim.config.schema.devices import ControllerTable, PumpTable
 from cosim.config.schema.phase import PhaseTable
 from cosim.config.schema.scenario import Scenario
@@ -48,7 +49,26 @@ def check_devices(scenario: Scenario, faults: Faults) -> None:
                     with faults:
                         check(phase, scenario, path)
                 _check_pumping(phase, index, scenario, path, faults)
+    with faults:
+        _check_commands(scenario)
     _check_targets(scenario)
+
+
+def _check_commands(scenario: Scenario) -> None:
+    """Check that sources of commands are known, and stand beside nothing that they would make untrue."""
+    for place, entry in enumerate(scenario.commands, start=1):
+        path = f"command.{place}"
+        if type(entry) is CommandTable:
+            raise ScenarioError(path, f"kind '{entry.kind}' is not known; register it first, from Python")
+        if (
+            scenario.pumps
+            or scenario.winches
+            or scenario.controllers
+            or any(map(uses_lengths, scenario.phases))
+        ):
+            raise ScenarioError(path, "cannot stand beside pumps, winches, controllers or cable lengths")
+        if any(phase.tip_target is not None for phase in scenario.phases):
+            raise ScenarioError(path, "cannot stand beside a tip target, which is planned without it")
 
 
 def _check_targets(scenario: Scenario) -> None:

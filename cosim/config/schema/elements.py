@@ -5,14 +5,15 @@ Each kind has a table of its own, a subclass of `ElementTable`, and is known onc
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Any
 
 from pydantic import GetCoreSchemaHandler
-from pydantic_core import CoreSchema, core_schema
+from pydantic_core import CoreSchema
 
 from cosim.config.toml.constraints import Name
 from cosim.config.toml.core_schemas import forget_schemas
+from cosim.config.toml.registered_kinds import any_of, kind_of
 
 _KINDS: dict[str, type[ElementTable]] = {}
 
@@ -38,10 +39,7 @@ class ElementTable:
     @classmethod
     def __get_pydantic_core_schema__(cls, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
         """Return the schema of one kind, or of any that is registered."""
-        if cls is not ElementTable or not _KINDS:
-            return handler(source)
-        choices = {kind: handler.generate_schema(table) for kind, table in _KINDS.items()}
-        return core_schema.tagged_union_schema(choices, "kind")
+        return any_of(_KINDS, handler) if cls is ElementTable and _KINDS else handler(source)
 
 
 def register(table: type[ElementTable]) -> None:
@@ -50,6 +48,5 @@ def register(table: type[ElementTable]) -> None:
     Args:
         table: a frozen dataclass; the default of its `kind` is the name of the kind.
     """
-    kind = next(entry.default for entry in fields(table) if entry.name == "kind")
-    _KINDS[str(kind)] = table
+    _KINDS[kind_of(table)] = table
     forget_schemas()

@@ -7,6 +7,7 @@ from typing import Annotated, Final, Literal, final
 
 from annotated_types import Len
 
+from cosim.config.schema.commands import CommandTable
 from cosim.config.schema.coupling import CouplingTable
 from cosim.config.schema.devices import ControllerTable, PumpTable, WinchTable
 from cosim.config.schema.fidelity import AutoTable, Fidelity
@@ -46,6 +47,8 @@ class Scenario:
         wires: `[[wire]]` in the file.
         phases: `[[phase]]` in the file.
         pumps, winches, controllers: `[[pump]]`, `[[winch]]`, `[[controller]]` in the file.
+        commands: `[[command]]` in the file, each of which changes what those before it ask for; kinds are
+            registered from Python.
     """
 
     schema: Literal[2]
@@ -72,3 +75,4 @@ class Scenario:
     pumps: tuple[PumpTable, ...] = field(default=(), metadata={"alias": "pump"})
     winches: tuple[WinchTable, ...] = field(default=(), metadata={"alias": "winch"})
     controllers: tuple[ControllerTable, ...] = field(default=(), metadata={"alias": "controller"})
+    commands: tuple[CommandTable, ...] = field(default=(), metadata={"alias": "command"})
