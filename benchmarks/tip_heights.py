@@ -17,7 +17,7 @@ from dataclasses import asdict, dataclass, replace
 import numpy as np
 
 from cosim.base.frames import Array, Pose, rotation_from_vector
-from cosim.build.soft_body import build_soft_body
+from cosim.build.fidelity import fidelity_body
 from cosim.config.loading import load_scenario
 from cosim.config.schema.phase import TipTargetTable
 from cosim.coupling.soft_sides.lumped_arm import SoftArm
@@ -93,7 +93,7 @@ class Bench:
             "soft_robot.cable": cables,
         }
         scenario = load_scenario("ur5e_hexagon_arm", changes)
-        body = build_soft_body(scenario.soft_robot, scenario.model)
+        body = fidelity_body(scenario)
         self.soft = SoftArm(body, HANGING, NewtonOptions(iterations_max=100), StepOptions())
         here = self.soft.start(HANGING, Loads(design.pressure_Pa, (0.0, 0.0)))
         for k in range(1, TURN_PIECES + 1):

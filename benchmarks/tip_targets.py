@@ -21,8 +21,8 @@ import numpy as np
 
 from cosim.base.arms import find_arm
 from cosim.base.frames import Array, Pose, rotation_from_vector
+from cosim.build.fidelity import fidelity_body
 from cosim.build.simulation import build
-from cosim.build.soft_body import build_soft_body
 from cosim.config.loading import load_scenario
 from cosim.config.schema.phase import FlangePoseTable, PhaseTable, StartTable, TipTargetTable
 from cosim.config.schema.scenario import Scenario
@@ -88,7 +88,7 @@ class Bench:
     def __init__(self) -> None:
         self.scenario = load_scenario("ur5e_hexagon_arm")
         self.arm = Arm(find_arm(self.scenario.robot))
-        body = build_soft_body(self.scenario.soft_robot, self.scenario.model)
+        body = fidelity_body(self.scenario)
         self.soft = SoftArm(body, pose_of(START), NewtonOptions(iterations_max=100), StepOptions())
         self.hanging = pose_of(START)
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from benchmarks.peers.case import DAMPING_PER_S, GRAVITY_M_S2, Case, LOW_Pa, Run, gravity_at, pressure_at, run
 from cosim.base.frames import Pose
-from cosim.build.soft_body import build_soft_body
+from cosim.build.fidelity import fidelity_body
 from cosim.config.loading import load_scenario
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
@@ -28,7 +28,7 @@ _HANGING = Pose(np.diag([1.0, -1.0, -1.0]))
 def film_only() -> SoftBody:
     """Return the hexagonal arm hanging down, without hinges and cables."""
     scenario = load_scenario("ur5e_hexagon_arm")
-    body = build_soft_body(scenario.soft_robot, scenario.model)
+    body = fidelity_body(scenario)
     hinges = replace(body.hinges, stiffness=0.0 * body.hinges.stiffness, fold_barrier_rad=0.0)
     bare = body.with_other(Hinges, hinges).with_other(Cable)
     return replace(bare, positions=np.ascontiguousarray(_HANGING.apply(body.positions)))

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from cosim.app.driver import Options, build_simulation, execute, rerun_recorder
-from cosim.app.first_run import log, prepared
+from cosim.app.first_run import log, named_body, prepared
 from cosim.app.result import ResultBuilder, RunResult
 from cosim.app.run_files import default_directory
 from cosim.config.loading import load_scenario
@@ -17,6 +17,7 @@ from cosim.config.schema.scenario import Scenario
 from cosim.errors import RunInterrupted
 
 if TYPE_CHECKING:
+    from cosim.build.given_body import AnyBody
     from cosim.devices.controller import AnyController
 
 
@@ -27,6 +28,7 @@ def run(
     out: str | Path | None = None,
     recording: bool = False,
     controllers: Mapping[str, AnyController] | None = None,
+    body: AnyBody | None = None,
 ) -> RunResult:
     """Run a scenario and return its arrays.
 
@@ -37,6 +39,7 @@ def run(
             recording is asked for, which then goes to `runs/`.
         recording: whether to write `recording.rrd`.
         controllers: the scenario's controllers of kind "python", by name.
+        body: a soft body in place of the scenario's soft robot; its files cannot be resumed without it.
 
     Raises:
         InputError: the scenario is wrong or asks for what cannot be reached.
@@ -45,11 +48,14 @@ def run(
         RunInterrupted: by Ctrl-C; the same.
     """
     started = time.perf_counter()
-    checked = prepared(load_scenario(scenario, overrides), log, recording=recording)
+    named = named_body(body)
+    loaded = load_scenario(scenario, overrides, named and named.table())
+    checked = prepared(loaded, log, recording=recording)
     directory = Path(out) if out is not None else default_directory(checked.name) if recording else None
     arrays = ResultBuilder(checked.recording.frames_per_s)
     options = Options(directory, rerun_recorder if recording else None, [arrays])
-    build = build_simulation if controllers is None else partial(build_simulation, controllers=controllers)
+    given: dict[str, Any] = {"controllers": controllers, "body": named and named.body}
+    build = partial(build_simulation, **{key: value for key, value in given.items() if value is not None})
     outcome = execute(checked, build, options, started)
     result = arrays.result(outcome.summary, directory)
     for line in outcome.summary["warnings"]:

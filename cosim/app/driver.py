@@ -27,6 +27,7 @@ from cosim.telemetry.tick_batch import TickBatch
 
 if TYPE_CHECKING:
     from cosim.devices.controller import AnyController
+    from cosim.soft.body.body import SoftBody
     from cosim.telemetry.choices import Choices
 
 Observe = Callable[[TickBatch], None]
@@ -210,6 +211,7 @@ def build_simulation(
     scenario: Scenario,
     controllers: Mapping[str, AnyController] | None = None,
     before: Choices | None = None,
+    body: SoftBody | None = None,
 ) -> Runnable:
     """Return the simulation of a checked scenario; loads the engines, which wrong input need not wait for.
 
@@ -217,10 +219,11 @@ def build_simulation(
         scenario: checked.
         controllers: of kind "python", by name.
         before: of the run whose state it goes on from; None for a run from its start.
+        body: the soft body, where the scenario's is given as arrays.
     """
     from cosim.build.simulation import build
 
-    return build(scenario, controllers, before)
+    return build(scenario, controllers, before, body)
 
 
 @contextmanager

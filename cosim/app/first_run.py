@@ -5,11 +5,15 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable
 from types import ModuleType
+from typing import TYPE_CHECKING
 
 from cosim.app.driver import build_simulation, recorded
 from cosim.base.resources import cache_directory
 from cosim.build.kernel_modules import kernel_modules
 from cosim.config.schema.scenario import Scenario
+
+if TYPE_CHECKING:
+    from cosim.build.given_body import AnyBody, NamedBody
 
 
 def prepared(scenario: Scenario, tell: Callable[[str], None], *, recording: bool) -> Scenario:
@@ -50,6 +54,19 @@ def with_fidelity_chosen(scenario: Scenario, tell: Callable[[str], None]) -> Sce
 
         section_model(scenario, tell)
     return scenario
+
+
+def named_body(body: AnyBody | None) -> NamedBody | None:
+    """Return a body that is given in place of a scenario's soft robot, with names; None if there is none.
+
+    Raises:
+        InputError: it cannot be simulated.
+    """
+    if body is None:
+        return None
+    from cosim.build.given_body import NamedBody  # here, as few runs need the film's engine so early
+
+    return NamedBody.of(body)
 
 
 def log(text: str) -> None:

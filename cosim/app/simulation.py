@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, final
 
 from cosim.app.checkpoint import Checkpoint
-from cosim.app.driver import build_simulation
-from cosim.app.first_run import log, prepared
+from cosim.app.driver import Runnable, build_simulation
+from cosim.app.first_run import log, named_body, prepared
 from cosim.app.result import result_of
 from cosim.app.shown_state import check_shown, naming
 from cosim.base.state_archive import read_archive, write_archive
@@ -23,6 +23,7 @@ from cosim.telemetry.snapshot import RunInfo, Snapshot
 from cosim.telemetry.tick_batch import TickBatch
 
 if TYPE_CHECKING:
+    from cosim.build.given_body import AnyBody, NamedBody
     from cosim.devices.controller import AnyController
 
 
@@ -59,6 +60,7 @@ class Simulation:
             checkpoint.npz of a run. The scenario may differ from the one that was saved, as long as bodies,
             joints and nodes are as many; what differs acts from the next tick on.
         controllers: the scenario's controllers of kind "python", by name.
+        body: a soft body in place of the scenario's soft robot.
 
     Raises:
         InputError: the scenario is wrong, asks for what cannot be reached, or `start` does not fit.
@@ -72,19 +74,25 @@ class Simulation:
         overrides: Mapping[str, Any] | None = None,
         start: SavedState | str | Path | None = None,
         controllers: Mapping[str, AnyController] | None = None,
+        body: AnyBody | None = None,
     ) -> None:
-        self.scenario = prepared(load_scenario(scenario, overrides), log, recording=False)
-        self._controllers = controllers
+        self._controllers, self._body = controllers, named_body(body)
+        loaded = load_scenario(scenario, overrides, self._body and self._body.table())
+        self.scenario = prepared(loaded, log, recording=False)
         before = start.run.choices if isinstance(start, SavedState) else None
-        self._run = build_simulation(self.scenario, controllers, before)
+        self._run = self._built(before)
         if start is None:
             self._snapshot = self._run.advance(1)
             return
         saved = _read(start)
         # what is in a file can be read once something like it has been built
         if saved.run.choices.contact not in self.stage.modelled:
-            self._run = build_simulation(self.scenario, controllers, saved.run.choices)
+            self._run = self._built(saved.run.choices)
         self.restore(start)
+
+    def _built(self, before: Choices | None) -> Runnable:
+        body = self._body and self._body.body
+        return build_simulation(self.scenario, self._controllers, before, body)
 
     @property
     def stage(self) -> RunInfo:
@@ -165,8 +173,8 @@ class Simulation:
         Raises:
             InputError: the changed scenario is wrong, or the present state does not fit it.
         """
-        controllers = self._controllers
-        return Simulation(self.scenario, overrides=overrides, start=self.save(), controllers=controllers)
+        given: dict[str, Any] = {"controllers": self._controllers, "body": self._body}
+        return Simulation(self.scenario, overrides=overrides, start=self.save(), **given)
 
     def __repr__(self) -> str:
         """Return one line: what is simulated, and where it is."""
@@ -176,7 +184,7 @@ class Simulation:
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Return how to make it anew: by its scenario, from its present state."""
-        return _restored, (self.scenario, self._controllers, self.save())
+        return _restored, (self.scenario, self._controllers, self._body, self.save())
 
 
 def _read(saved: SavedState | str | Path) -> SavedState:
@@ -195,6 +203,9 @@ def _read(saved: SavedState | str | Path) -> SavedState:
 
 
 def _restored(
-    scenario: Scenario, controllers: Mapping[str, AnyController] | None, saved: SavedState
+    scenario: Scenario,
+    controllers: Mapping[str, AnyController] | None,
+    body: NamedBody | None,
+    saved: SavedState,
 ) -> Simulation:
-    return Simulation(scenario, start=saved, controllers=controllers)
+    return Simulation(scenario, start=saved, controllers=controllers, body=body)

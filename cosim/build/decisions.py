@@ -92,7 +92,7 @@ def decisions(
         contact,
         _self_contact(scenario, body),
         _cables(scenario, body, plan),
-        _hinges(scenario),
+        _hinges(scenario, body),
     )
 
 
@@ -133,10 +133,10 @@ def _cables(scenario: Scenario, body: SoftBody, plan: Plan) -> Decision:
     return Decision(what, False, "they are slack throughout", switch)
 
 
-def _hinges(scenario: Scenario) -> Decision:
+def _hinges(scenario: Scenario, body: SoftBody) -> Decision:
     switch = "soft_robot.hinge.stiffness_factor"
     if scenario.fidelity == "rigid":
         return Decision("hinges", False, "the shape of the start is kept", "fidelity")
-    if scenario.soft_robot.hinge.stiffness_factor == 0.0:
+    if not body.hinges.stiffness.any():
         return Decision("hinges", False, "their stiffness is zero", switch)
     return Decision("hinges", True, "their share of the elastic energy is in the summary, by phase", switch)

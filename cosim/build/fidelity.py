@@ -9,6 +9,8 @@ from cosim.build.blame import blamed_on
 from cosim.build.calibration import refined_model
 from cosim.build.section_cache import section_model
 from cosim.build.soft_body import build_soft_body
+from cosim.config.rules.given_body_rules import file_of
+from cosim.config.schema.given_body import GivenBodyTable
 from cosim.config.schema.scenario import Scenario
 from cosim.config.schema.soft_robot import SoftRobotTable
 from cosim.config.schema.solver import ModelTable
@@ -27,7 +29,7 @@ from cosim.stepping.self_contact_law import film_law
 _REUSE_MAX = 6  # iterations with a kept factorisation: beyond, a new one is cheaper
 
 
-def soft_sides(scenario: Scenario) -> tuple[SoftSide, SoftSide]:
+def soft_sides(scenario: Scenario, given: SoftBody | None = None) -> tuple[SoftSide, SoftSide]:
     """Return two soft sides of a scenario: one to plan its phases on, one to run.
 
     They are of one model, but that a rigid one is planned on the lumped one: tensions and flange poses
@@ -35,13 +37,14 @@ def soft_sides(scenario: Scenario) -> tuple[SoftSide, SoftSide]:
 
     Args:
         scenario: checked.
+        given: the soft body, where the scenario's is given as arrays.
 
     Raises:
         ScenarioError: the fidelity is still to be chosen, or the geometry gives degenerate triangles.
     """
     if scenario.fidelity == "auto":
         raise ScenarioError("fidelity", "'auto' is settled before a run is built; see cosim.trade.auto")
-    body = fidelity_body(scenario)
+    body = fidelity_body(scenario) if given is None else given
     if scenario.fidelity == "section":
         section = SectionBody(body, section_model(scenario))
         return _chain(scenario, section), _chain(scenario, section)
@@ -67,7 +70,7 @@ def _described(scenario: Scenario) -> tuple[SoftRobotTable, ModelTable]:
     A calibration is of the unrefined mesh. Its place is taken by the model that it was fitted to, a plain
     film that bends as a shell.
     """
-    robot, model = scenario.soft_robot, scenario.model
+    robot, model = file_of(scenario, "its mesh"), scenario.model
     if scenario.fidelity != "refined":
         return robot, model
     finer = robot.stack.refine + 1
@@ -143,4 +146,6 @@ def _rung(scenario: Scenario) -> str:
     if scenario.fidelity == "refined":
         law = "; plain film and shell hinges in place of the calibration" if scenario.model.calibrated else ""
         return f"refined: every triangle divided into four{law}"
+    if isinstance(scenario.soft_robot, GivenBodyTable):
+        return "lumped: the mesh that is given as arrays"
     return "lumped: the mesh of the soft robot's file" + (", calibrated" if scenario.model.calibrated else "")

@@ -11,6 +11,7 @@ from cosim.base.identity import content_name
 from cosim.base.kept_data import keep, kept
 from cosim.base.resources import cache_directory
 from cosim.build.soft_body import build_soft_body
+from cosim.config.rules.given_body_rules import file_of
 from cosim.config.schema.scenario import Scenario
 from cosim.reduced.fit.building import METHOD, LARGEST_PRESSURE_Pa, build_model
 from cosim.reduced.section_model import SectionModel
@@ -29,7 +30,7 @@ def section_model(scenario: Scenario, tell: Callable[[str], None] = lambda text:
         scenario: checked, of a soft robot that has one.
         tell: told in one sentence what takes long.
     """
-    body = build_soft_body(scenario.soft_robot, scenario.model)
+    body = build_soft_body(file_of(scenario, "a section model"), scenario.model)
     largest = _largest_pressure(scenario)
     path = cache_directory() / f"section_{content_hash(body, largest)}.kept"
     found = kept(path, _unpacked)

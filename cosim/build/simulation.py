@@ -46,6 +46,7 @@ def build(
     scenario: Scenario,
     controllers: Mapping[str, AnyController] | None = None,
     before: Choices | None = None,
+    body: SoftBody | None = None,
 ) -> DynamicSimulation | QuasistaticSimulation:
     """Return the simulation of a scenario, planned and ready to step.
 
@@ -53,11 +54,12 @@ def build(
         scenario: checked by `load_scenario`.
         controllers: of kind "python", by name.
         before: of the run whose state it goes on from; None for a run from its start.
+        body: the soft body, where the scenario's is given as arrays.
 
     Raises:
         InputError: a pose or target cannot be reached, a mesh is degenerate, a controller is missing.
     """
-    trial, soft = soft_sides(scenario)
+    trial, soft = soft_sides(scenario, body)
     actuation = Actuation(scenario, soft.body, controllers)
     plan, carrier, modelled, planned = (_held_base if scenario.robot == NO_ARM else _arm)(
         scenario, trial, soft, before

@@ -7,7 +7,9 @@ from pathlib import Path
 from typing import Any
 
 from cosim.base.resources import scenario_path, soft_robot_path
+from cosim.config.rules.given_body_rules import check_in_file
 from cosim.config.rules.scenario_rules import check_scenario, check_soft_robot
+from cosim.config.schema.given_body import GivenBodyTable
 from cosim.config.schema.mesh_paths import with_mesh_paths
 from cosim.config.schema.scenario import Scenario
 from cosim.config.schema.soft_robot import SoftRobotTable
@@ -18,14 +20,20 @@ from cosim.config.toml.parsing import parse
 from cosim.config.toml.reading import read_table
 from cosim.config.toml.robot_files import RobotFiles
 from cosim.config.writing import to_table
+from cosim.errors import ScenarioError
 
 
-def load_scenario(source: str | Path | Scenario, overrides: Mapping[str, Any] | None = None) -> Scenario:
+def load_scenario(
+    source: str | Path | Scenario,
+    overrides: Mapping[str, Any] | None = None,
+    body: GivenBodyTable | None = None,
+) -> Scenario:
     """Return a checked scenario.
 
     Args:
         source: name of a scenario that comes with cosim, path of a .toml file, or a scenario.
         overrides: values by key path, such as {"phase.inflate.pressure_Pa": 20e3}.
+        body: takes the place of the scenario's soft robot, if it has one.
 
     Raises:
         InputError: there is no such scenario.
@@ -39,20 +47,33 @@ def load_scenario(source: str | Path | Scenario, overrides: Mapping[str, Any] | 
         table, folder = read_table(path), path.parent
         table.setdefault("name", path.stem)
     place = folder
-    if "soft_robot" in overrides:
+    if body is not None:
+        with faults:
+            _check_no_robot(overrides, body)
+        table["soft_robot"] = UNKNOWN
+    elif "soft_robot" in overrides:
         apply_override(table, "soft_robot", overrides.pop("soft_robot"))
         folder = Path()
-    if "soft_robot" in table:
+    if "soft_robot" in table and body is None:
         robot, table["soft_robot"] = table["soft_robot"], UNKNOWN
         with faults:
+            check_in_file(robot)
             table["soft_robot"] = RobotFiles(faults).expand(robot, folder, "soft_robot")
     for key, value in overrides.items():
         with faults:
             apply_override(table, key, value)
     scenario = parse(Scenario, table, "", faults)
+    if body is not None:
+        scenario = copy_with(scenario, soft_robot=body)
     with faults:
         scenario = copy_with(scenario, objects=with_mesh_paths(scenario.objects, place, faults))
     return _resolved(scenario, faults)
+
+
+def _check_no_robot(overrides: Mapping[str, Any], body: GivenBodyTable) -> None:
+    for key in overrides:
+        if key.partition(".")[0] == "soft_robot":
+            raise ScenarioError(key, f"cannot be set: the soft body '{body.name}' is given as arrays")
 
 
 def load_soft_robot(name_or_path: str | Path) -> SoftRobotTable:

@@ -8,10 +8,15 @@ from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
 from typing import Any
 
+from cosim.config.schema.given_body import GivenBodyTable
 from cosim.config.schema.scenario import Scenario
 from cosim.config.toml.key_paths import key_of
 
 _HEADER = "# The scenario as it ran, every value spelled out. Run it again with: cosim run <this file>\n"
+_HEADER_GIVEN = (
+    "# The scenario as it ran, every value spelled out; its soft body is in no file.\n"
+    "# Run it again from Python: cosim.run(<this file>, body=...)\n"
+)
 
 
 def to_table(value: Any) -> Any:
@@ -27,8 +32,9 @@ def to_table(value: Any) -> Any:
 
 
 def scenario_text(scenario: Scenario) -> str:
-    """Return the resolved scenario as TOML text, which loads to an equal scenario."""
-    return _HEADER + "\n".join(_table_lines(to_table(scenario), "")) + "\n"
+    """Return the resolved scenario as TOML text, which loads to an equal one with the same body."""
+    given = isinstance(scenario.soft_robot, GivenBodyTable)
+    return (_HEADER_GIVEN if given else _HEADER) + "\n".join(_table_lines(to_table(scenario), "")) + "\n"
 
 
 def _table_lines(table: Mapping[str, Any], path: str) -> list[str]:

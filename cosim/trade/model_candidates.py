@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, Final
 
+from cosim.config.rules.given_body_rules import file_of
 from cosim.config.schema.scenario import NO_ARM, Scenario
 from cosim.telemetry.choices import CONTACT
 from cosim.trade.candidate import Candidate
@@ -56,7 +57,7 @@ def model_candidates(scenario: Scenario, fidelities: tuple[str, ...], *, quick: 
 
 def _films(scenario: Scenario) -> dict[str, dict[str, Any]]:
     """Return other films and hinges, by the candidate's name."""
-    robot = scenario.soft_robot
+    robot = file_of(scenario, "a trade")
     found: dict[str, dict[str, Any]] = {
         f"film law {law}": dict(changes) for law, changes in _LAWS.items() if law != robot.film.law
     }

@@ -7,9 +7,9 @@ from collections.abc import Iterable
 from cosim.config.rules.gas_rules import gas_rules
 from cosim.config.schema.commands import CommandTable
 from cosim.config.schema.devices import ControllerTable, PumpTable
+from cosim.config.schema.given_body import AnySoftRobot
 from cosim.config.schema.phase import PhaseTable
 from cosim.config.schema.scenario import Scenario
-from cosim.config.schema.soft_robot import SoftRobotTable
 from cosim.config.toml.faults import Faults
 from cosim.config.toml.suggestions import listing, unknown_name_message
 from cosim.errors import ScenarioError
@@ -112,7 +112,7 @@ def _check_mode(scenario: Scenario) -> None:
             )
 
 
-def _check_pump(pump: PumpTable, robot: SoftRobotTable, path: str, faults: Faults) -> None:
+def _check_pump(pump: PumpTable, robot: AnySoftRobot, path: str, faults: Faults) -> None:
     with faults:
         if pump.vent_above_Pa is not None and pump.vent_kg_s_Pa == 0.0:
             raise ScenarioError(

@@ -6,6 +6,7 @@ from typing import Final
 
 from cosim.config.rules.section_rules import check_section
 from cosim.config.schema.scenario import Scenario
+from cosim.config.schema.soft_robot import SoftRobotTable
 from cosim.config.toml.faults import Faults
 from cosim.errors import ScenarioError
 
@@ -22,7 +23,9 @@ def check_fidelity(scenario: Scenario, faults: Faults) -> None:
     with faults:
         _check_auto(scenario)
     with faults:
-        if scenario.fidelity == "refined" and scenario.soft_robot.stack.refine >= _REFINE_MAX:
+        robot = scenario.soft_robot
+        refined = scenario.fidelity == "refined"
+        if refined and isinstance(robot, SoftRobotTable) and robot.stack.refine >= _REFINE_MAX:
             raise ScenarioError(
                 "fidelity",
                 "'refined' is one refinement more than soft_robot.stack.refine, which is at its bound of "

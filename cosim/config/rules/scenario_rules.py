@@ -9,10 +9,12 @@ from cosim.base.arms import arm_names
 from cosim.config.rules.device_rules import check_devices
 from cosim.config.rules.fidelity_rules import check_fidelity
 from cosim.config.rules.gas_rules import check_gas
+from cosim.config.rules.given_body_rules import check_given_body
 from cosim.config.rules.object_rules import check_objects
 from cosim.config.rules.size_rules import check_sizes
 from cosim.config.rules.support_rules import check_holding, check_rings
 from cosim.config.schema.elements import ElementTable
+from cosim.config.schema.given_body import AnySoftRobot, GivenBodyTable
 from cosim.config.schema.phase import PhaseTable, TipTargetTable
 from cosim.config.schema.scenario import NO_ARM, Scenario
 from cosim.config.schema.soft_robot import AttachmentTable, CableTable, SoftRobotTable
@@ -42,9 +44,11 @@ def check_scenario(scenario: Scenario, faults: Faults) -> None:
     with faults:
         _check_arm(scenario.robot)
     with faults:
-        check_soft_robot(scenario.soft_robot, "soft_robot", faults)
-    with faults:
-        _check_calibrated(scenario)
+        if isinstance(scenario.soft_robot, GivenBodyTable):
+            check_given_body(scenario.soft_robot, scenario, faults)
+        else:
+            check_soft_robot(scenario.soft_robot, "soft_robot", faults)
+            _check_calibrated(scenario, scenario.soft_robot)
     for key, field in _NAMED.items():
         with faults:
             _check_unique(getattr(scenario, field), key, faults)
@@ -70,8 +74,7 @@ def _check_arm(robot: str) -> None:
         raise ScenarioError("robot", unknown_name_message("arm", robot, robots))
 
 
-def _check_calibrated(scenario: Scenario) -> None:
-    robot = scenario.soft_robot
+def _check_calibrated(scenario: Scenario, robot: SoftRobotTable) -> None:
     if not scenario.model.calibrated:
         return
     if robot.attachments:
@@ -223,7 +226,7 @@ def _check_shake(phase: PhaseTable, frequency_Hz: float, path: str, faults: Faul
         )
 
 
-def _check_tip_target(target: TipTargetTable, phase: PhaseTable, robot: SoftRobotTable, path: str) -> None:
+def _check_tip_target(target: TipTargetTable, phase: PhaseTable, robot: AnySoftRobot, path: str) -> None:
     where = f"{path}.tip_target"
     if (target.position_m is None) == (target.height_m is None):
         given = "neither" if target.position_m is None else "both"
@@ -234,7 +237,7 @@ def _check_tip_target(target: TipTargetTable, phase: PhaseTable, robot: SoftRobo
         if target.height_m is not None:
             raise ScenarioError(f"{where}.height_m", "needs reach_with = 'cables'")
         return
-    if not robot.cables:
+    if not robot.cable_names():
         raise ScenarioError(f"{where}.reach_with", f"soft robot '{robot.name}' has no cables")
     if phase.cable_tension_N is not None:
         raise ScenarioError(f"{path}.cable_tension_N", "cannot stand beside a target reached with cables")

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+from cosim.config.schema.given_body import AnySoftRobot, GivenBodyTable
 from cosim.config.schema.phase import PhaseTable
 from cosim.config.schema.scenario import Scenario
-from cosim.config.schema.soft_robot import SoftRobotTable
 from cosim.config.toml.faults import Faults
 from cosim.errors import ScenarioError
 
@@ -26,7 +26,9 @@ def check_section(scenario: Scenario, faults: Faults) -> None:
             _check_phase(phase, faults)
 
 
-def _check_robot(robot: SoftRobotTable, faults: Faults) -> None:
+def _check_robot(robot: AnySoftRobot, faults: Faults) -> None:
+    if isinstance(robot, GivenBodyTable):
+        return  # is refused by itself
     with faults:
         if robot.copies:
             raise ScenarioError(

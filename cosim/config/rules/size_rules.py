@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Final
 
+from cosim.config.schema.given_body import AnySoftRobot, GivenBodyTable
 from cosim.config.schema.phase import PhaseTable
 from cosim.config.schema.scenario import Scenario
-from cosim.config.schema.soft_robot import SoftRobotTable
 from cosim.config.toml.faults import Faults
 from cosim.errors import ScenarioError
 
@@ -44,8 +44,10 @@ def check_sizes(scenario: Scenario, faults: Faults) -> None:
     _check_length(scenario)
 
 
-def triangle_count(robot: SoftRobotTable) -> int:
+def triangle_count(robot: AnySoftRobot) -> int:
     """Return how many triangles the mesh of a soft robot has, with its copies and attachments."""
+    if isinstance(robot, GivenBodyTable):
+        return robot.triangles
     stack = robot.stack
     own = _TRIANGLES_PER_UNIT_AND_SIDE * stack.sides * stack.units << 2 * stack.refine
     copies = 1 if robot.copies is None else robot.copies.count

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
+from cosim.config.schema.given_body import AnySoftRobot
 from cosim.config.schema.name_patterns import matching
 from cosim.config.schema.phase import ForceTable, PhaseTable, SupportTable
 from cosim.config.schema.scenario import NO_ARM, Scenario
-from cosim.config.schema.soft_robot import SoftRobotTable
 from cosim.config.toml.faults import Faults
 from cosim.config.toml.suggestions import listing, unknown_name_message
 from cosim.errors import ScenarioError
@@ -42,7 +42,7 @@ def check_holding(scenario: Scenario, faults: Faults) -> None:
             raise ScenarioError(f"{path}.release", "lets go of all that holds the soft robot; support it")
 
 
-def _check_named(phase: PhaseTable, robot: SoftRobotTable, path: str, faults: Faults) -> None:
+def _check_named(phase: PhaseTable, robot: AnySoftRobot, path: str, faults: Faults) -> None:
     """Check that the rings and corners that a phase names exist."""
     for key in ("release", "clamp"):
         with faults:
@@ -54,7 +54,7 @@ def _check_named(phase: PhaseTable, robot: SoftRobotTable, path: str, faults: Fa
                     _check_group(group, robot, f"{path}.{key}.{place}")
 
 
-def check_rings(rings: Iterable[str], robot: SoftRobotTable, path: str) -> None:
+def check_rings(rings: Iterable[str], robot: AnySoftRobot, path: str) -> None:
     """Check that rings, or patterns of rings, exist.
 
     Raises:
@@ -66,19 +66,21 @@ def check_rings(rings: Iterable[str], robot: SoftRobotTable, path: str) -> None:
             raise ScenarioError(path, unknown_name_message("ring", ring, known))
 
 
-def expanded(rings: Iterable[str], robot: SoftRobotTable) -> set[str]:
+def expanded(rings: Iterable[str], robot: AnySoftRobot) -> set[str]:
     """Return the names of the rings that names and patterns stand for."""
     known = robot.ring_names()
     return {name for ring in rings for name in matching(ring, known)}
 
 
-def _check_group(group: SupportTable | ForceTable, robot: SoftRobotTable, path: str) -> None:
+def _check_group(group: SupportTable | ForceTable, robot: AnySoftRobot, path: str) -> None:
     check_rings(group.rings, robot, f"{path}.rings")
     if group.corners is None:
         return
     if not group.corners:
         raise ScenarioError(f"{path}.corners", "is empty; leave it out for all nodes of the rings")
     sides = min(robot.sides_of(ring) for ring in expanded(group.rings, robot))
+    if not sides:
+        raise ScenarioError(f"{path}.corners", "are of stacks of units; name a ring of these nodes alone")
     for corner in group.corners:
         if not 0 <= corner < sides:
             raise ScenarioError(f"{path}.corners", f"{corner} does not exist; corners 0 to {sides - 1} do")
@@ -105,7 +107,7 @@ def _check_carrier(phase: PhaseTable, robot: str, path: str, faults: Faults) -> 
         )
 
 
-def _check_release(phase: PhaseTable, held: set[str], robot: SoftRobotTable, path: str) -> None:
+def _check_release(phase: PhaseTable, held: set[str], robot: AnySoftRobot, path: str) -> None:
     for ring in phase.release:
         if not expanded([ring], robot) <= held:
             raise ScenarioError(f"{path}.release", f"'{ring}' is not held; held are: {listing(sorted(held))}")

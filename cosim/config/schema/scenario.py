@@ -11,6 +11,7 @@ from cosim.config.schema.commands import CommandTable
 from cosim.config.schema.coupling import CouplingTable
 from cosim.config.schema.devices import ControllerTable, PumpTable, WinchTable
 from cosim.config.schema.fidelity import AutoTable, Fidelity
+from cosim.config.schema.given_body import AnySoftRobot, InFiles
 from cosim.config.schema.objects import ObjectTable
 from cosim.config.schema.phase import PhaseTable, StartTable
 from cosim.config.schema.soft_robot import SoftRobotTable
@@ -55,7 +56,7 @@ class Scenario:
     name: Name
     title: Text
     robot: str
-    soft_robot: SoftRobotTable
+    soft_robot: Annotated[AnySoftRobot, InFiles(SoftRobotTable)]
     start: StartTable
     phases: Annotated[tuple[PhaseTable, ...], Len(min_length=1)] = field(metadata={"alias": "phase"})
     mode: Literal["dynamic", "quasistatic"] = "dynamic"

@@ -14,6 +14,9 @@ T = TypeVar("T")
 Fault: TypeAlias = tuple[str, str]
 """Path of a key, and what is wrong with it."""
 
+_PLAIN: Final = "_plain"
+"""Where a guarded class keeps the one that it stands for."""
+
 
 class NotKnown(Exception):  # noqa: N818  # no error of anybody: what a rule needs is wrong itself
     """A rule has met a value that is wrong by itself, so there is nothing that it could say."""
@@ -44,10 +47,16 @@ def guard(value: Any) -> None:
 
 
 def copy_with(instance: T, **changes: Any) -> T:
-    """Return a copy of a dataclass with other values in some fields; the others may hold UNKNOWN."""
+    """Return a copy of a dataclass with other values in some fields; the others may hold UNKNOWN.
+
+    One in which nothing is UNKNOWN any more is an ordinary one again.
+    """
     found = copy(instance)
     for name, value in changes.items():
         object.__setattr__(found, name, value)
+    plain = vars(type(found)).get(_PLAIN)
+    if plain is not None and not any(value is UNKNOWN for value in vars(found).values()):
+        object.__setattr__(found, "__class__", plain)
     return found
 
 
@@ -62,7 +71,11 @@ def _guarded(kind: type) -> type:
     def compared(self: Any, other: object) -> bool:
         raise NotKnown
 
-    return type(kind.__name__, (kind,), {"__getattribute__": known, "__eq__": compared, "__hash__": None})
+    return type(
+        kind.__name__,
+        (kind,),
+        {"__getattribute__": known, "__eq__": compared, "__hash__": None, _PLAIN: kind},
+    )
 
 
 @final

@@ -1,6 +1,8 @@
-"""The line through the centres of a chamber's hole rings."""
+"""The line through the centres of a body's rings, from its base to its tip."""
 
 from __future__ import annotations
+
+import math
 
 import numpy as np
 from numba import int64, void
@@ -11,9 +13,15 @@ from cosim.soft.body.body import SoftBody
 
 
 def hole_rings(body: SoftBody) -> IntArray:
-    """Return the hole rings (rings, nodes per ring), base to tip; those of the first of several copies."""
-    names = [name for name in body.rings if name.endswith(".hole") and "/" not in name]
-    return np.stack([*(body.rings[name] for name in names), body.tip])
+    """Return the rings (rings, nodes per ring) along the centre, base to tip; those of the first copy.
+
+    They are those whose names end in ".hole"; without any, the base alone, and the tip. Where one has fewer
+    nodes than another, its nodes come more than once, which keeps its centre.
+    """
+    holes = [ring for name, ring in body.rings.items() if name.endswith(".hole") and "/" not in name]
+    rings = [ring for ring in (*(holes or [body.base]), body.tip) if len(ring)]
+    nodes = math.lcm(*(len(ring) for ring in rings))
+    return np.stack([np.tile(ring, nodes // len(ring)) for ring in rings])
 
 
 def center_line_length(rings: IntArray, positions: Array) -> float:
