@@ -62,6 +62,8 @@ def _unknown_reach(scenario: Scenario) -> str:
         return f"{', '.join(moving)} can move"
     if any(rule.sealed for rules in gas_rules(scenario) for rule in rules):
         return "sealed gas has no pressure known beforehand"
+    if any(entry.kind == "python" for entry in scenario.controllers):
+        return "a controller in Python can move the flange"
     if scenario.commands:
         return "what [[command]] asks for is not known beforehand"
     if any(phase.release for phase in scenario.phases):

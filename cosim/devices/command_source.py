@@ -43,6 +43,7 @@ class RobotState:
         joint_velocity: (joints,) [rad/s].
         joint_torque: (joints,) [N m], that the servos gave in the last tick.
         wrench: that the soft robot exerts on the flange, about its origin, world axes.
+        flange_jacobian: (6, joints), from joint speeds to the twist of the flange's origin, world axes.
         contact_force: (3,) [N] of the soft robot on each rigid body in the last tick, world axes, by name.
     """
 
@@ -52,6 +53,7 @@ class RobotState:
     joint_velocity: Array
     joint_torque: Array
     wrench: Wrench
+    flange_jacobian: Array
     contact_force: Mapping[str, Array]
 
 

@@ -71,11 +71,14 @@ class Command:
         cable_tension_N: by cable name.
         cable_length_m: unstretched length, by cable name; not for a cable whose tension is commanded.
         pump_pressure_Pa: setpoint, by pump name.
+        flange_twist: (6,) [m/s, rad/s], linear then angular, world axes: how the flange's reference moves
+            besides the plan, about its origin; None: it moves as planned, from where it has been moved to.
     """
 
     cable_tension_N: Mapping[str, float] = field(default_factory=lambda: NOTHING)
     cable_length_m: Mapping[str, float] = field(default_factory=lambda: NOTHING)
     pump_pressure_Pa: Mapping[str, float] = field(default_factory=lambda: NOTHING)
+    flange_twist: tuple[float, ...] | None = None
 
 
 class Controller(ABC, Generic[State]):

@@ -103,34 +103,45 @@ class Actuation:
         self._started = tuple(name for name in self._started if name in self._setpoints)
 
     def act(
-        self, planned: PhasePlan, gas: ChamberGas, soft: SoftSide, instant: RobotState, load_factor: float
-    ) -> None:
+        self,
+        planned: PhasePlan,
+        gas: ChamberGas,
+        soft: SoftSide,
+        see: Callable[[], RobotState],
+        load_factor: float,
+    ) -> tuple[float, ...] | None:
         """Let controllers, pumps and winches act for one tick, from the state before it.
+
+        Returns:
+            Twist of the flange that is commanded besides the plan, see `Command`; None for none.
 
         Args:
             planned: the phase.
             gas: in the chambers; pumps change it.
             soft: soft side.
-            instant: the rest of what controllers see.
+            see: looks at the rest of what controllers see.
             load_factor: of the phase's ramp at the end of the tick.
         """
         if not self.active:
-            return
+            return None
         self._take_over(planned)
+        twist: tuple[float, ...] | None = None
         commanded: list[Order | None] = [None] * len(self.cables)
         given = planned.phase.pump_pressure_Pa or {}
         pressures = [given.get(pump.name) for pump in self.pumps]
         for name, setpoint in self._setpoints.items():
-            held = self._ask(name, partial(self._measure, soft, instant, setpoint))
+            held = self._ask(name, partial(self._measure, soft, see, setpoint))
             for k, (tension, length) in enumerate(zip(held.tension_N, held.length_m, strict=True)):
                 order: Order | None = None if tension is None else ("tension", tension)
                 commanded[k] = order or (commanded[k] if length is None else ("length", length))
             pairs = zip(held.pump_pressure_Pa, pressures, strict=True)
             pressures = [old if new is None else new for new, old in pairs]
+            twist = twist if held.flange_twist is None else held.flange_twist
         self._work_pumps(gas, soft, pressures)
         triples = zip(self.cables, self._orders, commanded, strict=True)
         for drive, order, command in triples:
             drive.move(order, load_factor, command, soft.state.positions, self._tick_s)
+        return twist
 
     def driven(self, planned: SoftCommand) -> SoftCommand:
         """Return a command with the cables as they are driven."""
@@ -221,7 +232,8 @@ class Actuation:
             if content is not None:
                 gas.set_gas(pump.chamber, pump.work(content, volumes[pump.chamber], self._tick_s, setpoint))
 
-    def _measure(self, soft: SoftSide, instant: RobotState, setpoint: float | None) -> Measurement:
+    def _measure(self, soft: SoftSide, see: Callable[[], RobotState], setpoint: float | None) -> Measurement:
+        instant = see()
         x = soft.state.positions
         direction = soft.body.tip_direction(x)
         pairs = list(zip(self._names, self.cables, strict=True))

@@ -6,12 +6,13 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import final
 
-from cosim.base.frames import Pose
+from cosim.base.frames import Array, Pose
 from cosim.config.schema.scenario import Scenario
 from cosim.coupling.soft_sides.soft_side import SoftSide
 from cosim.devices.command_source import CommandsAhead, CommandSource, RobotState, StepToTake
 from cosim.devices.device_loop import Actuation, ActuationState
 from cosim.devices.device_report import ActuationReport
+from cosim.devices.flange_offset import FlangeOffset
 from cosim.plan.chamber_gas import ChamberGas, ChamberGasState
 from cosim.plan.plan import Plan
 from cosim.plan.robot_command import CommandRamp, RobotCommand
@@ -26,10 +27,12 @@ class PlannedCommandsState:
     Args:
         gas: in the chambers.
         devices: of pumps, winches and controllers.
+        offset: (joints,) [rad], by which controllers have moved the joints' reference.
     """
 
     gas: ChamberGasState
     devices: ActuationState
+    offset: Array
 
 
 @final
@@ -47,6 +50,7 @@ class PlannedCommands(CommandSource):
         self._plan, self._soft, self._actuation = plan, soft, actuation
         self._tick_s = None if scenario.mode == "quasistatic" else scenario.clock.tick_s
         self._gas = ChamberGas(scenario.gas)
+        self._offset = FlangeOffset(len(plan.joints))
         self._references: TickReferences | IncrementReferences | None = None
 
     def begin_phase(self, phase: int) -> None:
@@ -59,7 +63,8 @@ class PlannedCommands(CommandSource):
         planned, (joints, load_factor) = references.planned, references.at(step.done)
         self._gas.advance(self._soft, step.length_s)
         if self._actuation.active:
-            self._actuation.act(planned, self._gas, self._soft, see(), load_factor)
+            twist = self._actuation.act(planned, self._gas, self._soft, see, load_factor)
+            joints = self._offset.moved(joints, twist, see, step.length_s)
         asked = self._gas.between(planned.begin, planned.end, load_factor)
         return RobotCommand(joints, self._actuation.driven(asked))
 
@@ -80,11 +85,13 @@ class PlannedCommands(CommandSource):
         return self._actuation.report(self._soft, flange)
 
     def save_state(self) -> PlannedCommandsState:
-        return PlannedCommandsState(self._gas.save_state(), self._actuation.save_state())
+        gas, devices = self._gas.save_state(), self._actuation.save_state()
+        return PlannedCommandsState(gas, devices, self._offset.save_state())
 
     def restore_state(self, state: PlannedCommandsState) -> None:
         self._gas.restore_state(state.gas)
         self._actuation.restore_state(state.devices)
+        self._offset.restore_state(state.offset)
 
     def _of(self, phase: int) -> TickReferences | IncrementReferences:
         """Return what a phase asks for, step by step."""

@@ -20,11 +20,13 @@ class Held:
         tension_N: of each cable.
         length_m: unstretched, of each cable.
         pump_pressure_Pa: setpoint of each pump.
+        flange_twist: (6,) [m/s, rad/s], see `Command`.
     """
 
     tension_N: tuple[float | None, ...]
     length_m: tuple[float | None, ...]
     pump_pressure_Pa: tuple[float | None, ...]
+    flange_twist: tuple[float, ...] | None = None
 
 
 @final
@@ -105,10 +107,21 @@ class ZeroOrderHold:
             self._values(command.cable_tension_N, self._cables, "cable_tension_N", 0.0),
             self._values(command.cable_length_m, self._cables, "cable_length_m", 0.0),
             self._values(command.pump_pressure_Pa, self._pumps, "pump_pressure_Pa", -math.inf),
+            self._twist(command.flange_twist),
         )
         for name in set(command.cable_tension_N) & set(command.cable_length_m):
             raise InputError(f"controller '{self.name}' commands both tension and length of cable '{name}'")
         return held
+
+    def _twist(self, given: tuple[float, ...] | None) -> tuple[float, ...] | None:
+        if given is None:
+            return None
+        twist = tuple(float(value) for value in given)
+        if len(twist) != 6:
+            raise InputError(f"controller '{self.name}': flange_twist has {len(twist)} numbers; must be 6")
+        if not all(map(math.isfinite, twist)):
+            raise InstabilityError(f"controller '{self.name}': flange_twist is {twist}")
+        return twist
 
     def _values(
         self, given: Mapping[str, float], names: tuple[str, ...], key: str, lowest: float

@@ -119,6 +119,9 @@ class ArmCarrier(Carrier):
     def wrench(self) -> Wrench:
         return Wrench() if self._coupling is None else self._coupling.wrench
 
+    def flange_jacobian(self) -> Array:
+        return self._scene.flange.jacobian()
+
     def holding_torque(self, wrench: Wrench) -> Array:
         load = np.concatenate([wrench.force, wrench.torque])
         return np.asarray(self._scene.bias_torque - self._scene.flange.jacobian().T @ load)

@@ -67,6 +67,10 @@ class Carrier(ABC):
     def wrench(self) -> Wrench:
         """What the soft robot exerts on the flange at present, at its origin, world axes; statics: zero."""
 
+    def flange_jacobian(self) -> Array:
+        """Return (6, joints): the twist of the flange's origin by the joint speeds, world axes."""
+        return np.zeros((6, 0))
+
     @abstractmethod
     def holding_torque(self, wrench: Wrench) -> Array:
         """Return what the servos give (joints,) [N m] at rest, with a wrench on the flange."""

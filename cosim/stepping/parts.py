@@ -100,6 +100,7 @@ class Parts:
             carrier.joint_velocity,
             carrier.joint_torque,
             carrier.wrench,
+            carrier.flange_jacobian(),
             dict(zip(names, carrier.touched.on_each(len(names)), strict=True)),
         )
 

@@ -1,0 +1,85 @@
+"""How controllers move the flange besides the plan: twists of its reference, as motions of the joints."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Final, final
+
+import numpy as np
+
+from cosim.base.frames import Array
+from cosim.devices.command_source import RobotState
+from cosim.errors import InputError
+from cosim.plan.joint_path import JointReference
+
+_SMALLEST: Final = 1e-2
+"""Of a Jacobian's singular values to its largest, below which no motion of the joints is asked for."""
+_MISSED: Final = 1e-6
+
+
+@final
+class FlangeOffset:
+    """The joints' reference, moved off the plan; where nothing moves it further, it stays off.
+
+    Args:
+        joints: how many.
+    """
+
+    def __init__(self, joints: int) -> None:
+        self._offset: Array = np.zeros(joints)
+
+    def moved(
+        self,
+        planned: JointReference,
+        twist: tuple[float, ...] | None,
+        see: Callable[[], RobotState],
+        step_s: float,
+    ) -> JointReference:
+        """Return what the servos follow in a tick.
+
+        Args:
+            planned: at its start.
+            twist: (6,) [m/s, rad/s] of the flange's origin, world axes, besides the plan; None for none.
+            see: looks at the robot as it is.
+            step_s: length of the tick.
+
+        Raises:
+            InputError: no motion of the joints moves the flange like that.
+        """
+        if twist is None:
+            if not self._offset.any():
+                return planned
+            return JointReference(planned.position + self._offset, planned.velocity, planned.acceleration)
+        rate = joint_rate(see().flange_jacobian, np.array(twist))
+        position, velocity = planned.position + self._offset, planned.velocity + rate
+        self._offset = self._offset + step_s * rate
+        return JointReference(position, velocity, planned.acceleration)
+
+    def save_state(self) -> Array:
+        """Return the offset (joints,) [rad]."""
+        return self._offset
+
+    def restore_state(self, state: Array) -> None:
+        """Return to a state of `save_state`."""
+        self._offset = state
+
+
+def joint_rate(jacobian: Array, twist: Array) -> Array:
+    """Return the smallest joint speeds (joints,) [rad/s] that move the flange by a twist.
+
+    Args:
+        jacobian: (6, joints).
+        twist: (6,) [m/s, rad/s].
+
+    Raises:
+        InputError: there are none, or only with the arm near a singular configuration.
+    """
+    if not jacobian.shape[1]:
+        raise InputError("a controller commands the flange, but robot = 'none' has no joints to move it")
+    rate = np.asarray(np.linalg.lstsq(jacobian, twist, rcond=_SMALLEST)[0])
+    if np.linalg.norm(jacobian @ rate - twist) > _MISSED * np.linalg.norm(twist):
+        raise InputError(
+            f"a controller commands the flange's twist {np.round(twist, 4).tolist()}, which the arm cannot "
+            "follow in its present configuration: it is near a singular one"
+        )
+    return rate
