@@ -14,7 +14,6 @@ from cosim.config.toml.faults import Faults
 from cosim.config.toml.parsing import parse
 from cosim.errors import MeshError
 from cosim.soft.body.body import SoftBody
-from cosim.soft.elements.hinge import Hinges
 from cosim.soft.geometry.surface import check_mesh
 
 _LEAST_RING = 3
@@ -32,8 +31,8 @@ class NamedBody:
         cable_names: of its cables, in order; omitted: cable_1, cable_2, ...
 
     Raises:
-        MeshError: hinges are missing, the film is no sound surface, the base is empty, the tip no ring, a
-            node has no mass, or there are more or fewer names than cables.
+        MeshError: the film is no sound surface, the base is empty, the tip no ring, a node has no mass, or
+            there are more or fewer names than cables.
         ScenarioError: a name cannot be one.
     """
 
@@ -43,8 +42,6 @@ class NamedBody:
 
     def __post_init__(self) -> None:
         body = self.body
-        if not body.of_kind(Hinges):
-            raise MeshError("the soft body has no hinges, not even none; SoftBody.from_arrays adds them")
         check_mesh(body.positions, body.membranes.triangles)
         if not len(body.base):
             raise MeshError("the soft body has no base: no node would follow the flange")

@@ -98,11 +98,13 @@ def test_an_arm_given_as_arrays_moves_bit_for_bit_like_that_of_its_file(mode: st
 def test_it_is_stepped_branched_and_pickled(file: Path) -> None:
     here = cosim.Simulation(file, body=tube())
     here.step(5)
-    again, branch = pickle.loads(pickle.dumps(here)), here.branch({"phase.inflate.pressure_Pa": 4e3})
-    for other in (again, branch):
+    here.save().write(saved := file.parent / "saved.npz")
+    same = (pickle.loads(pickle.dumps(here)), cosim.Simulation(file, body=tube(), start=saved))
+    branch = here.branch({"phase.inflate.pressure_Pa": 4e3})
+    for other in (here, *same, branch):
         other.step(20)
-    here.step(20)
-    np.testing.assert_array_equal(again.snapshot.node_position, here.snapshot.node_position)
+    for again in same:
+        np.testing.assert_array_equal(again.snapshot.node_position, here.snapshot.node_position)
     assert not np.array_equal(branch.snapshot.node_position, here.snapshot.node_position)
 
 
@@ -182,7 +184,6 @@ def test_another_body_has_another_content() -> None:
         ({"base": np.zeros(0, np.int64)}, "has no base"),
         ({"tip": np.array([1, 2])}, "the tip has 2 nodes"),
         ({"node_mass": np.zeros(156)}, "node 0 has a mass of 0 kg"),
-        ({"elements": (tube().body.membranes,)}, "has no hinges"),
         ({"positions": np.zeros((156, 3))}, "triangle 0 .* is degenerate"),
     ],
 )
@@ -204,7 +205,7 @@ def test_names_must_be_names_and_as_many_as_cables() -> None:
 def test_its_centre_line_leads_from_base_to_tip() -> None:
     body = tube().body
     assert center_line_length(hole_rings(body), body.positions) == pytest.approx(LENGTH_M, rel=1e-12)
-    fewer = replace(body, tip=body.tip[::3][:3])  # 12 and 3 nodes
+    fewer = replace(body, tip=body.tip[:8])  # the base has 12 nodes
     rings = hole_rings(fewer)
     np.testing.assert_allclose(
         fewer.positions[rings].mean(axis=1),
