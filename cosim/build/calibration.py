@@ -181,7 +181,7 @@ def _calibration(parameters: Array) -> CalibrationTable:
 
 
 def _specimen(robot: SoftRobotTable, units: int) -> SoftRobotTable:
-    stack = replace(robot.stack, units=min(units, robot.stack.units), refine=0)
+    stack = robot.stack.shortened(units)
     return replace(robot, stack=stack, cables=(), elements=(), base=("unit_1.hole",), calibration=None)
 
 

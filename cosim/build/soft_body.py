@@ -11,11 +11,11 @@ from cosim.build.stack_source import cable_route, drawn_stack
 from cosim.config.schema.soft_robot import (
     ARM_CHAMBER,
     AttachmentTable,
-    CableTable,
     CalibrationTable,
     SoftRobotTable,
 )
 from cosim.config.schema.solver import ModelTable
+from cosim.config.schema.stack import CableTable
 from cosim.soft.body.attachment import Plate, attached
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.copies import around_axis, copies

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from cosim.base.frames import IntArray
-from cosim.config.schema.soft_robot import CableTable, StackTable
+from cosim.config.schema.stack import CableTable, StackTable
 from cosim.soft.geometry.named_mesh import NamedMesh
 from cosim.soft.geometry.polygonal_stack import PolygonalStack
 

@@ -12,12 +12,13 @@ from cosim.config.rules.gas_rules import check_gas
 from cosim.config.rules.given_body_rules import check_given_body
 from cosim.config.rules.object_rules import check_objects
 from cosim.config.rules.size_rules import check_sizes
+from cosim.config.rules.stack_rules import check_cable, check_stack
 from cosim.config.rules.support_rules import check_holding, check_rings
 from cosim.config.schema.elements import ElementTable
 from cosim.config.schema.given_body import AnySoftRobot, GivenBodyTable
 from cosim.config.schema.phase import PhaseTable, TipTargetTable
 from cosim.config.schema.scenario import NO_ARM, Scenario
-from cosim.config.schema.soft_robot import AttachmentTable, CableTable, SoftRobotTable
+from cosim.config.schema.soft_robot import AttachmentTable, SoftRobotTable
 from cosim.config.toml.faults import Faults
 from cosim.config.toml.suggestions import listing, unknown_name_message
 from cosim.errors import ScenarioError
@@ -99,7 +100,9 @@ def check_soft_robot(robot: SoftRobotTable, path: str, faults: Faults) -> None:
         path: of its table.
         faults: gets the rules that are broken.
     """
-    for check in (_check_holes, _check_mass, _check_law):
+    with faults:
+        check_stack(robot.stack, f"{path}.stack")
+    for check in (_check_mass, _check_law):
         with faults:
             check(robot, path)
     with faults:
@@ -109,7 +112,7 @@ def check_soft_robot(robot: SoftRobotTable, path: str, faults: Faults) -> None:
     with faults:
         for cable in robot.cables:
             with faults:
-                _check_cable(cable, robot, f"{path}.cable.{cable.name}", faults)
+                check_cable(cable, robot.stack, f"{path}.cable.{cable.name}", faults)
     with faults:
         _check_elements(robot, f"{path}.element")
     with faults:
@@ -124,16 +127,6 @@ def _check_elements(robot: SoftRobotTable, path: str) -> None:
     for entry in robot.elements:
         if type(entry) is ElementTable:
             raise ScenarioError(path, f"kind '{entry.kind}' is not known; register it first, from Python")
-
-
-def _check_holes(robot: SoftRobotTable, path: str) -> None:
-    stack = robot.stack
-    smallest = stack.corner_radius_m * stack.taper ** (stack.units - 1)
-    if smallest <= stack.hole_radius_m:
-        raise ScenarioError(
-            f"{path}.stack.hole_radius_m",
-            f"{stack.hole_radius_m:g} must be below the last unit's corner radius, {smallest:.4g}",
-        )
 
 
 def _check_mass(robot: SoftRobotTable, path: str) -> None:
@@ -169,24 +162,6 @@ def _check_attachment(entry: AttachmentTable, robot: SoftRobotTable, path: str, 
             f"{path}.robot.hinge.fold_barrier_rad",
             f"{barrier:g} differs from that of '{robot.name}', {own:g}; must not",
         )
-
-
-def _check_cable(cable: CableTable, robot: SoftRobotTable, path: str, faults: Faults) -> None:
-    with faults:
-        sides = robot.stack.sides
-        if cable.corner >= sides:
-            raise ScenarioError(
-                f"{path}.corner", f"{cable.corner} does not exist; corners 0 to {sides - 1} do"
-            )
-    with faults:
-        (first, last), units = cable.units, robot.stack.units
-        if last > units:
-            raise ScenarioError(f"{path}.units", f"unit {last} does not exist; units 1 to {units} do")
-        if first >= last:
-            raise ScenarioError(f"{path}.units", f"[{first}, {last}] must run from a unit to a later one")
-    if (cable.capstan_factor is None) == (cable.friction_coefficient is None):
-        given = "neither" if cable.capstan_factor is None else "both"
-        raise ScenarioError(path, f"give capstan_factor or friction_coefficient; {given} is given")
 
 
 def _check_phase(phase: PhaseTable, scenario: Scenario, path: str, faults: Faults) -> None:

@@ -15,7 +15,6 @@ MOST_TICKS: Final = 1_000_000_000
 MOST_INCREMENTS: Final = 10_000_000
 MOST_SOLIDS: Final = 2_000
 MOST_SHAKE_PERIODS: Final = 1_000
-_TRIANGLES_PER_UNIT_AND_SIDE: Final = 14
 
 
 def check_sizes(scenario: Scenario, faults: Faults) -> None:
@@ -48,10 +47,8 @@ def triangle_count(robot: AnySoftRobot) -> int:
     """Return how many triangles the mesh of a soft robot has, with its copies and attachments."""
     if isinstance(robot, GivenBodyTable):
         return robot.triangles
-    stack = robot.stack
-    own = _TRIANGLES_PER_UNIT_AND_SIDE * stack.sides * stack.units << 2 * stack.refine
     copies = 1 if robot.copies is None else robot.copies.count
-    return copies * own + sum(triangle_count(part.robot) for part in robot.attachments)
+    return copies * robot.stack.triangles + sum(triangle_count(part.robot) for part in robot.attachments)
 
 
 def _check_triangles(scenario: Scenario) -> None:

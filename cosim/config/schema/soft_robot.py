@@ -10,78 +10,18 @@ from annotated_types import Interval, Len
 from cosim.base.names import ONLY_CHAMBER
 from cosim.config.schema.elements import ElementTable
 from cosim.config.schema.film import FilmTable, HingeTable, MassTable, StiffenerTable
+from cosim.config.schema.stack import CableTable, StackTable
 from cosim.config.toml.constraints import (
     Colour,
     Count,
-    Fraction,
-    Increasing,
     Name,
     NonNegative,
     Positive,
     Text,
 )
 
-HeightFractions = Annotated[tuple[Fraction, Fraction, Fraction], Increasing]
 ARM_CHAMBER: Final = "arm"
 """Name of the gas chamber of a robot that carries others."""
-
-UnitRange = tuple[Count, Count]
-
-
-@final
-@dataclass(frozen=True)
-class StackTable:
-    """Geometry of a straight stack of polygonal units, drawn along the flange's z axis.
-
-    Args:
-        kind: the only geometry so far.
-        sides: corners of each unit.
-        units: number of units.
-        corner_radius_m: distance of the first unit's corners from the axis.
-        taper: corner radius of a unit divided by that of the unit before it.
-        hole_radius_m: distance of the corners of the hole rings between units from the axis.
-        mid_ring_fraction: 0 puts the mid rings' corners at the hole, 1 at the unit's corner.
-        unit_height_m: drawn height of one unit.
-        ring_heights: of lower mid, outer and upper mid ring, as fractions of the unit's height.
-        first_corner_rad: angle of corner 0 from the flange's x axis about its z axis; omitted:
-            -pi / sides, so that the edge between corners 0 and 1 faces +x.
-        refine: how often each triangle is divided into four.
-    """
-
-    sides: Annotated[int, Interval(ge=3, le=64)]
-    units: Annotated[int, Interval(ge=1, le=200)]
-    corner_radius_m: Positive
-    hole_radius_m: Positive
-    unit_height_m: Positive
-    ring_heights: HeightFractions
-    kind: Literal["polygonal_stack"] = "polygonal_stack"
-    taper: Annotated[float, Interval(gt=0.0, le=1.0)] = 1.0
-    mid_ring_fraction: Fraction = 0.5
-    first_corner_rad: float | None = None
-    refine: Annotated[int, Interval(ge=0, le=4)] = 0
-
-
-@final
-@dataclass(frozen=True)
-class CableTable:
-    """A cable along one corner line, through the outer ring of each unit of a range.
-
-    Exactly one of the two loss models is given.
-
-    Args:
-        corner: 0 to sides - 1; counted about the flange's z axis.
-        units: first and last unit with an eyelet, counted from 1.
-        capstan_factor: tension beyond an eyelet divided by the tension before it.
-        friction_coefficient: mu in exp(-mu * wrap angle) at each eyelet.
-        stiffness_N_m: tension per stretch of the whole cable; matters only where its length is commanded.
-    """
-
-    name: Name
-    corner: Annotated[int, Interval(ge=0)]
-    units: UnitRange
-    capstan_factor: Annotated[float, Interval(gt=0.0, le=1.0)] | None = None
-    friction_coefficient: NonNegative | None = None
-    stiffness_N_m: Positive = 1e4
 
 
 @final
@@ -237,9 +177,7 @@ class SoftRobotTable:
 
     def ring_names(self) -> tuple[str, ...]:
         """Return the names of all rings, base to tip, then those of each copy, then those of attachments."""
-        rings = ("hole", "lower", "outer", "upper")
-        units = range(1, self.stack.units + 1)
-        own = (*(f"unit_{unit}.{ring}" for unit in units for ring in rings), "tip")
+        own = self.stack.ring_names()
         count = 0 if self.copies is None else self.copies.count
         own += tuple(f"copy_{k}/{name}" for k in range(1, count + 1) for name in own)
         return own + tuple(

@@ -1,0 +1,53 @@
+"""Rules on stacks of polygonal units and the cables along them."""
+
+from __future__ import annotations
+
+from cosim.config.schema.stack import CableTable, StackTable
+from cosim.config.toml.faults import Faults
+from cosim.errors import ScenarioError
+
+
+def check_stack(stack: StackTable, path: str) -> None:
+    """Check that the holes fit into all units.
+
+    Args:
+        stack: may hold UNKNOWN.
+        path: of its table.
+
+    Raises:
+        ScenarioError: they do not.
+    """
+    if stack.smallest_radius_m <= stack.hole_radius_m:
+        raise ScenarioError(
+            f"{path}.hole_radius_m",
+            f"{stack.hole_radius_m:g} must be below the last unit's corner radius, "
+            f"{stack.smallest_radius_m:.4g}",
+        )
+
+
+def check_cable(cable: CableTable, stack: StackTable, path: str, faults: Faults) -> None:
+    """Check that a cable runs along the stack, with one law of its losses.
+
+    Args:
+        cable: may hold UNKNOWN.
+        stack: along which it runs; may hold UNKNOWN.
+        path: of the cable's table.
+        faults: gets the rules that are broken.
+
+    Raises:
+        ScenarioError: the cable has no law of its losses, or two.
+    """
+    with faults:
+        if cable.corner >= stack.sides:
+            raise ScenarioError(
+                f"{path}.corner", f"{cable.corner} does not exist; corners 0 to {stack.sides - 1} do"
+            )
+    with faults:
+        (first, last), units = cable.units, stack.units
+        if last > units:
+            raise ScenarioError(f"{path}.units", f"unit {last} does not exist; units 1 to {units} do")
+        if first >= last:
+            raise ScenarioError(f"{path}.units", f"[{first}, {last}] must run from a unit to a later one")
+    if (cable.capstan_factor is None) == (cable.friction_coefficient is None):
+        given = "neither" if cable.capstan_factor is None else "both"
+        raise ScenarioError(path, f"give capstan_factor or friction_coefficient; {given} is given")

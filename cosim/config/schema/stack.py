@@ -1,0 +1,90 @@
+"""Schema of stacks of polygonal units: their geometry, and how cables run along them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Annotated, Final, Literal, final
+
+from annotated_types import Interval
+
+from cosim.config.toml.constraints import Count, Fraction, Increasing, Name, NonNegative, Positive
+
+HeightFractions = Annotated[tuple[Fraction, Fraction, Fraction], Increasing]
+UnitRange = tuple[Count, Count]
+_RINGS: Final = ("hole", "lower", "outer", "upper")
+_TRIANGLES_PER_UNIT_AND_SIDE: Final = 14
+
+
+@final
+@dataclass(frozen=True)
+class StackTable:
+    """Geometry of a straight stack of polygonal units, drawn along the flange's z axis.
+
+    Args:
+        kind: the only geometry so far.
+        sides: corners of each unit.
+        units: number of units.
+        corner_radius_m: distance of the first unit's corners from the axis.
+        taper: corner radius of a unit divided by that of the unit before it.
+        hole_radius_m: distance of the corners of the hole rings between units from the axis.
+        mid_ring_fraction: 0 puts the mid rings' corners at the hole, 1 at the unit's corner.
+        unit_height_m: drawn height of one unit.
+        ring_heights: of lower mid, outer and upper mid ring, as fractions of the unit's height.
+        first_corner_rad: angle of corner 0 from the flange's x axis about its z axis; omitted:
+            -pi / sides, so that the edge between corners 0 and 1 faces +x.
+        refine: how often each triangle is divided into four.
+    """
+
+    sides: Annotated[int, Interval(ge=3, le=64)]
+    units: Annotated[int, Interval(ge=1, le=200)]
+    corner_radius_m: Positive
+    hole_radius_m: Positive
+    unit_height_m: Positive
+    ring_heights: HeightFractions
+    kind: Literal["polygonal_stack"] = "polygonal_stack"
+    taper: Annotated[float, Interval(gt=0.0, le=1.0)] = 1.0
+    mid_ring_fraction: Fraction = 0.5
+    first_corner_rad: float | None = None
+    refine: Annotated[int, Interval(ge=0, le=4)] = 0
+
+    @property
+    def smallest_radius_m(self) -> float:
+        """Distance of the last unit's corners from the axis."""
+        return self.corner_radius_m * self.taper ** (self.units - 1)
+
+    @property
+    def triangles(self) -> int:
+        """How many triangles the refined mesh has."""
+        return _TRIANGLES_PER_UNIT_AND_SIDE * self.sides * self.units << 2 * self.refine
+
+    def ring_names(self) -> tuple[str, ...]:
+        """Return the names of the rings, base to tip; see `PolygonalStack.mesh`."""
+        units = range(1, self.units + 1)
+        return (*(f"unit_{unit}.{ring}" for unit in units for ring in _RINGS), "tip")
+
+    def shortened(self, units: int) -> StackTable:
+        """Return the unrefined stack of the first units, all of them where there are no more."""
+        return replace(self, units=min(units, self.units), refine=0)
+
+
+@final
+@dataclass(frozen=True)
+class CableTable:
+    """A cable along one corner line, through the outer ring of each unit of a range.
+
+    Exactly one of the two loss models is given.
+
+    Args:
+        corner: 0 to sides - 1; counted about the flange's z axis.
+        units: first and last unit with an eyelet, counted from 1.
+        capstan_factor: tension beyond an eyelet divided by the tension before it.
+        friction_coefficient: mu in exp(-mu * wrap angle) at each eyelet.
+        stiffness_N_m: tension per stretch of the whole cable; matters only where its length is commanded.
+    """
+
+    name: Name
+    corner: Annotated[int, Interval(ge=0)]
+    units: UnitRange
+    capstan_factor: Annotated[float, Interval(gt=0.0, le=1.0)] | None = None
+    friction_coefficient: NonNegative | None = None
+    stiffness_N_m: Positive = 1e4
