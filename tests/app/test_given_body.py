@@ -11,13 +11,16 @@ import numpy as np
 import pytest
 
 import cosim
-from cosim.app.result import RunResult
+from cosim.app.result import ResultBuilder, RunResult
 from cosim.base.frames import Array
 from cosim.build.given_body import NamedBody
 from cosim.build.soft_body import build_soft_body
+from cosim.cli.main import EXIT_INPUT, main
 from cosim.errors import MeshError, ScenarioError
 from cosim.soft.body.center_line import center_line_length, hole_rings
+from cosim.soft.body.copies import around_axis, copies
 from cosim.soft.elements.hinge import Hinges
+from cosim.telemetry.tick_batch import TickBatch
 from tests.soft import own_tube
 from tests.soft.own_tube import LENGTH_M, tube
 
@@ -167,6 +170,38 @@ def test_its_files_go_on_only_with_the_body(file: Path) -> None:
     np.testing.assert_equal(columns(cosim.run(written, body=tube())), columns(result))
     with pytest.raises(ScenarioError, match="soft_robot: 'tube' was given as arrays"):
         cosim.run(cosim.load_scenario(file, body=tube().table()))
+
+
+def test_an_interrupted_run_goes_on_from_python_alone(
+    file: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    whole, out, seen = cosim.run(file, body=tube()), file.parent / "out", []
+
+    def interrupted(_builder: ResultBuilder, batch: TickBatch) -> None:
+        seen.append(batch)
+        if len(seen) == 2:
+            raise RuntimeError("enough")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(ResultBuilder, "observe", interrupted)
+        with pytest.raises(RuntimeError, match="enough"):
+            cosim.run(file, body=tube(), out=out)
+    assert main(["run", "--resume", str(out)]) == EXIT_INPUT
+    assert "soft_robot: 'tube' was given as arrays" in capsys.readouterr().err
+    here = cosim.Simulation(out / "scenario.toml", body=tube(), start=out / "checkpoint.npz")
+    assert 0 < here.ticks_left < 100
+    here.step(here.ticks_left)
+    np.testing.assert_array_equal(here.snapshot.tip_position, whole.tip_position[-1])
+
+
+def test_copies_stand_side_by_side_with_gases_of_their_own(file: Path) -> None:
+    three = NamedBody(copies(tube().body, around_axis(3, 0.1, 0.0)), "tubes")
+    assert three.table().chambers == ("copy_1", "copy_2", "copy_3")
+    changes = {"phase.bend.cable_tension_N": {"cable_2": 2.0}, "phase.inflate.pressure_Pa": {"copy_1": 5e3}}
+    result = cosim.run(file, overrides=changes, body=three)
+    assert result.summary["status"] == "completed"
+    length = center_line_length(hole_rings(three.body), three.body.positions)
+    assert length == pytest.approx(LENGTH_M, rel=1e-12)
 
 
 def test_another_body_has_another_content() -> None:

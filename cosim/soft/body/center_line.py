@@ -15,11 +15,12 @@ from cosim.soft.body.body import SoftBody
 def hole_rings(body: SoftBody) -> IntArray:
     """Return the rings (rings, nodes per ring) along the centre, base to tip; those of the first copy.
 
-    They are those whose names end in ".hole"; without any, the base alone, and the tip. Where one has fewer
-    nodes than another, its nodes come more than once, which keeps its centre.
+    They are those whose names end in ".hole", or without any the ring "base", and the tip. Where one has
+    fewer nodes than another, its nodes come more than once, which keeps its centre.
     """
     holes = [ring for name, ring in body.rings.items() if name.endswith(".hole") and "/" not in name]
-    rings = [ring for ring in (*(holes or [body.base]), body.tip) if len(ring)]
+    base = body.rings.get("base", body.base)
+    rings = [ring for ring in (*(holes or [base]), body.tip) if len(ring)]
     nodes = math.lcm(*(len(ring) for ring in rings))
     return np.stack([np.tile(ring, nodes // len(ring)) for ring in rings])
 
