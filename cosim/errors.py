@@ -55,7 +55,12 @@ class ScenarioError(InputError):
         lines = [f"{place}: {problem}" if place else problem for place, problem in self.faults[:MOST_LINES]]
         if len(self.faults) > MOST_LINES:
             lines.append(f"... and {len(self.faults) - MOST_LINES} more")
-        super().__init__("\n".join(lines))
+        super().__init__("\n".join(map(_in_one_line, lines)))
+
+
+def _in_one_line(text: str) -> str:
+    """Return a text with escapes for what would not show: names in it may be anybody's."""
+    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
 
 
 class SceneError(InputError):

@@ -66,10 +66,28 @@ def mutations_of(table: Mapping[str, Any], rng: Random) -> list[Mutation]:
 
 
 def mutated(table: Mapping[str, Any], mutations: Sequence[Mutation]) -> tuple[dict[str, Any], list[str]]:
-    """Return a copy of nested tables with some mutations, and what they are; the last places come first."""
+    """Return a copy of nested tables with some mutations, and what they are; the last places come first.
+
+    One whose place another one has taken away, such as by a second key of its name, is left out.
+    """
     changed: dict[str, Any] = deepcopy(dict(table))
-    ordered = sorted(mutations, key=lambda mutation: tuple(map(str, mutation.place)), reverse=True)
-    return changed, [m.change(changed, m.place, Random(m.seed), table) for m in ordered]
+    done = []
+    for mutation in sorted(mutations, key=lambda mutation: _ordered(mutation.place), reverse=True):
+        if _is_there(changed, mutation.place):
+            done.append(mutation.change(changed, mutation.place, Random(mutation.seed), table))
+    return changed, done
+
+
+def _ordered(place: Place) -> tuple[str, ...]:
+    return tuple(f"{key:09d}" if isinstance(key, int) else key for key in place)
+
+
+def _is_there(table: Source, place: Place) -> bool:
+    try:
+        _holder(table, place)[place[-1]]
+    except (KeyError, IndexError, TypeError):
+        return False
+    return True
 
 
 def _nested(first: Place, second: Place) -> bool:

@@ -121,3 +121,9 @@ def test_a_file_is_read_with_the_same_faults_as_overrides(tmp_path: Path) -> Non
     text = scenario_path(REFERENCE).read_text(encoding="utf-8")
     path.write_text(text.replace("tick_s = 0.002", "tick_s = 0").replace("settle_s", "setle_s", 1))
     assert [place for place, _ in refusal({}, path).faults] == ["phase.hang.setle_s", "clock.tick_s"]
+
+
+def test_a_name_with_a_line_break_is_told_in_one_line() -> None:
+    error = refusal({"phase.inflate.pump_pressure_Pa": {"a\nb": 1e3}}, "pumped_arm")
+    assert len(str(error).splitlines()) == len(error.faults)
+    assert "a\\nb" in str(error)

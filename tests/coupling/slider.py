@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from cosim.base.arms import ArmFile
-from cosim.base.frames import Array, Pose
+from cosim.base.frames import Mask, Pose
 from cosim.coupling.schemes.interface import Interface, ServoCommand
 from cosim.coupling.schemes.ledger import LedgerEntry
 from cosim.coupling.schemes.scheme import Coupling
@@ -65,7 +65,7 @@ def loads(body: SoftBody, push_N: float = 0.0) -> Loads:
     return Loads(0.0, (), FREE, nodal_force=force)
 
 
-def along_the_slide(body: SoftBody) -> Array:
+def along_the_slide(body: SoftBody) -> Mask:
     """Return (n, 3) bool: the components that no node can move in."""
     return np.tile([True, True, False], (body.nodes, 1))
 

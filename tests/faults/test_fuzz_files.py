@@ -6,11 +6,12 @@ import math
 from itertools import count, islice
 from pathlib import Path
 from random import Random
+from typing import Any
 
 import pytest
 
 from benchmarks.faults.fuzz_files import main
-from benchmarks.faults.mutations import mutated, mutations_of
+from benchmarks.faults.mutations import Mutation, mutated, mutations_of
 from benchmarks.faults.trial import Case, Verdict, case_of, try_case
 
 LOADED, BUILT = 300, 8
@@ -57,3 +58,21 @@ def test_findings_are_told_and_kept(
     assert main(["--count", "4", "--keep", str(tmp_path / "kept")]) == 1
     assert capsys.readouterr().out.startswith("seed 2, ")
     assert (tmp_path / "kept" / "load_2.toml").read_text(encoding="utf-8") == case_of(2).text
+
+
+def test_a_mutation_whose_place_another_has_taken_away_is_left_out() -> None:
+    def lost(table: dict[str, Any], place: Any, _rng: Random, _source: Any) -> str:
+        table.pop("a", None)
+        return f"lost with {place}"
+
+    both = [Mutation(("b",), lost, 0), Mutation(("a", "x"), lost, 0)]
+    assert mutated({"a": {"x": 1}, "b": 2}, both) == ({"b": 2}, ["lost with ('b',)"])
+
+
+def test_the_last_entry_of_a_list_is_changed_first() -> None:
+    def deleted(table: dict[str, Any], place: Any, _rng: Random, _source: Any) -> str:
+        del table["l"][place[1]]
+        return str(place[1])
+
+    pair = [Mutation(("l", k), deleted, 0) for k in (2, 10)]
+    assert mutated({"l": list(range(11))}, pair)[0]["l"] == [0, 1, 3, 4, 5, 6, 7, 8, 9]

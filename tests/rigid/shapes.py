@@ -68,7 +68,7 @@ def level(name: str, p: Array) -> Array:
         case "capsule":
             return np.asarray(np.hypot(rho, np.maximum(np.abs(p[:, 2]) - size[1], 0.0)) - size[0])
         case "cylinder":
-            return np.maximum(rho - size[0], np.abs(p[:, 2]) - size[1])
+            return np.asarray(np.maximum(rho - size[0], np.abs(p[:, 2]) - size[1]))
         case "box":
             return np.asarray((np.abs(p) - size).max(axis=1))
         case "ellipsoid":

@@ -12,7 +12,7 @@ from cosim.base.frames import Array, IntArray, Pose
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
 from cosim.soft.elements.cable import Cable
-from cosim.soft.elements.membrane import Film
+from cosim.soft.elements.material import Film
 from cosim.soft.geometry.polygonal_stack import PolygonalStack
 from cosim.soft.geometry.surface import interior_hinges
 from cosim.soft.solve.assembly import SoftSystem

@@ -5,7 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+import cosim
 from cosim.base.frames import Wrench
+from cosim.errors import ConvergenceError
+from cosim.stepping import quasistatic
 from cosim.stepping.relaxed_wrench import RelaxedWrench
 
 
@@ -27,3 +30,10 @@ def test_the_first_rounds_take_the_wrench_as_it_is() -> None:
     for k in range(4):
         found = Wrench(np.array([0.0, 0.0, (-1.0) ** k]))
         assert relaxed.next(found) is found
+
+
+def test_an_arm_and_a_soft_robot_that_find_no_common_place_are_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    # one round does not suffice for the servos to give way to a weight of 8.5 N
+    monkeypatch.setattr(quasistatic, "_DROOP_ROUNDS_MAX", 1)
+    with pytest.raises(ConvergenceError, match=r"no common place: after 1 rounds the flange still moves by"):
+        cosim.run("ur5e_hexagon_arm", overrides={"mode": "quasistatic", "payload_compensation": False})
