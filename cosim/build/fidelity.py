@@ -6,7 +6,6 @@ import math
 from dataclasses import replace
 
 from cosim.build.blame import blamed_on
-from cosim.build.calibration import refined_model
 from cosim.build.section_cache import section_model
 from cosim.build.soft_body import build_soft_body
 from cosim.config.rules.given_body_rules import file_of
@@ -65,17 +64,10 @@ def fidelity_body(scenario: Scenario) -> SoftBody:
 
 
 def _described(scenario: Scenario) -> tuple[SoftRobotTable, ModelTable]:
-    """Return the soft robot and the comparison switches with a refined mesh where it is asked for.
-
-    A calibration is of the unrefined mesh. Its place is taken by the model that it was fitted to, a plain
-    film that bends as a shell.
-    """
+    """Return the soft robot and the comparison switches with a refined mesh where it is asked for."""
     robot, model = file_of(scenario, "its mesh"), scenario.model
     if scenario.fidelity != "refined":
         return robot, model
-    finer = robot.stack.refine + 1
-    if model.calibrated:
-        return refined_model(robot, finer), replace(model, calibrated=False)
     return _finer(robot), model
 
 
@@ -144,8 +136,7 @@ def _rung(scenario: Scenario) -> str:
     if scenario.fidelity == "section":
         return _section_rung(section_model(scenario))
     if scenario.fidelity == "refined":
-        law = "; plain film and shell hinges in place of the calibration" if scenario.model.calibrated else ""
-        return f"refined: every triangle divided into four{law}"
+        return "refined: every triangle divided into four"
     if isinstance(scenario.soft_robot, GivenBodyTable):
         return "lumped: the mesh that is given as arrays"
-    return "lumped: the mesh of the soft robot's file" + (", calibrated" if scenario.model.calibrated else "")
+    return "lumped: the mesh of the soft robot's file"

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from cosim.base.frames import Array, IntArray, Pose
@@ -11,7 +9,6 @@ from cosim.build.stack_source import cable_route, drawn_stack
 from cosim.config.schema.soft_robot import (
     ARM_CHAMBER,
     AttachmentTable,
-    CalibrationTable,
     SoftRobotTable,
 )
 from cosim.config.schema.solver import ModelTable
@@ -35,23 +32,6 @@ def build_film(robot: SoftRobotTable) -> Film:
     return Film(f.young_modulus_Pa, f.poisson_ratio, f.thickness_m, f.law, f.compressive_fraction)
 
 
-def calibrated_model(robot: SoftRobotTable, calibration: CalibrationTable) -> SoftRobotTable:
-    """Return the robot with a calibration applied to its film and hinges."""
-    film = replace(
-        robot.film,
-        law="tension_field",
-        compressive_fraction=calibration.compressive_fraction,
-        young_modulus_Pa=calibration.film_modulus_factor * robot.film.young_modulus_Pa,
-    )
-    # the hinge factor is relative to the real film
-    hinge = replace(
-        robot.hinge,
-        rule="uniform",
-        stiffness_factor=calibration.hinge_factor / calibration.film_modulus_factor,
-    )
-    return replace(robot, film=film, hinge=hinge, calibration=None)
-
-
 def build_soft_body(robot: SoftRobotTable, model: ModelTable) -> SoftBody:
     """Return the soft body of a robot, in the flange frame.
 
@@ -62,8 +42,6 @@ def build_soft_body(robot: SoftRobotTable, model: ModelTable) -> SoftBody:
     Raises:
         MeshError: the geometry gives degenerate triangles.
     """
-    if model.calibrated and robot.calibration is not None:
-        robot = calibrated_model(robot, robot.calibration)
     drawn = drawn_stack(robot.stack)
     mesh = refine(drawn, robot.stack.refine)
     film = build_film(robot)

@@ -1,5 +1,5 @@
 """The command line: `cosim run`, `cosim list`, `cosim view`, `cosim new`, `cosim check`, `cosim upgrade`,
-`cosim schema`, `cosim verify`, `cosim calibrate`, `cosim trade`.
+`cosim schema`, `cosim verify`, `cosim trade`.
 
 Exit codes: 0 done, 1 the physics could not be solved or verified, 2 wrong input, 3 results could not be
 written, 128 + n stopped by signal n (141: nobody read standard output any more).
@@ -66,8 +66,6 @@ def _command(options: argparse.Namespace, started: float) -> int:
         return _run(options, started)
     if options.command == "verify":
         return _verify(options)
-    if options.command == "calibrate":
-        return _calibrate(options)
     if options.command == "trade":
         return _trade(options)
     if options.command in ("new", "check", "upgrade", "schema"):
@@ -91,11 +89,6 @@ def _parser() -> argparse.ArgumentParser:
     verify.add_argument("cases", metavar="CASE", nargs="*", help="names of cases (default: all of them)")
     verify.add_argument("--json", metavar="FILE", type=Path, help="write the results to a file as well")
     verify.add_argument("--list", action="store_true", help="list the cases and the sources of their answers")
-    calibrate = commands.add_parser("calibrate", help="fit a soft robot's coarse mesh to its refined model")
-    calibrate.add_argument("soft_robot", metavar="SOFT_ROBOT", help="name or path of a soft robot's file")
-    calibrate.add_argument("--refine", type=int, default=2, choices=(1, 2, 3), help="of the refined model")
-    calibrate.add_argument("--units", type=int, default=2, help="of the stack that is loaded (default: 2)")
-    calibrate.add_argument("--write", action="store_true", help="put the result into the soft robot's file")
     _add_trade(commands)
     return parser
 
@@ -200,12 +193,6 @@ def _verify(options: argparse.Namespace) -> int:
     from cosim.cli.verify import list_command, verify_command  # here, because it loads the kernels
 
     return list_command() if options.list else verify_command(options.cases, options.json)
-
-
-def _calibrate(options: argparse.Namespace) -> int:
-    from cosim.cli.calibrate import calibrate_command  # here, because it loads the kernels
-
-    return calibrate_command(options.soft_robot, options.refine, options.units, write=options.write)
 
 
 def _trade(options: argparse.Namespace) -> int:

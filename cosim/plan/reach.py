@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 _SAMPLES = 60  # of a phase
 _AWAY_M = 0.05  # from the planned way: lag of the servos, droop
 _STRAIN = 0.05  # beside what the pressure makes
-_PRESSURE_FACTOR = 4.0  # calibrated films are softer, pressure overshoots
+_PRESSURE_FACTOR = 4.0  # of the film's mean stress: it is larger at corners, and pressure overshoots
 
 
 @final

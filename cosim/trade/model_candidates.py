@@ -51,8 +51,7 @@ def model_candidates(scenario: Scenario, fidelities: tuple[str, ...], *, quick: 
     ]  # fmt: skip
     if quick:
         return candidates
-    finer = {"fidelity": "refined", "model.calibrated": False}
-    return [candidate("refined once more", finer, reference=True), *candidates]
+    return [candidate("refined once more", {"fidelity": "refined"}, reference=True), *candidates]
 
 
 def _films(scenario: Scenario) -> dict[str, dict[str, Any]]:
@@ -61,8 +60,6 @@ def _films(scenario: Scenario) -> dict[str, dict[str, Any]]:
     found: dict[str, dict[str, Any]] = {
         f"film law {law}": dict(changes) for law, changes in _LAWS.items() if law != robot.film.law
     }
-    if robot.calibration is not None and not scenario.model.calibrated:
-        found["calibrated"] = {"model.calibrated": True}
     other = "shell" if robot.hinge.rule == "uniform" else "uniform"
     found[f"hinge rule {other}"] = {"soft_robot.hinge.rule": other}
     return found

@@ -117,7 +117,6 @@ def test_it_is_stepped_branched_and_pickled(file: Path) -> None:
         ({"fidelity": "section"}, "fidelity: 'section' needs a stack of units"),
         ({"fidelity": "refined"}, "fidelity: 'refined' needs a geometry that can be drawn finer"),
         ({"fidelity": "auto", "auto.budget": 1.0}, "fidelity: 'auto' needs"),
-        ({"model.calibrated": True}, r"model\.calibrated: is of a soft robot's file"),
         ({"model.all_hinges": False}, r"model\.all_hinges: is false"),
         ({"model.closed": False}, r"model\.closed: is false; .*closed = True"),
         ({"soft_robot.film.thickness_m": 1e-4}, r"soft_robot\.film\.thickness_m: cannot be set"),

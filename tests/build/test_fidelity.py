@@ -83,18 +83,6 @@ def test_refined_divides_every_triangle(folder: Path) -> None:
     assert finer.soft_robot == scenario.soft_robot  # the file of the run says what was asked for
 
 
-def test_refined_takes_the_place_of_a_calibration_by_its_reference(folder: Path) -> None:
-    asked = {"fidelity": "refined", "model.calibrated": True, "soft_robot": "hexagon_arm"}
-    body = fidelity_body(load_scenario(scenario_file(folder), asked))
-    reference = {
-        "soft_robot": "hexagon_arm", "soft_robot.stack.refine": 1,
-        "soft_robot.hinge.rule": "shell", "soft_robot.hinge.stiffness_factor": 1.0,
-    }  # fmt: skip
-    expected = fidelity_body(load_scenario(scenario_file(folder), reference))
-    assert (body.hinges.stiffness == expected.hinges.stiffness).all()
-    assert body.membranes.film == expected.membranes.film
-
-
 def test_targets_of_a_rigid_robot_are_planned_on_the_lumped_one(folder: Path) -> None:
     reach = {"name": "reach", "duration_s": 0.2, "increments": 2, "tip_target": TARGET}
     changes: dict[str, Any] = {"mode": "quasistatic", "phase": [reach]}

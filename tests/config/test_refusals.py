@@ -17,6 +17,7 @@ TWO_FAULTS = {"phase.lift.cable_tension_N=[1, 2, 3]"}
 WRONG_VALUES = {
     "unknown key": ("clock.tck_s=0.001", "clock.tck_s", "did you mean tick_s"),
     "unknown section": ("sollver.integrator=bdf2", "sollver", "did you mean solver"),
+    "calibration": ("model.calibrated=true", "model.calibrated", 'film.law = "wrinkling"'),
     "other unit": ("phase.inflate.pressure_kPa=30", "phase.inflate.pressure_kPa", "write pressure_Pa"),
     "no unit": ("phase.inflate.duration=3", "phase.inflate.duration", "write duration_s"),
     "text for a number": ("phase.inflate.pressure_Pa=30kPa", "phase.inflate.pressure_Pa", "'30kPa'"),

@@ -33,12 +33,6 @@ def check_given_body(body: GivenBodyTable, scenario: Scenario, faults: Faults) -
                 "given as arrays: take 'lumped' or 'rigid'",
             )
     with faults:
-        if scenario.model.calibrated:
-            raise ScenarioError(
-                "model.calibrated",
-                f"is of a soft robot's file; the soft body '{body.name}' is given as arrays",
-            )
-    with faults:
         if not scenario.model.all_hinges:
             raise ScenarioError(
                 "model.all_hinges",

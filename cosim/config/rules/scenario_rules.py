@@ -49,7 +49,6 @@ def check_scenario(scenario: Scenario, faults: Faults) -> None:
             check_given_body(scenario.soft_robot, scenario, faults)
         else:
             check_soft_robot(scenario.soft_robot, "soft_robot", faults)
-            _check_calibrated(scenario, scenario.soft_robot)
     for key, field in _NAMED.items():
         with faults:
             _check_unique(getattr(scenario, field), key, faults)
@@ -73,23 +72,6 @@ def _check_arm(robot: str) -> None:
     robots = (*arm_names(), NO_ARM)
     if robot not in robots:
         raise ScenarioError("robot", unknown_name_message("arm", robot, robots))
-
-
-def _check_calibrated(scenario: Scenario, robot: SoftRobotTable) -> None:
-    if not scenario.model.calibrated:
-        return
-    if robot.attachments:
-        raise ScenarioError("model.calibrated", "is of one soft robot; this one has attachments")
-    if robot.calibration is None:
-        raise ScenarioError(
-            "model.calibrated",
-            f"soft robot '{robot.name}' has no [calibration]; make one: cosim calibrate {robot.name} --write",
-        )
-    if robot.stack.refine != 0:
-        raise ScenarioError(
-            "model.calibrated",
-            f"a calibration is of the unrefined mesh; soft_robot.stack.refine is {robot.stack.refine}",
-        )
 
 
 def check_soft_robot(robot: SoftRobotTable, path: str, faults: Faults) -> None:

@@ -13,7 +13,6 @@ from cosim.config.schema.film import FilmTable, HingeTable, MassTable, Stiffener
 from cosim.config.schema.stack import CableTable, StackTable
 from cosim.config.toml.constraints import (
     Colour,
-    Count,
     Name,
     NonNegative,
     Positive,
@@ -67,30 +66,6 @@ class PalmTable:
 
 @final
 @dataclass(frozen=True)
-class CalibrationTable:
-    """Parameters of the unrefined mesh that make it answer like the refined one; made by `cosim calibrate`.
-
-    Args:
-        film_modulus_factor: effective over real Young's modulus.
-        compressive_fraction: of the plain law's compressive stiffness; the law becomes "tension_field".
-        hinge_factor: spring constant of each hinge over E t^3 / 12 of the real film.
-        reference_refine: refinement of the model that was taken as truth.
-        pressure_range_Pa: that was fitted.
-        largest_error: relative, of the extension, over all loads without lateral force, fitted and checked.
-        largest_lateral_error: relative, of the deflection, over all loads with lateral force.
-    """
-
-    film_modulus_factor: Positive
-    compressive_fraction: Annotated[float, Interval(ge=0.0, le=1.0)]
-    hinge_factor: NonNegative
-    reference_refine: Count = 2
-    pressure_range_Pa: tuple[Positive, Positive] = (5e3, 40e3)
-    largest_error: NonNegative = 0.0
-    largest_lateral_error: NonNegative = 0.0
-
-
-@final
-@dataclass(frozen=True)
 class PlateTable:
     """A stiff plate between two soft robots.
 
@@ -133,7 +108,6 @@ class SoftRobotTable:
         copies: how often, and where, all this is on the flange; omitted: once, along its z axis.
         attachments: `[[attach]]` in the file.
         palm: rigid plate that the soft parts are mounted on; omitted: none.
-        calibration: of the unrefined mesh; used where a scenario says `model.calibrated = true`.
         elements: `[[element]]` in the file, of one copy; kinds are registered from Python.
     """
 
@@ -149,7 +123,6 @@ class SoftRobotTable:
     copies: CopiesTable | None = None
     attachments: tuple[AttachmentTable, ...] = field(default=(), metadata={"alias": "attach"})
     palm: PalmTable | None = None
-    calibration: CalibrationTable | None = None
     elements: tuple[ElementTable, ...] = field(default=(), metadata={"alias": "element"})
     schema: Literal[2] = 2
 

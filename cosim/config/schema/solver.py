@@ -77,12 +77,10 @@ class ModelTable:
     Args:
         closed: the end holes carry pressure (caps); otherwise the films only.
         all_hinges: every interior edge carries a hinge; otherwise the published subset.
-        calibrated: film and hinges as in the soft robot's `[calibration]`; otherwise as in its file.
     """
 
     closed: bool = True
     all_hinges: bool = True
-    calibrated: bool = False
 
 
 @final

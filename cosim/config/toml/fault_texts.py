@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from typing import Any, Final
 
-from cosim.config.schema.old_keys import REMEDY, RENAMED, SCHEMA
+from cosim.config.schema.old_keys import GONE, REMEDY, RENAMED, SCHEMA
 from cosim.config.toml.core_schemas import Node
 from cosim.config.toml.key_paths import describe, shown
 from cosim.config.toml.reading import Unreadable
@@ -42,7 +42,8 @@ def fault_text(error: Mapping[str, Any], node: Node, value: Any) -> str:
         key = error["loc"][-1]
         if new := _renamed(node, key):
             return f"is called {new} since schema {SCHEMA}; {REMEDY}"
-        return unknown_key_message(key, tuple(keys_of(node)))
+        gone = GONE.get(node["dataclass_name"], {}).get(key)
+        return gone or unknown_key_message(key, tuple(keys_of(node)))
     if isinstance(value, Unreadable):
         return value.problem
     if kind == "rule":
