@@ -20,6 +20,7 @@ from cosim.rigid.scene.scene import RigidScene
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
 from cosim.soft.contact.contact_law import ContactLaw
+from cosim.soft.elements.element import Sums
 from cosim.soft.elements.material import Film
 from cosim.soft.solve.newton_options import NewtonOptions
 from cosim.soft.solve.time_scheme import StepOptions
@@ -32,7 +33,7 @@ def nodal_contact_force(grasp: Grasp) -> Array:
     planes, x = grasp.exchange.planes, grasp.soft.state.positions
     assert planes is not None
     gradient = np.zeros_like(x)
-    planes.add(x, gradient, np.zeros((0, 3, 3)), hessian=False)
+    planes.add(x, Sums(gradient), hessian=False)
     return -gradient
 
 

@@ -18,6 +18,7 @@ from cosim.rigid.build.geometry import Geometry
 from cosim.rigid.scene.scene import RigidScene
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
+from cosim.soft.elements.element import Sums
 from cosim.soft.elements.material import Film
 from cosim.soft.solve.newton_options import NewtonOptions
 from cosim.soft.solve.time_scheme import StepOptions
@@ -78,7 +79,7 @@ def test_action_equals_reaction_on_every_shape(name: str) -> None:
         if planes is None or not report.count:
             continue
         gradient = np.zeros_like(x)
-        planes.add(soft.state.positions, gradient, np.zeros((0, 3, 3)), hessian=False)
+        planes.add(soft.state.positions, Sums(gradient), hessian=False)
         scale = np.abs(gradient).sum()
         total = report.force.sum(axis=0)
         assert np.abs(total - gradient.sum(axis=0)).max() < 1e-10 * scale

@@ -14,6 +14,7 @@ from cosim.soft.body.loads import Loads
 from cosim.soft.contact.contact_law import ContactLaw
 from cosim.soft.contact.contact_points import ContactSurface
 from cosim.soft.contact.obstacle_contact import ContactPlanes
+from cosim.soft.elements.element import Sums
 from cosim.soft.elements.material import Film
 from cosim.soft.geometry.surface import triangle_area
 from cosim.soft.solve.assembly import SoftSystem
@@ -31,7 +32,7 @@ UP = np.array([0.0, 0.0, 1.0])
 
 def evaluate(planes: ContactPlanes, system: SoftSystem, x: Array) -> tuple[float, Array, Array]:
     force, blocks = np.zeros_like(x), np.zeros((system.pattern.blocks, 3, 3))
-    energy = planes.add(x, force, blocks, hessian=True)
+    energy = planes.add(x, Sums(force, blocks), hessian=True)
     return energy, force, dense(system.pattern, blocks)
 
 
@@ -200,8 +201,8 @@ def test_a_body_pressed_on_a_wall_gives_back_what_it_gets() -> None:
     rng = np.random.default_rng(1)
     anchor = surface.points(x) + 1e-4 * rng.normal(size=(len(surface), 3))
     planes = half_space(surface, UP, -0.017, ContactLaw(), 0.5, anchor)
-    gradient, blocks = np.zeros_like(x), np.zeros((system.pattern.blocks, 3, 3))
-    planes.add(x, gradient, blocks, hessian=False)
+    gradient = np.zeros_like(x)
+    planes.add(x, Sums(gradient), hessian=False)
     found = planes.at(x)
     assert found.normal_force.sum() > 1.0
     np.testing.assert_allclose(-gradient.sum(axis=0), found.force.sum(axis=0), rtol=1e-12, atol=1e-12)

@@ -10,6 +10,7 @@ from scipy.sparse.csgraph import connected_components
 from cosim.base.frames import Array, IntArray, Mask
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
+from cosim.soft.elements.mass_terms import Inertia
 from cosim.soft.geometry.polygonal_stack import PolygonalStack
 from cosim.soft.geometry.refinement import refine
 from cosim.soft.geometry.surface import interior_hinges
@@ -20,7 +21,7 @@ from cosim.soft.linear.linear_solver import LinearSolver
 from cosim.soft.linear.multifrontal_cholesky import DissectedCholesky, cholesky
 from cosim.soft.linear.nested_dissection import dissect, least_cuts
 from cosim.soft.linear.pattern import CoupledPattern
-from cosim.soft.solve.assembly import Inertia, SoftSystem
+from cosim.soft.solve.assembly import SoftSystem
 from tests.soft.bodies import FILM, hexagon_arm
 
 SIDE = 60

@@ -18,9 +18,10 @@ from cosim.soft.body.copies import around_axis, copies
 from cosim.soft.body.loads import Loads
 from cosim.soft.elements.element import NODES, STILL, DirectElement, Element, Instant
 from cosim.soft.elements.hinge import Hinges
+from cosim.soft.elements.mass_terms import Inertia
 from cosim.soft.elements.material import Film
 from cosim.soft.elements.membrane import Membranes
-from cosim.soft.solve.assembly import Inertia, SoftSystem
+from cosim.soft.solve.assembly import SoftSystem
 from cosim.soft.solve.compilation import common_modules
 from cosim.soft.solve.newton import NewtonSolver
 from cosim.soft.solve.newton_options import NewtonOptions

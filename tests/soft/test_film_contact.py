@@ -10,6 +10,7 @@ import pytest
 from cosim.base.frames import Array
 from cosim.soft.contact.contact_law import ContactLaw
 from cosim.soft.contact.self_contact_pairs import FilmPairs, feet
+from cosim.soft.elements.element import Sums
 from cosim.soft.linear.pattern import BlockPattern, CoupledPattern
 from tests.derivatives import RELATIVE, dense, derivative_errors
 from tests.soft.bodies import random_rotation
@@ -51,7 +52,7 @@ def scattered_pairs(seed: int = 0) -> tuple[FilmPairs, Array]:
 
 def evaluate(pairs: FilmPairs, x: Array) -> tuple[float, Array, Array]:
     force, blocks = np.zeros_like(x), np.zeros((pairs.coupled.pattern.blocks, 3, 3))
-    energy = pairs.add(np.ascontiguousarray(x), force, blocks, hessian=True)
+    energy = pairs.add(np.ascontiguousarray(x), Sums(force, widened=lambda _pattern: blocks), hessian=True)
     return energy, force, dense(pairs.coupled.pattern, blocks)
 
 

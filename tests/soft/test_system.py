@@ -8,8 +8,9 @@ import pytest
 from cosim.base.frames import Array
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
+from cosim.soft.elements.mass_terms import Inertia
 from cosim.soft.geometry.surface import dihedral_angle
-from cosim.soft.solve.assembly import Inertia, SoftSystem
+from cosim.soft.solve.assembly import SoftSystem
 from tests.derivatives import RELATIVE, Evaluate, dense, derivative_errors, differences
 from tests.soft.bodies import hexagon_arm, random_rotation, shapes
 

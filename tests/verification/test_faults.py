@@ -3,20 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 
 from cosim.soft.body.loads import Loads
-from cosim.soft.elements import cable, hinge
+from cosim.soft.elements import cable, hinge, mass_terms
 from cosim.soft.elements.cable import Cable
 from cosim.soft.elements.gas import SealedGas
 from cosim.soft.elements.material import Film
-from cosim.soft.solve import assembly as system
 from cosim.soft.solve import time_step as dynamics
-from cosim.soft.solve.assembly import SoftSystem
 from cosim.verification.suite import CASES, run_case, select
 
 Fault = Callable[[pytest.MonkeyPatch], None]
@@ -30,12 +27,8 @@ def stiff_hinges(patch: pytest.MonkeyPatch) -> None:
 
 def strong_pressure(patch: pytest.MonkeyPatch) -> None:
     """Gas pushes 5 % too hard."""
-    true = SoftSystem._add_gas
-
-    def stronger(self: SoftSystem, x: Any, loads: Loads, hessian: bool) -> float:
-        return true(self, x, replace(loads, pressure_Pa=1.05 * loads.pressure_Pa), hessian)
-
-    patch.setattr(SoftSystem, "_add_gas", stronger)
+    true = Loads.pressures
+    patch.setattr(Loads, "pressures", lambda self, n: tuple(1.05 * p for p in true(self, n)))
 
 
 def stiff_gas(patch: pytest.MonkeyPatch) -> None:
@@ -58,8 +51,8 @@ def film_without_wrinkles(patch: pytest.MonkeyPatch) -> None:
 
 def heavy_nodes(patch: pytest.MonkeyPatch) -> None:
     """Weight 2 % too large."""
-    true = system.add_gravity
-    patch.setattr(system, "add_gravity", lambda x, mass, *rest: true(x, 1.02 * mass, *rest))
+    true = mass_terms.add_gravity
+    patch.setattr(mass_terms, "add_gravity", lambda x, mass, *rest: true(x, 1.02 * mass, *rest))
 
 
 def half_wrap(patch: pytest.MonkeyPatch) -> None:

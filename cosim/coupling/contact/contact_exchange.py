@@ -23,6 +23,7 @@ from cosim.rigid.scene.bodies import Bodies
 from cosim.soft.contact.contact_law import ContactLaw
 from cosim.soft.contact.contact_points import ContactSurface, Extent
 from cosim.soft.contact.obstacle_contact import ContactForces, ContactPlanes
+from cosim.soft.elements.element import Sums
 from cosim.soft.solve.state import SoftState
 
 _REACH_M = 1e-3  # looked ahead besides what the film moves in a tick
@@ -211,7 +212,7 @@ class ContactExchange:
         """
         gradient = np.zeros_like(positions)
         if self.planes is not None:
-            self.planes.add(positions, gradient, np.zeros((0, 3, 3)), hessian=False)
+            self.planes.add(positions, Sums(gradient), hessian=False)
         return np.concatenate([gradient.sum(axis=0), cross(positions, gradient).sum(axis=0)])
 
     def save_state(self) -> ContactState:

@@ -15,6 +15,7 @@ from cosim.errors import InputError
 from cosim.soft.body.loads import Loads
 from cosim.soft.contact.contact_points import ContactSurface
 from cosim.soft.contact.obstacle_contact import ContactPlanes
+from cosim.soft.elements.element import Sums
 from cosim.soft.solve.state import Equilibrium, SoftState
 from cosim.soft.solve.time_scheme import inertia_weight
 from cosim.soft.targets.tip_target import TipTarget
@@ -90,11 +91,8 @@ class FrozenBody(SoftSide):
         self._flange = flange
         self._pressures = loads.pressures_at(self._volumes)
         self._supplied = self.body.node_mass[:, None] * (acceleration - np.array(loads.gravity))
-        if loads.nodal_force is not None:
-            self._supplied -= loads.nodal_force
-        if loads.contact is not None:
-            x = self.state.positions
-            loads.contact.add(x, self._supplied, np.zeros((0, 3, 3)), hessian=False)
+        for potential in loads.potentials:
+            potential.add(self.state.positions, Sums(self._supplied), hessian=False)
 
     def _wrench(self, x: Array) -> Wrench:
         arm = x - self._flange.translation

@@ -14,6 +14,7 @@ import numpy as np
 
 from cosim.base.frames import Array, IntArray
 from cosim.reduced.sections.ring_frames import RingFrames
+from cosim.soft.elements.element import Sums
 from cosim.soft.linear.pattern import BlockPattern
 
 
@@ -83,8 +84,8 @@ class RingGuides:
             )
         ]
 
-    def add(self, positions: Array, gradient: Array, blocks: Array, *, hessian: bool) -> float:
-        """Add gradient and Hessian; return the energy [J]."""
+    def add(self, positions: Array, sums: Sums, hessian: bool) -> float:
+        """Add the gradient and, if told to, the Hessian; return the energy [J]."""
         energy = 0.0
         parts = zip(self._groups, self._measures, self._centers, self._blocks, strict=True)
         for group, measure, center, own in parts:
@@ -92,15 +93,15 @@ class RingGuides:
             off[:, :3] -= center
             pull = self._stiffness * off
             energy += 0.5 * float((pull * off).sum())
-            gradient[group.nodes] += np.einsum("ka,kamr->kmr", pull, measure)
+            sums.gradient[group.nodes] += np.einsum("ka,kamr->kmr", pull, measure)
             if hessian:
-                blocks[group.slots] += own
+                sums.blocks[group.slots] += own
         return energy
 
     def force(self, positions: Array) -> Array:
         """Return what the springs exert on the nodes (n, 3) [N]."""
         pull = np.zeros_like(positions)
-        self.add(positions, pull, np.zeros((0, 3, 3)), hessian=False)
+        self.add(positions, Sums(pull), hessian=False)
         return -pull
 
 

@@ -141,6 +141,12 @@ class SoftBody:
             GasChamber(ONLY_CHAMBER, np.arange(len(self.membranes.triangles)), tuple(range(len(self.caps)))),
         )
 
+    @property
+    def enclosures(self) -> list[tuple[IntArray, list[IntArray]]]:
+        """Film triangles (t, 3) and caps of each chamber."""
+        triangles, caps = self.membranes.triangles, self.caps
+        return [(triangles[part.triangles], [caps[k] for k in part.caps]) for part in self.gas_chambers]
+
     @classmethod
     def from_arrays(
         cls,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Annotated, Protocol, final
+from typing import Annotated, final
 
 import numpy as np
 
@@ -13,14 +13,26 @@ from cosim.errors import InputError
 from cosim.soft.body.gas_chamber import Gases, gas_between, of_each, pressure_between
 from cosim.soft.contact.obstacle_contact import ContactPlanes
 from cosim.soft.contact.self_contact_pairs import FilmPairs
+from cosim.soft.elements.element import NodalPotential, Sums
 from cosim.soft.elements.gas import SealedGas
 
 
-class NodalPotential(Protocol):
-    """A further potential of the nodes' positions, for studies of a body."""
+@final
+@dataclass(frozen=True)
+class DeadForces:
+    """Forces on the nodes that keep their direction: energy = -sum f . x.
 
-    def add(self, positions: Array, gradient: Array, blocks: Array, *, hessian: bool) -> float:
-        """Add its gradient (n, 3) and Hessian blocks; return the energy [J]."""
+    Args:
+        force: (n, 3) [N], world axes.
+    """
+
+    force: Array
+
+    def add(self, positions: Array, sums: Sums, hessian: bool) -> float:
+        """Add the gradient; return the energy [J]. There is no Hessian."""
+        gradient = sums.gradient
+        gradient -= self.force
+        return -float(np.einsum("nr,nr->", self.force, positions))
 
 
 @final
@@ -66,6 +78,12 @@ class Loads:
     def gravity_vector(self) -> Array:
         """Gravity (3,) [m/s^2]."""
         return np.array(self.gravity)
+
+    @cached_property
+    def potentials(self) -> tuple[NodalPotential, ...]:
+        """What has a potential of its own, but for films that touch one another."""
+        dead = None if self.nodal_force is None else DeadForces(self.nodal_force)
+        return tuple(entry for entry in (dead, self.contact, self.extra) if entry is not None)
 
     def pressures(self, chambers: int) -> tuple[float, ...]:
         """Return the given gauge pressure [Pa] of each of so many chambers.

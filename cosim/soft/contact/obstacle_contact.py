@@ -17,6 +17,7 @@ import numpy as np
 from cosim.base.frames import Array, IntArray
 from cosim.base.kernels import BLOCKS, INDEX_TABLE, MATRIX, REAL, VECTOR, add_block, kernel
 from cosim.soft.contact.contact_law import ContactLaw, touch
+from cosim.soft.elements.element import Sums
 
 _NO_TABLE = np.zeros((0, 0), np.int64)
 
@@ -95,16 +96,10 @@ class ContactPlanes:
     def __len__(self) -> int:
         return len(self.nodes)
 
-    def add(self, positions: Array, gradient: Array, blocks: Array, *, hessian: bool) -> float:
-        """Add gradient and Hessian at positions (n, 3) [m]; return the energy [J].
-
-        Args:
-            positions: (n, 3) [m], world.
-            gradient: (n, 3) [N], gets the gradient.
-            blocks: (pattern.blocks, 3, 3) [N/m], gets the Hessian.
-            hessian: whether to.
-        """
-        return self._evaluate(positions, gradient, blocks, self.slots if hessian else _NO_TABLE)[0]
+    def add(self, positions: Array, sums: Sums, hessian: bool) -> float:
+        """Add the gradient and, if told to, the Hessian at positions (n, 3) [m]; return the energy [J]."""
+        slots = self.slots if hessian else _NO_TABLE
+        return self._evaluate(positions, sums.gradient, sums.blocks, slots)[0]
 
     def at(self, positions: Array) -> ContactForces:
         """Return forces and places of the contact points at positions (n, 3) [m]."""

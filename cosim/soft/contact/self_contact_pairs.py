@@ -30,6 +30,7 @@ from cosim.base.frames import Array, IntArray, Mask
 from cosim.base.kernels import BLOCKS, INDEX_TABLE, MATRIX, REAL, VECTOR, add_block, device_function, kernel
 from cosim.soft.contact.contact_law import ContactLaw, dragging_law, pressing_law
 from cosim.soft.contact.self_contact_memory import FilmMemory
+from cosim.soft.elements.element import Sums
 from cosim.soft.linear.pattern import CoupledPattern
 
 _NO_TABLE = np.zeros((0, 0), np.int64)
@@ -197,16 +198,11 @@ class FilmPairs:
     def __len__(self) -> int:
         return len(self.key)
 
-    def add(self, positions: Array, gradient: Array, blocks: Array, *, hessian: bool) -> float:
-        """Add gradient and Hessian at positions (n, 3) [m]; return the energy [J].
-
-        Args:
-            positions: (n, 3) [m], world.
-            gradient: (n, 3) [N], gets the gradient.
-            blocks: (coupled.pattern.blocks, 3, 3) [N/m], gets the Hessian.
-            hessian: whether to.
-        """
-        return self._evaluate(positions, gradient, blocks, self.slots if hessian else _NO_TABLE)[0]
+    def add(self, positions: Array, sums: Sums, hessian: bool) -> float:
+        """Add the gradient and, if told to, the Hessian at positions (n, 3) [m]; return the energy [J]."""
+        if not hessian:
+            return self._evaluate(positions, sums.gradient, _NO_BLOCKS, _NO_TABLE)[0]
+        return self._evaluate(positions, sums.gradient, sums.widened(self.coupled), self.slots)[0]
 
     def at(self, positions: Array) -> FilmForces:
         """Return what the pairs press with at positions (n, 3) [m]."""

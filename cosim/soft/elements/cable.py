@@ -26,7 +26,7 @@ from cosim.base.frames import Array, IntArray
 from cosim.base.kernels import BLOCKS, INDEX_TABLE, MATRIX, REAL, VECTOR, add_block, kernel
 from cosim.errors import InputError
 from cosim.soft.elements.cable_length import onset
-from cosim.soft.elements.element import NODES, Driven, Element, Instant, Sums, Term
+from cosim.soft.elements.element import NODES, Acting, Element, Instant, Sums, Term
 from cosim.soft.linear.low_rank import LowRank
 
 ROUNDED_m: Final = 1e-4
@@ -220,7 +220,7 @@ class RoutedCables:
         self._segments = np.concatenate([np.zeros((0, 2), np.int64), *(cable.segments for cable in cables)])
         self._slots = sums.slots(self._segments)
 
-    def segment_tension(self, positions: Array, loads: Driven) -> Array:
+    def segment_tension(self, positions: Array, loads: Acting) -> Array:
         """Return what losses at a given shape make of the loads in every segment (segments,).
 
         The tension [N]; of a cable whose length is commanded the weight w_i (see `cable_length`).

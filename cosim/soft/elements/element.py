@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import cache
 from typing import (
     Annotated,
@@ -33,6 +33,8 @@ import numpy as np
 
 from cosim.base.frames import Array, IntArray
 from cosim.errors import MeshError
+from cosim.soft.elements.gas import SealedGas
+from cosim.soft.linear.pattern import CoupledPattern
 
 NODES: Final = "nodes"
 ROWS: Final = "rows"
@@ -43,8 +45,8 @@ _NO_TABLE = np.zeros((0, 0), np.int64)
 _NOTHING = np.zeros(0)
 
 
-class Driven(Protocol):
-    """What elements ask of the loads (`Loads`)."""
+class Acting(Protocol):
+    """What the terms of a body ask of the loads (`Loads`)."""
 
     @property
     def cable_tension_N(self) -> tuple[float, ...]:
@@ -53,6 +55,16 @@ class Driven(Protocol):
     @property
     def cable_length_m(self) -> tuple[float | None, ...]:
         """Unstretched length of each cable whose length is commanded; empty where none is."""
+
+    @property
+    def gravity_vector(self) -> Array:
+        """Gravity (3,) [m/s^2]."""
+
+    def pressures(self, chambers: int) -> tuple[float, ...]:
+        """Return the given gauge pressure [Pa] of each of so many chambers."""
+
+    def gases(self, chambers: int) -> tuple[SealedGas | None, ...]:
+        """Return the sealed gas of each of so many chambers, None where the pressure is given."""
 
 
 class Instant(NamedTuple):
@@ -71,7 +83,7 @@ class Instant(NamedTuple):
     tracked: Array = _NOTHING
     step_s: float = np.inf
     segment_tension: Array = _NOTHING
-    loads: Driven | None = None
+    loads: Acting | None = None
 
     def part(self, own: slice) -> Instant:
         """Return the same for one of several elements that remember something, its part cut out."""
@@ -81,28 +93,44 @@ class Instant(NamedTuple):
 STILL: Final = Instant()
 
 
+def _no_hessian(*_: object) -> Any:
+    raise LookupError("only the gradient is summed here")
+
+
 @final
 @dataclass(frozen=True)
 class Sums:
-    """What terms add to.
+    """What terms add to; only the gradient where nobody asks for the Hessian.
 
     Args:
-        slots: nodes (parts, k) -> where their pairs are in `blocks`, see `BlockPattern.slots`.
         gradient: (n, 3) [N].
         blocks: (pattern.blocks, 3, 3) [N/m].
+        diagonal: (n,), where the pair of each node with itself is in `blocks`.
+        slots: nodes (parts, k) -> where their pairs are in `blocks`, see `BlockPattern.slots`.
         add_dense: vectors (k, n, 3), coefficients (k,) -> a dense part of the Hessian, see `LowRank`.
+        widened: wider pattern -> its blocks, which hold all that was added to `blocks` and stand for the
+            tangent from now on.
     """
 
-    slots: Callable[[IntArray], IntArray]
     gradient: Array
-    blocks: Array
-    add_dense: Callable[[Array, Array], None]
+    blocks: Array = field(default_factory=lambda: np.zeros((0, 3, 3)))
+    diagonal: IntArray = field(default_factory=lambda: np.zeros(0, np.int64))
+    slots: Callable[[IntArray], IntArray] = _no_hessian
+    add_dense: Callable[[Array, Array], None] = _no_hessian
+    widened: Callable[[CoupledPattern], Array] = _no_hessian
 
 
 class Term(Protocol):
-    """Elements of one kind with their places in the tangent."""
+    """Elements of one kind, or what else a body has a potential of, with their places in the tangent."""
 
     def add(self, positions: Array, at: Instant, hessian: bool) -> float:
+        """Add the gradient and, if told to, the Hessian; return the energy [J]."""
+
+
+class NodalPotential(Protocol):
+    """A further potential of the nodes' positions, which comes and goes with what acts on a body."""
+
+    def add(self, positions: Array, sums: Sums, hessian: bool) -> float:
         """Add the gradient and, if told to, the Hessian; return the energy [J]."""
 
 
@@ -236,12 +264,11 @@ def layout(kind: type[Element]) -> dict[str, str | None]:
     if "__dataclass_params__" not in vars(kind) or not described.__dataclass_params__.frozen:
         raise TypeError(f"{kind.__name__} must be a frozen dataclass")
     hints, marks = get_type_hints(kind, include_extras=True), dict[str, str | None]()
-    for field in fields(described):
-        hint = hints[field.name]
-        mark = next((entry for entry in get_args(hint)[1:] if entry in (NODES, ROWS)), None)
-        marks[field.name] = mark if get_origin(hint) is Annotated else None
-        if marks[field.name] is None and _holds_array(hint):
-            raise TypeError(f"{kind.__name__}.{field.name} is an array; mark it with NODES or ROWS")
+    for name in (entry.name for entry in fields(described)):
+        mark = next((entry for entry in get_args(hints[name])[1:] if entry in (NODES, ROWS)), None)
+        marks[name] = mark if get_origin(hints[name]) is Annotated else None
+        if marks[name] is None and _holds_array(hints[name]):
+            raise TypeError(f"{kind.__name__}.{name} is an array; mark it with NODES or ROWS")
     return marks
 
 

@@ -9,8 +9,17 @@ a block is one point, and M_b its mass; frames carry a ring together on their po
 
 from __future__ import annotations
 
+import math
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+
 from cosim.base.frames import Array
 from cosim.base.kernels import BLOCKS, INDICES, MATRIX, REAL, VECTOR, kernel
+from cosim.soft.elements.element import Instant, Sums
+
+_NO_SLOTS = np.zeros(0, np.int64)
 
 
 @kernel(REAL(MATRIX, VECTOR, VECTOR, MATRIX))
@@ -74,3 +83,48 @@ def mass_moments(mass: Array, points: Array, moments: Array) -> float:
     moments[3], moments[4], moments[5] = xx, xy, xz
     moments[6], moments[7], moments[8] = yy, yz, zz
     return total
+
+
+@final
+@dataclass(frozen=True)
+class Weight:
+    """Weight of the nodes.
+
+    Args:
+        mass: (n,) [kg].
+        sums: what it adds to.
+    """
+
+    mass: Array
+    sums: Sums
+
+    def add(self, positions: Array, at: Instant, hessian: bool) -> float:
+        """Add the gradient; return the energy [J]. There is no Hessian."""
+        if at.loads is None:
+            return 0.0
+        energy: float = add_gravity(positions, self.mass, at.loads.gravity_vector, self.sums.gradient)
+        return energy
+
+
+@final
+@dataclass(frozen=True)
+class Inertia:
+    """Inertia of an implicit step as an elastic bed: coefficient c, target y.
+
+    Args:
+        coefficient: (n,) [N/m], mass over the squared step, plus damping.
+        target: (n, 3) [m], where free flight would take each node.
+        step_s: length of the step; infinite for a bed that is no step in time.
+    """
+
+    coefficient: Array
+    target: Array
+    step_s: float = math.inf
+
+    def add(self, positions: Array, sums: Sums, hessian: bool) -> float:
+        """Add the gradient and, if told to, the Hessian; return the energy [J]."""
+        diagonal = sums.diagonal if hessian else _NO_SLOTS
+        energy: float = add_inertia(
+            positions, self.coefficient, self.target, diagonal, sums.gradient, sums.blocks
+        )
+        return energy

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import final
 
 import numpy as np
@@ -13,30 +12,12 @@ from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
 from cosim.soft.elements.cable import RoutedCables
 from cosim.soft.elements.element import Element, Instant, Sums, Term
-from cosim.soft.elements.mass_terms import add_gravity, add_inertia
+from cosim.soft.elements.gas_pressure import GasElements
+from cosim.soft.elements.mass_terms import Inertia, Weight
 from cosim.soft.linear.low_rank import LowRank
-from cosim.soft.linear.pattern import BlockPattern
-from cosim.soft.solve.gas_pressure import GasElements
+from cosim.soft.linear.pattern import BlockPattern, CoupledPattern
 
 _NO_SLOTS = np.zeros(0, np.int64)
-
-
-@final
-@dataclass(frozen=True)
-class Inertia:
-    """Inertia of an implicit step as an elastic bed: coefficient c, target y.
-
-    energy = sum c |x - y|^2 / 2, gradient = c (x - y), Hessian = c 1.
-
-    Args:
-        coefficient: (n,) [N/m], mass over the squared step, plus damping.
-        target: (n, 3) [m], where free flight would take each node.
-        step_s: length of the step; infinite for a bed that is no step in time.
-    """
-
-    coefficient: Array
-    target: Array
-    step_s: float = math.inf
 
 
 @final
@@ -55,18 +36,21 @@ class SoftSystem:
         self.pattern = BlockPattern.from_elements(
             body.nodes, [*(element.coupled for element in body.elements), *rings]
         )
-        self._diagonal = np.flatnonzero(self.pattern.row == self.pattern.column)
         self.gradient = np.zeros((body.nodes, 3))
         self.blocks = np.zeros((self.pattern.blocks, 3, 3))
         self.tangent_pattern, self.tangent_blocks = self.pattern, self.blocks
         self.memory = body.first_memory()
         self._dense: list[LowRank] = []
-        sums = Sums(self.pattern.slots, self.gradient, self.blocks, self._add_dense)
-        self._terms = _bound_terms(body, sums)
-        found = [term for term, _ in self._terms if isinstance(term, RoutedCables)]
+        diagonal = np.flatnonzero(self.pattern.row == self.pattern.column)
+        self._sums = sums = Sums(
+            self.gradient, self.blocks, diagonal, self.pattern.slots, self._add_dense, self._widened
+        )
+        self.gas = GasElements(body.enclosures, self.conservative, sums)
+        elements = _bound_elements(body, sums)
+        self._terms = (*elements, (self.gas, None), (Weight(body.node_mass, sums), None))
+        found = [term for term, _ in elements if isinstance(term, RoutedCables)]
         self._cables = found[0] if found else RoutedCables((), sums)
         self._advancing = _advancing(body)
-        self.gas = GasElements(body, self.pattern)
         self.low_rank: LowRank | None = None
 
     @property
@@ -140,55 +124,33 @@ class SoftSystem:
         Returns:
             The potential [J]; infinite where a sealed gas has no volume.
         """
-        x, step_s = positions, math.inf if inertia is None else inertia.step_s
         self.gradient[:] = 0.0
         if hessian:
             self.blocks[:] = 0.0
+            self.tangent_pattern, self.tangent_blocks = self.pattern, self.blocks
         self._dense.clear()
         self.memory[:] = memory
+        step_s = math.inf if inertia is None else inertia.step_s
         at, energy = Instant(memory, self.memory, step_s, segment_tension, loads), 0.0
         for term, own in self._terms:
-            energy += term.add(x, at if own is None else at.part(own), hessian)
-        energy += self._add_gas(x, loads, hessian)
+            energy += term.add(positions, at if own is None else at.part(own), hessian)
+        # touching films widen the tangent, in which all else is by then
+        for potential in (*loads.potentials, inertia, loads.self_contact):
+            if potential is not None:
+                energy += potential.add(positions, self._sums, hessian)
         self.low_rank = LowRank.joined(self._dense) if self._dense else None
-        energy += add_gravity(x, self.body.node_mass, loads.gravity_vector, self.gradient)
-        if loads.nodal_force is not None:
-            self.gradient -= loads.nodal_force
-            energy -= float(np.einsum("nr,nr->", loads.nodal_force, x))
-        if loads.contact is not None:
-            energy += loads.contact.add(x, self.gradient, self.blocks, hessian=hessian)
-        if loads.extra is not None:
-            energy += loads.extra.add(x, self.gradient, self.blocks, hessian=hessian)
-        if inertia is not None:
-            diagonal = self._diagonal if hessian else _NO_SLOTS
-            energy += add_inertia(
-                x, inertia.coefficient, inertia.target, diagonal, self.gradient, self.blocks
-            )
-        return energy + self._add_self_contact(x, loads, hessian)
+        return energy
 
-    def _add_self_contact(self, x: Array, loads: Loads, hessian: bool) -> float:
-        """Add the contacts between films to the gradient and, with all there is, to the wider tangent."""
-        pairs = loads.self_contact
-        if hessian:
-            self.tangent_pattern, self.tangent_blocks = self.pattern, self.blocks
-        if pairs is None:
-            return 0.0
-        if hessian:
-            self.tangent_pattern = pairs.coupled.pattern
-            self.tangent_blocks = pairs.coupled.blocks(self.blocks)
-        return pairs.add(x, self.gradient, self.tangent_blocks, hessian=hessian)
+    def _widened(self, coupled: CoupledPattern) -> Array:
+        self.tangent_pattern, self.tangent_blocks = coupled.pattern, coupled.blocks(self.blocks)
+        return self.tangent_blocks
 
     def _add_dense(self, vectors: Array, coefficients: Array) -> None:
         self._dense.append(LowRank(vectors, coefficients))
 
-    def _add_gas(self, x: Array, loads: Loads, hessian: bool) -> float:
-        energy = self.gas.add(x, loads, self.gradient, self.blocks, hessian=hessian)
-        self._dense += [] if self.gas.low_rank is None else [self.gas.low_rank]
-        return energy
 
-
-def _bound_terms(body: SoftBody, sums: Sums) -> list[tuple[Term, slice | None]]:
-    """Return a body's terms, each with the place of what it remembers; None where no other remembers."""
+def _bound_elements(body: SoftBody, sums: Sums) -> list[tuple[Term, slice | None]]:
+    """Return a body's elements as terms, each with the place of its memory; None where no other has one."""
     found: list[tuple[Term, slice]] = []
     left = list(body.memory_places)  # elements stand kind by kind
     for kind in body.kinds:

@@ -20,12 +20,13 @@ from cosim.base.frames import Array, Mask
 from cosim.base.state_check import check_indices
 from cosim.errors import InputError
 from cosim.soft.body.loads import Loads
+from cosim.soft.elements.mass_terms import Inertia
 from cosim.soft.linear.kept_factor import KeptFactor, NewtonState
 from cosim.soft.linear.linear_solver import LinearSolver, by_component
 from cosim.soft.linear.multifrontal_cholesky import cholesky
 from cosim.soft.linear.pattern import BlockPattern
 from cosim.soft.published.general_lu import GeneralLU
-from cosim.soft.solve.assembly import Inertia, SoftSystem
+from cosim.soft.solve.assembly import SoftSystem
 from cosim.soft.solve.newton_options import NewtonOptions, NewtonResult, Outcome
 from cosim.soft.solve.problem import Point, Problem
 

@@ -10,7 +10,8 @@ from typing import Final, final
 from cosim.base.frames import Array, Mask
 from cosim.base.kernels import MASKS, MATRIX, REAL, kernel
 from cosim.soft.body.loads import Loads
-from cosim.soft.solve.assembly import Inertia, SoftSystem
+from cosim.soft.elements.mass_terms import Inertia
+from cosim.soft.solve.assembly import SoftSystem
 
 RESULTANT_SHARE: Final = 1e-2
 """Of the resultant force, or of the moment over the body's size, that counts as a residual."""

@@ -16,7 +16,7 @@ import numpy as np
 
 from cosim.base.frames import Array
 from cosim.soft.body.loads import Loads
-from cosim.soft.solve.assembly import Inertia
+from cosim.soft.elements.mass_terms import Inertia
 from cosim.soft.solve.newton import NewtonSolver
 from cosim.soft.solve.newton_options import NewtonOptions, NewtonResult, Outcome
 

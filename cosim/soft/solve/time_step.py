@@ -15,7 +15,7 @@ from cosim.base.frames import Array, Pose
 from cosim.errors import ConvergenceError, InputError
 from cosim.soft.body.loads import Loads
 from cosim.soft.elements.cable import losses_follow
-from cosim.soft.solve.assembly import Inertia
+from cosim.soft.elements.mass_terms import Inertia
 from cosim.soft.solve.newton import NewtonSolver
 from cosim.soft.solve.newton_options import NewtonResult, Outcome
 from cosim.soft.solve.place import place_of_largest

@@ -1,19 +1,20 @@
-"""The gas of all chambers of a body in its potential: at a given pressure -p V, or sealed U(V)."""
+"""The gas of all chambers of a body in its potential: at a given pressure -p V, or sealed U(V).
+
+It follows from the body's film, caps and chambers, and is no element beside them.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from typing import final
 
 import numpy as np
 
 from cosim.base.frames import Array, IntArray
 from cosim.errors import InputError
-from cosim.soft.body.body import SoftBody
-from cosim.soft.body.loads import Loads
+from cosim.soft.elements.element import Instant, Sums
 from cosim.soft.elements.gas import SealedGas
 from cosim.soft.elements.pressure import add_cap, add_pressure, cap_force, volume_inside
-from cosim.soft.linear.low_rank import LowRank
-from cosim.soft.linear.pattern import BlockPattern
 
 _NO_TABLE = np.zeros((0, 0), np.int64)
 _NO_SLOTS = np.zeros(0, np.int64)
@@ -23,16 +24,17 @@ _NO_SLOTS = np.zeros(0, np.int64)
 class _Enclosure:
     """Film triangles and caps of one chamber, with their places in the tangent."""
 
-    def __init__(self, triangles: IntArray, caps: list[IntArray], pattern: BlockPattern) -> None:
+    def __init__(self, triangles: IntArray, caps: Sequence[IntArray], sums: Sums) -> None:
         self._triangles = np.ascontiguousarray(triangles)
-        self._slots = pattern.slots(self._triangles)
+        self._slots = sums.slots(self._triangles)
         self._rings = np.concatenate([_NO_SLOTS, *caps])
         self._ring_starts = np.cumsum([0, *(len(ring) for ring in caps)], dtype=np.int64)
-        self._caps = [(ring, np.ascontiguousarray(pattern.slots(ring[None, :])[0])) for ring in caps]
+        self._caps = [(ring, np.ascontiguousarray(sums.slots(ring[None, :])[0])) for ring in caps]
 
-    def add(self, x: Array, pressure: float, gradient: Array, blocks: Array, hessian: bool) -> float:
+    def add(self, x: Array, pressure: float, sums: Sums, hessian: bool) -> float:
         """Add the gradient and Hessian of -p V at a given pressure; return V [m^3]."""
         slots = self._slots if hessian else _NO_TABLE
+        gradient, blocks = sums.gradient, sums.blocks
         volume: float = add_pressure(x, self._triangles, pressure, slots, gradient, blocks)
         for ring, cap_slots in self._caps:
             volume += add_cap(x, ring, pressure, cap_slots if hessian else _NO_SLOTS, gradient, blocks)
@@ -57,56 +59,48 @@ class _Enclosure:
 class GasElements:
     """Assembles the gas of all chambers.
 
-    After `add`: `volumes` [m^3] and `pressures` [Pa, gauge] of each chamber, `low_rank` (dense parts of the
-    Hessian under sealed gases, or None), `open_cap_stiffness` (what missing caps add to the stiffness).
+    After `add`: `volumes` [m^3] and `pressures` [Pa, gauge] of each chamber, `open_cap_stiffness` (what
+    missing caps add to the stiffness).
 
     Args:
-        body: whose chambers.
-        pattern: of its tangent.
+        enclosures: film triangles (t, 3) and caps of each chamber.
+        closed: whether the caps carry pressure.
+        sums: what they add to.
     """
 
-    def __init__(self, body: SoftBody, pattern: BlockPattern) -> None:
-        self._closed = body.closed or not body.caps
-        self._enclosures = [
-            _Enclosure(body.membranes.triangles[part.triangles], [body.caps[k] for k in part.caps], pattern)
-            for part in body.gas_chambers
-        ]
+    def __init__(
+        self, enclosures: Iterable[tuple[IntArray, Sequence[IntArray]]], closed: bool, sums: Sums
+    ) -> None:
+        self._sums, self._closed = sums, closed
+        self._enclosures = [_Enclosure(triangles, caps, sums) for triangles, caps in enclosures]
         self.count = len(self._enclosures)
         self.volumes: tuple[float, ...] = (0.0,) * self.count
         self.pressures: tuple[float, ...] = (0.0,) * self.count
-        self.low_rank: LowRank | None = None
         self.open_cap_stiffness: list[tuple[IntArray, Array]] = []
 
     def enclosed_volumes(self, x: Array) -> tuple[float, ...]:
         """Return the volume [m^3] of each chamber at positions (n, 3) [m]; change nothing."""
         return tuple(part.volume(x) for part in self._enclosures)
 
-    def add(self, x: Array, loads: Loads, gradient: Array, blocks: Array, *, hessian: bool) -> float:
-        """Add gradient and, if told to, Hessian; return the potential [J], infinite where gas has no volume.
-
-        Args:
-            x: (n, 3) [m], positions.
-            loads: pressure or sealed gas of each chamber.
-            gradient: (n, 3) [N].
-            blocks: (pattern.blocks, 3, 3) [N/m].
-            hessian: whether to fill `blocks`.
-        """
-        self.low_rank = None
-        gases, pressures = loads.gases(self.count), loads.pressures(self.count)
-        if loads.gas is not None:
-            pressures = self._with_sealed(x, gases, pressures)
+    def add(self, positions: Array, at: Instant, hessian: bool) -> float:
+        """Add the gradient and, if told to, the Hessian; return the energy [J], infinite without volume."""
+        if at.loads is None:
+            return 0.0
+        gases, pressures = at.loads.gases(self.count), at.loads.pressures(self.count)
+        if any(gases):
+            pressures = self._with_sealed(positions, gases, pressures)
             if not np.isfinite(pressures).all():
                 return np.inf
         self.pressures = pressures
         self.volumes = tuple(
-            part.add(x, pressure, gradient, blocks, hessian)
+            part.add(positions, pressure, self._sums, hessian)
             for part, pressure in zip(self._enclosures, pressures, strict=True)
         )
         if not self._closed:
             self.open_cap_stiffness = [
                 entry
                 for part, pressure in zip(self._enclosures, pressures, strict=True)
-                for entry in part.take_caps_away(x, pressure, gradient)
+                for entry in part.take_caps_away(positions, pressure, self._sums.gradient)
             ]
         energy = 0.0
         for gas, pressure, volume in zip(gases, pressures, self.volumes, strict=True):
@@ -120,17 +114,16 @@ class GasElements:
         if not self._closed:
             raise InputError("a sealed gas needs a closed body; this one has open caps")
         found, slopes, stiffness = list(pressures), [], []
-        blocks = np.zeros((0, 3, 3))
         for k, gas in enumerate(gases):
             if gas is None:
                 continue
             slope = np.zeros_like(x)
-            volume = self._enclosures[k].add(x, -1.0, slope, blocks, hessian=False)
+            volume = self._enclosures[k].add(x, -1.0, Sums(slope), hessian=False)
             found[k] = gas.gauge_pressure(volume)
             if not np.isfinite(found[k]):
                 return tuple(found)
             slopes.append(slope)
             stiffness.append(gas.stiffness(volume))
         if slopes:
-            self.low_rank = LowRank(np.array(slopes), np.array(stiffness))
+            self._sums.add_dense(np.array(slopes), np.array(stiffness))
         return tuple(found)
