@@ -154,7 +154,7 @@ def study(name: str, level: int, law: str, framed: bool, lower: bool) -> list[di
             continue
         row = {
             **key, "pressure_kPa": pressure,
-            "triangles": len(sample.body.membranes.triangles),
+            "triangles": len(sample.body.triangles),
             "extension_mm": 1e3 * sample.extension_m, "potential_mJ": 1e3 * here.potential_J,
             "negative_pivots": negative_pivots(sample.newton, here),
             "iterations": sample.iterations, "cpu_s": time.process_time() - began,

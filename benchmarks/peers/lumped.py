@@ -42,9 +42,9 @@ def make_case() -> tuple[SoftBody, Case]:
     solver = EquilibriumSolver(newton, clamp, NewtonOptions(tolerance_N=1e-8, start_tolerance_N=1e-8))
     loads = Loads(LOW_Pa, (), (0.0, 0.0, -GRAVITY_M_S2))
     start = solver.solve(SoftState.drawn(body, Pose()), Pose(), loads).state.positions
-    film = body.membranes.film
+    film = body.membranes[0].film
     case = Case(
-        body.positions, start, body.membranes.triangles, body.caps, np.unique(body.base), body.tip,
+        body.positions, start, body.triangles, body.caps, np.unique(body.base), body.tip,
         body.node_mass, film.young_modulus_Pa, film.poisson_ratio, film.thickness_m,
     )  # fmt: skip
     return body, case

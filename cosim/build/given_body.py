@@ -42,7 +42,7 @@ class NamedBody:
 
     def __post_init__(self) -> None:
         body = self.body
-        check_mesh(body.positions, body.membranes.triangles)
+        check_mesh(body.positions, body.triangles)
         if not len(body.base):
             raise MeshError("the soft body has no base: no node would follow the flange")
         if len(body.tip) < _LEAST_RING:
@@ -72,7 +72,7 @@ class NamedBody:
         described = {
             "name": self.name,
             "arrays": content_name(body),
-            "triangles": len(body.membranes.triangles),
+            "triangles": len(body.triangles),
             "closed": body.closed,
             "rings": list(body.rings),
             "base": [name for name, ring in body.rings.items() if np.isin(ring, body.base).all()],

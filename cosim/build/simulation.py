@@ -160,7 +160,7 @@ def _stage(
         joint_names=carrier.joint_names,
         body_names=carrier.body_names,
         shapes=carrier.shapes,
-        soft_triangles=body.membranes.triangles,
+        soft_triangles=body.triangles,
         cables=tuple(cable.nodes for cable in body.cables),
         chamber_names=tuple(chamber.name for chamber in body.gas_chambers),
         soft_weight_N=body.mass_kg * float(np.linalg.norm(scenario.gravity_m_s2)),
@@ -177,7 +177,7 @@ def _stage(
 
 
 def _largest_stress(body: SoftBody, positions: Array) -> Array:
-    return body.membranes.principal_stress(positions)[:, 0]
+    return body.principal_stress(positions)[:, 0]
 
 
 def _report(parts: Parts, modelled: tuple[Decision, ...]) -> str:
@@ -186,7 +186,7 @@ def _report(parts: Parts, modelled: tuple[Decision, ...]) -> str:
     lines = {
         **parts.carrier.report,
         "Soft robot": f"{scenario.soft_robot.name}, {1e3 * body.mass_kg:.0f} g, {body.nodes} nodes, "
-        f"{len(body.membranes.triangles)} triangles, {len(body.hinges.nodes)} hinges, "
+        f"{len(body.triangles)} triangles, {len(body.hinges.nodes)} hinges, "
         f"{len(body.cables)} cables",
         "Fidelity": fidelity_report(scenario),
         "Chamber": "closed by caps" if body.closed else "open ends (no cap force)",

@@ -86,13 +86,13 @@ def film_reach(body: SoftBody, pressure_Pa: float) -> float:
     # plates lead from one film to the next
     plates = [nodes for plate in body.plates for nodes in plate.rings]
     spokes = [np.column_stack([np.full(len(nodes) - 1, nodes[0]), nodes[1:]]) for nodes in plates]
-    x, edges = body.positions, np.concatenate([directed_edges(body.membranes.triangles), *spokes])
+    x, edges = body.positions, np.concatenate([directed_edges(body.triangles), *spokes])
     length = np.linalg.norm(x[edges[:, 0]] - x[edges[:, 1]], axis=1)
     graph = csr_matrix((length, (edges[:, 0], edges[:, 1])), shape=(len(x),) * 2)
     way = dijkstra(graph, directed=False, indices=body.base, min_only=True)
-    film = body.membranes.film
+    least = min(entry.film.young_modulus_Pa * entry.film.thickness_m for entry in body.membranes)
     width = float(np.ptp(x, axis=0).max())
-    strain = _STRAIN + _PRESSURE_FACTOR * pressure_Pa * width / (film.young_modulus_Pa * film.thickness_m)
+    strain = _STRAIN + _PRESSURE_FACTOR * pressure_Pa * width / least
     return float(np.linalg.norm(x[body.base], axis=1).max()) + (1.0 + strain) * float(way.max())
 
 

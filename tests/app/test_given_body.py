@@ -72,6 +72,16 @@ def test_an_open_tube_is_inflated_and_bends_towards_its_cable(file: Path, mode: 
     assert abs(bent[2] - (0.5 - LENGTH_M)) < 0.02 * LENGTH_M
 
 
+def test_its_cuff_is_of_thicker_film(file: Path) -> None:
+    body = tube().body
+    cuff, wall = body.membranes
+    assert cuff.film.thickness_m == 2.0 * wall.film.thickness_m
+    result = cosim.run(file, overrides={"phase.bend.cable_tension_N": [0.0]}, body=body)
+    assert result.summary["status"] == "completed"
+    drawn, rows = body.positions[cuff.triangles].mean(axis=1)[:, 2], 12
+    assert (drawn < LENGTH_M / rows).all()
+
+
 def test_the_page_on_extending_shows_body_and_scenario() -> None:
     text = Path(own_tube.__file__ or "").read_text(encoding="utf-8")
     page = PAGE.read_text(encoding="utf-8")

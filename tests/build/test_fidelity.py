@@ -76,9 +76,7 @@ def test_refined_divides_every_triangle(folder: Path) -> None:
     scenario = load_scenario(scenario_file(folder))
     finer = load_scenario(scenario, {"fidelity": "refined"})
     by_hand = load_scenario(scenario, {"soft_robot.stack.refine": 1})
-    assert len(fidelity_body(finer).membranes.triangles) == 4 * len(
-        fidelity_body(scenario).membranes.triangles
-    )
+    assert len(fidelity_body(finer).triangles) == 4 * len(fidelity_body(scenario).triangles)
     assert (fidelity_body(finer).hinges.stiffness == fidelity_body(by_hand).hinges.stiffness).all()
     assert finer.soft_robot == scenario.soft_robot  # the file of the run says what was asked for
 

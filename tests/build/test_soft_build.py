@@ -37,7 +37,7 @@ def refined(
 
 def test_unrefined_uniform_hinges_have_the_given_stiffness(robot: SoftRobotTable) -> None:
     body = refined(robot, 0)
-    expected = robot.hinge.stiffness_factor * body.membranes.film.bending_stiffness_Nm
+    expected = robot.hinge.stiffness_factor * body.membranes[0].film.bending_stiffness_Nm
     assert (body.hinges.stiffness == expected).all()
 
 
@@ -59,8 +59,8 @@ def test_refined_uniform_hinges_keep_the_bending_energy(
 @pytest.mark.parametrize("levels", [0, 2])
 def test_shell_hinges_have_the_film_s_rigidity(robot: SoftRobotTable, levels: int) -> None:
     body = refined(robot, levels, "shell")
-    area = float(triangle_area(body.positions, body.membranes.triangles).sum())
-    rigidity = robot.hinge.stiffness_factor * body.membranes.film.flexural_rigidity_Nm
+    area = float(triangle_area(body.positions, body.triangles).sum())
+    rigidity = robot.hinge.stiffness_factor * body.membranes[0].film.flexural_rigidity_Nm
     measure = bending_measure(body.positions, body.hinges.nodes, body.hinges.stiffness)
     assert measure == pytest.approx(rigidity * area, rel=1e-12)
 

@@ -73,7 +73,7 @@ def test_the_resolved_scenario_loads_again_to_the_same(tmp_path: Path) -> None:
 def test_a_refined_model_refines_what_is_carried_too() -> None:
     counts = []
     for fidelity in ("lumped", "refined"):
-        counts.append(len(fidelity_body(scenario_with(fidelity=fidelity)).membranes.triangles))
+        counts.append(len(fidelity_body(scenario_with(fidelity=fidelity)).triangles))
     assert counts[1] == 4 * counts[0]
 
 

@@ -133,7 +133,7 @@ def scene_with(*objects: SceneObject) -> RigidScene:
 
 @pytest.mark.parametrize("shift", [(0.0, 0.0), (0.004, 0.002), (-0.003, 0.011)])
 def test_a_corner_does_not_slip_in_between_the_nodes(shift: tuple[float, float]) -> None:
-    edges = np.linalg.norm(np.diff(ball().positions[ball().membranes.triangles], axis=1), axis=2)
+    edges = np.linalg.norm(np.diff(ball().positions[ball().triangles], axis=1), axis=2)
     assert edges.mean() == pytest.approx(7.6e-3, rel=0.1)
     edge = 0.06
     # standing on a corner, with another one pointing up
@@ -152,7 +152,7 @@ def test_a_corner_does_not_slip_in_between_the_nodes(shift: tuple[float, float])
         planes = exchange.find(soft.state, 2e-3)
         soft.advance(Pose(np.eye(3), np.array([0.0, 0.0, height])), replace(loads, contact=planes), 2e-3)
         report = exchange.settle(soft.state.positions)
-        found = near_film(corner, soft.state.positions, soft.body.membranes.triangles, 0.02, 0.02)
+        found = near_film(corner, soft.state.positions, soft.body.triangles, 0.02, 0.02)
         worst, pressed = max(worst, -float(found.distance[0])), max(pressed, report.normal_force_N)
     assert pressed > 0.5
     assert worst < 1e-3

@@ -1,4 +1,4 @@
-"""A soft body from arrays: an open tube with a cable along its side, and a ring to hold it by."""
+"""A soft body from arrays: a tube with a cuff of thicker film, a cable along its side, and a named ring."""
 
 from __future__ import annotations
 
@@ -25,11 +25,13 @@ def tube() -> NamedBody:
     above_a, above_b = a + SIDES, b + SIDES
     # counter-clockwise seen from outside
     triangles = np.concatenate([np.stack([a, b, above_b], 1), np.stack([a, above_b, above_a], 1)])
-    film = Film(20e6, 0.3, 1e-4)
+    row = np.tile(np.repeat(np.arange(ROWS), SIDES), 2)
+    film, thick = Film(20e6, 0.3, 1e-4), Film(20e6, 0.3, 2e-4)
     body = SoftBody.from_arrays(
         positions.reshape(-1, 3),
         triangles,
-        film,
+        {"cuff": thick, "wall": film},
+        face_groups={"cuff": np.flatnonzero(row == 0), "wall": np.flatnonzero(row > 0)},
         hinge_nodes=interior_hinges(triangles),
         hinge_stiffness=film.bending_stiffness_Nm,
         caps=(ring[0][::-1], ring[-1]),

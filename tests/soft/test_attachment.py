@@ -14,7 +14,6 @@ from cosim.soft.body.body import SoftBody
 from cosim.soft.body.copies import around_axis, copies
 from cosim.soft.body.loads import Loads
 from cosim.soft.elements.frame_ring import FrameRings
-from cosim.soft.elements.membrane import Membranes
 from cosim.soft.geometry.surface import dihedral_angle
 from cosim.soft.solve.assembly import SoftSystem
 from cosim.soft.solve.state import SoftState
@@ -105,8 +104,3 @@ def test_parts_that_do_not_match_are_refused() -> None:
     other = hexagon_arm(1, closed=False)
     with pytest.raises(MeshError, match="gripper cannot be attached: ends closed"):
         attached(hexagon_arm(2), "arm", other, "gripper", ON_TOP, PLATE)
-    stiff = hexagon_arm(1)
-    film = replace(stiff.membranes.film, thickness_m=1e-3)
-    stiff = stiff.with_other(Membranes, replace(stiff.membranes, film=film))
-    with pytest.raises(MeshError, match="film"):
-        attached(hexagon_arm(2), "arm", stiff, "gripper", ON_TOP, PLATE)

@@ -81,7 +81,7 @@ def test_a_half_on_its_plane_of_symmetry_is_half_of_the_whole() -> None:
     in_plane = np.abs(half.positions[:, 0]) < 1e-9
     # a half carries half the mass of the nodes on the plane of symmetry
     mass = np.where(in_plane, 0.5e-3, 1e-3)
-    half = SoftBody.from_arrays(half.positions, half.membranes.triangles, FILM, node_mass=mass)
+    half = SoftBody.from_arrays(half.positions, half.triangles, FILM, node_mass=mass)
     edge_whole = np.abs(np.abs(whole.positions[:, 0]) - 0.2) < 1e-9
     clamped = np.repeat((half.positions[:, 0] > 0.2 - 1e-9)[:, None], 3, axis=1)
     clamped[in_plane, 0] = True

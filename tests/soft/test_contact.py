@@ -61,10 +61,10 @@ def test_contact_points_stand_for_the_whole_area_and_its_moments() -> None:
     body = hexagon_arm(2)
     surface = ContactSurface.of(body, SoftSystem(body).pattern)
     x = body.positions
-    area = triangle_area(x, body.membranes.triangles)
+    area = triangle_area(x, body.triangles)
     points = surface.points(x)
     assert surface.area.sum() == pytest.approx(area.sum(), rel=1e-12)
-    corners = x[body.membranes.triangles]
+    corners = x[body.triangles]
     # the rule integrates quadratics: sum over triangles of A/12 (sum_i x_i^2 + (sum_i x_i)^2)
     exact = (area[:, None] / 12.0 * ((corners**2).sum(axis=1) + corners.sum(axis=1) ** 2)).sum(axis=0)
     np.testing.assert_allclose(surface.area @ points**2, exact, rtol=1e-12)

@@ -72,14 +72,14 @@ def test_derivatives_in_every_state(law: str, state: str, poisson_ratio: float) 
 @pytest.mark.parametrize("law", LAWS)
 def test_derivatives_of_a_body(law: str) -> None:
     body, x = hexagon_arm(1), shapes(1)["random"]
-    evaluate = evaluation(with_law(body.membranes, law), body.nodes)
+    evaluate = evaluation(with_law(body.membranes[0], law), body.nodes)
     assert max(derivative_errors(evaluate, x, STEP_M)) < RELATIVE
 
 
 @pytest.mark.parametrize("law", LAWS)
 def test_rigid_motion_and_balance(law: str) -> None:
     x, body = shapes(UNITS)["random"], hexagon_arm(UNITS)
-    membranes, turn = with_law(body.membranes, law), random_rotation(2)
+    membranes, turn = with_law(body.membranes[0], law), random_rotation(2)
     evaluate = evaluation(membranes, body.nodes)
     energy, gradient, _ = evaluate(x)
     turned_energy, turned_gradient, _ = evaluate(x @ turn.T + (1.0, -2.0, 0.5))
@@ -94,7 +94,7 @@ def test_rigid_motion_and_balance(law: str) -> None:
 @pytest.mark.parametrize("law", LAWS)
 def test_without_slots_the_gradient_is_the_same(law: str) -> None:
     x, body = shapes(UNITS)["random"], hexagon_arm(UNITS)
-    membranes = with_law(body.membranes, law)
+    membranes = with_law(body.membranes[0], law)
     energy, gradient, _ = evaluation(membranes, body.nodes)(x)
     force, blocks = np.zeros_like(x), np.zeros((1, 3, 3))
     assert membranes.add(x, np.zeros((0, 0), np.int64), force, blocks) == energy
@@ -178,7 +178,7 @@ def test_the_compressive_fraction_mixes_two_laws() -> None:
     x, body = shapes(UNITS)["random"], hexagon_arm(UNITS)
 
     def evaluate(**changes: Any) -> tuple[float, Array, Array]:
-        membranes = replace(body.membranes, film=replace(FILM, **changes))
+        membranes = replace(body.membranes[0], film=replace(FILM, **changes))
         return evaluation(membranes, body.nodes)(x)
 
     none, some, plain = (

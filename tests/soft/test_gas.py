@@ -35,7 +35,7 @@ def air(volume_m3: float, gauge_Pa: float = 3e4, exponent: float = 1.4, **change
 
 
 def volume_of(body: SoftBody, x: Array) -> float:
-    return enclosed_volume(x, body.membranes.triangles, body.caps)
+    return enclosed_volume(x, body.triangles, body.caps)
 
 
 @pytest.mark.parametrize("exponent", EXPONENTS)

@@ -35,7 +35,7 @@ def evaluation(drawn: Array, triangles: IntArray) -> Evaluate:
 @pytest.mark.parametrize("shape", ["random", "nearly flat", "inflated"])
 def test_derivatives_of_every_triangle(shape: str) -> None:
     x, body, random = shapes(UNITS)[shape], hexagon_arm(UNITS), np.random.default_rng(1)
-    for triangle in body.membranes.triangles:
+    for triangle in body.triangles:
         order = random.permutation(3)  # alone, with its three nodes numbered anyhow
         nodes = np.empty(3, dtype=np.int64)
         nodes[order] = triangle
@@ -45,7 +45,7 @@ def test_derivatives_of_every_triangle(shape: str) -> None:
 
 def test_rigid_motion_changes_nothing_but_the_axes() -> None:
     x, body = shapes(UNITS)["random"], hexagon_arm(UNITS)
-    evaluate, turn = evaluation(body.positions, body.membranes.triangles), random_rotation(2)
+    evaluate, turn = evaluation(body.positions, body.triangles), random_rotation(2)
     energy, gradient, _ = evaluate(x)
     turned_energy, turned_gradient, _ = evaluate(x @ turn.T + (1.0, -2.0, 0.5))
     # moving by metres costs digits of strains of 1e-2 on edges of 1e-2 m
@@ -55,7 +55,7 @@ def test_rigid_motion_changes_nothing_but_the_axes() -> None:
 
 def test_film_forces_balance() -> None:
     x, body = shapes(UNITS)["random"], hexagon_arm(UNITS)
-    _, gradient, _ = evaluation(body.positions, body.membranes.triangles)(x)
+    _, gradient, _ = evaluation(body.positions, body.triangles)(x)
     size = np.abs(gradient).sum()
     assert np.abs(gradient.sum(axis=0)).max() < 1e-14 * size
     assert np.abs(np.cross(x, gradient).sum(axis=0)).max() < 1e-14 * size * np.abs(x).max()
@@ -105,7 +105,7 @@ def test_a_sheared_patch_is_uniform() -> None:
     body, random = hexagon_arm(1), np.random.default_rng(4)
     flat = body.positions * (1.0, 1.0, 0.0)
     flat += random.normal(size=flat.shape) * (1e-3, 1e-3, 0.0)
-    membranes = Membranes.from_shape(flat, body.membranes.triangles, FILM)
+    membranes = Membranes.from_shape(flat, body.triangles, FILM)
     stretched = flat @ np.array([[1.01, 0.004, 0.0], [0.0, 0.99, 0.0], [0.0, 0.0, 1.0]]).T
     stress = membranes.principal_stress(stretched)
     assert np.ptp(stress, axis=0) == pytest.approx([0.0, 0.0], abs=1e-9 * stress.max())
@@ -114,7 +114,7 @@ def test_a_sheared_patch_is_uniform() -> None:
 def test_drawn_shape_is_free_of_stress() -> None:
     body = hexagon_arm(UNITS)
     # rounding of coordinates near 0.05 m on edges near 1 mm
-    assert body.membranes.strain(body.positions) == pytest.approx(0.0, abs=1e-13)
+    assert body.strain(body.positions) == pytest.approx(0.0, abs=1e-13)
 
 
 def test_bending_stiffness_is_the_papers() -> None:

@@ -40,7 +40,7 @@ def cap(ring: IntArray, nodes: int) -> Evaluate:
 def closed_parts() -> tuple[Evaluate, ...]:
     body = hexagon_arm(UNITS)
     caps = (cap(ring, body.nodes) for ring in body.caps)
-    return film(body.membranes.triangles, body.nodes), *caps
+    return film(body.triangles, body.nodes), *caps
 
 
 def closed_gas(x: Array) -> tuple[float, Array, Array]:
@@ -53,7 +53,7 @@ def closed_gas(x: Array) -> tuple[float, Array, Array]:
 @pytest.mark.parametrize("shape", SHAPES)
 def test_derivatives_of_every_film_triangle(shape: str) -> None:
     x, random = shapes(UNITS)[shape], np.random.default_rng(1)
-    for triangle in hexagon_arm(UNITS).membranes.triangles:
+    for triangle in hexagon_arm(UNITS).triangles:
         order = random.permutation(3)
         y = np.empty((3, 3))
         y[order] = x[triangle]
@@ -112,11 +112,11 @@ def test_open_chamber_puts_a_third_of_each_triangles_load_on_its_nodes() -> None
     for pressure in (0.0, P):
         system.evaluate(x, Loads(pressure, ()), np.zeros(0), system.memory.copy())
         gradients.append(system.gradient.copy())
-    a, b, c = (x[body.membranes.triangles[:, k]] for k in range(3))
+    a, b, c = (x[body.triangles[:, k]] for k in range(3))
     third = P * 0.5 * np.cross(b - a, c - a) / 3.0
     load = np.zeros_like(x)
     for k in range(3):
-        np.add.at(load, body.membranes.triangles[:, k], third)
+        np.add.at(load, body.triangles[:, k], third)
     # film forces of some 10 N in both gradients
     assert gradients[0] - gradients[1] == pytest.approx(load, abs=1e-12 * np.abs(gradients[0]).max())
 
@@ -150,7 +150,7 @@ def test_closed_gas_turns_with_the_body() -> None:
 
 def test_energy_is_minus_pressure_times_the_enclosed_volume() -> None:
     x, body = shapes(UNITS)["inflated"], hexagon_arm(UNITS)
-    volume = enclosed_volume(x, body.membranes.triangles, body.caps)
+    volume = enclosed_volume(x, body.triangles, body.caps)
     assert volume > 0.0
     assert closed_gas(x)[0] == pytest.approx(-P * volume, rel=1e-12)
     system = SoftSystem(body)
@@ -172,7 +172,7 @@ def test_volume_and_force_of_a_sphere() -> None:
 
 def test_without_slots_the_forces_are_the_same() -> None:
     x, body = shapes(UNITS)["random"], hexagon_arm(UNITS)
-    triangles, ring = body.membranes.triangles, body.caps[1]
+    triangles, ring = body.triangles, body.caps[1]
     force, blocks = np.zeros_like(x), np.zeros((1, 3, 3))
     volume = add_pressure(x, triangles, P, np.zeros((0, 0), np.int64), force, blocks)
     assert -P * volume == film(triangles, body.nodes)(x)[0]

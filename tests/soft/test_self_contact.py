@@ -48,7 +48,7 @@ def test_a_stack_has_a_unit_per_chamber_and_two_faces_per_unit() -> None:
     # of the four pairs of faces of two neighbours one meets in the valley, seen from both sides
     assert (relation[step == 1] == Relation.VALLEY).sum() == 2 * 3
     points = FilmPoints.of(faces, body.positions)
-    film = triangle_area(body.positions, body.membranes.triangles).sum()
+    film = triangle_area(body.positions, body.triangles).sum()
     assert points.area.sum() == pytest.approx(film, rel=1e-12)
 
 
@@ -163,7 +163,7 @@ def stacked(lower: SoftBody, upper: SoftBody, shift: tuple[float, float, float],
     count = lower.nodes
     return SoftBody.from_arrays(
         np.concatenate([lower.positions, upper.positions + np.array(shift)]),
-        np.concatenate([lower.membranes.triangles, upper.membranes.triangles + count]),
+        np.concatenate([lower.triangles, upper.triangles + count]),
         Film(1e9, 0.3, 1e-4),
         node_mass=np.concatenate([lower.node_mass, upper.node_mass]),
         **changes,
@@ -180,7 +180,7 @@ def test_a_point_presses_with_half_the_laws_stiffness_times_depth_and_its_area()
     pressing = found.normal_force > 0.0
     np.testing.assert_allclose(found.distance[pressing], -depth, rtol=1e-9)
     np.testing.assert_allclose(np.abs(found.force[pressing, 2]), found.normal_force[pressing], rtol=1e-9)
-    corners = body.positions[body.membranes.triangles]
+    corners = body.positions[body.triangles]
     level = np.ptp(corners[:, :, 2], axis=1) < 1e-9
     flat = np.isin(films.points.home[pairs.key // films.faces.units, 0], films.faces.face[level])
     assert not flat.all()  # points of the walls, at the lower edges, press besides

@@ -47,7 +47,7 @@ def stayed(stiffness_N_m: float) -> Specimen:
     ends = zip(STRIP.tip, (count, count + 1), strict=True)
     body = SoftBody.from_arrays(
         np.concatenate([plain.positions, anchors]),
-        plain.membranes.triangles,
+        plain.triangles,
         STRIP.film,
         hinge_nodes=plain.hinges.nodes,
         hinge_stiffness=plain.hinges.stiffness,

@@ -47,7 +47,7 @@ def attached(
         plate: that joins them.
 
     Raises:
-        MeshError: films, fold barriers, or ends (closed or open) of the two differ.
+        MeshError: fold barriers or ends (closed or open) of the two differ.
     """
     if body.closed != part.closed:
         raise MeshError(
@@ -95,7 +95,7 @@ def _chambers(body: SoftBody, own_chamber: str, part: SoftBody, name: str) -> tu
         replace(chamber, name=own_chamber) if chamber.name == ONLY_CHAMBER else chamber
         for chamber in body.gas_chambers
     )
-    triangles, caps = len(body.membranes.triangles), len(body.caps)
+    triangles, caps = len(body.triangles), len(body.caps)
     return own + tuple(
         chamber.shifted(name if chamber.name == ONLY_CHAMBER else f"{name}/{chamber.name}", triangles, caps)
         for chamber in part.gas_chambers

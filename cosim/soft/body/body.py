@@ -12,6 +12,7 @@ import numpy as np
 from cosim.base.frames import Array, IntArray, cross
 from cosim.base.names import ONLY_CHAMBER
 from cosim.errors import MeshError
+from cosim.soft.body.films import by_film
 from cosim.soft.body.gas_chamber import GasChamber, check_chambers
 from cosim.soft.elements.cable import Cable
 from cosim.soft.elements.element import Element
@@ -19,6 +20,7 @@ from cosim.soft.elements.frame_ring import FrameRings
 from cosim.soft.elements.hinge import Hinges
 from cosim.soft.elements.material import Film
 from cosim.soft.elements.membrane import Membranes
+from cosim.soft.geometry.face_groups import rows_of
 from cosim.soft.geometry.surface import dihedral_angle
 
 _Kind = TypeVar("_Kind", bound=Element)
@@ -55,8 +57,9 @@ class SoftBody:
         for needed in (Membranes, Hinges):
             if needed not in self.kinds:
                 raise MeshError(f"a body needs its {needed.label}, be there none of them")
-        by_kind = tuple(sorted(self.elements, key=lambda element: self.kinds.index(type(element))))
-        object.__setattr__(self, "elements", by_kind)
+        by_kind = sorted(self.elements, key=lambda element: self.kinds.index(type(element)))
+        by_kind = _with_neighbours_joined(by_kind)
+        object.__setattr__(self, "elements", tuple(by_kind))
         count = len(self.positions)
         groups: dict[str, IntArray] = {
             **{f"{element.label} {k}": element.all_nodes() for k, element in enumerate(by_kind)},
@@ -75,7 +78,7 @@ class SoftBody:
             raise MeshError(f"node masses must be {count} finite numbers that are not negative")
         if not np.isfinite(self.positions).all():
             raise MeshError("the drawn shape holds positions that are not finite")
-        check_chambers(self.chambers, len(self.membranes.triangles), len(self.caps))
+        check_chambers(self.chambers, len(self.triangles), len(self.caps))
 
     @cached_property
     def kinds(self) -> tuple[type[Element], ...]:
@@ -97,9 +100,19 @@ class SoftBody:
         return replace(self, elements=(*kept[:place], *elements, *kept[place:]))
 
     @cached_property
-    def membranes(self) -> Membranes:
-        """Film triangles."""
-        return self.of_kind(Membranes)[0]
+    def membranes(self) -> tuple[Membranes, ...]:
+        """Film triangles, material by material."""
+        return self.of_kind(Membranes)
+
+    @cached_property
+    def triangles(self) -> IntArray:
+        """Nodes (m, 3) of all film triangles, in the order of `membranes`."""
+        return rows_of([film.triangles for film in self.membranes])
+
+    @cached_property
+    def areas(self) -> Array:
+        """Drawn areas (m,) [m^2] of all film triangles."""
+        return rows_of([film.areas for film in self.membranes])
 
     @cached_property
     def hinges(self) -> Hinges:
@@ -137,14 +150,12 @@ class SoftBody:
         """The chambers; one that encloses all of the body where none are named."""
         if self.chambers:
             return self.chambers
-        return (
-            GasChamber(ONLY_CHAMBER, np.arange(len(self.membranes.triangles)), tuple(range(len(self.caps)))),
-        )
+        return (GasChamber(ONLY_CHAMBER, np.arange(len(self.triangles)), tuple(range(len(self.caps)))),)
 
     @property
     def enclosures(self) -> list[tuple[IntArray, list[IntArray]]]:
         """Film triangles (t, 3) and caps of each chamber."""
-        triangles, caps = self.membranes.triangles, self.caps
+        triangles, caps = self.triangles, self.caps
         return [(triangles[part.triangles], [caps[k] for k in part.caps]) for part in self.gas_chambers]
 
     @classmethod
@@ -152,8 +163,9 @@ class SoftBody:
         cls,
         positions: Array,
         triangles: IntArray,
-        film: Film,
+        film: Film | Mapping[str, Film],
         *,
+        face_groups: Mapping[str, IntArray] | None = None,
         hinge_nodes: IntArray | None = None,
         hinge_stiffness: Array | float = 0.0,
         hinge_rest_angle: Array | None = None,
@@ -171,7 +183,8 @@ class SoftBody:
         Args:
             positions: (n, 3) [m], stress-free shape of the film.
             triangles: (m, 3), outward orientation.
-            film: material.
+            film: material of all triangles, or of those of each face group; these come in that order.
+            face_groups: places of triangles by name; those named by `film` hold every triangle once.
             hinge_nodes: (h, 4) nodes i, j, k, l; j-k is the edge.
             hinge_stiffness: (h,) or one number [N m/rad].
             hinge_rest_angle: (h,) [rad]; the drawn shape's angles if omitted.
@@ -185,21 +198,18 @@ class SoftBody:
             rings: names of node groups.
 
         Raises:
-            MeshError: degenerate triangles, unknown nodes, negative masses.
+            MeshError: degenerate triangles, unknown nodes, negative masses, a triangle with no film or two.
         """
         x = np.array(positions, dtype=np.float64, order="C")
-        tri = _indices(triangles)
-        if tri.size and (tri.min() < 0 or tri.max() >= len(x)):
-            raise MeshError(f"triangles refer to node {int(tri.max())}; there are nodes 0 to {len(x) - 1}")
-        nodes = np.zeros((0, 4), np.int64) if hinge_nodes is None else _indices(hinge_nodes)
+        tri = _nodes("triangles", triangles, len(x))
+        nodes = _nodes("hinges", np.zeros((0, 4)) if hinge_nodes is None else hinge_nodes, len(x))
         stiffness = np.array(np.broadcast_to(hinge_stiffness, (len(nodes),)), dtype=np.float64)
-        if nodes.size and (nodes.min() < 0 or nodes.max() >= len(x)):
-            raise MeshError(f"hinges refer to node {int(nodes.max())}; there are nodes 0 to {len(x) - 1}")
         rest = dihedral_angle(x, nodes) if hinge_rest_angle is None else np.array(hinge_rest_angle)
+        films = [Membranes.from_shape(x, part, own) for part, own in by_film(tri, film, face_groups or {})]
         hinges = Hinges(nodes, stiffness, rest, fold_barrier_rad)
         return cls(
             positions=x,
-            elements=(Membranes.from_shape(x, tri, film), hinges, *cables),
+            elements=(*films, hinges, *cables),
             caps=tuple(_indices(ring) for ring in caps),
             closed=closed,
             node_mass=np.array(np.broadcast_to(node_mass, (len(x),)), dtype=np.float64),
@@ -218,6 +228,18 @@ class SoftBody:
         """Total mass."""
         return float(self.node_mass.sum())
 
+    def strain(self, positions: Array) -> Array:
+        """Return the Green strain (m, 3) of all film triangles at (n, 3) [m], see `Membranes.strain`."""
+        return rows_of([film.strain(positions) for film in self.membranes])
+
+    def film_states(self, positions: Array) -> IntArray:
+        """Return SLACK, WRINKLED or TAUT (m,) of all film triangles, see `Membranes.states`."""
+        return rows_of([film.states(positions) for film in self.membranes])
+
+    def principal_stress(self, positions: Array) -> Array:
+        """Return the principal stresses (m, 2) [Pa] of all film triangles, largest first."""
+        return rows_of([film.principal_stress(positions) for film in self.membranes])
+
     def tip_position(self, positions: Array) -> Array:
         """Return the mean of the tip ring (3,) [m]."""
         return np.asarray(positions[self.tip].mean(axis=0))
@@ -230,6 +252,25 @@ class SoftBody:
         r = positions[self.tip]
         area = cross(r, r[np.arange(1, len(r) + 1) % len(r)]).sum(axis=0)
         return np.asarray(area / np.linalg.norm(area))
+
+
+def _with_neighbours_joined(elements: list[Element]) -> list[Element]:
+    """Return elements, neighbours of a counted kind that have the same constants as one."""
+    found: list[Element] = []
+    for element in elements:
+        last = found[-1] if found else None
+        if element.counted and type(last) is type(element) and not element.differences(last):
+            found[-1] = element.joined([last, element])
+        else:
+            found.append(element)
+    return found
+
+
+def _nodes(what: str, values: object, count: int) -> IntArray:
+    nodes = _indices(values)
+    if nodes.size and (nodes.min() < 0 or nodes.max() >= count):
+        raise MeshError(f"{what} refer to node {int(nodes.max())}; there are nodes 0 to {count - 1}")
+    return nodes
 
 
 def _indices(values: object) -> IntArray:

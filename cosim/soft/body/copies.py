@@ -61,7 +61,7 @@ def _elements(body: SoftBody, shift: Sequence[int]) -> tuple[Element, ...]:
 
 def _chambers(body: SoftBody, number: int) -> tuple[GasChamber, ...]:
     """Return the chambers of all copies: "copy_2", or "copy_2/NAME" where a copy has several."""
-    triangles, caps, own = len(body.membranes.triangles), len(body.caps), body.gas_chambers
+    triangles, caps, own = len(body.triangles), len(body.caps), body.gas_chambers
     return tuple(
         part.shifted(
             f"copy_{k + 1}" if len(own) == 1 else f"copy_{k + 1}/{part.name}", k * triangles, k * caps

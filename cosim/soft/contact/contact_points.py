@@ -101,7 +101,7 @@ class ContactSurface:
             body: its drawn shape gives the areas.
             pattern: of the body's tangent.
         """
-        triangles = body.membranes.triangles
+        triangles = body.triangles
         areas = triangle_area(body.positions, triangles)
         used = np.unique(triangles)
         edges, place = np.unique(np.sort(directed_edges(triangles), axis=1), axis=0, return_inverse=True)

@@ -55,7 +55,7 @@ class FilmFaces:
     @classmethod
     def of(cls, body: SoftBody) -> FilmFaces:
         """Return those of a body, by its drawn shape."""
-        triangles = body.membranes.triangles
+        triangles = body.triangles
         hinges = interior_hinges(triangles)
         angle = dihedral_angle(body.positions, hinges)
         sides = _triangles_beside(triangles, hinges)

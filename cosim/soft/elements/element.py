@@ -147,6 +147,9 @@ class Element(ABC):
     """Whether a body has one of the kind at most; that of an attached part becomes one with it."""
     merges: ClassVar[bool] = True
     """Whether those of a body's copies become one, row after row; otherwise they follow copy by copy."""
+    counted: ClassVar[bool] = False
+    """Whether a body's parts are named by their places in its rows: copies and attached parts come one after
+    the other, and neighbours with the same constants become one."""
     far: ClassVar[bool] = False
     """Whether it couples nodes across the mesh."""
 
@@ -196,16 +199,20 @@ class Element(ABC):
         Raises:
             MeshError: constants of them differ.
         """
-        first, marks = elements[0], layout(cls)
-        for name in (name for name, mark in marks.items() if mark is None):
-            for other in elements[1:]:
+        first = elements[0]
+        for other in elements[1:]:
+            for name in first.differences(other):
                 one, another = getattr(first, name), getattr(other, name)
-                if one != another:
-                    raise MeshError(f"{cls.label} differ in {name}: {one} and {another}")
-        rows = [name for name, mark in marks.items() if mark is not None]
+                raise MeshError(f"{cls.label} differ in {name}: {one} and {another}")
+        rows = [name for name, mark in layout(cls).items() if mark is not None]
         return _replaced(
             first, {name: np.concatenate([getattr(entry, name) for entry in elements]) for name in rows}
         )
+
+    def differences(self, other: Self) -> list[str]:
+        """Return the names of the constants in which another element of the kind differs."""
+        constants = (name for name, mark in layout(type(self)).items() if mark is None)
+        return [name for name in constants if getattr(self, name) != getattr(other, name)]
 
     def all_nodes(self) -> IntArray:
         """Return the indices (k,) of all nodes that it names."""

@@ -172,7 +172,7 @@ def principal_forces(x, triangles, gradients, stiffness, law, fraction):  # type
 @final
 @dataclass(frozen=True)
 class Membranes(DirectElement):
-    """All film triangles of a body.
+    """Film triangles of one material.
 
     Args:
         triangles: (m, 3) node indices.
@@ -182,7 +182,8 @@ class Membranes(DirectElement):
     """
 
     label: ClassVar[str] = "triangles"
-    single: ClassVar[bool] = True
+    merges: ClassVar[bool] = False
+    counted: ClassVar[bool] = True
 
     triangles: Annotated[IntArray, NODES]
     shape_gradients: Annotated[Array, ROWS]

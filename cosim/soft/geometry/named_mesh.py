@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 
 import numpy as np
 
 from cosim.base.frames import Array, IntArray
 from cosim.errors import MeshError
+from cosim.soft.geometry.face_groups import check_face_groups, check_face_values, parts_of_groups
 from cosim.soft.geometry.surface import check_mesh
 
 
@@ -26,10 +27,13 @@ class NamedMesh:
         tip_ring: name of the ring at the free end.
         seam_rings: names of the rings along which two films are welded.
         lines: nodes by name that a cable may lead through, base to tip.
+        face_groups: places of triangles by name, such as of a material of their own.
+        face_values: (m, ...) of each triangle by name; a part of a triangle has that of the whole.
 
     Raises:
         MeshError: see `cosim.soft.geometry.surface.check_mesh`; or a ring or line names a node that does not
-            exist, or a ring has no nodes.
+            exist, a ring has no nodes, a face group names a triangle that does not exist, or a triangle has
+            no value.
     """
 
     positions: Array
@@ -40,6 +44,8 @@ class NamedMesh:
     tip_ring: str
     seam_rings: tuple[str, ...] = ()
     lines: Mapping[str, IntArray] = field(default_factory=dict)
+    face_groups: Mapping[str, IntArray] = field(default_factory=dict)
+    face_values: Mapping[str, Array] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         check_mesh(self.positions, self.triangles)
@@ -48,9 +54,13 @@ class NamedMesh:
             for name, nodes in named.items():
                 _check_nodes(f"{key[:-1]} {name}", nodes, len(self.positions))
             object.__setattr__(self, key, MappingProxyType(named))
-        positions = np.array(self.positions, dtype=np.float64)
-        positions.setflags(write=False)
-        object.__setattr__(self, "positions", positions)
+        check_face_groups(self.face_groups, len(self.triangles))
+        check_face_values(self.face_values, len(self.triangles))
+        groups = {name: _read_only(places) for name, places in self.face_groups.items()}
+        values = {name: _values(rows) for name, rows in self.face_values.items()}
+        object.__setattr__(self, "face_groups", MappingProxyType(groups))
+        object.__setattr__(self, "face_values", MappingProxyType(values))
+        object.__setattr__(self, "positions", _values(self.positions))
         object.__setattr__(self, "triangles", _read_only(self.triangles))
         object.__setattr__(self, "caps", tuple(_read_only(cap) for cap in self.caps))
 
@@ -58,6 +68,36 @@ class NamedMesh:
     def seam(self) -> IntArray:
         """Nodes where two films are welded, ascending."""
         return np.unique(np.concatenate([np.zeros(0, np.int64), *(self.rings[n] for n in self.seam_rings)]))
+
+    def divided(
+        self,
+        positions: Array,
+        triangles: IntArray,
+        parent: IntArray,
+        rings: Mapping[str, IntArray],
+        caps: tuple[IntArray, ...],
+        lines: Mapping[str, IntArray],
+    ) -> NamedMesh:
+        """Return the mesh with parts of its triangles in their place.
+
+        Args:
+            positions: (n, 3) [m].
+            triangles: (parts, 3) node indices.
+            parent: (parts,), the triangle that each is part of; it gives face groups and values.
+            rings: that there are now.
+            caps: that there are now.
+            lines: that there are now.
+        """
+        return replace(
+            self,
+            positions=positions,
+            triangles=triangles,
+            rings=rings,
+            caps=caps,
+            lines=lines,
+            face_groups=parts_of_groups(self.face_groups, parent),
+            face_values={name: rows[parent] for name, rows in self.face_values.items()},
+        )
 
     def ring(self, name: str) -> IntArray:
         """Return the nodes of a ring.
@@ -85,6 +125,12 @@ def _check_nodes(name: str, nodes: IntArray, count: int) -> None:
         raise MeshError(f"{name} has no nodes")
     if nodes.min() < 0 or nodes.max() >= count:
         raise MeshError(f"{name} uses nodes {nodes.tolist()}; 0 to {count - 1} exist")
+
+
+def _values(values: Array) -> Array:
+    array = np.array(values, dtype=np.float64)
+    array.setflags(write=False)
+    return array
 
 
 def _read_only(indices: IntArray) -> IntArray:

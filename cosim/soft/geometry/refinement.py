@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from cosim.base.frames import IntArray
@@ -17,7 +15,7 @@ def refine(mesh: NamedMesh, levels: int) -> NamedMesh:
 
     New nodes are edge midpoints of the drawn shape, so area, volume and rest angles stay; the new
     edges inside a triangle are flat. Rings and caps gain the midpoints of their edges, lines keep their
-    nodes. Nodes are
+    nodes, and the parts of a triangle are in its face groups and have its face values. Nodes are
     numbered by the mean number of the coarse nodes they come from, which keeps the half bandwidth
     near 4 per level times the coarse one: it stays unit-wise.
 
@@ -45,10 +43,10 @@ def _refine_once(mesh: NamedMesh) -> NamedMesh:
     positions[number] = np.concatenate([mesh.positions, mesh.positions[edges].mean(axis=1)])
 
     middle = {(int(a), int(b)): int(number[n + e]) for e, (a, b) in enumerate(edges)}
-    return replace(
-        mesh,
+    return mesh.divided(
         positions=positions,
         triangles=_quarters(number[mesh.triangles], number[n + inverse.reshape(-1, 3)]),
+        parent=np.repeat(np.arange(len(mesh.triangles)), 4),
         rings={name: _with_midpoints(ring, number, middle) for name, ring in mesh.rings.items()},
         caps=tuple(_with_midpoints(cap, number, middle) for cap in mesh.caps),
         lines={name: number[line] for name, line in mesh.lines.items()},

@@ -62,8 +62,8 @@ def inflated(rings: int) -> tuple[float, float, float]:
     found = specimen.solve(specimen.drawn(bulge), replace(UNLOADED, pressure_Pa=PRESSURE_PA))
     x = found.state.positions
     volume = 4.0 * specimen.system.volume
-    middle = np.flatnonzero((body.membranes.triangles == 0).any(axis=1))
-    stress = float(body.membranes.principal_stress(x)[middle].mean())
+    middle = np.flatnonzero((body.triangles == 0).any(axis=1))
+    stress = float(body.principal_stress(x)[middle].mean())
     return float(x[0, 2]) / RADIUS_M, stress, volume
 
 

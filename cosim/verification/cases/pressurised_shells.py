@@ -28,8 +28,8 @@ def inflated_sphere(rings: int) -> tuple[float, float]:
     found = specimen.solve(specimen.drawn(), replace(UNLOADED, pressure_Pa=SPHERE_PA))
     volume = specimen.system.volume
     specimen.system.evaluate(body.positions, UNLOADED, np.zeros(0), specimen.system.memory, hessian=False)
-    stress = body.membranes.principal_stress(found.state.positions).mean(axis=1)
-    mean = float(stress @ body.membranes.areas / body.membranes.areas.sum())
+    stress = body.principal_stress(found.state.positions).mean(axis=1)
+    mean = float(stress @ body.areas / body.areas.sum())
     return (volume / specimen.system.volume) ** (1.0 / 3.0) - 1.0, mean
 
 
@@ -63,7 +63,7 @@ def inflated_cylinder(sides: int) -> tuple[float, float, float, float]:
     found = specimen.solve(specimen.drawn(), replace(UNLOADED, pressure_Pa=CYLINDER_PA))
     x = found.state.positions
     radius = float(np.hypot(x[:, 0], x[:, 1]).mean())
-    hoop, axial = body.membranes.principal_stress(x).mean(axis=0)
+    hoop, axial = body.principal_stress(x).mean(axis=0)
     length = float(x[last, 2].mean())
     return radius / RADIUS_M - 1.0, length / LENGTH_M - 1.0, float(hoop), float(axial)
 

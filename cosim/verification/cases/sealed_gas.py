@@ -79,7 +79,7 @@ class SealedGasSphere(Case):
         stiffness = specimen.stiffness(specimen.solve(specimen.drawn(), replace(UNLOADED, gas=rest)))
         radial = shape.positions.ravel() / RADIUS_M
         mass = np.zeros(body.nodes)
-        np.add.at(mass, shape.triangles, body.membranes.areas[:, None] * DENSITY * FILM.thickness_m / 3.0)
+        np.add.at(mass, shape.triangles, body.areas[:, None] * DENSITY * FILM.thickness_m / 3.0)
         omega = math.sqrt(float(radial @ stiffness @ radial) / float(mass.sum()))
         return (
             Figure("gauge pressure of the filled sphere", "Pa", pressure, filled_pressure(), 5e-3),

@@ -94,7 +94,7 @@ class InflatedTube:
         Along the tube's middle the axial stress is a + b cos(angle); a belongs to the pressure, b to the
         moment there.
         """
-        triangles = self.body.membranes.triangles
+        triangles = self.body.triangles
         drawn = self.body.positions[triangles].mean(axis=1)
         chosen = np.flatnonzero(np.abs(drawn[:, 2] - 0.5 * LENGTH_M) < 0.1 * LENGTH_M)
         stress = _axial_stress(self.body, found.state.positions)[chosen]
@@ -109,7 +109,7 @@ class InflatedTube:
 
 def _axial_stress(body: SoftBody, positions: Array) -> Array:
     """Return the second Piola-Kirchhoff stress (m,) [Pa] along the drawn axis z."""
-    membranes = body.membranes
+    (membranes,) = body.membranes
     edge = body.positions[membranes.triangles]
     # the triangle's own first axis runs along its first edge, the second is normal to it in its plane
     first = edge[:, 1] - edge[:, 0]
