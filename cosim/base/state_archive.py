@@ -198,6 +198,10 @@ def _decode(value: Any, arrays: Mapping[str, NDArray[Any]]) -> Any:
     try:
         if issubclass(kind, enum.Enum):
             return kind[value["name"]]
-        return kind(**{key: _decode(item, arrays) for key, item in value["fields"].items()})
+        made: Any = kind
+        saved, known = value["fields"], {field.name for field in fields(made) if field.init}
+        if known ^ saved.keys():  # a default would stand for what was not known when it was saved
+            raise KeyError(f"other fields: {', '.join(sorted(known ^ saved.keys()))}")
+        return kind(**{key: _decode(item, arrays) for key, item in saved.items()})
     except (KeyError, TypeError) as error:
         raise InputError(f"the saved {name} is of another version: {error}") from error

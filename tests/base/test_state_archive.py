@@ -149,6 +149,9 @@ def test_a_class_that_has_changed_is_refused(tmp_path: Path) -> None:
     path = forged({"class": f"{__name__}:Device", "fields": {"reading": 1, "lost": 2}}, tmp_path / "a.npz")
     with pytest.raises(InputError, match=r"another version.*lost"):
         read_archive(path)
+    path = forged({"class": f"{__name__}:Device", "fields": {}}, tmp_path / "b.npz")
+    with pytest.raises(InputError, match=r"another version: 'other fields: last, name, reading, valve'"):
+        read_archive(path)
 
 
 def test_another_schema_is_refused(tmp_path: Path) -> None:
