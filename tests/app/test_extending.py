@@ -1,0 +1,94 @@
+"""The page on extending, followed to the letter: for each example a file of its own and one line."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import cosim
+
+PACKAGE = Path(cosim.__file__).parent
+PAGE = PACKAGE.parent / "docs" / "extending.md"
+ARM = """\
+schema = 2
+title = "an arm is inflated"
+robot = "none"
+
+[soft_robot]
+file = "square_core_cables"
+
+[start]
+flange.position_m = [0.0, 0.0, 0.5]
+flange.direction = [0.0, 0.0, -1.0]
+
+[[phase]]
+name = "inflate"
+duration_s = 0.04
+settle_s = 0.0
+pressure_Pa = 20e3
+
+"""
+RUN = """\
+result = cosim.run("mine.toml")
+plain = cosim.run("plain.toml")
+assert abs(result.tip_position - plain.tip_position).max() > 1e-5
+"""
+REPORT = "print(result.summary['status'], len(result.tip_position))\n"
+
+
+def blocks(title: str, language: str) -> list[str]:
+    """Return what stands in a section of the page in some language."""
+    (section,) = re.findall(rf"^## {title}\n(.*?)(?=^## |\Z)", PAGE.read_text("utf-8"), re.M | re.S)
+    return re.findall(rf"^```{language}\n(.*?)^```$", section, re.M | re.S)
+
+
+def contents(*folders: Path) -> dict[str, str]:
+    """Return the hash of every file in some folders, but for what Python and numba keep for themselves."""
+    files = [file for folder in folders for file in folder.rglob("*") if file.is_file()]
+    return {
+        str(file): hashlib.sha256(file.read_bytes()).hexdigest()
+        for file in files
+        if "__pycache__" not in file.parts
+    }
+
+
+@pytest.mark.parametrize(
+    ("title", "module", "name"),
+    [
+        ("A kind of elements", "dashpots", "DashpotTable"),
+        ("A source of commands", "sine", "SineTable"),
+        ("A body of your own", "own_tube", "tube"),
+    ],
+)
+def test_a_file_and_a_line_are_all_it_takes(title: str, module: str, name: str, tmp_path: Path) -> None:
+    before = contents(PACKAGE, tmp_path)
+    file, line = blocks(title, "python")
+    (toml,) = blocks(title, "toml")
+    start = f"import cosim\nfrom {module} import {name}\n{line}"
+    if toml.startswith("[["):  # of a scenario; otherwise a whole one
+        written = {"mine.toml": ARM + toml, "plain.toml": ARM, "start.py": start + RUN + REPORT}
+    else:
+        written = {"tube.toml": toml, "start.py": start + REPORT}
+    written[f"{module}.py"] = file
+    for path, text in written.items():
+        (tmp_path / path).write_text(text, encoding="utf-8")
+    environment = {**os.environ, "PYTHONPATH": str(PACKAGE.parent), "PYTHONDONTWRITEBYTECODE": "1"}
+    told = subprocess.run(
+        [sys.executable, "start.py"],
+        cwd=tmp_path,
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert told.returncode == 0, told.stderr
+    assert re.fullmatch(r"completed \d\d+", told.stdout.splitlines()[-1])
+    after = contents(PACKAGE, tmp_path)
+    changed = {path for path in before.keys() | after.keys() if before.get(path) != after.get(path)}
+    assert changed == {str(tmp_path / path) for path in written}
