@@ -8,24 +8,34 @@ from dataclasses import dataclass
 from typing import final
 
 from cosim.errors import InputError, SolverError
+from cosim.verification.cases.bowed_strip import BowedStrip
 from cosim.verification.cases.capstan import Capstan
 from cosim.verification.cases.catenary import Catenary
 from cosim.verification.cases.euler_buckling import EulerBuckling, PostBuckling
 from cosim.verification.cases.heavy_cantilever import HeavyCantilever
-from cosim.verification.cases.hencky_membrane import HenckyMembrane
 from cosim.verification.cases.inflated_beam import InflatedCantilever, InflatedThreePoint
-from cosim.verification.cases.mylar_balloon import MylarBalloon
 from cosim.verification.cases.pouch_motor import PouchMotor
-from cosim.verification.cases.pressurised_shells import PressurisedCylinder, PressurisedSphere
+from cosim.verification.cases.pressed_ring import PressedRing
 from cosim.verification.cases.rigid_motion import RigidMotion
 from cosim.verification.cases.roll_up import RollUp
 from cosim.verification.cases.sealed_gas import SealedGasSphere
-from cosim.verification.cases.square_cushions import SquareAirbag, SquarePillow
+from cosim.verification.cases.sealed_piston import SealedPiston
+from cosim.verification.cases.self_buckling import SelfBuckling
 from cosim.verification.cases.squeezed_tube import SqueezedTube
 from cosim.verification.cases.tip_loaded_cantilever import TipLoadedCantilever
 from cosim.verification.dynamic_cases.cantilever_modes import CantileverModes
+from cosim.verification.dynamic_cases.coupled_tick import CoupledTick
 from cosim.verification.dynamic_cases.free_flight import FreeFlight
+from cosim.verification.dynamic_cases.pendulum import Pendulum, SwingingChain
+from cosim.verification.dynamic_cases.shaken_beam import ShakenBeam
+from cosim.verification.dynamic_cases.spinning_strip import SpinningStrip
 from cosim.verification.dynamic_cases.time_order import TimeOrder
+from cosim.verification.film_cases.hencky_membrane import HenckyMembrane
+from cosim.verification.film_cases.mylar_balloon import MylarBalloon
+from cosim.verification.film_cases.pressurised_shells import PressurisedCylinder, PressurisedSphere
+from cosim.verification.film_cases.sheared_panel import ShearedPanel
+from cosim.verification.film_cases.square_cushions import SquareAirbag, SquarePillow
+from cosim.verification.film_cases.wrinkle_wavelength import WrinkleWavelength
 from cosim.verification.support.case import Case, Figure
 
 CASES: tuple[Case, ...] = (
@@ -34,12 +44,16 @@ CASES: tuple[Case, ...] = (
     RollUp(),
     EulerBuckling(),
     PostBuckling(),
+    SelfBuckling(),
+    PressedRing(),
     Catenary(),
     Capstan(),
+    BowedStrip(),
     PressurisedSphere(),
     PressurisedCylinder(),
     HenckyMembrane(),
     SealedGasSphere(),
+    SealedPiston(),
     SqueezedTube(),
     PouchMotor(),
     InflatedCantilever(),
@@ -47,9 +61,16 @@ CASES: tuple[Case, ...] = (
     SquareAirbag(),
     MylarBalloon(),
     SquarePillow(),
+    ShearedPanel(),
+    WrinkleWavelength(),
     RigidMotion(),
     CantileverModes(),
+    SwingingChain(),
+    Pendulum(),
+    SpinningStrip(),
+    ShakenBeam(),
     TimeOrder(),
+    CoupledTick(),
     FreeFlight(),
 )
 

@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from cosim.base.frames import Wrench
+from cosim.rigid.scene.scene import RigidScene
 from cosim.soft.body.loads import Loads
 from cosim.soft.elements import cable, hinge, mass_terms
 from cosim.soft.elements.cable import Cable
@@ -23,6 +25,13 @@ def stiff_hinges(patch: pytest.MonkeyPatch) -> None:
     """Hinges 2 % too stiff."""
     true = hinge.add_hinges
     patch.setattr(hinge, "add_hinges", lambda x, nodes, k, *rest: true(x, nodes, 1.02 * k, *rest))
+
+
+def undivided_bending(patch: pytest.MonkeyPatch) -> None:
+    """The 12 is missing in the film's flexural rigidity."""
+    true = Film.flexural_rigidity_Nm.fget
+    assert true is not None
+    patch.setattr(Film, "flexural_rigidity_Nm", property(lambda self: 12.0 * true(self)))
 
 
 def strong_pressure(patch: pytest.MonkeyPatch) -> None:
@@ -82,6 +91,22 @@ def first_order_steps(patch: pytest.MonkeyPatch) -> None:
     )
 
 
+def heavy_inertia(patch: pytest.MonkeyPatch) -> None:
+    """Inertia 2 % too large."""
+    true = mass_terms.add_inertia
+    patch.setattr(mass_terms, "add_inertia", lambda x, c, *rest: true(x, 1.02 * c, *rest))
+
+
+def weak_wrench(patch: pytest.MonkeyPatch) -> None:
+    """The arm feels 98 % of the soft side's wrench."""
+    true = RigidScene.apply_flange_wrench
+    patch.setattr(
+        RigidScene,
+        "apply_flange_wrench",
+        lambda self, wrench: true(self, Wrench(0.98 * wrench.force, 0.98 * wrench.torque)),
+    )
+
+
 FOUND_BY: dict[Fault, set[str]] = {
     stiff_hinges: {
         "tip_loaded_cantilever",
@@ -90,7 +115,11 @@ FOUND_BY: dict[Fault, set[str]] = {
         "euler_buckling",
         "post_buckling",
         "cantilever_modes",
+        "self_buckling",
+        "pressed_ring",
+        "bowed_strip",
     },
+    undivided_bending: {"wrinkle_wavelength"},
     strong_pressure: {
         "pressurised_sphere",
         "pressurised_cylinder",
@@ -99,12 +128,14 @@ FOUND_BY: dict[Fault, set[str]] = {
         "pouch_motor",
     },
     stiff_film: {"pressurised_sphere", "pressurised_cylinder", "inflated_cantilever", "inflated_three_point"},
-    film_without_wrinkles: {"square_airbag", "mylar_balloon", "square_pillow"},
-    heavy_nodes: {"heavy_cantilever", "catenary"},
-    stiff_gas: {"sealed_gas"},
+    film_without_wrinkles: {"square_airbag", "mylar_balloon", "square_pillow", "sheared_panel"},
+    heavy_nodes: {"heavy_cantilever", "catenary", "self_buckling", "swinging_chain", "pendulum"},
+    stiff_gas: {"sealed_gas", "sealed_piston"},
     half_wrap: {"capstan"},
     one_sided_cables: {"rigid_motion", "free_flight"},
     first_order_steps: {"time_order", "free_flight"},
+    heavy_inertia: {"spinning_strip", "shaken_beam"},
+    weak_wrench: {"coupled_tick"},
 }
 
 

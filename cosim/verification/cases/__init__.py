@@ -1,1 +1,1 @@
-"""Known answers of equilibria."""
+"""Known answers of equilibria of strips, cables, tubes and gas."""

@@ -96,6 +96,17 @@ def quarter_square(side_m: float, columns: int) -> Shape:
     return Shape(positions, grid_triangles(columns, columns), on_symmetry_planes(positions, (0, 1)))
 
 
+def panel(length_m: float, height_m: float, columns: int, rows: int) -> tuple[Array, IntArray]:
+    """Return positions (n, 3) [m] and triangles of a flat rectangle along x and y, normal +z.
+
+    Node (i, j) is i (rows + 1) + j.
+    """
+    x, y = np.meshgrid(
+        np.linspace(0.0, length_m, columns + 1), np.linspace(0.0, height_m, rows + 1), indexing="ij"
+    )
+    return np.stack([x.ravel(), y.ravel(), np.zeros(x.size)], axis=1), grid_triangles(columns, rows)
+
+
 def grid_triangles(columns: int, rows: int) -> IntArray:
     """Return the triangles of a grid whose node (i, j) is i (rows + 1) + j, with alternating diagonals."""
     i, j = (axis.ravel() for axis in np.meshgrid(np.arange(columns), np.arange(rows), indexing="ij"))

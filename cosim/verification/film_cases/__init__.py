@@ -1,0 +1,1 @@
+"""Known answers of films: stretched, inflated and wrinkled."""
