@@ -29,7 +29,9 @@ from cosim.soft.published.hinges import without_spring
 def build_film(robot: SoftRobotTable) -> Film:
     """Return the film of a robot's walls."""
     f = robot.film
-    return Film(f.young_modulus_Pa, f.poisson_ratio, f.thickness_m, f.law, f.compressive_fraction)
+    return Film(
+        f.young_modulus_Pa, f.poisson_ratio, f.thickness_m, f.law, f.compressive_fraction, f.wrinkle_panel_m
+    )
 
 
 def build_soft_body(robot: SoftRobotTable, model: ModelTable) -> SoftBody:
@@ -51,6 +53,7 @@ def build_soft_body(robot: SoftRobotTable, model: ModelTable) -> SoftBody:
         mesh.positions,
         mesh.triangles,
         film,
+        wrinkle_panel_m=mesh.face_values["wrinkle_panel_m"],
         hinge_nodes=hinges,
         hinge_stiffness=stiffness,
         fold_barrier_rad=robot.hinge.fold_barrier_rad,

@@ -39,6 +39,11 @@ WRONG_VALUES = {
         "soft_robot.film.compressive_fraction",
         "'plain'",
     ),
+    "panels of a plain film": (
+        "soft_robot.film.wrinkle_panel_m=0.02",
+        "soft_robot.film.wrinkle_panel_m",
+        "'wrinkling'; the law is 'plain'",
+    ),
     "unknown frame": ("soft_robot.stiffener.kind=rigid", "soft_robot.stiffener.kind", "'stiff'"),
     "limp frame": ("soft_robot.stiffener.stiffness_N_m=0", "soft_robot.stiffener.stiffness_N_m", "above 0"),
     "unknown hinge rule": ("soft_robot.hinge.rule=plate", "soft_robot.hinge.rule", "'shell'"),

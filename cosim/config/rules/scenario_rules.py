@@ -127,6 +127,10 @@ def _check_law(robot: SoftRobotTable, path: str) -> None:
             f"{path}.film.compressive_fraction",
             f"goes with law = 'tension_field'; the law is '{robot.film.law}'",
         )
+    if robot.film.wrinkle_panel_m is not None and robot.film.law != "wrinkling":
+        raise ScenarioError(
+            f"{path}.film.wrinkle_panel_m", f"goes with law = 'wrinkling'; the law is '{robot.film.law}'"
+        )
 
 
 def _check_attachment(entry: AttachmentTable, robot: SoftRobotTable, path: str, faults: Faults) -> None:

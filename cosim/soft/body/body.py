@@ -166,6 +166,7 @@ class SoftBody:
         film: Film | Mapping[str, Film],
         *,
         face_groups: Mapping[str, IntArray] | None = None,
+        wrinkle_panel_m: Array | float = 0.0,
         hinge_nodes: IntArray | None = None,
         hinge_stiffness: Array | float = 0.0,
         hinge_rest_angle: Array | None = None,
@@ -185,6 +186,7 @@ class SoftBody:
             triangles: (m, 3), outward orientation.
             film: material of all triangles, or of those of each face group; these come in that order.
             face_groups: places of triangles by name; those named by `film` hold every triangle once.
+            wrinkle_panel_m: (m,) or one number, see `Membranes`; a film of law "wrinkling" needs it.
             hinge_nodes: (h, 4) nodes i, j, k, l; j-k is the edge.
             hinge_stiffness: (h,) or one number [N m/rad].
             hinge_rest_angle: (h,) [rad]; the drawn shape's angles if omitted.
@@ -205,11 +207,11 @@ class SoftBody:
         nodes = _nodes("hinges", np.zeros((0, 4)) if hinge_nodes is None else hinge_nodes, len(x))
         stiffness = np.array(np.broadcast_to(hinge_stiffness, (len(nodes),)), dtype=np.float64)
         rest = dihedral_angle(x, nodes) if hinge_rest_angle is None else np.array(hinge_rest_angle)
-        films = [Membranes.from_shape(x, part, own) for part, own in by_film(tri, film, face_groups or {})]
-        hinges = Hinges(nodes, stiffness, rest, fold_barrier_rad)
+        parts = by_film(tri, film, face_groups or {}, wrinkle_panel_m)
+        films = [Membranes.from_shape(x, *part) for part in parts]
         return cls(
             positions=x,
-            elements=(*films, hinges, *cables),
+            elements=(*films, Hinges(nodes, stiffness, rest, fold_barrier_rad), *cables),
             caps=tuple(_indices(ring) for ring in caps),
             closed=closed,
             node_mass=np.array(np.broadcast_to(node_mass, (len(x),)), dtype=np.float64),

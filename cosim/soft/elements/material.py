@@ -11,12 +11,18 @@ import numpy as np
 from cosim.base.frames import Array
 from cosim.errors import InputError
 
-FilmLaw: TypeAlias = Literal["plain", "tension_field", "edge_strain"]
+FilmLaw: TypeAlias = Literal["plain", "tension_field", "edge_strain", "wrinkling"]
 
 PLAIN: Final = 0
 TENSION_FIELD: Final = 1
 EDGE_STRAIN: Final = 2
-_LAWS: dict[str, int] = {"plain": PLAIN, "tension_field": TENSION_FIELD, "edge_strain": EDGE_STRAIN}
+WRINKLING: Final = 3
+_LAWS: dict[str, int] = {
+    "plain": PLAIN,
+    "tension_field": TENSION_FIELD,
+    "edge_strain": EDGE_STRAIN,
+    "wrinkling": WRINKLING,
+}
 
 
 @final
@@ -30,6 +36,8 @@ class Film:
         thickness_m: thickness.
         law: how the film answers to strain.
         compressive_fraction: of the plain law's compressive stiffness that a "tension_field" keeps, 0 to 1.
+        wrinkle_panel_m: width of the panels that a "wrinkling" film wrinkles in, such as from the seam to the
+            hole; None: that of the mesh, which must know it.
 
     Raises:
         InputError: a constant out of its bounds, an unknown law, or a fraction that does not fit it.
@@ -40,6 +48,7 @@ class Film:
     thickness_m: float
     law: FilmLaw = "plain"
     compressive_fraction: float = 0.0
+    wrinkle_panel_m: float | None = None
 
     def __post_init__(self) -> None:
         for name in ("young_modulus_Pa", "thickness_m"):
@@ -55,6 +64,11 @@ class Film:
             raise InputError(f"compressive_fraction is {self.compressive_fraction}; it must be 0 to 1")
         if self.compressive_fraction and self.law != "tension_field":
             raise InputError(f"compressive_fraction goes with law 'tension_field'; the law is {self.law!r}")
+        if self.wrinkle_panel_m is not None:
+            if not 0.0 < self.wrinkle_panel_m < math.inf:
+                raise InputError(f"wrinkle_panel_m is {self.wrinkle_panel_m}; it must be positive and finite")
+            if self.law != "wrinkling":
+                raise InputError(f"wrinkle_panel_m goes with law 'wrinkling'; the law is {self.law!r}")
 
     @property
     def law_code(self) -> int:

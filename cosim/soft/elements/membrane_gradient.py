@@ -1,4 +1,4 @@
-"""Energy and gradient of many plain film triangles, without Hessian: in groups, one triangle per lane."""
+"""Energy and gradient of many film triangles, plain or wrinkling, in groups: one triangle per lane."""
 
 from __future__ import annotations
 
@@ -6,10 +6,12 @@ import numpy as np
 
 from cosim.base.frames import Array
 from cosim.base.kernels import device_function
+from cosim.soft.elements.wrinkling import wrinkling
 
 # Quantity q of a lane is at s[q * LANES + lane], as in `hinge_gradient`.
 LANES = 64
-_D1, _D2, _ENERGY = 0, 3 * LANES, 6 * LANES
+_D1, _D2, _ENERGY, _E, _N = 0, 3 * LANES, 6 * LANES, 7 * LANES, 10 * LANES
+_SIZE = 13 * LANES
 
 
 def in_lanes(shape_gradients: Array, areas: Array) -> Array:
@@ -38,8 +40,8 @@ def _gather(x, triangles, first, lanes, s):  # type: ignore[no-untyped-def]
 
 
 @device_function
-def _differentiate(drawn, stiffness, s):  # type: ignore[no-untyped-def]
-    """Replace the edges by the gradients of nodes 1 and 2, and fill the energies."""
+def _stretch(drawn, stiffness, s):  # type: ignore[no-untyped-def]
+    """Replace the edges by F^T, and fill strains, and forces A N and energies of the plain law."""
     c00, c01, c02 = stiffness[0, 0], stiffness[0, 1], stiffness[0, 2]
     c10, c11, c12 = stiffness[1, 0], stiffness[1, 1], stiffness[1, 2]
     c20, c21, c22 = stiffness[2, 0], stiffness[2, 1], stiffness[2, 2]
@@ -58,6 +60,37 @@ def _differentiate(drawn, stiffness, s):  # type: ignore[no-untyped-def]
         n22 = area * (c10 * e11 + c11 * e22 + c12 * e12)
         n12 = area * (c20 * e11 + c21 * e22 + c22 * e12)
         s[_ENERGY + lane] = 0.5 * (e11 * n11 + e22 * n22 + e12 * n12)
+        s[_D1 + lane], s[_D2 + lane] = f0, k0
+        s[_D1 + LANES + lane], s[_D2 + LANES + lane] = f1, k1
+        s[_D1 + 2 * LANES + lane], s[_D2 + 2 * LANES + lane] = f2, k2
+        s[_E + lane], s[_E + LANES + lane], s[_E + 2 * LANES + lane] = e11, e22, e12
+        s[_N + lane], s[_N + LANES + lane], s[_N + 2 * LANES + lane] = n11, n22, n12
+
+
+@device_function
+def _wrinkle(drawn, forces, lanes, stiffness, n, no_tangent, s):  # type: ignore[no-untyped-def]
+    """Replace forces A N and energies where a triangle is not taut."""
+    for lane in range(lanes):
+        area = drawn[4 * LANES + lane]
+        n11, n22, n12 = s[_N + lane], s[_N + LANES + lane], s[_N + 2 * LANES + lane]
+        above, half = 0.5 * (n11 + n22) + area * forces[lane, 0], 0.5 * (n11 - n22)
+        if above >= 0.0 and above * above >= half * half + n12 * n12:
+            continue
+        e11, e22, e12 = s[_E + lane], s[_E + LANES + lane], s[_E + 2 * LANES + lane]
+        plate, hardening = forces[lane, 0], forces[lane, 1]
+        s[_ENERGY + lane] = area * wrinkling(e11, e22, e12, stiffness, plate, hardening, n, no_tangent)
+        s[_N + lane], s[_N + LANES + lane], s[_N + 2 * LANES + lane] = area * n[0], area * n[1], area * n[2]
+
+
+@device_function
+def _pull(drawn, s):  # type: ignore[no-untyped-def]
+    """Replace F^T by the gradients of nodes 1 and 2."""
+    for lane in range(LANES):
+        ax, ay = drawn[lane], drawn[LANES + lane]
+        bx, by = drawn[2 * LANES + lane], drawn[3 * LANES + lane]
+        f0, f1, f2 = s[_D1 + lane], s[_D1 + LANES + lane], s[_D1 + 2 * LANES + lane]
+        k0, k1, k2 = s[_D2 + lane], s[_D2 + LANES + lane], s[_D2 + 2 * LANES + lane]
+        n11, n22, n12 = s[_N + lane], s[_N + LANES + lane], s[_N + 2 * LANES + lane]
         p1, q1 = n11 * ax + n12 * ay, n12 * ax + n22 * ay
         p2, q2 = n11 * bx + n12 * by, n12 * bx + n22 * by
         s[_D1 + lane], s[_D2 + lane] = f0 * p1 + k0 * q1, f0 * p2 + k0 * q2
@@ -82,16 +115,19 @@ def _scatter(triangles, first, lanes, s, gradient):  # type: ignore[no-untyped-d
 
 
 @device_function
-def add_membrane_gradients(x, triangles, drawn, stiffness, gradient):  # type: ignore[no-untyped-def]
-    """Add the gradient of all triangles of the plain law to gradient; return the energy [J].
+def add_membrane_gradients(x, triangles, drawn, stiffness, forces, gradient):  # type: ignore[no-untyped-def]
+    """Add the gradient of all triangles to gradient; return the energy [J].
 
-    `drawn` is what `in_lanes` returns.
+    `drawn` is what `in_lanes` returns; `forces` those of `wrinkling_forces`, empty for the plain law.
     """
-    s = np.empty(7 * LANES)
+    s, n, no_tangent = np.empty(_SIZE), np.empty(3), np.empty((0, 0))
     energy = 0.0
     for first in range(0, triangles.shape[0], LANES):
-        lanes = min(LANES, triangles.shape[0] - first)
+        lanes, group = min(LANES, triangles.shape[0] - first), drawn[first // LANES]
         _gather(x, triangles, first, lanes, s)
-        _differentiate(drawn[first // LANES], stiffness, s)
+        _stretch(group, stiffness, s)
+        if forces.shape[0] > 0:
+            _wrinkle(group, forces[first : first + lanes], lanes, stiffness, n, no_tangent, s)
+        _pull(group, s)
         energy += _scatter(triangles, first, lanes, s, gradient)
     return energy

@@ -74,7 +74,8 @@ class PolygonalStack:
         Its base ring lies at z = 0, the stack grows along +z. Rings run counter-clockwise about +z:
         unit_k.hole, unit_k.lower, unit_k.outer, unit_k.upper, tip. `unit_k.hole` is the lower hole ring of
         unit k = 1, 2, ...; it is also the upper one of unit k - 1. The films are welded along the outer
-        rings. Line corner_k leads through the outer nodes at corner k = 0, 1, ... of all units.
+        rings. Line corner_k leads through the outer nodes at corner k = 0, 1, ... of all units. Face value
+        wrinkle_panel_m is the width of the panels of a unit.
         """
         n = self.sides
         rings, levels = {}, []
@@ -98,7 +99,13 @@ class PolygonalStack:
             tip_ring="tip",
             seam_rings=tuple(outer),
             lines={f"corner_{k}": np.array([rings[name][2 * k] for name in outer]) for k in range(n)},
+            face_values={"wrinkle_panel_m": np.repeat(self._panels(), 14 * n)},
         )
+
+    def _panels(self) -> Array:
+        """Distance (units,) [m] between the sides of outer ring and hole, seen along the axis."""
+        outer = self.corner_radius_m * self.taper ** np.arange(self.units)
+        return np.asarray((outer - self.hole_radius_m) * np.cos(np.pi / self.sides))
 
     def _polygon(self, radius: float, height: float) -> Array:
         """Corners (even) and edge midpoints (odd) of the polygon at a height: (2 sides, 3) [m]."""

@@ -1,0 +1,169 @@
+"""A film on a mesh too coarse for its wrinkles: plain in tension, giving way to compression as a panel does.
+
+A triangle stays flat up to its own buckling load s0. Beyond, wrinkles hide a share w >= 0 of a length, and
+the membrane force across them is -(s0 + r), r = f0 w^(1/n), n = 3. With thickness h, Young's modulus E,
+Poisson's ratio nu, Y = E h, D = E h^3 / (12 (1 - nu^2)), drawn area A, and a the panel's width, seam to hole,
+    f0 = C sqrt(D Y) / a,   s0 = min(beta pi^2 D / A, cap f0)                                        [N/m].
+Complementary density by the principal membrane forces N_i, <.> the positive part:
+    psi*(N) = (N1^2 + N2^2 - 2 nu N1 N2) / (2 Y) + sum_i f0 / (n + 1) (<-N_i - s0> / f0)^(n + 1).
+psi(E) = max over N of N : E - psi*(N) is convex and isotropic, with a continuous tangent. It is the plain law
+of the strain without what is hidden, e_i + w_i, and the work of hiding:
+    psi = psi_plain(e + w) + sum_i (s0 w_i + n / (n + 1) f0 w_i^((n + 1) / n)).
+States: taut, w = 0; wrinkled, across the first principal direction alone; slack, across both.
+
+Why f0: a sheet compressed across its curvature k buckles at 2 sqrt(D Y) k. A panel of width a that bulges by
+b has k = 2 b / a^2 and draws its seam in by w = (2/3) (b / a)^2: r = 2 sqrt(6) sqrt(D Y) / a sqrt(w), n = 2,
+without a constant to fit. With n = 3 it gives way less early; C is fitted to one value of finite elements,
+three square units at 10 kPa on the drawn mesh, and agrees with n = 2 at w = 0.05, which those units hide.
+Why s0: refined triangles fold by themselves, and what they fold must not be hidden a second time; an
+equilateral plate, simply supported under equal compression, buckles at 2.31 pi^2 D / A.
+Source: buckling loads: Timoshenko and Gere, Theory of elastic stability, 2nd ed., sections 9.6 and 11.1;
+complementary density: as for tension fields, see `tension_field`; the law is derived here.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+import numpy as np
+
+from cosim.base.frames import Array
+from cosim.base.kernels import device_function
+
+HARDENING: Final = 3.15
+"""C, see above; theory has 4.90 for n = 2."""
+PLATE: Final = 2.3
+"""beta: buckling load of a triangular plate over pi^2 D / A."""
+LARGEST_PLATE_SHARE: Final = 1.5
+"""Bound of s0 / f0, chosen on a mesh refined three times; it acts where triangles are smaller yet."""
+_SWEEPS: Final = 200  # each leaves at most nu^2 of the error, mostly far less: 2 to 4 are common
+
+
+def wrinkling_forces(rigidity_Nm: float, young_N_m: float, panel_m: Array, areas: Array) -> Array:
+    """Return s0 and f0 (m, 2) [N/m] of each triangle.
+
+    Args:
+        rigidity_Nm: D.
+        young_N_m: Y.
+        panel_m: (m,) [m], a.
+        areas: (m,) [m^2], drawn.
+    """
+    hardening = HARDENING * math.sqrt(rigidity_Nm * young_N_m) / panel_m
+    plate = PLATE * np.pi**2 * rigidity_Nm / areas
+    return np.stack([np.minimum(plate, LARGEST_PLATE_SHARE * hardening), hardening], axis=1)
+
+
+@device_function
+def _beyond(excess, compliance, hardening):  # type: ignore[no-untyped-def]
+    """Return r of compliance r + (r / hardening)^3 = excess: r = 2 m sinh(arsinh(z) / 3)."""
+    m = hardening * math.sqrt(compliance * hardening / 3.0)
+    ratio = hardening / m
+    z = 0.5 * abs(excess) * ratio * ratio * ratio
+    v = (z + math.sqrt(z * z + 1.0)) ** (1.0 / 3.0)
+    return math.copysign(m * (v - 1.0 / v), excess)
+
+
+@device_function
+def _slack(g1, g2, ratio, young, hardening):  # type: ignore[no-untyped-def]
+    """Return r1, r2 of (r_i - ratio r_j) / young + (r_i / hardening)^3 = g_i, by turns."""
+    compliance = 1.0 / young
+    r1 = 0.0
+    r2 = _beyond(g2, compliance, hardening)
+    for _ in range(_SWEEPS):
+        before = r1
+        r1 = _beyond(g1 + ratio * compliance * r2, compliance, hardening)
+        r2 = _beyond(g2 + ratio * compliance * r1, compliance, hardening)
+        if abs(r1 - before) <= 1e-15 * hardening:
+            break
+    return r1, r2
+
+
+@device_function
+def wrinkling(e11, e22, e12, stiffness, plate, hardening, n, c):  # type: ignore[no-untyped-def]
+    """Fill n (3,) and c, first and second derivative of the energy density by (E11, E22, 2 E12).
+
+    With a, b the squares of the principal directions and v the turn of a, in the components of E,
+        n = N1 a + N2 b,
+        c = H11 a a^T + H12 (a b^T + b a^T) + H22 b b^T + 2 (N1 - N2) / (e1 - e2) v v^T,
+    H the inverse of the second derivative of psi*. There e1 - e2 = (1 + nu) (N1 - N2) / Y + w2 - w1, and
+    w2 - w1 = (N1 - N2) (r1^2 + r1 r2 + r2^2) / f0^3 in the slack state: it holds for equal strains too.
+
+    Args:
+        e11, e22, e12: E11, E22, 2 E12.
+        stiffness: (3, 3) [N/m], of the plain law.
+        plate, hardening: s0, f0 [N/m].
+        n: filled.
+        c: (3, 3), filled, or empty if it is not asked for.
+
+    Returns:
+        Energy density [J/m^2].
+    """
+    d00, d01 = stiffness[0, 0], stiffness[0, 1]
+    n0, n1, n2 = d00 * e11 + d01 * e22, d01 * e11 + d00 * e22, stiffness[2, 2] * e12
+    with_tangent = c.shape[0] > 0
+    above, half = 0.5 * (n0 + n1) + plate, 0.5 * (n0 - n1)
+    if above >= 0.0 and above * above >= half * half + n2 * n2:  # the second principal force is above -s0
+        n[0], n[1], n[2] = n0, n1, n2
+        if with_tangent:
+            for r in range(3):
+                for k in range(3):
+                    c[r, k] = stiffness[r, k]
+        return 0.5 * (e11 * n0 + e22 * n1 + e12 * n2)
+    ratio = d01 / d00
+    young = d00 * (1.0 - ratio * ratio)
+    mean, half = 0.5 * (e11 + e22), 0.5 * (e11 - e22)
+    radius = math.sqrt(half * half + 0.25 * e12 * e12)
+    e1, e2 = mean + radius, mean - radius
+    r1, r2 = 0.0, _beyond(-(e2 + ratio * e1) - plate / d00, 1.0 / d00, hardening)
+    first = young * e1 - ratio * (plate + r2)
+    if first < -plate:
+        common = plate * (1.0 - ratio) / young
+        r1, r2 = _slack(-e1 - common, -e2 - common, ratio, young, hardening)
+        first = -plate - r1
+    second = -plate - r2
+    cosine, sine = (half / radius, 0.5 * e12 / radius) if radius > 0.0 else (1.0, 0.0)
+    center, shear = 0.5 * (first + second), 0.5 * (first - second)
+    n[0], n[1], n[2] = center + shear * cosine, center - shear * cosine, shear * sine
+    t1, t2 = r1 / hardening, r2 / hardening
+    w1, w2 = t1 * t1 * t1, t2 * t2 * t2
+    if with_tangent:
+        _fill_tangent(c, stiffness, (r1, r2, hardening), (cosine, sine), first - second)
+    elastic = 0.5 * (first * (e1 + w1) + second * (e2 + w2))
+    return elastic + plate * (w1 + w2) + 0.75 * (r1 * w1 + r2 * w2)
+
+
+@device_function
+def _fill_tangent(c, stiffness, beyond, direction, difference):  # type: ignore[no-untyped-def]
+    """Fill c (3, 3).
+
+    Args:
+        c: filled.
+        stiffness: of the plain law.
+        beyond: r1, r2, f0.
+        direction: cosine and sine of twice the first principal angle.
+        difference: N1 - N2.
+    """
+    r1, r2, hardening = beyond
+    cosine, sine = direction
+    ratio = stiffness[0, 1] / stiffness[0, 0]
+    soft = 1.0 / (stiffness[0, 0] * (1.0 - ratio * ratio))
+    cube = hardening * hardening * hardening
+    p1, p2 = soft + 3.0 * r1 * r1 / cube, soft + 3.0 * r2 * r2 / cube
+    scale = 1.0 / (p1 * p2 - ratio * ratio * soft * soft)
+    h11, h12, h22 = scale * p2, scale * ratio * soft, scale * p1
+    hidden = r1 * r1 + r1 * r2 + r2 * r2  # cubed f0 times (w2 - w1) / (N1 - N2)
+    if r1 == 0.0 and r2 > 0.0:  # wrinkled
+        hidden *= r2 / difference
+    turn = 2.0 / ((1.0 + ratio) * soft + hidden / cube)
+    a0, a1, a2 = 0.5 * (1.0 + cosine), 0.5 * (1.0 - cosine), 0.5 * sine
+    v0, v2 = -0.5 * sine, 0.5 * cosine
+    # b is (a1, a0, -a2)
+    ha0, ha1, ha2 = h11 * a0 + h12 * a1, h11 * a1 + h12 * a0, (h11 - h12) * a2
+    hb0, hb1, hb2 = h12 * a0 + h22 * a1, h12 * a1 + h22 * a0, (h12 - h22) * a2
+    c[0, 0] = ha0 * a0 + hb0 * a1 + turn * v0 * v0
+    c[1, 1] = ha1 * a1 + hb1 * a0 + turn * v0 * v0
+    c[2, 2] = (ha2 - hb2) * a2 + turn * v2 * v2
+    c[0, 1] = c[1, 0] = ha0 * a1 + hb0 * a0 - turn * v0 * v0
+    c[0, 2] = c[2, 0] = ha0 * a2 - hb0 * a2 + turn * v0 * v2
+    c[1, 2] = c[2, 1] = ha1 * a2 - hb1 * a2 - turn * v0 * v2
