@@ -93,7 +93,7 @@ class OpenSpecimen:
         force = np.zeros_like(positions)
         for ring in self.body.caps:
             force[ring] -= cap_force(positions, ring, pressure_Pa)[0]
-        return Loads(pressure_Pa, (), (0.0, 0.0, 0.0), force)
+        return Loads((pressure_Pa,), (), (0.0, 0.0, 0.0), force)
 
     def load_to(self, pressure_Pa: float) -> Equilibrium:
         """Follow the equilibrium to a pressure."""

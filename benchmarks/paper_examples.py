@@ -155,7 +155,7 @@ def stages_of(data: Any, body: SoftBody) -> Iterator[tuple[str, list[Increment]]
                 tension = value * full
             else:
                 share = value
-            loads = Loads(float(pressure), tuple(tension.tolist()), (0.0, 0.0, 0.0), share * dead)
+            loads = Loads((float(pressure),), tuple(tension.tolist()), (0.0, 0.0, 0.0), share * dead)
             increments.append(Increment(loads, turn))
         yield stage, increments
 
@@ -199,7 +199,7 @@ class Follower:
 
     def _with_lag(self, system: SoftSystem, loads: Loads) -> Loads:
         """Return the loads with the gas replaced by dead forces, those of the present shape."""
-        without = replace(loads, pressure_Pa=0.0)
+        without = replace(loads, pressure_Pa=())
         tension = system.segment_tension(self.positions, loads)
         gradients = []
         for case in (without, loads):

@@ -61,7 +61,7 @@ class Iteration:
         system = SoftSystem(body)
         solver = NewtonSolver(system, Clamp.of_base(body).mask(body.nodes))
         state = SoftState.drawn(body, Pose())
-        loads = Loads(1e3, (0.0,) * len(body.cables))
+        loads = Loads((1e3,), (0.0,) * len(body.cables))
         inertia = Inertia(body.node_mass / STEP_S**2, state.positions)
         tension = system.segment_tension(state.positions, loads)
         self.linear = solver.linear

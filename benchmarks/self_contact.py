@@ -44,9 +44,9 @@ def curl(arm: Held, films: SelfContact | None) -> tuple[Equilibrium, int]:
     here = solver.solve(SoftState.drawn(arm.body, HANGING), HANGING, no_load(arm.body))
     spent = 0
     for share in (0.25, 0.5, 1.0):
-        here = solver.follow(here, HANGING, no_load(arm.body, pressure_Pa=share * PRESSURE_Pa))
+        here = solver.follow(here, HANGING, no_load(arm.body, pressure_Pa=(share * PRESSURE_Pa,)))
     for share in np.linspace(0.05, 1.0, 20):
-        loads = no_load(arm.body, pressure_Pa=PRESSURE_Pa, cable_tension_N=(share * TENSION_N,) * 2)
+        loads = no_load(arm.body, pressure_Pa=(PRESSURE_Pa,), cable_tension_N=(share * TENSION_N,) * 2)
         here = solver.follow(here, HANGING, loads)
         spent += here.iterations
     return here, spent

@@ -95,7 +95,7 @@ class Bench:
         scenario = load_scenario("ur5e_hexagon_arm", changes)
         body = fidelity_body(scenario)
         self.soft = SoftArm(body, HANGING, NewtonOptions(iterations_max=100), StepOptions())
-        here = self.soft.start(HANGING, Loads(design.pressure_Pa, (0.0, 0.0)))
+        here = self.soft.start(HANGING, Loads((design.pressure_Pa,), (0.0, 0.0)))
         for k in range(1, TURN_PIECES + 1):
             turn = rotation_from_vector(np.array([0.0, -design.tilt_rad * k / TURN_PIECES, 0.0]))
             here = self.soft.follow(here, Pose(turn @ HANGING.rotation, HANGING.translation), here.loads)

@@ -94,7 +94,7 @@ class Bench:
 
     def at_start(self, tension: tuple[float, ...]) -> Equilibrium:
         """Return the inflated arm hanging with its cables pulled."""
-        return start_equilibrium(self.soft, self.hanging, Loads(PRESSURE_Pa, tension))
+        return start_equilibrium(self.soft, self.hanging, Loads((PRESSURE_Pa,), tension))
 
     def walked(self, begin: Equilibrium, pose: Pose) -> Equilibrium:
         """Return the equilibrium followed to a flange pose in small pieces."""

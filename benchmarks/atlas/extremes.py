@@ -134,7 +134,7 @@ def loads_at(extreme: Extreme, tick: int, cables: int) -> Loads:
     share = min(1.0, tick / RAMP)
     pull = {"ramp": share, "jerk": float(tick >= EVENT), "cut": share * float(tick < CUT)}[extreme.cable]
     gravity = (0.0, 0.0, -extreme.gravity_m_s2)
-    return Loads(share * extreme.pressure_Pa, (pull * extreme.tension_N,) * cables, gravity)
+    return Loads((share * extreme.pressure_Pa,), (pull * extreme.tension_N,) * cables, gravity)
 
 
 def flange_at(extreme: Extreme, tick: int) -> Pose:

@@ -49,5 +49,5 @@ def motion_times(body: SoftBody, ticks: int) -> list[float]:
 
 def _timed(arm: SoftArm, flange: Pose, pressure_Pa: float) -> float:
     began = time.process_time()
-    arm.advance(flange, Loads(pressure_Pa, (0.0,) * len(arm.body.cables)), STEP_S)
+    arm.advance(flange, Loads((pressure_Pa,), (0.0,) * len(arm.body.cables)), STEP_S)
     return time.process_time() - began

@@ -40,7 +40,7 @@ def make_case() -> tuple[SoftBody, Case]:
     clamp = Clamp.of_base(body)
     newton = NewtonSolver(SoftSystem(body), clamp.mask(body.nodes))
     solver = EquilibriumSolver(newton, clamp, NewtonOptions(tolerance_N=1e-8, start_tolerance_N=1e-8))
-    loads = Loads(LOW_Pa, (), (0.0, 0.0, -GRAVITY_M_S2))
+    loads = Loads((LOW_Pa,), (), (0.0, 0.0, -GRAVITY_M_S2))
     start = solver.solve(SoftState.drawn(body, Pose()), Pose(), loads).state.positions
     film = body.membranes[0].film
     case = Case(
@@ -62,7 +62,7 @@ def simulate(body: SoftBody, case: Case, tick_s: float, integrator: Integrator, 
 
     def step(time_s: float) -> None:
         nonlocal state
-        loads = Loads(pressure_at(time_s), (), gravity_at(time_s))
+        loads = Loads((pressure_at(time_s),), (), gravity_at(time_s))
         state, _ = stepper.step(state, Pose(), loads, tick_s)
 
     return run(case, tick_s, step, lambda: state.positions[case.tip].mean(axis=0))

@@ -67,6 +67,8 @@ class Measurement:
 class Command:
     """What a controller asks for until it is asked again; what it leaves out goes as planned.
 
+    A run makes the complete `RobotCommand` of each tick from it and the plan.
+
     Args:
         cable_tension_N: by cable name.
         cable_length_m: unstretched length, by cable name; not for a cable whose tension is commanded.

@@ -8,14 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import TypeAlias, final
 
 import numpy as np
 
 from cosim.base.frames import Array, IntArray, Mask, Pose
 from cosim.config.rules.gas_rules import GasRule, gas_rules
-from cosim.config.schema.per_chamber import PerChamber, as_load, values_after
+from cosim.config.schema.per_chamber import values_after
 from cosim.config.schema.phase import PhaseTable, StartTable, TipTargetTable
 from cosim.config.schema.scenario import Scenario
 from cosim.coupling.soft_sides.soft_side import SoftSide
@@ -28,7 +27,6 @@ from cosim.plan.robot_command import SoftCommand, loads_of
 from cosim.plan.shake import Shake
 from cosim.plan.target_motion import reach, walk
 from cosim.soft.body.body import SoftBody
-from cosim.soft.body.gas_chamber import of_each
 from cosim.soft.body.loads import Loads
 from cosim.soft.solve.state import Equilibrium
 
@@ -106,17 +104,20 @@ class Plan:
     phases: tuple[PhasePlan, ...]
 
 
-def start_loads(start: StartTable, body: SoftBody, gravity: tuple[float, float, float]) -> Loads:
-    """Return the loads before the first phase; tensions and pressures left out are zero."""
-    tension = start.cable_tension_N or (0.0,) * len(body.cables)
-    return Loads(_pressures(0.0, start.pressure_Pa, body), tuple(tension), gravity)
+def start_command(start: StartTable, body: SoftBody) -> SoftCommand:
+    """Return what is asked of the soft robot before the first phase; what is left out is zero."""
+    names = _chamber_names(body)
+    nothing, slack = (0.0,) * len(names), (0.0,) * len(body.cables)
+    return SoftCommand(
+        pressure_Pa=values_after(nothing, start.pressure_Pa, names, "pressure_Pa"),
+        gas=(None,) * len(names),
+        cable_tension_N=tuple(start.cable_tension_N or slack),
+        cable_length_m=(None,) * len(body.cables),
+    )
 
 
-def _pressures(
-    before: float | tuple[float, ...], given: PerChamber[float], body: SoftBody
-) -> float | tuple[float, ...]:
-    names = [chamber.name for chamber in body.gas_chambers]
-    return as_load(values_after(of_each(before, len(names), "pressure"), given, names, "pressure_Pa"))
+def _chamber_names(body: SoftBody) -> list[str]:
+    return [chamber.name for chamber in body.gas_chambers]
 
 
 def start_equilibrium(soft: SoftSide, flange: Pose, loads: Loads) -> Equilibrium:
@@ -152,18 +153,17 @@ def make_plan(scenario: Scenario, plan_joints: JointPlanner, soft: SoftSide) -> 
 
     # the statics take longer: what does not depend on them is refused first
     joints_along(_given_ways(scenario, start))
-    loads = start_loads(scenario.start, soft.body, scenario.gravity_m_s2)
-    drafts = _drafts(scenario, soft, start, loads)
+    command = start_command(scenario.start, soft.body)
+    drafts = _drafts(scenario, soft, start, command)
     joints = joints_along([draft.way for draft in drafts])
-    planned = partial(SoftCommand.planned, chambers=len(soft.body.gas_chambers))
     plans = tuple(
         PhasePlan(
-            draft.phase, path, planned(draft.begin), planned(draft.end), rule,
+            draft.phase, path, draft.begin.unsealed(), draft.end.unsealed(), rule,
             draft.holding, _target_point(draft.phase.tip_target), draft.way.end,
         )
         for draft, path, rule in zip(drafts, joints, gas_rules(scenario), strict=True)
     )  # fmt: skip
-    return Plan(start, joints[0].first, planned(loads), scenario.gravity_m_s2, plans)
+    return Plan(start, joints[0].first, command, scenario.gravity_m_s2, plans)
 
 
 def _given_ways(scenario: Scenario, start: Pose) -> list[FlangeWay]:
@@ -183,53 +183,55 @@ class _Draft:
 
     phase: PhaseTable
     way: FlangeWay
-    begin: Loads
-    end: Loads
+    begin: SoftCommand
+    end: SoftCommand
     holding: Holding
 
 
-def _drafts(scenario: Scenario, soft: SoftSide, start: Pose, loads: Loads) -> list[_Draft]:
+def _drafts(scenario: Scenario, soft: SoftSide, start: Pose, command: SoftCommand) -> list[_Draft]:
     """Return all phases; only those up to the last tip target need the statics of the soft body."""
-    sides = scenario.soft_robot.sides_of
+    sides, gravity = scenario.soft_robot.sides_of, scenario.gravity_m_s2
     targets = [index for index, phase in enumerate(scenario.phases) if phase.tip_target is not None]
     solved = 1 + max(targets, default=-1)
     drafts: list[_Draft] = []
     if solved:
-        here, gas = start_equilibrium(soft, start, loads), ChamberGas(scenario.gas)
+        here = start_equilibrium(soft, start, loads_of(command, gravity))
+        gas = ChamberGas(scenario.gas)
         soft.settle(here)
         for phase, rule in zip(scenario.phases[:solved], gas_rules(scenario), strict=False):
             holding = _holding(soft.body, sides, phase)
             holding.apply(soft, here.world_from_flange)
             gas.begin(rule, soft)
-            here = replace(here, loads=_filled(gas, here.loads, soft.body))
-            end_loads = _end_loads(here.loads, phase, soft.body, sides)
-            way, end = _solve_phase(soft, here, phase, end_loads)
-            drafts.append(_Draft(phase, way, here.loads, end.loads, holding))
-            here = _leaked(soft, end, gas, phase)
-        start, loads = here.world_from_flange, here.loads
+            begin = gas.filled(command.unsealed())
+            here = replace(here, loads=loads_of(begin, gravity))
+            end = _end_command(begin, phase, soft.body, sides)
+            loads = here.loads if end is begin else loads_of(end, gravity)
+            way, here = _solve_phase(soft, here, phase, loads)
+            end = replace(end, cable_tension_N=here.loads.cable_tension_N)  # as a target asks for them
+            drafts.append(_Draft(phase, way, begin, end, holding))
+            here, command = _leaked(soft, here, gas, phase, end)
+        start = here.world_from_flange
     for phase in scenario.phases[solved:]:
-        way, end_loads = _way(start, phase), _end_loads(loads, phase, soft.body, sides)
-        drafts.append(_Draft(phase, way, loads, end_loads, _holding(soft.body, sides, phase)))
-        start, loads = way.end, end_loads
+        way, end = _way(start, phase), _end_command(command, phase, soft.body, sides)
+        drafts.append(_Draft(phase, way, command, end, _holding(soft.body, sides, phase)))
+        start, command = way.end, end
     return drafts
 
 
-def _leaked(soft: SoftSide, here: Equilibrium, gas: ChamberGas, phase: PhaseTable) -> Equilibrium:
-    """Return the equilibrium at the end of a phase, what flows in its time gone; settles it."""
+def _leaked(
+    soft: SoftSide, here: Equilibrium, gas: ChamberGas, phase: PhaseTable, command: SoftCommand
+) -> tuple[Equilibrium, SoftCommand]:
+    """Return the equilibrium at the end of a phase, what flows in its time gone, and its command."""
     soft.settle(here)
     for _ in range(_LEAK_PIECES if gas.flows else 0):
         gas.advance(soft, (phase.duration_s + phase.settle_s) / _LEAK_PIECES)
+        command = gas.filled(command.unsealed())
         try:
-            here = soft.follow(here, here.world_from_flange, _filled(gas, here.loads, soft.body))
+            here = soft.follow(here, here.world_from_flange, loads_of(command, here.loads.gravity))
         except SolverError as error:
             raise ScenarioError(f"phase.{phase.name}", f"the static plan fails: {error}") from error
         soft.settle(here)
-    return here
-
-
-def _filled(gas: ChamberGas, loads: Loads, body: SoftBody) -> Loads:
-    """Return loads with what is in the chambers."""
-    return loads_of(gas.filled(SoftCommand.planned(loads, len(body.gas_chambers))), loads.gravity)
+    return here, command
 
 
 def _holding(body: SoftBody, sides: SidesOf, phase: PhaseTable) -> Holding:
@@ -267,15 +269,17 @@ def _solve_phase(
         raise ScenarioError(_flange_key(phase), f"the static plan fails: {error}") from error
 
 
-def _end_loads(loads: Loads, phase: PhaseTable, body: SoftBody, sides: SidesOf) -> Loads:
-    """Return the loads at the end of a phase; the same object where the phase changes none."""
+def _end_command(command: SoftCommand, phase: PhaseTable, body: SoftBody, sides: SidesOf) -> SoftCommand:
+    """Return what is asked for at the end of a phase; the same object where the phase changes nothing."""
     if phase.pressure_Pa is not None:
-        loads = replace(loads, pressure_Pa=_pressures(loads.pressure_Pa, phase.pressure_Pa, body))
+        names = _chamber_names(body)
+        pressure = values_after(command.pressure_Pa, phase.pressure_Pa, names, "pressure_Pa")
+        command = replace(command, pressure_Pa=pressure)
     if phase.cable_tension_N is not None:
-        loads = replace(loads, cable_tension_N=tuple(phase.cable_tension_N))
+        command = replace(command, cable_tension_N=tuple(phase.cable_tension_N))
     if phase.forces:
-        loads = replace(loads, nodal_force=nodal_force(body, sides, phase.forces))
-    return loads
+        command = replace(command, nodal_force=nodal_force(body, sides, phase.forces))
+    return command
 
 
 def _way(here: Pose, phase: PhaseTable) -> FlangeWay:

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Annotated, final
+from dataclasses import dataclass, replace
+from typing import Annotated, Final, final
 
 from cosim.base.frames import Array
-from cosim.config.schema.per_chamber import as_load
 from cosim.plan.joint_path import JointReference
 from cosim.soft.body.loads import Loads, force_between
 from cosim.soft.elements.gas import SealedGas
+
+_RAMPED: Final = ("pressure_Pa", "cable_tension_N", "nodal_force")
 
 
 @final
@@ -31,19 +32,15 @@ class SoftCommand:
     cable_length_m: Annotated[tuple[float | None, ...], ("cables",)]
     nodal_force: Annotated[Array, ("nodes", 3)] | None = None
 
-    @classmethod
-    def planned(cls, loads: Loads, chambers: int) -> SoftCommand:
-        """Return the pressures, tensions and forces of loads on a body with so many chambers."""
-        tension = loads.cable_tension_N
-        return cls(
-            loads.pressures(chambers), (None,) * chambers, tension, (None,) * len(tension), loads.nodal_force
-        )
+    def unsealed(self) -> SoftCommand:
+        """Return the same with its pressures given, whatever gas is sealed."""
+        return self if not any(self.gas) else replace(self, gas=(None,) * len(self.gas))
 
 
 @final
 @dataclass(frozen=True, eq=False)
 class RobotCommand:
-    """What is asked of the whole robot in one tick or increment.
+    """What is asked of the whole robot in one tick or increment; a controller's `Command` names a part of it.
 
     Args:
         joints: what the servos follow.
@@ -65,15 +62,11 @@ def loads_of(command: SoftCommand, gravity: tuple[float, float, float]) -> Loads
         InputError: a negative tension, or a length that is not above 0.
     """
     gas, lengths = command.gas, command.cable_length_m
-    return Loads(
-        as_load(command.pressure_Pa),
-        command.cable_tension_N,
-        gravity,
-        command.nodal_force,
-        as_load(gas) if gas.count(None) < len(gas) else None,
-        None,
-        lengths if lengths.count(None) < len(lengths) else (),
-    )
+    asked = vars(command) | {
+        "gas": gas if gas.count(None) < len(gas) else (),
+        "cable_length_m": lengths if lengths.count(None) < len(lengths) else (),
+    }
+    return Loads(gravity=gravity, **asked)
 
 
 @final
@@ -87,6 +80,7 @@ class CommandRamp:
 
     def __init__(self, begin: SoftCommand, end: SoftCommand) -> None:
         self.begin, self.end = begin, end
+        self._as_end = {name: value for name, value in vars(end).items() if name not in _RAMPED}
         self._pushed_otherwise = begin.nodal_force is not end.nodal_force
         self._changes = (
             self._pushed_otherwise
@@ -102,12 +96,11 @@ class CommandRamp:
         force = end.nodal_force
         if self._pushed_otherwise:
             force = force_between(begin.nodal_force, force, load_factor)
-        return SoftCommand(
-            _between(begin.pressure_Pa, end.pressure_Pa, load_factor),
-            end.gas,
-            _between(begin.cable_tension_N, end.cable_tension_N, load_factor),
-            end.cable_length_m,
-            force,
+        return type(end)(
+            pressure_Pa=_between(begin.pressure_Pa, end.pressure_Pa, load_factor),
+            cable_tension_N=_between(begin.cable_tension_N, end.cable_tension_N, load_factor),
+            nodal_force=force,
+            **self._as_end,
         )
 
 

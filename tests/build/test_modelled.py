@@ -49,9 +49,9 @@ def test_the_film_stays_within_its_reach() -> None:
     farthest = 0.0
     for pull in (np.zeros(3), np.array([0.0, 0.0, 5.0]), np.array([5.0, 0.0, 0.0])):
         pushed[body.tip] = pull / len(body.tip)
-        loads = Loads(pressure, (0.0,) * len(body.cables), (0.0, 0.0, 0.0), pushed)
+        loads = Loads((pressure,), (0.0,) * len(body.cables), (0.0, 0.0, 0.0), pushed)
         hung = arm.equilibrium.solve(
-            SoftState.drawn(body, Pose()), Pose(), Loads(0.0, loads.cable_tension_N, (0.0, 0.0, 0.0))
+            SoftState.drawn(body, Pose()), Pose(), Loads((), loads.cable_tension_N, (0.0, 0.0, 0.0))
         )
         x = arm.equilibrium.follow(hung, Pose(), loads).state.positions
         farthest = max(farthest, float(np.linalg.norm(x, axis=1).max()))

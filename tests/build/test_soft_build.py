@@ -96,7 +96,7 @@ def test_a_refined_unit_inflates(robot: SoftRobotTable, levels: int, rule: str) 
     x, angles = body.positions, system.memory.copy()
     options = NewtonOptions(iterations_max=300)
     for pressure in np.linspace(0.0, 1e3, 5)[1:]:
-        result = solver.solve(x, angles, Loads(pressure, (), (0.0, 0.0, 0.0)), options)
+        result = solver.solve(x, angles, Loads((pressure,), (), (0.0, 0.0, 0.0)), options)
         assert result.converged, result.outcome
         x, angles = result.positions, result.memory
     stretch = body.tip_position(x)[2] - body.tip_position(body.positions)[2]

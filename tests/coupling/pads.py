@@ -90,7 +90,7 @@ class Grasp:
             self.scene.contact_query(), self.scene.bodies, self.soft.contact_surface(), law
         )
         self.mass = BodyMass(self.exchange, self.soft, tick_s) if carried else None
-        self.loads = Loads(PRESSURE_PA, (), gravity)
+        self.loads = Loads((PRESSURE_PA,), (), gravity)
         self._cube = self.scene.body_names.index(f"{wires[0].name}/2" if wires else "cube")
 
     def tick(self) -> ContactReport:

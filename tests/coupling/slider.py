@@ -62,7 +62,7 @@ def loads(body: SoftBody, push_N: float = 0.0) -> Loads:
     force = np.zeros((body.nodes, 3))
     force[body.tip, 2] = -0.5 * PULL_N
     force[0, 2] = push_N
-    return Loads(0.0, (), FREE, nodal_force=force)
+    return Loads((), (), FREE, nodal_force=force)
 
 
 def along_the_slide(body: SoftBody) -> Mask:

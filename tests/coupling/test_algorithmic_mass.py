@@ -23,7 +23,7 @@ NODES = 8
 def answer(soft: SoftArm, xi: Array) -> Array:
     """Return the wrench (6,) after a step in which the flange moves by xi, about its first place."""
     moved = Pose(rotation_from_vector(xi[3:]) @ HANGING.rotation, HANGING.translation + xi[:3])
-    loads = no_load(soft.body, pressure_Pa=PRESSURE_Pa, gravity=WEIGHTLESS)
+    loads = no_load(soft.body, pressure_Pa=(PRESSURE_Pa,), gravity=WEIGHTLESS)
     wrench = soft.advance_closely(moved, loads, TICK_S, StepAim(1e-8)).wrench.moved(xi[:3])
     return np.concatenate([wrench.force, wrench.torque])
 
@@ -33,7 +33,7 @@ def test_the_mass_is_how_the_wrench_answers_a_motion_of_the_flange(integrator: I
     body = hexagon_arm(2)
     soft = SoftArm(body, HANGING, NewtonOptions(tolerance_N=1e-8), StepOptions(integrator))
     hung = soft.solve(soft.state, HANGING, no_load(body, gravity=WEIGHTLESS))
-    soft.settle(soft.follow(hung, HANGING, no_load(body, pressure_Pa=PRESSURE_Pa, gravity=WEIGHTLESS)))
+    soft.settle(soft.follow(hung, HANGING, no_load(body, pressure_Pa=(PRESSURE_Pa,), gravity=WEIGHTLESS)))
     for _ in range(2):
         answer(soft, np.zeros(6))
     before, found = soft.state, np.empty((6, 6))

@@ -144,7 +144,7 @@ def test_a_corner_does_not_slip_in_between_the_nodes(shift: tuple[float, float])
     flange = Pose(np.eye(3), np.array([0.0, 0.0, top + 0.0505]))
     soft = SoftArm(ball(), flange, NewtonOptions(), StepOptions(tolerance_N=1e-5, damping_per_s=5.0))
     exchange = ContactExchange(scene.contact_query(), scene.bodies, soft.contact_surface())
-    loads = Loads(5e3, (), (0.0, 0.0, 0.0))
+    loads = Loads((5e3,), (), (0.0, 0.0, 0.0))
     corner = np.array([[*shift, top]])
     worst, pressed = 0.0, 0.0
     for tick in range(120):
@@ -182,7 +182,7 @@ def test_what_the_film_can_get_to_in_a_tick_is_found_before_it_is_there() -> Non
     soft.state = replace(soft.state, velocities=2.0 * falling)
     planes = exchange.find(soft.state, tick_s)
     below = Pose(np.eye(3), flange.translation - np.array([0.0, 0.0, 2.0 * speed * tick_s]))
-    soft.advance(below, replace(Loads(5e3, (), (0.0, 0.0, 0.0)), contact=planes), tick_s)
+    soft.advance(below, replace(Loads((5e3,), (), (0.0, 0.0, 0.0)), contact=planes), tick_s)
     assert exchange.settle(soft.state.positions).count > 0
     assert soft.state.positions[:, 2].min() > 1.01 - 1e-3
 

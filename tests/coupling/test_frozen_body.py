@@ -26,7 +26,7 @@ GRAVITY = np.array([0.0, 0.0, -9.81])
 def frozen(damping_per_s: float = 0.0) -> FrozenBody:
     """Return an inflated arm of two units, frozen in the equilibrium of its start."""
     arm = FrozenBody(SoftArm(hexagon_arm(2), HANGING, NewtonOptions(), StepOptions()), damping_per_s)
-    arm.settle(arm.start(HANGING, no_load(arm.body, pressure_Pa=PRESSURE_Pa)))
+    arm.settle(arm.start(HANGING, no_load(arm.body, pressure_Pa=(PRESSURE_Pa,))))
     return arm
 
 
@@ -37,10 +37,10 @@ def turning(time_s: float) -> Pose:
 
 def test_it_keeps_the_inflated_shape_of_the_start_and_its_weight() -> None:
     arm, flexible = frozen(), SoftArm(hexagon_arm(2), HANGING, NewtonOptions(), StepOptions())
-    found = flexible.start(HANGING, no_load(arm.body, pressure_Pa=PRESSURE_Pa))
+    found = flexible.start(HANGING, no_load(arm.body, pressure_Pa=(PRESSURE_Pa,)))
     assert arm.state.positions == pytest.approx(found.state.positions, abs=1e-12)
     assert arm.volumes_m3[0] > 2.0 * SoftArm(arm.body, HANGING, NewtonOptions(), StepOptions()).volumes_m3[0]
-    loads = no_load(arm.body, pressure_Pa=0.0)
+    loads = no_load(arm.body, pressure_Pa=())
     reply = arm.advance(HANGING, loads, STEP_S)
     assert arm.state.positions == pytest.approx(found.state.positions, abs=1e-12)
     assert reply.wrench.force == pytest.approx(found.wrench.force, abs=1e-5)
@@ -116,7 +116,7 @@ def test_targets_of_the_tip_are_refused() -> None:
 
 def test_it_goes_on_from_a_saved_state_bit_for_bit() -> None:
     arm, other = frozen(), frozen()
-    loads = no_load(arm.body, pressure_Pa=1e3)
+    loads = no_load(arm.body, pressure_Pa=(1e3,))
     arm.advance(turning(0.001), loads, STEP_S)
     saved = arm.save_state()
     expected = arm.advance(turning(0.003), loads, STEP_S)

@@ -42,7 +42,7 @@ def energy_heights(mass_kg: float, tick_s: float, seconds: float) -> Array:
     options = StepOptions(tolerance_N=1e-6, damping_per_s=5.0)
     soft = SoftArm(body, flange, NewtonOptions(), options)
     exchange = ContactExchange(scene.contact_query(), scene.bodies, soft.contact_surface())
-    mass, loads = BodyMass(exchange, soft, tick_s), Loads(5e3, (), (0.0, 0.0, -GRAVITY))
+    mass, loads = BodyMass(exchange, soft, tick_s), Loads((5e3,), (), (0.0, 0.0, -GRAVITY))
     index, found = scene.body_names.index("ball"), []
     for _ in range(round(seconds / tick_s)):
         scene.finish_step()

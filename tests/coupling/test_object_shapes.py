@@ -67,7 +67,7 @@ def test_action_equals_reaction_on_every_shape(name: str) -> None:
     options = StepOptions(tolerance_N=1e-6, damping_per_s=5.0)
     soft = SoftArm(body, Pose(np.eye(3), start), NewtonOptions(), options)
     exchange = ContactExchange(scene.contact_query(), scene.bodies, soft.contact_surface())
-    loads = Loads(PRESSURE_PA, (), (0.0, 0.0, 0.0))
+    loads = Loads((PRESSURE_PA,), (), (0.0, 0.0, 0.0))
     pressed = 0.0
     for tick in range(15):
         scene.finish_step()

@@ -47,9 +47,9 @@ def test_the_tip_is_where_the_film_has_it(
 ) -> None:
     tips = []
     for arm in arms():
-        begin = arm.start(FLANGE, Loads(20e3, (0.0, 0.0)))
+        begin = arm.start(FLANGE, Loads((20e3,), (0.0, 0.0)))
         arm.settle(begin)
-        found = arm.follow(begin, flange, Loads(pressure, tension))
+        found = arm.follow(begin, flange, Loads((pressure,), tension))
         tips.append((body().tip_position(found.state.positions), found.wrench, length(found.state.positions)))
     (tip, wrench, _), (film_tip, film_wrench, size) = tips
     assert np.linalg.norm(tip - film_tip) < 0.02 * size
@@ -69,7 +69,7 @@ def test_nodes_made_from_frames_give_back_the_frames() -> None:
 
 def test_the_volume_is_that_of_the_film() -> None:
     arm, film = arms()
-    found, lumped = (a.start(FLANGE, Loads(25e3, (0.0, 0.0))) for a in (arm, film))
+    found, lumped = (a.start(FLANGE, Loads((25e3,), (0.0, 0.0))) for a in (arm, film))
     arm.settle(found)
     film.settle(lumped)
     assert arm.volumes_m3[0] == pytest.approx(
@@ -79,11 +79,11 @@ def test_the_volume_is_that_of_the_film() -> None:
 
 def test_what_is_asked_of_a_past_state_is_of_that_state() -> None:
     arm, _ = arms()
-    arm.settle(arm.start(FLANGE, Loads(25e3, (0.0, 0.0))))
+    arm.settle(arm.start(FLANGE, Loads((25e3,), (0.0, 0.0))))
     reader, shape = arm.shape_reader(), arm.shape_now()
     before = arm.state.positions.copy(), arm.volumes_m3
     for tick in range(1, 6):
-        arm.advance(FLANGE, Loads(25e3 + 1e3 * tick, (5.0, 0.0)), 2e-3)
+        arm.advance(FLANGE, Loads((25e3 + 1e3 * tick,), (5.0, 0.0)), 2e-3)
     assert np.abs(arm.state.positions - before[0]).max() > 1e-6
     np.testing.assert_array_equal(reader.positions(shape), before[0])
     assert reader.figures([shape]).volumes_m3[0] == pytest.approx(before[1], rel=1e-12)
@@ -91,7 +91,7 @@ def test_what_is_asked_of_a_past_state_is_of_that_state() -> None:
 
 def test_an_arm_that_leans_starts_where_a_hanging_one_is_turned_to() -> None:
     arm, _ = arms()
-    loads = Loads(25e3, (0.0, 0.0))
+    loads = Loads((25e3,), (0.0, 0.0))
     turned = arm.follow(arm.start(FLANGE, loads), SIDEWAYS, loads)
     # without gas it does not hold itself up
     assert arm.start(SIDEWAYS, loads).state.positions == pytest.approx(turned.state.positions, abs=1e-7)
@@ -99,10 +99,10 @@ def test_an_arm_that_leans_starts_where_a_hanging_one_is_turned_to() -> None:
 
 def test_sealed_gas_keeps_its_amount() -> None:
     arm, _ = arms()
-    found = arm.start(FLANGE, Loads(25e3, (0.0, 0.0)))
+    found = arm.start(FLANGE, Loads((25e3,), (0.0, 0.0)))
     arm.settle(found)
     gas = SealedGas(101325.0 + 25e3, arm.volumes_m3[0], 1.0)
-    sealed = arm.follow(found, FLANGE, Loads(0.0, (2.0, 2.0), gas=gas))
+    sealed = arm.follow(found, FLANGE, Loads((), (2.0, 2.0), gas=(gas,)))
     arm.settle(sealed)
     product = (arm.pressures_Pa[0] + 101325.0) * arm.volumes_m3[0]
     assert product == pytest.approx(gas.pressure_Pa * gas.volume_m3, rel=1e-6)
@@ -111,7 +111,7 @@ def test_sealed_gas_keeps_its_amount() -> None:
 
 def test_momentum_changes_by_what_acts() -> None:
     arm, _ = arms(StepOptions(tolerance_N=1e-9))
-    arm.settle(arm.start(FLANGE, Loads(25e3, (0.0, 0.0))))
+    arm.settle(arm.start(FLANGE, Loads((25e3,), (0.0, 0.0))))
     h, mass = 0.001, body().mass_kg
     before = arm.mass_properties().center
     velocity = np.zeros(3)
@@ -119,7 +119,7 @@ def test_momentum_changes_by_what_acts() -> None:
         pose = Pose(
             rotation_from_vector(np.array([0.02 * k, 0.0, 0.0])) @ FLANGE.rotation, FLANGE.translation
         )
-        reply = arm.advance(pose, Loads(25e3, (0.0, 0.0)), h)
+        reply = arm.advance(pose, Loads((25e3,), (0.0, 0.0)), h)
         after = arm.mass_properties().center
         gained = mass * ((after - before) / h - velocity) / h
         velocity, before = (after - before) / h, after
@@ -131,8 +131,8 @@ def test_momentum_changes_by_what_acts() -> None:
 
 def test_the_tip_moves_with_tension_and_gravity_as_its_sensitivity_says() -> None:
     arm, _ = arms()
-    loads = Loads(25e3, (3.0, 1.0))
-    here = arm.follow(arm.start(FLANGE, Loads(25e3, (0.0, 0.0))), SIDEWAYS, loads)
+    loads = Loads((25e3,), (3.0, 1.0))
+    here = arm.follow(arm.start(FLANGE, Loads((25e3,), (0.0, 0.0))), SIDEWAYS, loads)
     arm.settle(here)
     sensitivity = arm.sensitivity(here)
     tip = body().tip_position(here.state.positions)
@@ -147,7 +147,7 @@ def test_the_tip_moves_with_tension_and_gravity_as_its_sensitivity_says() -> Non
 
 def test_cables_and_flange_bring_the_tip_to_a_target() -> None:
     arm, _ = arms()
-    here = arm.follow(arm.start(FLANGE, Loads(25e3, (0.0, 0.0))), SIDEWAYS, Loads(25e3, (1.0, 1.0)))
+    here = arm.follow(arm.start(FLANGE, Loads((25e3,), (0.0, 0.0))), SIDEWAYS, Loads((25e3,), (1.0, 1.0)))
     tip = body().tip_position(here.state.positions)
     wanted = tip + np.array([0.0, 0.01, 0.004])
     found = arm.find_flange_pose(here, TipTarget(position=wanted))
@@ -157,9 +157,9 @@ def test_cables_and_flange_bring_the_tip_to_a_target() -> None:
 @pytest.mark.parametrize("sealed", [False, True])
 def test_a_saved_arm_goes_on_bit_for_bit(sealed: bool) -> None:
     arm, _ = arms(StepOptions("bdf2"))
-    arm.settle(arm.start(FLANGE, Loads(25e3, (0.0, 0.0))))
+    arm.settle(arm.start(FLANGE, Loads((25e3,), (0.0, 0.0))))
     gas = SealedGas(101325.0 + 26e3, arm.volumes_m3[0], 1.0) if sealed else None
-    loads = Loads(26e3, (1.0, 0.0), gas=gas)
+    loads = Loads((26e3,), (1.0, 0.0), gas=(gas,))
     for _ in range(4):
         arm.advance(FLANGE, loads, 0.002)
     saved = arm.save_state()
@@ -173,9 +173,11 @@ def test_a_saved_arm_goes_on_bit_for_bit(sealed: bool) -> None:
 
 def test_the_wrench_and_the_mass_are_those_of_the_chain() -> None:
     arm, _ = arms()
-    arm.settle(arm.start(FLANGE, Loads(25e3, (0.0, 0.0))))
+    arm.settle(arm.start(FLANGE, Loads((25e3,), (0.0, 0.0))))
     for tick in range(3):
-        reply = arm.advance(SIDEWAYS.interpolated(FLANGE, 1.0 - 0.01 * tick), Loads(25e3, (0.0, 2.0)), 2e-3)
+        reply = arm.advance(
+            SIDEWAYS.interpolated(FLANGE, 1.0 - 0.01 * tick), Loads((25e3,), (0.0, 2.0)), 2e-3
+        )
     state, mass, found = arm.save_state(), section().mass, arm.mass_properties()
     frames, force = state.last.frames, state.last.gradient[0, :3]  # the flange holds the first frame alone
     assert reply.wrench.force == pytest.approx(-force)
@@ -190,14 +192,14 @@ def test_the_wrench_and_the_mass_are_those_of_the_chain() -> None:
 
 def test_a_clamped_ring_goes_with_the_flange() -> None:
     arm, _ = arms()
-    arm.settle(arm.start(FLANGE, Loads(25e3, (0.0, 0.0))))
+    arm.settle(arm.start(FLANGE, Loads((25e3,), (0.0, 0.0))))
     held = np.zeros((body().nodes, 3), dtype=bool)
     ring = body().rings["unit_1.outer"]
     held[ring] = True
     before = FLANGE.inverse().apply(arm.state.positions[ring])
     arm.hold_also(held, FLANGE)
     there = Pose(rotation_from_vector(np.array([0.1, 0.0, 0.0])) @ FLANGE.rotation, FLANGE.translation)
-    arm.advance(there, Loads(25e3, (0.0, 0.0)), 0.02)
+    arm.advance(there, Loads((25e3,), (0.0, 0.0)), 0.02)
     assert there.inverse().apply(arm.state.positions[ring]) == pytest.approx(before, abs=1e-12)
     held[:] = False
     held[ring[0]] = True
@@ -207,10 +209,10 @@ def test_a_clamped_ring_goes_with_the_flange() -> None:
 
 def test_shapes_read_together_are_those_of_the_film() -> None:
     arm, _ = arms()
-    arm.settle(arm.start(FLANGE, Loads(25e3, (0.0, 0.0))))
+    arm.settle(arm.start(FLANGE, Loads((25e3,), (0.0, 0.0))))
     shapes, films, volumes = [], [], []
     for tick in range(1, 6):
-        arm.advance(FLANGE, Loads(25e3 + 1e3 * tick, (5.0, 0.0)), 2e-3)
+        arm.advance(FLANGE, Loads((25e3 + 1e3 * tick,), (5.0, 0.0)), 2e-3)
         shapes.append(arm.shape_now())
         films.append(arm.state.positions)
         volumes.append(arm.volumes_m3)
@@ -228,7 +230,7 @@ def test_its_inertia_weighs_what_that_of_the_film_does(integrator: Integrator) -
     """In the first step, which looks back over one, and in the second."""
     options = StepOptions(integrator=integrator, damping_per_s=3.0, newton=NewtonOptions(reuse_max=6))
     chain, film = arms(options)
-    loads = Loads(20e3, (0.0, 0.0))
+    loads = Loads((20e3,), (0.0, 0.0))
     for arm in (chain, film):
         arm.settle(arm.start(FLANGE, loads))
     for span in (0.002, 2.0 / 3.0 * 0.002 if integrator == "bdf2" else 0.002):

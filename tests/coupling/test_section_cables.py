@@ -20,7 +20,7 @@ from tests.small_section import body, section
 from tests.soft.contacts import half_space
 
 FLANGE = Pose(rotation_from_vector(np.array([0.0, np.pi, 0.0])), np.array([0.3, 0.1, 0.7]))
-GAS = Loads(25e3, (0.0, 0.0))
+GAS = Loads((25e3,), (0.0, 0.0))
 
 
 def arms() -> tuple[SectionArm, SoftArm]:

@@ -30,7 +30,7 @@ def lowered(share: float = 1.0) -> Pose:
 def resting(damping_per_s: float = 0.0) -> tuple[SectionArm, Loads]:
     """Return an arm at rest above a floor that its tip nearly touches, and loads with that floor."""
     arm = SectionArm(section(), FLANGE, NewtonOptions(), StepOptions(damping_per_s=damping_per_s))
-    gas = Loads(25e3, (0.0, 0.0))
+    gas = Loads((25e3,), (0.0, 0.0))
     arm.settle(arm.start(FLANGE, gas))
     surface = arm.contact_surface()
     points = surface.points(arm.state.positions)

@@ -30,7 +30,7 @@ def hanging_arm(units: int = 3, dynamics: StepOptions = TIGHT) -> SoftArm:
     arm = SoftArm(hexagon_arm(units), HANGING, NewtonOptions(), dynamics)
     solver = arm.equilibrium_solver
     hung = solver.solve(arm.state, HANGING, no_load(arm.body))
-    arm.settle(solver.follow(hung, HANGING, no_load(arm.body, pressure_Pa=PRESSURE_Pa)))
+    arm.settle(solver.follow(hung, HANGING, no_load(arm.body, pressure_Pa=(PRESSURE_Pa,))))
     return arm
 
 
@@ -48,7 +48,7 @@ def power_W(arm: SoftArm) -> float:
 
 def test_at_rest_the_reply_is_the_weight() -> None:
     arm = hanging_arm()
-    loads = no_load(arm.body, pressure_Pa=PRESSURE_Pa)
+    loads = no_load(arm.body, pressure_Pa=(PRESSURE_Pa,))
     for _ in range(5):
         reply = arm.advance(HANGING, loads, STEP_S)
     weight = 9.81 * arm.body.mass_kg
@@ -60,7 +60,7 @@ def test_at_rest_the_reply_is_the_weight() -> None:
 def test_reaction_changes_momentum_and_angular_momentum() -> None:
     # Newton and Euler for the whole body: what the flange supplies, plus weight, is d(momentum)/dt
     arm = hanging_arm()
-    mass, loads = arm.body.node_mass, no_load(arm.body, pressure_Pa=PRESSURE_Pa)
+    mass, loads = arm.body.node_mass, no_load(arm.body, pressure_Pa=(PRESSURE_Pa,))
     weight, largest = mass[:, None] * np.array(loads.gravity), 0.0
     for k in range(1, 21):
         before, flange = arm.state.velocities, moving(k * STEP_S)
@@ -79,7 +79,7 @@ def test_reaction_changes_momentum_and_angular_momentum() -> None:
 def test_power_at_the_held_nodes_is_minus_wrench_times_twist(turn: Array, relative: float) -> None:
     # Held nodes move with the flange, at the mean velocity of the step: exactly so if it only shifts. If it
     # turns by 1e-3 rad in a step, chords are shorter than arcs, and the films squeeze the base ring hard.
-    arm, loads, powers, errors = hanging_arm(), no_load(hexagon_arm(3), pressure_Pa=PRESSURE_Pa), [], []
+    arm, loads, powers, errors = hanging_arm(), no_load(hexagon_arm(3), pressure_Pa=(PRESSURE_Pa,)), [], []
     for k in range(1, 21):
         before, after = moving((k - 1) * STEP_S, turn), moving(k * STEP_S, turn)
         reply = arm.advance(after, loads, STEP_S)
@@ -98,7 +98,7 @@ def test_held_nodes_follow_the_flange_exactly() -> None:
     hold[rim] = True
     arm.hold_also(hold, HANGING)
     local = HANGING.inverse().apply(arm.state.positions)
-    arm.advance(moving(0.03), no_load(arm.body, pressure_Pa=PRESSURE_Pa), STEP_S)
+    arm.advance(moving(0.03), no_load(arm.body, pressure_Pa=(PRESSURE_Pa,)), STEP_S)
     held = np.concatenate([arm.body.base, rim])
     assert moving(0.03).inverse().apply(arm.state.positions)[held] == pytest.approx(local[held], abs=1e-14)
     assert len(arm.reaction) == len(held)
@@ -117,8 +117,8 @@ def test_a_step_that_fails_is_taken_in_halves(monkeypatch: pytest.MonkeyPatch) -
         return step(self, state, flange, loads, step_s, *rest)
 
     arm, flange = hanging_arm(), moving(0.02)
-    first, begin = moving(0.01), no_load(arm.body, pressure_Pa=0.97 * PRESSURE_Pa)
-    loads = no_load(arm.body, pressure_Pa=0.9 * PRESSURE_Pa)
+    first, begin = moving(0.01), no_load(arm.body, pressure_Pa=(0.97 * PRESSURE_Pa,))
+    loads = no_load(arm.body, pressure_Pa=(0.9 * PRESSURE_Pa,))
     arm.advance(first, begin, STEP_S)
     with monkeypatch.context() as patch:
         patch.setattr(ImplicitStepper, "step", short_ones_only)
@@ -151,7 +151,7 @@ def test_a_two_step_integrator_does_not_look_back_over_a_change_of_step(
         return step(self, state, flange, loads, step_s, *rest)
 
     arm = hanging_arm(dynamics=replace(TIGHT, integrator="bdf2"))
-    loads = no_load(arm.body, pressure_Pa=PRESSURE_Pa)
+    loads = no_load(arm.body, pressure_Pa=(PRESSURE_Pa,))
     for k in (1, 2):
         arm.advance(moving(k * STEP_S), loads, STEP_S)
     assert arm.state.earlier is not None
@@ -177,7 +177,7 @@ def test_after_a_failure_the_state_is_that_before(monkeypatch: pytest.MonkeyPatc
 
     monkeypatch.setattr(ImplicitStepper, "step", first_half_only)
     with pytest.raises(ConvergenceError):
-        arm.advance(moving(0.01), no_load(arm.body, pressure_Pa=PRESSURE_Pa), STEP_S)
+        arm.advance(moving(0.01), no_load(arm.body, pressure_Pa=(PRESSURE_Pa,)), STEP_S)
     assert min(lengths) == STEP_S / 32  # five halvings
     assert arm.state is before
 

@@ -69,7 +69,7 @@ def rig(
     mass[drawn.base] += carried_kg / len(drawn.base)
     body = hexagon_arm(UNITS, node_mass=mass)
     soft = SoftArm(body, scene.flange_pose, NewtonOptions(), StepOptions(integrator))
-    solver, loads = soft.equilibrium_solver, no_load(body, pressure_Pa=PRESSURE_Pa)
+    solver, loads = soft.equilibrium_solver, no_load(body, pressure_Pa=(PRESSURE_Pa,))
     hung = solver.solve(soft.state, scene.flange_pose, no_load(body))
     found = solver.follow(hung, scene.flange_pose, loads)
     soft.settle(found)

@@ -26,7 +26,7 @@ EXACT = StepOptions(
 def resting(dynamics: StepOptions) -> SoftArm:
     """Return an inflated arm of two units at rest."""
     arm = SoftArm(hexagon_arm(2), HANGING, NewtonOptions(), dynamics)
-    arm.settle(arm.start(HANGING, no_load(arm.body, pressure_Pa=PRESSURE_Pa)))
+    arm.settle(arm.start(HANGING, no_load(arm.body, pressure_Pa=(PRESSURE_Pa,))))
     return arm
 
 
@@ -38,7 +38,7 @@ def swung(time_s: float) -> Pose:
 
 def tips(arm: SoftArm, tick_s: float) -> Array:
     """Return the tip (k, 3) [m] every 20 ms of the swing."""
-    loads, found = no_load(arm.body, pressure_Pa=PRESSURE_Pa), []
+    loads, found = no_load(arm.body, pressure_Pa=(PRESSURE_Pa,)), []
     for k in range(1, round(DURATION_S / tick_s) + 1):
         arm.advance(swung(k * tick_s), loads, tick_s)
         if k % round(TICK_S / tick_s) == 0:
@@ -51,7 +51,7 @@ def test_the_estimate_goes_with_the_step_like_the_error(integrator: Integrator, 
     estimates = []
     for step in (2e-3, 1e-3):
         arm = resting(replace(EXACT, integrator=integrator))
-        loads = no_load(arm.body, pressure_Pa=PRESSURE_Pa)
+        loads = no_load(arm.body, pressure_Pa=(PRESSURE_Pa,))
         for k in range(1, round(0.06 / step) + 1):
             before = arm.state
             arm.advance(swung(k * step), loads, step)
@@ -63,7 +63,7 @@ def test_the_estimate_of_euler_is_the_error_of_a_given_acceleration() -> None:
     # the base follows x = a t^2 / 2 exactly, and carries the estimate: half the distance from free flight
     arm = resting(EXACT)
     acceleration, step = np.array([3.0, 0.0, 0.0]), 1e-3
-    loads = no_load(arm.body, pressure_Pa=PRESSURE_Pa)
+    loads = no_load(arm.body, pressure_Pa=(PRESSURE_Pa,))
     for k in range(1, 4):
         before = arm.state
         shifted = HANGING.translation + 0.5 * acceleration * (k * step) ** 2
@@ -113,7 +113,7 @@ def test_without_a_bound_nothing_changes_and_a_loose_one_cuts_nothing() -> None:
 def test_a_saved_state_goes_on_in_the_same_pieces() -> None:
     options = replace(EXACT, integrator="bdf2", substep_error_m=2e-5)
     arm, other = resting(options), resting(options)
-    loads = no_load(arm.body, pressure_Pa=PRESSURE_Pa)
+    loads = no_load(arm.body, pressure_Pa=(PRESSURE_Pa,))
     for k in range(1, 5):
         arm.advance(swung(k * TICK_S), loads, TICK_S)
     saved = arm.save_state()

@@ -9,9 +9,11 @@ import numpy as np
 import pytest
 
 from cosim.errors import InputError
+from cosim.plan import robot_command
 from cosim.plan.robot_command import CommandRamp, SoftCommand, loads_of
 from cosim.soft.body.loads import Loads
 from cosim.soft.elements.gas import SealedGas
+from tests.soft.wind import Windy, WindyCommand
 
 BEGIN = SoftCommand((1e4, 2e4), (None, None), (1.0, 0.0), (None, None))
 GAS = SealedGas(1.1e5, 1e-3, 1.4, 1e5, 293.0)
@@ -36,7 +38,7 @@ def test_the_ramp_is_the_interpolation_of_loads(changes: dict[str, Any], share: 
     assert found.pressure_Pa == pytest.approx(expected.pressure_Pa, rel=1e-15)
     assert found.cable_tension_N == pytest.approx(expected.cable_tension_N, rel=1e-15)
     assert found.gravity == GRAVITY
-    assert (found.gas, found.cable_length_m) == (None, ())
+    assert (found.gas, found.cable_length_m) == ((), ())
     np.testing.assert_array_equal(found.nodal_force, expected.nodal_force)
 
 
@@ -55,16 +57,32 @@ def test_loads_hold_what_is_commanded_of_each_chamber_and_cable() -> None:
 
 def test_one_chamber_at_a_given_pressure_is_all_that_simple_loads_hold() -> None:
     found = loads_of(SoftCommand((2e4,), (None,), (), ()), GRAVITY)
-    assert found == Loads(2e4, (), GRAVITY)
+    assert found == Loads((2e4,), (), GRAVITY)
 
 
-def test_what_is_planned_has_a_value_for_each_chamber_and_cable() -> None:
-    found = SoftCommand.planned(Loads(3e3, (1.0, 2.0), gas=GAS, nodal_force=FORCE), 3)
-    assert (found.pressure_Pa, found.gas) == ((3e3,) * 3, (None,) * 3)
-    assert (found.cable_tension_N, found.cable_length_m) == ((1.0, 2.0), (None, None))
+def test_an_unsealed_command_asks_for_the_same_pressures_without_gas() -> None:
+    asked = replace(BEGIN, gas=(GAS, None), nodal_force=FORCE)
+    found = asked.unsealed()
+    assert found.gas == (None, None)
+    assert found.unsealed() is found
     assert found.nodal_force is FORCE
+    assert (found.pressure_Pa, found.cable_tension_N) == (asked.pressure_Pa, asked.cable_tension_N)
 
 
 def test_a_cable_that_is_asked_to_push_is_refused() -> None:
     with pytest.raises(InputError, match="cannot push"):
         loads_of(replace(BEGIN, cable_tension_N=(1.0, -1.0)), GRAVITY)
+
+
+def test_a_field_more_is_ramped_as_that_of_the_end_and_needs_a_load(monkeypatch: pytest.MonkeyPatch) -> None:
+    begin, end = (WindyCommand(**vars(BEGIN), wind_m_s=speed) for speed in (0.0, 3.0))
+    asked = CommandRamp(begin, replace(end, pressure_Pa=(3e4, 2e4))).at(0.5)
+    assert isinstance(asked, WindyCommand)
+    assert asked.wind_m_s == 3.0
+    assert replace(asked, gas=(GAS, None)).unsealed().wind_m_s == 3.0
+    with pytest.raises(TypeError, match="wind_m_s"):
+        loads_of(asked, GRAVITY)
+    monkeypatch.setattr(robot_command, "Loads", Windy)
+    loads = loads_of(asked, GRAVITY)
+    assert isinstance(loads, Windy)
+    assert loads.wind_m_s == 3.0

@@ -79,7 +79,7 @@ def test_the_frames_feel_what_their_nodes_feel() -> None:
     touched = planes(x, 0.5)
     force = np.zeros_like(x)
     expected = touched.add(x, Sums(force), hessian=False)
-    loads = Loads(PRESSURE, (0.0, 0.0), contact=touched)
+    loads = Loads((PRESSURE,), (0.0, 0.0), contact=touched)
     energy, gradient, _ = of_contact(here, loads, np.zeros((len(here), 6)))
     assert energy == pytest.approx(expected, rel=1e-9)
     by_nodes = np.einsum("nrfi,nr->fi", node_motion(section(), here, PRESSURE), force)
@@ -89,7 +89,7 @@ def test_the_frames_feel_what_their_nodes_feel() -> None:
 @pytest.mark.parametrize("share", [0.02, 0.5, 3.0])
 def test_derivatives_by_the_frames_are_exact(share: float) -> None:
     here = frames()
-    loads = Loads(PRESSURE, (0.0, 0.0), contact=planes(section().positions(here, PRESSURE), share))
+    loads = Loads((PRESSURE,), (0.0, 0.0), contact=planes(section().positions(here, PRESSURE), share))
     still = np.zeros((len(here), 6))
     errors = derivative_errors(lambda step: of_contact(here, loads, step), still, 1e-6)
     assert max(errors) < RELATIVE

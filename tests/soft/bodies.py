@@ -79,7 +79,7 @@ def hung(arm: Held, **loads: Any) -> Equilibrium:
 @cache
 def inflated_positions(units: int) -> Array:
     """Return the arm's node positions (n, 3) [m] hanging under its gas."""
-    positions = hung(held(hexagon_arm(units)), pressure_Pa=PRESSURE_Pa).state.positions
+    positions = hung(held(hexagon_arm(units)), pressure_Pa=(PRESSURE_Pa,)).state.positions
     positions.setflags(write=False)
     return positions
 

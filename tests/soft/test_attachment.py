@@ -57,9 +57,9 @@ def test_each_part_feels_what_it_does_alone() -> None:
     x = np.concatenate([arm.positions, *(pose.apply(finger.positions) for pose in poses)])
     weightless = (0.0, 0.0, 0.0)
     whole = gradient_of(body, x, Loads((3e4, 1e4, 2e4), (5.0, 7.0), weightless))
-    alone = [gradient_of(arm, arm.positions, Loads(3e4, (5.0, 7.0), weightless))]
+    alone = [gradient_of(arm, arm.positions, Loads((3e4,), (5.0, 7.0), weightless))]
     for pose, pressure in zip(poses, (1e4, 2e4), strict=True):
-        turned = gradient_of(finger, finger.positions, Loads(pressure, (), weightless)) @ pose.rotation.T
+        turned = gradient_of(finger, finger.positions, Loads((pressure,), (), weightless)) @ pose.rotation.T
         alone.append(turned)
     np.testing.assert_allclose(whole, np.concatenate(alone), atol=1e-9 * np.abs(whole).max())
 
@@ -70,7 +70,9 @@ def test_the_plate_keeps_its_shape_as_well_as_it_is_stiff() -> None:
         body = arm_and_fingers(replace(PLATE, stiffness_N_m=stiffness))
         solved, drawn = held(body), SoftState.drawn(body, HANGING)
         hung = solved.equilibrium.solve(drawn, HANGING, no_load(body))
-        found = solved.equilibrium.follow(hung, HANGING, no_load(body, pressure_Pa=2e4))
+        found = solved.equilibrium.follow(
+            hung, HANGING, no_load(body, pressure_Pa=(2e4,) * len(body.gas_chambers))
+        )
         assert found.wrench.force == pytest.approx([0.0, 0.0, -9.81 * body.mass_kg], abs=1e-4)
         x, y = (points[body.plates[0].rings[0]] for points in (body.positions, found.state.positions))
         spans = [np.linalg.norm(z[:, None] - z[None], axis=2) for z in (x, y)]

@@ -79,7 +79,7 @@ def test_derivatives_with_a_cable_of_commanded_length(stretch: float, friction: 
     points = 0.03 * np.random.default_rng(0).normal(size=(5, 3)) + (0.3, 0.0, 0.7)
     body = bare_cable(points, loss_factor=0.8, friction_coefficient=friction, stiffness_N_m=STIFFNESS)
     x, length = body.positions, body.cables[0].length(body.positions) - stretch
-    loads = Loads(0.0, (0.0,), (0.0, 0.0, 0.0), cable_length_m=(length,))
+    loads = Loads((), (0.0,), (0.0, 0.0, 0.0), cable_length_m=(length,))
     # within the transition the stiffness changes over micrometres
     step = 1e-6 if stretch > TRANSITION_m else 1e-7
     assert max(derivative_errors(evaluation(body, x, loads), x, step)) < RELATIVE
@@ -88,7 +88,7 @@ def test_derivatives_with_a_cable_of_commanded_length(stretch: float, friction: 
 def test_a_straight_cable_is_a_linear_spring() -> None:
     points = np.array([[0.0, 0.0, 0.0], [0.03, 0.04, 0.0], [0.06, 0.08, 0.0]])
     body = bare_cable(points, stiffness_N_m=500.0)
-    loads = Loads(0.0, (0.0,), (0.0, 0.0, 0.0), cable_length_m=(0.09,))
+    loads = Loads((), (0.0,), (0.0, 0.0, 0.0), cable_length_m=(0.09,))
     energy, gradient, hessian = evaluation(body, body.positions, loads)(body.positions)
     assert np.linalg.norm(gradient[2]) == pytest.approx(500.0 * 0.01, rel=1e-12)
     assert gradient[1] == pytest.approx(np.zeros(3), abs=1e-12)
@@ -101,7 +101,7 @@ def test_a_straight_cable_is_a_linear_spring() -> None:
 def test_losses_divide_the_tension_and_leave_the_length_alone() -> None:
     points = np.array([[0.0, 0.0, 0.0], [0.1, 0.0, 0.0], [0.1, 0.2, 0.0]])
     body = bare_cable(points, loss_factor=0.8, stiffness_N_m=500.0)
-    loads = Loads(0.0, (0.0,), (0.0, 0.0, 0.0), cable_length_m=(0.29,))
+    loads = Loads((), (0.0,), (0.0, 0.0, 0.0), cable_length_m=(0.29,))
     _, gradient, _ = evaluation(body, body.positions, loads)(body.positions)
     base = 500.0 * 0.01  # k (L - L_0) with the length of the route itself, 0.3 m
     assert -gradient[0] == pytest.approx([0.8 * base, 0.0, 0.0], rel=1e-12)
@@ -111,8 +111,8 @@ def test_losses_divide_the_tension_and_leave_the_length_alone() -> None:
 def test_a_slack_cable_of_commanded_length_does_nothing() -> None:
     x, body = shapes(UNITS)["inflated"], arm()
     lengths = tuple(cable.length(x) + TRANSITION_m for cable in body.cables)
-    slack = Loads(30e3, (0.0, 0.0), cable_length_m=lengths)
-    without = Loads(30e3, (0.0, 0.0))
+    slack = Loads((30e3,), (0.0, 0.0), cable_length_m=lengths)
+    without = Loads((30e3,), (0.0, 0.0))
     found, expected = evaluation(body, x, slack)(x), evaluation(body, x, without)(x)
     assert found[0] == expected[0]
     assert (found[1] == expected[1]).all()
@@ -121,7 +121,7 @@ def test_a_slack_cable_of_commanded_length_does_nothing() -> None:
 def test_statics_agree_with_the_tension_that_they_find() -> None:
     # in Newton's method length and tension have nothing in common but the gradient at the end
     specimen = held(arm())
-    begin = hung(specimen, pressure_Pa=30e3)
+    begin = hung(specimen, pressure_Pa=(30e3,))
     x = begin.state.positions
     lengths = tuple(cable.length(x) - SHORTER_m for cable in specimen.body.cables)
     commanded = replace(begin.loads, cable_length_m=lengths)
@@ -138,7 +138,7 @@ def test_statics_agree_with_the_tension_that_they_find() -> None:
 
 def test_dynamics_come_to_rest_where_statics_are() -> None:
     specimen = held(arm())
-    begin = hung(specimen, pressure_Pa=30e3)
+    begin = hung(specimen, pressure_Pa=(30e3,))
     lengths = tuple(cable.length(begin.state.positions) - SHORTER_m for cable in specimen.body.cables)
     loads = replace(begin.loads, cable_length_m=lengths)
     stepper = ImplicitStepper(specimen.newton, specimen.clamp, StepOptions(damping_per_s=60.0))
@@ -160,9 +160,9 @@ def test_the_tension_in_a_step_is_that_of_the_length_at_its_end(monkeypatch: pyt
 
     monkeypatch.setattr("cosim.soft.elements.cable.pull", recorded)
     specimen = held(arm(stiffness_N_m=1e5))
-    state = hung(specimen, pressure_Pa=30e3).state
+    state = hung(specimen, pressure_Pa=(30e3,)).state
     first = specimen.body.cables[0]
-    loads = Loads(30e3, (0.0, 0.0), cable_length_m=(first.length(state.positions) - SHORTER_m, None))
+    loads = Loads((30e3,), (0.0, 0.0), cable_length_m=(first.length(state.positions) - SHORTER_m, None))
     stepper = ImplicitStepper(specimen.newton, specimen.clamp, StepOptions(integrator="bdf2"))
     for _ in range(5):
         state, _ = stepper.step(state, HANGING, loads, 0.02)
@@ -172,7 +172,7 @@ def test_the_tension_in_a_step_is_that_of_the_length_at_its_end(monkeypatch: pyt
 
 
 def test_lengths_change_in_proportion_to_the_share() -> None:
-    begin = Loads(0.0, (0.0, 3.0), cable_length_m=(0.2, None))
+    begin = Loads((), (0.0, 3.0), cable_length_m=(0.2, None))
     end = replace(begin, cable_length_m=(0.1, 0.4))
     # what becomes commanded by length is so at once
     assert begin.interpolated(end, 0.25).cable_length_m == pytest.approx((0.175, 0.4))
@@ -181,6 +181,6 @@ def test_lengths_change_in_proportion_to_the_share() -> None:
 
 def test_wrong_lengths_are_refused() -> None:
     with pytest.raises(InputError, match="above 0"):
-        Loads(0.0, (0.0,), cable_length_m=(0.0,))
+        Loads((), (0.0,), cable_length_m=(0.0,))
     with pytest.raises(InputError, match=r"stiffness 0\.0"):
         Cable(np.array([0, 1]), stiffness_N_m=0.0)

@@ -27,7 +27,7 @@ def blown_up(positions: Array, triangles: IntArray, caps: tuple[IntArray, ...] =
     """Return the positions under pressure, with nothing held: the shift sees to the rigid motions."""
     body = SoftBody.from_arrays(positions, triangles, FILM, caps=caps)
     solver = NewtonSolver(SoftSystem(body), np.zeros(body.nodes, dtype=bool))
-    result = solver.solve(positions, np.zeros(0), Loads(PRESSURE_Pa, (), (0.0, 0.0, 0.0)), NewtonOptions())
+    result = solver.solve(positions, np.zeros(0), Loads((PRESSURE_Pa,), (), (0.0, 0.0, 0.0)), NewtonOptions())
     assert result.converged
     return result.positions
 

@@ -175,7 +175,7 @@ def test_a_squeezed_tube_pushes_back_with_its_pressure_times_its_flat_part() -> 
         height = radius + (0.5 * gap - radius) * min(1.0, tick / 200)
         planes = [half_space(surface, side * UP, -height, law) for side in (1.0, -1.0)]
         contact = _joined(planes[0], planes[1])
-        loads = Loads(pressure, gravity=(0.0, 0.0, 0.0), contact=contact)
+        loads = Loads((pressure,), gravity=(0.0, 0.0, 0.0), contact=contact)
         state, _ = stepper.step(state, Pose(), loads, 2e-3)
     found = contact.at(state.positions)
     below = contact.normal[:, 2] > 0.0

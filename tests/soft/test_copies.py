@@ -28,9 +28,9 @@ def test_each_copy_feels_what_the_original_does_in_its_own_frame() -> None:
     single, x = hexagon_arm(2), shapes(2)["inflated"]
     triple = copies(single, POSES)
     weightless = (0.0, 0.0, 0.0)
-    one = evaluated(single, x, Loads(30e3, (6.0, 9.0), weightless))
+    one = evaluated(single, x, Loads((30e3,), (6.0, 9.0), weightless))
     moved = np.concatenate([pose.apply(x) for pose in POSES])
-    three = evaluated(triple, moved, Loads(30e3, (6.0, 9.0) * 3, weightless))
+    three = evaluated(triple, moved, Loads((30e3,) * 3, (6.0, 9.0) * 3, weightless))
     assert three[0] == pytest.approx(3.0 * one[0], rel=1e-9)
     assert three[2] == pytest.approx(3.0 * one[2], rel=1e-9)
     turned = np.concatenate([one[1] @ pose.rotation.T for pose in POSES])

@@ -54,7 +54,7 @@ def assembled() -> tuple[SoftSystem, Mask]:
     system, free = SoftSystem(body), np.ones((body.nodes, 3), dtype=bool)
     free[body.base] = False
     free[body.tip[0], 2] = False  # and one component alone
-    x, loads = body.positions, Loads(0.0, (1.0, 1.0))
+    x, loads = body.positions, Loads((), (1.0, 1.0))
     bed = Inertia(np.full(body.nodes, 500.0), x)
     system.evaluate(x, loads, system.segment_tension(x, loads), system.memory, inertia=bed)
     return system, free

@@ -48,7 +48,7 @@ def shifted(time_s: float) -> Pose:
 def swung(arm: Held, start: SoftState, integrator: Integrator, steps: int) -> Array:
     """Return the positions after 0.12 s of the flange's motion."""
     step_s, state, move = 0.12 / steps, start, stepper(arm, integrator)
-    loads = no_load(arm.body, pressure_Pa=PRESSURE_Pa)
+    loads = no_load(arm.body, pressure_Pa=(PRESSURE_Pa,))
     for k in range(1, steps + 1):
         state, _ = move.step(state, shifted(k * step_s), loads, step_s)
     return state.positions
@@ -56,7 +56,7 @@ def swung(arm: Held, start: SoftState, integrator: Integrator, steps: int) -> Ar
 
 def test_order_of_convergence() -> None:
     arm = held(hexagon_arm(2))
-    start = hung(arm, pressure_Pa=PRESSURE_Pa).state
+    start = hung(arm, pressure_Pa=(PRESSURE_Pa,)).state
     exact = swung(arm, start, "bdf2", 1920)
     orders = {}
     for integrator, coarse in (("implicit_euler", 480), ("bdf2", 240)):
@@ -75,7 +75,7 @@ def test_free_fall(integrator: Integrator) -> None:
     )
     move = stepper(arm, integrator)
     for k in range(1, steps + 1):
-        state, _ = move.step(state, Pose(), Loads(0.0, (), tuple(gravity.tolist())), h)
+        state, _ = move.step(state, Pose(), Loads((), (), tuple(gravity.tolist())), h)
         if integrator == "implicit_euler":  # v_n = v_0 + n h g, x_n = x_0 + n h v_0 + n (n + 1) h^2 g / 2
             fall = 0.3 * k * h + 0.5 * k * (k + 1) * h * h * gravity
             assert state.positions - arm.body.positions == pytest.approx(np.tile(fall, (48, 1)), abs=1e-10)
@@ -89,7 +89,7 @@ def test_free_fall(integrator: Integrator) -> None:
 
 @pytest.mark.parametrize("integrator", INTEGRATORS)
 def test_even_acceleration_needs_no_iteration(integrator: Integrator) -> None:
-    arm, loads = afloat(), Loads(0.0, (), (1.0, -2.0, -9.81))
+    arm, loads = afloat(), Loads((), (), (1.0, -2.0, -9.81))
     state = flying(arm, np.full(3, 0.3))
     move = stepper(arm, integrator, newton=NewtonOptions(tolerance_N=1e-10, start_tolerance_N=1e-7))
     # what BDF2's first step is off fades by three in every step
@@ -106,7 +106,7 @@ def test_momentum_of_a_floating_chamber_stays(integrator: Integrator) -> None:
     # gas and cables pull only inwards: pressure and tension put on at once move no centre of mass
     arm = afloat(2)
     state = flying(arm, np.zeros(3))
-    loads = Loads(PRESSURE_Pa, (3.0, 5.0), (0.0, 0.0, 0.0))
+    loads = Loads((PRESSURE_Pa,), (3.0, 5.0), (0.0, 0.0, 0.0))
     move, mass = stepper(arm, integrator), arm.body.node_mass
     speed = 0.0
     for _ in range(20):
@@ -125,7 +125,7 @@ def test_damping_slows_free_flight_by_its_formula(integrator: Integrator, alpha:
     move = stepper(arm, integrator, damping_per_s=alpha)
     speeds = [1.0]
     for _ in range(10):
-        state, _ = move.step(state, Pose(), Loads(0.0, (), (0.0, 0.0, 0.0)), h)
+        state, _ = move.step(state, Pose(), Loads((), (), (0.0, 0.0, 0.0)), h)
         speeds.append(float(state.velocities[7, 0]))
         assert state.velocities[7, 2] == pytest.approx(-0.5 * speeds[-1], abs=1e-8)
     expected = [1.0, 1.0 / (1.0 + alpha * h)]
@@ -152,8 +152,8 @@ def test_damping_acts_on_the_whole_against_outer_loads() -> None:
 @pytest.mark.parametrize("integrator", INTEGRATORS)
 def test_motion_dies_out_in_the_static_equilibrium(integrator: Integrator) -> None:
     arm = held(hexagon_arm(2))
-    begin = hung(arm, pressure_Pa=PRESSURE_Pa)
-    loads = no_load(arm.body, pressure_Pa=0.8 * PRESSURE_Pa, cable_tension_N=(1.0, 0.0))
+    begin = hung(arm, pressure_Pa=(PRESSURE_Pa,))
+    loads = no_load(arm.body, pressure_Pa=(0.8 * PRESSURE_Pa,), cable_tension_N=(1.0, 0.0))
     rest = arm.equilibrium.follow(begin, HANGING, loads)
     move, state = stepper(arm, integrator, damping_per_s=40.0), begin.state
     for _ in range(200):
@@ -170,7 +170,7 @@ def test_motion_dies_out_in_the_static_equilibrium(integrator: Integrator) -> No
 def test_the_flange_feels_the_inertia_it_accelerates() -> None:
     # one step of a rigid shift: the wrench is what the momentum gained, and weight, ask for
     arm, h = held(hexagon_arm(2)), 0.002
-    begin = hung(arm, pressure_Pa=PRESSURE_Pa)
+    begin = hung(arm, pressure_Pa=(PRESSURE_Pa,))
     pose = Pose(HANGING.rotation, HANGING.translation + 0.001 * X)
     state, _ = stepper(arm).step(begin.state, pose, begin.loads, h)
     gained = arm.body.node_mass @ state.velocities / h
@@ -187,7 +187,7 @@ def test_the_flange_feels_the_inertia_it_accelerates() -> None:
 def test_a_step_that_is_left_far_from_balance_goes_on() -> None:
     arm = held(hexagon_arm(2))
     begin = hung(arm)
-    loads = no_load(arm.body, pressure_Pa=PRESSURE_Pa)
+    loads = no_load(arm.body, pressure_Pa=(PRESSURE_Pa,))
     newton = NewtonOptions()
     loose = stepper(arm, iterations=1, residual_bound_N=1e9, newton=newton)
     _, first = loose.step(begin.state, HANGING, loads, 0.002)
@@ -206,7 +206,7 @@ def test_a_failed_step_names_itself_and_leaves_the_state() -> None:
     before = begin.state.positions.copy()
     hopeless = stepper(arm, iterations=1, newton=NewtonOptions(iterations_max=1))
     with pytest.raises(ConvergenceError, match="iteration limit") as caught:
-        hopeless.step(begin.state, HANGING, no_load(arm.body, pressure_Pa=PRESSURE_Pa), 0.02)
+        hopeless.step(begin.state, HANGING, no_load(arm.body, pressure_Pa=(PRESSURE_Pa,)), 0.02)
     assert caught.value.residual_N > 0.0
     assert caught.value.iterations >= 1
     assert (begin.state.positions == before).all()
@@ -266,10 +266,13 @@ def test_extended_clamp_holds_further_nodes_where_they_are() -> None:
 def test_a_spinning_body_starts_where_the_flange_carries_it(angle: float) -> None:
     # free flight along tangents stretches the film; the state before the step is a chord away
     arm, h = held(hexagon_arm(2)), 0.01
-    start, turn = hung(arm, pressure_Pa=PRESSURE_Pa).state, np.array([0.0, angle, 0.0])
+    start, turn = hung(arm, pressure_Pa=(PRESSURE_Pa,)).state, np.array([0.0, angle, 0.0])
     spin = np.cross(turn / h, start.positions - HANGING.translation)
     turned = Pose(rotation_from_vector(turn) @ HANGING.rotation, HANGING.translation)
-    state, loads = SoftState(start.positions, spin, start.memory), no_load(arm.body, pressure_Pa=PRESSURE_Pa)
+    state, loads = (
+        SoftState(start.positions, spin, start.memory),
+        no_load(arm.body, pressure_Pa=(PRESSURE_Pa,)),
+    )
     carried, blind = (
         stepper(arm).step(state, turned, loads, h, before)[1].iterations for before in (HANGING, None)
     )

@@ -76,7 +76,7 @@ def test_two_masses_lose_the_speed_that_a_dashpot_takes(integrator: Any) -> None
     speed = np.array([[-0.2, 0.0, 0.0], [0.2, 0.0, 0.0], [0.0, 0.0, 0.0]])
     state = SoftState(x, speed, body.first_memory())
     for _ in range(steps):
-        state, _ = stepper.step(state, Pose(), Loads(0.0, (), (0.0, 0.0, 0.0)), step_s)
+        state, _ = stepper.step(state, Pose(), Loads((), (), (0.0, 0.0, 0.0)), step_s)
     if integrator == "implicit_euler":  # exact: m (v - v_n) / h = -2 c v in each step
         expected, within = 0.2 / (1.0 + 2.0 * damping * step_s / mass) ** steps, 1e-6
     else:
@@ -87,7 +87,7 @@ def test_two_masses_lose_the_speed_that_a_dashpot_takes(integrator: Any) -> None
 
 def test_statics_does_not_feel_it_and_starts_its_memory_anew() -> None:
     plain, arm = held(hexagon_arm(2)), held(damped(hexagon_arm(2)))
-    there, here = hung(plain, pressure_Pa=2e4), hung(arm, pressure_Pa=2e4)
+    there, here = hung(plain, pressure_Pa=(2e4,)), hung(arm, pressure_Pa=(2e4,))
     np.testing.assert_allclose(here.state.positions, there.state.positions, atol=1e-9)
     lengths = arm.body.of_kind(Dashpots)[0].first_memory(here.state.positions)
     np.testing.assert_array_equal(here.state.memory[-2:], lengths)

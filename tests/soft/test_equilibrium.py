@@ -29,9 +29,9 @@ TURNED = Pose(rotation_from_vector(np.array([0.2, -0.9, 0.3])) @ HANGING.rotatio
 def test_the_flange_carries_weight_at_the_centre_of_mass(closed: bool) -> None:
     arm = held(hexagon_arm(4, closed=closed))
     found = arm.equilibrium.follow(
-        hung(arm, pressure_Pa=PRESSURE_Pa),
+        hung(arm, pressure_Pa=(PRESSURE_Pa,)),
         TURNED,
-        no_load(arm.body, pressure_Pa=PRESSURE_Pa, cable_tension_N=(1.0, 2.0)),
+        no_load(arm.body, pressure_Pa=(PRESSURE_Pa,), cable_tension_N=(1.0, 2.0)),
     )
     weight = arm.body.node_mass[:, None] * np.array([0.0, 0.0, -9.81])
     lever = found.state.positions - TURNED.translation
@@ -46,7 +46,7 @@ def test_the_flange_carries_weight_at_the_centre_of_mass(closed: bool) -> None:
 
 def test_without_gravity_shapes_turn_with_the_flange() -> None:
     arm = held(hexagon_arm(3))
-    loads = {"pressure_Pa": PRESSURE_Pa, "cable_tension_N": (2.0, 0.0), "gravity": (0.0, 0.0, 0.0)}
+    loads = {"pressure_Pa": (PRESSURE_Pa,), "cable_tension_N": (2.0, 0.0), "gravity": (0.0, 0.0, 0.0)}
     here = hung(arm, **loads)
     there = arm.equilibrium.follow(here, TURNED, here.loads)
     motion = TURNED @ HANGING.inverse()
@@ -57,7 +57,7 @@ def test_without_gravity_shapes_turn_with_the_flange() -> None:
 
 def test_pieces_are_halved_where_needed() -> None:
     plenty, few = held(hexagon_arm(3)), held(hexagon_arm(3), NewtonOptions(iterations_max=6))
-    begin, loads = hung(plenty), no_load(plenty.body, pressure_Pa=PRESSURE_Pa)
+    begin, loads = hung(plenty), no_load(plenty.body, pressure_Pa=(PRESSURE_Pa,))
     whole, pieces = (arm.equilibrium.follow(begin, HANGING, loads) for arm in (plenty, few))
     assert whole.iterations > 6  # so six are not enough at once
     assert pieces.iterations > whole.iterations
@@ -67,17 +67,17 @@ def test_pieces_are_halved_where_needed() -> None:
 
 def test_halved_pieces_cover_the_way_and_count_what_failed(monkeypatch: pytest.MonkeyPatch) -> None:
     arm = held(hexagon_arm(2))
-    begin, loads = hung(arm), no_load(arm.body, pressure_Pa=8000.0)
+    begin, loads = hung(arm), no_load(arm.body, pressure_Pa=(8000.0,))
     tried: list[tuple[float, int]] = []
     solve = EquilibriumSolver.solve
 
     def short_pieces_only(self: EquilibriumSolver, state: Any, pose: Pose, load: Loads) -> Any:
         last = max((pressure for pressure, spent in tried if spent), default=0.0)
-        if load.pressure_Pa - last > 2500.0:
-            tried.append((load.pressure_Pa, 0))
+        if load.pressure_Pa[0] - last > 2500.0:
+            tried.append((load.pressure_Pa[0], 0))
             raise ConvergenceError("too far", 1.0, 100)
         found = solve(self, state, pose, load)
-        tried.append((load.pressure_Pa, found.iterations))
+        tried.append((load.pressure_Pa[0], found.iterations))
         return found
 
     with monkeypatch.context() as patch:
@@ -105,19 +105,19 @@ def test_a_way_that_cannot_be_followed_is_an_error() -> None:
     begin = hung(arm)
     one = held(hexagon_arm(2), NewtonOptions(iterations_max=1))
     with pytest.raises(ConvergenceError, match="iteration limit") as caught:
-        one.equilibrium.follow(begin, HANGING, no_load(arm.body, pressure_Pa=PRESSURE_Pa))
+        one.equilibrium.follow(begin, HANGING, no_load(arm.body, pressure_Pa=(PRESSURE_Pa,)))
     assert caught.value.residual_N > 1e-6
 
 
 def test_a_hopeless_way_is_given_up_soon_with_what_was_reached(monkeypatch: pytest.MonkeyPatch) -> None:
     arm = held(hexagon_arm(2))
-    begin, loads = hung(arm), no_load(arm.body, pressure_Pa=8000.0)
+    begin, loads = hung(arm), no_load(arm.body, pressure_Pa=(8000.0,))
     tried: list[float] = []
     solve = EquilibriumSolver.solve
 
     def stuck_above_half(self: EquilibriumSolver, state: Any, pose: Pose, load: Loads) -> Any:
-        tried.append(load.pressure_Pa)
-        if load.pressure_Pa > 4000.0:
+        tried.append(load.pressure_Pa[0])
+        if load.pressure_Pa[0] > 4000.0:
             raise ConvergenceError("stuck at node 5", 1.0, 100)
         return solve(self, state, pose, load)
 
@@ -152,7 +152,7 @@ def test_a_slide_that_comes_to_rest_nowhere_is_given_up_soon() -> None:
 
 def test_following_nowhere_stays() -> None:
     arm = held(hexagon_arm(2))
-    begin = hung(arm, pressure_Pa=PRESSURE_Pa)
+    begin = hung(arm, pressure_Pa=(PRESSURE_Pa,))
     again = arm.equilibrium.follow(begin, HANGING, begin.loads)
     assert again.iterations == 0
     assert (again.state.positions == begin.state.positions).all()
@@ -163,7 +163,7 @@ def test_a_cable_with_friction_settles() -> None:
     body = hexagon_arm(4)
     cables = tuple(Cable(cable.nodes, 1.0, 0.4) for cable in body.cables)
     arm = held(hexagon_arm(4, cables=cables))
-    found = hung(arm, pressure_Pa=PRESSURE_Pa, cable_tension_N=(6.0, 2.0))
+    found = hung(arm, pressure_Pa=(PRESSURE_Pa,), cable_tension_N=(6.0, 2.0))
     x = found.state.positions
     tension = arm.system.segment_tension(x, found.loads)
     assert tension[0] == 6.0
@@ -175,8 +175,8 @@ def test_a_cable_with_friction_settles() -> None:
 
 def test_energy_does_not_depend_on_the_way() -> None:
     arm = held(hexagon_arm(3))
-    first = hung(arm, pressure_Pa=PRESSURE_Pa)
-    loads = no_load(arm.body, pressure_Pa=0.7 * PRESSURE_Pa, cable_tension_N=(1.0, 0.0))
+    first = hung(arm, pressure_Pa=(PRESSURE_Pa,))
+    loads = no_load(arm.body, pressure_Pa=(0.7 * PRESSURE_Pa,), cable_tension_N=(1.0, 0.0))
     direct = arm.equilibrium.follow(first, TURNED, loads)
     detour = arm.equilibrium.follow(first, HANGING, loads)
     detour = arm.equilibrium.follow(detour, TURNED, loads)
@@ -187,7 +187,7 @@ def test_energy_does_not_depend_on_the_way() -> None:
 def test_rounds_with_a_curved_obstacle_are_extrapolated() -> None:
     # the tip is pressed on a ball, whose tangent planes are found anew in every round
     arm = held(hexagon_arm(2))
-    begin = hung(arm, pressure_Pa=PRESSURE_Pa)
+    begin = hung(arm, pressure_Pa=(PRESSURE_Pa,))
     surface, radius, rounds = ContactSurface.of(arm.body, arm.system.pattern), 0.02, []
     center = arm.body.tip_position(begin.state.positions) + np.array([0.01, 0.0, 0.01 - radius])
     plane = half_space(surface, np.zeros(3), 0.0, ContactLaw())

@@ -94,7 +94,7 @@ def inflated_ring(stiffness_N_m: float | None) -> tuple[float, SoftBody, Array]:
     solver, x, angles = NewtonSolver(system, held), body.positions, system.memory.copy()
     for pressure in np.linspace(0.0, 1e4, 11)[1:]:
         result = solver.solve(
-            x, angles, no_load(body, pressure_Pa=pressure, gravity=(0.0, 0.0, 0.0)), NewtonOptions()
+            x, angles, no_load(body, pressure_Pa=(pressure,), gravity=(0.0, 0.0, 0.0)), NewtonOptions()
         )
         assert result.converged
         x, angles = result.positions, result.memory

@@ -23,7 +23,7 @@ STEP_M = 5e-6
 def evaluation(drawn: Array, triangles: IntArray) -> Evaluate:
     """Return the evaluation of a body that is nothing but film."""
     system = SoftSystem(SoftBody.from_arrays(drawn, triangles, FILM))
-    nothing = Loads(0.0, (), (0.0, 0.0, 0.0))
+    nothing = Loads((), (), (0.0, 0.0, 0.0))
 
     def evaluate(x: Array) -> tuple[float, Array, Array]:
         energy = system.evaluate(np.ascontiguousarray(x), nothing, np.zeros(0), np.zeros(0))

@@ -18,7 +18,7 @@ EXACT = NewtonOptions(tolerance_N=1e-9, start_tolerance_N=1e-9)
 def inflated(arm: Held, options: NewtonOptions, **loads: object) -> NewtonResult:
     """Return what one solution from the drawn shape gives under pressure at once."""
     drawn = SoftState.drawn(arm.body, HANGING)
-    given = no_load(arm.body, **{"pressure_Pa": PRESSURE_Pa, **loads})
+    given = no_load(arm.body, **{"pressure_Pa": (PRESSURE_Pa,), **loads})
     return arm.newton.solve(drawn.positions, drawn.memory, given, options)
 
 
@@ -35,8 +35,8 @@ def residuals(arm: Held, start: Array, angles: Array, count: int, **loads: objec
 def test_convergence_is_quadratic(closed: bool) -> None:
     # Not so with any wrong term in the Hessian; open chambers have an unsymmetric one.
     arm = held(hexagon_arm(3, closed=closed))
-    begin = hung(arm, pressure_Pa=PRESSURE_Pa, cable_tension_N=(2.0, 3.0)).state
-    given = {"pressure_Pa": 1.02 * PRESSURE_Pa, "cable_tension_N": (2.0, 3.0)}
+    begin = hung(arm, pressure_Pa=(PRESSURE_Pa,), cable_tension_N=(2.0, 3.0)).state
+    given = {"pressure_Pa": (1.02 * PRESSURE_Pa,), "cable_tension_N": (2.0, 3.0)}
     r = residuals(arm, begin.positions, begin.memory, 4, **given)
     # once below 0.01 N each residual is about the square of the last (in N, factor 2 as measured)
     assert r[2] < 0.01, r
@@ -53,7 +53,7 @@ def test_deflated_arm_takes_the_full_pressure_in_one_increment() -> None:
     assert result.factorisations > result.iterations
     slow = hung(arm)
     for k in range(1, 11):
-        slow = arm.equilibrium.follow(slow, HANGING, no_load(arm.body, pressure_Pa=PRESSURE_Pa * k / 10))
+        slow = arm.equilibrium.follow(slow, HANGING, no_load(arm.body, pressure_Pa=(PRESSURE_Pa * k / 10,)))
     # residuals of 1e-6 N on a bending stiffness of 0.02 N/m
     assert arm.body.tip_position(result.positions) == pytest.approx(
         arm.body.tip_position(slow.state.positions), abs=1e-4
@@ -107,7 +107,7 @@ def test_no_descent() -> None:
 
 def test_a_solution_is_left_as_it_is() -> None:
     arm = held(hexagon_arm(2))
-    found = hung(arm, pressure_Pa=PRESSURE_Pa)
+    found = hung(arm, pressure_Pa=(PRESSURE_Pa,))
     again = arm.newton.solve(found.state.positions, found.state.memory, found.loads, NewtonOptions())
     assert again.outcome is Outcome.CONVERGED
     assert again.iterations == 0
@@ -126,9 +126,9 @@ def test_clamped_nodes_stay_and_carry_the_residual() -> None:
 @pytest.mark.parametrize(
     "loads",
     [
-        {"pressure_Pa": 0.0, "gravity": (0.0, 0.0, 40.0)},
-        {"pressure_Pa": 0.0, "cable_tension_N": (8.0, 8.0)},
-        {"pressure_Pa": PRESSURE_Pa, "cable_tension_N": (20.0, 0.0)},
+        {"pressure_Pa": (), "gravity": (0.0, 0.0, 40.0)},
+        {"pressure_Pa": (), "cable_tension_N": (8.0, 8.0)},
+        {"pressure_Pa": (PRESSURE_Pa,), "cable_tension_N": (20.0, 0.0)},
     ],
     ids=["pushed together", "pulled together", "bent"],
 )
@@ -149,8 +149,8 @@ def test_films_never_cross(loads: dict[str, object]) -> None:
 
 def test_a_kept_factorisation_gives_the_same_solution() -> None:
     arm = held(hexagon_arm(3))
-    begin = hung(arm, pressure_Pa=PRESSURE_Pa)
-    loads = no_load(arm.body, pressure_Pa=1.01 * PRESSURE_Pa)
+    begin = hung(arm, pressure_Pa=(PRESSURE_Pa,))
+    loads = no_load(arm.body, pressure_Pa=(1.01 * PRESSURE_Pa,))
     fresh = arm.newton.solve(begin.state.positions, begin.state.memory, loads, EXACT)
     kept = arm.newton.solve(begin.state.positions, begin.state.memory, loads, replace(EXACT, reuse_max=30))
     assert kept.converged
@@ -162,15 +162,13 @@ def test_a_kept_factorisation_gives_the_same_solution() -> None:
 def test_a_kept_factorisation_turns_with_the_flange() -> None:
     # the whole problem turned by half a right angle, gravity too: no new tangent is needed
     arm = held(hexagon_arm(3))
-    begin = hung(arm, pressure_Pa=PRESSURE_Pa)
+    begin = hung(arm, pressure_Pa=(PRESSURE_Pa,))
     turn = Pose(rotation_from_vector(np.array([0.3, -0.7, 0.2])), np.zeros(3))
-    arm.newton.solve(
-        begin.state.positions, begin.state.memory, no_load(arm.body, pressure_Pa=1.001 * PRESSURE_Pa), EXACT,
-        frame=HANGING.rotation,
-    )  # fmt: skip
+    loads = no_load(arm.body, pressure_Pa=(1.001 * PRESSURE_Pa,))
+    arm.newton.solve(begin.state.positions, begin.state.memory, loads, EXACT, frame=HANGING.rotation)
     carried = begin.state.carried(turn)
     gx, gy, gz = (turn.rotation @ np.array(begin.loads.gravity)).tolist()
-    loads = no_load(arm.body, pressure_Pa=1.002 * PRESSURE_Pa, gravity=(gx, gy, gz))
+    loads = no_load(arm.body, pressure_Pa=(1.002 * PRESSURE_Pa,), gravity=(gx, gy, gz))
     result = arm.newton.solve(
         carried.positions, carried.memory, loads, replace(EXACT, reuse_max=40, tolerance_N=1e-7),
         frame=turn.rotation @ HANGING.rotation,
@@ -182,8 +180,8 @@ def test_a_kept_factorisation_turns_with_the_flange() -> None:
 
 def test_a_start_is_accepted_by_its_own_bound_only() -> None:
     arm = held(hexagon_arm(2))
-    begin = hung(arm, pressure_Pa=PRESSURE_Pa)
-    loads = no_load(arm.body, pressure_Pa=PRESSURE_Pa * (1.0 + 1e-6))
+    begin = hung(arm, pressure_Pa=(PRESSURE_Pa,))
+    loads = no_load(arm.body, pressure_Pa=(PRESSURE_Pa * (1.0 + 1e-6),))
     start = arm.newton.solve(
         begin.state.positions, begin.state.memory, loads, replace(EXACT, iterations_max=0)
     )
@@ -199,7 +197,7 @@ def test_a_start_is_accepted_by_its_own_bound_only() -> None:
 def test_small_forces_of_one_sense_are_not_left_out_of_balance() -> None:
     # 0.9 of the tolerance at each of 168 free nodes: 15 mN at the flange that are not there
     arm = held(hexagon_arm(4))
-    found = hung(arm, pressure_Pa=PRESSURE_Pa)
+    found = hung(arm, pressure_Pa=(PRESSURE_Pa,))
     tolerance = 1e-4
     force = np.tile([0.0, 0.9 * tolerance, 0.0], (arm.body.nodes, 1))
     options = NewtonOptions(tolerance_N=tolerance, start_tolerance_N=tolerance)

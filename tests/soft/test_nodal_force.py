@@ -23,8 +23,8 @@ def evaluated(loads: Loads) -> tuple[float, Array]:
 
 def test_forces_in_proportion_to_the_masses_are_gravity() -> None:
     force = hexagon_arm(2).node_mass[:, None] * np.array(GRAVITY)
-    by_force = evaluated(Loads(30e3, TENSION, (0.0, 0.0, 0.0), force))
-    by_gravity = evaluated(Loads(30e3, TENSION, GRAVITY))
+    by_force = evaluated(Loads((30e3,), TENSION, (0.0, 0.0, 0.0), force))
+    by_gravity = evaluated(Loads((30e3,), TENSION, GRAVITY))
     assert np.abs(force).max() > 1e-3
     # both are sums of the same terms up to their order
     np.testing.assert_allclose(by_force[1], by_gravity[1], atol=1e-12 * np.abs(by_gravity[1]).max())
@@ -42,4 +42,4 @@ def test_they_change_in_proportion_to_the_share() -> None:
         found = begin.interpolated(end, 0.25).nodal_force
         assert found is not None
         np.testing.assert_allclose(found, factor * force, rtol=1e-15)
-    assert without.interpolated(Loads(1.0), 0.5).nodal_force is None
+    assert without.interpolated(Loads((1.0,)), 0.5).nodal_force is None

@@ -110,7 +110,7 @@ def test_open_chamber_puts_a_third_of_each_triangles_load_on_its_nodes() -> None
     system = SoftSystem(body)
     gradients = []
     for pressure in (0.0, P):
-        system.evaluate(x, Loads(pressure, ()), np.zeros(0), system.memory.copy())
+        system.evaluate(x, Loads((pressure,), ()), np.zeros(0), system.memory.copy())
         gradients.append(system.gradient.copy())
     a, b, c = (x[body.triangles[:, k]] for k in range(3))
     third = P * 0.5 * np.cross(b - a, c - a) / 3.0
@@ -154,7 +154,7 @@ def test_energy_is_minus_pressure_times_the_enclosed_volume() -> None:
     assert volume > 0.0
     assert closed_gas(x)[0] == pytest.approx(-P * volume, rel=1e-12)
     system = SoftSystem(body)
-    system.evaluate(x, Loads(P, ()), np.zeros(0), system.memory.copy())
+    system.evaluate(x, Loads((P,), ()), np.zeros(0), system.memory.copy())
     assert system.volume == pytest.approx(volume, rel=1e-12)
 
 

@@ -68,7 +68,7 @@ def residual(name: str, stage: str, law: FilmLaw) -> float:
     data, body = example(name, law)
     x = np.ascontiguousarray(data[f"X_end_{stage}_true_equilibrium_correctCST_m"])
     system = SoftSystem(body)
-    loads = Loads(float(data["target_pressure_Pa"]), (), (0.0, 0.0, 0.0))
+    loads = Loads((float(data["target_pressure_Pa"]),), (), (0.0, 0.0, 0.0))
     system.evaluate(x, loads, np.zeros(0), dihedral_angle(x, body.hinges.nodes))
     force = system.gradient - data[f"dead_load_{stage}_N"]
     if stage == "cable":
@@ -89,7 +89,7 @@ def test_three_units_inflate_to_the_reference(law: FilmLaw, share: float) -> Non
     solver = NewtonSolver(SoftSystem(body), data["fixed_dof_inflate"])
     x, angles = body.positions, dihedral_angle(body.positions, body.hinges.nodes)
     for step in np.linspace(0.0, 1.0, 41)[1:]:
-        loads = Loads(step * float(data["target_pressure_Pa"]), (), (0.0, 0.0, 0.0))
+        loads = Loads((step * float(data["target_pressure_Pa"]),), (), (0.0, 0.0, 0.0))
         result = solver.solve(x, angles, loads, NewtonOptions())
         assert result.converged
         x, angles = result.positions, result.memory

@@ -24,7 +24,7 @@ def residual_under(force: Array) -> float:
     triangles = np.concatenate([first + np.array([0, 2, 1]), first + np.array([1, 2, 3])])
     body = SoftBody.from_arrays(positions, triangles, Film(1e6, 0.3, 1e-4))
     system = SoftSystem(body)
-    loads = Loads(0.0, (), (0.0, 0.0, 0.0), force)
+    loads = Loads((), (), (0.0, 0.0, 0.0), force)
     free = np.ones((body.nodes, 3), dtype=bool)
     problem = Problem(system, free, loads, system.segment_tension(positions, loads), None)
     return problem.at(positions, system.memory).residual

@@ -90,7 +90,8 @@ def squeezed(body: SoftBody, gaps: list[float], turned: bool) -> list[tuple[Equi
         solver = EquilibriumSolver(
             newton, replace(clamp, offsets=offsets), NewtonOptions(tolerance_N=1e-7), films
         )
-        loads = Loads(PRESSURE_Pa, gravity=(0.0, 0.0, 0.0), contact=plane)
+        inside = (PRESSURE_Pa,) * len(body.gas_chambers)
+        loads = Loads(inside, gravity=(0.0, 0.0, 0.0), contact=plane)
         here = solver.solve(state, Pose(), loads, start)
         state = here.state
         found.append((here, float(system.gradient[clamp.nodes[~upper], 2].sum())))
@@ -122,10 +123,12 @@ def curled(films: bool, tension_N: float) -> tuple[SoftBody, Equilibrium]:
     solver = EquilibriumSolver(arm.newton, arm.clamp, NewtonOptions(), law)
     here = solver.solve(SoftState.drawn(body, HANGING), HANGING, no_load(body))
     for share in (0.25, 0.5, 1.0):
-        here = solver.follow(here, HANGING, no_load(body, pressure_Pa=share * PRESSURE_Pa))
+        here = solver.follow(here, HANGING, no_load(body, pressure_Pa=(share * PRESSURE_Pa,)))
     for share in np.linspace(0.1, 1.0, 10):
         tension = (share * tension_N,) * 2
-        here = solver.follow(here, HANGING, no_load(body, pressure_Pa=PRESSURE_Pa, cable_tension_N=tension))
+        here = solver.follow(
+            here, HANGING, no_load(body, pressure_Pa=(PRESSURE_Pa,), cable_tension_N=tension)
+        )
     return body, here
 
 
@@ -246,7 +249,7 @@ def test_two_cushions_that_collide_keep_their_momentum() -> None:
     state = SoftState.drawn(body, Pose())
     speed = np.where(np.arange(body.nodes) < one.nodes, 0.5, -0.5)
     state = replace(state, velocities=speed[:, None] * [0.2, 0.0, 1.0])
-    loads, most = Loads(5e3, gravity=(0.0, 0.0, 0.0)), 0.0
+    loads, most = Loads((5e3, 5e3), gravity=(0.0, 0.0, 0.0)), 0.0
     start = body.node_mass @ state.velocities
     for _ in range(60):
         state, _ = stepper.step(state, Pose(), loads, 1e-3)

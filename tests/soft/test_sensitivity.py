@@ -35,7 +35,7 @@ def between(behind: TipFrame, ahead: TipFrame) -> Array:
 
 def solved(arm: Held, here: Equilibrium, tension: Array, gravity: Array) -> TipFrame:
     gx, gy, gz = gravity.tolist()
-    loads = Loads(PRESSURE_Pa, tuple(tension.tolist()), (gx, gy, gz))
+    loads = Loads((PRESSURE_Pa,), tuple(tension.tolist()), (gx, gy, gz))
     return TipFrame.of(arm.body, arm.equilibrium.follow(here, TILTED, loads).state.positions)
 
 
@@ -43,9 +43,9 @@ def solved(arm: Held, here: Equilibrium, tension: Array, gravity: Array) -> TipF
 def test_sensitivities_against_neighbouring_equilibria(case: str) -> None:
     arm = held(hexagon_arm(UNITS, closed=case == "closed"), TIGHT)
     here = arm.equilibrium.follow(
-        hung(arm, pressure_Pa=PRESSURE_Pa),
+        hung(arm, pressure_Pa=(PRESSURE_Pa,)),
         TILTED,
-        no_load(arm.body, pressure_Pa=PRESSURE_Pa, cable_tension_N=tuple(TENSION.tolist())),
+        no_load(arm.body, pressure_Pa=(PRESSURE_Pa,), cable_tension_N=tuple(TENSION.tolist())),
     )
     # a solver that has seen nothing of the way here
     sensitivity = Sensitivity(held(arm.body).newton, here)
@@ -96,14 +96,14 @@ def test_the_tip_looks_away_from_the_body() -> None:
 
 def test_the_solver_knows_that_its_factorisation_is_another_one() -> None:
     arm = held(hexagon_arm(2))
-    here = hung(arm, pressure_Pa=PRESSURE_Pa)
+    here = hung(arm, pressure_Pa=(PRESSURE_Pa,))
     solver, reuse = held(arm.body).newton, NewtonOptions(reuse_max=30)
     Sensitivity(solver, here)
-    more = no_load(arm.body, pressure_Pa=1.001 * PRESSURE_Pa)
+    more = no_load(arm.body, pressure_Pa=(1.001 * PRESSURE_Pa,))
     again = solver.solve(here.state.positions, here.state.memory, more, reuse)
     assert again.converged
     assert again.factorisations == 0  # the tangent of the sensitivity serves
-    soft = no_load(arm.body, pressure_Pa=-1e6)  # collapsing: no stable tangent
+    soft = no_load(arm.body, pressure_Pa=(-1e6,))  # collapsing: no stable tangent
     with pytest.raises(ConvergenceError):
         Sensitivity(solver, replace(here, loads=soft))
     once_more = solver.solve(here.state.positions, here.state.memory, more, reuse)
@@ -134,7 +134,7 @@ def column(load_share: float) -> tuple[Held, Equilibrium]:
         tip=np.array([-4, -3, -1, -2]) + len(x), cables=(Cable(np.array([0, len(x) - 1])),),
     )  # fmt: skip
     arm = held(body)
-    return arm, arm.equilibrium.solve(SoftState.drawn(body, Pose()), Pose(), Loads(0.0, (0.0,)))
+    return arm, arm.equilibrium.solve(SoftState.drawn(body, Pose()), Pose(), Loads((), (0.0,)))
 
 
 @pytest.mark.parametrize(("share", "stable"), [(0.98, True), (1.02, False)])

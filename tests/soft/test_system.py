@@ -16,7 +16,7 @@ from tests.soft.bodies import hexagon_arm, random_rotation, shapes
 
 UNITS = 2
 UP = np.array([0.0, 0.0, 1.0])
-LOADS = Loads(30e3, (6.0, 9.0), (1.0, -2.0, -9.81))
+LOADS = Loads((30e3,), (6.0, 9.0), (1.0, -2.0, -9.81))
 
 
 def inertia_bed(body: SoftBody) -> Inertia:
@@ -107,7 +107,7 @@ def test_the_whole_turns_with_its_gravity() -> None:
     energy, gradient, hessian = evaluation(body, x, LOADS)(x)
     gx, gy, gz = turn @ np.array(LOADS.gravity)
     y = np.ascontiguousarray(x @ turn.T)
-    found = evaluation(body, y, Loads(30e3, (6.0, 9.0), (gx, gy, gz)))(y)
+    found = evaluation(body, y, Loads((30e3,), (6.0, 9.0), (gx, gy, gz)))(y)
     assert found[0] == pytest.approx(energy, rel=1e-10)
     assert found[1] == pytest.approx(gradient @ turn.T, abs=1e-10 * np.abs(gradient).max())
     whole_turn = np.kron(np.eye(body.nodes), turn)
@@ -122,9 +122,9 @@ def test_translation_is_in_the_kernel_of_the_stiffness() -> None:
 
 
 def test_loads_change_in_proportion_to_the_share() -> None:
-    end = Loads(10e3, (0.0, 1.0), (0.0, 0.0, -1.0))
+    end = Loads((10e3,), (0.0, 1.0), (0.0, 0.0, -1.0))
     middle = LOADS.interpolated(end, 0.25)
-    assert middle.pressure_Pa == pytest.approx(25e3)
+    assert middle.pressure_Pa[0] == pytest.approx(25e3)
     assert middle.cable_tension_N == pytest.approx((4.5, 7.0))
     assert middle.gravity == pytest.approx((0.75, -1.5, -7.6075))
     assert LOADS.interpolated(end, 1.0) is end

@@ -26,7 +26,7 @@ def arm() -> Held:
 
 @pytest.fixture(scope="module")
 def begin(arm: Held) -> Equilibrium:
-    return hung(arm, pressure_Pa=PRESSURE_Pa, cable_tension_N=(1.0, 0.5))
+    return hung(arm, pressure_Pa=(PRESSURE_Pa,), cable_tension_N=(1.0, 0.5))
 
 
 def elsewhere(arm: Held, begin: Equilibrium, tilt: float, azimuth: float) -> Equilibrium:
@@ -97,7 +97,7 @@ def test_a_target_already_met_needs_nothing(arm: Held, begin: Equilibrium) -> No
 
 def test_tensions_for_a_height_and_for_a_point(arm: Held, begin: Equilibrium) -> None:
     sagging = elsewhere(arm, begin, 1.2, -np.pi / 2)  # cables end on the upper side
-    loads = no_load(arm.body, pressure_Pa=PRESSURE_Pa, cable_tension_N=(2.5, 2.0))
+    loads = no_load(arm.body, pressure_Pa=(PRESSURE_Pa,), cable_tension_N=(2.5, 2.0))
     lifted = TipFrame.of(
         arm.body, arm.equilibrium.follow(sagging, sagging.world_from_flange, loads).state.positions
     )

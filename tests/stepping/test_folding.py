@@ -33,10 +33,10 @@ def inflated(
     clamp = Clamp.of_base(body)
     newton = NewtonSolver(SoftSystem(body), clamp.mask(body.nodes))
     solver = EquilibriumSolver(newton, clamp, NewtonOptions(iterations_max=100))
-    flat = Loads(0.01 * pressure_Pa, (0.0,) * len(body.cables), (0.0, 0.0, 0.0))
+    flat = Loads((0.01 * pressure_Pa,), (0.0,) * len(body.cables), (0.0, 0.0, 0.0))
     here = solver.solve(SoftState.drawn(body, Pose()), Pose(), flat)
     for share in np.linspace(0.01, 1.0, 21)[1:]:
-        here = solver.follow(here, Pose(), replace(flat, pressure_Pa=share * pressure_Pa))
+        here = solver.follow(here, Pose(), replace(flat, pressure_Pa=(share * pressure_Pa,)))
     return solver, here
 
 
@@ -91,7 +91,7 @@ def test_an_arm_refined_twice_hangs_without_pressure() -> None:
     clamp, hanging = Clamp.of_base(body), Pose(np.diag([1.0, -1.0, -1.0]), np.zeros(3))
     newton = NewtonSolver(SoftSystem(body), clamp.mask(body.nodes))
     solver = EquilibriumSolver(newton, clamp, NewtonOptions(iterations_max=100))
-    slack = Loads(0.0, (0.0,) * len(body.cables), (0.0, 0.0, 0.0))
+    slack = Loads((), (0.0,) * len(body.cables), (0.0, 0.0, 0.0))
     weightless = solver.solve(SoftState.drawn(body, hanging), hanging, slack)
     here = solver.follow(weightless, hanging, replace(slack, gravity=(0.0, 0.0, -9.81)))
     assert here.residual_N < 1e-6

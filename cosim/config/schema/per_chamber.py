@@ -52,8 +52,3 @@ def values_after(
     """
     given = given_values(setting, names, path)
     return tuple(old if new is None else new for old, new in zip(before, given, strict=True))
-
-
-def as_load(values: tuple[Value, ...]) -> Value | tuple[Value, ...]:
-    """Return values of all chambers as loads hold them: a single one where there is one chamber."""
-    return values[0] if len(values) == 1 else values

@@ -8,7 +8,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import fields
-from typing import final
+from functools import cache
+from typing import Any, final
 
 import numpy as np
 
@@ -31,7 +32,6 @@ from cosim.soft.body.loads import Loads
 from cosim.soft.solve.newton_options import Outcome
 
 _TAKEN = {"pressure_Pa", "cable_tension_N", "gravity"}
-_NOT_TAKEN = [field for field in fields(Loads) if field.name not in _TAKEN]
 
 
 @final
@@ -167,10 +167,17 @@ class SectionLockstep(Lockstep):
 
 def _plain(load: Loads) -> bool:
     """Whether pressure, tensions and gravity are all that acts: everything else as if it was not given."""
-    given = ((getattr(load, field.name), field.default) for field in _NOT_TAKEN)
+    kind: Any = type(load)
+    given = ((getattr(load, name), default) for name, default in _not_taken(kind))
     return all(
         value is default or (isinstance(value, tuple) and value == default) for value, default in given
     )
+
+
+@cache
+def _not_taken(kind: Any) -> tuple[tuple[str, Any], ...]:
+    """Return names and defaults of what loads hold besides."""
+    return tuple((field.name, field.default) for field in fields(kind) if field.name not in _TAKEN)
 
 
 def _pose(ticks: Ticks, row: int) -> Pose:

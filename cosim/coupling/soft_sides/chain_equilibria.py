@@ -51,7 +51,7 @@ class ChainEquilibria:
         Where films without gas do not hold themselves up, it hangs from the flange with gas, then leans.
         """
         slack = (0.0,) * len(self._section.body.cables)
-        hanging = Loads(0.0, slack, loads.gravity)
+        hanging = Loads((), slack, loads.gravity)
         try:
             # as drawn, the films lie on each other, where a section has no stiffness to start from
             hung = self.solve(self._straight(0.0, flange), clamp, flange, hanging)
@@ -61,7 +61,7 @@ class ChainEquilibria:
                 raise
         pressure = loads.pressures(1)[0]
         x, y, z = (float(np.linalg.norm(loads.gravity)) * flange.rotation[:, 2]).tolist()
-        hanging = Loads(pressure, slack, (x, y, z))
+        hanging = Loads((pressure,), slack, (x, y, z))
         hung = self.solve(self._straight(pressure, flange), clamp, flange, hanging)
         return self.follow(hung, clamp, flange, loads)
 

@@ -57,7 +57,7 @@ class SoftArm(SoftSide):
         self._films = None if self_contact is None else SelfContact(body, self._system.pattern, self_contact)
         self._flange = world_from_flange
         self._flange_before: Pose | None = None
-        self._loads = Loads(0.0, (0.0,) * len(body.cables), (0.0, 0.0, 0.0))
+        self._loads = Loads((), (0.0,) * len(body.cables), (0.0, 0.0, 0.0))
         self._residual = 0.0
         self._pieces, self._last_pieces, self._piece_s = 1, 1, 0.0
         # of the last step: where it began, and what the step before it had left
@@ -273,4 +273,4 @@ class SoftArm(SoftSide):
     def pressures_Pa(self) -> tuple[float, ...]:
         """Gauge pressure in each chamber: the given one, or that of the sealed gas at the present volume."""
         loads, count = self._loads, self._system.gas.count
-        return loads.pressures(count) if loads.gas is None else loads.pressures_at(self.volumes_m3)
+        return loads.pressures(count) if not any(loads.gas) else loads.pressures_at(self.volumes_m3)

@@ -62,7 +62,7 @@ class SectionArm(SoftSide):
         self._equilibria = ChainEquilibria(section, self._solver, self._films, statics)
         self.clamp = FrameClamp.of_base(section)
         self._flange = world_from_flange
-        self._loads = Loads(0.0, (0.0,) * len(self.body.cables), (0.0, 0.0, 0.0))
+        self._loads = Loads((), (0.0,) * len(self.body.cables), (0.0, 0.0, 0.0))
         drawn = ChainState.at_rest(carried(section.frames.drawn, world_from_flange))
         self._last = self._standing(drawn, 0.0, np.zeros((len(drawn.frames), 6)))
         # of the last step: where it began; and where the one that was taken back had ended

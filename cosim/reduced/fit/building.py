@@ -86,7 +86,7 @@ def _lost_equilibria(body: SoftBody, model: SectionModel) -> int:
         frames = chain.section.straight(0.0)
         gravity = (9.81 * float(np.sin(lean)), 0.0, 9.81 * float(np.cos(lean)))
         for pressure in (0.0, *np.geomspace(5.0, 0.95 * model.spline.largest_Pa, _SWEEP).tolist()):
-            found = chain.solve(frames, free, Loads(pressure, slack, gravity), 1e-6, 60)
+            found = chain.solve(frames, free, Loads((pressure,), slack, gravity), 1e-6, 60)
             lost += found.outcome is not Outcome.CONVERGED
             frames = found.frames if found.outcome is Outcome.CONVERGED else frames
     return lost
@@ -107,10 +107,10 @@ def _compared(body: SoftBody, model: SectionModel) -> SectionModel:
     pull = _PULL_OF_WEIGHT * 9.81 * body.mass_kg
     slack, along = (0.0,) * len(body.cables), (0.0, 0.0, 9.81)
     error_m = error = 0.0
-    straight = solver.solve(SoftState.drawn(body, Pose()), Pose(), Loads(0.0, slack, along))
+    straight = solver.solve(SoftState.drawn(body, Pose()), Pose(), Loads((), slack, along))
     for fraction in _SHARES:
         here = straight = solver.follow(
-            straight, Pose(), replace(straight.loads, pressure_Pa=fraction * model.spline.largest_Pa)
+            straight, Pose(), replace(straight.loads, pressure_Pa=(fraction * model.spline.largest_Pa,))
         )
         for lean in _LEANS_rad:
             tension = (pull * (lean > 0.0), *slack[1:]) if slack else ()

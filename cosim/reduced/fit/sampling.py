@@ -107,7 +107,7 @@ class Sampler:
         newton = NewtonSolver(self._system, clamp.mask(body.nodes))
         self._solver = EquilibriumSolver(newton, clamp, options, slides_max=0)
         self._groups = RingGroup.all_of(self._system.pattern, frames)
-        self._slack = Loads(0.0, (0.0,) * len(body.cables), _STILL)
+        self._slack = Loads((), (0.0,) * len(body.cables), _STILL)
         self._body = body
         self._radii = np.array([np.linalg.norm(shape, axis=1).max() for shape in frames.shapes])
 
@@ -123,7 +123,7 @@ class Sampler:
         rows: list[tuple[float, Array, Array, float, Array, Array]] = []
         lengths, failures = [], 0
         for pressure in work.pressures_Pa:
-            free = self._solver.follow(free, Pose(), replace(self._slack, pressure_Pa=pressure))
+            free = self._solver.follow(free, Pose(), replace(self._slack, pressure_Pa=(pressure,)))
             rows.append(self._sample(free, np.zeros_like(free.state.positions)))
             low, high = self._lengths(free, work)
             lengths.append(0.5 * (low + high))

@@ -4,17 +4,18 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Annotated, final
+from typing import Annotated, TypeVar, final
 
 import numpy as np
 
 from cosim.base.frames import Array
 from cosim.errors import InputError
-from cosim.soft.body.gas_chamber import Gases, gas_between, of_each, pressure_between
 from cosim.soft.contact.obstacle_contact import ContactPlanes
 from cosim.soft.contact.self_contact_pairs import FilmPairs
 from cosim.soft.elements.element import NodalPotential, Sums
 from cosim.soft.elements.gas import SealedGas
+
+Value = TypeVar("Value")
 
 
 @final
@@ -41,11 +42,12 @@ class Loads:
     """What acts on a body at one instant.
 
     Args:
-        pressure_Pa: gauge pressure of the gas, in all chambers or in each.
+        pressure_Pa: gauge pressure of the gas in each chamber; empty for none in any.
         cable_tension_N: tension of each cable at its base end; without meaning where its length is commanded.
         gravity: (3,) [m/s^2].
         nodal_force: (n, 3) [N], dead load (it keeps its direction), world axes; None for none.
-        gas: sealed gas in place of a given pressure, in all chambers or in each; it needs a closed body.
+        gas: sealed in each chamber in place of its pressure, which needs a closed body; None where the
+            pressure is given, empty where it is given in all.
         contact: what may be touched; None for nothing.
         cable_length_m: unstretched length of each cable whose length is commanded, None for one whose tension
             is; empty where no length is.
@@ -56,11 +58,11 @@ class Loads:
         InputError: a negative tension: cables cannot push; a length that is not above 0.
     """
 
-    pressure_Pa: float | Annotated[tuple[float, ...], ("chambers",)] = 0.0
+    pressure_Pa: tuple[float, ...] = ()
     cable_tension_N: Annotated[tuple[float, ...], ("cables",)] = ()
     gravity: tuple[float, float, float] = (0.0, 0.0, -9.81)
     nodal_force: Annotated[Array, ("nodes", 3)] | None = None
-    gas: Gases = None
+    gas: tuple[SealedGas | None, ...] = ()
     contact: ContactPlanes | None = None
     cable_length_m: tuple[float | None, ...] = ()
     self_contact: FilmPairs | None = None
@@ -91,7 +93,7 @@ class Loads:
         Raises:
             InputError: there are more or fewer values than chambers.
         """
-        return of_each(self.pressure_Pa, chambers, "pressure")
+        return _of_each(self.pressure_Pa, 0.0, chambers, "pressure")
 
     def gases(self, chambers: int) -> tuple[SealedGas | None, ...]:
         """Return the sealed gas of each of so many chambers, None where the pressure is given.
@@ -99,7 +101,7 @@ class Loads:
         Raises:
             InputError: there are more or fewer values than chambers.
         """
-        return of_each(self.gas, chambers, "gas")
+        return _of_each(self.gas, None, chambers, "gas")
 
     def pressures_at(self, volumes_m3: tuple[float, ...]) -> tuple[float, ...]:
         """Return the gauge pressure [Pa] in each chamber, that of sealed gases at these volumes [m^3]."""
@@ -119,14 +121,25 @@ class Loads:
         tension = tuple(float((1.0 - load_factor) * a + load_factor * b) for a, b in pulls)
         pairs = zip(self.gravity, end.gravity, strict=True)
         gx, gy, gz = (float((1.0 - load_factor) * a + load_factor * b) for a, b in pairs)
-        pressure = pressure_between(self.pressure_Pa, end.pressure_Pa, load_factor)
+        chambers = max(len(self.pressure_Pa), len(end.pressure_Pa))
+        given = zip(self.pressures(chambers), end.pressures(chambers), strict=True)
+        pressure = tuple((1.0 - load_factor) * a + load_factor * b for a, b in given)
         force = force_between(self.nodal_force, end.nodal_force, load_factor)
-        gas = gas_between(self.gas, end.gas, load_factor)
+        gas = _gases(self.gas, end.gas, load_factor)
         lengths = _lengths(self.cable_length_m, end.cable_length_m, load_factor)
         return replace(
             end, pressure_Pa=pressure, cable_tension_N=tension, gravity=(gx, gy, gz), nodal_force=force,
             gas=gas, cable_length_m=lengths,
         )  # fmt: skip
+
+
+def _of_each(values: tuple[Value, ...], missing: Value, count: int, what: str) -> tuple[Value, ...]:
+    """Return a value for each of so many chambers: the given ones, or what stands for none given."""
+    if not values:
+        return (missing,) * count
+    if len(values) != count:
+        raise InputError(f"{what}: {len(values)} values for {count} chambers; give one for each")
+    return values
 
 
 def force_between(begin: Array | None, end: Array | None, load_factor: float) -> Array | None:
@@ -136,6 +149,17 @@ def force_between(begin: Array | None, end: Array | None, load_factor: float) ->
     if end is None:
         return (1.0 - load_factor) * begin
     return (1.0 - load_factor) * begin + load_factor * end
+
+
+def _gases(
+    begin: tuple[SealedGas | None, ...], end: tuple[SealedGas | None, ...], load_factor: float
+) -> tuple[SealedGas | None, ...]:
+    """Return the sealed gases between two; where either end has none, what is at the end."""
+    if not begin or not end:
+        return end
+    return tuple(
+        b if a is None or b is None else a.towards(b, load_factor) for a, b in zip(begin, end, strict=True)
+    )
 
 
 def _lengths(

@@ -102,7 +102,7 @@ class EquilibriumSolver:
         Raises:
             ConvergenceError: none was found.
         """
-        hanging = Loads(0.0, (0.0,) * len(loads.cable_tension_N), loads.gravity)
+        hanging = Loads((), (0.0,) * len(loads.cable_tension_N), loads.gravity)
         try:
             hung = self.solve(state, world_from_flange, hanging)
         except ConvergenceError:

@@ -18,7 +18,7 @@ from cosim.soft.geometry.surface import dihedral_angle, interior_hinges
 from cosim.soft.solve.assembly import SoftSystem
 from cosim.verification.support.case import Case, Figure, observed_order
 
-LOADS = Loads(20e3, (2.0, 3.0), (0.0, 0.0, 0.0))
+LOADS = Loads((20e3,), (2.0, 3.0), (0.0, 0.0, 0.0))
 STEPS_M = (4e-6, 2e-6)
 
 

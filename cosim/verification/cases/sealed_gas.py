@@ -73,10 +73,10 @@ class SealedGasSphere(Case):
         rest = SealedGas(STANDARD_ATMOSPHERE_Pa, drawn_volume, EXPONENT)
         filled = SealedGas(FILLING * STANDARD_ATMOSPHERE_Pa, drawn_volume, 1.0)
 
-        specimen.solve(specimen.drawn(), replace(UNLOADED, gas=filled))
+        specimen.solve(specimen.drawn(), replace(UNLOADED, gas=(filled,)))
         pressure = specimen.system.pressure_Pa
 
-        stiffness = specimen.stiffness(specimen.solve(specimen.drawn(), replace(UNLOADED, gas=rest)))
+        stiffness = specimen.stiffness(specimen.solve(specimen.drawn(), replace(UNLOADED, gas=(rest,))))
         radial = shape.positions.ravel() / RADIUS_M
         mass = np.zeros(body.nodes)
         np.add.at(mass, shape.triangles, body.areas[:, None] * DENSITY * FILM.thickness_m / 3.0)

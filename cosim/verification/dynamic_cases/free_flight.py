@@ -22,7 +22,7 @@ from cosim.verification.support.specimen import NO_CLAMP, exact_steps
 
 SPAN_S = 0.2
 STEPS = (800, 1600)
-_LOADS = Loads(pressure_Pa=50.0, cable_tension_N=(0.05,), gravity=(0.0, 0.0, 0.0))
+_LOADS = Loads(pressure_Pa=(50.0,), cable_tension_N=(0.05,), gravity=(0.0, 0.0, 0.0))
 
 
 def octahedron() -> SoftBody:

@@ -59,7 +59,7 @@ def inflated(rings: int) -> tuple[float, float, float]:
     specimen = Specimen(body, clamped, NewtonOptions(tolerance_N=1e-9))
     bulge = shape.positions.copy()
     bulge[:, 2] = 0.03 * RADIUS_M * (1.0 - (radius / RADIUS_M) ** 2)
-    found = specimen.solve(specimen.drawn(bulge), replace(UNLOADED, pressure_Pa=PRESSURE_PA))
+    found = specimen.solve(specimen.drawn(bulge), replace(UNLOADED, pressure_Pa=(PRESSURE_PA,)))
     x = found.state.positions
     volume = 4.0 * specimen.system.volume
     middle = np.flatnonzero((body.triangles == 0).any(axis=1))

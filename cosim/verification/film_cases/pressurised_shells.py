@@ -25,7 +25,7 @@ def inflated_sphere(rings: int) -> tuple[float, float]:
     shape = octant_sphere(RADIUS_M, rings)
     body = SoftBody.from_arrays(shape.positions, shape.triangles, FILM)
     specimen = Specimen(body, shape.symmetry, NewtonOptions(tolerance_N=1e-9))
-    found = specimen.solve(specimen.drawn(), replace(UNLOADED, pressure_Pa=SPHERE_PA))
+    found = specimen.solve(specimen.drawn(), replace(UNLOADED, pressure_Pa=(SPHERE_PA,)))
     volume = specimen.system.volume
     specimen.system.evaluate(body.positions, UNLOADED, np.zeros(0), specimen.system.memory, hessian=False)
     stress = body.principal_stress(found.state.positions).mean(axis=1)
@@ -60,7 +60,7 @@ def inflated_cylinder(sides: int) -> tuple[float, float, float, float]:
     caps = (np.arange(sides)[::-1].copy(), last)
     body = SoftBody.from_arrays(positions, triangles, FILM, caps=caps)
     specimen = Specimen(body, held_on_axis(sides, body.nodes), NewtonOptions(tolerance_N=1e-9))
-    found = specimen.solve(specimen.drawn(), replace(UNLOADED, pressure_Pa=CYLINDER_PA))
+    found = specimen.solve(specimen.drawn(), replace(UNLOADED, pressure_Pa=(CYLINDER_PA,)))
     x = found.state.positions
     radius = float(np.hypot(x[:, 0], x[:, 1]).mean())
     hoop, axial = body.principal_stress(x).mean(axis=0)

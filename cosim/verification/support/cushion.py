@@ -62,7 +62,7 @@ def inflated_cushion(shape: Shape, edge: Mask, film: Film, pressure_Pa: float, r
     x[:, 2] = rise_m * (1.0 - (flat[:, 0] / size) ** 2) * (1.0 - (flat[:, 1] / size) ** 2)
     x[edge, 2] = 0.0
     steps = [replace(film, compressive_fraction=f) for f in _FRACTIONS] if film.law == "tension_field" else []
-    loads = replace(UNLOADED, pressure_Pa=pressure_Pa)
+    loads = replace(UNLOADED, pressure_Pa=(pressure_Pa,))
     tolerance = 1e-7 * pressure_Pa * size**2
     options = NewtonOptions(tolerance_N=tolerance, iterations_max=2000, step_max_m=0.1 * size)
     for material in [*steps, film]:

@@ -50,7 +50,7 @@ class InflatedTube:
         caps = (np.arange(SIDES)[::-1].copy(), ROWS * SIDES + np.arange(SIDES))
         body = SoftBody.from_arrays(positions, triangles, FILM, caps=caps)
         specimen = Specimen(body, held_on_axis(SIDES, body.nodes), _OPTIONS)
-        found = specimen.solve(specimen.drawn(), replace(UNLOADED, pressure_Pa=PRESSURE_PA))
+        found = specimen.solve(specimen.drawn(), replace(UNLOADED, pressure_Pa=(PRESSURE_PA,)))
         x = found.state.positions
         radius = float(np.hypot(x[:, 0], x[:, 1]).mean())
         length = float(x[caps[1], 2].mean())

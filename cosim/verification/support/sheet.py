@@ -86,7 +86,7 @@ class Sheet:
         y = depth a third of the prism, and no film stands for it: the film measures two thirds of the
         volume, whatever its shape, and takes three halves of the pressure to do the gas's work.
         """
-        return replace(UNLOADED, pressure_Pa=1.5 * PRESSURE_PA)
+        return replace(UNLOADED, pressure_Pa=(1.5 * PRESSURE_PA,))
 
     def section_area(self, film_volume: float) -> float:
         """Return the area [m^2] of the whole section from the film's measure of a quarter's volume [m^3]."""
