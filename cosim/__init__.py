@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from cosim.app.simulation import Simulation as Simulation
     from cosim.base.resources import list_scenarios as list_scenarios
     from cosim.config.loading import load_scenario as load_scenario
+    from cosim.config.toml.registered_kinds import register_kind as register_kind
     from cosim.devices.controller import Command as Command
     from cosim.devices.controller import Controller as Controller
     from cosim.devices.controller import Measurement as Measurement
@@ -54,6 +55,7 @@ _HOMES = {
     "UnreachableError": "cosim.errors",
     "list_scenarios": "cosim.base.resources",
     "load_scenario": "cosim.config.loading",
+    "register_kind": "cosim.config.toml.registered_kinds",
     "run": "cosim.app.api",
 }
 

@@ -34,6 +34,7 @@ EXPECTED = {
     "__version__",
     "list_scenarios",
     "load_scenario",
+    "register_kind",
     "run",
 }
 HEAVY = ("numpy", "scipy", "numba", "mujoco", "pinocchio", "rerun")

@@ -62,6 +62,7 @@ def _flushed(code: int) -> int:
 
 
 def _command(options: argparse.Namespace, started: float) -> int:
+    _import_kinds(vars(options).get("modules", ()))
     if options.command == "run":
         return _run(options, started)
     if options.command == "verify":
@@ -71,6 +72,14 @@ def _command(options: argparse.Namespace, started: float) -> int:
     if options.command in ("new", "check", "upgrade", "schema"):
         return _files(options)
     return _list() if options.command == "list" else _view(options.directory)
+
+
+def _import_kinds(modules: Sequence[str]) -> None:
+    if modules:
+        from cosim.config.kinds import register_module  # here, because it loads pydantic
+
+        for name in modules:
+            register_module(name)
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -90,6 +99,15 @@ def _parser() -> argparse.ArgumentParser:
     verify.add_argument("--json", metavar="FILE", type=Path, help="write the results to a file as well")
     verify.add_argument("--list", action="store_true", help="list the cases and the sources of their answers")
     _add_trade(commands)
+    for name in ("run", "check", "schema", "trade"):
+        commands.choices[name].add_argument(
+            "--import",
+            dest="modules",
+            metavar="MODULE",
+            action="append",
+            default=[],
+            help="make kinds of your own known: a module, or a .py file; may be repeated",
+        )
     return parser
 
 

@@ -15,6 +15,7 @@ from typing import Any, Final, Literal
 
 from pydantic.json_schema import GenerateJsonSchema
 
+from cosim.config.kinds import register_installed
 from cosim.config.schema.old_keys import SCHEMA
 from cosim.config.schema.scenario import Scenario
 from cosim.config.schema.soft_robot import AttachmentTable, SoftRobotTable
@@ -43,6 +44,7 @@ def json_schema(kind: Kind) -> dict[str, Any]:
     Args:
         kind: "scenario" or "robot".
     """
+    register_installed()
     core, root = bounded_schema(_ROOTS[kind]), _ROOTS[kind].__name__
     made = GenerateJsonSchema(by_alias=True).generate(core)
     tables: dict[str, Any] = made.pop("$defs")

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from cosim.base.resources import scenario_path, soft_robot_path
+from cosim.config.kinds import register_installed
 from cosim.config.rules.given_body_rules import check_in_file
 from cosim.config.rules.scenario_rules import check_scenario, check_soft_robot
 from cosim.config.schema.given_body import GivenBodyTable
@@ -39,6 +40,7 @@ def load_scenario(
         InputError: there is no such scenario.
         ScenarioError: keys or values are wrong; each line of the message starts with a key's path.
     """
+    register_installed()
     overrides, faults = dict(overrides or {}), Faults()
     if isinstance(source, Scenario):
         table, folder = to_table(source), Path()
@@ -83,6 +85,7 @@ def load_soft_robot(name_or_path: str | Path) -> SoftRobotTable:
         InputError: there is no such soft robot.
         ScenarioError: keys or values are wrong.
     """
+    register_installed()
     path, faults = soft_robot_path(name_or_path), Faults()
     table = RobotFiles(faults).expand(str(path), Path(), "soft_robot")
     robot = parse(SoftRobotTable, table, "soft_robot", faults)

@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import cosim
 from cosim.app.driver import build_simulation
 from cosim.build.soft_body import build_soft_body
 from cosim.config.json_schema import json_schema
 from cosim.config.loading import load_scenario
-from cosim.config.schema import elements
-from cosim.config.schema.elements import register
+from cosim.config.schema.elements import ElementTable
 from cosim.config.schema.scenario import Scenario
 from cosim.config.toml.core_schemas import forget_schemas
 from cosim.config.writing import scenario_text
@@ -52,8 +52,8 @@ damping_Ns_m = {damping}
 
 @pytest.fixture
 def known(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    monkeypatch.setattr(elements, "_KINDS", {})
-    register(DashpotTable)
+    monkeypatch.setattr(ElementTable, "kinds", {})
+    cosim.register_kind(DashpotTable)
     yield
     forget_schemas()
 

@@ -16,8 +16,7 @@ from cosim.app.driver import build_simulation
 from cosim.base.state_archive import read_archive, write_archive
 from cosim.config.json_schema import json_schema
 from cosim.config.loading import load_scenario
-from cosim.config.schema import commands
-from cosim.config.schema.commands import CommandTable, register
+from cosim.config.schema.commands import CommandTable
 from cosim.config.toml.core_schemas import forget_schemas
 from cosim.config.writing import scenario_text
 from cosim.devices.command_source import ChangedCommands, CommandSource, RobotState, StepToTake
@@ -63,9 +62,9 @@ class LeanTable(CommandTable):
 
 @pytest.fixture
 def known(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    monkeypatch.setattr(commands, "_KINDS", {})
+    monkeypatch.setattr(CommandTable, "kinds", {})
     for table in (SineTable, LeanTable):
-        register(table)
+        cosim.register_kind(table)
     yield
     forget_schemas()
 
@@ -150,7 +149,7 @@ def test_a_cable_that_is_not_there_is_told(tmp_path: Path) -> None:
 
 
 def test_a_kind_that_is_not_registered_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(cosim.ScenarioError, match="kind 'sine' is not known; register it first"):
+    with pytest.raises(cosim.ScenarioError, match="kind 'sine' is not known; there are: none; make it known"):
         device_parts.scenario(tmp_path, '[[command]]\nkind = "sine"\n', HOLD)
 
 

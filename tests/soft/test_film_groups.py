@@ -48,7 +48,7 @@ def body_of(neck: Film, wall: Film = FILM, units: int = 1) -> SoftBody:
 
 def evaluated(body: SoftBody, x: Array) -> tuple[float, Array, Array]:
     system = SoftSystem(body)
-    loads = Loads(10e3)
+    loads = Loads((10e3,))
     energy = system.evaluate(x, loads, np.zeros(0), system.memory.copy())
     return energy, system.gradient.copy(), dense(system.pattern, system.blocks)
 

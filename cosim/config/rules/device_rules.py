@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from cosim.config.rules.gas_rules import gas_rules
-from cosim.config.schema.commands import CommandTable
 from cosim.config.schema.devices import ControllerTable, PumpTable
 from cosim.config.schema.given_body import AnySoftRobot
 from cosim.config.schema.phase import PhaseTable
 from cosim.config.schema.scenario import Scenario
 from cosim.config.toml.faults import Faults
+from cosim.config.toml.registered_kinds import check_registered
 from cosim.config.toml.suggestions import listing, unknown_name_message
 from cosim.errors import ScenarioError
 
@@ -58,15 +58,18 @@ def _check_commands(scenario: Scenario) -> None:
     """Check that sources of commands are known, and stand beside nothing that they would make untrue."""
     for place, entry in enumerate(scenario.commands, start=1):
         path = f"command.{place}"
-        if type(entry) is CommandTable:
-            raise ScenarioError(path, f"kind '{entry.kind}' is not known; register it first, from Python")
+        check_registered(entry, path)
         if (
             scenario.pumps
             or scenario.winches
             or scenario.controllers
             or any(map(uses_lengths, scenario.phases))
         ):
-            raise ScenarioError(path, "cannot stand beside pumps, winches, controllers or cable lengths")
+            raise ScenarioError(
+                path,
+                "cannot stand beside pumps, winches, controllers or cable lengths: they follow and report "
+                "what the phases ask for, not what this makes of it; let a controller command instead",
+            )
         if any(phase.tip_target is not None for phase in scenario.phases):
             raise ScenarioError(path, "cannot stand beside a tip target, which is planned without it")
 

@@ -14,12 +14,12 @@ from cosim.config.rules.object_rules import check_objects
 from cosim.config.rules.size_rules import check_sizes
 from cosim.config.rules.stack_rules import check_cable, check_stack
 from cosim.config.rules.support_rules import check_holding, check_rings
-from cosim.config.schema.elements import ElementTable
 from cosim.config.schema.given_body import AnySoftRobot, GivenBodyTable
 from cosim.config.schema.phase import PhaseTable, TipTargetTable
 from cosim.config.schema.scenario import NO_ARM, Scenario
 from cosim.config.schema.soft_robot import AttachmentTable, SoftRobotTable
 from cosim.config.toml.faults import Faults
+from cosim.config.toml.registered_kinds import check_registered
 from cosim.config.toml.suggestions import listing, unknown_name_message
 from cosim.errors import ScenarioError
 
@@ -107,8 +107,7 @@ def check_soft_robot(robot: SoftRobotTable, path: str, faults: Faults) -> None:
 
 def _check_elements(robot: SoftRobotTable, path: str) -> None:
     for entry in robot.elements:
-        if type(entry) is ElementTable:
-            raise ScenarioError(path, f"kind '{entry.kind}' is not known; register it first, from Python")
+        check_registered(entry, path)
 
 
 def _check_mass(robot: SoftRobotTable, path: str) -> None:

@@ -66,7 +66,7 @@ def outer(pressure_Pa: float) -> Loads:
 
     No film stands for the ends, so the model measures two thirds of the volume, see `Sheet.loads`.
     """
-    return replace(UNLOADED, pressure_Pa=-1.5 * pressure_Pa)
+    return replace(UNLOADED, pressure_Pa=(-1.5 * pressure_Pa,))
 
 
 def found_pressure(panels: int) -> float:

@@ -65,16 +65,16 @@ class SealedPiston(Case):
         body = specimen.body
         volume, pressure = section * _HEIGHT_M, STANDARD_ATMOSPHERE_Pa
         slow, fast = (SealedGas(pressure, volume, exponent) for exponent in (1.0, EXPONENT))
-        here = specimen.solve(specimen.drawn(), replace(UNLOADED, gas=slow, nodal_force=on_top(body, 0.0)))
+        here = specimen.solve(specimen.drawn(), replace(UNLOADED, gas=(slow,), nodal_force=on_top(body, 0.0)))
         figures = []
         for load in LOADS:
             force = on_top(body, load * pressure * section)
-            found = specimen.follow(here, replace(UNLOADED, gas=slow, nodal_force=force), 4)
+            found = specimen.follow(here, replace(UNLOADED, gas=(slow,), nodal_force=force), 4)
             height = float(body.tip_position(found.state.positions)[2]) / _HEIGHT_M
             figures.append(
                 Figure(f"height / h_0, W / p_a A = {load:g}", "1", height, 1.0 / (1.0 + load), 1e-5)
             )
-        still = specimen.solve(specimen.drawn(), replace(UNLOADED, gas=fast))
+        still = specimen.solve(specimen.drawn(), replace(UNLOADED, gas=(fast,)))
         up = np.zeros((body.nodes, 3))
         up[body.tip, 2] = 1.0
         omega = math.sqrt(float(up.ravel() @ specimen.stiffness(still) @ up.ravel()) / _MASS_kg)
