@@ -1,0 +1,136 @@
+"""First and second derivatives of the energies of beams by their chords and by the turns of their nodes.
+
+The energy is one of measures that are linear in the chord's direction t and in the directors d of each end
+(`beam_measures`). A turn w of a node changes its directors by w x d + w x (w x d) / 2, a change of the chord
+v the direction by (1 - t t^T) dv / l; the derivatives of products follow from these.
+"""
+
+from __future__ import annotations
+
+from cosim.base.kernels import device_function
+from cosim.soft.beams.beam_measures import add_stretches_and_bends, add_twists, fill_measures, fill_second
+from cosim.soft.beams.beam_work import COSINE, MEASURES, SINE, STRETCH
+
+
+@device_function
+def _fill_gradients(w):  # type: ignore[no-untyped-def]
+    """Fill the derivatives of the measures, and with them the gradients."""
+    for e in range(w.chord.shape[0]):
+        d, j, m, t = w.directors[e], w.jacobian[e], w.measures[e], w.direction[e]
+        for r in range(3):
+            p, q = (r + 1) % 3, (r + 2) % 3
+            j[STRETCH, r] = t[r]
+            for a in range(2):
+                for k in range(3):
+                    row = 1 + 3 * a + k
+                    j[row, r] = (d[a, k, r] - m[row] * t[r]) / m[STRETCH]
+                    j[row, 3 + 3 * a + r] = d[a, k, p] * t[q] - d[a, k, q] * t[p]
+            sine = d[0, 2, p] * d[1, 1, q] - d[0, 2, q] * d[1, 1, p]
+            sine -= d[0, 1, p] * d[1, 2, q] - d[0, 1, q] * d[1, 2, p]
+            cosine = d[0, 1, p] * d[1, 1, q] - d[0, 1, q] * d[1, 1, p]
+            cosine += d[0, 2, p] * d[1, 2, q] - d[0, 2, q] * d[1, 2, p]
+            j[SINE, 3 + r], j[SINE, 6 + r] = sine, -sine
+            j[COSINE, 3 + r], j[COSINE, 6 + r] = cosine, -cosine
+        for c in range(MEASURES):
+            w.gradient[e, c] = 0.0
+        for k in range(MEASURES):
+            for c in range(MEASURES):
+                w.gradient[e, c] += w.first[e, k] * j[k, c]
+
+
+@device_function
+def _fill_products(w):  # type: ignore[no-untyped-def]
+    """Fill the Hessians with what the first derivatives of the measures give."""
+    for e in range(w.chord.shape[0]):
+        jacobian, second, hessian, product = w.jacobian[e], w.second[e], w.hessian[e], w.product
+        hessian[:] = 0.0
+        for k in range(MEASURES):
+            for c in range(MEASURES):
+                product[k, c] = 0.0
+            for r in range(MEASURES):
+                value = second[k, r]
+                if value != 0.0:  # both factors are half empty
+                    for c in range(MEASURES):
+                        product[k, c] += value * jacobian[r, c]
+            for r in range(MEASURES):
+                value = jacobian[k, r]
+                if value != 0.0:
+                    for c in range(MEASURES):
+                        hessian[r, c] += value * product[k, c]
+
+
+@device_function
+def _add_by_turned_chords(w):  # type: ignore[no-untyped-def]
+    """Add to the Hessians what the second derivatives of l, c, s_2 and s_3 give."""
+    pull = w.pull
+    for e in range(w.chord.shape[0]):
+        h, t, d, over = w.hessian[e], w.direction[e], w.directors[e], 1.0 / w.measures[e, STRETCH]
+        for r in range(3):
+            for c in range(3):
+                h[r, c] += w.first[e, STRETCH] * over * ((1.0 if r == c else 0.0) - t[r] * t[c])
+        for a in range(2):
+            first, along, turn = 1 + 3 * a, 0.0, 3 + 3 * a
+            for r in range(3):
+                pull[r] = 0.0
+                for k in range(3):
+                    pull[r] += w.first[e, first + k] * d[a, k, r]
+                along += pull[r] * t[r]
+            for r in range(3):
+                for c in range(3):
+                    one, sym = 1.0 if r == c else 0.0, pull[r] * t[c] + t[r] * pull[c]
+                    h[r, c] -= over * over * (sym + along * (one - 3.0 * t[r] * t[c]))
+                    h[turn + r, turn + c] += 0.5 * sym - along * one
+            for c in range(3):  # dt . (w x pull) = w . (pull x dt), dt = (1 - t t^T) dv / l
+                p, q = (c + 1) % 3, (c + 2) % 3
+                across = pull[p] * t[q] - pull[q] * t[p]
+                for r in range(3):
+                    value = -over * across * t[r]
+                    if r == q:
+                        value += over * pull[p]
+                    elif r == p:
+                        value -= over * pull[q]
+                    h[turn + c, r] += value
+                    h[r, turn + c] += value
+
+
+@device_function
+def _add_by_twists(w):  # type: ignore[no-untyped-def]
+    """Add to the Hessians what the second derivatives of S and C give."""
+    meets = w.pull  # the sum of the directors of the second end that d_k of the first meets in S and C
+    for e in range(w.chord.shape[0]):
+        h, d, first = w.hessian[e], w.directors[e], w.first[e]
+        for k in range(1, 3):
+            sign, dot = 1.0 if k == 2 else -1.0, 0.0
+            for r in range(3):
+                meets[r] = first[COSINE] * d[1, k, r] + sign * first[SINE] * d[1, 3 - k, r]
+                dot += d[0, k, r] * meets[r]
+            for r in range(3):
+                for c in range(3):
+                    one = dot if r == c else 0.0
+                    sym = 0.5 * (d[0, k, r] * meets[c] + meets[r] * d[0, k, c]) - one
+                    h[3 + r, 3 + c] += sym
+                    h[6 + r, 6 + c] += sym
+                    cross = one - meets[r] * d[0, k, c]
+                    h[3 + r, 6 + c] += cross
+                    h[6 + c, 3 + r] += cross
+
+
+@device_function
+def beam_energies(rigidities, lengths, w, hessian):  # type: ignore[no-untyped-def]
+    """Fill gradients and, if told to, Hessians by chord and turns; return the sum of the energies [J].
+
+    Args:
+        rigidities: (4,), see `RectangularSection`.
+        lengths: (m,) [m], drawn.
+        w: `BeamWork`, with chords and directors.
+        hessian: whether to fill it.
+    """
+    fill_measures(lengths, w)
+    energy = add_stretches_and_bends(rigidities, lengths, w) + add_twists(rigidities[3], lengths, w)
+    _fill_gradients(w)
+    if hessian:
+        fill_second(rigidities, lengths, w)
+        _fill_products(w)
+        _add_by_turned_chords(w)
+        _add_by_twists(w)
+    return energy
