@@ -11,11 +11,12 @@ def kernel_modules(scenario: Scenario) -> tuple[ModuleType, ...]:
     """Return the modules with kernels that some scenarios do without; those of others are not imported."""
     modules: tuple[ModuleType, ...] = ()
     if scenario.contact.self_contact:
+        from cosim.soft.contact import self_contact_candidates as film_candidates
         from cosim.soft.contact import self_contact_pairs as film_contact
         from cosim.soft.contact import self_contact_points as film_points
         from cosim.soft.contact import self_contact_search as film_search
 
-        modules = (film_contact, film_points, film_search)
+        modules = (film_candidates, film_contact, film_points, film_search)
     if scenario.fidelity == "section":
         from cosim.reduced.sections import assembly, pressure_spline
         from cosim.reduced.sections import outputs as chain_figures

@@ -11,7 +11,7 @@ from cosim.base.frames import Array
 from cosim.soft.contact.contact_law import ContactLaw
 from cosim.soft.contact.self_contact_pairs import FilmPairs, feet
 from cosim.soft.elements.element import Sums
-from cosim.soft.linear.pattern import BlockPattern, CoupledPattern
+from cosim.soft.linear.pattern import BlockPattern, PatternWidening
 from tests.derivatives import RELATIVE, dense, derivative_errors
 from tests.soft.bodies import random_rotation
 
@@ -33,7 +33,6 @@ def scattered_pairs(seed: int = 0) -> tuple[FilmPairs, Array]:
         x[row] = np.concatenate([above, flat]) @ turn.T + origin
     weights = np.array([[1.0, 0.0, 0.0], [0.5, 0.5, 0.0], [1.0 / 3.0] * 3])[rng.integers(3, size=COUNT)]
     foot, normal, _ = feet(x, nodes, weights)
-    coupled = CoupledPattern.of(BlockPattern.from_elements(len(x), []), nodes)
     return FilmPairs(
         key=np.arange(COUNT),
         triangle=np.arange(COUNT),
@@ -45,8 +44,7 @@ def scattered_pairs(seed: int = 0) -> tuple[FilmPairs, Array]:
         normal=normal,
         stretch=1e-3 * rng.normal(size=(COUNT, 3)),
         law=LAW,
-        coupled=coupled,
-        slots=coupled.pattern.slots(nodes),
+        widening=PatternWidening(BlockPattern.from_elements(len(x), [])),
     ), x  # fmt: skip
 
 

@@ -75,3 +75,17 @@ def test_more_pairs_than_there_is_room_for_are_found_all_the_same() -> None:
     assert len(found.point) > 4
     assert (untouched[:4] >= 0).all()
     assert (untouched[4] == -1).all()
+
+
+def test_a_list_that_is_kept_finds_what_a_new_one_finds() -> None:
+    faces, points, x = crumpled(2, 0.15)
+    search, upper = FilmSearch(faces, points), (x[:, 2] > np.median(x[:, 2]))[:, None]
+    made: list[Array | None] = [None]
+    for _ in range(20):
+        # one half slides over the other, and both are carried along
+        x = np.ascontiguousarray(x + 1e-3 * upper * (1.0, 0.5, 0.0) + 0.01)
+        hits, fresh = search.near(x, 3e-3, 4e-3), FilmSearch(faces, points).near(x, 3e-3, 4e-3)
+        np.testing.assert_array_equal(hits.point, fresh.point)
+        np.testing.assert_array_equal(hits.triangle, fresh.triangle)
+        made += [] if search._candidates._before is made[-1] else [search._candidates._before]
+    assert 3 < len(made) < 10

@@ -22,6 +22,7 @@ one line: a moment of the friction times the distance of y from the point that i
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import final
 
 import numpy as np
@@ -31,7 +32,7 @@ from cosim.base.kernels import BLOCKS, INDEX_TABLE, MATRIX, REAL, VECTOR, add_bl
 from cosim.soft.contact.contact_law import ContactLaw, dragging_law, pressing_law
 from cosim.soft.contact.self_contact_memory import FilmMemory
 from cosim.soft.elements.element import Sums
-from cosim.soft.linear.pattern import CoupledPattern
+from cosim.soft.linear.pattern import CoupledPattern, PatternWidening
 
 _NO_TABLE = np.zeros((0, 0), np.int64)
 _NO_BLOCKS = np.zeros((0, 3, 3))
@@ -144,6 +145,17 @@ def _add_pairs(  # type: ignore[no-untyped-def]
     return energy
 
 
+@kernel((MATRIX, INDEX_TABLE, MATRIX, MATRIX, MATRIX, VECTOR))
+def _feet(x, nodes, weights, foot, normal, distance):  # type: ignore[no-untyped-def]
+    y, slope = np.empty(3), np.empty((3, 3))
+    for e in range(nodes.shape[0]):
+        for r in range(3):
+            y[r] = 0.0
+            for a in range(3):
+                y[r] += weights[e, a] * x[nodes[e, a], r]
+        distance[e] = foot_on_plane(x, nodes[e, 3:], y, normal[e], foot[e], slope)
+
+
 def feet(positions: Array, nodes: IntArray, weights: Array) -> tuple[Array, Array, Array]:
     """Return where points lie over triangles: weights of the feet (k, 3), normals (k, 3), distances (k,) [m].
 
@@ -152,14 +164,26 @@ def feet(positions: Array, nodes: IntArray, weights: Array) -> tuple[Array, Arra
         nodes: (k, 6), three of each point and of its triangle.
         weights: (k, 3) of the point.
     """
-    y = np.einsum("ka,kar->kr", weights, positions[nodes[:, :3]])
-    a, b, c = (positions[nodes[:, j]] for j in (3, 4, 5))
-    area = np.cross(b - a, c - a)
-    square = np.einsum("kr,kr->k", area, area)
-    opposite = ((b, c), (c, a), (a, b))
-    foot = [np.einsum("kr,kr->k", np.cross(p - y, q - y), area) / square for p, q in opposite]
-    normal = area / np.sqrt(square)[:, None]
-    return np.stack(foot, axis=1), normal, np.einsum("kr,kr->k", normal, y - a)
+    foot, normal, distance = np.empty((len(nodes), 3)), np.empty((len(nodes), 3)), np.empty(len(nodes))
+    _feet(positions, nodes, weights, foot, normal, distance)
+    return foot, normal, distance
+
+
+@kernel((MATRIX, INDEX_TABLE, MATRIX, MATRIX, MATRIX, REAL, MATRIX))
+def _drag(x, nodes, weights, held, normal, stick, stretch):  # type: ignore[no-untyped-def]
+    """Bring the stretch of the stick springs from before a step to its end: at most `stick`, in the plane."""
+    for e in range(nodes.shape[0]):
+        along, square = 0.0, 0.0
+        for r in range(3):
+            for a in range(3):
+                stretch[e, r] += weights[e, a] * x[nodes[e, a], r] - held[e, a] * x[nodes[e, 3 + a], r]
+            along += normal[e, r] * stretch[e, r]
+        for r in range(3):
+            stretch[e, r] -= along * normal[e, r]
+            square += stretch[e, r] ** 2
+        kept = min(1.0, stick / max(np.sqrt(square), 1e-300))
+        for r in range(3):
+            stretch[e, r] *= kept
 
 
 @final
@@ -178,8 +202,7 @@ class FilmPairs:
         normal: (k, 3) of the triangle then.
         stretch: (k, 3) [m], of the stick springs then, world.
         law: widths of the transitions.
-        coupled: where the Hessian goes.
-        slots: (k, 21) places of the node pairs in it.
+        widening: says where the Hessian goes.
     """
 
     key: IntArray
@@ -192,8 +215,7 @@ class FilmPairs:
     normal: Array
     stretch: Array
     law: ContactLaw
-    coupled: CoupledPattern
-    slots: IntArray
+    widening: PatternWidening
 
     def __len__(self) -> int:
         return len(self.key)
@@ -202,7 +224,18 @@ class FilmPairs:
         """Add the gradient and, if told to, the Hessian at positions (n, 3) [m]; return the energy [J]."""
         if not hessian:
             return self._evaluate(positions, sums.gradient, _NO_BLOCKS, _NO_TABLE)[0]
-        return self._evaluate(positions, sums.gradient, sums.widened(self.coupled), self.slots)[0]
+        coupled, slots = self._places
+        return self._evaluate(positions, sums.gradient, sums.widened(coupled), slots)[0]
+
+    @property
+    def coupled(self) -> CoupledPattern:
+        """Where the Hessian goes."""
+        return self._places[0]
+
+    @cached_property
+    def _places(self) -> tuple[CoupledPattern, IntArray]:
+        # most steps never ask for it
+        return self.widening.places(self.nodes)
 
     def at(self, positions: Array) -> FilmForces:
         """Return what the pairs press with at positions (n, 3) [m]."""
@@ -225,12 +258,9 @@ class FilmPairs:
 
     def _dragged_stretch(self, positions: Array) -> Array:
         """Return the stretch (k, 3) [m] of the stick springs after the step, each at most `stick`."""
-        u = np.einsum("ka,kar->kr", self.weights, positions[self.nodes[:, :3]]) + self.stretch
-        u -= np.einsum("ka,kar->kr", self.foot, positions[self.nodes[:, 3:]])
-        u -= np.einsum("kr,kr->k", self.normal, u)[:, None] * self.normal
-        length = np.linalg.norm(u, axis=1)
-        kept = np.minimum(1.0, self.law.stick_m / np.maximum(length, 1e-300))
-        return np.asarray(kept[:, None] * u)
+        stretch = self.stretch.copy()
+        _drag(positions, self.nodes, self.weights, self.foot, self.normal, self.law.stick_m, stretch)
+        return stretch
 
     def rubbing(self, friction: Array, stretch: Array) -> FilmPairs:
         """Return the same pairs with friction up to (k,) [N] by stick springs stretched by (k, 3) [m]."""

@@ -102,3 +102,26 @@ class CoupledPattern:
         wide = np.zeros((self.pattern.blocks, 3, 3))
         wide[self.from_body] = body_blocks
         return wide
+
+
+@final
+class PatternWidening:
+    """Widens a body's own pattern by elements; what was found last is kept while it serves.
+
+    Args:
+        body: its own pattern.
+    """
+
+    def __init__(self, body: BlockPattern) -> None:
+        self._body = body
+        self._last: tuple[IntArray, CoupledPattern, IntArray] | None = None
+
+    def places(self, elements: IntArray) -> tuple[CoupledPattern, IntArray]:
+        """Return the wider pattern for elements (k, nodes per element), and where their node pairs are."""
+        last = self._last
+        if last is None or not np.array_equal(last[0], elements):
+            coupled = CoupledPattern.of(self._body, elements)
+            if last is not None and last[1].same_as(coupled):
+                coupled = last[1]
+            self._last = last = (elements, coupled, coupled.pattern.slots(elements))
+        return last[1:]

@@ -12,15 +12,16 @@ from typing import final
 
 import numpy as np
 
-from cosim.base.frames import Array, IntArray
+from cosim.base.frames import Array
 from cosim.errors import InputError
 from cosim.soft.body.body import SoftBody
 from cosim.soft.contact.contact_law import ContactLaw
+from cosim.soft.contact.self_contact_candidates import furthest_from_mean
 from cosim.soft.contact.self_contact_faces import FilmFaces
 from cosim.soft.contact.self_contact_pairs import FilmPairs, feet
 from cosim.soft.contact.self_contact_points import FilmPoints
 from cosim.soft.contact.self_contact_search import FilmSearch
-from cosim.soft.linear.pattern import BlockPattern, CoupledPattern
+from cosim.soft.linear.pattern import BlockPattern, PatternWidening
 from cosim.soft.solve.state import SoftState
 
 _STEP_REACH_M = 1e-3  # looked ahead besides what the film moves in a step
@@ -65,8 +66,7 @@ class SelfContact:
         self.faces = FilmFaces.of(body)
         self.points = FilmPoints.of(self.faces, body.positions)
         self._search = FilmSearch(self.faces, self.points)
-        self._pattern = pattern
-        self._coupled: tuple[IntArray, CoupledPattern, IntArray] | None = None
+        self._widening = PatternWidening(pattern)
 
     def step_pairs(self, state: SoftState, step_s: float) -> FilmPairs | None:
         """Return what may touch in a step, None for nothing.
@@ -75,9 +75,8 @@ class SelfContact:
             state: before the step.
             step_s: length [s].
         """
-        drift = state.velocities - state.velocities.mean(axis=0)
-        fastest = float(np.sqrt((drift**2).sum(axis=1).max()))
-        reach = 0.5 * self.law.smoothing_m + _STEP_REACH_M + 2.0 * fastest * step_s
+        drift = furthest_from_mean(state.velocities)
+        reach = 0.5 * self.law.smoothing_m + _STEP_REACH_M + 2.0 * drift * step_s
         pairs = self._pairs(state.positions, reach, None, 0.0)
         if pairs is None or state.touching is None:
             return pairs
@@ -101,31 +100,20 @@ class SelfContact:
             return None
         faces, hits = self.faces, self._search.near(x, reach, _BEHIND_M)
         point, triangle = hits.point, hits.triangle
+        key = point * faces.units + faces.unit[triangle]
         if held is not None:
             kept = held.holding(x, slack, reach)
-            point = np.concatenate([held.key[kept] // faces.units, point])
             triangle = np.concatenate([held.triangle[kept], triangle])
-        # of two triangles of one unit the first counts: the one that is held
-        key, first = np.unique(point * faces.units + faces.unit[triangle], return_index=True)
+            # of two triangles of one unit the first counts: the one that is held
+            key, first = np.unique(np.concatenate([held.key[kept], key]), return_index=True)
+            point, triangle = key // faces.units, triangle[first]
         if not len(key):
             return None
-        point, triangle = point[first], triangle[first]
         nodes = np.ascontiguousarray(np.column_stack([self.points.nodes[point], faces.triangles[triangle]]))
         weights = self.points.weights[point]
         foot, normal, _ = feet(x, nodes, weights)
         stiffness = _FROM_EACH_SIDE * self.law.stiffness_N_m3 * self.points.area[point]
-        coupled, slots = self._places(nodes)
         return FilmPairs(
             key, triangle, nodes, weights, stiffness, np.zeros(len(key)), foot, normal,
-            np.zeros((len(key), 3)), self.law, coupled, slots,
+            np.zeros((len(key), 3)), self.law, self._widening,
         )  # fmt: skip
-
-    def _places(self, nodes: IntArray) -> tuple[CoupledPattern, IntArray]:
-        """Return the widened pattern and the places in it; the one of the last step while it serves."""
-        if self._coupled is None or not np.array_equal(self._coupled[0], nodes):
-            coupled = CoupledPattern.of(self._pattern, nodes)
-            before = None if self._coupled is None else self._coupled[1]
-            if before is not None and before.same_as(coupled):
-                coupled = before
-            self._coupled = (nodes, coupled, coupled.pattern.slots(nodes))
-        return self._coupled[1:]
