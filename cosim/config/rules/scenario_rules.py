@@ -121,11 +121,6 @@ def _check_mass(robot: SoftRobotTable, path: str) -> None:
 
 
 def _check_law(robot: SoftRobotTable, path: str) -> None:
-    if robot.film.compressive_fraction and robot.film.law != "tension_field":
-        raise ScenarioError(
-            f"{path}.film.compressive_fraction",
-            f"goes with law = 'tension_field'; the law is '{robot.film.law}'",
-        )
     if robot.film.wrinkle_panel_m is not None and robot.film.law != "wrinkling":
         raise ScenarioError(
             f"{path}.film.wrinkle_panel_m", f"goes with law = 'wrinkling'; the law is '{robot.film.law}'"
