@@ -11,6 +11,7 @@ import pytest
 
 from cosim.base.frames import Pose, Twist, Wrench
 from cosim.config.schema.scenario import Scenario
+from cosim.soft.beams.strength import StiffenerStrain
 from cosim.telemetry.film_shape import FilmShape
 from cosim.telemetry.snapshot import LedgerEntry, RunInfo, Snapshot
 from cosim.telemetry.tick_batch import TickBatch
@@ -40,6 +41,7 @@ def made_up_stage(scenario: Scenario) -> RunInfo:
         membrane_stress=lambda positions: np.zeros(1),
         report="made up",
         hinge_energy_share=lambda positions: 0.5,
+        stiffener_strain=lambda positions: StiffenerStrain(0.01, 0.02),
     )
 
 

@@ -29,6 +29,7 @@ from cosim.plan.decision import Decision
 from cosim.plan.plan import JointPlanner, Plan, make_plan
 from cosim.plan.reach import film_reach, flange_travel
 from cosim.plan.section_plan import section_range
+from cosim.soft.beams.strength import stiffener_report, stiffener_strain
 from cosim.soft.body.body import SoftBody
 from cosim.soft.contact.contact_law import ContactLaw
 from cosim.soft.solve.energy_share import hinge_energy_share
@@ -173,6 +174,7 @@ def _stage(
         report=_report(parts, modelled),
         modelled=modelled,
         hinge_energy_share=partial(hinge_energy_share, body),
+        stiffener_strain=partial(stiffener_strain, body),
         section_model=section_figures(scenario),
         arm=planned,
     )
@@ -190,6 +192,7 @@ def _report(parts: Parts, modelled: tuple[Decision, ...]) -> str:
         "Soft robot": f"{scenario.soft_robot.name}, {1e3 * body.mass_kg:.0f} g, {body.nodes} nodes, "
         f"{len(body.triangles)} triangles, {len(body.hinges.nodes)} hinges, "
         f"{len(body.cables)} cables",
+        "Stiffeners": stiffener_report(body),
         "Fidelity": fidelity_report(scenario),
         "Chamber": "closed by caps" if body.closed else "open ends (no cap force)",
         "Gas": gas_report(scenario),

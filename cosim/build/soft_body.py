@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from cosim.base.frames import Array, IntArray, Pose
 from cosim.build.stack_source import cable_route, drawn_stack
+from cosim.config.schema.film import StiffenerTable
 from cosim.config.schema.soft_robot import (
     ARM_CHAMBER,
     AttachmentTable,
@@ -13,6 +16,8 @@ from cosim.config.schema.soft_robot import (
 )
 from cosim.config.schema.solver import ModelTable
 from cosim.config.schema.stack import CableTable
+from cosim.soft.beams.beam_rings import BeamRings
+from cosim.soft.beams.rectangular_section import RectangularSection
 from cosim.soft.body.attachment import Plate, attached
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.copies import around_axis, copies
@@ -67,7 +72,7 @@ def build_soft_body(robot: SoftRobotTable, model: ModelTable) -> SoftBody:
         rings=mesh.rings,
     )
     if robot.stiffener.kind != "none":
-        body = body.with_elements(_frames(mesh, robot))
+        body = body.with_elements(_stiffener(mesh, robot.stiffener))
     body = body.with_elements(*(entry.element(body) for entry in robot.elements))
     if robot.copies is not None:
         c = robot.copies
@@ -116,9 +121,17 @@ def _hinges(
     return hinges, uniform
 
 
-def _frames(mesh: NamedMesh, robot: SoftRobotTable) -> FrameRings:
+def _stiffener(mesh: NamedMesh, table: StiffenerTable) -> FrameRings | BeamRings:
     rings = np.array([mesh.ring(name) for name in mesh.seam_rings])
-    return FrameRings.from_shape(mesh.positions, rings, robot.stiffener.stiffness_N_m)
+    if table.kind == "stiff":
+        return FrameRings.from_shape(mesh.positions, rings, table.stiffness_N_m)
+    return BeamRings.from_shape(mesh.positions, rings, _section(table))
+
+
+def _section(table: StiffenerTable) -> RectangularSection:
+    # what is missing was refused before
+    width, height, modulus = table.width_m or 0.0, table.height_m or 0.0, table.young_modulus_Pa or 0.0
+    return RectangularSection(width, height, modulus, table.poisson_ratio, table.strength_strain or math.inf)
 
 
 def _node_mass(robot: SoftRobotTable, coarse: NamedMesh, mesh: NamedMesh) -> Array:
@@ -129,4 +142,14 @@ def _node_mass(robot: SoftRobotTable, coarse: NamedMesh, mesh: NamedMesh) -> Arr
     share = areal / 3.0 * triangle_area(mesh.positions, mesh.triangles)
     for corner in range(3):
         np.add.at(mass, mesh.triangles[:, corner], share)
+    if robot.stiffener.kind == "beam":
+        _add_beam_mass(mass, mesh, robot.stiffener)
     return mass
+
+
+def _add_beam_mass(mass: Array, mesh: NamedMesh, table: StiffenerTable) -> None:
+    per_length = table.density_kg_m3 * _section(table).area_m2
+    for ring in (mesh.ring(name) for name in mesh.seam_rings):
+        following = np.roll(ring, -1)
+        length = np.linalg.norm(mesh.positions[following] - mesh.positions[ring], axis=1)
+        mass[ring] += 0.5 * per_length * (length + np.roll(length, 1))

@@ -18,6 +18,7 @@ from cosim.telemetry.film_shape import Film
 if TYPE_CHECKING:  # who only looks at snapshots needs no engine
     from cosim.base.link_contact import LinkContact
     from cosim.plan.arm_limits import PlannedArm
+    from cosim.soft.beams.strength import StiffenerStrain
 
 __all__ = ["BodyShape", "LedgerEntry", "RunInfo", "Snapshot"]
 
@@ -48,6 +49,7 @@ class RunInfo:
         report: Markdown lines on what is modelled (masses, counts, switches).
         modelled: what is modelled or left out, and why.
         hinge_energy_share: node positions (n, 3) [m] -> share of the hinges in the elastic energy.
+        stiffener_strain: node positions (n, 3) [m] -> strain and strength of the stiffeners, None without.
         section_model: error and size of the section model; None where the film itself is modelled.
         arm: what the plan asks of the arm; None without one.
     """
@@ -73,6 +75,7 @@ class RunInfo:
     devices: DeviceNames | None = None
     modelled: tuple[Decision, ...] = ()
     hinge_energy_share: Callable[[Array], float] | None = None
+    stiffener_strain: Callable[[Array], StiffenerStrain | None] | None = None
     section_model: dict[str, float] | None = None
     arm: PlannedArm | None = None
 

@@ -13,6 +13,7 @@ from cosim.base.state_check import check_state
 from cosim.errors import InputError
 from cosim.telemetry.arm_figures import ArmFigures, arm_table
 from cosim.telemetry.device_figures import DeviceFigures, DeviceFiguresState
+from cosim.telemetry.elastic_figures import elastic_figures, strength_warnings
 from cosim.telemetry.exchange_figures import ExchangeFigures, largest
 from cosim.telemetry.snapshot import RunInfo, Snapshot
 from cosim.telemetry.tick_batch import TickBatch
@@ -184,9 +185,10 @@ class SummaryBuilder:
 
     def _warnings(self) -> list[str]:
         planned = self._stage.arm
+        beyond = strength_warnings(self._phases)
         if planned is None:
-            return []
-        return [*planned.warnings(), *self._arm.warnings(planned.limits, self._stage.phase_names)]
+            return beyond
+        return [*planned.warnings(), *self._arm.warnings(planned.limits, self._stage.phase_names), *beyond]
 
     def _close_phase(self, *, complete: bool) -> None:
         if self._last is None:
@@ -194,8 +196,7 @@ class SummaryBuilder:
         name = self._stage.phase_names[self._last.phase]
         figures = _phase_figures(self._last, name, self._phase_iterations, complete)
         figures |= _chamber_figures(self._last, self._stage.chamber_names)
-        if self._stage.hinge_energy_share is not None:
-            figures["hinge_energy_share"] = self._stage.hinge_energy_share(self._last.node_position)
+        figures |= elastic_figures(self._stage, self._last.node_position)
         self._phases.append(
             figures if self._devices is None else figures | {"devices": self._devices.close_phase()}
         )

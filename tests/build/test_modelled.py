@@ -155,3 +155,20 @@ def test_the_summary_tells_the_share_of_every_phase() -> None:
     result = cosim.run("ur5e_hexagon_arm", overrides=GIVEN)
     (phase,) = result.summary["phases"]
     assert 0.0 < phase["hinge_energy_share"] < 0.5
+
+
+@pytest.mark.parametrize(("strength", "warned"), [(0.05, False), (0.002, True), (None, False)])
+def test_stiffeners_beyond_their_strength_are_told(strength: float | None, warned: bool) -> None:
+    beam = {"kind": "beam", "width_m": 2e-3, "height_m": 2e-3, "young_modulus_Pa": 2e9}
+    given = {
+        "file": "square_core",
+        "stiffener": beam | ({} if strength is None else {"strength_strain": strength}),
+    }
+    run = cosim.run("three_unit_inflation", overrides={"soft_robot": given})
+    figures = run.summary["phases"][-1]["stiffener"]
+    assert 0.003 < figures["peak_strain"] < 0.02
+    assert figures["strength_strain"] == strength
+    assert (
+        f"'{run.summary['phases'][-1]['name']}' the stiffeners" in " ".join(run.summary["warnings"])
+    ) is warned
+    assert "**Stiffeners**: beams of 2 x 2 mm, 2 GPa" in run.stage.report

@@ -10,13 +10,17 @@ import pytest
 from cosim.base.resources import scenario_path
 from cosim.build.soft_body import build_soft_body
 from cosim.config.loading import load_scenario
+from cosim.config.schema.film import StiffenerTable
 from cosim.config.schema.soft_robot import SoftRobotTable
 from cosim.config.schema.solver import ModelTable
+from cosim.soft.beams.beam_rings import BeamRings
+from cosim.soft.beams.rectangular_section import RectangularSection
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
 from cosim.soft.elements.shell_hinges import bending_measure
 from cosim.soft.geometry.surface import triangle_area
 from cosim.soft.solve.assembly import SoftSystem
+from cosim.soft.solve.energy_share import stored_energy
 from cosim.soft.solve.newton import NewtonSolver
 from cosim.soft.solve.newton_options import NewtonOptions
 
@@ -81,6 +85,31 @@ def test_frames_ring_the_outer_rims(robot: SoftRobotTable, levels: int) -> None:
     body = refined(framed, levels)
     assert body.frames is not None
     np.testing.assert_array_equal(body.frames.rings, body.rings["unit_1.outer"][None])
+
+
+BEAM = StiffenerTable("beam", width_m=2e-3, height_m=4e-3, young_modulus_Pa=2e9, density_kg_m3=1250.0)
+
+
+def test_beams_ring_the_outer_rims_with_their_mass(robot: SoftRobotTable) -> None:
+    coarse, fine = (refined(replace(robot, stiffener=BEAM), levels) for levels in (0, 1))
+    (beams,) = coarse.of_kind(BeamRings)
+    np.testing.assert_array_equal(beams.rings, coarse.rings["unit_1.outer"][None])
+    assert beams.section == RectangularSection(2e-3, 4e-3, 2e9)
+    # six sides of 50 mm
+    assert coarse.mass_kg - refined(robot, 0).mass_kg == pytest.approx(1250.0 * 8e-6 * 0.3, rel=1e-10)
+    assert fine.mass_kg == pytest.approx(coarse.mass_kg, rel=1e-12)
+    # every node of the rim carries as much, and stands for the same length on each side
+    np.testing.assert_allclose(np.ptp(coarse.node_mass[beams.rings]), 0.0, atol=1e-12)
+
+
+def test_beams_of_a_refined_mesh_store_the_same_energy(robot: SoftRobotTable) -> None:
+    energies = []
+    for levels in (0, 1):
+        body = refined(replace(robot, stiffener=BEAM), levels)
+        x = body.positions * [1.02, 0.99, 1.0]  # an affine image keeps the drawn sides straight
+        energies.append(stored_energy(body, x)[BeamRings])
+    assert energies[1] == pytest.approx(energies[0], rel=0.02)
+    assert energies[0] > 1e-3
 
 
 @pytest.mark.parametrize(

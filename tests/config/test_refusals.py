@@ -46,6 +46,16 @@ WRONG_VALUES = {
     ),
     "unknown frame": ("soft_robot.stiffener.kind=rigid", "soft_robot.stiffener.kind", "'stiff'"),
     "limp frame": ("soft_robot.stiffener.stiffness_N_m=0", "soft_robot.stiffener.stiffness_N_m", "above 0"),
+    "beam without a section": (
+        "soft_robot.stiffener.kind=beam",
+        "soft_robot.stiffener.width_m",
+        "missing; needed with kind = 'beam'",
+    ),
+    "section without a beam": (
+        "soft_robot.stiffener.height_m=2e-3",
+        "soft_robot.stiffener.height_m",
+        "the kind is 'none'",
+    ),
     "unknown hinge rule": ("soft_robot.hinge.rule=plate", "soft_robot.hinge.rule", "'shell'"),
     "below vacuum": ("start.pressure_Pa=-2e5", "start.pressure_Pa", "at least -100000"),
     "unknown robot": ("robot=ur6e", "robot", "there are"),

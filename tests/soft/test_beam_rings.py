@@ -201,7 +201,7 @@ def test_a_flat_ring_whose_beams_buckle_finds_its_way_out_of_the_plane() -> None
 def lifted(*elements: Element) -> float:
     """Return how far one hexagonal unit opens under gas [m]."""
     arm = held(hexagon_arm(1).with_elements(*elements))
-    found = hung(arm, pressure_Pa=1e4, gravity=(0.0, 0.0, 0.0))
+    found = hung(arm, pressure_Pa=(1e4,), gravity=(0.0, 0.0, 0.0))
     return float(np.linalg.norm(arm.body.tip_position(found.state.positions) - arm.body.tip_position(HUNG)))
 
 
@@ -238,7 +238,7 @@ def test_copies_carry_it_along_with_what_it_remembers() -> None:
     turned = np.concatenate([alone[1] @ pose.rotation.T for pose in poses])
     assert together[1] == pytest.approx(turned, abs=1e-9 * np.abs(alone[1]).max())
     kept = [
-        hung(held(body), pressure_Pa=2e3).state.memory[body.memory_places[-1]] for body in (framed, framed)
+        hung(held(body), pressure_Pa=(2e3,)).state.memory[body.memory_places[-1]] for body in (framed, framed)
     ]
     np.testing.assert_array_equal(*kept)
     assert np.abs(kept[0] - beams.first_memory(x)).max() > 1e-4

@@ -84,7 +84,7 @@ def check_soft_robot(robot: SoftRobotTable, path: str, faults: Faults) -> None:
     """
     with faults:
         check_stack(robot.stack, f"{path}.stack")
-    for check in (_check_mass, _check_law):
+    for check in (_check_mass, _check_law, _check_stiffener):
         with faults:
             check(robot, path)
     with faults:
@@ -125,6 +125,17 @@ def _check_law(robot: SoftRobotTable, path: str) -> None:
         raise ScenarioError(
             f"{path}.film.wrinkle_panel_m", f"goes with law = 'wrinkling'; the law is '{robot.film.law}'"
         )
+
+
+def _check_stiffener(robot: SoftRobotTable, path: str) -> None:
+    stiffener = robot.stiffener
+    for key in ("width_m", "height_m", "young_modulus_Pa"):
+        given = getattr(stiffener, key) is not None
+        if given is not (stiffener.kind == "beam"):
+            has = "goes with" if given else "is missing; needed with"
+            raise ScenarioError(
+                f"{path}.stiffener.{key}", f"{has} kind = 'beam'; the kind is '{stiffener.kind}'"
+            )
 
 
 def _check_attachment(entry: AttachmentTable, robot: SoftRobotTable, path: str, faults: Faults) -> None:

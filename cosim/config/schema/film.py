@@ -60,12 +60,26 @@ class StiffenerTable:
     """Printed frames around the outer ring of every unit.
 
     Args:
-        kind: "none", or "stiff": each outer ring keeps its drawn shape and moves almost as a rigid body.
-        stiffness_N_m: of the springs that keep the shape.
+        kind: "none"; "stiff": each outer ring keeps its drawn shape and moves almost as a rigid body; "beam":
+            each outer ring is a ring of beams of rectangular section, pinned to the film at its nodes.
+        stiffness_N_m: stiff: of the springs that keep the shape.
+        width_m: beam: of the section, in the ring's plane.
+        height_m: beam: of the section, along the stack.
+        young_modulus_Pa: beam: of the material.
+        poisson_ratio: beam: of the material.
+        density_kg_m3: beam: of the material; its mass comes to that of the ring's nodes.
+        strength_strain: beam: largest strain that the material bears; a phase that ends beyond it gives a
+            warning; omitted: none is given.
     """
 
-    kind: Literal["none", "stiff"] = "none"
+    kind: Literal["none", "stiff", "beam"] = "none"
     stiffness_N_m: Positive = 1e6
+    width_m: Positive | None = None
+    height_m: Positive | None = None
+    young_modulus_Pa: Positive | None = None
+    poisson_ratio: Annotated[float, Interval(gt=-1.0, le=0.5)] = 0.35
+    density_kg_m3: NonNegative = 0.0
+    strength_strain: Positive | None = None
 
 
 @final

@@ -1,4 +1,4 @@
-"""Printed frames with a section: closed rings of beams whose nodes are nodes of the film.
+"""Stiffeners with a section: closed rings of beams whose nodes are nodes of the film.
 
 The film knows positions alone, a beam also how its ends are turned. The turns are unknowns of the ring alone
 (loads and film hold no node against turning), so they are taken where they are in balance:
@@ -7,7 +7,7 @@ The film knows positions alone, a beam also how its ends are turned. The turns a
     hessian   = E_xx - E_xR E_RR^-1 E_Rx,
 a full matrix over the ring. A node turns as one, so that corners of the drawn shape are built in, and a
 straight side of one beam or of eight has the same stiffness between its ends (`beam_measures`): the energy is
-that of a continuous ring, whatever the refinement. Without loads the frame has its drawn shape.
+that of a continuous ring, whatever the refinement. Without loads the ring has its drawn shape.
 What is remembered are the turns of the last accepted state, quaternions in axes of the ring, from which the
 next ones are sought.
 """
@@ -152,7 +152,7 @@ def ring_axes(x, rings):  # type: ignore[no-untyped-def]
 @final
 @dataclass(frozen=True)
 class BeamRings(DirectElement):
-    """Frames of beams of one body; all rings have the same number of nodes.
+    """Stiffeners of one body; all rings have the same number of nodes.
 
     Args:
         rings: (f, m) nodes, in order around each ring.
@@ -171,7 +171,7 @@ class BeamRings(DirectElement):
 
     @classmethod
     def from_shape(cls, positions: Array, rings: IntArray, section: RectangularSection) -> BeamRings:
-        """Return frames that are stress free in the given shape.
+        """Return stiffeners that are stress free in the given shape.
 
         Args:
             positions: (n, 3) [m], drawn shape.

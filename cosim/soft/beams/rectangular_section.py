@@ -22,6 +22,7 @@ class RectangularSection:
         height_m: h, across that plane.
         young_modulus_Pa: E.
         poisson_ratio: nu; the shear modulus is G = E / (2 (1 + nu)).
+        strength_strain: largest strain that the material bears; infinite where nobody said it.
 
     Raises:
         InputError: a constant out of its bounds.
@@ -31,11 +32,14 @@ class RectangularSection:
     height_m: float
     young_modulus_Pa: float
     poisson_ratio: float = 0.35
+    strength_strain: float = math.inf
 
     def __post_init__(self) -> None:
         for name in ("width_m", "height_m", "young_modulus_Pa"):
             if not 0.0 < getattr(self, name) < math.inf:
                 raise InputError(f"{name} is {getattr(self, name)}; it must be positive and finite")
+        if not self.strength_strain > 0.0:
+            raise InputError(f"strength_strain is {self.strength_strain}; it must be positive")
         if not -1.0 < self.poisson_ratio <= 0.5:
             raise InputError(
                 f"poisson_ratio is {self.poisson_ratio}; it must lie above -1 and be 0.5 at most"
