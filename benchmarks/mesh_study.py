@@ -24,23 +24,13 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 import numpy as np
 
 from benchmarks.measure.stability import PerturbationOptions, find_lower_state, negative_pivots
-from cosim.base.frames import Array, Pose
-from cosim.errors import ConvergenceError, MeshError
+from cosim.errors import ConvergenceError
 from cosim.soft.body.body import SoftBody
-from cosim.soft.body.loads import Loads
 from cosim.soft.elements.frame_ring import FrameRings
 from cosim.soft.elements.material import Film
-from cosim.soft.elements.pressure import cap_force
-from cosim.soft.elements.shell_hinges import shell_stiffness
 from cosim.soft.geometry.polygonal_stack import PolygonalStack
-from cosim.soft.geometry.refinement import refine
-from cosim.soft.geometry.surface import interior_hinges
-from cosim.soft.solve.assembly import SoftSystem
 from cosim.soft.solve.compilation import compile_kernels
-from cosim.soft.solve.equilibrium import EquilibriumSolver
-from cosim.soft.solve.newton import NewtonSolver
-from cosim.soft.solve.newton_options import NewtonOptions
-from cosim.soft.solve.state import Clamp, Equilibrium, SoftState
+from cosim.verification.support.open_specimen import OpenSpecimen, film_stack
 
 REFERENCE = Path(__file__).resolve().parents[1] / "tests/reference/finite_elements.json"
 PRESSURES_KPA = (2.0, 5.0, 10.0, 20.0, 40.0)
@@ -53,86 +43,16 @@ SPECIMENS = {
 VARIANTS = (("plain", False), ("tension_field", False), ("plain", True))
 FRAME_STIFFNESS_N_M = 1e6
 FRACTIONS = (0.3, 0.1, 0.03, 0.01, 1e-3, 1e-4)  # the last one keeps slack triangles from collapsing
-_ON_PLANE_m = 1e-9  # of a plane of symmetry, beyond rounding
 STEPS_KPA = (0.1, 0.25, 0.5, 1.0, *PRESSURES_KPA)
 
 
 def specimen(stack: PolygonalStack, level: int, fraction: float, framed: bool) -> SoftBody:
     """Return the body of a specimen; fraction 1 is the plain law, 0 the tension field."""
-    mesh = refine(stack.mesh(), level)
-    film = Film(1.3e9, 0.2, 0.11e-3, "tension_field", fraction)
-    hinges = interior_hinges(mesh.triangles, mesh.seam)
-    body = SoftBody.from_arrays(
-        mesh.positions, mesh.triangles, film, hinge_nodes=hinges,
-        hinge_stiffness=shell_stiffness(mesh.positions, mesh.triangles, hinges, film.flexural_rigidity_Nm),
-        caps=mesh.caps, base=mesh.ring(mesh.base_ring), tip=mesh.ring(mesh.tip_ring), rings=mesh.rings,
-    )  # fmt: skip
+    body = film_stack(stack, level, Film(1.3e9, 0.2, 0.11e-3, "tension_field", fraction))
     if not framed:
         return body
-    rims = np.stack([ring for name, ring in mesh.rings.items() if name.endswith(".outer")])
-    return body.with_elements(FrameRings.from_shape(mesh.positions, rims, FRAME_STIFFNESS_N_M))
-
-
-class OpenSpecimen:
-    """A closed body whose cap forces are taken off as dead loads until they agree with the shape.
-
-    The inner problem keeps a potential, so that Newton's method can go down it through wrinkling.
-    """
-
-    def __init__(self, body: SoftBody) -> None:
-        self.body = body
-        clamp = guided(body)
-        self.newton = NewtonSolver(SoftSystem(body), clamp.mask(body.nodes))
-        options = NewtonOptions(tolerance_N=1e-5, iterations_max=600, step_max_m=0.01)
-        self.solver = EquilibriumSolver(self.newton, clamp, options)
-        self.here: Equilibrium | None = None
-        self.iterations = 0
-
-    def loads(self, pressure_Pa: float, positions: Array) -> Loads:
-        """Return the loads with the caps' pressure taken off."""
-        force = np.zeros_like(positions)
-        for ring in self.body.caps:
-            force[ring] -= cap_force(positions, ring, pressure_Pa)[0]
-        return Loads((pressure_Pa,), (), (0.0, 0.0, 0.0), force)
-
-    def load_to(self, pressure_Pa: float) -> Equilibrium:
-        """Follow the equilibrium to a pressure."""
-        state = SoftState.drawn(self.body, Pose()) if self.here is None else self.here.state
-        for _ in range(20):
-            found = self.solver.solve(state, Pose(), self.loads(pressure_Pa, state.positions))
-            self.iterations += found.iterations
-            moved = float(np.abs(found.state.positions - state.positions).max())
-            state = found.state
-            if moved < 1e-6:
-                break
-        self.here = found
-        return found
-
-    @property
-    def extension_m(self) -> float:
-        """Mean height of the top ring above where it is drawn [m]."""
-        assert self.here is not None
-        drawn = self.body.tip_position(self.body.positions)
-        return float((self.body.tip_position(self.here.state.positions) - drawn)[2])
-
-
-def guided(body: SoftBody) -> Clamp:
-    """Return the clamp of the base, with the nodes on the planes x = 0 and y = 0 kept in them.
-
-    Both are planes of symmetry of the drawn mesh. A free stack leans over above some pressure; the
-    finite-element reference is the straight one. Holes may widen, as they do there.
-
-    Raises:
-        MeshError: a plane holds no node of a free hole ring, so nothing would keep the stack straight.
-    """
-    clamp = Clamp.of_base(body)
-    on_plane = np.abs(body.positions) < _ON_PLANE_m
-    on_plane[:, 2] = False
-    rest = np.ones(body.nodes, dtype=bool)
-    rest[body.base] = False
-    if not on_plane[rest, :2].any(axis=0).all():
-        raise MeshError("no free node lies on the planes x = 0 and y = 0")
-    return clamp.holding(on_plane, body.positions, Pose())
+    rims = np.stack([ring for name, ring in body.rings.items() if name.endswith(".outer")])
+    return body.with_elements(FrameRings.from_shape(body.positions, rims, FRAME_STIFFNESS_N_M))
 
 
 def study(name: str, level: int, law: str, framed: bool, lower: bool) -> list[dict[str, Any]]:

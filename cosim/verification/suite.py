@@ -35,7 +35,15 @@ from cosim.verification.film_cases.mylar_balloon import MylarBalloon
 from cosim.verification.film_cases.pressurised_shells import PressurisedCylinder, PressurisedSphere
 from cosim.verification.film_cases.sheared_panel import ShearedPanel
 from cosim.verification.film_cases.square_cushions import SquareAirbag, SquarePillow
+from cosim.verification.film_cases.stack_films import PaperMesh, StackTensionField
 from cosim.verification.film_cases.wrinkle_wavelength import WrinkleWavelength
+from cosim.verification.film_cases.wrinkling_stacks import (
+    FiveHexagons,
+    OneSquare,
+    StiffSquare,
+    TenSquares,
+    ThreeSquares,
+)
 from cosim.verification.support.case import Case, Figure
 
 CASES: tuple[Case, ...] = (
@@ -63,6 +71,13 @@ CASES: tuple[Case, ...] = (
     SquarePillow(),
     ShearedPanel(),
     WrinkleWavelength(),
+    PaperMesh(),
+    StackTensionField(),
+    ThreeSquares(),
+    OneSquare(),
+    StiffSquare(),
+    FiveHexagons(),
+    TenSquares(),
     RigidMotion(),
     CantileverModes(),
     SwingingChain(),

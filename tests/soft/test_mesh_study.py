@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from benchmarks.mesh_study import OpenSpecimen, specimen
+from benchmarks.mesh_study import specimen
 from cosim.soft.geometry.polygonal_stack import PolygonalStack
+from cosim.verification.support.open_specimen import OpenSpecimen
 
 
 def test_five_hexagons_on_planes_of_symmetry_extend_as_a_free_stack_does() -> None:

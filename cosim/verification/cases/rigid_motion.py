@@ -30,6 +30,7 @@ def chamber(law: FilmLaw = "plain") -> tuple[SoftBody, Array]:
     mesh = PolygonalStack(6, 2, 0.05, 0.01, 0.002, 0.95).mesh()
     body = SoftBody.from_arrays(
         mesh.positions, mesh.triangles, Film(1.3e9, 0.2, 1.1e-4, law),
+        wrinkle_panel_m=mesh.face_values["wrinkle_panel_m"],
         hinge_nodes=interior_hinges(mesh.triangles, mesh.seam), hinge_stiffness=1.4e-3,
         fold_barrier_rad=0.02 * math.pi, caps=mesh.caps,
         cables=tuple(Cable(mesh.line(f"corner_{k}"), 0.8) for k in (0, 1)), node_mass=2e-3,

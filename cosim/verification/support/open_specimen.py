@@ -1,0 +1,116 @@
+"""Stacks of film with open end holes, kept upright: the specimens of the finite-element reference."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cosim.base.frames import Array, Pose
+from cosim.errors import MeshError
+from cosim.soft.body.body import SoftBody
+from cosim.soft.body.loads import Loads
+from cosim.soft.elements.material import Film
+from cosim.soft.elements.pressure import cap_force
+from cosim.soft.elements.shell_hinges import shell_stiffness
+from cosim.soft.geometry.polygonal_stack import PolygonalStack
+from cosim.soft.geometry.refinement import refine
+from cosim.soft.geometry.surface import interior_hinges
+from cosim.soft.solve.assembly import SoftSystem
+from cosim.soft.solve.equilibrium import EquilibriumSolver
+from cosim.soft.solve.newton import NewtonSolver
+from cosim.soft.solve.newton_options import NewtonOptions
+from cosim.soft.solve.state import Clamp, Equilibrium, SoftState
+
+_ON_PLANE_m = 1e-9  # of a plane of symmetry, beyond rounding
+_ROUNDS, _SETTLED_m = 20, 1e-6
+
+
+def film_stack(stack: PolygonalStack, level: int, film: Film) -> SoftBody:
+    """Return a stack whose film bends as a discrete shell, its seams without hinges.
+
+    Args:
+        stack: drawn shape.
+        level: how often its triangles are refined.
+        film: material.
+    """
+    mesh = refine(stack.mesh(), level)
+    hinges = interior_hinges(mesh.triangles, mesh.seam)
+    return SoftBody.from_arrays(
+        mesh.positions, mesh.triangles, film, wrinkle_panel_m=mesh.face_values["wrinkle_panel_m"],
+        hinge_nodes=hinges,
+        hinge_stiffness=shell_stiffness(mesh.positions, mesh.triangles, hinges, film.flexural_rigidity_Nm),
+        caps=mesh.caps, base=mesh.ring(mesh.base_ring), tip=mesh.ring(mesh.tip_ring), rings=mesh.rings,
+    )  # fmt: skip
+
+
+class OpenSpecimen:
+    """A closed body whose cap forces are taken off as dead loads until they agree with the shape.
+
+    The inner problem keeps a potential, so that Newton's method can go down it through wrinkling.
+
+    Args:
+        body: of film, upright; its caps are the open ends.
+    """
+
+    def __init__(self, body: SoftBody) -> None:
+        self.body = body
+        clamp = guided(body)
+        self.newton = NewtonSolver(SoftSystem(body), clamp.mask(body.nodes))
+        options = NewtonOptions(tolerance_N=1e-5, iterations_max=600, step_max_m=0.01)
+        self.solver = EquilibriumSolver(self.newton, clamp, options)
+        self.here: Equilibrium | None = None
+        self.iterations = 0
+
+    def loads(self, pressure_Pa: float, positions: Array) -> Loads:
+        """Return the loads with the caps' pressure taken off at positions (n, 3) [m]."""
+        force = np.zeros_like(positions)
+        for ring in self.body.caps:
+            force[ring] -= cap_force(positions, ring, pressure_Pa)[0]
+        return Loads((pressure_Pa,), (), (0.0, 0.0, 0.0), force)
+
+    def load_to(self, pressure_Pa: float) -> Equilibrium:
+        """Follow the equilibrium to a pressure.
+
+        Raises:
+            ConvergenceError: no equilibrium was found.
+        """
+        state = SoftState.drawn(self.body, Pose()) if self.here is None else self.here.state
+        for _ in range(_ROUNDS):
+            found = self.solver.solve(state, Pose(), self.loads(pressure_Pa, state.positions))
+            self.iterations += found.iterations
+            moved = float(np.abs(found.state.positions - state.positions).max())
+            state = found.state
+            if moved < _SETTLED_m:
+                break
+        self.here = found
+        return found
+
+    @property
+    def extension_m(self) -> float:
+        """Mean height of the top ring above where it is drawn [m]."""
+        assert self.here is not None
+        drawn = self.body.tip_position(self.body.positions)
+        return float((self.body.tip_position(self.here.state.positions) - drawn)[2])
+
+    @property
+    def volume_m3(self) -> float:
+        """Volume that film and open ends enclose."""
+        return float(self.newton.system.volume)
+
+
+def guided(body: SoftBody) -> Clamp:
+    """Return the clamp of the base, with the nodes on the planes x = 0 and y = 0 kept in them.
+
+    Both are planes of symmetry of the drawn mesh. A free stack leans over above some pressure; the
+    finite-element reference is the straight one. Holes may widen, as they do there.
+
+    Raises:
+        MeshError: a plane holds no node of a free hole ring, so nothing would keep the stack straight.
+    """
+    clamp = Clamp.of_base(body)
+    on_plane = np.abs(body.positions) < _ON_PLANE_m
+    on_plane[:, 2] = False
+    rest = np.ones(body.nodes, dtype=bool)
+    rest[body.base] = False
+    if not on_plane[rest, :2].any(axis=0).all():
+        raise MeshError("no free node lies on the planes x = 0 and y = 0")
+    return clamp.holding(on_plane, body.positions, Pose())
