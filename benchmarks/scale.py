@@ -51,6 +51,7 @@ _CALLS_S, _TICKS_S = 0.1, 1.5  # how long a part of an iteration, or ticks, are 
 def refined_arm(refine: int) -> SoftBody:
     """Return the ten-unit arm with every triangle divided into four so many times."""
     robot = load_soft_robot("hexagon_arm")
+    assert robot.stack is not None, "a stack of units"
     return build_soft_body(replace(robot, stack=replace(robot.stack, refine=refine)), ModelTable())
 
 

@@ -22,7 +22,6 @@ EXPECTED = {
     "InstabilityError",
     "Measurement",
     "MeshError",
-    "Observer",
     "OutputError",
     "RunInterrupted",
     "RunResult",

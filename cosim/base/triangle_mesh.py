@@ -1,7 +1,7 @@
-"""Closed triangle meshes from STL and OBJ files, for rigid objects.
+"""Triangle meshes from STL and OBJ files: closed ones for rigid objects, surfaces with groups for films.
 
-STL repeats a corner for every triangle; corners of one place become one vertex. A mesh must be closed: every
-edge belongs to two triangles that run through it in opposite directions.
+STL repeats a corner for every triangle; corners of one place become one vertex. A closed mesh is one of which
+every edge belongs to two triangles that run through it in opposite directions.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from cosim.base.frames import Array, IntArray
+from cosim.base.frames import Array, IntArray, Mask
 from cosim.errors import MeshError
 
 MESH_SUFFIXES = (".stl", ".obj")
@@ -72,6 +72,22 @@ class TriangleMesh:
         return TriangleMesh(self.vertices[kept], place[self.triangles[kept[self.triangles[:, 0]]]])
 
 
+@final
+@dataclass(frozen=True)
+class GroupedSurface:
+    """A surface, which may have rims, with names for some of its triangles.
+
+    Args:
+        vertices: (n, 3) [m].
+        triangles: (m, 3), as the file turns them.
+        groups: places of triangles by name, ascending.
+    """
+
+    vertices: Array
+    triangles: IntArray
+    groups: dict[str, IntArray]
+
+
 def read_mesh(path: Path) -> TriangleMesh:
     """Return the closed mesh of a file, turned right side out.
 
@@ -81,6 +97,32 @@ def read_mesh(path: Path) -> TriangleMesh:
     Raises:
         MeshError: the file cannot be read, is too large, holds no triangles, or its surface is not closed.
     """
+    return _closed(_read(path)[0], path.name)
+
+
+def read_surface(path: Path) -> GroupedSurface:
+    """Return the surface of a file, closed or not; the groups are those of `g` lines of an OBJ file.
+
+    Args:
+        path: ends in .stl (binary or text) or .obj; lengths in m.
+
+    Raises:
+        MeshError: the file cannot be read, is too large, or holds no triangles.
+    """
+    corners, names = _read(path)
+    vertices, triangles, kept = _merged(corners, path.name)
+    places: dict[str, list[int]] = {}
+    for place, row in enumerate(np.flatnonzero(kept).tolist()):
+        for name in names[row] if names else ():
+            places.setdefault(name, []).append(place)
+    return GroupedSurface(
+        vertices, triangles, {name: np.array(rows, dtype=np.int64) for name, rows in places.items()}
+    )
+
+
+def _read(path: Path) -> tuple[Array, list[tuple[str, ...]]]:
+    """Return the corners (m, 3, 3) of a file's triangles, and the groups that each is in; none of STL."""
+    names: list[tuple[str, ...]] = []
     if path.suffix.lower() not in MESH_SUFFIXES:
         raise MeshError(f"{path.name}: a mesh file ends in {' or '.join(MESH_SUFFIXES)}")
     try:
@@ -88,7 +130,10 @@ def read_mesh(path: Path) -> TriangleMesh:
             data = stream.read(LARGEST_FILE_BYTES + 1)
         if len(data) > LARGEST_FILE_BYTES:
             raise MeshError(f"{path.name}: is longer than {LARGEST_FILE_BYTES} bytes")
-        corners = _stl_corners(data) if path.suffix.lower() == ".stl" else _obj_corners(data.decode())
+        if path.suffix.lower() == ".stl":
+            corners = _stl_corners(data)
+        else:
+            corners, names = _obj_corners(data.decode())
     except OSError as error:
         raise MeshError(f"{path.name}: cannot be read: {error.strerror}") from error
     except UnicodeDecodeError as error:
@@ -103,7 +148,7 @@ def read_mesh(path: Path) -> TriangleMesh:
         )
     if len(corners) > MOST_TRIANGLES:
         raise MeshError(f"{path.name}: holds {len(corners)} triangles; at most {MOST_TRIANGLES} are read")
-    return _closed(corners, path.name)
+    return corners, names
 
 
 def _stl_corners(data: bytes) -> Array:
@@ -119,14 +164,22 @@ def _stl_corners(data: bytes) -> Array:
     return _points([words[k + 1 : k + 4] for k in places]).reshape(-1, 3, 3)
 
 
-def _obj_corners(text: str) -> Array:
-    """Return the corners (m, 3, 3) of an OBJ file; faces with more corners become fans."""
+def _obj_corners(text: str) -> tuple[Array, list[tuple[str, ...]]]:
+    """Return the corners (m, 3, 3) and groups of an OBJ file; faces with more corners become fans."""
     lines = [line.split() for line in text.splitlines()]
     vertices = _points([line[1:4] for line in lines if line[:1] == ["v"]])
-    before = np.cumsum([line[:1] == ["v"] for line in lines])
-    faces = [(line[1:], int(count)) for line, count in zip(lines, before, strict=True) if line[:1] == ["f"]]
-    triangles = [t for words, count in faces for t in _fan(words, count, len(vertices))]
-    return np.asarray(vertices[np.array(triangles, dtype=np.int64)]) if triangles else np.zeros((0, 3, 3))
+    triangles, before = list[tuple[int, int, int]](), 0
+    names, here = list[tuple[str, ...]](), tuple[str, ...]()
+    for word, *rest in filter(None, lines):
+        before += word == "v"
+        if word == "g":
+            here = tuple(dict.fromkeys(rest))
+        if word == "f":
+            fan = list(_fan(rest, before, len(vertices)))
+            triangles += fan
+            names += [here] * len(fan)
+    corners = vertices[np.array(triangles, dtype=np.int64)] if triangles else np.zeros((0, 3, 3))
+    return np.asarray(corners), names
 
 
 def _points(words: list[list[str]]) -> Array:
@@ -148,7 +201,8 @@ def _fan(words: list[str], before: int, count: int) -> Iterator[tuple[int, int, 
         yield places[0], places[k], places[k + 1]
 
 
-def _closed(corners: Array, name: str) -> TriangleMesh:
+def _merged(corners: Array, name: str) -> tuple[Array, IntArray, Mask]:
+    """Return vertices (n, 3), triangles (k, 3) and which of the given ones (m,) these are: no lines."""
     points = corners.reshape(-1, 3)
     size = float(np.ptp(points, axis=0).max())
     if size == 0.0:
@@ -163,14 +217,20 @@ def _closed(corners: Array, name: str) -> TriangleMesh:
     _, first, place = np.unique(cell, axis=0, return_index=True, return_inverse=True)
     triangles = place.reshape(-1, 3)
     a, b, c = triangles.T
-    triangles = triangles[(a != b) & (b != c) & (c != a)]
+    kept = (a != b) & (b != c) & (c != a)
+    return points[first], np.asarray(triangles[kept], dtype=np.int64), kept
+
+
+def _closed(corners: Array, name: str) -> TriangleMesh:
+    vertices, triangles, _ = _merged(corners, name)
     edges = np.concatenate([triangles[:, [k, (k + 1) % 3]] for k in range(3)])
-    n = len(first)
+    n = len(vertices)
     there, back = edges[:, 0] * n + edges[:, 1], edges[:, 1] * n + edges[:, 0]
     open_edges = int((~np.isin(there, back)).sum()) + len(there) - len(np.unique(there))
     if open_edges:
         raise MeshError(f"{name}: is not closed: {open_edges} of {len(there)} edges have no counterpart")
-    shells = TriangleMesh(points[first], np.asarray(triangles, dtype=np.int64)).shells()
+    shells = TriangleMesh(vertices, triangles).shells()
+    size = float(np.ptp(vertices, axis=0).max())
     if any(abs(shell.volume_m3) < 1e-9 * size**3 for shell in shells):
         raise MeshError(f"{name}: encloses no volume")
     return _joined([_outside_out(shell) for shell in shells])

@@ -59,8 +59,9 @@ def fidelity_body(scenario: Scenario) -> SoftBody:
     Raises:
         ScenarioError: the geometry gives degenerate triangles.
     """
-    with blamed_on("soft_robot.stack"):
-        return build_soft_body(*_described(scenario))
+    robot, model = _described(scenario)
+    with blamed_on("soft_robot.body" if robot.stack is None else "soft_robot.stack"):
+        return build_soft_body(robot, model)
 
 
 def _described(scenario: Scenario) -> tuple[SoftRobotTable, ModelTable]:
@@ -74,6 +75,7 @@ def _described(scenario: Scenario) -> tuple[SoftRobotTable, ModelTable]:
 def _finer(robot: SoftRobotTable) -> SoftRobotTable:
     """Return a robot with every triangle divided into four, those of what it carries as well."""
     parts = tuple(replace(part, robot=_finer(part.robot)) for part in robot.attachments)
+    assert robot.stack is not None, "fidelity rules refuse what is no stack"
     stack = replace(robot.stack, refine=robot.stack.refine + 1)
     return replace(robot, stack=stack, attachments=parts)
 

@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 
 from cosim.base.frames import Array, IntArray, Pose
+from cosim.build.mesh_source import drawn_mesh
 from cosim.build.stack_source import cable_route, drawn_stack
-from cosim.config.schema.film import StiffenerTable
+from cosim.config.rules.scenario_rules import LEAST_NODE_MASS_kg
+from cosim.config.schema.body_source import MeshTable
+from cosim.config.schema.film import FilmTable, StiffenerTable
 from cosim.config.schema.soft_robot import (
     ARM_CHAMBER,
     AttachmentTable,
@@ -16,6 +20,7 @@ from cosim.config.schema.soft_robot import (
 )
 from cosim.config.schema.solver import ModelTable
 from cosim.config.schema.stack import CableTable
+from cosim.errors import MeshError
 from cosim.soft.beams.beam_rings import BeamRings
 from cosim.soft.beams.rectangular_section import RectangularSection
 from cosim.soft.body.attachment import Plate, attached
@@ -25,19 +30,21 @@ from cosim.soft.elements.cable import Cable
 from cosim.soft.elements.frame_ring import FrameRings
 from cosim.soft.elements.material import Film
 from cosim.soft.elements.shell_hinges import bending_measure, shell_stiffness
+from cosim.soft.geometry.face_groups import mean_beside
 from cosim.soft.geometry.named_mesh import NamedMesh
 from cosim.soft.geometry.refinement import refine
 from cosim.soft.geometry.surface import interior_hinges, triangle_area
 from cosim.soft.published.hinges import without_spring
 
-_KEPT_STIFFNESS = 1e-4  # of the plain law in a tension field: slack triangles beside hinges would collapse
+_REST = ""  # name of the face group of all triangles that are in none with a film of its own
 
 
-def build_film(robot: SoftRobotTable) -> Film:
-    """Return the film of a robot's walls."""
-    f = robot.film
-    kept = _KEPT_STIFFNESS if f.law == "tension_field" else 0.0
-    return Film(f.young_modulus_Pa, f.poisson_ratio, f.thickness_m, f.law, kept, f.wrinkle_panel_m)
+def build_film(table: FilmTable) -> Film:
+    """Return a film."""
+    f = table
+    return Film(
+        f.young_modulus_Pa, f.poisson_ratio, f.thickness_m, f.law, f.compressive_fraction, f.wrinkle_panel_m
+    )
 
 
 def build_soft_body(robot: SoftRobotTable, model: ModelTable) -> SoftBody:
@@ -50,16 +57,16 @@ def build_soft_body(robot: SoftRobotTable, model: ModelTable) -> SoftBody:
     Raises:
         MeshError: the geometry gives degenerate triangles.
     """
-    drawn = drawn_stack(robot.stack)
-    mesh = refine(drawn, robot.stack.refine)
-    film = build_film(robot)
+    drawn = _drawn(robot)
+    mesh = refine(drawn, 0 if robot.stack is None else robot.stack.refine)
     hinges, stiffness = _hinges(robot, model, drawn, mesh)
     base = np.unique(np.concatenate([mesh.ring(name) for name in robot.base]))
     body = SoftBody.from_arrays(
         mesh.positions,
         mesh.triangles,
-        film,
-        wrinkle_panel_m=mesh.face_values["wrinkle_panel_m"],
+        _films(robot),
+        face_groups=_face_groups(robot, mesh),
+        wrinkle_panel_m=mesh.face_values.get("wrinkle_panel_m", 0.0),
         hinge_nodes=hinges,
         hinge_stiffness=stiffness,
         fold_barrier_rad=robot.hinge.fold_barrier_rad,
@@ -80,6 +87,38 @@ def build_soft_body(robot: SoftRobotTable, model: ModelTable) -> SoftBody:
     for entry in robot.attachments:
         body = _with_attachment(body, entry, model)
     return body
+
+
+def _drawn(robot: SoftRobotTable) -> NamedMesh:
+    """Return the unrefined mesh of a robot."""
+    if robot.stack is not None:
+        return drawn_stack(robot.stack)
+    assert robot.body is not None, "a checked robot has one of the two"
+    if isinstance(robot.body, MeshTable):
+        return drawn_mesh(robot.body)
+    mesh: NamedMesh = robot.body.mesh()
+    return mesh
+
+
+def _films(robot: SoftRobotTable) -> Film | dict[str, Film]:
+    film = build_film(robot.film)
+    own = {entry.name: build_film(entry.film) for entry in robot.groups}
+    return {_REST: film, **own} if own else film
+
+
+def _face_groups(robot: SoftRobotTable, mesh: NamedMesh) -> dict[str, IntArray]:
+    """Return the face groups, and under a name of its own what is in none with a film."""
+    own = [mesh.face_groups[entry.name] for entry in robot.groups if entry.name in mesh.face_groups]
+    rest = np.setdiff1d(np.arange(len(mesh.triangles)), np.concatenate([np.zeros(0, np.int64), *own]))
+    return {**mesh.face_groups, _REST: rest}
+
+
+def _of_triangles(robot: SoftRobotTable, mesh: NamedMesh, value: Callable[[FilmTable], float]) -> Array:
+    """Return a value (m,) of the film of each triangle."""
+    found = np.full(len(mesh.triangles), value(robot.film))
+    for entry in robot.groups:
+        found[mesh.face_groups[entry.name]] = value(entry.film)
+    return found
 
 
 def _with_attachment(body: SoftBody, entry: AttachmentTable, model: ModelTable) -> SoftBody:
@@ -106,16 +145,18 @@ def _hinges(
     The published subset of hinges exists on the unrefined mesh only; a refined mesh has all hinges, with
     a uniform stiffness scaled to the bending measure of the unrefined ones.
     """
-    film, refined = build_film(robot), mesh is not coarse
+    refined = mesh is not coarse
     drawn = interior_hinges(coarse.triangles, coarse.seam)
     if not model.all_hinges:
         drawn = drawn[~without_spring(coarse, drawn)]
     hinges = interior_hinges(mesh.triangles, mesh.seam) if refined else drawn
     factor = robot.hinge.stiffness_factor
     if robot.hinge.rule == "shell":
-        rigidity = factor * film.flexural_rigidity_Nm
-        return hinges, shell_stiffness(mesh.positions, mesh.triangles, hinges, rigidity)
-    uniform = np.full(len(hinges), factor * film.bending_stiffness_Nm)
+        rigidity = _of_triangles(robot, mesh, lambda film: factor * build_film(film).flexural_rigidity_Nm)
+        beside = mean_beside(mesh.triangles, hinges, rigidity)
+        return hinges, shell_stiffness(mesh.positions, mesh.triangles, hinges, beside)
+    stiffness = _of_triangles(robot, mesh, lambda film: factor * build_film(film).bending_stiffness_Nm)
+    uniform = mean_beside(mesh.triangles, hinges, stiffness)
     if refined:
         uniform *= bending_measure(coarse.positions, drawn) / bending_measure(mesh.positions, hinges)
     return hinges, uniform
@@ -137,13 +178,19 @@ def _section(table: StiffenerTable) -> RectangularSection:
 def _node_mass(robot: SoftRobotTable, coarse: NamedMesh, mesh: NamedMesh) -> Array:
     """Return the mass (n,) [kg] of each node; a refined mesh spreads what the unrefined one carries."""
     mass = np.full(len(mesh.positions), robot.mass.node_mass_kg * len(coarse.positions) / len(mesh.positions))
-    mass[mesh.seam] += robot.mass.seam_mass_kg * len(coarse.seam) / len(mesh.seam)
-    areal = robot.film.density_kg_m3 * robot.film.thickness_m
+    if len(mesh.seam):
+        mass[mesh.seam] += robot.mass.seam_mass_kg * len(coarse.seam) / len(mesh.seam)
+    areal = _of_triangles(robot, mesh, lambda film: film.density_kg_m3 * film.thickness_m)
     share = areal / 3.0 * triangle_area(mesh.positions, mesh.triangles)
     for corner in range(3):
         np.add.at(mass, mesh.triangles[:, corner], share)
     if robot.stiffener.kind == "beam":
         _add_beam_mass(mass, mesh, robot.stiffener)
+    if mass.min() < LEAST_NODE_MASS_kg:
+        raise MeshError(
+            f"node {mass.argmin()} has a mass of {mass.min():g} kg; every node needs "
+            f"{LEAST_NODE_MASS_kg:g} kg at least: give mass.node_mass_kg or film.density_kg_m3"
+        )
     return mass
 
 

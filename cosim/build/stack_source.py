@@ -23,6 +23,8 @@ def drawn_stack(table: StackTable) -> NamedMesh:
 
 
 def cable_route(mesh: NamedMesh, table: CableTable) -> IntArray:
-    """Return the nodes of a stack's mesh that a cable leads through, base to tip."""
+    """Return the nodes of a mesh that a cable leads through, base to tip."""
+    if table.units is None:
+        return mesh.line(table.line or "")
     first, last = table.units
     return mesh.line(f"corner_{table.corner}")[first - 1 : last]

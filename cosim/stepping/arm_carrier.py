@@ -61,6 +61,7 @@ class ArmCarrier(Carrier):
     """Moves the flange by servos with inverse-dynamics feedforward.
 
     Args:
+        name: of the arm.
         arm: kinematics and inverse dynamics.
         scene: rigid side.
         soft: soft side.
@@ -72,6 +73,7 @@ class ArmCarrier(Carrier):
 
     def __init__(
         self,
+        name: str,
         arm: Arm,
         scene: RigidScene,
         soft: SoftSide,
@@ -80,7 +82,7 @@ class ArmCarrier(Carrier):
         mounted: MassProperties | None = None,
         exchange: CouplingTable | None = None,
     ) -> None:
-        self._arm, self._scene, self._soft = arm, scene, soft
+        self._name, self._arm, self._scene, self._soft = name, arm, scene, soft
         self._compensation = payload_compensation
         self._contact_law, self._mounted = contact, mounted
         self._exchange = exchange or CouplingTable()
@@ -135,13 +137,7 @@ class ArmCarrier(Carrier):
     @property
     def report(self) -> Mapping[str, str]:
         return {
-            "Arm": "; ".join(
-                (
-                    f"{self._arm.name}, {self._arm.joint_count} joints, servos with inverse-dynamics "
-                    "feedforward",
-                    *self._arm.notes,
-                )
-            ),
+            "Arm": f"{self._name}, {self._arm.joint_count} joints, servos with inverse-dynamics feedforward",
             "Exchange": exchange_report(self._exchange),
             "Payload compensation": "on" if self._compensation else "off",
         }

@@ -8,7 +8,7 @@ over some time does.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import final
 
 import numpy as np
@@ -106,14 +106,12 @@ class _Comparison:
 
     def result(self, candidate: Candidate, curve: Curve, *, statics: bool) -> Measured:
         """Return a candidate's figures; it may be what others are measured against."""
-        first = candidate.reference and candidate.group not in self._references
-        if first:
+        if candidate.reference:
             self._references[candidate.group] = curve
         if candidate.base:
             self._bases[candidate.group] = curve
         reference, base = self._references.get(candidate.group), self._bases.get(candidate.group)
-        found = compared(candidate, curve, reference, None if base is reference else base, statics=statics)
-        return replace(found, reference=first)
+        return compared(candidate, curve, reference, None if base is reference else base, statics=statics)
 
 
 def compared(

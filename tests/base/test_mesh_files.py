@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from cosim.base.resources import object_mesh_path
-from cosim.base.triangle_mesh import read_mesh
+from cosim.base.triangle_mesh import read_mesh, read_surface
 from cosim.errors import MeshError
 
 CUBE = np.array([[x, y, z] for x in (0.0, 1.0) for y in (0.0, 1.0) for z in (0.0, 1.0)])
@@ -95,3 +95,20 @@ def test_the_spool_is_three_convex_shells() -> None:
     polygon = 16.0 * np.sin(2.0 * np.pi / 32)  # area of a 32-gon over its radius squared
     assert drum.volume_m3 == pytest.approx(polygon * 0.024**2 * 0.082, rel=1e-5)
     assert [f.volume_m3 for f in flanges] == pytest.approx([polygon * 0.036**2 * 0.004] * 2, rel=1e-5)
+
+
+def test_an_open_surface_keeps_its_groups_and_turns(tmp_path: Path) -> None:
+    lines = obj(CUBE, FACES).splitlines()
+    lines[len(CUBE)] = "g side front\n" + lines[len(CUBE)]
+    lines[len(CUBE) + 1] = "g back\n" + lines[len(CUBE) + 1]
+    (tmp_path / "open.obj").write_text("\n".join(lines[:-1]), encoding="utf-8")
+    facets = "".join(f"{facet}endfacet" for facet in text_stl().split("endfacet")[:10])
+    (tmp_path / "open.stl").write_text(facets, encoding="utf-8")
+    found = {name: read_surface(tmp_path / f"open.{name}") for name in ("obj", "stl")}
+    for surface in found.values():
+        np.testing.assert_array_equal(surface.vertices[surface.triangles], triangles()[:10])
+    groups = {name: places.tolist() for name, places in found["obj"].groups.items()}
+    assert groups == {"side": [0, 1], "front": [0, 1], "back": [2, 3, 4, 5, 6, 7, 8, 9]}
+    assert found["stl"].groups == {}
+    with pytest.raises(MeshError, match="is not closed"):
+        read_mesh(tmp_path / "open.obj")

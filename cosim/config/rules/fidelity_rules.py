@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
+from cosim.config.rules.given_body_rules import check_not_a_stack
 from cosim.config.rules.section_rules import check_section
 from cosim.config.schema.scenario import Scenario
 from cosim.config.schema.soft_robot import SoftRobotTable
@@ -25,7 +26,14 @@ def check_fidelity(scenario: Scenario, faults: Faults) -> None:
     with faults:
         robot = scenario.soft_robot
         refined = scenario.fidelity == "refined"
-        if refined and isinstance(robot, SoftRobotTable) and robot.stack.refine >= _REFINE_MAX:
+        if isinstance(robot, SoftRobotTable) and not robot.all_stacks:
+            check_not_a_stack(robot.name, "not drawn as a stack of units alone", scenario)
+        elif (
+            refined
+            and isinstance(robot, SoftRobotTable)
+            and robot.stack
+            and robot.stack.refine >= _REFINE_MAX
+        ):
             raise ScenarioError(
                 "fidelity",
                 "'refined' is one refinement more than soft_robot.stack.refine, which is at its bound of "
@@ -35,6 +43,10 @@ def check_fidelity(scenario: Scenario, faults: Faults) -> None:
         check_section(scenario, faults)
     if scenario.fidelity == "rigid":
         _check_rigid(scenario, faults)
+
+
+def _refined(robot: SoftRobotTable) -> int:
+    return 0 if robot.stack is None else robot.stack.refine
 
 
 def _check_rigid(scenario: Scenario, faults: Faults) -> None:

@@ -26,23 +26,35 @@ def check_given_body(body: GivenBodyTable, scenario: Scenario, faults: Faults) -
         faults: gets the rules that are broken.
     """
     with faults:
-        if scenario.fidelity in _NEEDS:
-            raise ScenarioError(
-                "fidelity",
-                f"'{scenario.fidelity}' needs {_NEEDS[scenario.fidelity]}; the soft body '{body.name}' is "
-                "given as arrays: take 'lumped' or 'rigid'",
-            )
-    with faults:
-        if not scenario.model.all_hinges:
-            raise ScenarioError(
-                "model.all_hinges",
-                f"is false; which edges of '{body.name}' have hinges is given with its arrays",
-            )
+        check_not_a_stack(body.name, "given as arrays", scenario)
     if scenario.model.closed != body.closed:
         raise ScenarioError(
             "model.closed",
             f"is {str(scenario.model.closed).lower()}; the soft body '{body.name}' is given with "
             f"closed = {body.closed}",
+        )
+
+
+def check_not_a_stack(name: str, drawn: str, scenario: Scenario) -> None:
+    """Check that a scenario asks nothing of a soft body that only a stack of units has.
+
+    Args:
+        name: of the body.
+        drawn: how it is, for messages.
+        scenario: may hold UNKNOWN.
+
+    Raises:
+        ScenarioError: it does.
+    """
+    if scenario.fidelity in _NEEDS:
+        raise ScenarioError(
+            "fidelity",
+            f"'{scenario.fidelity}' needs {_NEEDS[scenario.fidelity]}; the soft body '{name}' is {drawn}: "
+            "take 'lumped' or 'rigid'",
+        )
+    if not scenario.model.all_hinges:
+        raise ScenarioError(
+            "model.all_hinges", f"is false; the published hinges are those of stacks, '{name}' is {drawn}"
         )
 
 

@@ -5,15 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from typing import Final, Protocol
 
-from cosim.base.resources import list_arms
-from cosim.config.arms.arm_files import is_arm_path, unknown_arm
+from cosim.base.arms import arm_names
+from cosim.config.rules.body_source_rules import check_source
 from cosim.config.rules.device_rules import check_devices
 from cosim.config.rules.fidelity_rules import check_fidelity
 from cosim.config.rules.gas_rules import check_gas
 from cosim.config.rules.given_body_rules import check_given_body
 from cosim.config.rules.object_rules import check_objects
 from cosim.config.rules.size_rules import check_sizes
-from cosim.config.rules.stack_rules import check_cable, check_stack
 from cosim.config.rules.support_rules import check_holding, check_rings
 from cosim.config.schema.given_body import AnySoftRobot, GivenBodyTable
 from cosim.config.schema.phase import PhaseTable, TipTargetTable
@@ -21,7 +20,7 @@ from cosim.config.schema.scenario import NO_ARM, Scenario
 from cosim.config.schema.soft_robot import AttachmentTable, SoftRobotTable
 from cosim.config.toml.faults import Faults
 from cosim.config.toml.registered_kinds import check_registered
-from cosim.config.toml.suggestions import listing
+from cosim.config.toml.suggestions import listing, unknown_name_message
 from cosim.errors import ScenarioError
 
 LEAST_NODE_MASS_kg: Final = 1e-12
@@ -70,8 +69,9 @@ def check_scenario(scenario: Scenario, faults: Faults) -> None:
 
 
 def _check_arm(robot: str) -> None:
-    if robot not in (*list_arms(), NO_ARM) and not is_arm_path(robot):
-        raise ScenarioError("robot", unknown_arm(robot, (NO_ARM,)))
+    robots = (*arm_names(), NO_ARM)
+    if robot not in robots:
+        raise ScenarioError("robot", unknown_name_message("arm", robot, robots))
 
 
 def check_soft_robot(robot: SoftRobotTable, path: str, faults: Faults) -> None:
@@ -83,7 +83,7 @@ def check_soft_robot(robot: SoftRobotTable, path: str, faults: Faults) -> None:
         faults: gets the rules that are broken.
     """
     with faults:
-        check_stack(robot.stack, f"{path}.stack")
+        check_source(robot, path, faults)
     for check in (_check_mass, _check_law, _check_stiffener):
         with faults:
             check(robot, path)
@@ -91,10 +91,6 @@ def check_soft_robot(robot: SoftRobotTable, path: str, faults: Faults) -> None:
         check_rings(robot.base, robot, f"{path}.base")
     with faults:
         _check_unique(robot.cables, f"{path}.cable", faults)
-    with faults:
-        for cable in robot.cables:
-            with faults:
-                check_cable(cable, robot.stack, f"{path}.cable.{cable.name}", faults)
     with faults:
         _check_elements(robot, f"{path}.element")
     with faults:
@@ -111,7 +107,8 @@ def _check_elements(robot: SoftRobotTable, path: str) -> None:
 
 
 def _check_mass(robot: SoftRobotTable, path: str) -> None:
-    film_mass = robot.film.density_kg_m3 * robot.film.thickness_m * robot.stack.unit_height_m**2
+    size_m = 1.0 if robot.stack is None else robot.stack.unit_height_m  # of other films the mesh will tell
+    film_mass = robot.film.density_kg_m3 * robot.film.thickness_m * size_m**2
     if robot.mass.node_mass_kg < LEAST_NODE_MASS_kg and film_mass < LEAST_NODE_MASS_kg:
         raise ScenarioError(
             f"{path}.mass.node_mass_kg",
@@ -121,6 +118,11 @@ def _check_mass(robot: SoftRobotTable, path: str) -> None:
 
 
 def _check_law(robot: SoftRobotTable, path: str) -> None:
+    if robot.film.compressive_fraction and robot.film.law != "tension_field":
+        raise ScenarioError(
+            f"{path}.film.compressive_fraction",
+            f"goes with law = 'tension_field'; the law is '{robot.film.law}'",
+        )
     if robot.film.wrinkle_panel_m is not None and robot.film.law != "wrinkling":
         raise ScenarioError(
             f"{path}.film.wrinkle_panel_m", f"goes with law = 'wrinkling'; the law is '{robot.film.law}'"

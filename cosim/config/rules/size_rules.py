@@ -48,7 +48,8 @@ def triangle_count(robot: AnySoftRobot) -> int:
     if isinstance(robot, GivenBodyTable):
         return robot.triangles
     copies = 1 if robot.copies is None else robot.copies.count
-    return copies * robot.stack.triangles + sum(triangle_count(part.robot) for part in robot.attachments)
+    own = 0 if robot.stack is None else robot.stack.triangles  # mesh files have a bound of their own
+    return copies * own + sum(triangle_count(part.robot) for part in robot.attachments)
 
 
 def _check_triangles(scenario: Scenario) -> None:

@@ -37,6 +37,8 @@ def check_cable(cable: CableTable, stack: StackTable, path: str, faults: Faults)
     Raises:
         ScenarioError: the cable has no law of its losses, or two.
     """
+    if cable.corner is None or cable.units is None or cable.line is not None:
+        raise ScenarioError(path, "runs along a stack of units: give corner and units, and no line")
     with faults:
         if cable.corner >= stack.sides:
             raise ScenarioError(
@@ -48,6 +50,15 @@ def check_cable(cable: CableTable, stack: StackTable, path: str, faults: Faults)
             raise ScenarioError(f"{path}.units", f"unit {last} does not exist; units 1 to {units} do")
         if first >= last:
             raise ScenarioError(f"{path}.units", f"[{first}, {last}] must run from a unit to a later one")
+    check_losses(cable, path)
+
+
+def check_losses(cable: CableTable, path: str) -> None:
+    """Check that a cable has one law of its losses.
+
+    Raises:
+        ScenarioError: it has none, or two.
+    """
     if (cable.capstan_factor is None) == (cable.friction_coefficient is None):
         given = "neither" if cable.capstan_factor is None else "both"
         raise ScenarioError(path, f"give capstan_factor or friction_coefficient; {given} is given")

@@ -8,6 +8,7 @@ from typing import Annotated, Final, Literal, final
 from annotated_types import Interval, Len
 
 from cosim.base.names import ONLY_CHAMBER
+from cosim.config.schema.body_source import BodySourceTable
 from cosim.config.schema.elements import ElementTable
 from cosim.config.schema.film import FilmTable, HingeTable, MassTable, StiffenerTable
 from cosim.config.schema.stack import CableTable, StackTable
@@ -99,10 +100,27 @@ class AttachmentTable:
 
 @final
 @dataclass(frozen=True)
+class FaceGroupTable:
+    """A named group of triangles with a film of its own; a hinge between two films has the mean of both.
+
+    Args:
+        name: as whatever draws the film calls the group.
+        film: of its triangles.
+    """
+
+    name: Text
+    film: FilmTable
+
+
+@final
+@dataclass(frozen=True)
 class SoftRobotTable:
     """A soft robot: geometry, film, folds, masses, clamped rings and cables.
 
     Args:
+        stack: what draws the film, or `body` does.
+        body: what else may draw it: a mesh file, or a kind registered from Python.
+        groups: `[[group]]` in the file: triangles of `body` with a film of their own.
         base: rings clamped to the flange from the start, such as "unit_1.hole".
         cables: `[[cable]]` in the file, of one copy.
         copies: how often, and where, all this is on the flange; omitted: once, along its z axis.
@@ -113,8 +131,10 @@ class SoftRobotTable:
 
     name: Name
     source: Text
-    stack: StackTable
     film: FilmTable
+    stack: StackTable | None = None
+    body: BodySourceTable | None = None
+    groups: tuple[FaceGroupTable, ...] = field(default=(), metadata={"alias": "group"})
     hinge: HingeTable = HingeTable()
     stiffener: StiffenerTable = StiffenerTable()
     mass: MassTable = MassTable()
@@ -150,7 +170,7 @@ class SoftRobotTable:
 
     def ring_names(self) -> tuple[str, ...]:
         """Return the names of all rings, base to tip, then those of each copy, then those of attachments."""
-        own = self.stack.ring_names()
+        own = self._own_rings()
         count = 0 if self.copies is None else self.copies.count
         own += tuple(f"copy_{k}/{name}" for k in range(1, count + 1) for name in own)
         return own + tuple(
@@ -158,8 +178,18 @@ class SoftRobotTable:
         )
 
     def sides_of(self, ring: str) -> int:
-        """Return how many corners a ring has, this robot's or that of an attachment."""
+        """Return how many corners a ring has, this robot's or that of an attachment; 0 for none."""
         for part in self.attachments:
             if ring.startswith(f"{part.name}/"):
                 return part.robot.sides_of(ring.removeprefix(f"{part.name}/"))
-        return self.stack.sides
+        return 0 if self.stack is None else self.stack.sides
+
+    def _own_rings(self) -> tuple[str, ...]:
+        if self.stack is not None:
+            return self.stack.ring_names()
+        return () if self.body is None else self.body.set_names()
+
+    @property
+    def all_stacks(self) -> bool:
+        """Whether stacks of units draw all of it, what it carries included."""
+        return self.stack is not None and all(part.robot.all_stacks for part in self.attachments)

@@ -70,7 +70,7 @@ class StackTable:
 @final
 @dataclass(frozen=True)
 class CableTable:
-    """A cable along one corner line, through the outer ring of each unit of a range.
+    """A cable along one corner line of a stack, through the outer rings of a range of units, or another line.
 
     Exactly one of the two loss models is given.
 
@@ -79,12 +79,14 @@ class CableTable:
         units: first and last unit with an eyelet, counted from 1.
         capstan_factor: tension beyond an eyelet divided by the tension before it.
         friction_coefficient: mu in exp(-mu * wrap angle) at each eyelet.
+        line: a set of nodes in order, base to tip, where no stack draws the film: without corner and units.
         stiffness_N_m: tension per stretch of the whole cable; matters only where its length is commanded.
     """
 
     name: Name
-    corner: Annotated[int, Interval(ge=0)]
-    units: UnitRange
+    corner: Annotated[int, Interval(ge=0)] | None = None
+    units: UnitRange | None = None
+    line: Name | None = None
     capstan_factor: Annotated[float, Interval(gt=0.0, le=1.0)] | None = None
     friction_coefficient: NonNegative | None = None
     stiffness_N_m: Positive = 1e4

@@ -51,6 +51,9 @@ class RobotFiles:
     ) -> dict[str, Any]:
         """Return a soft robot's table with the files that it and its attachments start from put in."""
         full: dict[str, Any] = only_readable(table)
+        body = full.get("body")
+        if isinstance(body, dict) and isinstance(body.get("file"), str) and is_file(folder / body["file"]):
+            body["file"] = str((folder / body["file"]).resolve())
         if "file" in full:
             full = self._based(full.pop("file"), full, folder, f"{path}.file", chain)
         entries = full.get("attach")

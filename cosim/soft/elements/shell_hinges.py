@@ -82,7 +82,9 @@ def hinge_areas(positions: Array, triangles: IntArray, hinges: IntArray) -> Arra
     return areas
 
 
-def shell_stiffness(positions: Array, triangles: IntArray, hinges: IntArray, rigidity_Nm: float) -> Array:
+def shell_stiffness(
+    positions: Array, triangles: IntArray, hinges: IntArray, rigidity_Nm: Array | float
+) -> Array:
     """Return the stiffness (h,) [N m/rad] with which the hinges bend like a shell.
 
     k = D a / <(theta - pi)^2 / kappa^2>, see the module's text.
@@ -91,7 +93,7 @@ def shell_stiffness(positions: Array, triangles: IntArray, hinges: IntArray, rig
         positions: (n, 3) [m], drawn shape.
         triangles: (m, 3).
         hinges: (h, 4) nodes i, j, k, l; j-k is the edge.
-        rigidity_Nm: D [N m].
+        rigidity_Nm: (h,) or one number, D [N m].
 
     Raises:
         MeshError: a hinge lies on no edge of the triangles.

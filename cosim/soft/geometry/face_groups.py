@@ -9,6 +9,7 @@ import numpy as np
 
 from cosim.base.frames import Array, IntArray
 from cosim.errors import MeshError
+from cosim.soft.geometry.surface import directed_edges
 
 _Rows = TypeVar("_Rows", Array, IntArray)
 
@@ -52,6 +53,22 @@ def parts_of_groups(groups: Mapping[str, IntArray], parent: IntArray) -> dict[st
         parent: (parts,) the triangle that each is part of.
     """
     return {name: np.flatnonzero(np.isin(parent, places)) for name, places in groups.items()}
+
+
+def mean_beside(triangles: IntArray, hinges: IntArray, values: Array) -> Array:
+    """Return the mean (h,) of the values of both triangles at each hinge.
+
+    Args:
+        triangles: (m, 3) node indices.
+        hinges: (h, 4) nodes i, j, k, l; j-k is the edge.
+        values: (m,) of each triangle.
+    """
+    edges, count = directed_edges(triangles), int(triangles.max()) + 1
+    keys = edges[:, 0] * count + edges[:, 1]
+    order = np.argsort(keys)
+    sides = [hinges[:, a] * count + hinges[:, b] for a, b in ((1, 2), (2, 1))]
+    first, second = (values[order[np.searchsorted(keys[order], side)] // 3] for side in sides)
+    return np.asarray(0.5 * (first + second))
 
 
 def rows_of(parts: Sequence[_Rows]) -> _Rows:
