@@ -30,6 +30,7 @@ from cosim.verification.dynamic_cases.pendulum import Pendulum, SwingingChain
 from cosim.verification.dynamic_cases.shaken_beam import ShakenBeam
 from cosim.verification.dynamic_cases.spinning_strip import SpinningStrip
 from cosim.verification.dynamic_cases.time_order import TimeOrder
+from cosim.verification.film_cases.framed_square import FramedSquare
 from cosim.verification.film_cases.hencky_membrane import HenckyMembrane
 from cosim.verification.film_cases.mylar_balloon import MylarBalloon
 from cosim.verification.film_cases.pressurised_shells import PressurisedCylinder, PressurisedSphere
@@ -78,6 +79,7 @@ CASES: tuple[Case, ...] = (
     StiffSquare(),
     FiveHexagons(),
     TenSquares(),
+    FramedSquare(),
     RigidMotion(),
     CantileverModes(),
     SwingingChain(),

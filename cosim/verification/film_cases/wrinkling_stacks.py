@@ -10,7 +10,7 @@ from typing import ClassVar, Final, final
 from cosim.soft.elements.material import Film
 from cosim.soft.geometry.polygonal_stack import PolygonalStack
 from cosim.verification.support.case import Case, Figure
-from cosim.verification.support.finite_elements import FILM, Band, FIRST_Pa, along, squares
+from cosim.verification.support.finite_elements import FILM, MESHES, Band, FIRST_Pa, along, squares
 from cosim.verification.support.open_specimen import OpenSpecimen, film_stack
 
 SNAPPING: Final = 0.15
@@ -21,8 +21,6 @@ FOLDED: Final = 0.07
 
 VOLUME_M3: Final = 42.4e-6
 """Of one square unit at 10 kPa."""
-
-_NOTES = ("", ", refined", ", refined twice")
 
 
 def stack(shape: PolygonalStack, level: int, film: Film = FILM) -> OpenSpecimen:
@@ -44,7 +42,7 @@ def on_meshes(shape: PolygonalStack, bands: Sequence[Band], levels: int, film: F
         ConvergenceError: an equilibrium was not found.
     """
     return [
-        figure for level in range(levels) for figure in along(stack(shape, level, film), bands, _NOTES[level])
+        figure for level in range(levels) for figure in along(stack(shape, level, film), bands, MESHES[level])
     ]
 
 
@@ -98,7 +96,7 @@ class OneSquare(Case):
         for level, tolerance in enumerate((0.15, 0.06, 0.06)):
             sample = stack(squares(1), level)
             along(sample, self.bands[:3])
-            name = f"volume at {1e-3 * self.bands[2].pressure_Pa:g} kPa{_NOTES[level]}"
+            name = f"volume at {1e-3 * self.bands[2].pressure_Pa:g} kPa{MESHES[level]}"
             figures.append(Figure(name, "m^3", sample.volume_m3, VOLUME_M3, tolerance))
         return tuple(figures)
 
@@ -167,5 +165,5 @@ class TenSquares(Case):
             sample = stack(squares(10, 0.005), level)
             for pressure in (2e3, 5e3, 10e3):
                 sample.load_to(pressure)
-            figures += along(sample, self.bands, _NOTES[level])
+            figures += along(sample, self.bands, MESHES[level])
         return tuple(figures)

@@ -21,6 +21,9 @@ FILM: Final = Film(1.3e9, 0.2, 0.11e-3)
 FIRST_Pa: Final = (100.0, 250.0, 500.0, 1e3)
 """Pressures on the way to those that are compared."""
 
+MESHES: Final = ("", ", refined", ", refined twice")
+"""How figures name the drawn mesh and those refined from it."""
+
 
 def squares(units: int, hole_side_m: float = 0.004) -> PolygonalStack:
     """Return square units of 60 mm, drawn 2 mm high."""
