@@ -88,7 +88,7 @@ def test_derivatives_with_a_sealed_gas(shape: str) -> None:
     body = arm.with_other(Membranes, replace(arm.membranes[0], film=STATED))
     system = SoftSystem(body)
     volume = enclosed_volume(x, body.triangles, body.caps)
-    loads = no_load(body, gas=SealedGas(STANDARD_ATMOSPHERE_Pa + 2e4, volume, 1.4))
+    loads = no_load(body, gas=(SealedGas(STANDARD_ATMOSPHERE_Pa + 2e4, volume, 1.4),))
     reference = dihedral_angle(x, body.hinges.nodes)
 
     def evaluate(y: Array) -> tuple[float, Array, Array]:

@@ -26,7 +26,7 @@ SCENARIO = f"""
 schema = 2
 title = "a pressure"
 robot = "none"
-soft_robot = "hexagon_arm"
+soft_robot = "square_core"
 fidelity = "lumped"
 
 [start]
