@@ -12,7 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from cosim.base.arms import arm_names, find_arm
+from cosim.base.resources import list_arms
+from cosim.build.arms import find_arm
 from cosim.kinematics import Arm
 from cosim.rigid import RigidScene, SceneDescription
 
@@ -24,7 +25,7 @@ def differences(name: str, states: int, seed: int = 0) -> dict[str, Any]:
     scene = RigidScene(SceneDescription(file, armature=0.0, floor_height_m=None))
     rows = []
     for _ in range(states):
-        q, v = rng.uniform(arm.lower, arm.upper), rng.normal(size=arm.joint_count)
+        q, v = rng.uniform(*arm.drawn_from), rng.normal(size=arm.joint_count)
         pose, mass, gravity = arm.forward(q), arm.mass_matrix(q), arm.gravity_torque(q)
         scene.set_joint_state(q)
         gravity_error = relative(scene.bias_torque, gravity)
@@ -64,7 +65,7 @@ def main() -> None:
     parser.add_argument("--states", type=int, default=1000)
     parser.add_argument("--json", action="store_true", help="print one JSON list")
     arguments = parser.parse_args()
-    figures = [differences(name, arguments.states) for name in arm_names()]
+    figures = [differences(name, arguments.states) for name in list_arms()]
     if arguments.json:
         print(json.dumps(figures, indent=2))
         return

@@ -14,8 +14,9 @@ from typing import Any
 
 import numpy as np
 
-from cosim.base.arms import arm_names, find_arm
 from cosim.base.frames import Pose, rotation_from_quaternion
+from cosim.base.resources import list_arms
+from cosim.build.arms import find_arm
 from cosim.errors import UnreachableError
 from cosim.kinematics import Arm, solve
 
@@ -26,8 +27,8 @@ def reachable(arm: Arm, count: int, rng: np.random.Generator) -> dict[str, Any]:
     """Return rates and times over poses that the arm can reach."""
     seconds, solved, restarts = [], 0, []
     for _ in range(count):
-        target = arm.forward(rng.uniform(arm.lower, arm.upper))
-        seed = rng.uniform(arm.lower, arm.upper)
+        target = arm.forward(rng.uniform(*arm.drawn_from))
+        seed = rng.uniform(*arm.drawn_from)
         begun = time.perf_counter()
         try:
             solution = solve(arm, target, seed)
@@ -78,7 +79,7 @@ def unreachable(arm: Arm, count: int, rng: np.random.Generator) -> dict[str, Any
 def main() -> None:
     """Print the figures, as lines or as JSON."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--arm", default="ur5e", choices=arm_names())
+    parser.add_argument("--arm", default="ur5e", choices=list_arms())
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     arguments = parser.parse_args()
     arm, rng = Arm(find_arm(arguments.arm)), np.random.default_rng(0)

@@ -40,8 +40,8 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 import numpy as np
 
 from cosim.app.driver import Options, Runnable, build_simulation, execute, rerun_recorder
-from cosim.base.arms import find_arm
 from cosim.base.frames import Array
+from cosim.build.arms import find_arm
 from cosim.build.fidelity import soft_sides
 from cosim.config.loading import load_scenario
 from cosim.config.schema.scenario import Scenario

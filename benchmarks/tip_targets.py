@@ -19,8 +19,8 @@ from typing import Any
 
 import numpy as np
 
-from cosim.base.arms import find_arm
 from cosim.base.frames import Array, Pose, rotation_from_vector
+from cosim.build.arms import find_arm
 from cosim.build.fidelity import fidelity_body
 from cosim.build.simulation import build
 from cosim.config.loading import load_scenario

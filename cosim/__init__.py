@@ -14,6 +14,7 @@ from cosim._version import __version__ as __version__
 
 if TYPE_CHECKING:
     from cosim.app.api import run as run
+    from cosim.app.driver import Observer as Observer
     from cosim.app.result import RunResult as RunResult
     from cosim.app.simulation import SavedState as SavedState
     from cosim.app.simulation import Simulation as Simulation
@@ -44,6 +45,7 @@ _HOMES = {
     "InstabilityError": "cosim.errors",
     "Measurement": "cosim.devices.controller",
     "MeshError": "cosim.errors",
+    "Observer": "cosim.app.driver",
     "OutputError": "cosim.errors",
     "RunInterrupted": "cosim.errors",
     "RunResult": "cosim.app.result",

@@ -22,6 +22,7 @@ EXPECTED = {
     "InstabilityError",
     "Measurement",
     "MeshError",
+    "Observer",
     "OutputError",
     "RunInterrupted",
     "RunResult",

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from cosim.app.driver import Options, build_simulation, execute, rerun_recorder
+from cosim.app.driver import Observer, Options, build_simulation, execute, rerun_recorder
 from cosim.app.first_run import log, named_body, prepared
 from cosim.app.result import ResultBuilder, RunResult
 from cosim.app.run_files import default_directory
@@ -29,6 +29,7 @@ def run(
     recording: bool = False,
     controllers: Mapping[str, AnyController] | None = None,
     body: AnyBody | None = None,
+    observers: Sequence[Observer] = (),
 ) -> RunResult:
     """Run a scenario and return its arrays.
 
@@ -40,6 +41,7 @@ def run(
         recording: whether to write `recording.rrd`.
         controllers: the scenario's controllers of kind "python", by name.
         body: a soft body in place of the scenario's soft robot; its files cannot be resumed without it.
+        observers: shown all ticks while the run lasts.
 
     Raises:
         InputError: the scenario is wrong or asks for what cannot be reached.
@@ -53,7 +55,7 @@ def run(
     checked = prepared(loaded, log, recording=recording)
     directory = Path(out) if out is not None else default_directory(checked.name) if recording else None
     arrays = ResultBuilder(checked.recording.frames_per_s)
-    options = Options(directory, rerun_recorder if recording else None, [arrays])
+    options = Options(directory, rerun_recorder if recording else None, [arrays, *observers])
     given: dict[str, Any] = {"controllers": controllers, "body": named and named.body}
     build = partial(build_simulation, **{key: value for key, value in given.items() if value is not None})
     outcome = execute(checked, build, options, started)

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterator, Mapping
 from hashlib import sha256
 from pathlib import Path
 
 from cosim.app.run_files import SCENARIO
-from cosim.base.arms import find_arm
+from cosim.build.arms import find_arm
 from cosim.config.schema.mesh_paths import mesh_path
 from cosim.config.schema.objects import ObjectTable, SolidTable
 from cosim.config.schema.scenario import NO_ARM, Scenario
@@ -45,11 +44,10 @@ def _meshes(scenario: Scenario) -> Iterator[tuple[str, Path]]:
 
 
 def _arm_files(robot: str) -> Iterator[tuple[str, Path]]:
-    """Yield the arm's file and its meshes, named below the arm: they may be installed anywhere."""
+    """Yield the files of an arm, named below the arm: they may be installed anywhere."""
     if robot == NO_ARM:
         return
     arm = find_arm(robot)
-    yield f"{arm.name}/{arm.urdf_path.name}", arm.urdf_path
-    for mesh in ElementTree.fromstring(arm.urdf).iter("mesh"):
-        path = Path(mesh.get("filename", ""))
-        yield f"{arm.name}/{path.parent.name}/{path.name}", path
+    for path in arm.files:
+        folder = "" if path.parent == arm.path.parent else f"{path.parent.name}/"
+        yield f"{arm.name}/{folder}{path.name}", path

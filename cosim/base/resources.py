@@ -44,6 +44,16 @@ def list_soft_robots() -> tuple[str, ...]:
     return tuple(sorted(path.stem for path in robots_directory().glob("*.toml")))
 
 
+def list_arms() -> tuple[str, ...]:
+    """Return the names of the arms that come with cosim, sorted."""
+    return tuple(sorted(path.parent.name for path in robots_directory().glob("*/arm.toml")))
+
+
+def arm_path(name: str) -> Path:
+    """Return where the file of an arm that comes with cosim is, whether or not there is one of that name."""
+    return robots_directory() / name / "arm.toml"
+
+
 def list_scenarios() -> tuple[str, ...]:
     """Return the names of the scenarios that come with cosim, sorted."""
     return tuple(sorted(path.stem for path in (data_directory() / "scenarios").glob("*.toml")))

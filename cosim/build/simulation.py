@@ -8,8 +8,9 @@ from typing import TypeAlias
 
 import numpy as np
 
-from cosim.base.arms import find_arm
 from cosim.base.frames import Array
+from cosim.build.arms import find_arm
+from cosim.build.blame import blamed_on
 from cosim.build.decisions import contact_decision, decisions
 from cosim.build.fidelity import fidelity_report, soft_sides
 from cosim.build.section_cache import section_figures
@@ -87,14 +88,17 @@ def _held_base(scenario: Scenario, trial: SoftSide, soft: SoftSide, _before: Cho
 def _arm(scenario: Scenario, trial: SoftSide, soft: SoftSide, before: Choices | None) -> _Arranged:
     # imported here: a scene without an arm waits for neither engine
     from cosim.build.scene_objects import palm_mass, palm_object, rigid_object, rigid_wire
-    from cosim.kinematics.arm import Arm
+    from cosim.kinematics.arm import Arm, check_joints
     from cosim.plan.joint_planner import plan_joints
     from cosim.rigid.build.description import SceneDescription
     from cosim.rigid.scene.scene import RigidScene
     from cosim.stepping.arm_carrier import ArmCarrier
 
-    file, palm = find_arm(scenario.robot), scenario.soft_robot.palm
-    arm = Arm(file, gravity=scenario.gravity_m_s2)
+    palm = scenario.soft_robot.palm
+    with blamed_on("robot"):
+        file = find_arm(scenario.robot)
+        arm = Arm(file, gravity=scenario.gravity_m_s2)
+        check_joints(arm)
     description = SceneDescription(
         arm=file,
         tick_s=scenario.clock.tick_s,
@@ -116,9 +120,7 @@ def _arm(scenario: Scenario, trial: SoftSide, soft: SoftSide, before: Choices | 
     law = _contact_law(scenario) if contact.included else None
     if law is not None:
         check_base(scene, soft.body, plan.start, law.smoothing_m)
-    carrier = ArmCarrier(
-        scenario.robot, arm, scene, soft, scenario.payload_compensation, law, mounted, scenario.coupling
-    )
+    carrier = ArmCarrier(arm, scene, soft, scenario.payload_compensation, law, mounted, scenario.coupling)
     travel = flange_travel(arm, plan, film_reach(soft.body, 0.0))
     planned = planned_arm(arm, scene, plan, payload, dynamic=scenario.mode == "dynamic")
     modelled = decisions(scenario, soft.body, plan, contact, travel)

@@ -37,14 +37,14 @@ from cosim.soft.geometry.surface import interior_hinges, triangle_area
 from cosim.soft.published.hinges import without_spring
 
 _REST = ""  # name of the face group of all triangles that are in none with a film of its own
+_KEPT_STIFFNESS = 1e-4  # of the plain law in a tension field: slack triangles beside hinges would collapse
 
 
 def build_film(table: FilmTable) -> Film:
     """Return a film."""
     f = table
-    return Film(
-        f.young_modulus_Pa, f.poisson_ratio, f.thickness_m, f.law, f.compressive_fraction, f.wrinkle_panel_m
-    )
+    kept = _KEPT_STIFFNESS if f.law == "tension_field" else 0.0
+    return Film(f.young_modulus_Pa, f.poisson_ratio, f.thickness_m, f.law, kept, f.wrinkle_panel_m)
 
 
 def build_soft_body(robot: SoftRobotTable, model: ModelTable) -> SoftBody:

@@ -174,7 +174,7 @@ def _add_trade(commands: Any) -> None:
         "--against",
         choices=("finest", "refined"),
         default="finest",
-        help="what a choice is measured against: the same mesh at the finest tick, or the refined mesh",
+        help="what a choice is measured against: its mesh at the finest tick, or a wrinkling film, refined",
     )
     trade.add_argument("--quick", action="store_true", help="fewer candidates, none with a refined mesh")
     trade.add_argument(

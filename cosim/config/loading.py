@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from cosim.base.resources import scenario_path, soft_robot_path
+from cosim.config.arms.arm_files import with_arm_path
 from cosim.config.kinds import register_installed
 from cosim.config.rules.given_body_rules import check_in_file
 from cosim.config.rules.scenario_rules import check_scenario, check_soft_robot
@@ -49,6 +50,7 @@ def load_scenario(
         table, folder = read_table(path), path.parent
         table.setdefault("name", path.stem)
     place = folder
+    arm_folder = Path() if "robot" in overrides else folder
     if body is not None:
         with faults:
             _check_no_robot(overrides, body)
@@ -69,6 +71,8 @@ def load_scenario(
         scenario = copy_with(scenario, soft_robot=body)
     with faults:
         scenario = copy_with(scenario, objects=with_mesh_paths(scenario.objects, place, faults))
+    with faults:
+        scenario = copy_with(scenario, robot=with_arm_path(scenario.robot, arm_folder))
     return _resolved(scenario, faults)
 
 

@@ -5,16 +5,18 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import final
+from typing import Final, final
 
 import numpy as np
 import pinocchio as pin
 
-from cosim.base.arms import ArmFile
+from cosim.base.arm_file import ArmFile
 from cosim.base.frames import Array, Pose
 from cosim.errors import InputError
+from cosim.kinematics.arm_model import model_of
 from cosim.kinematics.inertial_parameters import COUNT, change_of_frame
 
+POSE_FREEDOMS: Final = 6
 _STANDARD_GRAVITY = (0.0, 0.0, -9.81)
 
 
@@ -41,17 +43,19 @@ class Payload:
 class Arm:
     """A serial arm fixed to the world, with its flange frame.
 
-    Attributes: `name`; `joint_names`; `home` (joints,) [rad]; `lower` and `upper` (joints,), the joint
-    limits [rad]; `turns_fully` (joints,), whether a joint can reach every direction; `joint_damping`
-    (joints,), viscous friction from the arm's file [N m s/rad]; `acceleration_bound` (joints,) [rad/s^2].
+    Quantities of joints are [rad], [N m]; of prismatic ones [m], [N]. Attributes: `name`; `joint_names`;
+    `home` (joints,); `lower` and `upper` (joints,), the joint limits, infinite for continuous joints;
+    `prismatic` (joints,), whether a joint slides; `turns_fully` (joints,), whether a joint can reach every
+    direction; `joint_damping` (joints,), viscous friction from its file; `acceleration_bound` (joints,);
+    `notes`, what was found out while the arm was read.
 
     Args:
         arm: the arm to read.
-        world_from_base: pose of the arm's root link.
+        world_from_base: pose of the arm's root link; that of the arm's file unless given.
         gravity: (3,) [m/s^2], world.
 
     Raises:
-        InputError: a joint of the arm is not a plain one-axis joint (continuous ones, for example).
+        InputError: Pinocchio cannot read the arm.
     """
 
     def __init__(
@@ -60,28 +64,23 @@ class Arm:
         world_from_base: Pose | None = None,
         gravity: Array | tuple[float, float, float] = _STANDARD_GRAVITY,
     ) -> None:
-        model = pin.buildModelFromXML(arm.urdf)
-        if model.nq != model.nv:
-            raise InputError(
-                f"arm {arm.name!r} has a continuous joint; give it limits (type revolute) to use it here"
-            )
-        if tuple(model.names[1:]) != arm.joint_names:
-            raise InputError(f"arm {arm.name!r}: joints {tuple(model.names[1:])}, expected {arm.joint_names}")
-        base = world_from_base or Pose()
+        model = model_of(arm)
+        base = world_from_base or arm.world_from_base
         model.jointPlacements[1] = _placement(base) * model.jointPlacements[1]
         model.gravity.linear = np.array(gravity, dtype=np.float64)
-        self.name = arm.name
+        self.name, self.notes = arm.name, arm.notes
         self.joint_names = arm.joint_names
         self.home = arm.home
         self.acceleration_bound = arm.acceleration_bound
         self._model = model
         self._data = model.createData()
-        self.lower = _read_only(model.lowerPositionLimit)
-        self.upper = _read_only(model.upperPositionLimit)
-        self.turns_fully = self.upper - self.lower >= 2.0 * np.pi - 1e-6
+        self.prismatic = arm.prismatic
+        self.lower = _read_only(np.where(arm.continuous, -np.inf, model.lowerPositionLimit))
+        self.upper = _read_only(np.where(arm.continuous, np.inf, model.upperPositionLimit))
+        self.turns_fully = ~self.prismatic & (self.upper - self.lower >= 2.0 * np.pi - 1e-6)
         self.joint_damping = _read_only(model.damping)
         self._damped = bool(self.joint_damping.any())
-        self._frame = model.getFrameId(arm.flange_frame)
+        self._frame = model.getFrameId(arm.flange_frame, pin.FrameType.BODY)
         self._last_joint_from_flange = pin.SE3(model.frames[self._frame].placement)
         placement = self._last_joint_from_flange
         self._last_joint_by_flange = change_of_frame(Pose(placement.rotation, placement.translation))
@@ -99,6 +98,13 @@ class Arm:
     def joint_count(self) -> int:
         """Number of joints."""
         return int(self._model.nv)
+
+    @property
+    def drawn_from(self) -> tuple[Array, Array]:
+        """Bounds (joints,), (joints,) of angles that may be drawn at random: the limits, or a full turn."""
+        return np.where(np.isfinite(self.lower), self.lower, -np.pi), np.where(
+            np.isfinite(self.upper), self.upper, np.pi
+        )
 
     @property
     def velocity_limit(self) -> Array:
@@ -237,6 +243,19 @@ class Arm:
             self._inertias[self._last] = self._bare_inertia + self._last_joint_from_flange.act(load)
             self._payload = payload
         return self._loaded, self._loaded_data
+
+
+def check_joints(arm: Arm) -> None:
+    """Check that an arm has as many joints as a pose of its flange has freedoms.
+
+    Raises:
+        InputError: it has fewer.
+    """
+    if arm.joint_count < POSE_FREEDOMS:
+        raise InputError(
+            f"arm {arm.name!r} has {arm.joint_count} joints ({', '.join(arm.joint_names)}); a pose of the "
+            f"flange needs {POSE_FREEDOMS}"
+        )
 
 
 def _read_only(values: Array) -> Array:

@@ -206,7 +206,7 @@ def _scattered(arm: Arm, start: Array, spread: float, rng: np.random.Generator) 
     """Return a start near another one; a joint thrown out of its limits falls anywhere within them."""
     guess = start + spread * rng.standard_normal(arm.joint_count)
     inside = (guess >= arm.lower) & (guess <= arm.upper)
-    return np.where(inside, guess, rng.uniform(arm.lower, arm.upper))
+    return np.where(inside, guess, rng.uniform(*arm.drawn_from))
 
 
 def _nearest_turn(arm: Arm, q: Array, seed: Array) -> Array:

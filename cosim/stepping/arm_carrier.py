@@ -61,7 +61,6 @@ class ArmCarrier(Carrier):
     """Moves the flange by servos with inverse-dynamics feedforward.
 
     Args:
-        name: of the arm.
         arm: kinematics and inverse dynamics.
         scene: rigid side.
         soft: soft side.
@@ -73,7 +72,6 @@ class ArmCarrier(Carrier):
 
     def __init__(
         self,
-        name: str,
         arm: Arm,
         scene: RigidScene,
         soft: SoftSide,
@@ -82,7 +80,7 @@ class ArmCarrier(Carrier):
         mounted: MassProperties | None = None,
         exchange: CouplingTable | None = None,
     ) -> None:
-        self._name, self._arm, self._scene, self._soft = name, arm, scene, soft
+        self._arm, self._scene, self._soft = arm, scene, soft
         self._compensation = payload_compensation
         self._contact_law, self._mounted = contact, mounted
         self._exchange = exchange or CouplingTable()
@@ -137,7 +135,13 @@ class ArmCarrier(Carrier):
     @property
     def report(self) -> Mapping[str, str]:
         return {
-            "Arm": f"{self._name}, {self._arm.joint_count} joints, servos with inverse-dynamics feedforward",
+            "Arm": "; ".join(
+                (
+                    f"{self._arm.name}, {self._arm.joint_count} joints, servos with inverse-dynamics "
+                    "feedforward",
+                    *self._arm.notes,
+                )
+            ),
             "Exchange": exchange_report(self._exchange),
             "Payload compensation": "on" if self._compensation else "off",
         }

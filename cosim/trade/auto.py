@@ -93,6 +93,7 @@ def _unpacked(data: bytes, candidates: Sequence[Candidate]) -> list[Measured]:
         Measured(
             candidate,
             failure=row["failure"] or "",
+            reference=row["reference"],
             **{key: _number(row[key]) for key in Measured.numbers()},
         )
         for candidate, row in zip(candidates, rows, strict=True)

@@ -18,7 +18,8 @@ class Candidate:
         name: for the table.
         group: "time": candidates differ in fidelity and in how time is stepped; "model": in what is modelled.
         changes: overrides of the scenario, by key path.
-        reference: whether the others of its group are measured against it.
+        reference: whether the others of its group are measured against it: of several, against the first that
+            runs to its end.
         family: what it has in common with others of one colour in the plot.
         base: whether it is the scenario's own model, from which its group's switches start.
         decision: what of `modelled` in summary.json it decides otherwise; empty for none.

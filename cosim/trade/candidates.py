@@ -51,7 +51,7 @@ def candidates_of(
         quick: fewer of them, none with a refined mesh.
         time_scale: factor on the duration of every phase that does not shake.
         truth: what the choice is measured against: "finest", the scenario's own mesh at the finest tick, or
-            "refined", the finer mesh that is the reference of what is modelled.
+            "refined", what stands for the truth among the models.
 
     Raises:
         InputError: the scenario is quasistatic, or the factor not positive.
@@ -67,7 +67,9 @@ def candidates_of(
     model = model_candidates(scenario, lower_fidelities(), quick=quick)
     candidates = (*time, *model)
     if truth == "refined":
-        candidates = (model[0], *(replace(m, group="model", reference=False) for m in (*time, *model[1:])))
+        references = [m for m in model if m.reference]
+        others = [replace(m, group="model", reference=False) for m in (*time, *model) if m not in references]
+        candidates = (*references, *others)
     return tuple(replace(m, changes={**m.changes, **hurried}) for m in candidates)
 
 

@@ -34,6 +34,7 @@ class Measured:
         base_error_m: largest distance from the tip of the model as it is, over the run (statics: at the
             ends of phases); NaN where that is the reference.
         failure: why it did not finish; empty if it did.
+        reference: whether the others of its group were measured against it.
     """
 
     candidate: Candidate
@@ -47,11 +48,12 @@ class Measured:
     object_error_m: float = np.nan
     base_error_m: float = np.nan
     failure: str = ""
+    reference: bool = False
 
     @classmethod
     def numbers(cls) -> tuple[str, ...]:
         """Return the names of its figures."""
-        return tuple(entry.name for entry in fields(cls) if entry.name not in ("candidate", "failure"))
+        return tuple(entry.name for entry in fields(cls) if entry.type == "float")
 
     @property
     def position_error_m(self) -> float:
@@ -61,4 +63,4 @@ class Measured:
     @property
     def comparable(self) -> bool:
         """Whether it has finished and was measured against another one."""
-        return not self.failure and not self.candidate.reference and bool(np.isfinite(self.tip_error_m))
+        return not self.failure and not self.reference and bool(np.isfinite(self.tip_error_m))

@@ -8,7 +8,7 @@ over some time does.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import final
 
 import numpy as np
@@ -106,12 +106,14 @@ class _Comparison:
 
     def result(self, candidate: Candidate, curve: Curve, *, statics: bool) -> Measured:
         """Return a candidate's figures; it may be what others are measured against."""
-        if candidate.reference:
+        first = candidate.reference and candidate.group not in self._references
+        if first:
             self._references[candidate.group] = curve
         if candidate.base:
             self._bases[candidate.group] = curve
         reference, base = self._references.get(candidate.group), self._bases.get(candidate.group)
-        return compared(candidate, curve, reference, None if base is reference else base, statics=statics)
+        found = compared(candidate, curve, reference, None if base is reference else base, statics=statics)
+        return replace(found, reference=first)
 
 
 def compared(

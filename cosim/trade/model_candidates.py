@@ -3,21 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, Final
+from typing import Any, Final, get_args, get_type_hints
 
 from cosim.config.rules.given_body_rules import file_of
+from cosim.config.rules.size_rules import triangle_count
+from cosim.config.schema.film import FilmTable
 from cosim.config.schema.scenario import NO_ARM, Scenario
+from cosim.config.schema.soft_robot import SoftRobotTable
 from cosim.telemetry.choices import CONTACT
 from cosim.trade.candidate import Candidate
 
 _TICK_S: Final = 0.01
 _SUBSTEP_ERROR_M: Final = 2e-5
-_FILM: Final = "soft_robot.film"
-_LAWS: Final = {
-    "plain": {f"{_FILM}.law": "plain", f"{_FILM}.compressive_fraction": 0.0},
-    "tension_field": {f"{_FILM}.law": "tension_field", f"{_FILM}.compressive_fraction": 0.01},
-    "edge_strain": {f"{_FILM}.law": "edge_strain", f"{_FILM}.compressive_fraction": 0.0},
-}
+_LAW: Final = "soft_robot.film.law"
+_TRIANGLES_MAX: Final = 5000  # of the truth: beyond, its run takes hours
 
 
 def model_candidates(scenario: Scenario, fidelities: tuple[str, ...], *, quick: bool) -> list[Candidate]:
@@ -29,7 +28,7 @@ def model_candidates(scenario: Scenario, fidelities: tuple[str, ...], *, quick: 
     Args:
         scenario: checked.
         fidelities: below the lumped one.
-        quick: leave out the refined mesh; the model as it is is the reference then.
+        quick: leave out what stands for the truth; the model as it is is the reference then.
     """
     same: dict[str, Any] = {"fidelity": "lumped", "clock.tick_s": _TICK_S}
     if any(entry.mass_kg is not None for entry in scenario.objects) or scenario.wires:
@@ -51,14 +50,47 @@ def model_candidates(scenario: Scenario, fidelities: tuple[str, ...], *, quick: 
     ]  # fmt: skip
     if quick:
         return candidates
-    return [candidate("refined once more", {"fidelity": "refined"}, reference=True), *candidates]
+    truths = [candidate(name, changes, reference=True) for name, changes in _truths(scenario).items()]
+    return [*truths, *candidates]
+
+
+def _truths(scenario: Scenario) -> dict[str, dict[str, Any]]:
+    """Return what stands for the truth, by name, the best first.
+
+    That is the wrinkling film on the finest mesh that can be afforded. On the mesh before that one it tells
+    how far from converged it is. The scenario's own film stands in where neither has an equilibrium.
+    """
+    robot, times = file_of(scenario, "a trade"), 1
+    if robot.stack is None:  # a film with a source of its own is not divided
+        return {"wrinkling film": {f"{path}.film.law": "wrinkling" for path in _parts(robot, "soft_robot")}}
+    while triangle_count(robot) << 2 * (times + 1) <= _TRIANGLES_MAX:
+        times += 1
+    parts = _parts(robot, "soft_robot")
+    found: dict[str, dict[str, Any]] = {}
+    for finer in (times, times - 1):
+        if finer == 0 and all(part.film.law == "wrinkling" for part in parts.values()):
+            continue  # the model as it is
+        changes: dict[str, Any] = {f"{path}.film.law": "wrinkling" for path in parts}
+        stacks = {path: part.stack for path, part in parts.items() if part.stack is not None}
+        changes |= {f"{path}.stack.refine": stack.refine + finer for path, stack in stacks.items()}
+        found[f"wrinkling film, refine +{finer}"] = changes
+    return {**found, "refined once more": {"fidelity": "refined"}}
+
+
+def _parts(robot: SoftRobotTable, path: str) -> dict[str, SoftRobotTable]:
+    """Return a robot and all that it carries, by key path."""
+    found = {path: robot}
+    for part in robot.attachments:
+        found |= _parts(part.robot, f"{path}.attach.{part.name}.robot")
+    return found
 
 
 def _films(scenario: Scenario) -> dict[str, dict[str, Any]]:
     """Return other films and hinges, by the candidate's name."""
     robot = file_of(scenario, "a trade")
+    laws = get_args(get_type_hints(FilmTable)["law"])
     found: dict[str, dict[str, Any]] = {
-        f"film law {law}": dict(changes) for law, changes in _LAWS.items() if law != robot.film.law
+        f"film law {law}": {_LAW: law} for law in laws if law != robot.film.law
     }
     other = "shell" if robot.hinge.rule == "uniform" else "uniform"
     found[f"hinge rule {other}"] = {"soft_robot.hinge.rule": other}

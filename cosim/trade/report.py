@@ -32,7 +32,7 @@ class _Column:
     def cell(self, result: Measured) -> str:
         """Return the figure in its unit; empty for none."""
         value = self.factor * float(getattr(result, self.name))
-        return f"{value:.3g}" if math.isfinite(value) and not result.candidate.reference else ""
+        return f"{value:.3g}" if math.isfinite(value) and not result.reference else ""
 
 
 _COLUMNS = (
@@ -58,7 +58,7 @@ def markdown(title: str, results: Sequence[Measured]) -> str:
     for group, heading in GROUPS.items():
         candidates = [result for result in results if result.candidate.group == group]
         if candidates:
-            lines += ["", f"## {heading}", "", *_table(candidates)]
+            lines += ["", f"## {heading}", "", *_table(candidates), *_own_error(candidates)]
     return "\n".join(lines) + "\n"
 
 
@@ -73,7 +73,7 @@ def _table(results: Sequence[Measured]) -> list[str]:
     front = pareto_front(results)
     rows = [_line(heads), _line(rule)]
     for result in results:
-        mark = "ref" if result.candidate.reference else "*" if result in front else ""
+        mark = "ref" if result.reference else "*" if result in front else ""
         if result.failure:
             rows.append(
                 _line([mark, result.candidate.name, _short(result.failure), *[""] * (len(shown) + 1)])
@@ -82,6 +82,18 @@ def _table(results: Sequence[Measured]) -> list[str]:
         cells = [f"{result.real_time_factor:.2f}", *(column.cell(result) for column in shown)]
         rows.append(_line([mark, result.candidate.name, *cells, f"{result.iterations:.2f}"]))
     return rows
+
+
+def _own_error(results: Sequence[Measured]) -> list[str]:
+    """Return how far a reference is from converged: as far as the next best one is from it."""
+    for result in results:
+        if result.candidate.reference and result.comparable:
+            return [
+                "",
+                f"The reference has an error of its own, of about {1e3 * result.tip_error_m:.3g} mm: so far "
+                f'from it is "{result.candidate.name}".',
+            ]
+    return []
 
 
 def _line(cells: Sequence[str]) -> str:
@@ -108,7 +120,7 @@ def result_line(result: Measured) -> str:
     """Return what became of a candidate, in one line."""
     if result.failure:
         return f"{result.candidate.name}: {result.failure}"
-    if result.candidate.reference:
+    if result.reference:
         return f"{result.candidate.name}: x{result.real_time_factor:.2f} real time, the reference"
     return f"{result.candidate.name}: {figures_text(result)}"
 
@@ -149,7 +161,7 @@ def entry(result: Measured) -> dict[str, Any]:
     return {
         "name": candidate.name,
         "group": candidate.group,
-        "reference": candidate.reference,
+        "reference": result.reference,
         "changes": dict(candidate.changes),
         **numbers,
         "failure": result.failure or None,

@@ -67,19 +67,23 @@ def contents(*folders: Path) -> dict[str, str]:
         ("A source of commands", "sine", "SineTable"),
         ("A body from a file", "tubes", "TubeTable"),
         ("A body of your own", "own_tube", "tube"),
+        ("A controller", "press", "Press"),
+        ("A view of a run", "tip_speed", "TipSpeed"),
     ],
 )
 def test_a_file_and_a_line_are_all_it_takes(title: str, module: str, name: str, tmp_path: Path) -> None:
     before = contents(PACKAGE, tmp_path)
     file, line = blocks(title, "python")
-    (toml,) = blocks(title, "toml")
+    toml = "".join(blocks(title, "toml"))
+    made = re.findall(r'"(\w+\.rrd)"', line)
     start = f"import cosim\nfrom {module} import {name}\n{line}"
     if toml.startswith("["):  # of a scenario; otherwise a whole one
         plain = INFLATED + ARM
         mine = INFLATED + toml if toml.startswith("[soft_robot]") else plain + toml
         written = {"mine.toml": mine, "plain.toml": plain, "start.py": start + RUN + REPORT}
     else:
-        written = {"tube.toml": toml, "start.py": start + REPORT}
+        (scenario,) = re.findall(r'"(\w+\.toml)"', line)
+        written = {scenario: toml or INFLATED + ARM, "start.py": start + REPORT}
     written[f"{module}.py"] = file
     for path, text in written.items():
         (tmp_path / path).write_text(text, encoding="utf-8")
@@ -96,4 +100,4 @@ def test_a_file_and_a_line_are_all_it_takes(title: str, module: str, name: str, 
     assert re.fullmatch(r"completed \d\d+", told.stdout.splitlines()[-1])
     after = contents(PACKAGE, tmp_path)
     changed = {path for path in before.keys() | after.keys() if before.get(path) != after.get(path)}
-    assert changed == {str(tmp_path / path) for path in written}
+    assert changed == {str(tmp_path / path) for path in (*written, *made)}

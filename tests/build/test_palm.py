@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from cosim.app.driver import build_simulation
-from cosim.base.arms import find_arm
+from cosim.build.arms import find_arm
 from cosim.build.scene_objects import PALM_NAME, palm_mass, palm_object
 from cosim.config.loading import load_scenario
 from cosim.config.schema.soft_robot import PalmTable

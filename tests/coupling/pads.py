@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from cosim.base.arms import find_arm
 from cosim.base.frames import Array, IntArray, Pose, SixNumbers, Twist, Wrench
+from cosim.build.arms import find_arm
 from cosim.coupling.contact.added_mass_free import BodyMass
 from cosim.coupling.contact.contact_exchange import ContactExchange
 from cosim.coupling.contact.contact_report import ContactReport

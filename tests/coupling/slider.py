@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from cosim.base.arms import ArmFile
+from cosim.base.arm_file import ArmFile
 from cosim.base.frames import Mask, Pose
 from cosim.coupling.schemes.interface import Interface, ServoCommand
 from cosim.coupling.schemes.ledger import LedgerEntry

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cosim.base.arms import find_arm
 from cosim.base.frames import Array, Pose
+from cosim.build.arms import find_arm
 from cosim.coupling.contact.added_mass_free import BodyMass
 from cosim.coupling.contact.contact_exchange import ContactExchange
 from cosim.coupling.soft_sides.lumped_arm import SoftArm

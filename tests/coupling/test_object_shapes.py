@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cosim.base.arms import find_arm
 from cosim.base.frames import Pose
 from cosim.base.resources import object_mesh_path
 from cosim.base.triangle_mesh import TriangleMesh, read_mesh
+from cosim.build.arms import find_arm
 from cosim.coupling.contact.contact_exchange import ContactExchange
 from cosim.coupling.soft_sides.lumped_arm import SoftArm
 from cosim.rigid.build.description import SceneDescription, SceneObject

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
 from cosim.base.frames import Array, Pose, rotation_from_vector
-from cosim.base.state_archive import read_archive, write_archive
 from cosim.coupling.schemes.ledger import LedgerEntry
 from cosim.coupling.soft_sides.lumped_arm import SoftArm
 from cosim.errors import InputError
@@ -21,7 +19,6 @@ from cosim.soft.solve.time_scheme import Integrator, StepOptions
 from tests.coupling.pads import Grasp
 from tests.coupling.test_staggered import Rig, rig
 from tests.soft.bodies import HANGING, hexagon_arm, no_load
-from tests.soft.wind import Windy
 
 STEP_S = 0.002
 LIGHT_KG = 0.005  # at 2 ms the pads' answer is many times heavier: it is carried as armature
@@ -205,10 +202,3 @@ def test_a_staggered_pair_repeats_itself(carried_kg: float, integrator: Integrat
         pair.soft.restore_state(states[1])
         pair.coupling.restore_state(states[2])
         assert same(driven(pair, 13, 30), expected)
-
-
-def test_a_field_more_of_loads_is_saved(tmp_path: Path) -> None:
-    arm = soft_arm()
-    arm.advance(HANGING, Windy((5e3,), (0.0,) * len(arm.body.cables), wind_m_s=3.0), STEP_S)
-    write_archive(tmp_path / "state.npz", {}, arm.save_state())
-    assert read_archive(tmp_path / "state.npz").loads.wind_m_s == 3.0

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cosim.base.arms import find_arm
 from cosim.base.frames import Array, Wrench
+from cosim.build.arms import find_arm
 from cosim.coupling.schemes.interface import Interface, ServoCommand
 from cosim.coupling.schemes.ledger import LedgerEntry
 from cosim.coupling.schemes.scheme import Coupling

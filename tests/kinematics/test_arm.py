@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cosim.base.arms import find_arm
 from cosim.base.frames import Pose, rotation_from_vector, vector_from_rotation
+from cosim.build.arms import find_arm
 from cosim.errors import InputError
 from cosim.kinematics import Arm, Payload
 

@@ -7,8 +7,9 @@ import xml.etree.ElementTree as ElementTree
 import numpy as np
 import pytest
 
-from cosim.base.arms import arm_names, find_arm
 from cosim.base.frames import Pose, Wrench, rotation_from_vector
+from cosim.base.resources import list_arms
+from cosim.build.arms import find_arm
 from cosim.kinematics import Arm, Payload
 from cosim.rigid import RigidScene, SceneDescription
 
@@ -22,12 +23,12 @@ def scene_and_arm(name: str, **options: object) -> tuple[RigidScene, Arm]:
     return scene, Arm(file, BASE)
 
 
-@pytest.mark.parametrize(("name", "states"), [(n, 1000 if n == "ur5e" else 50) for n in arm_names()])
+@pytest.mark.parametrize(("name", "states"), [(n, 1000 if n == "ur5e" else 50) for n in list_arms()])
 def test_poses_jacobians_and_dynamics(name: str, states: int) -> None:
     scene, arm = scene_and_arm(name, armature=0.0)
     rng = np.random.default_rng(1)
     for _ in range(states):
-        q, v = rng.uniform(arm.lower, arm.upper), rng.normal(size=arm.joint_count)
+        q, v = rng.uniform(*arm.drawn_from), rng.normal(size=arm.joint_count)
         scene.set_joint_state(q, v)
         pose, jacobian, mass = arm.forward(q), arm.jacobian(q), arm.mass_matrix(q)
         np.testing.assert_allclose(scene.flange_pose.translation, pose.translation, atol=1e-9)

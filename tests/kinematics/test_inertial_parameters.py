@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cosim.base.arms import find_arm
 from cosim.base.frames import Array, Pose, rotation_from_vector
+from cosim.build.arms import find_arm
 from cosim.kinematics.arm import Arm, Payload
 from cosim.kinematics.inertial_parameters import change_of_frame, inertial_parameters
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cosim.base.arms import find_arm
 from cosim.base.frames import Pose, rotation_from_quaternion, rotation_from_vector
+from cosim.build.arms import find_arm
 from cosim.errors import InputError, UnreachableError
 from cosim.kinematics import Arm, InverseKinematicsOptions, follow, solve
 
@@ -27,8 +27,8 @@ def assert_reached(arm: Arm, q: np.ndarray, target: Pose) -> None:
 def test_random_reachable_poses_from_random_starts(arm: Arm, count: int) -> None:
     rng = np.random.default_rng(5)
     for _ in range(count):
-        target = arm.forward(rng.uniform(arm.lower, arm.upper))
-        seed = rng.uniform(arm.lower, arm.upper)
+        target = arm.forward(rng.uniform(*arm.drawn_from))
+        seed = rng.uniform(*arm.drawn_from)
         solution = solve(arm, target, seed)
         for turn in (-2.0 * np.pi, 2.0 * np.pi):
             other = solution.q + turn  # no joint may be nearer to the seed a full turn away

@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from cosim.base.arms import find_arm
 from cosim.base.frames import Pose, rotation_from_vector
+from cosim.build.arms import find_arm
 from cosim.kinematics import Arm
 
 HALF = 0.5 * np.pi

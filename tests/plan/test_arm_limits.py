@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import cosim
-from cosim.base.arms import find_arm
+from cosim.build.arms import find_arm
 from cosim.cli.main import EXIT_DONE, EXIT_INPUT, main
 
 SMALL = '{ file = "hexagon_arm", stack = { units = 3 }, cable = []'

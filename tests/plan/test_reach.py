@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cosim.base.arms import find_arm
 from cosim.base.frames import Array, Pose, rotation_from_vector
+from cosim.build.arms import find_arm
 from cosim.config.schema.phase import FlangeShakeTable, FlangeTurnTable, PhaseTable
 from cosim.kinematics.arm import Arm
 from cosim.plan.flange_path import FlangeWay

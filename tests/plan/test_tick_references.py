@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cosim.base.arms import find_arm
 from cosim.base.frames import Array
+from cosim.build.arms import find_arm
 from cosim.config.loading import load_scenario
 from cosim.coupling.soft_sides.lumped_arm import SoftArm
 from cosim.kinematics.arm import Arm

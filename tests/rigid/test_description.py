@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cosim.base.arms import find_arm
 from cosim.base.frames import Array, Wrench
+from cosim.build.arms import find_arm
 from cosim.errors import ConvergenceError, InputError
 from cosim.rigid import RigidScene, SceneDescription, SceneObject, ServoGains
 

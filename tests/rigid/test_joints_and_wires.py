@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cosim.base.arms import find_arm
 from cosim.base.frames import Array, Pose
+from cosim.build.arms import find_arm
 from cosim.errors import InputError
 from cosim.rigid import RigidScene, SceneDescription, SceneObject
 from cosim.rigid.build.joint import Joint

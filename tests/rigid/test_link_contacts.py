@@ -5,13 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cosim.base.arms import arm_names, find_arm
+from cosim.base.resources import list_arms
+from cosim.build.arms import find_arm
 from cosim.rigid import RigidScene, SceneDescription, SceneObject
 
 ARM = find_arm("ur5e")
 
 
-@pytest.mark.parametrize("name", arm_names())
+@pytest.mark.parametrize("name", list_arms())
 def test_at_home_nothing_touches(name: str) -> None:
     arm = find_arm(name)
     assert RigidScene(SceneDescription(arm)).links.at(arm.home) == ()

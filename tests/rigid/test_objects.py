@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from scipy.spatial import ConvexHull
 
-from cosim.base.arms import find_arm
 from cosim.base.frames import Array, Pose
 from cosim.base.resources import object_mesh_path
 from cosim.base.triangle_mesh import TriangleMesh, read_mesh
+from cosim.build.arms import find_arm
 from cosim.errors import InputError
 from cosim.rigid import RigidScene, SceneDescription, SceneObject
 from cosim.rigid.build.geometry import Geometry

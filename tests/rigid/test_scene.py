@@ -5,8 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cosim.base.arms import find_arm, read_arm
 from cosim.base.frames import Pose, Wrench, rotation_from_vector
+from cosim.build.arms import find_arm
+from cosim.config.arms.arm_reading import ArmSource, read_urdf
+from cosim.config.arms.arm_table import ArmTable
 from cosim.errors import InstabilityError
 from cosim.kinematics import Arm, Payload
 from cosim.rigid import RigidScene, SceneDescription, SceneObject
@@ -42,7 +44,11 @@ def test_wrench_on_the_flange_becomes_joint_torque() -> None:
 
 def test_load_acts_at_the_flange_of_a_link_with_mass() -> None:
     """A flange frame that is itself a heavy link: the load acts at its origin, the sensor sees it alone."""
-    file = read_arm(FILE.urdf_path, "forearm_link", (0.3, -1.0, 0.5))
+    file = read_urdf(
+        ArmSource(
+            "forearm", FILE.path, ArmTable(FILE.path.name, flange="forearm_link", home=(0.3, -1.0, 0.5))
+        )
+    )
     scene, arm = RigidScene(SceneDescription(file)), Arm(file)
     torque = arm.gravity_torque(file.home) - arm.jacobian(file.home).T @ np.r_[LOAD.force, LOAD.torque]
     scene.set_control(file.home, feedforward=torque)

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 from scipy.spatial.distance import cdist
 
-from cosim.base.arms import arm_names, find_arm
 from cosim.base.frames import Pose
+from cosim.base.resources import list_arms
+from cosim.build.arms import find_arm
 from cosim.rigid import RigidScene, SceneDescription, SceneObject
 from cosim.rigid.build import tessellation
 
@@ -59,7 +60,7 @@ def test_checkerboard_covers_the_plane_facing_up() -> None:
     np.testing.assert_allclose(areas, [1.0, 1.0], rtol=1e-12)
 
 
-@pytest.mark.parametrize("name", arm_names())
+@pytest.mark.parametrize("name", list_arms())
 def test_every_arm_is_drawn_link_by_link(name: str) -> None:
     scene = RigidScene(SceneDescription(find_arm(name)))
     drawn = {scene.body_names[shape.body] for shape in scene.shapes}

@@ -23,6 +23,7 @@ from cosim.soft.solve.assembly import SoftSystem
 from cosim.soft.solve.newton_options import NewtonOptions
 from cosim.soft.solve.time_scheme import StepOptions
 from tests.soft.bodies import HANGING, hexagon_arm, no_load, shapes
+from tests.soft.wind import Windy
 
 PAIR = np.array([[0, 40]])
 STEPS = 3
@@ -57,11 +58,6 @@ class WeightedStepCount(StepCount):
         return np.array([0.0, self.weight])
 
 
-@dataclass(frozen=True)
-class LoadsInWind(Loads):  # type: ignore[misc]
-    wind_m_s: float = 0.0
-
-
 def stepped(element: Element) -> SoftArm:
     arm = SoftArm(hexagon_arm(2).with_elements(element), HANGING, NewtonOptions(), StepOptions())
     for _ in range(STEPS):
@@ -89,12 +85,12 @@ def test_what_loads_have_more_is_saved_and_a_file_without_it_refused(
 ) -> None:
     arm = stepped(StepCount(PAIR))
     state = arm.save_state()
-    windy: Any = LoadsInWind(
+    windy: Any = Windy(
         **{entry.name: getattr(state.loads, entry.name) for entry in fields(Loads)}, wind_m_s=3.0
     )
     assert again(replace(state, loads=windy), tmp_path).loads == windy
     again(state, tmp_path)
-    monkeypatch.setattr(loads_file, "Loads", LoadsInWind)
+    monkeypatch.setattr(loads_file, "Loads", Windy)
     with pytest.raises(InputError, match=r"Loads is of another version: 'other fields: wind_m_s'"):
         read_archive(tmp_path / "state.npz")
 

@@ -50,7 +50,12 @@ def made_up_measure(calls: list[int]) -> Callable[..., list[Measured]]:
                 results.append(Measured(candidate, failure="InputError: no rigid one here"))
                 continue
             error = 0.0 if candidate.reference else 0.1 * tick
-            results.append(Measured(candidate, 1e3 * tick, error, error, error, 10.0 * error, 0.0, 1.0))
+            results.append(
+                Measured(
+                    candidate, 1e3 * tick, error, error, error, 10.0 * error, 0.0, 1.0,
+                    reference=candidate.reference,
+                )
+            )  # fmt: skip
         return results
 
     return measure

@@ -15,6 +15,8 @@ from cosim.plan.flange_path import pose_of
 from cosim.trade.candidates import Candidate, candidates_of
 from cosim.trade.commands import flange_pose, with_commands
 from cosim.trade.measuring import measure
+from cosim.trade.model_candidates import model_candidates
+from cosim.trade.report import markdown
 from tests.trade.test_auto import small
 
 REFERENCE, GRASP = "ur5e_hexagon_arm", "gripper_lifts_roll"
@@ -71,6 +73,39 @@ def test_commands_in_place_of_targets_lead_the_same_way() -> None:
         np.testing.assert_array_equal(ours.end.cable_tension_N, theirs.end.cable_tension_N)
     plain = replace(scenario, phases=scenario.phases[:1])
     assert with_commands(plain, build) is plain
+
+
+def test_the_next_best_reference_tells_the_error_of_the_best() -> None:
+    """Of several references the first that runs to its end is taken."""
+    lost = {"phase.inflate.pressure_Pa": 20e3, "solver.dynamic_newton_iterations": 1, "clock.tick_s": 0.05}
+    candidates = [
+        Candidate("lost", "model", {**lost, "soft_robot.film.young_modulus_Pa": 1e4}, reference=True),
+        Candidate("finer", "model", {"clock.tick_s": 0.005}, reference=True),
+        Candidate("coarser", "model", {"clock.tick_s": 0.01}, reference=True),
+        Candidate("other", "model", {"clock.tick_s": 0.02}),
+    ]
+    failed, finer, coarser, other = results = measure(lifted(), candidates, build)
+    assert failed.failure
+    assert [result.reference for result in results] == [False, True, False, False]
+    assert finer.tip_error_m == 0.0
+    assert 0.0 < coarser.tip_error_m < other.tip_error_m
+    told = f'about {1e3 * coarser.tip_error_m:.3g} mm: so far from it is "coarser"'
+    assert told in markdown("two units", results)
+
+
+def test_the_truth_is_the_wrinkling_film_on_finer_meshes_of_all_parts() -> None:
+    scenario = load_scenario(GRASP)
+    best, next_best, own, *others = model_candidates(scenario, (), quick=False)
+    assert [entry.reference for entry in (best, next_best, own, *others[:2])] == [
+        True,
+        True,
+        True,
+        False,
+        False,
+    ]
+    finer, coarser = (load_scenario(scenario, entry.changes).soft_robot for entry in (best, next_best))
+    assert finer.film.law == coarser.film.law == "wrinkling"
+    assert finer.stack.refine == coarser.stack.refine + 1 > scenario.soft_robot.stack.refine
 
 
 def test_switches_are_measured_against_the_model_as_it_is() -> None:

@@ -35,7 +35,9 @@ MADE_UP = [("fast", 8.0, 0.02), ("slow and bad", 1.0, 0.03), ("middle", 4.0, 0.0
 
 def made_up() -> list[Measured]:
     """Return a reference and four candidates with given speeds and errors."""
-    reference = Measured(Candidate("finest", "time", {}, reference=True), 0.1, 0.0, 0.0, 0.0, 0.0, 0.0, 2.0)
+    reference = Measured(
+        Candidate("finest", "time", {}, reference=True), 0.1, 0.0, 0.0, 0.0, 0.0, 0.0, 2.0, reference=True
+    )
     changes = {"clock.tick_s": 0.001, "phase.a.duration_s": 1.0}
     rows = [
         Measured(Candidate(f"{name}, 1 ms, 1 tangent", "time", changes),
@@ -167,7 +169,7 @@ def test_candidates_of_the_reference_scenario_all_load() -> None:
                 ticks = phase.duration_s / changed.clock.tick_s
                 assert ticks == pytest.approx(round(ticks), abs=1e-6)
     groups = [candidate.group for candidate in candidates_of(scenario) if candidate.reference]
-    assert groups == ["time", "model"]
+    assert groups == ["time", "model", "model", "model"]
 
 
 def test_candidates_need_a_dynamic_run_and_a_positive_factor() -> None:

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from typing import Final, Protocol
 
-from cosim.base.arms import arm_names
+from cosim.base.resources import list_arms
+from cosim.config.arms.arm_files import is_arm_path, unknown_arm
 from cosim.config.rules.body_source_rules import check_source
 from cosim.config.rules.device_rules import check_devices
 from cosim.config.rules.fidelity_rules import check_fidelity
@@ -20,7 +21,7 @@ from cosim.config.schema.scenario import NO_ARM, Scenario
 from cosim.config.schema.soft_robot import AttachmentTable, SoftRobotTable
 from cosim.config.toml.faults import Faults
 from cosim.config.toml.registered_kinds import check_registered
-from cosim.config.toml.suggestions import listing, unknown_name_message
+from cosim.config.toml.suggestions import listing
 from cosim.errors import ScenarioError
 
 LEAST_NODE_MASS_kg: Final = 1e-12
@@ -69,9 +70,8 @@ def check_scenario(scenario: Scenario, faults: Faults) -> None:
 
 
 def _check_arm(robot: str) -> None:
-    robots = (*arm_names(), NO_ARM)
-    if robot not in robots:
-        raise ScenarioError("robot", unknown_name_message("arm", robot, robots))
+    if robot not in (*list_arms(), NO_ARM) and not is_arm_path(robot):
+        raise ScenarioError("robot", unknown_arm(robot, (NO_ARM,)))
 
 
 def check_soft_robot(robot: SoftRobotTable, path: str, faults: Faults) -> None:
@@ -118,11 +118,6 @@ def _check_mass(robot: SoftRobotTable, path: str) -> None:
 
 
 def _check_law(robot: SoftRobotTable, path: str) -> None:
-    if robot.film.compressive_fraction and robot.film.law != "tension_field":
-        raise ScenarioError(
-            f"{path}.film.compressive_fraction",
-            f"goes with law = 'tension_field'; the law is '{robot.film.law}'",
-        )
     if robot.film.wrinkle_panel_m is not None and robot.film.law != "wrinkling":
         raise ScenarioError(
             f"{path}.film.wrinkle_panel_m", f"goes with law = 'wrinkling'; the law is '{robot.film.law}'"

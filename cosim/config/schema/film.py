@@ -19,10 +19,10 @@ class FilmTable:
     """Elastic sheet of the chamber walls.
 
     Args:
-        law: "plain"; "tension_field": a film that wrinkles without resistance; "edge_strain": strain as bars
-            along the triangles' edges measure it (for comparison with published data); "wrinkling": plain in
-            tension; compressed, it wrinkles as panels from seam to hole do, on meshes too coarse for it.
-        compressive_fraction: of the plain law's compressive stiffness that a tension field keeps.
+        law: "plain"; "tension_field": a film that wrinkles almost without resistance; "edge_strain": strain
+            as bars along the triangles' edges measure it (for comparison with published data); "wrinkling":
+            plain in tension; compressed, it wrinkles as panels from seam to hole do, on meshes too coarse
+            for it.
         wrinkle_panel_m: width of the panels that a wrinkling film wrinkles in; omitted: from the
             sides of each unit's outer ring to those of its hole.
     """
@@ -32,7 +32,6 @@ class FilmTable:
     thickness_m: Positive
     density_kg_m3: NonNegative = 0.0
     law: Literal["plain", "tension_field", "edge_strain", "wrinkling"] = "plain"
-    compressive_fraction: Annotated[float, Interval(ge=0.0, le=1.0)] = 0.0
     wrinkle_panel_m: Positive | None = None
 
 

@@ -7,7 +7,7 @@ from typing import Final
 SCHEMA: Final = 2
 """Schema number of scenario and robot files."""
 
-_WRINKLING: Final = 'is no more; drop it: with film.law = "wrinkling" a coarse mesh needs no calibration'
+_WRINKLING: Final = 'is no more; drop it: film.law = "wrinkling" makes a coarse mesh answer like the film'
 
 RENAMED: Final = {
     "Scenario": {"chamber": "model"},
@@ -16,6 +16,7 @@ RENAMED: Final = {
 """By the class of a table: its old keys, and what they are called since this schema number."""
 
 GONE: Final = {
+    "FilmTable": {"compressive_fraction": _WRINKLING},
     "SoftRobotTable": {"calibration": _WRINKLING},
     "ModelTable": {"calibrated": _WRINKLING},
 }

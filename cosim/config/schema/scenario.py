@@ -36,7 +36,8 @@ class Scenario:
 
     Args:
         name: of the scenario; the file's name if omitted.
-        robot: rigid arm: a directory of robots/, or an arm of example-robot-data; "none": the base is
+        robot: rigid arm: a directory of robots/ that holds an arm.toml, or the path of a URDF file or of an
+            arm.toml, from the folder of the scenario; "none": the base is
             held where the flange starts, and nothing of an arm is loaded.
         soft_robot: in the file a name, a path, or a table `{file = NAME, ...}` of changes to that file.
         fidelity: of the soft robot. "rigid": it keeps the shape it starts in, mass only; "section": a chain

@@ -6,11 +6,13 @@ import copy
 import xml.etree.ElementTree as ElementTree
 from bisect import bisect_left
 from dataclasses import replace
+from pathlib import Path
 
 import mujoco
 import numpy as np
 
 from cosim.base.frames import Pose
+from cosim.config.arms.link_shapes import readable_mesh
 from cosim.errors import InputError, SceneError
 from cosim.rigid.build.description import (
     FLANGE_SITE,
@@ -28,7 +30,6 @@ FLANGE_MOUNT = "flange_mount"
 # Robot links meet floor and objects but not one another.
 _ROBOT_CONTACT = (1, 2)
 _NOSLIP_ITERATIONS = 10
-_READABLE_MESHES = (".stl", ".obj", ".msh")
 _MESH_GREY = "0.80 0.81 0.83 1"
 _FLOOR_GREY = (0.86, 0.87, 0.88, 1.0)
 
@@ -68,12 +69,12 @@ def _compiled(description: SceneDescription) -> mujoco.MjModel:
     try:
         spec = mujoco.MjSpec.from_string(_mujoco_urdf(arm.urdf))
     except ValueError as error:
-        raise InputError(f"arm {arm.name!r}: MuJoCo cannot read {arm.urdf_path}: {error}") from None
+        raise InputError(f"arm {arm.name!r}: MuJoCo cannot read {arm.path}: {error}") from None
     spec.compiler.degree = False
     spec.option.timestep = description.tick_s
     spec.option.gravity = description.gravity
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
-    _place_base(spec, description.world_from_base)
+    _place_base(spec, description.world_from_base or arm.world_from_base)
     _prepare_arm(spec, description)
     if description.floor_height_m is not None:
         height = description.floor_height_m
@@ -104,7 +105,7 @@ def _mujoco_urdf(urdf: str) -> str:
     robot = ElementTree.fromstring(urdf)
     for link in robot.findall("link"):
         files = [mesh.get("filename", "") for shape in link.findall("visual") for mesh in shape.iter("mesh")]
-        if all(file.lower().endswith(_READABLE_MESHES) for file in files):
+        if all(readable_mesh(Path(file)) for file in files):
             continue
         for shape in link.findall("visual"):
             link.remove(shape)
@@ -129,16 +130,18 @@ def _prepare_arm(spec: mujoco.MjSpec, description: SceneDescription) -> None:
     """Give the arm its rotor inertia, servos, contact filter, flange site and sensors."""
     arm = description.arm
     joints = [spec.joint(name) for name in arm.joint_names]
-    gains = description.gains or ServoGains.for_efforts(np.array([joint.actfrcrange[1] for joint in joints]))
+    gains = description.gains or ServoGains.of(arm, np.array([joint.actfrcrange[1] for joint in joints]))
+    rotors = arm.armature if description.armature is None else np.full(len(joints), description.armature)
     inputs = mujoco.mjtCtrlInput
     all_inputs = int(inputs.mjINPUT_POS) | int(inputs.mjINPUT_VEL) | int(inputs.mjINPUT_FF)
-    for joint, stiffness, damping in zip(joints, gains.stiffness, gains.damping, strict=True):
-        joint.armature = description.armature
+    for joint, rotor, stiffness, damping in zip(joints, rotors, gains.stiffness, gains.damping, strict=True):
+        joint.armature = rotor
         servo = spec.add_actuator(
             name=f"{joint.name}_servo", target=joint.name, trntype=mujoco.mjtTrn.mjTRN_JOINT
         )
         servo.set_to_pid(kp=stiffness, kv=damping, ctrlspec=all_inputs)
     for geom in spec.geoms:
+        geom.density = 0.0  # a link without <inertial> has no mass, whatever its shapes
         if geom.contype or geom.conaffinity:
             geom.contype, geom.conaffinity = _ROBOT_CONTACT
     # A massless body of its own: loads act at its origin, and the sensor above it sees them alone.

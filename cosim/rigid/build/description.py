@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
-from cosim.base.arms import ArmFile
+from cosim.base.arm_file import ArmFile
 from cosim.base.frames import Array, Pose
 from cosim.base.triangle_mesh import TriangleMesh
 from cosim.errors import InputError
@@ -101,17 +101,22 @@ class ServoGains:
     damping: Array
 
     @classmethod
-    def for_efforts(cls, effort: Array) -> ServoGains:
-        """Return gains that grow with the joint's torque limit.
+    def of(cls, arm: ArmFile, effort: Array) -> ServoGains:
+        """Return the gains of an arm's file, or such that grow with the joint's torque limit.
 
         500 max(1, effort / 37.5 N m) and a fifth of it: on the UR5e 2000/400 and 500/100, the values
-        in common use for this arm in MuJoCo.
+        in common use for this arm in MuJoCo. A prismatic joint gives its whole force at 20 mm, 1 kN at least.
 
         Args:
-            effort: (joints,) [N m].
+            arm: whose joints.
+            effort: (joints,) [N m], of prismatic joints [N]; 0 where there is no limit.
         """
-        stiffness = 500.0 * np.maximum(1.0, np.asarray(effort, dtype=np.float64) / 37.5)
-        return cls(stiffness, 0.2 * stiffness)
+        effort = np.asarray(effort, dtype=np.float64)
+        stiffness = 500.0 * np.maximum(1.0, effort / 37.5)
+        stiffness = np.where(arm.prismatic, 50.0 * np.maximum(1e3, effort), stiffness)
+        if arm.servo_stiffness is not None:
+            stiffness = arm.servo_stiffness
+        return cls(stiffness, 0.2 * stiffness if arm.servo_damping is None else arm.servo_damping)
 
 
 @dataclass(frozen=True)
@@ -122,13 +127,13 @@ class SceneDescription:
         arm: fixed to the world.
         tick_s: length of a step [s].
         gravity: (3,) [m/s^2], world.
-        world_from_base: pose of the arm's root link.
+        world_from_base: pose of the arm's root link; that of the arm's file unless given.
         objects: bodies around the arm.
         wires: around the arm.
         mounted: bodies fixed to the flange, posed in its frame.
         floor_height_m: height of a floor plane [m], or None for no floor.
-        armature: rotor inertia seen at each joint [kg m^2].
-        gains: of the servos; from the arm's torque limits unless given.
+        armature: rotor inertia seen at each joint [kg m^2]; those of the arm's file unless given.
+        gains: of the servos; those of the arm's file, or from its torque limits, unless given.
 
     Raises:
         InputError: a value outside its bounds, two things of one name, or a parent that is not there.
@@ -137,18 +142,18 @@ class SceneDescription:
     arm: ArmFile
     tick_s: float = 0.002
     gravity: tuple[float, float, float] = (0.0, 0.0, -9.81)
-    world_from_base: Pose = field(default_factory=Pose)
+    world_from_base: Pose | None = None
     objects: tuple[SceneObject, ...] = ()
     wires: tuple[Wire, ...] = ()
     mounted: tuple[SceneObject, ...] = ()
     floor_height_m: float | None = 0.0
-    armature: float = 0.1
+    armature: float | None = None
     gains: ServoGains | None = None
 
     def __post_init__(self) -> None:
         if not (np.isfinite(self.tick_s) and self.tick_s > 0.0):
             raise InputError(f"tick_s is {self.tick_s}; it must be above 0")
-        if not (np.isfinite(self.armature) and self.armature >= 0.0):
+        if self.armature is not None and not (np.isfinite(self.armature) and self.armature >= 0.0):
             raise InputError(f"armature is {self.armature} kg m^2; it must be finite and not negative")
         names = [item.name for item in self.objects] + [wire.name for wire in self.wires]
         twice = sorted({name for name in names if names.count(name) > 1})

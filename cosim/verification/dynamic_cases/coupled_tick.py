@@ -11,7 +11,7 @@ from typing import ClassVar, final
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from cosim.base.arms import ArmFile
+from cosim.base.arm_file import ArmFile
 from cosim.base.frames import Array
 from cosim.coupling.schemes.interface import Interface, ServoCommand
 from cosim.coupling.schemes.iterated import IteratedCoupling

@@ -1,0 +1,29 @@
+"""Arms by name and by file, read so that both engines are given the same one."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from cosim.base.arm_file import ArmFile
+from cosim.config.arms.arm_files import arm_source
+from cosim.config.arms.arm_reading import read_urdf
+
+
+def find_arm(robot: str) -> ArmFile:
+    """Return an arm.
+
+    Args:
+        robot: one of `cosim.base.resources.list_arms()`, or the path of a URDF, an MJCF or an `arm.toml`.
+
+    Raises:
+        InputError: there is none, or its files are not usable.
+        ScenarioError: keys or values of an `arm.toml` are wrong.
+    """
+    arm = read_urdf(arm_source(robot))
+    if arm.home_known:
+        return arm
+    from cosim.kinematics.arm import Arm  # here: an arm with a home waits for no engine
+    from cosim.kinematics.home import far_from_singularities
+
+    notes = (*arm.notes, "home found far from singularities")
+    return replace(arm, home=far_from_singularities(Arm(arm)), notes=notes)

@@ -1,0 +1,1 @@
+"""Arms by name and by file: `arm.toml`, and URDF reduced to the chain from the root to the flange."""

@@ -1,0 +1,96 @@
+"""The chain of joints from the root of a URDF to its flange."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ElementTree
+from pathlib import Path
+from typing import Final
+
+from cosim.base.arm_file import FIXED, MOVING
+from cosim.config.arms.robot_tree import link_of
+from cosim.errors import InputError
+
+FLANGE_NAMES: Final = ("attachment_site", "tool0", "flange")
+MOST_JOINTS: Final = 8
+
+
+def flange_of(robot: ElementTree.Element, given: str | None, path: Path) -> tuple[str, str]:
+    """Return the link that is the flange, and how it was found.
+
+    Args:
+        robot: one tree.
+        given: its name; None: see `FLANGE_NAMES`, also as the end of one name only, such as left_tool0; else
+            the last link before the chain branches into several that move, or ends.
+        path: of the file.
+
+    Raises:
+        InputError: there is no such link.
+    """
+    names = [link.get("name", "") for link in robot.findall("link")]
+    if given is not None:
+        if given not in names:
+            raise InputError(f"arm file {path} has no link {given!r}; there are {', '.join(names)}")
+        return given, "as asked for"
+    for wanted in FLANGE_NAMES:
+        if wanted in names:
+            return wanted, "by its name"
+    for wanted in FLANGE_NAMES:
+        ending = [name for name in names if name.endswith(f"_{wanted}")]
+        if len(ending) == 1:
+            return ending[0], "by the end of its name"
+    return _last_link(robot), "the last link before the chain branches or ends"
+
+
+def chain_to(robot: ElementTree.Element, flange: str, path: Path) -> list[ElementTree.Element]:
+    """Return the joints from the root to the flange.
+
+    Raises:
+        InputError: a joint is of a type that is not handled, none moves, or too many do.
+    """
+    joint_above = {link_of(joint, "child"): joint for joint in robot.findall("joint")}
+    chain: list[ElementTree.Element] = []
+    link = flange
+    while link in joint_above:
+        joint = joint_above[link]
+        if joint.get("type") not in (FIXED, *MOVING):
+            raise InputError(
+                f"arm file {path}: joint {joint.get('name')!r} is {joint.get('type')!r}; "
+                f"the chain to the flange may hold {', '.join((FIXED, *MOVING))}"
+            )
+        chain.insert(0, joint)
+        link = link_of(joint, "parent")
+    moving = moving_joints(chain)
+    if not 1 <= len(moving) <= MOST_JOINTS:
+        names = ", ".join(repr(joint.get("name")) for joint in moving[:MOST_JOINTS]) or "none"
+        raise InputError(
+            f"arm file {path}: {len(moving)} joints move the flange {flange!r}, {names}; "
+            f"it must be 1 to {MOST_JOINTS}"
+        )
+    return chain
+
+
+def moving_joints(chain: list[ElementTree.Element]) -> list[ElementTree.Element]:
+    """Return the joints of a chain that are not fixed."""
+    return [joint for joint in chain if joint.get("type") != FIXED]
+
+
+def _last_link(robot: ElementTree.Element) -> str:
+    """Return the link after which no joint moves, or several branches have joints that move."""
+    below: dict[str, list[ElementTree.Element]] = {}
+    for joint in robot.findall("joint"):
+        below.setdefault(link_of(joint, "parent"), []).append(joint)
+
+    def moves(joint: ElementTree.Element) -> bool:
+        child = link_of(joint, "child")
+        return joint.get("type") != FIXED or any(moves(other) for other in below.get(child, []))
+
+    children = {link_of(joint, "child") for joint in robot.findall("joint")}
+    link = next(name for each in robot.findall("link") if (name := each.get("name", "")) not in children)
+    while True:
+        joints = below.get(link, [])
+        ahead = [joint for joint in joints if moves(joint)]
+        if len(ahead) > 1:
+            return link
+        if not ahead and len(joints) != 1:  # beyond the last joint, a row of frames leads to the flange
+            return link
+        link = link_of((ahead or joints)[0], "child")

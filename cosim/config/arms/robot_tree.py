@@ -1,0 +1,130 @@
+"""Reads a URDF, which may be anybody's, and checks that its links and joints form one tree."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ElementTree
+from collections import Counter
+from pathlib import Path
+from typing import Final
+
+from cosim.base.resources import is_file
+from cosim.errors import InputError
+
+LARGEST_FILE_BYTES: Final = 4_000_000
+MOST_LINKS: Final = 500
+_XACRO: Final = "ros.org/wiki/xacro"
+
+
+def read_robot(path: Path) -> ElementTree.Element:
+    """Return the robot of a URDF file, its links and joints joined to one tree.
+
+    Raises:
+        InputError: the file is not there, too large, no XML, no URDF, not expanded, or no tree.
+    """
+    text = read_text(path)
+    try:
+        robot = ElementTree.fromstring(text)
+    except ElementTree.ParseError as error:
+        raise InputError(f"arm file {path} is not XML: {error}") from None
+    if path.suffix == ".xacro" or any(_XACRO in element.tag for element in robot.iter()):
+        plain = path.with_suffix("") if path.suffix == ".xacro" else path.with_suffix(".plain.urdf")
+        shown = plain if plain.suffix == ".urdf" else plain.with_suffix(".urdf")
+        raise InputError(
+            f"arm file {path} holds xacro macros, which are not expanded here; expand them first: "
+            f"xacro {path.name} > {shown.name}"
+        )
+    if robot.tag != "robot":
+        raise InputError(
+            f"arm file {path} is no URDF: its first element is <{robot.tag}>, not <robot>; an MJCF file "
+            "ends in .xml"
+        )
+    check_tree(robot, path)
+    return robot
+
+
+def read_text(path: Path) -> str:
+    """Return the text of an arm's file.
+
+    Raises:
+        InputError: it is not there, cannot be read, is too large, or declares entities.
+    """
+    if not is_file(path):
+        raise InputError(f"arm file {path} does not exist")
+    try:
+        data = path.read_bytes() if path.stat().st_size <= LARGEST_FILE_BYTES else None
+    except OSError as error:
+        raise InputError(f"arm file {path} cannot be read: {error.strerror}") from None
+    if data is None:
+        raise InputError(f"arm file {path} is longer than {LARGEST_FILE_BYTES} bytes, which no arm needs")
+    try:
+        text = data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise InputError(f"arm file {path} is not UTF-8 text: byte {error.start}") from None
+    if "<!DOCTYPE" in text or "<!ENTITY" in text:
+        raise InputError(f"arm file {path} declares a document type or entities; no arm needs them")
+    return text
+
+
+def check_tree(robot: ElementTree.Element, path: Path) -> None:
+    """Check that links and joints have names and form one tree.
+
+    Raises:
+        InputError: a name is missing or used twice, a joint names no link, or there is a circle or two roots.
+    """
+    links, joints = robot.findall("link"), robot.findall("joint")
+    if not links:
+        raise InputError(f"arm file {path} has no links")
+    if len(links) > MOST_LINKS:
+        raise InputError(f"arm file {path} has {len(links)} links; at most {MOST_LINKS} are read")
+    for kind, elements in (("link", links), ("joint", joints)):
+        _check_names(kind, elements, path)
+    names = {link.get("name", "") for link in links}
+    above: dict[str, str] = {}
+    for joint in joints:
+        parent, child = (_named_link(joint, end, names, path) for end in ("parent", "child"))
+        if child in above:
+            raise InputError(
+                f"arm file {path}: joint {joint.get('name')!r}: link {child!r} hangs on another joint already"
+            )
+        above[child] = parent
+    for name in names:
+        _check_root(name, above, path)
+    roots = sorted(names - above.keys())
+    if len(roots) > 1:
+        raise InputError(
+            f"arm file {path} has {len(roots)} roots, links that no joint carries: "
+            f"{', '.join(map(repr, roots[:5]))}; join them by a fixed joint"
+        )
+
+
+def link_of(joint: ElementTree.Element, end: str) -> str:
+    """Return the name of a joint's parent or child."""
+    element = joint.find(end)
+    return "" if element is None else element.get("link", "")
+
+
+def _check_names(kind: str, elements: list[ElementTree.Element], path: Path) -> None:
+    counts = Counter(element.get("name", "") for element in elements)
+    if "" in counts:
+        raise InputError(f"arm file {path}: a {kind} has no name")
+    twice = [name for name, count in counts.items() if count > 1]
+    if twice:
+        raise InputError(f"arm file {path}: two {kind}s are called {twice[0]!r}; names must differ")
+
+
+def _named_link(joint: ElementTree.Element, end: str, names: set[str], path: Path) -> str:
+    link = link_of(joint, end)
+    if link not in names:
+        where = f"arm file {path}: joint {joint.get('name')!r}"
+        raise InputError(f"{where}: its {end} is link {link!r}; there is none of that name")
+    return link
+
+
+def _check_root(link: str, above: dict[str, str], path: Path) -> None:
+    """Raise InputError where the way up from a link comes back to it."""
+    name, seen = link, {link}
+    while name in above:
+        name = above[name]
+        if name in seen:
+            raise InputError(f"arm file {path}: link {name!r} carries itself: its joints form a circle")
+        seen.add(name)
