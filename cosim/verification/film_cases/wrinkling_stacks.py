@@ -49,7 +49,7 @@ def on_meshes(shape: PolygonalStack, bands: Sequence[Band], levels: int, film: F
 @final
 @dataclass(frozen=True)
 class ThreeSquares(Case):
-    """Three square units, the law's only datum among them: 71 mm at 10 kPa on the drawn mesh.
+    """Three square units; nothing of the law was fitted to them.
 
     At 2 kPa the band runs from the extension while the film is loaded, 34.5 mm, to three times that of one
     unit while it is unloaded, 67.2 mm: refined meshes fold between 0.5 and 2 kPa, finite elements later.
@@ -76,7 +76,7 @@ class OneSquare(Case):
     """One square unit against finer finite elements, with the volume at 10 kPa.
 
     The band at 2 kPa runs from loading to unloading. At 10 kPa the tolerance is 8 %: the mesh that is refined
-    once is 7.8 % short, the others 4 %. The volume's is 15 % on the drawn mesh, whose chords under-fill the
+    once is 7.2 % short, the others 4 %. The volume's is 15 % on the drawn mesh, whose chords under-fill the
     bulging film, and 6 % on finer ones.
     """
 
