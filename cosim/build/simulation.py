@@ -12,6 +12,7 @@ from cosim.base.frames import Array
 from cosim.build.arms import find_arm
 from cosim.build.blame import blamed_on
 from cosim.build.decisions import contact_decision, decisions
+from cosim.build.engines_agree import check_engines_agree
 from cosim.build.fidelity import fidelity_report, soft_sides
 from cosim.build.section_cache import section_figures
 from cosim.config.rules.gas_rules import gas_report
@@ -88,7 +89,7 @@ def _held_base(scenario: Scenario, trial: SoftSide, soft: SoftSide, _before: Cho
 def _arm(scenario: Scenario, trial: SoftSide, soft: SoftSide, before: Choices | None) -> _Arranged:
     # imported here: a scene without an arm waits for neither engine
     from cosim.build.scene_objects import palm_mass, palm_object, rigid_object, rigid_wire
-    from cosim.kinematics.arm import Arm, check_joints
+    from cosim.kinematics.arm import Arm, Payload, check_joints
     from cosim.plan.joint_planner import plan_joints
     from cosim.rigid.build.description import SceneDescription
     from cosim.rigid.scene.scene import RigidScene
@@ -112,6 +113,9 @@ def _arm(scenario: Scenario, trial: SoftSide, soft: SoftSide, before: Choices | 
     except SceneError as error:
         raise ScenarioError(_body_key(scenario, error.body), str(error)) from error
     mounted = None if palm is None else palm_mass(palm)
+    with blamed_on("robot"):
+        held = None if mounted is None else Payload(mounted.mass_kg, mounted.center, mounted.inertia)
+        check_engines_agree(scene, arm, file.armature, held)
     payload = drawn_payload(soft.body, mounted)
     plan = _plan(scenario, checked_start(partial(plan_joints, arm), arm, scene, payload), trial)
     contact = contact_decision(scenario, soft.body, plan, arm, scene)

@@ -8,9 +8,11 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
-from cosim.base.resources import is_file, scenario_path
+from cosim.base.resources import arm_path, is_file, list_arms, scenario_path
 from cosim.base.whole_files import write_whole
+from cosim.build.arms import find_arm
 from cosim.cli.screen import printable
+from cosim.config.arms.arm_files import is_arm_file, read_arm_table
 from cosim.config.json_schema import Kind, json_schema
 from cosim.config.loading import check_file
 from cosim.config.schema.old_keys import SCHEMA
@@ -22,7 +24,7 @@ _STARTING_SCENARIO: Final = Path(__file__).with_name("starting_scenario.toml")
 
 
 def check_command(files: Sequence[str]) -> bool:
-    """Print a line for every fault of scenario and robot files; return whether all are fine.
+    """Print a line for every fault of scenario, robot and arm files; return whether all are fine.
 
     Args:
         files: paths, or names of scenarios that come with cosim.
@@ -81,14 +83,44 @@ def new_command(name: str) -> None:
     print(f"{path} written, with {schema} for editors; run it: cosim run {path}")
 
 
+def _arm_line(name: str) -> str:
+    """Return what to say about an arm's file, which both engines have read alike."""
+    from cosim.build.arm_check import checked_arm  # here: other files wait for no engine
+
+    arm = checked_arm(name)
+    return "; ".join((f"{len(arm.joint_names)} joints", *arm.notes, "both engines agree"))
+
+
+def arm_lines() -> list[str]:
+    """Return a line for each arm that comes with cosim: its name, joints, flange, and what it is."""
+    rows = []
+    for name in list_arms():
+        try:
+            arm = find_arm(name)
+        except InputError as error:
+            rows.append((name, str(error)))
+            continue
+        title = read_arm_table(arm_path(name)).title or ""
+        rows.append((name, f"{len(arm.joint_names)} joints, {arm.notes[0].partition(',')[0]}  {title}"))
+    width = max((len(name) for name, _ in rows), default=0)
+    return [f"{name:<{width}}  {text}" for name, text in rows]
+
+
 def _checked(name: str, fine: str) -> bool:
     """Print the faults of a file, or that it is fine; return whether it is."""
     path = Path(name)
     faults: tuple[tuple[str, str], ...] = ()
     try:
-        check_file(path if is_file(path) else scenario_path(name))
+        if is_file(path) and is_arm_file(path):
+            fine = f"{fine}: {_arm_line(name)}"
+        else:
+            check_file(path if is_file(path) else scenario_path(name))
     except ScenarioError as error:
         faults = error.faults
+    except InputError as error:
+        if not is_file(path):
+            raise
+        faults = ((name, str(error)),)
     for place, problem in faults:
         line = problem if place == name else f"{place}: {problem}"
         print(printable(f"{name}: {line}".replace("\n", " ")))

@@ -71,7 +71,7 @@ def _command(options: argparse.Namespace, started: float) -> int:
         return _trade(options)
     if options.command in ("new", "check", "upgrade", "schema"):
         return _files(options)
-    return _list() if options.command == "list" else _view(options.directory)
+    return _list(options.kind) if options.command == "list" else _view(options.directory)
 
 
 def _import_kinds(modules: Sequence[str]) -> None:
@@ -90,7 +90,8 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--version", action="version", version=f"cosim {__version__}")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
     _add_run(commands)
-    commands.add_parser("list", help="list the scenarios and the questions they answer")
+    listed = commands.add_parser("list", help="list the scenarios and the questions they answer, or the arms")
+    listed.add_argument("kind", nargs="?", choices=("scenarios", "arms"), default="scenarios")
     view = commands.add_parser("view", help="open the recording of a run")
     view.add_argument("directory", metavar="DIR", type=Path, help="directory of a run, or a .rrd file")
     _add_files(commands)
@@ -114,8 +115,8 @@ def _parser() -> argparse.ArgumentParser:
 def _add_files(commands: Any) -> None:
     new = commands.add_parser("new", help="write a starting scenario, and its schema for editors")
     new.add_argument("name", metavar="NAME", help="of the scenario; it is written to NAME.toml, here")
-    check = commands.add_parser("check", help="check scenario and robot files without running anything")
-    check.add_argument("files", metavar="FILE", nargs="+", help="path of a .toml file, or name of a scenario")
+    check = commands.add_parser("check", help="check scenario, robot and arm files without running anything")
+    check.add_argument("files", metavar="FILE", nargs="+", help="path of a file, or name of a scenario")
     upgrade = commands.add_parser("upgrade", help="rewrite files of the schema number before, in place")
     upgrade.add_argument("files", metavar="FILE", nargs="+", help="path of a .toml file")
     schema = commands.add_parser("schema", help="print the JSON Schema of scenario or robot files")
@@ -244,7 +245,13 @@ def _files(options: argparse.Namespace) -> int:
     return EXIT_DONE if command(options.files) else EXIT_INPUT
 
 
-def _list() -> int:
+def _list(kind: str) -> int:
+    if kind == "arms":
+        from cosim.cli.files import arm_lines  # here, because it loads pydantic
+
+        for line in arm_lines():
+            print(printable(line))
+        return EXIT_DONE
     from cosim.base.resources import list_scenarios, question, scenario_path
 
     names = list_scenarios()

@@ -168,13 +168,20 @@ class Arm:
             pin.computeFrameJacobian(self._model, self._data, q, self._frame, pin.LOCAL_WORLD_ALIGNED)
         )
 
-    def mass_matrix(self, q: Array) -> Array:
+    def joint_places(self, q: Array) -> Array:
+        """Return where the joints are (joints, 3) [m], world, at joint angles q (joints,) [rad]."""
+        pin.forwardKinematics(self._model, self._data, q)
+        return np.array([place.translation for place in list(self._data.oMi)[1:]])
+
+    def mass_matrix(self, q: Array, payload: Payload | None = None) -> Array:
         """Return the joint-space mass matrix (joints, joints) [kg m^2] of the links, without armature.
 
         Args:
             q: (joints,) [rad].
+            payload: fixed to the flange.
         """
-        upper = np.triu(pin.crba(self._model, self._data, q))
+        model, data = self._loaded_with(payload)
+        upper = np.triu(pin.crba(model, data, q))
         return np.asarray(upper + np.triu(upper, 1).T)
 
     def gravity_torque(self, q: Array, payload: Payload | None = None) -> Array:

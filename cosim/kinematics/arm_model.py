@@ -17,19 +17,25 @@ def model_of(arm: ArmFile) -> pin.Model:
         InputError: Pinocchio cannot read it, or finds other joints.
     """
     try:
-        model = pin.buildModelFromXML(_with_angles(arm))
+        model = pin.buildModelFromXML(_bare_chain(arm))
     except (RuntimeError, ValueError) as error:
-        raise InputError(f"arm {arm.name!r}: Pinocchio cannot read {arm.path}: {error}") from None
+        text = str(error).replace("\n", ", ")
+        raise InputError(f"arm {arm.name!r}: Pinocchio cannot read {arm.path}: {text}") from None
     if model.nq != model.nv or tuple(model.names[1:]) != arm.joint_names:
         raise InputError(f"arm {arm.name!r}: joints {tuple(model.names[1:])}, expected {arm.joint_names}")
     return model
 
 
-def _with_angles(arm: ArmFile) -> str:
-    """Return the chain with continuous joints as revolute ones: else Pinocchio gives them cosine and sine."""
-    if not arm.continuous.any():
-        return arm.urdf
+def _bare_chain(arm: ArmFile) -> str:
+    """Return the chain without shapes, and with continuous joints as revolute ones.
+
+    Of a continuous joint Pinocchio would have cosine and sine in place of the angle; shapes it does not need,
+    but complains about.
+    """
     robot = ElementTree.fromstring(arm.urdf)
+    for link in robot.findall("link"):
+        for shape in [*link.findall("visual"), *link.findall("collision")]:
+            link.remove(shape)
     for joint in robot.findall("joint"):
         if joint.get("type") == "continuous":
             joint.set("type", "revolute")

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Final, final
 
 import numpy as np
 
-from cosim.base.frames import Array, IntArray
+from cosim.base.frames import Array, IntArray, Mask
 
 if TYPE_CHECKING:  # a scene without an arm waits for neither engine
     from cosim.base.link_contact import LinkContact
@@ -42,6 +42,7 @@ class ArmLimits:
         velocity: (joints,) [rad/s].
         acceleration: (joints,) [rad/s^2].
         torque: (joints,) [N m].
+        prismatic: (joints,), which joints slide: theirs are [m] and [N].
     """
 
     joint_names: tuple[str, ...]
@@ -50,13 +51,14 @@ class ArmLimits:
     velocity: Array
     acceleration: Array
     torque: Array
+    prismatic: Mask
 
     @classmethod
     def of(cls, arm: Arm) -> ArmLimits:
         """Return those of an arm."""
         return cls(
             arm.joint_names, arm.lower, arm.upper, _or_infinite(arm.velocity_limit), arm.acceleration_bound,
-            _or_infinite(arm.effort_limit),
+            _or_infinite(arm.effort_limit), arm.prismatic,
         )  # fmt: skip
 
     def bound(self, quantity: str) -> Array:
@@ -96,7 +98,7 @@ class ArmLimits:
             row = int(np.abs(column).argmax())
         return Extreme(
             quantity, self.joint_names[joint], float(column[row]), float(bound[joint]), float(excess[joint]),
-            float(time_s[row]), int(phase[row]),
+            float(time_s[row]), int(phase[row]), bool(self.prismatic[joint]),
         )  # fmt: skip
 
 
@@ -113,6 +115,7 @@ class Extreme:
         excess: above 0 beyond the bound; of positions [rad], else as a share of the bound.
         time_s: simulated.
         phase: index.
+        prismatic: whether the joint slides: units are [m] and [N] then.
     """
 
     quantity: str
@@ -122,17 +125,25 @@ class Extreme:
     excess: float
     time_s: float
     phase: int
+    prismatic: bool = False
 
     @property
     def beyond(self) -> bool:
         """Whether it is beyond the bound."""
         return not self.excess <= _ROUNDING
 
+    @property
+    def unit(self) -> str:
+        """Of the value."""
+        turning = UNITS[self.quantity]
+        return turning.replace("rad", "m").replace("N m", "N") if self.prismatic else turning
+
     def figures(self, phase_names: tuple[str, ...]) -> dict[str, Any]:
         """Return it for the summary."""
         return {
             "joint": self.joint,
             "value": self.value,
+            "unit": self.unit,
             "bound": self.bound if math.isfinite(self.bound) else None,
             "beyond": self.beyond,
             "time_s": self.time_s,
@@ -141,10 +152,10 @@ class Extreme:
 
     def text(self, phase_names: tuple[str, ...]) -> str:
         """Return it as part of a sentence: what, how much, where and when."""
-        name, unit = self.quantity.replace("_", " "), UNITS[self.quantity]
+        name = self.quantity.replace("_", " ")
         return (
-            f"{name} of {self.joint} {self.value:.3g} {unit} (bound {self.bound:.3g}) at {self.time_s:.3f} s "
-            f"in phase '{phase_names[self.phase]}'"
+            f"{name} of {self.joint} {self.value:.3g} {self.unit} (bound {self.bound:.3g}) at "
+            f"{self.time_s:.3f} s in phase '{phase_names[self.phase]}'"
         )
 
 

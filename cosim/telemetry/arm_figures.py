@@ -99,8 +99,10 @@ class ArmFigures:
         lines = [extreme.text(phase_names) for extreme in beyond]
         full = np.flatnonzero(self.saturated_s)
         names, given = limits.joint_names, limits.torque
+        units = np.where(limits.prismatic, "N", "N m")
         spent = ", ".join(
-            f"{names[k]} gave all of its {given[k]:g} N m for {self.saturated_s[k]:.3f} s" for k in full
+            f"{names[k]} gave all of its {given[k]:g} {units[k]} for {self.saturated_s[k]:.3f} s"
+            for k in full
         )
         if error is not None and error.beyond:
             collapsed = f"the arm did not hold: {spent}; " if spent else "the arm did not follow its plan: "
@@ -116,13 +118,13 @@ def arm_table(arm: dict[str, Any] | None) -> list[str]:
         return []
     lines = ["", "| arm | of | joint | value | bound | at [s] | phase |", "|---|---|---|---|---|---|---|"]
     for of, found in arm.items():
-        for name, unit in UNITS.items():
+        for name in UNITS:
             extreme = found.get(name)
             if extreme is None:
                 continue
             value, bound = ("none" if x is None else f"{x:.4g}" for x in (extreme["value"], extreme["bound"]))
             cells = (
-                f"{name.replace('_', ' ')} [{unit}]", of, extreme["joint"], value, bound,
+                f"{name.replace('_', ' ')} [{extreme['unit']}]", of, extreme["joint"], value, bound,
                 f"{extreme['time_s']:.2f}", extreme["phase"],
             )  # fmt: skip
             lines.append("| " + " | ".join(cells) + " |")

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 from cosim.base.resources import arm_path, is_file, list_arms
-from cosim.config.arms.arm_reading import ArmSource
+from cosim.config.arms.arm_reading import ArmSource, read_urdf
 from cosim.config.arms.arm_table import ArmTable
 from cosim.config.arms.package_files import DATA_PACKAGE, found_file, packaged_share
 from cosim.config.toml.faults import Faults
@@ -24,6 +25,19 @@ def is_arm_path(robot: str) -> bool:
     return Path(robot).suffix.lower() in ARM_SUFFIXES
 
 
+def is_arm_file(path: Path) -> bool:
+    """Return whether a file is that of an arm: by its ending, its name, or what its key `file` ends in."""
+    if path.suffix.lower() != ".toml":
+        return is_arm_path(path.name)
+    return path.name == _TABLE_FILE or is_arm_table(read_table(path))
+
+
+def is_arm_table(table: Mapping[str, Any]) -> bool:
+    """Return whether a file's table is that of an arm: whether it starts from a URDF or MJCF."""
+    file = str(table.get("file", ""))
+    return is_arm_path(file) and not file.endswith(".toml")
+
+
 def with_arm_path(robot: str, folder: Path) -> str:
     """Return what names an arm in a scenario, a file as its absolute path.
 
@@ -32,15 +46,21 @@ def with_arm_path(robot: str, folder: Path) -> str:
         folder: that relative paths start from.
 
     Raises:
-        ScenarioError: there is no such file, or keys or values of an `arm.toml` are wrong.
+        ScenarioError: there is no such file, it is not usable, or keys or values of an `arm.toml` are wrong.
     """
     if not is_arm_path(robot):
         return robot
     path = folder / robot
     if not is_file(path):
         raise ScenarioError("robot", f"arm file {path} does not exist")
-    if path.suffix.lower() == ".toml":
-        read_arm_table(path)
+    try:
+        source = arm_source(str(path.resolve()))
+        if not source.is_mjcf:
+            read_urdf(source)
+    except ScenarioError:
+        raise
+    except InputError as error:
+        raise ScenarioError("robot", str(error)) from error
     return str(path.resolve())
 
 

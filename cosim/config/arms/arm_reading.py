@@ -40,6 +40,11 @@ class ArmSource:
     package_folders: tuple[Path, ...] = ()
     files: tuple[Path, ...] = ()
 
+    @property
+    def is_mjcf(self) -> bool:
+        """Whether it is MuJoCo's own format, by its ending."""
+        return self.path.suffix.lower() == ".xml"
+
 
 @final
 @dataclass(frozen=True)
@@ -147,9 +152,16 @@ def check_limited_chain(
             _limit_of(joint).set(key, repr(value))
     check_chain(robot, joints, source.path)
     for joint in moving:
-        for key in ("effort", "velocity"):  # Pinocchio refuses joints that do not name them
-            if _limit_of(joint).get(key) is None:
-                _limit_of(joint).set(key, "0")
+        _fill(_limit_of(joint), ("effort", "velocity"))
+    for inertia in robot.iter("inertia"):
+        _fill(inertia, ("ixy", "ixz", "iyz"))
+
+
+def _fill(element: ElementTree.Element, keys: tuple[str, ...]) -> None:
+    """Write 0 for what is left out: engines refuse elements without it."""
+    for key in keys:
+        if element.get(key) is None:
+            element.set(key, "0")
 
 
 def _limit_of(joint: ElementTree.Element) -> ElementTree.Element:

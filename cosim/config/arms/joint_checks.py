@@ -123,7 +123,12 @@ def _checked_mass(link: ElementTree.Element, where: str, *, moves: bool, alone: 
     mass_kg = float(numbers(inertial.find("mass"), "value", 1, "", f"{where}: mass", "mass")[0])
     if mass_kg < 0.0:
         raise InputError(f"{where}: its mass is {mass_kg:g} kg; it must not be negative")
-    six = [float(numbers(inertial.find("inertia"), key, 1, "0", where, "inertia")[0]) for key in _AXES]
+    tensor = inertial.find("inertia")
+    defaults = [""] * 3 + ["0"] * 3
+    six = [
+        float(numbers(tensor, key, 1, default, f"{where}: inertia", "inertia")[0])
+        for key, default in zip(_AXES, defaults, strict=True)
+    ]
     if not moves:
         return mass_kg
     xx, yy, zz, xy, xz, yz = six

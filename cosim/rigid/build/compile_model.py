@@ -69,7 +69,8 @@ def _compiled(description: SceneDescription) -> mujoco.MjModel:
     try:
         spec = mujoco.MjSpec.from_string(_mujoco_urdf(arm.urdf))
     except ValueError as error:
-        raise InputError(f"arm {arm.name!r}: MuJoCo cannot read {arm.path}: {error}") from None
+        text = str(error).replace("\n", ", ")
+        raise InputError(f"arm {arm.name!r}: MuJoCo cannot read {arm.path}: {text}") from None
     spec.compiler.degree = False
     spec.option.timestep = description.tick_s
     spec.option.gravity = description.gravity

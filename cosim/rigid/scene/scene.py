@@ -23,6 +23,7 @@ from cosim.rigid.build.compile_model import compile_model
 from cosim.rigid.build.description import SceneDescription
 from cosim.rigid.build.drawn_shapes import body_shapes
 from cosim.rigid.distance.contact_query import ContactQuery
+from cosim.rigid.scene.arm_dynamics import ArmDynamics
 from cosim.rigid.scene.bodies import Bodies, touchable_geoms
 from cosim.rigid.scene.flange import Flange
 from cosim.rigid.scene.layout import ArmLayout, effort_limit
@@ -74,6 +75,7 @@ class RigidScene:
         self._step_damping[self._v] += self._tick_s * self.servo_damping
         self.bodies = Bodies(self._model, self._data, layout.dofs)
         self.links = LinkContacts(self._model, self._data, layout)
+        self.dynamics = ArmDynamics(self._model, self._scratch, layout)
         self.set_joint_state(description.arm.home)
         self.set_control(description.arm.home)
 

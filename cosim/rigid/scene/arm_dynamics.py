@@ -1,0 +1,57 @@
+"""The arm of a scene at angles where it need not be: flange, joints, inertia and weight."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import final
+
+import mujoco
+import numpy as np
+
+from cosim.base.frames import Array, Pose
+from cosim.rigid.scene.layout import ArmLayout
+
+
+@final
+@dataclass(frozen=True)
+class ArmAtRest:
+    """An arm that stands still.
+
+    Args:
+        flange: world_from_flange.
+        places: (joints, 3) [m], of the joints, world.
+        mass_matrix: (joints, joints) [kg m^2], armature included.
+        gravity_torque: (joints,) [N m], which hold it.
+    """
+
+    flange: Pose
+    places: Array
+    mass_matrix: Array
+    gravity_torque: Array
+
+
+@final
+class ArmDynamics:
+    """Asks MuJoCo about the arm of a scene, which does not move.
+
+    Args:
+        model: of the scene.
+        scratch: a state of it that is overwritten.
+        layout: of the arm.
+    """
+
+    def __init__(self, model: mujoco.MjModel, scratch: mujoco.MjData, layout: ArmLayout) -> None:
+        self._model, self._scratch, self._layout = model, scratch, layout
+
+    def at(self, joints: Array) -> ArmAtRest:
+        """Return the arm at angles (joints,) [rad]; objects do not matter."""
+        model, data, layout = self._model, self._scratch, self._layout
+        data.qpos[layout.positions], data.qvel[:] = joints, 0.0
+        mujoco.mj_fwdKinematics(model, data)
+        mujoco.mj_comVel(model, data)
+        mujoco.mj_makeM(model, data)
+        full, weight, v = np.empty((model.nv, model.nv)), np.empty(model.nv), layout.dofs
+        mujoco.mj_fullM(model, data, full)
+        mujoco.mj_rne(model, data, 0, weight)
+        flange = Pose(data.site_xmat[layout.site].reshape(3, 3), data.site_xpos[layout.site])
+        return ArmAtRest(flange, data.xanchor[layout.joints].copy(), full[v, v].copy(), weight[v].copy())

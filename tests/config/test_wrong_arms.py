@@ -1,0 +1,146 @@
+"""Wrong files of arms are refused by the name of what is wrong: one line, exit code 2, nothing runs."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+from cosim.base.resources import robots_directory
+from cosim.cli.main import main
+from tests.config.arm_texts import INERTIAL, TWO_JOINTS, scenario_with
+
+LIFT_LIMIT = '<limit lower="-1" upper="1" effort="10" velocity="1"/></joint></robot>'
+HAND = f'<link name="hand">{INERTIAL}</link>'
+MESH = '<visual><geometry><mesh filename="{}"/></geometry></visual>'
+JOINT = '<joint name="{}" type="{}"><parent link="{}"/><child link="{}"/></joint></robot>'
+
+# (text that is replaced, by what, words of the refusal)
+WRONG = {
+    "no XML": ("</robot>", "", "is not XML"),
+    "no URDF": (TWO_JOINTS, "<sdf/>", "its first element is <sdf>"),
+    "MJCF": (TWO_JOINTS, "<mujoco/>", "an MJCF file ends in .xml"),
+    "xacro": ("<robot ", '<robot xmlns:xacro="http://www.ros.org/wiki/xacro" ', None),
+    "macro": ("</robot>", '<x:if xmlns:x="http://www.ros.org/wiki/xacro"/></robot>', "xacro arm.urdf > "),
+    "entities": ("<robot", '<!DOCTYPE r [<!ENTITY a "b">]><robot', "declares a document type"),
+    "huge": ("</robot>", "</robot>" + " " * 4_000_000, "is longer than 4000000 bytes"),
+    "not text": ("two", "\udcff", "is not UTF-8 text: byte 13"),
+    "no links": (TWO_JOINTS, "<robot/>", "has no links"),
+    "too many links": ("</robot>", '<link name="a"/>' * 500 + "</robot>", "has 503 links; at most 500"),
+    "two links of a name": ("</robot>", '<link name="hand"/></robot>', "two links are called 'hand'"),
+    "two joints of a name": ('"lift"', '"swing"', "two joints are called 'swing'"),
+    "link without a name": ("</robot>", "<link/></robot>", "a link has no name"),
+    "joint without a child": ('<child link="hand"/>', "", "joint 'lift': its child is link ''"),
+    "unknown parent": ('<parent link="upper"/>', '<parent link="arm"/>', "joint 'lift': its parent is link"),
+    "two roots": ("</robot>", '<link name="cart"/></robot>', "has 2 roots, .* 'cart', 'root'"),
+    "two parents": ("</robot>", JOINT.format("and", "fixed", "root", "hand"), "joint 'and': link 'hand'"),
+    "circle": ("</robot>", JOINT.format("back", "fixed", "hand", "root"), "its joints form a circle"),
+    "no joint": ("revolute", "fixed", "0 joints move the flange 'hand', none"),
+    "floating": ('"lift" type="revolute"', '"lift" type="floating"', "joint 'lift' is 'floating'"),
+    "no type": ('"lift" type="revolute"', '"lift"', "joint 'lift' is None"),
+    "no axis": ("0 1 0", "0 0 0", "joint 'lift': its axis is zero"),
+    "axis of two": ("0 1 0", "0 1", "joint 'lift': xyz is '0 1'; it must be 3 finite numbers"),
+    "no limits": (LIFT_LIMIT, "</joint></robot>", "joint 'lift': has no <limit>"),
+    "no way": (LIFT_LIMIT, LIFT_LIMIT.replace("-1", "1"), "joint 'lift': its limits leave no way: lower 1"),
+    "effort": (LIFT_LIMIT, LIFT_LIMIT.replace('"10"', '"-10"'), "joint 'lift': its effort limit is negative"),
+    "words": (LIFT_LIMIT, LIFT_LIMIT.replace('"10"', '"much"'), "joint 'lift': effort 'much' is no number"),
+    "mimic": (LIFT_LIMIT, f'<mimic joint="swing"/>{LIFT_LIMIT}', "joint 'lift': it mimics another joint"),
+    "far away": ("0.3 0 0", "1e9 0 0", "joint 'lift': xyz '1e9 0 0' is too large; at most 100"),
+    "not a number": ("0.3 0 0", "nan 0 0", "joint 'lift': xyz is 'nan 0 0'; it must be 3 finite numbers"),
+    "no inertia": (HAND, '<link name="hand"/>', "joint 'lift' moves nothing that has a mass"),
+    "no mass": (HAND, HAND.replace('<mass value="1"/>', ""), "link 'hand': mass: value is missing"),
+    "mass of 0": (HAND, HAND.replace('value="1"', 'value="0"'), "link 'hand': mass 0 kg .* must be above 0"),
+    "negative mass": (HAND, HAND.replace('value="1"', 'value="-1"'), "link 'hand': its mass is -1 kg"),
+    "heavy": (HAND, HAND.replace('value="1"', 'value="1e30"'), "link 'hand': mass: value '1e30'"),
+    "point": (HAND, HAND.replace("0.01", "0"), "link 'hand': mass 1 kg and principal moments"),
+    "inertia": (HAND, HAND.replace('izz="0.01"', 'izz="0.03"'), "link 'hand': no body"),
+    "no mesh": ("<inertial>", f"{MESH.format('hand.stl')}<inertial>", "mesh 'hand.stl' not found"),
+    "no package": (
+        "<inertial>", f"{MESH.format('package://lab/hand.stl')}<inertial>",
+        "mesh 'package://lab/hand.stl' not found .* package_paths",
+    ),
+    "no shape": ("<inertial>", "<visual/><inertial>", "cannot read"),
+}  # fmt: skip
+
+# (text of an arm.toml, words of the refusal)
+WRONG_TABLES = {
+    "no file": ("", "robot.file: is missing"),
+    "unknown key": ('file = "arm.urdf"\nflang = "hand"', "robot.flang: unknown key; did you mean flange"),
+    "file that is not there": ('file = "leg.urdf"', "file 'leg.urdf' not found"),
+    "flange that is not there": ('file = "arm.urdf"\nflange = "foot"', "has no link 'foot'; there are root"),
+    "home of three": ('file = "arm.urdf"\nhome = [0, 0, 0]', "home has 3 entries; there are 2 joints: swing"),
+    "home outside": ('file = "arm.urdf"\nhome = [0.0, 2.0]', "joint 'lift': its home 2 is outside its"),
+    "limits of one": ('file = "arm.urdf"\nlimits.upper = [1.0]', "limits.upper has 1 entries"),
+    "no way": ('file = "arm.urdf"\nlimits.upper = [1.0, -2.0]', "joint 'lift': its limits leave no way"),
+    "armature": ('file = "arm.urdf"\nservos.armature = [-1.0, 0.0]', "robot.servos.armature.1: -1"),
+    "adapter": (
+        'file = "arm.urdf"\nadapter = { position_m = [0.0, 0.0, 0.0], mass_kg = 1.0 }',
+        "an adapter of length 0 has no mass",
+    ),
+}  # fmt: skip
+
+
+def refusal(robot: Path, capsys: pytest.CaptureFixture[str]) -> str:
+    """Return the one line that `cosim check` says about a file of an arm."""
+    assert main(["check", str(robot)]) == 2
+    lines = capsys.readouterr().out.splitlines()
+    assert len(lines) == 1, lines
+    return lines[0]
+
+
+@pytest.mark.parametrize("case", WRONG)
+def test_wrong_urdf(tmp_path: Path, case: str, capsys: pytest.CaptureFixture[str]) -> None:
+    before, after, words = WRONG[case]
+    assert before in TWO_JOINTS
+    path = tmp_path / "arm.urdf"
+    path.write_bytes(TWO_JOINTS.replace(before, after).encode("utf-8", "surrogateescape"))
+    if words is None:  # the name of the namespace alone is no macro
+        assert main(["check", str(path)]) == 0
+        return
+    line = refusal(path, capsys)
+    assert line.startswith(str(path))
+    assert re.search(words, line), line
+
+
+@pytest.mark.parametrize("case", WRONG_TABLES)
+def test_wrong_arm_toml(tmp_path: Path, case: str, capsys: pytest.CaptureFixture[str]) -> None:
+    text, words = WRONG_TABLES[case]
+    (tmp_path / "arm.urdf").write_text(TWO_JOINTS)
+    path = tmp_path / "arm.toml"
+    path.write_text(text)
+    assert re.search(words, refusal(path, capsys))
+
+
+def test_a_scenario_on_a_wrong_arm_is_refused_by_check_and_run(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "arm.urdf").write_text(TWO_JOINTS.replace('value="1"', 'value="-1"'))
+    path = tmp_path / "s.toml"
+    path.write_text(scenario_with("arm.urdf"))
+    assert main(["check", str(path)]) == 2
+    assert "robot: arm file" in capsys.readouterr().out
+    assert main(["run", str(path), "--out", str(tmp_path / "out")]) == 2
+    assert capsys.readouterr().err.count("\n") == 1
+    assert not (tmp_path / "out").exists()
+
+
+def test_arms_with_too_few_joints_are_refused_by_name(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "arm.urdf").write_text(TWO_JOINTS)
+    path = tmp_path / "s.toml"
+    path.write_text(scenario_with("arm.urdf"))
+    assert main(["run", str(path), "--quiet", "--no-recording", "--out", str(tmp_path / "out")]) == 2
+    text = capsys.readouterr().err
+    assert "robot: arm 'arm' has 2 joints (swing, lift); a pose of the flange needs 6" in text
+
+
+def test_fine_arms_are_told_what_was_found(capsys: pytest.CaptureFixture[str]) -> None:
+    path = robots_directory() / "ur5e" / "ur5e.urdf"
+    assert main(["check", str(path)]) == 0
+    line = capsys.readouterr().out
+    assert "fine: 6 joints; flange 'tool0', by its name; home found" in line
+    assert "both engines agree" in line
+    assert main(["list", "arms"]) == 0
+    assert "ur5e    6 joints, flange 'tool0'  Universal Robots UR5e" in capsys.readouterr().out
