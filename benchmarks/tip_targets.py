@@ -31,7 +31,7 @@ from cosim.errors import ConvergenceError, ScenarioError, UnreachableError
 from cosim.kinematics import Arm, solve
 from cosim.plan.flange_path import FlangeWay, pose_of
 from cosim.plan.plan import start_equilibrium
-from cosim.soft.body.center_line import center_line_length, hole_rings
+from cosim.soft.body.center_line import center_line_length, center_rings
 from cosim.soft.body.loads import Loads
 from cosim.soft.body.tip_frame import TipFrame
 from cosim.soft.solve.newton_options import NewtonOptions
@@ -143,7 +143,7 @@ class Bench:
     def _rigid_guess(self, begin: Equilibrium, target: Target) -> Pose:
         """Return the flange pose that would meet the target if the arm were straight along its axis."""
         turn = search.shortest_turn(self.hanging.rotation[:, 2], np.array(target.direction))
-        length = center_line_length(hole_rings(self.soft.body), begin.state.positions)
+        length = center_line_length(center_rings(self.soft.body), begin.state.positions)
         origin = np.array(target.position) - length * np.array(target.direction)
         return Pose(rotation_from_vector(turn) @ self.hanging.rotation, origin)
 

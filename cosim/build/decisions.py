@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from cosim.config.rules.gas_rules import gas_rules
+from cosim.config.schema.given_body import GivenBodyTable
 from cosim.config.schema.scenario import Scenario
 from cosim.plan.decision import Decision
 from cosim.plan.plan import Plan
@@ -125,7 +126,7 @@ def _self_contact(scenario: Scenario, body: SoftBody) -> Decision:
 def _cables(scenario: Scenario, body: SoftBody, plan: Plan) -> Decision:
     what, switch = "cables", "phase.*.cable_tension_N"
     if not body.cables:
-        return Decision(what, False, "there are none", "soft_robot.cable")
+        return Decision(what, False, "there are none", _of_robot(scenario, "cable"))
     if scenario.fidelity == "rigid":
         return Decision(what, False, "they do not move a rigid body", "fidelity")
     commands = [plan.command, *(asked for phase in plan.phases for asked in (phase.begin, phase.end))]
@@ -136,9 +137,14 @@ def _cables(scenario: Scenario, body: SoftBody, plan: Plan) -> Decision:
 
 
 def _hinges(scenario: Scenario, body: SoftBody) -> Decision:
-    switch = "soft_robot.hinge.stiffness_factor"
+    switch = _of_robot(scenario, "hinge.stiffness_factor")
     if scenario.fidelity == "rigid":
         return Decision("hinges", False, "the shape of the start is kept", "fidelity")
     if not body.hinges.stiffness.any():
         return Decision("hinges", False, "their stiffness is zero", switch)
     return Decision("hinges", True, "their share of the elastic energy is in the summary, by phase", switch)
+
+
+def _of_robot(scenario: Scenario, key: str) -> str:
+    """Return the switch that a soft robot's file has; of a body given from Python, its arrays are that."""
+    return "body" if isinstance(scenario.soft_robot, GivenBodyTable) else f"soft_robot.{key}"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
@@ -78,6 +79,7 @@ def build_soft_body(robot: SoftRobotTable, model: ModelTable) -> SoftBody:
         tip=mesh.ring(mesh.tip_ring),
         rings=mesh.rings,
     )
+    body = replace(body, center_rings=mesh.center_rings, frame_rings=mesh.seam_rings)
     if robot.stiffener.kind != "none":
         body = body.with_elements(_stiffener(mesh, robot.stiffener))
     body = body.with_elements(*(entry.element(body) for entry in robot.elements))

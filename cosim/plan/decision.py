@@ -17,7 +17,7 @@ class Decision:
         what: it is.
         included: whether it is modelled.
         reason: why, or why not.
-        switch: key of the scenario that decides otherwise.
+        switch: key of the scenario that decides otherwise; "body" for a body given from Python.
     """
 
     what: str

@@ -10,7 +10,7 @@ from cosim.coupling.soft_sides.soft_side import SoftSide
 from cosim.errors import InputError, UnreachableError
 from cosim.plan.flange_path import FlangeWay
 from cosim.soft.body.body import SoftBody
-from cosim.soft.body.center_line import center_line_length, hole_rings
+from cosim.soft.body.center_line import center_line_length, center_rings
 from cosim.soft.body.loads import Loads
 from cosim.soft.body.tip_frame import TipFrame
 from cosim.soft.solve.state import Equilibrium
@@ -109,4 +109,6 @@ def _rigid_guess(body: SoftBody, here: Equilibrium, target: search.TipTarget) ->
         turn = search.shortest_turn(axis, target.direction)
         rotation = rotation_from_vector(turn) @ rotation
         axis = rotation[:, 2]
-    return Pose(rotation, target.position - center_line_length(hole_rings(body), here.state.positions) * axis)
+    return Pose(
+        rotation, target.position - center_line_length(center_rings(body), here.state.positions) * axis
+    )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from typing import Any
 
@@ -42,7 +42,8 @@ def hexagon_arm(units: int, **changes: Any) -> SoftBody:
         "tip": mesh.ring("tip"),
         "rings": mesh.rings,
     }
-    return SoftBody.from_arrays(mesh.positions, mesh.triangles, FILM, **{**given, **changes})
+    body = SoftBody.from_arrays(mesh.positions, mesh.triangles, FILM, **{**given, **changes})
+    return replace(body, center_rings=mesh.center_rings, frame_rings=mesh.seam_rings)
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ import pytest
 from cosim.base.frames import Array
 from cosim.errors import MeshError
 from cosim.soft.body.body import SoftBody
-from cosim.soft.body.center_line import hole_rings
+from cosim.soft.body.center_line import center_rings
 from cosim.soft.body.copies import around_axis, copies
 from cosim.soft.body.loads import Loads
 from cosim.soft.solve.assembly import SoftSystem
@@ -53,7 +53,7 @@ def test_names_and_tip_are_those_of_the_first_copy() -> None:
     single = hexagon_arm(2)
     triple = copies(single, POSES)
     np.testing.assert_array_equal(triple.tip, single.tip)
-    np.testing.assert_array_equal(hole_rings(triple), hole_rings(single))
+    np.testing.assert_array_equal(center_rings(triple), center_rings(single))
     np.testing.assert_array_equal(triple.rings["copy_3/tip"], single.tip + 2 * single.nodes)
     assert len(triple.base) == 3 * len(single.base)
     with pytest.raises(MeshError, match="at least one copy"):

@@ -11,7 +11,7 @@ from cosim.base.names import ONLY_CHAMBER
 from cosim.config.schema.body_source import BodySourceTable
 from cosim.config.schema.elements import ElementTable
 from cosim.config.schema.film import FilmTable, HingeTable, MassTable, StiffenerTable
-from cosim.config.schema.stack import CableTable, StackTable
+from cosim.config.schema.stack import FIRST_RING, CableTable, StackTable
 from cosim.config.toml.constraints import (
     Colour,
     Name,
@@ -138,7 +138,7 @@ class SoftRobotTable:
     hinge: HingeTable = HingeTable()
     stiffener: StiffenerTable = StiffenerTable()
     mass: MassTable = MassTable()
-    base: Annotated[tuple[str, ...], Len(min_length=1)] = ("unit_1.hole",)
+    base: Annotated[tuple[str, ...], Len(min_length=1)] = (FIRST_RING,)
     cables: tuple[CableTable, ...] = field(default=(), metadata={"alias": "cable"})
     copies: CopiesTable | None = None
     attachments: tuple[AttachmentTable, ...] = field(default=(), metadata={"alias": "attach"})

@@ -11,6 +11,8 @@ from cosim.config.toml.constraints import Count, Fraction, Increasing, Name, Non
 
 HeightFractions = Annotated[tuple[Fraction, Fraction, Fraction], Increasing]
 UnitRange = tuple[Count, Count]
+FIRST_RING: Final = "unit_1.hole"
+"""The ring of a stack that the flange holds, unless a robot's `base` says otherwise."""
 _RINGS: Final = ("hole", "lower", "outer", "upper")
 _TRIANGLES_PER_UNIT_AND_SIDE: Final = 14
 
@@ -61,6 +63,10 @@ class StackTable:
         """Return the names of the rings, base to tip; see `PolygonalStack.mesh`."""
         units = range(1, self.units + 1)
         return (*(f"unit_{unit}.{ring}" for unit in units for ring in _RINGS), "tip")
+
+    def frame_rings(self) -> tuple[str, ...]:
+        """Return the names of the rings that are frames of a section model, base to tip."""
+        return (*(f"unit_{unit}.outer" for unit in range(1, self.units + 1)), "tip")
 
     def shortened(self, units: int) -> StackTable:
         """Return the unrefined stack of the first units, all of them where there are no more."""

@@ -12,7 +12,7 @@ from cosim.base.frames import Array
 from cosim.coupling.soft_sides.shape_figures import ShapeFigures
 from cosim.coupling.soft_sides.shape_reader import ShapeReader, figures_at
 from cosim.reduced.section_model import SectionBody
-from cosim.soft.body.center_line import hole_rings
+from cosim.soft.body.center_line import center_rings
 
 
 @final
@@ -34,7 +34,7 @@ class ChainReader(ShapeReader):
 
     def __init__(self, section: SectionBody) -> None:
         nodes, before, tip = section.model.nodes, section.frames.before, section.body.tip
-        rings = hole_rings(section.body)
+        rings = center_rings(section.body)
         self._section, self._tip = section, len(tip)
         # all nodes of a ring are beside the same two frames
         weights = np.concatenate([nodes[:, tip], nodes[:, rings].mean(axis=2)], axis=1)

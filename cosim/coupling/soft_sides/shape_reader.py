@@ -11,7 +11,7 @@ import numpy as np
 from cosim.base.frames import Array
 from cosim.coupling.soft_sides.shape_figures import ShapeFigures
 from cosim.soft.body.body import SoftBody
-from cosim.soft.body.center_line import hole_rings, ring_figures
+from cosim.soft.body.center_line import center_rings, ring_figures
 
 
 def figures_at(points: Array, nodes: int, volumes_m3: Array) -> ShapeFigures:
@@ -55,7 +55,7 @@ class MeshReader(ShapeReader):
     """
 
     def __init__(self, body: SoftBody, volumes: Callable[[Array], tuple[float, ...]]) -> None:
-        self._tip, self._rings, self._volumes = body.tip, hole_rings(body), volumes
+        self._tip, self._rings, self._volumes = body.tip, center_rings(body), volumes
 
     def positions(self, shape: Array) -> Array:
         """Return the shape itself."""

@@ -30,7 +30,7 @@ def points_of(pose: Pose) -> Array:
 class RingFrames:
     """Which rings are frames, and how the other nodes go with them.
 
-    Frame 0 is the flange, which holds the first hole ring.
+    Frame 0 is the flange, which holds the first ring of the body's centre line.
 
     Args:
         rings: nodes of frames 1, 2, ...
@@ -51,17 +51,19 @@ class RingFrames:
         """Return the frames of a body.
 
         Raises:
-            InputError: the body is not one stack of units held at its first hole ring, or it feels rates.
+            InputError: it has no rings for frames, is not held at the first of its centre, or feels rates.
         """
         if any("/" in name for name in body.rings):
             raise InputError("section models are of one stack of units; this soft robot has copies")
         for element in (element for element in body.elements if element.remembers_steps):
             raise InputError(f"section models have no rates; this soft robot has {element.label}")
-        outer = [ring for name, ring in body.rings.items() if name.endswith(".outer")]
-        first = body.rings.get("unit_1.hole")
-        if not outer or first is None or set(body.base.tolist()) != set(first.tolist()):
-            raise InputError("section models need a stack of units whose base is unit_1.hole")
-        rings = (*outer, body.tip)
+        first = body.rings[body.center_rings[0]] if body.center_rings else body.base[:0]
+        if not body.frame_rings or set(body.base.tolist()) != set(first.tolist()):
+            raise InputError(
+                "section models need frame rings, and a base at the first ring of the centre: a stack of "
+                "units held at unit_1.hole"
+            )
+        rings = (*(body.rings[name] for name in body.frame_rings), body.tip)
         shapes = tuple(body.positions[ring] - body.positions[ring].mean(axis=0) for ring in rings)
         drawn = np.zeros((len(rings) + 1, POINTS, 3))
         drawn[:, 1:] = np.eye(3)

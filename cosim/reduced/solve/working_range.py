@@ -52,7 +52,8 @@ def place_in_range(section: SectionBody, frames: Array, pressure_Pa: float) -> P
     fractions = np.stack([stretch / stretch_end, bend / bend_end])
     kind, worst = divmod(int(np.argmax(fractions)), len(stretch))
     count = len(stretch)
-    where = f"section {worst + 1} of {count} ({_ring(worst, count)} to {_ring(worst + 1, count)})"
+    names = ("flange", *section.body.frame_rings, "tip")
+    where = f"section {worst + 1} of {count} ({names[worst]} to {names[worst + 1]})"
     if kind:
         what = f"is bent by {_degrees(bend[worst])} degrees, its model ends at {_degrees(bend_end[worst])}"
     else:
@@ -60,10 +61,6 @@ def place_in_range(section: SectionBody, frames: Array, pressure_Pa: float) -> P
         value, end = 100.0 * abs(stretch[worst]), 100.0 * abs(stretch_end[worst])
         what = f"is {word} by {value:.1f} %, its model ends at {end:.1f} %"
     return PlaceInRange(float(fractions[kind, worst]), f"{where} {what} (at {1e-3 * pressure_Pa:.3g} kPa)")
-
-
-def _ring(frame: int, sections: int) -> str:
-    return "flange" if frame == 0 else "tip" if frame == sections else f"unit_{frame}.outer"
 
 
 def _degrees(sine: float) -> str:

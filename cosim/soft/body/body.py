@@ -40,6 +40,8 @@ class SoftBody:
         base: nodes that follow the flange.
         tip: nodes of the last hole ring, in order.
         rings: names of node groups.
+        center_rings: names of those that the centre line runs through before the tip; none: base to tip.
+        frame_rings: names of those that are frames of a section model, base to tip; none: it has none.
         chambers: which parts enclose a gas of their own; none: all of it encloses one.
     """
 
@@ -51,6 +53,8 @@ class SoftBody:
     base: IntArray
     tip: IntArray
     rings: Mapping[str, IntArray] = field(default_factory=dict)
+    center_rings: tuple[str, ...] = ()
+    frame_rings: tuple[str, ...] = ()
     chambers: tuple[GasChamber, ...] = ()
 
     def __post_init__(self) -> None:
@@ -71,6 +75,9 @@ class SoftBody:
             if nodes.size and (nodes.min() < 0 or nodes.max() >= count):
                 bad = int(nodes.min() if nodes.min() < 0 else nodes.max())
                 raise MeshError(f"{name} refers to node {bad}; there are nodes 0 to {count - 1}")
+        for name in (*self.center_rings, *self.frame_rings):
+            if name not in self.rings:
+                raise MeshError(f"there is no ring {name!r}; there are {', '.join(self.rings) or 'none'}")
         for kind in (kind for kind in self.kinds if kind.single and len(self.of_kind(kind)) > 1):
             raise MeshError(f"{kind.label} are given {len(self.of_kind(kind))} times; a body has them once")
         mass = self.node_mass

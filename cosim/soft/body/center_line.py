@@ -12,15 +12,14 @@ from cosim.base.kernels import BLOCKS, MATRIX, VECTOR, kernel
 from cosim.soft.body.body import SoftBody
 
 
-def hole_rings(body: SoftBody) -> IntArray:
+def center_rings(body: SoftBody) -> IntArray:
     """Return the rings (rings, nodes per ring) along the centre, base to tip; those of the first copy.
 
-    They are those whose names end in ".hole", or without any the ring "base", and the tip. Where one has
-    fewer nodes than another, its nodes come more than once, which keeps its centre.
+    They are the body's `center_rings`, or without any the ring "base", and the tip. Where one has fewer
+    nodes than another, its nodes come more than once, which keeps its centre.
     """
-    holes = [ring for name, ring in body.rings.items() if name.endswith(".hole") and "/" not in name]
-    base = body.rings.get("base", body.base)
-    rings = [ring for ring in (*(holes or [base]), body.tip) if len(ring)]
+    given = [body.rings[name] for name in body.center_rings] or [body.rings.get("base", body.base)]
+    rings = [ring for ring in (*given, body.tip) if len(ring)]
     nodes = math.lcm(*(len(ring) for ring in rings))
     return np.stack([np.tile(ring, nodes // len(ring)) for ring in rings])
 

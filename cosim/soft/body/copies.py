@@ -43,6 +43,8 @@ def copies(body: SoftBody, poses: Sequence[Pose]) -> SoftBody:
         base=np.concatenate([body.base + s for s in shift]),
         tip=body.tip,
         rings=rings,
+        center_rings=body.center_rings,
+        frame_rings=body.frame_rings,
         chambers=_chambers(body, number),
     )
 

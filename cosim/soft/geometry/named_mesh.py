@@ -26,6 +26,7 @@ class NamedMesh:
         base_ring: name of the ring that the flange holds.
         tip_ring: name of the ring at the free end.
         seam_rings: names of the rings along which two films are welded.
+        center_rings: names of the rings that the centre line runs through before the tip; none: the base.
         lines: nodes by name that a cable may lead through, base to tip.
         face_groups: places of triangles by name, such as of a material of their own.
         face_values: (m, ...) of each triangle by name; a part of a triangle has that of the whole.
@@ -43,6 +44,7 @@ class NamedMesh:
     base_ring: str
     tip_ring: str
     seam_rings: tuple[str, ...] = ()
+    center_rings: tuple[str, ...] = ()
     lines: Mapping[str, IntArray] = field(default_factory=dict)
     face_groups: Mapping[str, IntArray] = field(default_factory=dict)
     face_values: Mapping[str, Array] = field(default_factory=dict)

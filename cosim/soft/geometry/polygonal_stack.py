@@ -98,6 +98,7 @@ class PolygonalStack:
             base_ring="unit_1.hole",
             tip_ring="tip",
             seam_rings=tuple(outer),
+            center_rings=tuple(f"unit_{unit + 1}.hole" for unit in range(self.units)),
             lines={f"corner_{k}": np.array([rings[name][2 * k] for name in outer]) for k in range(n)},
             face_values={"wrinkle_panel_m": np.repeat(self._panels(), 14 * n)},
         )
