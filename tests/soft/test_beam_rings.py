@@ -190,6 +190,26 @@ def test_large_bends_need_no_finer_nodes() -> None:
     assert energies[0] == pytest.approx(energies[1], rel=0.02)
 
 
+@pytest.mark.parametrize("beams_a_side", [2, 4])
+def test_sides_of_a_square_buckle_under_euler_s_load(beams_a_side: int) -> None:
+    # every other side outwards: corners turn freely, so that pi^2 E I / a^2 is exact
+    tall = RectangularSection(2e-3, 20e-3, 2e9)  # buckles in its plane
+    drawn = square(beams_a_side)
+    count, euler = len(drawn), np.pi**2 * tall.rigidities[1] / SIDE_M**2
+    evaluate, push = assembled(ring_of(drawn).rings, ring_of(drawn, tall).add, count), np.zeros_like(drawn)
+    push[::beams_a_side, :2] = -np.sign(drawn[::beams_a_side, :2])
+    lowest = []
+    for load in (0.98 * euler, 1.02 * euler):
+        shorter = drawn * (1.0 - load / tall.rigidities[0])
+        _, gradient, hessian = evaluate(shorter)
+        assert gradient == pytest.approx(load * push, abs=1e-3 * load)
+        in_plane = hessian.reshape(count, 3, count, 3)[:, :2, :, :2].reshape(2 * count, 2 * count)
+        # the dead load at the corners lets the compressed square turn: one mode below zero
+        lowest.append(np.linalg.eigvalsh(in_plane)[1:4])
+    assert np.abs(lowest[0][:2]).max() < 1e-6 * lowest[0][2]  # translations
+    assert lowest[1][0] < -1e-3 * lowest[0][2]
+
+
 def test_a_flat_ring_whose_beams_buckle_finds_its_way_out_of_the_plane() -> None:
     drawn = circle(3)
     beams = ring_of(drawn)

@@ -1,0 +1,107 @@
+"""How far stacks of units extend with printed stiffeners of given sections, mesh by mesh.
+
+    python benchmarks/stiffener_study.py [--json FILE] [--levels 2] [SECTION ...]
+
+A section is width x height in mm, such as 2x4; "none" is bare film. Specimens as in the mesh study (open
+ends, kept upright), film with the wrinkling law, stiffeners of 2 GPa. At the end of each row: the largest
+strain of the stiffeners' fibres.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+import numpy as np
+
+from benchmarks.measure.stability import negative_pivots
+from cosim.errors import ConvergenceError
+from cosim.soft.beams.beam_rings import BeamRings
+from cosim.soft.beams.rectangular_section import RectangularSection
+from cosim.soft.beams.strength import stiffener_strain
+from cosim.soft.body.body import SoftBody
+from cosim.soft.elements.material import Film
+from cosim.soft.geometry.polygonal_stack import PolygonalStack
+from cosim.soft.solve.compilation import compile_kernels
+from cosim.verification.support.finite_elements import squares
+from cosim.verification.support.open_specimen import OpenSpecimen, film_stack
+
+PRESSURES_KPA = (2.0, 5.0, 10.0, 20.0, 40.0)
+STEPS_KPA = (0.1, 0.25, 0.5, 1.0, 2.0, 3.5, 5.0, 7.0, 10.0, 14.0, 20.0, 28.0, 40.0)
+SPECIMENS = {
+    "three squares": squares(3),
+    "ten squares": squares(10),
+    "five hexagons": PolygonalStack(6, 5, 0.05, 0.01, 0.002, 0.95),
+}
+SECTIONS = ("none", "1x1", "1.5x1.5", "2x2", "2.2x2.2", "3x3", "4x4", "1x4", "1.8x4", "3x4")
+MODULUS_Pa = 2e9
+
+
+def specimen(stack: PolygonalStack, level: int, section: str) -> SoftBody:
+    """Return a stack of wrinkling film with stiffeners of a section."""
+    body = film_stack(stack, level, Film(1.3e9, 0.2, 0.11e-3, "wrinkling"))
+    if section == "none":
+        return body
+    width, height = (1e-3 * float(size) for size in section.split("x"))
+    rims = np.stack([ring for name, ring in body.rings.items() if name.endswith(".outer")])
+    beams = BeamRings.from_shape(body.positions, rims, RectangularSection(width, height, MODULUS_Pa))
+    return body.with_elements(beams)
+
+
+def study(name: str, level: int, section: str) -> dict[str, Any]:
+    """Return extension [mm], peak strain and negative pivots at each pressure that was reached."""
+    sample, began = OpenSpecimen(specimen(SPECIMENS[name], level, section)), time.process_time()
+    row: dict[str, Any] = {"specimen": name, "section": section, "level": level}
+    row |= {"extension_mm": [], "peak_strain": [], "negative_pivots": []}
+    for pressure in STEPS_KPA:
+        try:
+            here = sample.load_to(1e3 * pressure)
+        except ConvergenceError as error:
+            row["failed"] = f"{pressure:g} kPa: {error}"
+            break
+        if pressure in PRESSURES_KPA:
+            strain = stiffener_strain(sample.body, here.state.positions)
+            row["extension_mm"].append(1e3 * sample.extension_m)
+            row["peak_strain"].append(None if strain is None else strain.peak)
+            row["negative_pivots"].append(negative_pivots(sample.newton, here))
+    return row | {"iterations": sample.iterations, "cpu_s": time.process_time() - began}
+
+
+def line(row: dict[str, Any]) -> str:
+    """Return a row of a Markdown table."""
+    strains = [share for share in row["peak_strain"] if share is not None]
+    cells = [f"{value:.1f}" for value in row["extension_mm"]]
+    cells += ["-"] * (len(PRESSURES_KPA) - len(cells))
+    peaks = " / ".join(f"{100.0 * share:.1f}" for share in strains) or "-"
+    return f"| {row['specimen']} | {row['section']} | {row['level']} | {' | '.join(cells)} | {peaks} |"
+
+
+def main() -> None:
+    """Measure and print."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("sections", nargs="*", default=SECTIONS)
+    parser.add_argument("--specimen", choices=SPECIMENS, action="append", help="all if omitted")
+    parser.add_argument("--levels", type=int, default=2, help="how many meshes, the drawn one first")
+    parser.add_argument("--json", type=Path)
+    options = parser.parse_args()
+    compile_kernels(print)
+    rows: list[dict[str, Any]] = []
+    for name in options.specimen or SPECIMENS:
+        for section in options.sections:
+            for level in range(options.levels):
+                rows.append(study(name, level, section))
+                print(line(rows[-1]), rows[-1].get("failed", ""), flush=True)
+    if options.json:
+        options.json.write_text(json.dumps(rows, indent=1) + "\n")
+
+
+if __name__ == "__main__":
+    main()
