@@ -10,7 +10,7 @@ import numpy as np
 
 from cosim.base.frames import Array, IntArray, Pose
 from cosim.build.mesh_source import drawn_mesh
-from cosim.build.stack_source import cable_route, drawn_stack
+from cosim.build.stack_source import NODES_PER_AREA, cable_route, drawn_stack, stack_mesh
 from cosim.config.rules.scenario_rules import LEAST_NODE_MASS_kg
 from cosim.config.schema.body_source import MeshTable
 from cosim.config.schema.film import FilmTable, StiffenerTable
@@ -32,8 +32,8 @@ from cosim.soft.elements.frame_ring import FrameRings
 from cosim.soft.elements.material import Film
 from cosim.soft.elements.shell_hinges import bending_measure, shell_stiffness
 from cosim.soft.geometry.face_groups import mean_beside
+from cosim.soft.geometry.holes import FUSED
 from cosim.soft.geometry.named_mesh import NamedMesh
-from cosim.soft.geometry.refinement import refine
 from cosim.soft.geometry.surface import interior_hinges, triangle_area
 from cosim.soft.published.hinges import without_spring
 
@@ -59,7 +59,7 @@ def build_soft_body(robot: SoftRobotTable, model: ModelTable) -> SoftBody:
         MeshError: the geometry gives degenerate triangles.
     """
     drawn = _drawn(robot)
-    mesh = refine(drawn, 0 if robot.stack is None else robot.stack.refine)
+    mesh = drawn if robot.stack is None else stack_mesh(drawn, robot.stack)
     hinges, stiffness = _hinges(robot, model, drawn, mesh)
     base = np.unique(np.concatenate([mesh.ring(name) for name in robot.base]))
     body = SoftBody.from_arrays(
@@ -104,13 +104,21 @@ def _drawn(robot: SoftRobotTable) -> NamedMesh:
 
 def _films(robot: SoftRobotTable) -> Film | dict[str, Film]:
     film = build_film(robot.film)
-    own = {entry.name: build_film(entry.film) for entry in robot.groups}
+    own = {name: build_film(table) for name, table in _own_films(robot).items()}
     return {_REST: film, **own} if own else film
+
+
+def _own_films(robot: SoftRobotTable) -> dict[str, FilmTable]:
+    """Return the films of face groups that have one of their own."""
+    own = {entry.name: entry.film for entry in robot.groups}
+    if robot.stack is None or robot.stack.neck is None:
+        return own
+    return {**own, FUSED: replace(robot.film, thickness_m=2.0 * robot.film.thickness_m)}
 
 
 def _face_groups(robot: SoftRobotTable, mesh: NamedMesh) -> dict[str, IntArray]:
     """Return the face groups, and under a name of its own what is in none with a film."""
-    own = [mesh.face_groups[entry.name] for entry in robot.groups if entry.name in mesh.face_groups]
+    own = [mesh.face_groups[name] for name in _own_films(robot) if name in mesh.face_groups]
     rest = np.setdiff1d(np.arange(len(mesh.triangles)), np.concatenate([np.zeros(0, np.int64), *own]))
     return {**mesh.face_groups, _REST: rest}
 
@@ -118,8 +126,8 @@ def _face_groups(robot: SoftRobotTable, mesh: NamedMesh) -> dict[str, IntArray]:
 def _of_triangles(robot: SoftRobotTable, mesh: NamedMesh, value: Callable[[FilmTable], float]) -> Array:
     """Return a value (m,) of the film of each triangle."""
     found = np.full(len(mesh.triangles), value(robot.film))
-    for entry in robot.groups:
-        found[mesh.face_groups[entry.name]] = value(entry.film)
+    for name, film in _own_films(robot).items():
+        found[mesh.face_groups[name]] = value(film)
     return found
 
 
@@ -179,10 +187,13 @@ def _section(table: StiffenerTable) -> RectangularSection:
 
 def _node_mass(robot: SoftRobotTable, coarse: NamedMesh, mesh: NamedMesh) -> Array:
     """Return the mass (n,) [kg] of each node; a refined mesh spreads what the unrefined one carries."""
-    mass = np.full(len(mesh.positions), robot.mass.node_mass_kg * len(coarse.positions) / len(mesh.positions))
+    evenly = 0.0 if NODES_PER_AREA in mesh.face_values else robot.mass.node_mass_kg
+    mass = np.full(len(mesh.positions), evenly * len(coarse.positions) / len(mesh.positions))
     if len(mesh.seam):
         mass[mesh.seam] += robot.mass.seam_mass_kg * len(coarse.seam) / len(mesh.seam)
     areal = _of_triangles(robot, mesh, lambda film: film.density_kg_m3 * film.thickness_m)
+    if NODES_PER_AREA in mesh.face_values:  # its nodes are closer at the holes
+        areal += robot.mass.node_mass_kg * mesh.face_values[NODES_PER_AREA]
     share = areal / 3.0 * triangle_area(mesh.positions, mesh.triangles)
     for corner in range(3):
         np.add.at(mass, mesh.triangles[:, corner], share)

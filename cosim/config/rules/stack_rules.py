@@ -8,7 +8,7 @@ from cosim.errors import ScenarioError
 
 
 def check_stack(stack: StackTable, path: str) -> None:
-    """Check that the holes fit into all units.
+    """Check that the holes, and the films fused around them, fit into all units.
 
     Args:
         stack: may hold UNKNOWN.
@@ -22,6 +22,19 @@ def check_stack(stack: StackTable, path: str) -> None:
             f"{path}.hole_radius_m",
             f"{stack.hole_radius_m:g} must be below the last unit's corner radius, "
             f"{stack.smallest_radius_m:.4g}",
+        )
+    if stack.neck is None:
+        return
+    fused, least, most = stack.neck.fused_radius_m, stack.hole_radius_m, stack.neck_bound_m
+    if not least < fused < most:
+        raise ScenarioError(
+            f"{path}.neck.fused_radius_m",
+            f"{fused:g} must lie between hole_radius_m, {least:g}, and the mid rings, whose edges are "
+            f"{most:.4g} from the axis at the least",
+        )
+    if not stack.refine_holes:
+        raise ScenarioError(
+            f"{path}.refine_holes", "is 0; a neck needs 1 or 2, which put nodes where the fused films end"
         )
 
 

@@ -91,7 +91,8 @@ class MassTable:
         node_mass_kg: at every node of the unrefined mesh.
         seam_mass_kg: at every node of its outer rings (a unit's frame), in addition.
 
-    A refined mesh spreads the same totals evenly over its nodes.
+    A refined mesh spreads the same totals evenly over its nodes; one refined at the holes, evenly over the
+    area around each node of the drawn mesh.
     """
 
     node_mass_kg: NonNegative = 0.0

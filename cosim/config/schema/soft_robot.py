@@ -101,7 +101,7 @@ class AttachmentTable:
 @final
 @dataclass(frozen=True)
 class FaceGroupTable:
-    """A named group of triangles with a film of its own; a hinge between two films has the mean of both.
+    """A named group of triangles with a film of its own; a hinge between two films has the harmonic mean.
 
     Args:
         name: as whatever draws the film calls the group.

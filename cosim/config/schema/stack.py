@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+import math
+from dataclasses import dataclass
 from typing import Annotated, Final, Literal, final
 
 from annotated_types import Interval
@@ -14,7 +15,21 @@ UnitRange = tuple[Count, Count]
 FIRST_RING: Final = "unit_1.hole"
 """The ring of a stack that the flange holds, unless a robot's `base` says otherwise."""
 _RINGS: Final = ("hole", "lower", "outer", "upper")
-_TRIANGLES_PER_UNIT_AND_SIDE: Final = 14
+_TRIANGLES_PER_UNIT_AND_SIDE: Final = (14, 28, 56)
+"""By `refine_holes`."""
+_WITH_NECK: Final = (14, 28, 84)
+
+
+@final
+@dataclass(frozen=True)
+class NeckTable:
+    """Film of double thickness around the holes, where the films of neighbouring units are fused.
+
+    Args:
+        fused_radius_m: its distance from the axis; beyond the holes' corners and within the mid rings.
+    """
+
+    fused_radius_m: Positive
 
 
 @final
@@ -34,7 +49,11 @@ class StackTable:
         ring_heights: of lower mid, outer and upper mid ring, as fractions of the unit's height.
         first_corner_rad: angle of corner 0 from the flange's x axis about its z axis; omitted:
             -pi / sides, so that the edge between corners 0 and 1 faces +x.
-        refine: how often each triangle is divided into four.
+        refine_holes: how often all edges that end at hole rings are cut, a third of the logarithmic way
+            outwards: units bend there, and the drawn mesh is several times too stiff for it.
+        neck: films fused around the holes; omitted: each unit has films of its own up to the holes. Only with
+            refine_holes.
+        refine: how often each triangle is divided into four, after that.
     """
 
     sides: Annotated[int, Interval(ge=3, le=64)]
@@ -47,6 +66,8 @@ class StackTable:
     taper: Annotated[float, Interval(gt=0.0, le=1.0)] = 1.0
     mid_ring_fraction: Fraction = 0.5
     first_corner_rad: float | None = None
+    refine_holes: Annotated[int, Interval(ge=0, le=2)] = 0
+    neck: NeckTable | None = None
     refine: Annotated[int, Interval(ge=0, le=4)] = 0
 
     @property
@@ -57,7 +78,14 @@ class StackTable:
     @property
     def triangles(self) -> int:
         """How many triangles the refined mesh has."""
-        return _TRIANGLES_PER_UNIT_AND_SIDE * self.sides * self.units << 2 * self.refine
+        counts = _TRIANGLES_PER_UNIT_AND_SIDE if self.neck is None else _WITH_NECK
+        return counts[self.refine_holes] * self.sides * self.units << 2 * self.refine
+
+    @property
+    def neck_bound_m(self) -> float:
+        """Distance from the axis of the nodes next to a hole, those of the smallest mid ring's edges."""
+        middle = self.hole_radius_m + self.mid_ring_fraction * (self.smallest_radius_m - self.hole_radius_m)
+        return middle * math.cos(math.pi / self.sides)
 
     def ring_names(self) -> tuple[str, ...]:
         """Return the names of the rings, base to tip; see `PolygonalStack.mesh`."""
@@ -67,10 +95,6 @@ class StackTable:
     def frame_rings(self) -> tuple[str, ...]:
         """Return the names of the rings that are frames of a section model, base to tip."""
         return (*(f"unit_{unit}.outer" for unit in range(1, self.units + 1)), "tip")
-
-    def shortened(self, units: int) -> StackTable:
-        """Return the unrefined stack of the first units, all of them where there are no more."""
-        return replace(self, units=min(units, self.units), refine=0)
 
 
 @final

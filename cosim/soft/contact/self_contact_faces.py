@@ -17,7 +17,7 @@ from scipy.sparse.csgraph import connected_components
 
 from cosim.base.frames import IntArray
 from cosim.soft.body.body import SoftBody
-from cosim.soft.geometry.surface import dihedral_angle, interior_hinges
+from cosim.soft.geometry.surface import dihedral_angle, interior_hinges, triangles_beside
 
 _SEAM_RAD = 0.6 * np.pi  # away from right angles, which rounding would put on either side
 
@@ -58,7 +58,7 @@ class FilmFaces:
         triangles = body.triangles
         hinges = interior_hinges(triangles)
         angle = dihedral_angle(body.positions, hinges)
-        sides = _triangles_beside(triangles, hinges)
+        sides = triangles_beside(triangles, hinges)
         seam, valley = angle < _SEAM_RAD, angle > 2.0 * np.pi - _SEAM_RAD
         unit = _components(len(triangles), sides[~valley])
         face = _components(len(triangles), sides[~valley & ~seam])
@@ -75,20 +75,6 @@ class FilmFaces:
     def can_meet(self) -> bool:
         """Whether any two faces can."""
         return bool(self.relation.any())
-
-
-def _triangles_beside(triangles: IntArray, hinges: IntArray) -> IntArray:
-    """Return the two triangles at each hinge (h, 2)."""
-    count = int(triangles.max()) + 1
-
-    def key(nodes: IntArray) -> IntArray:
-        low, middle, high = np.sort(nodes, axis=1).T
-        return np.asarray((low * count + middle) * count + high)
-
-    keys = key(triangles)
-    order = np.argsort(keys)
-    found = [order[np.searchsorted(keys[order], key(hinges[:, list(n)]))] for n in ((0, 1, 2), (1, 2, 3))]
-    return np.stack(found, axis=1)
 
 
 def _components(count: int, pairs: IntArray) -> IntArray:

@@ -9,7 +9,7 @@ import numpy as np
 
 from cosim.base.frames import Array, IntArray
 from cosim.errors import MeshError
-from cosim.soft.geometry.surface import directed_edges
+from cosim.soft.geometry.surface import triangles_beside
 
 _Rows = TypeVar("_Rows", Array, IntArray)
 
@@ -56,19 +56,17 @@ def parts_of_groups(groups: Mapping[str, IntArray], parent: IntArray) -> dict[st
 
 
 def mean_beside(triangles: IntArray, hinges: IntArray, values: Array) -> Array:
-    """Return the mean (h,) of the values of both triangles at each hinge.
+    """Return the harmonic mean (h,) of the values of both triangles at each hinge: both bend by one moment.
 
     Args:
         triangles: (m, 3) node indices.
         hinges: (h, 4) nodes i, j, k, l; j-k is the edge.
-        values: (m,) of each triangle.
+        values: (m,) of each triangle, not negative.
     """
-    edges, count = directed_edges(triangles), int(triangles.max()) + 1
-    keys = edges[:, 0] * count + edges[:, 1]
-    order = np.argsort(keys)
-    sides = [hinges[:, a] * count + hinges[:, b] for a, b in ((1, 2), (2, 1))]
-    first, second = (values[order[np.searchsorted(keys[order], side)] // 3] for side in sides)
-    return np.asarray(0.5 * (first + second))
+    first, second = values[triangles_beside(triangles, hinges)].T
+    # equal values are their mean to the last bit
+    ratio = np.divide(2.0 * second, first + second, out=np.zeros(len(hinges)), where=first + second > 0.0)
+    return np.asarray(first * ratio)
 
 
 def rows_of(parts: Sequence[_Rows]) -> _Rows:

@@ -147,6 +147,25 @@ def interior_hinges(triangles: IntArray, seam: IntArray | Sequence[int] = ()) ->
     return np.asarray(hinges[~welded], dtype=np.int64)
 
 
+def triangles_beside(triangles: IntArray, hinges: IntArray) -> IntArray:
+    """Return the two triangles at each hinge (h, 2).
+
+    Args:
+        triangles: (m, 3) node indices.
+        hinges: (h, 4) nodes i, j, k, l; the first has i, the second l.
+    """
+    count = int(triangles.max()) + 1
+
+    def key(nodes: IntArray) -> IntArray:
+        low, middle, high = np.sort(nodes, axis=1).T
+        return np.asarray((low * count + middle) * count + high)
+
+    keys = key(triangles)
+    order = np.argsort(keys)
+    found = [order[np.searchsorted(keys[order], key(hinges[:, list(n)]))] for n in ((0, 1, 2), (1, 2, 3))]
+    return np.stack(found, axis=1)
+
+
 def dihedral_angle(positions: Array, hinges: IntArray) -> Array:
     """Return the angle between the two triangles at each hinge.
 

@@ -1,0 +1,181 @@
+"""How stiff are the necks of a unit: moment over angle of its upper hole ring, against the mesh.
+
+    python benchmarks/tilt.py [--law plain] [--framed] [--fused 0 7 8 10] [--pressures 10 30] [--json FILE]
+
+One square unit of film 0.11 mm thick, open ends, film bending as a discrete shell, seam without hinge, as the
+finite elements of tests/reference have it. It is inflated, straight, with its upper ring free to rise; then
+that ring is turned about a horizontal axis through its centre by 1 degree, at the height and place it has.
+Meshes are named by `refine` and `refine_holes`.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import os
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+import numpy as np
+
+from benchmarks.mesh_study import FRAME_STIFFNESS_N_M
+from cosim.base.frames import Array, Pose, cross, rotation_from_vector
+from cosim.build.soft_body import build_soft_body
+from cosim.config.schema.film import FilmTable, HingeTable, MassTable, StiffenerTable
+from cosim.config.schema.soft_robot import SoftRobotTable
+from cosim.config.schema.solver import ModelTable
+from cosim.config.schema.stack import NeckTable, StackTable
+from cosim.errors import ConvergenceError
+from cosim.soft.body.body import SoftBody
+from cosim.soft.solve.assembly import SoftSystem
+from cosim.soft.solve.compilation import compile_kernels
+from cosim.soft.solve.equilibrium import EquilibriumSolver
+from cosim.soft.solve.newton import NewtonSolver
+from cosim.soft.solve.state import Clamp
+from cosim.verification.support.open_specimen import OpenSpecimen
+
+ANGLE_RAD = math.radians(1.0)
+STEPS_KPA = (
+    0.1,
+    0.25,
+    0.5,
+    1.0,
+    1.5,
+    2.0,
+    2.5,
+    3.0,
+    3.5,
+    4.0,
+    5.0,
+    6.0,
+    7.0,
+    8.0,
+    10.0,
+    12.0,
+    15.0,
+    20.0,
+    25.0,
+    30.0,
+)
+LEAST_KPA = 5.0
+MESHES = ((0, 0), (0, 1), (0, 2), (1, 0), (1, 1), (1, 2), (2, 0))
+
+
+def unit(
+    refine: int, holes: int, fused_radius_m: float = 0.0, law: str = "plain", framed: bool = False
+) -> SoftBody:
+    """Return the body of one square unit.
+
+    Args:
+        refine: how often every triangle is cut.
+        holes: how often those at the holes are, before.
+        fused_radius_m: within which films are fused; 0 for none.
+        law: of the film.
+        framed: whether a stiff frame holds the seam.
+    """
+    stack = StackTable(
+        sides=4, units=1, corner_radius_m=0.03 * 2**0.5, hole_radius_m=0.002 * 2**0.5, unit_height_m=0.002,
+        ring_heights=(0.2, 0.5, 0.8), refine=refine, refine_holes=holes,
+        neck=NeckTable(fused_radius_m) if fused_radius_m else None,
+    )  # fmt: skip
+    film: Any = {"law": law}
+    robot = SoftRobotTable(
+        name="unit", source="tilt", stack=stack, film=FilmTable(1.3e9, 0.2, 0.11e-3, **film),
+        hinge=HingeTable(rule="shell"), mass=MassTable(1e-3),
+        stiffener=StiffenerTable("stiff" if framed else "none", FRAME_STIFFNESS_N_M),
+    )  # fmt: skip
+    return build_soft_body(robot, ModelTable())
+
+
+def tilt_stiffness(sample: OpenSpecimen) -> float:
+    """Return the moment over angle [N m/rad] of the upper ring of a unit that is inflated."""
+    body, here = sample.body, sample.here
+    assert here is not None
+    x = here.state.positions
+    clamp = Clamp.of_base(body).extended(body.tip, x, Pose())
+    solver = EquilibriumSolver(
+        NewtonSolver(SoftSystem(body), clamp.mask(body.nodes)), clamp, sample.solver.options
+    )
+    centre, state = x[body.tip].mean(axis=0), here.state
+    loads = sample.loads(here.loads.pressures(1)[0], x)
+    moments = []
+    for angle in (0.0, 0.5 * ANGLE_RAD, ANGLE_RAD):
+        turn = rotation_from_vector(np.array([angle, 0.0, 0.0]))
+        turned = x.copy()
+        turned[body.tip] = centre + (x[body.tip] - centre) @ turn.T
+        solver.clamp = Clamp.of_base(body).extended(body.tip, turned, Pose())
+        state = solver.solve(state, Pose(), loads).state
+        moments.append(_moment(solver.solver.system, body, state.positions, centre))
+    return float(moments[-1] - moments[0]) / ANGLE_RAD
+
+
+def _moment(system: SoftSystem, body: SoftBody, positions: Array, centre: Array) -> float:
+    """Return the moment [N m] about x that holds the upper ring, the caps' pressure taken off."""
+    arm = positions[body.tip] - centre
+    return float(cross(arm, system.gradient[body.tip])[:, 0].sum())
+
+
+def study(mesh: tuple[int, int], fused_mm: float, arguments: argparse.Namespace) -> list[dict[str, Any]]:
+    """Return the rows of one mesh, pressure by pressure."""
+    refine, holes = mesh
+    sample = OpenSpecimen(unit(refine, holes, 1e-3 * fused_mm, arguments.law, arguments.framed))
+    rows, began = [], time.process_time()
+    key = {"refine": refine, "refine_holes": holes, "fused_mm": fused_mm}
+    highest = max(arguments.pressures)
+    upwards = [step for step in STEPS_KPA if step < highest]
+    downwards = sorted({highest, *upwards[upwards.index(LEAST_KPA) :], *arguments.pressures}, reverse=True)
+    for place, pressure in enumerate((*upwards, *downwards)):
+        try:
+            sample.load_to(1e3 * pressure)
+            if place < len(upwards) or pressure not in arguments.pressures:
+                continue
+            stiffness = 1e3 * tilt_stiffness(sample)
+        except ConvergenceError as error:
+            print(f"{key} {pressure:g} kPa: {error}", flush=True)
+            break
+        row = {
+            **key, "pressure_kPa": pressure, "triangles": len(sample.body.triangles),
+            "extension_mm": 1e3 * sample.extension_m, "tilt_mNm_rad": stiffness,
+            "cpu_s": time.process_time() - began,
+        }  # fmt: skip
+        rows.append(row)
+        print(
+            f"refine {refine} holes {holes} fused {fused_mm:>4g} mm  {row['triangles']:>5} triangles "
+            f"{pressure:>4g} kPa  {row['extension_mm']:6.2f} mm  {stiffness:7.1f} mN m/rad "
+            f"{row['cpu_s']:6.1f} s",
+            flush=True,
+        )
+    return rows
+
+
+def main() -> None:
+    """Print tilt stiffness of every mesh; write what is asked for."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser.add_argument("--law", default="plain")
+    parser.add_argument("--framed", action="store_true")
+    parser.add_argument("--fused", type=float, nargs="+", default=[0.0], metavar="MM")
+    parser.add_argument("--pressures", type=float, nargs="+", default=[10.0, 30.0], metavar="KPA")
+    parser.add_argument(
+        "--meshes", nargs="+", metavar="REFINE,HOLES", default=[f"{r},{h}" for r, h in MESHES]
+    )
+    parser.add_argument("--json", type=Path)
+    arguments = parser.parse_args()
+    compile_kernels()
+    rows = []
+    for text in arguments.meshes:
+        refine, holes = map(int, text.split(","))
+        for fused in arguments.fused:
+            if holes or not fused:
+                rows += study((refine, holes), fused, arguments)
+    if arguments.json:
+        arguments.json.write_text(json.dumps(rows, indent=1), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
