@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TypeAlias, final
+from typing import Final, TypeAlias, final
 
 import numpy as np
 
@@ -16,7 +16,7 @@ from cosim.errors import MeshError
 from cosim.soft.body.body import SoftBody
 from cosim.soft.geometry.surface import check_mesh
 
-_LEAST_RING = 3
+LEAST_RING: Final = 3
 
 
 @final
@@ -45,8 +45,8 @@ class NamedBody:
         check_mesh(body.positions, body.triangles)
         if not len(body.base):
             raise MeshError("the soft body has no base: no node would follow the flange")
-        if len(body.tip) < _LEAST_RING:
-            raise MeshError(f"the tip has {len(body.tip)} nodes; a ring of {_LEAST_RING} is needed at least")
+        if len(body.tip) < LEAST_RING:
+            raise MeshError(f"the tip has {len(body.tip)} nodes; a ring of {LEAST_RING} is needed at least")
         light = np.flatnonzero(body.node_mass < LEAST_NODE_MASS_kg)
         if light.size:
             raise MeshError(

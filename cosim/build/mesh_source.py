@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from cosim.base.frames import Array, IntArray
+from cosim.base.frames import Array, IntArray, cross
 from cosim.base.triangle_mesh import GroupedSurface, read_surface
 from cosim.config.schema.body_source import MeshTable, NodeSetTable
 from cosim.errors import MeshError
@@ -26,6 +26,8 @@ def drawn_mesh(table: MeshTable) -> NamedMesh:
     read = read_surface(Path(table.file))
     surface = GroupedSurface(table.scale * read.vertices, read.triangles, read.groups)
     holes = rims(surface.triangles)
+    if _six_volumes(surface, holes) < 0.0:
+        raise MeshError(f"{Path(table.file).name}: is inside out; turn its triangles over")
     sets = {entry.name: _nodes(entry, surface) for entry in table.sets}
     for name, nodes in sets.items():
         rim = next((hole for hole in holes if set(hole.tolist()) == set(nodes.tolist())), None)
@@ -40,6 +42,14 @@ def drawn_mesh(table: MeshTable) -> NamedMesh:
         lines=sets,
         face_groups=surface.groups,
     )
+
+
+def _six_volumes(surface: GroupedSurface, holes: tuple[IntArray, ...]) -> float:
+    """Return six times the volume [m^3] that film and caps enclose, see `cosim.soft.elements.pressure`."""
+    x = surface.vertices - surface.vertices.mean(axis=0)
+    a, b, c = (x[surface.triangles[:, k]] for k in range(3))
+    caps = (x[hole].mean(axis=0) @ cross(x[hole], x[np.roll(hole, -1)]).sum(axis=0) for hole in holes)
+    return float((a * cross(b, c)).sum() + sum(caps))
 
 
 def _nodes(entry: NodeSetTable, surface: GroupedSurface) -> IntArray:

@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from cosim.base.frames import Array, IntArray, Pose
+from cosim.build.given_body import LEAST_RING
 from cosim.build.mesh_source import drawn_mesh
 from cosim.build.stack_source import NODES_PER_AREA, cable_route, drawn_stack, stack_mesh
 from cosim.config.rules.scenario_rules import LEAST_NODE_MASS_kg
@@ -96,9 +97,14 @@ def _drawn(robot: SoftRobotTable) -> NamedMesh:
     if robot.stack is not None:
         return drawn_stack(robot.stack)
     assert robot.body is not None, "a checked robot has one of the two"
-    if isinstance(robot.body, MeshTable):
-        return drawn_mesh(robot.body)
-    mesh: NamedMesh = robot.body.mesh()
+    mesh: NamedMesh = drawn_mesh(robot.body) if isinstance(robot.body, MeshTable) else robot.body.mesh()
+    for name in robot.body.set_names():
+        mesh.ring(name)
+    if len(mesh.ring(mesh.tip_ring)) < LEAST_RING:
+        raise MeshError(
+            f"the tip, {mesh.tip_ring!r}, has {len(mesh.ring(mesh.tip_ring))} nodes; a ring of {LEAST_RING} "
+            "is needed at least"
+        )
     return mesh
 
 

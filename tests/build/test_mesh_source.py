@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -76,6 +77,13 @@ CUFF = """
 [[group]]
 name = "cuff"
 film = { young_modulus_Pa = 20e6, poisson_ratio = 0.3, thickness_m = 2e-4, density_kg_m3 = 1000.0 }
+"""
+PAIR = """\
+[[body.set]]
+name = "pair"
+points_m = [[0.03, 0.0, 0.2], [-0.03, 0.0, 0.2]]
+
+[film]
 """
 SCENARIO = """\
 schema = 2
@@ -210,6 +218,22 @@ def test_wrong_values_are_told_with_their_place(tmp_path: Path, old: str, new: s
 def test_nodes_that_are_not_there_are_told(tmp_path: Path, old: str, new: str, text: str) -> None:
     robot = load_soft_robot(written(tmp_path, **{old: new}))
     with pytest.raises(MeshError, match=text):
+        build_soft_body(robot, load_scenario(tmp_path / "scenario.toml").model)
+
+
+def test_a_tip_that_is_no_ring_is_told(tmp_path: Path) -> None:
+    pair = {"scale = 0.001": 'scale = 0.001\ntip = "pair"', "[film]": PAIR}
+    robot = load_soft_robot(written(tmp_path, **pair))
+    with pytest.raises(MeshError, match="the tip, 'pair', has 2 nodes; a ring of 3 is needed"):
+        build_soft_body(robot, load_scenario(tmp_path / "scenario.toml").model)
+
+
+def test_a_film_inside_out_is_told(tmp_path: Path) -> None:
+    robot = load_soft_robot(written(tmp_path))
+    mesh = tmp_path / "tube.obj"
+    faces = re.sub(r"^f (\d+) (\d+)", r"f \2 \1", mesh.read_text(encoding="utf-8"), flags=re.MULTILINE)
+    mesh.write_text(faces, encoding="utf-8")
+    with pytest.raises(MeshError, match=r"tube\.obj: is inside out; turn its triangles over"):
         build_soft_body(robot, load_scenario(tmp_path / "scenario.toml").model)
 
 
