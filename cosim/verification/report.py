@@ -12,7 +12,7 @@ from cosim.verification.suite import CaseResult
 from cosim.verification.support.case import Figure
 
 HEADER = ("quantity", "value", "reference", "error", "tolerance", "order", "")
-_WIDTHS = (46, 12, 12, 9, 9, 5, 4)
+_WIDTHS = (52, 12, 12, 9, 9, 5, 4)
 
 
 def case_lines(result: CaseResult) -> str:

@@ -34,6 +34,7 @@ from cosim.verification.film_cases.framed_square import FramedSquare
 from cosim.verification.film_cases.hencky_membrane import HenckyMembrane
 from cosim.verification.film_cases.mylar_balloon import MylarBalloon
 from cosim.verification.film_cases.pressurised_shells import PressurisedCylinder, PressurisedSphere
+from cosim.verification.film_cases.rigid_seams import RigidSeams
 from cosim.verification.film_cases.sheared_panel import ShearedPanel
 from cosim.verification.film_cases.square_cushions import SquareAirbag, SquarePillow
 from cosim.verification.film_cases.stack_films import PaperMesh, StackTensionField
@@ -79,6 +80,7 @@ CASES: tuple[Case, ...] = (
     StiffSquare(),
     FiveHexagons(),
     TenSquares(),
+    RigidSeams(),
     FramedSquare(),
     RigidMotion(),
     CantileverModes(),

@@ -140,6 +140,7 @@ FOUND_BY: dict[Fault, set[str]] = {
         "stiff_square",
         "five_hexagons",
         "ten_squares",
+        "rigid_seams",
         "framed_square",
     },
     heavy_nodes: {"heavy_cantilever", "catenary", "self_buckling", "swinging_chain", "pendulum"},

@@ -24,16 +24,17 @@ _ON_PLANE_m = 1e-9  # of a plane of symmetry, beyond rounding
 _ROUNDS, _SETTLED_m = 20, 1e-6
 
 
-def film_stack(stack: PolygonalStack, level: int, film: Film) -> SoftBody:
-    """Return a stack whose film bends as a discrete shell, its seams without hinges.
+def film_stack(stack: PolygonalStack, level: int, film: Film, *, rigid_seam: bool = False) -> SoftBody:
+    """Return a stack whose film bends as a discrete shell.
 
     Args:
         stack: drawn shape.
         level: how often its triangles are refined.
         film: material.
+        rigid_seam: whether the films of a unit turn as one at their seam; they turn freely otherwise.
     """
     mesh = refine(stack.mesh(), level)
-    hinges = interior_hinges(mesh.triangles, mesh.seam)
+    hinges = interior_hinges(mesh.triangles, () if rigid_seam else mesh.seam)
     return SoftBody.from_arrays(
         mesh.positions, mesh.triangles, film, wrinkle_panel_m=mesh.face_values["wrinkle_panel_m"],
         hinge_nodes=hinges,
