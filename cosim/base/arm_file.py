@@ -10,7 +10,7 @@ from typing import Final, final
 
 import numpy as np
 
-from cosim.base.frames import Array, Mask, Pose
+from cosim.base.frames import Array, IntArray, Mask, Pose
 from cosim.errors import InputError
 
 FIXED: Final = "fixed"
@@ -19,6 +19,34 @@ MOVING: Final = ("revolute", "continuous", "prismatic")
 
 ARMATURE: Final = 0.1
 """Rotor inertia seen at a joint [kg m^2], of arms whose files name none."""
+
+
+@final
+@dataclass(frozen=True)
+class LinkShape:
+    """A shape of a link that its URDF does not hold.
+
+    Args:
+        link: its name.
+        kind: "box", "sphere", "capsule", "cylinder", "ellipsoid" or "mesh".
+        size: (3,) half dimensions [m], as MuJoCo has them.
+        pose: link from shape.
+        rgba: (4,) colour, components 0 to 1.
+        collides: whether it touches objects.
+        drawn: whether it is seen.
+        vertices: (n, 3) [m], of a mesh.
+        triangles: (m, 3), of a mesh.
+    """
+
+    link: str
+    kind: str
+    size: Array
+    pose: Pose
+    rgba: Array
+    collides: bool
+    drawn: bool
+    vertices: Array
+    triangles: IntArray
 
 
 @final
@@ -42,6 +70,7 @@ class ArmFile:
         servo_damping: (joints,) [N m s/rad]; None: from the torque limits.
         world_from_base: pose of the root link.
         home_known: whether anybody has given the home.
+        shapes: of links, besides those in the URDF.
         files: all files that it was read from.
         notes: what was found out or replaced while reading, as parts of a sentence.
     """
@@ -58,6 +87,7 @@ class ArmFile:
     servo_damping: Array | None = None
     world_from_base: Pose = field(default_factory=Pose)
     home_known: bool = True
+    shapes: tuple[LinkShape, ...] = ()
     files: tuple[Path, ...] = ()
     notes: tuple[str, ...] = ()
 

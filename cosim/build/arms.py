@@ -19,7 +19,13 @@ def find_arm(robot: str) -> ArmFile:
         InputError: there is none, or its files are not usable.
         ScenarioError: keys or values of an `arm.toml` are wrong.
     """
-    arm = read_urdf(arm_source(robot))
+    source = arm_source(robot)
+    if source.is_mjcf:
+        from cosim.rigid.build.mjcf_arm import read_mjcf  # here: a URDF waits for no engine
+
+        arm = read_mjcf(source)
+    else:
+        arm = read_urdf(source)
     if arm.home_known:
         return arm
     from cosim.kinematics.arm import Arm  # here: an arm with a home waits for no engine

@@ -6,11 +6,11 @@ import math
 import xml.etree.ElementTree as ElementTree
 from dataclasses import dataclass
 from pathlib import Path
-from typing import final
+from typing import Final, final
 
 import numpy as np
 
-from cosim.base.arm_file import ArmFile
+from cosim.base.arm_file import ArmFile, LinkShape
 from cosim.base.frames import Array, Pose
 from cosim.config.arms.adapter import add_adapter
 from cosim.config.arms.arm_table import ArmTable
@@ -19,6 +19,8 @@ from cosim.config.arms.joint_checks import check_chain, numbers
 from cosim.config.arms.link_shapes import find_meshes, replace_unreadable
 from cosim.config.arms.robot_tree import link_of, read_robot
 from cosim.errors import InputError
+
+LEFT_OUT: Final = "left out, because not on the way to the flange"
 
 
 @final
@@ -57,6 +59,7 @@ class Chain:
         flange: link whose frame is the flange.
         home: (joints,) of the arm's file; None: it has none.
         armature: (joints,) [kg m^2] of the arm's file; None: it has none.
+        shapes: see `ArmFile`.
         files: that it was read from.
         notes: see `ArmFile`.
     """
@@ -66,6 +69,7 @@ class Chain:
     flange: str
     home: Array | None = None
     armature: Array | None = None
+    shapes: tuple[LinkShape, ...] = ()
     files: tuple[Path, ...] = ()
     notes: tuple[str, ...] = ()
 
@@ -95,7 +99,7 @@ def read_urdf(source: ArmSource) -> ArmFile:
     meshes = find_meshes(robot, path, source.package_folders)
     notes = (f"flange '{flange}', {how}", *replace_unreadable(robot))
     if left_out:
-        notes += (f"left out, because not on the way to the flange: {', '.join(left_out)}",)
+        notes += (f"{LEFT_OUT}: {', '.join(left_out)}",)
     return arm_of(Chain(robot, tuple(joints), flange, files=(path, *meshes), notes=notes), source)
 
 
@@ -131,6 +135,7 @@ def arm_of(chain: Chain, source: ArmSource) -> ArmFile:
         damping,
         Pose.from_quaternion(np.array(base.quaternion), np.array(base.position_m)),
         home_known=known,
+        shapes=chain.shapes,
         files=(*source.files, *chain.files),
         notes=chain.notes,
     )

@@ -36,9 +36,9 @@ class Scenario:
 
     Args:
         name: of the scenario; the file's name if omitted.
-        robot: rigid arm: a directory of robots/ that holds an arm.toml, or the path of a URDF file or of an
-            arm.toml, from the folder of the scenario; "none": the base is
-            held where the flange starts, and nothing of an arm is loaded.
+        robot: rigid arm: a directory of robots/ that holds an arm.toml, or the path of a URDF (.urdf), an
+            MJCF (.xml) or an arm.toml, from the folder of the scenario; "none": the base is held where the
+            flange starts, and nothing of an arm is loaded.
         soft_robot: in the file a name, a path, or a table `{file = NAME, ...}` of changes to that file.
         fidelity: of the soft robot. "rigid": it keeps the shape it starts in, mass only; "section": a chain
             of rigid frames, one per ring, with the condensed energy of the film between them; "lumped": the

@@ -22,6 +22,7 @@ from cosim.rigid.build.description import (
     SceneObject,
     ServoGains,
 )
+from cosim.rigid.build.mjcf_shapes import add_shapes
 from cosim.rigid.build.object_bodies import add_mounted, add_object, prepare
 from cosim.rigid.build.wire_bodies import add_wire, relax_wire
 
@@ -141,6 +142,7 @@ def _prepare_arm(spec: mujoco.MjSpec, description: SceneDescription) -> None:
             name=f"{joint.name}_servo", target=joint.name, trntype=mujoco.mjtTrn.mjTRN_JOINT
         )
         servo.set_to_pid(kp=stiffness, kv=damping, ctrlspec=all_inputs)
+    add_shapes(spec, arm.shapes)
     for geom in spec.geoms:
         geom.density = 0.0  # a link without <inertial> has no mass, whatever its shapes
         if geom.contype or geom.conaffinity:
