@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from cosim.base.frames import Array, Pose
-from cosim.errors import InputError, MeshError
+from cosim.errors import MeshError
 from cosim.soft.beams.beam_rings import BeamRings
 from cosim.soft.beams.rectangular_section import RectangularSection
 from cosim.soft.body.copies import around_axis, copies
@@ -19,6 +19,7 @@ from tests.soft.bodies import held, hexagon_arm, hung, random_rotation
 SECTION = RectangularSection(2e-3, 3e-3, 2e9)
 SLENDER = RectangularSection(2e-4, 3e-4, 2e9, 0.3)
 RADIUS_M, SIDE_M = 0.05, 0.06
+NO_SLOTS = np.zeros((0, 0), np.int64)
 
 
 def circle(count: int) -> Array:
@@ -210,6 +211,19 @@ def test_sides_of_a_square_buckle_under_euler_s_load(beams_a_side: int) -> None:
     assert lowest[1][0] < -1e-3 * lowest[0][2]
 
 
+def test_turns_in_balance_stay_so() -> None:
+    for size in np.linspace(0.3, 1.0, 8):
+        drawn = size * circle(12)
+        beams, energies = ring_of(drawn), []
+        memory = beams.first_memory(drawn)
+        for _ in range(4):  # each time from those found before, which differ by rounding
+            tracked = memory.copy()
+            at = Instant(memory, tracked)
+            energies.append(beams.add(drawn, NO_SLOTS, np.zeros_like(drawn), np.zeros((0, 3, 3)), at))
+            memory = tracked
+        assert max(energies) < 1e-20
+
+
 def test_a_flat_ring_whose_beams_buckle_finds_its_way_out_of_the_plane() -> None:
     drawn = circle(3)
     beams = ring_of(drawn)
@@ -272,22 +286,11 @@ def test_where_the_search_for_the_turns_begins_does_not_matter() -> None:
         start = beams.first_memory(drawn) + 0.1 * seed * np.random.default_rng(seed).normal(size=32)
         tracked, gradient = start.copy(), np.zeros_like(y)
         at = Instant(start, tracked)
-        beams.add(y, np.zeros((0, 0), np.int64), gradient, np.zeros((0, 3, 3)), at)
+        beams.add(y, NO_SLOTS, gradient, np.zeros((0, 3, 3)), at)
         found.append((gradient, tracked * np.sign(tracked[::4].repeat(4))))
     for gradient, turns in found[1:]:
         assert turns == pytest.approx(found[0][1], abs=1e-9)
         assert gradient == pytest.approx(found[0][0], abs=1e-8 * np.abs(found[0][0]).max())
-
-
-@pytest.mark.parametrize(
-    ("width", "height", "expected"),
-    [(2.0, 2.0, 0.140577), (4.0, 2.0, 0.228682), (2e-3, 2.0, 1.0 / 3.0 - 0.00021)],
-)
-def test_torsion_constants_are_those_of_the_tables(width: float, height: float, expected: float) -> None:
-    # Timoshenko and Goodier, Theory of Elasticity, table of k_1: J / (s r^3)
-    short, long = sorted((width, height))
-    section = RectangularSection(width, height, 1.0)
-    assert section.torsion_constant_m4 / (long * short**3) == pytest.approx(expected, rel=2e-5)
 
 
 @pytest.mark.parametrize(
@@ -302,10 +305,3 @@ def test_torsion_constants_are_those_of_the_tables(width: float, height: float, 
 def test_impossible_rings_are_refused(positions: Array, rings: list[list[int]], message: str) -> None:
     with pytest.raises(MeshError, match=message):
         BeamRings.from_shape(positions, np.array([list(ring) for ring in rings]), SECTION)
-
-
-def test_impossible_sections_are_refused() -> None:
-    with pytest.raises(InputError, match=r"width_m is 0\.0; it must be positive"):
-        RectangularSection(0.0, 1e-3, 2e9)
-    with pytest.raises(InputError, match=r"poisson_ratio is 0\.6; it must lie above -1"):
-        RectangularSection(1e-3, 1e-3, 2e9, 0.6)

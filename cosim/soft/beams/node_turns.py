@@ -29,6 +29,7 @@ _STUCK_TURN = 1e-3
 _POWERS = 8
 _UNSTABLE_TURN = 0.02
 _SHRINKS = 0.1
+_ROUNDED_TURN = 1e-8  # what it changes of the energy is lost in rounding
 
 
 class BeamArrays(NamedTuple):
@@ -277,7 +278,8 @@ def balance_turns(beams, f, w, b, hessian):  # type: ignore[no-untyped-def]
         for _ in range(_HALVINGS_MAX):
             _turn_by(w, fraction)
             energy = _sum_beams(beams, f, w, b, fresh)
-            if energy <= before + 1e-4 * fraction * slope + 1e-12 * before:
+            lower = energy <= before + 1e-4 * fraction * slope + 1e-12 * before
+            if lower or largest < _ROUNDED_TURN:
                 break
             fraction, fresh, done = 0.5 * fraction, True, False
         last = max(largest, 1e-300)
