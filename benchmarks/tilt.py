@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import math
 import os
 import sys
 import time
@@ -22,10 +21,8 @@ from typing import Any
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-import numpy as np
 
 from benchmarks.mesh_study import FRAME_STIFFNESS_N_M
-from cosim.base.frames import Array, Pose, cross, rotation_from_vector
 from cosim.build.soft_body import build_soft_body
 from cosim.config.schema.film import FilmTable, HingeTable, MassTable, StiffenerTable
 from cosim.config.schema.soft_robot import SoftRobotTable
@@ -33,14 +30,10 @@ from cosim.config.schema.solver import ModelTable
 from cosim.config.schema.stack import NeckTable, StackTable
 from cosim.errors import ConvergenceError
 from cosim.soft.body.body import SoftBody
-from cosim.soft.solve.assembly import SoftSystem
 from cosim.soft.solve.compilation import compile_kernels
-from cosim.soft.solve.equilibrium import EquilibriumSolver
-from cosim.soft.solve.newton import NewtonSolver
-from cosim.soft.solve.state import Clamp
 from cosim.verification.support.open_specimen import OpenSpecimen
+from cosim.verification.support.tilt import tilt_stiffness
 
-ANGLE_RAD = math.radians(1.0)
 STEPS_KPA = (
     0.1,
     0.25,
@@ -91,34 +84,6 @@ def unit(
         stiffener=StiffenerTable("stiff" if framed else "none", FRAME_STIFFNESS_N_M),
     )  # fmt: skip
     return build_soft_body(robot, ModelTable())
-
-
-def tilt_stiffness(sample: OpenSpecimen) -> float:
-    """Return the moment over angle [N m/rad] of the upper ring of a unit that is inflated."""
-    body, here = sample.body, sample.here
-    assert here is not None
-    x = here.state.positions
-    clamp = Clamp.of_base(body).extended(body.tip, x, Pose())
-    solver = EquilibriumSolver(
-        NewtonSolver(SoftSystem(body), clamp.mask(body.nodes)), clamp, sample.solver.options
-    )
-    centre, state = x[body.tip].mean(axis=0), here.state
-    loads = sample.loads(here.loads.pressures(1)[0], x)
-    moments = []
-    for angle in (0.0, 0.5 * ANGLE_RAD, ANGLE_RAD):
-        turn = rotation_from_vector(np.array([angle, 0.0, 0.0]))
-        turned = x.copy()
-        turned[body.tip] = centre + (x[body.tip] - centre) @ turn.T
-        solver.clamp = Clamp.of_base(body).extended(body.tip, turned, Pose())
-        state = solver.solve(state, Pose(), loads).state
-        moments.append(_moment(solver.solver.system, body, state.positions, centre))
-    return float(moments[-1] - moments[0]) / ANGLE_RAD
-
-
-def _moment(system: SoftSystem, body: SoftBody, positions: Array, centre: Array) -> float:
-    """Return the moment [N m] about x that holds the upper ring, the caps' pressure taken off."""
-    arm = positions[body.tip] - centre
-    return float(cross(arm, system.gradient[body.tip])[:, 0].sum())
 
 
 def study(mesh: tuple[int, int], fused_mm: float, arguments: argparse.Namespace) -> list[dict[str, Any]]:

@@ -38,6 +38,7 @@ from cosim.verification.film_cases.rigid_seams import RigidSeams
 from cosim.verification.film_cases.sheared_panel import ShearedPanel
 from cosim.verification.film_cases.square_cushions import SquareAirbag, SquarePillow
 from cosim.verification.film_cases.stack_films import PaperMesh, StackTensionField
+from cosim.verification.film_cases.tilted_unit import TiltedUnit
 from cosim.verification.film_cases.wrinkle_wavelength import WrinkleWavelength
 from cosim.verification.film_cases.wrinkling_stacks import (
     FiveHexagons,
@@ -82,6 +83,7 @@ CASES: tuple[Case, ...] = (
     TenSquares(),
     RigidSeams(),
     FramedSquare(),
+    TiltedUnit(),
     RigidMotion(),
     CantileverModes(),
     SwingingChain(),

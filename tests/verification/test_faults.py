@@ -142,6 +142,7 @@ FOUND_BY: dict[Fault, set[str]] = {
         "ten_squares",
         "rigid_seams",
         "framed_square",
+        "tilted_unit",
     },
     heavy_nodes: {"heavy_cantilever", "catenary", "self_buckling", "swinging_chain", "pendulum"},
     stiff_gas: {"sealed_gas", "sealed_piston"},

@@ -11,6 +11,7 @@ from cosim.soft.body.loads import Loads
 from cosim.soft.elements.material import Film
 from cosim.soft.elements.pressure import cap_force
 from cosim.soft.elements.shell_hinges import shell_stiffness
+from cosim.soft.geometry.holes import with_finer_holes
 from cosim.soft.geometry.polygonal_stack import PolygonalStack
 from cosim.soft.geometry.refinement import refine
 from cosim.soft.geometry.surface import interior_hinges
@@ -24,16 +25,20 @@ _ON_PLANE_m = 1e-9  # of a plane of symmetry, beyond rounding
 _ROUNDS, _SETTLED_m = 20, 1e-6
 
 
-def film_stack(stack: PolygonalStack, level: int, film: Film, *, rigid_seam: bool = False) -> SoftBody:
+def film_stack(
+    stack: PolygonalStack, level: int, film: Film, *, holes: int = 0, rigid_seam: bool = False
+) -> SoftBody:
     """Return a stack whose film bends as a discrete shell.
 
     Args:
         stack: drawn shape.
         level: how often its triangles are refined.
         film: material.
+        holes: how often triangles at the holes are refined, before.
         rigid_seam: whether the films of a unit turn as one at their seam; they turn freely otherwise.
     """
-    mesh = refine(stack.mesh(), level)
+    drawn = stack.mesh()
+    mesh = refine(with_finer_holes(drawn, (*drawn.center_rings, drawn.tip_ring), holes), level)
     hinges = interior_hinges(mesh.triangles, () if rigid_seam else mesh.seam)
     return SoftBody.from_arrays(
         mesh.positions, mesh.triangles, film, wrinkle_panel_m=mesh.face_values["wrinkle_panel_m"],
