@@ -114,7 +114,8 @@ def dynamic_options(scenario: Scenario) -> StepOptions:
 def fidelity_report(scenario: Scenario) -> str:
     """Return in words how finely the soft robot is modelled."""
     chosen = scenario.auto.chosen if scenario.auto is not None else None
-    return _rung(scenario) + (f"; chosen by measurement: {chosen}" if chosen else "")
+    paper = "; the paper's lumped model (model.published)" if scenario.model.published else ""
+    return _rung(scenario) + paper + (f"; chosen by measurement: {chosen}" if chosen else "")
 
 
 def _section_rung(model: SectionModel) -> str:

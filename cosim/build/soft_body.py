@@ -11,6 +11,7 @@ import numpy as np
 from cosim.base.frames import Array, IntArray, Pose
 from cosim.build.given_body import LEAST_RING
 from cosim.build.mesh_source import drawn_mesh
+from cosim.build.published_robot import published_robot
 from cosim.build.stack_source import NODES_PER_AREA, cable_route, drawn_stack, stack_mesh
 from cosim.config.rules.scenario_rules import LEAST_NODE_MASS_kg
 from cosim.config.schema.body_source import MeshTable
@@ -54,11 +55,13 @@ def build_soft_body(robot: SoftRobotTable, model: ModelTable) -> SoftBody:
 
     Args:
         robot: its description.
-        model: comparison switches.
+        model: comparison switches; `published` decides before anything of the description does.
 
     Raises:
         MeshError: the geometry gives degenerate triangles.
     """
+    if model.published:
+        robot = published_robot(robot)
     drawn = _drawn(robot)
     mesh = drawn if robot.stack is None else stack_mesh(drawn, robot.stack)
     hinges, stiffness = _hinges(robot, model, drawn, mesh)

@@ -16,6 +16,7 @@ from cosim.trade.candidate import Candidate
 _TICK_S: Final = 0.01
 _SUBSTEP_ERROR_M: Final = 2e-5
 _LAW: Final = "soft_robot.film.law"
+_AS_IN_FILE: Final[dict[str, Any]] = {"model.published": False}
 _TRIANGLES_MAX: Final = 5000  # of the truth: beyond, its run takes hours
 
 
@@ -62,15 +63,17 @@ def _truths(scenario: Scenario) -> dict[str, dict[str, Any]]:
     """
     robot, times = file_of(scenario, "a trade"), 1
     if robot.stack is None:  # a film with a source of its own is not divided
-        return {"wrinkling film": {f"{path}.film.law": "wrinkling" for path in _parts(robot, "soft_robot")}}
+        laws = {f"{path}.film.law": "wrinkling" for path in _parts(robot, "soft_robot")}
+        return {"wrinkling film": {**_AS_IN_FILE, **laws}}
     while triangle_count(robot) << 2 * (times + 1) <= _TRIANGLES_MAX:
         times += 1
     parts = _parts(robot, "soft_robot")
     found: dict[str, dict[str, Any]] = {}
     for finer in (times, times - 1):
-        if finer == 0 and all(part.film.law == "wrinkling" for part in parts.values()):
+        as_it_is = finer == 0 and not scenario.model.published
+        if as_it_is and all(part.film.law == "wrinkling" for part in parts.values()):
             continue  # the model as it is
-        changes: dict[str, Any] = {f"{path}.film.law": "wrinkling" for path in parts}
+        changes = {**_AS_IN_FILE, **{f"{path}.film.law": "wrinkling" for path in parts}}
         stacks = {path: part.stack for path, part in parts.items() if part.stack is not None}
         changes |= {f"{path}.stack.refine": stack.refine + finer for path, stack in stacks.items()}
         found[f"wrinkling film, refine +{finer}"] = changes
@@ -86,7 +89,9 @@ def _parts(robot: SoftRobotTable, path: str) -> dict[str, SoftRobotTable]:
 
 
 def _films(scenario: Scenario) -> dict[str, dict[str, Any]]:
-    """Return other films and hinges, by the candidate's name."""
+    """Return other films and hinges, by name; of the paper's model, the robot as in its file."""
+    if scenario.model.published:
+        return {"robot as in its file": _AS_IN_FILE}
     robot = file_of(scenario, "a trade")
     laws = get_args(get_type_hints(FilmTable)["law"])
     found: dict[str, dict[str, Any]] = {

@@ -133,6 +133,7 @@ def test_it_is_stepped_branched_and_pickled(file: Path) -> None:
         ({"fidelity": "refined"}, "fidelity: 'refined' needs a geometry that can be drawn finer"),
         ({"fidelity": "auto", "auto.budget": 1.0}, "fidelity: 'auto' needs"),
         ({"model.all_hinges": False}, r"model\.all_hinges: is false"),
+        ({"model.published": True}, r"model\.published: is true"),
         ({"model.closed": False}, r"model\.closed: is false; .*closed = True"),
         ({"soft_robot.film.thickness_m": 1e-4}, r"soft_robot\.film\.thickness_m: cannot be set"),
         ({"soft_robot": "hexagon_arm"}, "soft_robot: cannot be set"),

@@ -246,7 +246,12 @@ def test_a_node_without_mass_is_told(tmp_path: Path) -> None:
 
 def test_only_stacks_have_sections_finer_meshes_and_published_hinges(tmp_path: Path) -> None:
     written(tmp_path)
-    for changes in ({"fidelity": "section"}, {"fidelity": "refined"}, {"model.all_hinges": False}):
+    for changes in (
+        {"fidelity": "section"},
+        {"fidelity": "refined"},
+        {"model.all_hinges": False},
+        {"model.published": True},
+    ):
         with pytest.raises(ScenarioError, match="not drawn as a stack of units alone"):
             load_scenario(tmp_path / "scenario.toml", changes)
     with pytest.raises(ScenarioError, match=r"body: cannot stand beside stack"):

@@ -7,12 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from cosim.base.identity import content_name
 from cosim.base.resources import scenario_path
 from cosim.build.soft_body import build_soft_body
-from cosim.config.loading import load_scenario
+from cosim.config.loading import load_scenario, load_soft_robot
 from cosim.config.schema.film import StiffenerTable
 from cosim.config.schema.soft_robot import SoftRobotTable
 from cosim.config.schema.solver import ModelTable
+from cosim.config.schema.stack import NeckTable
 from cosim.soft.beams.beam_rings import BeamRings
 from cosim.soft.beams.rectangular_section import RectangularSection
 from cosim.soft.body.body import SoftBody
@@ -100,6 +102,34 @@ def test_beams_ring_the_outer_rims_with_their_mass(robot: SoftRobotTable) -> Non
     assert fine.mass_kg == pytest.approx(coarse.mass_kg, rel=1e-12)
     # every node of the rim carries as much, and stands for the same length on each side
     np.testing.assert_allclose(np.ptp(coarse.node_mass[beams.rings]), 0.0, atol=1e-12)
+
+
+def test_the_paper_s_model_takes_away_what_a_file_adds(robot: SoftRobotTable) -> None:
+    bare = replace(robot, film=replace(robot.film, law="plain"), stiffener=StiffenerTable())
+    ours = replace(
+        robot,
+        stack=replace(robot.stack, refine_holes=1, neck=NeckTable(0.012)),
+        film=replace(robot.film, law="wrinkling", wrinkle_panel_m=0.02),
+        hinge=replace(robot.hinge, rule="shell"),
+        stiffener=BEAM,
+    )
+    published = build_soft_body(ours, ModelTable(published=True))
+    assert content_name(published) == content_name(build_soft_body(bare, ModelTable()))
+    assert content_name(published) != content_name(build_soft_body(ours, ModelTable()))
+    bars = replace(ours, film=replace(robot.film, law="edge_strain"))
+    assert build_soft_body(bars, ModelTable(published=True)).membranes[0].film.law == "edge_strain"
+
+
+def test_the_paper_s_model_is_also_that_of_what_a_robot_carries() -> None:
+    robot = load_soft_robot("arm_with_gripper")
+    part = robot.attachments[0]
+    film = replace(robot.film, law="wrinkling")
+    carried = replace(part, robot=replace(part.robot, film=film, stiffener=BEAM))
+    ours = replace(robot, film=film, attachments=(carried,))
+    published = build_soft_body(ours, ModelTable(published=True))
+    assert content_name(published) == content_name(build_soft_body(robot, ModelTable(published=True)))
+    assert {membranes.film.law for membranes in published.membranes} == {"plain"}
+    assert not published.of_kind(BeamRings)
 
 
 def test_beams_of_a_refined_mesh_store_the_same_energy(robot: SoftRobotTable) -> None:

@@ -52,6 +52,10 @@ def check_not_a_stack(name: str, drawn: str, scenario: Scenario) -> None:
             f"'{scenario.fidelity}' needs {_NEEDS[scenario.fidelity]}; the soft body '{name}' is {drawn}: "
             "take 'lumped' or 'rigid'",
         )
+    if scenario.model.published:
+        raise ScenarioError(
+            "model.published", f"is true; the paper's model is one of stacks of units, '{name}' is {drawn}"
+        )
     if not scenario.model.all_hinges:
         raise ScenarioError(
             "model.all_hinges", f"is false; the published hinges are those of stacks, '{name}' is {drawn}"

@@ -72,13 +72,17 @@ class ContactTable:
 @final
 @dataclass(frozen=True)
 class ModelTable:
-    """Switches for comparison with the published open-chamber data.
+    """Switches for comparison with the paper and its published data.
 
     Args:
+        published: the paper's lumped model, whatever the robot's file says: film law "plain"
+            ("edge_strain" if the file says so), uniform hinges, no stiffeners, no finer
+            mesh at the holes, no fused necks.
         closed: the end holes carry pressure (caps); otherwise the films only.
         all_hinges: every interior edge carries a hinge; otherwise the published subset.
     """
 
+    published: bool = False
     closed: bool = True
     all_hinges: bool = True
 
