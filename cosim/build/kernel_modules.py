@@ -29,9 +29,13 @@ def kernel_modules(scenario: Scenario) -> tuple[ModuleType, ...]:
             assembly, chain_contact, chain_figures, chain_shapes, energy, implicit_step, pressure_spline,
         )  # fmt: skip
     if scenario.robot != NO_ARM:
-        from cosim.rigid.distance import features, mesh_distance, signed_distance  # here: they bring MuJoCo
+        # here: they bring MuJoCo
+        from cosim.coupling.contact import contact_kernels, film_neighbours
+        from cosim.rigid.distance import features, film_distance, mesh_distance, signed_distance
 
-        modules += (features, mesh_distance, signed_distance)
+        modules += (
+            contact_kernels, features, film_distance, film_neighbours, mesh_distance, signed_distance,
+        )  # fmt: skip
         if scenario.fidelity == "section" and scenario.mode == "dynamic":
             from cosim.coupling.batch import batch_kernel as lockstep_kernel
 

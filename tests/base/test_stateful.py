@@ -24,6 +24,7 @@ SAVED_OTHERWISE = {
     "ChainStepper": "the flange's frame, for the kernel",
     "ContactQuery": "poses, read anew for every search",
     "FilmCandidates": "a list that is made anew where it does not serve; what is found does not depend on it",
+    "FilmNeighbours": "lists, made anew where they do not serve; what is found does not depend on them",
     "FilmSearch": "workspace, made larger where it does not suffice",
     "FilmShapes": "figures of shapes that never change",
     "Flange": "its sensor's reading by RigidScene; pose and twist are read anew after every step",

@@ -15,7 +15,7 @@ from cosim.coupling.soft_sides.lumped_arm import SoftArm
 from cosim.errors import SolverError
 from cosim.rigid.build.description import SceneDescription, SceneObject
 from cosim.rigid.distance.contact_query import ContactQuery
-from cosim.rigid.distance.features import near_film
+from cosim.rigid.distance.film_distance import near_film
 from cosim.rigid.scene.scene import RigidScene
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads

@@ -38,7 +38,7 @@ def test_the_tangent_is_what_repeated_steps_show(integrator: Integrator) -> None
     loads_after(grasp, planes, rigid_motions(np.zeros((len(planes), 3)), center))
     at = planes.at(soft.state.positions)
     motion = rigid_motions(at.point, center)
-    cube = np.unique(exchange.query.body[exchange.shape])
+    cube = np.unique(planes.body)
     points = np.array([grasp.flange.translation, center])
     tangent = contact_tangent(exchange, soft, cube, points, TICK_S)
     assert tangent is not None

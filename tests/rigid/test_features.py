@@ -7,7 +7,7 @@ from scipy.spatial import ConvexHull
 
 from cosim.base.frames import Array, IntArray
 from cosim.rigid.distance.contact_query import ContactQuery
-from cosim.rigid.distance.features import near_film
+from cosim.rigid.distance.film_distance import near_film
 from tests.rigid.shapes import compiled, hull_vertices, level, to_world
 
 

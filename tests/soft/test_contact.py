@@ -122,7 +122,11 @@ def slide(tangent: float, friction: float, ticks: int, tick_s: float = 2e-3) -> 
         loads = Loads(gravity=(9.81 * np.sin(angle), 0.0, -9.81 * np.cos(angle)), contact=planes)
         state, _ = stepper.step(state, Pose(), loads, tick_s)
         found = planes.at(state.positions)
-        anchor, normal_force = planes.dragged_anchor(found), found.normal_force
+        normal_force = found.normal_force
+        # dragged along the plane: at most `stick` behind the points
+        stretch = (found.point - anchor) * (1.0, 1.0, 0.0)
+        length = np.linalg.norm(stretch, axis=1)[:, None]
+        anchor = found.point - np.minimum(1.0, law.stick_m / np.maximum(length, 1e-300)) * stretch
         speed.append(body.node_mass @ state.velocities[:, 0] / body.mass_kg)
     return np.array(speed)
 

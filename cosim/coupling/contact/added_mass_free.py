@@ -85,29 +85,28 @@ class BodyMass:
             self._jointed.update(None, np.zeros(0), carry=carry)
             self._let_go()
             return
-        tangents = planes.tangents(self._soft.state.positions)
-        stiffness = np.trace(tangents, axis1=1, axis2=2)
-        self._jointed.update(planes, stiffness, carry=carry)
+        self._jointed.update(planes, self._exchange.held_N_m, carry=carry)
         if len(self._inertia):
-            self._update_free(planes, tangents, stiffness, carry)
+            self._update_free(planes, carry)
 
     def _let_go(self) -> None:
         if self._touching.any():
             self._carry(np.zeros_like(self._added))
             self._touching[:] = self._renewed[:] = self._free_ratio = 0.0
 
-    def _update_free(self, planes: ContactPlanes, tangents: Array, stiffness: Array, carry: bool) -> None:
-        bodies, owner = self._exchange.bodies, self._exchange.query.body[self._exchange.shape]
+    def _update_free(self, planes: ContactPlanes, carry: bool) -> None:
+        bodies = self._exchange.bodies
         # friction may act for a tick after the last contact has come off
         loaded = np.isin(bodies.free, bodies.loaded)
         self._touching[~loaded] = self._renewed[~loaded] = 0.0
         begins = loaded & (self._touching == 0.0)
-        total = np.array([stiffness[owner == body].sum() for body in bodies.free])
+        total = self._exchange.held_N_m[bodies.free]
         self._age += 1
         if (total > RENEW_ABOVE * self._touching).any() or self._age >= RENEW_EVERY_TICKS:
             self._renewed *= math.exp(-self._age * self._tick_s / _FADING_S)
             self._age = 0
             self._touching = np.where(loaded, total, 0.0)
+            tangents = planes.tangents(self._soft.state.positions)
             for k in np.flatnonzero(total > 0.0).tolist():
                 self._renewed[k] = np.maximum(self._renewed[k], self._mass(k, planes, tangents))
         if begins.any():
@@ -149,7 +148,7 @@ class BodyMass:
     def _mass(self, k: int, planes: ContactPlanes, tangents: Array) -> Array:
         """Return D (6,) of the k-th free body: along world axes, then about body axes."""
         body = self._exchange.bodies.free[k : k + 1]
-        stiffness = body_stiffness(self._exchange, self._soft, planes, tangents, body, self._tick_s)
+        stiffness = body_stiffness(self._exchange.bodies, self._soft, planes, tangents, body, self._tick_s)
         return self._tick_s**2 * bounding_diagonal(stiffness)
 
 

@@ -53,22 +53,19 @@ class JointedMass:
         self._age = 0
         self.ratio = 0.0
 
-    def update(self, planes: ContactPlanes | None, stiffness: Array, *, carry: bool = True) -> None:
+    def update(self, planes: ContactPlanes | None, held_N_m: Array, *, carry: bool = True) -> None:
         """Bring the carried mass up to date after a soft step.
 
         Args:
             planes: contacts with slack stick springs; None for none.
-            stiffness: (k,) [N/m], of each contact.
+            held_N_m: (bodies,), of the contacts with each body.
             carry: whether bodies do carry it; otherwise only its ratio to them is found.
         """
         bodies = self._exchange.bodies
         if not self._any:
             return
-        owner = np.zeros(0, np.int64)
-        if planes is not None:
-            owner = self._exchange.query.body[self._exchange.shape]
-        touched = bodies.on_joints(np.unique(owner[stiffness > 0.0]))
-        total = np.array([stiffness[owner == body].sum() for body in touched])
+        touched = bodies.on_joints(np.flatnonzero(held_N_m))
+        total = held_N_m[touched]
         self._age += 1
         same = np.array_equal(touched, self._touched) and not (total > RENEW_ABOVE * self._stiffness).any()
         if same and (self._age < RENEW_EVERY_TICKS or not len(touched)):
@@ -99,7 +96,7 @@ class JointedMass:
     def _inertia(self, planes: ContactPlanes, touched: IntArray) -> Array:
         """Return D (b, 6, 6), body axes."""
         tangents = planes.tangents(self._soft.state.positions)
-        whole = body_stiffness(self._exchange, self._soft, planes, tangents, touched, self._tick_s)
+        whole = body_stiffness(self._exchange.bodies, self._soft, planes, tangents, touched, self._tick_s)
         blocks = bounding_blocks(whole)
         turn = np.tile(np.eye(6), (len(touched), 1, 1))
         turn[:, :3, :3] = self._exchange.bodies.rotations(touched)

@@ -7,8 +7,8 @@ from typing import Protocol
 import numpy as np
 
 from cosim.base.frames import Array, IntArray
-from cosim.coupling.contact.contact_exchange import ContactExchange
 from cosim.coupling.contact.contact_motion import rigid_motions, spread
+from cosim.rigid.scene.bodies import Bodies
 from cosim.soft.contact.obstacle_contact import ContactPlanes
 from cosim.soft.solve.state import SoftState
 
@@ -31,7 +31,7 @@ class Yielding(Protocol):
 
 
 def body_stiffness(
-    exchange: ContactExchange,
+    scene: Bodies,
     soft: Yielding,
     planes: ContactPlanes,
     tangents: Array,
@@ -44,7 +44,7 @@ def body_stiffness(
     nodes, H is the tangent of the film's time step.
 
     Args:
-        exchange: contacts.
+        scene: its bodies.
         soft: soft side, after its step.
         planes: contacts with slack stick springs.
         tangents: K (k, 3, 3) [N/m], of all contacts.
@@ -54,14 +54,13 @@ def body_stiffness(
     Returns:
         For each body along world axes [N/m], then about its own axes [N m], about its origin.
     """
-    owner = exchange.query.body[exchange.shape]
-    mine = np.flatnonzero(np.isin(owner, bodies))
-    place = np.searchsorted(bodies, owner[mine])
+    mine = np.flatnonzero(np.isin(planes.body, bodies))
+    place = np.searchsorted(bodies, planes.body[mine])
     positions = soft.state.positions
     nodes, weights = planes.nodes[mine], planes.weights[mine]
     points = np.einsum("ka,kar->kr", weights, positions[nodes])
-    with_body = rigid_motions(points, exchange.bodies.origins(bodies)[place])
-    with_body[:, :, 3:] = with_body[:, :, 3:] @ exchange.bodies.rotations(bodies)[place]
+    with_body = rigid_motions(points, scene.origins(bodies)[place])
+    with_body[:, :, 3:] = with_body[:, :, 3:] @ scene.rotations(bodies)[place]
     moved = np.zeros((len(mine), 3, len(bodies), 6))  # the points with their body: G = [1, -S(arm) R]
     moved[np.arange(len(mine)), :, place] = with_body
     motion = moved.reshape(len(mine), 3, -1)

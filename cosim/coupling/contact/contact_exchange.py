@@ -9,57 +9,30 @@ the obstacle, and its normal force, which bounds the friction of the next tick.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated, final
+from typing import Annotated, Final, final
 
 import numpy as np
 
-from cosim.base.frames import Array, IntArray, cross
+from cosim.base.frames import Array, IntArray
 from cosim.base.state_check import check_indices
+from cosim.coupling.contact.contact_arrays import EndRows, MemoryRows, PlaneRows, ShapeRows, SurfaceRows, Ties
+from cosim.coupling.contact.contact_kernels import conclude, describe
+from cosim.coupling.contact.contact_memory import ContactMemory
 from cosim.coupling.contact.contact_report import NOTHING_TOUCHED, ContactReport
+from cosim.coupling.contact.film_neighbours import FilmNeighbours
 from cosim.errors import InputError
 from cosim.rigid.distance.contact_query import ContactQuery
-from cosim.rigid.distance.features import near_film
 from cosim.rigid.scene.bodies import Bodies
 from cosim.soft.contact.contact_law import ContactLaw
 from cosim.soft.contact.contact_points import ContactSurface, Extent
-from cosim.soft.contact.obstacle_contact import ContactForces, ContactPlanes
-from cosim.soft.elements.element import Sums
+from cosim.soft.contact.obstacle_contact import ContactPlanes
 from cosim.soft.solve.state import SoftState
 
 _REACH_M = 1e-3  # looked ahead besides what the film moves in a tick
 _STILL_REACH_M = 3e-3  # the same in statics, where nothing says how far the film will move
 _BEHIND_M = 5e-3  # how far behind the film a corner still counts as one that came through it
 _FEATURE_AREA_M2 = 5e-5  # each stands for: a corner must hold back the film around it by itself
-
-
-@final
-@dataclass(frozen=True)
-class ContactMemory:
-    """What contacts carry from one tick to the next.
-
-    Args:
-        key: (k,) ascending; names the pair of contact point and shape.
-        normal_force: (k,) [N].
-        offset: (k, 3) [m], shape frame: from where the shape carries the point to the anchor.
-        place: (k, 3) [m], world: for features, where they were; for points of the film, not used.
-    """
-
-    key: Annotated[IntArray, ("k",)]
-    normal_force: Annotated[Array, ("k",)]
-    offset: Annotated[Array, ("k", 3)]
-    place: Annotated[Array, ("k", 3)]
-
-    @classmethod
-    def empty(cls) -> ContactMemory:
-        """Return the memory of no contact."""
-        return cls(np.zeros(0, np.int64), np.zeros(0), np.zeros((0, 3)), np.zeros((0, 3)))
-
-    def look_up(self, key: IntArray) -> tuple[IntArray, IntArray]:
-        """Return (places in `key`, places in memory) of the pairs that are remembered."""
-        at = np.searchsorted(self.key, key)
-        inside = np.flatnonzero(at < len(self.key))
-        same = inside[self.key[at[inside]] == key[inside]]
-        return same, at[same]
+NOTHING_BORNE: Final = np.zeros(6)
 
 
 @final
@@ -78,7 +51,12 @@ class ContactState:
 
 @final
 class ContactExchange:
-    """Finds contacts, remembers them, and loads the bodies; `film_speed_m_s` is that before the step.
+    """Finds contacts, remembers them, and loads the bodies.
+
+    `film_speed_m_s` is that of the film before the step. After a step that touched anything, `film_load` (6,)
+    is force and torque of the film on all bodies about the world's origin, summed over its nodes (what
+    `settle` reports is summed over contact points), and `held_N_m` (bodies,) the trace of the stiffness of
+    the contacts with each body, stick springs slack.
 
     Args:
         query: distances to what can be touched.
@@ -92,13 +70,15 @@ class ContactExchange:
     ) -> None:
         self.query, self.bodies, self.surface = query, bodies, surface
         self.law = law or ContactLaw()
+        self._neighbours = FilmNeighbours(query, surface)
         self.memory = ContactMemory.empty()
         self.planes: ContactPlanes | None = None
         self.sticking: ContactPlanes | None = None
-        self.shape: IntArray = np.zeros(0, np.int64)
-        self._key: IntArray = np.zeros(0, np.int64)
-        self._carrier: Array = np.zeros((0, 3))
+        self._ties = Ties(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((0, 3)))
         self._points = 0
+        self._surface_rows = SurfaceRows(*(getattr(surface, name) for name in SurfaceRows._fields))
+        self._shape_rows = ShapeRows(*(getattr(query, name) for name in ShapeRows._fields))
+        self.film_load, self.held_N_m = NOTHING_BORNE, np.zeros(bodies.count)
         self.film_speed_m_s = 0.0
 
     def find(self, state: SoftState, tick_s: float) -> ContactPlanes | None:
@@ -132,61 +112,23 @@ class ContactExchange:
         return self._planes(positions, extent, _STILL_REACH_M, active) if len(active) else None
 
     def _planes(self, x: Array, extent: Extent, reach: float, active: IntArray) -> ContactPlanes | None:
-        surface, query = self.surface, self.query
-        points = surface.points(x)
-        hits = query.distances(points, reach, active)
-        chosen = query.features.of(active)
-        places = query.feature_positions(chosen)
-        around = ((places > extent.low - reach) & (places < extent.high + reach)).all(axis=1)
-        chosen, places = chosen[around], places[around]
-        film = near_film(places, x, surface.triangles, reach, _BEHIND_M)
-        if not len(hits) + len(film):
+        near = self._neighbours.find(x, extent, active, reach, _BEHIND_M)
+        count = near.count
+        if not count:
             return None
-        feature = chosen[film.point]
-        self.shape = np.concatenate([hits.shape, query.features.shape[feature]])
-        self._points = len(hits)
-        self._key = np.concatenate([hits.shape * len(surface) + hits.point, feature + self._first_feature])
-        nodes = np.concatenate([surface.nodes[hits.point], surface.triangles[film.triangle]])
-        weights = np.concatenate([surface.weights[hits.point], film.weight])
-        slots = np.concatenate([surface.slots[hits.point], surface.triangle_slots[film.triangle]])
-        normal = np.concatenate([hits.normal, -film.normal])
-        distance = np.concatenate([hits.distance, film.distance])
-        area = np.concatenate([surface.area[hits.point], np.full(len(film), _FEATURE_AREA_M2)])
-        touched = np.concatenate(
-            [points[hits.point], np.einsum("ka,kar->kr", film.weight, x[surface.triangles[film.triangle]])]
-        )
-        self._carrier = np.concatenate([query.position[hits.shape], places[film.point]])
-        anchor, normal_force = self._recall(touched)
-        return ContactPlanes(
-            nodes=nodes,
-            weights=weights,
-            slots=slots,
-            normal=normal,
-            offset=np.einsum("kr,kr->k", normal, touched) - distance,
-            stiffness=self.law.stiffness_N_m3 * area,
-            friction=query.friction[self.shape] * normal_force,
-            anchor=anchor,
-            law=self.law,
-            body=query.body[self.shape],
-        )
-
-    @property
-    def _first_feature(self) -> int:
-        return len(self.query) * len(self.surface)
-
-    def _recall(self, touched: Array) -> tuple[Array, Array]:
-        """Return anchors (k, 3) [m] and normal forces (k,) [N] of the last tick; new ones start afresh."""
-        memory, anchor, normal_force = self.memory, touched.copy(), np.zeros(len(touched))
-        here, there = memory.look_up(self._key)
-        if len(here):
-            turned = np.einsum("krs,ks->kr", self.query.rotation[self.shape[here]], memory.offset[there])
-            # the anchor of a point of the film rides on the shape; a feature has moved under the film,
-            # whose point there is another one than before: the stretch goes on from where it was
-            moved = self._carrier[here] - memory.place[there]
-            film = here < self._points
-            anchor[here] = turned + np.where(film[:, None], self._carrier[here], touched[here] + moved)
-            normal_force[here] = memory.normal_force[there]
-        return anchor, normal_force
+        memory, stiffness, surface = self.memory, self.law.stiffness_N_m3, self._surface_rows
+        planes = PlaneRows(
+            np.empty((count, 3), np.int64), np.empty((count, 3)), np.empty((count, 6), np.int64),
+            np.empty((count, 3)), np.empty(count), np.empty(count), np.empty(count), np.empty((count, 3)),
+            np.empty(count, np.int64),
+        )  # fmt: skip
+        self._ties = Ties(np.empty(count, np.int64), np.empty(count, np.int64), np.empty((count, 3)))
+        self._points = len(near.rows.point)
+        described = planes, self._ties
+        before = MemoryRows(memory.key, memory.normal_force, memory.offset, memory.place)
+        areas = stiffness, stiffness * _FEATURE_AREA_M2
+        describe(x, near.places, near.rows, surface, self._shape_rows, before, *areas, *described)
+        return ContactPlanes(*planes[:-1], law=self.law, body=planes.body)
 
     def settle(self, positions: Array) -> ContactReport:
         """Take in the end of the soft step: remember the contacts and load the bodies.
@@ -195,37 +137,44 @@ class ContactExchange:
             positions: (n, 3) [m], of the nodes at the end of the step.
         """
         if self.planes is None:
-            self.sticking = None
+            self.sticking, self.film_load = None, NOTHING_BORNE
             report = NOTHING_TOUCHED
         else:
-            found = self.planes.at(positions)
-            self.sticking = self.planes.sticking(found, self.query.friction[self.shape])
-            self._remember(self.planes, found)
-            report = ContactReport.of(self.planes, found)
+            report = self._conclude(self.planes, positions)
         self.bodies.apply(report.bodies, report.force, report.torque)
         return report
 
-    def film_load(self, positions: Array) -> Array:
-        """Return the force and torque (6,) of the film on all bodies, summed over its nodes (n, 3) [m].
-
-        About the world's origin. What `settle` reports is summed over contact points instead.
-        """
-        gradient = np.zeros_like(positions)
-        if self.planes is not None:
-            self.planes.add(positions, Sums(gradient), hessian=False)
-        return np.concatenate([gradient.sum(axis=0), cross(positions, gradient).sum(axis=0)])
+    def _conclude(self, planes: ContactPlanes, positions: Array) -> ContactReport:
+        count, bodies, law = len(planes), self.bodies.count, self.law
+        end = EndRows(
+            np.empty((count, 3)), np.empty(count), np.zeros((bodies, 6)), np.zeros(bodies, np.int64),
+            np.zeros(bodies), np.zeros(6), np.empty(2),
+        )  # fmt: skip
+        rows = PlaneRows(*(getattr(planes, name) for name in PlaneRows._fields))
+        kept = MemoryRows(
+            np.empty(count, np.int64), np.empty(count), np.empty((count, 3)), np.empty((count, 3))
+        )
+        pressing = conclude(
+            positions, rows, self._ties, self._points, self._shape_rows, law.smoothing_m, law.stick_m, kept,
+            end,
+        )  # fmt: skip
+        self.memory = ContactMemory(
+            kept.key[:pressing], kept.normal_force[:pressing], kept.offset[:pressing], kept.place[:pressing]
+        )
+        self.sticking = planes.sticking(end.point, end.slack_friction)
+        self.held_N_m, self.film_load = end.held, end.film
+        acting = np.flatnonzero(end.acting)
+        force, torque = end.loads[acting, :3], end.loads[acting, 3:]
+        return ContactReport(acting, force, torque, pressing, *end.figures.tolist())
 
     def save_state(self) -> ContactState:
         """Return what the next tick depends on; nothing is copied, no array is written to in place."""
-        return ContactState(
-            self.memory, self.planes, self.sticking, self.shape, self._key, self._carrier, self._points
-        )
+        return ContactState(self.memory, self.planes, self.sticking, *self._ties, self._points)
 
     def restore_state(self, state: ContactState) -> None:
         """Return to a state of `save_state`; the scene has been restored before."""
         self.memory, self.planes, self.sticking = state.memory, state.planes, state.sticking
-        self.shape, self._key = state.shape, state.key
-        self._carrier, self._points = state.carrier, state.points
+        self._ties, self._points = Ties(state.shape, state.key, state.carrier), state.points
         self.query.update()
 
     def check_state(self, state: ContactState) -> None:
@@ -241,13 +190,3 @@ class ContactExchange:
             if len(planes) != len(state.shape) or not 0 <= state.points <= len(planes):
                 raise InputError(f"the saved contacts are {len(planes)}, of {len(state.shape)} shapes")
             self.surface.check_planes(planes)
-
-    def _remember(self, planes: ContactPlanes, found: ContactForces) -> None:
-        film = np.arange(len(planes)) < self._points
-        anchor = planes.dragged_anchor(found)
-        offset = anchor - np.where(film[:, None], self._carrier, found.point)
-        local = np.einsum("ksr,ks->kr", self.query.rotation[self.shape], offset)
-        kept = found.normal_force > 0.0
-        self.memory = ContactMemory(
-            self._key[kept], found.normal_force[kept], local[kept], self._carrier[kept]
-        )

@@ -167,7 +167,7 @@ class Interface:
         if self.contact is not None:
             self.touched = self.contact.settle(soft.state.positions)
         if self.contact is not None and self.contact.planes is not None:
-            film_load = six_numbers(self.contact.film_load(soft.state.positions))
+            film_load = six_numbers(self.contact.film_load)
         self.handed = TransferredLoads.of(
             reply.wrench, flange.translation, film_load, self.touched.normal_force_N
         )

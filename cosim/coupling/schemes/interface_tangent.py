@@ -36,7 +36,7 @@ def contact_tangent(
     planes, x = exchange.planes, soft.state.positions
     if planes is None:
         return None
-    owner = exchange.query.body[exchange.shape]
+    owner = planes.body
     stiffness = planes.stiffnesses(x)
     mine = np.flatnonzero(np.isin(owner, bodies) & (np.abs(stiffness).max(axis=(1, 2), initial=0.0) > 0.0))
     if not len(mine):

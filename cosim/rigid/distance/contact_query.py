@@ -19,7 +19,7 @@ from cosim.errors import InputError
 from cosim.rigid.build.object_bodies import hollow
 from cosim.rigid.distance.features import FeaturePoints, feature_points
 from cosim.rigid.distance.mesh_distance import surface_distance
-from cosim.rigid.distance.signed_distance import Hits, ShapeKind, Shapes, near_box, near_points
+from cosim.rigid.distance.signed_distance import Hits, PointLists, ShapeKind, Shapes, near_box, near_points
 
 _GRID_CELLS = 40  # along the longest edge of a distance grid
 _GRID_RIM_CELLS = 3  # cells of a distance grid around its surface
@@ -64,23 +64,35 @@ class ContactQuery:
         """Return the shapes that may come within `reach_m` of the box low (3,) .. high (3,) [m], world."""
         return near_box(self.shapes, self.position, self.rotation, low, high, reach_m)
 
-    def distances(self, points: Array, reach_m: float, active: IntArray | None = None) -> Hits:
+    def distances(
+        self,
+        points: Array,
+        reach_m: float,
+        active: IntArray | None = None,
+        lists: PointLists | None = None,
+    ) -> Hits:
         """Return the pairs of a point and a shape nearer than a bound.
 
         Args:
             points: (n, 3) [m], world.
             reach_m: bound on the signed distance [m].
             active: shapes asked for, from `near`; all unless given.
+            lists: points asked for of each; all unless given.
         """
         asked = np.arange(len(self), dtype=np.int64) if active is None else active
         x = np.ascontiguousarray(points)
-        return near_points(self.shapes, self.position, self.rotation, x, reach_m, asked)
+        return near_points(self.shapes, self.position, self.rotation, x, reach_m, asked, lists)
+
+    def points_around(self, points: Array, reach_m: float, active: IntArray) -> PointLists:
+        """Return, for each active shape, all points that `distances` can find within a bound, and others.
+
+        Arguments as of `distances`.
+        """
+        return PointLists.around(self.shapes, self.position, self.rotation, points, reach_m, active)
 
     def feature_positions(self, chosen: IntArray) -> Array:
         """Return where chosen feature points (k,) are (k, 3) [m], world."""
-        owner = self.features.shape[chosen]
-        turned = np.einsum("krs,ks->kr", self.rotation[owner], self.features.position[chosen])
-        return np.asarray(self.position[owner] + turned)
+        return self.features.carried(self.position, self.rotation, chosen)
 
 
 def shapes_of(model: mujoco.MjModel, geoms: IntArray) -> Shapes:

@@ -11,6 +11,7 @@ import numpy as np
 from cosim.base.frames import Array, IntArray
 from cosim.base.kernels import (
     BLOCKS,
+    BOOLEAN,
     INDEX_TABLE,
     INDICES,
     INTEGER,
@@ -94,25 +95,31 @@ def _distance(kind, p, size, reach, planes, corners, values, table, origin, spac
 
 @kernel(
     INTEGER(
-        MATRIX, REAL, INDICES, MATRIX, BLOCKS, INDICES, MATRIX, MATRIX, MATRIX, INDEX_TABLE, MATRIX, BLOCKS,
-        INDEX_TABLE, MATRIX, MATRIX, VECTOR, INDICES, INDICES, MATRIX,
+        MATRIX, REAL, BOOLEAN, INDICES, INDEX_TABLE, INDICES, MATRIX, BLOCKS, INDICES, MATRIX, MATRIX, MATRIX,
+        INDEX_TABLE, MATRIX, BLOCKS, INDEX_TABLE, MATRIX, MATRIX, VECTOR, INDICES, INDICES, MATRIX,
     )
 )  # fmt: skip
 def _near_points(  # type: ignore[no-untyped-def]
-    points, reach, active, position, rotation, kind, size, center, half, faces, planes, corners, table,
-    origin, spacing, values, out_point, out_shape, out,
+    points, reach, boxes, active, spans, listed, position, rotation, kind, size, center, half, faces, planes,
+    corners, table, origin, spacing, values, out_point, out_shape, out,
 ):  # fmt: skip
-    """Fill the pairs nearer than `reach`: indices, distance and world normal; return how many."""
+    """Fill the pairs nearer than `reach`: indices, distance and world normal; return how many.
+
+    Asked for are active[a] with each of listed[spans[a, 0]] .. listed[spans[a, 1] - 1]. With `boxes` a point
+    that is nearer than that to the bounding box of a grid counts as well.
+    """
     count = 0
     p, normal, weight, bound = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
-    for g in active:
+    for a in range(active.shape[0]):
+        g = active[a]
         first, last = faces[g, 0], faces[g, 1]
         turn, place, extent = rotation[g], position[g], size[g]
         own_planes, own_corners = planes[first:last], corners[first:last]
         own_table, own_origin, own_spacing = table[g], origin[g], spacing[g]
         for r in range(3):
             bound[r] = half[g, r] + reach
-        for n in range(points.shape[0]):
+        for k in range(spans[a, 0], spans[a, 1]):
+            n = listed[k]
             dx, dy, dz = points[n, 0] - place[0], points[n, 1] - place[1], points[n, 2] - place[2]
             outside = False
             for r in range(3):
@@ -126,7 +133,7 @@ def _near_points(  # type: ignore[no-untyped-def]
                 kind[g], p, extent, reach, own_planes, own_corners, values, own_table, own_origin,
                 own_spacing, weight, normal,
             )  # fmt: skip
-            if distance < reach:
+            if distance < reach or (boxes and kind[g] == 8):
                 out_point[count], out_shape[count], out[count, 0] = n, g, distance
                 for r in range(3):
                     out[count, 1 + r] = (
@@ -183,8 +190,47 @@ class Hits:
         return len(self.point)
 
 
+@final
+@dataclass(frozen=True)
+class PointLists:
+    """Points asked for, shape by shape: listed[spans[a, 0]] .. listed[spans[a, 1] - 1] of the a-th one.
+
+    Args:
+        spans: (a, 2).
+        listed: (k,) indices of points.
+    """
+
+    spans: IntArray
+    listed: IntArray
+
+    @classmethod
+    def whole(cls, points: int, shapes: int) -> PointLists:
+        """Return all points for each of the shapes."""
+        return cls(np.tile([0, points], (shapes, 1)), np.arange(points))
+
+    @classmethod
+    def around(
+        cls, shapes: Shapes, position: Array, rotation: Array, points: Array, reach_m: float, active: IntArray
+    ) -> PointLists:
+        """Return, for each active shape, all points that come within `reach_m` of it, and some others.
+
+        Arguments as of `near_points`.
+        """
+        lists = cls.whole(len(points), len(active))
+        # what a grid says of points that are not close to its surface is no bound on their distance
+        hits = _near(shapes, position, rotation, points, reach_m, active, lists, boxes=True)
+        ends = np.cumsum(np.bincount(hits.shape, minlength=len(shapes.kind))[active])
+        return cls(np.column_stack([ends - np.diff(ends, prepend=0), ends]), hits.point.copy())
+
+
 def near_points(
-    shapes: Shapes, position: Array, rotation: Array, points: Array, reach_m: float, active: IntArray
+    shapes: Shapes,
+    position: Array,
+    rotation: Array,
+    points: Array,
+    reach_m: float,
+    active: IntArray,
+    lists: PointLists | None = None,
 ) -> Hits:
     """Return every pair of a point and an active shape with a signed distance below `reach_m`.
 
@@ -195,16 +241,34 @@ def near_points(
         points: (n, 3) [m], world, C-contiguous.
         reach_m: bound [m].
         active: (a,) shapes asked for.
+        lists: points asked for of each; all unless given.
     """
-    room = len(points) * len(active)
+    if lists is None:
+        lists = PointLists.whole(len(points), len(active))
+    return _near(shapes, position, rotation, points, reach_m, active, lists)
+
+
+def _near(
+    s: Shapes,
+    position: Array,
+    rotation: Array,
+    points: Array,
+    reach_m: float,
+    active: IntArray,
+    lists: PointLists,
+    *,
+    boxes: bool = False,
+) -> Hits:
+    room = int((lists.spans[:, 1] - lists.spans[:, 0]).sum())
     point, shape = np.empty(room, np.int64), np.empty(room, np.int64)
     out = np.empty((room, 4))
-    s = shapes
     count = _near_points(
-        points, reach_m, active, position, rotation, s.kind, s.size, s.center, s.half, s.faces, s.planes,
-        s.corners, s.table, s.origin, s.spacing, s.values, point, shape, out,
+        points, reach_m, boxes, active, lists.spans, lists.listed, position, rotation, s.kind, s.size,
+        s.center, s.half, s.faces, s.planes, s.corners, s.table, s.origin, s.spacing, s.values, point, shape,
+        out,
     )  # fmt: skip
-    return Hits(point[:count], shape[:count], out[:count, 0], np.ascontiguousarray(out[:count, 1:]))
+    distance, normal = out[:count, 0].copy(), out[:count, 1:].copy()
+    return Hits(point[:count], shape[:count], distance, normal)
 
 
 def near_box(

@@ -34,6 +34,11 @@ class Bodies:
         self._own_armature = model.dof_armature[self._dofs].copy()
         self.carried = AddedInertia(model, data, arm)
 
+    @property
+    def count(self) -> int:
+        """How many bodies the scene has, the world counted."""
+        return int(self._model.nbody)
+
     def names(self, bodies: IntArray) -> tuple[str, ...]:
         """Return the names of bodies (b,)."""
         return tuple(self._model.body(int(body)).name for body in bodies)
@@ -84,7 +89,7 @@ class Bodies:
         applied[self.loaded] = 0.0
         # MuJoCo takes torques about the centre of mass
         applied[bodies, :3] = force
-        applied[bodies, 3:] = torque - np.cross(self._data.xipos[bodies], force)
+        applied[bodies, 3:] = torque - cross(self._data.xipos[bodies], force)
         self.loaded = np.array(bodies)
 
     def received(self, bodies: IntArray) -> Array:

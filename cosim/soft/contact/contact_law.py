@@ -70,6 +70,20 @@ def dragging_law(length, stick):  # type: ignore[no-untyped-def]
 
 
 @device_function
+def shorten(u, n, stick):  # type: ignore[no-untyped-def]
+    """Leave of the stretch of a stick spring what a step leaves: its part across n, at most `stick` long."""
+    along, square = 0.0, 0.0
+    for r in range(3):
+        along += n[r] * u[r]
+    for r in range(3):
+        u[r] -= along * n[r]
+        square += u[r] * u[r]
+    kept = min(1.0, stick / max(np.sqrt(square), 1e-300))
+    for r in range(3):
+        u[r] *= kept
+
+
+@device_function
 def touch(point, n, offset, stiffness, friction, anchor, width, stick, own, tangent):  # type: ignore[no-untyped-def]
     """Fill gradient (3,) and tangent (3, 3) of a contact by its point; return energy and normal force."""
     u = np.empty(3)

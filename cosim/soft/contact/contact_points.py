@@ -13,7 +13,7 @@ from typing import final
 import numpy as np
 
 from cosim.base.frames import Array, IntArray
-from cosim.base.kernels import INDEX_TABLE, MATRIX, VECTOR, kernel
+from cosim.base.kernels import INDEX_TABLE, INDICES, MATRIX, VECTOR, kernel
 from cosim.base.state_check import check_indices
 from cosim.errors import InputError
 from cosim.soft.body.body import SoftBody
@@ -24,10 +24,10 @@ from cosim.soft.linear.pattern import BlockPattern
 _CORNER, _MIDPOINT, _CENTROID = 1.0 / 20.0, 2.0 / 15.0, 9.0 / 20.0
 
 
-@kernel((MATRIX, INDEX_TABLE, MATRIX, MATRIX))
-def _combine(x: Array, nodes: IntArray, weights: Array, out: Array) -> None:
-    """Fill out[k] = sum_a weights[k, a] x[nodes[k, a]]."""
-    for k in range(nodes.shape[0]):
+@kernel((MATRIX, INDEX_TABLE, MATRIX, INDICES, MATRIX))
+def _combine(x: Array, nodes: IntArray, weights: Array, chosen: IntArray, out: Array) -> None:
+    """Fill out[k] = sum_a weights[k, a] x[nodes[k, a]] for chosen k."""
+    for k in chosen:
         for r in range(3):
             out[k, r] = (
                 weights[k, 0] * x[nodes[k, 0], r]
@@ -144,8 +144,12 @@ class ContactSurface:
     def points(self, positions: Array) -> Array:
         """Return the contact points (p, 3) [m] at node positions (n, 3) [m]."""
         out = np.empty((len(self), 3))
-        _combine(positions, self.nodes, self.weights, out)
+        self.fill_points(positions, np.arange(len(self)), out)
         return out
+
+    def fill_points(self, positions: Array, chosen: IntArray, out: Array) -> None:
+        """Fill chosen ones (k,) of the contact points (p, 3) [m] at node positions (n, 3) [m]."""
+        _combine(positions, self.nodes, self.weights, chosen, out)
 
 
 def _pair(slots: IntArray) -> IntArray:

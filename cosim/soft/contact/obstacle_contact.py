@@ -110,14 +110,14 @@ class ContactPlanes:
         distance = np.einsum("kr,kr->k", self.normal, point) - self.offset
         return ContactForces(point, -gradient, pressing, distance)
 
-    def sticking(self, found: ContactForces, coefficient: Array) -> ContactPlanes:
+    def sticking(self, points: Array, friction: Array) -> ContactPlanes:
         """Return the contacts as they answer a small motion from rest: stick springs slack, friction present.
 
         Args:
-            found: the contact points at the end of the step.
-            coefficient: (k,) of friction.
+            points: (k, 3) [m], where the contact points are.
+            friction: (k,) [N], largest friction force.
         """
-        return replace(self, anchor=found.point, friction=coefficient * found.normal_force)
+        return replace(self, anchor=points, friction=friction)
 
     def tangents(self, positions: Array) -> Array:
         """Return the stiffness (k, 3, 3) [N/m] of each contact while its stick spring is slack.
@@ -155,18 +155,6 @@ class ContactPlanes:
             + across[:, None, None] * np.eye(3)
             + (along - across)[:, None, None] * slip
         )
-
-    def dragged_anchor(self, found: ContactForces) -> Array:
-        """Return where the anchors (k, 3) [m] are after a step: at most `stick` behind their points.
-
-        Args:
-            found: the contact points at the end of the step.
-        """
-        u = found.point - self.anchor
-        u -= np.einsum("kr,kr->k", self.normal, u)[:, None] * self.normal
-        length = np.linalg.norm(u, axis=1)
-        kept = np.minimum(1.0, self.law.stick_m / np.maximum(length, 1e-300))
-        return np.asarray(found.point - kept[:, None] * u)
 
     def _evaluate(
         self, positions: Array, force: Array, blocks: Array, slots: IntArray

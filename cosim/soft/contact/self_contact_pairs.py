@@ -29,7 +29,7 @@ import numpy as np
 
 from cosim.base.frames import Array, IntArray, Mask
 from cosim.base.kernels import BLOCKS, INDEX_TABLE, MATRIX, REAL, VECTOR, add_block, device_function, kernel
-from cosim.soft.contact.contact_law import ContactLaw, dragging_law, pressing_law
+from cosim.soft.contact.contact_law import ContactLaw, dragging_law, pressing_law, shorten
 from cosim.soft.contact.self_contact_memory import FilmMemory
 from cosim.soft.elements.element import Sums
 from cosim.soft.linear.pattern import CoupledPattern, PatternWidening
@@ -173,17 +173,10 @@ def feet(positions: Array, nodes: IntArray, weights: Array) -> tuple[Array, Arra
 def _drag(x, nodes, weights, held, normal, stick, stretch):  # type: ignore[no-untyped-def]
     """Bring the stretch of the stick springs from before a step to its end: at most `stick`, in the plane."""
     for e in range(nodes.shape[0]):
-        along, square = 0.0, 0.0
         for r in range(3):
             for a in range(3):
                 stretch[e, r] += weights[e, a] * x[nodes[e, a], r] - held[e, a] * x[nodes[e, 3 + a], r]
-            along += normal[e, r] * stretch[e, r]
-        for r in range(3):
-            stretch[e, r] -= along * normal[e, r]
-            square += stretch[e, r] ** 2
-        kept = min(1.0, stick / max(np.sqrt(square), 1e-300))
-        for r in range(3):
-            stretch[e, r] *= kept
+        shorten(stretch[e], normal[e], stick)
 
 
 @final

@@ -1,0 +1,217 @@
+"""The film triangle nearest to a point, such as a corner of an obstacle, and on which side of it that is."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+
+from cosim.base.frames import Array, IntArray
+from cosim.base.kernels import (
+    INDEX_TABLE,
+    INDICES,
+    INTEGER,
+    MATRIX,
+    REAL,
+    VECTOR,
+    device_function,
+    kernel,
+)
+from cosim.rigid.distance.mesh_distance import closest_on_triangle
+
+_RUN = 32  # triangles that are passed over together: neighbours mostly follow one another
+_TIE = 1e-9  # relative difference of squared distances within which two triangles share the nearest point
+
+
+@device_function
+def _square_to_box(p, low, high):  # type: ignore[no-untyped-def]
+    """Return the squared distance of a point from a box."""
+    square = 0.0
+    for r in range(3):
+        beyond = max(low[r] - p[r], p[r] - high[r], 0.0)
+        square += beyond * beyond
+    return square
+
+
+@device_function
+def _gap(p, a, b, c):  # type: ignore[no-untyped-def]
+    """Return by how much a point is outside of the box of three others, along the axis where it is most."""
+    most = -np.inf
+    for r in range(3):
+        most = max(most, min(a[r], b[r], c[r]) - p[r], p[r] - max(a[r], b[r], c[r]))
+    return most
+
+
+@kernel(INTEGER(MATRIX, MATRIX, INDEX_TABLE, REAL, INDICES, INDICES))
+def _triangles_around(points, x, triangles, room, first, listed):  # type: ignore[no-untyped-def]
+    """Fill the triangles whose boxes come within `room` of each point, ascending; return how many there are.
+
+    Those of point n are listed[first[n]] .. listed[first[n + 1] - 1]; none are written beyond the end.
+    """
+    runs = -(-triangles.shape[0] // _RUN)
+    low, high = np.empty((triangles.shape[0], 3)), np.empty((triangles.shape[0], 3))
+    lowest, highest = np.full((runs, 3), np.inf), np.full((runs, 3), -np.inf)
+    for t in range(triangles.shape[0]):
+        for r in range(3):
+            a, b, c = x[triangles[t, 0], r], x[triangles[t, 1], r], x[triangles[t, 2], r]
+            low[t, r], high[t, r] = min(a, b, c), max(a, b, c)
+            lowest[t // _RUN, r] = min(lowest[t // _RUN, r], low[t, r])
+            highest[t // _RUN, r] = max(highest[t // _RUN, r], high[t, r])
+    total = 0
+    for n in range(points.shape[0]):
+        first[n] = total
+        for run in range(runs):
+            if _square_to_box(points[n], lowest[run], highest[run]) > room * room:
+                continue
+            for t in range(_RUN * run, min(_RUN * (run + 1), triangles.shape[0])):
+                if _square_to_box(points[n], low[t], high[t]) > room * room:
+                    continue
+                if total < listed.shape[0]:
+                    listed[total] = t
+                total += 1
+    first[points.shape[0]] = total
+    return total
+
+
+@kernel(
+    INTEGER(
+        MATRIX, VECTOR, VECTOR, MATRIX, INDEX_TABLE, INDICES, INDICES, REAL, REAL, INDICES, INDICES, MATRIX,
+        MATRIX,
+    )
+)  # fmt: skip
+def _film_near(  # type: ignore[no-untyped-def]
+    points, least, most, x, triangles, first, listed, reach, depth, out_point, out_triangle, out_weight, out
+):
+    """Fill each point's nearest triangle if the signed distance is in -depth .. reach; return how many.
+
+    Of points outside of least .. most there is none.
+    """
+    weight, kept, offset, face = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
+    furthest = max(reach, depth)
+    count = 0
+    for n in range(points.shape[0]):
+        p = points[n]
+        if _square_to_box(p, least, most) > 0.0:
+            continue
+        best, nearest, lean, sign = furthest * furthest, -1, 0.0, 1.0
+        bound = furthest * (1.0 + _TIE)
+        for entry in range(first[n], first[n + 1]):
+            t = listed[entry]
+            a, b, c = x[triangles[t, 0]], x[triangles[t, 1]], x[triangles[t, 2]]
+            if _gap(p, a, b, c) > bound:
+                continue
+            closest_on_triangle(p, a, b, c, weight)
+            square, height, area = 0.0, 0.0, 0.0
+            for r in range(3):
+                s, q = (r + 1) % 3, (r + 2) % 3
+                d = p[r] - weight[0] * a[r] - weight[1] * b[r] - weight[2] * c[r]
+                m = (b[s] - a[s]) * (c[q] - a[q]) - (b[q] - a[q]) * (c[s] - a[s])
+                square += d * d
+                height += d * m
+                area += m * m
+            height /= max(np.sqrt(area), 1e-300)
+            # where triangles share the nearest point, the one that p lies most squarely over tells the side
+            closer = square < best * (1.0 - _TIE)
+            if closer or (square <= best * (1.0 + _TIE) and abs(height) > lean):
+                nearest, lean, sign = t, abs(height), 1.0 if height >= 0.0 else -1.0
+                best = min(best, square)
+                bound = np.sqrt(best) * (1.0 + _TIE)
+                for r in range(3):
+                    s, q = (r + 1) % 3, (r + 2) % 3
+                    kept[r] = weight[r]
+                    offset[r] = p[r] - weight[0] * a[r] - weight[1] * b[r] - weight[2] * c[r]
+                    face[r] = (b[s] - a[s]) * (c[q] - a[q]) - (b[q] - a[q]) * (c[s] - a[s])
+        if nearest < 0:
+            continue
+        distance = np.sqrt(best)
+        if (sign > 0.0 and distance > reach) or (sign < 0.0 and distance > depth):
+            continue
+        size = np.sqrt(face[0] ** 2 + face[1] ** 2 + face[2] ** 2)
+        out_point[count], out_triangle[count] = n, nearest
+        out[count, 0] = sign * distance
+        for r in range(3):
+            out_weight[count, r] = kept[r]
+            out[count, 1 + r] = sign * offset[r] / distance if distance > 1e-8 else face[r] / size
+        count += 1
+    return count
+
+
+@final
+@dataclass(frozen=True)
+class SceneHits:
+    """Pairs of a feature point and the film triangle nearest to it.
+
+    Args:
+        point: (k,) index of the feature point.
+        triangle: (k,) index of the triangle.
+        weight: (k, 3) barycentric weights of the nearest point on it.
+        distance: (k,) [m], negative where the point is behind the film.
+        normal: (k, 3), unit, out of the film there.
+    """
+
+    point: IntArray
+    triangle: IntArray
+    weight: Array
+    distance: Array
+    normal: Array
+
+    def __len__(self) -> int:
+        return len(self.point)
+
+
+@final
+@dataclass(frozen=True)
+class TriangleLists:
+    """Triangles that may be near points: listed[first[n]] .. listed[first[n + 1] - 1] of the n-th one.
+
+    Args:
+        first: (k + 1,).
+        listed: (at least first[k],) indices of triangles, ascending for each point.
+    """
+
+    first: IntArray
+    listed: IntArray
+
+    @classmethod
+    def around(cls, points: Array, positions: Array, triangles: IntArray, room_m: float) -> TriangleLists:
+        """Return all that come within `room_m` of the points (k, 3) [m], and some others."""
+        first, listed = np.empty(len(points) + 1, np.int64), np.empty(16 * len(points), np.int64)
+        while True:
+            count = _triangles_around(points, positions, triangles, room_m, first, listed)
+            if count <= len(listed):
+                return cls(first, listed)
+            listed = np.empty(count, np.int64)
+
+
+def near_film(
+    points: Array,
+    positions: Array,
+    triangles: IntArray,
+    reach_m: float,
+    depth_m: float,
+    lists: TriangleLists | None = None,
+    within: tuple[Array, Array] = (np.full(3, -np.inf), np.full(3, np.inf)),
+) -> SceneHits:
+    """Return for each point the film triangle nearest to it, where it is near enough.
+
+    Args:
+        points: (k, 3) [m], world.
+        positions: (n, 3) [m], of the film's nodes, world.
+        triangles: (m, 3), outward orientation.
+        reach_m: bound on the distance in front of the film.
+        depth_m: bound on the distance behind it.
+        lists: of the triangles that may be near; found unless given.
+        within: lowest and highest corner [m] of the box outside of which no point counts.
+    """
+    if lists is None:
+        lists = TriangleLists.around(points, positions, triangles, max(reach_m, depth_m))
+    room = len(points)
+    point, triangle = np.empty(room, np.int64), np.empty(room, np.int64)
+    weight, out = np.empty((room, 3)), np.empty((room, 4))
+    count = _film_near(
+        np.ascontiguousarray(points), *within, positions, triangles, lists.first, lists.listed, reach_m,
+        depth_m, point, triangle, weight, out,
+    )  # fmt: skip
+    distance, normal = out[:count, 0].copy(), out[:count, 1:].copy()
+    return SceneHits(point[:count], triangle[:count], weight[:count], distance, normal)

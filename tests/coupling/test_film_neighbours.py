@@ -1,0 +1,67 @@
+"""Lists of what is near: what they give while they serve is what a whole search gives."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from cosim.base.frames import Pose, rotation_from_vector
+from cosim.build.arms import find_arm
+from cosim.coupling.contact.film_neighbours import FilmNeighbours
+from cosim.rigid.build.description import SceneDescription, SceneObject
+from cosim.rigid.distance.film_distance import near_film
+from cosim.rigid.scene.scene import RigidScene
+from cosim.soft.body.body import SoftBody
+from cosim.soft.contact.contact_points import ContactSurface, Extent
+from cosim.soft.elements.material import Film
+from cosim.soft.solve.assembly import SoftSystem
+from tests.soft.bodies import icosphere
+
+REACH_M, BEHIND_M, RADIUS_M = 1.5e-3, 5e-3, 0.03
+OBJECTS = (
+    SceneObject("box", "box", (0.04, 0.05, 0.03), (0.0, 0.0, 0.52)),
+    SceneObject("tin", "cylinder", (0.02, 0.05), (0.05, 0.0, 0.52)),
+    SceneObject("ball", "sphere", (0.02,), (0.0, 0.06, 0.52)),
+)
+
+
+def film() -> SoftBody:
+    x, triangles = icosphere(3, RADIUS_M)
+    return SoftBody.from_arrays(x, triangles, Film(1e8, 0.3, 1e-4), node_mass=1e-4)
+
+
+@pytest.mark.parametrize("step_m", [2e-4, 1.5e-3])
+def test_what_lists_find_is_what_a_whole_search_finds(step_m: float) -> None:
+    body = film()
+    surface = ContactSurface.of(body, SoftSystem(body).pattern)
+    scene = RigidScene(SceneDescription(find_arm("ur5e"), objects=OBJECTS))
+    query = scene.contact_query()
+    neighbours, rng, start = FilmNeighbours(query, surface), np.random.default_rng(0), query.position.copy()
+    made: list[object] = [None]
+    counts = np.zeros(2)
+    for step in range(60):
+        # the ball of film rolls over the objects while they are carried along and shaken
+        turn = rotation_from_vector(np.array([0.0, 0.3 * step * step_m / RADIUS_M, 0.0]))
+        carried = np.array([0.02 * step, 0.0, 0.0])
+        query.position[:] = start + carried + 0.5 * step_m * rng.normal(size=start.shape)
+        at = carried + np.array([0.7 * step_m * step - 0.02, 0.01, 0.555 + 0.2 * RADIUS_M])
+        x = np.ascontiguousarray(Pose(turn, at).apply(body.positions))
+        extent = Extent.of(x, np.zeros_like(x))
+        active = query.near(extent.low, extent.high, REACH_M)
+        if not len(active):
+            continue
+        rows = neighbours.find(x, extent, active, REACH_M, BEHIND_M).rows
+        hits = query.distances(surface.points(x), REACH_M, active)
+        for found, wanted in zip(rows[:4], (hits.point, hits.shape, hits.distance, hits.normal), strict=True):
+            np.testing.assert_array_equal(found, wanted)
+        chosen = query.features.of(active)
+        places = query.feature_positions(chosen)
+        within = extent.low - REACH_M, extent.high + REACH_M
+        seen = near_film(places, x, surface.triangles, REACH_M, BEHIND_M, within=within)
+        np.testing.assert_array_equal(rows.feature, chosen[seen.point])
+        np.testing.assert_array_equal(rows.triangle, seen.triangle)
+        np.testing.assert_array_equal(rows.film_distance, seen.distance)
+        made += [] if neighbours._lists is made[-1] else [neighbours._lists]
+        counts += len(rows.point), len(rows.feature)
+    assert (counts > 300).all()
+    assert 2 < len(made) < 40
