@@ -1,10 +1,11 @@
 """How far stacks of units extend with printed stiffeners of given sections, mesh by mesh.
 
-    python benchmarks/stiffener_study.py [--json FILE] [--levels 2] [SECTION ...]
+    python benchmarks/stiffener_study.py [--json FILE] [--levels 2] [--tilt] [SECTION ...]
 
 A section is width x height in mm, such as 2x4; "none" is bare film. Specimens as in the mesh study (open
 ends, kept upright), film with the wrinkling law, stiffeners of 2 GPa. At the end of each row: the largest
-strain of the stiffeners' fibres.
+strain of the stiffeners' fibres. With --tilt instead: the moment over the angle by which the upper ring of
+one square unit is turned at its place.
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 import numpy as np
 
 from benchmarks.measure.stability import negative_pivots
+from cosim.base.frames import Pose, rotation_from_vector
 from cosim.errors import ConvergenceError
 from cosim.soft.beams.beam_rings import BeamRings
 from cosim.soft.beams.rectangular_section import RectangularSection
@@ -30,7 +32,12 @@ from cosim.soft.beams.strength import stiffener_strain
 from cosim.soft.body.body import SoftBody
 from cosim.soft.elements.material import Film
 from cosim.soft.geometry.polygonal_stack import PolygonalStack
+from cosim.soft.solve.assembly import SoftSystem
 from cosim.soft.solve.compilation import compile_kernels
+from cosim.soft.solve.equilibrium import EquilibriumSolver
+from cosim.soft.solve.newton import NewtonSolver
+from cosim.soft.solve.newton_options import NewtonOptions
+from cosim.soft.solve.state import Clamp
 from cosim.verification.support.finite_elements import squares
 from cosim.verification.support.open_specimen import OpenSpecimen, film_stack
 
@@ -43,6 +50,7 @@ SPECIMENS = {
 }
 SECTIONS = ("none", "1x1", "1.5x1.5", "2x2", "2.2x2.2", "3x3", "4x4", "1x4", "1.8x4", "3x4")
 MODULUS_Pa = 2e9
+_TILT_RAD = 4e-3
 
 
 def specimen(stack: PolygonalStack, level: int, section: str) -> SoftBody:
@@ -75,6 +83,34 @@ def study(name: str, level: int, section: str) -> dict[str, Any]:
     return row | {"iterations": sample.iterations, "cpu_s": time.process_time() - began}
 
 
+def tilt_stiffness(level: int, section: str) -> list[float]:
+    """Return the moment over the angle [N m/rad] at 10 and 30 kPa."""
+    sample, found = OpenSpecimen(specimen(squares(1), level, section)), []
+    for pressure in (0.1, 0.5, 1.0, 2.0, 3.5, 5.0, 7.0, 10.0, 14.0, 20.0, 30.0):
+        sample.load_to(1e3 * pressure)
+        if pressure in (10.0, 30.0):
+            moments = [_moment(sample, 1e3 * pressure, angle) for angle in (-_TILT_RAD, _TILT_RAD)]
+            found.append((moments[1] - moments[0]) / (2.0 * _TILT_RAD))
+    return found
+
+
+def _moment(sample: OpenSpecimen, pressure_Pa: float, angle_rad: float) -> float:
+    """Return the moment [N m] that holds the upper ring, turned about x, where it is."""
+    assert sample.here is not None
+    body, x = sample.body, sample.here.state.positions
+    centre, turn = body.tip_position(x), rotation_from_vector(np.array([angle_rad, 0.0, 0.0]))
+    nodes = np.concatenate([body.base, body.tip])
+    places = np.concatenate([x[body.base], centre + (x[body.tip] - centre) @ turn.T])
+    clamp, system = Clamp(nodes, places, np.ones((len(nodes), 3), dtype=bool)), SoftSystem(body)
+    newton = NewtonSolver(system, clamp.mask(body.nodes))
+    options = NewtonOptions(tolerance_N=1e-6, iterations_max=600, step_max_m=0.01)
+    loads = sample.loads(pressure_Pa, x)
+    found = EquilibriumSolver(newton, clamp, options).solve(sample.here.state, Pose(), loads).state
+    system.evaluate(found.positions, loads, np.zeros(0), found.memory, hessian=False)
+    arms = found.positions[body.tip] - centre
+    return float(np.cross(arms, system.gradient[body.tip])[:, 0].sum())
+
+
 def line(row: dict[str, Any]) -> str:
     """Return a row of a Markdown table."""
     strains = [share for share in row["peak_strain"] if share is not None]
@@ -90,11 +126,16 @@ def main() -> None:
     parser.add_argument("sections", nargs="*", default=SECTIONS)
     parser.add_argument("--specimen", choices=SPECIMENS, action="append", help="all if omitted")
     parser.add_argument("--levels", type=int, default=2, help="how many meshes, the drawn one first")
+    parser.add_argument("--tilt", action="store_true")
     parser.add_argument("--json", type=Path)
     options = parser.parse_args()
     compile_kernels(print)
     rows: list[dict[str, Any]] = []
-    for name in options.specimen or SPECIMENS:
+    for section in options.sections if options.tilt else ():
+        values = [tilt_stiffness(level, section) for level in range(options.levels)]
+        cells = [" / ".join(f"{1e3 * value:.0f}" for value in pair) for pair in values]
+        print(f"| {section} | {' | '.join(cells)} |", flush=True)
+    for name in () if options.tilt else options.specimen or SPECIMENS:
         for section in options.sections:
             for level in range(options.levels):
                 rows.append(study(name, level, section))
