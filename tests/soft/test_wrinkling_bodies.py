@@ -128,3 +128,10 @@ def test_a_run_in_time_rises_and_stays() -> None:
     # five hexagons, closed ends: higher than the 139 mm with open ones; 58 mm with the plain law
     assert 0.13 < height[-1] < 0.17
     assert abs(height[-1] - height[-20]) < 1e-3
+
+
+def test_a_bare_sealed_arm_is_pulled_and_leaks_to_the_end() -> None:
+    # losing gas under 15 N on its cables, it falls to another branch 245 mm away: a long slide finds it
+    result = cosim.run("sealed_arm", overrides=LAW)
+    assert result.summary["status"] == "completed"
+    assert float(np.max(result.pressure_Pa[-1])) < 20e3

@@ -26,7 +26,7 @@ _LEAST_BED_N_m, _LARGEST_BED_N_m = 1e-3, 1e7
 _PROPER_BELOW_N_m = 10.0  # where Newton's method proper is tried
 _ITERATIONS_MAX = 12  # of a step
 _STEPS_MAX = 150
-_SPENT_MAX = 400  # iterations of all steps, before a slide is given up
+_LOST_MAX = 400  # iterations that moved nothing, before a slide is given up
 
 
 def slide(
@@ -46,7 +46,8 @@ def slide(
         options: bounds of Newton's method.
     """
     step = replace(options, iterations_max=min(_ITERATIONS_MAX, options.iterations_max))
-    bed, x, spent, shifted = _BED_N_m, start, 0, 0
+    bed, x, spent, lost, shifted = _BED_N_m, start, 0, 0, 0
+    moved, softer, rests = np.inf, False, False
     found: NewtonResult | None = None
     for _ in range(_STEPS_MAX):
         loads = loads_at(x)
@@ -54,16 +55,21 @@ def slide(
         spent, shifted = spent + tried.iterations, shifted + tried.shifted
         if tried.outcome is Outcome.NOT_FINITE or tried.outcome is Outcome.INDEFINITE:
             bed *= _RISE
+            lost += tried.iterations
         else:
+            before, moved = moved, float(np.abs(tried.positions - x).max())
+            rests, softer = softer and moved <= before, tried.converged
             x, memory = tried.positions, tried.memory
             bed *= _FALL if tried.converged else _RISE
-        if tried.converged and bed < _PROPER_BELOW_N_m:
+        # beyond the end of a branch steps grow as the bed softens: no equilibrium is near yet
+        if tried.converged and bed < _PROPER_BELOW_N_m and rests:
             found = solver.solve(x, memory, loads, options)
             spent, shifted = spent + found.iterations, shifted + found.shifted
             if found.converged:
                 break
+            lost += found.iterations
         bed = max(bed, _LEAST_BED_N_m)
-        if bed > _LARGEST_BED_N_m or spent >= _SPENT_MAX:
+        if bed > _LARGEST_BED_N_m or lost >= _LOST_MAX:
             break
     if found is None:
         found = solver.solve(x, memory, loads_at(x), options)
