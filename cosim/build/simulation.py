@@ -9,6 +9,7 @@ from typing import TypeAlias
 import numpy as np
 
 from cosim.base.frames import Array
+from cosim.build.arm_joints import check_joints
 from cosim.build.arms import find_arm
 from cosim.build.blame import blamed_on
 from cosim.build.decisions import contact_decision, decisions
@@ -89,7 +90,7 @@ def _held_base(scenario: Scenario, trial: SoftSide, soft: SoftSide, _before: Cho
 def _arm(scenario: Scenario, trial: SoftSide, soft: SoftSide, before: Choices | None) -> _Arranged:
     # imported here: a scene without an arm waits for neither engine
     from cosim.build.scene_objects import palm_mass, palm_object, rigid_object, rigid_wire
-    from cosim.kinematics.arm import Arm, Payload, check_joints
+    from cosim.kinematics.arm import Arm, Payload
     from cosim.plan.joint_planner import plan_joints
     from cosim.rigid.build.description import SceneDescription
     from cosim.rigid.scene.scene import RigidScene
@@ -99,7 +100,7 @@ def _arm(scenario: Scenario, trial: SoftSide, soft: SoftSide, before: Choices | 
     with blamed_on("robot"):
         file = find_arm(scenario.robot)
         arm = Arm(file, gravity=scenario.gravity_m_s2)
-        check_joints(arm)
+    check_joints(scenario, arm)
     description = SceneDescription(
         arm=file,
         tick_s=scenario.clock.tick_s,
@@ -123,7 +124,7 @@ def _arm(scenario: Scenario, trial: SoftSide, soft: SoftSide, before: Choices | 
         contact = before.keep(contact)
     law = _contact_law(scenario) if contact.included else None
     if law is not None:
-        check_base(scene, soft.body, plan.start, law.smoothing_m)
+        check_base(scene, soft.body, arm.forward(plan.joints), law.smoothing_m)
     carrier = ArmCarrier(arm, scene, soft, scenario.payload_compensation, law, mounted, scenario.coupling)
     travel = flange_travel(arm, plan, film_reach(soft.body, 0.0))
     planned = planned_arm(arm, scene, plan, payload, dynamic=scenario.mode == "dynamic")

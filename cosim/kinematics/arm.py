@@ -14,9 +14,10 @@ from cosim.base.arm_file import ArmFile
 from cosim.base.frames import Array, Pose
 from cosim.errors import InputError
 from cosim.kinematics.arm_model import model_of
+from cosim.kinematics.axis_error import axis_error
 from cosim.kinematics.inertial_parameters import COUNT, change_of_frame
 
-POSE_FREEDOMS: Final = 6
+_POSE_FREEDOMS: Final = 6
 _STANDARD_GRAVITY = (0.0, 0.0, -9.81)
 
 
@@ -95,6 +96,11 @@ class Arm:
         self._payload: Payload | None = None
 
     @property
+    def free_roll(self) -> bool:
+        """Whether it has too few joints to follow a roll about the flange's z axis."""
+        return self.joint_count < _POSE_FREEDOMS
+
+    @property
     def joint_count(self) -> int:
         """Number of joints."""
         return int(self._model.nv)
@@ -125,10 +131,13 @@ class Arm:
     def reach(self) -> float:
         """Length of the chain from the first joint's origin to the flange origin [m].
 
-        No configuration puts the flange farther from `shoulder` than this sum of link lengths.
+        No configuration puts the flange farther from `shoulder` than this sum of link lengths and of the ways
+        that joints slide.
         """
         links = [self._model.jointPlacements[i].translation for i in range(2, self._model.njoints)]
-        return float(sum(np.linalg.norm(link) for link in [*links, self._last_joint_from_flange.translation]))
+        ways = np.maximum(np.abs(self.lower), np.abs(self.upper))[self.prismatic]
+        links += [*ways[:, None], self._last_joint_from_flange.translation]
+        return float(sum(np.linalg.norm(link) for link in links))
 
     def forward(self, q: Array) -> Pose:
         """Return world_from_flange at joint angles q (joints,) [rad]."""
@@ -139,11 +148,14 @@ class Arm:
     def error_towards(self, target: Pose) -> Callable[[Array], tuple[Array, Array]]:
         """Return the function q -> (e (6,), de/dq (6, joints)) with e = log(flange_from_target).
 
-        Linear [m] then angular [rad], flange axes; zero where the flange is at the target.
+        Linear [m] then angular [rad], flange axes; zero where the flange is at the target. With less than
+        six joints the roll about the flange's z axis is free, and e has five components: `axis_error`.
 
         Args:
             target: world_from_flange.
         """
+        if self.free_roll:
+            return self._axis_error_towards(target)
         model, data, frame = self._model, self._data, self._frame
         world_from_target = _placement(target)
 
@@ -157,6 +169,29 @@ class Arm:
             )
 
         return error
+
+    def _axis_error_towards(self, target: Pose) -> Callable[[Array], tuple[Array, Array]]:
+        model, data, frame = self._model, self._data, self._frame
+
+        def error(q: Array) -> tuple[Array, Array]:
+            pin.computeJointJacobians(model, data, q)
+            place = pin.updateFramePlacement(model, data, frame)
+            jacobian = pin.getFrameJacobian(model, data, frame, pin.LOCAL)
+            return axis_error(Pose(place.rotation, place.translation), jacobian, target)
+
+        return error
+
+    def asked_rows(self, q: Array) -> Array:
+        """Return the rows (6 or 5, 6) of a twist of the flange, world axes, that the arm follows.
+
+        Args:
+            q: (joints,) [rad].
+        """
+        if not self.free_roll:
+            return np.eye(6)
+        rows = np.zeros((5, 6))
+        rows[:3, :3], rows[3:, 3:] = np.eye(3), self.forward(q).rotation[:, :2].T
+        return rows
 
     def jacobian(self, q: Array) -> Array:
         """Return J (6, joints) with [linear; angular] = J qd, at the flange origin, world axes.
@@ -250,19 +285,6 @@ class Arm:
             self._inertias[self._last] = self._bare_inertia + self._last_joint_from_flange.act(load)
             self._payload = payload
         return self._loaded, self._loaded_data
-
-
-def check_joints(arm: Arm) -> None:
-    """Check that an arm has as many joints as a pose of its flange has freedoms.
-
-    Raises:
-        InputError: it has fewer.
-    """
-    if arm.joint_count < POSE_FREEDOMS:
-        raise InputError(
-            f"arm {arm.name!r} has {arm.joint_count} joints ({', '.join(arm.joint_names)}); a pose of the "
-            f"flange needs {POSE_FREEDOMS}"
-        )
 
 
 def _read_only(values: Array) -> Array:

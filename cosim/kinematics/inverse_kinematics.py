@@ -119,7 +119,7 @@ def solve(arm: Arm, target: Pose, seed: Array, options: InverseKinematicsOptions
             raise _unreachable(arm, target, search, _reason(arm, target, attempt, in_reach))
         search.solutions.append(_nearest_turn(arm, found, start))
     q = min(search.solutions, key=lambda candidate: float(np.linalg.norm(candidate - start)))
-    position, rotation = _distance(arm.forward(q), target)
+    position, rotation = _distance(arm, q, target)
     return Solution(q, position, rotation, search.iterations, attempt)
 
 
@@ -218,7 +218,12 @@ def _nearest_turn(arm: Arm, q: Array, seed: Array) -> Array:
     return np.asarray(np.clip(shifted, arm.lower, arm.upper))
 
 
-def _distance(pose: Pose, target: Pose) -> tuple[float, float]:
+def _distance(arm: Arm, q: Array, target: Pose) -> tuple[float, float]:
+    """Return how far the flange is from a pose, [m] and [rad]; a roll that is free does not count."""
+    if arm.free_roll:
+        deviation = arm.error_towards(target)(q)[0]
+        return float(np.linalg.norm(deviation[:3])), float(np.linalg.norm(deviation[3:]))
+    pose = arm.forward(q)
     position = float(np.linalg.norm(pose.translation - target.translation))
     return position, float(np.linalg.norm(vector_from_rotation(pose.rotation.T @ target.rotation)))
 
@@ -236,7 +241,9 @@ def _reason(arm: Arm, target: Pose, restarts: int, in_reach: bool) -> str:
 
 def _unreachable(arm: Arm, target: Pose, search: _Search, reason: str) -> UnreachableError:
     closest = arm.forward(search.best)
-    position, rotation = _distance(closest, target)
+    position, rotation = _distance(arm, search.best, target)
+    if arm.free_roll:
+        reason += f" ({arm.joint_count} joints: place and direction, whatever the roll)"
     return UnreachableError(
         f"arm {arm.name!r} cannot bring its flange to {_text(target)}: {reason}; the closest pose found is "
         f"{_text(closest)}, {1e3 * position:.3g} mm and {np.rad2deg(rotation):.3g} deg away",

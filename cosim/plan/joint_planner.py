@@ -125,7 +125,8 @@ def _spline(arm: Arm, way: FlangeWay, knots: Array) -> CubicSpline:
         return spline
     slopes = []
     for fraction in (0.0, 1.0):
-        jacobian, slope = arm.jacobian(np.asarray(spline(fraction))), np.asarray(spline(fraction, 1))
+        q, slope = np.asarray(spline(fraction)), np.asarray(spline(fraction, 1))
+        rows, jacobian = arm.asked_rows(q), arm.jacobian(q)
         missing = way.rate_at_ends - jacobian @ slope
-        slopes.append(slope + np.linalg.lstsq(jacobian, missing, rcond=_SINGULAR)[0])
+        slopes.append(slope + np.linalg.lstsq(rows @ jacobian, rows @ missing, rcond=_SINGULAR)[0])
     return CubicSpline(fractions, knots, bc_type=((1, slopes[0]), (1, slopes[1])))

@@ -53,12 +53,13 @@ range="-170 170"/><geom type="capsule" size="0.04" rgba="0.2 0.4 0.6 1"/></defau
 <site name="attachment_site" pos="0 0 0.05" euler="0 0 45"/>
 <camera name="eye"/><site name="flange"/>
 </body></body></body></body></body></body></body></worldbody>
-<actuator><motor joint="j1" gear="20" forcelimited="true" forcerange="-5 5"/><position joint="j2" kp="100"/>
+<actuator><motor joint="j1" gear="60" forcelimited="true" forcerange="-5 5"/><position joint="j2" kp="100"/>
 </actuator>
-<keyframe><key name="zero" qpos="0 0 0 0 0 0"/><key name="home" qpos="0.1 -0.5 0.9 0.3 0.8 -0.2"/></keyframe>
+<keyframe><key name="zero" qpos="0 0 0 0 0 0"/>
+<key name="home" qpos="-0.6 1.7 -1.5 0.1 -1.5 -1.3"/></keyframe>
 </mujoco>
 """
 
 GANTRY_MJCF = SIX_JOINTS_MJCF.replace(
     '<joint name="j1"/>', '<joint name="j1" type="slide" range="-0.5 0.5"/>'
-)
+).replace('qpos="-0.6 1.7 -1.5 0.1 -1.5 -1.3"', 'qpos="-0.1 1.9 -1.1 0 -1.8 -0.4"')

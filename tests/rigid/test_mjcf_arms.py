@@ -60,13 +60,13 @@ def test_what_the_file_says_is_kept(tmp_path: Path) -> None:
     assert arm.joint_names == ("j1", "j2", "j3", "j4", "j5", "j6")
     assert arm.joint_kinds == ("revolute", "revolute", "continuous", "revolute", "revolute", "revolute")
     assert arm.notes == ("flange 'attachment_site', by its name", "home from its keyframe")
-    np.testing.assert_array_equal(arm.home, [0.1, -0.5, 0.9, 0.3, 0.8, -0.2])
+    np.testing.assert_array_equal(arm.home, [-0.6, 1.7, -1.5, 0.1, -1.5, -1.3])
     np.testing.assert_array_equal(arm.armature, np.full(6, 0.2))
     kinematics, scene = Arm(arm), RigidScene(SceneDescription(arm))
     np.testing.assert_allclose(kinematics.upper[[0, 2]], [np.deg2rad(170.0), np.inf])
     np.testing.assert_allclose(kinematics.joint_damping, 0.5)
-    np.testing.assert_array_equal(kinematics.effort_limit, [100.0, 0.0, 0.0, 0.0, 0.0, 0.0])
-    np.testing.assert_array_equal(scene.effort_limit[:2], [100.0, np.inf])
+    np.testing.assert_array_equal(kinematics.effort_limit, [300.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+    np.testing.assert_array_equal(scene.effort_limit[:2], [300.0, np.inf])
     assert scene.tick_s == 0.002  # the scene's options, not the file's
     drawn = {scene.body_names[shape.body] for shape in scene.shapes}
     assert {"base", "link1", "link2", "link3"} <= drawn
@@ -117,7 +117,7 @@ WRONG = {
     "spring": ('name="j4"', 'name="j4" stiffness="3"', "joint 'j4' has a spring"),
     "slides without limits": ('name="j4"', 'name="j4" type="slide" limited="false"', "slides without limits"),
     "tied": ("<actuator>", '<equality><joint joint1="j4" joint2="j5"/></equality><actuator>', "'j4' is tied"),
-    "home outside": ("0.1 -0.5", "9 -0.5", "joint 'j1': its home 9 is outside its limits"),
+    "home outside": ("-0.6 1.7", "9 1.7", "joint 'j1': its home 9 is outside its limits"),
     "no mass": ('mass="0.5"', 'mass="0"', "MuJoCo refuses it: .*mass"),
     "no mesh": ("<worldbody>", '<asset><mesh file="m.stl"/></asset><worldbody>', "refuses it: .*m.stl"),
 }  # fmt: skip
