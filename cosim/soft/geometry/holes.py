@@ -1,7 +1,7 @@
 """Finer meshes around the hole rings of a stack, where its units bend, and films fused there.
 
 Around a small hole the film's displacements go with the logarithm of the distance from the axis: nodes are
-put at a third of the logarithmic way outwards, not at the midpoint. Measured: docs/mesh_study.md.
+put at a third of the logarithmic way outwards, not at the midpoint. Measured: docs/necks.md.
 """
 
 from __future__ import annotations
