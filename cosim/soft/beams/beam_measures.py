@@ -23,20 +23,21 @@ import math
 from cosim.base.kernels import device_function
 from cosim.soft.beams.beam_work import BEGIN, COSINE, END, SINE, STRETCH
 
+# arccos(c) / (1 - c^2)^(1/2) = sum of a_n (1 - c)^n, a_n = a_(n-1) n / (2 n + 1); the highest power first
+_SERIES = tuple(math.prod((k / (2 * k + 1) for k in range(1, n + 1)), start=1.0) for n in range(12, -1, -1))
+
 
 @device_function
 def _angle_factor(c, out):  # type: ignore[no-untyped-def]
     """Fill out = arccos(c) / (1 - c^2)^(1/2) and its first two derivatives by c."""
     u = 1.0 - c
-    if u < 0.05:  # sum of a_n u^n, a_n = a_(n-1) n / (2 n + 1)
-        out[0], out[1], out[2], a = 1.0, 0.0, 0.0, 1.0
-        p1, p2 = 1.0, 0.0  # u^(n-1), u^(n-2)
-        for n in range(1, 13):
-            a *= n / (2.0 * n + 1.0)
-            out[0] += a * p1 * u
-            out[1] -= n * a * p1
-            out[2] += n * (n - 1) * a * p2
-            p1, p2 = p1 * u, p1
+    if u < 0.05:
+        value = slope = curvature = 0.0
+        for a in _SERIES:
+            curvature = curvature * u + 2.0 * slope
+            slope = slope * u + value
+            value = value * u + a
+        out[0], out[1], out[2] = value, -slope, curvature
     else:
         c = max(c, -1.0 + 1e-12)
         w = 1.0 - c * c
