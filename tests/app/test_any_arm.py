@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +12,7 @@ import pytest
 import cosim
 from cosim.base.resources import list_arms
 from cosim.build.arms import find_arm
+from cosim.cli.main import main
 from cosim.kinematics import Arm
 from cosim.plan.flange_path import rotation_from_direction
 from tests.config.arm_texts import GANTRY_MJCF, SIX_JOINTS_MJCF
@@ -84,6 +87,31 @@ def test_arms_of_ones_own(tmp_path: Path, text: str) -> None:
     path = tmp_path / "mine.xml"
     path.write_text(text)
     check(written(tmp_path, str(path)), Arm(find_arm(str(path))))
+
+
+def test_the_page_on_extending_is_followed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Its files are written where it says, its commands are run as they stand."""
+    page = (Path(__file__).parents[2] / "docs" / "extending.md").read_text(encoding="utf-8")
+    section = page.partition("\n## An arm\n")[2].partition("\n## ")[0]
+    texts = re.findall(r"```(?:xml|toml)\n(.*?)```", section, re.DOTALL)
+    for name, text in zip(("scara/scara.urdf", "scara/arm.toml", "lower.toml"), texts, strict=True):
+        assert f"`{name}`" in section
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_text(text, encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    (commands,) = re.findall(r"```sh\n(.*?)```", section, re.DOTALL)
+    for command in commands.splitlines():
+        program, *arguments = command.split()
+        assert program == "cosim"
+        assert main([*arguments, *(["--no-recording"] if arguments[0] == "run" else [])]) == 0
+    assert "fine: 4 joints; flange 'spindle'" in capsys.readouterr().out
+    (summary,) = tmp_path.glob("runs/*/summary.json")
+    found = json.loads(summary.read_text(encoding="utf-8"))
+    assert found["status"] == "completed"
+    assert not any(entry["beyond"] for entry in found["arm"]["run"].values() if "beyond" in entry)
+    assert found["arm"]["run"]["velocity"]["unit"] == "m/s"  # the quill's, nearest to its bound
 
 
 def test_tip_targets_need_an_arm_that_follows_rolls(tmp_path: Path) -> None:
