@@ -10,7 +10,6 @@ import pytest
 import cosim
 from cosim.base.frames import Array, Pose
 from cosim.build.soft_body import build_soft_body
-from cosim.config.loading import load_scenario
 from cosim.config.schema.solver import ModelTable
 from cosim.errors import InputError
 from cosim.soft.body.attachment import Plate, attached
@@ -22,6 +21,7 @@ from cosim.soft.geometry.polygonal_stack import PolygonalStack
 from cosim.soft.geometry.refinement import refine
 from cosim.soft.geometry.surface import dihedral_angle
 from cosim.soft.solve.assembly import SoftSystem
+from tests.bare_film import bare_film
 from tests.derivatives import RELATIVE, dense, derivative_errors
 from tests.soft.bodies import FILM, hexagon_arm, no_load, shapes
 from tests.soft.enclosed_volume import enclosed_volume
@@ -30,7 +30,6 @@ WRINKLING = replace(FILM, law="wrinkling")
 STATED = replace(WRINKLING, wrinkle_panel_m=0.03)
 STACK = PolygonalStack(6, 3, 0.05, 0.01, 0.002, 0.95)
 PANELS_M = (np.array([0.05, 0.05 * 0.95, 0.05 * 0.95**2]) - 0.01) * np.cos(np.pi / 6.0)
-LAW = {"soft_robot.film.law": "wrinkling"}
 
 
 def drawn(stack: PolygonalStack) -> SoftBody:
@@ -55,7 +54,7 @@ def test_the_panels_of_a_tapered_stack_narrow_by_unit(level: int) -> None:
 
 
 def test_a_robot_s_film_takes_the_panels_of_its_stack_unless_they_are_stated() -> None:
-    robot = load_scenario("three_unit_inflation", LAW).soft_robot
+    robot = bare_film("three_unit_inflation", "wrinkling").soft_robot
     (film,) = build_soft_body(robot, ModelTable()).membranes
     assert film.wrinkle_panel_m == pytest.approx(np.full(168, 0.028))
     stated = replace(robot, film=replace(robot.film, wrinkle_panel_m=0.02))
@@ -106,8 +105,7 @@ def test_a_run_inflates_seals_and_presses() -> None:
              "force": [{"rings": ["tip"], "total_N": [0.0, 0.0, -2.0]}]}  # fmt: skip
     lengths, pressures = {}, {}
     for law in ("plain", "wrinkling"):
-        result = cosim.run("three_unit_inflation", overrides={
-            "phase": [inflate, press], "soft_robot.film.law": law})  # fmt: skip
+        result = cosim.run(bare_film("three_unit_inflation", law, {"phase": [inflate, press]}))
         assert result.summary["status"] == "completed"
         open_end = int(np.flatnonzero(result.phase == 0)[-1])
         lengths[law] = result.tip_position[[open_end, -1], 2]
@@ -121,8 +119,8 @@ def test_a_run_inflates_seals_and_presses() -> None:
 
 def test_a_run_in_time_rises_and_stays() -> None:
     phase = {"name": "inflate", "duration_s": 0.3, "settle_s": 0.3, "pressure_Pa": 10e3}
-    overrides = {**LAW, "phase": [phase], "controller": [], "winch": [], "solver.damping_per_s": 40.0}
-    result = cosim.run("bending_angle_control", overrides=overrides)
+    overrides = {"phase": [phase], "controller": [], "winch": [], "solver.damping_per_s": 40.0}
+    result = cosim.run(bare_film("bending_angle_control", "wrinkling", overrides))
     assert result.summary["status"] == "completed"
     height = result.tip_position[:, 2]
     # five hexagons, closed ends: higher than the 139 mm with open ones; 58 mm with the plain law
@@ -132,6 +130,6 @@ def test_a_run_in_time_rises_and_stays() -> None:
 
 def test_a_bare_sealed_arm_is_pulled_and_leaks_to_the_end() -> None:
     # losing gas under 15 N on its cables, it falls to another branch 245 mm away: a long slide finds it
-    result = cosim.run("sealed_arm", overrides=LAW)
+    result = cosim.run(bare_film("sealed_arm", "wrinkling"))
     assert result.summary["status"] == "completed"
     assert float(np.max(result.pressure_Pa[-1])) < 20e3
