@@ -24,9 +24,9 @@ from cosim.coupling.contact.added_mass_jointed import JointedMass, JointedMassSt
 from cosim.coupling.contact.body_stiffness import (
     RATIO_BOUND,
     RENEW_ABOVE,
-    RENEW_EVERY_TICKS,
     Yielding,
     body_stiffness,
+    ticks_to_renewal,
 )
 from cosim.coupling.contact.contact_exchange import ContactExchange
 from cosim.soft.contact.obstacle_contact import ContactPlanes
@@ -65,7 +65,7 @@ class BodyMass:
         self._touching = np.zeros(len(free))  # stiffness of the contacts alone when D was last renewed
         self._renewed = np.zeros((len(free), 6))
         self._added = np.zeros((len(free), 6))
-        self._age = 0
+        self._age, self._renew_after = 0, ticks_to_renewal(tick_s)
         self._free_ratio = 0.0
         self._jointed = JointedMass(exchange, soft, tick_s)
 
@@ -97,12 +97,16 @@ class BodyMass:
     def _update_free(self, planes: ContactPlanes, carry: bool) -> None:
         bodies = self._exchange.bodies
         # friction may act for a tick after the last contact has come off
-        loaded = np.isin(bodies.free, bodies.loaded)
+        loaded = bodies.free_loaded()
+        ended = self._renewed[~loaded].any()
         self._touching[~loaded] = self._renewed[~loaded] = 0.0
         begins = loaded & (self._touching == 0.0)
         total = self._exchange.held_N_m[bodies.free]
         self._age += 1
-        if (total > RENEW_ABOVE * self._touching).any() or self._age >= RENEW_EVERY_TICKS:
+        due = self._age >= self._renew_after or (total > RENEW_ABOVE * self._touching).any()
+        if not (due or ended or begins.any()):
+            return
+        if due:
             self._renewed *= math.exp(-self._age * self._tick_s / _FADING_S)
             self._age = 0
             self._touching = np.where(loaded, total, 0.0)

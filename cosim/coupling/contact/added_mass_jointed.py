@@ -16,9 +16,9 @@ from cosim.base.frames import Array, IntArray
 from cosim.coupling.contact.body_stiffness import (
     RATIO_BOUND,
     RENEW_ABOVE,
-    RENEW_EVERY_TICKS,
     Yielding,
     body_stiffness,
+    ticks_to_renewal,
 )
 from cosim.coupling.contact.contact_exchange import ContactExchange
 from cosim.soft.contact.obstacle_contact import ContactPlanes
@@ -50,7 +50,7 @@ class JointedMass:
         self._any = len(exchange.bodies.on_joints(np.unique(exchange.query.body))) > 0
         self._touched: IntArray = np.zeros(0, np.int64)
         self._stiffness = np.zeros(0)  # of the contacts alone when D was last renewed
-        self._age = 0
+        self._age, self._renew_after = 0, ticks_to_renewal(tick_s)
         self.ratio = 0.0
 
     def update(self, planes: ContactPlanes | None, held_N_m: Array, *, carry: bool = True) -> None:
@@ -68,7 +68,7 @@ class JointedMass:
         total = held_N_m[touched]
         self._age += 1
         same = np.array_equal(touched, self._touched) and not (total > RENEW_ABOVE * self._stiffness).any()
-        if same and (self._age < RENEW_EVERY_TICKS or not len(touched)):
+        if same and (self._age < self._renew_after or not len(touched)):
             return
         self._age, self._touched, self._stiffness, self.ratio = 0, touched, total, 0.0
         if planes is None or not len(touched):

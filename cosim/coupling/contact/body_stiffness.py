@@ -14,9 +14,14 @@ from cosim.soft.solve.state import SoftState
 
 RATIO_BOUND = 1.0
 """Algorithmic mass over a body's inertia above which the explicit exchange can grow."""
-RENEW_EVERY_TICKS = 10
 RENEW_ABOVE = 1.2
 """Growth of the contacts' own stiffness beyond which S is found anew: it grows at most in proportion."""
+_RENEW_AFTER_S, _FEWEST_TICKS, _MOST_TICKS = 0.1, 10, 50
+
+
+def ticks_to_renewal(tick_s: float) -> int:
+    """Return after how many ticks of a length [s] S is found anew where nothing else asks for it."""
+    return min(max(_FEWEST_TICKS, round(_RENEW_AFTER_S / tick_s)), _MOST_TICKS)
 
 
 class Yielding(Protocol):

@@ -152,7 +152,7 @@ class SoftArm(SoftSide):
         loads = replace(self._loads, contact=contact)
         if not self._stepper.factorise(self.state, self._flange, loads, step_s):
             return None
-        return np.array([self._stepper.solver.linear.solve(force) for force in forces])
+        return self._stepper.solver.linear.solve_all(forces)
 
     def _march(self, begin: Drive, end: Drive, step_s: float, aim: StepAim | None) -> int:
         """Take one step, cut into as many pieces as its error asks for; return the Newton iterations."""

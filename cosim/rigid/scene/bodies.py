@@ -63,6 +63,12 @@ class Bodies:
         """Return how fast the free bodies are (free bodies,) [m/s]."""
         return np.asarray(np.linalg.norm(self._data.qvel[self._dofs[:, :3]], axis=1))
 
+    def free_loaded(self) -> Mask:
+        """Return which of the free bodies bear a load of `apply` (free bodies,) bool."""
+        loaded = np.zeros(self.count, dtype=bool)
+        loaded[self.loaded] = True
+        return np.asarray(loaded[self.free])
+
     def inertia(self, bodies: IntArray) -> Array:
         """Return mass three times [kg], then the inertia about the body axes' origin (b, 6) [kg m^2]."""
         mass = self._model.body_mass[bodies]

@@ -83,6 +83,14 @@ class LinearSolver(ABC):
         self._correction.apply(solution)
         return solution if turn is None else solution @ turn.T
 
+    def solve_all(self, loads: Array) -> Array:
+        """Return the displacements (k, n, 3) [m] under k loads (k, n, 3) [N]; zero where clamped."""
+        solutions = np.ascontiguousarray(self._solve_sparse(loads))
+        if self._correction is not None:
+            for solution in solutions:
+                self._correction.apply(solution)
+        return solutions
+
     def save_state(self) -> FactorState:
         """Return the factorisation in store."""
         return FactorState(self._lend_factor(), self._correction)
