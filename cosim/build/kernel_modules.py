@@ -4,7 +4,15 @@ from __future__ import annotations
 
 from types import ModuleType
 
+from cosim.config.schema.given_body import AnySoftRobot
 from cosim.config.schema.scenario import NO_ARM, Scenario
+from cosim.config.schema.soft_robot import SoftRobotTable
+
+
+def _has_beams(robot: AnySoftRobot) -> bool:
+    if not isinstance(robot, SoftRobotTable):
+        return False  # what is given from Python has been imported there
+    return robot.stiffener.kind == "beam" or any(_has_beams(part.robot) for part in robot.attachments)
 
 
 def kernel_modules(scenario: Scenario) -> tuple[ModuleType, ...]:
@@ -17,6 +25,10 @@ def kernel_modules(scenario: Scenario) -> tuple[ModuleType, ...]:
         from cosim.soft.contact import self_contact_search as film_search
 
         modules = (film_candidates, film_contact, film_points, film_search)
+    if _has_beams(scenario.soft_robot):
+        from cosim.soft.beams import beam_rings
+
+        modules += (beam_rings,)
     if scenario.fidelity == "section":
         from cosim.reduced.sections import assembly, pressure_spline
         from cosim.reduced.sections import outputs as chain_figures

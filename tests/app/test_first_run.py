@@ -28,10 +28,14 @@ PRESS = """
 schema = 2
 title = "A framed unit is pressed on a block"
 robot = "ur5e"
-soft_robot = { file = "hexagon_arm", stack = { units = 1 }, cable = [], stiffener = { stiffness_N_m = 1e4 } }
 start = { flange = { position_m = [0.4, 0.0, 0.5], direction = [0.0, 0.0, -1.0] } }
 object = [{ name = "block", shape = "box", size_m = [0.2, 0.2, 0.1], position_m = [0.4, 0.0, 0.442] }]
 phase = [{ name = "press", duration_s = 0.04, pressure_Pa = 5e3, increments = 4 }]
+[soft_robot]
+file = "hexagon_arm"
+stack.units = 1
+cable = []
+stiffener = { kind = "beam", width_m = 3e-3, height_m = 3e-3, young_modulus_Pa = 2e9 }
 """
 CURL = {"phase.inflate.increments": 2, "phase.close.increments": 2}
 

@@ -132,6 +132,22 @@ def test_the_paper_s_model_is_also_that_of_what_a_robot_carries() -> None:
     assert not published.of_kind(BeamRings)
 
 
+def test_attached_copies_keep_their_beams() -> None:
+    arm = load_scenario("gripper_lifts_bridge").soft_robot
+    assert isinstance(arm, SoftRobotTable)
+    (part,) = arm.attachments
+    finger = replace(part.robot, stiffener=BEAM)
+    robot = replace(arm, stiffener=BEAM, attachments=(replace(part, robot=finger),))
+    body = build_soft_body(robot, ModelTable())
+    own, fingers = body.of_kind(BeamRings)
+    assert finger.copies is not None
+    assert len(own.rings) == arm.stack.units
+    assert len(fingers.rings) == finger.stack.units * finger.copies.count
+    assert fingers.rings.min() > own.rings.max()
+    assert stored_energy(body, body.positions)[BeamRings] < 1e-15
+    assert stored_energy(body, 1.01 * body.positions)[BeamRings] > 1e-2
+
+
 def test_beams_of_a_refined_mesh_store_the_same_energy(robot: SoftRobotTable) -> None:
     energies = []
     for levels in (0, 1):

@@ -190,7 +190,7 @@ class BeamRings(DirectElement):
             raise MeshError(
                 f"beams refer to node {int(rings.max())}; there are nodes 0 to {len(positions) - 1}"
             )
-        drawn = np.ascontiguousarray(positions, dtype=np.float64)
+        drawn = np.array(positions, dtype=np.float64, order="C")
         point, following = drawn[rings], drawn[np.roll(rings, -1, axis=1)]
         lengths = np.linalg.norm(following - point, axis=2)
         centred = point - point.mean(axis=1, keepdims=True)

@@ -33,7 +33,7 @@ def stiffener_strain(body: SoftBody, positions: Array) -> StiffenerStrain | None
         body: with or without rings of beams.
         positions: (n, 3) [m].
     """
-    x, found = np.ascontiguousarray(positions), list[StiffenerStrain]()
+    x, found = np.array(positions, order="C"), list[StiffenerStrain]()
     for beams in body.of_kind(BeamRings):
         strains = beams.peak_strains(x, beams.first_memory(body.positions))
         found.append(StiffenerStrain(float(strains.max()), beams.section.strength_strain))
