@@ -9,6 +9,7 @@ from cosim.kinematics.arm import Arm
 
 _DRAWN = 1000
 _MIDDLE = 0.8  # of the joint ranges
+_SHORTEST_M = 1e-3  # of an arm
 _HIGH = 0.25  # of the reach: how far the flange is to be above the base
 
 
@@ -26,7 +27,7 @@ def far_from_singularities(arm: Arm) -> Array:
         np.where(turning, np.minimum(upper, np.pi), upper),
     )
     middle, half = 0.5 * (lower + upper), 0.5 * _MIDDLE * (upper - lower)
-    scale = np.repeat([1.0 / arm.reach, 1.0], 3)[:, None]
+    scale = np.repeat([1.0 / max(arm.reach, _SHORTEST_M), 1.0], 3)[:, None]
     best, best_score = middle, -np.inf
     for _ in range(_DRAWN):
         q = middle + half * rng.uniform(-1.0, 1.0, arm.joint_count)

@@ -14,6 +14,7 @@ from tests.config.arm_texts import INERTIAL, TWO_JOINTS, scenario_with
 LIFT_LIMIT = '<limit lower="-1" upper="1" effort="10" velocity="1"/></joint></robot>'
 HAND = f'<link name="hand">{INERTIAL}</link>'
 MESH = '<visual><geometry><mesh filename="{}"/></geometry></visual>'
+BOX = '<collision><geometry><box size="0.1 0 0.1"/></geometry></collision>'
 JOINT = '<joint name="{}" type="{}"><parent link="{}"/><child link="{}"/></joint></robot>'
 
 # (text that is replaced, by what, words of the refusal)
@@ -60,7 +61,9 @@ WRONG = {
         "<inertial>", f"{MESH.format('package://lab/hand.stl')}<inertial>",
         "mesh 'package://lab/hand.stl' not found .* package_paths",
     ),
-    "no shape": ("<inertial>", "<visual/><inertial>", "cannot read"),
+    "no shape": ("<inertial>", "<visual/><inertial>", "link 'upper': a <visual> needs one of box, "),
+    "flat box": ("<inertial>", f"{BOX}<inertial>", "link 'upper': size of a box must be above 0"),
+    "two axes": ("<axis", '<axis xyz="1 0 0"/><axis', "joint 'swing': has <axis> 2 times"),
 }  # fmt: skip
 
 # (text of an arm.toml, words of the refusal)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 import xml.etree.ElementTree as ElementTree
+from collections import Counter
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Final
 
@@ -16,7 +18,16 @@ from cosim.errors import InputError
 
 _LARGEST: Final = {"xyz": 100.0, "rpy": 1e4, "mass": 1e5, "inertia": 1e7, "limit": 1e7}
 _AXES: Final = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
+_SINGLE: Final = (
+    "parent", "child", "origin", "axis", "limit", "dynamics", "inertial", "mass", "inertia", "geometry"
+)  # fmt: skip
+_SIZES: Final[Mapping[str, Mapping[str, int]]] = {
+    "box": {"size": 3}, "sphere": {"radius": 1}, "cylinder": {"radius": 1, "length": 1},
+    "capsule": {"radius": 1, "length": 1}, "mesh": {},
+}  # fmt: skip
 _ROUNDING: Final = 1e-9
+_LIGHTEST_kg: Final = 1e-9
+_LEAST_INERTIA_kg_m2: Final = 1e-12
 
 
 def check_chain(robot: ElementTree.Element, chain: list[ElementTree.Element], path: Path) -> None:
@@ -30,8 +41,12 @@ def check_chain(robot: ElementTree.Element, chain: list[ElementTree.Element], pa
     carrier, mass_kg = "", math.inf
     root = link_of(chain[0], "parent")
     _checked_mass(links[root], f"arm file {path}: link {root!r}", moves=False, alone=False)
+    for name in (root, *(link_of(joint, "child") for joint in chain)):
+        _check_once(links[name], f"arm file {path}: link {name!r}")
+        _check_shapes(links[name], f"arm file {path}: link {name!r}")
     for joint in chain:
         name = joint.get("name", "")
+        _check_once(joint, f"arm file {path}: joint {name!r}")
         _check_joint(joint, f"arm file {path}: joint {name!r}")
         if joint.get("type") != FIXED:
             _check_carried(carrier, mass_kg, path)
@@ -72,6 +87,15 @@ def numbers(
     return values
 
 
+def _check_once(element: ElementTree.Element, where: str) -> None:
+    """Raise InputError where a part of a joint or link, of which there is one, stands twice."""
+    for parent in (element, *element):
+        tags = Counter(part.tag for part in parent if part.tag in _SINGLE)
+        for tag, count in tags.items():
+            if count > 1:
+                raise InputError(f"{where}: has <{tag}> {count} times")
+
+
 def _check_joint(joint: ElementTree.Element, where: str) -> None:
     _check_origin(joint, where)
     if joint.get("type") == FIXED:
@@ -80,7 +104,8 @@ def _check_joint(joint: ElementTree.Element, where: str) -> None:
         raise InputError(
             f"{where}: it mimics another joint; the joints to the flange must move by themselves"
         )
-    if np.linalg.norm(numbers(joint.find("axis"), "xyz", 3, "1 0 0", where, "xyz")) < _ROUNDING:
+    axis = joint.find("axis")
+    if np.linalg.norm(numbers(axis, "xyz", 3, "1 0 0" if axis is None else "", where, "xyz")) < _ROUNDING:
         raise InputError(f"{where}: its axis is zero")
     limit = joint.find("limit")
     for key in ("effort", "velocity"):
@@ -136,9 +161,14 @@ def _checked_mass(link: ElementTree.Element, where: str, *, moves: bool, alone: 
     if mass_kg == 0.0 and not any(six):
         return 0.0
     shown = ", ".join(f"{value:.3g}" for value in principal)
-    if not (mass_kg > 0.0 and principal[0] >= -_ROUNDING * principal[2]) or (alone and principal[0] <= 0.0):
+    if not (mass_kg > 0.0 and principal[0] >= -_ROUNDING * principal[2]):
         raise InputError(
             f"{where}: mass {mass_kg:g} kg and principal moments of inertia {shown} kg m^2 must be above 0"
+        )
+    if alone and not (mass_kg >= _LIGHTEST_kg and principal[0] >= _LEAST_INERTIA_kg_m2):
+        raise InputError(
+            f"{where}: mass {mass_kg:g} kg and principal moments of inertia {shown} kg m^2 are too small for "
+            f"what hangs on a joint: at least {_LIGHTEST_kg:g} kg and {_LEAST_INERTIA_kg_m2:g} kg m^2"
         )
     if principal[0] + principal[1] < principal[2] * (1.0 - _ROUNDING):
         raise InputError(
@@ -154,3 +184,20 @@ def _check_carried(joint: str, mass_kg: float, path: Path) -> None:
             f"arm file {path}: joint {joint!r} moves nothing that has a mass; give the <inertial> of the "
             "links up to the next joint"
         )
+
+
+def _check_shapes(link: ElementTree.Element, where: str) -> None:
+    """Check that each shape of a link is one of those that a URDF may have, and has a size.
+
+    Raises:
+        InputError: it is not, or has none.
+    """
+    for shape in (*link.findall("visual"), *link.findall("collision")):
+        _check_origin(shape, f"{where}: {shape.tag}")
+        geometry = shape.find("geometry")
+        solids = [] if geometry is None else list(geometry)
+        if len(solids) != 1 or solids[0].tag not in _SIZES:
+            raise InputError(f"{where}: a <{shape.tag}> needs one of {', '.join(_SIZES)} in its <geometry>")
+        for key, count in _SIZES[solids[0].tag].items():
+            if not (numbers(solids[0], key, count, "", f"{where}: {solids[0].tag}", "xyz") > 0.0).all():
+                raise InputError(f"{where}: {key} of a {solids[0].tag} must be above 0")

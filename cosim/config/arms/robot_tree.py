@@ -39,6 +39,8 @@ def read_robot(path: Path) -> ElementTree.Element:
             "ends in .xml"
         )
     check_tree(robot, path)
+    if not robot.get("name"):
+        robot.set("name", path.stem)  # Pinocchio wants one
     return robot
 
 

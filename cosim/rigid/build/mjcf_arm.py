@@ -22,6 +22,7 @@ from cosim.config.arms.origins import add_inertial, add_origin, text_of
 from cosim.config.arms.robot_tree import read_text
 from cosim.errors import InputError
 from cosim.rigid.build.mjcf_shapes import link_shapes
+from cosim.rigid.scene.warnings import silence_warning_file
 
 ROOT: Final = "world"  # a link of this name is MuJoCo's world
 _HOME: Final = "home"
@@ -91,6 +92,7 @@ def _compiled(path: Path) -> mujoco.MjModel:
     if tag != "mujoco":
         hint = "; a URDF ends in .urdf" if tag == "robot" else ""
         raise InputError(f"arm file {path} is no MJCF: its first element is <{tag}>, not <mujoco>{hint}")
+    silence_warning_file()
     try:
         return mujoco.MjSpec.from_file(str(path)).compile()
     except ValueError as error:

@@ -53,8 +53,8 @@ class RigidScene:
 
     def __init__(self, description: SceneDescription) -> None:
         self.description = description
-        self._model = compile_model(description)
         silence_warning_file()
+        self._model = compile_model(description)
         self._data = mujoco.MjData(self._model)
         self._scratch = mujoco.MjData(self._model)
         self._layout = layout = ArmLayout.of(self._model, description.arm.joint_names)
