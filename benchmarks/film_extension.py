@@ -1,6 +1,7 @@
 """Extension of soft units against finite elements, by film law and refinement: error, volume, iterations.
 
-    python benchmarks/film_extension.py [--levels 2] [--laws plain wrinkling] [--units NAME ...] [--json FILE]
+    python benchmarks/film_extension.py [--levels 2] [--laws plain wrinkling] [--units NAME ...]
+        [--json FILE] [--markdown FILE] [--plot FILE]
 
 Specimens and bands of the finite elements are those of `cosim verify`; an error is from the nearer edge of
 the band, with an exclamation mark where it is larger than the law shall have. Then three square units at
@@ -14,6 +15,7 @@ import json
 import os
 import sys
 import time
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -119,13 +121,74 @@ def bands_line(name: str) -> str:
     return f"{name:<15}{'FE':<12}{''.join(cells)}"
 
 
+def _bands(name: str, pressures_kPa: Sequence[float]) -> list[Band | None]:
+    """Return the bands of a specimen at pressures; None where there is none."""
+    at = {round(1e-3 * band.pressure_Pa, 3): band for band in SPECIMENS[name][1]}
+    return [at.get(pressure) for pressure in pressures_kPa]
+
+
+def table(rows: list[dict[str, Any]]) -> str:
+    """Return extensions [mm] and errors as Markdown."""
+    heads = ["specimen", "film", "refine", *(f"{p:g} kPa" for p in SHOWN_KPA), "ml at 10 kPa", "iterations"]
+    lines = ["| " + " | ".join(heads) + " |", "|" + "---|" * len(heads)]
+    for name in dict.fromkeys(row["specimen"] for row in rows):
+        texts = [f"{1e3 * b.low_m:.1f} to {1e3 * b.high_m:.1f}" if b else "" for b in _bands(name, SHOWN_KPA)]
+        lines.append("| " + " | ".join([_words(name), "finite elements", "", *texts, "", ""]) + " |")
+        for row in (row for row in rows if row["specimen"] == name):
+            cells = []
+            for key in (f"{p:g}" for p in SHOWN_KPA):
+                error = row["error"].get(key)
+                text = f"{row['extension_mm'][key]:.1f}" if key in row["extension_mm"] else "no equilibrium"
+                cells.append(text if error is None else f"{text} ({100.0 * error:+.0f} %)")
+            volume = f"{row['volume_ml'].get(f'{PUSH_KPA:g}', float('nan')):.1f}"
+            first = ["", row["law"], str(row["level"])]
+            lines.append("| " + " | ".join([*first, *cells, volume, str(row["iterations"])]) + " |")
+    return "\n".join(lines) + "\n"
+
+
+def plot(rows: list[dict[str, Any]], path: Path) -> None:
+    """Draw extension against pressure, one panel a specimen, with the bands of the finite elements."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    from matplotlib import pyplot
+
+    names = list(dict.fromkeys(row["specimen"] for row in rows))
+    figure, axes = pyplot.subplots(1, len(names), figsize=(3.6 * len(names), 3.8), squeeze=False)
+    for axis, name in zip(axes[0], names, strict=True):
+        for row in (row for row in rows if row["specimen"] == name):
+            pressures = [float(key) for key in row["extension_mm"]]
+            style = {"plain": "--", "wrinkling": "-"}.get(row["law"], ":")
+            axis.plot(
+                pressures, list(row["extension_mm"].values()), style, marker="o", markersize=3,
+                color=("#3b528b", "#21918c", "#d8b41f")[row["level"] % 3],
+                label=f"{row['law']}, refine {row['level']}",
+            )  # fmt: skip
+        for band in SPECIMENS[name][1]:
+            axis.plot(
+                [1e-3 * band.pressure_Pa] * 2, [1e3 * band.low_m, 1e3 * band.high_m], "k_-", linewidth=2.5,
+                label=None if band is not SPECIMENS[name][1][0] else "finite elements",
+            )  # fmt: skip
+        axis.set(title=_words(name), xlabel="pressure [kPa]", xscale="log", ylabel="extension [mm]")
+        axis.grid(alpha=0.3)
+    axes[0][0].legend(fontsize=6, loc="upper left")
+    figure.tight_layout()
+    figure.savefig(path, dpi=110)
+
+
+def _words(name: str) -> str:
+    return name.replace("_", " ")
+
+
 def main() -> None:
-    """Measure and print."""
+    """Measure, print, draw."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--levels", type=int, default=2, help="finest refinement")
     parser.add_argument("--laws", nargs="+", default=["plain", "wrinkling"])
     parser.add_argument("--units", nargs="+", default=list(SPECIMENS), choices=list(SPECIMENS))
     parser.add_argument("--json", type=Path)
+    parser.add_argument("--markdown", type=Path)
+    parser.add_argument("--plot", type=Path)
     options = parser.parse_args()
     compile_kernels(print)
     head = "".join(f"{f'{p:g} kPa':>16}" for p in SHOWN_KPA)
@@ -137,6 +200,10 @@ def main() -> None:
             for law in options.laws:
                 rows.append(inflated(name, law, level))
                 print(line(rows[-1]), flush=True)
+    if options.markdown:
+        options.markdown.write_text(table(rows))
+    if options.plot:
+        plot(rows, options.plot)
     print("\niterations of a pull and a push by 10 N, three square units at 10 kPa")
     for level in range(min(options.levels, 1) + 1):
         for law in options.laws:

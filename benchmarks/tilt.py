@@ -23,7 +23,6 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 
-from benchmarks.mesh_study import FRAME_STIFFNESS_N_M
 from cosim.build.soft_body import build_soft_body
 from cosim.config.schema.film import FilmTable, HingeTable, MassTable, StiffenerTable
 from cosim.config.schema.soft_robot import SoftRobotTable
@@ -35,6 +34,7 @@ from cosim.soft.solve.compilation import compile_kernels
 from cosim.verification.support.open_specimen import OpenSpecimen
 from cosim.verification.support.tilt import tilt_stiffness
 
+FRAME_STIFFNESS_N_M = 1e6
 STEPS_KPA = (
     0.1, 0.25, 0.5, 1.0, 1.5, 2.0, 2.5, 3.0, 3.5, 4.0, 5.0, 6.0, 7.0, 8.0, 10.0, 12.0, 15.0, 20.0, 25.0, 30.0,
 )  # fmt: skip
