@@ -8,6 +8,7 @@ from pathlib import Path
 
 from cosim.app.run_files import SCENARIO
 from cosim.build.arms import find_arm
+from cosim.build.cells import cell_of
 from cosim.config.schema.mesh_paths import mesh_path
 from cosim.config.schema.objects import ObjectTable, SolidTable
 from cosim.config.schema.scenario import NO_ARM, Scenario
@@ -24,7 +25,7 @@ def loaded_digests(scenario: Scenario) -> dict[str, str]:
         InputError: the arm is not found.
     """
     found = {SCENARIO: sha256(scenario_text(scenario).encode()).hexdigest()}
-    for name, path in (*_meshes(scenario), *_arm_files(scenario.robot)):
+    for name, path in (*_meshes(scenario), *_arm_files(scenario.robot), *_cell_files(scenario)):
         found[name] = sha256(path.read_bytes()).hexdigest() if path.is_file() else "absent"
     return found
 
@@ -51,3 +52,9 @@ def _arm_files(robot: str) -> Iterator[tuple[str, Path]]:
     for path in arm.files:
         folder = "" if path.parent == arm.path.parent else f"{path.parent.name}/"
         yield f"{arm.name}/{folder}{path.name}", path
+
+
+def _cell_files(scenario: Scenario) -> Iterator[tuple[str, Path]]:
+    if scenario.scene is not None:
+        for path in cell_of(scenario.scene).files:
+            yield f"scene/{path.name}", path

@@ -12,6 +12,7 @@ from cosim.base.frames import Array
 from cosim.build.arm_joints import check_joints
 from cosim.build.arms import find_arm
 from cosim.build.blame import blamed_on
+from cosim.build.cells import cell_of
 from cosim.build.decisions import contact_decision, decisions
 from cosim.build.engines_agree import check_engines_agree
 from cosim.build.fidelity import fidelity_report, soft_sides
@@ -107,6 +108,7 @@ def _arm(scenario: Scenario, trial: SoftSide, soft: SoftSide, before: Choices | 
         gravity=scenario.gravity_m_s2,
         objects=tuple(rigid_object(entry) for entry in scenario.objects),
         wires=tuple(rigid_wire(entry) for entry in scenario.wires),
+        cell=None if scenario.scene is None else cell_of(scenario.scene),
         mounted=() if palm is None else (palm_object(palm),),
     )
     try:
@@ -221,5 +223,6 @@ def _contact_report(scenario: Scenario, modelled: tuple[Decision, ...]) -> str:
     if scenario.mode == "quasistatic":
         names = [entry.name for entry in scenario.objects if entry.mass_kg is None]
         friction = "no friction; what can move is not touched"
-    things = ", ".join(["floor", *names])
+    cell = [] if scenario.scene is None else ["cell"]
+    things = ", ".join(["floor", *cell, *names])
     return f"with {things}; {law.stiffness_N_m3:.0e} N/m^3, {friction}"

@@ -12,7 +12,7 @@ from cosim.config.kinds import register_installed
 from cosim.config.rules.given_body_rules import check_in_file
 from cosim.config.rules.scenario_rules import check_scenario, check_soft_robot
 from cosim.config.schema.given_body import GivenBodyTable
-from cosim.config.schema.mesh_paths import with_mesh_paths
+from cosim.config.schema.mesh_paths import with_mesh_paths, with_scene_path
 from cosim.config.schema.scenario import Scenario
 from cosim.config.schema.soft_robot import SoftRobotTable
 from cosim.config.tension_tables import with_listed_tensions
@@ -51,6 +51,7 @@ def load_scenario(
         table.setdefault("name", path.stem)
     place = folder
     arm_folder = Path() if "robot" in overrides else folder
+    scene_folder = Path() if any(key.partition(".")[0] == "scene" for key in overrides) else folder
     if body is not None:
         with faults:
             _check_no_robot(overrides, body)
@@ -73,6 +74,8 @@ def load_scenario(
         scenario = copy_with(scenario, objects=with_mesh_paths(scenario.objects, place, faults))
     with faults:
         scenario = copy_with(scenario, robot=with_arm_path(scenario.robot, arm_folder))
+    with faults:
+        scenario = copy_with(scenario, scene=with_scene_path(scenario.scene, scene_folder))
     return _resolved(scenario, faults)
 
 

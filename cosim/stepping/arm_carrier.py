@@ -134,14 +134,11 @@ class ArmCarrier(Carrier):
 
     @property
     def report(self) -> Mapping[str, str]:
+        arm, cell = self._arm, self._scene.description.cell
+        servos = f"{arm.name}, {arm.joint_count} joints, servos with inverse-dynamics feedforward"
         return {
-            "Arm": "; ".join(
-                (
-                    f"{self._arm.name}, {self._arm.joint_count} joints, servos with inverse-dynamics "
-                    "feedforward",
-                    *self._arm.notes,
-                )
-            ),
+            "Arm": "; ".join((servos, *arm.notes)),
+            **({} if cell is None else {"Cell": cell.report}),
             "Exchange": exchange_report(self._exchange),
             "Payload compensation": "on" if self._compensation else "off",
         }

@@ -44,26 +44,30 @@ def read_robot(path: Path) -> ElementTree.Element:
     return robot
 
 
-def read_text(path: Path) -> str:
+def read_text(path: Path, kind: str = "arm") -> str:
     """Return the text of an arm's file.
+
+    Args:
+        path: of the file.
+        kind: what it is of, for messages.
 
     Raises:
         InputError: it is not there, cannot be read, is too large, or declares entities.
     """
     if not is_file(path):
-        raise InputError(f"arm file {path} does not exist")
+        raise InputError(f"{kind} file {path} does not exist")
     try:
         data = path.read_bytes() if path.stat().st_size <= LARGEST_FILE_BYTES else None
     except OSError as error:
-        raise InputError(f"arm file {path} cannot be read: {error.strerror}") from None
+        raise InputError(f"{kind} file {path} cannot be read: {error.strerror}") from None
     if data is None:
-        raise InputError(f"arm file {path} is longer than {LARGEST_FILE_BYTES} bytes, which no arm needs")
+        raise InputError(f"{kind} file {path} is longer than {LARGEST_FILE_BYTES} bytes, which nothing needs")
     try:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
-        raise InputError(f"arm file {path} is not UTF-8 text: byte {error.start}") from None
+        raise InputError(f"{kind} file {path} is not UTF-8 text: byte {error.start}") from None
     if "<!DOCTYPE" in text or "<!ENTITY" in text:
-        raise InputError(f"arm file {path} declares a document type or entities; no arm needs them")
+        raise InputError(f"{kind} file {path} declares a document type or entities; nothing needs them")
     return text
 
 

@@ -1,4 +1,4 @@
-"""Finds the mesh files of a scenario's objects."""
+"""Finds the mesh files of a scenario's objects, and the file of its scene."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TypeVar
 
 from cosim.base.resources import is_file, list_object_meshes, object_mesh_path
-from cosim.config.schema.objects import ObjectTable, SolidTable
+from cosim.config.schema.objects import ObjectTable, SceneTable, SolidTable
 from cosim.config.toml.faults import UNKNOWN, Faults, copy_with, guard
 from cosim.errors import ScenarioError
 
@@ -39,6 +39,24 @@ def with_mesh_paths(
             here = copy_with(here, parts=parts)
         found.append(here)
     return tuple(found)
+
+
+def with_scene_path(scene: SceneTable | None, folder: Path) -> SceneTable | None:
+    """Return a scene whose file is an absolute path.
+
+    Args:
+        scene: as in the scenario file.
+        folder: of the scenario file.
+
+    Raises:
+        ScenarioError: there is no such file.
+    """
+    if scene is None:
+        return None
+    path = folder / scene.mjcf
+    if path.suffix.lower() != ".xml" or not is_file(path):
+        raise ScenarioError("scene.mjcf", f"{str(path)!r} is no file that ends in .xml")
+    return copy_with(scene, mjcf=str(path.resolve()))
 
 
 def _found(entry: Solid, folder: Path, path: str, faults: Faults) -> Solid:

@@ -19,7 +19,16 @@ from typing import Annotated, Literal, TypeAlias, final
 
 from annotated_types import Len
 
-from cosim.config.toml.constraints import Colour, Direction, Name, NonNegative, Positive, Quaternion, Vector3
+from cosim.config.toml.constraints import (
+    Colour,
+    Direction,
+    Name,
+    NonNegative,
+    Positive,
+    Quaternion,
+    Text,
+    Vector3,
+)
 
 Shape: TypeAlias = Literal["box", "sphere", "cylinder", "capsule", "ellipsoid", "mesh"]
 Size: TypeAlias = Annotated[tuple[Positive, ...], Len(max_length=3)]
@@ -134,3 +143,16 @@ class ObjectTable:
     hinge: HingeJointTable | None = None
     slide: SlideJointTable | None = None
     parts: tuple[SolidTable, ...] = field(default=(), metadata={"alias": "part"})
+
+
+@final
+@dataclass(frozen=True)
+class SceneTable:
+    """What stands around the arm besides objects.
+
+    Args:
+        mjcf: MuJoCo's own format, ends in .xml; relative to the scenario file. Nothing in it may move. A
+            plane of it takes the floor's place, its options are left out.
+    """
+
+    mjcf: Text

@@ -12,7 +12,7 @@ from cosim.config.schema.coupling import CouplingTable
 from cosim.config.schema.devices import ControllerTable, PumpTable, WinchTable
 from cosim.config.schema.fidelity import AutoTable, Fidelity
 from cosim.config.schema.given_body import AnySoftRobot, InFiles
-from cosim.config.schema.objects import ObjectTable
+from cosim.config.schema.objects import ObjectTable, SceneTable
 from cosim.config.schema.phase import PhaseTable, StartTable
 from cosim.config.schema.soft_robot import SoftRobotTable
 from cosim.config.schema.solver import (
@@ -46,6 +46,7 @@ class Scenario:
             short trade, tick and integrator with it, so that `[auto]` is met.
         payload_compensation: the arm's feedforward knows the soft arm's weight.
         objects: `[[object]]` in the file.
+        scene: of other things around the arm.
         wires: `[[wire]]` in the file.
         phases: `[[phase]]` in the file.
         pumps, winches, controllers: `[[pump]]`, `[[winch]]`, `[[controller]]` in the file.
@@ -73,6 +74,7 @@ class Scenario:
     gas: GasTable = GasTable()
     recording: RecordingTable = RecordingTable()
     objects: tuple[ObjectTable, ...] = field(default=(), metadata={"alias": "object"})
+    scene: SceneTable | None = None
     wires: tuple[WireTable, ...] = field(default=(), metadata={"alias": "wire"})
     pumps: tuple[PumpTable, ...] = field(default=(), metadata={"alias": "pump"})
     winches: tuple[WinchTable, ...] = field(default=(), metadata={"alias": "winch"})

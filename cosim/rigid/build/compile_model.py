@@ -14,6 +14,7 @@ import numpy as np
 from cosim.base.frames import Pose
 from cosim.config.arms.link_shapes import readable_mesh
 from cosim.errors import InputError, SceneError
+from cosim.rigid.build.cell_reading import attach_cell
 from cosim.rigid.build.description import (
     FLANGE_SITE,
     FORCE_SENSOR,
@@ -78,7 +79,8 @@ def _compiled(description: SceneDescription) -> mujoco.MjModel:
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     _place_base(spec, description.world_from_base or arm.world_from_base)
     _prepare_arm(spec, description)
-    if description.floor_height_m is not None:
+    cell = description.cell
+    if description.floor_height_m is not None and not (cell is not None and cell.has_plane):
         height = description.floor_height_m
         floor = SceneObject("floor", "plane", (4.0, 4.0), (0.0, 0.0, height), rgba=_FLOOR_GREY)
         add_object(spec, floor, {}, description.tick_s)
@@ -96,6 +98,8 @@ def _compiled(description: SceneDescription) -> mujoco.MjModel:
         add_object(spec, item, objects, description.tick_s)
     for wire in description.wires:
         add_wire(spec, wire, objects, description.tick_s)
+    if cell is not None:
+        attach_cell(spec, cell)
     model = spec.compile()
     for wire in description.wires:
         relax_wire(model, wire)

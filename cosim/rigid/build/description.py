@@ -10,6 +10,7 @@ from cosim.base.arm_file import ArmFile
 from cosim.base.frames import Array, Pose
 from cosim.base.triangle_mesh import TriangleMesh
 from cosim.errors import InputError
+from cosim.rigid.build.cell import Cell
 from cosim.rigid.build.geometry import Geometry
 from cosim.rigid.build.joint import Joint
 from cosim.rigid.build.wire import Wire
@@ -132,6 +133,7 @@ class SceneDescription:
         wires: around the arm.
         mounted: bodies fixed to the flange, posed in its frame.
         floor_height_m: height of a floor plane [m], or None for no floor.
+        cell: what else stands around the arm; a plane of it is the floor.
         armature: rotor inertia seen at each joint [kg m^2]; those of the arm's file unless given.
         gains: of the servos; those of the arm's file, or from its torque limits, unless given.
 
@@ -147,6 +149,7 @@ class SceneDescription:
     wires: tuple[Wire, ...] = ()
     mounted: tuple[SceneObject, ...] = ()
     floor_height_m: float | None = 0.0
+    cell: Cell | None = None
     armature: float | None = None
     gains: ServoGains | None = None
 

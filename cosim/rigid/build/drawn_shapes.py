@@ -19,7 +19,9 @@ def body_shapes(model: mujoco.MjModel) -> tuple[BodyShape, ...]:
     shapes = []
     for geom in np.flatnonzero(model.geom_group == VISUAL_GROUP):
         body_from_geom = Pose.from_quaternion(model.geom_quat[geom], model.geom_pos[geom])
-        red, green, blue, alpha = (float(c) for c in model.geom_rgba[geom])
+        material = int(model.geom_matid[geom])
+        colour = model.geom_rgba[geom] if material < 0 else model.mat_rgba[material]
+        red, green, blue, alpha = (float(c) for c in colour)
         for shade, (vertices, triangles) in zip((1.0, _DARKER), _meshes(model, int(geom)), strict=False):
             shapes.append(
                 BodyShape(

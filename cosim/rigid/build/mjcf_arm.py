@@ -21,6 +21,7 @@ from cosim.config.arms.chain import FLANGE_NAMES
 from cosim.config.arms.origins import add_inertial, add_origin, text_of
 from cosim.config.arms.robot_tree import read_text
 from cosim.errors import InputError
+from cosim.rigid.build.mjcf_files import named_files
 from cosim.rigid.build.mjcf_shapes import link_shapes
 from cosim.rigid.scene.warnings import silence_warning_file
 
@@ -78,7 +79,7 @@ def read_mjcf(source: ArmSource) -> ArmFile:
     return arm_of(
         Chain(
             robot, tuple(joints), end, home, armature if armature.any() else None,
-            shapes=shapes, files=(path, *_files(path)), notes=tuple(notes),
+            shapes=shapes, files=(path, *named_files(path)), notes=tuple(notes),
         ),
         source,
     )  # fmt: skip
@@ -253,22 +254,3 @@ def _name(model: mujoco.MjModel, kind: mujoco.mjtObj, index: int) -> str:
 
 def _free_name(name: str, taken: list[str]) -> str:
     return f"{name}_frame" if name in taken else name
-
-
-def _files(path: Path) -> tuple[Path, ...]:
-    """Return the files that an MJCF names, as far as they are found: includes, meshes."""
-    found: dict[Path, None] = {}
-    root = ElementTree.fromstring(read_text(path))
-    compiler = root.find("compiler")
-    folders = [""] if compiler is None else [compiler.get("meshdir", ""), compiler.get("assetdir", ""), ""]
-    for element in root.iter():
-        file = element.get("file")
-        if file is None:
-            continue
-        near = [path.parent / folder / file for folder in folders]
-        place = next((candidate.resolve() for candidate in near if candidate.is_file()), None)
-        if place is not None and place != path and place not in found:
-            found[place] = None
-            if element.tag == "include":
-                found |= dict.fromkeys(_files(place))
-    return tuple(found)

@@ -11,7 +11,7 @@ from cosim.rigid.build.description import VISUAL_GROUP, SceneObject
 from cosim.rigid.build.geometry import Geometry
 from cosim.rigid.build.joint import Joint
 
-_CONTACT = (2, 3)  # floor and objects meet everything
+OBJECT_CONTACT = (2, 3)  # floor and objects meet everything
 _GEOM_TYPES = {
     "box": mujoco.mjtGeom.mjGEOM_BOX,
     "sphere": mujoco.mjtGeom.mjGEOM_SPHERE,
@@ -118,7 +118,7 @@ def add_geometries(spec: mujoco.MjSpec, body: mujoco.MjsBody, item: SceneObject)
             geom.meshname = _add_mesh(spec, name, mesh)
             geom.userdata = [0.0 if solid.convex else _HOLLOW]
         geom.group = VISUAL_GROUP
-        geom.contype, geom.conaffinity = _CONTACT
+        geom.contype, geom.conaffinity = OBJECT_CONTACT
         geom.friction = [solid.friction, 0.005, 0.0001]
         if item.mass_kg > 0.0:
             geom.mass = item.mass_kg * weight[k] / sum(weight)

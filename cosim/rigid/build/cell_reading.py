@@ -1,0 +1,111 @@
+"""Reads the cell that a robot stands in from MuJoCo's own format, and puts it into a specification."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ElementTree
+from pathlib import Path
+from typing import Final
+
+import mujoco
+import numpy as np
+
+from cosim.config.arms.robot_tree import read_text
+from cosim.errors import InputError
+from cosim.rigid.build.cell import Cell
+from cosim.rigid.build.description import VISUAL_GROUP
+from cosim.rigid.build.mjcf_files import named_files
+from cosim.rigid.build.object_bodies import OBJECT_CONTACT
+from cosim.rigid.scene.warnings import silence_warning_file
+
+CELL: Final = "cell"
+"""Body that carries the world of the cell; names of its own are behind it and a slash."""
+
+_TOUCHABLE: Final = (
+    mujoco.mjtGeom.mjGEOM_PLANE, mujoco.mjtGeom.mjGEOM_BOX, mujoco.mjtGeom.mjGEOM_SPHERE,
+    mujoco.mjtGeom.mjGEOM_CYLINDER, mujoco.mjtGeom.mjGEOM_CAPSULE, mujoco.mjtGeom.mjGEOM_ELLIPSOID,
+    mujoco.mjtGeom.mjGEOM_MESH,
+)  # fmt: skip
+_FIRST_HIDDEN_GROUP: Final = 3  # MuJoCo shows groups 0, 1 and 2
+_HIDDEN_GROUP: Final = 4
+
+
+def read_cell(path: Path) -> Cell:
+    """Return the cell of an MJCF file.
+
+    Raises:
+        InputError: MuJoCo refuses the file, something in it moves or is soft, or a shape cannot be touched.
+    """
+    spec, model = _compiled(path)
+    if model.njnt:
+        body = model.body(int(model.jnt_bodyid[0])).name or f"number {int(model.jnt_bodyid[0])}"
+        raise InputError(
+            f"cell file {path}: body {body!r} has a joint; a cell stands still, give what moves as [[object]]"
+        )
+    if model.nflex or model.nskin:
+        raise InputError(f"cell file {path}: holds flexes or skins; a cell is rigid")
+    collides = (model.geom_contype | model.geom_conaffinity) != 0
+    for geom in np.flatnonzero(collides):
+        kind = mujoco.mjtGeom(model.geom_type[geom])
+        if kind not in _TOUCHABLE:
+            name, what = model.geom(int(geom)).name, kind.name.removeprefix("mjGEOM_").lower()
+            raise InputError(
+                f"cell file {path}: geom {name or int(geom)!r} is of type {what!r}, which cannot be touched; "
+                "replace it, or set its contype and conaffinity to 0"
+            )
+    planes = collides & (model.geom_type == mujoco.mjtGeom.mjGEOM_PLANE)
+    files = (path, *named_files(path))
+    return Cell(path, spec, files, int(collides.sum()), bool(planes.any()), _asked_otherwise(spec))
+
+
+def attach_cell(spec: mujoco.MjSpec, cell: Cell) -> None:
+    """Put a cell into a specification that has the options of the scene already.
+
+    Args:
+        spec: of the scene.
+        cell: to add, in world axes.
+    """
+    added = cell.spec.copy()
+    for element in (*added.keys, *added.sensors, *added.actuators, *added.tendons, *added.cameras):
+        added.delete(element)
+    for name in _options(spec):
+        setattr(added.option, name, getattr(spec.option, name))
+    added.nuser_geom = spec.nuser_geom
+    for number, body in enumerate(added.bodies[1:]):
+        body.name = body.name or f"body_{number + 1}"
+    for geom in added.geoms:
+        geom.group = VISUAL_GROUP if geom.group < _FIRST_HIDDEN_GROUP else _HIDDEN_GROUP
+        geom.userdata = [0.0] * spec.nuser_geom
+        if geom.contype or geom.conaffinity:
+            geom.contype, geom.conaffinity = OBJECT_CONTACT
+    carrier = spec.worldbody.add_body(name=CELL)
+    spec.attach(added, prefix=f"{CELL}/", frame=carrier.add_frame())
+
+
+def _compiled(path: Path) -> tuple[mujoco.MjSpec, mujoco.MjModel]:
+    try:
+        tag = ElementTree.fromstring(read_text(path, "cell")).tag
+    except ElementTree.ParseError as error:
+        raise InputError(f"cell file {path} is not XML: {error}") from None
+    if tag != "mujoco":
+        raise InputError(f"cell file {path} is no MJCF: its first element is <{tag}>, not <mujoco>")
+    silence_warning_file()
+    try:
+        spec = mujoco.MjSpec.from_file(str(path))
+        return spec, spec.copy().compile()
+    except ValueError as error:
+        text = str(error).replace("\n", ", ")
+        raise InputError(f"cell file {path}: MuJoCo refuses it: {text}") from None
+
+
+def _options(spec: mujoco.MjSpec) -> list[str]:
+    return [name for name in dir(spec.option) if not name.startswith("_")]
+
+
+def _asked_otherwise(spec: mujoco.MjSpec) -> tuple[str, ...]:
+    """Return the options that a file sets, as names and values: the scene has its own."""
+    plain, found = mujoco.MjSpec(), []
+    for name in _options(spec):
+        asked = np.asarray(getattr(spec.option, name))
+        if not np.array_equal(asked, np.asarray(getattr(plain.option, name))):
+            found.append(f"{name} {' '.join(f'{value:g}' for value in asked.ravel().astype(float))}")
+    return tuple(found)

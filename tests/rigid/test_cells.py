@@ -1,0 +1,167 @@
+"""Cells from MJCF: what stands in them is touched as the same objects are."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import cosim
+from cosim.app.loaded_files import loaded_digests
+from cosim.build.arms import find_arm
+from cosim.cli.main import main
+from cosim.config.loading import load_scenario
+from cosim.errors import InputError
+from cosim.rigid import RigidScene, SceneDescription
+from cosim.rigid.build.cell_reading import read_cell
+
+CELL = """<mujoco model="bench"><compiler angle="degree"/>
+<option timestep="0.001" integrator="RK4"/>
+<default><geom friction="0.8 0.005 0.0001"/></default>
+<asset><material name="steel" rgba="0.2 0.3 0.4 1"/></asset>
+<worldbody><light pos="0 0 3"/>
+<body name="table" pos="0.5 0 0.1" euler="0 0 20">
+<geom name="top" type="box" size="0.3 0.2 0.1" material="steel"/>
+<body name="post" pos="-0.1 0.05 0.25"><geom type="cylinder" size="0.05 0.15"/>
+<geom type="sphere" size="0.06" pos="0 0 0.15"/></body></body>
+<body pos="1 1 0"><geom type="capsule" size="0.05 0.2"/>
+<geom size="0.3" contype="0" conaffinity="0" group="3"/></body></worldbody>
+<keyframe><key name="home"/></keyframe></mujoco>
+"""
+OBJECTS = """
+[[object]]
+name = "table"
+shape = "box"
+size_m = [0.6, 0.4, 0.2]
+position_m = [0.5, 0.0, 0.1]
+quaternion = [0.984807753012208, 0.0, 0.0, 0.17364817766693033]
+
+[[object]]
+name = "post"
+shape = "cylinder"
+size_m = [0.05, 0.3]
+position_m = [0.3889297307551257, 0.012782616706728554, 0.35]
+
+[[object.part]]
+shape = "sphere"
+size_m = [0.06]
+position_m = [0.0, 0.0, 0.15]
+"""
+SCENARIO = """schema = 2
+title = "a finger is pressed on a post"
+robot = "ur5e"
+soft_robot = "gripper_finger"
+
+[start]
+flange.position_m = [0.389, 0.013, 0.65]
+flange.direction = [0.0, 0.0, -1.0]
+
+[[phase]]
+name = "press"
+duration_s = 0.5
+flange_shift_m = [0.01, 0.0, -0.06]
+"""
+
+
+def written(tmp_path: Path, text: str) -> Path:
+    """Return the path of a cell's file."""
+    path = tmp_path / "cell.xml"
+    path.write_text(text)
+    return path
+
+
+def test_a_cell_stands_around_the_arm_with_the_options_of_the_scene(tmp_path: Path) -> None:
+    cell = read_cell(written(tmp_path, CELL))
+    assert cell.ignored == ("integrator 1", "timestep 0.001")
+    assert (cell.touched, cell.has_plane) == (4, False)
+    arm = find_arm("ur5e")
+    plain, scene = RigidScene(SceneDescription(arm)), RigidScene(SceneDescription(arm, cell=cell))
+    assert scene.tick_s == 0.002
+    assert scene.body_names[: len(plain.body_names)] == plain.body_names
+    assert scene.body_names[len(plain.body_names) :] == (
+        "cell", "cell/table", "cell/post", "cell/body_3",
+    )  # fmt: skip
+    assert len(scene.contact_query(fixed_only=True)) == len(plain.contact_query(fixed_only=True)) + 4
+    drawn = [shape for shape in scene.shapes if scene.body_names[shape.body] == "cell/table"]
+    assert drawn[0].rgba == pytest.approx((0.2, 0.3, 0.4, 1.0))
+    assert "cell/body_3" in {scene.body_names[shape.body] for shape in scene.shapes}
+
+
+def test_distances_are_those_of_the_shapes(tmp_path: Path) -> None:
+    """Of the sphere on the post, whose centre the file gives."""
+    scene = RigidScene(SceneDescription(find_arm("ur5e"), cell=read_cell(written(tmp_path, CELL))))
+    query = scene.contact_query(fixed_only=True)
+    place = scene.body_poses()[0][scene.body_names.index("cell/post")] + [0.0, 0.0, 0.15]
+    hits = query.distances(place[None] + np.array([[0.0, 0.0, 0.1]]), 0.05)
+    np.testing.assert_allclose(hits.distance.min(), 0.04, atol=1e-12)
+
+
+def test_a_plane_of_the_cell_is_the_floor(tmp_path: Path) -> None:
+    plane = '<worldbody><geom type="plane" size="1 1 0.1" pos="0 0 -0.2"/>'
+    cell = read_cell(written(tmp_path, CELL.replace("<worldbody>", plane)))
+    scene = RigidScene(SceneDescription(find_arm("ur5e"), cell=cell))
+    assert cell.has_plane
+    assert "floor" not in scene.body_names
+    assert "its plane is the floor" in cell.report
+
+
+def test_a_cell_is_touched_as_the_same_objects_are(tmp_path: Path) -> None:
+    written(tmp_path, CELL)
+    with_cell, with_objects = tmp_path / "cell.toml", tmp_path / "objects.toml"
+    with_cell.write_text(SCENARIO + '\n[scene]\nmjcf = "cell.xml"\n')
+    with_objects.write_text(SCENARIO + OBJECTS)
+    runs = [cosim.run(path) for path in (with_cell, with_objects)]
+    assert runs[0].contact_force_N.max() > 1.0  # N: it is pressed on
+    # rounding, as the places of the same shapes are worked out in another order
+    np.testing.assert_allclose(runs[0].contact_force_N, runs[1].contact_force_N, atol=1e-8)
+    np.testing.assert_allclose(runs[0].tip_position, runs[1].tip_position, atol=1e-12)
+    np.testing.assert_allclose(runs[0].joint_position, runs[1].joint_position, atol=1e-12)
+
+
+def test_the_cell_counts_among_what_a_run_was_loaded_from(tmp_path: Path) -> None:
+    written(tmp_path, CELL)
+    path = tmp_path / "s.toml"
+    path.write_text(SCENARIO + '\n[scene]\nmjcf = "cell.xml"\n')
+    scenario = load_scenario(path)
+    assert scenario.scene is not None
+    assert scenario.scene.mjcf == str(tmp_path / "cell.xml")
+    assert "scene/cell.xml" in loaded_digests(scenario)
+
+
+WRONG = {
+    "moves": ('name="post" pos="-0.1 0.05 0.25">', 'name="post"><joint/>', "'post'.* a joint; .*object"),
+    "no MJCF": (CELL, "<robot/>", "is no MJCF"),
+    "no XML": ("</mujoco>", "", "is not XML"),
+    "unknown": ("<option", "<optoin", "MuJoCo refuses it: .*optoin"),
+    "height field": (
+        "<worldbody>",
+        '<asset><hfield name="h" nrow="2" ncol="2" size="1 1 1 1"/></asset><worldbody>'
+        '<geom name="hill" type="hfield" hfield="h"/>',
+        "geom 'hill' is of type 'hfield'",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", WRONG)
+def test_wrong_cells_are_refused(tmp_path: Path, case: str, capsys: pytest.CaptureFixture[str]) -> None:
+    before, after, words = WRONG[case]
+    assert before in CELL
+    path = written(tmp_path, CELL.replace(before, after, 1))
+    with pytest.raises(InputError, match=words):
+        read_cell(path)
+    scenario = tmp_path / "s.toml"
+    scenario.write_text(SCENARIO + '\n[scene]\nmjcf = "cell.xml"\n')
+    assert main(["run", str(scenario), "--out", str(tmp_path / "out")]) == 2
+    (line,) = [row for row in capsys.readouterr().err.splitlines() if row.startswith("cosim: error")]
+    assert line.startswith("cosim: error: scene.mjcf: cell file")
+
+
+def test_a_cell_that_is_not_there_or_has_no_arm_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "s.toml"
+    path.write_text(SCENARIO + '\n[scene]\nmjcf = "cell.xml"\n')
+    with pytest.raises(InputError, match=r"scene\.mjcf: .*no file that ends in \.xml"):
+        load_scenario(path)
+    written(tmp_path, CELL)
+    with pytest.raises(InputError, match="scene: needs an arm"):
+        load_scenario(path, {"robot": "none"})
