@@ -7,9 +7,7 @@ that does not converge in one go; that tick is finished by `StaggeredCoupling`, 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import fields
-from functools import cache
-from typing import Any, final
+from typing import final
 
 import numpy as np
 
@@ -30,8 +28,6 @@ from cosim.reduced.solve.time_step import ChainStep
 from cosim.rigid.scene.native import NativeScene
 from cosim.soft.body.loads import Loads
 from cosim.soft.solve.newton_options import Outcome
-
-_TAKEN = {"pressure_Pa", "cable_tension_N", "gravity"}
 
 
 @final
@@ -62,7 +58,7 @@ class SectionLockstep(Lockstep):
         return cls(coupling, native, soft, mounted)
 
     def commands(self, servos: Servos, loads: Sequence[Loads]) -> Commands | None:
-        if not all(_plain(load) for load in {id(load): load for load in loads}.values()):
+        if not all(load.plain for load in {id(load): load for load in loads}.values()):
             return None
         pressure = np.array([load.pressures(1)[0] for load in loads])
         tension = np.array([load.cable_tension_N for load in loads]).reshape(len(loads), -1)
@@ -163,21 +159,6 @@ class SectionLockstep(Lockstep):
             flange.stepped(_pose(ticks, done))
         else:
             flange.stepped(_pose(ticks, done - 1))
-
-
-def _plain(load: Loads) -> bool:
-    """Whether pressure, tensions and gravity are all that acts: everything else as if it was not given."""
-    kind: Any = type(load)
-    given = ((getattr(load, name), default) for name, default in _not_taken(kind))
-    return all(
-        value is default or (isinstance(value, tuple) and value == default) for value, default in given
-    )
-
-
-@cache
-def _not_taken(kind: Any) -> tuple[tuple[str, Any], ...]:
-    """Return names and defaults of what loads hold besides."""
-    return tuple((field.name, field.default) for field in fields(kind) if field.name not in _TAKEN)
 
 
 def _pose(ticks: Ticks, row: int) -> Pose:

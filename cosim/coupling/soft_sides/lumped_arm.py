@@ -131,7 +131,7 @@ class SoftArm(SoftSide):
 
     def inertia_weight(self, step_s: float) -> float:
         """Return c [1/s^2]: a motion X of the nodes in a step meets the inertia c m X."""
-        span = difference_scheme(self._dynamics.integrator, self.state, step_s)[1]
+        _, span = difference_scheme(self._dynamics.integrator, self.state, step_s)
         return inertia_weight(span, self._dynamics.damping_per_s)
 
     def contact_surface(self) -> ContactSurface:

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from functools import cached_property
-from typing import Annotated, TypeVar, final
+from dataclasses import dataclass, fields, replace
+from functools import cache, cached_property
+from typing import Annotated, Any, Final, NamedTuple, TypeVar, final
 
 import numpy as np
 
@@ -16,6 +16,8 @@ from cosim.soft.elements.element import NodalPotential, Sums
 from cosim.soft.elements.gas import SealedGas
 
 Value = TypeVar("Value")
+
+PLAIN: Final = {"pressure_Pa", "cable_tension_N", "gravity"}
 
 
 @final
@@ -34,6 +36,20 @@ class DeadForces:
         gradient = sums.gradient
         gradient -= self.force
         return -float(np.einsum("nr,nr->", self.force, positions))
+
+
+class PlainLoads(NamedTuple):
+    """Loads that are plain, for kernels.
+
+    Args:
+        pressure: (chambers,) [Pa].
+        tension: (cables,) [N], at their base ends.
+        gravity: (3,) [m/s^2].
+    """
+
+    pressure: Array
+    tension: Array
+    gravity: Array
 
 
 @final
@@ -87,6 +103,16 @@ class Loads:
         dead = None if self.nodal_force is None else DeadForces(self.nodal_force)
         return tuple(entry for entry in (dead, self.contact, self.extra) if entry is not None)
 
+    @cached_property
+    def plain(self) -> bool:
+        """Whether it `is_plain`."""
+        return is_plain(self)
+
+    def arrays(self, chambers: int) -> PlainLoads:
+        """Return pressures of so many chambers, tensions and gravity, whatever else there is."""
+        pressure = np.array(self.pressures(chambers))
+        return PlainLoads(pressure, np.array(self.cable_tension_N), self.gravity_vector)
+
     def pressures(self, chambers: int) -> tuple[float, ...]:
         """Return the given gauge pressure [Pa] of each of so many chambers.
 
@@ -131,6 +157,21 @@ class Loads:
             end, pressure_Pa=pressure, cable_tension_N=tension, gravity=(gx, gy, gz), nodal_force=force,
             gas=gas, cable_length_m=lengths,
         )  # fmt: skip
+
+
+def is_plain(load: object) -> bool:
+    """Return whether pressures, tensions and gravity are all that acts: all else as if it was not given."""
+    kind: Any = type(load)
+    given = ((getattr(load, name), default) for name, default in _besides(kind))
+    return all(
+        value is default or (isinstance(value, tuple) and value == default) for value, default in given
+    )
+
+
+@cache
+def _besides(kind: Any) -> tuple[tuple[str, Any], ...]:
+    """Return names and defaults of what loads hold besides pressures, tensions and gravity."""
+    return tuple((entry.name, entry.default) for entry in fields(kind) if entry.name not in PLAIN)
 
 
 def _of_each(values: tuple[Value, ...], missing: Value, count: int, what: str) -> tuple[Value, ...]:

@@ -232,6 +232,12 @@ class Membranes(DirectElement):
             self._stiffness, self.film.law_code, self.film.compressive_fraction, self._forces,
         )  # fmt: skip
 
+    @property
+    def gradient_arrays(self) -> tuple[IntArray, Array, Array, Array] | None:
+        """What `add_membrane_gradients` takes of them; None where it does not know their law."""
+        triangles, _, _, drawn, stiffness, law, _, forces = self._given
+        return (triangles, drawn, stiffness, forces) if law in (PLAIN, WRINKLING) else None
+
     @cached_property
     def _stiffness(self) -> Array:
         return self.film.membrane_stiffness

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import reverse_cuthill_mckee
 
-from cosim.base.frames import Array, IntArray, Mask
+from cosim.base.frames import Array, IntArray, Mask, PlaceArray
 from cosim.base.state_check import check_state
 from cosim.soft.linear.envelope_kernels import factorise, substitute
 from cosim.soft.linear.linear_solver import LinearSolver, equations, lower_entries, numbering
@@ -89,6 +89,12 @@ class EnvelopeCholesky(LinearSolver):
     def mean_width(self) -> float:
         """Entries of a row of L on average."""
         return len(self._store) / max(self.size, 1)
+
+    @property
+    def envelope(self) -> tuple[Array, PlaceArray, PlaceArray, Array, IntArray] | None:
+        """What `substitute` takes of the factor, in order; None where dense terms go beside it."""
+        start, first = self._places
+        return None if self._correction else (self._store, start, first, self._inverse, self._dofs)
 
     def _factorise(self, blocks: Array, shift: float) -> bool:
         if self._lent:

@@ -15,10 +15,11 @@ from cosim.soft.elements import mass_terms, pressure
 from cosim.soft.elements.element import kinds_known
 from cosim.soft.linear import envelope_kernels
 from cosim.soft.linear import multifrontal_kernels as front_kernels
-from cosim.soft.solve import problem
+from cosim.soft.solve import film_step, held_nodes, problem, step_begin
 
 _MODULES: tuple[ModuleType, ...] = (
-    center_line, contact, contact_surface, envelope_kernels, front_kernels, mass_terms, pressure, problem,
+    center_line, contact, contact_surface, envelope_kernels, film_step, front_kernels, held_nodes, mass_terms,
+    pressure, problem, step_begin,
 )  # fmt: skip
 
 _SECONDS_EACH = 0.8  # in the mean, on an idle machine: 12 to 23 s for 25 of them, 27 to 60 s for 40

@@ -130,6 +130,11 @@ class NewtonSolver:
         self._kept = KeptFactor(problem.kind, frame) if definite else None
         return definite
 
+    @property
+    def kept(self) -> KeptFactor | None:
+        """For what the factorisation in `linear` was made; None where none is kept."""
+        return self._kept
+
     def save_state(self) -> NewtonState:
         """Return what the next solution depends on besides its arguments."""
         factor = None if self._kept is None else self.linear.save_state()

@@ -18,7 +18,7 @@ RESULTANT_SHARE: Final = 1e-2
 
 
 @kernel(REAL(MATRIX, MATRIX, MASKS))
-def _residual(x: Array, values: Array, counted: Mask) -> float:
+def largest_residual(x: Array, values: Array, counted: Mask) -> float:
     """Return the largest component of those counted, or the share of their resultant where that is larger.
 
     Many small forces of one sign add up to a wrench that is not there. NaN if a component is not a number.
@@ -77,7 +77,7 @@ class Problem:
         energy = self.system.evaluate(
             positions, self.loads, self.tension, memory, inertia=self.inertia, hessian=hessian
         )
-        return Point(positions, energy, _residual(positions, self.system.gradient, self.free))
+        return Point(positions, energy, largest_residual(positions, self.system.gradient, self.free))
 
     @cached_property
     def kind(self) -> float:

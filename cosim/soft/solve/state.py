@@ -14,6 +14,7 @@ from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
 from cosim.soft.contact.obstacle_contact import ContactPlanes
 from cosim.soft.contact.self_contact_memory import FilmMemory
+from cosim.soft.solve.held_nodes import HeldNodes, add_wrench, flange_axes, place_held
 
 
 @final
@@ -71,10 +72,15 @@ class Clamp:
 
     def place(self, positions: Array, world_from_flange: Pose) -> Array:
         """Return the positions (n, 3) [m] with the held components where the flange has them."""
-        placed = np.array(positions)
-        target = world_from_flange.apply(self.offsets)
-        placed[self.nodes] = target if self._whole else np.where(self.components, target, placed[self.nodes])
+        placed = np.array(positions, order="C")
+        place_held(self.held, flange_axes(world_from_flange), placed)
         return placed
+
+    @cached_property
+    def held(self) -> HeldNodes:
+        """Its arrays, for kernels."""
+        nodes, offsets = np.array(self.nodes, order="C"), np.array(self.offsets, order="C")
+        return HeldNodes(nodes, offsets, np.array(self.components, order="C"))
 
     @cached_property
     def _whole(self) -> bool:
@@ -100,10 +106,9 @@ class Clamp:
             positions: (n, 3) [m], world.
             world_from_flange: pose of the flange, o its origin.
         """
-        reaction = self.reaction(gradient)
-        arm = positions[self.nodes] - world_from_flange.translation
-        (_, xy, xz), (yx, _, yz), (zx, zy, _) = (arm.T @ reaction).tolist()
-        return Wrench(-reaction.sum(axis=0), np.array((zy - yz, xz - zx, yx - xy)))
+        wrench = np.zeros(6)
+        add_wrench(self.held, gradient, positions, flange_axes(world_from_flange), wrench)
+        return Wrench.owning(wrench[:3], wrench[3:])
 
 
 @final

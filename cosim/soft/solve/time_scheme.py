@@ -44,19 +44,22 @@ class StepOptions:
     damping_per_s: float = 0.0
     substep_error_m: float | None = None
 
+    @property
+    def gain(self) -> float:
+        """Fraction of a step's gain in velocity that moves the nodes; BDF2 moves them with half of it."""
+        return 0.5 if self.integrator == "bdf2" else 1.0
 
-def difference_scheme(integrator: Integrator, state: SoftState, h: float) -> tuple[Array, float, Array]:
-    """Return (base, span, speed) of the next step: v = (x - base) / span, acceleration = (v - speed) / span.
+
+def difference_scheme(integrator: Integrator, state: SoftState, h: float) -> tuple[bool, float]:
+    """Return whether the next step looks back over two, and its span s; see `fill_bed`.
 
     Args:
         integrator: see the module's text.
         state: at the beginning of the step.
         h: its length [s].
     """
-    if integrator == "implicit_euler" or state.earlier is None:
-        return state.positions, h, state.velocities
-    x1, v1 = state.earlier
-    return (4.0 * state.positions - x1) / 3.0, 2.0 * h / 3.0, (4.0 * state.velocities - v1) / 3.0
+    two_steps = integrator == "bdf2" and state.earlier is not None
+    return two_steps, 2.0 * h / 3.0 if two_steps else h
 
 
 def inertia_weight(span: float, damping_per_s: float) -> float:
@@ -67,6 +70,32 @@ def inertia_weight(span: float, damping_per_s: float) -> float:
         damping_per_s: alpha [1/s].
     """
     return (1.0 + damping_per_s * span) / span**2
+
+
+@final
+@dataclass(frozen=True)
+class StepScheme:
+    """What the steps of one length have in common.
+
+    Args:
+        two_steps: whether they look back over two.
+        span: s [s].
+        factor: s / (1 + alpha s) [s].
+        inertia: (n,) [N/m], coefficient of the bed that inertia is.
+        kind: tells apart tangents of different beds.
+    """
+
+    two_steps: bool
+    span: float
+    factor: float
+    inertia: Array
+    kind: float
+
+    @classmethod
+    def of(cls, two_steps: bool, span: float, damping_per_s: float, mass: Array) -> StepScheme:
+        """Return the scheme of steps with a span, under a damping, of nodes (n,) [kg]."""
+        inertia = mass * inertia_weight(span, damping_per_s)
+        return cls(two_steps, span, span / (1.0 + damping_per_s * span), inertia, float(inertia.sum()))
 
 
 @final

@@ -19,16 +19,15 @@ from cosim.soft.elements.mass_terms import Inertia
 from cosim.soft.solve.newton import NewtonSolver
 from cosim.soft.solve.newton_options import NewtonResult, Outcome
 from cosim.soft.solve.place import place_of_largest
+from cosim.soft.solve.quick_step import QuickStepper
 from cosim.soft.solve.self_contact import SelfContact
 from cosim.soft.solve.state import Clamp, SoftState
-from cosim.soft.solve.time_scheme import Integrator, StepAim, StepOptions, difference_scheme, inertia_weight
+from cosim.soft.solve.step_begin import fill_bed, fill_flight
+from cosim.soft.solve.time_scheme import StepAim, StepOptions, StepScheme, difference_scheme
 
 _LOSS_ROUNDS_MAX = 8
 
 
-# An acceleration is taken to stay where it moves nodes by so much in a step. Below, starts that are near
-# enough would carry it on for ever: a resting body would wander. Above, films flutter: it will turn round.
-_EVEN_m = (1e-7, 1e-4)
 _LARGE_TURN_RAD = 0.01  # above it, another start of Newton's method pays for looking for it
 
 
@@ -36,25 +35,6 @@ def _turn(before: Pose, after: Pose) -> float:
     """Return the angle [rad] between two poses."""
     cosine = 0.5 * (float(before.rotation.ravel().dot(after.rotation.ravel())) - 1.0)
     return math.acos(min(1.0, max(-1.0, cosine)))
-
-
-def _flight(integrator: Integrator, state: SoftState, h: float) -> Array:
-    """Return where the nodes get if their acceleration stays, or their velocity where it would not.
-
-    An acceleration that stays leads exactly there.
-
-    Args:
-        integrator: BDF2 moves them with the velocity in the middle of the step, implicit Euler with the last.
-        state: at the beginning of the step.
-        h: its length [s].
-    """
-    flight: Array = state.positions + h * state.velocities
-    if state.earlier is None:
-        return flight
-    fraction = 0.5 if integrator == "bdf2" else 1.0
-    gained = fraction * h * (state.velocities - state.earlier[1])
-    least_m, most_m = _EVEN_m
-    return flight + gained if least_m < float(np.abs(gained).max()) < most_m else flight
 
 
 @final
@@ -82,6 +62,8 @@ class ImplicitStepper:
         # of an ordinary step: until it is solved, and in a first go
         self._whole = replace(options.newton, tolerance_N=options.tolerance_N)
         self._first = replace(self._whole, iterations_max=options.iterations)
+        self._quick = QuickStepper(solver, clamp, options)
+        self._scheme: StepScheme | None = None
 
     def step(
         self,
@@ -108,11 +90,15 @@ class ImplicitStepper:
         """
         if not 0.0 < step_s < math.inf:
             raise InputError(f"step {step_s} s must be positive and finite")
-        base, span, speed = difference_scheme(self.options.integrator, state, step_s)
-        inertia = self._inertia(base, span, speed, step_s)
-        loads = self._with_films(state, loads, step_s)
-        starts = [_flight(self.options.integrator, state, step_s), state.positions]
-        if before is not None and _turn(before, world_from_flange) > _LARGE_TURN_RAD:
+        scheme, loads = self._scheme_of(state, step_s), self._with_films(state, loads, step_s)
+        turns = before is not None and _turn(before, world_from_flange) > _LARGE_TURN_RAD
+        if aim is None and not turns:
+            taken = self._quick.take(state, world_from_flange, loads, scheme, step_s)
+            if taken is not None:
+                return taken
+        inertia, base = self._inertia(state, scheme, step_s)
+        starts = [self._flight(state, step_s), state.positions]
+        if turns and before is not None:
             starts = self._ranked(starts, state, before, world_from_flange, loads, inertia)
         # flight is the better start, unless it takes films too far; then the step begins where it is
         if aim is not None and aim.start is not None:
@@ -132,7 +118,7 @@ class ImplicitStepper:
                 result.residual_N,
                 result.iterations,
             )
-        velocities = (result.positions - base) / span
+        velocities = (result.positions - base) / scheme.span
         earlier, pairs = (state.positions, state.velocities), loads.self_contact
         touching = None if pairs is None else pairs.memory(result.positions)
         memory = self.solver.system.advanced(result.positions, result.memory)
@@ -153,7 +139,7 @@ class ImplicitStepper:
             loads: there.
             step_s: h [s].
         """
-        inertia = self._inertia(*difference_scheme(self.options.integrator, state, step_s), step_s)
+        inertia, _ = self._inertia(state, self._scheme_of(state, step_s), step_s)
         loads = self._with_films(state, loads, step_s)
         return self.solver.factorise(
             state.positions, state.memory, loads, inertia, world_from_flange.rotation
@@ -177,11 +163,29 @@ class ImplicitStepper:
 
         return sorted([*starts, carried], key=potential)
 
-    def _inertia(self, base: Array, span: float, speed: Array, step_s: float) -> Inertia:
-        """Return M (v - speed) / s + alpha M v with v = (x - base) / s, written as one elastic bed."""
-        growth = 1.0 + self.options.damping_per_s * span
-        weight = self.solver.system.body.node_mass * inertia_weight(span, self.options.damping_per_s)
-        return Inertia(weight, base + span / growth * speed, step_s)
+    def _scheme_of(self, state: SoftState, step_s: float) -> StepScheme:
+        """Return the scheme of a step; the same object for the same kind of step."""
+        two_steps, span = difference_scheme(self.options.integrator, state, step_s)
+        last = self._scheme
+        if last is None or (last.two_steps, last.span) != (two_steps, span):
+            mass = self.solver.system.body.node_mass
+            last = self._scheme = StepScheme.of(two_steps, span, self.options.damping_per_s, mass)
+        return last
+
+    @staticmethod
+    def _inertia(state: SoftState, scheme: StepScheme, step_s: float) -> tuple[Inertia, Array]:
+        """Return M (v - speed) / s + alpha M v as an elastic bed, and the base (n, 3) [m] of v."""
+        base, target = np.empty_like(state.positions), np.empty_like(state.positions)
+        here = state.positions, state.velocities
+        fill_bed(*here, *(state.earlier or here), scheme.two_steps, scheme.factor, base, target)
+        return Inertia(scheme.inertia, target, step_s), base
+
+    def _flight(self, state: SoftState, step_s: float) -> Array:
+        """Return where the nodes (n, 3) [m] get in free flight."""
+        flight = np.empty_like(state.positions)
+        before = state.velocities if state.earlier is None else state.earlier[1]
+        fill_flight(state.positions, state.velocities, before, step_s, self.options.gain, flight)
+        return flight
 
     def _solve(
         self,

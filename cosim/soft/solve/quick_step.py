@@ -1,0 +1,96 @@
+"""Steps of a film in one kernel call, where that is all they need."""
+
+from __future__ import annotations
+
+from typing import final
+
+import numpy as np
+
+from cosim.base.frames import Array, Mask, Pose
+from cosim.soft.body.loads import Loads
+from cosim.soft.linear.envelope_cholesky import EnvelopeCholesky
+from cosim.soft.solve.film_arrays import StepBed, film_arrays
+from cosim.soft.solve.film_step import KeptEnvelope, StepMotion, StepNumbers, StepWork, film_step
+from cosim.soft.solve.held_nodes import flange_axes
+from cosim.soft.solve.newton import NewtonSolver
+from cosim.soft.solve.newton_options import NewtonResult, Outcome
+from cosim.soft.solve.state import Clamp, SoftState
+from cosim.soft.solve.time_scheme import StepOptions, StepScheme
+
+
+@final
+class QuickStepper:
+    """Takes steps with the factorisation that is kept, and leaves all others.
+
+    Args:
+        solver: Newton's method for the body.
+        clamp: nodes held by the flange.
+        options: how steps are solved.
+    """
+
+    def __init__(self, solver: NewtonSolver, clamp: Clamp, options: StepOptions) -> None:
+        self._solver, self._clamp, self._options = solver, clamp, options
+        system, self._chambers = solver.system, len(solver.system.body.gas_chambers)
+        self._film = film_arrays(system.body)
+        segments = 0 if self._film is None else len(self._film.ratio)
+        self._work = StepWork(
+            system.gradient, np.empty((1, *system.gradient.shape)), np.empty_like(system.memory),
+            np.empty(segments),
+        )  # fmt: skip
+        self._target = np.empty_like(system.gradient)
+
+    def take(
+        self, state: SoftState, flange: Pose, loads: Loads, scheme: StepScheme, step_s: float
+    ) -> tuple[SoftState, NewtonResult] | None:
+        """Return where a step ends, or None where it takes more: `state` is untouched then.
+
+        Args:
+            state: at the beginning.
+            flange: its pose at the end.
+            loads: at the end.
+            scheme: of the step.
+            step_s: h [s].
+        """
+        film, kept = self._film, self._kept(scheme)
+        if film is None or kept is None or not loads.plain:
+            return None
+        here = state.positions, state.velocities
+        x, velocities, memory = (np.empty_like(part) for part in (*here, state.memory))
+        motion = StepMotion(
+            *here, *(state.earlier or here), state.memory, flange_axes(flange), x, velocities, memory
+        )
+        converged, iterations, residual, energy = film_step(
+            film, loads.arrays(self._chambers), StepBed(scheme.inertia, self._target), kept,
+            self._clamp.held, self._numbers(scheme, step_s), motion, self._work,
+        )  # fmt: skip
+        if not converged:
+            return None
+        result = NewtonResult(x, memory, Outcome.CONVERGED, residual, iterations, 0, energy, 0)
+        return SoftState(x, velocities, memory, here), result
+
+    def _kept(self, scheme: StepScheme) -> KeptEnvelope | None:
+        """Return the factorisation in store; None where the kernel does not know its kind."""
+        kept, linear, free = self._solver.kept, self._solver.linear, self._solver.free
+        if kept is None or kept.kind != scheme.kind:
+            return _nothing_kept(free)
+        envelope = linear.envelope if isinstance(linear, EnvelopeCholesky) else None
+        return None if envelope is None else KeptEnvelope(True, *envelope, _writable(kept.frame), free)
+
+    def _numbers(self, scheme: StepScheme, step_s: float) -> StepNumbers:
+        options = self._options
+        newton = options.newton
+        return StepNumbers(
+            scheme.two_steps, step_s, scheme.span, scheme.factor, options.gain, options.tolerance_N,
+            newton.start_tolerance_N, newton.reuse_rate, newton.step_max_m, newton.reuse_max,
+        )  # fmt: skip
+
+
+def _nothing_kept(free: Mask) -> KeptEnvelope:
+    """Return what stands for no factorisation: only a start that is good enough is a step's end then."""
+    none, no_places = np.empty(0), np.empty(0, np.uint64)
+    return KeptEnvelope(False, none, no_places, no_places, none, np.empty(0, np.int64), np.eye(3), free)
+
+
+def _writable(values: Array) -> Array:
+    """Return the same array, or a copy that can be written to: kernels are compiled for such ones."""
+    return values if values.flags.writeable else values.copy()

@@ -1,0 +1,67 @@
+"""How a step begins, in kernels: the elastic bed that inertia is, and where Newton's method starts.
+
+The formulas are those of `time_scheme`: inertia and damping are a bed of `inertia_weight` times the mass
+about the target y = base + s / (1 + alpha s) speed, from which the nodes move by v = (x - base) / s.
+"""
+
+from __future__ import annotations
+
+from numba import types
+
+from cosim.base.kernels import BOOLEAN, MATRIX, REAL, kernel
+
+# An acceleration is taken to stay where it moves nodes by so much in a step. Below, starts that are near
+# enough would carry it on for ever: a resting body would wander. Above, films flutter: it will turn round.
+_LEAST_EVEN_m, _MOST_EVEN_m = 1e-7, 1e-4
+
+
+@kernel(types.void(MATRIX, MATRIX, MATRIX, MATRIX, BOOLEAN, REAL, MATRIX, MATRIX))
+def fill_bed(  # type: ignore[no-untyped-def]
+    x, velocity, earlier_x, earlier_velocity, two_steps, factor, base, target
+):
+    """Fill base and target (n, 3) [m] of a step from positions and velocities, now and one step earlier.
+
+    Args:
+        x: (n, 3) [m].
+        velocity: (n, 3) [m/s].
+        earlier_x: one step earlier; of one step alone: anything.
+        earlier_velocity: the same.
+        two_steps: whether the step looks back over two.
+        factor: s / (1 + alpha s) [s].
+        base: filled.
+        target: filled.
+    """
+    for i in range(x.shape[0]):
+        for r in range(3):
+            place, speed = x[i, r], velocity[i, r]
+            if two_steps:
+                place = (4.0 * place - earlier_x[i, r]) / 3.0
+                speed = (4.0 * speed - earlier_velocity[i, r]) / 3.0
+            base[i, r] = place
+            target[i, r] = place + factor * speed
+
+
+@kernel(types.void(MATRIX, MATRIX, MATRIX, REAL, REAL, MATRIX))
+def fill_flight(  # type: ignore[no-untyped-def]
+    x, velocity, earlier_velocity, h, fraction, flight
+):
+    """Fill flight (n, 3) [m]: where nodes get if their acceleration stays, or their velocity where it won't.
+
+    Args:
+        x: (n, 3) [m].
+        velocity: (n, 3) [m/s].
+        earlier_velocity: one step of h [s] earlier; where that is not known, `velocity`.
+        h: [s].
+        fraction: of the step's gain in velocity that moves them: 1/2 with BDF2, which moves them with the
+            velocity in the middle of the step, 1 with implicit Euler.
+        flight: filled.
+    """
+    most = 0.0
+    for i in range(x.shape[0]):
+        for r in range(3):
+            flight[i, r] = x[i, r] + h * velocity[i, r]
+            most = max(most, abs(fraction * h * (velocity[i, r] - earlier_velocity[i, r])))
+    if _LEAST_EVEN_m < most < _MOST_EVEN_m:
+        for i in range(x.shape[0]):
+            for r in range(3):
+                flight[i, r] += fraction * h * (velocity[i, r] - earlier_velocity[i, r])

@@ -1,0 +1,102 @@
+"""Steps in one kernel are the steps that are summed term by term, and they leave what they cannot take."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cosim.base.frames import Array, Pose, rotation_from_vector
+from cosim.soft.body.body import SoftBody
+from cosim.soft.body.copies import copies
+from cosim.soft.elements.element import Sums
+from cosim.soft.solve import quick_step
+from cosim.soft.solve.newton_options import NewtonOptions
+from cosim.soft.solve.state import SoftState
+from cosim.soft.solve.time_scheme import Integrator, StepOptions
+from cosim.soft.solve.time_step import ImplicitStepper
+from tests.soft.bodies import FILM, HANGING, held, hexagon_arm, hung, no_load
+
+STEP_S, STEPS = 0.002, 24
+REUSING = NewtonOptions(reuse_max=6, start_tolerance_N=1e-6)
+
+
+@dataclass(frozen=True)
+class Nothing:
+    """A further potential that is zero: with it, steps are summed term by term."""
+
+    def add(self, positions: Array, sums: Sums, hessian: bool) -> float:
+        """Add nothing."""
+        return 0.0
+
+
+def two_films() -> SoftBody:
+    """Return an arm of a plain and a wrinkling film, its hinges without stiffness."""
+    body = hexagon_arm(2, hinge_stiffness=0.0, fold_barrier_rad=0.0)
+    lower = np.arange(len(body.triangles)) < len(body.triangles) // 2
+    groups = {"lower": np.flatnonzero(lower), "upper": np.flatnonzero(~lower)}
+    films = {"lower": FILM, "upper": replace(FILM, law="wrinkling", wrinkle_panel_m=0.02)}
+    return SoftBody.from_arrays(
+        body.positions, body.triangles, films, face_groups=groups, hinge_nodes=body.hinges.nodes,
+        caps=body.caps, cables=body.cables, node_mass=body.node_mass, base=body.base, tip=body.tip,
+    )  # fmt: skip
+
+
+def two_chambers() -> SoftBody:
+    """Return two arms side by side, each with its own gas."""
+    beside = Pose(np.eye(3), np.array([0.2, 0.0, 0.0]))
+    return copies(hexagon_arm(2), [Pose(), beside])
+
+
+BODIES = {"arm": hexagon_arm(2), "two films": two_films(), "two chambers": two_chambers()}
+
+
+def moved(
+    body: SoftBody, integrator: Integrator, **loads: Any
+) -> tuple[list[SoftState], list[int], list[Array]]:
+    """Return states, iterations and wrenches of some steps in which flange, pressures and tensions change."""
+    arm = held(body)
+    options = StepOptions(integrator, newton=REUSING, damping_per_s=2.0)
+    move, state = ImplicitStepper(arm.newton, arm.clamp, options), hung(arm).state
+    states, iterations, wrenches, flange = [], [], [], HANGING
+    for k in range(1, STEPS + 1):
+        turn = rotation_from_vector(np.array([0.0, 2e-6 * k * k, 0.0]))
+        before, flange = flange, Pose(turn @ HANGING.rotation, HANGING.translation + 2e-7 * k * k)
+        chambers = len(body.gas_chambers)
+        acting = no_load(
+            body, pressure_Pa=tuple(20.0 * k * (c + 1) for c in range(chambers)),
+            cable_tension_N=tuple(2e-3 * k * (c + 1) for c in range(len(body.cables))), **loads,
+        )  # fmt: skip
+        state, result = move.step(state, flange, acting, STEP_S, before)
+        wrench = arm.clamp.wrench(arm.system.gradient, state.positions, flange)
+        states.append(state)
+        iterations.append(result.iterations)
+        wrenches.append(np.concatenate([wrench.force, wrench.torque]))
+    return states, iterations, wrenches
+
+
+@pytest.mark.parametrize("integrator", ["implicit_euler", "bdf2"])
+@pytest.mark.parametrize("name", list(BODIES))
+def test_quick_steps_are_those_summed_term_by_term(
+    name: str, integrator: Integrator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    true, taken = quick_step.QuickStepper.take, list[bool]()
+
+    def counted(*given: Any) -> Any:
+        found = true(*given)
+        taken.append(found is not None)
+        return found
+
+    monkeypatch.setattr(quick_step.QuickStepper, "take", counted)
+    quick, counts, wrenches = moved(BODIES[name], integrator)
+    assert STEPS // 4 < sum(taken) < STEPS  # some are left: then nothing has changed
+    slow, others, by_terms = moved(BODIES[name], integrator, extra=Nothing())
+    assert counts == others
+    for one, other in zip(quick, slow, strict=True):
+        # the same sums in another order: rounding, and what Newton's method makes of it
+        assert np.abs(one.positions - other.positions).max() < 1e-12
+        assert np.abs(one.velocities - other.velocities).max() < 1e-9
+        assert np.abs(one.memory - other.memory).max(initial=0.0) < 1e-9
+    assert np.abs(np.array(wrenches) - np.array(by_terms)).max() < 1e-9
