@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from cosim.base.arm_file import ArmFile
+from cosim.base.frames import Pose
 from cosim.config.arms.arm_files import arm_source
 from cosim.config.arms.arm_reading import read_urdf
 
@@ -32,4 +33,4 @@ def find_arm(robot: str) -> ArmFile:
     from cosim.kinematics.home import far_from_singularities
 
     notes = (*arm.notes, "home found far from singularities")
-    return replace(arm, home=far_from_singularities(Arm(arm)), notes=notes)
+    return replace(arm, home=far_from_singularities(Arm(arm, Pose())), notes=notes)

@@ -119,8 +119,8 @@ def _add_files(commands: Any) -> None:
     check.add_argument("files", metavar="FILE", nargs="+", help="path of a file, or name of a scenario")
     upgrade = commands.add_parser("upgrade", help="rewrite files of the schema number before, in place")
     upgrade.add_argument("files", metavar="FILE", nargs="+", help="path of a .toml file")
-    schema = commands.add_parser("schema", help="print the JSON Schema of scenario or robot files")
-    schema.add_argument("kind", nargs="?", choices=("scenario", "robot"), default="scenario")
+    schema = commands.add_parser("schema", help="print the JSON Schema of scenario, robot or arm files")
+    schema.add_argument("kind", nargs="?", choices=("scenario", "robot", "arm"), default="scenario")
 
 
 def _add_run(commands: Any) -> None:

@@ -1,4 +1,4 @@
-"""JSON Schema (draft 2020-12) of scenario and robot files, for editors; made from the tables' classes.
+"""JSON Schema (draft 2020-12) of scenario, robot and arm files, for editors; made from the tables' classes.
 
 Bounds, defaults and enumerations are those of the fields, descriptions those of the docstrings' arguments.
 What only rules across tables can tell is not in it.
@@ -15,6 +15,7 @@ from typing import Any, Final, Literal
 
 from pydantic.json_schema import GenerateJsonSchema
 
+from cosim.config.arms.arm_table import ArmTable
 from cosim.config.kinds import register_installed
 from cosim.config.schema.old_keys import SCHEMA
 from cosim.config.schema.scenario import Scenario
@@ -24,8 +25,8 @@ from cosim.config.toml.key_paths import key_of
 from cosim.config.toml.magnitudes import unit_of
 
 DIALECT: Final = "https://json-schema.org/draft/2020-12/schema"
-Kind = Literal["scenario", "robot"]
-_ROOTS: Final[dict[Kind, type]] = {"scenario": Scenario, "robot": SoftRobotTable}
+Kind = Literal["scenario", "robot", "arm"]
+_ROOTS: Final[dict[Kind, type]] = {"scenario": Scenario, "robot": SoftRobotTable, "arm": ArmTable}
 _UNITS: Final = {
     "Nm": "N m", "Nms": "N m s", "Nm2": "N m^2", "Nm2s": "N m^2 s", "per_s": "1/s", "m_s2": "m/s^2",
     "N_m": "N/m", "Ns_m": "N s/m", "N_m3": "N/m^3", "kg_m3": "kg/m^3", "kg_s": "kg/s", "kg_s_Pa": "kg/(s Pa)",
@@ -42,23 +43,22 @@ def json_schema(kind: Kind) -> dict[str, Any]:
     """Return the JSON Schema of a kind of files.
 
     Args:
-        kind: "scenario" or "robot".
+        kind: "scenario", "robot" or "arm".
     """
     register_installed()
     core, root = bounded_schema(_ROOTS[kind]), _ROOTS[kind].__name__
     made = GenerateJsonSchema(by_alias=True).generate(core)
     tables: dict[str, Any] = made.pop("$defs")
-    if kind == "scenario":
+    if kind != "robot":
         tables[root] = made
-        made["required"].remove("name")  # that of the file, if it is left out
     for table in set(_classes(core)):
         _describe(tables[table.__name__], table)
-    _add_changes(tables)
     if kind == "scenario":
+        made["required"].remove("name")  # that of the file, if it is left out
         _give_robot(tables[root]["properties"]["soft_robot"])
-        top = tables.pop(root)
-    else:
-        top = {"anyOf": _ROBOT_GIVEN[1:]}
+    if kind != "arm":
+        _add_changes(tables)
+    top = {"anyOf": _ROBOT_GIVEN[1:]} if kind == "robot" else tables.pop(root)
     return {"$schema": DIALECT, "title": f"cosim {kind}, schema {SCHEMA}", **top, "$defs": tables}
 
 

@@ -18,6 +18,9 @@ def far_from_singularities(arm: Arm) -> Array:
 
     Lengths in J are in units of the reach. The flange is above the base by a quarter of the reach, where it
     can be.
+
+    Args:
+        arm: standing upright, whatever way it is mounted.
     """
     rng = np.random.default_rng(0)
     lower, upper = arm.drawn_from

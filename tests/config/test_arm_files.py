@@ -154,3 +154,17 @@ def test_paths_in_a_scenario_start_from_its_folder(tmp_path: Path, monkeypatch: 
         load_scenario(path, {"robot": "other.urdf"})
     monkeypatch.chdir(folder)  # what the command line sets starts from where it is given
     assert load_scenario("ur5e_hexagon_arm", {"robot": "mine.urdf"}).robot == scenario.robot
+
+
+def test_continuous_joints_get_limits_that_an_arm_toml_gives(tmp_path: Path) -> None:
+    (tmp_path / "arm.urdf").write_text(
+        TWO_JOINTS.replace('"lift" type="revolute"', '"lift" type="continuous"')
+    )
+    table = tmp_path / "arm.toml"
+    table.write_text('file = "arm.urdf"\n')
+    assert find_arm(str(table)).joint_kinds == ("revolute", "continuous")
+    table.write_text('file = "arm.urdf"\nlimits.lower = [-1.0, -2.0]\nlimits.upper = [1.0, 2.0]\n')
+    assert find_arm(str(table)).joint_kinds == ("revolute", "revolute")
+    table.write_text('file = "arm.urdf"\nlimits.lower = [-1.0, -2.0]\n')
+    with pytest.raises(InputError, match=r"joint 'lift': turns without limits; limits.lower alone"):
+        find_arm(str(table))

@@ -11,14 +11,22 @@ from typing import Any
 import pytest
 from jsonschema import Draft202012Validator
 
-from cosim.base.resources import list_scenarios, list_soft_robots, scenario_path, soft_robot_path
+from cosim.base.resources import (
+    arm_path,
+    list_arms,
+    list_scenarios,
+    list_soft_robots,
+    scenario_path,
+    soft_robot_path,
+)
 from cosim.cli.main import main
 from cosim.config.json_schema import json_schema
 from cosim.config.loading import load_scenario
 from cosim.config.writing import scenario_text
 from cosim.errors import ScenarioError
 
-SCENARIO, ROBOT = (json.loads(json.dumps(json_schema(kind))) for kind in ("scenario", "robot"))
+KINDS = ("scenario", "robot", "arm")
+SCENARIO, ROBOT, ARM = (json.loads(json.dumps(json_schema(kind))) for kind in KINDS)
 REFERENCE = tomllib.loads(scenario_path("ur5e_hexagon_arm").read_text(encoding="utf-8"))
 
 
@@ -32,7 +40,7 @@ def table(path: Path) -> dict[str, Any]:
 
 
 def test_they_are_schemas() -> None:
-    for schema in (SCENARIO, ROBOT):
+    for schema in (SCENARIO, ROBOT, ARM):
         Draft202012Validator.check_schema(schema)
         assert schema["$schema"] == "https://json-schema.org/draft/2020-12/schema"
 
@@ -46,6 +54,12 @@ def test_every_scenario_fits_its_schema(name: str) -> None:
 @pytest.mark.parametrize("name", list_soft_robots())
 def test_every_robot_fits_its_schema(name: str) -> None:
     assert paths(ROBOT, table(soft_robot_path(name))) == []
+
+
+@pytest.mark.parametrize("name", list_arms())
+def test_every_arm_fits_its_schema(name: str) -> None:
+    assert paths(ARM, table(arm_path(name))) == []
+    assert paths(ARM, {**table(arm_path(name)), "flang": "tool0", "home": [0.0, "x"]}) == ["$", "home[1]"]
 
 
 WRONG: dict[str, tuple[str, Any]] = {
@@ -95,7 +109,7 @@ def test_a_key_is_told_with_unit_bounds_default_and_meaning() -> None:
     assert ROBOT["$defs"]["FilmTable"]["description"] == "Elastic sheet of the chamber walls."
 
 
-@pytest.mark.parametrize("kind", ["scenario", "robot"])
-def test_the_command_prints_it(kind: str, capsys: pytest.CaptureFixture[str]) -> None:
+@pytest.mark.parametrize(("kind", "schema"), [("scenario", SCENARIO), ("robot", ROBOT), ("arm", ARM)])
+def test_the_command_prints_it(kind: str, schema: Any, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["schema", kind]) == 0
-    assert json.loads(capsys.readouterr().out) == (SCENARIO if kind == "scenario" else ROBOT)
+    assert json.loads(capsys.readouterr().out) == schema

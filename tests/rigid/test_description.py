@@ -85,3 +85,23 @@ def test_load_beyond_the_arms_torque_is_named() -> None:
     scene = RigidScene(SceneDescription(ARM))
     with pytest.raises(ConvergenceError, match=r"holding this load takes .* N m at joint .*which can give"):
         scene.static_configuration(ARM.home, wrench=Wrench(np.array([0.0, 0.0, -300.0]), np.zeros(3)))
+
+
+def test_gains_are_those_of_the_arms_file_or_grow_with_its_efforts() -> None:
+    """37.5 N m is the torque whose servo has 500 N m/rad; a sliding joint gives its force at 20 mm."""
+    efforts = np.array([150.0, 37.5, 28.0, 0.0, 28.0, 28.0])
+    assert list(ServoGains.of(ARM, efforts).stiffness) == [2000.0, 500.0, 500.0, 500.0, 500.0, 500.0]
+    assert list(ServoGains.of(ARM, efforts).damping[:2]) == [400.0, 100.0]
+    sliding = replace(
+        ARM,
+        urdf=ARM.urdf.replace(
+            '"shoulder_pan_joint" type="revolute"', '"shoulder_pan_joint" type="prismatic"'
+        ),
+    )
+    assert list(ServoGains.of(sliding, 10.0 * efforts).stiffness[:2]) == [75e3, 5000.0]
+    assert ServoGains.of(sliding, efforts).stiffness[0] == 50e3
+    own = replace(ARM, servo_stiffness=np.full(6, 7.0), servo_damping=np.full(6, 3.0))
+    scene = RigidScene(SceneDescription(own))
+    np.testing.assert_array_equal(scene.servo_damping, 3.0)
+    rotors = replace(ARM, armature=np.arange(1.0, 7.0))
+    np.testing.assert_array_equal(RigidScene(SceneDescription(rotors)).armature, np.arange(1.0, 7.0))

@@ -155,6 +155,15 @@ def check_limited_chain(
         values = _of_joints(getattr(limits, key), f"limits.{key}", names, source)
         for joint, value in zip(moving, () if values is None else values.tolist(), strict=False):
             _limit_of(joint).set(key, repr(value))
+    for joint in moving:
+        given = [key for key in ("lower", "upper") if getattr(limits, key) is not None]
+        if joint.get("type") == "continuous" and len(given) == 1:
+            raise InputError(
+                f"{_where(joint, source.path)}: turns without limits; limits.{given[0]} alone bounds one "
+                "side only, give both"
+            )
+        if joint.get("type") == "continuous" and given:
+            joint.set("type", "revolute")
     check_chain(robot, joints, source.path)
     for joint in moving:
         _fill(_limit_of(joint), ("effort", "velocity"))

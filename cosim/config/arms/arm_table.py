@@ -52,7 +52,7 @@ class LimitsTable:
     """Bounds of the joints in place of those in the arm's file.
 
     Args:
-        lower: smallest angles.
+        lower: smallest angles; continuous joints get them too, with `upper`.
         upper: largest angles.
         velocity: largest speeds.
         acceleration: beyond which a motion is reported.
