@@ -92,7 +92,9 @@ class QuasistaticSimulation(SteppedRun):
 
     def _save_own(self) -> QuasistaticState:
         assert self._here is not None, "the run has begun"
-        return QuasistaticState(self._here, self._earlier)
+        # which films touch is found anew in every increment
+        loads = replace(self._here.loads, self_contact=None)
+        return QuasistaticState(replace(self._here, loads=loads), self._earlier)
 
     def _restore_own(self, state: object) -> None:
         if not isinstance(state, QuasistaticState):

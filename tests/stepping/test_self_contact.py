@@ -65,6 +65,21 @@ def test_a_dynamic_run_with_rubbing_films_goes_on_bit_for_bit(tmp_path: Path) ->
     assert same(list(islice(other.steps(), 8)), expected)
 
 
+def test_a_static_run_with_pressing_films_goes_on_bit_for_bit(tmp_path: Path) -> None:
+    whole, other = simulation(SCENARIO, **SHORT), simulation(SCENARIO, **SHORT)
+    steps = whole.steps()
+    for snapshot in steps:
+        if snapshot.ledger.self_contact_force_N > 5.0:
+            break
+    state = whole.save_state()
+    expected = list(islice(steps, 3))
+    assert expected[-1].ledger.self_contact_force_N > 5.0
+    other.restore_state(through_a_file(state, tmp_path))
+    assert same(list(islice(other.steps(), 3)), expected)
+    whole.restore_state(state)
+    assert same(list(islice(whole.steps(), 3)), expected)
+
+
 def test_negative_friction_is_refused() -> None:
     with pytest.raises(cosim.ScenarioError, match=r"contact\.self_friction"):
         load_scenario(SCENARIO, {"contact.self_friction": -0.5})

@@ -135,15 +135,20 @@ class FilmNeighbours:
             gone = _gone(positions, query.position, query.rotation, active, lists.row, lists.local)
             if reach_m + gone <= lists.reach_m and behind_m + gone <= lists.behind_m:
                 return lists
-        reach, behind = reach_m + _MARGIN_M, behind_m + _MARGIN_M
-        local = [(positions - query.position[g]) @ query.rotation[g] for g in active]
-        points = query.points_around(self._surface.points(positions), reach, active)
+        lists = self._lists = self._made(positions, extent, reach_m + _MARGIN_M, behind_m + _MARGIN_M)
+        return lists
+
+    def _made(self, positions: Array, extent: Extent, reach_m: float, behind_m: float) -> Lists:
+        """Return lists that hold to such distances at present."""
+        query, room = self._query, max(reach_m, behind_m)
+        shapes = query.near(extent.low, extent.high, reach_m)
+        local = [(positions - query.position[g]) @ query.rotation[g] for g in shapes]
+        points = query.points_around(self._surface.points(positions), reach_m, shapes)
         row = np.full(len(query), -1)
-        row[active] = np.arange(len(active))
-        features = query.features.of(active)
-        places, room = query.feature_positions(features), max(reach, behind)
+        row[shapes] = np.arange(len(shapes))
+        features = query.features.of(shapes)
+        places = query.feature_positions(features)
         near = ((places > extent.low - room) & (places < extent.high + room)).all(axis=1)
         features, places = features[near], places[near]
         found = TriangleLists.around(places, positions, self._surface.triangles, room)
-        self._lists = lists = Lists(row, np.array(local), reach, behind, points, features, found)
-        return lists
+        return Lists(row, np.array(local), reach_m, behind_m, points, features, found)
