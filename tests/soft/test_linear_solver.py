@@ -6,11 +6,13 @@ import numpy as np
 import pytest
 
 from cosim.base.frames import Array
+from cosim.errors import InputError
 from cosim.soft.linear.envelope_cholesky import EnvelopeCholesky
-from cosim.soft.linear.linear_solver import LinearSolver
+from cosim.soft.linear.linear_solver import FactorState, LinearSolver
 from cosim.soft.linear.multifrontal_cholesky import DissectedCholesky
 from cosim.soft.linear.pattern import BlockPattern
 from cosim.soft.published.general_lu import GeneralLU
+from cosim.soft.published.open_caps import OpenCapSolver
 from tests.derivatives import dense
 
 NODES = 14
@@ -73,17 +75,45 @@ def test_cholesky_refuses_an_indefinite_matrix_until_the_shift_suffices(kind: ty
     assert solver.factor(blocks, 1.01 * -lowest)
 
 
-def test_unsymmetric_parts_reach_the_general_solver() -> None:
+def unsymmetric(shift: float) -> tuple[OpenCapSolver, Array, Array, Array]:
+    """Return a solver whose matrix has an unsymmetric part and is definite or not, a load and its answer."""
     pattern, free, blocks, matrix, dofs, load = problem()
     nodes = np.array([7, 2, 12])  # one of them clamped
     part = np.random.default_rng(2).normal(size=(9, 9))
-    solver = GeneralLU(pattern, free)
+    blocks[pattern.row == pattern.column] += shift * np.eye(3)
+    solver = OpenCapSolver(pattern, free, np.zeros(0, np.int64))
     solver.extra = [(nodes, part)]
-    solver.factor(blocks)
+    assert solver.factor(blocks)
     places = (3 * nodes[:, None] + np.arange(3)).ravel()
     matrix[np.ix_(places, places)] += part
-    expected = np.linalg.solve(matrix[np.ix_(dofs, dofs)], load.ravel()[dofs])
-    assert solver.solve(load).ravel()[dofs] == pytest.approx(expected, rel=1e-11, abs=1e-13)
+    matrix += shift * np.eye(len(matrix))
+    expected = np.zeros(load.size)
+    expected[dofs] = np.linalg.solve(matrix[np.ix_(dofs, dofs)], load.ravel()[dofs])
+    return solver, blocks, load, expected
+
+
+@pytest.mark.parametrize("shift", [0.0, -40.0])
+def test_unsymmetric_parts_go_beside_cholesky_or_into_a_general_factor(shift: float) -> None:
+    solver, blocks, load, expected = unsymmetric(shift)
+    assert solver.solve(load).ravel() == pytest.approx(expected, rel=1e-11, abs=1e-13)
+    general = GeneralLU(solver.pattern, solver.free)
+    general.extra = solver.extra
+    assert general.factor(blocks)
+    assert solver.solve(load) == pytest.approx(general.solve(load), rel=1e-10, abs=1e-13)
+
+
+@pytest.mark.parametrize("shift", [0.0, -40.0])
+def test_a_factor_with_unsymmetric_parts_is_saved(shift: float) -> None:
+    solver, blocks, load, expected = unsymmetric(shift)
+    saved = solver.save_state()
+    assert (len(saved.parts) == 3) is (shift < 0.0)  # a general factor
+    assert solver.factor(3.0 * blocks)
+    for other in (solver, OpenCapSolver(solver.pattern, solver.free, np.zeros(0, np.int64))):
+        other.restore_state(saved)
+        assert other.solve(load).ravel() == pytest.approx(expected, rel=1e-11, abs=1e-13)
+    alone = FactorState((saved.parts[0], np.zeros((1, 1)), *saved.parts[2:]), None)
+    with pytest.raises(InputError):
+        solver.restore_state(alone)
 
 
 def test_the_order_keeps_the_envelope_narrow() -> None:

@@ -25,7 +25,7 @@ from cosim.soft.linear.kept_factor import KeptFactor, NewtonState
 from cosim.soft.linear.linear_solver import LinearSolver, by_component
 from cosim.soft.linear.multifrontal_cholesky import cholesky
 from cosim.soft.linear.pattern import BlockPattern
-from cosim.soft.published.general_lu import GeneralLU
+from cosim.soft.published.open_caps import OpenCapSolver
 from cosim.soft.solve.assembly import SoftSystem
 from cosim.soft.solve.newton_options import NewtonOptions, NewtonResult, Outcome
 from cosim.soft.solve.problem import Point, Problem
@@ -205,7 +205,7 @@ class NewtonSolver:
     def _fitted_solver(self) -> LinearSolver:
         """Return the linear solver, made for the pattern of the present tangent."""
         self._fit(self.system.tangent_pattern)
-        if isinstance(self.linear, GeneralLU):
+        if isinstance(self.linear, OpenCapSolver):
             # d(gradient)/dx gains what the missing caps take away
             self.linear.extra = self.system.open_cap_stiffness
         return self.linear
@@ -218,7 +218,7 @@ class NewtonSolver:
     def _solver_for(self, pattern: BlockPattern, like: LinearSolver | None) -> LinearSolver:
         if self.system.conservative:
             return cholesky(pattern, self.free, self.system.eyelets, like)
-        return GeneralLU(pattern, self.free)
+        return OpenCapSolver(pattern, self.free, self.system.eyelets, like)
 
     def _search(
         self, problem: Problem, point: Point, step: Array, memory: Array, options: NewtonOptions
