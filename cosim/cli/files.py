@@ -11,6 +11,7 @@ from typing import Final
 from cosim.base.resources import arm_path, is_file, list_arms, scenario_path
 from cosim.base.whole_files import write_whole
 from cosim.build.arms import find_arm
+from cosim.build.blame import blamed_on
 from cosim.cli.screen import printable
 from cosim.config.arms.arm_files import is_arm_file, read_arm_table
 from cosim.config.json_schema import Kind, json_schema
@@ -84,10 +85,15 @@ def new_command(name: str) -> None:
 
 
 def _arm_line(name: str) -> str:
-    """Return what to say about an arm's file, which both engines have read alike."""
+    """Return what to say about an arm's file, which both engines have read alike.
+
+    Raises:
+        ScenarioError: it is not usable.
+    """
     from cosim.build.arm_check import checked_arm  # here: other files wait for no engine
 
-    arm = checked_arm(name)
+    with blamed_on(name):
+        arm = checked_arm(name)
     return "; ".join((f"{len(arm.joint_names)} joints", *arm.notes, "both engines agree"))
 
 
@@ -117,10 +123,6 @@ def _checked(name: str, fine: str) -> bool:
             check_file(path if is_file(path) else scenario_path(name))
     except ScenarioError as error:
         faults = error.faults
-    except InputError as error:
-        if not is_file(path):
-            raise
-        faults = ((name, str(error)),)
     for place, problem in faults:
         line = problem if place == name else f"{place}: {problem}"
         print(printable(f"{name}: {line}".replace("\n", " ")))
