@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from cosim.app.loaded_files import changed_file, loaded_digests
 from cosim.base.resources import list_arms
 from cosim.build.arms import find_arm
 from cosim.config.loading import load_scenario
@@ -168,3 +169,15 @@ def test_continuous_joints_get_limits_that_an_arm_toml_gives(tmp_path: Path) -> 
     table.write_text('file = "arm.urdf"\nlimits.lower = [-1.0, -2.0]\n')
     with pytest.raises(InputError, match=r"joint 'lift': turns without limits; limits.lower alone"):
         find_arm(str(table))
+
+
+def test_all_files_of_an_arm_count_among_what_a_run_was_loaded_from(tmp_path: Path) -> None:
+    folder = tmp_path / "lab"
+    folder.mkdir()
+    (folder / "mine.urdf").write_text(TWO_JOINTS)
+    (folder / "arm.toml").write_text('file = "mine.urdf"\n')
+    (tmp_path / "s.toml").write_text(scenario_with("lab/arm.toml"))
+    before = loaded_digests(load_scenario(tmp_path / "s.toml"))
+    assert set(before) == {"scenario.toml", "lab/arm.toml", "lab/mine.urdf"}
+    (folder / "arm.toml").write_text('file = "mine.urdf"\nhome = [0.1, 0.2]\n')
+    assert changed_file(before, loaded_digests(load_scenario(tmp_path / "s.toml"))) == "lab/arm.toml"

@@ -13,7 +13,7 @@ from cosim.build.arms import find_arm
 from cosim.cli.main import main
 from cosim.config.loading import load_scenario
 from cosim.errors import InputError
-from cosim.rigid import RigidScene, SceneDescription
+from cosim.rigid import RigidScene, SceneDescription, SceneObject
 from cosim.rigid.build.cell_reading import read_cell
 
 CELL = """<mujoco model="bench"><compiler angle="degree"/>
@@ -117,6 +117,44 @@ def test_a_cell_is_touched_as_the_same_objects_are(tmp_path: Path) -> None:
     np.testing.assert_allclose(runs[0].contact_force_N, runs[1].contact_force_N, atol=1e-8)
     np.testing.assert_allclose(runs[0].tip_position, runs[1].tip_position, atol=1e-12)
     np.testing.assert_allclose(runs[0].joint_position, runs[1].joint_position, atol=1e-12)
+
+
+def test_thirty_geoms_are_as_far_away_as_the_same_objects(tmp_path: Path) -> None:
+    rng = np.random.default_rng(8)
+    geoms, objects = [], []
+    sizes = {"box": 3, "sphere": 1, "cylinder": 2, "capsule": 2, "ellipsoid": 3}
+    for k in range(30):
+        shape = list(sizes)[k % 5]
+        size, place = rng.uniform(0.02, 0.1, sizes[shape]), rng.uniform(-1.0, 1.0, 3)
+        turn = rng.normal(size=4)
+        words = [" ".join(map(repr, values.tolist())) for values in (size, place, turn)]
+        geoms.append(f'<geom type="{shape}" size="{words[0]}" pos="{words[1]}" quat="{words[2]}"/>')
+        # MuJoCo has half edges and half lengths, objects whole ones
+        full = size * {"box": [2, 2, 2], "cylinder": [1, 2], "capsule": [1, 2]}.get(shape, 1.0)
+        whole = tuple(full.tolist())
+        objects.append(SceneObject(f"o{k}", shape, whole, tuple(place.tolist()), tuple(turn.tolist())))
+    text = f"<mujoco><worldbody>{''.join(geoms)}</worldbody></mujoco>"
+    arm, options = find_arm("ur5e"), {"floor_height_m": None}
+    scenes = (
+        RigidScene(SceneDescription(arm, cell=read_cell(written(tmp_path, text)), **options)),
+        RigidScene(SceneDescription(arm, objects=tuple(objects), **options)),
+    )
+    points = rng.uniform(-1.0, 1.0, (10_000, 3))
+    found = [scene.contact_query(fixed_only=True).distances(points, 0.05) for scene in scenes]
+    assert len(found[0].distance) > 200
+    for name in ("point", "shape"):
+        np.testing.assert_array_equal(getattr(found[0], name), getattr(found[1], name))
+    np.testing.assert_allclose(found[0].distance, found[1].distance, atol=1e-12)
+
+
+def test_links_that_stand_in_a_cell_are_named(tmp_path: Path) -> None:
+    scene = RigidScene(SceneDescription(find_arm("ur5e")))
+    x, y, z = scene.body_poses()[0][scene.body_names.index("wrist_2_link")]
+    text = CELL.replace('name="table" pos="0.5 0 0.1"', f'name="table" pos="{x} {y} {z}"')
+    arm = find_arm("ur5e")
+    found = RigidScene(SceneDescription(arm, cell=read_cell(written(tmp_path, text)))).links.at(arm.home)
+    assert "cell/table" in {contact.other for contact in found}
+    assert not any(contact.movable for contact in found)
 
 
 def test_the_cell_counts_among_what_a_run_was_loaded_from(tmp_path: Path) -> None:
