@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from cosim.errors import InputError as InputError
     from cosim.errors import InstabilityError as InstabilityError
     from cosim.errors import MeshError as MeshError
+    from cosim.errors import OutOfRangeError as OutOfRangeError
     from cosim.errors import OutputError as OutputError
     from cosim.errors import RunInterrupted as RunInterrupted
     from cosim.errors import ScenarioError as ScenarioError
@@ -46,6 +47,7 @@ _HOMES = {
     "Measurement": "cosim.devices.controller",
     "MeshError": "cosim.errors",
     "Observer": "cosim.app.driver",
+    "OutOfRangeError": "cosim.errors",
     "OutputError": "cosim.errors",
     "RunInterrupted": "cosim.errors",
     "RunResult": "cosim.app.result",

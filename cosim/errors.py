@@ -9,6 +9,7 @@ CosimError
 ├── OutputError             the results cannot be written (exit code 3)
 └── SolverError             the physics could not be solved (exit code 1)
     ├── ConvergenceError    Newton's method stopped; carries residual and iterations
+    │   └── OutOfRangeError what is asked for lies beyond what a section model was built from; carries where
     └── InstabilityError    a non-finite number or runaway state appeared
 RunInterrupted              Ctrl-C during `cosim.run`; a KeyboardInterrupt, no CosimError
 
@@ -103,6 +104,14 @@ class ConvergenceError(SolverError):
         self.residual_N = residual_N
         self.iterations = iterations
         super().__init__(message)
+
+
+class OutOfRangeError(ConvergenceError):
+    """A section model ends before what is asked for; `place` says which section, and where."""
+
+    def __init__(self, message: str, residual_N: float, iterations: int, place: str) -> None:
+        self.place = place
+        super().__init__(message, residual_N, iterations)
 
 
 class InstabilityError(SolverError):

@@ -23,6 +23,7 @@ EXPECTED = {
     "Measurement",
     "MeshError",
     "Observer",
+    "OutOfRangeError",
     "OutputError",
     "RunInterrupted",
     "RunResult",

@@ -59,6 +59,7 @@ def section_figures(scenario: Scenario) -> dict[str, float] | None:
 
 def _largest_pressure(scenario: Scenario) -> float:
     given = [scenario.start.pressure_Pa, *(phase.pressure_Pa for phase in scenario.phases)]
+    given += [p for phase in scenario.phases for p in (phase.pump_pressure_Pa or {}).values()]
     # a stack of units is one chamber; where several are named, there is no section model
     single = [float(p) for p in given if isinstance(p, int | float)]
     return max(LARGEST_PRESSURE_Pa, *(_MARGIN * p for p in single))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from functools import partial
-from typing import TypeAlias
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
@@ -43,6 +43,9 @@ from cosim.stepping.quasistatic import QuasistaticSimulation
 from cosim.stepping.self_contact_law import film_report
 from cosim.telemetry.choices import CONTACT, Choices
 from cosim.telemetry.snapshot import RunInfo
+
+if TYPE_CHECKING:
+    from cosim.kinematics.arm import Arm
 
 _Arranged: TypeAlias = tuple[Plan, Carrier, tuple[Decision, ...], PlannedArm | None]
 
@@ -85,6 +88,7 @@ def _held_base(scenario: Scenario, trial: SoftSide, soft: SoftSide, _before: Cho
     plan = _plan(scenario, HeldBase.plan, trial)
     contact = Decision(CONTACT, False, "there is nothing to touch", "robot")
     modelled = decisions(scenario, soft.body, plan, contact, None)
+    modelled += _range(scenario, plan, None, touched=False)
     return plan, HeldBase(soft, plan.start, scenario.clock.tick_s), modelled, None
 
 
@@ -131,9 +135,14 @@ def _arm(scenario: Scenario, trial: SoftSide, soft: SoftSide, before: Choices | 
     travel = flange_travel(arm, plan, film_reach(soft.body, 0.0))
     planned = planned_arm(arm, scene, plan, payload, dynamic=scenario.mode == "dynamic")
     modelled = decisions(scenario, soft.body, plan, contact, travel)
-    if scenario.fidelity == "section" and scenario.mode == "dynamic":
-        modelled += (section_range(arm, plan, lambda: soft_sides(scenario)[0]),)
+    modelled += _range(scenario, plan, arm, touched=contact.included)
     return plan, carrier, modelled, planned
+
+
+def _range(scenario: Scenario, plan: Plan, arm: Arm | None, *, touched: bool) -> tuple[Decision, ...]:
+    if scenario.fidelity != "section":
+        return ()
+    return (section_range(scenario, plan, soft_sides(scenario)[0], arm, touched),)
 
 
 def _body_key(scenario: Scenario, body: str | None) -> str:

@@ -1,86 +1,164 @@
-"""Whether a plan's motion of the flange stays within the range of a section model, before anything runs."""
+"""Whether a plan stays within the range of a section model, before anything runs.
+
+The plan is walked through on the statics; where a phase accelerates the flange, gravity is replaced by g - y,
+with y what the arm's swing comes to (`swing`).
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final, final
 
 import numpy as np
 
-from cosim.base.frames import Array, Pose
+from cosim.base.frames import Array
+from cosim.config.schema.phase import PhaseTable
+from cosim.config.schema.scenario import Scenario
 from cosim.coupling.soft_sides.soft_side import SoftSide
-from cosim.errors import ConvergenceError
+from cosim.errors import ConvergenceError, OutOfRangeError, ScenarioError
+from cosim.plan.chamber_gas import ChamberGas
 from cosim.plan.decision import SECTION_RANGE, Decision
 from cosim.plan.plan import PhasePlan, Plan, start_equilibrium
-from cosim.plan.ramp import progress
-from cosim.plan.robot_command import CommandRamp, loads_of
-from cosim.soft.body.loads import Loads
+from cosim.plan.ramp import Progress
+from cosim.plan.robot_command import loads_of
+from cosim.plan.swing import FlangeAcceleration
+from cosim.soft.solve.state import Equilibrium
 
 if TYPE_CHECKING:
     from cosim.kinematics.arm import Arm
 
-_SAMPLES = 41  # of a phase
+_PIECES = 20  # of a phase
 _SLOW = 0.1  # share of gravity below which an acceleration bends no arm out of its range
-_SWING = 2.0  # an arm that is accelerated suddenly swings twice as far as it would rest
+_PROBE = 0.02  # of gravity, to the side
+_RANGE = " out of its section model's range: "
+_FIRST_MODE = (
+    1.5  # w^2 d / a, d the tip's deflection under an even load a: 1.55 of a beam, 1.45 of a hanging rope
+)
+_MOVED_BY: Final = (
+    "flange", "flange_turn", "flange_shift_m", "flange_shake", "tip_target", "cable_tension_N", "forces",
+    "pressure_Pa", "release", "clamp",
+)  # fmt: skip
+_DRIVEN_BY: Final = ("cable_length_m", "cable_shortening_m", "control", "pump_pressure_Pa")
 
 
-def section_range(arm: Arm, plan: Plan, make_soft: Callable[[], SoftSide]) -> Decision:
-    """Return whether the soft arm bears what each phase's largest acceleration of the flange asks.
-
-    Gravity is replaced by g - 2 a where the flange's acceleration a is largest, and the equilibrium is
-    followed there: as far as an arm swings that is accelerated suddenly. How long a lasts is not in this.
+def section_range(scenario: Scenario, plan: Plan, soft: SoftSide, arm: Arm | None, touched: bool) -> Decision:
+    """Return whether the soft arm stays within its model's range, as far as the plan tells where it is.
 
     Args:
-        arm: kinematics.
+        scenario: checked.
         plan: of the run.
-        make_soft: makes a soft side at its start.
+        soft: at its start; its state is used up.
+        arm: kinematics; None where the flange stands still.
+        touched: whether contact is modelled, which may hold the arm: what is found is then said, not refused.
+
+    Raises:
+        ScenarioError: it leaves the range; `path` names the key that takes it there.
     """
-    for planned in plan.phases:
-        found = _largest_acceleration(arm, planned, float(np.linalg.norm(plan.gravity)))
-        if found is None:
-            continue
-        fraction, pose, acceleration = found
-        loads = loads_of(CommandRamp(planned.begin, planned.end).at(fraction), plan.gravity)
-        failure = _failure(make_soft(), pose, loads, acceleration)
-        if failure is not None:
-            size = float(np.linalg.norm(acceleration))
-            reason = (
-                f"phase '{planned.phase.name}' accelerates the flange by up to {size:.3g} m/s^2; at twice "
-                f"that, as far as an arm swings: {failure}; a longer duration_s, or fidelity = 'lumped'"
-            )
-            return Decision(SECTION_RANGE, False, reason, f"phase.{planned.phase.name}.duration_s")
-    return Decision(SECTION_RANGE, True, "the arm bears twice each phase's largest acceleration", "fidelity")
-
-
-def _largest_acceleration(arm: Arm, planned: PhasePlan, gravity: float) -> tuple[float, Pose, Array] | None:
-    """Return share of the ramp, pose of the flange and its acceleration (3,) [m/s^2] where that is largest.
-
-    None where it is small, or a step, which has none.
-    """
-    phase, path = planned.phase, planned.joints
-    if path.spline is None or phase.ramp == "step":
-        return None
-    times = np.linspace(0.0, phase.duration_s, _SAMPLES)
-    fractions = [progress(phase.ramp, t, phase.duration_s) for t in times]
-    poses = [arm.forward(path.at(fraction).position) for fraction in fractions]
-    x = np.array([pose.translation for pose in poses])
-    second = np.diff(x, n=2, axis=0) / (times[1] - times[0]) ** 2
-    worst = int(np.argmax(np.linalg.norm(second, axis=1)))
-    if float(np.linalg.norm(second[worst])) < _SLOW * gravity:
-        return None
-    return fractions[worst + 1].value, poses[worst + 1], second[worst]
-
-
-def _failure(soft: SoftSide, pose: Pose, loads: Loads, acceleration: Array) -> str | None:
-    """Return why there is no rest under an acceleration (3,) [m/s^2] of the flange; None where there is."""
     try:
-        here = start_equilibrium(soft, pose, loads)
-    except ConvergenceError:
-        return None  # the static plan has its own word on that
-    x, y, z = (np.array(loads.gravity) - _SWING * acceleration).tolist()
-    try:
-        soft.follow(here, pose, replace(loads, gravity=(x, y, z)))
-    except ConvergenceError as error:
-        return str(error)
-    return None
+        known = _Walk(scenario, plan, soft, arm).through()
+    except ScenarioError as error:
+        if not touched:
+            raise
+        return Decision(SECTION_RANGE, False, f"{error.faults[0][1]}; contact is not in this", error.path)
+    return Decision(SECTION_RANGE, True, f"{known} bears the plan's loads and accelerations", "fidelity")
+
+
+@final
+class _Walk:
+    """Follows the arm's equilibrium through a plan."""
+
+    def __init__(self, scenario: Scenario, plan: Plan, soft: SoftSide, arm: Arm | None) -> None:
+        self._plan, self._soft, self._arm = plan, soft, arm
+        self._commanded = bool(scenario.commands)
+        self._dynamic = scenario.mode == "dynamic"
+        self._gas = ChamberGas(scenario.gas)
+
+    def through(self) -> str:
+        """Return how far the plan tells where the arm will be; it stays in its range there."""
+        here = None
+        for planned in self._plan.phases:
+            name = planned.phase.name
+            if self._commanded or any(getattr(planned.phase, key) for key in _DRIVEN_BY):
+                return f"up to phase '{name}', in which devices or commands drive it, the arm"
+            try:
+                here = self._phase(planned, here or self._start())
+            except OutOfRangeError as error:
+                raise _refused_phase(planned.phase, error) from error
+            except ConvergenceError:
+                return f"up to phase '{name}', in which it loses its equilibrium, the arm"
+            if self._gas.flows:
+                return f"up to the end of phase '{name}', in which gas flows, the arm"
+        return "the arm"
+
+    def _start(self) -> Equilibrium:
+        plan = self._plan
+        try:
+            here = start_equilibrium(self._soft, plan.start, loads_of(plan.command, plan.gravity))
+        except OutOfRangeError as error:
+            raise ScenarioError("start", _refusal(f"the arm is{_RANGE}{error.place}")) from error
+        self._soft.settle(here)
+        return here
+
+    def _phase(self, planned: PhasePlan, here: Equilibrium) -> Equilibrium:
+        planned.holding.apply(self._soft, here.world_from_flange)
+        self._gas.begin(planned.gas, self._soft)
+        self._check_swing(planned, here)
+        for fraction in np.linspace(0.0, 1.0, _PIECES + 1).tolist():
+            here = self._at(planned, here, fraction)
+            self._soft.settle(here)
+        return here
+
+    def _at(
+        self, planned: PhasePlan, here: Equilibrium, fraction: float, less: Array | None = None
+    ) -> Equilibrium:
+        """Return the equilibrium at a fraction of a phase, gravity less an acceleration (3,) [m/s^2]."""
+        pose = here.world_from_flange
+        if self._arm is not None and planned.joints.spline is not None:
+            pose = self._arm.forward(planned.joints.at(Progress(fraction, 0.0, 0.0)).position)
+        command = self._gas.between(planned.begin, planned.end, fraction)
+        gravity = np.array(self._plan.gravity)
+        x, y, z = (gravity if less is None else gravity - less).tolist()
+        return self._soft.follow(here, pose, loads_of(command, (x, y, z)))
+
+    def _check_swing(self, planned: PhasePlan, here: Equilibrium) -> None:
+        """Raise where the flange's motion makes the arm swing out of its range.
+
+        Raises:
+            ScenarioError: it does.
+        """
+        found = FlangeAcceleration.of(self._arm, planned) if self._arm and self._dynamic else None
+        size = float(np.linalg.norm(self._plan.gravity))
+        if found is None or 2.0 * float(np.linalg.norm(found.largest)) < _SLOW * size:
+            return
+        here = self._at(planned, here, 0.0)
+        fraction, swing = found.swing(self._rate(planned, here, found.largest))
+        for part in np.linspace(0.0, fraction, _PIECES + 1).tolist():
+            here = self._at(planned, here, part)
+        try:
+            self._at(planned, here, fraction, swing)
+        except OutOfRangeError as error:
+            largest = float(np.linalg.norm(found.largest))
+            text = f"accelerates the flange by up to {largest:.3g} m/s^2; the arm swings{_RANGE}{error.place}"
+            key = f"phase.{planned.phase.name}.duration_s"
+            raise ScenarioError(key, _refusal(f"{text}; take longer")) from error
+        except ConvergenceError:
+            return
+
+    def _rate(self, planned: PhasePlan, here: Equilibrium, along: Array) -> float:
+        """Return the rate [rad/s] of the arm's first mode along a direction, from its deflection."""
+        probe = _PROBE * 9.81
+        moved = self._at(planned, here, 0.0, probe * along / np.linalg.norm(along))
+        body = self._soft.body
+        shift = body.tip_position(moved.state.positions) - body.tip_position(here.state.positions)
+        return float(np.sqrt(_FIRST_MODE * probe / max(float(np.linalg.norm(shift)), 1e-9)))
+
+
+def _refusal(text: str) -> str:
+    return f"{text}; or fidelity = 'lumped', which knows what lies beyond, or 'auto'"
+
+
+def _refused_phase(phase: PhaseTable, error: OutOfRangeError) -> ScenarioError:
+    """Return the refusal of a phase: by the one key that moves the arm, or by all of them."""
+    given = [key.replace("forces", "force") for key in _MOVED_BY if getattr(phase, key)]
+    path = ["phase", phase.name, *(given if len(given) == 1 else ())]
+    by = f", by {' and '.join(given)}," if len(given) > 1 else ""
+    return ScenarioError(".".join(path), _refusal(f"takes the arm{by}{_RANGE}{error.place}"))

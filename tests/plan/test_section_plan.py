@@ -1,10 +1,11 @@
-"""A motion that takes a section arm out of its model's range is named before it runs."""
+"""A plan that takes a section arm out of its model's range is refused before it runs, by key."""
 
 from __future__ import annotations
 
 import re
 from io import StringIO
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -13,25 +14,68 @@ from cosim.app.first_run import with_fidelity_chosen
 from cosim.build import section_cache as section_model
 from cosim.cli.progress import PlanWarnings
 from cosim.config.loading import load_scenario
-from cosim.plan.decision import SECTION_RANGE
+from cosim.config.schema.scenario import Scenario
+from cosim.errors import ScenarioError
+from cosim.plan.decision import SECTION_RANGE, Decision
+from cosim.telemetry.snapshot import RunInfo
 from tests.small_section import on_a_ur5e, section
 
+RUSH = {"name": "rush", "duration_s": 0.1, "flange_shift_m": [0.0, 0.25, 0.0]}
+PULL = {"name": "pull", "duration_s": 2.0, "cable_tension_N": [60.0, 0.0]}
+TABLE = {"name": "table", "shape": "box", "size_m": [0.3, 0.3, 0.02], "position_m": [0.4, 0.0, 0.3]}
+PLACE = r"section \d of 4 \(.*\) is .*, its model ends at "
+INSTEAD = "fidelity = 'lumped', which knows what lies beyond, or 'auto'"
 
-@pytest.mark.parametrize(("duration_s", "included"), [(0.1, False), (2.0, True)])
-def test_a_plan_too_fast_for_the_section_model_is_named_before_it_runs(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, duration_s: float, included: bool
-) -> None:
-    rush = {"name": "rush", "duration_s": duration_s, "flange_shift_m": [0.0, 0.25, 0.0]}
-    (tmp_path / "rush.toml").write_text(on_a_ur5e(20e3, ""), encoding="utf-8")
+
+@pytest.fixture
+def load(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
+    """Return what loads a scenario of the small arm; its model is not built again."""
+    (tmp_path / "small.toml").write_text(on_a_ur5e(20e3, ""), encoding="utf-8")
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     monkeypatch.setattr(section_model, "build_model", lambda *_: section().model)
-    scenario = with_fidelity_chosen(load_scenario(tmp_path / "rush.toml", {"phase": [rush]}), lambda _: None)
-    stage = build_simulation(scenario).stage
+    return lambda phase, **others: load_scenario(tmp_path / "small.toml", {"phase": [phase], **others})
+
+
+def built(scenario: Scenario) -> tuple[RunInfo, Decision]:
+    stage = build_simulation(with_fidelity_chosen(scenario, lambda _: None)).stage
+    (found,) = (decision for decision in stage.modelled if decision.what == SECTION_RANGE)
+    return stage, found
+
+
+@pytest.mark.parametrize(
+    ("phase", "key", "text"),
+    [
+        (RUSH, "duration_s", rf"up to 1\d\d m/s\^2; the arm swings out of .*: {PLACE}.*; take longer; or "),
+        (PULL, "cable_tension_N", f"takes the arm out of its section model's range: {PLACE}"),
+    ],
+)
+def test_a_plan_beyond_the_range_is_refused(load: Any, phase: dict[str, Any], key: str, text: str) -> None:
+    with pytest.raises(ScenarioError) as refused:
+        built(load(phase))
+    assert refused.value.path == f"phase.{phase['name']}.{key}"
+    assert re.search(text, str(refused.value))
+    assert str(refused.value).endswith(INSTEAD)
+
+
+@pytest.mark.parametrize("phase", [{**RUSH, "duration_s": 2.0}, {**PULL, "cable_tension_N": [1.0, 0.0]}])
+def test_a_plan_within_the_range_is_built(load: Any, phase: dict[str, Any]) -> None:
+    _, found = built(load(phase))
+    assert found.included
+    assert found.reason == "the arm bears the plan's loads and accelerations"
+
+
+def test_what_may_be_held_by_what_it_touches_is_warned_of(load: Any) -> None:
+    stage, found = built(load(PULL, object=[TABLE]))
+    assert not found.included
+    assert found.switch == "phase.pull.cable_tension_N"
+    assert found.reason.endswith("; contact is not in this")
     said = StringIO()
     PlanWarnings(said).open(stage)
-    (found,) = (decision for decision in stage.modelled if decision.what == SECTION_RANGE)
-    assert found.included is included
-    if not included:
-        assert re.search(r"phase 'rush' .* up to \d+ m/s\^2; .* section \d of 4 \(.*\) is ", found.reason)
-        assert found.switch == "phase.rush.duration_s"
-        assert f"warning: {found.line}\n" in said.getvalue()
+    assert f"warning: {found.line}\n" in said.getvalue()
+
+
+def test_auto_falls_back_to_film_where_the_section_model_ends(load: Any) -> None:
+    said: list[str] = []
+    ask = load({**PULL, "duration_s": 0.2}, fidelity="auto", auto={"tolerance_m": 0.005})
+    assert with_fidelity_chosen(ask, said.append).fidelity == "lumped"
+    assert any(re.search(r"section, .*pull\.cable_tension_N: takes the arm out", line) for line in said)

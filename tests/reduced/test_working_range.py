@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from cosim.errors import ConvergenceError, OutOfRangeError
 from cosim.reduced.sections.ring_frames import frames_from_strains, strains
 from cosim.reduced.sections.section_energy import BENT, LOW
-from cosim.reduced.solve.working_range import place_in_range
+from cosim.reduced.solve.working_range import check_pressure, place_in_range
 from tests.small_section import section
 
 PRESSURE_Pa = 25e3
@@ -34,3 +35,12 @@ def test_the_section_that_uses_most_of_its_range_is_named() -> None:
     assert found.fraction == pytest.approx(0.97, abs=0.01)
     assert found.at_its_end
     assert found.text.startswith("section 4 of 4 (unit_3.outer to tip) is shortened by ")
+
+
+def test_a_pressure_beyond_the_samples_is_refused() -> None:
+    end = section().model.spline.largest_Pa
+    check_pressure(section(), end, 0.0, 1)
+    with pytest.raises(OutOfRangeError, match=r"its gas is at 44 kPa, its model ends at 40") as refused:
+        check_pressure(section(), 1.1 * end, 0.0, 1)
+    assert isinstance(refused.value, ConvergenceError)
+    assert refused.value.place.startswith("its gas is at 44 kPa")

@@ -9,7 +9,7 @@ import numpy as np
 
 from cosim.base.frames import Array, Mask, Pose
 from cosim.coupling.soft_sides.chain_films import ChainFilms
-from cosim.errors import ConvergenceError
+from cosim.errors import ConvergenceError, OutOfRangeError
 from cosim.reduced.section_model import SectionBody
 from cosim.reduced.sections.outputs import figures_of, supplied_wrench
 from cosim.reduced.solve.clamp import FrameClamp
@@ -17,7 +17,7 @@ from cosim.reduced.solve.commanded_cables import CLOSE_N, commanded, solve_comma
 from cosim.reduced.solve.kinematics import carried, upright
 from cosim.reduced.solve.newton import ChainResult, ChainSolver
 from cosim.reduced.solve.state import ChainState
-from cosim.reduced.solve.working_range import place_in_range
+from cosim.reduced.solve.working_range import check_pressure, place_in_range
 from cosim.soft.body.loads import Loads
 from cosim.soft.solve.equilibrium import CONTACT_ROUNDS_MAX, end_of
 from cosim.soft.solve.newton_options import NewtonOptions, Outcome
@@ -75,18 +75,21 @@ class ChainEquilibria:
 
         Raises:
             ConvergenceError: none was found.
+            OutOfRangeError: because the model ends before, or at a pressure beyond its range.
         """
         options = self._options
         found, loads = self._settle_contacts(clamp.place(frames, flange), clamp.free, loads, begin_Pa)
+        spent = found.residual_N, found.iterations
         if found.outcome is not Outcome.CONVERGED:
             end = place_in_range(self._section, found.frames, found.pressure_Pa)
-            ends = f"; the section model ends here: {end.text}" if end.at_its_end else ""
-            raise ConvergenceError(
+            text = (
                 f"no equilibrium found: {found.outcome.value}; residual {found.residual_N:.3g} N, bound "
-                f"{options.tolerance_N:.3g} N, {found.iterations} iterations{ends}",
-                found.residual_N,
-                found.iterations,
+                f"{options.tolerance_N:.3g} N, {found.iterations} iterations"
             )
+            if end.at_its_end:
+                raise OutOfRangeError(f"{text}; the section model ends here: {end.text}", *spent, end.text)
+            raise ConvergenceError(text, *spent)
+        check_pressure(self._section, found.pressure_Pa, *spent)
         figures = figures_of(found.frames, clamp.free, self._section.mass, found.gradient)
         film = self._films.film(ChainState.at_rest(found.frames), found.pressure_Pa)
         return Equilibrium(

@@ -8,7 +8,7 @@ from typing import final
 import numpy as np
 
 from cosim.base.frames import Array, Pose
-from cosim.errors import ConvergenceError
+from cosim.errors import ConvergenceError, OutOfRangeError
 from cosim.reduced.sections.outputs import FIGURES
 from cosim.reduced.solve.arrays import ChainArrays
 from cosim.reduced.solve.clamp import FrameClamp
@@ -18,7 +18,7 @@ from cosim.reduced.solve.kept_tangent import KeptTangent
 from cosim.reduced.solve.newton import OUTCOMES, Bed, ChainSolver
 from cosim.reduced.solve.sealed_pressure import solve_sealed
 from cosim.reduced.solve.state import ChainState
-from cosim.reduced.solve.working_range import place_in_range
+from cosim.reduced.solve.working_range import check_pressure, place_in_range
 from cosim.soft.body.loads import Loads
 from cosim.soft.solve.newton_options import Outcome
 from cosim.soft.solve.time_scheme import StepAim, StepOptions, inertia_weight
@@ -137,6 +137,7 @@ class ChainStepper:
                 break
         if found.outcome is not Outcome.CONVERGED:
             raise self._failure(found, chain)
+        check_pressure(self._solver.section, found.pressure_Pa, found.residual_N, found.iterations)
         if aim is not None and found.residual_N > aim.tolerance_N:
             # below an ordinary step's tolerance rounding may leave no descent
             _, fine = aim.newton(options)
@@ -154,6 +155,8 @@ class ChainStepper:
         if end.at_its_end:
             text = f"the section model ends here: {end.text}; fidelity = 'lumped' knows what lies beyond"
         text += f"; residual {found.residual_N:.3g} N after {found.iterations} iterations"
+        if end.at_its_end:
+            return OutOfRangeError(text, found.residual_N, found.iterations, end.text)
         return ConvergenceError(text, found.residual_N, found.iterations)
 
     def _solve(

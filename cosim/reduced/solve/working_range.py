@@ -9,12 +9,16 @@ from typing import final
 import numpy as np
 
 from cosim.base.frames import Array
+from cosim.errors import OutOfRangeError
 from cosim.reduced.section_model import SectionBody
 from cosim.reduced.sections.ring_frames import strains
 from cosim.reduced.sections.section_energy import BENT, HIGH, LOW
 
 _AT_ITS_END = 0.95
 """Share of the range from which on a solution that is not found is put down to it."""
+
+
+_ROUNDING = 1e-9
 
 
 @final
@@ -61,6 +65,24 @@ def place_in_range(section: SectionBody, frames: Array, pressure_Pa: float) -> P
         value, end = 100.0 * abs(stretch[worst]), 100.0 * abs(stretch_end[worst])
         what = f"is {word} by {value:.1f} %, its model ends at {end:.1f} %"
     return PlaceInRange(float(fractions[kind, worst]), f"{where} {what} (at {1e-3 * pressure_Pa:.3g} kPa)")
+
+
+def check_pressure(section: SectionBody, pressure_Pa: float, residual_N: float, iterations: int) -> None:
+    """Check that a solution is within the pressures that a model was built from.
+
+    Args:
+        section: model.
+        pressure_Pa: gauge, of the solution.
+        residual_N: of it.
+        iterations: that it took.
+
+    Raises:
+        OutOfRangeError: it is beyond them.
+    """
+    end = section.model.spline.largest_Pa
+    if pressure_Pa > end * (1.0 + _ROUNDING):
+        text = f"its gas is at {1e-3 * pressure_Pa:.4g} kPa, its model ends at {1e-3 * end:.4g}"
+        raise OutOfRangeError(f"the section model ends here: {text}", residual_N, iterations, text)
 
 
 def _degrees(sine: float) -> str:
