@@ -22,7 +22,7 @@ RELATIVE_BOUND: Final = 1e-6
 
 
 def check_engines_agree(scene: RigidScene, arm: Arm, armature: Array, payload: Payload | None = None) -> None:
-    """Check flange pose, mass matrix and gravity torque at random angles.
+    """Check limits, then flange pose, mass matrix and gravity torque at random angles.
 
     M_ij may differ by 1e-6 sqrt(M_ii M_jj), torques by 1e-6 of the largest. What one link weighs more is felt
     by all joints before it, so the last joint that feels a difference is named.
@@ -36,6 +36,7 @@ def check_engines_agree(scene: RigidScene, arm: Arm, armature: Array, payload: P
     Raises:
         InputError: they differ; the message names a joint.
     """
+    _check_limits(scene, arm)
     rng = np.random.default_rng(0)
     for _ in range(STATES):
         q = rng.uniform(*arm.drawn_from)
@@ -55,6 +56,21 @@ def check_engines_agree(scene: RigidScene, arm: Arm, armature: Array, payload: P
         apart = np.abs(here.gravity_torque - torque)
         if (bound := RELATIVE_BOUND * np.abs(torque).max()) < apart.max() > POSE_BOUND:
             _refuse(arm, apart > bound, f"the torque against gravity {apart.max():.3g} N m apart")
+
+
+def _check_limits(scene: RigidScene, arm: Arm) -> None:
+    lower, upper = scene.dynamics.limits
+    effort = np.where(arm.effort_limit > 0.0, arm.effort_limit, np.inf)
+    pairs = {
+        "lower limits": (lower, arm.lower),
+        "upper limits": (upper, arm.upper),
+        "torque limits": (scene.effort_limit, effort),
+    }
+    for what, (one, other) in pairs.items():
+        differs = ~np.isclose(one, other, rtol=RELATIVE_BOUND, atol=POSE_BOUND)
+        if differs.any():
+            k = int(np.argmax(differs))
+            _refuse(arm, differs, f"{what} {one[k]:g} and {other[k]:g}", first=True)
 
 
 def _refuse(arm: Arm, differs: Mask, what: str, *, first: bool = False) -> None:

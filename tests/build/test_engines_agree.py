@@ -32,6 +32,8 @@ def changed(before: str, after: str) -> ArmFile:
     [
         ("-0.3922", "-0.3922001", "joint 'wrist_1_joint'.*: the flange 8"),
         ('value="0.365"', 'value="0.3651"', "joint '.*'.*: the mass matrix"),
+        ('lower="-3.14', 'lower="-3.13', "joint 'elbow_joint'.*: lower limits -3.14"),
+        ('effort="28', 'effort="29', "joint 'wrist_1_joint'.*: torque limits 28"),
         ('value="8.058"', 'value="8.059"', "joint 'shoulder_lift_joint'.*: the mass matrix"),
     ],
 )

@@ -64,7 +64,7 @@ def chain_to(robot: ElementTree.Element, flange: str, path: Path) -> list[Elemen
         names = ", ".join(repr(joint.get("name")) for joint in moving[:MOST_JOINTS]) or "none"
         raise InputError(
             f"arm file {path}: {len(moving)} joints move the flange {flange!r}, {names}; "
-            f"it must be 1 to {MOST_JOINTS}"
+            f"it must be 1 to {MOST_JOINTS}; name another link as flange in an arm.toml"
         )
     return chain
 

@@ -43,6 +43,13 @@ class ArmDynamics:
     def __init__(self, model: mujoco.MjModel, scratch: mujoco.MjData, layout: ArmLayout) -> None:
         self._model, self._scratch, self._layout = model, scratch, layout
 
+    @property
+    def limits(self) -> tuple[Array, Array]:
+        """Smallest and largest angles (joints,), (joints,) [rad]; infinite where a joint has none."""
+        joints = self._layout.joints
+        bounded, between = self._model.jnt_limited[joints] != 0, self._model.jnt_range[joints]
+        return np.where(bounded, between[:, 0], -np.inf), np.where(bounded, between[:, 1], np.inf)
+
     def at(self, joints: Array) -> ArmAtRest:
         """Return the arm at angles (joints,) [rad]; objects do not matter."""
         model, data, layout = self._model, self._scratch, self._layout
