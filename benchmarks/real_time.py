@@ -3,7 +3,7 @@
     python benchmarks/real_time.py [NAME ...] [--repeats 7] [--json FILE] [--before FILE]
 
 Without names: all that come with cosim, at their own settings. The factor is simulated time over CPU time of
-the process in the loop over ticks, the median of the repeats, each from the state at rest. One batch of ticks
+the process in the loop over ticks, the median of the repeats, kernels compiled before. One batch of ticks
 in ten is counted instead of timed: new tangents, gradients, and calls of Python and C functions from Python.
 Times of ticks are wall times: they want an idle machine. `--before` puts the factors of an earlier `--json`
 beside.
@@ -73,10 +73,10 @@ class Speed:
 def run_once(name: str, tally: Tally) -> tuple[float, float, list[float]]:
     """Return simulated and CPU time of what was timed of a run, and the wall times of its ticks [s]."""
     from cosim.app.driver import build_simulation, recorded
-    from cosim.app.first_run import with_fidelity_chosen
+    from cosim.app.first_run import prepared
     from cosim.config.loading import load_scenario
 
-    scenario = with_fidelity_chosen(load_scenario(name), lambda _: None)
+    scenario = prepared(load_scenario(name), lambda _: None, recording=True)
     run = build_simulation(scenario)
     simulated_s, spent_s, walls, here_s = 0.0, 0.0, [], 0.0
     with recorded(scenario, run.stage) as observe:
