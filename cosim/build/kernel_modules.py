@@ -29,6 +29,10 @@ def kernel_modules(scenario: Scenario) -> tuple[ModuleType, ...]:
         from cosim.soft.beams import beam_rings
 
         modules += (beam_rings,)
+    if scenario.mode == "dynamic" and scenario.fidelity not in ("section", "rigid"):
+        from cosim.soft.solve import film_step
+
+        modules += (film_step,)
     if scenario.fidelity == "section":
         from cosim.reduced.sections import assembly, pressure_spline
         from cosim.reduced.sections import outputs as chain_figures

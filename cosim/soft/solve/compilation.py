@@ -15,10 +15,10 @@ from cosim.soft.elements import mass_terms, pressure
 from cosim.soft.elements.element import kinds_known
 from cosim.soft.linear import envelope_kernels
 from cosim.soft.linear import multifrontal_kernels as front_kernels
-from cosim.soft.solve import film_step, held_nodes, problem, step_begin
+from cosim.soft.solve import held_nodes, problem, step_begin
 
 _MODULES: tuple[ModuleType, ...] = (
-    center_line, contact, contact_surface, envelope_kernels, film_step, front_kernels, held_nodes, mass_terms,
+    center_line, contact, contact_surface, envelope_kernels, front_kernels, held_nodes, mass_terms,
     pressure, problem, step_begin,
 )  # fmt: skip
 

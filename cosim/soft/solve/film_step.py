@@ -160,32 +160,38 @@ def _solve(kept, turn, work):  # type: ignore[no-untyped-def]
 
 
 @device_function
-def _iterate(film, loads, bed, kept, numbers, motion, work):  # type: ignore[no-untyped-def]
-    """Iterate from `new_x` with the kept factorisation; return what `film_step` does."""
-    turn, reference, x, angles = np.empty((3, 3)), work.reference, motion.new_x, motion.angles
+def _copy(values, to):  # type: ignore[no-untyped-def]
+    """Copy values; a loop compiles in a fraction of the time of an assignment to a slice."""
+    for i in range(values.shape[0]):
+        to[i] = values[i]
+
+
+@device_function
+def _begin(bed, kept, held, numbers, motion, turn, reference):  # type: ignore[no-untyped-def]
+    """Fill base (as new velocity), target, start, turn since the factorisation, and angles as remembered."""
+    x, velocity, before = motion.x, motion.velocity, motion.earlier_velocity
+    base, factor = motion.new_velocity, numbers.factor
+    fill_bed(x, velocity, motion.earlier_x, before, numbers.two_steps, factor, base, bed.target)
+    fill_flight(x, velocity, before, numbers.h, numbers.fraction, motion.new_x)
+    place_held(held, motion.flange, motion.new_x)
     _turn_since(kept, motion.flange, turn)
-    reference[:] = motion.memory
-    angles[:] = motion.memory
-    energy = film_gradient(film, loads, bed, x, reference, work.pull, angles, work.gradient)
-    residual, iterations = largest_residual(x, work.gradient, kept.free), 0
-    bound = numbers.start_tolerance
-    while math.isfinite(energy) and math.isfinite(residual):
-        if residual < bound:
-            return True, iterations, residual, energy
-        if not kept.there or iterations == numbers.reuse_max:
-            return False, iterations, residual, energy
-        if not _solve(kept, turn, work) <= numbers.step_max:
-            return False, iterations, residual, energy
-        for i in range(x.shape[0]):
-            for r in range(3):
-                x[i, r] += work.solution[0, i, r]
-        reference[:] = angles
-        energy = film_gradient(film, loads, bed, x, reference, work.pull, angles, work.gradient)
-        before, residual = residual, largest_residual(x, work.gradient, kept.free)
-        if not residual <= numbers.reuse_rate * before:
-            return False, iterations, residual, energy
-        iterations, bound = iterations + 1, numbers.tolerance
-    return False, iterations, residual, energy
+    _copy(motion.memory, reference)
+    _copy(motion.memory, motion.angles)
+
+
+@device_function
+def _add(change, x):  # type: ignore[no-untyped-def]
+    for i in range(x.shape[0]):
+        for r in range(3):
+            x[i, r] += change[i, r]
+
+
+@device_function
+def _end(x, base, span):  # type: ignore[no-untyped-def]
+    """Replace base by the velocities."""
+    for i in range(x.shape[0]):
+        for r in range(3):
+            base[i, r] = (x[i, r] - base[i, r]) / span
 
 
 @kernel(
@@ -195,14 +201,23 @@ def film_step(film, loads, bed, kept, held, numbers, motion, work):  # type: ign
     """Take a step; return (whether it has converged, iterations, residual [N], potential [J]).
 
     Fills the bed's target and the end of the motion; `bed`, `motion` and `work` say what they hold.
+    What is large is called from here, at one place: at each level of calls it would be compiled once more.
     """
-    x, velocity, new_x, new_velocity = motion.x, motion.velocity, motion.new_x, motion.new_velocity
-    base, before = new_velocity, motion.earlier_velocity
-    fill_bed(x, velocity, motion.earlier_x, before, numbers.two_steps, numbers.factor, base, bed.target)
-    fill_flight(x, velocity, before, numbers.h, numbers.fraction, new_x)
-    place_held(held, motion.flange, new_x)
-    converged, iterations, residual, energy = _iterate(film, loads, bed, kept, numbers, motion, work)
-    for i in range(x.shape[0]):
-        for r in range(3):
-            new_velocity[i, r] = (new_x[i, r] - base[i, r]) / numbers.span
+    turn, reference, x, angles = np.empty((3, 3)), work.reference, motion.new_x, motion.angles
+    _begin(bed, kept, held, numbers, motion, turn, reference)
+    iterations, bound, before, converged = 0, numbers.start_tolerance, math.inf, False
+    while True:
+        energy = film_gradient(film, loads, bed, x, reference, work.pull, angles, work.gradient)
+        residual = largest_residual(x, work.gradient, kept.free)
+        # a residual that does not fall enough asks for a new tangent
+        serves = math.isfinite(energy) and residual <= numbers.reuse_rate * before
+        converged = serves and residual < bound
+        if converged or not serves or not kept.there or iterations == numbers.reuse_max:
+            break
+        if not _solve(kept, turn, work) <= numbers.step_max:
+            break
+        _add(work.solution[0], x)
+        _copy(angles, reference)
+        iterations, bound, before = iterations + 1, numbers.tolerance, residual
+    _end(x, motion.new_velocity, numbers.span)
     return converged, iterations, residual, energy
