@@ -31,6 +31,11 @@ def _cross_block(v, factor, out):  # type: ignore[no-untyped-def]
     out[2, 1] = factor * v[0]
 
 
+@device_function
+def _cross(v, w):  # type: ignore[no-untyped-def]
+    return v[1] * w[2] - v[2] * w[1], v[2] * w[0] - v[0] * w[2], v[0] * w[1] - v[1] * w[0]
+
+
 @kernel(REAL(MATRIX, INDEX_TABLE, REAL, INDEX_TABLE, MATRIX, BLOCKS))
 def add_pressure(x, triangles, pressure, slots, gradient, blocks):  # type: ignore[no-untyped-def]
     """Add -p V of all film triangles to gradient, and to blocks if slots is not empty.
@@ -43,13 +48,18 @@ def add_pressure(x, triangles, pressure, slots, gradient, blocks):  # type: igno
     volume = 0.0
     for e in range(triangles.shape[0]):
         ia, ib, ic = triangles[e, 0], triangles[e, 1], triangles[e, 2]
+        # read before anything is written: x and gradient could be one for all that the compiler knows
+        a, b, c = (
+            (x[ia, 0], x[ia, 1], x[ia, 2]),
+            (x[ib, 0], x[ib, 1], x[ib, 2]),
+            (x[ic, 0], x[ic, 1], x[ic, 2]),
+        )
+        bc, ca, ab = _cross(b, c), _cross(c, a), _cross(a, b)
         for r in range(3):
-            s, t = (r + 1) % 3, (r + 2) % 3
-            bc = x[ib, s] * x[ic, t] - x[ib, t] * x[ic, s]
-            volume += x[ia, r] * bc
-            gradient[ia, r] -= sixth * bc
-            gradient[ib, r] -= sixth * (x[ic, s] * x[ia, t] - x[ic, t] * x[ia, s])
-            gradient[ic, r] -= sixth * (x[ia, s] * x[ib, t] - x[ia, t] * x[ib, s])
+            volume += a[r] * bc[r]
+            gradient[ia, r] -= sixth * bc[r]
+            gradient[ib, r] -= sixth * ca[r]
+            gradient[ic, r] -= sixth * ab[r]
         if with_hessian:
             # d(b x c)/db = -S(c), d(c x a)/dc = -S(a), d(b x c)/dc = S(b)
             _cross_block(x[ic], -sixth, k)  # pair (b, a)
