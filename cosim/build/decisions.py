@@ -9,6 +9,7 @@ import numpy as np
 from cosim.config.rules.gas_rules import gas_rules
 from cosim.config.schema.given_body import GivenBodyTable
 from cosim.config.schema.scenario import Scenario
+from cosim.coupling.soft_sides.soft_side import SoftSide
 from cosim.plan.decision import Decision
 from cosim.plan.plan import Plan
 from cosim.plan.reach import FlangeTravel, film_reach, flange_travel, within_reach
@@ -25,12 +26,12 @@ _TOUCHED_AT_REST = ("section", "lumped", "refined")  # models whose equilibria t
 _SLOW = 0.01  # share of gravity below which accelerations are negligible
 
 
-def contact_decision(scenario: Scenario, body: SoftBody, plan: Plan, arm: Arm, scene: RigidScene) -> Decision:
+def contact_decision(scenario: Scenario, soft: SoftSide, plan: Plan, arm: Arm, scene: RigidScene) -> Decision:
     """Decide whether contact with the scene is searched for.
 
     Args:
         scenario: checked, with an arm.
-        body: of the soft robot.
+        soft: soft side.
         plan: of the run.
         arm: kinematics.
         scene: at its start.
@@ -46,7 +47,7 @@ def contact_decision(scenario: Scenario, body: SoftBody, plan: Plan, arm: Arm, s
     open_question = _unknown_reach(scenario)
     if open_question:
         return Decision(what, True, open_question, switch)
-    reach = film_reach(body, _largest_pressure(plan))
+    reach = soft.reach_m or film_reach(soft.body, _largest_pressure(plan))
     statics = scenario.mode == "quasistatic"
     bodies = within_reach(scene, flange_travel(arm, plan), reach, fixed_only=statics)
     if bodies:

@@ -13,6 +13,7 @@ from cosim.base.resources import cache_directory
 from cosim.build.soft_body import build_soft_body
 from cosim.config.rules.given_body_rules import file_of
 from cosim.config.schema.scenario import Scenario
+from cosim.errors import ConvergenceError, ScenarioError
 from cosim.reduced.fit.building import METHOD, LARGEST_PRESSURE_Pa, build_model
 from cosim.reduced.section_model import SectionModel
 from cosim.reduced.sections.pressure_spline import PressureSpline
@@ -29,6 +30,9 @@ def section_model(scenario: Scenario, tell: Callable[[str], None] = lambda text:
     Args:
         scenario: checked, of a soft robot that has one.
         tell: told in one sentence what takes long.
+
+    Raises:
+        ScenarioError: the film has no smooth states to condense.
     """
     body = build_soft_body(file_of(scenario, "a section model"), scenario.model)
     largest = _largest_pressure(scenario)
@@ -37,7 +41,15 @@ def section_model(scenario: Scenario, tell: Callable[[str], None] = lambda text:
     if found is not None:
         return found
     tell(f"Building the section model of {scenario.soft_robot.name}: up to a minute, once; kept in {path}")
-    model = build_model(body, largest)
+    try:
+        model = build_model(body, largest)
+    except ConvergenceError as error:
+        raise ScenarioError(
+            "fidelity",
+            f"no section model of '{scenario.soft_robot.name}': straight, up to {1e-3 * largest:g} kPa and "
+            f"pulled, its film loses its equilibrium, as where thin stiffeners buckle ({error}); "
+            "take fidelity = 'lumped', or a larger section of the stiffener",
+        ) from error
     keep(path, _packed(model))
     return model
 

@@ -125,7 +125,7 @@ def _arm(scenario: Scenario, trial: SoftSide, soft: SoftSide, before: Choices | 
         check_engines_agree(scene, arm, file.armature, held)
     payload = drawn_payload(soft.body, mounted)
     plan = _plan(scenario, checked_start(partial(plan_joints, arm), arm, scene, payload), trial)
-    contact = contact_decision(scenario, soft.body, plan, arm, scene)
+    contact = contact_decision(scenario, soft, plan, arm, scene)
     if before is not None:
         contact = before.keep(contact)
     law = _contact_law(scenario) if contact.included else None

@@ -11,8 +11,12 @@ from cosim.base.frames import Array, IntArray
 from cosim.reduced.sections.assembly import combine_points, gas_volume
 from cosim.reduced.sections.pressure_spline import TERMS, PressureSpline
 from cosim.reduced.sections.ring_frames import RingFrames, frames_from_strains, strains
+from cosim.reduced.sections.section_energy import HIGH
 from cosim.reduced.sections.shapes import chain_points, gas_volumes
 from cosim.soft.body.body import SoftBody
+
+_REACH_PRESSURES = 20
+_REACH_MARGIN = 1.05  # of lengths along the axes over those across: sections are sheared a little
 
 
 @final
@@ -70,6 +74,19 @@ class SectionBody:
         self.inverse_length: Array = np.zeros(model.length.shape[1])
         self._rates, self._length_rate = np.zeros_like(self.coefficients), np.zeros_like(self.inverse_length)
         self.terms = model.spline.terms(0.0)
+
+    @property
+    def reach_m(self) -> float:
+        """A distance [m] from the flange's origin that no node exceeds: all sections stretched to their ends.
+
+        Nodes are between their frames, and no farther from the axis than drawn, as gas draws rims inwards.
+        """
+        spline, model = self.model.spline, self.model
+        over = np.array([spline.basis(pressure)[0] for pressure in spline.pressures(_REACH_PRESSURES)])
+        stretch = np.einsum("pk,ks->ps", over, model.energy[:, :, HIGH])
+        length = float(((over @ model.length) * (1.0 + stretch)).sum(axis=1).max())
+        radius = float(np.linalg.norm(self.body.positions[:, :2], axis=1).max())
+        return _REACH_MARGIN * (length + radius)
 
     @property
     def chain(self) -> tuple[Array, Array, Array]:

@@ -11,7 +11,7 @@ import pytest
 import cosim
 from cosim.build import section_cache as module
 from cosim.config.loading import load_scenario
-from cosim.errors import ScenarioError
+from cosim.errors import ConvergenceError, ScenarioError
 from cosim.reduced.section_model import SectionModel
 from cosim.soft.body.body import SoftBody
 from tests.small_section import on_a_ur5e, section
@@ -104,3 +104,16 @@ def test_cables_are_wound_as_on_the_film(tmp_path: Path, monkeypatch: pytest.Mon
     assert found.cable_tension_N[-1] == pytest.approx(film.cable_tension_N[-1], rel=0.05)
     ways = [run.tip_position[-1] - run.tip_position[0] for run in (found, film)]
     assert ways[0] == pytest.approx(ways[1], abs=0.05 * float(abs(ways[1]).max()))
+
+
+def test_film_without_smooth_states_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def lost(_body: SoftBody, _largest_Pa: float) -> SectionModel:
+        raise ConvergenceError("the stiffener has buckled", 1.0, 25)
+
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    monkeypatch.setattr(module, "build_model", lost)
+    path = tmp_path / "three_units.toml"
+    path.write_text(SCENARIO, encoding="utf-8")
+    with pytest.raises(ScenarioError, match=r"no section model of .*the stiffener has buckled") as refused:
+        module.section_model(load_scenario(path))
+    assert refused.value.path == "fidelity"

@@ -7,7 +7,7 @@ import pytest
 
 from cosim.errors import ConvergenceError, OutOfRangeError
 from cosim.reduced.sections.ring_frames import frames_from_strains, strains
-from cosim.reduced.sections.section_energy import BENT, LOW
+from cosim.reduced.sections.section_energy import BENT, HIGH, LOW
 from cosim.reduced.solve.working_range import check_pressure, place_in_range
 from tests.small_section import section
 
@@ -44,3 +44,18 @@ def test_a_pressure_beyond_the_samples_is_refused() -> None:
         check_pressure(section(), 1.1 * end, 0.0, 1)
     assert isinstance(refused.value, ConvergenceError)
     assert refused.value.place.startswith("its gas is at 44 kPa")
+
+
+def test_no_node_gets_beyond_the_reach_of_sections_at_their_ends() -> None:
+    body, farthest = section(), []
+    for pressure in body.model.spline.pressures(7):
+        straight = body.straight(pressure)
+        body.set_pressure(pressure)
+        values = strains(straight[:-1], straight[1:])
+        values[:, 2] = (1.0 + body.coefficients[:, HIGH]) / body.inverse_length
+        for bend in (0.0, 0.5, 1.0):
+            values[:, 4] = bend * np.sqrt(body.coefficients[:, BENT])
+            nodes = body.positions(frames_from_strains(straight[0], values), pressure)
+            farthest.append(float(np.linalg.norm(nodes, axis=1).max()))
+    # the bound stands off by the rim's radius, as nodes are beside the axis
+    assert max(farthest) < body.reach_m < max(farthest) + 0.06

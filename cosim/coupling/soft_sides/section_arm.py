@@ -266,6 +266,11 @@ class SectionArm(SoftSide):
         return (self._solver.volume(self._last.frames, self._last.pressure_Pa),)
 
     @property
+    def reach_m(self) -> float:
+        """A distance from the flange's origin that no node exceeds: its model ends before."""
+        return self.section.reach_m
+
+    @property
     def pressures_Pa(self) -> tuple[float, ...]:
         """Gauge pressure in the chamber: the given one, or that of the sealed gas at the present volume."""
         return (self._last.pressure_Pa,)

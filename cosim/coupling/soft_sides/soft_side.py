@@ -229,6 +229,11 @@ class SoftSide(ABC):
         """Gauge pressure in each chamber: the given one, or that of the sealed gas at the present volume."""
 
     @property
+    def reach_m(self) -> float | None:
+        """A distance from the flange's origin that no node exceeds; None where only the film's size tells."""
+        return None
+
+    @property
     def answer_weights(self) -> tuple[float, ...]:
         """How the flange's last accelerations count in the answer of inertia, see `answer_weights`."""
         return IMPLICIT_EULER
