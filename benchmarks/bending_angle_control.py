@@ -28,7 +28,7 @@ def main() -> None:
     parser.add_argument("--json", action="store_true", help="print the figures as JSON")
     parser.add_argument("--plot", type=Path, help="file of a picture to write")
     arguments = parser.parse_args()
-    result = cosim.run("bending_angle_control")
+    result = cosim.run("bending_angle_control", overrides={"model.published": True})
     figures = controlled_phases(result)
     print(json.dumps(figures, indent=2) if arguments.json else table(figures))
     if arguments.plot is not None:

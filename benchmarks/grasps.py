@@ -50,7 +50,9 @@ def place(shape: str, seed: int) -> dict[str, Any]:
 def grasp(shape: str, mass_g: int, seed: int) -> dict[str, Any]:
     """Return how one case ended, and what it moved."""
     overrides = place(shape, seed) | {f"object.{shape}.mass_kg": 1e-3 * mass_g}
-    simulation = build_simulation(load_scenario(f"gripper_lifts_{shape}", overrides))
+    simulation = build_simulation(
+        load_scenario(f"gripper_lifts_{shape}", {"model.published": True, **overrides})
+    )
     stage = simulation.stage
     body, began = stage.body_names.index(shape), time.thread_time()
     paths: dict[str, list[Array]] = {name: [] for name in stage.phase_names}

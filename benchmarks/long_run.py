@@ -70,6 +70,7 @@ def scenario(phases: list[dict[str, Any]], tolerance_N: float = 1e-4) -> Scenari
     robot = {"file": "hexagon_arm", "stack": {"units": 2}, "cable": cables}
     changes = {
         "soft_robot": robot,
+        "model.published": True,
         "clock.tick_s": TICK_S,
         "solver.dynamic_tolerance_N": tolerance_N,
         "recording.frames_per_s": 0.1,

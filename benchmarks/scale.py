@@ -52,7 +52,9 @@ def refined_arm(refine: int) -> SoftBody:
     """Return the ten-unit arm with every triangle divided into four so many times."""
     robot = load_soft_robot("hexagon_arm")
     assert robot.stack is not None, "a stack of units"
-    return build_soft_body(replace(robot, stack=replace(robot.stack, refine=refine)), ModelTable())
+    return build_soft_body(
+        replace(robot, stack=replace(robot.stack, refine=refine)), ModelTable(published=True)
+    )
 
 
 class Iteration:

@@ -84,6 +84,7 @@ class Bench:
             {"name": f"c{k}", "corner": k, "units": [1, design.units], "capstan_factor": 0.8} for k in (0, 1)
         ]
         changes = {
+            "model.published": True,
             "soft_robot.stack.sides": design.sides,
             "soft_robot.stack.units": design.units,
             "soft_robot.stack.taper": design.taper,

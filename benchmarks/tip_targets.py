@@ -86,7 +86,7 @@ class Bench:
     """The reference arm's static model and the scenario that its targets are run in."""
 
     def __init__(self) -> None:
-        self.scenario = load_scenario("ur5e_hexagon_arm")
+        self.scenario = load_scenario("ur5e_hexagon_arm", {"model.published": True})
         self.arm = Arm(find_arm(self.scenario.robot))
         body = fidelity_body(self.scenario)
         self.soft = SoftArm(body, pose_of(START), NewtonOptions(iterations_max=100), StepOptions())

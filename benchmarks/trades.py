@@ -90,7 +90,7 @@ def tables(results: list[Measured]) -> str:
 def run_trade(name: str) -> tuple[str, bool]:
     """Run one trade and write its files; return what the document shows, whether requirements are met."""
     trade = TRADES[name]
-    scenario = load_scenario(trade.scenario, trade.changes)
+    scenario = load_scenario(trade.scenario, {"model.published": True, **trade.changes})
     compile_for_trade(scenario, print, (membrane_colours,))
     candidates = candidates_of(scenario, quick=trade.quick, time_scale=trade.time_scale)
     telling = TradeProgress(sys.stdout, len(candidates)).telling

@@ -23,4 +23,4 @@ def bare_film(name: str, law: str, overrides: Mapping[str, Any] | None = None) -
     scenario = load_scenario(name, {**(overrides or {}), "model.published": False})
     robot = published_robot(scenario.soft_robot)
     film: FilmTable = replace(robot.film, law=law)
-    return replace(scenario, soft_robot=replace(robot, film=film))
+    return replace(scenario, soft_robot=replace(robot, film=film, hinge=scenario.soft_robot.hinge))

@@ -27,6 +27,7 @@ schema = 2
 title = "Three units on a UR5e"
 robot = "ur5e"
 soft_robot = {ROBOT}
+model.published = true
 fidelity = "section"
 
 [start]
@@ -38,7 +39,7 @@ pressure_Pa = {pressure_Pa}
 @cache
 def body() -> SoftBody:
     """Return the arm."""
-    scenario = load_scenario("ur5e_hexagon_arm")
+    scenario = load_scenario("ur5e_hexagon_arm", {"model.published": True})
     robot = scenario.soft_robot
     cables = tuple(replace(cable, units=(1, UNITS)) for cable in robot.cables)
     small = replace(robot, stack=replace(robot.stack, units=UNITS), cables=cables)

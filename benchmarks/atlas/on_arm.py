@@ -63,6 +63,7 @@ def overrides(extreme: ArmExtreme) -> dict[str, Any]:
         phase |= {"flange_turn": {"axis": [0.0, 1.0, 0.0], "angle_rad": -0.5}}
     position, direction = POSES[extreme.pose]
     changes: dict[str, Any] = {
+        "model.published": True,
         "clock.tick_s": extreme.tick_s,
         "solver.integrator": extreme.integrator,
         "start.pressure_Pa": extreme.pressure_Pa,

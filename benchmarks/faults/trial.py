@@ -127,9 +127,13 @@ def _hidden(case: Case, error: InputError, folder: Path) -> str:
 
 
 def _same(first: str, second: str) -> bool:
-    """Return whether two paths mean one key, one leads to the other, or only the name of a table differs."""
+    """Return whether two paths mean one key, one leads to the other, or only the name of a table differs.
+
+    Places in one list mean one key: what another mutation has taken out moves those behind it.
+    """
     nested = f"{first}.".startswith(f"{second}.") or f"{second}.".startswith(f"{first}.")
-    return nested or first.rpartition(".")[2] == second.rpartition(".")[2]
+    (table, _, last), (other, _, end) = first.rpartition("."), second.rpartition(".")
+    return nested or last == end or (table == other and last.isdecimal() and end.isdecimal())
 
 
 def _written(text: str, folder: Path) -> Path:

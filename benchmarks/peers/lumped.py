@@ -27,7 +27,7 @@ _HANGING = Pose(np.diag([1.0, -1.0, -1.0]))
 
 def film_only() -> SoftBody:
     """Return the hexagonal arm hanging down, without hinges and cables."""
-    scenario = load_scenario("ur5e_hexagon_arm")
+    scenario = load_scenario("ur5e_hexagon_arm", {"model.published": True})
     body = fidelity_body(scenario)
     hinges = replace(body.hinges, stiffness=0.0 * body.hinges.stiffness, fold_barrier_rad=0.0)
     bare = body.with_other(Hinges, hinges).with_other(Cable)

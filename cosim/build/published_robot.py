@@ -3,9 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Final
 
 from cosim.config.schema.film import FilmTable, StiffenerTable
 from cosim.config.schema.soft_robot import SoftRobotTable
+
+TAKEN_AWAY: Final = (
+    "stack.refine_holes", "stack.neck", "film.law", "film.wrinkle_panel_m", "hinge.rule", "stiffener",
+)  # fmt: skip
+"""Keys of a robot's file that the paper's model does not look at."""
 
 
 def published_robot(robot: SoftRobotTable) -> SoftRobotTable:

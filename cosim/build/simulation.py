@@ -15,7 +15,9 @@ from cosim.build.blame import blamed_on
 from cosim.build.cells import cell_of
 from cosim.build.decisions import contact_decision, decisions
 from cosim.build.engines_agree import check_engines_agree
+from cosim.build.expected_error import expected_error, expected_error_report, extension_report
 from cosim.build.fidelity import fidelity_report, soft_sides
+from cosim.build.known_values import known_report
 from cosim.build.section_cache import section_figures
 from cosim.config.rules.gas_rules import gas_report
 from cosim.config.schema.scenario import NO_ARM, Scenario
@@ -192,6 +194,7 @@ def _stage(
         hinge_energy_share=partial(hinge_energy_share, body),
         stiffener_strain=partial(stiffener_strain, body),
         section_model=section_figures(scenario),
+        expected_error=expected_error(scenario),
         arm=planned,
     )
 
@@ -208,7 +211,8 @@ def _report(parts: Parts, modelled: tuple[Decision, ...]) -> str:
         "Soft robot": f"{scenario.soft_robot.name}, {1e3 * body.mass_kg:.0f} g, {body.nodes} nodes, "
         f"{len(body.triangles)} triangles, {len(body.hinges.nodes)} hinges, "
         f"{len(body.cables)} cables",
-        "Stiffeners": stiffener_report(body),
+        "Stiffeners": "; ".join(filter(None, (stiffener_report(body), extension_report(scenario)))),
+        "Known": known_report(scenario),
         "Fidelity": fidelity_report(scenario),
         "Chamber": "closed by caps" if body.closed else "open ends (no cap force)",
         "Gas": gas_report(scenario),
@@ -216,6 +220,7 @@ def _report(parts: Parts, modelled: tuple[Decision, ...]) -> str:
         "Motion": "quasistatic" if scenario.mode == "quasistatic" else f"dynamic, {integrator}",
         "Self contact": film_report(scenario, body),
         "Contact": _contact_report(scenario, modelled),
+        "Expected error": expected_error_report(scenario),
         "Modelled": "; ".join(entry.line for entry in modelled if entry.included),
         "Left out": "; ".join(entry.line for entry in modelled if not entry.included) or "nothing",
     }

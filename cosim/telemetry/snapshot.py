@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Annotated, final
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Annotated, Any, final
 
 import numpy as np
 
@@ -51,6 +51,7 @@ class RunInfo:
         hinge_energy_share: node positions (n, 3) [m] -> share of the hinges in the elastic energy.
         stiffener_strain: node positions (n, 3) [m] -> strain and strength of the stiffeners, None without.
         section_model: error and size of the section model; None where the film itself is modelled.
+        expected_error: of each figure of the soft robot: low, high, against what, source; None: not measured.
         arm: what the plan asks of the arm; None without one.
     """
 
@@ -77,6 +78,7 @@ class RunInfo:
     hinge_energy_share: Callable[[Array], float] | None = None
     stiffener_strain: Callable[[Array], StiffenerStrain | None] | None = None
     section_model: dict[str, float] | None = None
+    expected_error: dict[str, dict[str, Any] | None] = field(default_factory=dict)
     arm: PlannedArm | None = None
 
     def __repr__(self) -> str:

@@ -170,6 +170,7 @@ class SummaryBuilder:
             "soft_weight_N": stage.soft_weight_N,
             "section_model": stage.section_model,
             "modelled": [vars(decision) for decision in stage.modelled],
+            "expected_error": stage.expected_error,
             "arm": self._arm_section(),
             "warnings": self._warnings(),
             "phases": self._phases,
@@ -184,8 +185,7 @@ class SummaryBuilder:
         return {"planned": planned.figures(), "run": run}
 
     def _warnings(self) -> list[str]:
-        planned = self._stage.arm
-        beyond = strength_warnings(self._phases)
+        planned, beyond = self._stage.arm, strength_warnings(self._phases)
         if planned is None:
             return beyond
         return [*planned.warnings(), *self._arm.warnings(planned.limits, self._stage.phase_names), *beyond]

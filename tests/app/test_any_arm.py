@@ -21,6 +21,7 @@ SCENARIO = """schema = 2
 title = "a finger on any arm"
 robot = "{robot}"
 soft_robot = "gripper_finger"
+model.published = true
 
 [start]
 flange.position_m = {position}

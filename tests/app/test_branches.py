@@ -16,6 +16,7 @@ schema = 2
 title = "An inflated core is lowered onto a block"
 robot = "ur5e"
 soft_robot = "square_core"
+model.published = true
 solver = { damping_per_s = 20.0 }
 clock = { tick_s = 0.005 }
 

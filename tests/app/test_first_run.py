@@ -37,7 +37,7 @@ stack.units = 1
 cable = []
 stiffener = { kind = "beam", width_m = 3e-3, height_m = 3e-3, young_modulus_Pa = 2e9 }
 """
-CURL = {"phase.inflate.increments": 2, "phase.close.increments": 2}
+CURL = {"model.published": True, "phase.inflate.increments": 2, "phase.close.increments": 2}
 
 
 def compiled() -> dict[str, int]:

@@ -20,6 +20,7 @@ schema = 2
 title = "Two units on a UR5e"
 robot = "ur5e"
 soft_robot = { file = "hexagon_arm", stack = { units = 2 }, cable = [] }
+model.published = true
 solver = { damping_per_s = 2.0 }
 
 [start]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,7 @@ from cosim.base.frames import Pose
 from cosim.build.decisions import CONTACT
 from cosim.build.simulation import build
 from cosim.config.loading import load_scenario
+from cosim.config.schema.film import StiffenerTable
 from cosim.plan.decision import Decision
 from cosim.plan.reach import film_reach
 from cosim.soft.body.loads import Loads
@@ -23,6 +25,7 @@ from tests.soft.bodies import held, hexagon_arm
 GIVEN: dict[str, Any] = {
     "soft_robot": {"file": "hexagon_arm", "stack": {"units": 2}, "cable": [
         {"name": "right", "corner": 0, "units": [1, 2], "capstan_factor": 0.8}]},
+    "model.published": True,
     "start.cable_tension_N": [],
     "start.pressure_Pa": 10e3,
     "phase": [{"name": "lower", "duration_s": 0.06, "flange_shift_m": [0.0, 0.0, -0.01]}],
@@ -159,12 +162,9 @@ def test_the_summary_tells_the_share_of_every_phase() -> None:
 
 @pytest.mark.parametrize(("strength", "warned"), [(0.05, False), (0.002, True), (None, False)])
 def test_stiffeners_beyond_their_strength_are_told(strength: float | None, warned: bool) -> None:
-    beam = {"kind": "beam", "width_m": 2e-3, "height_m": 2e-3, "young_modulus_Pa": 2e9}
-    given = {
-        "file": "square_core",
-        "stiffener": beam | ({} if strength is None else {"strength_strain": strength}),
-    }
-    run = cosim.run("three_unit_inflation", overrides={"soft_robot": given, "model.published": False})
+    beam = StiffenerTable("beam", width_m=2e-3, height_m=2e-3, young_modulus_Pa=2e9, strength_strain=strength)
+    scenario = load_scenario("three_unit_inflation", {"model.published": False})
+    run = cosim.run(replace(scenario, soft_robot=replace(scenario.soft_robot, stiffener=beam)))
     figures = run.summary["phases"][-1]["stiffener"]
     assert 0.003 < figures["peak_strain"] < 0.02
     assert figures["strength_strain"] == strength

@@ -10,6 +10,7 @@ import pytest
 
 from benchmarks.tilt import STEPS_KPA, tilt_stiffness, unit
 from cosim.base.frames import IntArray
+from cosim.build.published_robot import published_robot
 from cosim.build.soft_body import build_soft_body
 from cosim.config.loading import load_scenario
 from cosim.config.schema.soft_robot import SoftRobotTable
@@ -28,7 +29,7 @@ FUSED_M = 0.008
 def robot() -> SoftRobotTable:
     robot = load_scenario("three_unit_inflation").soft_robot
     assert isinstance(robot, SoftRobotTable)
-    return replace(robot, hinge=replace(robot.hinge, rule="shell"))
+    return replace(published_robot(robot), hinge=replace(robot.hinge, rule="shell"))
 
 
 def built(robot: SoftRobotTable, **changes: Any) -> SoftBody:

@@ -21,6 +21,7 @@ schema = 2
 title = "A heavy palm is carried"
 robot = "ur5e"
 soft_robot = { file = "square_core", palm = { radius_m = 0.08, thickness_m = 0.01, mass_kg = 1.0 } }
+model.published = true
 
 [start]
 flange = { position_m = [0.4, 0.0, 0.5], direction = [0.0, 0.0, 1.0] }

@@ -9,6 +9,7 @@ import pytest
 
 from cosim.base.identity import content_name
 from cosim.base.resources import scenario_path
+from cosim.build.published_robot import published_robot
 from cosim.build.soft_body import build_soft_body
 from cosim.config.loading import load_scenario, load_soft_robot
 from cosim.config.schema.film import StiffenerTable
@@ -29,8 +30,8 @@ from cosim.soft.solve.newton_options import NewtonOptions
 
 @pytest.fixture(scope="module")
 def robot() -> SoftRobotTable:
-    """Return the hexagonal arm cut down to its first unit, without cables."""
-    arm = load_scenario(str(scenario_path("ur5e_hexagon_arm"))).soft_robot
+    """Return the paper's hexagonal arm cut down to its first unit, without cables."""
+    arm = published_robot(load_scenario(str(scenario_path("ur5e_hexagon_arm"))).soft_robot)
     return replace(arm, stack=replace(arm.stack, units=1), cables=())
 
 

@@ -24,6 +24,7 @@ schema = 2
 title = "a tension that swings"
 robot = "none"
 soft_robot = "hexagon_arm"
+model.published = true
 
 [start]
 flange.position_m = [0.0, 0.0, 0.5]

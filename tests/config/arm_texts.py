@@ -16,6 +16,7 @@ _SCENARIO = """schema = 2
 title = "an arm of one's own"
 robot = "ROBOT"
 soft_robot = "hexagon_arm"
+model.published = true
 
 [start]
 flange.position_m = [0.4, 0.0, 0.4]

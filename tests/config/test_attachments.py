@@ -22,7 +22,9 @@ FINGERS = ("gripper/copy_1", "gripper/copy_2", "gripper/copy_3")
 
 
 def scenario_with(**changes: Any) -> Any:
-    return load_scenario("hexagon_arm_bending", {"soft_robot": ARM, "phase": [SHORT], **changes})
+    return load_scenario(
+        "hexagon_arm_bending", {"model.published": True, "soft_robot": ARM, "phase": [SHORT], **changes}
+    )
 
 
 SHORT: dict[str, Any] = {"name": "inflate", "duration_s": 0.02, "pressure_Pa": {"arm": 2e3, "gripper": 1e3}}
@@ -30,7 +32,7 @@ SHORT: dict[str, Any] = {"name": "inflate", "duration_s": 0.02, "pressure_Pa": {
 
 def test_names_in_the_schema_are_those_of_the_body() -> None:
     robot = load_soft_robot(ARM)
-    body = build_soft_body(robot, ModelTable())
+    body = build_soft_body(robot, ModelTable(published=True))
     assert robot.chamber_names() == ("arm", *FINGERS)
     assert tuple(part.name for part in body.chambers) == robot.chamber_names()
     assert set(body.rings) == set(robot.ring_names())
@@ -43,7 +45,7 @@ def test_names_in_the_schema_are_those_of_the_body() -> None:
 
 
 def test_cables_of_fingers_run_along_the_side_that_faces_the_axis() -> None:
-    body = build_soft_body(load_soft_robot(ARM), ModelTable())
+    body = build_soft_body(load_soft_robot(ARM), ModelTable(published=True))
     for k, cable in enumerate(body.cables[2:]):
         finger = body.rings[f"gripper/copy_{1 + k // 2}/unit_1.outer"]
         radius = np.linalg.norm(body.positions[:, :2], axis=1)
@@ -111,7 +113,9 @@ def test_wrong_tables_of_tensions_are_refused() -> None:
 
 
 def test_the_reach_goes_on_beyond_the_plate() -> None:
-    bodies = (build_soft_body(load_soft_robot(name), ModelTable()) for name in ("hexagon_arm", ARM))
+    bodies = (
+        build_soft_body(load_soft_robot(name), ModelTable(published=True)) for name in ("hexagon_arm", ARM)
+    )
     arm, whole = (film_reach(body, 0.0) for body in bodies)
     assert arm < whole < np.inf
 

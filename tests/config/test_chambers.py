@@ -126,7 +126,7 @@ def test_wrong_orifices_are_refused(chambers: list[str], word: str) -> None:
 
 def test_names_in_the_schema_are_those_of_the_body() -> None:
     robot = load_scenario("three_unit_inflation", TRIPLE).soft_robot
-    body = build_soft_body(robot, ModelTable())
+    body = build_soft_body(robot, ModelTable(published=True))
     assert tuple(part.name for part in body.chambers) == robot.chamber_names()
     assert set(body.rings) == set(robot.ring_names())
 

@@ -40,19 +40,19 @@ WRONG_VALUES = {
         'film.law = "wrinkling"',
     ),
     "panels of a plain film": (
-        "soft_robot.film.wrinkle_panel_m=0.02",
+        'soft_robot={file="hexagon_arm",film={law="plain",wrinkle_panel_m=0.02}}',
         "soft_robot.film.wrinkle_panel_m",
         "'wrinkling'; the law is 'plain'",
     ),
     "unknown frame": ("soft_robot.stiffener.kind=rigid", "soft_robot.stiffener.kind", "'stiff'"),
     "limp frame": ("soft_robot.stiffener.stiffness_N_m=0", "soft_robot.stiffener.stiffness_N_m", "above 0"),
     "beam without a section": (
-        "soft_robot.stiffener.kind=beam",
+        'soft_robot={file="framed_hexagon_arm",stiffener={kind="beam"}}',
         "soft_robot.stiffener.width_m",
         "missing; needed with kind = 'beam'",
     ),
     "section without a beam": (
-        "soft_robot.stiffener.height_m=2e-3",
+        'soft_robot={file="hexagon_arm",stiffener={kind="none",height_m=2e-3}}',
         "soft_robot.stiffener.height_m",
         "the kind is 'none'",
     ),

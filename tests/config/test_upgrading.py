@@ -102,10 +102,10 @@ def as_before(text: str) -> str:
 
 
 def test_files_are_rewritten_in_place_and_load(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    scenario, robot = tmp_path / "mine.toml", tmp_path / "arm.toml"
+    scenario, robot = tmp_path / "mine.toml", tmp_path / "soft_arm.toml"
     text = scenario_path("ur5e_hexagon_arm").read_text()
     arm = soft_robot_path("framed_hexagon_arm").read_text()
-    scenario.write_text(as_before(text).replace('"hexagon_arm"', '"arm.toml"'))
+    scenario.write_text(as_before(text).replace('"hexagon_arm"', '"soft_arm.toml"'))
     robot.write_text(as_before(arm))
     with pytest.raises(ScenarioError, match=r"^schema: is 1, .*cosim upgrade FILE"):
         load_scenario(scenario)
@@ -114,7 +114,7 @@ def test_files_are_rewritten_in_place_and_load(tmp_path: Path, capsys: pytest.Ca
         f"{scenario}: upgraded to schema 2, 2 changes\n{robot}: upgraded to schema 2, 3 changes\n"
     )
     assert robot.read_text() == arm
-    assert scenario.read_text() == text.replace('"hexagon_arm"', '"arm.toml"')
+    assert scenario.read_text() == text.replace('"hexagon_arm"', '"soft_arm.toml"')
     assert load_soft_robot(robot) == load_soft_robot("framed_hexagon_arm")
     assert main(["upgrade", str(robot)]) == 0
     assert capsys.readouterr().out == f"{robot}: nothing to upgrade\n"
@@ -136,7 +136,8 @@ def test_an_old_key_of_a_robot_is_not_told_as_missing_too(tmp_path: Path) -> Non
     path.write_text(as_before(soft_robot_path("square_core").read_text()))
     with pytest.raises(ScenarioError) as caught:
         load_soft_robot(path)
-    assert [place for place, _ in caught.value.faults] == ["soft_robot.schema", "soft_robot.chamber"]
+    old = ["soft_robot.schema", "soft_robot.chamber", "soft_robot.frame"]
+    assert [place for place, _ in caught.value.faults] == old
 
 
 @pytest.mark.parametrize(

@@ -15,6 +15,7 @@ schema = 2
 title = "Three square units with devices"
 robot = "none"
 soft_robot = "square_core_cables"
+model.published = true
 gravity_m_s2 = [0.0, 0.0, 0.0]
 clock.tick_s = {TICK_s}
 solver.damping_per_s = 20.0

@@ -112,7 +112,7 @@ def test_a_run_goes_on_from_a_saved_state_bit_for_bit(tmp_path: Path) -> None:
 @pytest.mark.usefixtures("known")
 def test_a_source_sees_the_robot_and_moves_its_joints() -> None:
     phase = {"name": "stand", "duration_s": 0.1}
-    changes = {"fidelity": "rigid", "clock.tick_s": 0.004, "phase": [phase]}
+    changes = {"model.published": True, "fidelity": "rigid", "clock.tick_s": 0.004, "phase": [phase]}
     plain = cosim.run("ur5e_hexagon_arm", overrides=changes)
     leaning = cosim.run("ur5e_hexagon_arm", overrides={**changes, "command": [{"kind": "lean"}]})
     asked = leaning.joint_target[1:] - plain.joint_target[1:]

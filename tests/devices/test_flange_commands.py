@@ -20,6 +20,7 @@ from tests.devices import device_parts
 
 MOVED = (0.02, 0.0, 0.03, 0.0, 0.0, 0.2)
 CHANGES: dict[str, Any] = {
+    "model.published": True,
     "fidelity": "rigid",
     "clock.tick_s": 0.004,
     "contact.enabled": False,

@@ -22,6 +22,7 @@ schema = 2
 title = "A core is lowered onto a block under the eyes of a controller"
 robot = "ur5e"
 soft_robot = "square_core"
+model.published = true
 clock.tick_s = 0.004
 solver.damping_per_s = 20.0
 [start]

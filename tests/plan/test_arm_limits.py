@@ -41,6 +41,7 @@ schema = 2
 title = "An arm"
 robot = "ur5e"
 soft_robot = {SMALL}{node_mass} }}
+model.published = true
 fidelity = "rigid"
 
 [start]

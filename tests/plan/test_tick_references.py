@@ -37,7 +37,7 @@ def arm() -> Arm:
 def references(arm: Arm, *phases: dict[str, Any]) -> JointReference:
     """Return what is asked of the joints at the start of every tick, phase after phase."""
     named = [{"name": f"p{k}", "ramp": "linear", **phase} for k, phase in enumerate(phases)]
-    scenario = load_scenario("ur5e_hexagon_arm", {"phase": named})
+    scenario = load_scenario("ur5e_hexagon_arm", {"model.published": True, "phase": named})
     body, start = hexagon_arm(2), pose_of(scenario.start.flange)
     soft = SoftArm(body, start, NewtonOptions(), StepOptions())
     plan = make_plan(scenario, partial(plan_joints, arm), soft)

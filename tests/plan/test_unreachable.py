@@ -37,7 +37,7 @@ def test_given_poses_are_refused_before_any_statics(
     changes: dict[str, Any], key: str, reason: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(plan, "start_equilibrium", refuse_statics)
-    scenario = load_scenario("ur5e_hexagon_arm", changes)
+    scenario = load_scenario("ur5e_hexagon_arm", {"model.published": True, **changes})
     with pytest.raises(ScenarioError) as caught:
         build(scenario)
     assert str(caught.value).startswith(f"{key}: ")
@@ -63,6 +63,6 @@ def test_a_path_that_breaks_off_is_named_where_its_end_can_be_reached() -> None:
 
 
 def test_a_tip_target_out_of_reach_is_refused_by_its_key() -> None:
-    changes = {"phase.reach.tip_target": {"position_m": [0.9, 0.9, 0.9]}}
+    changes = {"model.published": True, "phase.reach.tip_target": {"position_m": [0.9, 0.9, 0.9]}}
     with pytest.raises(ScenarioError, match=r"^phase\.reach\.tip_target: .* the arm's reach is"):
         build(load_scenario("ur5e_hexagon_arm", changes))

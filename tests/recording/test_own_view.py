@@ -15,7 +15,7 @@ from tests.recording import tip_speed
 from tests.recording.tip_speed import TipSpeed
 
 PAGE = Path(__file__).parents[2] / "docs" / "extending.md"
-CHANGES = {"clock.tick_s": 0.01}
+CHANGES = {"model.published": True, "clock.tick_s": 0.01}
 
 
 @pytest.mark.parametrize("failing", [False, True])

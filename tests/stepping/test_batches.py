@@ -17,7 +17,7 @@ from tests.stepping.snapshots import assert_close
 
 PHASE = {"name": "inflate", "duration_s": 0.18, "increments": 5, "pressure_Pa": 3e3}
 WAIT = PHASE | {"name": "wait", "duration_s": 0.02}
-CHANGES: dict[str, Any] = {"fidelity": "rigid", "phase": [PHASE, WAIT]}
+CHANGES: dict[str, Any] = {"model.published": True, "fidelity": "rigid", "phase": [PHASE, WAIT]}
 
 
 def simulation(**changes: Any) -> Any:

@@ -18,6 +18,7 @@ schema = 2
 title = "An inflated core is lowered onto a block"
 robot = "ur5e"
 soft_robot = "square_core"
+model.published = true
 recording = { frames_per_s = 10.0 }
 solver = { damping_per_s = 20.0 }
 
@@ -135,7 +136,9 @@ def test_a_gripper_lifts_a_roll_and_keeps_it() -> None:
         {"name": "close", "duration_s": 0.4, "cable_tension_N": [6.0] * 6},
         {"name": "lift", "duration_s": 0.3, "flange_shift_m": [0.0, 0.0, 0.05]},
     ]
-    simulation = build_simulation(load_scenario("gripper_lifts_roll", {"phase": quick}))
+    simulation = build_simulation(
+        load_scenario("gripper_lifts_roll", {"model.published": True, "phase": quick})
+    )
     roll = simulation.stage.body_names.index("roll")
     ends: dict[int, float] = {}
     for snapshot in simulation.steps():

@@ -21,6 +21,7 @@ from cosim.soft.solve.equilibrium import EquilibriumSolver
 from cosim.soft.solve.newton import NewtonSolver
 from cosim.soft.solve.newton_options import NewtonOptions
 from cosim.soft.solve.state import Clamp, Equilibrium, SoftState
+from tests.bare_film import bare_film
 
 
 def inflated(
@@ -29,7 +30,7 @@ def inflated(
     """Return a weightless soft robot on a fixed flange under pressure, and what solves it."""
     keys = {f"soft_robot.{name.replace('__', '.')}": value for name, value in overrides.items()}
     robot = load_scenario(scenario, keys).soft_robot
-    body = build_soft_body(robot, ModelTable(closed=closed))
+    body = build_soft_body(robot, ModelTable(closed=closed, published=True))
     clamp = Clamp.of_base(body)
     newton = NewtonSolver(SoftSystem(body), clamp.mask(body.nodes))
     solver = EquilibriumSolver(newton, clamp, NewtonOptions(iterations_max=100))
@@ -67,9 +68,10 @@ def test_an_open_arm_bends_in_any_number_of_steps(steps: int) -> None:
 def test_a_thin_refined_stack_bends_by_more_than_right_angles() -> None:
     # six square units of 50 mm, a film of 50 um and 3 GPa; it used to stop at 85 degrees
     cables = [{"name": f"c{k}", "corner": k, "units": [1, 6], "capstan_factor": 1.0} for k in (0, 1)]
-    result = cosim.run(
+    scenario = bare_film(
         "bending_angle",
-        overrides={
+        "plain",
+        {
             "soft_robot.stack.refine": 1,
             "soft_robot.stack.units": 6,
             "soft_robot.stack.corner_radius_m": 0.025 * np.sqrt(2.0),
@@ -80,6 +82,7 @@ def test_a_thin_refined_stack_bends_by_more_than_right_angles() -> None:
             "phase.pull.cable_tension_N": [3.0, 3.0],
         },
     )
+    result = cosim.run(scenario)
     assert result.status == "completed"
     assert result.summary["phases"][-1]["tip_direction"][2] < 0.0
 
@@ -87,7 +90,7 @@ def test_a_thin_refined_stack_bends_by_more_than_right_angles() -> None:
 def test_an_arm_refined_twice_hangs_without_pressure() -> None:
     # the start of the reference scenario at 0 Pa: half a minute of CPU time; none was found
     robot = load_scenario("ur5e_hexagon_arm", {"soft_robot.stack.refine": 2}).soft_robot
-    body = build_soft_body(robot, ModelTable())
+    body = build_soft_body(robot, ModelTable(published=True))
     clamp, hanging = Clamp.of_base(body), Pose(np.diag([1.0, -1.0, -1.0]), np.zeros(3))
     newton = NewtonSolver(SoftSystem(body), clamp.mask(body.nodes))
     solver = EquilibriumSolver(newton, clamp, NewtonOptions(iterations_max=100))

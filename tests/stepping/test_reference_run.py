@@ -30,7 +30,10 @@ SHORTER: dict[str, Any] = {
 def run(mode: str) -> tuple[RunInfo, tuple[Snapshot, ...]]:
     """Return stage and snapshots of the shortened run."""
     simulation = build(
-        load_scenario(REFERENCE, {"mode": mode, **(FEWER if mode == "quasistatic" else SHORTER)})
+        load_scenario(
+            REFERENCE,
+            {"model.published": True, "mode": mode, **(FEWER if mode == "quasistatic" else SHORTER)},
+        )
     )
     return simulation.stage, tuple(simulation.steps())
 
@@ -200,7 +203,7 @@ def test_what_cannot_be_reached_is_refused_before_anything_is_written(
 def test_the_command_writes_the_summary_of_a_real_run(tmp_path: Path) -> None:
     words = [word for key, value in FEWER.items() for word in ("--set", f"{key}={value}")]
     out = tmp_path / "out"
-    words += ["--set", "mode=quasistatic", "--quiet", "--no-recording"]
+    words += ["--set", "mode=quasistatic", "--set", "model.published=true", "--quiet", "--no-recording"]
     assert main(["run", REFERENCE, *words, "--out", str(out)]) == 0
     summary = json.loads((out / "summary.json").read_text(encoding="utf-8"))
     assert summary["status"] == "completed"

@@ -36,4 +36,7 @@ def test_an_arm_and_a_soft_robot_that_find_no_common_place_are_named(monkeypatch
     # one round does not suffice for the servos to give way to a weight of 8.5 N
     monkeypatch.setattr(quasistatic, "_DROOP_ROUNDS_MAX", 1)
     with pytest.raises(ConvergenceError, match=r"no common place: after 1 rounds the flange still moves by"):
-        cosim.run("ur5e_hexagon_arm", overrides={"mode": "quasistatic", "payload_compensation": False})
+        cosim.run(
+            "ur5e_hexagon_arm",
+            overrides={"model.published": True, "mode": "quasistatic", "payload_compensation": False},
+        )

@@ -20,6 +20,7 @@ schema = 2
 title = "Three units on a UR5e"
 robot = "ur5e"
 soft_robot = {ROBOT}
+model.published = true
 solver = {{ damping_per_s = 5.0 }}
 clock = {{ tick_s = 0.004 }}
 contact = {{ stiffness_N_m3 = 1e8, smoothing_m = 3e-4, stick_m = 3e-4 }}

@@ -15,7 +15,7 @@ from tests.app.test_saved_runs import same, simulation, through_a_file
 from tests.soft.interpenetration import deepest_m
 
 SCENARIO = "gripper_closes_on_itself"
-SHORT: dict[str, Any] = {"phase.inflate.increments": 6, "phase.close.increments": 10}
+SHORT: dict[str, Any] = {"model.published": True, "phase.inflate.increments": 6, "phase.close.increments": 10}
 QUICK: dict[str, Any] = {
     "mode": "dynamic",
     "clock.tick_s": 0.004,

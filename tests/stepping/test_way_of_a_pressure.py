@@ -27,6 +27,7 @@ schema = 2
 title = "a pressure"
 robot = "none"
 soft_robot = "square_core"
+model.published = true
 fidelity = "lumped"
 
 [start]

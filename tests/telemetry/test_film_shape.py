@@ -52,7 +52,9 @@ def test_copies_hold_the_values(copied: Callable[[Any], Any]) -> None:
 
 
 def test_what_is_kept_goes_through_an_archive(tmp_path: Path) -> None:
-    snapshot = next(build(load_scenario("ur5e_hexagon_arm", {"fidelity": "rigid"})).steps())
+    snapshot = next(
+        build(load_scenario("ur5e_hexagon_arm", {"model.published": True, "fidelity": "rigid"})).steps()
+    )
     with pytest.raises(TypeError, match=r"film is a UnreadFilmShape, which no saved state can hold"):
         write_archive(tmp_path / "state", {}, snapshot)
     write_archive(tmp_path / "state", {}, snapshot.kept())
@@ -64,7 +66,9 @@ def test_what_is_kept_goes_through_an_archive(tmp_path: Path) -> None:
 @pytest.mark.parametrize("fidelity", ["lumped", "rigid"])
 def test_a_snapshot_asked_late_shows_its_own_tick(fidelity: str) -> None:
     def taken(asked_at_once: bool) -> list[Snapshot]:
-        steps = build(load_scenario("ur5e_hexagon_arm", {"fidelity": fidelity})).steps()
+        steps = build(
+            load_scenario("ur5e_hexagon_arm", {"model.published": True, "fidelity": fidelity})
+        ).steps()
         snapshots = []
         for _ in range(6):
             snapshots.append(next(steps))

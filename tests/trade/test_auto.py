@@ -30,6 +30,7 @@ def small(**changes: Any) -> Scenario:
     given = {
         "robot": "none",
         "soft_robot": {"file": "hexagon_arm", "stack": {"units": 2}, "cable": []},
+        "model.published": True,
         "start.cable_tension_N": [],
         "phase": [{"name": "inflate", "duration_s": 0.1, "pressure_Pa": 20e3}],
     }

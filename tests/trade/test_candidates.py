@@ -16,10 +16,11 @@ from cosim.trade.measuring import measure
 from tests.trade.test_auto import small
 
 REFERENCE = "ur5e_hexagon_arm"
+PUBLISHED = {"model.published": True}
 
 
 def test_against_the_refined_mesh_there_is_one_table() -> None:
-    scenario = load_scenario(REFERENCE)
+    scenario = load_scenario(REFERENCE, PUBLISHED)
     both, one = candidates_of(scenario), candidates_of(scenario, truth="refined")
     assert {candidate.name for candidate in both} == {candidate.name for candidate in one}
     references = [candidate.name for candidate in one if candidate.reference]
@@ -34,8 +35,8 @@ def test_against_the_refined_mesh_there_is_one_table() -> None:
 def test_every_lower_fidelity_is_a_candidate_of_both_tables_and_of_the_short_list() -> None:
     assert "rigid" in lower_fidelities()
     for candidates in (
-        candidates_of(load_scenario(REFERENCE), quick=True),
-        short_candidates(load_scenario(REFERENCE)),
+        candidates_of(load_scenario(REFERENCE, PUBLISHED), quick=True),
+        short_candidates(load_scenario(REFERENCE, PUBLISHED)),
     ):
         timed = {candidate.changes["fidelity"] for candidate in candidates if candidate.group == "time"}
         assert timed == {*lower_fidelities(), "lumped"}
@@ -44,7 +45,7 @@ def test_every_lower_fidelity_is_a_candidate_of_both_tables_and_of_the_short_lis
 def test_every_switch_of_what_is_modelled_is_a_candidate() -> None:
     changes = [
         candidate.changes
-        for candidate in candidates_of(load_scenario(REFERENCE))
+        for candidate in candidates_of(load_scenario(REFERENCE, PUBLISHED))
         if candidate.group == "model"
     ]
     keys = {key for change in changes for key in change}

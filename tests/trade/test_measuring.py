@@ -53,6 +53,7 @@ def test_with_an_arm_errors_are_of_first_order_in_the_tick() -> None:
     turn = {"axis": [0.0, 1.0, 0.0], "angle_rad": -0.2}
     changes = {
         "soft_robot": {"file": "hexagon_arm", "stack": {"units": 2}, "cable": []},
+        "model.published": True,
         "start.pressure_Pa": 10e3,
         "start.cable_tension_N": [],
         "phase": [{"name": "turn", "duration_s": 0.4, "flange_turn": turn}],

@@ -20,6 +20,7 @@ from cosim.trade.report import markdown
 from tests.trade.test_auto import small
 
 REFERENCE, GRASP = "ur5e_hexagon_arm", "gripper_lifts_roll"
+PUBLISHED = {"model.published": True}
 
 
 def lifted() -> Scenario:
@@ -42,7 +43,7 @@ def test_every_decision_of_a_run_has_a_candidate_that_decides_otherwise(name: st
 
 
 def test_candidates_of_a_scenario_with_a_light_object_keep_its_tick() -> None:
-    grasp, arm = load_scenario(GRASP), load_scenario(REFERENCE)
+    grasp, arm = load_scenario(GRASP, PUBLISHED), load_scenario(REFERENCE, PUBLISHED)
     for scenario, tick_s in ((grasp, grasp.clock.tick_s), (arm, 0.01)):
         models = [
             candidate for candidate in candidates_of(scenario, quick=True) if candidate.group == "model"
@@ -59,7 +60,7 @@ def test_a_pose_of_the_flange_survives_its_table(turn: list[float]) -> None:
 
 
 def test_commands_in_place_of_targets_lead_the_same_way() -> None:
-    scenario = load_scenario(REFERENCE)
+    scenario = load_scenario(REFERENCE, PUBLISHED)
     simulation = build(scenario)
     commanded = with_commands(scenario, lambda _scenario: simulation)
     assert all(phase.tip_target is None for phase in commanded.phases)
@@ -94,7 +95,7 @@ def test_the_next_best_reference_tells_the_error_of_the_best() -> None:
 
 
 def test_the_truth_is_the_wrinkling_film_on_finer_meshes_of_all_parts() -> None:
-    scenario = load_scenario(GRASP)
+    scenario = load_scenario(GRASP, PUBLISHED)
     best, next_best, own, *others = model_candidates(scenario, (), quick=False)
     assert [entry.reference for entry in (best, next_best, own, *others[:2])] == [
         True,

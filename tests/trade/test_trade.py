@@ -30,6 +30,7 @@ from cosim.trade.plot import draw
 from cosim.trade.report import as_json, choice_lines, markdown
 
 REFERENCE = "ur5e_hexagon_arm"
+PUBLISHED = {"model.published": True}
 MADE_UP = [("fast", 8.0, 0.02), ("slow and bad", 1.0, 0.03), ("middle", 4.0, 0.005), ("good", 0.5, 0.001)]
 
 
@@ -62,6 +63,7 @@ def small(**changes: Any) -> Scenario:
         {
             "robot": "none",
             "soft_robot": {"file": "hexagon_arm", "stack": {"units": 2}, "cable": []},
+            "model.published": True,
             "start.cable_tension_N": [],
             "phase": [
                 {"name": "inflate", "duration_s": 0.1, "pressure_Pa": 20e3},
@@ -154,7 +156,7 @@ def test_the_plot_is_a_picture(tmp_path: Path) -> None:
 
 
 def test_candidates_of_the_reference_scenario_all_load() -> None:
-    scenario = load_scenario(REFERENCE)
+    scenario = load_scenario(REFERENCE, PUBLISHED)
     commanded = with_commands(scenario, build)
     for quick in (False, True):
         candidates = candidates_of(scenario, quick=quick, time_scale=0.5)
@@ -176,7 +178,7 @@ def test_candidates_need_a_dynamic_run_and_a_positive_factor() -> None:
     with pytest.raises(InputError, match="quasistatic"):
         candidates_of(load_scenario(REFERENCE, {"mode": "quasistatic"}))
     with pytest.raises(InputError, match="time scale"):
-        candidates_of(load_scenario(REFERENCE), time_scale=0.0)
+        candidates_of(load_scenario(REFERENCE, PUBLISHED), time_scale=0.0)
 
 
 def test_errors_shrink_with_the_tick_at_the_integrators_order() -> None:

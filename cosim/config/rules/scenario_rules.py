@@ -12,6 +12,7 @@ from cosim.config.rules.device_rules import check_devices
 from cosim.config.rules.fidelity_rules import check_fidelity
 from cosim.config.rules.gas_rules import check_gas
 from cosim.config.rules.given_body_rules import check_given_body
+from cosim.config.rules.known_rules import check_known
 from cosim.config.rules.object_rules import check_objects
 from cosim.config.rules.size_rules import check_sizes
 from cosim.config.rules.support_rules import check_holding, check_rings
@@ -87,6 +88,8 @@ def check_soft_robot(robot: SoftRobotTable, path: str, faults: Faults) -> None:
     for check in (_check_mass, _check_law, _check_stiffener):
         with faults:
             check(robot, path)
+    with faults:
+        check_known(robot, f"{path}.known", faults)
     with faults:
         check_rings(robot.base, robot, f"{path}.base")
     with faults:

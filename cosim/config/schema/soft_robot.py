@@ -114,6 +114,24 @@ class FaceGroupTable:
 
 @final
 @dataclass(frozen=True)
+class KnownTable:
+    """How the values of a soft robot's file are known, by keys such as "film.thickness_m" or "cable".
+
+    The longest key that a value is under decides; of values under none nothing is said.
+
+    Args:
+        published: in the source that the file names.
+        measured: on the robot itself.
+        assumed: by whoever wrote the file.
+    """
+
+    published: tuple[Text, ...] = ()
+    measured: tuple[Text, ...] = ()
+    assumed: tuple[Text, ...] = ()
+
+
+@final
+@dataclass(frozen=True)
 class SoftRobotTable:
     """A soft robot: geometry, film, folds, masses, clamped rings and cables.
 
@@ -127,6 +145,7 @@ class SoftRobotTable:
         attachments: `[[attach]]` in the file.
         palm: rigid plate that the soft parts are mounted on; omitted: none.
         elements: `[[element]]` in the file, of one copy; kinds are registered from Python.
+        known: how its values are known.
     """
 
     name: Name
@@ -144,6 +163,7 @@ class SoftRobotTable:
     attachments: tuple[AttachmentTable, ...] = field(default=(), metadata={"alias": "attach"})
     palm: PalmTable | None = None
     elements: tuple[ElementTable, ...] = field(default=(), metadata={"alias": "element"})
+    known: KnownTable = KnownTable()
     schema: Literal[2] = 2
 
     def cable_names(self) -> tuple[str, ...]:

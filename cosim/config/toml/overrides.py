@@ -28,30 +28,41 @@ def apply_override(table: dict[str, Any], path: str, value: Any) -> None:
     """Set one value in nested tables, in place.
 
     Lists of tables are entered by the entry's name or by its place, counted from 1:
-    `phase.inflate.pressure_Pa` or `phase.2.pressure_Pa`.
+    `phase.inflate.pressure_Pa` or `phase.2.pressure_Pa`. A table that gets another kind loses its other keys.
 
     Raises:
         ScenarioError: the path enters something that is neither a table nor a list of tables.
     """
     *parents, last = path.split(".")
+    holder: Any = None
     here: Any = table
     for depth, part in enumerate(parents):
-        here = _enter(here, part, ".".join(parents[:depth]))
+        holder, here = here, _enter(here, part, ".".join(parents[:depth]))
     if here is UNKNOWN:
         raise NotKnown
     if not isinstance(here, dict):
         kind = "a list; set it as a whole" if isinstance(here, list) else "a single value"
         raise ScenarioError(path, f"cannot be set: {'.'.join(parents)} is {kind}")
+    if isinstance(holder, dict) and _other_kind(here, {last: value}):
+        here.clear()
     here[last] = only_readable(value)
 
 
 def merge(base: dict[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
-    """Return `base` with `changes` on top; tables merge key by key, everything else is replaced."""
+    """Return `base` with `changes` on top; tables of one kind merge key by key, all else is replaced."""
     merged = dict(base)
     for key, value in changes.items():
         old = merged.get(key)
-        merged[key] = merge(old, value) if isinstance(old, dict) and isinstance(value, Mapping) else value
+        if isinstance(old, dict) and isinstance(value, Mapping) and not _other_kind(old, value):
+            merged[key] = merge(old, value)
+        else:
+            merged[key] = value
     return merged
+
+
+def _other_kind(table: Mapping[str, Any], changes: Mapping[str, Any]) -> bool:
+    """Return whether a table gets another kind than the one it says, whose keys may be others."""
+    return "kind" in table and "kind" in changes and table["kind"] != changes["kind"]
 
 
 def _enter(here: Any, part: str, path: str) -> Any:

@@ -200,7 +200,8 @@ class SoftArm(SoftSide):
 
     def start(self, world_from_flange: Pose, loads: Loads) -> Equilibrium:
         """Return the equilibrium before the first phase: hung up without pressure, then loaded."""
-        return self.equilibrium_solver.start(self.state, world_from_flange, loads)
+        drawn = SoftState.drawn(self.body, world_from_flange)  # an arm may have turned the flange as it could
+        return self.equilibrium_solver.start(drawn, world_from_flange, loads)
 
     def solve(
         self, state: SoftState, world_from_flange: Pose, loads: Loads, start: Array | None = None

@@ -1,0 +1,65 @@
+"""What a run expects its model to be off by, and what the table behind that holds."""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import cosim.build.expected_error as table
+from cosim.build.expected_error import expected_error, expected_error_report, extension_report
+from cosim.build.simulation import build
+from cosim.config.loading import load_scenario
+
+CONDITIONS = {"law", "stiffener", "sides", "refine", "refine_holes", "neck", "least_width_m"}
+FIGURES = {"of", "low", "high", "against", "source"}
+
+
+def rows() -> list[dict[str, Any]]:
+    text = Path(table.__file__).with_name("measured_models.toml").read_text(encoding="utf-8")
+    return list(tomllib.loads(text)["error"])
+
+
+def test_rows_are_of_one_model_each() -> None:
+    for row in rows():
+        assert FIGURES <= row.keys() <= FIGURES | CONDITIONS
+        assert row["low"] <= row["high"]
+    keys = [tuple(str(row.get(key)) for key in ("of", *sorted(CONDITIONS))) for row in rows()]
+    assert len(set(keys)) == len(keys)
+
+
+@pytest.mark.parametrize(
+    ("changes", "extension", "volume"),
+    [
+        ({"model.published": True}, (-0.65, -0.35), -0.5),
+        ({}, (-0.11, 0.0), None),
+        ({"soft_robot.stiffener.kind": "none"}, (-0.12, 0.09), -0.13),
+        ({"soft_robot.stiffener.kind": "none", "fidelity": "refined"}, (-0.13, 0.06), -0.05),
+        ({"soft_robot.stack.sides": 5}, None, None),
+        ({"soft_robot.film.law": "tension_field"}, None, None),
+    ],
+)
+def test_the_error_is_that_of_law_mesh_and_stiffener(
+    changes: dict[str, Any], extension: tuple[float, float] | None, volume: float | None
+) -> None:
+    expected = expected_error(load_scenario("three_unit_inflation", {"model.published": False, **changes}))
+    found = {name: error and (error["low"], error["high"]) for name, error in expected.items()}
+    assert found["extension"] == extension
+    assert found["volume"] == (volume and (volume, volume))
+
+
+def test_what_is_not_measured_is_told_as_such() -> None:
+    scenario = load_scenario("three_unit_inflation", {"soft_robot.stack.sides": 5})
+    nothing = "extension not measured; bending not measured; volume not measured; from 2 to 40 kPa"
+    assert expected_error_report(scenario) == nothing
+
+
+def test_a_run_tells_its_expected_error_and_what_other_stiffeners_give() -> None:
+    stage = build(load_scenario("three_unit_inflation", {"model.published": False})).stage
+    assert "**Expected error**: extension -11 to +0 % (against finite elements" in stage.report
+    assert "with 1, 2, 2.2, 3, 4 mm square extend by 62.3, 28.9, 27.8, 24, 20.5 mm at 10 kPa" in stage.report
+    assert "assumed: stack.refine_holes, stack.neck, film.law, stiffener" in stage.report
+    assert stage.expected_error["bending"] is None
+    assert extension_report(load_scenario("three_unit_inflation")) == ""
