@@ -1,7 +1,7 @@
 """The tangent of a body with open ends: that of the closed one, and a small term that is not symmetric.
 
-With K the closed body's tangent, S the free components of the rings that caps would close and E what the
-missing caps add there,
+With K the closed body's tangent, held by springs D at the rings that caps would close, S the free components
+of these and E what the missing caps add there, less D,
 
     (K + S E S^T) x = b:   x = y - Z u,   (1 + E G) u = E S^T y,   y = K^-1 b,   Z = K^-1 S,   G = S^T Z.
 
@@ -75,6 +75,7 @@ class OpenCapSolver(LinearSolver):
         super().__init__(pattern, free)
         closed: LinearSolver | None = like._closed if isinstance(like, OpenCapSolver) else None
         self._closed: LinearSolver = cholesky(pattern, self.free, far, closed)
+        self._diagonal = np.flatnonzero(pattern.row == pattern.column)  # node by node
         self._general: GeneralLU | None = None  # made when it is needed
         self._caps: MissingCaps | None = None
         self.extra: list[tuple[IntArray, Array]] = []
@@ -88,16 +89,24 @@ class OpenCapSolver(LinearSolver):
         return self._general.factor(blocks, shift)
 
     def _caps_of(self, blocks: Array, shift: float) -> MissingCaps | None:
-        """Factorise the closed body's tangent; return what goes beside it, None where that cannot be."""
-        if not self._closed.factor(blocks, shift):
+        """Factorise K; return what goes beside it, None where K is indefinite.
+
+        Without the springs, under pressure and without the pull of its caps, the closed body would buckle
+        like a column.
+        """
+        rings = [np.zeros(0, np.int64), *(ring for ring, _ in self.extra)]
+        nodes = np.unique(np.concatenate(rings))
+        slots = self._diagonal[nodes]
+        held, axes = blocks.copy(), np.arange(3)
+        springs = np.abs(blocks[slots][:, axes, axes])
+        held[slots[:, None], axes, axes] += springs
+        if not self._closed.factor(held, shift):
             return None
-        components = np.concatenate([np.zeros(0, np.int64), *(_components(ring) for ring, _ in self.extra)])
+        components, stiffness = _components(nodes), -np.diag(springs.ravel())
+        for ring, part in self.extra:
+            own = np.searchsorted(components, _components(ring))
+            stiffness[np.ix_(own, own)] += part
         inside = self.free.ravel()[components]
-        stiffness = np.zeros((len(components), len(components)))
-        first = 0
-        for _, part in self.extra:
-            own = slice(first, first + len(part))
-            stiffness[own, own], first = part, own.stop
         components, stiffness = components[inside], stiffness[np.ix_(inside, inside)]
         loads = np.zeros((len(components), 3 * self.pattern.nodes))
         loads[np.arange(len(components)), components] = 1.0
