@@ -29,9 +29,9 @@ import numpy as np
 from matplotlib.axes import Axes
 
 import cosim
-from cosim.app.result import RunResult
 from cosim.base.frames import Array
 from cosim.config.loading import load_scenario
+from cosim.results.result import RunResult
 
 ROOT = Path(__file__).resolve().parents[1]
 REFERENCE = ROOT / "tests" / "reference"

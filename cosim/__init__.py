@@ -15,7 +15,6 @@ from cosim._version import __version__ as __version__
 if TYPE_CHECKING:
     from cosim.app.api import run as run
     from cosim.app.driver import Observer as Observer
-    from cosim.app.result import RunResult as RunResult
     from cosim.app.simulation import SavedState as SavedState
     from cosim.app.simulation import Simulation as Simulation
     from cosim.base.resources import list_scenarios as list_scenarios
@@ -36,6 +35,7 @@ if TYPE_CHECKING:
     from cosim.errors import SceneError as SceneError
     from cosim.errors import SolverError as SolverError
     from cosim.errors import UnreachableError as UnreachableError
+    from cosim.results.result import RunResult as RunResult
 
 _HOMES = {
     "Command": "cosim.devices.controller",
@@ -50,7 +50,7 @@ _HOMES = {
     "OutOfRangeError": "cosim.errors",
     "OutputError": "cosim.errors",
     "RunInterrupted": "cosim.errors",
-    "RunResult": "cosim.app.result",
+    "RunResult": "cosim.results.result",
     "SavedState": "cosim.app.simulation",
     "ScenarioError": "cosim.errors",
     "SceneError": "cosim.errors",

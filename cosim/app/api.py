@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING, Any
 
 from cosim.app.driver import Observer, Options, build_simulation, execute, rerun_recorder
 from cosim.app.first_run import log, named_body, prepared
-from cosim.app.result import ResultBuilder, RunResult
 from cosim.app.run_files import default_directory
 from cosim.config.loading import load_scenario
 from cosim.config.schema.scenario import Scenario
 from cosim.errors import RunInterrupted
+from cosim.results.result import ResultBuilder, RunResult
 
 if TYPE_CHECKING:
     from cosim.build.given_body import AnyBody

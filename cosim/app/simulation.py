@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING, Any, final
 from cosim.app.checkpoint import Checkpoint
 from cosim.app.driver import Runnable, build_simulation
 from cosim.app.first_run import log, named_body, prepared
-from cosim.app.result import result_of
 from cosim.app.shown_state import check_shown, naming
 from cosim.base.state_archive import read_archive, write_archive
 from cosim.base.state_check import check_state
 from cosim.config.loading import load_scenario
 from cosim.config.schema.scenario import Scenario
 from cosim.errors import InputError
+from cosim.results.result import result_of
 from cosim.stepping.stepped_run import RunState
 from cosim.telemetry.choices import Choices
 from cosim.telemetry.snapshot import RunInfo, Snapshot

@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 
 import cosim
-from cosim.app.result import ResultBuilder, RunResult
 from cosim.base.frames import Array
 from cosim.build.given_body import NamedBody
 from cosim.build.soft_body import build_soft_body
 from cosim.cli.main import EXIT_INPUT, main
 from cosim.errors import MeshError, ScenarioError
+from cosim.results.result import ResultBuilder, RunResult
 from cosim.soft.body.center_line import center_line_length, center_rings
 from cosim.soft.body.copies import around_axis, copies
 from cosim.soft.elements.hinge import Hinges

@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 
 import cosim
-from cosim.app.result import RunResult
 from cosim.base.frames import Pose
 from cosim.base.state_archive import write_archive
 from cosim.coupling.soft_sides.lumped_arm import SoftArm
 from cosim.errors import ConvergenceError, InputError, ScenarioError
+from cosim.results.result import RunResult
 
 SHORT: dict[str, Any] = {
     "phase": [{"name": "inflate", "duration_s": 0.2, "increments": 8, "pressure_Pa": 5e3}],

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 import cosim
-from cosim.app.result import RunResult
 from cosim.build.simulation import build
 from cosim.build.soft_body import build_soft_body
 from cosim.config.loading import load_scenario
 from cosim.config.schema.solver import GasTable, ModelTable
 from cosim.config.writing import to_table
 from cosim.errors import ScenarioError
+from cosim.results.result import RunResult
 
 TRIPLE: dict[str, Any] = {
     "soft_robot.copies": {"count": 3, "radius_m": 0.08},

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import cosim
-from cosim.app.result import RunResult
+from cosim.results.result import RunResult
 
 
 def few(*names: str) -> dict[str, Any]:

@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 
 import cosim
-from cosim.app.result import RunResult
 from cosim.base.frames import rotation_from_quaternion, vector_from_rotation
 from cosim.build.simulation import build
 from cosim.config.loading import load_scenario
 from cosim.config.writing import to_table
+from cosim.results.result import RunResult
 
 TICK_S = 0.004
 

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 import cosim
-from cosim.app.result import RunResult
 from cosim.base.frames import Array
 from cosim.build.simulation import build
 from cosim.config.loading import load_scenario
 from cosim.config.schema.solver import GasTable
 from cosim.errors import ScenarioError
+from cosim.results.result import RunResult
 
 AMBIENT_Pa = GasTable().ambient_Pa
 INFLATE: dict[str, Any] = {"name": "inflate", "duration_s": 0.5, "increments": 20, "pressure_Pa": 5e3}

@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 
 import cosim
-from cosim.app.result import RunResult
 from cosim.base.frames import Array
 from cosim.build.simulation import build
 from cosim.build.soft_body import build_soft_body
@@ -20,6 +19,7 @@ from cosim.config.loading import load_scenario
 from cosim.config.schema.solver import ModelTable
 from cosim.config.writing import scenario_text
 from cosim.errors import ScenarioError
+from cosim.results.result import RunResult
 
 REFERENCE = Path(__file__).resolve().parents[1] / "reference"
 PAPER = {"model.closed": False, "model.all_hinges": False, "soft_robot.film.law": "edge_strain"}

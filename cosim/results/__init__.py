@@ -1,0 +1,1 @@
+"""What a run saw: arrays in memory and on disk, tables, pictures."""
