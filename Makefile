@@ -7,12 +7,13 @@ DEMO_DIR := runs/demo
 export OMP_NUM_THREADS ?= 1
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: help demo test check format lint types benchmark clean
+.PHONY: help demo test check docs format lint types benchmark clean
 
 help:
 	@echo "make demo       install into .venv and run the reference scenario"
 	@echo "make test       install into .venv with the development tools and check everything"
 	@echo "make check      format, lint and types only"
+	@echo "make docs       the documentation, from build/docs/index.html; what it shows is run"
 	@echo "make format     format the code"
 	@echo "make lint       ruff, and the order of the rooms"
 	@echo "make types      mypy"
@@ -27,6 +28,11 @@ demo: .venv/installed
 
 test: check
 	$(BIN)/python -m pytest --numprocesses auto --maxprocesses 4 --dist loadfile
+
+docs: .venv/installed-dev
+	$(BIN)/sphinx-build --fail-on-warning --keep-going --quiet --builder html docs build/docs
+	$(BIN)/python -m pytest --quiet tests/docs
+	@echo "The documentation is build/docs/index.html."
 
 check: lint types
 	$(BIN)/ruff format --check .
@@ -61,6 +67,6 @@ clean:
 	@touch $@
 
 .venv/installed-dev: .venv/created pyproject.toml
-	@echo "Installing cosim and the development tools into .venv; this takes a minute or two ..."
-	$(BIN)/python -m pip install --quiet --editable ".[dev]"
+	@echo "Installing cosim, the development tools and Sphinx into .venv; this takes a minute or two ..."
+	$(BIN)/python -m pip install --quiet --editable ".[dev,docs]"
 	@touch $@ .venv/installed

@@ -40,6 +40,7 @@ class NodeSetTable:
     """Nodes of a mesh by a name, said in one of three ways.
 
     Args:
+        name: of the set; base, tip, cables, supports and forces name it.
         axis: of the flange's frame, with `at_m`: all nodes in a plane across it, in order around it.
         at_m: where that plane is.
         points_m: the nodes nearest to these points, in this order, such as those that a cable runs through.
@@ -59,6 +60,7 @@ class MeshTable(BodySourceTable):
     """A film from a mesh file, its open ends closed by caps.
 
     Args:
+        kind: tells kinds of `[body]` apart.
         file: STL or OBJ, beside the file that names it; counter-clockwise seen from outside, in the flange's
             frame. The groups of an OBJ file (`g NAME`) are those that `[[group]]` gives a film of their own.
         scale: multiplies the numbers of the file, such as 0.001 for a file in mm.

@@ -16,6 +16,7 @@ class PumpTable:
     """A pump with a pressure switch on the gas of a chamber, at work where a phase gives `pump_pressure_Pa`.
 
     Args:
+        name: of the pump; phases set its pressure by it.
         chamber: whose gas; omitted: that of the only chamber.
         flow_kg_s: mass flow without counter-pressure.
         pressure_max_Pa: gauge pressure against which nothing is delivered; omitted: the flow is constant.
@@ -41,6 +42,7 @@ class WinchTable:
     """Winches of one kind, one per cable, which go to the cable lengths that phases and controllers command.
 
     Args:
+        name: of the winch.
         cables: names.
         step_angle_rad: of the motor, per commanded (micro)step.
         gear_ratio: turns of the motor per turn of the drum.
@@ -64,6 +66,7 @@ class ControllerTable:
     """A controller with a fixed rate, which acts in the phases that name it.
 
     Args:
+        name: of the controller; phases give its setpoint by it.
         kind: "bang_bang": raises or lowers its output by `increment` per period; "pi": proportional and
             integral; "python": handed to `cosim.run(..., controllers={name: controller})`.
         period_s: between two samples, a whole number of ticks; the command holds in between.

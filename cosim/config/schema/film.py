@@ -19,6 +19,10 @@ class FilmTable:
     """Elastic sheet of the chamber walls.
 
     Args:
+        young_modulus_Pa: of the sheet, isotropic.
+        poisson_ratio: of the sheet.
+        thickness_m: of one sheet, undeformed.
+        density_kg_m3: of the sheet; its mass is added to that of `[mass]`.
         law: "plain"; "tension_field": a film that wrinkles almost without resistance; "edge_strain": strain
             as bars along the triangles' edges measure it (for comparison with published data); "wrinkling":
             plain in tension; compressed, it wrinkles as panels from seam to hole do, on meshes too coarse

@@ -72,6 +72,8 @@ class HingeJointTable:
     """Turns an object about an axis; the moment is -stiffness q - damping dq/dt - dry friction.
 
     Args:
+        damping_Nms: torque per angular velocity, against it.
+        stiffness_Nm: torque per angle, back to where it starts.
         axis: world.
         anchor_m: a point on the axis, world.
         parent: name of an object; omitted: the world.
@@ -94,6 +96,8 @@ class SlideJointTable:
     """Shifts an object along an axis; the force is -stiffness q - damping dq/dt - dry friction.
 
     Args:
+        damping_Ns_m: force per velocity, against it.
+        stiffness_N_m: force per displacement, back to where it starts.
         axis: world.
         parent: name of an object; omitted: the world.
         range_m: smallest and largest shift, 0 at the start; omitted: free.
@@ -114,6 +118,8 @@ class ObjectTable:
     """A rigid body of the scene.
 
     Args:
+        name: of the object, in the recording and in results.
+        rgba: colour: red, green, blue, opacity.
         position_m: of its frame, world: the centre of its shape; of a mesh: the origin of its file.
         shape: about its frame; omitted for a body that is made of its parts.
         size_m: box: three edge lengths; sphere: radius; cylinder, capsule: radius and length (of a capsule,

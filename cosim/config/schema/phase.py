@@ -31,7 +31,13 @@ Tensions = Annotated[tuple[NonNegative, ...], OrByName()]
 @final
 @dataclass(frozen=True)
 class FlangePoseTable:
-    """Absolute pose of the flange: origin, z axis, roll about it (see the module's text)."""
+    """Absolute pose of the flange: origin, z axis, roll about it (see the module's text).
+
+    Args:
+        position_m: of the flange's origin, world.
+        direction: the flange's z axis, out of the flange, world; of any length.
+        roll_rad: about that axis.
+    """
 
     position_m: Vector3
     direction: Direction
@@ -41,7 +47,12 @@ class FlangePoseTable:
 @final
 @dataclass(frozen=True)
 class FlangeTurnTable:
-    """Right-handed rotation about the flange's origin, world axis, from where the phase starts."""
+    """Right-handed rotation about the flange's origin, world axis, from where the phase starts.
+
+    Args:
+        axis: world; of any length.
+        angle_rad: at the end of the ramp.
+    """
 
     axis: Direction
     angle_rad: Annotated[float, Interval(ge=-100.0, le=100.0)]
@@ -139,6 +150,7 @@ class PhaseTable:
     What belongs to the gas is one value for all chambers, or a list, or a table by chamber.
 
     Args:
+        name: of the phase; overrides, curves and the summary call it by that.
         duration_s: of the ramp.
         settle_s: held afterwards, at the end values.
         increments: of the ramp, in the quasistatic mode.

@@ -35,6 +35,10 @@ class Scenario:
     """Everything a run depends on.
 
     Args:
+        schema: number of the names of the keys; an older one is refused, `cosim upgrade` rewrites it.
+        title: one line for people: on screen, in the recording, in the summary.
+        mode: "dynamic": ticks of time, with inertia; "quasistatic": equilibria, increment by increment.
+        gravity_m_s2: world axes.
         name: of the scenario; the file's name if omitted.
         robot: rigid arm: a directory of robots/ that holds an arm.toml, or the path of a URDF (.urdf), an
             MJCF (.xml) or an arm.toml, from the folder of the scenario; "none": the base is held where the

@@ -55,6 +55,10 @@ class PalmTable:
     The film does not: it is mounted there. Only with an arm.
 
     Args:
+        radius_m: of the disc.
+        thickness_m: of the disc.
+        mass_kg: of the disc.
+        rgba: colour: red, green, blue, opacity.
         friction: coefficient of sliding.
     """
 
@@ -87,6 +91,7 @@ class AttachmentTable:
     Its rings, cables and chambers are called NAME/ and their own name.
 
     Args:
+        name: begins the names of all that it brings.
         robot: in the file a table `{file = NAME, ...}` of changes to that file, as in a scenario; its own
             `copies` stand about the axis of the tip.
         height_m: of its origin beyond the tip ring, along the axis.
@@ -136,6 +141,9 @@ class SoftRobotTable:
     """A soft robot: geometry, film, folds, masses, clamped rings and cables.
 
     Args:
+        name: of the robot.
+        source: where its values come from, in words.
+        schema: number of the names of the keys; see that of scenarios.
         stack: what draws the film, or `body` does.
         body: what else may draw it: a mesh file, or a kind registered from Python.
         groups: `[[group]]` in the file: triangles of `body` with a film of their own.

@@ -13,7 +13,11 @@ from cosim.config.toml.constraints import Count, NonNegative, Positive
 @final
 @dataclass(frozen=True)
 class ClockTable:
-    """The lockstep clock: rigid and soft side advance by one tick at a time."""
+    """The lockstep clock: rigid and soft side advance by one tick at a time.
+
+    Args:
+        tick_s: of the lockstep clock: both sides advance by as much.
+    """
 
     tick_s: Annotated[float, Interval(gt=0.0, le=0.1)] = 0.002
 
@@ -122,6 +126,10 @@ class GasTable:
 @final
 @dataclass(frozen=True)
 class RecordingTable:
-    """How often the recording holds the scene, in simulated time; curves have a point per tick."""
+    """How often the recording holds the scene, in simulated time; curves have a point per tick.
+
+    Args:
+        frames_per_s: frames of the film per simulated second; curves have a point for every tick.
+    """
 
     frames_per_s: Positive = 60.0

@@ -105,6 +105,7 @@ class CableTable:
     Exactly one of the two loss models is given.
 
     Args:
+        name: of the cable; tensions and lengths are given by it.
         corner: 0 to sides - 1; counted about the flange's z axis.
         units: first and last unit with an eyelet, counted from 1.
         capstan_factor: tension beyond an eyelet divided by the tension before it.

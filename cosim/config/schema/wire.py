@@ -24,6 +24,8 @@ class WireTable:
     """A thin flexible body that cannot stretch; its bodies are called NAME/1, NAME/2, ...
 
     Args:
+        name: of the wire, in the recording and in results.
+        rgba: colour: red, green, blue, opacity.
         points_m: polyline along which it lies at first, world.
         radius_m: of its capsules.
         segments: their number, evenly spaced along the polyline; each must be longer than thick.

@@ -1,0 +1,94 @@
+"""Every snippet and command of the README, the first pages and the how-to pages is run, in order.
+
+A block of Python runs in the namespace of those before it on the page; a block of TOML whose first line is
+`# NAME.toml` is that file; a line of a shell block that begins with `cosim` is run. The reference scenario
+runs as statics of the paper's model, in few increments: other tests run it as it is.
+"""
+
+from __future__ import annotations
+
+import re
+import shlex
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import cosim
+from cosim.cli.main import main
+
+ROOT = Path(__file__).resolve().parents[2]
+INCREMENTS = {"hang": 2, "inflate": 10, "turn": 10, "lift": 8, "reach": 4}
+LONG = {
+    "ur5e_hexagon_arm": {"mode": "quasistatic", "model.published": True}
+    | {f"phase.{name}.increments": count for name, count in INCREMENTS.items()}
+}
+"""Scenarios that take too long for a test, and what is changed for it."""
+OTHERS = ("make", "python3", ".venv/bin/", "source", "python benchmarks/")
+"""What shell blocks may hold besides: installing, the Makefile's targets and benchmarks, tested elsewhere."""
+SLOW = ("cosim view", "cosim verify", "cosim trade", "cosim run --resume")
+"""Commands with tests of their own, which take long, need a screen, or an interrupted run."""
+TESTED_ELSEWHERE = {
+    "extending": "tests/app/test_extending.py and the tests of each kind of extension",
+    "snapshots": "tests/app/test_simulation.py, tests/cli/test_resume.py",
+    "contributing": "what it names are the Makefile's targets",
+}
+
+
+def _listed(*captions: str) -> list[str]:
+    """Return the pages under some captions of the index."""
+    index = (ROOT / "docs" / "index.md").read_text(encoding="utf-8")
+    tables = dict(re.findall(r"^:caption: (.+)\n:maxdepth: 1\n\n((?:[\w-]+\n)+)", index, re.MULTILINE))
+    return [name for caption in captions for name in tables[caption].split()]
+
+
+PAGES = {
+    "README": ROOT / "README.md",
+    **{
+        name: ROOT / "docs" / f"{name}.md"
+        for name in _listed("Start here", "How-to")
+        if name not in TESTED_ELSEWHERE
+    },
+}
+
+
+def _commands(shell: str) -> list[str]:
+    """Return the commands of a shell block that are run; all others must be known."""
+    lines = [line.split(" #")[0].strip() for line in shell.replace("\\\n", " ").splitlines()]
+    lines = [line for line in lines if line and not line.startswith("#")]
+    for line in lines:
+        assert line.startswith(("cosim ", *OTHERS)), f"no test knows how to run: {line}"
+    return [line for line in lines if line.startswith("cosim ") and not line.startswith(SLOW)]
+
+
+def _run(command: str) -> None:
+    words = shlex.split(command)[1:]
+    if words[0] == "run":
+        changes = LONG.get(words[1], {}).items()
+        words += [word for key, value in changes for word in ("--set", f"{key}={str(value).lower()}")]
+        words.append("--quiet")
+    assert main(words) == 0, command
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_every_snippet_of_a_page_runs(
+    page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    run = cosim.run
+
+    def shortened(scenario: str, *, overrides: Mapping[str, Any] | None = None, **given: Any) -> Any:
+        return run(scenario, overrides={**(overrides or {}), **LONG.get(scenario, {})}, **given)
+
+    monkeypatch.setitem(vars(cosim), "run", shortened)
+    names: dict[str, object] = {"__name__": "__main__"}
+    for language, text in re.findall(r"^```(\w+)\n(.*?)^```$", PAGES[page].read_text("utf-8"), re.M | re.S):
+        if language == "python":
+            exec(compile(text, f"{page}.md", "exec"), names)
+        elif language == "sh":
+            for command in _commands(text):
+                _run(command)
+        elif language == "toml" and (named := re.match(r"# (\w+\.toml)\n", text)):
+            Path(named[1]).write_text(text, encoding="utf-8")
+    capsys.readouterr()
