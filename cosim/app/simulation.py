@@ -77,6 +77,17 @@ class Simulation:
         body: AnyBody | None = None,
     ) -> None:
         self._controllers, self._body = controllers, named_body(body)
+        self._given = start
+        self._begin(scenario, overrides, start)
+        self._made = self.scenario, self._run, self.save()
+
+    def _begin(
+        self,
+        scenario: str | Path | Scenario,
+        overrides: Mapping[str, Any] | None,
+        start: SavedState | str | Path | None,
+    ) -> None:
+        """Build a scenario and go to where it starts."""
         loaded = load_scenario(scenario, overrides, self._body and self._body.table())
         self.scenario = prepared(loaded, log, recording=False)
         before = start.run.choices if isinstance(start, SavedState) else None
@@ -164,6 +175,37 @@ class Simulation:
                 self._run.restore_state(found.run)
         self._snapshot = found.snapshot
 
+    def reset(
+        self, start: SavedState | str | Path | None = None, changes: Mapping[str, Any] | None = None
+    ) -> Snapshot:
+        """Begin again, with the scenario that the simulation was made with, and return what is there then.
+
+        The ticks to come are those of a new simulation of that scenario and start, bit for bit. Nothing in a
+        scenario is random: who wants a random one draws `changes`.
+
+        Args:
+            start: what to go on from; None: from where this simulation began.
+            changes: values by key path that differ until the next reset, such as {"clock.tick_s": 1e-3}; a
+                simulation that began at rest then begins at the changed scenario's state at rest.
+
+        Raises:
+            InputError: a change is wrong or asks for what cannot be reached, or `start` does not fit; the
+                simulation is where it was.
+            SolverError: there is no state at rest to start from; the same.
+        """
+        scenario, run, began = self._made
+        here = self.scenario, self._run
+        try:
+            if changes:
+                self._begin(scenario, changes, start or self._given)
+            else:
+                self.scenario, self._run = scenario, run
+                self.restore(start or began)
+        except BaseException:
+            self.scenario, self._run = here
+            raise
+        return self._snapshot
+
     def branch(self, overrides: Mapping[str, Any] | None = None) -> Simulation:
         """Return a second simulation at the same point, with a scenario that may differ; see `start`.
 
@@ -183,8 +225,19 @@ class Simulation:
         return f"Simulation of {stage.scenario}, {stage.mode}: {when}"
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Return how to make it anew: by its scenario, from its present state."""
-        return _restored, (self.scenario, self._controllers, self._body, self.save())
+        """Return how to make it anew, from where it began, and its present state."""
+        scenario, _, began = self._made
+        changed = None if self.scenario is scenario else self.scenario
+        given = scenario, self._controllers, self._body, began
+        return _restored, given, (self._given, changed, self.save())
+
+    def __setstate__(self, state: tuple[Any, Scenario | None, SavedState]) -> None:
+        """Go to the state that was pickled."""
+        self._given, changed, here = state
+        if changed is None:
+            self.restore(here)
+        else:
+            self._begin(changed, None, here)
 
 
 def _read(saved: SavedState | str | Path) -> SavedState:
@@ -198,7 +251,8 @@ def _read(saved: SavedState | str | Path) -> SavedState:
         found = SavedState(found.run, found.summary.last)
     if not isinstance(found, SavedState) or not isinstance(found.run, RunState):
         raise InputError(f"{saved}: holds no simulation but a {type(found).__name__}")
-    check_state(found.run.choices, None, Choices, place=f"{saved}: choices")
+    if found is not saved:
+        check_state(found.run.choices, None, Choices, place=f"{saved}: choices")
     return found
 
 

@@ -16,6 +16,7 @@ from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
 from functools import cache
 from typing import Annotated, Any, Literal, Union, final, get_args, get_origin, get_type_hints
+from weakref import WeakValueDictionary
 
 import numpy as np
 from numpy.typing import NDArray
@@ -60,6 +61,25 @@ def check_indices(indices: NDArray[Any], count: int, what: str) -> None:
         raise InputError(
             f"the saved state names {what} {int(indices.min())} to {int(indices.max())}; there are {count}"
         )
+
+
+@final
+class KnownStates:
+    """Which states need no check: those that were saved here, or have been checked before.
+
+    They are known by identity: no array of a state is ever written to.
+    """
+
+    def __init__(self) -> None:
+        self._known: WeakValueDictionary[int, Any] = WeakValueDictionary()
+
+    def add(self, state: Any) -> None:
+        """Let a state be known for as long as somebody keeps it."""
+        self._known[id(state)] = state
+
+    def __contains__(self, state: object) -> bool:
+        """Return whether a state is known."""
+        return self._known.get(id(state)) is state
 
 
 @final

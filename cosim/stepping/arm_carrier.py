@@ -11,7 +11,7 @@ import numpy as np
 from cosim.base.body_shape import BodyShape
 from cosim.base.frames import Array, Pose, Twist, Wrench
 from cosim.base.link_contact import LinkContact
-from cosim.base.state_check import check_indices, check_state
+from cosim.base.state_check import KnownStates, check_indices, check_state
 from cosim.config.schema.coupling import CouplingTable
 from cosim.coupling.batch.batch import SectionLockstep
 from cosim.coupling.batch.lockstep import Lockstep, Servos
@@ -88,6 +88,7 @@ class ArmCarrier(Carrier):
         self._coupling: Coupling | None = None
         self._touching: tuple[LinkContact, ...] = ()
         self._lockstep: Lockstep | None = None
+        self._known = KnownStates()
 
     @property
     def flange_pose(self) -> Pose:
@@ -196,7 +197,9 @@ class ArmCarrier(Carrier):
 
     def save_state(self) -> ArmCarrierState:
         coupling = None if self._coupling is None else self._coupling.save_state()
-        return ArmCarrierState(self._scene.save_state(), self._reference, coupling)
+        saved = ArmCarrierState(self._scene.save_state(), self._reference, coupling)
+        self._known.add(saved)
+        return saved
 
     def restore_state(self, state: object) -> None:
         if not isinstance(state, ArmCarrierState):
@@ -211,8 +214,10 @@ class ArmCarrier(Carrier):
         if self._coupling is None:
             self.couple(Wrench())
         assert self._coupling is not None, "couple() has just made it"
-        check_state(state.coupling, self._coupling.save_state(), place="state.carrier.coupling")
+        if state not in self._known:
+            check_state(state.coupling, self._coupling.save_state(), place="state.carrier.coupling")
         self._coupling.restore_state(state.coupling)
+        self._known.add(state)
 
     @property
     def lockstep(self) -> Lockstep | None:

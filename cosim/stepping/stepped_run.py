@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from typing import Any, Final, final
 
 from cosim.base.frames import Pose
-from cosim.base.state_check import check_state
+from cosim.base.state_check import KnownStates, check_state
 from cosim.errors import InputError, SolverError
 from cosim.plan.plan import Plan
 from cosim.stepping.cursor import Cursor
@@ -64,6 +64,7 @@ class SteppedRun(ABC):
         self.choices = Choices.of(parts.scenario, contact)
         self._cursor: Cursor | None = None
         self._failed = False  # in a step after the last one shown
+        self._known = KnownStates()
 
     @property
     def plan(self) -> Plan:
@@ -184,7 +185,9 @@ class SteppedRun(ABC):
             raise InputError("a run can be saved once its state at rest is known: take the first of steps()")
         if not self.saves_now:
             raise InputError(f"a later tick than {self._cursor.tick} has been begun: save before or after it")
-        return replace(self._state(self._cursor), own=self._save_own())
+        saved = replace(self._state(self._cursor), own=self._save_own())
+        self._known.add(saved)
+        return saved
 
     def _state(self, cursor: Cursor) -> RunState:
         """Return the present state of all parts, as if at that step."""
@@ -200,6 +203,17 @@ class SteppedRun(ABC):
         Raises:
             InputError: the state does not fit.
         """
+        if state not in self._known:
+            self._check(state)
+        self._failed = False
+        self._restore_own(state.own)
+        self._parts.soft.restore_state(state.soft)
+        self._parts.carrier.restore_state(state.carrier)
+        self._parts.commands.restore_state(state.commands)
+        self._cursor = state.cursor
+        self._known.add(state)
+
+    def _check(self, state: RunState) -> None:
         state.choices.check(self.choices)
         cursor, counts = state.cursor, self._counts
         check_state(state, self._state(cursor), RunState)
@@ -210,12 +224,6 @@ class SteppedRun(ABC):
             )
         if cursor.tick != sum(counts[: cursor.phase]) + cursor.done:
             raise InputError(f"the saved state is at step {cursor.tick}, which is not {cursor}")
-        self._failed = False
-        self._restore_own(state.own)
-        self._parts.soft.restore_state(state.soft)
-        self._parts.carrier.restore_state(state.carrier)
-        self._parts.commands.restore_state(state.commands)
-        self._cursor = cursor
 
     def _begin_phase(self, phase: int, flange: Pose) -> None:
         """Change what is held and what is asked for, with the flange where it is."""

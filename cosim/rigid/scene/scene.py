@@ -57,6 +57,7 @@ class RigidScene:
         self._model = compile_model(description)
         self._data = mujoco.MjData(self._model)
         self._scratch = mujoco.MjData(self._model)
+        self.body_names = tuple(self._model.body(i).name for i in range(self._model.nbody))
         self._layout = layout = ArmLayout.of(self._model, description.arm.joint_names)
         self._v = layout.dofs
         # Views: MuJoCo's arrays stay where they are in memory; looking one up costs as much as its copy.
@@ -83,11 +84,6 @@ class RigidScene:
     def joint_names(self) -> tuple[str, ...]:
         """Names of the arm's joints, base to flange."""
         return self.description.arm.joint_names
-
-    @property
-    def body_names(self) -> tuple[str, ...]:
-        """Names of all bodies, the world first."""
-        return tuple(self._model.body(i).name for i in range(self._model.nbody))
 
     @property
     def shapes(self) -> tuple[BodyShape, ...]:

@@ -16,7 +16,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import reverse_cuthill_mckee
 
 from cosim.base.frames import Array, IntArray, Mask, PlaceArray
-from cosim.base.state_check import check_state
+from cosim.base.state_check import KnownStates, check_state
 from cosim.soft.linear.envelope_kernels import factorise, substitute
 from cosim.soft.linear.linear_solver import LinearSolver, equations, lower_entries, numbering
 from cosim.soft.linear.pattern import BlockPattern
@@ -84,6 +84,7 @@ class EnvelopeCholesky(LinearSolver):
         self._places = start.astype(np.uint64), first.astype(np.uint64)
         self._store, self._inverse = np.empty(int(wide.sum()) * _TILE), np.empty(_TILE * tiles)
         self._lent = False  # whether a saved state holds the factor
+        self._known = KnownStates()
 
     @property
     def mean_width(self) -> float:
@@ -110,12 +111,15 @@ class EnvelopeCholesky(LinearSolver):
 
     def _lend_factor(self) -> tuple[NDArray[Any], ...]:
         self._lent = True
+        self._known.add(self._store)
         return self._store, self._inverse
 
     def _take_factor(self, parts: tuple[NDArray[Any], ...]) -> None:
-        check_state(parts, (self._store, self._inverse), place="state.soft.newton.factor.parts")
+        if parts[0] not in self._known:
+            check_state(parts, (self._store, self._inverse), place="state.soft.newton.factor.parts")
         self._store, self._inverse = parts
         self._lent = True
+        self._known.add(self._store)
 
     def _solve_sparse(self, loads: Array) -> Array:
         result = np.array(loads, order="C")

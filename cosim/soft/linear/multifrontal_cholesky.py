@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 
 from cosim.base.frames import Array, IntArray, Mask
-from cosim.base.state_check import check_state
+from cosim.base.state_check import KnownStates, check_state
 from cosim.soft.linear.elimination_tree import COLUMNS, FrontTree
 from cosim.soft.linear.envelope_cholesky import EnvelopeCholesky
 from cosim.soft.linear.linear_solver import LinearSolver, equations, lower_entries, numbering
@@ -88,6 +88,7 @@ class DissectedCholesky(LinearSolver):
         self._stack = np.empty(tree.stack)
         self._store = np.empty(int(tree.start[-1]))
         self._lent = False
+        self._known = KnownStates()
 
     def _place_entries(self, number: IntArray) -> None:
         """Find where each entry of the matrix goes, front by front."""
@@ -112,12 +113,15 @@ class DissectedCholesky(LinearSolver):
 
     def _lend_factor(self) -> tuple[NDArray[Any], ...]:
         self._lent = True
+        self._known.add(self._store)
         return (self._store,)
 
     def _take_factor(self, parts: tuple[NDArray[Any], ...]) -> None:
-        check_state(parts, (self._store,), place="state.soft.newton.factor.parts")
+        if parts[0] not in self._known:
+            check_state(parts, (self._store,), place="state.soft.newton.factor.parts")
         (self._store,) = parts
         self._lent = True
+        self._known.add(self._store)
 
     def _solve_sparse(self, loads: Array) -> Array:
         result = np.zeros((len(loads), 3 * self.pattern.nodes))
