@@ -5,7 +5,8 @@
 lift: mean tension with which the cables bring the tip of `ur5e_hexagon_arm` to its height, 0.59 m, in films
 of 0.11 and 0.15 mm; statics of the plan alone. higher: the same to 0.62 m. grip: force of one gripper finger,
 weightless, that curls around a fixed roll without friction, at 30 and 40 kPa, mean while its cables go from
-1 to 2 N; its units may pass through one another. touching: the same, but units touch.
+1 to 2 N; its units may pass through one another. thicker: the same at 30 kPa, in films of
+0.11 and 0.15 mm. touching: as grip, but units touch.
 Meshes: "drawn" is the paper's model on its mesh, "default" the robot as its file states it, "refined" and
 "twice" the same on triangles cut once and twice. A way without an equilibrium is named below its row.
 """
@@ -99,6 +100,7 @@ TRENDS = {
         {"phase.lift.tip_target": {"height_m": 0.62, "reach_with": "cables"}},
     ),
     "grip": Trend(grip_force, "phase.inflate.pressure_Pa", PRESSURES),
+    "thicker": Trend(grip_force, "soft_robot.film.thickness_m", FILMS, {"phase.inflate.pressure_Pa": 30e3}),
     "touching": Trend(
         grip_force, "phase.inflate.pressure_Pa", PRESSURES, {"contact.self_contact": True}
     ),
