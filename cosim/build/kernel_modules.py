@@ -26,9 +26,9 @@ def kernel_modules(scenario: Scenario) -> tuple[ModuleType, ...]:
 
         modules = (film_candidates, film_contact, film_points, film_search)
     if _has_beams(scenario.soft_robot):
-        from cosim.soft.beams import beam_rings
+        from cosim.soft.beams import ring_kernels
 
-        modules += (beam_rings,)
+        modules += (ring_kernels,)
     if scenario.mode == "dynamic" and scenario.fidelity not in ("section", "rigid"):
         from cosim.soft.solve import film_step
 

@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 
 from cosim.base.frames import Array, Pose, rotation_from_vector
+from cosim.soft.beams.beam_rings import BeamRings
+from cosim.soft.beams.rectangular_section import RectangularSection
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.copies import copies
 from cosim.soft.elements.element import Sums
@@ -50,7 +52,19 @@ def two_chambers() -> SoftBody:
     return copies(hexagon_arm(2), [Pose(), beside])
 
 
-BODIES = {"arm": hexagon_arm(2), "two films": two_films(), "two chambers": two_chambers()}
+def with_beams() -> SoftBody:
+    """Return an arm with a printed frame of twelve nodes and one of six."""
+    body = hexagon_arm(2)
+    rings = [
+        BeamRings.from_shape(body.positions, body.rings[name][None], RectangularSection(width_m, 1e-3, 2e9))
+        for name, width_m in (("unit_1.outer", 1e-3), ("unit_2.hole", 2e-3))
+    ]
+    return body.with_elements(*rings)
+
+
+BODIES = {
+    "arm": hexagon_arm(2), "two films": two_films(), "two chambers": two_chambers(), "beams": with_beams(),
+}  # fmt: skip
 
 
 def moved(

@@ -14,7 +14,36 @@ from cosim.soft.beams.beam_work import COSINE, MEASURES, SINE, STRETCH
 
 @device_function
 def _fill_gradients(w):  # type: ignore[no-untyped-def]
-    """Fill the derivatives of the measures, and with them the gradients."""
+    """Fill the gradients: of what is linear in t and the directors, by the vectors that these meet in it."""
+    pull = w.pull
+    for e in range(w.chord.shape[0]):
+        d, t, first, gradient = w.directors[e], w.direction[e], w.first[e], w.gradient[e]
+        over = 1.0 / w.measures[e, STRETCH]
+        for r in range(3):
+            gradient[r] = first[STRETCH] * t[r]
+        for a in range(2):
+            at, along = 1 + 3 * a, 0.0
+            for r in range(3):
+                pull[r] = first[at] * d[a, 0, r] + first[at + 1] * d[a, 1, r] + first[at + 2] * d[a, 2, r]
+                along += pull[r] * t[r]
+            for r in range(3):
+                p, q = (r + 1) % 3, (r + 2) % 3
+                gradient[r] += over * (pull[r] - along * t[r])
+                gradient[3 + 3 * a + r] = pull[p] * t[q] - pull[q] * t[p]
+        for k in range(1, 3):
+            sign = 1.0 if k == 2 else -1.0
+            for r in range(3):
+                pull[r] = first[COSINE] * d[1, k, r] + sign * first[SINE] * d[1, 3 - k, r]
+            for r in range(3):
+                p, q = (r + 1) % 3, (r + 2) % 3
+                twist = d[0, k, p] * pull[q] - d[0, k, q] * pull[p]
+                gradient[3 + r] += twist
+                gradient[6 + r] -= twist
+
+
+@device_function
+def _fill_jacobians(w):  # type: ignore[no-untyped-def]
+    """Fill the derivatives of the measures."""
     for e in range(w.chord.shape[0]):
         d, j, m, t = w.directors[e], w.jacobian[e], w.measures[e], w.direction[e]
         for r in range(3):
@@ -31,11 +60,6 @@ def _fill_gradients(w):  # type: ignore[no-untyped-def]
             cosine += d[0, 2, p] * d[1, 2, q] - d[0, 2, q] * d[1, 2, p]
             j[SINE, 3 + r], j[SINE, 6 + r] = sine, -sine
             j[COSINE, 3 + r], j[COSINE, 6 + r] = cosine, -cosine
-        for c in range(MEASURES):
-            w.gradient[e, c] = 0.0
-        for k in range(MEASURES):
-            for c in range(MEASURES):
-                w.gradient[e, c] += w.first[e, k] * j[k, c]
 
 
 @device_function
@@ -130,6 +154,7 @@ def beam_energies(rigidities, lengths, w, hessian):  # type: ignore[no-untyped-d
     _fill_gradients(w)
     if hessian:
         fill_second(rigidities, lengths, w)
+        _fill_jacobians(w)
         _fill_products(w)
         _add_by_turned_chords(w)
         _add_by_twists(w)

@@ -221,22 +221,16 @@ class Membranes(DirectElement):
     def add(
         self, positions: Array, slots: IntArray, gradient: Array, blocks: Array, at: Instant = STILL
     ) -> float:
-        energy: float = add_membranes(positions, *self._given, slots, gradient, blocks)
+        energy: float = add_membranes(positions, *self.arrays, slots, gradient, blocks)
         return energy
 
     @cached_property
-    def _given(self) -> tuple[IntArray, Array, Array, Array, Array, int, float, Array]:
-        """What the kernel takes of them."""
+    def arrays(self) -> tuple[IntArray, Array, Array, Array, Array, int, float, Array]:
+        """What `add_membranes` takes of them."""
         return (
             self.triangles, self.shape_gradients, self.areas, in_lanes(self.shape_gradients, self.areas),
             self._stiffness, self.film.law_code, self.film.compressive_fraction, self._forces,
         )  # fmt: skip
-
-    @property
-    def gradient_arrays(self) -> tuple[IntArray, Array, Array, Array] | None:
-        """What `add_membrane_gradients` takes of them; None where it does not know their law."""
-        triangles, _, _, drawn, stiffness, law, _, forces = self._given
-        return (triangles, drawn, stiffness, forces) if law in (PLAIN, WRINKLING) else None
 
     @cached_property
     def _stiffness(self) -> Array:

@@ -14,6 +14,7 @@ import numpy as np
 from numba import types
 
 from cosim.base.frames import Array, IntArray, Mask, PlaceArray
+from cosim.base.kernel_calls import address_of, caller
 from cosim.base.kernels import (
     BLOCKS,
     BOOLEAN,
@@ -31,6 +32,15 @@ from cosim.soft.solve.film_arrays import BED, FILM, PLAIN_LOADS, film_gradient
 from cosim.soft.solve.held_nodes import HELD, place_held
 from cosim.soft.solve.problem import largest_residual
 from cosim.soft.solve.step_begin import fill_bed, fill_flight
+
+_CALLED = (fill_bed, fill_flight, place_held, substitute, largest_residual)
+_BED, _FLIGHT, _PLACE, _SUBSTITUTE, _RESIDUAL = range(len(_CALLED))
+_fill_bed, _fill_flight, _place_held, _substitute, _largest_residual = map(caller, _CALLED)
+
+
+def step_calls() -> IntArray:
+    """Return the addresses (5,) of the kernels that a step calls besides those of the film's terms."""
+    return np.array([address_of(called) for called in _CALLED])
 
 
 class StepNumbers(NamedTuple):
@@ -86,18 +96,18 @@ class KeptEnvelope(NamedTuple):
 
 
 class StepMotion(NamedTuple):
-    """Where a step begins, and where it ends: `new_...` and `angles` are filled.
+    """Where a step begins, and where it ends: `new_...` are filled.
 
     Args:
         x: (n, 3) [m].
         velocity: (n, 3) [m/s].
         earlier_x: one step earlier; of the first step: x.
         earlier_velocity: the same.
-        memory: (h,) [rad], angles of the hinges.
+        memory: (values,), what the elements remember.
         flange: (4, 3), see `flange_axes`, at the end.
         new_x: (n, 3).
         new_velocity: (n, 3).
-        angles: (h,).
+        new_memory: (values,).
     """
 
     x: Array
@@ -108,19 +118,21 @@ class StepMotion(NamedTuple):
     flange: Array
     new_x: Array
     new_velocity: Array
-    angles: Array
+    new_memory: Array
 
 
 class StepWork(NamedTuple):
     """Scratch of a step; `gradient` holds what its end has.
 
     Args:
+        calls: (5,), see `step_calls`.
         gradient: (n, 3) [N].
         solution: (1, n, 3).
-        reference: (h,).
+        reference: (values,).
         pull: (segments,).
     """
 
+    calls: IntArray
     gradient: Array
     solution: Array
     reference: Array
@@ -130,7 +142,7 @@ class StepWork(NamedTuple):
 NUMBERS = types.NamedTuple((BOOLEAN, *(8 * [REAL]), types.int64), StepNumbers)
 KEPT = types.NamedTuple((BOOLEAN, VECTOR, PLACES, PLACES, VECTOR, INDICES, MATRIX, MASKS), KeptEnvelope)
 MOTION = types.NamedTuple((*(4 * [MATRIX]), VECTOR, *(3 * [MATRIX]), VECTOR), StepMotion)
-WORK = types.NamedTuple((MATRIX, BLOCKS, VECTOR, VECTOR), StepWork)
+WORK = types.NamedTuple((INDICES, MATRIX, BLOCKS, VECTOR, VECTOR), StepWork)
 
 
 @device_function
@@ -150,7 +162,8 @@ def _solve(kept, turn, work):  # type: ignore[no-untyped-def]
     for i in range(solution.shape[0]):
         for r in range(3):
             solution[i, r] = -work.gradient[i, r]
-    substitute(kept.store, kept.start, kept.first, kept.inverse, kept.dofs, turn, work.solution)
+    factor = kept.store, kept.start, kept.first, kept.inverse, kept.dofs
+    _substitute(work.calls[_SUBSTITUTE], (*factor, turn, work.solution))
     for i in range(solution.shape[0]):
         for r in range(3):
             if math.isnan(solution[i, r]):
@@ -167,16 +180,17 @@ def _copy(values, to):  # type: ignore[no-untyped-def]
 
 
 @device_function
-def _begin(bed, kept, held, numbers, motion, turn, reference):  # type: ignore[no-untyped-def]
-    """Fill base (as new velocity), target, start, turn since the factorisation, and angles as remembered."""
+def _begin(bed, kept, held, numbers, motion, turn, work):  # type: ignore[no-untyped-def]
+    """Fill base (as new velocity), target, start, turn since the factorisation, and memories as they were."""
     x, velocity, before = motion.x, motion.velocity, motion.earlier_velocity
-    base, factor = motion.new_velocity, numbers.factor
-    fill_bed(x, velocity, motion.earlier_x, before, numbers.two_steps, factor, base, bed.target)
-    fill_flight(x, velocity, before, numbers.h, numbers.fraction, motion.new_x)
-    place_held(held, motion.flange, motion.new_x)
+    base, calls = motion.new_velocity, work.calls
+    moved = x, velocity, motion.earlier_x, before
+    _fill_bed(calls[_BED], (*moved, numbers.two_steps, numbers.factor, base, bed.target))
+    _fill_flight(calls[_FLIGHT], (x, velocity, before, numbers.h, numbers.fraction, motion.new_x))
+    _place_held(calls[_PLACE], (held, motion.flange, motion.new_x))
     _turn_since(kept, motion.flange, turn)
-    _copy(motion.memory, reference)
-    _copy(motion.memory, motion.angles)
+    _copy(motion.memory, work.reference)
+    _copy(motion.memory, motion.new_memory)
 
 
 @device_function
@@ -201,14 +215,13 @@ def film_step(film, loads, bed, kept, held, numbers, motion, work):  # type: ign
     """Take a step; return (whether it has converged, iterations, residual [N], potential [J]).
 
     Fills the bed's target and the end of the motion; `bed`, `motion` and `work` say what they hold.
-    What is large is called from here, at one place: at each level of calls it would be compiled once more.
     """
-    turn, reference, x, angles = np.empty((3, 3)), work.reference, motion.new_x, motion.angles
-    _begin(bed, kept, held, numbers, motion, turn, reference)
+    turn, reference, x, tracked = np.empty((3, 3)), work.reference, motion.new_x, motion.new_memory
+    _begin(bed, kept, held, numbers, motion, turn, work)
     iterations, bound, before, converged = 0, numbers.start_tolerance, math.inf, False
     while True:
-        energy = film_gradient(film, loads, bed, x, reference, work.pull, angles, work.gradient)
-        residual = largest_residual(x, work.gradient, kept.free)
+        energy = film_gradient(film, loads, bed, x, reference, work.pull, tracked, work.gradient)
+        residual = _largest_residual(work.calls[_RESIDUAL], (x, work.gradient, kept.free))
         # a residual that does not fall enough asks for a new tangent
         serves = math.isfinite(energy) and residual <= numbers.reuse_rate * before
         converged = serves and residual < bound
@@ -217,7 +230,7 @@ def film_step(film, loads, bed, kept, held, numbers, motion, work):  # type: ign
         if not _solve(kept, turn, work) <= numbers.step_max:
             break
         _add(work.solution[0], x)
-        _copy(angles, reference)
+        _copy(tracked, reference)
         iterations, bound, before = iterations + 1, numbers.tolerance, residual
     _end(x, motion.new_velocity, numbers.span)
     return converged, iterations, residual, energy

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import final
 
 import numpy as np
@@ -9,8 +10,15 @@ import numpy as np
 from cosim.base.frames import Array, Mask, Pose
 from cosim.soft.body.loads import Loads
 from cosim.soft.linear.envelope_cholesky import EnvelopeCholesky
-from cosim.soft.solve.film_arrays import StepBed, film_arrays
-from cosim.soft.solve.film_step import KeptEnvelope, StepMotion, StepNumbers, StepWork, film_step
+from cosim.soft.solve.film_arrays import FilmArrays, StepBed, film_arrays
+from cosim.soft.solve.film_step import (
+    KeptEnvelope,
+    StepMotion,
+    StepNumbers,
+    StepWork,
+    film_step,
+    step_calls,
+)
 from cosim.soft.solve.held_nodes import flange_axes
 from cosim.soft.solve.newton import NewtonSolver
 from cosim.soft.solve.newton_options import NewtonResult, Outcome
@@ -30,14 +38,22 @@ class QuickStepper:
 
     def __init__(self, solver: NewtonSolver, clamp: Clamp, options: StepOptions) -> None:
         self._solver, self._clamp, self._options = solver, clamp, options
-        system, self._chambers = solver.system, len(solver.system.body.gas_chambers)
-        self._film = film_arrays(system.body)
+        self._chambers = len(solver.system.body.gas_chambers)
+        self._target = np.empty_like(solver.system.gradient)
+
+    @cached_property
+    def _film(self) -> FilmArrays | None:
+        """Arrays of the body, once they are needed: statics compiles none of the kernels."""
+        return film_arrays(self._solver.system.body)
+
+    @cached_property
+    def _work(self) -> StepWork:
+        system = self._solver.system
         segments = 0 if self._film is None else len(self._film.ratio)
-        self._work = StepWork(
-            system.gradient, np.empty((1, *system.gradient.shape)), np.empty_like(system.memory),
-            np.empty(segments),
+        return StepWork(
+            step_calls(), system.gradient, np.empty((1, *system.gradient.shape)),
+            np.empty_like(system.memory), np.empty(segments),
         )  # fmt: skip
-        self._target = np.empty_like(system.gradient)
 
     def take(
         self, state: SoftState, flange: Pose, loads: Loads, scheme: StepScheme, step_s: float
@@ -51,8 +67,10 @@ class QuickStepper:
             scheme: of the step.
             step_s: h [s].
         """
+        if not loads.plain:
+            return None
         film, kept = self._film, self._kept(scheme)
-        if film is None or kept is None or not loads.plain:
+        if film is None or kept is None:
             return None
         here = state.positions, state.velocities
         x, velocities, memory = (np.empty_like(part) for part in (*here, state.memory))

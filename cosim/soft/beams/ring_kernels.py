@@ -1,0 +1,123 @@
+"""Kernels of rings of beams: what they add to gradient and tangent, how far their fibres are strained."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cosim.base.kernels import BLOCKS, INDEX_TABLE, MATRIX, REAL, VECTOR, add_block, device_function, kernel
+from cosim.soft.beams.band_cholesky import forward_rows, place_in_band
+from cosim.soft.beams.beam_work import beam_work
+from cosim.soft.beams.node_turns import BEAM_ARRAYS, balance_turns, fill_axes, place_ring, ring_work
+
+
+@device_function
+def _read_turns(memory, f, w):  # type: ignore[no-untyped-def]
+    """Fill the turns that ring f remembers, 4 numbers a node."""
+    count = w.turns.shape[0]
+    for i in range(count):
+        for r in range(4):
+            w.turns[i, r] = memory[4 * (f * count + i) + r]
+
+
+@device_function
+def _fill_matrix(w, beam, mixed, matrix):  # type: ignore[no-untyped-def]
+    """Fill matrix (3 m, 3 m) = E_xx - E_xR E_RR^-1 E_Rx in axes of the ring; mixed (3 m, 3 m) is scratch."""
+    count = w.turns.shape[0]
+    matrix[:] = 0.0
+    mixed[:] = 0.0
+    for e in range(count):
+        h, ends = beam.hessian[e], (e, (e + 1) % count)
+        for a in range(2):
+            for b in range(2):
+                sign = 1.0 if a == b else -1.0
+                for r in range(3):
+                    for c in range(3):
+                        matrix[3 * ends[a] + r, 3 * ends[b] + c] += sign * h[r, c]
+                sign = 1.0 if b == 1 else -1.0
+                row = 3 * place_in_band(ends[a], count)
+                for r in range(3):
+                    for c in range(3):
+                        mixed[row + r, 3 * ends[b] + c] += sign * h[3 + 3 * a + r, c]
+    forward_rows(w.factor, mixed)
+    for k in range(3 * count):
+        for i in range(3 * count):
+            for j in range(i + 1):
+                matrix[i, j] -= mixed[k, i] * mixed[k, j]
+
+
+@device_function
+def _add_matrix(w, slots, matrix, blocks):  # type: ignore[no-untyped-def]
+    """Add the lower triangle of a matrix in axes of the ring to blocks in those of the world."""
+    axes, count = w.axes, w.turns.shape[0]
+    block, half = np.empty((3, 3)), np.empty((3, 3))
+    for a in range(count):
+        for b in range(a + 1):
+            for r in range(3):
+                for c in range(3):
+                    half[r, c] = 0.0
+                    for k in range(3):
+                        i, j = 3 * a + k, 3 * b + c
+                        half[r, c] += axes[r, k] * (matrix[i, j] if i >= j else matrix[j, i])
+            for r in range(3):
+                for c in range(3):
+                    block[r, c] = half[r, 0] * axes[c, 0] + half[r, 1] * axes[c, 1] + half[r, 2] * axes[c, 2]
+            add_block(blocks, slots[a * (a + 1) // 2 + b], block)
+
+
+@kernel(REAL(MATRIX, BEAM_ARRAYS, VECTOR, INDEX_TABLE, MATRIX, BLOCKS, VECTOR))
+def add_beam_rings(x, beams, memory, slots, gradient, blocks, tracked):  # type: ignore[no-untyped-def]
+    """Add all rings to gradient and, if slots is not empty, their Hessian to blocks.
+
+    The search for the turns begins at those in memory (4 f m,); they are written to tracked (4 f m,).
+    Returns the energy [J]; infinity where no turns in balance are found.
+    """
+    count, with_hessian = beams.rings.shape[1], slots.shape[0] > 0
+    w, b, energy = ring_work(count), beam_work(count), 0.0
+    size = 3 * count if with_hessian else 0
+    mixed, matrix = np.empty((size, size)), np.empty((size, size))
+    for f in range(beams.rings.shape[0]):
+        place_ring(x, beams.rings[f], w)
+        _read_turns(memory, f, w)
+        energy += balance_turns(beams, f, w, b, with_hessian)
+        if not energy < np.inf:
+            return np.inf
+        for i in range(count):
+            for r in range(3):
+                for c in range(3):
+                    force = w.axes[r, c] * b.gradient[i, c]
+                    gradient[beams.rings[f, i], r] -= force
+                    gradient[beams.rings[f, (i + 1) % count], r] += force
+            for r in range(4):
+                tracked[4 * (f * count + i) + r] = w.turns[i, r]
+        if with_hessian:
+            _fill_matrix(w, b, mixed, matrix)
+            _add_matrix(w, slots[f], matrix, blocks)
+    return energy
+
+
+@kernel(MATRIX(MATRIX, BEAM_ARRAYS, REAL, REAL, VECTOR))
+def peak_strains(x, beams, width, height, memory):  # type: ignore[no-untyped-def]
+    """Return the largest strain (f, m) of each beam's fibres, at its ends; NaN where no balance is found."""
+    count = beams.rings.shape[1]
+    w, b, found = ring_work(count), beam_work(count), np.empty(beams.rings.shape)
+    for f in range(beams.rings.shape[0]):
+        place_ring(x, beams.rings[f], w)
+        _read_turns(memory, f, w)
+        balanced = balance_turns(beams, f, w, b, False) < np.inf
+        for e in range(count):
+            bent = 0.0
+            for a in range(2):
+                in_plane = width * abs(2.0 * b.turn[e, a, 0] + b.turn[e, 1 - a, 0])
+                across = height * abs(2.0 * b.turn[e, a, 1] + b.turn[e, 1 - a, 1])
+                bent = max(bent, (in_plane + across) / beams.lengths[f, e])
+            found[f, e] = abs(b.strain[e]) + bent if balanced else np.nan
+    return found
+
+
+@kernel(BLOCKS(MATRIX, INDEX_TABLE))
+def ring_axes(x, rings):  # type: ignore[no-untyped-def]
+    """Return the axes (f, 3, 3) of all rings, as columns."""
+    axes = np.empty((rings.shape[0], 3, 3))
+    for f in range(rings.shape[0]):
+        fill_axes(x, rings[f], axes[f])
+    return axes
