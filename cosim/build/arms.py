@@ -4,10 +4,30 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
+
 from cosim.base.arm_file import ArmFile
 from cosim.base.frames import Pose
 from cosim.config.arms.arm_files import arm_source
 from cosim.config.arms.arm_reading import read_urdf
+from cosim.config.arms.arm_table import BaseTable
+
+
+def placed_arm(robot: str, base: BaseTable | None) -> ArmFile:
+    """Return an arm where a scenario puts it.
+
+    Args:
+        robot: see `find_arm`.
+        base: where its root link stands; None: as its own file says.
+
+    Raises:
+        InputError: see `find_arm`.
+    """
+    arm = find_arm(robot)
+    if base is None:
+        return arm
+    placed = Pose.from_quaternion(np.array(base.quaternion), np.array(base.position_m))
+    return replace(arm, world_from_base=placed)
 
 
 def find_arm(robot: str) -> ArmFile:

@@ -10,7 +10,7 @@ import numpy as np
 
 from cosim.base.frames import Array
 from cosim.build.arm_joints import check_joints
-from cosim.build.arms import find_arm
+from cosim.build.arms import placed_arm
 from cosim.build.blame import blamed_on
 from cosim.build.cells import cell_of
 from cosim.build.decisions import contact_decision, decisions
@@ -29,8 +29,9 @@ from cosim.devices.device_names import device_names, device_report
 from cosim.devices.planned_commands import PlannedCommands
 from cosim.errors import ScenarioError, SceneError, SolverError
 from cosim.plan.arm_limits import PlannedArm
-from cosim.plan.arm_plan import check_base, checked_start, drawn_payload, planned_arm
+from cosim.plan.arm_plan import asked_motion, check_base, checked_start, drawn_payload, planned_arm
 from cosim.plan.decision import Decision
+from cosim.plan.path_clearances import check_clearances, path_clearances
 from cosim.plan.plan import JointPlanner, Plan, make_plan
 from cosim.plan.reach import film_reach, flange_travel
 from cosim.plan.section_plan import section_range
@@ -105,7 +106,7 @@ def _arm(scenario: Scenario, trial: SoftSide, soft: SoftSide, before: Choices | 
 
     palm = scenario.soft_robot.palm
     with blamed_on("robot"):
-        file = find_arm(scenario.robot)
+        file = placed_arm(scenario.robot, scenario.arm_base)
         arm = Arm(file, gravity=scenario.gravity_m_s2)
     check_joints(scenario, arm)
     description = SceneDescription(
@@ -135,7 +136,11 @@ def _arm(scenario: Scenario, trial: SoftSide, soft: SoftSide, before: Choices | 
         check_base(scene, soft.body, arm.forward(plan.joints), law.smoothing_m)
     carrier = ArmCarrier(arm, scene, soft, scenario.payload_compensation, law, mounted, scenario.coupling)
     travel = flange_travel(arm, plan, film_reach(soft.body, 0.0))
-    planned = planned_arm(arm, scene, plan, payload, dynamic=scenario.mode == "dynamic")
+    asked = asked_motion(plan, scene.tick_s)
+    clear = path_clearances(scene, asked, soft.body, scenario.plan, film_touches=contact.included)
+    check_clearances(clear, plan, scenario.plan)
+    dynamic = scenario.mode == "dynamic"
+    planned = planned_arm(arm, scene.armature, plan, asked, payload, clear, dynamic=dynamic)
     modelled = decisions(scenario, soft.body, plan, contact, travel)
     modelled += _range(scenario, plan, arm, touched=contact.included)
     return plan, carrier, modelled, planned

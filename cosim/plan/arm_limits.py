@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Final, final
 
@@ -169,7 +169,7 @@ class Touch:
         other: of an object, of the floor, or of a link.
         first_s: simulated time when it was first seen.
         phase: index, then.
-        depth_m: how far they overlapped at most.
+        depth_m: how far they overlapped at most; negative where they only came near.
     """
 
     link: str
@@ -190,20 +190,20 @@ class Touch:
 
     def text(self, phase_names: tuple[str, ...]) -> str:
         """Return it as part of a sentence."""
-        return (
-            f"{self.link} touches {self.other} from {self.first_s:.3f} s on, in phase "
-            f"'{phase_names[self.phase]}', up to {1e3 * self.depth_m:.1f} mm deep"
-        )
+        since = f"from {self.first_s:.3f} s on, in phase '{phase_names[self.phase]}'"
+        if self.depth_m < 0.0:
+            return f"{self.link} comes near {self.other} {since}, up to {-1e3 * self.depth_m:.1f} mm"
+        return f"{self.link} touches {self.other} {since}, up to {1e3 * self.depth_m:.1f} mm deep"
 
 
 def with_touches(
-    before: tuple[Touch, ...], found: tuple[LinkContact, ...], time_s: float, phase: int
+    before: tuple[Touch, ...], found: Iterable[LinkContact], time_s: float, phase: int
 ) -> tuple[Touch, ...]:
     """Return what has touched so far, with what touches at one more instant."""
     known = {(touch.link, touch.other): touch for touch in before}
     for contact in found:
         key = contact.link, contact.other
-        touch = known.get(key) or Touch(*key, time_s, phase, 0.0)
+        touch = known.get(key) or Touch(*key, time_s, phase, -math.inf)
         known[key] = replace(touch, depth_m=max(touch.depth_m, contact.depth_m))
     return tuple(known.values())
 
@@ -214,28 +214,80 @@ def _or_infinite(limit: Array) -> Array:
 
 @final
 @dataclass(frozen=True)
+class Nearest:
+    """The two solids that come nearest to one another.
+
+    Args:
+        link: one of them, of a link or of the soft robot.
+        other: of a link, of the floor or of what stands still.
+        distance_m: negative where they overlap.
+        time_s: planned.
+        phase: index.
+    """
+
+    link: str
+    other: str
+    distance_m: float
+    time_s: float
+    phase: int
+
+    def figures(self, phase_names: tuple[str, ...]) -> dict[str, Any]:
+        """Return it for the summary."""
+        return vars(self) | {"phase": phase_names[self.phase]}
+
+
+@final
+@dataclass(frozen=True)
+class PathClearances:
+    """How near a robot comes to what is around it on its planned way.
+
+    Args:
+        touches: whatever comes nearer than it may, in the order of time.
+        links: nearest of all links to what is no part of the robot; None: there is nothing.
+        soft_robot: nearest of the soft robot, the same.
+    """
+
+    touches: tuple[Touch, ...]
+    links: Nearest | None
+    soft_robot: Nearest | None
+
+    def figures(self, phase_names: tuple[str, ...]) -> dict[str, Any]:
+        """Return the nearest for the summary."""
+        found = {"links": self.links, "soft_robot": self.soft_robot}
+        return {name: nearest and nearest.figures(phase_names) for name, nearest in found.items()}
+
+
+@final
+@dataclass(frozen=True)
 class PlannedArm:
     """How near to its bounds a plan takes an arm.
 
     Args:
         limits: of the arm.
         extremes: of each quantity.
-        touches: of links with what stands still, and with one another, on the planned way.
+        clearances: of links and soft robot, on the planned way; None where they are not looked at.
         phase_names: in order.
     """
 
     limits: ArmLimits
     extremes: tuple[Extreme, ...]
-    touches: tuple[Touch, ...]
+    clearances: PathClearances | None
     phase_names: tuple[str, ...]
 
     def figures(self) -> dict[str, Any]:
         """Return them for the summary."""
         found = {extreme.quantity: extreme.figures(self.phase_names) for extreme in self.extremes}
-        touches = [touch.figures(self.phase_names) for touch in self.touches]
-        return {**{name: found.get(name) for name in UNITS if name != "tracking_error"}, "contacts": touches}
+        return {
+            **{name: found.get(name) for name in UNITS if name != "tracking_error"},
+            "contacts": [touch.figures(self.phase_names) for touch in self._touches],
+            "clearance": None if self.clearances is None else self.clearances.figures(self.phase_names),
+        }
+
+    @property
+    def _touches(self) -> tuple[Touch, ...]:
+        return () if self.clearances is None else self.clearances.touches
 
     def warnings(self) -> list[str]:
         """Return one line for each bound that the plan goes beyond, and for each contact."""
         beyond = [extreme.text(self.phase_names) for extreme in self.extremes if extreme.beyond]
-        return [f"{PLANNED}{text}" for text in beyond + [t.text(self.phase_names) for t in self.touches]]
+        return [f"{PLANNED}{text}" for text in beyond + [t.text(self.phase_names) for t in self._touches]]

@@ -11,7 +11,7 @@ import numpy as np
 from cosim.base.frames import Array, IntArray, Mask, Pose
 from cosim.coupling.soft_sides.mass import MassProperties
 from cosim.errors import ScenarioError
-from cosim.plan.arm_limits import ArmLimits, PlannedArm, Touch, with_touches
+from cosim.plan.arm_limits import ArmLimits, PathClearances, PlannedArm
 from cosim.plan.flange_path import FlangeWay
 from cosim.plan.joint_path import JointPath, JointReference
 from cosim.plan.plan import JointPlanner, PhasePlan, Plan
@@ -45,35 +45,41 @@ class AskedMotion:
     jumps: Mask
 
 
-def planned_arm(arm: Arm, scene: RigidScene, plan: Plan, payload: Payload, *, dynamic: bool) -> PlannedArm:
+def planned_arm(
+    arm: Arm,
+    rotors: Array,
+    plan: Plan,
+    asked: AskedMotion,
+    payload: Payload,
+    clearances: PathClearances | None,
+    *,
+    dynamic: bool,
+) -> PlannedArm:
     """Return what a plan asks of an arm.
 
     Torques are those of the arm with a rigid payload; jumps of the reference do not count in them.
 
     Args:
         arm: kinematics and inverse dynamics.
-        scene: at its start.
+        rotors: (joints,) [kg m^2], their inertia.
         plan: of the run.
+        asked: of the joints, by that plan.
         payload: the soft robot in its drawn shape and what else is mounted.
+        clearances: on that way; None where they are not looked at.
         dynamic: whether the motion takes time; positions and torques at rest otherwise.
     """
     limits, names = ArmLimits.of(arm), tuple(planned.phase.name for planned in plan.phases)
-    asked = asked_motion(plan, scene.tick_s)
     q, v, a = asked.joints.position, asked.joints.velocity, asked.joints.acceleration
     moving, still = np.zeros_like(q), np.zeros(arm.joint_count)
     for k in range(len(q)):
         timed = dynamic and not asked.jumps[k]
         moving[k] = arm.inverse_dynamics(
-            q[k], v[k] if timed else still, a[k] if timed else still, scene.armature, payload
+            q[k], v[k] if timed else still, a[k] if timed else still, rotors, payload
         )
     values = {"position": q, "velocity": v, "acceleration": a, "torque": moving}
     asked_for = values if dynamic else {"position": q, "torque": moving}
     found = [limits.extreme(name, rows, asked.time_s, asked.phase) for name, rows in asked_for.items()]
-    touches: tuple[Touch, ...] = ()
-    for k in range(len(q)):
-        fixed = tuple(contact for contact in scene.links.at(q[k]) if not contact.movable)
-        touches = with_touches(touches, fixed, float(asked.time_s[k]), int(asked.phase[k]))
-    return PlannedArm(limits, tuple(extreme for extreme in found if extreme is not None), touches, names)
+    return PlannedArm(limits, tuple(extreme for extreme in found if extreme is not None), clearances, names)
 
 
 def asked_motion(plan: Plan, tick_s: float) -> AskedMotion:

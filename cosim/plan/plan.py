@@ -142,7 +142,7 @@ def make_plan(scenario: Scenario, plan_joints: JointPlanner, soft: SoftSide) -> 
         ScenarioError: a pose or target cannot be reached; `path` names the key.
     """
     start = pose_of(scenario.start.flange)
-    keys = ["start.flange", *(_flange_key(phase) for phase in scenario.phases)]
+    keys = ["start.flange", *(flange_key(phase) for phase in scenario.phases)]
 
     def joints_along(ways: list[FlangeWay]) -> tuple[JointPath, ...]:
         try:
@@ -240,7 +240,8 @@ def _holding(body: SoftBody, sides: SidesOf, phase: PhaseTable) -> Holding:
     return Holding(nodes_of(body, sides, phase.release, None), hold)
 
 
-def _flange_key(phase: PhaseTable) -> str:
+def flange_key(phase: PhaseTable) -> str:
+    """Return the key of a phase that moves the flange; that of the phase where it stays."""
     for key in ("flange", "flange_turn", "flange_shift_m", "flange_shake", "tip_target"):
         if getattr(phase, key) is not None:
             return f"phase.{phase.name}.{key}"
@@ -266,7 +267,7 @@ def _solve_phase(
         way, end = reach(soft, here, loads, phase.tip_target)
         return replace(way, even=phase.ramp == "linear"), end
     except (UnreachableError, SolverError) as error:
-        raise ScenarioError(_flange_key(phase), f"the static plan fails: {error}") from error
+        raise ScenarioError(flange_key(phase), f"the static plan fails: {error}") from error
 
 
 def _end_command(command: SoftCommand, phase: PhaseTable, body: SoftBody, sides: SidesOf) -> SoftCommand:

@@ -43,6 +43,7 @@ SAVED_OTHERWISE = {
     "SoftSystem": "workspace; NewtonSolver saves the gradient, which is read later",
     "TensionSweep": "lives for one tip target of the plan",
     "TickReferences": "worked out anew from the phase",
+    "_Watch": "lives while a run is planned",
 }
 
 

@@ -25,9 +25,10 @@ def check_holding(scenario: Scenario, faults: Faults) -> None:
     with faults:
         if scenario.robot == NO_ARM and scenario.objects:
             raise ScenarioError("object", f"needs an arm; robot is '{NO_ARM}'")
-    with faults:
-        if scenario.robot == NO_ARM and scenario.scene is not None:
-            raise ScenarioError("scene", f"needs an arm; robot is '{NO_ARM}'")
+    for key in ("scene", "arm_base"):
+        with faults:
+            if scenario.robot == NO_ARM and getattr(scenario, key) is not None:
+                raise ScenarioError(key, f"needs an arm; robot is '{NO_ARM}'")
     for phase in scenario.phases:
         with faults:
             _check_named(phase, scenario.soft_robot, f"phase.{phase.name}", faults)

@@ -7,6 +7,7 @@ from typing import Annotated, Final, Literal, final
 
 from annotated_types import Len
 
+from cosim.config.arms.arm_table import BaseTable
 from cosim.config.schema.commands import CommandTable
 from cosim.config.schema.coupling import CouplingTable
 from cosim.config.schema.devices import ControllerTable, PumpTable, WinchTable
@@ -20,6 +21,7 @@ from cosim.config.schema.solver import (
     ContactTable,
     GasTable,
     ModelTable,
+    PlanTable,
     RecordingTable,
     SolverTable,
 )
@@ -43,6 +45,8 @@ class Scenario:
         robot: rigid arm: a directory of robots/ that holds an arm.toml, or the path of a URDF (.urdf), an
             MJCF (.xml) or an arm.toml, from the folder of the scenario; "none": the base is held where the
             flange starts, and nothing of an arm is loaded.
+        arm_base: where the arm's root link stands, on a table, a wall or below a ceiling; omitted: as its own
+            file says.
         soft_robot: in the file a name, a path, or a table `{file = NAME, ...}` of changes to that file.
         fidelity: of the soft robot. "rigid": it keeps the shape it starts in, mass only; "section": a chain
             of rigid frames, one per ring, with the condensed energy of the film between them; "lumped": the
@@ -68,10 +72,12 @@ class Scenario:
     mode: Literal["dynamic", "quasistatic"] = "dynamic"
     fidelity: Fidelity = "lumped"
     auto: AutoTable | None = None
+    arm_base: BaseTable | None = None
     gravity_m_s2: Vector3 = (0.0, 0.0, -9.81)
     payload_compensation: bool = True
     clock: ClockTable = ClockTable()
     solver: SolverTable = SolverTable()
+    plan: PlanTable = PlanTable()
     contact: ContactTable = ContactTable()
     coupling: CouplingTable = CouplingTable()
     model: ModelTable = ModelTable()

@@ -1,4 +1,4 @@
-"""Schema of how a scenario is computed and recorded: clock, solver, contact, gas, recording."""
+"""Schema of how a scenario is computed and recorded: clock, solver, plan, contact, gas, recording."""
 
 from __future__ import annotations
 
@@ -47,6 +47,23 @@ class SolverTable:
     integrator: Literal["implicit_euler", "bdf2"] = "implicit_euler"
     damping_per_s: NonNegative = 0.0
     substep_error_m: Positive | None = None
+
+
+@final
+@dataclass(frozen=True)
+class PlanTable:
+    """What the planned way of the arm is checked for, before anything runs.
+
+    Links count always; the soft robot, in its drawn shape, where the run does not model what it touches.
+
+    Args:
+        collision: of a link with another one, or with what no load can move. "refuse": it does not run;
+            "warn": it is reported; "off": nobody looks.
+        clearance_m: what stands nearer to links than this counts as well.
+    """
+
+    collision: Literal["refuse", "warn", "off"] = "warn"
+    clearance_m: NonNegative = 0.0
 
 
 @final

@@ -50,6 +50,17 @@ class ArmDynamics:
         bounded, between = self._model.jnt_limited[joints] != 0, self._model.jnt_range[joints]
         return np.where(bounded, between[:, 0], -np.inf), np.where(bounded, between[:, 1], np.inf)
 
+    def places(self, joints: Array) -> tuple[Array, Array]:
+        """Return where bodies are (bodies, 3) [m], world, and their axes (bodies, 3, 3), world from body.
+
+        Args:
+            joints: (joints,) [rad]; objects stay where they are.
+        """
+        model, data = self._model, self._scratch
+        data.qpos[self._layout.positions] = joints
+        mujoco.mj_kinematics(model, data)
+        return data.xpos.copy(), data.xmat.reshape(-1, 3, 3).copy()
+
     def at(self, joints: Array) -> ArmAtRest:
         """Return the arm at angles (joints,) [rad]; objects do not matter."""
         model, data, layout = self._model, self._scratch, self._layout

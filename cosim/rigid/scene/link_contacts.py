@@ -15,6 +15,7 @@ import numpy as np
 from cosim.base.frames import Array, Mask
 from cosim.base.link_contact import LinkContact
 from cosim.rigid.scene.layout import ArmLayout
+from cosim.rigid.scene.solids import SceneSolids, scene_solids
 
 _SEEN_M = 0.01  # from here on, distances are known; to know of more costs more than it saves
 _LINK, _OBJECT = 1, 2  # bits: links look for both, objects for links only
@@ -33,7 +34,7 @@ class LinkContacts:
     """
 
     def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, layout: ArmLayout) -> None:
-        self._live, self._layout = data, layout
+        self._scene, self._live, self._layout = model, data, layout
         self._model = own = copy.copy(model)
         on_arm = own.body_rootid == own.body_rootid[layout.mount]
         links = on_arm & ~_below(own, layout.mount)
@@ -46,6 +47,7 @@ class LinkContacts:
         ):  # fmt: skip
             bits[:] = 0
             np.bitwise_or.at(bits, own.geom_bodyid, of_geoms)
+        self._of_links = links
         self._is_link = links.tolist()
         self._names = [own.body(i).name for i in range(own.nbody)]
         self._found = mujoco.MjData(own)
@@ -97,6 +99,10 @@ class LinkContacts:
         distances = zip(pairs, data.contact.dist.tolist(), strict=True)
         near = [distance for pair, distance in distances if frozenset(pair) not in self._joined]
         return min(near, default=_SEEN_M)
+
+    def solids(self) -> SceneSolids:
+        """Return the solids between which the contacts are searched for."""
+        return scene_solids(self._scene, self._layout, self._of_links, self._joined)
 
     def with_objects(self) -> tuple[LinkContact, ...]:
         """Return which links touch floor or objects in the scene's present state; hardly costs anything."""
