@@ -15,6 +15,7 @@ from cosim._version import __version__ as __version__
 if TYPE_CHECKING:
     from cosim.app.api import run as run
     from cosim.app.driver import Observer as Observer
+    from cosim.app.loaded_run import load_run as load_run
     from cosim.app.simulation import SavedState as SavedState
     from cosim.app.simulation import Simulation as Simulation
     from cosim.base.resources import list_scenarios as list_scenarios
@@ -58,6 +59,7 @@ _HOMES = {
     "SolverError": "cosim.errors",
     "UnreachableError": "cosim.errors",
     "list_scenarios": "cosim.base.resources",
+    "load_run": "cosim.app.loaded_run",
     "load_scenario": "cosim.config.loading",
     "register_kind": "cosim.config.toml.registered_kinds",
     "run": "cosim.app.api",

@@ -35,6 +35,7 @@ EXPECTED = {
     "UnreachableError",
     "__version__",
     "list_scenarios",
+    "load_run",
     "load_scenario",
     "register_kind",
     "run",

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, Protocol, final
 from uuid import uuid4
 
 from cosim._version import __version__
+from cosim.app.array_recorder import ArrayRecorder
 from cosim.app.checkpoint import Checkpoint, CheckpointKeeper, Origin, read_checkpoint
 from cosim.app.loaded_files import loaded_digests
 from cosim.app.run_files import RECORDING, RunFiles
@@ -20,7 +21,7 @@ from cosim.base.stateful import Stateful
 from cosim.config.schema.scenario import Scenario
 from cosim.config.schema.solver import RecordingTable
 from cosim.errors import SolverError
-from cosim.recording.recorder import NullRecorder, Recorder, RecordingPart
+from cosim.recording.recorder import Recorder, Recorders, RecordingPart
 from cosim.telemetry.snapshot import RunInfo, Snapshot
 from cosim.telemetry.summary import Status, SummaryBuilder, reason_of, summary_markdown
 from cosim.telemetry.tick_batch import TickBatch
@@ -197,14 +198,15 @@ def _begin_files(
     scenario: Scenario, options: Options, files: RunFiles | None, part: RecordingPart
 ) -> Recorder:
     if files is None:
-        return NullRecorder()
+        return Recorders(())
     if options.resume:
         files.go_on()
     else:
         files.begin(scenario)
+    arrays = ArrayRecorder(files.next_part, scenario.recording.frames_per_s, part)
     if options.make_recorder is None:
-        return NullRecorder()
-    return options.make_recorder(files.next_recording(), scenario.recording, part)
+        return arrays
+    return Recorders((options.make_recorder(files.next_part(RECORDING), scenario.recording, part), arrays))
 
 
 def build_simulation(

@@ -1,7 +1,9 @@
-"""The directory of a run: `scenario.toml`, `summary.json`, `recording.rrd`, `checkpoint.npz`.
+"""The directory of a run: `scenario.toml`, `summary.json`, `recording.rrd`, `arrays.parquet`,
+`frames.parquet`, `checkpoint.npz`.
 
 A run that went on after an interruption has a recording for each part: `recording-2.rrd` and so on; they
-belong together and open as one. The checkpoint is there while the run can go on.
+belong together and open as one. So do the files of arrays, which end a part at every checkpoint as well. The
+checkpoint is there while the run can go on.
 """
 
 from __future__ import annotations
@@ -27,7 +29,8 @@ RECORDING = "recording.rrd"
 SCENARIO = "scenario.toml"
 SUMMARY = "summary.json"
 CHECKPOINT = "checkpoint.npz"
-_PART = re.compile(r"recording(?:-([2-9]|[1-9]\d+))?\.rrd")
+ARRAYS = "arrays.parquet"
+FRAMES = "frames.parquet"
 
 
 def default_directory(scenario_name: str) -> Path:
@@ -49,11 +52,23 @@ def check_directory(directory: Path) -> None:
 
 def recordings(directory: Path) -> list[Path]:
     """Return the recordings of the run in a directory, in order; of a copy without marker, by their names."""
+    return parts(directory, RECORDING)
+
+
+def parts(directory: Path, first: str) -> list[Path]:
+    """Return the parts of a recording or of arrays, in order; of a copy without marker, by their names.
+
+    Args:
+        directory: of a run.
+        first: name of the first part, such as recording.rrd.
+    """
     written = written_names(directory)
+    stem, _, suffix = first.partition(".")
+    name = re.compile(rf"{stem}(?:-([2-9]|[1-9]\d+))?\.{suffix}")
     found = [
         (int(match[1] or 1), path)
-        for path in directory.glob("recording*.rrd")
-        if (match := _PART.fullmatch(path.name)) and (written is None or path.name in written)
+        for path in directory.glob(f"{stem}*.{suffix}")
+        if (match := name.fullmatch(path.name)) and (written is None or path.name in written)
     ]
     return [path for _, path in sorted(found)]
 
@@ -84,9 +99,14 @@ class RunFiles:
     ) -> None:
         self._out.__exit__(kind, error, trace)
 
-    def next_recording(self) -> Path:
-        """Return the path of the recording to write: the first one that does not exist yet."""
-        names = (f"recording-{number}.rrd" if number > 1 else RECORDING for number in count(1))
+    def next_part(self, first: str) -> Path:
+        """Return the path of the next part of a recording or of arrays: the first that does not exist yet.
+
+        Args:
+            first: name of the first part, such as recording.rrd.
+        """
+        stem, _, suffix = first.partition(".")
+        names = (f"{stem}-{number}.{suffix}" if number > 1 else first for number in count(1))
         name = next(name for name in names if not (self.directory / name).exists())
         self._out.claim(name)
         return self.directory / name

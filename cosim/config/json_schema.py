@@ -6,8 +6,6 @@ What only rules across tables can tell is not in it.
 
 from __future__ import annotations
 
-import inspect
-import re
 from collections.abc import Iterator
 from copy import deepcopy
 from dataclasses import fields
@@ -15,6 +13,7 @@ from typing import Any, Final, Literal
 
 from pydantic.json_schema import GenerateJsonSchema
 
+from cosim.base.docstrings import texts_of
 from cosim.config.arms.arm_table import ArmTable
 from cosim.config.kinds import register_installed
 from cosim.config.schema.old_keys import SCHEMA
@@ -22,15 +21,11 @@ from cosim.config.schema.scenario import Scenario
 from cosim.config.schema.soft_robot import AttachmentTable, SoftRobotTable
 from cosim.config.toml.core_schemas import bounded_schema
 from cosim.config.toml.key_paths import key_of
-from cosim.config.toml.magnitudes import unit_of
+from cosim.config.toml.magnitudes import unit_of, unit_text
 
 DIALECT: Final = "https://json-schema.org/draft/2020-12/schema"
 Kind = Literal["scenario", "robot", "arm"]
 _ROOTS: Final[dict[Kind, type]] = {"scenario": Scenario, "robot": SoftRobotTable, "arm": ArmTable}
-_UNITS: Final = {
-    "Nm": "N m", "Nms": "N m s", "Nm2": "N m^2", "Nm2s": "N m^2 s", "per_s": "1/s", "m_s2": "m/s^2",
-    "N_m": "N/m", "Ns_m": "N s/m", "N_m3": "N/m^3", "kg_m3": "kg/m^3", "kg_s": "kg/s", "kg_s_Pa": "kg/(s Pa)",
-}  # fmt: skip
 _CHANGES: Final = "Changes"
 _ROBOT_GIVEN: Final = (
     {"type": "string", "description": "Name or path of a soft robot's file."},
@@ -75,7 +70,7 @@ def _classes(node: Any) -> Iterator[type]:
 
 def _describe(table: dict[str, Any], kind: type) -> None:
     """Put a class's texts, and the units of its keys, into its table."""
-    text, arguments = _texts(kind)
+    text, arguments = texts_of(kind)
     table.pop("title")
     table |= {"description": text, "additionalProperties": False}
     for entry in fields(kind):
@@ -84,24 +79,12 @@ def _describe(table: dict[str, Any], kind: type) -> None:
         node.pop("title", None)
         if node.get("default", 0) is None or isinstance(node.get("default"), dict):
             del node["default"]  # left out, or told by the table itself
-        unit = _UNITS.get(unit_of(key), unit_of(key))
+        unit = unit_text(unit_of(key))
         said = [arguments.get(entry.name, ""), f"Unit: {unit}." if unit else ""]
         if any(said):
             node["description"] = " ".join(filter(None, said))
         if unit:
             node["x-unit"] = unit
-
-
-def _texts(kind: type) -> tuple[str, dict[str, str]]:
-    """Return a class's docstring without its arguments, and the text of each argument."""
-    text, _, arguments = inspect.getdoc(kind).partition("\nArgs:\n")  # type: ignore[union-attr]
-    arguments, _, after = arguments.partition("\n\n")
-    found = {}
-    for entry in re.split(r"\n(?=    \S)", arguments):
-        names, _, meaning = entry.partition(":")
-        words = " ".join(meaning.split())
-        found.update({name.strip(): words for name in names.split(",")})
-    return " ".join(f"{text} {after}".split()), found
 
 
 def _add_changes(tables: dict[str, Any]) -> None:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass
 from typing import final
 
@@ -65,17 +67,38 @@ class Recorder(ABC):
 
 
 @final
-class NullRecorder(Recorder):
-    """Records nothing."""
+class Recorders(Recorder):
+    """Several recorders as one; whatever one of them raises in closing, the others are closed.
+
+    Args:
+        recorders: any number; none records nothing.
+    """
+
+    def __init__(self, recorders: Sequence[Recorder]) -> None:
+        self._recorders = recorders
 
     def open(self, stage: RunInfo) -> None:
-        """Do nothing."""
+        """Open all."""
+        for recorder in self._recorders:
+            recorder.open(stage)
+
+    def lay_out(self, first: Snapshot) -> None:
+        """Prepare all."""
+        for recorder in self._recorders:
+            recorder.lay_out(first)
 
     def record(self, batch: TickBatch) -> None:
-        """Do nothing."""
+        """Let all record."""
+        for recorder in self._recorders:
+            recorder.record(batch)
 
     def flush(self) -> None:
-        """Do nothing."""
+        """Flush all."""
+        for recorder in self._recorders:
+            recorder.flush()
 
     def close(self, summary_markdown: str, status: str) -> None:
-        """Do nothing."""
+        """Close all."""
+        with ExitStack() as stack:  # the first one is closed last: its error is told
+            for recorder in self._recorders:
+                stack.callback(recorder.close, summary_markdown, status)

@@ -13,6 +13,8 @@ import numpy as np
 from cosim._version import __version__
 from cosim.base.frames import Array, IntArray
 from cosim.errors import InputError
+from cosim.results.curves import drawn
+from cosim.results.html import as_html
 from cosim.telemetry.snapshot import RunInfo
 from cosim.telemetry.summary import SummaryBuilder, reason_of
 from cosim.telemetry.tick_batch import TickBatch
@@ -23,51 +25,53 @@ from cosim.telemetry.tick_batch import TickBatch
 class RunResult:
     """A run as arrays, one row per snapshot (the state before the first tick, then every tick).
 
-    World frame, SI units. Node positions are kept at the recording's frame rate only.
+    World frame, SI units. Node positions are kept at the recording's frame rate only. The files of a run
+    repeat shape, unit and meaning as they stand here; without [unit], the unit is the end of the name.
 
     Args:
         stage: what does not change during the run: film triangles, cable routes, and names, `joint_names` of
             all joints, `body_names` of all bodies, objects by theirs; see `body`.
         summary: as in summary.json.
         directory: where the files are, or None if none were written.
-        tick: (rows,) count of ticks.
-        time_s: (rows,).
-        phase: (rows,) index into `stage.phase_names`.
-        joint_position: (rows, joints) [rad].
-        joint_velocity: (rows, joints) [rad/s]; in statics the mean one over the increment.
+        tick: (rows,), count of ticks, 0 before the first one.
+        time_s: (rows,), simulated time.
+        phase: (rows,), index into `stage.phase_names`.
+        joint_position: (rows, joints) [rad], of the arm; a joint that slides has metres.
+        joint_velocity: (rows, joints) [rad/s], in statics the mean one over the increment.
         joint_torque: (rows, joints) [N m], that the servos gave in the tick; at rest, what they hold with.
-        joint_target: (rows, joints) [rad].
+        joint_target: (rows, joints) [rad], what the servos were asked for.
         body_position: (rows, bodies, 3) [m], of the frames of the arm's links and the objects, world.
         body_quaternion: (rows, bodies, 4), (w, x, y, z), world from body.
         body_contact_force: (rows, bodies, 3) [N], of the soft robot's contacts on each body, world axes.
-        flange_position: (rows, 3) [m].
-        flange_quaternion: (rows, 4), (w, x, y, z).
-        flange_force: (rows, 3) [N], that the soft robot exerts on the flange.
+        flange_position: (rows, 3) [m], of its origin, world.
+        flange_quaternion: (rows, 4), (w, x, y, z), world from flange.
+        flange_force: (rows, 3) [N], that the soft robot exerts on the flange, world axes.
         flange_torque: (rows, 3) [N m], the same, about the flange's origin.
         tip_position: (rows, 3) [m], centre of the last hole ring.
         tip_direction: (rows, 3), its unit normal.
-        sag_m: (rows,).
+        sag_m: (rows,), distance of the tip from where a straight arm along the flange's axis would have it.
         pressure_Pa: (rows,), gauge, in the first chamber; of a sealed gas at its present volume.
-        volume_m3: (rows,) of all chambers.
+        volume_m3: (rows,), of all chambers.
         chamber_pressure_Pa: (rows, chambers), gauge.
-        chamber_volume_m3: (rows, chambers).
+        chamber_volume_m3: (rows, chambers), inside the film.
         cable_tension_N: (rows, cables), at the base end.
         cable_length_m: (rows, cables), of the routes; (rows, 0) in a scenario without devices.
         cable_unstretched_m: (rows, cables), off the drum; not a number while the tension is commanded.
         bending_angle_rad: (rows,), between the tip's direction and the flange's z axis.
-        residual_N: (rows,) of the soft step.
-        newton_iterations: (rows,) of the soft step.
-        power_error_W: (rows,) at the interface.
-        stability_ratio: (rows,) of the coupling.
-        contacts: (rows,) points of the film that press on something.
-        contact_force_N: (rows,) sum of their normal forces.
-        contact_depth_m: (rows,) of the deepest.
-        self_contacts: (rows,) points of the film that press on another film of the soft robot.
-        self_contact_force_N: (rows,) sum of their normal forces.
-        self_contact_depth_m: (rows,) of the deepest.
-        tick_wall_s: (rows,) wall time.
-        frame_time_s: (frames,).
-        node_position: (frames, nodes, 3) [m].
+        residual_N: (rows,), largest force component that the soft step was left with.
+        newton_iterations: (rows,), of the soft step.
+        power_error_W: (rows,), that appeared at the interface.
+        stability_ratio: (rows,), of the coupling; stable below 1.
+        contacts: (rows,), points of the film that press on something.
+        contact_force_N: (rows,), sum of their normal forces.
+        contact_depth_m: (rows,), of the deepest point in what it presses on.
+        self_contacts: (rows,), points of the film that press on another film of the soft robot.
+        self_contact_force_N: (rows,), sum of their normal forces.
+        self_contact_depth_m: (rows,), of the deepest point behind another film.
+        tick_wall_s: (rows,), wall time.
+        frame_tick: (frames,), tick at which the film's nodes were kept.
+        frame_time_s: (frames,), when the film's nodes were kept.
+        node_position: (frames, nodes, 3) [m], of the film, world.
     """
 
     stage: RunInfo
@@ -109,6 +113,7 @@ class RunResult:
     self_contact_force_N: Array
     self_contact_depth_m: Array
     tick_wall_s: Array
+    frame_tick: IntArray
     frame_time_s: Array
     node_position: Array
 
@@ -131,6 +136,21 @@ class RunResult:
             raise InputError(f"there is no body '{name}'; there are {', '.join(names) or 'none'}")
         return names.index(name)
 
+    def plot(self, *names: str) -> Any:
+        """Return a matplotlib figure of curves over time; `figure.savefig(path)` writes it.
+
+        Args:
+            names: of arrays with a row per tick; none: the usual ones.
+
+        Raises:
+            InputError: there is no such array, nothing to draw, or no matplotlib.
+        """
+        return drawn(self, names)
+
+    def _repr_html_(self) -> str:
+        """Return the outcome and a table of the phases, for notebooks."""
+        return as_html(repr(self), self.summary)
+
     def __repr__(self) -> str:
         """Return two lines: how the run ended, and how much is held."""
         stage, rows, frames = self.stage, len(self.tick), len(self.frame_time_s)
@@ -144,9 +164,18 @@ class RunResult:
         return (
             f"RunResult of {stage.scenario}, {stage.mode}, {self.status}: {ticks} of {stage.ticks} ticks, "
             f"{end_s:g} of {stage.duration_s:g} s\n"
-            f"{rows} rows of {len(_COLUMNS)} arrays, {frames} frames of the film, {', '.join(sizes)}{where}"
+            f"{rows} rows of {len(COLUMNS)} arrays, {frames} frames of the film, {', '.join(sizes)}{where}"
         )
 
+
+FRAME_COLUMNS: Final = ("frame_tick", "frame_time_s", "node_position")
+"""One row per frame."""
+COLUMNS: Final = tuple(
+    field.name
+    for field in fields(RunResult)
+    if field.name not in ("stage", "summary", "directory", *FRAME_COLUMNS)
+)
+"""Of a batch, one row per tick."""
 
 _ROUNDING_S = 1e-9
 """Far below a tick, far above the rounding error of a time."""
@@ -158,15 +187,14 @@ class ResultBuilder:
 
     Args:
         frames_per_s: how often node positions are kept, in simulated time.
+        after_s: simulated time that the run goes on from; None from its start.
     """
 
-    def __init__(self, frames_per_s: float) -> None:
+    def __init__(self, frames_per_s: float, after_s: float | None = None) -> None:
         self._stage: RunInfo | None = None
         self._frame_s = 1.0 / frames_per_s
-        self._frame = -1
-        self._arrays: dict[str, list[Any]] = {name: [] for name in _COLUMNS}
-        self._frame_time_s: list[Array] = []
-        self._node_position: list[Array] = []
+        self._frame = -1 if after_s is None else int(self._frames(np.array([after_s]))[0])
+        self._gathered: dict[str, list[Any]] = {name: [] for name in (*COLUMNS, *FRAME_COLUMNS)}
 
     def open(self, stage: RunInfo) -> None:
         """Take in what does not change during the run."""
@@ -174,14 +202,24 @@ class ResultBuilder:
 
     def observe(self, batch: TickBatch) -> None:
         """Take in some ticks."""
-        for name, found in self._arrays.items():
-            found.append(getattr(batch, name))
-        frames = np.floor((batch.time_s + _ROUNDING_S) / self._frame_s).astype(np.int64)
+        for name in COLUMNS:
+            self._gathered[name].append(getattr(batch, name))
+        frames = self._frames(batch.time_s)
         rows = np.flatnonzero(np.diff(frames, prepend=self._frame))
         self._frame = int(frames[-1])
         if len(rows):
-            self._frame_time_s.append(batch.time_s[rows])
-            self._node_position.append(batch.film.some(rows).node_position())
+            self._gathered["frame_tick"].append(batch.tick[rows])
+            self._gathered["frame_time_s"].append(batch.time_s[rows])
+            self._gathered["node_position"].append(batch.film.some(rows).node_position())
+
+    def arrays(self) -> dict[str, Any]:
+        """Return the arrays of all ticks that were gathered, by name."""
+        found = self._gathered.items()
+        return {name: np.concatenate(parts) if parts else np.zeros(0) for name, parts in found}
+
+    def forget(self) -> None:
+        """Gather anew; frames go on as they would."""
+        self._gathered = {name: [] for name in self._gathered}
 
     def close(self) -> None:
         """Nothing to do."""
@@ -194,14 +232,11 @@ class ResultBuilder:
         """
         if self._stage is None:
             raise ValueError("no run has been opened")
-        return RunResult(
-            stage=self._stage,
-            summary=summary,
-            directory=directory,
-            frame_time_s=_joined(self._frame_time_s),
-            node_position=_joined(self._node_position),
-            **{name: _joined(found) for name, found in self._arrays.items()},
-        )
+        return RunResult(self._stage, summary, directory, **self.arrays())
+
+    def _frames(self, time_s: Array) -> IntArray:
+        """Return the frame that each time falls into, counted from 0."""
+        return np.floor((time_s + _ROUNDING_S) / self._frame_s).astype(np.int64)
 
 
 def result_of(
@@ -216,15 +251,3 @@ def result_of(
         summary.observe(batch)
     figures = summary.finish("failed", reason_of(error), time.perf_counter() - began)
     return arrays.result(figures, None)
-
-
-def _joined(found: list[Any]) -> Any:
-    return np.concatenate(found) if found else np.zeros(0)
-
-
-_COLUMNS: Final = tuple(
-    field.name
-    for field in fields(RunResult)
-    if field.name not in ("stage", "summary", "directory", "frame_time_s", "node_position")
-)
-"""Of a batch, one row per tick."""

@@ -63,8 +63,9 @@ def run(
 
 
 def files_in(directory: Path) -> list[str]:
-    """Return the names of the files in a directory, but for the marker."""
-    return sorted(path.name for path in directory.iterdir() if path.name != MARKER)
+    """Return the names of the files in a directory, but for the marker and the files of arrays."""
+    found = (path for path in directory.iterdir() if path.name != MARKER)
+    return sorted(path.name for path in found if path.suffix != ".parquet")
 
 
 def summary_of(directory: Path) -> dict[str, Any]:

@@ -16,7 +16,7 @@ import rerun as rr
 
 from cosim.errors import InputError, OutputError
 from cosim.recording import rerun_recorder
-from cosim.recording.recorder import NullRecorder, RecordingPart
+from cosim.recording.recorder import Recorders, RecordingPart
 from cosim.recording.rerun_recorder import RerunRecorder
 from cosim.telemetry.snapshot import RunInfo, Snapshot
 from cosim.telemetry.tick_batch import TickBatch
@@ -171,10 +171,10 @@ def test_recording_before_opening_is_refused(
         RerunRecorder(rrd).record(TickBatch.of([make_snapshot(make_stage(), 0)]))
 
 
-def test_null_recorder_writes_nothing(
+def test_no_recorders_write_nothing(
     tmp_path: Path, make_stage: MakeStage, make_snapshot: MakeSnapshot
 ) -> None:
-    recorder = NullRecorder()
+    recorder = Recorders(())
     recorder.open(make_stage())
     recorder.record(TickBatch.of([make_snapshot(make_stage(), 0)]))
     recorder.close("", "completed")

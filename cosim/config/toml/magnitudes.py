@@ -47,7 +47,14 @@ _BY_UNIT: Final = {
     "kg_m3": Magnitude(1e6, 1e-6),
     "kg_s": Magnitude(1e3, 1e-15),
     "kg_s_Pa": Magnitude(1.0, 1e-20),
+    "m3": _ANY,
+    "W": _ANY,
 }
+_TEXTS: Final = {
+    "Nm": "N m", "Nms": "N m s", "Nm2": "N m^2", "Nm2s": "N m^2 s", "per_s": "1/s", "m_s2": "m/s^2",
+    "m3": "m^3",
+    "N_m": "N/m", "Ns_m": "N s/m", "N_m3": "N/m^3", "kg_m3": "kg/m^3", "kg_s": "kg/s", "kg_s_Pa": "kg/(s Pa)",
+}  # fmt: skip
 
 
 @cache
@@ -62,3 +69,8 @@ def unit_of(key: str) -> str:
     words = key.split("_")
     endings = ("_".join(words[k:]) for k in range(1, len(words)))
     return next((unit for unit in endings if unit in _BY_UNIT), "")
+
+
+def unit_text(unit: str) -> str:
+    """Return a unit of `unit_of` as people write it, such as N/m^3."""
+    return _TEXTS.get(unit, unit)
