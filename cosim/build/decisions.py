@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from cosim.config.rules.cell_rules import CELL_KEYS
 from cosim.config.rules.gas_rules import gas_rules
 from cosim.config.schema.given_body import GivenBodyTable
 from cosim.config.schema.scenario import Scenario
@@ -60,6 +61,8 @@ def _unknown_reach(scenario: Scenario) -> str:
     """Return why what the film can get to is not known beforehand; empty if it is."""
     moving = [entry.name for entry in scenario.objects if entry.mass_kg is not None]
     moving += [wire.name for wire in scenario.wires]
+    asked = (getattr(phase, key) for phase in scenario.phases for key in CELL_KEYS)
+    moving += sorted({f"cell/{name}" for names in asked for name in names or {}})
     if moving and scenario.mode == "dynamic":
         return f"{', '.join(moving)} can move"
     if any(rule.sealed for rules in gas_rules(scenario) for rule in rules):

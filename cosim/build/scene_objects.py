@@ -37,6 +37,9 @@ def rigid_object(entry: ObjectTable) -> SceneObject:
             convex=entry.convex,
             parts=tuple(_geometry(part, entry) for part in entry.parts),
             joint=_joint(entry),
+            inertia=entry.inertia_kg_m2,
+            center_of_mass_m=entry.center_of_mass_m or (0.0, 0.0, 0.0),
+            spin_friction_m=_spin_friction(entry),
         )
 
 
@@ -44,6 +47,11 @@ def rigid_wire(entry: WireTable) -> Wire:
     """Return a scenario's wire for the rigid scene."""
     with blamed_on(f"wire.{entry.name}"):
         return Wire(**{field.name: getattr(entry, field.name) for field in fields(entry)})
+
+
+def _spin_friction(entry: ObjectTable) -> tuple[float, float] | None:
+    torsional, rolling = entry.torsional_friction_m, entry.rolling_friction_m
+    return None if torsional is None and rolling is None else (torsional or 0.0, rolling or 0.0)
 
 
 def _joint(entry: ObjectTable) -> Joint | None:

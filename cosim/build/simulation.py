@@ -12,7 +12,7 @@ from cosim.base.frames import Array
 from cosim.build.arm_joints import check_joints
 from cosim.build.arms import placed_arm
 from cosim.build.blame import blamed_on
-from cosim.build.cells import cell_of
+from cosim.build.cells import cell_of, motion_of
 from cosim.build.decisions import contact_decision, decisions
 from cosim.build.engines_agree import check_engines_agree
 from cosim.build.expected_error import expected_error, expected_error_report, extension_report
@@ -29,7 +29,7 @@ from cosim.devices.device_names import device_names, device_report
 from cosim.devices.planned_commands import PlannedCommands
 from cosim.errors import ScenarioError, SceneError, SolverError
 from cosim.plan.arm_limits import PlannedArm
-from cosim.plan.arm_plan import asked_motion, check_base, checked_start, drawn_payload, planned_arm
+from cosim.plan.arm_plan import check_base, checked_start, drawn_payload, planned_arm
 from cosim.plan.decision import Decision
 from cosim.plan.path_clearances import check_clearances, path_clearances
 from cosim.plan.plan import JointPlanner, Plan, make_plan
@@ -109,13 +109,15 @@ def _arm(scenario: Scenario, trial: SoftSide, soft: SoftSide, before: Choices | 
         file = placed_arm(scenario.robot, scenario.arm_base)
         arm = Arm(file, gravity=scenario.gravity_m_s2)
     check_joints(scenario, arm)
+    cell = None if scenario.scene is None else cell_of(scenario.scene)
+    driven = motion_of(scenario, cell)
     description = SceneDescription(
         arm=file,
         tick_s=scenario.clock.tick_s,
         gravity=scenario.gravity_m_s2,
         objects=tuple(rigid_object(entry) for entry in scenario.objects),
         wires=tuple(rigid_wire(entry) for entry in scenario.wires),
-        cell=None if scenario.scene is None else cell_of(scenario.scene),
+        cell=cell,
         mounted=() if palm is None else (palm_object(palm),),
     )
     try:
@@ -134,13 +136,14 @@ def _arm(scenario: Scenario, trial: SoftSide, soft: SoftSide, before: Choices | 
     law = _contact_law(scenario) if contact.included else None
     if law is not None:
         check_base(scene, soft.body, arm.forward(plan.joints), law.smoothing_m)
-    carrier = ArmCarrier(arm, scene, soft, scenario.payload_compensation, law, mounted, scenario.coupling)
+    carrier = ArmCarrier(
+        arm, scene, soft, scenario.payload_compensation, law, mounted, scenario.coupling, driven
+    )
     travel = flange_travel(arm, plan, film_reach(soft.body, 0.0))
-    asked = asked_motion(plan, scene.tick_s)
-    clear = path_clearances(scene, asked, soft.body, scenario.plan, film_touches=contact.included)
+    clear = path_clearances(scene, plan, soft.body, scenario.plan, driven, film_touches=contact.included)
     check_clearances(clear, plan, scenario.plan)
     dynamic = scenario.mode == "dynamic"
-    planned = planned_arm(arm, scene.armature, plan, asked, payload, clear, dynamic=dynamic)
+    planned = planned_arm(arm, scene, plan, payload, clear, dynamic=dynamic)
     modelled = decisions(scenario, soft.body, plan, contact, travel)
     modelled += _range(scenario, plan, arm, touched=contact.included)
     return plan, carrier, modelled, planned

@@ -47,9 +47,8 @@ class AskedMotion:
 
 def planned_arm(
     arm: Arm,
-    rotors: Array,
+    scene: RigidScene,
     plan: Plan,
-    asked: AskedMotion,
     payload: Payload,
     clearances: PathClearances | None,
     *,
@@ -61,20 +60,20 @@ def planned_arm(
 
     Args:
         arm: kinematics and inverse dynamics.
-        rotors: (joints,) [kg m^2], their inertia.
+        scene: at its start.
         plan: of the run.
-        asked: of the joints, by that plan.
         payload: the soft robot in its drawn shape and what else is mounted.
         clearances: on that way; None where they are not looked at.
         dynamic: whether the motion takes time; positions and torques at rest otherwise.
     """
     limits, names = ArmLimits.of(arm), tuple(planned.phase.name for planned in plan.phases)
+    asked = asked_motion(plan, scene.tick_s)
     q, v, a = asked.joints.position, asked.joints.velocity, asked.joints.acceleration
     moving, still = np.zeros_like(q), np.zeros(arm.joint_count)
     for k in range(len(q)):
         timed = dynamic and not asked.jumps[k]
         moving[k] = arm.inverse_dynamics(
-            q[k], v[k] if timed else still, a[k] if timed else still, rotors, payload
+            q[k], v[k] if timed else still, a[k] if timed else still, scene.armature, payload
         )
     values = {"position": q, "velocity": v, "acceleration": a, "torque": moving}
     asked_for = values if dynamic else {"position": q, "torque": moving}

@@ -7,6 +7,7 @@ what both have moved since. A point at r in a body moves by |dx| + ||dR|| r at m
 from __future__ import annotations
 
 from collections.abc import Iterator
+from itertools import repeat
 from typing import TYPE_CHECKING, Final, final
 
 import numpy as np
@@ -17,18 +18,27 @@ from cosim.base.solid import Solid
 from cosim.config.schema.solver import PlanTable
 from cosim.errors import ScenarioError
 from cosim.plan.arm_limits import Nearest, PathClearances, Touch, with_touches
-from cosim.plan.arm_plan import AskedMotion
+from cosim.plan.arm_plan import asked_motion
+from cosim.plan.cell_motion import CellMotion
 from cosim.plan.plan import Plan, flange_key
+from cosim.plan.ramp import progress
 from cosim.soft.body.body import SoftBody
 
 if TYPE_CHECKING:
     from cosim.rigid.scene.scene import RigidScene
 
 SOFT_ROBOT: Final = "soft robot"
+_FEWEST: Final = 100  # instants of a phase in which a cell moves
 
 
 def path_clearances(
-    scene: RigidScene, asked: AskedMotion, body: SoftBody, settings: PlanTable, *, film_touches: bool
+    scene: RigidScene,
+    plan: Plan,
+    body: SoftBody,
+    settings: PlanTable,
+    cell: CellMotion | None = None,
+    *,
+    film_touches: bool,
 ) -> PathClearances | None:
     """Return how near to one another a planned way brings things; None where that is not asked for.
 
@@ -37,9 +47,10 @@ def path_clearances(
 
     Args:
         scene: with the arm and what is around it.
-        asked: of the joints.
+        plan: of the run.
         body: of the soft robot, on the flange.
         settings: of the plan.
+        cell: how its joints move; None where it has none.
         film_touches: whether the run models what the soft robot touches; it may then come as near as it does.
     """
     if settings.collision == "off":
@@ -54,9 +65,8 @@ def path_clearances(
     links, soft = (_Watch(solids, _pairs(chosen, found.others)) for chosen in (found.links, carried))
     touches: tuple[Touch, ...] = ()
     bound = settings.clearance_m
-    for k in range(len(asked.time_s)):
-        places = scene.dynamics.places(asked.joints.position[k])
-        when = float(asked.time_s[k]), int(asked.phase[k])
+    for time_s, phase, joints, moved in _instants(plan, scene.tick_s, cell):
+        places, when = scene.dynamics.places(joints, moved), (time_s, phase)
         near = [*among.nearer_than(0.0, *places, *when), *links.nearer_than(bound, *places, *when)]
         hit = list(soft.nearer_than(bound, *places, *when))
         touches = with_touches(touches, near if film_touches else near + hit, *when)
@@ -80,6 +90,25 @@ def check_clearances(clearances: PathClearances | None, plan: Plan, settings: Pl
         f"{first.text(names)}{more}; lead the flange around it, move what is in the way, or run all the same "
         "with plan.collision = 'warn'",
     )
+
+
+def _instants(
+    plan: Plan, tick_s: float, cell: CellMotion | None
+) -> Iterator[tuple[float, int, Array, Array | None]]:
+    """Yield time, phase, joints of the arm and those of the cell, close enough together to miss nothing."""
+    if cell is None:
+        asked = asked_motion(plan, tick_s)
+        yield from zip(asked.time_s.tolist(), asked.phase.tolist(), asked.joints.position, repeat(None))
+        return
+    began_s = 0.0
+    for index, planned in enumerate(plan.phases):
+        phase, path = planned.phase, planned.joints
+        length_s = phase.duration_s + phase.settle_s
+        count = max(_FEWEST, 0 if path.spline is None else 2 * len(path.spline.x))
+        for time_s in np.linspace(0.0, length_s, count).tolist():
+            joints = path.at(progress(phase.ramp, time_s, phase.duration_s)).position
+            yield began_s + time_s, index, joints, cell.at(index, time_s)[0]
+        began_s += length_s
 
 
 def _pairs(ones: IntArray, others: IntArray) -> IntArray:

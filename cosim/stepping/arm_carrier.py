@@ -29,6 +29,7 @@ from cosim.coupling.soft_sides.soft_side import SoftSide
 from cosim.errors import InputError, SolverError
 from cosim.kinematics.arm import Arm, Payload
 from cosim.kinematics.inertial_parameters import COUNT, inertial_parameters
+from cosim.plan.cell_motion import CellMotion
 from cosim.plan.joint_path import JointReference
 from cosim.rigid.scene.scene import RigidScene
 from cosim.rigid.scene.state import RigidState
@@ -68,6 +69,7 @@ class ArmCarrier(Carrier):
         mounted: rigid mass on the flange besides the soft robot, flange frame; None for none.
         contact: law of the soft robot's contact with the scene; None for no contact.
         exchange: scheme in which both sides exchange their loads.
+        cell: how the joints of the cell move; None where it has none.
     """
 
     def __init__(
@@ -79,8 +81,9 @@ class ArmCarrier(Carrier):
         contact: ContactLaw | None = None,
         mounted: MassProperties | None = None,
         exchange: CouplingTable | None = None,
+        cell: CellMotion | None = None,
     ) -> None:
-        self._arm, self._scene, self._soft = arm, scene, soft
+        self._arm, self._scene, self._soft, self._cell = arm, scene, soft, cell
         self._compensation = payload_compensation
         self._contact_law, self._mounted = contact, mounted
         self._exchange = exchange or CouplingTable()
@@ -183,6 +186,10 @@ class ArmCarrier(Carrier):
             return None
         query = scene.contact_query(fixed_only=True)
         return ContactExchange(query, scene.bodies, self._soft.contact_surface(), law).still
+
+    def drive_cell(self, phase: int, time_s: float) -> None:
+        if self._cell is not None:
+            self._scene.cell.aim(*self._cell.at(phase, time_s))
 
     def couple(self, wrench: Wrench) -> None:
         scene, soft, law = self._scene, self._soft, self._contact_law

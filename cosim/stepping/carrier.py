@@ -145,6 +145,10 @@ class Carrier(ABC):
         return None
 
     @abstractmethod
+    def drive_cell(self, phase: int, time_s: float) -> None:
+        """Set where the cell's joints are at the end of the tick to come, that long after a phase began."""
+
+    @abstractmethod
     def couple(self, wrench: Wrench) -> None:
         """Begin a lockstep run; `wrench` acts on the flange at its start."""
 
@@ -246,6 +250,9 @@ class HeldBase(Carrier):
 
     def relax_under(self, reference: Array, wrench: Wrench) -> bool:
         return False
+
+    def drive_cell(self, phase: int, time_s: float) -> None:
+        pass
 
     def couple(self, wrench: Wrench) -> None:
         self._wrench = wrench

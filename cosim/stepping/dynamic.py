@@ -81,6 +81,7 @@ class DynamicSimulation(SteppedRun):
         begin_s = Clock(tick_s, to.tick).time_s - tick_s
         command = parts.command(StepToTake(to.phase, to.done, begin_s, tick_s))
         loads = parts.loads(command.soft)
+        parts.carrier.drive_cell(to.phase, to.done * tick_s)
         ledger = parts.carrier.tick(command.joints, loads)
         return self._shown(command.joints.position, loads, ledger, to, began)
 

@@ -20,6 +20,7 @@ SAVED_OTHERWISE = {
     "Arm": "the payload in its model is set anew for every payload",
     "BatchStepper": "worked out anew from the phase; nothing is saved while a tick is half done",
     "Bodies": "by RigidScene",
+    "CellDrives": "where its joints are to be next, told anew before every step",
     "ChainSolver": "workspace, and what it keeps by pressure and loads",
     "ChainStepper": "the flange's frame, for the kernel",
     "ContactQuery": "poses, read anew for every search",

@@ -115,7 +115,7 @@ def test_pairs_that_are_passed_over_are_no_nearer(tmp_path: Path) -> None:
     simulation = build(load_scenario(written(tmp_path, place=[0.05, 0.35, 0.57])))
     parts = simulation._parts
     scene, asked = parts.carrier._scene, asked_motion(parts.plan, 0.002)
-    quick = path_clearances(scene, asked, parts.soft.body, PlanTable(), film_touches=True)
+    quick = path_clearances(scene, parts.plan, parts.soft.body, PlanTable(), film_touches=True)
     assert quick is not None
     assert quick.links is not None
     found = scene.links.solids()

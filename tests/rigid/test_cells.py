@@ -168,7 +168,16 @@ def test_the_cell_counts_among_what_a_run_was_loaded_from(tmp_path: Path) -> Non
 
 
 WRONG = {
-    "moves": ('name="post" pos="-0.1 0.05 0.25">', 'name="post"><joint/>', "'post'.* a joint; .*object"),
+    "moves": (
+        'name="post" pos="-0.1 0.05 0.25">',
+        'name="post"><joint type="ball"/>',
+        "joint 'post' is of type 'ball'; .*object",
+    ),
+    "two of a name": (
+        'name="post" pos="-0.1 0.05 0.25">',
+        'name="post"><joint type="hinge"/><joint type="slide"/>',
+        "two joints are called 'post'",
+    ),
     "no MJCF": (CELL, "<robot/>", "is no MJCF"),
     "no XML": ("</mujoco>", "", "is not XML"),
     "unknown": ("<option", "<optoin", "MuJoCo refuses it: .*optoin"),

@@ -110,12 +110,29 @@ def check_object(entry: ObjectTable, path: str, faults: Faults) -> None:
     with faults:
         if entry.shape is None and not entry.parts:
             raise ScenarioError(path, "give a shape, or [[object.part]] tables; neither is given")
+    with faults:
+        _check_inertia(entry, path)
     solids: list[tuple[str, ObjectTable | SolidTable]] = [(path, entry)]
     solids += [(f"{path}.part.{k}", part) for k, part in enumerate(entry.parts, start=1)]
     for where, solid in solids:
         for check in (_check_size, _check_mesh):
             with faults:
                 check(solid, where)
+
+
+def _check_inertia(entry: ObjectTable, path: str) -> None:
+    inertia = entry.inertia_kg_m2
+    if inertia is None:
+        if entry.center_of_mass_m is not None:
+            raise ScenarioError(f"{path}.center_of_mass_m", "goes with inertia_kg_m2; none is given")
+        return
+    if entry.mass_kg is None:
+        raise ScenarioError(f"{path}.mass_kg", "is missing; what has inertia_kg_m2 needs mass")
+    if 2.0 * max(inertia) > sum(inertia):
+        raise ScenarioError(
+            f"{path}.inertia_kg_m2",
+            f"{list(inertia)} is of no body: the largest must not be above the sum of the other two",
+        )
 
 
 def _check_size(entry: ObjectTable | SolidTable, path: str) -> None:

@@ -8,6 +8,7 @@ from typing import Final, Protocol
 from cosim.base.resources import list_arms
 from cosim.config.arms.arm_files import is_arm_path, unknown_arm
 from cosim.config.rules.body_source_rules import check_source
+from cosim.config.rules.cell_rules import check_cell
 from cosim.config.rules.device_rules import check_devices
 from cosim.config.rules.fidelity_rules import check_fidelity
 from cosim.config.rules.gas_rules import check_gas
@@ -65,7 +66,7 @@ def check_scenario(scenario: Scenario, faults: Faults) -> None:
         for phase in scenario.phases:
             with faults:
                 _check_phase(phase, scenario, f"phase.{phase.name}", faults)
-    for check in (check_sizes, check_holding, check_fidelity, check_gas, check_devices):
+    for check in (check_sizes, check_holding, check_cell, check_fidelity, check_gas, check_devices):
         with faults:
             check(scenario, faults)
 

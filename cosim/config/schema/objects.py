@@ -129,7 +129,13 @@ class ObjectTable:
         convex: of a mesh, see the module's text.
         quaternion: (w, x, y, z), world from object; normalised on use.
         mass_kg: of all its solids together; omitted = fixed to the world.
+        inertia_kg_m2: about the centre of mass, along the object's axes; omitted = that of its solids. Needs
+            mass_kg.
+        center_of_mass_m: in the object's frame, together with inertia_kg_m2.
         friction: coefficient of sliding.
+        torsional_friction_m: of turning on the spot, torque by normal force; of the two that touch the larger
+            counts. Film has none of its own.
+        rolling_friction_m: of rolling, the same.
         hinge: that it hangs on; needs mass_kg.
         slide: the same; an object has one of them, or none.
         parts: `[[object.part]]` in the file.
@@ -144,8 +150,12 @@ class ObjectTable:
     convex: bool = True
     quaternion: Quaternion = STANDING_STILL
     mass_kg: Positive | None = None
+    inertia_kg_m2: tuple[Positive, Positive, Positive] | None = None
+    center_of_mass_m: Vector3 | None = None
     rgba: Colour = GREY
     friction: NonNegative = 0.8
+    torsional_friction_m: NonNegative | None = None
+    rolling_friction_m: NonNegative | None = None
     hinge: HingeJointTable | None = None
     slide: SlideJointTable | None = None
     parts: tuple[SolidTable, ...] = field(default=(), metadata={"alias": "part"})
@@ -157,8 +167,9 @@ class SceneTable:
     """What stands around the arm besides objects.
 
     Args:
-        mjcf: MuJoCo's own format, ends in .xml; relative to the scenario file. Nothing in it may move. A
-            plane of it takes the floor's place, its options are left out.
+        mjcf: MuJoCo's own format, ends in .xml; relative to the scenario file. What slides in it, or turns
+            about a hinge, is driven by the phases, and moves as they say whatever pushes it. A plane of it
+            takes the floor's place, its options are left out.
     """
 
     mjcf: Text

@@ -172,6 +172,12 @@ class PhaseTable:
         flange_turn: relative rotation; may be combined with `flange_shift_m`.
         flange_shift_m: relative displacement, world axes.
         flange_shake: a swing on top of `flange_turn` and `flange_shift_m`.
+        cell_shift_m: place of slides of the cell at the end of the ramp, by joint; 0 is where its file has
+            them.
+        cell_angle_rad: the same of its hinges.
+        cell_speed_m_s: of slides of the cell from the start of the phase on, by joint, such as a conveyor; it
+            stays until a phase gives another speed, or a place.
+        cell_speed_rad_s: the same of its hinges.
         release: rings let go when the phase starts, before anything else is held.
         clamp: rings held rigidly to the flange from here on, as they are when the phase starts.
         supports: `[[phase.support]]` in the file; held from here on, besides what is held already.
@@ -198,6 +204,10 @@ class PhaseTable:
     flange_turn: FlangeTurnTable | None = None
     flange_shift_m: Vector3 | None = None
     flange_shake: FlangeShakeTable | None = None
+    cell_shift_m: Mapping[str, float] | None = None
+    cell_angle_rad: Mapping[str, float] | None = None
+    cell_speed_m_s: Mapping[str, float] | None = None
+    cell_speed_rad_s: Mapping[str, float] | None = None
     release: tuple[str, ...] = ()
     clamp: tuple[str, ...] = ()
     supports: tuple[SupportTable, ...] = field(default=(), metadata={"alias": "support"})

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 import xml.etree.ElementTree as ElementTree
+from collections import Counter
 from pathlib import Path
 from typing import Final
 
@@ -11,14 +13,12 @@ import numpy as np
 
 from cosim.config.arms.robot_tree import read_text
 from cosim.errors import InputError
-from cosim.rigid.build.cell import Cell
+from cosim.rigid.build.cell import CELL, Cell, CellJoint
 from cosim.rigid.build.description import VISUAL_GROUP
 from cosim.rigid.build.mjcf_files import named_files
 from cosim.rigid.build.object_bodies import OBJECT_CONTACT
+from cosim.rigid.scene.cell_drives import ROTOR
 from cosim.rigid.scene.warnings import silence_warning_file
-
-CELL: Final = "cell"
-"""Body that carries the world of the cell; names of its own are behind it and a slash."""
 
 _TOUCHABLE: Final = (
     mujoco.mjtGeom.mjGEOM_PLANE, mujoco.mjtGeom.mjGEOM_BOX, mujoco.mjtGeom.mjGEOM_SPHERE,
@@ -27,20 +27,18 @@ _TOUCHABLE: Final = (
 )  # fmt: skip
 _FIRST_HIDDEN_GROUP: Final = 3  # MuJoCo shows groups 0, 1 and 2
 _HIDDEN_GROUP: Final = 4
+_DRIVEN: Final = (mujoco.mjtJoint.mjJNT_SLIDE, mujoco.mjtJoint.mjJNT_HINGE)
 
 
 def read_cell(path: Path) -> Cell:
     """Return the cell of an MJCF file.
 
     Raises:
-        InputError: MuJoCo refuses the file, something in it moves or is soft, or a shape cannot be touched.
+        InputError: MuJoCo refuses the file, something in it moves freely or is soft, or a shape cannot be
+            touched.
     """
     spec, model = _compiled(path)
-    if model.njnt:
-        body = model.body(int(model.jnt_bodyid[0])).name or f"number {int(model.jnt_bodyid[0])}"
-        raise InputError(
-            f"cell file {path}: body {body!r} has a joint; a cell stands still, give what moves as [[object]]"
-        )
+    joints = _joints(path, model)
     if model.nflex or model.nskin:
         raise InputError(f"cell file {path}: holds flexes or skins; a cell is rigid")
     collides = (model.geom_contype | model.geom_conaffinity) != 0
@@ -54,7 +52,7 @@ def read_cell(path: Path) -> Cell:
             )
     planes = collides & (model.geom_type == mujoco.mjtGeom.mjGEOM_PLANE)
     files = (path, *named_files(path))
-    return Cell(path, spec, files, int(collides.sum()), bool(planes.any()), _asked_otherwise(spec))
+    return Cell(path, spec, files, int(collides.sum()), bool(planes.any()), joints, _asked_otherwise(spec))
 
 
 def attach_cell(spec: mujoco.MjSpec, cell: Cell) -> None:
@@ -65,8 +63,12 @@ def attach_cell(spec: mujoco.MjSpec, cell: Cell) -> None:
         cell: to add, in world axes.
     """
     added = cell.spec.copy()
-    for element in (*added.keys, *added.sensors, *added.actuators, *added.tendons, *added.cameras):
+    others = (*added.keys, *added.sensors, *added.actuators, *added.tendons, *added.cameras)
+    for element in (*others, *added.equalities):
         added.delete(element)
+    for joint, known in zip(added.joints, cell.joints, strict=True):
+        joint.name, joint.limited, joint.armature, joint.ref = known.name, False, ROTOR, 0.0
+        joint.stiffness, joint.damping, joint.frictionloss = [0.0] * 3, [0.0] * 3, 0.0
     for name in _options(spec):
         setattr(added.option, name, getattr(spec.option, name))
     added.nuser_geom = spec.nuser_geom
@@ -79,6 +81,29 @@ def attach_cell(spec: mujoco.MjSpec, cell: Cell) -> None:
             geom.contype, geom.conaffinity = OBJECT_CONTACT
     carrier = spec.worldbody.add_body(name=CELL)
     spec.attach(added, prefix=f"{CELL}/", frame=carrier.add_frame())
+
+
+def _joints(path: Path, model: mujoco.MjModel) -> tuple[CellJoint, ...]:
+    """Return the joints that drives move."""
+    found = []
+    for joint in range(model.njnt):
+        body = int(model.jnt_bodyid[joint])
+        name = model.joint(joint).name or model.body(body).name or f"joint_{joint + 1}"
+        if mujoco.mjtJoint(model.jnt_type[joint]) not in _DRIVEN:
+            kind = mujoco.mjtJoint(model.jnt_type[joint]).name.removeprefix("mjJNT_").lower()
+            raise InputError(
+                f"cell file {path}: joint {name!r} is of type {kind!r}; what a cell moves slides or turns "
+                "about a hinge, driven by the phases; give what moves freely as [[object]]"
+            )
+        limits = (-math.inf, math.inf)
+        if model.jnt_limited[joint]:
+            low, high = (model.jnt_range[joint] - model.qpos0[model.jnt_qposadr[joint]]).tolist()
+            limits = (low, high)
+        found.append(CellJoint(name, bool(model.jnt_type[joint] == _DRIVEN[0]), limits))
+    twice = [name for name, count in Counter(joint.name for joint in found).items() if count > 1]
+    if twice:
+        raise InputError(f"cell file {path}: two joints are called {twice[0]!r}; give each a name of its own")
+    return tuple(found)
 
 
 def _compiled(path: Path) -> tuple[mujoco.MjSpec, mujoco.MjModel]:

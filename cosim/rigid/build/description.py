@@ -32,6 +32,9 @@ class SceneObject:
         mass_kg: 0 for an object that stands still; parts share it by volume times relative density.
         rgba: colour, components 0 to 1.
         friction: sliding friction coefficient.
+        inertia: (3,) [kg m^2], about the centre of mass, body axes; None: that of its solids.
+        center_of_mass_m: (3,), body frame, where `inertia` is given.
+        spin_friction_m: torsional and rolling friction, torque by normal force; None: MuJoCo knows none.
         mesh: of shape "mesh", see `Geometry`.
         convex: of shape "mesh", see `Geometry`.
         parts: further solids on the same body; they may overlap.
@@ -53,6 +56,9 @@ class SceneObject:
     convex: bool = True
     parts: tuple[Geometry, ...] = ()
     joint: Joint | None = None
+    inertia: tuple[float, float, float] | None = None
+    center_of_mass_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    spin_friction_m: tuple[float, float] | None = None
 
     def __post_init__(self) -> None:
         where = f"object {self.name!r}"

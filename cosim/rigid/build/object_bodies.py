@@ -23,6 +23,8 @@ _GEOM_TYPES = {
 }
 _ROUND = ("sphere", "cylinder", "capsule")  # given by their radius, not by their diameter
 HARD = [0.9999, 0.9999, 0.001, 0.5, 2.0]  # of a constraint that hardly gives way; 1 would be rigid
+_SPIN_FRICTION_M = (0.005, 0.0001)  # MuJoCo's own, which contacts of three dimensions do not ask for
+_SPIN_CONTACT = 6  # dimensions of a contact that withstands sliding, turning and rolling
 _HOLLOW = 1.0  # user value of a geom whose surface, not its hull, soft robots touch
 
 
@@ -71,6 +73,9 @@ def add_object(
         # Otherwise MuJoCo ignores later edits of the body's armature.
         body.simple = 0
     add_geometries(spec, body, item)
+    if item.inertia is not None:
+        body.explicitinertial, body.mass = True, item.mass_kg
+        body.ipos, body.inertia = item.center_of_mass_m, item.inertia
 
 
 def add_mounted(
@@ -119,7 +124,9 @@ def add_geometries(spec: mujoco.MjSpec, body: mujoco.MjsBody, item: SceneObject)
             geom.userdata = [0.0 if solid.convex else _HOLLOW]
         geom.group = VISUAL_GROUP
         geom.contype, geom.conaffinity = OBJECT_CONTACT
-        geom.friction = [solid.friction, 0.005, 0.0001]
+        geom.friction = [solid.friction, *(item.spin_friction_m or _SPIN_FRICTION_M)]
+        if item.spin_friction_m is not None:
+            geom.condim = _SPIN_CONTACT
         if item.mass_kg > 0.0:
             geom.mass = item.mass_kg * weight[k] / sum(weight)
 

@@ -8,7 +8,7 @@ from typing import final
 import mujoco
 import numpy as np
 
-from cosim.base.frames import Array, Pose
+from cosim.base.frames import Array, IntArray, Pose
 from cosim.rigid.scene.layout import ArmLayout
 
 
@@ -38,10 +38,13 @@ class ArmDynamics:
         model: of the scene.
         scratch: a state of it that is overwritten.
         layout: of the arm.
+        driven: (d,) places of the cell's joints in the state.
     """
 
-    def __init__(self, model: mujoco.MjModel, scratch: mujoco.MjData, layout: ArmLayout) -> None:
-        self._model, self._scratch, self._layout = model, scratch, layout
+    def __init__(
+        self, model: mujoco.MjModel, scratch: mujoco.MjData, layout: ArmLayout, driven: IntArray
+    ) -> None:
+        self._model, self._scratch, self._layout, self._driven = model, scratch, layout, driven
 
     @property
     def limits(self) -> tuple[Array, Array]:
@@ -50,14 +53,16 @@ class ArmDynamics:
         bounded, between = self._model.jnt_limited[joints] != 0, self._model.jnt_range[joints]
         return np.where(bounded, between[:, 0], -np.inf), np.where(bounded, between[:, 1], np.inf)
 
-    def places(self, joints: Array) -> tuple[Array, Array]:
+    def places(self, joints: Array, cell: Array | None = None) -> tuple[Array, Array]:
         """Return where bodies are (bodies, 3) [m], world, and their axes (bodies, 3, 3), world from body.
 
         Args:
             joints: (joints,) [rad]; objects stay where they are.
+            cell: (d,) [m] or [rad], where its joints are; as in its file unless given.
         """
         model, data = self._model, self._scratch
         data.qpos[self._layout.positions] = joints
+        data.qpos[self._driven] = 0.0 if cell is None else cell
         mujoco.mj_kinematics(model, data)
         return data.xpos.copy(), data.xmat.reshape(-1, 3, 3).copy()
 

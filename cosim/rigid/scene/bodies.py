@@ -21,14 +21,16 @@ class Bodies:
         model: compiled scene.
         data: its state.
         arm: degrees of freedom of the arm's joints.
+        driven: (bodies,), which no load moves though they have joints.
     """
 
-    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, arm: slice) -> None:
+    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, arm: slice, driven: Mask) -> None:
         self._model, self._data = model, data
         joints = np.flatnonzero(model.jnt_type == mujoco.mjtJoint.mjJNT_FREE)
         self.free: IntArray = np.asarray(model.jnt_bodyid[joints], dtype=np.int64)
         self._dofs = model.jnt_dofadr[joints][:, None] + np.arange(6)
-        self._on_joints: Mask = model.body_weldid != 0
+        self._movable: Mask = (model.body_weldid != 0) & ~driven
+        self._on_joints: Mask = self._movable.copy()
         self._on_joints[self.free] = False
         self.loaded: IntArray = np.zeros(0, np.int64)
         self._own_armature = model.dof_armature[self._dofs].copy()
@@ -44,8 +46,8 @@ class Bodies:
         return tuple(self._model.body(int(body)).name for body in bodies)
 
     def movable(self, bodies: IntArray) -> Mask:
-        """Return which of bodies (b,) have a joint between them and the world (b,) bool."""
-        return np.asarray(self._model.body_weldid[bodies] != 0)
+        """Return which of bodies (b,) loads can move (b,) bool."""
+        return np.asarray(self._movable[bodies])
 
     def centers(self, bodies: IntArray) -> Array:
         """Return where the centres of mass of bodies (b,) are (b, 3) [m], world."""

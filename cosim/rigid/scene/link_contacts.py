@@ -31,10 +31,12 @@ class LinkContacts:
         model: compiled scene.
         data: its state.
         layout: of the arm in the model.
+        driven: (bodies,), which no load moves though they have joints.
     """
 
-    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, layout: ArmLayout) -> None:
+    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, layout: ArmLayout, driven: Mask) -> None:
         self._scene, self._live, self._layout = model, data, layout
+        self._movable = (model.body_weldid != 0) & ~driven
         self._model = own = copy.copy(model)
         on_arm = own.body_rootid == own.body_rootid[layout.mount]
         links = on_arm & ~_below(own, layout.mount)
@@ -102,14 +104,14 @@ class LinkContacts:
 
     def solids(self) -> SceneSolids:
         """Return the solids between which the contacts are searched for."""
-        return scene_solids(self._scene, self._layout, self._of_links, self._joined)
+        return scene_solids(self._scene, self._layout, self._of_links, self._joined, self._movable)
 
     def with_objects(self) -> tuple[LinkContact, ...]:
         """Return which links touch floor or objects in the scene's present state; hardly costs anything."""
         return self._read(self._live) if self._live.ncon else ()
 
     def _read(self, data: mujoco.MjData) -> tuple[LinkContact, ...]:
-        is_link, weld = self._is_link, self._model.body_weldid
+        is_link, movable = self._is_link, self._movable
         deepest: dict[tuple[int, int], float] = {}
         pairs = self._model.geom_bodyid[data.contact.geom].tolist()
         for (a, b), distance in zip(pairs, data.contact.dist.tolist(), strict=True):
@@ -118,7 +120,7 @@ class LinkContacts:
                 deepest[link, other] = max(-distance, deepest.get((link, other), 0.0))
         return tuple(
             LinkContact(
-                self._names[link], self._names[other], depth, bool(weld[other] != 0 and not is_link[other])
+                self._names[link], self._names[other], depth, bool(movable[other] and not is_link[other])
             )
             for (link, other), depth in deepest.items()
         )

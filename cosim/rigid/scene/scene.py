@@ -25,6 +25,7 @@ from cosim.rigid.build.drawn_shapes import body_shapes
 from cosim.rigid.distance.contact_query import ContactQuery
 from cosim.rigid.scene.arm_dynamics import ArmDynamics
 from cosim.rigid.scene.bodies import Bodies, touchable_geoms
+from cosim.rigid.scene.cell_drives import CellDrives
 from cosim.rigid.scene.flange import Flange
 from cosim.rigid.scene.layout import ArmLayout, effort_limit
 from cosim.rigid.scene.link_contacts import LinkContacts
@@ -74,9 +75,10 @@ class RigidScene:
         self._tick_s = float(self._model.opt.timestep)
         self._step_damping = self._tick_s * self._model.dof_damping
         self._step_damping[self._v] += self._tick_s * self.servo_damping
-        self.bodies = Bodies(self._model, self._data, layout.dofs)
-        self.links = LinkContacts(self._model, self._data, layout)
-        self.dynamics = ArmDynamics(self._model, self._scratch, layout)
+        self.cell = CellDrives(self._model, self._data)
+        self.bodies = Bodies(self._model, self._data, layout.dofs, self.cell.bodies)
+        self.links = LinkContacts(self._model, self._data, layout, self.cell.bodies)
+        self.dynamics = ArmDynamics(self._model, self._scratch, layout, self.cell.places)
         self.set_joint_state(description.arm.home)
         self.set_control(description.arm.home)
 
@@ -211,6 +213,7 @@ class RigidScene:
         # Site axes still belong to the instant of the reading until `begin_step`.
         self.flange.read_sensor()
         self.check()
+        self.cell.arrive()
 
     def check(self) -> None:
         """Raise InstabilityError where MuJoCo has warned: the state is no longer finite."""
@@ -219,6 +222,8 @@ class RigidScene:
 
     def native(self) -> NativeScene | None:
         """Return the scene for kernels that step it themselves; None where that is not possible."""
+        if self.cell.names:
+            return None
         return native_scene(self._model, self._data, self._layout)
 
     def mobility(self, bodies: IntArray | None = None) -> Array:

@@ -41,7 +41,7 @@ class SceneSolids:
 
 
 def scene_solids(
-    model: mujoco.MjModel, layout: ArmLayout, of_links: Mask, joined: frozenset[frozenset[int]]
+    model: mujoco.MjModel, layout: ArmLayout, of_links: Mask, joined: frozenset[frozenset[int]], movable: Mask
 ) -> SceneSolids:
     """Return the solids of a scene.
 
@@ -50,11 +50,12 @@ def scene_solids(
         layout: of the arm in the model.
         of_links: (bodies,), which are links of the arm.
         joined: pairs of bodies that do not count as touching.
+        movable: (bodies,), which loads can move.
     """
     body, weld = model.geom_bodyid, model.body_weldid
     on_arm = model.body_rootid[body] == model.body_rootid[layout.mount]
     collides = (model.geom_contype | model.geom_conaffinity) != 0
-    geoms = np.flatnonzero(collides & (on_arm | (weld[body] == 0)))
+    geoms = np.flatnonzero(collides & (on_arm | ~movable[body]))
     solids = tuple(_solid(model, int(geom)) for geom in geoms)
     link, arm, moves = of_links[body[geoms]], on_arm[geoms], weld[body[geoms]] != 0
     pairs = [

@@ -1,0 +1,128 @@
+"""Where the joints of a cell are asked to be through the phases."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final, Literal, final
+
+import numpy as np
+
+from cosim.base.frames import Array
+from cosim.config.rules.cell_rules import CELL_KEYS
+from cosim.config.schema.phase import PhaseTable
+from cosim.config.toml.suggestions import unknown_name_message
+from cosim.errors import ScenarioError
+from cosim.plan.ramp import progress
+
+if TYPE_CHECKING:  # a scene without an arm does not wait for MuJoCo
+    from cosim.rigid.build.cell import CellJoint
+
+_SLIDING: Final = ("cell_shift_m", "cell_speed_m_s")
+
+
+@final
+@dataclass(frozen=True)
+class _Stretch:
+    """A joint through a phase: a ramp to a place, or an even speed; the other is zero.
+
+    Args:
+        begin: [m] or [rad].
+        change: over the ramp [m] or [rad].
+        speed: [m/s] or [rad/s].
+        ramp: of the phase.
+        ramp_s: its length.
+    """
+
+    begin: float
+    change: float
+    speed: float
+    ramp: Literal["smooth", "linear", "step"]
+    ramp_s: float
+
+    def at(self, time_s: float) -> tuple[float, float]:
+        """Return place and speed."""
+        now = progress(self.ramp, time_s, self.ramp_s)
+        return self.begin + self.change * now.value + self.speed * time_s, self.change * now.rate + self.speed
+
+
+@final
+@dataclass(frozen=True)
+class CellMotion:
+    """The joints of a cell through a run.
+
+    Args:
+        stretches: by phase and joint.
+    """
+
+    stretches: tuple[tuple[_Stretch, ...], ...]
+
+    def at(self, phase: int, time_s: float) -> tuple[Array, Array]:
+        """Return places (joints,) [m] or [rad] and speeds (joints,) some time after a phase began."""
+        found = [stretch.at(time_s) for stretch in self.stretches[phase]]
+        return np.array([place for place, _ in found]), np.array([speed for _, speed in found])
+
+
+def cell_motion(
+    phases: Sequence[PhaseTable], joints: Sequence[CellJoint], lengths_s: Sequence[float]
+) -> CellMotion:
+    """Return how phases drive the joints of a cell: a place or a speed stays what it is until it is changed.
+
+    Args:
+        phases: of the scenario.
+        joints: of the cell.
+        lengths_s: of the phases, in whole ticks.
+
+    Raises:
+        ScenarioError: there is no such joint, it slides where it is to turn, or it would leave its limits.
+    """
+    places, speeds = [0.0] * len(joints), [0.0] * len(joints)
+    rows = []
+    for phase, length_s in zip(phases, lengths_s, strict=True):
+        _check_names(phase, joints)
+        row = []
+        for k, joint in enumerate(joints):
+            to, speed = _asked(phase, joint)
+            if to is not None:
+                speeds[k] = 0.0
+            elif speed is not None:
+                speeds[k] = speed
+            change = 0.0 if to is None else to - places[k]
+            row.append(_Stretch(places[k], change, speeds[k], phase.ramp, phase.duration_s))
+            places[k] = row[-1].at(max(length_s, phase.duration_s))[0]
+            _check_limits(phase, joint, places[k])
+        rows.append(tuple(row))
+    return CellMotion(tuple(rows))
+
+
+def _asked(phase: PhaseTable, joint: CellJoint) -> tuple[float | None, float | None]:
+    """Return the place and the speed that a phase asks of a joint."""
+    places, speeds = phase.cell_angle_rad, phase.cell_speed_rad_s
+    if joint.slides:
+        places, speeds = phase.cell_shift_m, phase.cell_speed_m_s
+    return (places or {}).get(joint.name), (speeds or {}).get(joint.name)
+
+
+def _check_names(phase: PhaseTable, joints: Sequence[CellJoint]) -> None:
+    named: set[str] = set()
+    for key in CELL_KEYS:
+        fitting = tuple(joint.name for joint in joints if joint.slides == (key in _SLIDING))
+        for name in getattr(phase, key) or {}:
+            where = f"phase.{phase.name}.{key}.{name}"
+            if name not in fitting:
+                kind = "slide of the cell" if key in _SLIDING else "hinge of the cell"
+                raise ScenarioError(where, unknown_name_message(kind, name, fitting))
+            if name in named:
+                raise ScenarioError(where, "is given a place and a speed in one phase; one of them drives it")
+            named.add(name)
+
+
+def _check_limits(phase: PhaseTable, joint: CellJoint, place: float) -> None:
+    low, high = joint.limits
+    if not low <= place <= high:
+        unit = "m" if joint.slides else "rad"
+        keys = [key for key in CELL_KEYS if joint.name in (getattr(phase, key) or {})]
+        where = f"phase.{phase.name}.{keys[0]}.{joint.name}" if keys else f"phase.{phase.name}"
+        raise ScenarioError(
+            where, f"takes the cell's joint to {place:g} {unit}; its range is {low:g} to {high:g} {unit}"
+        )
