@@ -54,6 +54,15 @@ def test_every_link_of_a_document_leads_somewhere(page: Path) -> None:
         assert (page.parent / target).exists(), f"{page.name} points to {target}"
 
 
+def test_every_page_stands_in_the_index() -> None:
+    docs = ROOT / "docs"
+    index = (docs / "index.md").read_text(encoding="utf-8")
+    listed = re.findall(r"^([\w-]+)$", index, re.MULTILINE)
+    pages = {page.stem for page in docs.glob("*") if page.suffix in (".md", ".ipynb")} - {"index"}
+    assert pages == set(listed), "put the page under a caption of docs/index.md"
+    assert len(listed) == len(set(listed))
+
+
 def test_the_citation_has_the_packages_version() -> None:
     text = (ROOT / "CITATION.cff").read_text(encoding="utf-8")
     assert re.search(rf"^version: {re.escape(cosim.__version__)}$", text, re.MULTILINE)

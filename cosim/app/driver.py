@@ -246,11 +246,13 @@ def recorded(scenario: Scenario, stage: RunInfo) -> Iterator[Observe]:
             recorder.close("", "completed")
 
 
-def rerun_recorder(path: Path, settings: RecordingTable, part: RecordingPart) -> Recorder:
-    """Return the recorder that writes a Rerun recording."""
+def rerun_recorder(
+    path: Path, settings: RecordingTable, part: RecordingPart, viewer: str | None = None
+) -> Recorder:
+    """Return the recorder that writes a Rerun recording, and shows it in a viewer at an address."""
     from cosim.recording.rerun_recorder import RerunRecorder
 
-    return RerunRecorder(path, frames_per_s=settings.frames_per_s, part=part)
+    return RerunRecorder(path, frames_per_s=settings.frames_per_s, part=part, viewer=viewer)
 
 
 def drive(

@@ -20,8 +20,7 @@ def parser() -> argparse.ArgumentParser:
     _add_run(commands)
     listed = commands.add_parser("list", help="list the scenarios and the questions they answer, or the arms")
     listed.add_argument("kind", nargs="?", choices=("scenarios", "arms"), default="scenarios")
-    view = commands.add_parser("view", help="open the recording of a run")
-    view.add_argument("directory", metavar="DIR", type=Path, help="directory of a run, or a .rrd file")
+    _add_view(commands)
     _add_files(commands)
     _add_export(commands)
     verify = commands.add_parser("verify", help="check the soft model against known answers")
@@ -39,6 +38,21 @@ def parser() -> argparse.ArgumentParser:
             help="make kinds of your own known: a module, or a .py file; may be repeated",
         )
     return made
+
+
+def _add_view(commands: Any) -> None:
+    view = commands.add_parser("view", help="open the recording of a run")
+    video = commands.add_parser("video", help="make a video of a recording; needs no display")
+    for command in (view, video):
+        command.add_argument("directory", metavar="DIR", type=Path, help="directory of a run, or a .rrd file")
+    view.add_argument("--web", action="store_true", help="in a browser on this machine, until Ctrl-C")
+    video.add_argument("out", metavar="OUT", type=Path, help="the video, such as run.mp4")
+    video.add_argument("--view", metavar="NAME", help="only one view, such as Scene (default: all of them)")
+    video.add_argument("--size", metavar="WxH", default="1600x900", help="of a frame (default: 1600x900)")
+    video.add_argument("--fps", type=float, default=25.0, help="frames per second (default: 25)")
+    video.add_argument(
+        "--speed", type=float, default=1.0, help="simulated seconds per second of the video (default: 1)"
+    )
 
 
 def _add_export(commands: Any) -> None:
@@ -91,6 +105,10 @@ def _add_run(commands: Any) -> None:
         type=float,
         default=30.0,
         help="wall time between two checkpoints that a run can be resumed from (default: 30)",
+    )
+    run.add_argument("--live", action="store_true", help="show the run in a viewer while it lasts")
+    run.add_argument(
+        "--web", action="store_true", help="the same in a browser on this machine, until Ctrl-C after the run"
     )
     run.add_argument("--no-recording", action="store_true", help="write no recording.rrd")
     run.add_argument("--quiet", action="store_true", help="show errors only")

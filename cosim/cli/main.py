@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import argparse
 import os
-import subprocess
 import sys
 import time
 from collections.abc import Sequence
@@ -71,7 +70,7 @@ def _command(options: argparse.Namespace, started: float) -> int:
         return _export(options)
     if options.command in ("new", "check", "upgrade", "schema"):
         return _files(options)
-    return _list(options.kind) if options.command == "list" else _view(options.directory)
+    return _list(options.kind) if options.command == "list" else _view(options)
 
 
 def _import_kinds(modules: Sequence[str]) -> None:
@@ -84,23 +83,30 @@ def _import_kinds(modules: Sequence[str]) -> None:
 
 def _run(options: argparse.Namespace, started: float) -> int:
     from cosim.cli.running import RunOptions, resume_command, run_command  # --help and list need no engine
+    from cosim.cli.viewing import live_view
 
     every_s = options.checkpoint_every
     if not every_s > 0.0:
         raise InputError(
             f"--checkpoint-every {every_s}: must be above 0; inf writes none but at an early end"
         )
-    how = RunOptions(not options.no_recording, options.quiet, every_s, started)
-    if options.resume is None:
-        if options.scenario is None:
-            raise InputError("run: no SCENARIO given; see 'cosim list', or go on with a run: --resume DIR")
-        return run_command(options.scenario, options.assignments, options.out, how)
-    if options.scenario is not None or options.assignments or options.out is not None:
+    if options.resume is None and options.scenario is None:
+        raise InputError("run: no SCENARIO given; see 'cosim list', or go on with a run: --resume DIR")
+    given = options.scenario is not None or options.assignments or options.out is not None
+    if options.resume is not None and given:
         raise InputError(
             f"--resume {options.resume}: goes on with the scenario of that directory, there; "
             "give no SCENARIO, no --set and no --out"
         )
-    return resume_command(options.resume, how)
+    with live_view(live=options.live, web=options.web, recording=not options.no_recording) as live:
+        how = RunOptions(not options.no_recording, options.quiet, every_s, started, live)
+        if options.resume is not None:
+            code = resume_command(options.resume, how)
+        else:
+            code = run_command(options.scenario, options.assignments, options.out, how)
+        if code == EXIT_DONE and live is not None:
+            live.serve_on()
+        return code
 
 
 def _verify(options: argparse.Namespace) -> int:
@@ -164,11 +170,9 @@ def _list(kind: str) -> int:
     return EXIT_DONE
 
 
-def _view(directory: Path) -> int:
-    from cosim.app.run_files import RECORDING, recordings
+def _view(options: argparse.Namespace) -> int:
+    from cosim.cli.viewing import video_command, view_command  # here, because it loads the viewer
 
-    found = recordings(directory) if directory.is_dir() else [directory]
-    if not found or not found[0].is_file():
-        missing = directory / RECORDING if directory.is_dir() else directory
-        raise InputError(f"no recording at {missing}; make one: cosim run SCENARIO --out {directory}")
-    return subprocess.call([sys.executable, "-m", "rerun", *map(str, found)])
+    if options.command == "video":
+        return video_command(options)
+    return view_command(options.directory, web=options.web)

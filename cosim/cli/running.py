@@ -16,6 +16,7 @@ from cosim.app.run_files import SCENARIO, SUMMARY, check_directory, default_dire
 from cosim.cli.interruption import Interruption
 from cosim.cli.progress import PlanWarnings, ProgressLine
 from cosim.cli.screen import tell
+from cosim.cli.viewing import LiveView
 from cosim.config.loading import load_scenario
 from cosim.config.schema.scenario import Scenario
 from cosim.config.toml.overrides import parse_assignment
@@ -31,6 +32,7 @@ class RunOptions:
         recording: whether to write one.
         quiet: show errors only.
         checkpoint_every_s: wall time between two checkpoints.
+        live: shows the run while it lasts; None: nothing does.
         started: `time.perf_counter()` at the start of the command.
     """
 
@@ -38,6 +40,7 @@ class RunOptions:
     quiet: bool
     checkpoint_every_s: float
     started: float
+    live: LiveView | None = None
 
 
 def run_command(scenario_name: str, assignments: Sequence[str], out: Path | None, how: RunOptions) -> int:
@@ -86,7 +89,8 @@ def _execute(scenario: Scenario, directory: Path, how: RunOptions, *, resume: bo
     with Interruption() as interruption:
         shown: list[Observer] = [] if how.quiet else [PlanWarnings(sys.stderr), ProgressLine(sys.stderr)]
         watchers: list[Observer] = [interruption, *shown]
-        make_recorder = rerun_recorder if how.recording else None
+        recorder = rerun_recorder if how.live is None else how.live.recorder
+        make_recorder = recorder if how.recording else None
         options = Options(
             directory, make_recorder, watchers, interruption.reason, how.checkpoint_every_s, resume
         )

@@ -20,13 +20,14 @@ FOLLOW: Final = "/world/follow"
 TIP_PATH: Final = "/world/soft/tip_path"
 
 
-def blueprint(plots: Sequence[Plot], scene: Eye, close: Eye) -> rrb.Blueprint:
+def blueprint(plots: Sequence[Plot], scene: Eye, close: Eye, *, live: bool = False) -> rrb.Blueprint:
     """Return the layout: the scene at the left; soft robot, stress scale and plots at the right.
 
     Args:
         plots: in the order in which they are shown.
         scene: camera of the scene.
         close: camera of the soft robot, in the frame that follows it.
+        live: whether time goes on with the run.
     """
     left = rrb.Vertical(
         _space("Scene", "/world", scene),
@@ -49,7 +50,12 @@ def blueprint(plots: Sequence[Plot], scene: Eye, close: Eye) -> rrb.Blueprint:
         rrb.TopPanel(state="hidden"),
         rrb.BlueprintPanel(state="hidden"),
         rrb.SelectionPanel(state="hidden"),
-        rrb.TimePanel(state="collapsed", timeline=TIMELINE, play_state="paused", loop_mode="all"),
+        rrb.TimePanel(
+            state="collapsed",
+            timeline=TIMELINE,
+            play_state="following" if live else "paused",
+            loop_mode="off" if live else "all",
+        ),
         auto_views=False,
         auto_layout=False,
     )

@@ -31,6 +31,8 @@ FRAMES_PER_S: Final = 60.0
 _SECOND_NS: Final = 1_000_000_000
 _GATHERED_S: Final = 1.0
 """Wall time after which what was gathered is written: each time takes some ms, and 50 kB of the file."""
+_SHOWN_S: Final = 0.25
+"""The same with a viewer that follows the run."""
 _GATHERED_SHARE: Final = 0.01
 """Share of the wall time so far, before which nothing is written: long runs must not end in splinters."""
 _NODES_GATHERED: Final = 500_000
@@ -54,6 +56,8 @@ class RerunRecorder(Recorder):
         stress_range_Pa: stress of the first and last colour of the film; fixed, so that colours can
             be compared over the whole run.
         part: of the run, so that its recordings open as one; None for a recording that stands alone.
+        viewer: address of a viewer that is shown the run at once; None for the file alone. A viewer that is
+            closed meanwhile ends nothing.
 
     Raises:
         InputError: the frame rate or the stress range is impossible.
@@ -66,6 +70,7 @@ class RerunRecorder(Recorder):
         frames_per_s: float = FRAMES_PER_S,
         stress_range_Pa: tuple[float, float] = STRESS_RANGE_PA,
         part: RecordingPart | None = None,
+        viewer: str | None = None,
     ) -> None:
         if not 0.0 < frames_per_s < np.inf:
             raise InputError(f"frames_per_s is {frames_per_s}; it must be above 0")
@@ -75,6 +80,7 @@ class RerunRecorder(Recorder):
         self._frame_ns = _SECOND_NS / frames_per_s
         self._stress_range_Pa = stress_range_Pa
         self._part = part
+        self._viewer = viewer
         self._run: _Run | None = None
 
     def open(self, stage: RunInfo) -> None:
@@ -83,8 +89,9 @@ class RerunRecorder(Recorder):
         part = self._part
         stream = rr.RecordingStream(APPLICATION_ID, recording_id=None if part is None else part.run_id)
         with _named(self._path):
-            stream.save(self._path)
-        self._run = _Run(stream, stage, self._frame_ns, self._stress_range_Pa)
+            viewers = [] if self._viewer is None else [rr.GrpcSink(self._viewer)]
+            stream.set_sinks(rr.FileSink(self._path), *viewers)
+        self._run = _Run(stream, stage, self._frame_ns, self._stress_range_Pa, self._viewer)
         if part is not None and part.before is not None:
             self._run.go_on(*part.before)
 
@@ -139,8 +146,11 @@ class _Run:
         stage: RunInfo,
         frame_ns: float,
         stress_range_Pa: tuple[float, float],
+        viewer: str | None,
     ) -> None:
         self._stream = stream
+        self._viewer = viewer
+        self._gathered_s = _GATHERED_S if viewer is None else _SHOWN_S
         self._stage = stage
         self._frame_ns = frame_ns
         self._stress_range_Pa = stress_range_Pa
@@ -153,7 +163,7 @@ class _Run:
         self._drawn_tick = -1
         self._frames_most = 1
         self._opened = time.perf_counter()
-        self._due = self._opened + _GATHERED_S
+        self._due = self._opened + self._gathered_s
         self._written_tick = 0
         self._phase = -1
         self._last: TickBatch | None = None
@@ -216,7 +226,8 @@ class _Run:
             return self._curves
         stage = self._stage
         plots = plots_of(stage, len(first.joint_position))
-        self._stream.send_blueprint(blueprint(plots, scene_eye(stage, first), close_eye(stage, first)))
+        eyes = scene_eye(stage, first), close_eye(stage, first)
+        self._stream.send_blueprint(blueprint(plots, *eyes, live=self._viewer is not None))
         self._frames_most = max(1, _NODES_GATHERED // len(first.node_position))
         self._scene = Scene(self._stream, stage, first, self._stress_range_Pa)
         self._curves = PlotBuffer(self._stream, plots, self._tick_ns)
@@ -243,7 +254,16 @@ class _Run:
             frames = TickBatch.joined(self._frames)
             self._scene.send(frames, time_columns(frames.tick, self._tick_ns))
             self._frames, self._drawn = [], 0
-        self._stream.flush()
+        self._flush_stream()
         self._written_tick = 0 if self._last is None else int(self._last.tick[-1])
         now = time.perf_counter()
-        self._due = now + max(_GATHERED_S, _GATHERED_SHARE * (now - self._opened))
+        self._due = now + max(self._gathered_s, _GATHERED_SHARE * (now - self._opened))
+
+    def _flush_stream(self) -> None:
+        """Bring to the file, and to the viewer, what the stream holds."""
+        try:
+            self._stream.flush()
+        except RuntimeError as error:
+            # the file comes first and is written then; the viewer has been closed, which is its user's right
+            if self._viewer is None or self._viewer not in str(error):
+                raise

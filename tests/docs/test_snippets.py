@@ -27,8 +27,8 @@ LONG = {
 """Scenarios that take too long for a test, and what is changed for it."""
 OTHERS = ("make", "python3", ".venv/bin/", "source", "python benchmarks/")
 """What shell blocks may hold besides: installing, the Makefile's targets and benchmarks, tested elsewhere."""
-SLOW = ("cosim view", "cosim verify", "cosim trade", "cosim run --resume")
-"""Commands with tests of their own, which take long, need a screen, or an interrupted run."""
+NOT_HERE = re.compile(r"cosim (view|video|verify|trade) |cosim run .*(--resume|--live|--web)|cosim verify$")
+"""Commands with tests of their own, which take long, need something to draw with, or an interrupted run."""
 TESTED_ELSEWHERE = {
     "extending": "tests/app/test_extending.py and the tests of each kind of extension",
     "snapshots": "tests/app/test_simulation.py, tests/cli/test_resume.py",
@@ -59,7 +59,7 @@ def _commands(shell: str) -> list[str]:
     lines = [line for line in lines if line and not line.startswith("#")]
     for line in lines:
         assert line.startswith(("cosim ", *OTHERS)), f"no test knows how to run: {line}"
-    return [line for line in lines if line.startswith("cosim ") and not line.startswith(SLOW)]
+    return [line for line in lines if line.startswith("cosim ") and not NOT_HERE.match(line)]
 
 
 def _run(command: str) -> None:

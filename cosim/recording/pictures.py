@@ -1,0 +1,135 @@
+"""Pictures of recordings, drawn by Rerun's viewer without a display."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Final, final
+
+import numpy as np
+from rerun.experimental import ViewerClient
+
+from cosim.errors import InputError, OutputError
+from cosim.recording.viewer import Viewer, start_viewer
+
+SIZE: Final = (1600, 900)
+_TIMELINE: Final = "sim_time"
+_WAIT_S: Final = 120.0
+_PAUSE_S: Final = 0.1
+
+
+@final
+class Pictures:
+    """Takes pictures of a recording while entered.
+
+    Args:
+        recordings: files of one run, in order.
+        size: (2,) of the pictures [pixels].
+        view: name of the only view to show, such as "Scene"; None for all of them, as laid out.
+
+    Raises:
+        InputError: on entering: there is no such view; the text names those there are.
+        OutputError: the same: there is no driver to draw with, or the recording cannot be read.
+    """
+
+    def __init__(
+        self, recordings: Sequence[Path], size: tuple[int, int] = SIZE, view: str | None = None
+    ) -> None:
+        self._recordings, self._size, self._view = recordings, size, view
+        self._viewer: Viewer | None = None
+        self._client: Any = None
+        self.end_s = 0.0
+
+    def __enter__(self) -> Pictures:
+        self._viewer = start_viewer("nowhere", self._recordings, size=self._size)
+        try:
+            self._client = self._connected()
+            self.end_s = self._loaded()
+            if self._view is not None:
+                self._show_only(self._view)
+            self._wait_until_drawn()
+        except BaseException:
+            self._viewer.stop()
+            raise
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        assert self._viewer is not None, "entered before"
+        self._viewer.stop()
+
+    def at(self, time_s: float) -> bytes:
+        """Return the picture at a simulated time, as a PNG.
+
+        Args:
+            time_s: seconds; after the end stands the last picture.
+
+        Raises:
+            OutputError: the viewer has ended.
+        """
+        moment = np.timedelta64(round(min(time_s, self.end_s) * 1e9), "ns")
+        self._asked(lambda: self._client.set_time(_TIMELINE, duration=moment, play_state="paused"))
+        return self._shot()
+
+    def _shot(self) -> bytes:
+        return bytes(self._asked(self._client.take_screenshot))
+
+    def _asked(self, ask: Any) -> Any:
+        """Return what the viewer answers; it is asked again while it is not ready.
+
+        Raises:
+            OutputError: it has ended, or does not answer in time.
+        """
+        assert self._viewer is not None, "entered before"
+        until = time.monotonic() + _WAIT_S
+        while True:
+            try:
+                return ask()
+            except ConnectionError as error:
+                self._viewer.check()
+                if time.monotonic() > until:
+                    raise OutputError(f"Rerun's viewer does not answer: {error}") from error
+                time.sleep(_PAUSE_S)
+
+    def _connected(self) -> Any:
+        assert self._viewer is not None, "entered before"
+        address = self._viewer.address
+        client = self._asked(lambda: ViewerClient.connect(address))
+        self._asked(client.get_state)
+        return client
+
+    def _loaded(self) -> float:
+        """Wait for the recording, and return where its time ends, in seconds.
+
+        Raises:
+            OutputError: it cannot be read, or has no frames.
+        """
+        until = time.monotonic() + _WAIT_S
+        while time.monotonic() < until:
+            state = self._asked(self._client.get_state)
+            ends = [line.end for one in state.recordings for line in one.timelines if line.name == _TIMELINE]
+            if ends and state.views and not state.loading:
+                return float(max(ends)) * 1e-9
+            faults = [entry.message for entry in self._client.get_logs() if entry.level == "ERROR"]
+            if faults:
+                raise OutputError(f"{self._recordings[0]}: cannot be read: {faults[0]}")
+            time.sleep(_PAUSE_S)
+        raise OutputError(f"{self._recordings[0]}: holds no frame of a run")
+
+    def _show_only(self, name: str) -> None:
+        views = {view.name: view.view_id for view in self._client.get_state().views}
+        if name not in views:
+            raise InputError(f"there is no view '{name}'; there are {', '.join(sorted(views))}")
+        layout = self._client.get_blueprint("recording").blueprint
+        layout.setdefault("/viewport", {}).setdefault("ViewportBlueprint", {})["maximized"] = views[name]
+        self._client.set_blueprint(layout, "recording")
+
+    def _wait_until_drawn(self) -> None:
+        """Wait until two pictures in a row are the same: data are still fetched once they are loaded."""
+        before, until = b"", time.monotonic() + _WAIT_S
+        while (now := self.at(self.end_s)) != before and time.monotonic() < until:
+            before = now
+            time.sleep(_PAUSE_S)
