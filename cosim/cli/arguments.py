@@ -59,7 +59,7 @@ def _add_export(commands: Any) -> None:
     export = commands.add_parser("export", help="write what a run saw for other programs")
     export.add_argument("directory", metavar="DIR", type=Path, help="directory of a run")
     export.add_argument("--csv", action="store_true", help="all curves as one table, arrays.csv")
-    export.add_argument("--vtk", action="store_true", help="the deformed film, film.pvd and film-*.vtp")
+    export.add_argument("--vtk", action="store_true", help="the deformed film, film.pvd and its .vtp files")
     export.add_argument("--plot", action="store_true", help="the usual curves, curves.png")
     export.add_argument(
         "--at",

@@ -11,7 +11,7 @@ from tempfile import TemporaryFile
 import numpy as np
 
 from cosim.errors import InputError, OutputError
-from cosim.recording.pictures import SIZE, Pictures
+from cosim.recording.viewing.pictures import SIZE, Pictures
 
 
 def write_video(

@@ -12,7 +12,7 @@ import numpy as np
 from rerun.experimental import ViewerClient
 
 from cosim.errors import InputError, OutputError
-from cosim.recording.viewer import Viewer, start_viewer
+from cosim.recording.viewing.viewer import Viewer, start_viewer
 
 SIZE: Final = (1600, 900)
 _TIMELINE: Final = "sim_time"

@@ -1,0 +1,1 @@
+"""Recordings in Rerun's viewer, in pictures and in videos."""
