@@ -11,11 +11,16 @@ import os
 import sys
 import time
 from collections.abc import Sequence
+from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from cosim.cli.arguments import parser
 from cosim.cli.screen import mute, open_missing_streams, printable, tell
 from cosim.errors import InputError, OutputError, SolverError
+
+if TYPE_CHECKING:
+    from cosim.cli.viewing import LiveView
 
 EXIT_DONE, EXIT_UNSOLVED, EXIT_INPUT, EXIT_UNWRITTEN, EXIT_INTERRUPTED, EXIT_UNREAD = 0, 1, 2, 3, 130, 141
 
@@ -83,7 +88,6 @@ def _import_kinds(modules: Sequence[str]) -> None:
 
 def _run(options: argparse.Namespace, started: float) -> int:
     from cosim.cli.running import RunOptions, resume_command, run_command  # --help and list need no engine
-    from cosim.cli.viewing import live_view
 
     every_s = options.checkpoint_every
     if not every_s > 0.0:
@@ -98,7 +102,7 @@ def _run(options: argparse.Namespace, started: float) -> int:
             f"--resume {options.resume}: goes on with the scenario of that directory, there; "
             "give no SCENARIO, no --set and no --out"
         )
-    with live_view(live=options.live, web=options.web, recording=not options.no_recording) as live:
+    with _live_view(options) as live:
         how = RunOptions(not options.no_recording, options.quiet, every_s, started, live)
         if options.resume is not None:
             code = resume_command(options.resume, how)
@@ -107,6 +111,14 @@ def _run(options: argparse.Namespace, started: float) -> int:
         if code == EXIT_DONE and live is not None:
             live.serve_on()
         return code
+
+
+def _live_view(options: argparse.Namespace) -> AbstractContextManager[LiveView | None]:
+    if not (options.live or options.web):
+        return nullcontext()
+    from cosim.cli.viewing import live_view  # here, because it loads the viewer
+
+    return live_view(web=options.web, recording=not options.no_recording)
 
 
 def _verify(options: argparse.Namespace) -> int:

@@ -6,7 +6,7 @@ import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, final
+from typing import TYPE_CHECKING, Any, final
 
 from cosim.app.checkpoint import check_resumable, tick_to_resume
 from cosim.app.driver import Observer, Options, RunOutcome, build_simulation, execute, rerun_recorder
@@ -16,11 +16,13 @@ from cosim.app.run_files import SCENARIO, SUMMARY, check_directory, default_dire
 from cosim.cli.interruption import Interruption
 from cosim.cli.progress import PlanWarnings, ProgressLine
 from cosim.cli.screen import tell
-from cosim.cli.viewing import LiveView
 from cosim.config.loading import load_scenario
 from cosim.config.schema.scenario import Scenario
 from cosim.config.toml.overrides import parse_assignment
 from cosim.plan.arm_limits import PLANNED
+
+if TYPE_CHECKING:
+    from cosim.cli.viewing import LiveView
 
 
 @final

@@ -147,15 +147,12 @@ def _serve(viewer: Viewer) -> None:
 
 
 @contextmanager
-def live_view(*, live: bool, web: bool, recording: bool) -> Iterator[LiveView | None]:
-    """Give what shows a run while it lasts, in a window or in a browser; None if nobody asked for it.
+def live_view(*, web: bool, recording: bool) -> Iterator[LiveView]:
+    """Give what shows a run while it lasts, in a window or in a browser.
 
     Raises:
         InputError: there is no display, or nothing is recorded.
     """
-    if not (live or web):
-        yield None
-        return
     if not recording:
         raise InputError("--no-recording: a live view shows what is recorded; leave one of them out")
     view = LiveView("page" if web else "window")

@@ -233,8 +233,7 @@ def test_a_page_is_served_on_after_the_run_and_ended_after_that(monkeypatch: pyt
 
     monkeypatch.setattr(viewing, "start_viewer", lambda shown: Page())
     monkeypatch.setattr(viewing, "rerun_recorder", lambda *arguments: done.append(arguments[-1]))
-    with viewing.live_view(live=False, web=True, recording=True) as live:
-        assert live is not None
+    with viewing.live_view(web=True, recording=True) as live:
         live.recorder(Path("a.rrd"), None, None)  # type: ignore[arg-type]
         live.serve_on()
     assert done == [Page.address, "wait", "stop", "stop"]
