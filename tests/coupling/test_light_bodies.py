@@ -19,6 +19,7 @@ from cosim.soft.body.loads import Loads
 from cosim.soft.elements.material import Film
 from cosim.soft.solve.newton_options import NewtonOptions
 from cosim.soft.solve.time_scheme import StepOptions
+from tests.coupling.pads import EDGE_M, Grasp
 from tests.soft.bodies import icosphere
 
 GRAVITY, RADIUS_M, BALL_M, DROP_M = 9.81, 0.025, 0.01, 0.02
@@ -62,3 +63,16 @@ def test_a_ball_bounces_no_higher_than_it_was(mass_kg: float, tick_s: float) -> 
     bounced = energy_heights(mass_kg, tick_s, 0.16)
     assert bounced.max() < 1e-9  # [m], rounding of a height of 1.5 m
     assert bounced[-1] < -5e-4  # and it has touched: a bounce costs at least that much of 20 mm
+
+
+def test_a_body_carries_what_it_lacks() -> None:
+    # with all of the film's answer on top of its own inertia, a body that lacks a little is twice as heavy
+    grasp = Grasp(0.04, 2e-3)
+    own = grasp.scene.save_state().armature
+    for _ in range(40):
+        grasp.tick()
+    assert grasp.mass is not None
+    carried = (grasp.scene.save_state().armature - own)[-6:]
+    inertia = np.array([1.0, 1.0, 1.0, *[EDGE_M**2 / 6.0] * 3]) * 0.04
+    assert 1.1 < grasp.mass.ratio < 4.0
+    assert ((inertia + carried) / inertia).max() == pytest.approx(grasp.mass.ratio, rel=1e-9)

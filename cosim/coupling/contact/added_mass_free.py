@@ -2,11 +2,12 @@
 
 A contact force that is one tick old must not drive a body lighter than the film's own answer: over a tick h a
 change dv of the body's velocity changes the contact force by -S h dv, S the stiffness of contacts and film in
-series, film inertia included. The body carries D = theta diag(h^2 S) as extra inertia, theta the least
-factor for which D is not below h^2 S. The price: it also is that much more inert while it is touched.
+series, film inertia included. D = theta diag(h^2 S) is not below h^2 S, theta the least factor for that. The
+body carries what it lacks, A = max(0, D / bound - m), as extra inertia: with m + A it is no lighter than one
+that needs to carry nothing. The price: it also is that much more inert while it is touched.
 
-A body gains no energy in a bounce as long as D does not fall meanwhile: with the inertia m + D it came, with
-m + D it leaves, no faster. So D is kept while any force acts, fades over a time far longer than a bounce, and
+A body gains no energy in a bounce as long as A does not fall meanwhile: with the inertia m + A it came, with
+m + A it leaves, no faster. So D is kept while any force acts, fades over a time far longer than a bounce, and
 is found anew where that gives more. The first force of a touch F stops a body that comes with speed u against
 film of speed w at most: D is at least h F / (u + w), unless the contacts alone, h^2 sum k, are softer.
 """
@@ -71,7 +72,7 @@ class BodyMass:
 
     @property
     def ratio(self) -> float:
-        """Largest algorithmic mass over the inertia of a body that moves with it; carried above 1."""
+        """Largest algorithmic mass over the inertia of a body that moves with it; what is above 1 is carried."""
         return max(self._free_ratio, self._jointed.ratio)
 
     def update(self, *, carry: bool = True) -> None:
@@ -116,10 +117,9 @@ class BodyMass:
         if begins.any():
             least = self._stopping_mass(total)[begins, None]
             self._renewed[begins, :3] = np.maximum(self._renewed[begins, :3], least)
-        ratio = (self._renewed / self._inertia).max(axis=1)
-        self._free_ratio = float(ratio.max(initial=0.0))
-        heavy = (ratio > RATIO_BOUND) & loaded & carry
-        self._carry(np.where(heavy[:, None], self._renewed, 0.0))
+        self._free_ratio = float((self._renewed / self._inertia).max(initial=0.0))
+        lacking = np.maximum(self._renewed / RATIO_BOUND - self._inertia, 0.0)
+        self._carry(np.where(loaded[:, None] & carry, lacking, 0.0))
 
     def _stopping_mass(self, stiffness: Array) -> Array:
         """Return with which D (free bodies,) [kg] the forces stop the bodies within a tick, or less.

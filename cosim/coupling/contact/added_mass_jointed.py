@@ -2,7 +2,8 @@
 
 As for free bodies (see `body_mass`) D bounds h^2 S, here by blocks: D_b = theta h^2 S_bb for every touched
 body, theta the least factor for which the blocks are not below the whole. They act through the joints,
-J^T D J on the mass matrix, wherever eig(J M^-1 J^T D) exceeds the bound.
+J^T c D J on the mass matrix, where r = max eig(J M^-1 J^T D) exceeds the bound b: c = 1 / b - 1 / r is the
+least factor with which max eig(J (M + J^T c D J)^-1 J^T D) = r / (1 + c r) does not.
 """
 
 from __future__ import annotations
@@ -81,8 +82,10 @@ class JointedMass:
         for block, own in zip(inertia, places, strict=True):
             joint[np.ix_(own, own)] = block
         self.ratio = float(np.linalg.eigvals(mobility @ joint).real.max())
-        carries = carry and self.ratio > RATIO_BOUND
-        bodies.carried.carry(touched[:0] if not carries else touched, inertia[:0] if not carries else inertia)
+        if carry and self.ratio > RATIO_BOUND:
+            bodies.carried.carry(touched, (1.0 / RATIO_BOUND - 1.0 / self.ratio) * inertia)
+        else:
+            bodies.carried.carry(touched[:0], inertia[:0])
 
     def save_state(self) -> JointedMassState:
         """Return what the next update depends on."""
