@@ -1,8 +1,10 @@
-"""The case that every simulator runs: an inflated arm on a fixed base, its pressure raised, gravity turned.
+"""The cases that simulators run: an inflated arm on a fixed base swings, in the air or against a bar.
 
-The ten-unit hexagonal arm, film only (no hinges, no cables), its mass at the nodes, hangs at rest at 10 kPa.
-Within 0.5 s the pressure rises to 30 kPa; within the next 0.5 s gravity turns by 45 degrees; then the arm
-swings for 1 s with mass-proportional damping. All simulators get the same nodes, triangles, masses and start.
+The ten-unit hexagonal arm, film only (no hinges, no cables), its mass at the nodes, hangs at rest. `SWING`:
+from 10 kPa on the pressure rises to 30 kPa within 0.5 s; within the next 0.5 s gravity turns by 45 degrees;
+then the arm swings for 1 s. `ON_BAR`: at 30 kPa gravity turns by 45 degrees within 0.5 s, and the arm lays
+itself against a bar beside its middle. All simulators get the same nodes, triangles, masses and start, and
+damping proportional to mass.
 
 This module needs numpy only, so that a simulator in an environment of its own can import it.
 """
@@ -18,12 +20,8 @@ from typing import Any
 
 import numpy as np
 
-DURATION_S = 2.0
 SAMPLE_S = 0.02  # where trajectories are compared
-LOW_Pa, HIGH_Pa = 10e3, 30e3
 GRAVITY_M_S2 = 9.81
-TURN_RAD = math.radians(45.0)
-DAMPING_PER_S = 2.0
 
 
 def _smooth(share: float) -> float:
@@ -32,15 +30,69 @@ def _smooth(share: float) -> float:
     return s**3 * (10.0 + s * (6.0 * s - 15.0))
 
 
-def pressure_at(time_s: float) -> float:
-    """Return the gauge pressure [Pa]."""
-    return LOW_Pa + (HIGH_Pa - LOW_Pa) * _smooth(time_s / 0.5)
+@dataclass(frozen=True)
+class Bar:
+    """A fixed round bar along y.
+
+    Args:
+        x_m: of its axis.
+        z_m: of its axis.
+        radius_m: of the surface that the film touches.
+        friction: coefficient.
+    """
+
+    x_m: float
+    z_m: float
+    radius_m: float
+    friction: float
+
+    HALF_LENGTH_M = 0.15
+
+    def mjcf(self, less_m: float = 0.0) -> str:
+        """Return it as a geom of MuJoCo, its radius smaller by what the film is thick there."""
+        ends = f"{self.x_m} {-self.HALF_LENGTH_M} {self.z_m} {self.x_m} {self.HALF_LENGTH_M} {self.z_m}"
+        size = self.radius_m - less_m
+        return f'<geom name="bar" type="capsule" size="{size}" fromto="{ends}" friction="{self.friction}"/>'
 
 
-def gravity_at(time_s: float) -> tuple[float, float, float]:
-    """Return gravity (3,) [m/s^2]; it turns from -z towards +x."""
-    angle = TURN_RAD * _smooth((time_s - 0.5) / 0.5)
-    return GRAVITY_M_S2 * math.sin(angle), 0.0, -GRAVITY_M_S2 * math.cos(angle)
+@dataclass(frozen=True)
+class Course:
+    """What is done to the arm.
+
+    Args:
+        duration_s: of the run.
+        low_Pa: gauge pressure at the start.
+        high_Pa: gauge pressure at the end of its rise.
+        rise_s: how long it rises.
+        turn_from_s: when gravity begins to turn, from -z towards +x by 45 degrees.
+        turn_s: how long it turns.
+        damping_per_s: proportional to mass.
+        bar: in its way; None for none.
+    """
+
+    duration_s: float
+    low_Pa: float
+    high_Pa: float
+    rise_s: float
+    turn_from_s: float
+    turn_s: float
+    damping_per_s: float
+    bar: Bar | None = None
+
+    TURN_RAD = math.radians(45.0)
+
+    def pressure_at(self, time_s: float) -> float:
+        """Return the gauge pressure [Pa]."""
+        return self.low_Pa + (self.high_Pa - self.low_Pa) * _smooth(time_s / self.rise_s)
+
+    def gravity_at(self, time_s: float) -> tuple[float, float, float]:
+        """Return gravity (3,) [m/s^2]."""
+        angle = self.TURN_RAD * _smooth((time_s - self.turn_from_s) / self.turn_s)
+        return GRAVITY_M_S2 * math.sin(angle), 0.0, -GRAVITY_M_S2 * math.cos(angle)
+
+
+SWING = Course(2.0, 10e3, 30e3, 0.5, 0.5, 0.5, damping_per_s=2.0)
+ON_BAR = Course(1.0, 30e3, 30e3, 0.5, 0.0, 0.5, damping_per_s=5.0, bar=Bar(0.06, -0.09, 0.02, 0.8))
 
 
 @dataclass(frozen=True)
@@ -49,7 +101,7 @@ class Case:
 
     Args:
         drawn: (n, 3) [m], stress-free shape.
-        start: (n, 3) [m], equilibrium at `LOW_Pa` under gravity.
+        start: (n, 3) [m], equilibrium at the course's low pressure under gravity.
         triangles: (m, 3), outward.
         caps: rings of nodes that close the chamber.
         base: fixed nodes.
@@ -129,24 +181,27 @@ class Run:
     cpu_s: float
 
 
-def run(case: Case, tick_s: float, step: Callable[[float], None], tip: Callable[[], np.ndarray]) -> Run:
-    """Step a simulator through the case; a run whose tip is more than 2 m away has blown up.
+def run(
+    course: Course, case: Case, tick_s: float, step: Callable[[float], None], place: Callable[[], np.ndarray]
+) -> Run:
+    """Step a simulator through a course; a run whose tip is more than 2 m away has blown up.
 
     Args:
+        course: what is done to the arm.
         case: mesh and start.
         tick_s: length of a step; a whole number of them fits into `SAMPLE_S`.
         step: advances to the given time [s].
-        tip: returns the present tip (3,) [m].
+        place: returns the present nodes (n, 3) [m].
     """
-    ticks, every = round(DURATION_S / tick_s), round(SAMPLE_S / tick_s)
-    tips = np.full((round(DURATION_S / SAMPLE_S) + 1, 3), np.nan)
-    tips[0] = tip()
+    ticks, every = round(course.duration_s / tick_s), round(SAMPLE_S / tick_s)
+    tips = np.full((round(course.duration_s / SAMPLE_S) + 1, 3), np.nan)
+    tips[0] = place()[case.tip].mean(axis=0)
     began = time.process_time()
     for k in range(1, ticks + 1):
         with np.errstate(all="ignore"):  # what blows up is found below
             step(k * tick_s)
         if k % every == 0:
-            tips[k // every] = tip()
+            tips[k // every] = place()[case.tip].mean(axis=0)
             if not np.abs(tips[k // every]).max() < 2.0:
                 tips[k // every] = np.nan
                 break

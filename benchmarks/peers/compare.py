@@ -25,7 +25,8 @@ import mujoco
 import numpy as np
 
 from benchmarks.peers import lumped, mujoco_flex
-from benchmarks.peers.case import DURATION_S, Case, Run
+from benchmarks.peers.case import SWING, Case, Run
+from cosim.soft.solve.time_scheme import StepOptions
 
 ROOT = Path(__file__).resolve().parents[2]
 TRUTH_TICK_S = 1e-4
@@ -55,7 +56,7 @@ class Row:
     @property
     def real_time_factor(self) -> float:
         """Simulated over CPU time; 0 for a run that blew up."""
-        return DURATION_S / self.cpu_s if np.isfinite(self.largest_m) else 0.0
+        return SWING.duration_s / self.cpu_s if np.isfinite(self.largest_m) else 0.0
 
 
 def newton_run(python: str, case: Case, tick_s: float, iterations: int) -> Run:
@@ -71,9 +72,11 @@ def newton_run(python: str, case: Case, tick_s: float, iterations: int) -> Run:
 
 def measure(newton: str | None) -> list[Row]:
     """Return all rows; each is printed as it comes."""
-    body, case = lumped.make_case()
-    lumped.simulate(body, case, 0.02, "bdf2")  # the kernels are compiled
-    truth = lumped.simulate(body, case, TRUTH_TICK_S, "bdf2", iterations=20)
+    body, case = lumped.make_case(SWING)
+    lumped.simulate(SWING, body, case, 0.02, "bdf2")  # the kernels are compiled
+    truth = lumped.simulate(
+        SWING, body, case, TRUTH_TICK_S, StepOptions("bdf2", tolerance_N=1e-6, iterations=20)
+    )
     rows: list[Row] = []
 
     def add(name: str, tick_s: float, found: Run) -> None:
@@ -81,12 +84,12 @@ def measure(newton: str | None) -> list[Row]:
         print(line(rows[-1]), flush=True)
 
     for tick_s in LUMPED_TICKS_S:
-        add(OURS[0], tick_s, lumped.simulate(body, case, tick_s, "implicit_euler"))
-        add(OURS[1], tick_s, lumped.simulate(body, case, tick_s, "bdf2"))
+        add(OURS[0], tick_s, lumped.simulate(SWING, body, case, tick_s, "implicit_euler"))
+        add(OURS[1], tick_s, lumped.simulate(SWING, body, case, tick_s, "bdf2"))
     for tick_s in EXPLICIT_TICKS_S:
-        add("MuJoCo flex, Euler", tick_s, mujoco_flex.simulate(case, tick_s, "Euler"))
+        add("MuJoCo flex, Euler", tick_s, mujoco_flex.simulate(SWING, case, tick_s, "Euler"))
     for tick_s in DISCRETE_TICKS_S:
-        add("MuJoCo flex, discrete", tick_s, mujoco_flex.simulate(case, tick_s, "discrete"))
+        add("MuJoCo flex, discrete", tick_s, mujoco_flex.simulate(SWING, case, tick_s, "discrete"))
     for tick_s, iterations in NEWTON_RUNS if newton else ():
         name = f"newton VBD, {iterations} sweeps"
         add(name, tick_s, newton_run(str(newton), case, tick_s, iterations))

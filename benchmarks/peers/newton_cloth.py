@@ -14,7 +14,7 @@ import newton
 import numpy as np
 import warp
 
-from benchmarks.peers.case import DAMPING_PER_S, Case, FollowerPressure, Run, gravity_at, pressure_at, run
+from benchmarks.peers.case import SWING, Case, FollowerPressure, Run, run
 
 
 def model_of(case: Case) -> newton.Model:
@@ -50,13 +50,13 @@ def simulate(case: Case, tick_s: float, iterations: int) -> Run:
     def step(time_s: float) -> None:
         nonlocal before, after
         x, v = before.particle_q.numpy(), before.particle_qd.numpy()
-        force = pressure(x.astype(float), pressure_at(time_s))
-        force += weight * (np.array(gravity_at(time_s)) - DAMPING_PER_S * v)
+        force = pressure(x.astype(float), SWING.pressure_at(time_s))
+        force += weight * (np.array(SWING.gravity_at(time_s)) - SWING.damping_per_s * v)
         before.particle_f.assign(force.astype(np.float32))
         solver.step(before, after, control, None, tick_s)
         before, after = after, before
 
-    return run(case, tick_s, step, lambda: before.particle_q.numpy()[case.tip].mean(axis=0))
+    return run(SWING, case, tick_s, step, lambda: before.particle_q.numpy())
 
 
 def main() -> None:

@@ -72,7 +72,7 @@ class BodyMass:
 
     @property
     def ratio(self) -> float:
-        """Largest algorithmic mass over the inertia of a body that moves with it; what is above 1 is carried."""
+        """Largest algorithmic mass over inertia of a body that moves with it; its part above 1 is carried."""
         return max(self._free_ratio, self._jointed.ratio)
 
     def update(self, *, carry: bool = True) -> None:
