@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from cosim.app.loaded_run import load_run as load_run
     from cosim.app.simulation import SavedState as SavedState
     from cosim.app.simulation import Simulation as Simulation
+    from cosim.base.frames import Pose as Pose
     from cosim.base.resources import list_scenarios as list_scenarios
     from cosim.config.loading import load_scenario as load_scenario
     from cosim.config.toml.registered_kinds import register_kind as register_kind
@@ -50,6 +51,7 @@ _HOMES = {
     "Observer": "cosim.app.driver",
     "OutOfRangeError": "cosim.errors",
     "OutputError": "cosim.errors",
+    "Pose": "cosim.base.frames",
     "RunInterrupted": "cosim.errors",
     "RunResult": "cosim.results.result",
     "SavedState": "cosim.app.simulation",

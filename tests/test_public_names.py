@@ -25,6 +25,7 @@ EXPECTED = {
     "Observer",
     "OutOfRangeError",
     "OutputError",
+    "Pose",
     "RunInterrupted",
     "RunResult",
     "SavedState",

@@ -12,6 +12,7 @@ from cosim.app.driver import Observer, Options, build_simulation, execute, rerun
 from cosim.app.first_run import log, named_body, prepared
 from cosim.app.run_files import default_directory
 from cosim.config.loading import load_scenario
+from cosim.config.rules.size_rules import check_ends
 from cosim.config.schema.scenario import Scenario
 from cosim.errors import RunInterrupted
 from cosim.results.result import ResultBuilder, RunResult
@@ -52,6 +53,7 @@ def run(
     started = time.perf_counter()
     named = named_body(body)
     loaded = load_scenario(scenario, overrides, named and named.table())
+    check_ends(loaded)
     checked = prepared(loaded, log, recording=recording)
     directory = Path(out) if out is not None else default_directory(checked.name) if recording else None
     arrays = ResultBuilder(checked.recording.frames_per_s)

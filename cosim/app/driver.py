@@ -27,7 +27,7 @@ from cosim.telemetry.summary import Status, SummaryBuilder, reason_of, summary_m
 from cosim.telemetry.tick_batch import TickBatch
 
 if TYPE_CHECKING:
-    from cosim.devices.controller import AnyController
+    from cosim.devices.controller import AnyController, Command, Measurement
     from cosim.soft.body.body import SoftBody
     from cosim.telemetry.choices import Choices
 
@@ -61,6 +61,12 @@ class Runnable(Stateful[Any], Protocol):
 
     def advance(self, steps: int) -> Snapshot:
         """Take some ticks, at least one, and return what is there then."""
+
+    def command(self, command: Command, ticks: int) -> None:
+        """Take up a command for the ticks to come."""
+
+    def measured(self, last: Snapshot) -> Measurement:
+        """Return what is measured after the last tick, which a snapshot shows."""
 
 
 class Observer(Protocol):

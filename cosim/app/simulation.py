@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, final
+from typing import TYPE_CHECKING, Any, final, overload
 
 from cosim.app.checkpoint import Checkpoint
 from cosim.app.driver import Runnable, build_simulation
@@ -24,7 +24,7 @@ from cosim.telemetry.tick_batch import TickBatch
 
 if TYPE_CHECKING:
     from cosim.build.given_body import AnyBody, NamedBody
-    from cosim.devices.controller import AnyController
+    from cosim.devices.controller import AnyController, Command, Measurement
 
 
 @final
@@ -120,27 +120,40 @@ class Simulation:
         """Ticks to the end of the scenario."""
         return self.stage.ticks - self._snapshot.tick
 
-    def step(self, ticks: int = 1) -> Snapshot:
-        """Advance by some ticks and return what is there then.
+    @overload
+    def step(self, ticks: int = 1, /) -> Snapshot: ...
+    @overload
+    def step(self, command: Command | None = None, /, *, ticks: int = 1) -> Snapshot: ...
+    def step(self, command: Command | int | None = None, /, *, ticks: int = 1) -> Snapshot:
+        """Advance by some ticks and return what is there then; `step(5)` is `step(ticks=5)`.
+
+        Args:
+            command: what is asked of the robot from here on: values are reached evenly within these ticks and
+                held then, what it leaves out stays as it was commanded last; see `Command`.
+            ticks: of the clock.
 
         Raises:
-            InputError: the scenario ends before.
+            InputError: the scenario ends before, or the command asks for what there is not.
             SolverError: the physics could not be solved; the simulation is where it was before that tick, as
                 it is after whatever else is raised, such as by a controller. `result` of the error holds the
                 arrays of the ticks of this call that were solved.
             KeyboardInterrupt: of the user; the simulation is where it was before all these ticks.
         """
-        if not 0 <= ticks <= self.ticks_left:
+        if isinstance(command, int):
+            return self.step(ticks=command)
+        if not (command is not None) <= ticks <= self.ticks_left:
             raise InputError(f"{ticks} ticks were asked for; the scenario has {self.ticks_left} left")
         if not ticks:
             return self._snapshot
         before = self._run.save_state()
+        self._command(command, ticks)
         try:
             self._snapshot = self._run.advance(ticks)
         except Exception as error:
             # the ticks that were solved are solved again: cheaper than to keep a state before every one
             solved = (self._run.tick or 0) - self._snapshot.tick
             self._run.restore_state(before)
+            self._command(command if solved else None, ticks)
             frames_per_s = self.scenario.recording.frames_per_s
             vars(error)["result"] = result_of(self.stage, frames_per_s, self._again(solved), error)
             raise
@@ -148,6 +161,14 @@ class Simulation:
             self._run.restore_state(before)
             raise
         return self._snapshot
+
+    def measure(self) -> Measurement:
+        """Return what is measured of the present state, without noise."""
+        return self._run.measured(self._snapshot)
+
+    def _command(self, command: Command | None, ticks: int) -> None:
+        if command is not None:
+            self._run.command(command, ticks)
 
     def _again(self, ticks: int) -> Iterator[TickBatch]:
         """Yield the present state and some ticks that are known to be solved."""
@@ -221,7 +242,8 @@ class Simulation:
     def __repr__(self) -> str:
         """Return one line: what is simulated, and where it is."""
         stage, last = self.stage, self._snapshot
-        when = f"tick {last.tick} of {stage.ticks}, {last.time_s:g} s"
+        of = "" if self.scenario.endless else f" of {stage.ticks}"
+        when = f"tick {last.tick}{of}, {last.time_s:g} s"
         return f"Simulation of {stage.scenario}, {stage.mode}: {when}"
 
     def __reduce__(self) -> tuple[Any, ...]:

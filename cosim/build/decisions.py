@@ -48,7 +48,7 @@ def contact_decision(scenario: Scenario, soft: SoftSide, plan: Plan, arm: Arm, s
     open_question = _unknown_reach(scenario)
     if open_question:
         return Decision(what, True, open_question, switch)
-    reach = soft.reach_m or film_reach(soft.body, _largest_pressure(plan))
+    reach = soft.reach_m or film_reach(soft.body, largest_pressure(plan))
     statics = scenario.mode == "quasistatic"
     bodies = within_reach(scene, flange_travel(arm, plan), reach, fixed_only=statics)
     if bodies:
@@ -69,6 +69,8 @@ def _unknown_reach(scenario: Scenario) -> str:
         return "sealed gas has no pressure known beforehand"
     if any(entry.kind == "python" for entry in scenario.controllers):
         return "a controller in Python can move the flange"
+    if scenario.endless:
+        return "without phases, commands are not known beforehand"
     if scenario.commands:
         return "what [[command]] asks for is not known beforehand"
     if any(phase.release for phase in scenario.phases):
@@ -76,7 +78,8 @@ def _unknown_reach(scenario: Scenario) -> str:
     return ""
 
 
-def _largest_pressure(plan: Plan) -> float:
+def largest_pressure(plan: Plan) -> float:
+    """Return the largest gauge pressure [Pa] that a plan gives to a chamber, at least 0."""
     commands = [plan.command, *(asked for phase in plan.phases for asked in (phase.begin, phase.end))]
     return max(0.0, *(pressure for command in commands for pressure in command.pressure_Pa))
 
@@ -134,7 +137,7 @@ def _cables(scenario: Scenario, body: SoftBody, plan: Plan) -> Decision:
     if scenario.fidelity == "rigid":
         return Decision(what, False, "they do not move a rigid body", "fidelity")
     commands = [plan.command, *(asked for phase in plan.phases for asked in (phase.begin, phase.end))]
-    driven = scenario.winches or scenario.controllers or scenario.commands
+    driven = scenario.winches or scenario.controllers or scenario.commands or scenario.endless
     if any(any(command.cable_tension_N) for command in commands) or driven:
         return Decision(what, True, "they are pulled", switch)
     return Decision(what, False, "they are slack throughout", switch)

@@ -13,12 +13,12 @@ from cosim.build.arm_joints import check_joints
 from cosim.build.arms import placed_arm
 from cosim.build.blame import blamed_on
 from cosim.build.cells import cell_of, motion_of
-from cosim.build.decisions import contact_decision, decisions
+from cosim.build.decisions import contact_decision, decisions, largest_pressure
 from cosim.build.engines_agree import check_engines_agree
 from cosim.build.expected_error import expected_error, expected_error_report, extension_report
 from cosim.build.fidelity import fidelity_report, soft_sides
 from cosim.build.known_values import known_report
-from cosim.build.section_cache import section_figures
+from cosim.build.section_cache import section_figures, section_model
 from cosim.config.rules.gas_rules import gas_report
 from cosim.config.schema.scenario import NO_ARM, Scenario
 from cosim.coupling.soft_sides.soft_side import SoftSide
@@ -26,9 +26,11 @@ from cosim.devices.command_source import CommandSource
 from cosim.devices.controller import AnyController
 from cosim.devices.device_loop import Actuation
 from cosim.devices.device_names import device_names, device_report
+from cosim.devices.live.live_bounds import LiveBounds
+from cosim.devices.live.live_commands import LiveCommands
 from cosim.devices.planned_commands import PlannedCommands
 from cosim.errors import ScenarioError, SceneError, SolverError
-from cosim.plan.arm_limits import PlannedArm
+from cosim.plan.arm_limits import ArmLimits, PlannedArm
 from cosim.plan.arm_plan import check_base, checked_start, drawn_payload, planned_arm
 from cosim.plan.decision import Decision
 from cosim.plan.path_clearances import check_clearances, path_clearances
@@ -44,13 +46,13 @@ from cosim.stepping.dynamic import DynamicSimulation
 from cosim.stepping.parts import Parts
 from cosim.stepping.quasistatic import QuasistaticSimulation
 from cosim.stepping.self_contact_law import film_report
-from cosim.telemetry.choices import CONTACT, Choices
+from cosim.telemetry.choices import CONTACT, ONLY_IN_REACH, Choices
 from cosim.telemetry.snapshot import RunInfo
 
 if TYPE_CHECKING:
     from cosim.kinematics.arm import Arm
 
-_Arranged: TypeAlias = tuple[Plan, Carrier, tuple[Decision, ...], PlannedArm | None]
+_Arranged: TypeAlias = tuple[Plan, Carrier, tuple[Decision, ...], PlannedArm | None, "Arm | None"]
 
 
 def build(
@@ -72,13 +74,15 @@ def build(
     """
     trial, soft = soft_sides(scenario, body)
     actuation = Actuation(scenario, soft.body, controllers)
-    plan, carrier, modelled, planned = (_held_base if scenario.robot == NO_ARM else _arm)(
+    plan, carrier, modelled, planned, arm = (_held_base if scenario.robot == NO_ARM else _arm)(
         scenario, trial, soft, before
     )
-    commands: CommandSource = PlannedCommands(scenario, plan, soft, actuation)
+    own = PlannedCommands(scenario, plan, soft, actuation)
+    commands: CommandSource = own
     for entry in scenario.commands:
         commands = entry.source(commands, scenario)
-    parts = Parts(scenario, plan, carrier, soft, commands)
+    live = LiveCommands(commands, own, scenario, soft, _bounds(scenario, plan, modelled, arm))
+    parts = Parts(scenario, plan, carrier, soft, live)
     if scenario.mode == "quasistatic":
         ticks = sum(phase.increments for phase in scenario.phases)
         duration = sum(phase.duration_s + phase.settle_s for phase in scenario.phases)
@@ -92,7 +96,7 @@ def _held_base(scenario: Scenario, trial: SoftSide, soft: SoftSide, _before: Cho
     contact = Decision(CONTACT, False, "there is nothing to touch", "robot")
     modelled = decisions(scenario, soft.body, plan, contact, None)
     modelled += _range(scenario, plan, None, touched=False)
-    return plan, HeldBase(soft, plan.start, scenario.clock.tick_s), modelled, None
+    return plan, HeldBase(soft, plan.start, scenario.clock.tick_s), modelled, None, None
 
 
 def _arm(scenario: Scenario, trial: SoftSide, soft: SoftSide, before: Choices | None) -> _Arranged:
@@ -146,7 +150,18 @@ def _arm(scenario: Scenario, trial: SoftSide, soft: SoftSide, before: Choices | 
     planned = planned_arm(arm, scene, plan, payload, clear, dynamic=dynamic)
     modelled = decisions(scenario, soft.body, plan, contact, travel)
     modelled += _range(scenario, plan, arm, touched=contact.included)
-    return plan, carrier, modelled, planned
+    return plan, carrier, modelled, planned, arm
+
+
+def _bounds(scenario: Scenario, plan: Plan, modelled: tuple[Decision, ...], arm: Arm | None) -> LiveBounds:
+    contact = next(decision for decision in modelled if decision.what == CONTACT)
+    unreached = not contact.included and contact.switch == ONLY_IN_REACH
+    return LiveBounds(
+        arm,
+        None if arm is None else ArmLimits.of(arm),
+        section_model(scenario).spline.largest_Pa if scenario.fidelity == "section" else None,
+        largest_pressure(plan) if unreached else None,
+    )
 
 
 def _range(scenario: Scenario, plan: Plan, arm: Arm | None, *, touched: bool) -> tuple[Decision, ...]:

@@ -17,6 +17,7 @@ from cosim.cli.interruption import Interruption
 from cosim.cli.progress import PlanWarnings, ProgressLine
 from cosim.cli.screen import tell
 from cosim.config.loading import load_scenario
+from cosim.config.rules.size_rules import check_ends
 from cosim.config.schema.scenario import Scenario
 from cosim.config.toml.overrides import parse_assignment
 from cosim.plan.arm_limits import PLANNED
@@ -59,6 +60,7 @@ def run_command(scenario_name: str, assignments: Sequence[str], out: Path | None
         SolverError: the physics could not be solved; the files say how far it came.
     """
     scenario = load_scenario(scenario_name, dict(map(parse_assignment, assignments)))
+    check_ends(scenario)
     directory = out if out is not None else default_directory(scenario.name)
     check_directory(directory)
     if not how.quiet:

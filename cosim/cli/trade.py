@@ -13,6 +13,7 @@ from cosim.app.output_directory import OutputDirectory
 from cosim.cli.screen import draw as draw_line
 from cosim.cli.screen import printable, tell
 from cosim.config.loading import load_scenario
+from cosim.config.rules.size_rules import check_ends
 from cosim.config.schema.scenario import Scenario
 from cosim.config.toml.overrides import parse_assignment
 from cosim.recording import membrane_colours
@@ -61,6 +62,7 @@ def trade_command(
     requirement = _requirement(budget, tolerance, force_tolerance)
     bound = parse_budget(slowest)
     scenario = load_scenario(scenario_name, dict(map(parse_assignment, assignments)))
+    check_ends(scenario)
     scenario = replace(scenario, fidelity="lumped", auto=None)
     candidates = candidates_of(scenario, quick=quick, time_scale=time_scale, truth=truth)
     with OutputDirectory(out) as directory:

@@ -13,6 +13,7 @@ from cosim.config.rules.given_body_rules import check_in_file
 from cosim.config.rules.scenario_rules import check_scenario, check_soft_robot
 from cosim.config.schema.given_body import GivenBodyTable
 from cosim.config.schema.mesh_paths import with_mesh_paths, with_scene_path
+from cosim.config.schema.phase import HOLD
 from cosim.config.schema.scenario import Scenario
 from cosim.config.schema.soft_robot import SoftRobotTable
 from cosim.config.tension_tables import with_listed_tensions
@@ -128,6 +129,8 @@ def resolve(scenario: Scenario) -> Scenario:
 
 
 def _resolved(scenario: Scenario, faults: Faults) -> Scenario:
+    with faults:
+        scenario = scenario if scenario.phases else copy_with(scenario, phases=(HOLD,))
     with faults:
         scenario = with_listed_tensions(scenario, faults)
     with faults:

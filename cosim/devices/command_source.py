@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Any, final
 
 from cosim.base.frames import Array, Pose, Wrench
+from cosim.devices.controller import Command, Measurement
 from cosim.devices.device_report import ActuationReport
 from cosim.plan.joint_path import JointReference
 from cosim.plan.robot_command import RobotCommand, SoftCommand
@@ -39,22 +40,26 @@ class RobotState:
     Args:
         time_s: simulated time.
         flange: world_from_flange.
+        flange_twist: (6,) [m/s, rad/s], linear then angular, of its origin, world axes.
         joint_position: (joints,) [rad].
         joint_velocity: (joints,) [rad/s].
         joint_torque: (joints,) [N m], that the servos gave in the last tick.
         wrench: that the soft robot exerts on the flange, about its origin, world axes.
         flange_jacobian: (6, joints), from joint speeds to the twist of the flange's origin, world axes.
         contact_force: (3,) [N] of the soft robot on each rigid body in the last tick, world axes, by name.
+        body_pose: world from each rigid body, by name.
     """
 
     time_s: float
     flange: Pose
+    flange_twist: Array
     joint_position: Array
     joint_velocity: Array
     joint_torque: Array
     wrench: Wrench
     flange_jacobian: Array
     contact_force: Mapping[str, Array]
+    body_pose: Mapping[str, Pose]
 
 
 @final
@@ -87,12 +92,13 @@ class CommandSource(ABC):
             see: looks at the robot as it is at the start of the step.
         """
 
-    def ahead(self, phase: int, done: int) -> CommandsAhead | None:
+    def ahead(self, phase: int, done: int, most: int | None = None) -> CommandsAhead | None:
         """Return what a tick and some after it ask for; None where that depends on what happens in them.
 
         Args:
             phase: index of their phase.
             done: ticks of the phase at the end of the first.
+            most: ticks that are of use; None for as many as cost little.
         """
         return None
 
@@ -114,6 +120,32 @@ class CommandSource(ABC):
 
         Raises:
             InputError: the state does not fit.
+        """
+
+
+class SteeredCommands(CommandSource):
+    """Can be commanded from outside, and knows what there is to measure of what it commands."""
+
+    @abstractmethod
+    def command(self, command: Command, ticks: int) -> None:
+        """Take up a command for the ticks to come.
+
+        Args:
+            command: see there.
+            ticks: within which its values are to be reached, at least one.
+
+        Raises:
+            InputError: it asks for what there is not, or what cannot be.
+            InstabilityError: a number is not finite.
+        """
+
+    @abstractmethod
+    def measured(self, robot: RobotState, tension_N: Array) -> Measurement:
+        """Return what is measured of the run between two ticks.
+
+        Args:
+            robot: besides the soft side.
+            tension_N: (cables,) of the last tick.
         """
 
 

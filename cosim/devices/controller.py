@@ -7,7 +7,7 @@ can be saved and continued. It is asked at a fixed rate; its last command holds 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Any, Final, Generic, TypeVar, final
@@ -21,16 +21,20 @@ NOTHING: Final[Mapping[str, float]] = MappingProxyType({})
 @final
 @dataclass(frozen=True)
 class Measurement:
-    """What a controller sees: the run at the start of a tick, without noise.
+    """What is measured of a run between two ticks, without noise: by controllers, by `Simulation.measure`.
 
     Args:
         time_s: simulated time.
-        setpoint: what the phase asks of this controller, in the unit of what it controls; None: nothing.
+        setpoint: what the phase asks of the controller that looks, in the unit of what it controls; None:
+            nothing, or nobody does.
         tip_position: (3,) [m], world.
         tip_direction: (3,), unit normal of the tip ring, world.
+        tip_twist: (6,) [m/s, rad/s], linear then angular, of the tip ring's centre, world axes; how fast the
+            ring turns about its own normal is part of it.
         bending_angle_rad: between the tip's direction and the flange's z axis.
         pressure_Pa: gauge pressure of each chamber.
         volume_m3: of each chamber.
+        gas_kg: sealed in each chamber; None where its pressure is given.
         cable_tension_N: at the base end of each cable, by its name.
         cable_length_m: of each cable's route, by its name.
         cable_unstretched_m: commanded length of each cable, by its name; while its tension is commanded, the
@@ -39,18 +43,24 @@ class Measurement:
         joint_velocity: (joints,) [rad/s].
         joint_torque: (joints,) [N m], that the servos gave in the last tick; zero before the first.
         flange: world_from_flange.
+        flange_twist: (6,) [m/s, rad/s], linear then angular, of the flange's origin, world axes.
         flange_wrench: that the soft robot exerts on the flange, about the flange's origin, world axes.
         contact_force_N: (3,) [N] of the soft robot on each rigid body in the last tick, world axes, by the
             body's name; the floor is part of "world".
+        body_pose: world from each rigid body, by its name.
+        limits: what the arm is held at, in words: joints and speeds that a command asked for beyond their
+            bounds, torques that servos cannot exceed; empty where it follows.
     """
 
     time_s: float
     setpoint: float | None
     tip_position: Array
     tip_direction: Array
+    tip_twist: Array
     bending_angle_rad: float
     pressure_Pa: tuple[float, ...]
     volume_m3: tuple[float, ...]
+    gas_kg: tuple[float | None, ...]
     cable_tension_N: Mapping[str, float]
     cable_length_m: Mapping[str, float]
     cable_unstretched_m: Mapping[str, float]
@@ -58,16 +68,21 @@ class Measurement:
     joint_velocity: Array
     joint_torque: Array
     flange: Pose
+    flange_twist: Array
     flange_wrench: Wrench
     contact_force_N: Mapping[str, Array]
+    body_pose: Mapping[str, Pose]
+    limits: tuple[str, ...] = ()
 
 
 @final
 @dataclass(frozen=True)
 class Command:
-    """What a controller asks for until it is asked again; what it leaves out goes as planned.
+    """What a controller or `Simulation.step` asks for; a run makes a complete `RobotCommand` of it.
 
-    A run makes the complete `RobotCommand` of each tick from it and the plan.
+    What it leaves out, a controller leaves to the plan. `Simulation.step` leaves it as it was commanded last,
+    and to the plan where it never was; of `flange`, `flange_twist` and `joint_position` it takes one at most,
+    and a flange whose twist is commanded no more stands. The last four keys are of `Simulation.step` alone.
 
     Args:
         cable_tension_N: by cable name.
@@ -75,12 +90,20 @@ class Command:
         pump_pressure_Pa: setpoint, by pump name.
         flange_twist: (6,) [m/s, rad/s], linear then angular, world axes: how the flange's reference moves
             besides the plan, about its origin; None: it moves as planned, from where it has been moved to.
+        pressure_Pa: gauge, by chamber name; not where gas is sealed.
+        gas_kg: amount of gas, by name of a chamber in which it is sealed; what comes in has its temperature.
+        flange: world_from_flange; the joints go there evenly, on the branch they are on.
+        joint_position: (joints,) [rad].
     """
 
     cable_tension_N: Mapping[str, float] = field(default_factory=lambda: NOTHING)
     cable_length_m: Mapping[str, float] = field(default_factory=lambda: NOTHING)
     pump_pressure_Pa: Mapping[str, float] = field(default_factory=lambda: NOTHING)
-    flange_twist: tuple[float, ...] | None = None
+    flange_twist: Sequence[float] | Array | None = None
+    pressure_Pa: Mapping[str, float] = field(default_factory=lambda: NOTHING)
+    gas_kg: Mapping[str, float] = field(default_factory=lambda: NOTHING)
+    flange: Pose | None = None
+    joint_position: Sequence[float] | Array | None = None
 
 
 class Controller(ABC, Generic[State]):

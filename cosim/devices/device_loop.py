@@ -6,24 +6,25 @@ winches turn. A scenario without any of these passes through untouched.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import final
 
 import numpy as np
 
-from cosim.base.frames import Array, Pose
+from cosim.base.frames import Pose
 from cosim.config.rules.device_rules import acting
-from cosim.config.schema.phase import PhaseTable
 from cosim.config.schema.scenario import Scenario
 from cosim.coupling.soft_sides.soft_side import SoftSide
 from cosim.devices.cable_drive import CableDrive, CableDriveState, Order
+from cosim.devices.cable_orders import LiveOrders, orders_of
 from cosim.devices.command_source import RobotState
 from cosim.devices.controller import AnyController, Measurement
 from cosim.devices.device_build import build_holds, build_pump, build_winch
 from cosim.devices.device_names import device_names
 from cosim.devices.device_report import ActuationReport, ControlReport, PumpReport
+from cosim.devices.measuring import bending_angle, measured, measured_cables
 from cosim.devices.pump_drive import PumpDrive, PumpDriveState
 from cosim.devices.zero_order_hold import Held, HoldState
 from cosim.errors import InputError
@@ -43,12 +44,14 @@ class ActuationState:
         pumps: of each pump.
         holds: of each controller, in the order of the scenario.
         started: names of the controllers that have been asked in the present phase.
+        held: whether it drives cables that the scenario does not give it to drive.
     """
 
     cables: tuple[CableDriveState, ...]
     pumps: tuple[PumpDriveState, ...]
     holds: tuple[HoldState, ...]
     started: tuple[str, ...]
+    held: bool = False
 
 
 @final
@@ -86,7 +89,20 @@ class Actuation:
         self._planned: PhasePlan | None = None
         self._orders: list[Order | None] = []
         self._setpoints: dict[str, float | None] = {}
-        self.active = device_names(scenario) is not None
+        self._modelled, self._held = device_names(scenario) is not None, False
+        self.live: LiveOrders | None = None
+        """What is commanded from outside, in place of phases and controllers; whoever does sets it anew."""
+
+    @property
+    def active(self) -> bool:
+        """Whether it drives anything: otherwise what is planned passes through untouched."""
+        return self._modelled or self._held
+
+    def hold(self, tension_N: Sequence[float]) -> None:
+        """Drive cables from now on that nothing drove before, at these tensions."""
+        self._held = True
+        for drive, tension in zip(self.cables, tension_N, strict=True):
+            drive.restore_state(CableDriveState(tension, tension))
 
     def begin_phase(self, planned: PhasePlan, soft: SoftSide) -> None:
         """Take over what a phase asks; nothing moves at this instant."""
@@ -130,13 +146,17 @@ class Actuation:
         given = planned.phase.pump_pressure_Pa or {}
         pressures = [given.get(pump.name) for pump in self.pumps]
         for name, setpoint in self._setpoints.items():
-            held = self._ask(name, partial(self._measure, soft, see, setpoint))
+            held = self._ask(name, partial(self._measure, gas, soft, see, setpoint))
             for k, (tension, length) in enumerate(zip(held.tension_N, held.length_m, strict=True)):
                 order: Order | None = None if tension is None else ("tension", tension)
                 commanded[k] = order or (commanded[k] if length is None else ("length", length))
             pairs = zip(held.pump_pressure_Pa, pressures, strict=True)
             pressures = [old if new is None else new for new, old in pairs]
             twist = twist if held.flange_twist is None else held.flange_twist
+        if self.live is not None:
+            commanded = [mine or order for mine, order in zip(self.live.cables, commanded, strict=True)]
+            pairs = zip(self.live.pump_pressure_Pa, pressures, strict=True)
+            pressures = [old if new is None else new for new, old in pairs]
         self._work_pumps(gas, soft, pressures)
         triples = zip(self.cables, self._orders, commanded, strict=True)
         for drive, order, command in triples:
@@ -180,6 +200,7 @@ class Actuation:
             tuple(pump.save_state() for pump in self.pumps),
             tuple(hold.save_state() for hold in self._holds.values()),
             self._started,
+            self._held,
         )
 
     def restore_state(self, state: ActuationState) -> None:
@@ -205,12 +226,12 @@ class Actuation:
             pump.restore_state(own)
         for hold, held in zip(self._holds.values(), state.holds, strict=True):
             hold.restore_state(held)
-        self._started = state.started
+        self._started, self._held = state.started, state.held
 
     def _take_over(self, planned: PhasePlan) -> None:
         """Read what a phase asks: a run that goes on from a saved state may ask something else."""
         if planned is not self._planned:
-            self._planned, self._orders = planned, _orders(planned, self._names)
+            self._planned, self._orders = planned, orders_of(planned, self._names)
             self._setpoints = acting(planned.phase)
 
     def _ask(self, name: str, see: Callable[[], Measurement]) -> Held:
@@ -226,60 +247,23 @@ class Actuation:
             content = gas.content(pump.chamber)
             if content is None and setpoint is not None:
                 raise InputError(
-                    f"a controller commands {setpoint:g} Pa of pump '{pump.name}', whose chamber is at a "
+                    f"{setpoint:g} Pa are commanded of pump '{pump.name}', whose chamber is at a "
                     "given pressure; give gas = 'sealed' in that phase"
                 )
             if content is not None:
                 gas.set_gas(pump.chamber, pump.work(content, volumes[pump.chamber], self._tick_s, setpoint))
 
-    def _measure(self, soft: SoftSide, see: Callable[[], RobotState], setpoint: float | None) -> Measurement:
-        instant = see()
-        x = soft.state.positions
-        direction = soft.body.tip_direction(x)
-        pairs = list(zip(self._names, self.cables, strict=True))
-        return Measurement(
-            time_s=instant.time_s,
-            setpoint=setpoint,
-            tip_position=soft.body.tip_position(x),
-            tip_direction=direction,
-            bending_angle_rad=bending_angle(direction, instant.flange),
-            pressure_Pa=tuple(soft.pressures_Pa),
-            volume_m3=tuple(soft.volumes_m3),
-            cable_tension_N={name: drive.tension_N(x) for name, drive in pairs},
-            cable_length_m={name: drive.cable.length(x) for name, drive in pairs},
-            cable_unstretched_m={name: drive.unstretched_m(x) for name, drive in pairs},
-            joint_position=instant.joint_position,
-            joint_velocity=instant.joint_velocity,
-            joint_torque=instant.joint_torque,
-            flange=instant.flange,
-            flange_wrench=instant.wrench,
-            contact_force_N=instant.contact_force,
-        )
+    def _measure(
+        self, gas: ChamberGas, soft: SoftSide, see: Callable[[], RobotState], setpoint: float | None
+    ) -> Measurement:
+        return measured(soft, see(), gas, self.measured_cables(soft), setpoint=setpoint)
 
-
-def bending_angle(tip_direction: Array, flange: Pose) -> float:
-    """Return the angle [rad] between the tip's direction (3,) and the flange's z axis."""
-    axis = flange.rotation[:, 2]
-    return float(np.arctan2(np.linalg.norm(np.cross(axis, tip_direction)), axis @ tip_direction))
-
-
-def _orders(planned: PhasePlan, names: tuple[str, ...]) -> list[Order | None]:
-    """Return what a phase asks of each cable."""
-    phase = planned.phase
-    if phase.cable_tension_N is not None or _finds_tensions(phase):
-        return [("tension", tension) for tension in planned.end.cable_tension_N]
-    lengths, shortenings = phase.cable_length_m or {}, phase.cable_shortening_m or {}
-    orders: list[Order | None] = []
-    for name in names:
-        if name in lengths:
-            orders.append(("length", lengths[name]))
-        else:
-            orders.append(("shortening", shortenings[name]) if name in shortenings else None)
-    return orders
-
-
-def _finds_tensions(phase: PhaseTable) -> bool:
-    return phase.tip_target is not None and phase.tip_target.reach_with == "cables"
+    def measured_cables(
+        self, soft: SoftSide, tension_N: Sequence[float] | None = None
+    ) -> dict[str, dict[str, float]]:
+        """Return those fields of a measurement that are by cable; `tension_N` where nothing drives them."""
+        given = None if self.active else tension_N
+        return measured_cables(self._names, self.cables, soft.state.positions, given)
 
 
 def _pump_report(drive: PumpDrive) -> PumpReport:

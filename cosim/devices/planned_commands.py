@@ -46,51 +46,56 @@ class PlannedCommands(CommandSource):
         actuation: devices.
     """
 
+    gas: ChamberGas
+    """What is in the chambers."""
+    actuation: Actuation
+    """Its devices."""
+
     def __init__(self, scenario: Scenario, plan: Plan, soft: SoftSide, actuation: Actuation) -> None:
-        self._plan, self._soft, self._actuation = plan, soft, actuation
+        self._plan, self._soft, self.actuation = plan, soft, actuation
         self._tick_s = None if scenario.mode == "quasistatic" else scenario.clock.tick_s
-        self._gas = ChamberGas(scenario.gas)
+        self.gas = ChamberGas(scenario.gas)
         self._offset = FlangeOffset(len(plan.joints))
         self._references: TickReferences | IncrementReferences | None = None
 
     def begin_phase(self, phase: int) -> None:
         planned = self._plan.phases[phase]
-        self._gas.begin(planned.gas, self._soft)
-        self._actuation.begin_phase(planned, self._soft)
+        self.gas.begin(planned.gas, self._soft)
+        self.actuation.begin_phase(planned, self._soft)
 
     def next(self, step: StepToTake, see: Callable[[], RobotState]) -> RobotCommand:
         references = self._of(step.phase)
         planned, (joints, load_factor) = references.planned, references.at(step.done)
-        self._gas.advance(self._soft, step.length_s)
-        if self._actuation.active:
-            twist = self._actuation.act(planned, self._gas, self._soft, see, load_factor)
+        self.gas.advance(self._soft, step.length_s)
+        if self.actuation.active:
+            twist = self.actuation.act(planned, self.gas, self._soft, see, load_factor)
             joints = self._offset.moved(joints, twist, see, step.length_s)
-        asked = self._gas.between(planned.begin, planned.end, load_factor)
-        return RobotCommand(joints, self._actuation.driven(asked))
+        asked = self.gas.between(planned.begin, planned.end, load_factor)
+        return RobotCommand(joints, self.actuation.driven(asked))
 
-    def ahead(self, phase: int, done: int) -> CommandsAhead | None:
+    def ahead(self, phase: int, done: int, most: int | None = None) -> CommandsAhead | None:
         references = self._of(phase)
-        if self._actuation.active or self._gas.holds_gas or isinstance(references, IncrementReferences):
+        if self.actuation.active or self.gas.holds_gas or isinstance(references, IncrementReferences):
             return None
-        planned, (joints, shares) = references.planned, references.from_on(done)
-        begin, end, between = planned.begin, planned.end, self._gas.between
+        planned, (joints, shares) = references.planned, references.from_on(done, most)
+        begin, end, between = planned.begin, planned.end, self.gas.between
         return CommandsAhead(joints, tuple([between(begin, end, share) for share in shares]))
 
     def cable_tension_N(self, phase: int, done: int) -> tuple[float, ...]:
         references = self._of(phase)
         ramp = CommandRamp(references.planned.begin, references.planned.end)
-        return self._actuation.driven(ramp.at(references.at(done)[1])).cable_tension_N
+        return self.actuation.driven(ramp.at(references.at(done)[1])).cable_tension_N
 
     def report(self, flange: Pose) -> ActuationReport | None:
-        return self._actuation.report(self._soft, flange)
+        return self.actuation.report(self._soft, flange)
 
     def save_state(self) -> PlannedCommandsState:
-        gas, devices = self._gas.save_state(), self._actuation.save_state()
+        gas, devices = self.gas.save_state(), self.actuation.save_state()
         return PlannedCommandsState(gas, devices, self._offset.save_state())
 
     def restore_state(self, state: PlannedCommandsState) -> None:
-        self._gas.restore_state(state.gas)
-        self._actuation.restore_state(state.devices)
+        self.gas.restore_state(state.gas)
+        self.actuation.restore_state(state.devices)
         self._offset.restore_state(state.offset)
 
     def _of(self, phase: int) -> TickReferences | IncrementReferences:

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, final
+from typing import Any, Final, final
 
+from cosim.base.frames import Pose
+from cosim.devices.command_values import check_one_order_each, named_values, numbers
 from cosim.devices.controller import AnyController, Command, Measurement
-from cosim.errors import InputError, InstabilityError
+from cosim.errors import InputError
+
+_OF_STEPS: Final = ("pressure_Pa", "gas_kg", "flange", "joint_position")
 
 
 @final
@@ -103,37 +106,15 @@ class ZeroOrderHold:
         self._state = state
 
     def _ordered(self, command: Command) -> Held:
-        held = Held(
-            self._values(command.cable_tension_N, self._cables, "cable_tension_N", 0.0),
-            self._values(command.cable_length_m, self._cables, "cable_length_m", 0.0),
-            self._values(command.pump_pressure_Pa, self._pumps, "pump_pressure_Pa", -math.inf),
-            self._twist(command.flange_twist),
+        who = f"controller '{self.name}'"
+        for key in _OF_STEPS:
+            given = getattr(command, key)
+            if given is not None and len(vars(given) if isinstance(given, Pose) else given):
+                raise InputError(f"{who} commands {key}, which only `Simulation.step` takes")
+        check_one_order_each(command, who)
+        return Held(
+            named_values(command.cable_tension_N, self._cables, who, "cable_tension_N", 0.0),
+            named_values(command.cable_length_m, self._cables, who, "cable_length_m", 0.0),
+            named_values(command.pump_pressure_Pa, self._pumps, who, "pump_pressure_Pa"),
+            numbers(command.flange_twist, 6, who, "flange_twist"),
         )
-        for name in set(command.cable_tension_N) & set(command.cable_length_m):
-            raise InputError(f"controller '{self.name}' commands both tension and length of cable '{name}'")
-        return held
-
-    def _twist(self, given: tuple[float, ...] | None) -> tuple[float, ...] | None:
-        if given is None:
-            return None
-        twist = tuple(float(value) for value in given)
-        if len(twist) != 6:
-            raise InputError(f"controller '{self.name}': flange_twist has {len(twist)} numbers; must be 6")
-        if not all(map(math.isfinite, twist)):
-            raise InstabilityError(f"controller '{self.name}': flange_twist is {twist}")
-        return twist
-
-    def _values(
-        self, given: Mapping[str, float], names: tuple[str, ...], key: str, lowest: float
-    ) -> tuple[float | None, ...]:
-        for name, value in given.items():
-            if name not in names:
-                known = ", ".join(names) or "none"
-                raise InputError(f"controller '{self.name}': {key} of '{name}'; there are: {known}")
-            if not math.isfinite(value):
-                raise InstabilityError(f"controller '{self.name}': {key} of '{name}' is {value}")
-            if value < lowest:
-                raise InputError(
-                    f"controller '{self.name}': {key} of '{name}' is {value:g}; must be at least {lowest:g}"
-                )
-        return tuple(float(given[name]) if name in given else None for name in names)

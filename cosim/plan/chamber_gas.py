@@ -89,7 +89,7 @@ class ChamberGas:
 
     def content(self, chamber: int) -> SealedGas | None:
         """Return the sealed gas in a chamber (by index); None while its pressure is given."""
-        return self._sealed[chamber]
+        return self._sealed[chamber] if self._sealed else None
 
     def set_gas(self, chamber: int, gas: SealedGas) -> None:
         """Replace the sealed gas in a chamber (by index)."""

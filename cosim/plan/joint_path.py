@@ -32,9 +32,9 @@ class JointReference:
         """Return what is asked at one of several instants."""
         return JointReference(self.position[k], self.velocity[k], self.acceleration[k])
 
-    def from_on(self, k: int) -> JointReference:
-        """Return what is asked at one of several instants and after it."""
-        return JointReference(self.position[k:], self.velocity[k:], self.acceleration[k:])
+    def some(self, k: int, end: int | None) -> JointReference:
+        """Return what is asked at some of several instants, from one on."""
+        return JointReference(self.position[k:end], self.velocity[k:end], self.acceleration[k:end])
 
 
 @final

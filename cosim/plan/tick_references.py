@@ -4,11 +4,17 @@ from __future__ import annotations
 
 from typing import final
 
+from cosim.config.schema.phase import PhaseTable
 from cosim.plan.joint_path import JointReference
 from cosim.plan.plan import PhasePlan
 from cosim.plan.ramp import Progress, progress
 
 _TICKS = 256  # worked out at once
+
+
+def ticks_of(phase: PhaseTable, tick_s: float) -> int:
+    """Return how many ticks of a length [s] a phase lasts, at least one."""
+    return max(1, round((phase.duration_s + phase.settle_s) / tick_s))
 
 
 @final
@@ -44,10 +50,11 @@ class TickReferences:
         joints, place = self._worked_out(done)
         return joints.row(place), self._shares[place]
 
-    def from_on(self, done: int) -> tuple[JointReference, list[float]]:
-        """Return what `at` does for a tick and all after it that have been worked out."""
+    def from_on(self, done: int, most: int | None = None) -> tuple[JointReference, list[float]]:
+        """Return what `at` does for a tick and those after it that have been worked out, `most` of them."""
         joints, place = self._worked_out(done)
-        return joints.from_on(place), self._shares[place:]
+        end = None if most is None else place + most
+        return joints.some(place, end), self._shares[place:end]
 
     def _worked_out(self, done: int) -> tuple[JointReference, int]:
         """Return references of many ticks, and the place of one among them."""

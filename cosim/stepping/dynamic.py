@@ -43,6 +43,9 @@ class DynamicSimulation(SteppedRun):
         begun = batches is not None and (batches.half_done is not None or batches.broken)
         return super().saves_now and not begun
 
+    def _forget_ahead(self) -> None:
+        self._batches = None
+
     def _start(self, began: float) -> Snapshot:
         parts = self._parts
         plan, carrier, soft = parts.plan, parts.carrier, parts.soft

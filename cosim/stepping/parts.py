@@ -13,9 +13,11 @@ from cosim.config.schema.scenario import Scenario
 from cosim.coupling.contact.contact_report import NOTHING_TOUCHED, ContactReport
 from cosim.coupling.schemes.ledger import LedgerEntry
 from cosim.coupling.soft_sides.soft_side import SoftSide
-from cosim.devices.command_source import CommandSource, RobotState, StepToTake
+from cosim.devices.command_source import RobotState, SteeredCommands, StepToTake
+from cosim.devices.controller import Measurement
 from cosim.plan.plan import Plan
 from cosim.plan.robot_command import RobotCommand, SoftCommand, loads_of
+from cosim.plan.tick_references import ticks_of
 from cosim.soft.body.loads import Loads
 from cosim.stepping.carrier import Carrier
 from cosim.stepping.self_contact_law import with_film_contacts
@@ -68,7 +70,7 @@ class Parts:
     """
 
     def __init__(
-        self, scenario: Scenario, plan: Plan, carrier: Carrier, soft: SoftSide, commands: CommandSource
+        self, scenario: Scenario, plan: Plan, carrier: Carrier, soft: SoftSide, commands: SteeredCommands
     ) -> None:
         self.scenario, self.plan = scenario, plan
         self.carrier, self.soft, self.commands = carrier, soft, commands
@@ -79,7 +81,7 @@ class Parts:
 
     def ticks(self, phase: PhaseTable) -> int:
         """Return how many ticks of the clock a phase lasts, at least one."""
-        return max(1, round((phase.duration_s + phase.settle_s) / self.scenario.clock.tick_s))
+        return ticks_of(phase, self.scenario.clock.tick_s)
 
     def looks_at_links(self, first: int, count: int) -> range:
         """Return after how many ticks (increments) of `count` from the first one on links are looked at."""
@@ -92,17 +94,27 @@ class Parts:
     def _robot(self, time_s: float) -> RobotState:
         """Return what is seen of the robot now."""
         carrier = self.carrier
-        names = carrier.body_names
+        names, twist, poses = (
+            carrier.body_names,
+            carrier.flange_twist,
+            zip(*carrier.body_poses(), strict=True),
+        )
         return RobotState(
             time_s,
             carrier.flange_pose,
+            np.concatenate([twist.linear, twist.angular]),
             carrier.joint_position,
             carrier.joint_velocity,
             carrier.joint_torque,
             carrier.wrench,
             carrier.flange_jacobian(),
             dict(zip(names, carrier.touched.on_each(len(names)), strict=True)),
+            {name: Pose.from_quaternion(q, x) for name, (x, q) in zip(names, poses, strict=True)},
         )
+
+    def measured(self, last: Snapshot) -> Measurement:
+        """Return what is measured of the run after the tick of a snapshot."""
+        return self.commands.measured(self._robot(last.time_s), last.cable_tension_N)
 
     def loads(self, command: SoftCommand) -> Loads:
         """Return what acts on the soft body that is asked for something; the same object for the same."""

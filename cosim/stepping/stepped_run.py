@@ -11,6 +11,7 @@ from typing import Any, Final, final
 
 from cosim.base.frames import Pose
 from cosim.base.state_check import KnownStates, check_state
+from cosim.devices.controller import Command, Measurement
 from cosim.errors import InputError, SolverError
 from cosim.plan.plan import Plan
 from cosim.stepping.cursor import Cursor
@@ -134,6 +135,15 @@ class SteppedRun(ABC):
             last = taken
         return last.snapshot(-1) if isinstance(last, TickBatch) else last[-1]
 
+    def command(self, command: Command, ticks: int) -> None:
+        """Take up a command for the ticks to come; see `LiveCommands.command`."""
+        self._parts.commands.command(command, ticks)
+        self._forget_ahead()
+
+    def measured(self, last: Snapshot) -> Measurement:
+        """Return what is measured of the run after its last step, which a snapshot shows."""
+        return self._parts.measured(last)
+
     def _taken(self, together: int, most: int | None) -> Iterator[Sequence[Snapshot] | TickBatch]:
         """Yield the state at rest, then steps: one snapshot, or a batch of at least one."""
         wanted = sys.maxsize if most is None else most
@@ -229,6 +239,9 @@ class SteppedRun(ABC):
         """Change what is held and what is asked for, with the flange where it is."""
         self._parts.plan.phases[phase].holding.apply(self._parts.soft, flange)
         self._parts.commands.begin_phase(phase)
+
+    def _forget_ahead(self) -> None:  # noqa: B027  # not every mode works anything out
+        """Forget what has been worked out of the steps to come."""
 
     @abstractmethod
     def _start(self, began: float) -> Snapshot:

@@ -64,7 +64,7 @@ WRONG_VALUES = {
     "vector of two": ("gravity_m_s2=[0, -9.81]", "gravity_m_s2", "must have 3"),
     "no direction": ("start.flange.direction=[0, 0, 0]", "start.flange.direction", "must not be zero"),
     "duplicate phase": ("phase.turn.name=lift", "phase.lift", "used twice"),
-    "no phase": ("phase=[]", "phase", "at least 1"),
+    "no phase": ("phase=[]", "phase", "holds its start without end"),
     "phase that is not there": ("phase.bend.pressure_Pa=1", "phase.bend", "inflate"),
     "missing key": ('phase=[{name="only"}]', "phase.only.duration_s", "missing"),
     "tension without cable": (
@@ -230,7 +230,7 @@ def test_every_missing_key_of_a_file_is_told(tmp_path: Path, capsys: pytest.Capt
     path.write_text("")
     assert main(["run", str(path)]) == 2
     told = capsys.readouterr().err.splitlines()
-    keys = ("schema", "title", "robot", "soft_robot", "start", "phase")
+    keys = ("schema", "title", "robot", "soft_robot", "start")
     assert told == [f"cosim: error: {key}: is missing; it has no default" for key in keys]
 
 

@@ -22,9 +22,9 @@ PI = ProportionalIntegral(1.5, 6.0, PERIOD_s, -math.inf, math.inf)
 
 def seen(**changes: object) -> Measurement:
     at_rest = Measurement(
-        0.0, 0.5, np.zeros(3), np.array([0.0, 0.0, 1.0]), 0.2, (0.0,), (1e-4,), {"a": 3.0, "b": 0.0},
-        {"a": 0.21, "b": 0.31}, {"a": 0.2, "b": 0.3}, np.zeros(0), np.zeros(0), np.zeros(0), Pose(),
-        Wrench(), {},
+        0.0, 0.5, np.zeros(3), np.array([0.0, 0.0, 1.0]), np.zeros(6), 0.2, (0.0,), (1e-4,), (None,),
+        {"a": 3.0, "b": 0.0}, {"a": 0.21, "b": 0.31}, {"a": 0.2, "b": 0.3}, np.zeros(0), np.zeros(0),
+        np.zeros(0), Pose(), np.zeros(6), Wrench(), {}, {},
     )  # fmt: skip
     return replace(at_rest, **changes)  # type: ignore[arg-type]
 

@@ -206,10 +206,10 @@ def test_a_run_saved_among_devices_goes_on_bit_for_bit(tmp_path: Path) -> None:
     last = list(branch.steps())[-1].devices
     assert last is not None
     assert (last.controls[0].setpoint, last.pumps[0].setpoint_Pa) == (0.15, 2.3e4)
-    ended = plain.save_state().commands.devices.cables[1].wanted
-    assert branch.save_state().commands.devices.cables[1].wanted == pytest.approx(ended - 0.002)
-    assert state.commands.devices.pumps[0].pump.starts > 0
-    assert state.commands.devices.cables[1].winch.commanded > 0
+    ended = plain.save_state().commands.given.devices.cables[1].wanted
+    assert branch.save_state().commands.given.devices.cables[1].wanted == pytest.approx(ended - 0.002)
+    assert state.commands.given.devices.pumps[0].pump.starts > 0
+    assert state.commands.given.devices.cables[1].winch.commanded > 0
     assert len(found) == len(expected) == 91
     assert found == expected
 

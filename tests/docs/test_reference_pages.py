@@ -52,7 +52,17 @@ def test_every_public_name_says_what_it_is_and_takes(name: str) -> None:
 def test_every_field_is_told_and_every_array_has_shape_and_unit(name: str) -> None:
     kind = getattr(cosim, name)
     told = told_arguments(inspect.getdoc(kind) or "")
-    unitless = ("direction", "quaternion", "phase", "tick", "iterations", "ratio", "contacts", "rank")
+    unitless = (
+        "direction",
+        "quaternion",
+        "phase",
+        "tick",
+        "iterations",
+        "ratio",
+        "contacts",
+        "rank",
+        "rotation",
+    )
     for field in fields(kind):
         assert field.name in told, f"{field.name} is not told"
         if "Array" in str(field.type) and "Mapping" not in str(field.type):

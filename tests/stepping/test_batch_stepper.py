@@ -125,7 +125,7 @@ def test_commanded_cables_go_tick_by_tick(path: Path, tmp_path: Path) -> None:
 def test_devices_act_tick_by_tick(path: Path) -> None:
     run: Any = build_simulation(scenario(path))
     devices = run._parts.commands._actuation
-    devices.active = True  # as with a controller of tensions, which leaves the loads plain
+    devices._modelled = True  # as with a controller of tensions, which leaves the loads plain
     devices.report = lambda *_: None
     assert not taken_together(run, 3)
 

@@ -48,6 +48,8 @@ def check_scenario(scenario: Scenario, faults: Faults) -> None:
     with faults:
         _check_arm(scenario.robot)
     with faults:
+        _check_endless(scenario)
+    with faults:
         if isinstance(scenario.soft_robot, GivenBodyTable):
             check_given_body(scenario.soft_robot, scenario, faults)
         else:
@@ -74,6 +76,20 @@ def check_scenario(scenario: Scenario, faults: Faults) -> None:
 def _check_arm(robot: str) -> None:
     if robot not in (*list_arms(), NO_ARM) and not is_arm_path(robot):
         raise ScenarioError("robot", unknown_arm(robot, (NO_ARM,)))
+
+
+def _check_endless(scenario: Scenario) -> None:
+    """Check that what holds its start until it is commanded can be stepped, and its model is given."""
+    if scenario.endless and scenario.mode != "dynamic":
+        raise ScenarioError(
+            "mode",
+            f"'{scenario.mode}' follows the increments of phases, and there is no [[phase]]; give one, or "
+            "mode = 'dynamic', which cosim.Simulation steps and commands",
+        )
+    if scenario.endless and scenario.fidelity == "auto":
+        raise ScenarioError(
+            "fidelity", "'auto' is chosen by running the phases, and there is no [[phase]]; name a model"
+        )
 
 
 def check_soft_robot(robot: SoftRobotTable, path: str, faults: Faults) -> None:

@@ -52,6 +52,20 @@ def triangle_count(robot: AnySoftRobot) -> int:
     return copies * own + sum(triangle_count(part.robot) for part in robot.attachments)
 
 
+def check_ends(scenario: Scenario) -> None:
+    """Check that a scenario has phases, with which it ends.
+
+    Raises:
+        ScenarioError: it has none.
+    """
+    if scenario.endless:
+        raise ScenarioError(
+            "phase",
+            "is missing: the scenario holds its start without end; give a [[phase]] with a duration_s, or "
+            "step and command it with cosim.Simulation",
+        )
+
+
 def _check_triangles(scenario: Scenario) -> None:
     finer = scenario.fidelity == "refined"
     triangles = triangle_count(scenario.soft_robot) * (4 if finer else 1)
@@ -77,6 +91,8 @@ def _check_shake(phase: PhaseTable) -> None:
 
 def _check_length(scenario: Scenario) -> None:
     """Check ticks or increments, by the mode; the phase that makes most of them is named."""
+    if scenario.endless:
+        return
     quasistatic = scenario.mode == "quasistatic"
     tick_s = scenario.clock.tick_s
     counts = [p.increments if quasistatic else (p.duration_s + p.settle_s) / tick_s for p in scenario.phases]

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Annotated, Literal, final
+from typing import Annotated, Final, Literal, final
 
 from annotated_types import Interval, Len
 
@@ -213,3 +213,7 @@ class PhaseTable:
     supports: tuple[SupportTable, ...] = field(default=(), metadata={"alias": "support"})
     forces: tuple[ForceTable, ...] = field(default=(), metadata={"alias": "force"})
     tip_target: TipTargetTable | None = None
+
+
+HOLD: Final = PhaseTable(name="hold", duration_s=1e9, ramp="step")
+"""What a scenario without phases does: it stays as it starts, longer than anybody steps it."""

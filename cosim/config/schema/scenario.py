@@ -5,8 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Annotated, Final, Literal, final
 
-from annotated_types import Len
-
 from cosim.config.arms.arm_table import BaseTable
 from cosim.config.schema.commands import CommandTable
 from cosim.config.schema.coupling import CouplingTable
@@ -14,7 +12,7 @@ from cosim.config.schema.devices import ControllerTable, PumpTable, WinchTable
 from cosim.config.schema.fidelity import AutoTable, Fidelity
 from cosim.config.schema.given_body import AnySoftRobot, InFiles
 from cosim.config.schema.objects import ObjectTable, SceneTable
-from cosim.config.schema.phase import PhaseTable, StartTable
+from cosim.config.schema.phase import HOLD, PhaseTable, StartTable
 from cosim.config.schema.soft_robot import SoftRobotTable
 from cosim.config.schema.solver import (
     ClockTable,
@@ -56,7 +54,8 @@ class Scenario:
         objects: `[[object]]` in the file.
         scene: of other things around the arm.
         wires: `[[wire]]` in the file.
-        phases: `[[phase]]` in the file.
+        phases: `[[phase]]` in the file; without any, it holds its start for as long as it is stepped, and
+            is moved by the commands of `cosim.Simulation.step` alone.
         pumps, winches, controllers: `[[pump]]`, `[[winch]]`, `[[controller]]` in the file.
         commands: `[[command]]` in the file, each of which changes what those before it ask for; kinds are
             registered from Python.
@@ -68,7 +67,7 @@ class Scenario:
     robot: str
     soft_robot: Annotated[AnySoftRobot, InFiles(SoftRobotTable)]
     start: StartTable
-    phases: Annotated[tuple[PhaseTable, ...], Len(min_length=1)] = field(metadata={"alias": "phase"})
+    phases: tuple[PhaseTable, ...] = field(default=(), metadata={"alias": "phase"})
     mode: Literal["dynamic", "quasistatic"] = "dynamic"
     fidelity: Fidelity = "lumped"
     auto: AutoTable | None = None
@@ -90,3 +89,8 @@ class Scenario:
     winches: tuple[WinchTable, ...] = field(default=(), metadata={"alias": "winch"})
     controllers: tuple[ControllerTable, ...] = field(default=(), metadata={"alias": "controller"})
     commands: tuple[CommandTable, ...] = field(default=(), metadata={"alias": "command"})
+
+    @property
+    def endless(self) -> bool:
+        """Whether it has no phases of its own, and lasts as long as it is stepped."""
+        return self.phases in ((), (HOLD,))

@@ -1,0 +1,262 @@
+"""Commands from outside, step by step: what `Simulation.step` is given changes what is planned.
+
+A value that is commanded is reached evenly within the ticks of its step, as far as devices are as fast, and
+held then; what no command has named goes as planned.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from itertools import accumulate
+from typing import Any, Final, final
+
+import numpy as np
+
+from cosim.base.frames import Array, Pose
+from cosim.config.schema.scenario import Scenario
+from cosim.coupling.soft_sides.soft_side import SoftSide
+from cosim.devices.command_source import CommandsAhead, CommandSource, RobotState, SteeredCommands, StepToTake
+from cosim.devices.controller import Command, Measurement
+from cosim.devices.device_report import ActuationReport
+from cosim.devices.live.joint_motion import JointMotion, along, to_pose, towards
+from cosim.devices.live.live_bounds import WHO, LiveBounds, check_gas
+from cosim.devices.live.live_values import LiveValues
+from cosim.devices.measuring import measured
+from cosim.devices.planned_commands import PlannedCommands
+from cosim.plan.robot_command import RobotCommand, SoftCommand
+from cosim.plan.tick_references import ticks_of
+
+_AT_BOUND: Final = 1.0 - 1e-6
+_HELD_TICKS: Final = 256
+"""That are asked for at once where nothing changes any more."""
+
+
+@final
+@dataclass(frozen=True)
+class LiveState:
+    """What has been commanded so far.
+
+    Args:
+        begin_tick: ticks of the run before the last command.
+        ticks: over which its values are reached.
+        begin: values at its start.
+        end: values then.
+        joints: how the joints go; None: as planned.
+    """
+
+    begin_tick: int
+    ticks: int
+    begin: LiveValues
+    end: LiveValues
+    joints: JointMotion | None
+
+    def values(self, tick: int) -> LiveValues:
+        """Return the values at the end of a tick, counted from the run's first, 1."""
+        return self.begin.between(self.end, (tick - self.begin_tick) / self.ticks)
+
+
+@final
+@dataclass(frozen=True)
+class LiveCommandsState:
+    """What the next commands depend on.
+
+    Args:
+        given: of the source that is changed.
+        live: what has been commanded so far; None: nothing.
+    """
+
+    given: Any
+    live: LiveState | None
+
+
+@final
+class LiveCommands(SteeredCommands):
+    """Changes what is planned by what is commanded from outside.
+
+    Args:
+        given: says what is planned.
+        planned: the source among it that knows gas and devices.
+        scenario: checked.
+        soft: side.
+        bounds: of commands.
+    """
+
+    def __init__(
+        self,
+        given: CommandSource,
+        planned: PlannedCommands,
+        scenario: Scenario,
+        soft: SoftSide,
+        bounds: LiveBounds,
+    ) -> None:
+        self._given, self._scenario, self._soft, self._bounds = given, scenario, soft, bounds
+        self._gas, self._actuation = planned.gas, planned.actuation
+        self._tick_s = scenario.clock.tick_s
+        counts = [ticks_of(phase, self._tick_s) for phase in scenario.phases]
+        self._before = (0, *accumulate(counts))
+        wound = {name for winch in scenario.winches for name in winch.cables}
+        self._wound = [name in wound for name in scenario.soft_robot.cable_names()]
+        self._state: LiveState | None = None
+        # of a command: what waits for the first tick that it is for
+        self._new: tuple[LiveValues, int] | None = None
+        self._motion: tuple[Command, int] | None = None
+
+    def command(self, command: Command, ticks: int) -> None:
+        values = LiveValues.of(command, self._scenario, WHO)
+        moves = self._bounds.check(command, values, self._scenario)
+        self._new = (values, ticks)
+        self._motion = (command, ticks) if moves else None
+
+    def begin_phase(self, phase: int) -> None:
+        self._given.begin_phase(phase)
+
+    def next(self, step: StepToTake, see: Callable[[], RobotState]) -> RobotCommand:
+        tick = self._before[step.phase] + step.done
+        self._begin_values(step.phase, step.done)
+        if self._state is None:
+            return self._given.next(step, see)
+        values = self._state.values(tick)
+        self._set_gas(values)
+        self._actuation.live = values.orders(self._wound, self._state.end) if self._actuation.active else None
+        planned = self._given.next(step, see)
+        joints = self._joints(tick, planned.joints.position)
+        reference = planned.joints if joints is None else joints.through(tick - 1, 1, self._tick_s).row(0)
+        return RobotCommand(reference, self._changed(planned.soft, values))
+
+    def ahead(self, phase: int, done: int, most: int | None = None) -> CommandsAhead | None:
+        self._begin_values(phase, done)
+        state, tick = self._state, self._before[phase] + done
+        if state is None:
+            return self._given.ahead(phase, done, most)
+        ends = [state.begin_tick + state.ticks]
+        if self._motion is not None:
+            ends.append(tick - 1 + self._motion[1])
+        elif state.joints is not None:
+            ends.append(state.joints.begin + state.joints.ticks)
+        changing = max(ends) - tick + 1
+        planned = self._given.ahead(phase, done, changing if changing > 0 else most or _HELD_TICKS)
+        if planned is None:
+            return None
+        joints, asked = self._joints(tick, planned.joints.position[0]), planned.soft
+        reference = planned.joints
+        if joints is not None:
+            reference = joints.through(tick - 1, len(asked), self._tick_s)
+        return CommandsAhead(reference, self._changed_all(asked, tick))
+
+    def cable_tension_N(self, phase: int, done: int) -> tuple[float, ...]:
+        planned = self._given.cable_tension_N(phase, done)
+        if self._state is None:
+            return planned
+        live = self._state.values(self._before[phase] + done).cable_tension_N
+        return tuple(old if new is None else new for new, old in zip(live, planned, strict=True))
+
+    def report(self, flange: Pose) -> ActuationReport | None:
+        return self._given.report(flange)
+
+    def measured(self, robot: RobotState, tension_N: Array) -> Measurement:
+        cables = self._actuation.measured_cables(self._soft, tension_N.tolist())
+        return measured(self._soft, robot, self._gas, cables, limits=self._limits(robot.joint_torque))
+
+    def save_state(self) -> LiveCommandsState:
+        return LiveCommandsState(self._given.save_state(), self._state)
+
+    def restore_state(self, state: LiveCommandsState) -> None:
+        self._given.restore_state(state.given)
+        self._state, self._new, self._motion = state.live, None, None
+        self._actuation.live = None
+
+    def _begin_values(self, phase: int, done: int) -> None:
+        """Take up what a command asks for, at the first tick that it is for."""
+        if self._new is None:
+            return
+        (new, ticks), self._new = self._new, None
+        check_gas(new, self._gas, self._scenario.soft_robot.chamber_names())
+        tension, tick = self._given.cable_tension_N(phase, done), self._before[phase] + done - 1
+        before = self._state
+        none = LiveValues.of(Command(), self._scenario, WHO)
+        now, end = (none, none) if before is None else (before.values(tick), before.end)
+        if new.drives_cables and not self._actuation.active:
+            held = [
+                given if live is None else live
+                for live, given in zip(now.cable_tension_N, tension, strict=True)
+            ]
+            self._actuation.hold(held)
+            end = replace(end, cable_tension_N=tuple(held))
+        present, end = self._present(tension), end.followed_by(new)
+        self._state = LiveState(
+            tick, ticks, now.beginning(end, present), end, None if before is None else before.joints
+        )
+
+    def _present(self, tension_N: tuple[float, ...]) -> LiveValues:
+        """Return what there is at present of all that can be commanded."""
+        soft = self._soft
+        contents = [self._gas.content(k) for k in range(len(soft.pressures_Pa))]
+        cables = self._actuation.measured_cables(soft, tension_N)
+        return LiveValues(
+            tuple(soft.pressures_Pa),
+            tuple(None if content is None else content.mass_kg for content in contents),
+            tuple(cables["cable_tension_N"].values()),
+            tuple(cables["cable_unstretched_m"].values()),
+            (None,) * len(self._scenario.pumps),
+        )
+
+    def _joints(self, tick: int, here: Array) -> JointMotion | None:
+        """Return how the joints go, from `here` (joints,) [rad] on where a command is new."""
+        state = self._state
+        if state is None or self._motion is None:
+            return None if state is None else state.joints
+        (command, ticks), arm, limits = self._motion, self._bounds.arm, self._bounds.limits
+        assert arm is not None, "checked with the command"
+        assert limits is not None, "an arm has them"
+        if state.joints is not None:
+            here = state.joints.through(tick - 1, 1, self._tick_s).position[0]
+        given = (here, tick - 1, ticks, limits, self._tick_s)
+        if command.flange is not None:
+            found = to_pose(arm, command.flange, *given)
+        elif command.joint_position is not None:
+            found = towards(np.array(command.joint_position, dtype=float), *given)
+        else:
+            found = along(arm, np.array(command.flange_twist, dtype=float), *given)
+        self._state, self._motion = replace(state, joints=found), None
+        return found
+
+    def _set_gas(self, values: LiveValues) -> None:
+        for k, wanted in enumerate(values.gas_kg):
+            content = self._gas.content(k)
+            if wanted is not None and content is not None and wanted != content.mass_kg:
+                self._gas.set_gas(k, content.with_mass(wanted))
+
+    def _changed_all(self, planned: tuple[SoftCommand, ...], tick: int) -> tuple[SoftCommand, ...]:
+        """Return what is asked for in ticks from one on; the same object where nothing changes."""
+        assert self._state is not None
+        found: list[SoftCommand] = []
+        last: tuple[SoftCommand, LiveValues] | None = None
+        for k, asked in enumerate(planned):
+            values = self._state.values(tick + k)
+            same = last is not None and last[0] is asked and last[1] is values
+            found.append(found[-1] if same else self._changed(asked, values))
+            last = asked, values
+        return tuple(found)
+
+    def _changed(self, planned: SoftCommand, values: LiveValues) -> SoftCommand:
+        pressure, tension = planned.pressure_Pa, planned.cable_tension_N
+        pairs = zip(values.pressure_Pa, pressure, strict=True)
+        pressure = tuple(old if new is None else new for new, old in pairs)
+        if not self._actuation.active:
+            both = zip(values.cable_tension_N, tension, strict=True)
+            tension = tuple(old if new is None else new for new, old in both)
+        return replace(planned, pressure_Pa=pressure, cable_tension_N=tension)
+
+    def _limits(self, torque: Array) -> tuple[str, ...]:
+        """Return at what the arm is held, in words, with torques (joints,) [N m]."""
+        state, limits = self._state, self._bounds.limits
+        if limits is None:
+            return ()
+        words = () if state is None or state.joints is None else state.joints.limits
+        full = np.flatnonzero(np.abs(torque) >= _AT_BOUND * limits.torque)
+        return words + tuple(
+            f"torque of {limits.joint_names[k]}: its servo gives all it has, {limits.torque[k]:.4g} "
+            f"{'N' if limits.prismatic[k] else 'N m'}"
+            for k in full
+        )

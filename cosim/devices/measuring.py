@@ -1,0 +1,106 @@
+"""Measures a run: what controllers see, and what `Simulation.measure` returns."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from cosim.base.frames import Array, Pose
+from cosim.coupling.soft_sides.soft_side import SoftSide
+from cosim.devices.cable_drive import CableDrive, slack_length
+from cosim.devices.command_source import RobotState
+from cosim.devices.controller import Measurement
+from cosim.plan.chamber_gas import ChamberGas
+
+
+def measured(
+    soft: SoftSide,
+    robot: RobotState,
+    gas: ChamberGas,
+    cables: Mapping[str, Mapping[str, float]],
+    *,
+    setpoint: float | None = None,
+    limits: tuple[str, ...] = (),
+) -> Measurement:
+    """Return what is measured of a run.
+
+    Args:
+        soft: side, in its present state.
+        robot: the rest, at the same time.
+        gas: in the chambers.
+        cables: those fields of a measurement that are by cable.
+        setpoint: see `Measurement`.
+        limits: the same.
+    """
+    body, state = soft.body, soft.state
+    contents = [gas.content(k) for k in range(len(soft.pressures_Pa))]
+    direction = body.tip_direction(state.positions)
+    return Measurement(
+        time_s=robot.time_s,
+        setpoint=setpoint,
+        tip_position=body.tip_position(state.positions),
+        tip_direction=direction,
+        tip_twist=ring_twist(state.positions[body.tip], state.velocities[body.tip]),
+        bending_angle_rad=bending_angle(direction, robot.flange),
+        pressure_Pa=tuple(soft.pressures_Pa),
+        volume_m3=tuple(soft.volumes_m3),
+        gas_kg=tuple(None if content is None else content.mass_kg for content in contents),
+        joint_position=robot.joint_position,
+        joint_velocity=robot.joint_velocity,
+        joint_torque=robot.joint_torque,
+        flange=robot.flange,
+        flange_twist=robot.flange_twist,
+        flange_wrench=robot.wrench,
+        contact_force_N=robot.contact_force,
+        body_pose=robot.body_pose,
+        limits=limits,
+        **cables,
+    )
+
+
+def measured_cables(
+    names: Sequence[str], drives: Sequence[CableDrive], positions: Array, tension_N: Sequence[float] | None
+) -> dict[str, dict[str, float]]:
+    """Return those fields of a measurement that are by cable.
+
+    Args:
+        names: of the cables.
+        drives: of each.
+        positions: (n, 3) [m].
+        tension_N: of each cable, where the drives do not drive them; None: they do.
+    """
+    if tension_N is None:
+        tension_N = [drive.tension_N(positions) for drive in drives]
+        unstretched = [drive.unstretched_m(positions) for drive in drives]
+    else:
+        pairs = zip(drives, tension_N, strict=True)
+        unstretched = [slack_length(drive.cable, tension, positions) for drive, tension in pairs]
+    columns = {
+        "cable_tension_N": tension_N,
+        "cable_length_m": [drive.cable.length(positions) for drive in drives],
+        "cable_unstretched_m": unstretched,
+    }
+    return {key: dict(zip(names, map(float, column), strict=True)) for key, column in columns.items()}
+
+
+def bending_angle(tip_direction: Array, flange: Pose) -> float:
+    """Return the angle [rad] between the tip's direction (3,) and the flange's z axis."""
+    axis = flange.rotation[:, 2]
+    return float(np.arctan2(np.linalg.norm(np.cross(axis, tip_direction)), axis @ tip_direction))
+
+
+def ring_twist(positions: Array, velocities: Array) -> Array:
+    """Return the twist (6,) [m/s, rad/s] about the centre of some nodes that is nearest to how they move.
+
+    With r from the centre, v = V + w x r in the least squares: sum (r.r 1 - r r^T) w = sum r x (v - V).
+
+    Args:
+        positions: (n, 3) [m].
+        velocities: (n, 3) [m/s].
+    """
+    linear = velocities.mean(axis=0)
+    away, moving = positions - positions.mean(axis=0), velocities - linear
+    spread = float((away * away).sum()) * np.eye(3) - away.T @ away
+    turning = np.linalg.lstsq(spread, np.cross(away, moving).sum(axis=0), rcond=1e-9)[0]
+    return np.concatenate([linear, turning])
