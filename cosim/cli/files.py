@@ -14,6 +14,7 @@ from cosim.build.arms import find_arm
 from cosim.build.blame import blamed_on
 from cosim.cli.screen import printable
 from cosim.config.arms.arm_files import is_arm_file, read_arm_table
+from cosim.config.arms.menagerie import is_of_menagerie
 from cosim.config.json_schema import Kind, json_schema
 from cosim.config.loading import check_file
 from cosim.config.schema.old_keys import SCHEMA
@@ -117,7 +118,7 @@ def _checked(name: str, fine: str) -> bool:
     path = Path(name)
     faults: tuple[tuple[str, str], ...] = ()
     try:
-        if is_file(path) and is_arm_file(path):
+        if is_of_menagerie(name) or (is_file(path) and is_arm_file(path)):
             fine = f"{fine}: {_arm_line(name)}"
         else:
             check_file(path if is_file(path) else scenario_path(name))

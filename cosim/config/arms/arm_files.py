@@ -9,6 +9,7 @@ from typing import Any, Final
 from cosim.base.resources import arm_path, is_file, list_arms
 from cosim.config.arms.arm_reading import ArmSource, read_urdf
 from cosim.config.arms.arm_table import ArmTable
+from cosim.config.arms.menagerie import PREFIX, is_of_menagerie, menagerie_file
 from cosim.config.arms.package_files import DATA_PACKAGE, found_file, packaged_share
 from cosim.config.toml.faults import Faults
 from cosim.config.toml.parsing import parse
@@ -21,8 +22,8 @@ _TABLE_FILE: Final = "arm.toml"
 
 
 def is_arm_path(robot: str) -> bool:
-    """Return whether what names an arm is the path of a file: whether it ends like one."""
-    return Path(robot).suffix.lower() in ARM_SUFFIXES
+    """Return whether what names an arm leads to a file: whether it ends like one, or is of the Menagerie."""
+    return is_of_menagerie(robot) or Path(robot).suffix.lower() in ARM_SUFFIXES
 
 
 def is_arm_file(path: Path) -> bool:
@@ -51,24 +52,29 @@ def with_arm_path(robot: str, folder: Path) -> str:
     if not is_arm_path(robot):
         return robot
     path = folder / robot
-    if not is_file(path):
+    if is_of_menagerie(robot):
+        place = robot
+    elif is_file(path):
+        place = str(path.resolve())
+    else:
         raise ScenarioError("robot", f"arm file {path} does not exist")
     try:
-        source = arm_source(str(path.resolve()))
+        source = arm_source(place)
         if not source.is_mjcf:
             read_urdf(source)
     except ScenarioError:
         raise
     except InputError as error:
         raise ScenarioError("robot", str(error)) from error
-    return str(path.resolve())
+    return place
 
 
 def arm_source(robot: str) -> ArmSource:
     """Return where an arm is read from.
 
     Args:
-        robot: one of `list_arms()`, or the path of a URDF (.urdf), an MJCF (.xml) or an `arm.toml`.
+        robot: one of `list_arms()`, the path of a URDF (.urdf), an MJCF (.xml) or an `arm.toml`, or a model
+            of the Menagerie, see `menagerie_file`.
 
     Raises:
         InputError: unknown name, or there is no such file.
@@ -78,6 +84,9 @@ def arm_source(robot: str) -> ArmSource:
         if robot not in list_arms():
             raise InputError(unknown_arm(robot))
         return _from_table(arm_path(robot))
+    if is_of_menagerie(robot):
+        found = menagerie_file(robot)
+        return ArmSource(robot.removeprefix(PREFIX), found, ArmTable(file=found.name))
     path = Path(robot)
     if not is_file(path):
         raise InputError(f"arm file {path} does not exist")
@@ -94,7 +103,7 @@ def unknown_arm(robot: str, others: tuple[str, ...] = ()) -> str:
         others: names that may stand in its place, besides those of arms.
     """
     known = unknown_name_message("arm", robot, (*list_arms(), *others))
-    return f"{known}; or give the path of a .urdf, an .xml (MJCF) or an arm.toml"
+    return f"{known}; or give the path of a .urdf, an .xml (MJCF) or an arm.toml, or menagerie:MODEL"
 
 
 def read_arm_table(path: Path) -> ArmTable:

@@ -88,7 +88,7 @@ class ArmTable:
     """A rigid arm.
 
     Args:
-        file: URDF (.urdf) or MJCF (.xml), beside this file, or package://NAME/...
+        file: URDF (.urdf) or MJCF (.xml), beside this file, or package://NAME/..., or menagerie:MODEL.
         title: what it is.
         flange: link, or site of an MJCF, whose frame is the flange: z out of its face. Omitted:
             attachment_site, tool0, flange, or the last link before the chain branches or ends.

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Final
 
 from cosim.base.resources import is_file
+from cosim.config.arms.menagerie import is_of_menagerie, menagerie_file
 from cosim.errors import InputError
 
 DATA_PACKAGE: Final = "example-robot-data"
@@ -21,13 +22,15 @@ def found_file(name: str, beside: Path, package_folders: tuple[Path, ...] = ()) 
     of example-robot-data.
 
     Args:
-        name: relative to the other file, absolute, or package://NAME/...
+        name: relative to the other file, absolute, package://NAME/..., or menagerie:MODEL.
         beside: the file that names it.
         package_folders: which hold folders of packages.
 
     Raises:
         InputError: it is nowhere; the message lists where it was looked for.
     """
+    if is_of_menagerie(name):
+        return menagerie_file(name)
     looked = _candidates(name, beside, package_folders)
     for candidate in looked:
         if is_file(candidate):

@@ -41,8 +41,9 @@ class Scenario:
         gravity_m_s2: world axes.
         name: of the scenario; the file's name if omitted.
         robot: rigid arm: a directory of robots/ that holds an arm.toml, or the path of a URDF (.urdf), an
-            MJCF (.xml) or an arm.toml, from the folder of the scenario; "none": the base is held where the
-            flange starts, and nothing of an arm is loaded.
+            MJCF (.xml) or an arm.toml, from the folder of the scenario; or "menagerie:MODEL", of MuJoCo
+            Menagerie on this machine ("menagerie:MODEL/FILE" where it has several files); "none": the base
+            is held where the flange starts, and nothing of an arm is loaded.
         arm_base: where the arm's root link stands, on a table, a wall or below a ceiling; omitted: as its own
             file says.
         soft_robot: in the file a name, a path, or a table `{file = NAME, ...}` of changes to that file.
