@@ -23,7 +23,8 @@ from cosim.config.schema.solver import RecordingTable
 from cosim.errors import SolverError
 from cosim.recording.recorder import Recorder, Recorders, RecordingPart
 from cosim.telemetry.snapshot import RunInfo, Snapshot
-from cosim.telemetry.summary import Status, SummaryBuilder, reason_of, summary_markdown
+from cosim.telemetry.summary import Status, SummaryBuilder, reason_of
+from cosim.telemetry.summary_text import summary_markdown
 from cosim.telemetry.tick_batch import TickBatch
 
 if TYPE_CHECKING:
@@ -101,8 +102,7 @@ class Options:
         directory: where the files go; None writes none.
         make_recorder: makes the recorder of a file; None for no recording.
         watchers: shown every tick.
-        stop: asked after every batch of ticks, some tenth of a second at most; a text ends the run as
-            interrupted, for that reason.
+        stop: asked after every batch of ticks, some tenth of a second; a text interrupts the run, saying why.
         checkpoint_every_s: wall time between two checkpoints in the directory.
         resume: whether to go on with the run in the directory, from its checkpoint.
     """

@@ -29,9 +29,9 @@ def check_joints(scenario: Scenario, arm: Arm) -> None:
             f"{_FEWEST} are needed for places and directions of the flange, 6 for its roll as well",
         )
     for phase in scenario.phases:
-        if arm.free_roll and phase.tip_target is not None:
+        if arm.free_roll and phase.tip_key is not None:
             raise ScenarioError(
-                f"phase.{phase.name}.tip_target",
+                f"phase.{phase.name}.{phase.tip_key}",
                 f"arm {arm.name!r} has {arm.joint_count} joints, so its flange rolls as it comes; tip "
-                "targets need an arm of 6 joints or more",
+                "targets and paths need an arm of 6 joints or more",
             )

@@ -132,7 +132,7 @@ def _section_rung(model: SectionModel) -> str:
 
 
 def _rung(scenario: Scenario) -> str:
-    targets = [phase.name for phase in scenario.phases if phase.tip_target is not None]
+    targets = [phase.name for phase in scenario.phases if phase.tip_key is not None]
     if scenario.fidelity == "rigid":
         planned = f"; the targets of {', '.join(targets)} are planned on the lumped model" if targets else ""
         return f"rigid: the shape of the start is kept, weight and inertia only{planned}"

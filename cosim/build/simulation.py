@@ -219,6 +219,7 @@ def _stage(
         section_model=section_figures(scenario),
         expected_error=expected_error(scenario),
         arm=planned,
+        tip_paths=parts.tip_paths,
     )
 
 

@@ -17,6 +17,7 @@ from cosim.base.docstrings import texts_of
 from cosim.config.arms.arm_table import ArmTable
 from cosim.config.kinds import register_installed
 from cosim.config.schema.old_keys import SCHEMA
+from cosim.config.schema.phase import PhaseTable
 from cosim.config.schema.scenario import Scenario
 from cosim.config.schema.soft_robot import AttachmentTable, SoftRobotTable
 from cosim.config.toml.core_schemas import bounded_schema
@@ -50,6 +51,7 @@ def json_schema(kind: Kind) -> dict[str, Any]:
         _describe(tables[table.__name__], table)
     if kind == "scenario":
         made["required"].remove("name")  # that of the file, if it is left out
+        tables[PhaseTable.__name__]["required"].remove("duration_s")  # that of a tip path, beside one
         _give_robot(tables[root]["properties"]["soft_robot"])
     if kind != "arm":
         _add_changes(tables)

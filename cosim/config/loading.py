@@ -17,6 +17,7 @@ from cosim.config.schema.phase import HOLD
 from cosim.config.schema.scenario import Scenario
 from cosim.config.schema.soft_robot import SoftRobotTable
 from cosim.config.tension_tables import with_listed_tensions
+from cosim.config.tip_path_files import complete_tip_paths
 from cosim.config.toml.faults import UNKNOWN, Faults, copy_with
 from cosim.config.toml.overrides import apply_override
 from cosim.config.toml.parsing import parse
@@ -68,6 +69,8 @@ def load_scenario(
     for key, value in overrides.items():
         with faults:
             apply_override(table, key, value)
+    path_folder = Path() if any(".tip_path" in key for key in overrides) else place
+    complete_tip_paths(table, path_folder, faults)
     scenario = parse(Scenario, table, "", faults)
     if body is not None:
         scenario = copy_with(scenario, soft_robot=body)

@@ -12,8 +12,8 @@ from cosim.base.frames import Array, IntArray, Mask, Pose
 from cosim.coupling.soft_sides.mass import MassProperties
 from cosim.errors import ScenarioError
 from cosim.plan.arm_limits import ArmLimits, PathClearances, PlannedArm
-from cosim.plan.flange_path import FlangeWay
 from cosim.plan.joint_path import JointPath, JointReference
+from cosim.plan.paths.phase_motion import AnyWay
 from cosim.plan.plan import JointPlanner, PhasePlan, Plan
 from cosim.plan.ramp import progress
 from cosim.soft.body.body import SoftBody
@@ -146,7 +146,7 @@ def checked_start(plan_joints: JointPlanner, arm: Arm, scene: RigidScene, payloa
         payload: see `planned_arm`.
     """
 
-    def plan(start: Pose, ways: list[FlangeWay], blame: Callable[[int], str]) -> tuple[JointPath, ...]:
+    def plan(start: Pose, ways: list[AnyWay], blame: Callable[[int], str]) -> tuple[JointPath, ...]:
         paths = plan_joints(start, ways, blame)
         if paths:  # none yet where the first phase has a tip target
             check_start(arm, scene, payload, paths[0].first, blame(-1))

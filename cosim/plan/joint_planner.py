@@ -14,6 +14,9 @@ from cosim.kinematics.arm import Arm
 from cosim.kinematics.inverse_kinematics import InverseKinematicsOptions, follow, solve
 from cosim.plan.flange_path import FlangeWay
 from cosim.plan.joint_path import JointPath
+from cosim.plan.paths.phase_motion import AnyWay
+from cosim.plan.paths.pose_track import PoseTrack
+from cosim.plan.paths.track_joints import track_joints
 
 _START_CONFIGURATIONS = 12
 _FINER = 2  # pieces of a way whose velocity is to be even
@@ -22,7 +25,7 @@ _END_OPTIONS = InverseKinematicsOptions(candidates=1)
 
 
 def plan_joints(
-    arm: Arm, start: Pose, ways: list[FlangeWay], blame: Callable[[int], str]
+    arm: Arm, start: Pose, ways: list[AnyWay], blame: Callable[[int], str]
 ) -> tuple[JointPath, ...]:
     """Return the joint paths of all phases, on one branch of the inverse kinematics.
 
@@ -55,25 +58,26 @@ def plan_joints(
     raise failure
 
 
-def _check_reach(arm: Arm, ways: list[FlangeWay], seed: Array, blame: Callable[[int], str]) -> None:
+def _check_reach(arm: Arm, ways: list[AnyWay], seed: Array, blame: Callable[[int], str]) -> None:
     """Raise UnreachableError for the first phase that ends farther away than the arm is long.
 
     So that no way is followed that is cut into more pieces than the arm's reach has.
     """
     for index, way in enumerate(ways):
-        if np.linalg.norm(way.end.translation - arm.shoulder) > arm.reach:
+        far = np.linalg.norm(way.end.translation - arm.shoulder) > arm.reach
+        if far and not isinstance(way, PoseTrack):
             _check_end(arm, index, way, seed, blame)
 
 
-def _check_ends(arm: Arm, ways: list[FlangeWay], seed: Array, blame: Callable[[int], str]) -> None:
+def _check_ends(arm: Arm, ways: list[AnyWay], seed: Array, blame: Callable[[int], str]) -> None:
     """Raise UnreachableError for the first phase whose end no configuration reaches, on whatever branch."""
     for index, way in enumerate(ways):
-        if way.pieces == 0:
+        if way.pieces == 0 or isinstance(way, PoseTrack):  # of which it is said where it breaks off
             continue
         _check_end(arm, index, way, seed, blame)
 
 
-def _check_end(arm: Arm, index: int, way: FlangeWay, seed: Array, blame: Callable[[int], str]) -> None:
+def _check_end(arm: Arm, index: int, way: AnyWay, seed: Array, blame: Callable[[int], str]) -> None:
     try:
         solve(arm, way.end, seed, _END_OPTIONS)
     except UnreachableError as error:
@@ -94,11 +98,13 @@ def _configurations(arm: Arm, start: Pose, nearest: Array) -> list[Array]:
     return [nearest, *sorted(found[1:], key=lambda q: float(np.linalg.norm(q - arm.home)))]
 
 
-def _follow_all(
-    arm: Arm, ways: list[FlangeWay], q: Array, blame: Callable[[int], str]
-) -> tuple[JointPath, ...]:
+def _follow_all(arm: Arm, ways: list[AnyWay], q: Array, blame: Callable[[int], str]) -> tuple[JointPath, ...]:
     paths: list[JointPath] = []
     for index, way in enumerate(ways):
+        if isinstance(way, PoseTrack):
+            paths.append(track_joints(arm, way, q, blame(index)))
+            q = paths[-1].last
+            continue
         count = way.pieces * (_FINER if way.even else 1)
         if count == 0:
             paths.append(JointPath(q, None))

@@ -20,7 +20,8 @@ from cosim.errors import ScenarioError
 from cosim.plan.arm_limits import Nearest, PathClearances, Touch, with_touches
 from cosim.plan.arm_plan import asked_motion
 from cosim.plan.cell_motion import CellMotion
-from cosim.plan.plan import Plan, flange_key
+from cosim.plan.paths.phase_motion import flange_key
+from cosim.plan.plan import Plan
 from cosim.plan.ramp import progress
 from cosim.soft.body.body import SoftBody
 

@@ -20,12 +20,12 @@ from cosim.config.schema.scenario import Scenario
 from cosim.coupling.soft_sides.soft_side import SoftSide
 from cosim.errors import ScenarioError, SolverError, UnreachableError
 from cosim.plan.chamber_gas import ChamberGas
-from cosim.plan.flange_path import FlangeWay, pose_of
+from cosim.plan.flange_path import pose_of
 from cosim.plan.joint_path import JointPath
 from cosim.plan.node_groups import SidesOf, held_components, nodal_force, nodes_of
+from cosim.plan.paths.phase_motion import AnyWay, flange_key, given_way, solved_phase
+from cosim.plan.paths.tip_path import PlannedTipPath
 from cosim.plan.robot_command import SoftCommand, loads_of
-from cosim.plan.shake import Shake
-from cosim.plan.target_motion import reach, walk
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
 from cosim.soft.solve.state import Equilibrium
@@ -33,7 +33,7 @@ from cosim.soft.solve.state import Equilibrium
 _LEAK_PIECES = 8
 
 
-JointPlanner: TypeAlias = Callable[[Pose, list[FlangeWay], Callable[[int], str]], tuple[JointPath, ...]]
+JointPlanner: TypeAlias = Callable[[Pose, list[AnyWay], Callable[[int], str]], tuple[JointPath, ...]]
 """Start pose, ways of all phases, and the key to blame for phase k (-1: the start) -> joint paths."""
 
 
@@ -72,6 +72,7 @@ class PhasePlan:
         holding: what is held otherwise from its start on.
         tip_target: (3,) [m]; components that are free are NaN; None without a target.
         flange: where it is to be at its end.
+        tip_path: that the tip follows; None without one.
     """
 
     phase: PhaseTable
@@ -82,6 +83,7 @@ class PhasePlan:
     holding: Holding
     tip_target: Array | None
     flange: Pose
+    tip_path: PlannedTipPath | None = None
 
 
 @final
@@ -144,7 +146,7 @@ def make_plan(scenario: Scenario, plan_joints: JointPlanner, soft: SoftSide) -> 
     start = pose_of(scenario.start.flange)
     keys = ["start.flange", *(flange_key(phase) for phase in scenario.phases)]
 
-    def joints_along(ways: list[FlangeWay]) -> tuple[JointPath, ...]:
+    def joints_along(ways: list[AnyWay]) -> tuple[JointPath, ...]:
         try:
             return plan_joints(start, ways, lambda k: keys[k + 1])
         except UnreachableError as error:
@@ -159,20 +161,20 @@ def make_plan(scenario: Scenario, plan_joints: JointPlanner, soft: SoftSide) -> 
     plans = tuple(
         PhasePlan(
             draft.phase, path, draft.begin.unsealed(), draft.end.unsealed(), rule,
-            draft.holding, _target_point(draft.phase.tip_target), draft.way.end,
+            draft.holding, _target_point(draft.phase.tip_target), draft.way.end, draft.path,
         )
         for draft, path, rule in zip(drafts, joints, gas_rules(scenario), strict=True)
     )  # fmt: skip
     return Plan(start, joints[0].first, command, scenario.gravity_m_s2, plans)
 
 
-def _given_ways(scenario: Scenario, start: Pose) -> list[FlangeWay]:
+def _given_ways(scenario: Scenario, start: Pose) -> list[AnyWay]:
     """Return the flange's way through the phases before the first whose end depends on the soft body."""
-    ways: list[FlangeWay] = []
+    ways: list[AnyWay] = []
     for phase in scenario.phases:
-        if phase.tip_target is not None and phase.tip_target.reach_with != "cables":
+        if phase.tip_path or (phase.tip_target is not None and phase.tip_target.reach_with != "cables"):
             break
-        ways.append(_way(start if not ways else ways[-1].end, phase))
+        ways.append(given_way(start if not ways else ways[-1].end, phase))
     return ways
 
 
@@ -182,16 +184,18 @@ class _Draft:
     """A phase whose flange motion is known, before the arm's joints are."""
 
     phase: PhaseTable
-    way: FlangeWay
+    way: AnyWay
     begin: SoftCommand
     end: SoftCommand
     holding: Holding
+    path: PlannedTipPath | None = None
 
 
 def _drafts(scenario: Scenario, soft: SoftSide, start: Pose, command: SoftCommand) -> list[_Draft]:
     """Return all phases; only those up to the last tip target need the statics of the soft body."""
     sides, gravity = scenario.soft_robot.sides_of, scenario.gravity_m_s2
-    targets = [index for index, phase in enumerate(scenario.phases) if phase.tip_target is not None]
+    damping_per_s = scenario.solver.damping_per_s if scenario.mode == "dynamic" else None
+    targets = [index for index, phase in enumerate(scenario.phases) if phase.tip_key is not None]
     solved = 1 + max(targets, default=-1)
     drafts: list[_Draft] = []
     if solved:
@@ -206,13 +210,14 @@ def _drafts(scenario: Scenario, soft: SoftSide, start: Pose, command: SoftComman
             here = replace(here, loads=loads_of(begin, gravity))
             end = _end_command(begin, phase, soft.body, sides)
             loads = here.loads if end is begin else loads_of(end, gravity)
-            way, here = _solve_phase(soft, here, phase, loads)
+            motion = solved_phase(soft, here, phase, loads, damping_per_s)
+            here = motion.end
             end = replace(end, cable_tension_N=here.loads.cable_tension_N)  # as a target asks for them
-            drafts.append(_Draft(phase, way, begin, end, holding))
+            drafts.append(_Draft(phase, motion.way, begin, end, holding, motion.path))
             here, command = _leaked(soft, here, gas, phase, end)
         start = here.world_from_flange
     for phase in scenario.phases[solved:]:
-        way, end = _way(start, phase), _end_command(command, phase, soft.body, sides)
+        way, end = given_way(start, phase), _end_command(command, phase, soft.body, sides)
         drafts.append(_Draft(phase, way, command, end, _holding(soft.body, sides, phase)))
         start, command = way.end, end
     return drafts
@@ -240,34 +245,12 @@ def _holding(body: SoftBody, sides: SidesOf, phase: PhaseTable) -> Holding:
     return Holding(nodes_of(body, sides, phase.release, None), hold)
 
 
-def flange_key(phase: PhaseTable) -> str:
-    """Return the key of a phase that moves the flange; that of the phase where it stays."""
-    for key in ("flange", "flange_turn", "flange_shift_m", "flange_shake", "tip_target"):
-        if getattr(phase, key) is not None:
-            return f"phase.{phase.name}.{key}"
-    return f"phase.{phase.name}"
-
-
 def _target_point(target: TipTargetTable | None) -> Array | None:
     if target is None:
         return None
     if target.position_m is not None:
         return np.array(target.position_m)
     return np.array([np.nan, np.nan, target.height_m])
-
-
-def _solve_phase(
-    soft: SoftSide, here: Equilibrium, phase: PhaseTable, loads: Loads
-) -> tuple[FlangeWay, Equilibrium]:
-    """Return the flange's way through a phase and the equilibrium at its end."""
-    try:
-        if phase.tip_target is None:
-            way = _way(here.world_from_flange, phase)
-            return way, walk(soft, here, way, loads)
-        way, end = reach(soft, here, loads, phase.tip_target)
-        return replace(way, even=phase.ramp == "linear"), end
-    except (UnreachableError, SolverError) as error:
-        raise ScenarioError(flange_key(phase), f"the static plan fails: {error}") from error
 
 
 def _end_command(command: SoftCommand, phase: PhaseTable, body: SoftBody, sides: SidesOf) -> SoftCommand:
@@ -281,12 +264,3 @@ def _end_command(command: SoftCommand, phase: PhaseTable, body: SoftBody, sides:
     if phase.forces:
         command = replace(command, nodal_force=nodal_force(body, sides, phase.forces))
     return command
-
-
-def _way(here: Pose, phase: PhaseTable) -> FlangeWay:
-    if phase.flange is not None:
-        way = FlangeWay.to(here, pose_of(phase.flange))
-    else:
-        shift = None if phase.flange_shift_m is None else np.array(phase.flange_shift_m)
-        way = FlangeWay.relative(here, phase.flange_turn, shift, Shake.of(phase))
-    return replace(way, even=phase.ramp == "linear")

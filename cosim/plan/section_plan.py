@@ -34,8 +34,8 @@ _FIRST_MODE = (
     1.5  # w^2 d / a, d the tip's deflection under an even load a: 1.55 of a beam, 1.45 of a hanging rope
 )
 _MOVED_BY: Final = (
-    "flange", "flange_turn", "flange_shift_m", "flange_shake", "tip_target", "cable_tension_N", "forces",
-    "pressure_Pa", "release", "clamp",
+    "flange", "flange_turn", "flange_shift_m", "flange_shake", "tip_target", "tip_path", "cable_tension_N",
+    "forces", "pressure_Pa", "release", "clamp",
 )  # fmt: skip
 _DRIVEN_BY: Final = ("cable_length_m", "cable_shortening_m", "control", "pump_pressure_Pa")
 

@@ -103,10 +103,12 @@ class BatchStepper:
     def _batch(self, progress: LockstepProgress, to: Cursor, place: int, spent_s: float) -> TickBatch:
         """Return what ticks show whose commands begin at a place."""
         n, ticks = progress.done, progress.ticks
-        tick, target = np.arange(to.tick, to.tick + n), self._parts.plan.phases[self.phase].tip_target
+        tick = np.arange(to.tick, to.tick + n)
+        time_s = np.array([Clock(self._tick_s, count).time_s for count in tick.tolist()])
+        wanted = self._parts.wanted_tip(self.phase, time_s)
         return TickBatch(
             tick=tick,
-            time_s=np.array([Clock(self._tick_s, count).time_s for count in tick.tolist()]),
+            time_s=time_s,
             phase=np.full(n, to.phase),
             joint_position=ticks.joints[:n],
             joint_velocity=ticks.joint_speed[:n],
@@ -121,8 +123,8 @@ class BatchStepper:
             flange_twist=ticks.twist[:n],
             chamber_pressure_Pa=progress.pressure_Pa[:, None],
             cable_tension_N=self._tension[place : place + n],
-            tip_target=np.full((n, 3), np.nan if target is None else target),
-            has_tip_target=np.full(n, target is not None),
+            tip_target=np.full((n, 3), np.nan) if wanted is None else wanted,
+            has_tip_target=np.full(n, wanted is not None),
             wrench=ticks.figures[1 : n + 1, WRENCH:CENTER],
             rigid_power_W=ticks.power[:n, 0],
             soft_power_W=ticks.power[:n, 1],

@@ -15,8 +15,8 @@ from cosim.coupling.contact.contact_report import NOTHING_TOUCHED, ContactReport
 from cosim.coupling.schemes.ledger import LedgerEntry
 from cosim.coupling.soft_sides.soft_side import SoftSide
 from cosim.errors import InputError
-from cosim.plan.flange_path import FlangeWay
 from cosim.plan.joint_path import JointPath, JointReference
+from cosim.plan.paths.phase_motion import AnyWay
 from cosim.soft.body.loads import Loads
 from cosim.soft.solve.state import Obstacles
 
@@ -192,7 +192,7 @@ class HeldBase(Carrier):
         self._wrench = Wrench()
 
     @staticmethod
-    def plan(start: Pose, ways: list[FlangeWay], blame: Callable[[int], str]) -> tuple[JointPath, ...]:
+    def plan(start: Pose, ways: list[AnyWay], blame: Callable[[int], str]) -> tuple[JointPath, ...]:
         """Return a path without joints for every phase."""
         return tuple(JointPath(np.zeros(0), None) for _ in ways)
 

@@ -20,6 +20,7 @@ from cosim.plan.robot_command import RobotCommand, SoftCommand, loads_of
 from cosim.plan.tick_references import ticks_of
 from cosim.soft.body.loads import Loads
 from cosim.stepping.carrier import Carrier
+from cosim.stepping.passed_paths import passed_paths
 from cosim.stepping.self_contact_law import with_film_contacts
 from cosim.telemetry.film_shape import UnreadFilmShape
 from cosim.telemetry.snapshot import Snapshot
@@ -77,11 +78,19 @@ class Parts:
         self._asked, self._loads = plan.command, loads_of(plan.command, plan.gravity)
         self.shape_reader = soft.shape_reader()
         statics = scenario.mode == "quasistatic"
+        self.tip_paths = passed_paths(plan.phases, None if statics else scenario.clock.tick_s)
         self._looked_every = 1 if statics else max(1, round(_LOOKED_AFTER_S / scenario.clock.tick_s))
 
     def ticks(self, phase: PhaseTable) -> int:
         """Return how many ticks of the clock a phase lasts, at least one."""
         return ticks_of(phase, self.scenario.clock.tick_s)
+
+    def wanted_tip(self, phase: int, time_s: Array) -> Array | None:
+        """Return where the tip is to be (n, 3) [m] at instants (n,) [s] in a phase, free components NaN."""
+        if phase in self.tip_paths:
+            return self.tip_paths[phase].at(time_s).position
+        target = self.plan.phases[phase].tip_target
+        return None if target is None else np.full((len(time_s), 3), target)
 
     def looks_at_links(self, first: int, count: int) -> range:
         """Return after how many ticks (increments) of `count` from the first one on links are looked at."""
@@ -127,6 +136,7 @@ class Parts:
         carrier, soft, loads = self.carrier, self.soft, moment.loads
         places, quaternions = carrier.body_poses()
         devices = self.commands.report(moment.flange)
+        wanted = self.wanted_tip(moment.phase, np.array([moment.time_s]))
         return Snapshot(
             tick=moment.tick,
             time_s=moment.time_s,
@@ -143,7 +153,7 @@ class Parts:
             flange_twist=moment.twist,
             chamber_pressure_Pa=np.array(soft.pressures_Pa),
             cable_tension_N=np.array(loads.cable_tension_N) if devices is None else devices.cable_tension_N,
-            tip_target=self.plan.phases[moment.phase].tip_target,
+            tip_target=None if wanted is None else wanted[0],
             ledger=with_film_contacts(ledger, soft.touching),
             tick_wall_s=wall_s,
             devices=devices,

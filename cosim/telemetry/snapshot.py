@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Annotated, Any, final
 
@@ -18,6 +18,7 @@ from cosim.telemetry.film_shape import Film
 if TYPE_CHECKING:  # who only looks at snapshots needs no engine
     from cosim.base.link_contact import LinkContact
     from cosim.plan.arm_limits import PlannedArm
+    from cosim.plan.paths.tip_path import TipPathInfo
     from cosim.soft.beams.strength import StiffenerStrain
 
 __all__ = ["BodyShape", "LedgerEntry", "RunInfo", "Snapshot"]
@@ -53,6 +54,7 @@ class RunInfo:
         section_model: error and size of the section model; None where the film itself is modelled.
         expected_error: of each figure of the soft robot: low, high, against what, source; None: not measured.
         arm: what the plan asks of the arm; None without one.
+        tip_paths: that the tip follows, by the index of their phase.
     """
 
     scenario: str
@@ -80,6 +82,7 @@ class RunInfo:
     section_model: dict[str, float] | None = None
     expected_error: dict[str, dict[str, Any] | None] = field(default_factory=dict)
     arm: PlannedArm | None = None
+    tip_paths: Mapping[int, TipPathInfo] = field(default_factory=dict)
 
     def __repr__(self) -> str:
         """Return two lines: what run it is of, and its parts."""

@@ -11,12 +11,14 @@ import numpy as np
 
 from cosim.base.state_check import check_state
 from cosim.errors import InputError
-from cosim.telemetry.arm_figures import ArmFigures, arm_table
+from cosim.telemetry.arm_figures import ArmFigures
 from cosim.telemetry.device_figures import DeviceFigures, DeviceFiguresState
 from cosim.telemetry.elastic_figures import elastic_figures, strength_warnings
 from cosim.telemetry.exchange_figures import ExchangeFigures, largest
 from cosim.telemetry.snapshot import RunInfo, Snapshot
+from cosim.telemetry.summary_text import phase_row
 from cosim.telemetry.tick_batch import TickBatch
+from cosim.telemetry.tip_path_figures import TipPathFigures
 
 SUMMARY_SCHEMA = 1
 Status = Literal["completed", "interrupted", "failed"]
@@ -84,6 +86,7 @@ class SummaryBuilder:
         self._max_self_contact_force_N = 0.0
         self._max_self_contact_depth_m = 0.0
         self._arm = ArmFigures()
+        self._tip_path = TipPathFigures()
         self._devices = None if stage.devices is None else DeviceFigures(stage.devices)
 
     def observe(self, batch: TickBatch) -> None:
@@ -98,6 +101,9 @@ class SummaryBuilder:
         self._slides += int(batch.slides.sum())
         self._phase_iterations += iterations
         self._exchange = self._exchange.after(batch)
+        path = self._stage.tip_paths.get(int(batch.phase[0]))
+        if path is not None:
+            self._tip_path = self._tip_path.after(batch, path)
         if self._stage.arm is not None:
             dynamic = self._stage.mode == "dynamic"
             self._arm = self._arm.after(batch, self._stage.arm.limits, dynamic=dynamic)
@@ -123,7 +129,7 @@ class SummaryBuilder:
             raise InputError(f"the saved figures are {', '.join(state.gathered)}")
         check_state(state.gathered, own | {"_phases": []}, place="figures", finite=False)
         for phase in state.gathered["_phases"]:
-            _phase_row(json_ready(phase))
+            phase_row(json_ready(phase))
         self._last = state.last
         vars(self).update({name: copy(value) for name, value in state.gathered.items()})
         if self._devices is not None and state.devices is not None:
@@ -197,6 +203,9 @@ class SummaryBuilder:
         figures = _phase_figures(self._last, name, self._phase_iterations, complete)
         figures |= _chamber_figures(self._last, self._stage.chamber_names)
         figures |= elastic_figures(self._stage, self._last.node_position)
+        path = self._stage.tip_paths.get(self._last.phase)
+        if path is not None:
+            figures["tip_path"], self._tip_path = self._tip_path.figures(path), TipPathFigures()
         self._phases.append(
             figures if self._devices is None else figures | {"devices": self._devices.close_phase()}
         )
@@ -251,50 +260,3 @@ def json_ready(value: Any) -> Any:
     if isinstance(value, float) and not math.isfinite(value):
         return None
     return value
-
-
-def summary_markdown(summary: dict[str, Any]) -> str:
-    """Return the summary as a Markdown text for people."""
-    factor = summary["real_time_factor"]
-    lines = [
-        f"## {summary['title']}",
-        "",
-        f"Status: **{summary['status']}**" + (f" ({summary['reason']})" if summary["reason"] else ""),
-        "",
-        f"- {summary['simulated_s']:.3f} s simulated in {summary['wall_s']:.2f} s"
-        + (f", real-time factor {factor:.2f}" if factor is not None else ""),
-        f"- {summary['ticks']} of {summary['planned_ticks']} ticks of {1e3 * summary['tick_s']:g} ms, "
-        f"{summary['newton_iterations']} Newton iterations"
-        + (f", {summary['slides']} slides to another branch of equilibria" if summary["slides"] else ""),
-        f"- largest residual {_figure(summary['max_equilibrium_residual_N'])} N, "
-        f"largest power error {_figure(summary['max_interface_power_error_W'])} W",
-        "",
-        *(f"- warning: {line}" for line in summary["warnings"]),
-        *arm_table(summary["arm"]),
-        "| phase | end [s] | pressure [kPa] | cables [N] | tip [mm] | sag [mm] | tip error [mm] |",
-        "|---|---|---|---|---|---|---|",
-    ]
-    return "\n".join(lines + [_phase_row(phase) for phase in summary["phases"]]) + "\n"
-
-
-def _figure(value: float | None) -> str:
-    return "not finite" if value is None else f"{value:.2e}"
-
-
-def _phase_row(phase: dict[str, Any]) -> str:
-    cells = (
-        phase["name"] + ("" if phase["complete"] else " (incomplete)"),
-        f"{phase['end_s']:.2f}",
-        _scaled([entry["pressure_Pa"] for entry in phase["chambers"].values()], 1e-3),
-        _scaled(phase["cable_tension_N"], 1.0),
-        _scaled(phase["tip_position_m"], 1e3),
-        _scaled(phase["sag_m"], 1e3),
-        _scaled(phase["tip_error_m"], 1e3, 3) if "tip_error_m" in phase else "",
-    )
-    return "| " + " | ".join(cells) + " |"
-
-
-def _scaled(value: Any, scale: float, digits: int = 1) -> str:
-    if isinstance(value, list):
-        return ", ".join(_scaled(item, scale, digits) for item in value)
-    return "?" if value is None else f"{scale * value:.{digits}f}"

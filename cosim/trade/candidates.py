@@ -148,7 +148,7 @@ def _milliseconds(seconds: float) -> str:
 
 
 def durations(scenario: Scenario, scale: float) -> dict[str, float]:
-    """Return the changes that make every phase shorter by a factor, but those that shake."""
+    """Return the changes that make every phase shorter by a factor, but those that shake or follow a path."""
     if scale == 1.0:
         return {}
 
@@ -157,7 +157,7 @@ def durations(scenario: Scenario, scale: float) -> dict[str, float]:
 
     changes: dict[str, float] = {}
     for phase in scenario.phases:
-        if phase.flange_shake is not None:  # its periods would not fit
+        if phase.flange_shake is not None or phase.tip_path is not None:  # their times would not fit
             continue
         changes[f"phase.{phase.name}.duration_s"] = max(_GRID_S, cut(phase.duration_s))
         changes[f"phase.{phase.name}.settle_s"] = cut(phase.settle_s)

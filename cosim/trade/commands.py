@@ -15,6 +15,7 @@ from cosim.base.frames import Pose
 from cosim.config.loading import resolve
 from cosim.config.schema.phase import FlangePoseTable
 from cosim.config.schema.scenario import Scenario
+from cosim.errors import ScenarioError
 from cosim.plan.flange_path import rotation_from_direction
 from cosim.plan.plan import PhasePlan
 from cosim.stepping.stepped_run import SteppedRun
@@ -31,6 +32,14 @@ def with_commands(scenario: Scenario, build: Build) -> Scenario:
     Raises:
         InputError: a target cannot be reached.
     """
+    for phase in scenario.phases:
+        if phase.tip_path is not None:
+            raise ScenarioError(
+                f"phase.{phase.name}.tip_path",
+                "each candidate would plan the path for itself, so that its errors would not be compared; "
+                "compare "
+                "models on phases with flange poses",
+            )
     if all(phase.tip_target is None for phase in scenario.phases):
         return scenario
     simulation = build(scenario)

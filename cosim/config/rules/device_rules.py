@@ -70,8 +70,8 @@ def _check_commands(scenario: Scenario) -> None:
                 "cannot stand beside pumps, winches, controllers or cable lengths: they follow and report "
                 "what the phases ask for, not what this makes of it; let a controller command instead",
             )
-        if any(phase.tip_target is not None for phase in scenario.phases):
-            raise ScenarioError(path, "cannot stand beside a tip target, which is planned without it")
+        if any(phase.tip_key is not None for phase in scenario.phases):
+            raise ScenarioError(path, "cannot stand beside a tip target or path, which is planned without it")
 
 
 def _check_targets(scenario: Scenario) -> None:
@@ -80,10 +80,10 @@ def _check_targets(scenario: Scenario) -> None:
     for phase in scenario.phases:
         moved = moved or uses_lengths(phase) or bool(acting(phase))
         pumped = pumped or phase.pump_pressure_Pa is not None
-        if phase.tip_target is not None and (moved or pumped):
+        if phase.tip_key is not None and (moved or pumped):
             cause = "pump" if pumped else "commanded cable length or controller"
             raise ScenarioError(
-                f"phase.{phase.name}.tip_target",
+                f"phase.{phase.name}.{phase.tip_key}",
                 f"is planned before the run, which cannot know what a {cause} has done by then; put it into "
                 "a phase before the first of these",
             )

@@ -98,17 +98,18 @@ def _check_sealed(
             "cannot stand beside a sealed gas, whose pressure follows from the volume; set it in a phase "
             "before, or open the chamber with gas = 'prescribed'",
         )
-    if phase.tip_target is None:
+    if phase.tip_key is None:
         return
     if rule.leak_kg_s_Pa:
         raise ScenarioError(
-            f"{path}.tip_target",
+            f"{path}.{phase.tip_key}",
             f"cannot stand beside a leak ({rule.leak_kg_s_Pa:g} kg/(s Pa)), which takes the tip off its "
             "target; give leak_kg_s_Pa = 0",
         )
     if scenario.gas.orifices:
         raise ScenarioError(
-            f"{path}.tip_target", "cannot stand beside an orifice, through which gas flows on at the target"
+            f"{path}.{phase.tip_key}",
+            "cannot stand beside an orifice, through which gas flows on at the target",
         )
 
 

@@ -17,6 +17,7 @@ from cosim.config.rules.known_rules import check_known
 from cosim.config.rules.object_rules import check_objects
 from cosim.config.rules.size_rules import check_sizes
 from cosim.config.rules.support_rules import check_holding, check_rings
+from cosim.config.rules.tip_path_rules import check_tip_path
 from cosim.config.schema.given_body import AnySoftRobot, GivenBodyTable
 from cosim.config.schema.phase import PhaseTable, TipTargetTable
 from cosim.config.schema.scenario import NO_ARM, Scenario
@@ -191,6 +192,7 @@ def _check_phase(phase: PhaseTable, scenario: Scenario, path: str, faults: Fault
     with faults:
         if phase.flange_shake is not None:
             _check_shake(phase, phase.flange_shake.frequency_Hz, path, faults)
+    check_tip_path(phase, faults)
     if phase.tip_target is not None:
         _check_tip_target(phase.tip_target, phase, scenario.soft_robot, path)
 

@@ -12,7 +12,7 @@ from cosim.config.toml.faults import Faults
 from cosim.config.toml.suggestions import listing, unknown_name_message
 from cosim.errors import ScenarioError
 
-_MOTIONS = ("flange", "flange_turn", "flange_shift_m")
+_MOTIONS = ("flange", "flange_turn", "flange_shift_m", "tip_path")
 
 
 def check_holding(scenario: Scenario, faults: Faults) -> None:

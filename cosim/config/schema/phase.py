@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Annotated, Final, Literal, final
+from typing import TYPE_CHECKING, Annotated, Final, Literal, final
 
 from annotated_types import Interval, Len
 
@@ -22,8 +22,15 @@ from cosim.config.toml.constraints import (
     OrByName,
     Positive,
     Pressure,
+    Text,
     Vector3,
 )
+
+if TYPE_CHECKING:
+    from cosim.base.tip_course import TipCourse
+
+MOST_POINTS: Final = 10_000
+"""Of a tip path."""
 
 Tensions = Annotated[tuple[NonNegative, ...], OrByName()]
 
@@ -96,6 +103,42 @@ class TipTargetTable:
 
 @final
 @dataclass(frozen=True)
+class TipPathTable:
+    """A path that the tip follows from rest to rest: a smooth curve through points, at one speed.
+
+    Args:
+        points_m: of the centre of the last hole ring, world; the first one is where the tip is when the phase
+            starts. Straight between two, a cubic spline through more.
+        directions: unit normals of the last hole ring, away from the base, world: one for the whole path, or
+            one for each point; left out, the tip turns as it comes.
+        file: CSV in place of both, beside the scenario: a header with x_m, y_m, z_m and, for directions,
+            direction_x, direction_y, direction_z.
+        speed_m_s: along the path, between its ramps.
+        ramp_s: from rest to that speed, and from it to rest.
+        reach_with: "flange": the flange goes where the deformed tip is on the path;
+            "none": the flange goes where the undeformed tip would be on it (to see the error).
+    """
+
+    speed_m_s: Positive
+    points_m: Annotated[tuple[Vector3, ...], Len(max_length=MOST_POINTS)] = ()
+    directions: Annotated[tuple[Direction, ...], Len(max_length=MOST_POINTS)] = ()
+    file: Text | None = None
+    ramp_s: Positive = 0.5
+    reach_with: Literal["flange", "none"] = "flange"
+
+    def course(self) -> TipCourse:
+        """Return where the tip is to be, and when.
+
+        Raises:
+            InputError: there is no such curve.
+        """
+        from cosim.base.tip_course import course_of  # here: scenarios without a path need no splines
+
+        return course_of(self.points_m, self.directions, self.speed_m_s, self.ramp_s)
+
+
+@final
+@dataclass(frozen=True)
 class StartTable:
     """State before the first tick; an empty list of tensions means none.
 
@@ -151,7 +194,7 @@ class PhaseTable:
 
     Args:
         name: of the phase; overrides, curves and the summary call it by that.
-        duration_s: of the ramp.
+        duration_s: of the ramp; beside `tip_path` it follows from the path, and is left out.
         settle_s: held afterwards, at the end values.
         increments: of the ramp, in the quasistatic mode.
         ramp: "smooth" is the minimum-jerk quintic.
@@ -183,6 +226,7 @@ class PhaseTable:
         supports: `[[phase.support]]` in the file; held from here on, besides what is held already.
         forces: `[[phase.force]]` in the file; together they replace the forces of earlier phases.
         tip_target: where the tip should end up.
+        tip_path: what path the tip follows, with a time law of its own in place of `ramp`.
     """
 
     name: Name
@@ -213,6 +257,12 @@ class PhaseTable:
     supports: tuple[SupportTable, ...] = field(default=(), metadata={"alias": "support"})
     forces: tuple[ForceTable, ...] = field(default=(), metadata={"alias": "force"})
     tip_target: TipTargetTable | None = None
+    tip_path: TipPathTable | None = None
+
+    @property
+    def tip_key(self) -> str | None:
+        """The key that says where the tip goes; None where nothing does."""
+        return next((key for key in ("tip_target", "tip_path") if getattr(self, key) is not None), None)
 
 
 HOLD: Final = PhaseTable(name="hold", duration_s=1e9, ramp="step")

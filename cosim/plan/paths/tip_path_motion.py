@@ -1,0 +1,246 @@
+"""The flange's motion that takes the deformed tip along a path, found on the statics before anything runs.
+
+From one instant to the next the flange first moves as if the tip were fixed to it, then Gauss-Newton steps by
+the exact sensitivities bring the tip onto the path; of all flange motions that do, the smallest is taken, so
+that what the path leaves free (the roll about the tip, or its direction) changes as little as it can. An arm
+that moves feels gravity less its acceleration a, and its damping c as one more: g - a - c v.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Final, final
+
+import numpy as np
+
+from cosim.base.frames import Pose, rotation_from_vector
+from cosim.base.tip_course import CourseInstant, TipCourse
+from cosim.config.schema.phase import TipPathTable
+from cosim.coupling.soft_sides.soft_side import SoftSide
+from cosim.errors import CosimError, InputError, SolverError, UnreachableError
+from cosim.plan.paths.pose_track import PoseTrack
+from cosim.plan.paths.tip_path import PlannedTipPath, TipErrors, tip_distances
+from cosim.soft.body.center_line import center_line_length, center_rings
+from cosim.soft.body.loads import Loads
+from cosim.soft.body.tip_frame import TipFrame
+from cosim.soft.solve.state import Equilibrium
+from cosim.soft.targets.tip_target import TipTarget, shortest_turn
+
+_STEP_m: Final = 8e-3  # of path from one instant to the next
+_TURN_rad: Final = 0.06
+_PER_RAMP: Final = 10
+_APPROACH: Final = 12  # pieces of the way to where a straight arm begins
+_BEGINS_WITHIN: Final = (1e-4, 2e-3)  # m, rad
+_FELT_m_s2: Final = 0.5  # a twentieth of gravity: what accelerates less bends an arm little
+
+_Next = Callable[[Equilibrium, CourseInstant, CourseInstant, Loads], Equilibrium]
+
+
+@final
+@dataclass(frozen=True)
+class FollowedPath:
+    """A motion of the flange along a path of the tip.
+
+    Args:
+        way: of the flange.
+        end: equilibrium at its end.
+        planned: the path.
+    """
+
+    way: PoseTrack
+    end: Equilibrium
+    planned: PlannedTipPath
+
+
+def follow_path(
+    soft: SoftSide, begin: Equilibrium, loads: Loads, path: TipPathTable, damping_per_s: float | None
+) -> FollowedPath:
+    """Return the flange's motion along a path, and the equilibrium that it ends in.
+
+    Args:
+        soft: follows equilibria.
+        begin: with the tip on the path's first point.
+        loads: at the end; they change evenly with time.
+        path: to follow.
+        damping_per_s: c; None in statics, where nothing has an acceleration.
+
+    Raises:
+        UnreachableError: the tip does not begin on the path, or cannot follow it.
+        ConvergenceError: the equilibrium was lost on the way.
+    """
+    trip = _Trip(soft, path.course(), begin.loads, loads, damping_per_s)
+    rigid = _RigidArm.at(soft, begin)
+    if path.reach_with == "none":
+        rigid = _RigidArm.towards(begin, trip.instants)
+        states = trip.through(begin, lambda here, before, after, load: rigid.moved(soft, here, after, load))
+        errors = trip.errors(states)
+        return FollowedPath(trip.track(states), states[-1], PlannedTipPath(trip.course, errors, errors))
+    _check_begin(soft, begin, trip.instants)
+    states = trip.through(begin, lambda *step: _onto(soft, *step))
+    uncompensated = trip.uncompensated(rigid, begin)
+    planned = PlannedTipPath(trip.course, trip.errors(states), uncompensated)
+    return FollowedPath(trip.track(states), states[-1], planned)
+
+
+@final
+class _Trip:
+    """Goes from instant to instant of a course.
+
+    Args:
+        soft: follows equilibria.
+        course: of the tip.
+        begin: loads at its begin.
+        end: loads at its end.
+        damping_per_s: c; None in statics.
+    """
+
+    def __init__(
+        self, soft: SoftSide, course: TipCourse, begin: Loads, end: Loads, damping_per_s: float | None
+    ) -> None:
+        self.course = course
+        self._soft = soft
+        self._time_s = course.knots(_STEP_m, _TURN_rad, _PER_RAMP)
+        self.instants = course.at(self._time_s)
+        self._loads = [self._load(begin, end, k, damping_per_s) for k in range(len(self._time_s))]
+
+    def _load(self, begin: Loads, end: Loads, k: int, damping_per_s: float | None) -> Loads:
+        if k == len(self._time_s) - 1:
+            return end
+        load = begin.interpolated(end, self._time_s[k] / self._time_s[-1])
+        if damping_per_s is None:
+            return load
+        felt = self.instants.acceleration[k] + damping_per_s * self.instants.velocity[k]
+        x, y, z = (np.array(load.gravity) - felt).tolist()
+        return replace(load, gravity=(x, y, z))
+
+    def through(self, begin: Equilibrium, step: _Next) -> list[Equilibrium]:
+        """Return the equilibria at all instants, each found from the one before."""
+        found = [begin]
+        for k in range(1, len(self._time_s)):
+            try:
+                found.append(step(found[-1], self.instants.row(k - 1), self.instants.row(k), self._loads[k]))
+            except CosimError as error:
+                raise _placed(error, self.instants.row(k)) from error
+        return found
+
+    def track(self, states: list[Equilibrium]) -> PoseTrack:
+        """Return the motion of the flange through equilibria."""
+        return PoseTrack(self._time_s, [state.world_from_flange for state in states], self.course)
+
+    def errors(self, states: list[Equilibrium]) -> TipErrors:
+        """Return how far the tips of equilibria are from the path."""
+        tips = [TipFrame.of(self._soft.body, state.state.positions) for state in states]
+        return TipErrors.of(
+            self.instants, np.array([t.position for t in tips]), np.array([t.direction for t in tips])
+        )
+
+    def uncompensated(self, rigid: _RigidArm, begin: Equilibrium) -> TipErrors | None:
+        """Return how far the tip would be from the path on a flange that takes the arm to be straight."""
+        soft = self._soft
+        try:
+            pose = rigid.pose(begin.world_from_flange, self.instants.row(0))
+            first = begin
+            for share in np.linspace(0.0, 1.0, _APPROACH + 1)[1:].tolist():
+                between = begin.world_from_flange.interpolated(pose, share)
+                first = soft.follow(first, between, begin.loads)
+            moved = self.through(first, lambda here, _, after, load: rigid.moved(soft, here, after, load))
+        except SolverError:
+            return None
+        return self.errors(moved)
+
+
+@final
+@dataclass(frozen=True)
+class _RigidArm:
+    """An arm that is straight along the flange's z axis.
+
+    Args:
+        length_m: from the flange to the tip.
+    """
+
+    length_m: float
+
+    @classmethod
+    def at(cls, soft: SoftSide, here: Equilibrium) -> _RigidArm:
+        """Return the arm as long as it is now."""
+        return cls(center_line_length(center_rings(soft.body), here.state.positions))
+
+    @classmethod
+    def towards(cls, here: Equilibrium, instants: CourseInstant) -> _RigidArm:
+        """Return the arm whose straight tip is on the path's first point.
+
+        Raises:
+            UnreachableError: there is none.
+        """
+        first, flange = instants.row(0), here.world_from_flange
+        way = first.position - flange.translation
+        axis = flange.rotation[:, 2]
+        turned = 0.0 if first.direction is None else np.linalg.norm(shortest_turn(axis, first.direction))
+        if np.linalg.norm(way - (way @ axis) * axis) > _BEGINS_WITHIN[0] or turned > _BEGINS_WITHIN[1]:
+            raise UnreachableError(
+                "with reach_with = 'none' a straight arm begins on the path, and this one does not; "
+                f"{_remedy(first)}"
+                ", reach_with = 'none' }"
+            )
+        return cls(float(way @ axis))
+
+    def pose(self, here: Pose, wanted: CourseInstant) -> Pose:
+        """Return the flange's next pose."""
+        axis = here.rotation[:, 2]
+        direction = axis if wanted.direction is None else wanted.direction
+        rotation = rotation_from_vector(shortest_turn(axis, direction)) @ here.rotation
+        return Pose(rotation, wanted.position - self.length_m * rotation[:, 2])
+
+    def moved(self, soft: SoftSide, here: Equilibrium, wanted: CourseInstant, loads: Loads) -> Equilibrium:
+        """Return the equilibrium at the flange's next pose."""
+        return soft.follow(here, self.pose(here.world_from_flange, wanted), loads)
+
+
+def _onto(
+    soft: SoftSide, here: Equilibrium, before: CourseInstant, after: CourseInstant, loads: Loads
+) -> Equilibrium:
+    """Return the equilibrium with the tip at the next instant's place."""
+    turn, pose = np.eye(3), here.world_from_flange
+    if before.direction is not None and after.direction is not None:
+        turn = rotation_from_vector(shortest_turn(before.direction, after.direction))
+    carried = Pose(turn @ pose.rotation, after.position + turn @ (pose.translation - before.position))
+    found = soft.follow(here, carried, loads)
+    return soft.find_flange_pose(found, TipTarget(after.position, after.direction))
+
+
+def _check_begin(soft: SoftSide, begin: Equilibrium, instants: CourseInstant) -> None:
+    """Raise UnreachableError where the tip is not on the path's first point."""
+    tip, first = TipFrame.of(soft.body, begin.state.positions), instants.row(0)
+    (away,), (turned,) = tip_distances(first, tip.position[None], tip.direction[None])
+    if away <= _BEGINS_WITHIN[0] and turned <= _BEGINS_WITHIN[1]:
+        return
+    place = np.round(tip.position, 4).tolist()
+    raise UnreachableError(
+        f"begins {1e3 * away:.4g} mm and {np.degrees(turned):.3g} degrees off the tip, which is at {place} "
+        "m then; "
+        f"{_remedy(instants.row(0))} }}"
+    )
+
+
+def _remedy(first: CourseInstant) -> str:
+    direction = ""
+    if first.direction is not None:
+        direction = f", direction = {np.round(first.direction, 5).tolist()}"
+    return (
+        "bring it there in a phase before: tip_target = { position_m = "
+        f"{np.round(first.position, 5).tolist()}{direction}"
+    )
+
+
+def _placed(error: CosimError, instant: CourseInstant) -> CosimError:
+    """Return an error that says where along the path it happened."""
+    text, felt = f"{instant}: {error}", float(np.linalg.norm(instant.acceleration))
+    if felt > _FELT_m_s2:
+        text += (
+            f"; the path accelerates by {felt:.3g} m/s^2 there: a lower speed_m_s or a longer ramp_s eases it"
+        )
+    if isinstance(error, InputError):
+        return UnreachableError(text)
+    error.args = (text, *error.args[1:])
+    return error
