@@ -14,6 +14,7 @@ from cosim._version import __version__ as __version__
 
 if TYPE_CHECKING:
     from cosim.app.api import run as run
+    from cosim.app.batch import Batch as Batch
     from cosim.app.driver import Observer as Observer
     from cosim.app.loaded_run import load_run as load_run
     from cosim.app.simulation import SavedState as SavedState
@@ -37,9 +38,11 @@ if TYPE_CHECKING:
     from cosim.errors import SceneError as SceneError
     from cosim.errors import SolverError as SolverError
     from cosim.errors import UnreachableError as UnreachableError
+    from cosim.errors import WorkerError as WorkerError
     from cosim.results.result import RunResult as RunResult
 
 _HOMES = {
+    "Batch": "cosim.app.batch",
     "Command": "cosim.devices.controller",
     "Controller": "cosim.devices.controller",
     "ConvergenceError": "cosim.errors",
@@ -60,6 +63,7 @@ _HOMES = {
     "Simulation": "cosim.app.simulation",
     "SolverError": "cosim.errors",
     "UnreachableError": "cosim.errors",
+    "WorkerError": "cosim.errors",
     "list_scenarios": "cosim.base.resources",
     "load_run": "cosim.app.loaded_run",
     "load_scenario": "cosim.config.loading",

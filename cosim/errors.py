@@ -6,6 +6,7 @@ CosimError
 │   ├── SceneError          the rigid engine refuses a body of the scene: carries the body's name
 │   ├── MeshError           degenerate, inverted or unconnected meshes
 │   └── UnreachableError    no configuration reaches the wanted pose; carries the closest one
+├── WorkerError             a process of a batch has ended; the text names its runs
 ├── OutputError             the results cannot be written (exit code 3)
 └── SolverError             the physics could not be solved (exit code 1)
     ├── ConvergenceError    Newton's method stopped; carries residual and iterations
@@ -86,6 +87,10 @@ class UnreachableError(InputError):
 
 class OutputError(CosimError):
     """Results cannot be written, for want of room or of the directory; the text says what is saved where."""
+
+
+class WorkerError(CosimError):
+    """A process that held runs of a batch has ended, and these with it; the text names both."""
 
 
 class SolverError(CosimError):

@@ -14,6 +14,7 @@ import cosim
 from cosim import errors
 
 EXPECTED = {
+    "Batch",
     "Command",
     "Controller",
     "ConvergenceError",
@@ -34,6 +35,7 @@ EXPECTED = {
     "Simulation",
     "SolverError",
     "UnreachableError",
+    "WorkerError",
     "__version__",
     "list_scenarios",
     "load_run",

@@ -9,13 +9,11 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from types import MappingProxyType
-from typing import Any, Final, Generic, TypeVar, final
+from typing import Any, Generic, TypeVar, final
 
 from cosim.base.frames import Array, Pose, Wrench
 
 State = TypeVar("State")
-NOTHING: Final[Mapping[str, float]] = MappingProxyType({})
 
 
 @final
@@ -96,12 +94,12 @@ class Command:
         joint_position: (joints,) [rad].
     """
 
-    cable_tension_N: Mapping[str, float] = field(default_factory=lambda: NOTHING)
-    cable_length_m: Mapping[str, float] = field(default_factory=lambda: NOTHING)
-    pump_pressure_Pa: Mapping[str, float] = field(default_factory=lambda: NOTHING)
+    cable_tension_N: Mapping[str, float] = field(default_factory=dict)
+    cable_length_m: Mapping[str, float] = field(default_factory=dict)
+    pump_pressure_Pa: Mapping[str, float] = field(default_factory=dict)
     flange_twist: Sequence[float] | Array | None = None
-    pressure_Pa: Mapping[str, float] = field(default_factory=lambda: NOTHING)
-    gas_kg: Mapping[str, float] = field(default_factory=lambda: NOTHING)
+    pressure_Pa: Mapping[str, float] = field(default_factory=dict)
+    gas_kg: Mapping[str, float] = field(default_factory=dict)
     flange: Pose | None = None
     joint_position: Sequence[float] | Array | None = None
 

@@ -1,0 +1,90 @@
+"""`cosim.Batch`: many runs in processes, each as it is alone; failures are named, the others go on."""
+
+from __future__ import annotations
+
+import os
+import signal
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import cosim
+from cosim import Batch, Command, Simulation
+from cosim.errors import InputError, ScenarioError, SolverError, WorkerError
+from tests.devices import device_parts
+
+START: dict[str, Any] = {"start.pressure_Pa": 20e3, "phase": []}
+CHANGES: list[dict[str, Any] | None] = [
+    None,
+    {"start.pressure_Pa": 15e3},
+    {"solver.damping_per_s": 5.0},
+    {"gravity_m_s2": [0.0, 0.0, -9.81]},
+]
+COMMANDS = [
+    Command(pressure_Pa={"chamber": 18e3 + 500.0 * k}, cable_tension_N={"corner_0": 0.1 * k})
+    for k in range(4)
+]
+
+
+def same(found: cosim.Measurement | None, expected: cosim.Measurement) -> bool:
+    """Return whether two measurements are equal in every bit."""
+    names = [entry.name for entry in fields(cosim.Measurement)]
+    shown = [[repr(getattr(one, name)) for name in names] for one in (found, expected) if one is not None]
+    arrays = [getattr(one, "tip_position").tobytes() for one in (found, expected) if one is not None]  # noqa: B009
+    return len(shown) == 2 and shown[0] == shown[1] and arrays[0] == arrays[1]
+
+
+def alone(scenario: Any) -> list[list[cosim.Measurement]]:
+    """Return what is measured of the runs after two steps, and after a reset and one more."""
+    found = []
+    for change, command in zip(CHANGES, COMMANDS, strict=True):
+        here = Simulation(cosim.load_scenario(scenario, START), overrides=change)
+        seen = []
+        for given in (command, None):
+            here.step(given, ticks=3)
+            seen.append(here.measure())
+        here.reset()
+        here.step(command, ticks=2)
+        found.append([*seen, here.measure()])
+    return found
+
+
+def test_runs_are_what_they_are_alone_whatever_happens_to_others(tmp_path: Path) -> None:
+    scenario = device_parts.scenario(tmp_path, device_parts.INFLATE)
+    expected = alone(scenario)
+    with Batch(scenario, 4, workers=2, overrides=START, changes=CHANGES) as batch:
+        assert repr(batch) == "Batch of 4 runs of devices in 2 processes"
+        first, second = batch.step(COMMANDS, ticks=3), batch.step(ticks=3)
+        for k in range(4):
+            assert same(first[k], expected[k][0])
+            assert same(second[k], expected[k][1])
+        batch.reset()
+        impossible = [None, Command(pressure_Pa={"chamber": 1e12}), None, None]
+        failing = batch.step([command or COMMANDS[k] for k, command in enumerate(impossible)], ticks=2)
+        assert list(batch.failed) == [1]
+        assert isinstance(batch.failed[1], SolverError)
+        assert failing[1] is None
+        assert all(same(failing[k], expected[k][2]) for k in (0, 2, 3))
+        (again,) = [seen for seen in batch.reset([1]) if seen is not None]
+        assert again.time_s == 0.0
+        assert not batch.failed
+        os.kill(batch.processes[0], signal.SIGKILL)
+        left = batch.step(ticks=1)
+        assert [k for k, seen in enumerate(left) if seen is None] == [0, 2]
+        assert isinstance(batch.failed[0], WorkerError)
+        text = rf"worker 0 \(process {batch.processes[0]}\) has ended by SIGKILL, and with it runs 0, 2"
+        with pytest.raises(WorkerError, match=text):
+            raise batch.failed[2]
+        assert all(seen is not None for seen in batch.step(ticks=1)[1::2])
+
+
+def test_what_does_not_fit_is_refused_before_a_process_starts(tmp_path: Path) -> None:
+    scenario = device_parts.scenario(tmp_path, device_parts.INFLATE)
+    with pytest.raises(InputError, match="2 changes were given for 3 runs"):
+        Batch(scenario, 3, changes=[None, None])
+    with pytest.raises(InputError, match="0 runs in 1 workers"):
+        Batch(scenario, 0)
+    with pytest.raises(ScenarioError, match=r"clock\.tick_s"):
+        Batch(scenario, 2, overrides={"clock.tick_s": 0.0})
