@@ -1,12 +1,20 @@
-"""How fast every scenario runs while it is recorded: CPU real-time factor, and counts that hold anywhere.
+"""How fast every scenario runs while it is recorded, counts that hold on any machine, and its tick's error.
 
-    python benchmarks/real_time.py [NAME ...] [--repeats 7] [--json FILE] [--before FILE]
+    python benchmarks/real_time.py [NAME ...] [--set KEY=VALUE] [--repeats 7] [--json FILE]
+    python benchmarks/real_time.py [NAME ...] [--set KEY=VALUE] --accuracy [--json FILE]
+    python benchmarks/real_time.py --json FILE --before FILE --page docs/performance.md
 
-Without names: all that come with cosim, at their own settings. The factor is simulated time over CPU time of
-the process in the loop over ticks, the median of the repeats, kernels compiled before. One batch of ticks
-in ten is counted instead of timed: new tangents, gradients, and calls of Python and C functions from Python.
-Times of ticks are wall times: they want an idle machine. `--before` puts the factors of an earlier `--json`
-beside.
+Without names: all that come with cosim; `--set` changes them all. The factor is simulated time over CPU time
+of the process in the loop over ticks, the median of the repeats, kernels compiled before. Of a tick, CPU time
+of the thread. One batch of ticks in ten is left out of all times: in it calls of functions from Python are
+counted. Tangents, gradients and shifted tangents are counted in all ticks.
+
+`--accuracy`: instead, the largest distance of the tip, and of what can move, from the same scenario with a
+tick a quarter as long, for dynamic scenarios in which the soft robot touches something.
+
+`--json` keeps what was measured; a further call adds to it. `--page` writes the table of what a file holds
+into a page and measures nothing more than names ask for; `--before` puts the factors of an earlier file
+beside. `--version FOLDER` measures the version that lies in a folder, such as another work tree.
 """
 
 from __future__ import annotations
@@ -17,140 +25,202 @@ import os
 import statistics
 import sys
 import time
-from dataclasses import asdict, dataclass
+from collections.abc import Mapping
+from contextlib import nullcontext
+from dataclasses import dataclass
 from itertools import count
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any, final
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+from benchmarks.measure.page_tables import put_table
+from benchmarks.measure.tally import Tally
 
 _COUNTED_ONE_IN = 10  # batches
-
-
-@final
-@dataclass
-class Tally:
-    """What has happened while batches were counted."""
-
-    tangents: int = 0
-    gradients: int = 0
-    calls: int = 0
-    ticks: int = 0
-    counting: bool = False
-
-    def event(self, _frame: object, event: str, _what: object) -> None:
-        """Take note of a call, as `sys.setprofile` tells it."""
-        self.calls += event in ("call", "c_call")
-
-    def watch(self) -> None:
-        """Count from now on what every solver evaluates."""
-        from cosim.soft.solve.problem import Problem
-
-        evaluate: Any = Problem.at
-
-        def counted(problem: Problem, *places: Any, hessian: bool = False) -> Any:
-            self.tangents += hessian and self.counting
-            self.gradients += self.counting
-            return evaluate(problem, *places, hessian=hessian)
-
-        setattr(Problem, "at", counted)  # noqa: B010
+_HEAD = (
+    "| scenario | model | tick, ms | before | times real time | 99 of 100 ticks within | tangents | shifted "
+    "| gradients | calls | tip, mm | objects, mm |"
+)
 
 
 @final
 @dataclass(frozen=True)
-class Speed:
-    """How fast a scenario ran; counts are of a tick in the mean."""
+class Timed:
+    """What was timed of a run: simulated and CPU time [s], CPU times of its ticks [s]."""
 
     simulated_s: float
-    ticks: int
-    factor: float
-    p99_ms: float
-    tangents: float
-    gradients: float
-    calls: float
+    spent_s: float
+    ticks_s: list[float]
+
+    @property
+    def factor(self) -> float:
+        """Times real time."""
+        return self.simulated_s / self.spent_s
 
 
-def run_once(name: str, tally: Tally) -> tuple[float, float, list[float]]:
-    """Return simulated and CPU time of what was timed of a run, and the wall times of its ticks [s]."""
+def label(name: str, changes: Mapping[str, Any]) -> str:
+    """Return what a scenario with changes is called."""
+    return " ".join([name, *(f"{key}={value}" for key, value in changes.items())])
+
+
+def model_words(scenario: Any, nodes: int) -> str:
+    """Return which arm, soft robot and mesh a scenario has."""
+    robot = scenario.soft_robot.name + (", the paper's model" if scenario.model.published else "")
+    fidelity = "" if scenario.fidelity == "lumped" else f", {scenario.fidelity}"
+    statics = ", statics" if scenario.mode == "quasistatic" else ""
+    arm = "" if scenario.robot == "none" else f"{scenario.robot}, "
+    return f"{arm}{robot}{fidelity}, {nodes} nodes{statics}"
+
+
+def speed_of(name: str, changes: Mapping[str, Any], repeats: int, tally: Tally) -> dict[str, Any]:
+    """Return how fast a scenario runs, and counts of a tick in the mean."""
+    import numpy as np
+
+    tally.tangents = tally.gradients = tally.shifted = tally.calls = 0
+    counted: list[int] = []
+    found: dict[str, Any] = {}
+    runs = [run_once(name, changes, tally, counted, found) for _ in range(repeats)]
+    ticks = repeats * found["ticks"]
+    per_tick = {what: getattr(tally, what) / ticks for what in ("tangents", "gradients", "shifted")}
+    late_s = float(np.median([np.percentile(run.ticks_s, 99) for run in runs]))
+    factor = statistics.median(run.factor for run in runs)
+    return {
+        **found,
+        "factor": factor,
+        "p99_s": late_s,
+        **per_tick,
+        "calls": tally.calls / max(1, sum(counted)),
+    }
+
+
+def run_once(
+    name: str, changes: Mapping[str, Any], tally: Tally, counted: list[int], found: dict[str, Any]
+) -> Timed:
+    """Run a scenario; `counted` receives the ticks in which calls were counted, `found` what it is."""
     from cosim.app.driver import build_simulation, recorded
     from cosim.app.first_run import prepared
     from cosim.config.loading import load_scenario
+    from cosim.stepping import dynamic
 
-    scenario = prepared(load_scenario(name), lambda _: None, recording=True)
+    vars(dynamic)["time"] = SimpleNamespace(perf_counter=time.thread_time)  # other work does not count
+    scenario = prepared(load_scenario(name, changes or None), lambda _: None, recording=True)
     run = build_simulation(scenario)
-    simulated_s, spent_s, walls, here_s = 0.0, 0.0, [], 0.0
+    simulated_s, spent_s, ticks_s, here_s = 0.0, 0.0, [], 0.0
     with recorded(scenario, run.stage) as observe:
         batches = iter(run.batches())
         for number in count():
-            tally.counting = number % _COUNTED_ONE_IN == 1
-            sys.setprofile(tally.event if tally.counting else None)
+            counts = number % _COUNTED_ONE_IN == 1
             began = time.process_time()
-            batch = next(batches, None)
-            if batch is not None:
-                observe(batch)
-            sys.setprofile(None)
+            with tally.counting_calls() if counts else nullcontext():
+                batch = next(batches, None)
+                if batch is not None:
+                    observe(batch)
             took_s = time.process_time() - began
             if batch is None:
                 break
             before_s, here_s = here_s, float(batch.time_s[-1])
-            if tally.counting:
-                tally.ticks += len(batch)
+            if counts:
+                counted.append(len(batch))
             elif number:  # the first one begins with finding the state at rest
                 simulated_s, spent_s = simulated_s + here_s - before_s, spent_s + took_s
-                walls += batch.tick_wall_s.tolist()
-    return simulated_s, spent_s, walls
+                ticks_s += batch.tick_wall_s.tolist()
+            else:
+                nodes = len(batch.snapshot(0).node_position)
+                found.update(
+                    model=model_words(scenario, nodes), tick_s=run.stage.tick_s, ticks=run.stage.ticks
+                )
+    return Timed(simulated_s, spent_s, ticks_s)
 
 
-def speed_of(name: str, repeats: int, tally: Tally) -> Speed:
-    """Return how fast a scenario runs."""
-    import numpy as np
+def accuracy_of(name: str, changes: Mapping[str, Any]) -> dict[str, Any]:
+    """Return how far a scenario is from itself with a quarter of its tick [m]; nothing without contact."""
+    from cosim.app.driver import build_simulation
+    from cosim.app.first_run import prepared
+    from cosim.config.loading import load_scenario
+    from cosim.trade.candidate import Candidate
+    from cosim.trade.curve import trace
+    from cosim.trade.measuring import compared
 
-    tally.tangents = tally.gradients = tally.calls = tally.ticks = 0
-    runs = [run_once(name, tally) for _ in range(repeats)]
-    ticks = max(tally.ticks, 1)
-    return Speed(
-        sum(simulated for simulated, _, _ in runs),
-        sum(len(walls) for _, _, walls in runs),
-        statistics.median(simulated / spent for simulated, spent, _ in runs),
-        1e3 * float(np.median([np.percentile(walls, 99) for _, _, walls in runs])),
-        tally.tangents / ticks,
-        tally.gradients / ticks,
-        tally.calls / ticks,
+    own = load_scenario(name, changes or None)
+    if own.mode != "dynamic" or not (own.objects or own.wires or own.contact.self_contact):
+        return {}
+    finer = load_scenario(own, {"clock.tick_s": own.clock.tick_s / 4.0})
+    here, there = (
+        trace(prepared(each, lambda _: None, recording=False), build_simulation) for each in (own, finer)
     )
+    result = compared(Candidate(name, "time", {}), here, there)
+    names = "tip_error_m", "tip_rms_m", "object_error_m"
+    return {key: value for key in names if (value := getattr(result, key)) == value}
 
 
-def row(name: str, speed: Speed, before: dict[str, dict[str, float]]) -> str:
+def row(name: str, found: Mapping[str, Any], before: Mapping[str, Any]) -> str:
     """Return a line of the table."""
-    earlier = f"{before[name]['factor']:.2f}" if name in before else "-"
-    return (
-        f"| {name} | {earlier} | {speed.factor:.2f} | {speed.p99_ms:.1f} | {speed.tangents:.2f} "
-        f"| {speed.gradients:.1f} | {speed.calls:.0f} |"
-    )
+
+    def shown(key: str, digits: int, scale: float = 1.0) -> str:
+        return f"{scale * found[key]:.{digits}f}" if key in found else ""
+
+    earlier = f"{before[name]['factor']:.2f}" if "factor" in before.get(name, {}) else ""
+    late = f"{found['p99_s'] / found['tick_s']:.2f} ticks" if found.get("dynamic") else ""
+    tip = f"{shown('tip_error_m', 2, 1e3)} ({shown('tip_rms_m', 2, 1e3)})" if "tip_error_m" in found else ""
+    cells = [
+        name, str(found.get("model", "")), f"{1e3 * found['tick_s']:g}" if "tick_s" in found else "", earlier,
+        shown("factor", 2), late, shown("tangents", 2), shown("shifted", 2), shown("gradients", 1),
+        shown("calls", 0), tip, shown("object_error_m", 2, 1e3),
+    ]  # fmt: skip
+    return f"| {' | '.join(cells)} |"
+
+
+def table(found: Mapping[str, Any], before: Mapping[str, Any]) -> str:
+    """Return what a file holds as Markdown."""
+    rows = [row(name, figures, before) for name, figures in sorted(found.items())]
+    return "\n".join([_HEAD, "|---|---|" + "---:|" * 10, *rows])
+
+
+def options_of() -> argparse.Namespace:
+    """Return what the command line asks for."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("names", nargs="*")
+    parser.add_argument("--set", dest="changes", action="append", default=[], metavar="KEY=VALUE")
+    parser.add_argument("--repeats", type=int, default=7)
+    parser.add_argument("--accuracy", action="store_true")
+    parser.add_argument("--json", type=Path)
+    parser.add_argument("--before", type=Path)
+    parser.add_argument("--page", type=Path)
+    parser.add_argument("--version", type=Path, metavar="FOLDER")
+    return parser.parse_args()
 
 
 def main() -> None:
-    """Measure and print."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("names", nargs="*")
-    parser.add_argument("--repeats", type=int, default=7)
-    parser.add_argument("--json", type=Path)
-    parser.add_argument("--before", type=Path)
-    options = parser.parse_args()
+    """Measure, keep and print."""
+    options = options_of()
+    if options.version:
+        sys.path.insert(0, str(options.version.resolve()))
     from cosim.base.resources import list_scenarios
+    from cosim.config.toml.overrides import parse_assignment
 
+    changes = dict(parse_assignment(each) for each in options.changes)
     before = json.loads(options.before.read_text()) if options.before else {}
-    tally, found = Tally(), {}
-    tally.watch()
-    print(
-        "| scenario | before | times real time | p99 of a tick [ms] | tangents | gradients | calls a tick |"
-    )
-    print("|---|---:|---:|---:|---:|---:|---:|")
-    for name in options.names or list_scenarios():
-        speed = speed_of(name, options.repeats, tally)
-        found[name] = asdict(speed)
-        print(row(name, speed, before), flush=True)
+    kept = options.json is not None and options.json.exists()
+    found: dict[str, dict[str, Any]] = json.loads(options.json.read_text()) if kept else {}
+    tally = Tally()
+    if not options.accuracy:
+        tally.watch()
+    for name in options.names or ([] if options.page else list_scenarios()):
+        key = label(name, changes)
+        new = (
+            accuracy_of(name, changes)
+            if options.accuracy
+            else speed_of(name, changes, options.repeats, tally)
+        )
+        found[key] = found.get(key, {}) | new
+        print(row(key, found[key], before), flush=True)
         if options.json:
             options.json.write_text(json.dumps(found, indent=2) + "\n")
+    if options.page:
+        put_table(options.page, "real time", table(found, before))
 
 
 if __name__ == "__main__":

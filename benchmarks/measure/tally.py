@@ -1,0 +1,72 @@
+"""Counts of what a run does that do not depend on the machine."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any, final
+
+
+@final
+@dataclass
+class Tally:
+    """What all solvers of the process have done since it was made.
+
+    Args:
+        tangents: assembled.
+        gradients: evaluated without one.
+        shifted: tangents that were not positive definite as they were.
+        calls: of Python and C functions from Python, within `counting_calls`.
+    """
+
+    tangents: int = 0
+    gradients: int = 0
+    shifted: int = 0
+    calls: int = 0
+
+    def watch(self) -> None:
+        """Count from now on what every solver evaluates."""
+        from cosim.soft.solve.newton import NewtonSolver
+        from cosim.soft.solve.problem import Problem
+        from cosim.soft.solve.quick_step import QuickStepper
+
+        at: Any = Problem.at
+        solve: Any = NewtonSolver.solve
+        take: Any = QuickStepper.take
+
+        def counted_at(problem: Problem, *places: Any, hessian: bool = False) -> Any:
+            self.tangents += hessian
+            self.gradients += not hessian
+            return at(problem, *places, hessian=hessian)
+
+        def counted_solve(solver: NewtonSolver, *given: Any, **named: Any) -> Any:
+            result = solve(solver, *given, **named)
+            self.shifted += result.shifted
+            return result
+
+        def counted_take(stepper: QuickStepper, *given: Any) -> Any:
+            taken = take(stepper, *given)
+            if taken is not None:  # a step in one call: the start, then one after every iteration
+                self.gradients += taken[1].iterations + 1
+            return taken
+
+        for owner, name, counted in (
+            (Problem, "at", counted_at),
+            (NewtonSolver, "solve", counted_solve),
+            (QuickStepper, "take", counted_take),
+        ):
+            setattr(owner, name, counted)
+
+    @contextmanager
+    def counting_calls(self) -> Iterator[None]:
+        """Count calls as well, which costs time."""
+        sys.setprofile(self._event)
+        try:
+            yield
+        finally:
+            sys.setprofile(None)
+
+    def _event(self, _frame: object, event: str, _what: object) -> None:
+        self.calls += event in ("call", "c_call")
