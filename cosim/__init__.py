@@ -17,6 +17,8 @@ if TYPE_CHECKING:
     from cosim.app.batch import Batch as Batch
     from cosim.app.driver import Observer as Observer
     from cosim.app.loaded_run import load_run as load_run
+    from cosim.app.picture import picture as picture
+    from cosim.app.progress import ProgressBar as ProgressBar
     from cosim.app.simulation import SavedState as SavedState
     from cosim.app.simulation import Simulation as Simulation
     from cosim.base.frames import Pose as Pose
@@ -55,6 +57,7 @@ _HOMES = {
     "OutOfRangeError": "cosim.errors",
     "OutputError": "cosim.errors",
     "Pose": "cosim.base.frames",
+    "ProgressBar": "cosim.app.progress",
     "RunInterrupted": "cosim.errors",
     "RunResult": "cosim.results.result",
     "SavedState": "cosim.app.simulation",
@@ -67,6 +70,7 @@ _HOMES = {
     "list_scenarios": "cosim.base.resources",
     "load_run": "cosim.app.loaded_run",
     "load_scenario": "cosim.config.loading",
+    "picture": "cosim.app.picture",
     "register_kind": "cosim.config.toml.registered_kinds",
     "run": "cosim.app.api",
 }

@@ -13,7 +13,7 @@ project = "cosim"
 author = "The cosim authors"
 release = version = __version__
 extensions = [
-    "myst_parser",
+    "myst_nb",
     "sphinx.ext.autodoc",
     "sphinx.ext.doctest",
     "sphinx.ext.napoleon",
@@ -22,6 +22,10 @@ extensions = [
     "made_pages",
 ]
 exclude_patterns = ["_build"]
+nb_execution_mode = "force"
+nb_execution_timeout = 600
+nb_execution_raise_on_error = True
+nb_execution_in_temp = True
 html_theme = "furo"
 html_title = f"cosim {release}"
 html_copy_source = False

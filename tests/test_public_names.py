@@ -27,6 +27,7 @@ EXPECTED = {
     "OutOfRangeError",
     "OutputError",
     "Pose",
+    "ProgressBar",
     "RunInterrupted",
     "RunResult",
     "SavedState",
@@ -40,6 +41,7 @@ EXPECTED = {
     "list_scenarios",
     "load_run",
     "load_scenario",
+    "picture",
     "register_kind",
     "run",
 }

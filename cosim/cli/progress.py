@@ -5,13 +5,13 @@ from __future__ import annotations
 import time
 from typing import TextIO, final
 
+from cosim.app.progress import progress_line
 from cosim.cli.screen import draw, tell
 from cosim.plan.decision import SECTION_RANGE
 from cosim.telemetry.snapshot import RunInfo, Snapshot
 from cosim.telemetry.tick_batch import TickBatch
 
 _REDRAW_S = 0.2
-_BAR = 24
 
 
 @final
@@ -82,24 +82,3 @@ class PlanWarnings:
 
     def close(self) -> None:
         """Nothing to do."""
-
-
-def progress_line(stage: RunInfo, snapshot: Snapshot, wall_s: float, first: Snapshot) -> str:
-    """Return the text of the progress line after `wall_s` seconds of the loop that began with `first`."""
-    fraction = snapshot.tick / stage.ticks if stage.ticks else 1.0
-    filled = min(_BAR, int(_BAR * fraction))
-    factor = (snapshot.time_s - first.time_s) / wall_s if wall_s > 0.0 else 0.0
-    done, to_do = snapshot.tick - first.tick, stage.ticks - snapshot.tick
-    left = "..." if not done else f"{clock(wall_s * to_do / done)} left" if to_do else "done"
-    bar = "#" * filled + "." * (_BAR - filled)
-    return (
-        f"[{bar}] {100 * fraction:3.0f} %  {stage.phase_names[snapshot.phase]:<12} "
-        f"{snapshot.time_s:.2f}/{stage.duration_s:.2f} s  x{factor:.2f} real time  {left}"
-    )
-
-
-def clock(seconds: float) -> str:
-    """Return a duration as minutes:seconds or hours:minutes:seconds."""
-    minutes, rest = divmod(round(seconds), 60)
-    hours, minutes = divmod(minutes, 60)
-    return f"{hours}:{minutes:02d}:{rest:02d}" if hours else f"{minutes}:{rest:02d}"

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Final, final
 
 from cosim.app.driver import rerun_recorder
-from cosim.app.run_files import RECORDING, recordings
+from cosim.app.picture import found_recordings
 from cosim.cli.interruption import Interruption
 from cosim.cli.screen import draw, tell
 from cosim.config.schema.solver import RecordingTable
@@ -24,22 +24,6 @@ ON_A_PAGE: Final = (
     "--web shows it in a browser, also in one elsewhere: "
     "ssh -L 9090:127.0.0.1:9090 -L 9876:127.0.0.1:9876 HOST"
 )
-
-
-def found_recordings(path: Path) -> list[Path]:
-    """Return the recordings of a run, in order.
-
-    Args:
-        path: directory of the run, or a .rrd file.
-
-    Raises:
-        InputError: there is none.
-    """
-    found = recordings(path) if path.is_dir() else [path]
-    if not found or not found[0].is_file():
-        missing = path / RECORDING if path.is_dir() else path
-        raise InputError(f"no recording at {missing}; make one: cosim run SCENARIO --out {path}")
-    return found
 
 
 def view_command(directory: Path, *, web: bool) -> int:

@@ -13,9 +13,10 @@ from typing import Any
 import pytest
 
 from cosim.app.output_directory import MARKER
+from cosim.app.progress import clock
 from cosim.cli import running
 from cosim.cli.main import main
-from cosim.cli.progress import ProgressLine, clock
+from cosim.cli.progress import ProgressLine
 from cosim.config.loading import load_scenario
 from cosim.errors import ConvergenceError, UnreachableError
 from cosim.recording.recorder import Recorder

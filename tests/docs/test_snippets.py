@@ -32,6 +32,7 @@ NOT_HERE = re.compile(r"cosim (view|video|verify|trade) |cosim run .*(--resume|-
 TESTED_ELSEWHERE = {
     "extending": "tests/app/test_extending.py and the tests of each kind of extension",
     "snapshots": "tests/app/test_simulation.py, tests/cli/test_resume.py",
+    "tutorial": "tests/docs/test_notebook.py",
     "contributing": "what it names are the Makefile's targets",
 }
 

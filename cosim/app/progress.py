@@ -1,0 +1,97 @@
+"""How far a run is: as one line of text, and as an observer that shows it."""
+
+from __future__ import annotations
+
+import sys
+import time
+from typing import Any, Final, final
+
+from cosim.telemetry.snapshot import RunInfo, Snapshot
+from cosim.telemetry.tick_batch import TickBatch
+
+_REDRAW_S: Final = 0.2
+_BAR: Final = 24
+
+
+@final
+class ProgressBar:
+    """Shows how far a run is, for `cosim.run(..., observers=[cosim.ProgressBar()])`.
+
+    In a notebook it is one line below the cell that renews itself; elsewhere one on standard error, which
+    renews itself where that is a terminal, and else is printed once a phase.
+    """
+
+    def __init__(self) -> None:
+        self._stage: RunInfo | None = None
+        self._first: Snapshot | None = None
+        self._last: Snapshot | None = None
+        self._started = self._shown = 0.0
+        self._in_notebook: Any = None
+
+    def open(self, stage: RunInfo) -> None:
+        """Start the clock; the simulation is built."""
+        self._stage, self._first, self._last = stage, None, None
+        self._started = self._shown = time.perf_counter()
+        if _is_notebook():
+            from IPython.display import display  # a notebook has it
+
+            self._in_notebook = display(_as_text("..."), raw=True, display_id=True)
+
+    def observe(self, batch: TickBatch) -> None:
+        """Take in some ticks of one phase; show them at most five times a second."""
+        now, snapshot = time.perf_counter(), batch.snapshot(-1)
+        renews = self._in_notebook is not None or sys.stderr.isatty()
+        if not renews and self._last is not None and snapshot.phase != self._last.phase:
+            self._show(end="\n")
+        self._first, self._last = self._first or snapshot, snapshot
+        if renews and now - self._shown >= _REDRAW_S:
+            self._shown = now
+            self._show(end="")
+
+    def close(self) -> None:
+        """Show the last state; the run has ended, one way or another."""
+        self._show(end="\n")
+
+    def _show(self, end: str) -> None:
+        if self._stage is None or self._first is None or self._last is None:
+            return
+        line = progress_line(self._stage, self._last, time.perf_counter() - self._started, self._first)
+        if self._in_notebook is not None:
+            self._in_notebook.update(_as_text(line), raw=True)
+        else:
+            start = "\r\x1b[K" if sys.stderr.isatty() else ""
+            print(start + line, end=end, file=sys.stderr, flush=True)
+
+
+def progress_line(stage: RunInfo, snapshot: Snapshot, wall_s: float, first: Snapshot) -> str:
+    """Return the text of the progress line after `wall_s` seconds of the loop that began with `first`."""
+    fraction = snapshot.tick / stage.ticks if stage.ticks else 1.0
+    filled = min(_BAR, int(_BAR * fraction))
+    factor = (snapshot.time_s - first.time_s) / wall_s if wall_s > 0.0 else 0.0
+    done, to_do = snapshot.tick - first.tick, stage.ticks - snapshot.tick
+    left = "..." if not done else f"{clock(wall_s * to_do / done)} left" if to_do else "done"
+    bar = "#" * filled + "." * (_BAR - filled)
+    return (
+        f"[{bar}] {100 * fraction:3.0f} %  {stage.phase_names[snapshot.phase]:<12} "
+        f"{snapshot.time_s:.2f}/{stage.duration_s:.2f} s  x{factor:.2f} real time  {left}"
+    )
+
+
+def clock(seconds: float) -> str:
+    """Return a duration as minutes:seconds or hours:minutes:seconds."""
+    minutes, rest = divmod(round(seconds), 60)
+    hours, minutes = divmod(minutes, 60)
+    return f"{hours}:{minutes:02d}:{rest:02d}" if hours else f"{minutes}:{rest:02d}"
+
+
+def _is_notebook() -> bool:
+    """Return whether a notebook's kernel runs this."""
+    if "IPython" not in sys.modules:
+        return False
+    from IPython import get_ipython
+
+    return hasattr(get_ipython(), "kernel")
+
+
+def _as_text(line: str) -> dict[str, str]:
+    return {"text/plain": line}
