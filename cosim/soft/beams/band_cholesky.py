@@ -2,7 +2,7 @@
 
 Taken from both sides at once, as 0, 1, m - 1, 2, m - 2, ..., neighbours are two places apart at most, so
 that the closed ring becomes a band: with three unknowns a node, row i reaches back to column i - 8.
-A band (3 m, 9) holds entry (i, j), i - 8 <= j <= i, at [i, i - j].
+A band (3 m, 9) holds entry (i, j), i - 8 <= j <= i, at [i, i - j]; of a factor, the diagonal is reciprocal.
 """
 
 from __future__ import annotations
@@ -32,12 +32,12 @@ def factorise(band, shift, factor):  # type: ignore[no-untyped-def]
             for k in range(max(0, i - BAND + 1), j):
                 value -= factor[i, i - k] * factor[j, j - k]
             if i > j:
-                factor[i, i - j] = value / factor[j, 0]
+                factor[i, i - j] = value * factor[j, 0]
             else:
                 value += shift
                 if not value > 0.0:
                     return False
-                factor[i, 0] = math.sqrt(value)
+                factor[i, 0] = 1.0 / math.sqrt(value)
     return True
 
 
@@ -47,14 +47,14 @@ def forward(factor, values):  # type: ignore[no-untyped-def]
     for i in range(factor.shape[0]):
         for k in range(max(0, i - BAND + 1), i):
             values[i] -= factor[i, i - k] * values[k]
-        values[i] /= factor[i, 0]
+        values[i] *= factor[i, 0]
 
 
 @device_function
 def backward(factor, values):  # type: ignore[no-untyped-def]
     """Turn values (3 m,) into L^-T values."""
     for i in range(factor.shape[0] - 1, -1, -1):
-        values[i] /= factor[i, 0]
+        values[i] *= factor[i, 0]
         for k in range(max(0, i - BAND + 1), i):
             values[k] -= factor[i, i - k] * values[i]
 
@@ -67,4 +67,4 @@ def forward_rows(factor, rows):  # type: ignore[no-untyped-def]
             for c in range(rows.shape[1]):
                 rows[i, c] -= factor[i, i - k] * rows[k, c]
         for c in range(rows.shape[1]):
-            rows[i, c] /= factor[i, 0]
+            rows[i, c] *= factor[i, 0]

@@ -63,35 +63,38 @@ def _fill_jacobians(w):  # type: ignore[no-untyped-def]
 
 
 @device_function
-def _fill_products(w):  # type: ignore[no-untyped-def]
-    """Fill the Hessians with what the first derivatives of the measures give."""
+def _fill_products(w, begin):  # type: ignore[no-untyped-def]
+    """Fill the Hessians, from a row and column on, with what the first derivatives of the measures give."""
     for e in range(w.chord.shape[0]):
         jacobian, second, hessian, product = w.jacobian[e], w.second[e], w.hessian[e], w.product
-        hessian[:] = 0.0
+        for r in range(begin, MEASURES):
+            for c in range(begin, MEASURES):
+                hessian[r, c] = 0.0
         for k in range(MEASURES):
-            for c in range(MEASURES):
+            for c in range(begin, MEASURES):
                 product[k, c] = 0.0
             for r in range(MEASURES):
                 value = second[k, r]
                 if value != 0.0:  # both factors are half empty
-                    for c in range(MEASURES):
+                    for c in range(begin, MEASURES):
                         product[k, c] += value * jacobian[r, c]
-            for r in range(MEASURES):
+            for r in range(begin, MEASURES):
                 value = jacobian[k, r]
                 if value != 0.0:
-                    for c in range(MEASURES):
+                    for c in range(begin, MEASURES):
                         hessian[r, c] += value * product[k, c]
 
 
 @device_function
-def _add_by_turned_chords(w):  # type: ignore[no-untyped-def]
-    """Add to the Hessians what the second derivatives of l, c, s_2 and s_3 give."""
+def _add_by_turned_chords(w, whole):  # type: ignore[no-untyped-def]
+    """Add to the Hessians, whole or by turns alone, what the second derivatives of l, c, s_2 and s_3 give."""
     pull = w.pull
     for e in range(w.chord.shape[0]):
         h, t, d, over = w.hessian[e], w.direction[e], w.directors[e], 1.0 / w.measures[e, STRETCH]
-        for r in range(3):
-            for c in range(3):
-                h[r, c] += w.first[e, STRETCH] * over * ((1.0 if r == c else 0.0) - t[r] * t[c])
+        if whole:
+            for r in range(3):
+                for c in range(3):
+                    h[r, c] += w.first[e, STRETCH] * over * ((1.0 if r == c else 0.0) - t[r] * t[c])
         for a in range(2):
             first, along, turn = 1 + 3 * a, 0.0, 3 + 3 * a
             for r in range(3):
@@ -102,9 +105,10 @@ def _add_by_turned_chords(w):  # type: ignore[no-untyped-def]
             for r in range(3):
                 for c in range(3):
                     one, sym = 1.0 if r == c else 0.0, pull[r] * t[c] + t[r] * pull[c]
-                    h[r, c] -= over * over * (sym + along * (one - 3.0 * t[r] * t[c]))
                     h[turn + r, turn + c] += 0.5 * sym - along * one
-            for c in range(3):  # dt . (w x pull) = w . (pull x dt), dt = (1 - t t^T) dv / l
+                    if whole:
+                        h[r, c] -= over * over * (sym + along * (one - 3.0 * t[r] * t[c]))
+            for c in range(3 if whole else 0):  # dt . (w x pull) = w . (pull x dt), dt = (1 - t t^T) dv / l
                 p, q = (c + 1) % 3, (c + 2) % 3
                 across = pull[p] * t[q] - pull[q] * t[p]
                 for r in range(3):
@@ -140,7 +144,7 @@ def _add_by_twists(w):  # type: ignore[no-untyped-def]
 
 
 @device_function
-def beam_energies(rigidities, lengths, w, hessian):  # type: ignore[no-untyped-def]
+def beam_energies(rigidities, lengths, w, hessian, whole):  # type: ignore[no-untyped-def]
     """Fill gradients and, if told to, Hessians by chord and turns; return the sum of the energies [J].
 
     Args:
@@ -148,6 +152,7 @@ def beam_energies(rigidities, lengths, w, hessian):  # type: ignore[no-untyped-d
         lengths: (m,) [m], drawn.
         w: `BeamWork`, with chords and directors.
         hessian: whether to fill it.
+        whole: all of it, or what belongs to the turns alone.
     """
     fill_measures(lengths, w)
     energy = add_stretches_and_bends(rigidities, lengths, w) + add_twists(rigidities[3], lengths, w)
@@ -155,7 +160,7 @@ def beam_energies(rigidities, lengths, w, hessian):  # type: ignore[no-untyped-d
     if hessian:
         fill_second(rigidities, lengths, w)
         _fill_jacobians(w)
-        _fill_products(w)
-        _add_by_turned_chords(w)
+        _fill_products(w, 0 if whole else 3)
+        _add_by_turned_chords(w, whole)
         _add_by_twists(w)
     return energy

@@ -25,19 +25,28 @@ from cosim.soft.beams.beam_work import BEGIN, COSINE, END, SINE, STRETCH
 
 # arccos(c) / (1 - c^2)^(1/2) = sum of a_n (1 - c)^n, a_n = a_(n-1) n / (2 n + 1); the highest power first
 _SERIES = tuple(math.prod((k / (2 * k + 1) for k in range(1, n + 1)), start=1.0) for n in range(12, -1, -1))
+_SHORT_SERIES = _SERIES[6:]
+
+
+@device_function
+def _fill_series(series, u, out):  # type: ignore[no-untyped-def]
+    """Fill out with a power series in u = 1 - c and its first two derivatives by c."""
+    value = slope = curvature = 0.0
+    for a in series:
+        curvature = curvature * u + 2.0 * slope
+        slope = slope * u + value
+        value = value * u + a
+    out[0], out[1], out[2] = value, -slope, curvature
 
 
 @device_function
 def _angle_factor(c, out):  # type: ignore[no-untyped-def]
     """Fill out = arccos(c) / (1 - c^2)^(1/2) and its first two derivatives by c."""
     u = 1.0 - c
-    if u < 0.05:
-        value = slope = curvature = 0.0
-        for a in _SERIES:
-            curvature = curvature * u + 2.0 * slope
-            slope = slope * u + value
-            value = value * u + a
-        out[0], out[1], out[2] = value, -slope, curvature
+    if u < 2e-3:
+        _fill_series(_SHORT_SERIES, u, out)
+    elif u < 0.05:
+        _fill_series(_SERIES, u, out)
     else:
         c = max(c, -1.0 + 1e-12)
         w = 1.0 - c * c
@@ -52,8 +61,9 @@ def fill_measures(lengths, w):  # type: ignore[no-untyped-def]
     for e in range(lengths.shape[0]):
         v, d, m, t = w.chord[e], w.directors[e], w.measures[e], w.direction[e]
         m[STRETCH] = math.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
+        over = 1.0 / m[STRETCH]
         for r in range(3):
-            t[r] = v[r] / m[STRETCH]
+            t[r] = over * v[r]
         m[SINE] = m[COSINE] = 0.0
         for k in range(3):
             m[BEGIN + k] = d[0, k, 0] * t[0] + d[0, k, 1] * t[1] + d[0, k, 2] * t[2]

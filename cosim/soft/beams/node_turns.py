@@ -130,14 +130,12 @@ def _turn_by(w, fraction):  # type: ignore[no-untyped-def]
             0.5 * fraction * w.step[at + 1],
             0.5 * fraction * w.step[at + 2],
         )
-        half = math.sqrt(a * a + b * b + c * c)
-        scale = math.sin(half) / half if half > 0.0 else 1.0
-        a, b, c, d = scale * a, scale * b, scale * c, math.cos(half)
         q0, q1, q2, q3 = w.turns[i, 0], w.turns[i, 1], w.turns[i, 2], w.turns[i, 3]
-        p0 = d * q0 - a * q1 - b * q2 - c * q3
-        p1 = d * q1 + a * q0 + b * q3 - c * q2
-        p2 = d * q2 + b * q0 + c * q1 - a * q3
-        p3 = d * q3 + c * q0 + a * q2 - b * q1
+        # tan(angle / 2) = |step| / 2: as good as the angle itself, which is a step of Newton's method
+        p0 = q0 - a * q1 - b * q2 - c * q3
+        p1 = q1 + a * q0 + b * q3 - c * q2
+        p2 = q2 + b * q0 + c * q1 - a * q3
+        p3 = q3 + c * q0 + a * q2 - b * q1
         over = 1.0 / math.sqrt(p0 * p0 + p1 * p1 + p2 * p2 + p3 * p3)
         p0, p1, p2, p3 = over * p0, over * p1, over * p2, over * p3
         w.trial[i, 0], w.trial[i, 1], w.trial[i, 2], w.trial[i, 3] = p0, p1, p2, p3
@@ -176,11 +174,14 @@ def lay_beams(beams, f, w, b):  # type: ignore[no-untyped-def]
 
 
 @device_function
-def _sum_beams(beams, f, w, b, hessian):  # type: ignore[no-untyped-def]
-    """Sum all beams of ring f at the trial turns, with the band if told to; return the energy [J]."""
+def _sum_beams(beams, f, w, b, hessian, whole):  # type: ignore[no-untyped-def]
+    """Sum all beams of ring f at the trial turns, with the band if told to; return the energy [J].
+
+    The beams' own Hessians are filled with it: wholly, or what belongs to the turns alone.
+    """
     count = w.turns.shape[0]
     lay_beams(beams, f, w, b)
-    energy = beam_energies(beams.rigidities, beams.lengths[f], b, hessian)
+    energy = beam_energies(beams.rigidities, beams.lengths[f], b, hessian, whole)
     w.moment[:] = 0.0
     for e in range(count):
         first, second = 3 * place_in_band(e, count), 3 * place_in_band((e + 1) % count, count)
@@ -257,7 +258,7 @@ def balance_turns(beams, f, w, b, hessian):  # type: ignore[no-untyped-def]
         stiffest = max(stiffest, (beams.rigidities[1] + beams.rigidities[2]) / beams.lengths[f, e])
     w.step[:] = 0.0
     _turn_by(w, 0.0)
-    energy, shift, fresh, last, done = _sum_beams(beams, f, w, b, True), 0.0, True, 1.0, False
+    energy, shift, fresh, last, done = _sum_beams(beams, f, w, b, True, hessian), 0.0, True, 1.0, False
     for _ in range(_STEPS_MAX):
         if fresh:
             shift = 0.0
@@ -277,7 +278,7 @@ def balance_turns(beams, f, w, b, hessian):  # type: ignore[no-untyped-def]
         fresh = (done and hessian) if shrinks or done else True
         for _ in range(_HALVINGS_MAX):
             _turn_by(w, fraction)
-            energy = _sum_beams(beams, f, w, b, fresh)
+            energy = _sum_beams(beams, f, w, b, fresh, hessian)
             lower = energy <= before + 1e-4 * fraction * slope + 1e-12 * before
             if lower or largest < _ROUNDED_TURN:
                 break
