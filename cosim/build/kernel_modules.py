@@ -56,4 +56,8 @@ def kernel_modules(scenario: Scenario) -> tuple[ModuleType, ...]:
             from cosim.coupling.batch import batch_kernel as lockstep_kernel
 
             modules += (lockstep_kernel,)
+        elif scenario.fidelity != "rigid" and scenario.mode == "dynamic":
+            from cosim.coupling.batch import film_kernel
+
+            modules += (film_kernel,)
     return modules

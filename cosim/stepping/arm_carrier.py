@@ -14,6 +14,7 @@ from cosim.base.link_contact import LinkContact
 from cosim.base.state_check import KnownStates, check_indices, check_state
 from cosim.config.schema.coupling import CouplingTable
 from cosim.coupling.batch.batch import SectionLockstep
+from cosim.coupling.batch.film_lockstep import FilmLockstep
 from cosim.coupling.batch.lockstep import Lockstep, Servos
 from cosim.coupling.contact.contact_exchange import ContactExchange
 from cosim.coupling.contact.contact_report import NOTHING_TOUCHED, ContactReport
@@ -200,7 +201,10 @@ class ArmCarrier(Carrier):
         load, parameters = self._mounted, np.zeros(COUNT)
         if load is not None:
             parameters = inertial_parameters(load.mass_kg, load.center, load.inertia)
-        self._lockstep = SectionLockstep.of(self._coupling, soft, parameters)
+        # what moves in a cell is told tick by tick
+        kinds = (SectionLockstep, FilmLockstep) if self._cell is None else ()
+        found = (kind.of(self._coupling, soft, parameters) for kind in kinds)
+        self._lockstep = next((lockstep for lockstep in found if lockstep is not None), None)
 
     def save_state(self) -> ArmCarrierState:
         coupling = None if self._coupling is None else self._coupling.save_state()

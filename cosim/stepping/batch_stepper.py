@@ -19,8 +19,8 @@ from cosim.telemetry.tick_batch import TickBatch
 
 if TYPE_CHECKING:  # a scene without an arm does not wait for MuJoCo
     from cosim.base.link_contact import LinkContact
-    from cosim.coupling.batch.batch_arrays import Commands, Ticks
-    from cosim.coupling.batch.lockstep import Lockstep, LockstepProgress
+    from cosim.coupling.batch.batch_arrays import Ticks
+    from cosim.coupling.batch.lockstep import Lockstep, LockstepProgress, Rows
 
 
 @final
@@ -40,7 +40,7 @@ class BatchStepper:
         self._targets: Array = np.zeros((0, 0))
         self._tension: Array = np.zeros((0, 0))
         self._loads: list[Loads] = []
-        self._commands: Commands | None = None
+        self._commands: Rows | None = None
         self.half_done: Loads | None = None
         """Loads of a tick of which the soft half is still to be taken; None for none."""
         self.broken = False
@@ -60,7 +60,7 @@ class BatchStepper:
         if not 0 <= place < len(self._loads):
             self._work_out(to.done)
             place = 0
-        if self._commands is None:
+        if self._commands is None or not self._lockstep.ready:
             return None
         stop = min(place + most, len(self._loads))
         loads = self._loads[place:stop]
@@ -121,7 +121,7 @@ class BatchStepper:
             flange_position=ticks.origin[1 : n + 1],
             flange_rotation=ticks.axes[1 : n + 1],
             flange_twist=ticks.twist[:n],
-            chamber_pressure_Pa=progress.pressure_Pa[:, None],
+            chamber_pressure_Pa=progress.pressure_Pa,
             cable_tension_N=self._tension[place : place + n],
             tip_target=np.full((n, 3), np.nan) if wanted is None else wanted,
             has_tip_target=np.full(n, wanted is not None),

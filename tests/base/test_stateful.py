@@ -39,7 +39,7 @@ SAVED_OTHERWISE = {
     "RelaxedWrench": "lives for one increment of statics",
     "RobotFiles": "counts the files that are read for one scenario",
     "SectionBody": "what it keeps by pressure",
-    "SectionLockstep": "of a tick that is half done, after which nothing is saved",
+    "RowLockstep": "of a tick that is half done, after which nothing is saved",
     "ShiftSearch": "where a search begins; what it finds does not depend on it",
     "SoftSystem": "workspace; NewtonSolver saves the gradient, which is read later",
     "TensionSweep": "lives for one tip target of the plan",

@@ -1,1 +1,1 @@
-"""Many ticks of a section model on an arm, in one call."""
+"""Many ticks on an arm in one call: of a section model, or of a lumped film."""

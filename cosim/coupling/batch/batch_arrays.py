@@ -46,9 +46,7 @@ class Ticks(NamedTuple):
     """What n ticks leave; of some there is one row more, the first of which is there before.
 
     Args:
-        motion: (n + 2, 2, f, 4, 3), of the chain, from the step before the last one on.
-        gradient: (n, f, 6).
-        figures: (n + 1, FIGURES), of the chain.
+        figures: (n + 1, FIGURES), of the soft side.
         origin: (n + 1, 3) [m], of the flange.
         axes: (n + 1, 3, 3), world from flange.
         twist: (n, 6), of the flange's origin, linear then angular, world axes.
@@ -64,8 +62,6 @@ class Ticks(NamedTuple):
         iterations: (n,).
     """
 
-    motion: Array
-    gradient: Array
     figures: Array
     origin: Array
     axes: Array
@@ -86,12 +82,29 @@ class Ticks(NamedTuple):
         return Ticks(*(array[first:] for array in self))  # type: ignore[arg-type]
 
 
+class ChainMotion(NamedTuple):
+    """How a chain moves in n ticks.
+
+    Args:
+        motion: (n + 2, 2, f, 4, 3), from the step before the last one on.
+        gradient: (n, f, 6).
+    """
+
+    motion: Array
+    gradient: Array
+
+    def from_on(self, first: int) -> ChainMotion:
+        """Return the rows of a tick and all after it."""
+        return ChainMotion(self.motion[first:], self.gradient[first:])
+
+
 CARRIED = types.NamedTuple((MATRIX, VECTOR, MATRIX), AddedInertiaRow)
 COMMANDS = types.NamedTuple((MATRIX, MATRIX, MATRIX, BLOCKS, VECTOR, INDICES, MATRIX, MATRIX), Commands)
 TICKS = types.NamedTuple(
     (
-        _MOTIONS, CUBE, MATRIX, MATRIX, CUBE, MATRIX, MATRIX, MATRIX, MATRIX, MATRIX, CUBE, CUBE, MATRIX,
+        MATRIX, MATRIX, CUBE, MATRIX, MATRIX, MATRIX, MATRIX, MATRIX, CUBE, CUBE, MATRIX,
         VECTOR, VECTOR, INDICES,
     ),
     Ticks,
 )  # fmt: skip
+CHAIN_MOTION = types.NamedTuple((_MOTIONS, CUBE), ChainMotion)

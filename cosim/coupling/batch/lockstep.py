@@ -5,12 +5,19 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, final
+from typing import Any, Protocol, Self, final
 
 from cosim.base.frames import Array, Mask
-from cosim.coupling.batch.batch_arrays import Commands, Ticks
+from cosim.coupling.batch.batch_arrays import Ticks
 from cosim.coupling.schemes.ledger import LedgerEntry
 from cosim.soft.body.loads import Loads
+
+
+class Rows(Protocol):
+    """What is asked for in n ticks, as the kernel of some soft side needs it."""
+
+    def rows(self, first: int, end: int) -> Self:
+        """Return what is asked for in some of the ticks."""
 
 
 @final
@@ -39,7 +46,7 @@ class LockstepProgress:
     Args:
         ticks: what they leave; rows beyond the last one hold nothing.
         shapes: (done,) of the film, each as `SoftSide.shape_now` returns it.
-        pressure_Pa: (done,), gauge.
+        pressure_Pa: (done, chambers), gauge.
         done: how many.
         half_done: whether the next one waits for `Lockstep.finish_tick`.
         broken: whether the rigid side has become unstable in the next one; `Lockstep.advance` says so.
@@ -60,12 +67,17 @@ class LockstepProgress:
 class Lockstep(ABC):
     """Advances rigid and soft side together by many ticks at once."""
 
+    @property
     @abstractmethod
-    def commands(self, servos: Servos, loads: Sequence[Loads]) -> Commands | None:
-        """Return what is asked for in n ticks; None where the loads are more than pressure and tensions."""
+    def ready(self) -> bool:
+        """Whether the next tick may be taken in a row, so far as that is known before it."""
 
     @abstractmethod
-    def advance(self, commands: Commands, loads: Sequence[Loads]) -> LockstepProgress:
+    def commands(self, servos: Servos, loads: Sequence[Loads]) -> Any:
+        """Return what is asked for in n ticks (`Rows`); None for loads beyond pressures and tensions."""
+
+    @abstractmethod
+    def advance(self, commands: Any, loads: Sequence[Loads]) -> LockstepProgress:
         """Advance by n ticks, or fewer where a soft step is left or the rigid side breaks down.
 
         Args:

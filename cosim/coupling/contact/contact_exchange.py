@@ -29,6 +29,8 @@ from cosim.soft.contact.obstacle_contact import ContactPlanes
 from cosim.soft.solve.state import SoftState
 
 _REACH_M = 1e-3  # looked ahead besides what the film moves in a tick
+AHEAD_TICKS: Final = 2.0
+"""How many ticks' way of the fastest node a film looks ahead."""
 _STILL_REACH_M = 3e-3  # the same in statics, where nothing says how far the film will move
 _BEHIND_M = 5e-3  # how far behind the film a corner still counts as one that came through it
 _FEATURE_AREA_M2 = 5e-5  # each stands for: a corner must hold back the film around it by itself
@@ -47,6 +49,7 @@ class ContactState:
     key: Annotated[IntArray, ("k",)]
     carrier: Annotated[Array, ("k", 3)]
     points: int
+    near: bool
 
 
 @final
@@ -56,7 +59,8 @@ class ContactExchange:
     `film_speed_m_s` is that of the film before the step. After a step that touched anything, `film_load` (6,)
     is force and torque of the film on all bodies about the world's origin, summed over its nodes (what
     `settle` reports is summed over contact points), and `held_N_m` (bodies,) the trace of the stiffness of
-    the contacts with each body, stick springs slack.
+    the contacts with each body, stick springs slack. `near` is whether the last search had
+    anything to look at.
 
     Args:
         query: distances to what can be touched.
@@ -79,7 +83,7 @@ class ContactExchange:
         self._surface_rows = SurfaceRows(*(getattr(surface, name) for name in SurfaceRows._fields))
         self._shape_rows = ShapeRows(*(getattr(query, name) for name in ShapeRows._fields))
         self.film_load, self.held_N_m = NOTHING_BORNE, np.zeros(bodies.count)
-        self.film_speed_m_s = 0.0
+        self.film_speed_m_s, self.near = 0.0, True
 
     def find(self, state: SoftState, tick_s: float) -> ContactPlanes | None:
         """Return what the film may touch in the coming step; None for nothing.
@@ -92,13 +96,24 @@ class ContactExchange:
         self.query.update()
         extent = Extent.of(state.positions, state.velocities)
         self.film_speed_m_s = extent.speed_m_s
-        reach = 0.5 * self.law.smoothing_m + _REACH_M + 2.0 * extent.speed_m_s * tick_s
+        reach = self.rest_reach_m + AHEAD_TICKS * extent.speed_m_s * tick_s
         active = self.query.near(extent.low, extent.high, reach)
+        self.near = len(active) > 0
         if len(active):
             self.planes = self._planes(state.positions, extent, reach, active)
         if self.planes is None and len(self.memory.key):
             self.memory = ContactMemory.empty()
         return self.planes
+
+    @property
+    def rest_reach_m(self) -> float:
+        """How far a film at rest looks for shapes."""
+        return 0.5 * self.law.smoothing_m + _REACH_M
+
+    @property
+    def idle(self) -> bool:
+        """Whether nothing was near in the last tick, and nothing is left of what was touched before."""
+        return not self.near and self.planes is None and self.sticking is None and not len(self.memory.key)
 
     def still(self, positions: Array) -> ContactPlanes | None:
         """Return what the film may touch near an equilibrium, without friction; None for nothing.
@@ -169,12 +184,13 @@ class ContactExchange:
 
     def save_state(self) -> ContactState:
         """Return what the next tick depends on; nothing is copied, no array is written to in place."""
-        return ContactState(self.memory, self.planes, self.sticking, *self._ties, self._points)
+        return ContactState(self.memory, self.planes, self.sticking, *self._ties, self._points, self.near)
 
     def restore_state(self, state: ContactState) -> None:
         """Return to a state of `save_state`; the scene has been restored before."""
         self.memory, self.planes, self.sticking = state.memory, state.planes, state.sticking
         self._ties, self._points = Ties(state.shape, state.key, state.carrier), state.points
+        self.near = state.near
         self.query.update()
 
     def check_state(self, state: ContactState) -> None:

@@ -120,6 +120,28 @@ class SoftArm(SoftSide):
         wrench = self.clamp.wrench(self._system.gradient, self.state.positions, self._flange)
         return SoftReply(wrench, self._residual, iterations)
 
+    @property
+    def stepper(self) -> ImplicitStepper:
+        """Takes its steps."""
+        return self._stepper
+
+    @property
+    def steps_alone(self) -> bool:
+        """Whether a step is one step, whatever its error, of films that do not touch one another."""
+        return self._films is None and self._dynamics.substep_error_m is None
+
+    def go_to(self, state: SoftState, residual_N: float, before: Pose, drive: Drive) -> None:
+        """Be where steps that were taken elsewhere have ended.
+
+        Args:
+            state: there.
+            residual_N: of the last step.
+            before: pose of the flange at its beginning.
+            drive: pose of the flange and loads at its end.
+        """
+        self.state, self._residual, self._flange_before = state, residual_N, before
+        self._flange, self._loads = drive
+
     def stand_against(self, obstacles: Obstacles | None) -> None:
         """Let equilibria from now on take in what the film touches."""
         self.obstacles = self.equilibrium_solver.obstacles = obstacles

@@ -8,7 +8,7 @@ import numpy as np
 from numba import void
 
 from cosim.base.frames import Array, Mask, Wrench
-from cosim.base.kernels import MATRIX, VECTOR, kernel
+from cosim.base.kernels import MATRIX, VECTOR, device_function, kernel
 from cosim.reduced.sections.section_strains import CUBE, FLAGS
 from cosim.soft.elements.mass_terms import mass_moments
 
@@ -50,14 +50,26 @@ def fill_figures(frames: Array, free: Any, mass: Array, gradient: Array, out: Ar
                 out[WRENCH + 3 + r] -= gradient[f, 3 + r] + arm_i * gradient[f, k] - arm_k * gradient[f, i]
     moments = np.empty(9)
     total = mass_moments(mass, frames, moments)
+    fill_center_and_inertia(total, moments, frames[0, 0], out)
+
+
+@device_function
+def fill_center_and_inertia(total, moments, place, out):  # type: ignore[no-untyped-def]
+    """Fill centre and inertia in figures out (FIGURES,).
+
+    Args:
+        total: mass [kg].
+        moments: (9,), see `mass_moments`.
+        place: (3,) [m]; what weighs nothing may have its centre anywhere.
+        out: filled.
+    """
     for r in range(3):
-        # what weighs nothing may have its centre anywhere
-        out[CENTER + r] = moments[r] / total if total > 0.0 else frames[0, 0, r]
-    place = 3
+        out[CENTER + r] = moments[r] / total if total > 0.0 else place[r]
+    at = 3
     for r in range(3):
         for c in range(r, 3):
-            product = moments[place] - moments[r] * out[CENTER + c]
-            place += 1
+            product = moments[at] - moments[r] * out[CENTER + c]
+            at += 1
             out[INERTIA + 3 * r + c] = out[INERTIA + 3 * c + r] = -product
     x, y, z = out[INERTIA], out[INERTIA + 4], out[INERTIA + 8]
     out[INERTIA], out[INERTIA + 4], out[INERTIA + 8] = -y - z, -x - z, -x - y

@@ -19,6 +19,7 @@ from cosim.errors import InputError
 from cosim.rigid.build.object_bodies import hollow
 from cosim.rigid.distance.features import FeaturePoints, feature_points
 from cosim.rigid.distance.mesh_distance import surface_distance
+from cosim.rigid.distance.shape_bounds import ShapeBounds
 from cosim.rigid.distance.signed_distance import Hits, PointLists, ShapeKind, Shapes, near_box, near_points
 
 _GRID_CELLS = 40  # along the longest edge of a distance grid
@@ -59,6 +60,15 @@ class ContactQuery:
         """Read the present poses."""
         self.position[:] = self._data.geom_xpos[self.geoms]
         self.rotation[:] = self._data.geom_xmat[self.geoms].reshape(-1, 3, 3)
+
+    @property
+    def bounds(self) -> ShapeBounds:
+        """The shapes' bounds and MuJoCo's poses, for kernels."""
+        data, shapes = self._data, self.shapes
+        return ShapeBounds(
+            shapes.kind, shapes.center, shapes.half, self.geoms, data.geom_xpos, data.geom_xmat,
+            self.position, self.rotation, np.empty(len(self), np.int64),
+        )  # fmt: skip
 
     def near(self, low: Array, high: Array, reach_m: float) -> IntArray:
         """Return the shapes that may come within `reach_m` of the box low (3,) .. high (3,) [m], world."""

@@ -144,7 +144,7 @@ def _near_points(  # type: ignore[no-untyped-def]
 
 
 @kernel(INTEGER(INDICES, MATRIX, MATRIX, MATRIX, BLOCKS, VECTOR, VECTOR, REAL, INDICES))
-def _near_box(kind, center, half, position, rotation, low, high, reach, near):  # type: ignore[no-untyped-def]
+def fill_near_box(kind, center, half, position, rotation, low, high, reach, near):  # type: ignore[no-untyped-def]
     """Fill the indices of the shapes whose bounds come within `reach` of a box; return how many."""
     count = 0
     for g in range(kind.shape[0]):
@@ -288,5 +288,7 @@ def near_box(
         reach_m: [m].
     """
     near = np.empty(len(shapes.kind), np.int64)
-    count = _near_box(shapes.kind, shapes.center, shapes.half, position, rotation, low, high, reach_m, near)
+    count = fill_near_box(
+        shapes.kind, shapes.center, shapes.half, position, rotation, low, high, reach_m, near
+    )
     return near[:count]

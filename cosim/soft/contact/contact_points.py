@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import final
 
 import numpy as np
+from numba import void
 
 from cosim.base.frames import Array, IntArray
 from cosim.base.kernels import INDEX_TABLE, INDICES, MATRIX, VECTOR, kernel
@@ -36,8 +37,8 @@ def _combine(x: Array, nodes: IntArray, weights: Array, chosen: IntArray, out: A
             )
 
 
-@kernel((MATRIX, MATRIX, VECTOR, VECTOR, VECTOR))
-def _span(x: Array, v: Array, low: Array, high: Array, fastest: Array) -> None:
+@kernel(void(MATRIX, MATRIX, VECTOR, VECTOR, VECTOR))
+def span(x: Array, v: Array, low: Array, high: Array, fastest: Array) -> None:
     """Fill smallest and largest coordinates of x and, in fastest[0], the largest |v| squared."""
     low[:], high[:], fastest[0] = np.inf, -np.inf, 0.0
     for n in range(x.shape[0]):
@@ -68,7 +69,7 @@ class Extent:
     def of(cls, positions: Array, velocities: Array) -> Extent:
         """Return that of nodes at positions (n, 3) [m] with velocities (n, 3) [m/s]."""
         low, high, fastest = np.empty(3), np.empty(3), np.empty(1)
-        _span(positions, velocities, low, high, fastest)
+        span(positions, velocities, low, high, fastest)
         return cls(low, high, float(np.sqrt(fastest[0])))
 
 

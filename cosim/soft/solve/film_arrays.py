@@ -140,7 +140,7 @@ class StepBed(NamedTuple):
     target: Array
 
 
-PLAIN_LOADS = types.NamedTuple((VECTOR, VECTOR, VECTOR), PlainLoads)
+PLAIN_LOADS = types.NamedUniTuple(VECTOR, 3, PlainLoads)
 BED = types.NamedTuple((VECTOR, MATRIX), StepBed)
 
 

@@ -28,8 +28,8 @@ from cosim.base.kernels import (
     kernel,
 )
 from cosim.soft.linear.envelope_kernels import substitute
-from cosim.soft.solve.film_arrays import BED, FILM, PLAIN_LOADS, film_gradient
-from cosim.soft.solve.held_nodes import HELD, place_held
+from cosim.soft.solve.film_arrays import BED, FILM, PLAIN_LOADS, FilmArrays, StepBed, film_gradient
+from cosim.soft.solve.held_nodes import HELD, HeldNodes, place_held
 from cosim.soft.solve.problem import largest_residual
 from cosim.soft.solve.step_begin import fill_bed, fill_flight
 
@@ -139,10 +139,31 @@ class StepWork(NamedTuple):
     pull: Array
 
 
+class FilmSide(NamedTuple):
+    """What the steps of one length of a film have in common.
+
+    Args:
+        film: its terms.
+        bed: that inertia is; its target is filled anew by every step.
+        kept: factorisation.
+        held: by the flange.
+        numbers: of the step.
+        work: scratch.
+    """
+
+    film: FilmArrays
+    bed: StepBed
+    kept: KeptEnvelope
+    held: HeldNodes
+    numbers: StepNumbers
+    work: StepWork
+
+
 NUMBERS = types.NamedTuple((BOOLEAN, *(8 * [REAL]), types.int64), StepNumbers)
 KEPT = types.NamedTuple((BOOLEAN, VECTOR, PLACES, PLACES, VECTOR, INDICES, MATRIX, MASKS), KeptEnvelope)
 MOTION = types.NamedTuple((*(4 * [MATRIX]), VECTOR, *(3 * [MATRIX]), VECTOR), StepMotion)
 WORK = types.NamedTuple((INDICES, MATRIX, BLOCKS, VECTOR, VECTOR), StepWork)
+FILM_SIDE = types.NamedTuple((FILM, BED, KEPT, HELD, NUMBERS, WORK), FilmSide)
 
 
 @device_function
@@ -180,15 +201,15 @@ def _copy(values, to):  # type: ignore[no-untyped-def]
 
 
 @device_function
-def _begin(bed, kept, held, numbers, motion, turn, work):  # type: ignore[no-untyped-def]
+def _begin(side, motion, turn):  # type: ignore[no-untyped-def]
     """Fill base (as new velocity), target, start, turn since the factorisation, and memories as they were."""
     x, velocity, before = motion.x, motion.velocity, motion.earlier_velocity
-    base, calls = motion.new_velocity, work.calls
-    moved = x, velocity, motion.earlier_x, before
-    _fill_bed(calls[_BED], (*moved, numbers.two_steps, numbers.factor, base, bed.target))
+    base, work, numbers = motion.new_velocity, side.work, side.numbers
+    calls, moved = work.calls, (x, velocity, motion.earlier_x, before)
+    _fill_bed(calls[_BED], (*moved, numbers.two_steps, numbers.factor, base, side.bed.target))
     _fill_flight(calls[_FLIGHT], (x, velocity, before, numbers.h, numbers.fraction, motion.new_x))
-    _place_held(calls[_PLACE], (held, motion.flange, motion.new_x))
-    _turn_since(kept, motion.flange, turn)
+    _place_held(calls[_PLACE], (side.held, motion.flange, motion.new_x))
+    _turn_since(side.kept, motion.flange, turn)
     _copy(motion.memory, work.reference)
     _copy(motion.memory, motion.new_memory)
 
@@ -208,16 +229,15 @@ def _end(x, base, span):  # type: ignore[no-untyped-def]
             base[i, r] = (x[i, r] - base[i, r]) / span
 
 
-@kernel(
-    types.Tuple((BOOLEAN, types.int64, REAL, REAL))(FILM, PLAIN_LOADS, BED, KEPT, HELD, NUMBERS, MOTION, WORK)
-)
-def film_step(film, loads, bed, kept, held, numbers, motion, work):  # type: ignore[no-untyped-def]
+@kernel(types.Tuple((BOOLEAN, types.int64, REAL, REAL))(FILM_SIDE, PLAIN_LOADS, MOTION))
+def film_step(side, loads, motion):  # type: ignore[no-untyped-def]
     """Take a step; return (whether it has converged, iterations, residual [N], potential [J]).
 
-    Fills the bed's target and the end of the motion; `bed`, `motion` and `work` say what they hold.
+    Fills the bed's target and the end of the motion; bed, motion and work say what they hold.
     """
+    film, bed, kept, numbers, work = side.film, side.bed, side.kept, side.numbers, side.work
     turn, reference, x, tracked = np.empty((3, 3)), work.reference, motion.new_x, motion.new_memory
-    _begin(bed, kept, held, numbers, motion, turn, work)
+    _begin(side, motion, turn)
     iterations, bound, before, converged = 0, numbers.start_tolerance, math.inf, False
     while True:
         energy = film_gradient(film, loads, bed, x, reference, work.pull, tracked, work.gradient)

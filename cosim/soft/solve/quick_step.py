@@ -7,11 +7,12 @@ from typing import final
 
 import numpy as np
 
-from cosim.base.frames import Array, Mask, Pose
+from cosim.base.frames import Array, IntArray, Mask, PlaceArray, Pose
 from cosim.soft.body.loads import Loads
 from cosim.soft.linear.envelope_cholesky import EnvelopeCholesky
 from cosim.soft.solve.film_arrays import FilmArrays, StepBed, film_arrays
 from cosim.soft.solve.film_step import (
+    FilmSide,
     KeptEnvelope,
     StepMotion,
     StepNumbers,
@@ -55,6 +56,34 @@ class QuickStepper:
             np.empty_like(system.memory), np.empty(segments),
         )  # fmt: skip
 
+    @property
+    def knows_body(self) -> bool:
+        """Whether the kernel knows all that the body is made of."""
+        return self._film is not None
+
+    @property
+    def knows_factor(self) -> bool:
+        """Whether the kernel knows the kind of the factorisation in store."""
+        return self._envelope is not None
+
+    @property
+    def _envelope(self) -> tuple[Array, PlaceArray, PlaceArray, Array, IntArray] | None:
+        linear = self._solver.linear
+        return linear.envelope if isinstance(linear, EnvelopeCholesky) else None
+
+    def side(self, scheme: StepScheme, step_s: float) -> FilmSide | None:
+        """Return what the kernel takes for steps of a scheme; None where the body is more than it knows.
+
+        Args:
+            scheme: of the step.
+            step_s: h [s].
+        """
+        film, kept = self._film, self._kept(scheme)
+        if film is None or kept is None:
+            return None
+        bed, numbers = StepBed(scheme.inertia, self._target), self._numbers(scheme, step_s)
+        return FilmSide(film, bed, kept, self._clamp.held, numbers, self._work)
+
     def take(
         self, state: SoftState, flange: Pose, loads: Loads, scheme: StepScheme, step_s: float
     ) -> tuple[SoftState, NewtonResult] | None:
@@ -67,20 +96,15 @@ class QuickStepper:
             scheme: of the step.
             step_s: h [s].
         """
-        if not loads.plain:
-            return None
-        film, kept = self._film, self._kept(scheme)
-        if film is None or kept is None:
+        side = self.side(scheme, step_s) if loads.plain else None
+        if side is None:
             return None
         here = state.positions, state.velocities
         x, velocities, memory = (np.empty_like(part) for part in (*here, state.memory))
         motion = StepMotion(
             *here, *(state.earlier or here), state.memory, flange_axes(flange), x, velocities, memory
         )
-        converged, iterations, residual, energy = film_step(
-            film, loads.arrays(self._chambers), StepBed(scheme.inertia, self._target), kept,
-            self._clamp.held, self._numbers(scheme, step_s), motion, self._work,
-        )  # fmt: skip
+        converged, iterations, residual, energy = film_step(side, loads.arrays(self._chambers), motion)
         if not converged:
             return None
         result = NewtonResult(x, memory, Outcome.CONVERGED, residual, iterations, 0, energy, 0)
@@ -88,10 +112,10 @@ class QuickStepper:
 
     def _kept(self, scheme: StepScheme) -> KeptEnvelope | None:
         """Return the factorisation in store; None where the kernel does not know its kind."""
-        kept, linear, free = self._solver.kept, self._solver.linear, self._solver.free
+        kept, free = self._solver.kept, self._solver.free
         if kept is None or kept.kind != scheme.kind:
             return _nothing_kept(free)
-        envelope = linear.envelope if isinstance(linear, EnvelopeCholesky) else None
+        envelope = self._envelope
         return None if envelope is None else KeptEnvelope(True, *envelope, _writable(kept.frame), free)
 
     def _numbers(self, scheme: StepScheme, step_s: float) -> StepNumbers:

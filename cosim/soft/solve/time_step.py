@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import final
+from typing import Final, final
 
 import numpy as np
 
@@ -28,7 +28,7 @@ from cosim.soft.solve.time_scheme import StepAim, StepOptions, StepScheme, diffe
 _LOSS_ROUNDS_MAX = 8
 
 
-_LARGE_TURN_RAD = 0.01  # above it, another start of Newton's method pays for looking for it
+LARGE_TURN_RAD: Final = 0.01  # above it, another start of Newton's method pays for looking for it
 
 
 def _turn(before: Pose, after: Pose) -> float:
@@ -62,7 +62,7 @@ class ImplicitStepper:
         # of an ordinary step: until it is solved, and in a first go
         self._whole = replace(options.newton, tolerance_N=options.tolerance_N)
         self._first = replace(self._whole, iterations_max=options.iterations)
-        self._quick = QuickStepper(solver, clamp, options)
+        self.quick = QuickStepper(solver, clamp, options)
         self._scheme: StepScheme | None = None
 
     def step(
@@ -90,10 +90,10 @@ class ImplicitStepper:
         """
         if not 0.0 < step_s < math.inf:
             raise InputError(f"step {step_s} s must be positive and finite")
-        scheme, loads = self._scheme_of(state, step_s), self._with_films(state, loads, step_s)
-        turns = before is not None and _turn(before, world_from_flange) > _LARGE_TURN_RAD
+        scheme, loads = self.scheme_of(state, step_s), self._with_films(state, loads, step_s)
+        turns = before is not None and _turn(before, world_from_flange) > LARGE_TURN_RAD
         if aim is None and not turns:
-            taken = self._quick.take(state, world_from_flange, loads, scheme, step_s)
+            taken = self.quick.take(state, world_from_flange, loads, scheme, step_s)
             if taken is not None:
                 return taken
         inertia, base = self._inertia(state, scheme, step_s)
@@ -139,7 +139,7 @@ class ImplicitStepper:
             loads: there.
             step_s: h [s].
         """
-        inertia, _ = self._inertia(state, self._scheme_of(state, step_s), step_s)
+        inertia, _ = self._inertia(state, self.scheme_of(state, step_s), step_s)
         loads = self._with_films(state, loads, step_s)
         return self.solver.factorise(
             state.positions, state.memory, loads, inertia, world_from_flange.rotation
@@ -163,7 +163,7 @@ class ImplicitStepper:
 
         return sorted([*starts, carried], key=potential)
 
-    def _scheme_of(self, state: SoftState, step_s: float) -> StepScheme:
+    def scheme_of(self, state: SoftState, step_s: float) -> StepScheme:
         """Return the scheme of a step; the same object for the same kind of step."""
         two_steps, span = difference_scheme(self.options.integrator, state, step_s)
         last = self._scheme

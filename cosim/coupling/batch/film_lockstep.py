@@ -1,0 +1,131 @@
+"""Ticks of arm and lumped film in a row, in one kernel.
+
+The kernel takes what most ticks are: given pressures and tensions, nothing near that could be touched, and a
+soft step with the factorisation that is kept. All else is finished by `StaggeredCoupling`, as any other tick.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cached_property
+from typing import final
+
+import numpy as np
+
+from cosim.base.frames import Array, IntArray
+from cosim.coupling.batch.added_inertia import AddedInertiaRow
+from cosim.coupling.batch.batch_arrays import Ticks
+from cosim.coupling.batch.film_kernel import advance_film_ticks, row_calls
+from cosim.coupling.batch.film_rows import FilmCommands, FilmMotion, FilmReach, FilmRow
+from cosim.coupling.batch.lockstep import Servos
+from cosim.coupling.batch.row_lockstep import RowLockstep, pose_of
+from cosim.coupling.batch.tick_halves import SOFT_STEP_LEFT
+from cosim.coupling.contact.contact_exchange import AHEAD_TICKS
+from cosim.coupling.schemes.staggered import StaggeredCoupling
+from cosim.coupling.soft_sides.lumped_arm import SoftArm
+from cosim.reduced.sections.outputs import CENTER, FIGURES, INERTIA, WRENCH
+from cosim.rigid.distance.shape_bounds import ShapeBounds
+from cosim.rigid.scene.native import NativeScene
+from cosim.soft.body.loads import Loads
+from cosim.soft.solve.state import SoftState
+from cosim.soft.solve.time_step import LARGE_TURN_RAD
+
+_MOST = 64  # ticks in a row: fine meshes are large
+
+
+@final
+class FilmLockstep(RowLockstep):
+    """Advances one coupling with a lumped film by many ticks at once.
+
+    Args:
+        coupling: staggered.
+        native: its rigid side.
+        soft: its soft side.
+        mounted: (10,) `inertial_parameters` of a rigid mass on the flange, flange frame.
+    """
+
+    def __init__(
+        self, coupling: StaggeredCoupling, native: NativeScene, soft: SoftArm, mounted: Array
+    ) -> None:
+        super().__init__(coupling, native, mounted, _MOST)
+        self._soft, self._mass_kg = soft, soft.body.mass_kg
+        contact, tick_s = coupling.interface.contact, coupling.interface.scene.tick_s
+        self._reach = FilmReach(
+            ShapeBounds.of_nothing() if contact is None else contact.query.bounds,
+            0.0 if contact is None else contact.rest_reach_m, AHEAD_TICKS * tick_s,
+        )  # fmt: skip
+
+    @classmethod
+    def of(cls, coupling: object, soft: object, mounted: Array) -> FilmLockstep | None:
+        """Return what advances a coupling; None where that takes more than a kernel."""
+        if not isinstance(coupling, StaggeredCoupling) or not isinstance(soft, SoftArm):
+            return None
+        native = coupling.interface.scene.native()
+        if native is None or not soft.steps_alone or not soft.stepper.quick.knows_body:
+            return None
+        return cls(coupling, native, soft, mounted)
+
+    @property
+    def ready(self) -> bool:
+        contact = self.coupling.interface.contact
+        return (contact is None or contact.idle) and self._soft.stepper.quick.knows_factor
+
+    def commands(self, servos: Servos, loads: Sequence[Loads]) -> FilmCommands | None:
+        if not all(load.plain for load in {id(load): load for load in loads}.values()):
+            return None
+        chambers = len(self._soft.body.gas_chambers)
+        rows = [load.arrays(chambers) for load in loads]
+        pressure, tension, gravity = (np.array(part) for part in zip(*rows, strict=True))
+        joints = servos.position, servos.velocity, servos.torque, servos.by_payload
+        return FilmCommands(*joints, pressure, tension, gravity)
+
+    @cached_property
+    def _calls(self) -> IntArray:
+        return row_calls()
+
+    def _figures(self) -> Array:
+        figures, wrench, mass = np.empty(FIGURES), self.coupling.wrench, self._soft.mass_properties()
+        figures[WRENCH:CENTER] = *wrench.force, *wrench.torque
+        figures[CENTER:INERTIA], figures[INERTIA:] = mass.center, mass.inertia.ravel()
+        return figures
+
+    def _motion(self, count: int) -> FilmMotion:
+        state = self._soft.state
+        x, velocity = (np.empty((count + 2, *state.positions.shape)) for _ in range(2))
+        memory = np.empty((count + 1, len(state.memory)))
+        x[0], velocity[0] = state.earlier or (state.positions, state.velocities)
+        x[1], velocity[1], memory[0] = state.positions, state.velocities, state.memory
+        return FilmMotion(x, velocity, memory)
+
+    def _shown(self, motion: FilmMotion, commands: FilmCommands, done: int) -> tuple[list[Array], Array]:
+        return list(motion.x[2 : done + 2]), commands.pressure[:done]
+
+    def _row(
+        self,
+        ticks: Ticks,
+        motion: FilmMotion,
+        commands: FilmCommands,
+        loads: Sequence[Loads],
+        carried: AddedInertiaRow,
+    ) -> tuple[int, int]:
+        soft, stepper, tick_s = self._soft, self._soft.stepper, self.coupling.interface.scene.tick_s
+        # a first step looks back over one only
+        count = len(loads) if soft.state.earlier is not None else 1
+        side = stepper.quick.side(stepper.scheme_of(soft.state, tick_s), tick_s)
+        assert side is not None, "ready says whether there is one"
+        mass = soft.body.node_mass.reshape(-1, 1, 1)
+        row = FilmRow(side, self._reach, self._calls, mass, self._mass_kg, LARGE_TURN_RAD)
+        done, ending = advance_film_ticks(
+            count, self.native, carried, self.mounted, commands, row, ticks, motion
+        )
+        if done:
+            self._go_to(ticks, motion, done, loads[done - 1])
+        self._take_over(ticks, done, half_done=ending == SOFT_STEP_LEFT)
+        return done, ending
+
+    def _go_to(self, ticks: Ticks, motion: FilmMotion, done: int, loads: Loads) -> None:
+        """Bring the soft side to where the kernel has stopped."""
+        x, velocity = motion.x[done : done + 2].copy(), motion.velocity[done : done + 2].copy()
+        state = SoftState(x[1], velocity[1], motion.memory[done].copy(), (x[0], velocity[0]))
+        drive = pose_of(ticks, done), loads
+        self._soft.go_to(state, float(ticks.residual[done - 1]), pose_of(ticks, done - 1), drive)

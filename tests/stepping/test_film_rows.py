@@ -1,0 +1,125 @@
+"""Ticks of a lumped film that are taken together, in one kernel, are those that are taken one by one."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cosim.app.driver import build_simulation
+from cosim.app.first_run import with_fidelity_chosen
+from cosim.config.loading import load_scenario
+from cosim.config.schema.scenario import Scenario
+from cosim.coupling.batch.film_lockstep import FilmLockstep
+from cosim.telemetry.snapshot import Snapshot
+from cosim.telemetry.tick_batch import TickBatch
+from tests.stepping.snapshots import assert_close
+
+TICKS = 120
+SCENARIO = """
+schema = 2
+title = "Two units with printed frames on a UR5e, above a block"
+robot = "ur5e"
+soft_robot = { file = "hexagon_arm", stack = { units = 2 }, cable = [
+  { name = "right", corner = 0, units = [1, 2], capstan_factor = 0.8 }] }
+fidelity = "lumped"
+clock = { tick_s = 0.002 }
+solver = { damping_per_s = 5.0 }
+
+[start]
+flange = { position_m = [0.4, 0.0, 0.5], direction = [0.0, 0.0, -1.0] }
+pressure_Pa = 2e3
+
+[[object]]
+name = "block"
+shape = "box"
+size_m = [0.3, 0.3, 0.1]
+position_m = [0.4, 0.0, 0.4175]
+
+[[phase]]
+name = "turn"
+duration_s = 0.1
+settle_s = 0.02
+pressure_Pa = 2.5e3
+cable_tension_N = [0.5]
+flange_turn = { axis = [0.0, 1.0, 0.0], angle_rad = -0.02 }
+
+[[phase]]
+name = "lower"
+duration_s = 0.1
+settle_s = 0.02
+flange_shift_m = [0.0, 0.0, -0.02]
+"""
+
+
+@pytest.fixture(scope="module")
+def path(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    file = tmp_path_factory.mktemp("rows") / "two_units.toml"
+    file.write_text(SCENARIO, encoding="utf-8")
+    return file
+
+
+def scenario(path: Path, **changes: Any) -> Scenario:
+    overrides = {name.replace("__", "."): value for name, value in changes.items()}
+    return with_fidelity_chosen(load_scenario(path, overrides), lambda _text: None)
+
+
+def one_by_one(wanted: Scenario) -> list[Snapshot]:
+    """Return all ticks without the kernel."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(FilmLockstep, "of", lambda *_: None)
+        return list(build_simulation(wanted).steps())
+
+
+def taken(run: Any) -> tuple[list[Snapshot], set[int]]:
+    """Return all ticks of a run, and which of them the kernel takes."""
+    shown: list[Snapshot] = []
+    together: set[int] = set()
+    for ticks in run._taken(64, None):
+        if isinstance(ticks, TickBatch):
+            together |= set(ticks.tick.tolist())
+        shown += ticks
+    return shown, together
+
+
+@pytest.mark.parametrize("integrator", ["implicit_euler", "bdf2"])
+def test_rows_are_ticks_until_something_may_be_touched(path: Path, integrator: str) -> None:
+    """Up to rounding: the torque of a payload is summed in another order."""
+    wanted = scenario(path, solver__integrator=integrator)
+    rows, together = taken(build_simulation(wanted))
+    ticks = one_by_one(wanted)
+    touching = {snapshot.tick for snapshot in ticks if snapshot.ledger.contacts}
+    assert touching, "the block is reached"
+    assert not touching & together
+    before = set(range(1, min(touching)))
+    assert len(before & together) > 0.7 * len(before)
+    assert np.ptp([snapshot.tip_position for snapshot in ticks], axis=0).max() > 5e-3
+    # a step ends anywhere within its tolerance: where a kept factor just serves, or just does not
+    assert_close(rows[: min(touching)], ticks[: min(touching)], 2e-6)
+    found, expected = rows[-1].ledger.contact_force_N, ticks[-1].ledger.contact_force_N
+    assert found == pytest.approx(expected, rel=1e-3)
+
+
+def test_a_run_that_is_restored_goes_on_as_it_would_have(path: Path) -> None:
+    run: Any = build_simulation(scenario(path))
+    list(run.batches(most=38))
+    saved = run.save_state()
+    first = [snapshot for batch in run.batches(7) for snapshot in batch]
+    again: Any = build_simulation(scenario(path))
+    again.restore_state(saved)
+    assert_close([snapshot for batch in again.batches(64) for snapshot in batch], first, 0.0)
+
+
+def test_a_tick_that_the_kernel_leaves_is_finished(path: Path) -> None:
+    """The first tick of a run has no factorisation; a flange that turns far needs another start."""
+    run: Any = build_simulation(scenario(path))
+    _, together = taken(run)
+    assert 1 not in together
+    assert {3, 4, 5} <= together
+
+
+def test_films_that_may_touch_one_another_go_tick_by_tick(path: Path) -> None:
+    run: Any = build_simulation(scenario(path, contact__self_contact=True))
+    assert run._parts.carrier.lockstep is None
