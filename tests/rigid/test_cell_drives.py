@@ -20,6 +20,7 @@ CELL = """<mujoco><default><geom friction="0.8 0.005 0.0001"/></default><worldbo
 <geom type="box" size="0.2 0.6 0.1"/>
 <body name="lid" pos="0 -0.6 0.15"><joint type="hinge" axis="1 0 0"/>
 <geom type="box" size="0.1 0.02 0.05"/></body></body>
+<body name="rail" pos="0.6 0 0.05"><geom type="box" size="0.1 0.8 0.06"/></body>
 </worldbody></mujoco>
 """
 SCENARIO = """schema = 2
@@ -75,7 +76,11 @@ def track(result: cosim.Result, body: str) -> Any:
 
 
 def test_a_belt_runs_as_the_phases_say_and_carries_what_lies_on_it(tmp_path: Path) -> None:
-    result = cosim.run(written(tmp_path, BOX))
+    """The belt stands in its rail, in the floor and in an object, which do not hold it."""
+    foot = (
+        BOX.replace('"box"\nshape', '"foot"\nshape').replace("0.25]", "0.1]").replace("mass_kg = 0.5\n", "")
+    )
+    result = cosim.run(written(tmp_path, BOX + foot))
     t, belt, box = result.time_s, track(result, "cell/belt"), track(result, "box")
     # at an even speed for 0.6 s, the second phase says nothing; then to its place along the quintic
     expected = np.where(t <= 0.6, 0.2 * t, np.nan)

@@ -91,3 +91,19 @@ def test_the_soft_arm_s_gripper_lifts_the_bridge() -> None:
     gripped, lifted = turns_about_y("gripper_lifts_bridge", "bridge", {"grip": 0.4, "lift": 0.6})
     assert abs(gripped) < 0.05  # it lies on the ground until it is taken
     assert lifted < -0.5  # rad, about -y
+
+
+def test_a_conveyor_brings_the_spool_below_the_gripper() -> None:
+    seconds = {"bring": 1.0}
+    changes = shortening("gripper_sorts_bins", seconds) | {"fidelity": "rigid"}
+    result = cosim.run("gripper_sorts_bins", overrides=changes)
+    spool = result.body_position[:, result.stage.body_names.index("spool")]
+    np.testing.assert_allclose(spool[-1] - spool[0], [0.0, 0.2, 0.0], atol=1e-3)  # it creeps, and sinks in
+
+
+def test_an_arm_in_a_bin_presses_on_its_wall() -> None:
+    result = shortened("arm_reaches_into_bin", {"bend": 0.4, "stroke": 0.5})
+    wall = result.body_contact_force[:, result.stage.body_names.index("cell/near_bin")]
+    assert result.contact_force_N[0] == 0.0
+    assert 1.0 < wall[-1, 0] < 10.0  # towards +x, as the flange goes
+    assert result.summary["max_contact_depth_m"] < 5e-4

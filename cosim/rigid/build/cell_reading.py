@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import xml.etree.ElementTree as ElementTree
 from collections import Counter
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Final
 
@@ -16,7 +17,6 @@ from cosim.errors import InputError
 from cosim.rigid.build.cell import CELL, Cell, CellJoint
 from cosim.rigid.build.description import VISUAL_GROUP
 from cosim.rigid.build.mjcf_files import named_files
-from cosim.rigid.build.object_bodies import OBJECT_CONTACT
 from cosim.rigid.scene.cell_drives import ROTOR
 from cosim.rigid.scene.warnings import silence_warning_file
 
@@ -27,6 +27,7 @@ _TOUCHABLE: Final = (
 )  # fmt: skip
 _FIRST_HIDDEN_GROUP: Final = 3  # MuJoCo shows groups 0, 1 and 2
 _HIDDEN_GROUP: Final = 4
+_CELL_CONTACT: Final = (0, 3)  # with links and objects, not with itself
 _DRIVEN: Final = (mujoco.mjtJoint.mjJNT_SLIDE, mujoco.mjtJoint.mjJNT_HINGE)
 
 
@@ -55,12 +56,15 @@ def read_cell(path: Path) -> Cell:
     return Cell(path, spec, files, int(collides.sum()), bool(planes.any()), joints, _asked_otherwise(spec))
 
 
-def attach_cell(spec: mujoco.MjSpec, cell: Cell) -> None:
+def attach_cell(spec: mujoco.MjSpec, cell: Cell, fixed: Sequence[str]) -> None:
     """Put a cell into a specification that has the options of the scene already.
+
+    What drives move meets nothing that stands still: no contact would stop it.
 
     Args:
         spec: of the scene.
         cell: to add, in world axes.
+        fixed: names of other bodies of the scene that stand still.
     """
     added = cell.spec.copy()
     others = (*added.keys, *added.sensors, *added.actuators, *added.tendons, *added.cameras)
@@ -78,9 +82,22 @@ def attach_cell(spec: mujoco.MjSpec, cell: Cell) -> None:
         geom.group = VISUAL_GROUP if geom.group < _FIRST_HIDDEN_GROUP else _HIDDEN_GROUP
         geom.userdata = [0.0] * spec.nuser_geom
         if geom.contype or geom.conaffinity:
-            geom.contype, geom.conaffinity = OBJECT_CONTACT
+            geom.contype, geom.conaffinity = _CELL_CONTACT
     carrier = spec.worldbody.add_body(name=CELL)
+    driven = [f"{CELL}/{body.name}" for body in _driven(added.worldbody, moved=False)]
     spec.attach(added, prefix=f"{CELL}/", frame=carrier.add_frame())
+    for one in driven:
+        for other in fixed:
+            spec.add_exclude(bodyname1=one, bodyname2=other)
+
+
+def _driven(body: mujoco.MjsBody, *, moved: bool) -> Iterator[mujoco.MjsBody]:
+    """Yield the bodies on a body that joints move."""
+    for child in body.bodies:
+        on_joint = moved or bool(child.joints)
+        if on_joint:
+            yield child
+        yield from _driven(child, moved=on_joint)
 
 
 def _joints(path: Path, model: mujoco.MjModel) -> tuple[CellJoint, ...]:

@@ -28,6 +28,7 @@ from cosim.rigid.build.object_bodies import add_mounted, add_object, prepare
 from cosim.rigid.build.wire_bodies import add_wire, relax_wire
 
 FLANGE_MOUNT = "flange_mount"
+FLOOR = "floor"
 
 # Robot links meet floor and objects but not one another.
 _ROBOT_CONTACT = (1, 2)
@@ -82,7 +83,7 @@ def _compiled(description: SceneDescription) -> mujoco.MjModel:
     cell = description.cell
     if description.floor_height_m is not None and not (cell is not None and cell.has_plane):
         height = description.floor_height_m
-        floor = SceneObject("floor", "plane", (4.0, 4.0), (0.0, 0.0, height), rgba=_FLOOR_GREY)
+        floor = SceneObject(FLOOR, "plane", (4.0, 4.0), (0.0, 0.0, height), rgba=_FLOOR_GREY)
         add_object(spec, floor, {}, description.tick_s)
     prepare(spec)
     if description.mounted:
@@ -99,7 +100,9 @@ def _compiled(description: SceneDescription) -> mujoco.MjModel:
     for wire in description.wires:
         add_wire(spec, wire, objects, description.tick_s)
     if cell is not None:
-        attach_cell(spec, cell)
+        still = [item.name for item in description.objects if item.mass_kg == 0.0]
+        ground = [FLOOR] if spec.body(FLOOR) is not None else []
+        attach_cell(spec, cell, [*still, *ground])
     model = spec.compile()
     for wire in description.wires:
         relax_wire(model, wire)
