@@ -42,6 +42,11 @@ if TYPE_CHECKING:
     from cosim.errors import UnreachableError as UnreachableError
     from cosim.errors import WorkerError as WorkerError
     from cosim.results.result import RunResult as RunResult
+    from cosim.sweeps.api import sweep as sweep
+    from cosim.sweeps.plot import plot_sweep as plot_sweep
+    from cosim.sweeps.sweeping import SweepOutcome as SweepOutcome
+    from cosim.sweeps.sweeping import SweepProgress as SweepProgress
+    from cosim.sweeps.table import open_sweep as open_sweep
 
 _HOMES = {
     "Batch": "cosim.app.batch",
@@ -65,14 +70,19 @@ _HOMES = {
     "SceneError": "cosim.errors",
     "Simulation": "cosim.app.simulation",
     "SolverError": "cosim.errors",
+    "SweepOutcome": "cosim.sweeps.sweeping",
+    "SweepProgress": "cosim.sweeps.sweeping",
     "UnreachableError": "cosim.errors",
     "WorkerError": "cosim.errors",
     "list_scenarios": "cosim.base.resources",
     "load_run": "cosim.app.loaded_run",
     "load_scenario": "cosim.config.loading",
     "picture": "cosim.app.picture",
+    "open_sweep": "cosim.sweeps.table",
+    "plot_sweep": "cosim.sweeps.plot",
     "register_kind": "cosim.config.toml.registered_kinds",
     "run": "cosim.app.api",
+    "sweep": "cosim.sweeps.api",
 }
 
 __all__ = ["__version__", *sorted(_HOMES)]

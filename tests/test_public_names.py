@@ -35,6 +35,8 @@ EXPECTED = {
     "SceneError",
     "Simulation",
     "SolverError",
+    "SweepOutcome",
+    "SweepProgress",
     "UnreachableError",
     "WorkerError",
     "__version__",
@@ -42,8 +44,11 @@ EXPECTED = {
     "load_run",
     "load_scenario",
     "picture",
+    "open_sweep",
+    "plot_sweep",
     "register_kind",
     "run",
+    "sweep",
 }
 HEAVY = ("numpy", "scipy", "numba", "mujoco", "pinocchio", "rerun")
 

@@ -28,7 +28,8 @@ def parser() -> argparse.ArgumentParser:
     verify.add_argument("--json", metavar="FILE", type=Path, help="write the results to a file as well")
     verify.add_argument("--list", action="store_true", help="list the cases and the sources of their answers")
     _add_trade(commands)
-    for name in ("run", "check", "schema", "trade"):
+    _add_sweep(commands)
+    for name in ("run", "check", "schema", "trade", "sweep"):
         commands.choices[name].add_argument(
             "--import",
             dest="modules",
@@ -112,6 +113,34 @@ def _add_run(commands: Any) -> None:
     )
     run.add_argument("--no-recording", action="store_true", help="write no recording.rrd")
     run.add_argument("--quiet", action="store_true", help="show errors only")
+
+
+def _add_sweep(commands: Any) -> None:
+    sweep = commands.add_parser("sweep", help="run the designs of a study and gather them in one table")
+    sweep.add_argument("study", metavar="STUDY", type=Path, help="path of a .toml file")
+    sweep.add_argument(
+        "--out",
+        metavar="DIR",
+        type=Path,
+        help="directory of the results (default: runs/STUDY); what is known there is not run again",
+    )
+    sweep.add_argument(
+        "--engine",
+        default="processes",
+        help="'processes' of this machine (default), or the address of a Dask scheduler: tcp://HOST:PORT",
+    )
+    sweep.add_argument(
+        "--workers", metavar="N", type=int, help="processes of this machine (default: one for each processor)"
+    )
+    sweep.add_argument(
+        "--plot",
+        dest="columns",
+        metavar="COLUMN",
+        nargs="+",
+        default=[],
+        help="draw columns of the table, the one to the right first",
+    )
+    sweep.add_argument("--quiet", action="store_true", help="show errors only")
 
 
 def _add_trade(commands: Any) -> None:

@@ -73,6 +73,8 @@ def _command(options: argparse.Namespace, started: float) -> int:
         return _trade(options)
     if options.command == "export":
         return _export(options)
+    if options.command == "sweep":
+        return _sweep(options)
     if options.command in ("new", "check", "upgrade", "schema"):
         return _files(options)
     return _list(options.kind) if options.command == "list" else _view(options)
@@ -143,6 +145,13 @@ def _trade(options: argparse.Namespace) -> int:
         time_scale=options.scale_time,
         slowest=options.slowest,
     )
+
+
+def _sweep(options: argparse.Namespace) -> int:
+    from cosim.cli.sweep import sweep_command  # here, because it loads numpy
+
+    given = {key: vars(options)[key] for key in ("workers", "modules", "columns", "quiet")}
+    return sweep_command(options.study, options.out, options.engine, **given)
 
 
 def _export(options: argparse.Namespace) -> int:

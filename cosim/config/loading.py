@@ -16,6 +16,7 @@ from cosim.config.schema.mesh_paths import with_mesh_paths, with_scene_path
 from cosim.config.schema.phase import HOLD
 from cosim.config.schema.scenario import Scenario
 from cosim.config.schema.soft_robot import SoftRobotTable
+from cosim.config.studies.study_files import is_study, load_study
 from cosim.config.tension_tables import with_listed_tensions
 from cosim.config.tip_path_files import complete_tip_paths
 from cosim.config.toml.faults import UNKNOWN, Faults, copy_with
@@ -111,12 +112,15 @@ def is_scenario(table: Mapping[str, Any]) -> bool:
 
 
 def check_file(path: Path) -> None:
-    """Check a scenario or robot file without building anything.
+    """Check a scenario, robot or study file without building anything.
 
     Raises:
         ScenarioError: keys or values are wrong, or the file cannot be read.
     """
-    if is_scenario(read_table(path)):
+    table = read_table(path)
+    if is_study(table):
+        load_study(path)
+    elif is_scenario(table):
         load_scenario(path)
     else:
         load_soft_robot(path)

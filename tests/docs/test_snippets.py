@@ -25,9 +25,14 @@ LONG = {
     | {f"phase.{name}.increments": count for name, count in INCREMENTS.items()}
 }
 """Scenarios that take too long for a test, and what is changed for it."""
-OTHERS = ("make", "python3", ".venv/bin/", "source", "python benchmarks/")
+OTHERS = (
+    "dask ", "OMP_NUM_THREADS=1 dask ", "make", "python3", ".venv/bin/", "source", "python benchmarks/",
+)  # fmt: skip
 """What shell blocks may hold besides: installing, the Makefile's targets and benchmarks, tested elsewhere."""
-NOT_HERE = re.compile(r"cosim (view|video|verify|trade) |cosim run .*(--resume|--live|--web)|cosim verify$")
+NOT_HERE = re.compile(
+    r"cosim (view|video|verify|trade) |cosim run .*(--resume|--live|--web)|cosim verify$|"
+    r"cosim sweep .*--engine"
+)
 """Commands with tests of their own, which take long, need something to draw with, or an interrupted run."""
 TESTED_ELSEWHERE = {
     "extending": "tests/app/test_extending.py and the tests of each kind of extension",

@@ -1,0 +1,1 @@
+"""The file of a study: one scenario, and what is varied in it."""

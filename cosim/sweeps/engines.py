@@ -1,0 +1,133 @@
+"""What runs the designs of a study: processes of this machine, a Dask cluster, or any executor."""
+
+from __future__ import annotations
+
+import os
+import signal
+import threading
+from collections.abc import Iterator
+from concurrent.futures import Executor, ProcessPoolExecutor
+from contextlib import contextmanager
+from dataclasses import dataclass
+from multiprocessing import connection, get_context, parent_process
+from typing import Any, Final, final
+
+from cosim.app.workers import THREADS
+from cosim.errors import InputError
+
+PROCESSES: Final = "processes"
+_SCHEMES: Final = ("tcp://", "tls://", "ucx://", "ws://", "wss://")
+"""What addresses of Dask schedulers begin with."""
+_CONNECT_S: Final = 15
+_QUEUED: Final = 4
+"""Designs handed out per worker: enough that none waits for its next one."""
+_QUEUED_UNKNOWN: Final = 256
+
+
+@final
+@dataclass(frozen=True)
+class Pool:
+    """An executor, ready to work.
+
+    Args:
+        executor: of the standard library's kind.
+        window: designs to hand out at a time.
+        replaceable: whether another one can be made when it breaks.
+    """
+
+    executor: Executor
+    window: int
+    replaceable: bool
+
+
+@final
+class Engine:
+    """Makes the executor of a sweep.
+
+    Args:
+        engine: "processes", the address of a Dask scheduler, such as "tcp://127.0.0.1:8786", or an executor,
+            which is left open.
+        workers: processes of this machine; None: one for each processor this process may use.
+
+    Raises:
+        InputError: there is no such engine.
+    """
+
+    def __init__(self, engine: Executor | str = PROCESSES, workers: int | None = None) -> None:
+        if isinstance(engine, str) and engine != PROCESSES and not engine.startswith(_SCHEMES):
+            raise InputError(
+                f"--engine {engine}: give '{PROCESSES}', or the address of a Dask scheduler, such as "
+                "tcp://127.0.0.1:8786"
+            )
+        if workers is not None and workers < 1:
+            raise InputError(f"--workers {workers}: must be at least 1")
+        if workers is not None and engine != PROCESSES:
+            raise InputError(f"--workers {workers}: counts the processes of this machine; leave it out")
+        self._engine = engine
+        self._workers = workers or len(os.sched_getaffinity(0))
+
+    @contextmanager
+    def pool(self) -> Iterator[Pool]:
+        """Open the executor; one that was made here is closed at the end, and drops what is queued.
+
+        Raises:
+            InputError: the cluster cannot be reached, or Dask is not installed.
+        """
+        if isinstance(self._engine, Executor):
+            yield Pool(self._engine, _QUEUED_UNKNOWN, replaceable=False)
+        elif self._engine == PROCESSES:
+            with _one_thread_each():
+                executor = ProcessPoolExecutor(self._workers, get_context("spawn"), begin_process)
+                try:
+                    yield Pool(executor, _QUEUED * self._workers, replaceable=True)
+                finally:
+                    executor.shutdown(cancel_futures=True)
+        else:
+            with _client(self._engine) as client:
+                executor, threads = client.get_executor(), sum(client.nthreads().values())
+                yield Pool(executor, _QUEUED * max(threads, 1), replaceable=False)
+
+
+def begin_process() -> None:
+    """Set up a process that only works: it leaves Ctrl-C to the one that started it, and ends with it."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    parent = parent_process()
+    if parent is not None:
+        # a parent that is killed cannot tell its workers, who would wait for ever
+        threading.Thread(target=_end_with, args=(parent.sentinel,), daemon=True).start()
+
+
+def _end_with(sentinel: int) -> None:
+    connection.wait([sentinel])
+    os._exit(1)
+
+
+@contextmanager
+def _client(address: str) -> Iterator[Any]:
+    try:
+        from distributed import Client
+    except ImportError:
+        raise InputError(f"--engine {address}: needs Dask: pip install 'cosim[dask]'") from None
+    try:
+        client = Client(address, timeout=_CONNECT_S, set_as_default=False)
+    except (OSError, ValueError) as error:
+        raise InputError(
+            f"--engine {address}: no scheduler answers there ({error}); start one: dask scheduler"
+        ) from error
+    with client:
+        yield client
+
+
+@contextmanager
+def _one_thread_each() -> Iterator[None]:
+    """Let processes that are started meanwhile compute with one thread each."""
+    before = {name: os.environ.get(name) for name in THREADS}
+    os.environ.update(dict.fromkeys(THREADS, "1"))
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = value

@@ -1,0 +1,153 @@
+"""The table of a sweep: a row per design, in Parquet, with the unit of each column in its metadata."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final, final
+
+from cosim.base.whole_files import whole_file
+from cosim.errors import InputError, OutputError
+from cosim.results.array_texts import unit_by_name
+from cosim.sweeps.figures import PHASES
+from cosim.sweeps.task import Row
+
+TABLE: Final = "sweep.parquet"
+_PLAIN: Final = (bool, int, float, str)
+_OWN_COLUMNS: Final = {
+    "design": "place in the study, counted from 0",
+    "status": "completed, failed, refused (cannot be built) or lost (its worker died)",
+    "reason": "why it is not completed",
+    "identity": "hash of scenario and code",
+}
+
+
+@final
+@dataclass(frozen=True)
+class Design:
+    """A design with what came out of it.
+
+    Args:
+        varied: values by key path.
+        identity: hash of its contents; empty where it cannot be loaded.
+        row: what came out.
+    """
+
+    varied: Mapping[str, Any]
+    identity: str
+    row: Row
+
+
+def write_table(
+    path: Path, keys: Sequence[str], designs: Sequence[Design], figures: Sequence[str] = ()
+) -> None:
+    """Write the table; equal designs with equal rows give equal bytes.
+
+    Args:
+        path: of the file.
+        keys: key paths that vary.
+        designs: in the order of the study.
+        figures: names of the numbers to show; none: those of the run and of its last phase.
+
+    Raises:
+        InputError: no design has one of the figures.
+        OutputError: it cannot be written.
+    """
+    import pyarrow as pa  # here: it takes as long to load as half a run's start
+    from pyarrow import parquet
+
+    columns: dict[str, tuple[list[Any], str, str]] = {}
+    for name, values in _columns(keys, designs, _chosen(designs, figures)):
+        columns[name] = (values, _unit(name), _OWN_COLUMNS.get(name) or _meaning(name, keys))
+    arrays = [pa.array(_alike(values)) for values, _, _ in columns.values()]
+    schema = pa.schema(
+        [
+            pa.field(name, array.type, metadata={"unit": unit, "meaning": meaning})
+            for array, (name, (_, unit, meaning)) in zip(arrays, columns.items(), strict=True)
+        ]
+    )
+    try:
+        with whole_file(path) as file:
+            parquet.write_table(pa.table(arrays, schema), file, compression="zstd")
+    except OSError as error:
+        raise OutputError(f"{path}: cannot be written: {error.strerror or error}") from error
+
+
+def open_sweep(directory: str | Path) -> Any:
+    """Return the table of a sweep as a pandas.DataFrame; `frame.attrs["units"]` has the unit of each column.
+
+    Args:
+        directory: of the sweep.
+
+    Raises:
+        InputError: there is none, it cannot be read, or pandas is not installed.
+    """
+    from pyarrow import lib, parquet
+
+    path = Path(directory) / TABLE
+    if not path.is_file():
+        raise InputError(f"{directory}: holds no {TABLE}; make one: cosim sweep STUDY.toml --out {directory}")
+    try:
+        table = parquet.read_table(path)
+        units = {field.name: field.metadata[b"unit"].decode() for field in table.schema}
+    except (OSError, lib.ArrowException, KeyError, TypeError) as error:
+        raise InputError(f"{path}: is no table of a sweep: {error}") from error
+    try:
+        frame = table.to_pandas()
+    except ImportError:
+        raise InputError("tables of sweeps need pandas: pip install 'cosim[sweep]'") from None
+    frame.attrs["units"] = units
+    return frame
+
+
+def _columns(
+    keys: Sequence[str], designs: Sequence[Design], figures: Sequence[str]
+) -> Iterable[tuple[str, list[Any]]]:
+    yield "design", list(range(len(designs)))
+    for key in keys:
+        yield key, [design.varied.get(key) for design in designs]
+    yield "status", [design.row.status for design in designs]
+    yield "reason", [design.row.reason for design in designs]
+    for name in figures:
+        yield name, [(design.row.figures or {}).get(name) for design in designs]
+    yield "identity", [design.identity or None for design in designs]
+
+
+def _chosen(designs: Sequence[Design], figures: Sequence[str]) -> list[str]:
+    """Return the names of the figures to show: those that begin with what was asked for.
+
+    Raises:
+        InputError: none does.
+    """
+    there = list(dict.fromkeys(name for design in designs for name in design.row.figures or {}))
+    if not figures or not there:
+        return [name for name in there if not name.startswith(PHASES)]
+    chosen: list[str] = []
+    for wanted in figures:
+        found = [name for name in there if name == wanted or name.startswith(f"{wanted}.")]
+        if not found:
+            raise InputError(f"figures: no design has '{wanted}'; there are {', '.join(there)}")
+        chosen += found
+    return list(dict.fromkeys(chosen))
+
+
+def _unit(name: str) -> str:
+    """Return the unit of the innermost part of a name that has one; "1" where none has."""
+    units = (unit_by_name(part) for part in reversed(name.split(".")))
+    return next((unit for unit in units if unit != "1"), "1")
+
+
+def _meaning(name: str, keys: Sequence[str]) -> str:
+    return f"key {name} of the scenario" if name in keys else f"{name} of summary.json, or measured"
+
+
+def _alike(values: list[Any]) -> list[Any]:
+    """Return values of one kind: as they are, as numbers, or all as JSON."""
+    kinds = {type(value) for value in values if value is not None}
+    if len(kinds) <= 1 and all(kind in _PLAIN for kind in kinds):
+        return values
+    if kinds == {int, float}:
+        return [None if value is None else float(value) for value in values]
+    return [None if value is None else json.dumps(value) for value in values]

@@ -1,0 +1,86 @@
+"""What a worker does with a design: runs it, one at a time, and returns a row."""
+
+from __future__ import annotations
+
+import os
+import pickle
+import platform
+import threading
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+from typing import Any, Final
+
+from cosim.app.driver import Observer, Options, build_simulation, execute
+from cosim.config.kinds import register_installed, register_module
+from cosim.config.schema.scenario import Scenario
+from cosim.errors import InputError
+from cosim.results.result import ResultBuilder
+from cosim.sweeps.figures import figures_of
+from cosim.sweeps.measures import measure_named, measured
+from cosim.sweeps.task import Row, Task
+from cosim.sweeps.warming import warm_up
+from cosim.telemetry.summary import reason_of
+
+Prepare = Callable[..., Scenario]
+"""`cosim.app.first_run.prepared`, or what stands for it."""
+_ONE_AT_A_TIME: Final = threading.Lock()
+"""Executors may have several threads in a process; runs keep to one each, as kernels and engines expect."""
+
+
+def run_task(prepare: Prepare, task: Task) -> Row:
+    """Run a design; whatever is wrong with it is said in the row.
+
+    Args:
+        prepare: chooses the fidelity of a scenario, and builds what its run needs.
+        task: the design.
+    """
+    with _ONE_AT_A_TIME:
+        wall, cpu = time.perf_counter(), time.thread_time()
+        try:
+            scenario = _unpacked(task)
+            wall, cpu = time.perf_counter(), time.thread_time()
+            row = _run(prepare(scenario, _say_nothing, recording=False), task)
+        except InputError as error:
+            row = Row("refused", reason_of(error))
+        except Exception as error:  # a design must not end the sweep, whatever it raises
+            row = Row("failed", reason_of(error))
+        wall_s, cpu_s = time.perf_counter() - wall, time.thread_time() - cpu
+        return replace(row, wall_s=wall_s, cpu_s=cpu_s, worker=f"{platform.node()}:{os.getpid()}")
+
+
+def _unpacked(task: Task) -> Scenario:
+    """Return the scenario of a task; what the first one of a process waits for is no part of its run."""
+    _make_known(task.modules)
+    scenario: Scenario = pickle.loads(task.scenario)
+    warm_up(scenario)
+    return scenario
+
+
+def _run(scenario: Scenario, task: Task) -> Row:
+    started = time.perf_counter()
+    measure = measure_named(task.measure) if isinstance(task.measure, str) else task.measure
+    arrays = ResultBuilder(scenario.recording.frames_per_s)
+    watchers: Sequence[Observer] = () if measure is None else (arrays,)
+    directory = None if task.directory is None else Path(task.directory)
+    outcome = execute(scenario, build_simulation, Options(directory, None, watchers), started)
+    error, summary = outcome.error, outcome.summary
+    if isinstance(error, InputError):
+        return Row("refused", reason_of(error))
+    figures = figures_of(summary)
+    if measure is not None and summary["status"] == "completed":
+        figures |= measured(measure, arrays.result(summary, directory))
+    return Row(summary["status"], summary["reason"], figures)
+
+
+@cache
+def _make_known(modules: tuple[str, ...]) -> None:
+    register_installed()
+    for name in modules:
+        register_module(name)
+
+
+def _say_nothing(_text: Any) -> None:
+    """Do nothing: who started the sweep has been told."""
