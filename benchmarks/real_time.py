@@ -6,8 +6,9 @@
 
 Without names: all that come with cosim; `--set` changes them all. The factor is simulated time over CPU time
 of the process in the loop over ticks, the median of the repeats, kernels compiled before. Of a tick, CPU time
-of the thread. One batch of ticks in ten is left out of all times: in it calls of functions from Python are
-counted. Tangents, gradients and shifted tangents are counted in all ticks.
+of the thread, by which ticks are gathered as well: other work on the machine makes batches no smaller. One
+batch in ten is left out of all times: in it calls of functions from Python are counted, the median of these
+batches is told. Tangents, gradients and shifted tangents are counted in all ticks.
 
 `--accuracy`: instead, the largest distance of the tip, and of what can move, from the same scenario with a
 tick a quarter as long, for dynamic scenarios in which the soft robot touches something.
@@ -80,7 +81,7 @@ def speed_of(name: str, changes: Mapping[str, Any], repeats: int, tally: Tally) 
     import numpy as np
 
     tally.tangents = tally.gradients = tally.shifted = tally.calls = 0
-    counted: list[int] = []
+    counted: list[float] = []
     found: dict[str, Any] = {}
     runs = [run_once(name, changes, tally, counted, found) for _ in range(repeats)]
     ticks = repeats * found["ticks"]
@@ -90,22 +91,24 @@ def speed_of(name: str, changes: Mapping[str, Any], repeats: int, tally: Tally) 
     return {
         **found,
         "factor": factor,
-        "p99_s": late_s,
+        **({"p99_s": late_s} if found["mode"] == "dynamic" else {}),
         **per_tick,
-        "calls": tally.calls / max(1, sum(counted)),
+        **({"calls": statistics.median(counted)} if counted else {}),
     }
 
 
 def run_once(
-    name: str, changes: Mapping[str, Any], tally: Tally, counted: list[int], found: dict[str, Any]
+    name: str, changes: Mapping[str, Any], tally: Tally, counted: list[float], found: dict[str, Any]
 ) -> Timed:
-    """Run a scenario; `counted` receives the ticks in which calls were counted, `found` what it is."""
+    """Run a scenario; `counted` receives calls of a tick, batch by batch, `found` what it is."""
     from cosim.app.driver import build_simulation, recorded
     from cosim.app.first_run import prepared
     from cosim.config.loading import load_scenario
-    from cosim.stepping import dynamic
+    from cosim.recording import rerun_recorder
+    from cosim.stepping import batch_stepper, dynamic, stepped_run
 
-    vars(dynamic)["time"] = SimpleNamespace(perf_counter=time.thread_time)  # other work does not count
+    for module in (dynamic, batch_stepper, stepped_run, rerun_recorder):  # other work does not count
+        vars(module)["time"] = SimpleNamespace(perf_counter=time.thread_time)
     scenario = prepared(load_scenario(name, changes or None), lambda _: None, recording=True)
     run = build_simulation(scenario)
     simulated_s, spent_s, ticks_s, here_s = 0.0, 0.0, [], 0.0
@@ -113,6 +116,7 @@ def run_once(
         batches = iter(run.batches())
         for number in count():
             counts = number % _COUNTED_ONE_IN == 1
+            tally.calls = 0
             began = time.process_time()
             with tally.counting_calls() if counts else nullcontext():
                 batch = next(batches, None)
@@ -123,15 +127,14 @@ def run_once(
                 break
             before_s, here_s = here_s, float(batch.time_s[-1])
             if counts:
-                counted.append(len(batch))
+                counted.append(tally.calls / len(batch))
             elif number:  # the first one begins with finding the state at rest
                 simulated_s, spent_s = simulated_s + here_s - before_s, spent_s + took_s
                 ticks_s += batch.tick_wall_s.tolist()
             else:
                 nodes = len(batch.snapshot(0).node_position)
-                found.update(
-                    model=model_words(scenario, nodes), tick_s=run.stage.tick_s, ticks=run.stage.ticks
-                )
+                found.update(model=model_words(scenario, nodes), tick_s=run.stage.tick_s)
+                found.update(ticks=run.stage.ticks, mode=scenario.mode)
     return Timed(simulated_s, spent_s, ticks_s)
 
 
@@ -163,7 +166,7 @@ def row(name: str, found: Mapping[str, Any], before: Mapping[str, Any]) -> str:
         return f"{scale * found[key]:.{digits}f}" if key in found else ""
 
     earlier = f"{before[name]['factor']:.2f}" if "factor" in before.get(name, {}) else ""
-    late = f"{found['p99_s'] / found['tick_s']:.2f} ticks" if found.get("dynamic") else ""
+    late = f"{found['p99_s'] / found['tick_s']:.2f} ticks" if "p99_s" in found else ""
     tip = f"{shown('tip_error_m', 2, 1e3)} ({shown('tip_rms_m', 2, 1e3)})" if "tip_error_m" in found else ""
     cells = [
         name, str(found.get("model", "")), f"{1e3 * found['tick_s']:g}" if "tick_s" in found else "", earlier,

@@ -31,10 +31,12 @@ class Tally:
         from cosim.soft.solve.newton import NewtonSolver
         from cosim.soft.solve.problem import Problem
         from cosim.soft.solve.quick_step import QuickStepper
+        from cosim.stepping.batch_stepper import BatchStepper
 
         at: Any = Problem.at
         solve: Any = NewtonSolver.solve
         take: Any = QuickStepper.take
+        take_row: Any = BatchStepper.take
 
         def counted_at(problem: Problem, *places: Any, hessian: bool = False) -> Any:
             self.tangents += hessian
@@ -52,10 +54,17 @@ class Tally:
                 self.gradients += taken[1].iterations + 1
             return taken
 
+        def counted_row(stepper: BatchStepper, *given: Any) -> Any:
+            batch = take_row(stepper, *given)
+            if batch is not None:
+                self.gradients += int(batch.newton_iterations.sum()) + len(batch)
+            return batch
+
         for owner, name, counted in (
             (Problem, "at", counted_at),
             (NewtonSolver, "solve", counted_solve),
             (QuickStepper, "take", counted_take),
+            (BatchStepper, "take", counted_row),
         ):
             setattr(owner, name, counted)
 
