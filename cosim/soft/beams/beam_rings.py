@@ -9,7 +9,7 @@ a full matrix over the ring. A node turns as one, so that corners of the drawn s
 straight side of one beam or of eight has the same stiffness between its ends (`beam_measures`): the energy is
 that of a continuous ring, whatever the refinement. Without loads the ring has its drawn shape.
 What is remembered are the turns of the last accepted state, quaternions in axes of the ring, from which the
-next ones are sought.
+next ones are sought, and a factor of E_RR with which.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ import numpy as np
 
 from cosim.base.frames import Array, IntArray, cross
 from cosim.errors import MeshError
+from cosim.soft.beams.band_cholesky import BAND
 from cosim.soft.beams.node_turns import BeamArrays
 from cosim.soft.beams.rectangular_section import RectangularSection
 from cosim.soft.beams.ring_kernels import add_beam_rings, peak_strains, ring_axes
@@ -88,7 +89,8 @@ class BeamRings(DirectElement):
         return cls(rings, np.ascontiguousarray(directors @ axes[:, None]), lengths, section)
 
     def first_memory(self, positions: Array) -> Array:
-        return np.tile([1.0, 0.0, 0.0, 0.0], self.rings.size)
+        count, nodes = self.rings.shape
+        return np.tile(np.append(np.tile([1.0, 0.0, 0.0, 0.0], nodes), np.zeros(3 * BAND * nodes)), count)
 
     @property
     def arrays(self) -> BeamArrays:
@@ -100,7 +102,10 @@ class BeamRings(DirectElement):
     ) -> float:
         memory = at.memory if len(at.memory) else self.first_memory(positions)
         tracked = at.tracked if len(at.tracked) else np.empty_like(memory)
-        energy: float = add_beam_rings(positions, self.arrays, memory, slots, gradient, blocks, tracked)
+        moving = at.step_s < np.inf
+        energy: float = add_beam_rings(
+            positions, self.arrays, memory, moving, slots, gradient, blocks, tracked
+        )
         return energy
 
     def peak_strains(self, positions: Array, memory: Array) -> Array:
@@ -108,7 +113,7 @@ class BeamRings(DirectElement):
 
         Args:
             positions: (n, 3) [m].
-            memory: (4 f m,), from which the turns are sought.
+            memory: (values,), from which the turns are sought.
         """
         size = self.section.width_m, self.section.height_m
         return np.asarray(peak_strains(positions, self.arrays, *size, memory))

@@ -3,9 +3,9 @@
 A ring of m nodes has 3 m unknown turns. Given the positions, the energy of its beams has a minimum in them;
 it is followed from given quaternions by Newton's method with a line search, shifted where the tangent is not
 positive definite, and led away from saddles, such as that of a flat ring whose beams buckle. The factor is
-kept while steps shrink tenfold; the search ends where what the last step leaves is below 1e-11 rad, judged by
-how the steps shrink. All of it happens in axes of the ring, laid through three of its nodes, so that a rigid
-motion changes nothing.
+kept while steps shrink well, in dynamics from one step in time to the next; the search ends where what the
+last step leaves is below 1e-11 rad, judged by how the steps shrink. All of it happens in axes of the ring,
+laid through three of its nodes, so that a rigid motion changes nothing.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ _SMALL_TURN = 1e-11
 _STUCK_TURN = 1e-3
 _POWERS = 8
 _UNSTABLE_TURN = 0.02
-_SHRINKS = 0.1
+_SHRINKS = 0.03  # a new factor takes as long as some three steps
 _ROUNDED_TURN = 1e-8  # what it changes of the energy is lost in rounding
 
 
@@ -247,18 +247,19 @@ def _fill_unstable_step(w):  # type: ignore[no-untyped-def]
 
 
 @device_function
-def balance_turns(beams, f, w, b, hessian):  # type: ignore[no-untyped-def]
+def balance_turns(beams, f, w, b, hessian, kept):  # type: ignore[no-untyped-def]
     """Bring the turns of ring f into balance from those in `w.turns`; return the energy [J], or infinity.
 
     Afterwards `w` and `b` hold turns and first derivatives there; if told to, second ones too, and the
-    factor of those by the turns.
+    factor of those by the turns. With `kept` the search begins with the factor that is in `w`.
     """
     stiffest = 0.0
     for e in range(w.turns.shape[0]):
         stiffest = max(stiffest, (beams.rigidities[1] + beams.rigidities[2]) / beams.lengths[f, e])
     w.step[:] = 0.0
     _turn_by(w, 0.0)
-    energy, shift, fresh, last, done = _sum_beams(beams, f, w, b, True, hessian), 0.0, True, 1.0, False
+    energy, shift, last = _sum_beams(beams, f, w, b, not kept, hessian), 0.0, 1.0
+    fresh, done = not kept, False
     for _ in range(_STEPS_MAX):
         if fresh:
             shift = 0.0
@@ -272,7 +273,11 @@ def balance_turns(beams, f, w, b, hessian):  # type: ignore[no-untyped-def]
         if shift > 0.0 and largest < _STUCK_TURN:
             largest, slope = _fill_unstable_step(w)
         fraction, before = min(1.0, _LARGEST_TURN / max(largest, 1e-300)), energy
-        shrinks = largest < _SHRINKS * last and shift == 0.0
+        if kept:  # nothing has shown yet how well it serves
+            last, kept = max(largest, 1e-300) / _SHRINKS, False
+            shrinks = True
+        else:
+            shrinks = largest < _SHRINKS * last and shift == 0.0
         # a factor that serves well is kept; what it leaves shrinks as the steps do
         done = shift == 0.0 and largest * min(1.0, largest / last) < _SMALL_TURN
         fresh = (done and hessian) if shrinks or done else True

@@ -2,21 +2,56 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 import numpy as np
 
-from cosim.base.kernels import BLOCKS, INDEX_TABLE, MATRIX, REAL, VECTOR, add_block, device_function, kernel
-from cosim.soft.beams.band_cholesky import forward_rows, place_in_band
+from cosim.base.kernels import (
+    BLOCKS,
+    BOOLEAN,
+    INDEX_TABLE,
+    MATRIX,
+    REAL,
+    VECTOR,
+    add_block,
+    device_function,
+    kernel,
+)
+from cosim.soft.beams.band_cholesky import BAND, forward_rows, place_in_band
 from cosim.soft.beams.beam_work import beam_work
 from cosim.soft.beams.node_turns import BEAM_ARRAYS, balance_turns, fill_axes, place_ring, ring_work
 
+REMEMBERED: Final = 4 + 3 * BAND
+"""Numbers that a ring remembers for each of its nodes: all turns, then the factor of the tangent by them."""
+
 
 @device_function
-def _read_turns(memory, f, w):  # type: ignore[no-untyped-def]
-    """Fill the turns that ring f remembers, 4 numbers a node."""
+def _read_memory(memory, f, w):  # type: ignore[no-untyped-def]
+    """Fill turns and factor that ring f remembers; return whether there is a factor."""
     count = w.turns.shape[0]
+    turns = REMEMBERED * f * count
+    factor = turns + 4 * count
     for i in range(count):
         for r in range(4):
-            w.turns[i, r] = memory[4 * (f * count + i) + r]
+            w.turns[i, r] = memory[turns + 4 * i + r]
+    for i in range(3 * count):
+        for r in range(BAND):
+            w.factor[i, r] = memory[factor + BAND * i + r]
+    return w.factor[0, 0] > 0.0
+
+
+@device_function
+def _write_memory(w, f, memory):  # type: ignore[no-untyped-def]
+    """Keep turns and factor of ring f."""
+    count = w.turns.shape[0]
+    turns = REMEMBERED * f * count
+    factor = turns + 4 * count
+    for i in range(count):
+        for r in range(4):
+            memory[turns + 4 * i + r] = w.turns[i, r]
+    for i in range(3 * count):
+        for r in range(BAND):
+            memory[factor + BAND * i + r] = w.factor[i, r]
 
 
 @device_function
@@ -64,11 +99,13 @@ def _add_matrix(w, slots, matrix, blocks):  # type: ignore[no-untyped-def]
             add_block(blocks, slots[a * (a + 1) // 2 + b], block)
 
 
-@kernel(REAL(MATRIX, BEAM_ARRAYS, VECTOR, INDEX_TABLE, MATRIX, BLOCKS, VECTOR))
-def add_beam_rings(x, beams, memory, slots, gradient, blocks, tracked):  # type: ignore[no-untyped-def]
+@kernel(REAL(MATRIX, BEAM_ARRAYS, VECTOR, BOOLEAN, INDEX_TABLE, MATRIX, BLOCKS, VECTOR))
+def add_beam_rings(x, beams, memory, moving, slots, gradient, blocks, tracked):  # type: ignore[no-untyped-def]
     """Add all rings to gradient and, if slots is not empty, their Hessian to blocks.
 
-    The search for the turns begins at those in memory (4 f m,); they are written to tracked (4 f m,).
+    The search for the turns begins at those in memory (REMEMBERED f m,), and in a step in time (moving) with
+    the factor there; what it ends with is written to tracked. Where nothing moves, every search looks at the
+    tangent anew: a ring that rests on a saddle would stay there.
     Returns the energy [J]; infinity where no turns in balance are found.
     """
     count, with_hessian = beams.rings.shape[1], slots.shape[0] > 0
@@ -77,8 +114,8 @@ def add_beam_rings(x, beams, memory, slots, gradient, blocks, tracked):  # type:
     mixed, matrix = np.empty((size, size)), np.empty((size, size))
     for f in range(beams.rings.shape[0]):
         place_ring(x, beams.rings[f], w)
-        _read_turns(memory, f, w)
-        energy += balance_turns(beams, f, w, b, with_hessian)
+        there = _read_memory(memory, f, w)
+        energy += balance_turns(beams, f, w, b, with_hessian, there and moving and not with_hessian)
         if not energy < np.inf:
             return np.inf
         for i in range(count):
@@ -87,8 +124,7 @@ def add_beam_rings(x, beams, memory, slots, gradient, blocks, tracked):  # type:
                     force = w.axes[r, c] * b.gradient[i, c]
                     gradient[beams.rings[f, i], r] -= force
                     gradient[beams.rings[f, (i + 1) % count], r] += force
-            for r in range(4):
-                tracked[4 * (f * count + i) + r] = w.turns[i, r]
+        _write_memory(w, f, tracked)
         if with_hessian:
             _fill_matrix(w, b, mixed, matrix)
             _add_matrix(w, slots[f], matrix, blocks)
@@ -102,8 +138,8 @@ def peak_strains(x, beams, width, height, memory):  # type: ignore[no-untyped-de
     w, b, found = ring_work(count), beam_work(count), np.empty(beams.rings.shape)
     for f in range(beams.rings.shape[0]):
         place_ring(x, beams.rings[f], w)
-        _read_turns(memory, f, w)
-        balanced = balance_turns(beams, f, w, b, False) < np.inf
+        _read_memory(memory, f, w)
+        balanced = balance_turns(beams, f, w, b, False, False) < np.inf
         for e in range(count):
             bent = 0.0
             for a in range(2):

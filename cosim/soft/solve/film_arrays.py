@@ -17,7 +17,7 @@ from cosim.base.frames import Array, IntArray
 from cosim.base.kernel_calls import address_of, caller
 from cosim.base.kernels import BLOCKS, INDEX_TABLE, INDICES, MATRIX, VECTOR, device_function
 from cosim.soft.beams.node_turns import BeamArrays
-from cosim.soft.beams.ring_kernels import add_beam_rings
+from cosim.soft.beams.ring_kernels import REMEMBERED, add_beam_rings
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import PlainLoads
 from cosim.soft.elements.cable import Cable, add_segments
@@ -254,15 +254,15 @@ def _add_beams(film, x, memory, tracked, gradient):  # type: ignore[no-untyped-d
     energy = 0.0
     for k in range(film.beams.groups.shape[0]):
         begin, rings, nodes, first = film.beams.groups[k]
-        end, last = begin + rings * nodes, first + 4 * rings * nodes
+        end, last = begin + rings * nodes, first + REMEMBERED * rings * nodes
         beams = BeamArrays(
             film.beams.rings[begin:end].reshape((rings, nodes)),
             film.beams.directors[9 * begin : 9 * end].reshape((rings, nodes, 3, 3)),
             film.beams.lengths[begin:end].reshape((rings, nodes)),
             film.beams.rigidities[k],
         )
-        given = x, beams, memory[first:last], film.no_slots, gradient, film.no_blocks, tracked[first:last]
-        energy += _add_beam_rings(film.calls[_BEAMS], given)
+        own, new, no_hessian = memory[first:last], tracked[first:last], (gradient, film.no_blocks)
+        energy += _add_beam_rings(film.calls[_BEAMS], (x, beams, own, True, film.no_slots, *no_hessian, new))
     return energy
 
 
