@@ -1,8 +1,9 @@
 """Every snippet and command of the README, the first pages and the how-to pages is run, in order.
 
 A block of Python runs in the namespace of those before it on the page; a block of TOML whose first line is
-`# NAME.toml` is that file; a line of a shell block that begins with `cosim` is run. The reference scenario
-runs as statics of the paper's model, in few increments: other tests run it as it is.
+`# NAME.toml` is that file, `# appended to NAME.toml` adds to it; a line of a shell block that begins with
+`cosim` is run, and ends with code 0 unless it says `# exit code N`. What takes long runs in fewer increments
+or longer ticks, of the paper's model: other tests run it as it is.
 """
 
 from __future__ import annotations
@@ -22,7 +23,8 @@ ROOT = Path(__file__).resolve().parents[2]
 INCREMENTS = {"hang": 2, "inflate": 10, "turn": 10, "lift": 8, "reach": 4}
 LONG = {
     "ur5e_hexagon_arm": {"mode": "quasistatic", "model.published": True}
-    | {f"phase.{name}.increments": count for name, count in INCREMENTS.items()}
+    | {f"phase.{name}.increments": count for name, count in INCREMENTS.items()},
+    "mine.toml": {"model.published": True, "clock.tick_s": 0.01},
 }
 """Scenarios that take too long for a test, and what is changed for it."""
 OTHERS = (
@@ -59,22 +61,27 @@ PAGES = {
 }
 
 
-def _commands(shell: str) -> list[str]:
-    """Return the commands of a shell block that are run; all others must be known."""
-    lines = [line.split(" #")[0].strip() for line in shell.replace("\\\n", " ").splitlines()]
-    lines = [line for line in lines if line and not line.startswith("#")]
-    for line in lines:
-        assert line.startswith(("cosim ", *OTHERS)), f"no test knows how to run: {line}"
-    return [line for line in lines if line.startswith("cosim ") and not NOT_HERE.match(line)]
+def _commands(shell: str) -> list[tuple[str, int]]:
+    """Return the commands of a shell block that are run, with their exit codes; all others must be known."""
+    found = []
+    for line in shell.replace("\\\n", " ").splitlines():
+        command, _, comment = (part.strip() for part in line.partition(" #"))
+        if not command or command.startswith("#"):
+            continue
+        assert command.startswith(("cosim ", *OTHERS)), f"no test knows how to run: {command}"
+        if command.startswith("cosim ") and not NOT_HERE.match(command):
+            code = re.fullmatch(r"exit code (\d+)", comment)
+            found.append((command, int(code[1]) if code else 0))
+    return found
 
 
-def _run(command: str) -> None:
+def _run(command: str, code: int) -> None:
     words = shlex.split(command)[1:]
     if words[0] == "run":
         changes = LONG.get(words[1], {}).items()
         words += [word for key, value in changes for word in ("--set", f"{key}={str(value).lower()}")]
         words.append("--quiet")
-    assert main(words) == 0, command
+    assert main(words) == code, command
 
 
 @pytest.mark.parametrize("page", PAGES)
@@ -93,8 +100,9 @@ def test_every_snippet_of_a_page_runs(
         if language == "python":
             exec(compile(text, f"{page}.md", "exec"), names)
         elif language == "sh":
-            for command in _commands(text):
-                _run(command)
-        elif language == "toml" and (named := re.match(r"# (\w+\.toml)\n", text)):
-            Path(named[1]).write_text(text, encoding="utf-8")
+            for command, code in _commands(text):
+                _run(command, code)
+        elif language == "toml" and (named := re.match(r"# (appended to )?(\w+\.toml)\n", text)):
+            before = Path(named[2]).read_text(encoding="utf-8") if named[1] else ""
+            Path(named[2]).write_text(before + text, encoding="utf-8")
     capsys.readouterr()
