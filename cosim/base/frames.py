@@ -170,6 +170,17 @@ def rotation_from_quaternion(quaternion: Array) -> Array:
     )
 
 
+def rotations_from_quaternions(quaternions: Array) -> Array:
+    """Return the rotations (k, 3, 3) of unit quaternions (k, 4), (w, x, y, z)."""
+    w, x, y, z = quaternions.T
+    rows = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+    ]
+    return np.ascontiguousarray(np.array(rows).transpose(2, 0, 1))
+
+
 @dataclass(frozen=True)
 class Pose:
     """Rigid transform y = rotation @ x + translation.

@@ -29,6 +29,7 @@ def parser() -> argparse.ArgumentParser:
     verify.add_argument("--list", action="store_true", help="list the cases and the sources of their answers")
     _add_trade(commands)
     _add_sweep(commands)
+    _add_replay(commands)
     for name in ("run", "check", "schema", "trade", "sweep"):
         commands.choices[name].add_argument(
             "--import",
@@ -54,6 +55,27 @@ def _add_view(commands: Any) -> None:
     video.add_argument(
         "--speed", type=float, default=1.0, help="simulated seconds per second of the video (default: 1)"
     )
+
+
+def _add_replay(commands: Any) -> None:
+    replay = commands.add_parser("replay", help="run a policy on a finer model, and say what that changes")
+    replay.add_argument(
+        "policy", metavar="POLICY", help="module:function, or a .npz file with weights and bias"
+    )
+    replay.add_argument(
+        "--fidelity", required=True, choices=("section", "lumped", "refined"), help="the finer model"
+    )
+    replay.add_argument(
+        "--against",
+        default="section",
+        choices=("rigid", "section", "lumped"),
+        help="the model that the policy was made on (default: section)",
+    )
+    replay.add_argument(
+        "--env", metavar="ID", default="cosim/TipReach-v0", help="of the environment (cosim/TipReach-v0)"
+    )
+    replay.add_argument("--episodes", metavar="N", type=int, default=10, help="on each model (default: 10)")
+    replay.add_argument("--seed", type=int, default=0, help="of the goals (default: 0)")
 
 
 def _add_export(commands: Any) -> None:

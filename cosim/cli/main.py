@@ -75,6 +75,8 @@ def _command(options: argparse.Namespace, started: float) -> int:
         return _export(options)
     if options.command == "sweep":
         return _sweep(options)
+    if options.command == "replay":
+        return _replay(options)
     if options.command in ("new", "check", "upgrade", "schema"):
         return _files(options)
     return _list(options.kind) if options.command == "list" else _view(options)
@@ -152,6 +154,18 @@ def _sweep(options: argparse.Namespace) -> int:
 
     given = {key: vars(options)[key] for key in ("workers", "modules", "columns", "quiet")}
     return sweep_command(options.study, options.out, options.engine, **given)
+
+
+def _replay(options: argparse.Namespace) -> int:
+    from cosim.gym.policy import policy_of  # here, because it loads Gymnasium and the kernels
+    from cosim.gym.replay import replay
+
+    if options.episodes < 1:
+        raise InputError(f"--episodes {options.episodes}: must be at least 1")
+    policy, models = policy_of(options.policy), (options.against, options.fidelity)
+    for line in replay(policy, options.env, models, options.episodes, options.seed).lines():
+        print(printable(line))
+    return EXIT_DONE
 
 
 def _export(options: argparse.Namespace) -> int:

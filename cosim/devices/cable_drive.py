@@ -70,7 +70,7 @@ class CableDrive:
         """Return the commanded length; while the tension is, that by which it would be the same."""
         if self._state.length_m is not None:
             return self._state.wanted
-        return slack_length(self.cable, self._state.wanted, positions)
+        return self.cable.length(positions) - stretch_at(self._state.wanted, self.cable.stiffness_N_m)
 
     def begin(self, order: Order | None, positions: Array) -> None:
         """Begin a phase; nothing changes at this instant.
@@ -140,8 +140,3 @@ def _end(order: Order | None, begin: float) -> float:
     if order is None:
         return begin
     return begin - order[1] if order[0] == "shortening" else order[1]
-
-
-def slack_length(cable: Cable, tension_N: float, positions: Array) -> float:
-    """Return the unstretched length [m] at which a cable has a tension, at the shape (n, 3) [m]."""
-    return cable.length(positions) - stretch_at(tension_N, cable.stiffness_N_m)

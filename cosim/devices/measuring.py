@@ -8,10 +8,11 @@ import numpy as np
 
 from cosim.base.frames import Array, Pose
 from cosim.coupling.soft_sides.soft_side import SoftSide
-from cosim.devices.cable_drive import CableDrive, slack_length
+from cosim.devices.cable_drive import CableDrive
 from cosim.devices.command_source import RobotState
 from cosim.devices.controller import Measurement
 from cosim.plan.chamber_gas import ChamberGas
+from cosim.soft.elements.cable_length import stretch_at
 
 
 def measured(
@@ -70,15 +71,16 @@ def measured_cables(
         positions: (n, 3) [m].
         tension_N: of each cable, where the drives do not drive them; None: they do.
     """
+    lengths = [drive.cable.length(positions) for drive in drives]
     if tension_N is None:
         tension_N = [drive.tension_N(positions) for drive in drives]
         unstretched = [drive.unstretched_m(positions) for drive in drives]
     else:
-        pairs = zip(drives, tension_N, strict=True)
-        unstretched = [slack_length(drive.cable, tension, positions) for drive, tension in pairs]
+        rows = zip(drives, tension_N, lengths, strict=True)
+        unstretched = [length - stretch_at(pull, drive.cable.stiffness_N_m) for drive, pull, length in rows]
     columns = {
         "cable_tension_N": tension_N,
-        "cable_length_m": [drive.cable.length(positions) for drive in drives],
+        "cable_length_m": lengths,
         "cable_unstretched_m": unstretched,
     }
     return {key: dict(zip(names, map(float, column), strict=True)) for key, column in columns.items()}

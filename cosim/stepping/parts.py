@@ -7,7 +7,7 @@ from typing import final
 
 import numpy as np
 
-from cosim.base.frames import Array, Pose, Twist
+from cosim.base.frames import Array, Pose, Twist, rotations_from_quaternions
 from cosim.config.schema.phase import PhaseTable
 from cosim.config.schema.scenario import Scenario
 from cosim.coupling.contact.contact_report import NOTHING_TOUCHED, ContactReport
@@ -103,11 +103,9 @@ class Parts:
     def _robot(self, time_s: float) -> RobotState:
         """Return what is seen of the robot now."""
         carrier = self.carrier
-        names, twist, poses = (
-            carrier.body_names,
-            carrier.flange_twist,
-            zip(*carrier.body_poses(), strict=True),
-        )
+        names, twist = carrier.body_names, carrier.flange_twist
+        places, quaternions = carrier.body_poses()
+        turned = rotations_from_quaternions(quaternions)
         return RobotState(
             time_s,
             carrier.flange_pose,
@@ -118,7 +116,7 @@ class Parts:
             carrier.wrench,
             carrier.flange_jacobian(),
             dict(zip(names, carrier.touched.on_each(len(names)), strict=True)),
-            {name: Pose.from_quaternion(q, x) for name, (x, q) in zip(names, poses, strict=True)},
+            {name: Pose.owning(r, x) for name, r, x in zip(names, turned, places, strict=True)},
         )
 
     def measured(self, last: Snapshot) -> Measurement:

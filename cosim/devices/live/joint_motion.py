@@ -110,9 +110,10 @@ def along(
     first = joint_rate(arm.jacobian(here), twist)
     pieces = int(np.clip(math.ceil(float(np.abs(first).max()) * lasts_s / _PIECE_RAD), 1, _MOST_PIECES))
     knots, words = [here], dict[str, None]()
-    for _ in range(pieces):
+    for k in range(pieces):
         q = knots[-1]
-        middle = q + 0.5 * lasts_s / pieces * joint_rate(arm.jacobian(q), twist)
+        at_first = joint_rate(arm.jacobian(q), twist) if k else first
+        middle = q + 0.5 * lasts_s / pieces * at_first
         rate = joint_rate(arm.jacobian(middle), twist)
         share = np.abs(rate) / limits.velocity
         if share.max() > 1.0:

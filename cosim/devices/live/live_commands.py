@@ -183,7 +183,9 @@ class LiveCommands(SteeredCommands):
             ]
             self._actuation.hold(held)
             end = replace(end, cable_tension_N=tuple(held))
-        present, end = self._present(tension), end.followed_by(new)
+        end = end.followed_by(new)
+        # what nobody has commanded yet goes on from what is there
+        present = none if now.beginning(end, none).reaches(end) else self._present(tension)
         self._state = LiveState(
             tick, ticks, now.beginning(end, present), end, None if before is None else before.joints
         )

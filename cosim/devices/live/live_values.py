@@ -85,6 +85,12 @@ class LiveValues:
             for entry in fields(self)
         })  # fmt: skip
 
+    def reaches(self, end: LiveValues) -> bool:
+        """Return whether these values name all that others do, but for the setpoints of pumps."""
+        keys = (entry.name for entry in fields(self) if entry.name != "pump_pressure_Pa")
+        pairs = (zip(*_columns(key, self, end), strict=True) for key in keys)
+        return all(to is None or here is not None for pair in pairs for here, to in pair)
+
     def between(self, end: LiveValues, share: float) -> LiveValues:
         """Return the values at a share of the way, 0 to 1; setpoints of pumps are at the end at once."""
         if share >= 1.0:

@@ -1,0 +1,149 @@
+"""Many environments of a task at once, in processes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from functools import partial
+from typing import Any, TypeAlias, final
+
+import numpy as np
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
+from numpy.typing import NDArray
+
+from cosim.app.workers import Workers
+from cosim.base.frames import Array, Mask
+from cosim.gym.environment import Observation, TaskEnvironment, environment
+
+_Step: TypeAlias = tuple[Observation, float, bool, bool, dict[str, Any]]
+
+
+@final
+class VectorRun:
+    """One environment of many, in the process that holds it; begins anew as its mode says.
+
+    Args:
+        one: the environment.
+        mode: what follows the end of an episode.
+    """
+
+    def __init__(self, one: TaskEnvironment, mode: AutoresetMode) -> None:
+        self._one, self._mode, self._ended = one, mode, False
+
+    @classmethod
+    def of(cls, mode: AutoresetMode, given: Mapping[str, Any], k: int) -> VectorRun:
+        """Return number k."""
+        return cls(environment(**given), mode)
+
+    def spaces(self) -> tuple[Any, Any]:
+        """Return those of observations and actions."""
+        return self._one.observation_space, self._one.action_space
+
+    def reset(self, seed: int | None, options: dict[str, Any] | None) -> _Step:
+        """Begin an episode."""
+        self._ended = False
+        observation, info = self._one.reset(seed=seed, options=options)
+        return observation, 0.0, False, False, info
+
+    def step(self, action: NDArray[Any]) -> _Step:
+        """Take a step, or begin an episode in its place."""
+        if self._ended and self._mode is AutoresetMode.NEXT_STEP:
+            return self.reset(None, None)
+        observation, reward, terminated, truncated, info = self._one.step(action)
+        self._ended = terminated or truncated
+        if self._ended and self._mode is AutoresetMode.SAME_STEP:
+            last = {"final_obs": observation, "final_info": info}
+            observation, *_, info = self.reset(None, None)
+            info = {**info, **last}
+        return observation, reward, terminated, truncated, info
+
+
+@final
+class TaskVectorEnvironment(VectorEnv[Observation, NDArray[Any], Array]):
+    """Environments in processes, each bit for bit what it is alone; all three modes of autoreset.
+
+    Where a process ends, its environments stay truncated, with the last observation and "failure" in `info`.
+
+    Args:
+        count: of environments.
+        workers: processes that hold them.
+        mode: what follows the end of an episode.
+        given: arguments of `environment`.
+    """
+
+    def __init__(self, count: int, workers: int, mode: AutoresetMode, given: Mapping[str, Any]) -> None:
+        self.metadata = {"render_modes": [], "autoreset_mode": mode}
+        self.num_envs = count
+        self._workers = Workers(partial(VectorRun.of, mode, given), count, workers)
+        spaces = self._workers.call("spaces", {0: ()})[0]
+        if isinstance(spaces, Exception):
+            self._workers.close()
+            raise spaces
+        self.single_observation_space, self.single_action_space = spaces
+        self.observation_space = batch_space(self.single_observation_space, count)
+        self.action_space = batch_space(self.single_action_space, count)
+        self._last: list[Observation] = [self.single_observation_space.sample()] * count
+
+    def reset(
+        self,
+        *,
+        seed: int | Sequence[int | None] | None = None,
+        options: dict[str, Any] | None = None,
+    ) -> tuple[Observation, dict[str, Any]]:
+        """Begin episodes: of all, or of those in `options["reset_mask"]`; `seed` + k is that of number k."""
+        options = dict(options or {})
+        mask = options.pop("reset_mask", np.ones(self.num_envs, dtype=bool))
+        first = None if seed is None or isinstance(seed, Sequence) else int(seed)
+        seeds = [None if first is None else first + k for k in range(self.num_envs)]
+        seeds = list(seed) if isinstance(seed, Sequence) else seeds
+        asked = {k: (seeds[k], options or None) for k in range(self.num_envs) if mask[k]}
+        observation, *_, info = self._called("reset", asked)
+        return observation, info
+
+    def step(  # type: ignore[override]  # flags are flags
+        self, actions: NDArray[Any]
+    ) -> tuple[Observation, Array, Mask, Mask, dict[str, Any]]:
+        """Take a step of all."""
+        return self._called("step", {k: (actions[k],) for k in range(self.num_envs)})
+
+    @property
+    def processes(self) -> tuple[int, ...]:
+        """Number of the process of each worker; environment k is in worker k modulo their number."""
+        return self._workers.processes
+
+    def close_extras(self, **kwargs: Any) -> None:
+        """End the processes."""
+        self._workers.close()
+
+    def _called(
+        self, method: str, arguments: Mapping[int, tuple[Any, ...]]
+    ) -> tuple[Observation, Array, Mask, Mask, dict[str, Any]]:
+        found = self._workers.call(method, arguments)
+        reward, info = np.zeros(self.num_envs), dict[str, Any]()
+        terminated, truncated = np.zeros((2, self.num_envs), dtype=bool)
+        for k, answer in found.items():
+            if isinstance(answer, Exception):
+                truncated[k] = True
+                info = self._add_info(info, {"failure": f"{type(answer).__name__}: {answer}"}, k)
+                continue
+            self._last[k], reward[k], terminated[k], truncated[k], own = answer
+            info = self._add_info(info, own, k)
+        stacked = {name: np.stack([one[name] for one in self._last]) for name in self._last[0]}
+        return stacked, reward, terminated, truncated, info
+
+
+def vector_environment(
+    num_envs: int = 1,
+    workers: int = 1,
+    autoreset_mode: AutoresetMode = AutoresetMode.NEXT_STEP,
+    **given: Any,
+) -> TaskVectorEnvironment:
+    """Return environments of a task.
+
+    Args:
+        num_envs: how many.
+        workers: processes that hold them.
+        autoreset_mode: what follows the end of an episode.
+        given: arguments of `environment`.
+    """
+    return TaskVectorEnvironment(num_envs, workers, AutoresetMode(autoreset_mode), given)
