@@ -22,3 +22,10 @@ def checked_arm(robot: str) -> ArmFile:
     file = find_arm(robot)
     check_engines_agree(RigidScene(SceneDescription(file)), Arm(file), file.armature)
     return file
+
+
+def flange_at_home(file: ArmFile) -> str:
+    """Return in words where an arm's flange is at home, as `start.flange` of a scenario asks for it."""
+    pose = Arm(file).forward(file.home)
+    numbers = [", ".join(f"{x + 0.0:.3f}" for x in v) for v in (pose.translation, pose.rotation[:, 2])]
+    return f"at home the flange is at [{numbers[0]}] m, its direction [{numbers[1]}]"

@@ -91,11 +91,12 @@ def _arm_line(name: str) -> str:
     Raises:
         ScenarioError: it is not usable.
     """
-    from cosim.build.arm_check import checked_arm  # here: other files wait for no engine
+    from cosim.build.arm_check import checked_arm, flange_at_home  # here: other files wait for no engine
 
     with blamed_on(name):
         arm = checked_arm(name)
-    return "; ".join((f"{len(arm.joint_names)} joints", *arm.notes, "both engines agree"))
+        home = flange_at_home(arm)
+    return "; ".join((f"{len(arm.joint_names)} joints", *arm.notes, home, "both engines agree"))
 
 
 def arm_lines() -> list[str]:
