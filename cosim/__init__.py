@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from cosim.app.batch import Batch as Batch
     from cosim.app.driver import Observer as Observer
     from cosim.app.loaded_run import load_run as load_run
+    from cosim.app.path_export import plan_path as plan_path
     from cosim.app.picture import picture as picture
     from cosim.app.progress import ProgressBar as ProgressBar
     from cosim.app.simulation import SavedState as SavedState
@@ -41,6 +42,7 @@ if TYPE_CHECKING:
     from cosim.errors import SolverError as SolverError
     from cosim.errors import UnreachableError as UnreachableError
     from cosim.errors import WorkerError as WorkerError
+    from cosim.results.joint_table import JointTable as JointTable
     from cosim.results.result import RunResult as RunResult
     from cosim.sweeps.api import sweep as sweep
     from cosim.sweeps.plot import plot_sweep as plot_sweep
@@ -57,6 +59,7 @@ _HOMES = {
     "InputError": "cosim.errors",
     "InstabilityError": "cosim.errors",
     "Measurement": "cosim.devices.controller",
+    "JointTable": "cosim.results.joint_table",
     "MeshError": "cosim.errors",
     "Observer": "cosim.app.driver",
     "OutOfRangeError": "cosim.errors",
@@ -80,6 +83,7 @@ _HOMES = {
     "picture": "cosim.app.picture",
     "open_sweep": "cosim.sweeps.table",
     "plot_sweep": "cosim.sweeps.plot",
+    "plan_path": "cosim.app.path_export",
     "register_kind": "cosim.config.toml.registered_kinds",
     "run": "cosim.app.api",
     "sweep": "cosim.sweeps.api",

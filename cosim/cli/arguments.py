@@ -23,6 +23,7 @@ def parser() -> argparse.ArgumentParser:
     _add_view(commands)
     _add_files(commands)
     _add_export(commands)
+    _add_export_path(commands)
     verify = commands.add_parser("verify", help="check the soft model against known answers")
     verify.add_argument("cases", metavar="CASE", nargs="*", help="names of cases (default: all of them)")
     verify.add_argument("--json", metavar="FILE", type=Path, help="write the results to a file as well")
@@ -94,6 +95,26 @@ def _add_export(commands: Any) -> None:
         help="times of the film (default: all frames of the recording)",
     )
     export.add_argument("--out", metavar="DIR", type=Path, help="where to (default: the run's directory)")
+
+
+def _add_export_path(commands: Any) -> None:
+    path = commands.add_parser("export-path", help="write a planned tip path for a robot's controller")
+    path.add_argument("scenario", metavar="SCENARIO", help="name (see 'cosim list') or path of a .toml file")
+    path.add_argument(
+        "files", metavar="FILE", type=Path, nargs="+", help=".csv: a table; .script: URScript of servoj"
+    )
+    path.add_argument("--phase", metavar="NAME", help="that has the path (default: the only one)")
+    path.add_argument(
+        "--rate", metavar="HZ", type=float, default=500.0, help="rows per second (default: 500)"
+    )
+    path.add_argument(
+        "--set",
+        dest="assignments",
+        metavar="KEY=VALUE",
+        action="append",
+        default=[],
+        help="change a value of the scenario first; may be repeated",
+    )
 
 
 def _add_files(commands: Any) -> None:

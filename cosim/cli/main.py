@@ -77,6 +77,8 @@ def _command(options: argparse.Namespace, started: float) -> int:
         return _sweep(options)
     if options.command == "replay":
         return _replay(options)
+    if options.command == "export-path":
+        return _export_path(options)
     if options.command in ("new", "check", "upgrade", "schema"):
         return _files(options)
     return _list(options.kind) if options.command == "list" else _view(options)
@@ -173,6 +175,21 @@ def _export(options: argparse.Namespace) -> int:
 
     wanted = {key: vars(options)[key] for key in ("csv", "vtk", "plot", "times_s")}
     export_command(options.directory, options.out, **wanted)
+    return EXIT_DONE
+
+
+def _export_path(options: argparse.Namespace) -> int:
+    from cosim.app.path_export import plan_path  # here, because they load numpy and pydantic
+    from cosim.config.toml.overrides import parse_assignment
+    from cosim.results.joint_table import check_name
+
+    for file in options.files:
+        check_name(file)
+    overrides = dict(map(parse_assignment, options.assignments))
+    table = plan_path(options.scenario, phase=options.phase, rate_Hz=options.rate, overrides=overrides)
+    for file in options.files:
+        table.write(file)
+        print(printable(f"{file}, {len(table.time_s)} rows at {options.rate:g} Hz"))
     return EXIT_DONE
 
 

@@ -18,6 +18,7 @@ from cosim.soft.contact.obstacle_contact import ContactPlanes
 from cosim.soft.elements.element import Sums
 from cosim.soft.solve.state import Equilibrium, SoftState
 from cosim.soft.solve.time_scheme import inertia_weight
+from cosim.soft.targets.target_solution import TargetOptions
 from cosim.soft.targets.tip_target import TipTarget
 
 
@@ -124,7 +125,9 @@ class FrozenBody(SoftSide):
         """Refuse: a frozen body does not answer to its cables."""
         raise InputError("cables do not move a frozen body; plan its tip targets on the flexible one")
 
-    def find_flange_pose(self, begin: Equilibrium, target: TipTarget) -> Equilibrium:
+    def find_flange_pose(
+        self, begin: Equilibrium, target: TipTarget, options: TargetOptions | None = None
+    ) -> Equilibrium:
         """Refuse: the tip of a frozen body is not where the target asks the sagging one to be."""
         raise InputError("a frozen body does not sag; plan its tip targets on the flexible one")
 

@@ -27,6 +27,7 @@ from cosim.soft.solve.state import Clamp, Equilibrium, Obstacles, SoftState
 from cosim.soft.solve.time_scheme import StepAim, StepOptions, difference_scheme, inertia_weight
 from cosim.soft.solve.time_step import ImplicitStepper
 from cosim.soft.targets import flange_search, tension_search
+from cosim.soft.targets.target_solution import TargetOptions
 from cosim.soft.targets.tip_target import TipTarget
 
 
@@ -50,8 +51,7 @@ class SoftArm(SoftSide):
         dynamics: StepOptions,
         self_contact: FilmContactLaw | None = None,
     ) -> None:
-        self.body = body
-        self.state = SoftState.drawn(body, world_from_flange)
+        self.body, self.state = body, SoftState.drawn(body, world_from_flange)
         self._system = SoftSystem(body)
         self._statics, self._dynamics = statics, dynamics
         self._films = None if self_contact is None else SelfContact(body, self._system.pattern, self_contact)
@@ -239,15 +239,16 @@ class SoftArm(SoftSide):
         """Return the equilibrium whose cable tensions bring the tip to a target; the flange stays."""
         return tension_search.find_tensions(self.equilibrium_solver, begin, target).equilibrium
 
-    def find_flange_pose(self, begin: Equilibrium, target: TipTarget) -> Equilibrium:
+    def find_flange_pose(
+        self, begin: Equilibrium, target: TipTarget, options: TargetOptions | None = None
+    ) -> Equilibrium:
         """Return the equilibrium whose flange pose brings the tip to a target; the loads stay."""
-        return flange_search.find_flange_pose(self.equilibrium_solver, begin, target).equilibrium
+        return flange_search.find_flange_pose(self.equilibrium_solver, begin, target, options).equilibrium
 
     def settle(self, found: Equilibrium) -> None:
         """Take over an equilibrium as the present state."""
-        self.state = found.state
+        self.state, self._flange = found.state, found.world_from_flange
         # what touches is found anew in every step
-        self._flange = found.world_from_flange
         self._loads = replace(found.loads, contact=None, self_contact=None)
 
     def save_state(self) -> SoftArmState:

@@ -35,6 +35,7 @@ from cosim.soft.solve.newton_options import NewtonOptions, Outcome
 from cosim.soft.solve.state import Equilibrium, Obstacles, SoftState
 from cosim.soft.solve.time_scheme import StepAim, StepOptions
 from cosim.soft.targets import flange_search, tension_search
+from cosim.soft.targets.target_solution import TargetOptions
 from cosim.soft.targets.tip_target import TipTarget
 
 
@@ -176,9 +177,11 @@ class SectionArm(SoftSide):
         """Return the equilibrium whose cable tensions bring the tip to a target; the flange stays."""
         return tension_search.find_tensions(self, begin, target).equilibrium
 
-    def find_flange_pose(self, begin: Equilibrium, target: TipTarget) -> Equilibrium:
+    def find_flange_pose(
+        self, begin: Equilibrium, target: TipTarget, options: TargetOptions | None = None
+    ) -> Equilibrium:
         """Return the equilibrium whose flange pose brings the tip to a target; the loads stay."""
-        return flange_search.find_flange_pose(self, begin, target).equilibrium
+        return flange_search.find_flange_pose(self, begin, target, options).equilibrium
 
     def settle(self, found: Equilibrium) -> None:
         """Take over an equilibrium as the present state."""

@@ -23,6 +23,7 @@ from cosim.soft.contact.obstacle_contact import ContactPlanes
 from cosim.soft.contact.self_contact_memory import FilmMemory
 from cosim.soft.solve.state import Equilibrium, Obstacles, SoftState
 from cosim.soft.solve.time_scheme import StepAim, inertia_weight
+from cosim.soft.targets.target_solution import TargetOptions
 from cosim.soft.targets.tip_target import TipTarget
 
 
@@ -135,7 +136,9 @@ class SoftSide(ABC):
         """
 
     @abstractmethod
-    def find_flange_pose(self, begin: Equilibrium, target: TipTarget) -> Equilibrium:
+    def find_flange_pose(
+        self, begin: Equilibrium, target: TipTarget, options: TargetOptions | None = None
+    ) -> Equilibrium:
         """Return the equilibrium whose flange pose brings the tip to a target; the loads stay.
 
         Raises:

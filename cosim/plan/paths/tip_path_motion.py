@@ -25,6 +25,7 @@ from cosim.soft.body.center_line import center_line_length, center_rings
 from cosim.soft.body.loads import Loads
 from cosim.soft.body.tip_frame import TipFrame
 from cosim.soft.solve.state import Equilibrium
+from cosim.soft.targets.target_solution import TargetOptions
 from cosim.soft.targets.tip_target import TipTarget, shortest_turn
 
 _STEP_m: Final = 8e-3  # of path from one instant to the next
@@ -33,6 +34,9 @@ _PER_RAMP: Final = 10
 _APPROACH: Final = 12  # pieces of the way to where a straight arm begins
 _BEGINS_WITHIN: Final = (1e-4, 2e-3)  # m, rad
 _FELT_m_s2: Final = 0.5  # a twentieth of gravity: what accelerates less bends an arm little
+
+_CLOSELY: Final = TargetOptions(position_tolerance_m=1e-6, angle_tolerance_rad=1e-5)
+"""Errors between instants that are some hundredths of a second apart are accelerations."""
 
 _Next = Callable[[Equilibrium, CourseInstant, CourseInstant, Loads], Equilibrium]
 
@@ -70,15 +74,14 @@ def follow_path(
         ConvergenceError: the equilibrium was lost on the way.
     """
     trip = _Trip(soft, path.course(), begin.loads, loads, damping_per_s)
-    rigid = _RigidArm.at(soft, begin)
     if path.reach_with == "none":
         rigid = _RigidArm.towards(begin, trip.instants)
         states = trip.through(begin, lambda here, before, after, load: rigid.moved(soft, here, after, load))
         errors = trip.errors(states)
         return FollowedPath(trip.track(states), states[-1], PlannedTipPath(trip.course, errors, errors))
-    _check_begin(soft, begin, trip.instants)
-    states = trip.through(begin, lambda *step: _onto(soft, *step))
-    uncompensated = trip.uncompensated(rigid, begin)
+    tip = _begin_tip(soft, begin, trip.instants)
+    uncompensated = trip.uncompensated(_RigidArm.at(soft, begin), begin)
+    states = trip.through(begin, lambda *step: _onto(soft, *step), trip.beginning_at(tip))
     planned = PlannedTipPath(trip.course, trip.errors(states), uncompensated)
     return FollowedPath(trip.track(states), states[-1], planned)
 
@@ -114,12 +117,29 @@ class _Trip:
         x, y, z = (np.array(load.gravity) - felt).tolist()
         return replace(load, gravity=(x, y, z))
 
-    def through(self, begin: Equilibrium, step: _Next) -> list[Equilibrium]:
-        """Return the equilibria at all instants, each found from the one before."""
+    def beginning_at(self, tip: TipFrame) -> CourseInstant:
+        """Return the path from where the tip is, a little beside it: it comes onto it within the first "
+        "ramp."""
+        first, since = self.instants.row(0), np.minimum(self._time_s / self.course.ramp_s, 1.0)
+        beside = 1.0 - since**3 * (10.0 - 15.0 * since + 6.0 * since**2)
+        place = self.instants.position + beside[:, None] * (tip.position - first.position)
+        direction = self.instants.direction
+        if direction is not None and first.direction is not None:
+            turn = shortest_turn(first.direction, tip.direction)
+            direction = np.array(
+                [rotation_from_vector(b * turn) @ d for b, d in zip(beside, direction, strict=True)]
+            )
+        return replace(self.instants, position=place, direction=direction)
+
+    def through(
+        self, begin: Equilibrium, step: _Next, asked: CourseInstant | None = None
+    ) -> list[Equilibrium]:
+        """Return the equilibria at all instants, each found from the one before; asked: of another path."""
+        path = asked or self.instants
         found = [begin]
         for k in range(1, len(self._time_s)):
             try:
-                found.append(step(found[-1], self.instants.row(k - 1), self.instants.row(k), self._loads[k]))
+                found.append(step(found[-1], path.row(k - 1), path.row(k), self._loads[k]))
             except CosimError as error:
                 raise _placed(error, self.instants.row(k)) from error
         return found
@@ -206,15 +226,15 @@ def _onto(
         turn = rotation_from_vector(shortest_turn(before.direction, after.direction))
     carried = Pose(turn @ pose.rotation, after.position + turn @ (pose.translation - before.position))
     found = soft.follow(here, carried, loads)
-    return soft.find_flange_pose(found, TipTarget(after.position, after.direction))
+    return soft.find_flange_pose(found, TipTarget(after.position, after.direction), _CLOSELY)
 
 
-def _check_begin(soft: SoftSide, begin: Equilibrium, instants: CourseInstant) -> None:
-    """Raise UnreachableError where the tip is not on the path's first point."""
+def _begin_tip(soft: SoftSide, begin: Equilibrium, instants: CourseInstant) -> TipFrame:
+    """Return the tip where it is; raise UnreachableError where that is not the path's first point."""
     tip, first = TipFrame.of(soft.body, begin.state.positions), instants.row(0)
     (away,), (turned,) = tip_distances(first, tip.position[None], tip.direction[None])
     if away <= _BEGINS_WITHIN[0] and turned <= _BEGINS_WITHIN[1]:
-        return
+        return tip
     place = np.round(tip.position, 4).tolist()
     raise UnreachableError(
         f"begins {1e3 * away:.4g} mm and {np.degrees(turned):.3g} degrees off the tip, which is at {place} "

@@ -1,0 +1,154 @@
+"""Planned joint angles and commands at the rate of a robot's controller: as a table, a CSV file, a "
+"URScript."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final, Self, final
+
+import numpy as np
+
+from cosim.base.frames import Array
+from cosim.base.whole_files import write_whole
+from cosim.errors import InputError, OutputError
+
+CSV: Final = ".csv"
+URSCRIPT: Final = ".script"
+_TIME: Final = "time_s"
+_LOOKAHEAD_s: Final = 0.1
+_GAIN: Final = 300
+_APPROACH: Final = "a=0.5, v=0.3"
+_STOP_rad_s2: Final = 2.0
+_UR_JOINTS: Final = 6
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class JointTable:
+    """What a phase asks of a robot, at a fixed rate.
+
+    Args:
+        name: of the phase.
+        columns: after the time: joints end in ".position_rad" (sliding ones in ".position_m"), cables in
+            ".tension_N", chambers in ".pressure_Pa".
+        time_s: (n,), from 0 on.
+        values: (n, columns) [rad, m, N, Pa], as their names end.
+    """
+
+    name: str
+    columns: tuple[str, ...]
+    time_s: Array
+    values: Array
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """Base to flange."""
+        return tuple(
+            c.rpartition(".")[0] for c in self.columns if c.rpartition(".")[2].startswith("position")
+        )
+
+    @property
+    def joints(self) -> Array:
+        """(n, joints) [rad], of sliding ones [m]."""
+        return self.values[:, : len(self.joint_names)]
+
+    def csv_text(self) -> str:
+        """Return the table as CSV: a line of heads, then numbers that read back to the bit."""
+        stream = io.StringIO()
+        writer = csv.writer(stream, lineterminator="\n")
+        writer.writerow([_TIME, *self.columns])
+        writer.writerows(np.column_stack([self.time_s, self.values]).tolist())
+        return stream.getvalue()
+
+    def urscript_text(self) -> str:
+        """Return a program for the controller of a UR arm: a move to the begin, then `servoj` at every step.
+
+        Raises:
+            InputError: the arm has other joints than a UR.
+        """
+        turning = [column for column in self.columns if column.endswith(".position_rad")]
+        if len(turning) != _UR_JOINTS or len(self.joint_names) != _UR_JOINTS:
+            raise InputError(
+                f"URScript moves {_UR_JOINTS} joints that turn; this arm has {', '.join(self.joint_names)}: "
+                "write "
+                f"a {CSV} file"
+            )
+        step_s = float(self.time_s[1] - self.time_s[0])
+        end = f"0, 0, {step_s:.9g}, {_LOOKAHEAD_s:g}, {_GAIN}"
+        rows = ["[" + ", ".join(f"{angle:.9f}" for angle in row) + "]" for row in self.joints.tolist()]
+        return "\n".join(
+            [
+                f"# phase {self.name}: {len(rows)} points, {step_s:.9g} s apart; joints "
+                f"{', '.join(self.joint_names)}",
+                f"def {self.name.replace('-', '_')}():",
+                f"  movej({rows[0]}, {_APPROACH})",
+                *(f"  servoj({row}, {end})" for row in rows),
+                f"  stopj({_STOP_rad_s2:g})",
+                "end",
+                "",
+            ]
+        )
+
+    def write(self, path: str | Path) -> None:
+        """Write a .csv file, or a .script file of URScript.
+
+        Raises:
+            InputError: the name ends otherwise, or the arm is no UR.
+            OutputError: it cannot be written.
+        """
+        path = Path(path)
+        check_name(path)
+        text = self.csv_text() if path.suffix == CSV else self.urscript_text()
+        try:
+            write_whole(path, text)
+        except OSError as error:
+            raise OutputError(f"{path}: cannot be written: {error.strerror}") from error
+
+    @classmethod
+    def read(cls, path: str | Path) -> Self:
+        """Return the table of a CSV file; its name is that of the file.
+
+        Raises:
+            InputError: it cannot be read, or is no such table.
+        """
+        path = Path(path)
+        try:
+            with path.open(encoding="utf-8-sig", newline="") as stream:
+                heads, *lines = list(csv.reader(stream)) or [[]]
+            rows = np.array([[float(cell) for cell in line] for line in lines])
+        except (OSError, ValueError, csv.Error) as error:
+            raise InputError(f"{path}: cannot be read as a table of joints: {error}") from error
+        if heads[:1] != [_TIME] or rows.shape != (len(lines), len(heads)) or not np.isfinite(rows).all():
+            raise InputError(
+                f"{path}: must have the column {_TIME} first, and a finite number under every head"
+            )
+        if len(rows) < 2 or not (np.diff(rows[:, 0]) > 0.0).all():
+            raise InputError(f"{path}: must have two rows at least, and {_TIME} must increase")
+        return cls(path.stem, tuple(heads[1:]), rows[:, 0], rows[:, 1:])
+
+
+def check_name(path: Path) -> None:
+    """Raise InputError where a file's name does not say what is to be in it."""
+    if path.suffix not in (CSV, URSCRIPT):
+        raise InputError(f"{path}: the name must end in {CSV}, or in {URSCRIPT} for URScript")
+
+
+def sample_times(duration_s: float, rate_Hz: float) -> Array:
+    """Return instants (n,) [s] at a rate, from 0 to the first one not before the end.
+
+    Args:
+        duration_s: of what is sampled.
+        rate_Hz: of the controller.
+
+    Raises:
+        InputError: the rate is not a number above 0, or gives less than a step.
+    """
+    if not (math.isfinite(rate_Hz) and rate_Hz * duration_s >= 1.0):
+        raise InputError(
+            f"a rate of {rate_Hz:g} Hz gives no step within {duration_s:.4g} s; controllers take 100 to 1000"
+        )
+    return np.arange(math.ceil(duration_s * rate_Hz - 1e-9) + 1) / rate_Hz
