@@ -114,6 +114,6 @@ def made_up_build() -> Callable[..., Callable[[Scenario], MadeUpSimulation]]:
     """Return `factory(at_tick)`, which makes a `build` for the driver."""
 
     def factory(at_tick: Callable[[int], None] = lambda tick: None) -> Callable[[Scenario], MadeUpSimulation]:
-        return lambda scenario: MadeUpSimulation(made_up_stage(scenario), at_tick)
+        return lambda scenario, **_given: MadeUpSimulation(made_up_stage(scenario), at_tick)
 
     return factory

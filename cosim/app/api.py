@@ -58,7 +58,7 @@ def run(
     directory = Path(out) if out is not None else default_directory(checked.name) if recording else None
     arrays = ResultBuilder(checked.recording.frames_per_s)
     options = Options(directory, rerun_recorder if recording else None, [arrays, *observers])
-    given: dict[str, Any] = {"controllers": controllers, "body": named and named.body}
+    given: dict[str, Any] = {"controllers": controllers, "body": named and named.body, "tell": log}
     build = partial(build_simulation, **{key: value for key, value in given.items() if value is not None})
     outcome = execute(checked, build, options, started)
     result = arrays.result(outcome.summary, directory)

@@ -53,7 +53,8 @@ class Batch:
         start: SavedState | str | Path | None = None,
     ) -> None:
         # what takes long for the first time, kernels and section models, is made once, before there are many
-        self.scenario = prepared(load_scenario(scenario, overrides), log, recording=False)
+        loaded = load_scenario(scenario, overrides)
+        self.scenario = prepared(loaded, log, recording=False, contact=True)
         given = _for_each(changes, n, "changes")
         self._workers = Workers(partial(BatchRun.of, self.scenario, given, start), n, workers)
         self._failed: dict[int, Exception] = {}

@@ -220,6 +220,7 @@ def build_simulation(
     controllers: Mapping[str, AnyController] | None = None,
     before: Choices | None = None,
     body: SoftBody | None = None,
+    tell: Callable[[str], None] = lambda _text: None,
 ) -> Runnable:
     """Return the simulation of a checked scenario; loads the engines, which wrong input need not wait for.
 
@@ -228,10 +229,11 @@ def build_simulation(
         controllers: of kind "python", by name.
         before: of the run whose state it goes on from; None for a run from its start.
         body: the soft body, where the scenario's is given as arrays.
+        tell: told in one sentence when the plan leads to something to touch, whose kernels are then compiled.
     """
     from cosim.build.simulation import build
 
-    return build(scenario, controllers, before, body)
+    return build(scenario, controllers, before, body, tell)
 
 
 @contextmanager
@@ -284,11 +286,7 @@ def drive(
 
 
 def _with_first(batches: Iterator[TickBatch]) -> tuple[TickBatch | None, Iterator[TickBatch]]:
-    """Compute the first ticks now: wrong input then shows before anything is written.
-
-    Returns:
-        them, unless they could not be found or nothing is left; and all ticks.
-    """
+    """Return the first ticks, if any, computed now: wrong input shows before anything is written; and all."""
     try:
         first = next(batches, None)
     except SolverError as error:

@@ -9,20 +9,25 @@ from typing import TYPE_CHECKING
 
 from cosim.app.driver import build_simulation, recorded
 from cosim.base.resources import cache_directory
-from cosim.build.kernel_modules import kernel_modules
-from cosim.config.schema.scenario import Scenario
+from cosim.build.kernel_modules import contact_modules, kernel_modules
+from cosim.config.schema.scenario import NO_ARM, Scenario
 
 if TYPE_CHECKING:
     from cosim.build.given_body import AnyBody, NamedBody
 
 
-def prepared(scenario: Scenario, tell: Callable[[str], None], *, recording: bool) -> Scenario:
+def prepared(
+    scenario: Scenario, tell: Callable[[str], None], *, recording: bool, contact: bool = False
+) -> Scenario:
     """Return the scenario with its fidelity chosen; whatever its loop calls is compiled when this returns.
+
+    But for the kernels of contact with a scene, which `build_simulation` compiles: it knows the plan.
 
     Args:
         scenario: checked.
         tell: told in one sentence, beforehand, what takes long.
         recording: whether the run is recorded.
+        contact: whether to compile those as well, if there is an arm.
 
     Raises:
         ScenarioError: no fidelity meets its `[auto]`.
@@ -31,7 +36,8 @@ def prepared(scenario: Scenario, tell: Callable[[str], None], *, recording: bool
 
     compile_kernels(tell, _modules(scenario, recording))
     chosen = with_fidelity_chosen(scenario, tell)
-    compile_kernels(tell, _modules(chosen, recording))
+    touched = contact_modules() if contact and scenario.robot != NO_ARM else ()
+    compile_kernels(tell, (*_modules(chosen, recording), *touched))
     return chosen
 
 

@@ -103,7 +103,7 @@ class Simulation:
 
     def _built(self, before: Choices | None) -> Runnable:
         body = self._body and self._body.body
-        return build_simulation(self.scenario, self._controllers, before, body)
+        return build_simulation(self.scenario, self._controllers, before, body, log)
 
     @property
     def stage(self) -> RunInfo:

@@ -1,6 +1,10 @@
 """How the numba kernels are compiled: for one fixed signature each, cached on disk, without fast-math.
 
 Importing a kernel compiles nothing; `compile_kernels` in compilation.py does, once, and says so.
+
+A device function is compiled to intermediate code alone: numba would optimise it by itself, make machine code
+of it and a way to call it from Python, and keep that on disk; the compilation of each kernel that calls it
+then does the same again.
 """
 
 from __future__ import annotations
@@ -12,10 +16,13 @@ from contextlib import suppress
 from functools import cache
 from hashlib import sha256
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, NoReturn, TypeVar, final
 
 import numba
 from numba.core.caching import IndexDataCacheFile
+from numba.core.codegen import CPUCodeLibrary
+from numba.core.compiler import Compiler
+from numba.core.registry import CPUDispatcher
 
 _PACKAGE = Path(__file__).resolve().parents[1]
 _IMPORT = re.compile(r"^\s*(?:from|import) cosim\.?([\w.]*)(?: import (\([^)]*\)|.*))?", re.MULTILINE)
@@ -82,11 +89,77 @@ def _imports(path: Path) -> frozenset[Path]:
     return frozenset(found)
 
 
+@final
+class _NoCode:
+    """What asks for a place in machine code where there is none."""
+
+    def set_env(self, name: str, environment: Any) -> None:
+        """Set nothing: kernels in nopython mode never look there."""
+
+
+@final
+class IntermediateCode(CPUCodeLibrary):
+    """The code of one function, which is optimised together with a kernel that calls it."""
+
+    def _optimize_final_module(self) -> None:
+        """Leave it as it is."""
+
+    def _finalize_final_module(self) -> None:
+        """Make no machine code of it."""
+        self._finalize_dynamic_globals()
+        self._finalized = True
+
+    @property
+    def codegen(self) -> _NoCode:
+        """What keeps track of the machine code."""
+        return _NoCode()
+
+    def get_pointer_to_function(self, name: str) -> int:
+        """Return none, as there is no machine code."""
+        return 0
+
+
+@final
+class DeviceCompiler(Compiler):
+    """Compiles a function to `IntermediateCode`."""
+
+    def __init__(self, *given: Any) -> None:
+        super().__init__(*given)
+        self.state.library = IntermediateCode(self.state.targetctx.codegen(), "device_function")
+
+
+@final
+class DeviceFunction(CPUDispatcher):
+    """A function that kernels call; called from Python it would have nothing to run."""
+
+    def __call__(self, *_arguments: Any) -> NoReturn:
+        """Refuse.
+
+        Raises:
+            TypeError: always.
+        """
+        raise TypeError(f"only kernels can call {self.py_func.__name__}(), which has no code of its own")
+
+
+def device_dispatcher(function: Any, options: dict[str, Any]) -> Any:
+    """Return what compiles a function for every kernel that calls it.
+
+    Args:
+        function: to be compiled.
+        options: of `numba.njit`.
+    """
+    alone = {"cache": False, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+    compile_later: Any = numba.njit
+    found = compile_later(function, **options, **alone, pipeline_class=DeviceCompiler)
+    found.__class__ = DeviceFunction  # numba makes dispatchers of one class alone
+    return found
+
+
 Function = TypeVar("Function", bound=Callable[..., Any])
 
 # fastmath as a whole stays off: NaN must stay visible, and results must not depend on the compiler's mood.
 # error_model="numpy" lets a division by zero give inf (a named outcome later) and keeps loops vectorised.
-_OPTIONS: dict[str, Any] = {"cache": True, "nogil": True, "error_model": "numpy"}
+_OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy"}
 
 REAL = numba.float64
 BOOLEAN = numba.boolean
@@ -122,17 +195,17 @@ def kernel(signature: Any, *, reorder_sums: bool = False) -> Callable[[Function]
 
 
 def device_function(function: Function) -> Function:
-    """Mark a small function that kernels call; it is compiled with each of them."""
-    result: Function = _compiled_later(function, inline="never")
+    """Mark a small function that kernels call; it is compiled with each of them, and for nothing else."""
+    result: Function = device_dispatcher(function, _OPTIONS)
     return result
 
 
 def _compiled_later(function: Any, **options: Any) -> Any:
     """Return what compiles a function when it is called, and keeps the machine code where it can be."""
     try:
-        dispatcher = numba.njit(function, **_OPTIONS, **options)
+        dispatcher = numba.njit(function, **_OPTIONS, **options, cache=True)
     except RuntimeError:  # no place for a cache: neither beside the source nor in the user's directory
-        return numba.njit(function, **(_OPTIONS | options | {"cache": False}))
+        return numba.njit(function, **_OPTIONS, **options)
     keep_by_source(dispatcher)
     return dispatcher
 

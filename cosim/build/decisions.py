@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -27,7 +28,9 @@ _TOUCHED_AT_REST = ("section", "lumped", "refined")  # models whose equilibria t
 _SLOW = 0.01  # share of gravity below which accelerations are negligible
 
 
-def contact_decision(scenario: Scenario, soft: SoftSide, plan: Plan, arm: Arm, scene: RigidScene) -> Decision:
+def contact_decision(
+    scenario: Scenario, soft: SoftSide, plan: Plan, arm: Arm, scene: RigidScene, ready: Callable[[], None]
+) -> Decision:
     """Decide whether contact with the scene is searched for.
 
     Args:
@@ -36,6 +39,7 @@ def contact_decision(scenario: Scenario, soft: SoftSide, plan: Plan, arm: Arm, s
         plan: of the run.
         arm: kinematics.
         scene: at its start.
+        ready: called before distances to the scene are computed.
     """
     what, switch = CONTACT, CONTACT_ENABLED
     if not scenario.contact.enabled:
@@ -50,7 +54,7 @@ def contact_decision(scenario: Scenario, soft: SoftSide, plan: Plan, arm: Arm, s
         return Decision(what, True, open_question, switch)
     reach = soft.reach_m or film_reach(soft.body, largest_pressure(plan))
     statics = scenario.mode == "quasistatic"
-    bodies = within_reach(scene, flange_travel(arm, plan), reach, fixed_only=statics)
+    bodies = within_reach(scene, flange_travel(arm, plan), reach, fixed_only=statics, ready=ready)
     if bodies:
         return Decision(what, True, f"the film reaches {reach:.2f} m, as far as {', '.join(bodies)}", switch)
     reason = f"nothing is within the film's reach of {reach:.2f} m around the flange's way"

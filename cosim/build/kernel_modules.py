@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from types import ModuleType
 
 from cosim.config.schema.given_body import AnySoftRobot
@@ -45,13 +46,9 @@ def kernel_modules(scenario: Scenario) -> tuple[ModuleType, ...]:
             assembly, chain_contact, chain_figures, chain_shapes, energy, implicit_step, pressure_spline,
         )  # fmt: skip
     if scenario.robot != NO_ARM:
-        # here: they bring MuJoCo
-        from cosim.coupling.contact import contact_kernels, film_neighbours
-        from cosim.rigid.distance import features, film_distance, mesh_distance, signed_distance
+        from cosim.rigid.distance import shapes  # here: it brings MuJoCo
 
-        modules += (
-            contact_kernels, features, film_distance, film_neighbours, mesh_distance, signed_distance,
-        )  # fmt: skip
+        modules += (shapes,)
         if scenario.fidelity == "section" and scenario.mode == "dynamic":
             from cosim.coupling.batch import batch_kernel as lockstep_kernel
 
@@ -61,3 +58,18 @@ def kernel_modules(scenario: Scenario) -> tuple[ModuleType, ...]:
 
             modules += (film_kernel,)
     return modules
+
+
+def contact_modules() -> tuple[ModuleType, ...]:
+    """Return the modules with kernels of contact with a scene; whether there is any, the plan says."""
+    from cosim.coupling.contact import contact_kernels, film_neighbours
+    from cosim.rigid.distance import features, film_distance, mesh_distance, signed_distance
+
+    return contact_kernels, features, film_distance, film_neighbours, mesh_distance, signed_distance
+
+
+def compile_contact(tell: Callable[[str], None]) -> None:
+    """Compile the kernels of contact with a scene, and tell so beforehand where they are not kept."""
+    from cosim.soft.solve.compilation import compile_kernels  # here, so that wrong input needs no engine
+
+    compile_kernels(tell, contact_modules())

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from functools import partial
 from typing import TYPE_CHECKING, TypeAlias
 
@@ -17,6 +17,7 @@ from cosim.build.decisions import contact_decision, decisions, largest_pressure
 from cosim.build.engines_agree import check_engines_agree
 from cosim.build.expected_error import expected_error, expected_error_report, extension_report
 from cosim.build.fidelity import fidelity_report, soft_sides
+from cosim.build.kernel_modules import compile_contact
 from cosim.build.known_values import known_report
 from cosim.build.section_cache import section_figures, section_model
 from cosim.config.rules.gas_rules import gas_report
@@ -60,6 +61,7 @@ def build(
     controllers: Mapping[str, AnyController] | None = None,
     before: Choices | None = None,
     body: SoftBody | None = None,
+    tell: Callable[[str], None] = lambda _text: None,
 ) -> DynamicSimulation | QuasistaticSimulation:
     """Return the simulation of a scenario, planned and ready to step.
 
@@ -68,14 +70,17 @@ def build(
         controllers: of kind "python", by name.
         before: of the run whose state it goes on from; None for a run from its start.
         body: the soft body, where the scenario's is given as arrays.
+        tell: told when the plan leads to something to touch, whose kernels are then compiled.
 
     Raises:
         InputError: a pose or target cannot be reached, a mesh is degenerate, a controller is missing.
     """
     trial, soft = soft_sides(scenario, body)
     actuation = Actuation(scenario, soft.body, controllers)
-    plan, carrier, modelled, planned, arm = (_held_base if scenario.robot == NO_ARM else _arm)(
-        scenario, trial, soft, before
+    plan, carrier, modelled, planned, arm = (
+        _held_base(scenario, trial, soft)
+        if scenario.robot == NO_ARM
+        else _arm(scenario, trial, soft, before, partial(compile_contact, tell))
     )
     own = PlannedCommands(scenario, plan, soft, actuation)
     commands: CommandSource = own
@@ -91,7 +96,7 @@ def build(
     return DynamicSimulation(parts, _stage(parts, modelled, planned, ticks, scenario.clock.tick_s))
 
 
-def _held_base(scenario: Scenario, trial: SoftSide, soft: SoftSide, _before: Choices | None) -> _Arranged:
+def _held_base(scenario: Scenario, trial: SoftSide, soft: SoftSide) -> _Arranged:
     plan = _plan(scenario, HeldBase.plan, trial)
     contact = Decision(CONTACT, False, "there is nothing to touch", "robot")
     modelled = decisions(scenario, soft.body, plan, contact, None)
@@ -99,7 +104,13 @@ def _held_base(scenario: Scenario, trial: SoftSide, soft: SoftSide, _before: Cho
     return plan, HeldBase(soft, plan.start, scenario.clock.tick_s), modelled, None, None
 
 
-def _arm(scenario: Scenario, trial: SoftSide, soft: SoftSide, before: Choices | None) -> _Arranged:
+def _arm(
+    scenario: Scenario,
+    trial: SoftSide,
+    soft: SoftSide,
+    before: Choices | None,
+    ready_for_contact: Callable[[], None],
+) -> _Arranged:
     # imported here: a scene without an arm waits for neither engine
     from cosim.build.scene_objects import palm_mass, palm_object, rigid_object, rigid_wire
     from cosim.kinematics.arm import Arm, Payload
@@ -134,9 +145,11 @@ def _arm(scenario: Scenario, trial: SoftSide, soft: SoftSide, before: Choices | 
         check_engines_agree(scene, arm, file.armature, held)
     payload = drawn_payload(soft.body, mounted)
     plan = _plan(scenario, checked_start(partial(plan_joints, arm), arm, scene, payload), trial)
-    contact = contact_decision(scenario, soft, plan, arm, scene)
+    contact = contact_decision(scenario, soft, plan, arm, scene, ready_for_contact)
     if before is not None:
         contact = before.keep(contact)
+    if contact.included:
+        ready_for_contact()
     law = _contact_law(scenario) if contact.included else None
     if law is not None:
         check_base(scene, soft.body, arm.forward(plan.joints), law.smoothing_m)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, final
 
@@ -89,7 +90,8 @@ def resume_command(directory: Path, how: RunOptions) -> int:
 
 
 def _execute(scenario: Scenario, directory: Path, how: RunOptions, *, resume: bool) -> int:
-    scenario = prepared(scenario, _ignore if how.quiet else tell, recording=how.recording)
+    told = _ignore if how.quiet else tell
+    scenario = prepared(scenario, told, recording=how.recording)
     with Interruption() as interruption:
         shown: list[Observer] = [] if how.quiet else [PlanWarnings(sys.stderr), ProgressLine(sys.stderr)]
         watchers: list[Observer] = [interruption, *shown]
@@ -99,7 +101,7 @@ def _execute(scenario: Scenario, directory: Path, how: RunOptions, *, resume: bo
             directory, make_recorder, watchers, interruption.reason, how.checkpoint_every_s, resume
         )
         try:
-            outcome = execute(scenario, build_simulation, options, how.started)
+            outcome = execute(scenario, partial(build_simulation, tell=told), options, how.started)
         except KeyboardInterrupt:  # before the loop: nothing is lost
             tell("cosim: interrupted")
             return interruption.exit_code

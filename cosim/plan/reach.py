@@ -6,6 +6,7 @@ times one plus the strain. So the film stays within a ball around the flange's o
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, final
 
@@ -97,7 +98,12 @@ def film_reach(body: SoftBody, pressure_Pa: float) -> float:
 
 
 def within_reach(
-    scene: RigidScene, travel: FlangeTravel, reach_m: float, *, fixed_only: bool = False
+    scene: RigidScene,
+    travel: FlangeTravel,
+    reach_m: float,
+    *,
+    fixed_only: bool = False,
+    ready: Callable[[], None] = lambda: None,
 ) -> tuple[str, ...]:
     """Return the bodies of a scene at rest that the film may get to.
 
@@ -106,7 +112,13 @@ def within_reach(
         travel: of the flange.
         reach_m: of the film around it.
         fixed_only: whether to leave out what can move.
+        ready: called before distances are computed; nothing is where all of the scene is far away.
     """
-    query = scene.contact_query(fixed_only=fixed_only)
-    hits = query.distances(travel.positions, reach_m + 0.5 * travel.gap_m + _AWAY_M)
+    query, x = scene.contact_query(fixed_only=fixed_only), travel.positions
+    around = reach_m + 0.5 * travel.gap_m + _AWAY_M
+    active = query.near(x.min(axis=0), x.max(axis=0), around)
+    if not len(active):
+        return ()
+    ready()
+    hits = query.distances(x, around, active)
     return scene.bodies.names(np.unique(query.body[hits.shape]))

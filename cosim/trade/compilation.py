@@ -6,8 +6,8 @@ from collections.abc import Callable
 from dataclasses import replace
 from types import ModuleType
 
-from cosim.build.kernel_modules import kernel_modules
-from cosim.config.schema.scenario import Scenario
+from cosim.build.kernel_modules import contact_modules, kernel_modules
+from cosim.config.schema.scenario import NO_ARM, Scenario
 from cosim.soft.solve.compilation import compile_kernels
 
 
@@ -22,4 +22,5 @@ def compile_for_trade(
         more: modules with kernels of what follows the runs.
     """
     everything = replace(scenario, fidelity="section", contact=replace(scenario.contact, self_contact=True))
-    compile_kernels(tell, (*more, *kernel_modules(everything)))
+    contact = () if scenario.robot == NO_ARM else contact_modules()
+    compile_kernels(tell, (*more, *kernel_modules(everything), *contact))

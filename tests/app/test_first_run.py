@@ -18,7 +18,7 @@ import pytest
 
 import cosim
 from cosim.app import driver
-from cosim.build.kernel_modules import kernel_modules
+from cosim.build.kernel_modules import contact_modules, kernel_modules
 from cosim.config.loading import load_scenario
 from cosim.recording import membrane_colours
 from cosim.soft.solve import compilation
@@ -88,7 +88,7 @@ def test_every_kernel_is_one_that_some_run_compiles_beforehand() -> None:
     lumped = replace(arm, fidelity="lumped", contact=replace(arm.contact, self_contact=True))
     some = (*kernel_modules(lumped), *kernel_modules(replace(lumped, fidelity="section")))
     named: list[str] = []
-    for module in (*compilation.common_modules(), *some, membrane_colours):
+    for module in (*compilation.common_modules(), *some, *contact_modules(), membrane_colours):
         named += [f"{value.__module__}.{value.__name__}" for value in kernels_of(module)]
     assert set(compiled()) == set(named)
 

@@ -114,7 +114,7 @@ def test_a_directory_that_is_taken_away_gets_the_summary(
 def test_a_signal_before_the_loop_has_its_own_code(
     number: signal.Signals, code: int, command: Command, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def build(scenario: Any) -> Any:
+    def build(scenario: Any, **_given: Any) -> Any:
         os.kill(os.getpid(), number)
         raise AssertionError("the signal should have ended the command")
 

@@ -259,7 +259,7 @@ def test_a_real_run_goes_on_bit_for_bit(
     words += ["--set", "phase.1.increments=20"]
     assert main(["run", "three_unit_inflation", "--out", str(tmp_path / "whole"), *words]) == 0
 
-    def build(scenario: Scenario) -> Runnable:
+    def build(scenario: Scenario, **_given: Any) -> Runnable:
         return Disturbed(build_simulation(scenario), 13, disturb)
 
     with monkeypatch.context() as patch:

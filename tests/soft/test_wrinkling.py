@@ -10,12 +10,15 @@ import pytest
 
 from cosim.base.frames import Array
 from cosim.errors import InputError
+from cosim.soft.elements import wrinkling as laws
 from cosim.soft.elements.material import Film
 from cosim.soft.elements.membrane import Membranes
-from cosim.soft.elements.wrinkling import wrinkling, wrinkling_forces
+from cosim.soft.elements.wrinkling import wrinkling_forces
+from tests.compiled import compiled
 from tests.derivatives import RELATIVE, Evaluate, assembled, derivative_errors, differences, relative_error
 from tests.soft.bodies import FILM, hexagon_arm, random_rotation, shapes
 
+wrinkling = compiled(laws.wrinkling)
 PANEL_M = 0.028
 SIDE_M = 0.02
 BY_POISSON = {nu: replace(FILM, poisson_ratio=nu, law="wrinkling", wrinkle_panel_m=PANEL_M)

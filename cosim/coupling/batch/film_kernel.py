@@ -26,7 +26,7 @@ from cosim.coupling.batch.tick_halves import (
     take_rigid_half,
 )
 from cosim.reduced.sections.outputs import CENTER, fill_center_and_inertia
-from cosim.rigid.distance.signed_distance import fill_near_box
+from cosim.rigid.distance.shapes import fill_near_box
 from cosim.rigid.scene.native import NATIVE_SCENE
 from cosim.soft.body.loads import PlainLoads
 from cosim.soft.contact.contact_points import span

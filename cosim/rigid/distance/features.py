@@ -9,7 +9,7 @@ import numpy as np
 
 from cosim.base.frames import Array, IntArray
 from cosim.base.kernels import BLOCKS, INDICES, MATRIX, kernel
-from cosim.rigid.distance.signed_distance import ShapeKind, Shapes
+from cosim.rigid.distance.shapes import ShapeKind, Shapes
 
 _SPACING_M = 4e-3  # of points along sharp edges
 _SHARP_COSINE = np.cos(np.radians(20.0))  # hull edges below this turn are no edges

@@ -136,10 +136,11 @@ def peak_strains(x, beams, width, height, memory):  # type: ignore[no-untyped-de
     """Return the largest strain (f, m) of each beam's fibres, at its ends; NaN where no balance is found."""
     count = beams.rings.shape[1]
     w, b, found = ring_work(count), beam_work(count), np.empty(beams.rings.shape)
+    no = count < 0  # False itself would be a type of its own, for which all is compiled once more
     for f in range(beams.rings.shape[0]):
         place_ring(x, beams.rings[f], w)
         _read_memory(memory, f, w)
-        balanced = balance_turns(beams, f, w, b, False, False) < np.inf
+        balanced = balance_turns(beams, f, w, b, no, no) < np.inf
         for e in range(count):
             bent = 0.0
             for a in range(2):

@@ -140,7 +140,7 @@ class StepBed(NamedTuple):
     target: Array
 
 
-PLAIN_LOADS = types.NamedUniTuple(VECTOR, 3, PlainLoads)
+PLAIN_LOADS = types.NamedUniTuple(VECTOR, 3, PlainLoads)  # as numba has it where all fields are alike
 BED = types.NamedTuple((VECTOR, MATRIX), StepBed)
 
 

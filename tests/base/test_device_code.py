@@ -1,0 +1,33 @@
+"""Device functions have no machine code of their own, and say so."""
+
+from __future__ import annotations
+
+import numba
+import pytest
+
+from cosim.base.kernels import REAL, device_function, kernel
+
+
+@device_function
+def _halved(x):  # type: ignore[no-untyped-def]
+    return 0.5 * x
+
+
+@device_function
+def _quartered(x):  # type: ignore[no-untyped-def]
+    return _halved(_halved(x))
+
+
+@kernel(REAL(REAL))
+def _three_quarters(x):  # type: ignore[no-untyped-def]
+    return _halved(x) + _quartered(x)
+
+
+def test_kernels_take_device_functions_in() -> None:
+    assert _three_quarters(2.0) == 1.5
+    assert numba.njit(lambda x: _quartered(x))(2.0) == 0.5
+
+
+def test_python_cannot_call_one() -> None:
+    with pytest.raises(TypeError, match=r"only kernels can call _halved\(\)"):
+        _halved(2.0)
