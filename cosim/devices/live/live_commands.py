@@ -98,6 +98,7 @@ class LiveCommands(SteeredCommands):
         wound = {name for winch in scenario.winches for name in winch.cables}
         self._wound = [name in wound for name in scenario.soft_robot.cable_names()]
         self._state: LiveState | None = None
+        self._none = LiveValues.of(Command(), scenario, WHO)
         # of a command: what waits for the first tick that it is for
         self._new: tuple[LiveValues, int] | None = None
         self._motion: tuple[Command, int] | None = None
@@ -174,7 +175,7 @@ class LiveCommands(SteeredCommands):
         check_gas(new, self._gas, self._scenario.soft_robot.chamber_names())
         tension, tick = self._given.cable_tension_N(phase, done), self._before[phase] + done - 1
         before = self._state
-        none = LiveValues.of(Command(), self._scenario, WHO)
+        none = self._none
         now, end = (none, none) if before is None else (before.values(tick), before.end)
         if new.drives_cables and not self._actuation.active:
             held = [
