@@ -39,6 +39,7 @@ NOT_HERE = re.compile(
 TESTED_ELSEWHERE = {
     "extending": "tests/app/test_extending.py and the tests of each kind of extension",
     "snapshots": "tests/app/test_simulation.py, tests/cli/test_resume.py",
+    "own_arm_and_cell": "tests/app/test_own_arm_and_cell.py",
     "tutorial": "tests/docs/test_notebook.py",
     "contributing": "what it names are the Makefile's targets",
 }
