@@ -115,6 +115,40 @@ def test_wrong_arm_toml(tmp_path: Path, case: str, capsys: pytest.CaptureFixture
     assert re.search(words, refusal(path, capsys))
 
 
+def joined(name: str, kind: str, parent: str, child: str) -> str:
+    """Return a link on a joint."""
+    joint = JOINT.format(name, kind, parent, child).removesuffix("</robot>")
+    joint = joint.replace("</joint>", '<limit lower="-1" upper="1" effort="1" velocity="1"/></joint>')
+    return f'<link name="{child}">{INERTIAL}</link>{joint}'
+
+
+def test_a_flange_that_nothing_moves_is_refused_with_the_ends_of_chains(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Of a robot that branches at its root: most joints first, none behind a joint that is not handled."""
+    left = joined("shoulder", "revolute", "root", "left") + joined("pad", "fixed", "left", "left_pad")
+    beyond = joined("ball", "floating", "hand", "ball") + joined("wheel", "revolute", "ball", "wheel")
+    still = joined("bolt", "fixed", "root", "plate")
+    path = tmp_path / "arm.urdf"
+    path.write_text(TWO_JOINTS.replace("</robot>", f"{left}{beyond}{still}</robot>"))
+    line = refusal(path, capsys)
+    assert "0 joints move the flange 'root', none" in line
+    assert line.endswith("such as (joints that move it): 'hand' (2), 'left_pad' (1)"), line
+
+
+def test_a_chain_that_is_too_long_is_refused_with_its_last_usable_link(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    more = "".join(
+        joined(f"j{k}", "revolute", f"l{k - 1}" if k > 3 else "hand", f"l{k}") for k in range(3, 11)
+    )
+    path = tmp_path / "arm.urdf"
+    path.write_text(TWO_JOINTS.replace("</robot>", f"{more}</robot>"))
+    line = refusal(path, capsys)
+    assert "10 joints move the flange 'l10'" in line
+    assert line.endswith("(joints that move it): 'l8' (8)"), line
+
+
 def test_a_scenario_on_a_wrong_arm_is_refused_by_check_and_run(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -12,6 +12,7 @@ from cosim.errors import InputError
 
 FLANGE_NAMES: Final = ("attachment_site", "tool0", "flange")
 MOST_JOINTS: Final = 8
+_MOST_NAMED: Final = 6
 
 
 def flange_of(robot: ElementTree.Element, given: str | None, path: Path) -> tuple[str, str]:
@@ -64,7 +65,7 @@ def chain_to(robot: ElementTree.Element, flange: str, path: Path) -> list[Elemen
         names = ", ".join(repr(joint.get("name")) for joint in moving[:MOST_JOINTS]) or "none"
         raise InputError(
             f"arm file {path}: {len(moving)} joints move the flange {flange!r}, {names}; "
-            f"it must be 1 to {MOST_JOINTS}; name another link as flange in an arm.toml"
+            f"it must be 1 to {MOST_JOINTS}; {_other_flanges(robot)}"
         )
     return chain
 
@@ -72,6 +73,36 @@ def chain_to(robot: ElementTree.Element, flange: str, path: Path) -> list[Elemen
 def moving_joints(chain: list[ElementTree.Element]) -> list[ElementTree.Element]:
     """Return the joints of a chain that are not fixed."""
     return [joint for joint in chain if joint.get("type") != FIXED]
+
+
+def _other_flanges(robot: ElementTree.Element) -> str:
+    """Return what to do about a flange that too few or too many joints move: the ends of usable chains."""
+    ends = _usable_ends(robot)
+    if not ends:
+        return f"no other link is moved by 1 to {MOST_JOINTS} joints either"
+    named = ", ".join(f"{name!r} ({count})" for name, count in ends[:_MOST_NAMED])
+    more = f" and {len(ends) - _MOST_NAMED} others" if len(ends) > _MOST_NAMED else ""
+    return f"name another link as flange in an arm.toml, such as (joints that move it): {named}{more}"
+
+
+def _usable_ends(robot: ElementTree.Element) -> list[tuple[str, int]]:
+    """Return the links that 1 to `MOST_JOINTS` joints move, and none beyond them, most joints first."""
+    joint_above = {link_of(joint, "child"): joint for joint in robot.findall("joint")}
+
+    def count(link: str) -> int:
+        """Return how many joints move a link; -1 where one of a type that is not handled does."""
+        joint = joint_above.get(link)
+        if joint is None:
+            return 0
+        above = count(link_of(joint, "parent"))
+        if above < 0 or joint.get("type") not in (FIXED, *MOVING):
+            return -1
+        return above + (joint.get("type") != FIXED)
+
+    counts = {link.get("name", ""): count(link.get("name", "")) for link in robot.findall("link")}
+    usable = {link: moved for link, moved in counts.items() if 1 <= moved <= MOST_JOINTS}
+    inner = {link_of(joint_above[link], "parent") for link in usable}
+    return sorted(((link, usable[link]) for link in usable if link not in inner), key=lambda end: -end[1])
 
 
 def _last_link(robot: ElementTree.Element) -> str:
