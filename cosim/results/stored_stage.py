@@ -17,7 +17,7 @@ from cosim.errors import InputError
 from cosim.plan.decision import Decision
 from cosim.telemetry.snapshot import RunInfo
 
-_NOT_KEPT: Final = ("membrane_stress", "hinge_energy_share", "stiffener_strain", "shapes", "arm")
+_NOT_KEPT: Final = ("membrane_stress", "hinge_energy_share", "stiffener_strain", "shapes", "arm", "tip_paths")
 _KEPT: Final = tuple(field.name for field in fields(RunInfo) if field.name not in _NOT_KEPT)
 
 

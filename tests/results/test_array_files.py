@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +20,7 @@ from cosim.errors import ConvergenceError
 from cosim.results.array_texts import array_texts
 from cosim.results.parquet import read_texts
 from cosim.results.result import COLUMNS, FRAME_COLUMNS, RunResult
+from cosim.results.stored_stage import stage_of, stored_stage
 from tests.cli.interrupted import Command, interrupt_at
 
 REFERENCE = "ur5e_hexagon_arm"
@@ -49,12 +50,19 @@ def test_a_loaded_run_is_the_one_in_memory(made_up: None, tmp_path: Path) -> Non
     assert loaded.summary == result.summary
     assert loaded.directory == result.directory
     assert repr(loaded) == repr(result)
-    kept = [field.name for field in fields(type(result.stage)) if field.name not in ("shapes", "arm")]
+    kept = [field.name for field in fields(type(result.stage)) if field.name not in ("shapes", "arm", "tip_paths")]
     for name in kept:
         before, after = getattr(result.stage, name), getattr(loaded.stage, name)
         assert callable(before) or np.array_equal(np.asarray(after), np.asarray(before)), name
     with pytest.raises(cosim.InputError, match=r"cosim\.Simulation"):
         loaded.stage.membrane_stress(np.zeros((3, 3)))
+
+
+def test_the_arrays_of_a_run_along_a_path_are_kept(made_up: None) -> None:
+    stage = replace(cosim.run(REFERENCE).stage, tip_paths={1: object()})  # type: ignore[dict-item]
+    stored = json.loads(json.dumps(stored_stage(stage)))
+    assert stage_of(stored).phase_names == stage.phase_names
+    assert not stage_of(stored).tip_paths
 
 
 def test_a_specimen_without_joints_or_bodies_is_loaded_too(tmp_path: Path) -> None:
