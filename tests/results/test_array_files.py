@@ -50,7 +50,9 @@ def test_a_loaded_run_is_the_one_in_memory(made_up: None, tmp_path: Path) -> Non
     assert loaded.summary == result.summary
     assert loaded.directory == result.directory
     assert repr(loaded) == repr(result)
-    kept = [field.name for field in fields(type(result.stage)) if field.name not in ("shapes", "arm", "tip_paths")]
+    kept = [
+        field.name for field in fields(type(result.stage)) if field.name not in ("shapes", "arm", "tip_paths")
+    ]
     for name in kept:
         before, after = getattr(result.stage, name), getattr(loaded.stage, name)
         assert callable(before) or np.array_equal(np.asarray(after), np.asarray(before)), name
