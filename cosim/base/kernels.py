@@ -27,6 +27,7 @@ from numba.core.registry import CPUDispatcher
 _PACKAGE = Path(__file__).resolve().parents[1]
 _IMPORT = re.compile(r"^\s*(?:from|import) cosim\.?([\w.]*)(?: import (\([^)]*\)|.*))?", re.MULTILINE)
 _OLD_S = 7 * 24 * 3600.0
+_KNOWN = "0.68."  # numba whose insides are as `IntermediateCode` and `DeviceCompiler` take them
 
 
 def keep_by_source(dispatcher: Any) -> None:
@@ -144,10 +145,15 @@ class DeviceFunction(CPUDispatcher):
 def device_dispatcher(function: Any, options: dict[str, Any]) -> Any:
     """Return what compiles a function for every kernel that calls it.
 
+    With a numba whose insides are not known, it is an ordinary function of numba: it does the same, and
+    takes longer to compile.
+
     Args:
         function: to be compiled.
         options: of `numba.njit`.
     """
+    if not numba.__version__.startswith(_KNOWN):
+        return numba.njit(function, **options)
     alone = {"cache": False, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
     compile_later: Any = numba.njit
     found = compile_later(function, **options, **alone, pipeline_class=DeviceCompiler)

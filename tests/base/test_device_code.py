@@ -31,3 +31,14 @@ def test_kernels_take_device_functions_in() -> None:
 def test_python_cannot_call_one() -> None:
     with pytest.raises(TypeError, match=r"only kernels can call _halved\(\)"):
         _halved(2.0)
+
+
+def test_another_numba_does_the_same_in_its_own_way(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(numba, "__version__", "0.99.0")
+
+    @device_function
+    def thirded(x):  # type: ignore[no-untyped-def]
+        return x / 3.0
+
+    assert numba.njit(lambda x: thirded(x))(6.0) == 2.0
+    assert thirded(6.0) == 2.0
