@@ -1,9 +1,9 @@
 """Every snippet and command of the README, the first pages and the how-to pages is run, in order.
 
-A block of Python runs in the namespace of those before it on the page; a block of TOML whose first line is
-`# NAME.toml` is that file, `# appended to NAME.toml` adds to it; a line of a shell block that begins with
-`cosim` is run, and ends with code 0 unless it says `# exit code N`. What takes long runs in fewer increments
-or longer ticks, of the paper's model: other tests run it as it is.
+A block of Python runs in the namespace of those before it on the page, or is the file `# NAME.py`; a block of
+TOML whose first line is `# NAME.toml` is that file, `# appended to NAME.toml` adds to it; a line of a shell
+block that begins with `cosim` is run, and ends with code 0 unless it says `# exit code N`. What takes long
+runs in fewer increments or longer ticks, of the paper's model: other tests run it as it is.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ OTHERS = (
 """What shell blocks may hold besides: installing, the Makefile's targets and benchmarks, tested elsewhere."""
 NOT_HERE = re.compile(
     r"cosim (view|video|verify|trade) |cosim run .*(--resume|--live|--web)|cosim verify$|"
-    r"cosim sweep .*--engine"
+    r"cosim sweep (.*--engine|grip)"
 )
 """Commands with tests of their own, which take long, need something to draw with, or an interrupted run."""
 TESTED_ELSEWHERE = {
@@ -54,6 +54,7 @@ def _listed(*captions: str) -> list[str]:
 
 PAGES = {
     "README": ROOT / "README.md",
+    "grasps": ROOT / "docs" / "grasps.md",
     **{
         name: ROOT / "docs" / f"{name}.md"
         for name in _listed("Start here", "How-to")
@@ -98,7 +99,9 @@ def test_every_snippet_of_a_page_runs(
     monkeypatch.setitem(vars(cosim), "run", shortened)
     names: dict[str, object] = {"__name__": "__main__"}
     for language, text in re.findall(r"^```(\w+)\n(.*?)^```$", PAGES[page].read_text("utf-8"), re.M | re.S):
-        if language == "python":
+        if language == "python" and (named := re.match(r"# (\w+\.py)\n", text)):
+            Path(named[1]).write_text(text, encoding="utf-8")
+        elif language == "python":
             exec(compile(text, f"{page}.md", "exec"), names)
         elif language == "sh":
             for command, code in _commands(text):

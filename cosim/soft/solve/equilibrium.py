@@ -222,9 +222,11 @@ class EquilibriumSolver:
             return result
         for _ in range(_FRICTION_ROUNDS_MAX):
             again = self.solver.solve(result.positions, result.memory, loads, self.options)
-            if again.iterations == 0 or not again.converged:
-                return again
-            result = again
+            settled = again.iterations == 0 or not again.converged
+            spent, shifted = result.iterations + again.iterations, result.shifted + again.shifted
+            result = replace(again, iterations=spent, shifted=shifted)
+            if settled:
+                return result
         return result
 
 
