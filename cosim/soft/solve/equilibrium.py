@@ -222,7 +222,9 @@ class EquilibriumSolver:
             return result
         for _ in range(_FRICTION_ROUNDS_MAX):
             again = self.solver.solve(result.positions, result.memory, loads, self.options)
-            settled = again.iterations == 0 or not again.converged
+            if not again.converged:
+                return again
+            settled = again.iterations == 0
             spent, shifted = result.iterations + again.iterations, result.shifted + again.shifted
             result = replace(again, iterations=spent, shifted=shifted)
             if settled:
