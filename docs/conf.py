@@ -29,7 +29,7 @@ nb_execution_in_temp = True
 html_theme = "furo"
 html_title = f"cosim {release}"
 html_copy_source = False
-html_search_scorer = "search_score.js"
+html_search_scorer = str(Path(__file__).with_name("search_score.js"))  # opened from the working directory
 
 myst_heading_anchors = 4
 myst_enable_extensions = ["colon_fence", "deflist"]
