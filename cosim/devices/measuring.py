@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from cosim.base.frames import Array, Pose
+from cosim.base.frames import Array, Pose, cross
 from cosim.coupling.soft_sides.soft_side import SoftSide
 from cosim.devices.cable_drive import CableDrive
 from cosim.devices.command_source import RobotState
@@ -89,7 +89,7 @@ def measured_cables(
 def bending_angle(tip_direction: Array, flange: Pose) -> float:
     """Return the angle [rad] between the tip's direction (3,) and the flange's z axis."""
     axis = flange.rotation[:, 2]
-    return float(np.arctan2(np.linalg.norm(np.cross(axis, tip_direction)), axis @ tip_direction))
+    return float(np.arctan2(np.linalg.norm(cross(axis, tip_direction)), axis @ tip_direction))
 
 
 def ring_twist(positions: Array, velocities: Array) -> Array:
@@ -104,5 +104,6 @@ def ring_twist(positions: Array, velocities: Array) -> Array:
     linear = velocities.mean(axis=0)
     away, moving = positions - positions.mean(axis=0), velocities - linear
     spread = float((away * away).sum()) * np.eye(3) - away.T @ away
-    turning = np.linalg.lstsq(spread, np.cross(away, moving).sum(axis=0), rcond=1e-9)[0]
+    (_, xy, xz), (yx, _, yz), (zx, zy, _) = (away.T @ moving).tolist()  # the sum of r v^T
+    turning = np.linalg.lstsq(spread, np.array([yz - zy, zx - xz, xy - yx]), rcond=1e-9)[0]
     return np.concatenate([linear, turning])

@@ -25,6 +25,7 @@ CHANGES: Final = {
     "clock.tick_s": 0.01,
     "contact.enabled": False,
     "solver.damping_per_s": 5.0,
+    "start.flange.position_m": [0.45, 0.1, 0.5],
     "start.pressure_Pa": 30e3,
     "start.cable_tension_N": [0.5, 0.5],
 }

@@ -34,11 +34,11 @@ def walk(environment: Any, seed: int, steps: int = STEPS) -> list[tuple[Any, ...
     return found
 
 
-@pytest.mark.parametrize("name", ARMS)
-def test_gymnasium_finds_nothing_wrong(name: str) -> None:
+@pytest.mark.parametrize(("name", "given"), [*((name, RIGID) for name in ARMS), ("cosim/GraspLift-v0", {})])
+def test_gymnasium_finds_nothing_wrong(name: str, given: dict[str, Any]) -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        check_env(gymnasium.make(name, **RIGID).unwrapped)
+        check_env(gymnasium.make(name, **given).unwrapped)
 
 
 @pytest.mark.parametrize("name", ARMS)
@@ -138,6 +138,27 @@ def test_a_grasp_asks_for_all_fingers_alike() -> None:
     command = task.command(np.array([1.0, 0.0, 1.0]), seen)
     assert set(command.pressure_Pa.values()) == {30e3}
     assert set(command.cable_tension_N.values()) == {0.5 + 0.02 * 10.0}
+
+
+@pytest.mark.parametrize("far", [(0.06, 0.06, 0.04), (-0.06, -0.06, -0.04)])
+def test_the_farthest_goals_are_reached_by_going_towards_them(far: tuple[float, ...]) -> None:
+    environment: Any = gymnasium.make(ARMS[0], **RIGID).unwrapped
+    environment.reset(seed=0)
+    policy, truncated = LinearPolicy(2.0 * np.eye(6, 3), np.zeros(6)), False
+    seen, info = environment.reset(options={"goal": environment.measured.tip_position + far})
+    while not truncated:
+        seen, _, _, truncated, info = environment.step(policy(seen))
+    assert info["is_success"]
+
+
+@pytest.mark.parametrize("away", [(-1.0, 0.0, 0.0), (0.0, 0.0, 1.0)])
+def test_an_arm_that_goes_one_way_for_a_whole_episode_finds_joints_for_it(away: tuple[float, ...]) -> None:
+    environment: Any = gymnasium.make(ARMS[0], **RIGID).unwrapped
+    environment.reset(seed=0)
+    action, info, truncated = np.array([*away, 0.0, 0.0, 0.0], np.float32), {}, False
+    while not truncated:
+        _, _, _, truncated, info = environment.step(action)
+    assert "failure" not in info
 
 
 def test_policies_are_functions_or_weights(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
