@@ -60,7 +60,7 @@ for line in sys.stdin:
             def __init__(self, inner): self.inner, self.stage = inner, inner.stage
             def __getattr__(self, name): return getattr(self.inner, name)
             def batches(self): return self.inner.batches(most=3)
-        running.build_simulation = lambda scenario: Stop(build_simulation(scenario))
+        running.build_simulation = lambda scenario, **_given: Stop(build_simulation(scenario))
         try:
             code = main(["run", "--resume", line.strip(), "--no-recording", "--quiet"])
         except BaseException:

@@ -193,9 +193,9 @@ def test_an_interrupted_run_goes_on_from_python_alone(
     whole, out, seen = cosim.run(file, body=tube()), file.parent / "out", []
 
     def interrupted(_builder: ResultBuilder, batch: TickBatch) -> None:
-        seen.append(batch)
-        if len(seen) == 2:
+        if seen and seen[-1].tick[-1] > 0:  # the checkpoint holds what was seen before
             raise RuntimeError("enough")
+        seen.append(batch)
 
     with monkeypatch.context() as patch:
         patch.setattr(ResultBuilder, "observe", interrupted)

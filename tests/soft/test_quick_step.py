@@ -112,5 +112,7 @@ def test_quick_steps_are_those_summed_term_by_term(
         # the same sums in another order: rounding, and what Newton's method makes of it
         assert np.abs(one.positions - other.positions).max() < 1e-12
         assert np.abs(one.velocities - other.velocities).max() < 1e-9
-        assert np.abs(one.memory - other.memory).max(initial=0.0) < 1e-9
+        # factors of the turns, part of what rings of beams remember, are large where a ring is near buckling
+        size = np.abs(other.memory).max(initial=1.0)
+        assert np.abs(one.memory - other.memory).max(initial=0.0) < 1e-9 * size
     assert np.abs(np.array(wrenches) - np.array(by_terms)).max() < 1e-9
