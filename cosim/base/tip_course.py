@@ -90,10 +90,8 @@ class TipCourse:
         if self.length_m < speed_m_s * ramp_s:
             raise InputError(
                 f"is {1e3 * self.length_m:.4g} mm long, too short to reach {speed_m_s:g} m/s and to rest "
-                "again "
-                f"in ramps of {ramp_s:g} s, which take {1e3 * speed_m_s * ramp_s:.4g} mm; give a speed_m_s "
-                "of "
-                f"at most {self.length_m / ramp_s:.3g}, or a ramp_s of at most "
+                f"again in ramps of {ramp_s:g} s, which take {1e3 * speed_m_s * ramp_s:.4g} mm; give a "
+                f"speed_m_s of at most {self.length_m / ramp_s:.3g}, or a ramp_s of at most "
                 f"{self.length_m / speed_m_s:.3g}"
             )
 
@@ -192,7 +190,6 @@ def _direction_over(along: Array, fine: Array, chord: Array, directions: Array) 
     if between[widest] > _WIDEST_rad:
         raise InputError(
             f"turns by {np.degrees(between[widest]):.0f} degrees from point {widest + 1} to point "
-            f"{widest + 2}; "
-            "between two points at most 90: put points between them"
+            f"{widest + 2}; between two points at most 90: put points between them"
         )
     return CubicSpline(along, CubicSpline(chord, unit)(fine))

@@ -107,13 +107,17 @@ def _add_export_path(commands: Any) -> None:
     path.add_argument(
         "--rate", metavar="HZ", type=float, default=500.0, help="rows per second (default: 500)"
     )
-    path.add_argument(
+    _add_changes(path)
+
+
+def _add_changes(command: Any, meaning: str = "change a value of the scenario first") -> None:
+    command.add_argument(
         "--set",
         dest="assignments",
         metavar="KEY=VALUE",
         action="append",
         default=[],
-        help="change a value of the scenario first; may be repeated",
+        help=f"{meaning}; may be repeated",
     )
 
 
@@ -133,14 +137,7 @@ def _add_run(commands: Any) -> None:
     run.add_argument(
         "scenario", metavar="SCENARIO", nargs="?", help="name (see 'cosim list') or path of a .toml file"
     )
-    run.add_argument(
-        "--set",
-        dest="assignments",
-        metavar="KEY=VALUE",
-        action="append",
-        default=[],
-        help="change a value, such as mode=quasistatic or phase.inflate.pressure_Pa=20e3; may be repeated",
-    )
+    _add_changes(run, "change a value, such as mode=quasistatic or phase.inflate.pressure_Pa=20e3")
     run.add_argument("--out", metavar="DIR", type=Path, help="directory of the results (default: runs/...)")
     run.add_argument("--resume", metavar="DIR", type=Path, help="go on with the interrupted run in DIR")
     run.add_argument(
@@ -190,14 +187,7 @@ def _add_trade(commands: Any) -> None:
     trade = commands.add_parser("trade", help="measure a scenario's speed against its accuracy")
     trade.add_argument("scenario", metavar="SCENARIO", help="name (see 'cosim list') or path of a .toml file")
     trade.add_argument("--out", metavar="DIR", type=Path, help="directory of the results (default: runs/...)")
-    trade.add_argument(
-        "--set",
-        dest="assignments",
-        metavar="KEY=VALUE",
-        action="append",
-        default=[],
-        help="change a value of the scenario first; may be repeated",
-    )
+    _add_changes(trade)
     requirement = trade.add_mutually_exclusive_group()
     requirement.add_argument(
         "--budget", metavar="FACTOR", help="pick the most accurate candidate that fast: 1.0x"

@@ -76,7 +76,7 @@ class FilmRow(NamedTuple):
     Args:
         side: of the soft steps.
         reach: of the film.
-        calls: (6,), see `row_calls`.
+        calls: (kernels,), see `row_calls`.
         mass: (nodes, 1, 1) [kg].
         total_kg: of the film.
         largest_turn: [rad], of the flange in a tick; beyond it a step is left.
