@@ -103,7 +103,8 @@ def test_a_live_view_shows_the_run_before_it_ends_and_the_file_is_written(
     tmp_path: Path,
 ) -> None:
     def seen_s() -> float:
-        lines = [line for one in client.get_state().recordings for line in one.timelines]
+        state = drawn(lambda: answered(shown, client.get_state))
+        lines = [line for one in state.recordings for line in one.timelines]
         return max((line.end * 1e-9 for line in lines if line.name == "sim_time"), default=0.0)
 
     def shows(end_s: float) -> bool:
@@ -114,7 +115,7 @@ def test_a_live_view_shows_the_run_before_it_ends_and_the_file_is_written(
 
     shown = viewer("nowhere")
     assert listening(shown.process.pid) == [LOOPBACK]
-    client = drawn(lambda: connected(shown))
+    client = drawn(lambda: answered(shown, lambda: ViewerClient.connect(shown.address)))
     run = recorded(viewer=shown.address)
     next(run)
     assert shows(0.098)
@@ -125,17 +126,17 @@ def test_a_live_view_shows_the_run_before_it_ends_and_the_file_is_written(
     assert list(times) == [2_000_000 * tick for tick in range(101)]
 
 
-def connected(shown: Viewer) -> Any:
+def answered(shown: Viewer, ask: Callable[[], Any]) -> Any:
+    """Return what a viewer answers; one that has nothing to draw with still answers before it ends."""
     until = time.monotonic() + 30.0
     while True:
         try:
-            client = ViewerClient.connect(shown.address)
-            client.get_state()
-            return client
+            return ask()
         except ConnectionError:
             shown.check()
             if time.monotonic() > until:
                 raise
+            time.sleep(0.05)
 
 
 def test_a_viewer_that_is_closed_ends_no_run(

@@ -113,19 +113,19 @@ class Pictures:
             ends = [line.end for one in state.recordings for line in one.timelines if line.name == _TIMELINE]
             if ends and state.views and not state.loading:
                 return float(max(ends)) * 1e-9
-            faults = [entry.message for entry in self._client.get_logs() if entry.level == "ERROR"]
+            faults = [entry.message for entry in self._asked(self._client.get_logs) if entry.level == "ERROR"]
             if faults:
                 raise OutputError(f"{self._recordings[0]}: cannot be read: {faults[0]}")
             time.sleep(_PAUSE_S)
         raise OutputError(f"{self._recordings[0]}: holds no frame of a run")
 
     def _show_only(self, name: str) -> None:
-        views = {view.name: view.view_id for view in self._client.get_state().views}
+        views = {view.name: view.view_id for view in self._asked(self._client.get_state).views}
         if name not in views:
             raise InputError(f"there is no view '{name}'; there are {', '.join(sorted(views))}")
-        layout = self._client.get_blueprint("recording").blueprint
+        layout = self._asked(lambda: self._client.get_blueprint("recording")).blueprint
         layout.setdefault("/viewport", {}).setdefault("ViewportBlueprint", {})["maximized"] = views[name]
-        self._client.set_blueprint(layout, "recording")
+        self._asked(lambda: self._client.set_blueprint(layout, "recording"))
 
     def _wait_until_drawn(self) -> None:
         """Wait until two pictures in a row are the same: data are still fetched once they are loaded."""
