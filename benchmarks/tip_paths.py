@@ -154,8 +154,7 @@ def bare_arm(table: JointTable) -> tuple[Array, Array]:
 
 
 def exported(path: TipCurve, speed_m_s: float, fidelity: str) -> dict[str, float]:
-    """Return how far [mm] the flange of the bare arm is from the planned one, and from that of the coupled "
-    "run."""
+    """Return how far [mm] the bare arm's flange is from the planned one, and from that of the coupled run."""
     changes = scenario(path, speed_m_s, fidelity, "flange")
     result = cosim.run("ur5e_hexagon_arm", overrides=changes)
     with tempfile.TemporaryDirectory() as folder:

@@ -1,5 +1,4 @@
-"""Planned joint angles and commands at the rate of a robot's controller: as a table, a CSV file, a "
-"URScript."""
+"""Planned joint angles and commands at the rate of a robot's controller: as a table, a CSV file, URScript."""
 
 from __future__ import annotations
 
@@ -74,8 +73,7 @@ class JointTable:
         if len(turning) != _UR_JOINTS or len(self.joint_names) != _UR_JOINTS:
             raise InputError(
                 f"URScript moves {_UR_JOINTS} joints that turn; this arm has {', '.join(self.joint_names)}: "
-                "write "
-                f"a {CSV} file"
+                f"write a {CSV} file"
             )
         step_s = float(self.time_s[1] - self.time_s[0])
         end = f"0, 0, {step_s:.9g}, {_LOOKAHEAD_s:g}, {_GAIN}"

@@ -37,8 +37,7 @@ def with_commands(scenario: Scenario, build: Build) -> Scenario:
             raise ScenarioError(
                 f"phase.{phase.name}.tip_path",
                 "each candidate would plan the path for itself, so that its errors would not be compared; "
-                "compare "
-                "models on phases with flange poses",
+                "compare models on phases with flange poses",
             )
     if all(phase.tip_target is None for phase in scenario.phases):
         return scenario

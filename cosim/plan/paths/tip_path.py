@@ -30,8 +30,7 @@ class TipErrors:
 
     @classmethod
     def of(cls, wanted: CourseInstant, position: Array, direction: Array) -> TipErrors:
-        """Return those of tips (n, 3) [m] with directions (n, 3), where and how they are to be at n "
-        "instants."""
+        """Return those of n tips (n, 3) [m] with directions (n, 3), against where they are to be."""
         away, turned = tip_distances(wanted, position, direction)
         place = int(np.argmax(away))
         return cls(float(away[place]), float(away.mean()), float(wanted.along_m[place]), float(turned.max()))
@@ -47,8 +46,7 @@ class TipErrors:
 
 
 def tip_distances(wanted: CourseInstant, position: Array, direction: Array) -> tuple[Array, Array]:
-    """Return distances (n,) [m] and angles (n,) [rad] of tips from where they are to be; see "
-    "`TipErrors.of`."""
+    """Return by how far (n,) [m] and by what angles (n,) [rad] tips are off; see `TipErrors.of`."""
     away = np.linalg.norm(position - wanted.position, axis=1)
     if wanted.direction is None:
         return away, np.zeros(len(away))

@@ -118,8 +118,7 @@ class _Trip:
         return replace(load, gravity=(x, y, z))
 
     def beginning_at(self, tip: TipFrame) -> CourseInstant:
-        """Return the path from where the tip is, a little beside it: it comes onto it within the first "
-        "ramp."""
+        """Return the path from a tip a little beside it; it comes onto the path within the first ramp."""
         first, since = self.instants.row(0), np.minimum(self._time_s / self.course.ramp_s, 1.0)
         beside = 1.0 - since**3 * (10.0 - 15.0 * since + 6.0 * since**2)
         place = self.instants.position + beside[:, None] * (tip.position - first.position)
@@ -238,8 +237,7 @@ def _begin_tip(soft: SoftSide, begin: Equilibrium, instants: CourseInstant) -> T
     place = np.round(tip.position, 4).tolist()
     raise UnreachableError(
         f"begins {1e3 * away:.4g} mm and {np.degrees(turned):.3g} degrees off the tip, which is at {place} "
-        "m then; "
-        f"{_remedy(instants.row(0))} }}"
+        f"m then; {_remedy(instants.row(0))}"
     )
 
 
@@ -249,7 +247,7 @@ def _remedy(first: CourseInstant) -> str:
         direction = f", direction = {np.round(first.direction, 5).tolist()}"
     return (
         "bring it there in a phase before: tip_target = { position_m = "
-        f"{np.round(first.position, 5).tolist()}{direction}"
+        f"{np.round(first.position, 5).tolist()}{direction} }}"
     )
 
 

@@ -51,8 +51,7 @@ def track_joints(arm: Arm, track: PoseTrack, q: Array, key: str) -> JointPath:
             raise UnreachableError(
                 f"{key}: {place}: arm {arm.name!r} gets no farther from its joints at [{joints}] rad, near a "
                 "singular configuration or a joint's limit, though it reaches that pose otherwise; turn or "
-                "move the "
-                "path, or let the flange start elsewhere or with another roll_rad",
+                "move the path, or let the flange start elsewhere or with another roll_rad",
                 error.closest,
             ) from error
     spline = CubicSpline(np.linspace(0.0, 1.0, count + 1), np.array(knots), bc_type="clamped")
