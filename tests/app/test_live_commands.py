@@ -77,6 +77,11 @@ def test_values_are_reached_evenly_and_held(tmp_path: Path) -> None:
         values = {"chamber": 20e3 - 1e3 * k}, {"corner_0": 0.1 * k}
         each = one_by_one.step(Command(pressure_Pa=values[0], cable_tension_N=values[1]), ticks=1)
     np.testing.assert_allclose(each.node_position, last.node_position, atol=1e-9)  # rounding of the shares
+    # so is what is commanded once more
+    last = together.step(Command(pressure_Pa={"chamber": 12e3}), ticks=4)
+    for k in range(1, 5):
+        each = one_by_one.step(Command(pressure_Pa={"chamber": 16e3 - 1e3 * k}), ticks=1)
+    np.testing.assert_allclose(each.node_position, last.node_position, atol=1e-9)
 
 
 def test_lengths_go_through_winches(tmp_path: Path) -> None:

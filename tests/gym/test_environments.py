@@ -131,6 +131,18 @@ def test_environments_in_processes_are_what_each_is_alone() -> None:
     many.close()
 
 
+def test_an_action_asks_for_the_rates_that_the_task_states() -> None:
+    environment: Any = gymnasium.make(ARMS[0], **RIGID).unwrapped
+    environment.reset(seed=0)
+    seen = environment.measured
+    asked = environment.task.command(np.array([1.0, -0.1, 0.0, 0.5, 1.0, -0.5]), seen)
+    # the flange takes up 0.1 m/s at 1 m/s^2; 20 kPa/s and 4 N/s over 20 ms
+    np.testing.assert_allclose(asked.flange_twist, [0.02, -0.01, 0.0, 0.0, 0.0, 0.0], atol=1e-6)
+    assert asked.pressure_Pa == {"chamber": pytest.approx(seen.pressure_Pa[0] + 200.0)}
+    right, left = (seen.cable_tension_N[name] for name in ("right", "left"))
+    assert asked.cable_tension_N == pytest.approx({"right": right + 0.08, "left": left - 0.04})
+
+
 def test_a_grasp_asks_for_all_fingers_alike() -> None:
     task, environment = GraspLift(), gymnasium.make(ARMS[0], **RIGID).unwrapped
     environment.reset(seed=0)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +10,7 @@ import numpy as np
 import pytest
 
 import cosim
-from cosim.base.frames import Pose
+from cosim.base.frames import Pose, rotation_from_vector
 from cosim.base.tip_course import TipCourse, course_of
 from cosim.build import section_cache
 from cosim.build.arms import find_arm
@@ -44,8 +45,9 @@ def load(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
     return lambda *phases, **others: load_scenario(tmp_path / "small.toml", {"phase": list(phases), **others})
 
 
-def test_the_tip_stays_on_its_path_through_a_coupled_run(load: Any) -> None:
-    result = cosim.run(load(REACH, follow(), **{"solver.damping_per_s": 5.0}))
+@pytest.mark.parametrize("damping_per_s", [5.0, 40.0])
+def test_the_tip_stays_on_its_path_through_a_coupled_run(load: Any, damping_per_s: float) -> None:
+    result = cosim.run(load(REACH, follow(), **{"solver.damping_per_s": damping_per_s}))
     path = result.summary["phases"][-1]["tip_path"]
     # a swing of a tenth of the sag that is compensated
     assert path["largest_error_m"] < 5e-4
@@ -138,6 +140,17 @@ def test_joints_along_a_track_have_its_places_and_rest_at_its_ends() -> None:
         # between knots of both splines
         assert np.linalg.norm(arm.forward(path.spline(share)).translation - wanted) < 5e-6
     np.testing.assert_allclose(path.spline([0.0, 1.0], 1), 0.0, atol=1e-9)
+
+
+def test_a_track_turns_on_where_quaternions_change_their_sign() -> None:
+    course = course_of([[0.4, 0.0, 0.4], [0.4, 0.1, 0.4]], [], 0.1, 0.2)
+    angles = np.radians([150.0, 165.0, 180.0, 195.0, 210.0])
+    poses = [Pose(rotation_from_vector(np.array([0.0, 0.0, angle])), np.zeros(3)) for angle in angles]
+    assert min(a.quaternion @ b.quaternion for a, b in pairwise(poses)) < 0.0
+    track = PoseTrack(np.linspace(0.0, 1.0, 5), poses, course)
+    turned = np.array([track.at(share).rotation for share in np.linspace(0.0, 1.0, 41)])
+    steps = [np.linalg.norm(np.cross(a[:, 0], b[:, 0])) for a, b in pairwise(turned)]
+    assert max(steps) < np.radians(3.0)  # 60 degrees in 40 steps, from rest to rest
 
 
 @pytest.mark.parametrize(
