@@ -9,12 +9,7 @@ from typing import TYPE_CHECKING, TypeAlias
 import numpy as np
 
 from cosim.base.frames import Array
-from cosim.build.arm_joints import check_joints
-from cosim.build.arms import placed_arm
-from cosim.build.blame import blamed_on
-from cosim.build.cells import cell_of, motion_of
 from cosim.build.decisions import contact_decision, decisions, largest_pressure
-from cosim.build.engines_agree import check_engines_agree
 from cosim.build.expected_error import expected_error, expected_error_report, extension_report
 from cosim.build.fidelity import fidelity_report, soft_sides
 from cosim.build.kernel_modules import compile_contact
@@ -30,7 +25,7 @@ from cosim.devices.device_names import device_names, device_report
 from cosim.devices.live.live_bounds import LiveBounds
 from cosim.devices.live.live_commands import LiveCommands
 from cosim.devices.planned_commands import PlannedCommands
-from cosim.errors import ScenarioError, SceneError, SolverError
+from cosim.errors import ScenarioError, SolverError
 from cosim.plan.arm_limits import ArmLimits, PlannedArm
 from cosim.plan.arm_plan import check_base, checked_start, drawn_payload, planned_arm
 from cosim.plan.decision import Decision
@@ -112,37 +107,12 @@ def _arm(
     ready_for_contact: Callable[[], None],
 ) -> _Arranged:
     # imported here: a scene without an arm waits for neither engine
-    from cosim.build.scene_objects import palm_mass, palm_object, rigid_object, rigid_wire
-    from cosim.kinematics.arm import Arm, Payload
+    from cosim.build.arm_in_scene import arm_in_scene
     from cosim.plan.joint_planner import plan_joints
-    from cosim.rigid.build.description import SceneDescription
-    from cosim.rigid.scene.scene import RigidScene
     from cosim.stepping.arm_carrier import ArmCarrier
 
-    palm = scenario.soft_robot.palm
-    with blamed_on("robot"):
-        file = placed_arm(scenario.robot, scenario.arm_base)
-        arm = Arm(file, gravity=scenario.gravity_m_s2)
-    check_joints(scenario, arm)
-    cell = None if scenario.scene is None else cell_of(scenario.scene)
-    driven = motion_of(scenario, cell)
-    description = SceneDescription(
-        arm=file,
-        tick_s=scenario.clock.tick_s,
-        gravity=scenario.gravity_m_s2,
-        objects=tuple(rigid_object(entry) for entry in scenario.objects),
-        wires=tuple(rigid_wire(entry) for entry in scenario.wires),
-        cell=cell,
-        mounted=() if palm is None else (palm_object(palm),),
-    )
-    try:
-        scene = RigidScene(description)
-    except SceneError as error:
-        raise ScenarioError(_body_key(scenario, error.body), str(error)) from error
-    mounted = None if palm is None else palm_mass(palm)
-    with blamed_on("robot"):
-        held = None if mounted is None else Payload(mounted.mass_kg, mounted.center, mounted.inertia)
-        check_engines_agree(scene, arm, file.armature, held)
+    built = arm_in_scene(scenario)
+    arm, scene, driven, mounted = built.arm, built.scene, built.driven, built.mounted
     payload = drawn_payload(soft.body, mounted)
     plan = _plan(scenario, checked_start(partial(plan_joints, arm), arm, scene, payload), trial)
     contact = contact_decision(scenario, soft, plan, arm, scene, ready_for_contact)
@@ -181,13 +151,6 @@ def _range(scenario: Scenario, plan: Plan, arm: Arm | None, *, touched: bool) ->
     if scenario.fidelity != "section":
         return ()
     return (section_range(scenario, plan, soft_sides(scenario)[0], arm, touched),)
-
-
-def _body_key(scenario: Scenario, body: str | None) -> str:
-    """Return the key of an object or wire of the rigid scene; None: what every scene has."""
-    if body is None:
-        return "robot" if scenario.soft_robot.palm is None else "soft_robot.palm"
-    return f"{'wire' if body in (wire.name for wire in scenario.wires) else 'object'}.{body}"
 
 
 def _contact_law(scenario: Scenario) -> ContactLaw:

@@ -18,6 +18,7 @@ from cosim.config.arms.menagerie import is_of_menagerie
 from cosim.config.json_schema import Kind, json_schema
 from cosim.config.loading import check_file
 from cosim.config.schema.old_keys import SCHEMA
+from cosim.config.schema.scenario import Scenario
 from cosim.config.upgrading import upgrade_file
 from cosim.errors import InputError, OutputError, ScenarioError
 
@@ -91,12 +92,20 @@ def _arm_line(name: str) -> str:
     Raises:
         ScenarioError: it is not usable.
     """
-    from cosim.build.arm_check import checked_arm, flange_at_home  # here: other files wait for no engine
+    from cosim.build.file_checks import checked_arm, flange_at_home  # here: other files wait for no engine
 
     with blamed_on(name):
         arm = checked_arm(name)
         home = flange_at_home(arm)
     return "; ".join((f"{len(arm.joint_names)} joints", *arm.notes, home, "both engines agree"))
+
+
+def _check_built(scenario: Scenario | None) -> None:
+    """Check what a scenario describes; None: the file is of another kind, and nothing stands around it."""
+    if scenario is not None:
+        from cosim.build.file_checks import check_arm_in_scene  # here: other files wait for no engine
+
+        check_arm_in_scene(scenario)
 
 
 def arm_lines() -> list[str]:
@@ -122,7 +131,7 @@ def _checked(name: str, fine: str) -> bool:
         if is_of_menagerie(name) or (is_file(path) and is_arm_file(path)):
             fine = f"{fine}: {_arm_line(name)}"
         else:
-            check_file(path if is_file(path) else scenario_path(name))
+            _check_built(check_file(path if is_file(path) else scenario_path(name)))
     except ScenarioError as error:
         faults = error.faults
     for place, problem in faults:

@@ -111,8 +111,8 @@ def is_scenario(table: Mapping[str, Any]) -> bool:
     return bool({"phase", "start", "soft_robot", "robot"} & table.keys())
 
 
-def check_file(path: Path) -> None:
-    """Check a scenario, robot or study file without building anything.
+def check_file(path: Path) -> Scenario | None:
+    """Check a scenario, robot or study file without building anything; return the scenario, if it is one.
 
     Raises:
         ScenarioError: keys or values are wrong, or the file cannot be read.
@@ -121,9 +121,10 @@ def check_file(path: Path) -> None:
     if is_study(table):
         load_study(path)
     elif is_scenario(table):
-        load_scenario(path)
+        return load_scenario(path)
     else:
         load_soft_robot(path)
+    return None
 
 
 def resolve(scenario: Scenario) -> Scenario:

@@ -11,8 +11,8 @@ import numpy as np
 from cosim.base.frames import Array
 from cosim.config.rules.cell_rules import CELL_KEYS
 from cosim.config.schema.phase import PhaseTable
+from cosim.config.toml.faults import Fault, Faults
 from cosim.config.toml.suggestions import unknown_name_message
-from cosim.errors import ScenarioError
 from cosim.plan.ramp import progress
 
 if TYPE_CHECKING:  # a scene without an arm does not wait for MuJoCo
@@ -76,10 +76,11 @@ def cell_motion(
     Raises:
         ScenarioError: there is no such joint, it slides where it is to turn, or it would leave its limits.
     """
-    places, speeds = [0.0] * len(joints), [0.0] * len(joints)
+    places, speeds, faults = [0.0] * len(joints), [0.0] * len(joints), Faults()
+    beyond: set[str] = set()
     rows = []
     for phase, length_s in zip(phases, lengths_s, strict=True):
-        _check_names(phase, joints)
+        _check_names(phase, joints, faults)
         row = []
         for k, joint in enumerate(joints):
             to, speed = _asked(phase, joint)
@@ -90,8 +91,12 @@ def cell_motion(
             change = 0.0 if to is None else to - places[k]
             row.append(_Stretch(places[k], change, speeds[k], phase.ramp, phase.duration_s))
             places[k] = row[-1].at(max(length_s, phase.duration_s))[0]
-            _check_limits(phase, joint, places[k])
+            low, high = joint.limits
+            if not low <= places[k] <= high and joint.name not in beyond:
+                faults.add(*_out_of_range(phase, joint, places[k]))
+                beyond.add(joint.name)
         rows.append(tuple(row))
+    faults.tell()
     return CellMotion(tuple(rows))
 
 
@@ -103,7 +108,7 @@ def _asked(phase: PhaseTable, joint: CellJoint) -> tuple[float | None, float | N
     return (places or {}).get(joint.name), (speeds or {}).get(joint.name)
 
 
-def _check_names(phase: PhaseTable, joints: Sequence[CellJoint]) -> None:
+def _check_names(phase: PhaseTable, joints: Sequence[CellJoint], faults: Faults) -> None:
     named: set[str] = set()
     for key in CELL_KEYS:
         fitting = tuple(joint.name for joint in joints if joint.slides == (key in _SLIDING))
@@ -111,18 +116,15 @@ def _check_names(phase: PhaseTable, joints: Sequence[CellJoint]) -> None:
             where = f"phase.{phase.name}.{key}.{name}"
             if name not in fitting:
                 kind = "slide of the cell" if key in _SLIDING else "hinge of the cell"
-                raise ScenarioError(where, unknown_name_message(kind, name, fitting))
-            if name in named:
-                raise ScenarioError(where, "is given a place and a speed in one phase; one of them drives it")
+                faults.add(where, unknown_name_message(kind, name, fitting))
+            elif name in named:
+                faults.add(where, "is given a place and a speed in one phase; one of them drives it")
             named.add(name)
 
 
-def _check_limits(phase: PhaseTable, joint: CellJoint, place: float) -> None:
-    low, high = joint.limits
-    if not low <= place <= high:
-        unit = "m" if joint.slides else "rad"
-        keys = [key for key in CELL_KEYS if joint.name in (getattr(phase, key) or {})]
-        where = f"phase.{phase.name}.{keys[0]}.{joint.name}" if keys else f"phase.{phase.name}"
-        raise ScenarioError(
-            where, f"takes the cell's joint to {place:g} {unit}; its range is {low:g} to {high:g} {unit}"
-        )
+def _out_of_range(phase: PhaseTable, joint: CellJoint, place: float) -> Fault:
+    """Return what is wrong where a phase leads a joint out of its limits."""
+    (low, high), unit = joint.limits, "m" if joint.slides else "rad"
+    keys = [key for key in CELL_KEYS if joint.name in (getattr(phase, key) or {})]
+    where = f"phase.{phase.name}.{keys[0]}.{joint.name}" if keys else f"phase.{phase.name}"
+    return where, f"takes the cell's joint to {place:g} {unit}; its range is {low:g} to {high:g} {unit}"

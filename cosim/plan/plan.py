@@ -144,20 +144,10 @@ def make_plan(scenario: Scenario, plan_joints: JointPlanner, soft: SoftSide) -> 
         ScenarioError: a pose or target cannot be reached; `path` names the key.
     """
     start = pose_of(scenario.start.flange)
-    keys = ["start.flange", *(flange_key(phase) for phase in scenario.phases)]
-
-    def joints_along(ways: list[AnyWay]) -> tuple[JointPath, ...]:
-        try:
-            return plan_joints(start, ways, lambda k: keys[k + 1])
-        except UnreachableError as error:
-            key, _, reason = str(error).partition(": ")  # as the planner blames it
-            raise ScenarioError(key, reason) from error
-
-    # the statics take longer: what does not depend on them is refused first
-    joints_along(_given_ways(scenario, start))
+    check_given_ways(scenario, plan_joints)  # the statics take longer: what does not depend on them first
     command = start_command(scenario.start, soft.body)
     drafts = _drafts(scenario, soft, start, command)
-    joints = joints_along([draft.way for draft in drafts])
+    joints = _joints_along(scenario, plan_joints, start, [draft.way for draft in drafts])
     plans = tuple(
         PhasePlan(
             draft.phase, path, draft.begin.unsealed(), draft.end.unsealed(), rule,
@@ -166,6 +156,27 @@ def make_plan(scenario: Scenario, plan_joints: JointPlanner, soft: SoftSide) -> 
         for draft, path, rule in zip(drafts, joints, gas_rules(scenario), strict=True)
     )  # fmt: skip
     return Plan(start, joints[0].first, command, scenario.gravity_m_s2, plans)
+
+
+def check_given_ways(scenario: Scenario, plan_joints: JointPlanner) -> None:
+    """Check the arm's start, and the phases before the first whose end depends on the soft body.
+
+    Raises:
+        ScenarioError: a pose cannot be reached; `path` names the key.
+    """
+    start = pose_of(scenario.start.flange)
+    _joints_along(scenario, plan_joints, start, _given_ways(scenario, start))
+
+
+def _joints_along(
+    scenario: Scenario, plan_joints: JointPlanner, start: Pose, ways: list[AnyWay]
+) -> tuple[JointPath, ...]:
+    keys = ["start.flange", *(flange_key(phase) for phase in scenario.phases)]
+    try:
+        return plan_joints(start, ways, lambda k: keys[k + 1])
+    except UnreachableError as error:
+        key, _, reason = str(error).partition(": ")  # as the planner blames it
+        raise ScenarioError(key, reason) from error
 
 
 def _given_ways(scenario: Scenario, start: Pose) -> list[AnyWay]:

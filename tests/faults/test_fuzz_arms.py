@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from cosim.build.arm_check import checked_arm
+from cosim.build.file_checks import checked_arm
 from cosim.errors import InputError
 from tests.config.arm_texts import SIX_JOINTS_MJCF, TWO_JOINTS
 

@@ -1,0 +1,59 @@
+"""Checks files by building what they describe, as far as that takes no statics: nothing is run."""
+
+from __future__ import annotations
+
+from functools import partial
+
+from cosim.base.arm_file import ArmFile
+from cosim.build.arm_in_scene import arm_in_scene
+from cosim.build.arms import find_arm
+from cosim.build.engines_agree import check_engines_agree
+from cosim.build.fidelity import fidelity_body
+from cosim.config.schema.scenario import NO_ARM, Scenario
+from cosim.kinematics.arm import Arm
+from cosim.plan.arm_plan import checked_start, drawn_payload
+from cosim.plan.joint_planner import plan_joints
+from cosim.plan.plan import check_given_ways
+from cosim.rigid.build.description import SceneDescription
+from cosim.rigid.scene.scene import RigidScene
+
+
+def checked_arm(robot: str) -> ArmFile:
+    """Return an arm that both engines have read, and read alike.
+
+    Args:
+        robot: see `find_arm`.
+
+    Raises:
+        InputError: its files are not usable; see `find_arm` and `check_engines_agree`.
+    """
+    file = find_arm(robot)
+    check_engines_agree(RigidScene(SceneDescription(file)), Arm(file), file.armature)
+    return file
+
+
+def flange_at_home(file: ArmFile) -> str:
+    """Return in words where an arm's flange is at home, as `start.flange` of a scenario asks for it."""
+    pose = Arm(file).forward(file.home)
+    numbers = [", ".join(f"{x + 0.0:.3f}" for x in v) for v in (pose.translation, pose.rotation[:, 2])]
+    return f"at home the flange is at [{numbers[0]}] m, its direction [{numbers[1]}]"
+
+
+def check_arm_in_scene(scenario: Scenario) -> None:
+    """Check a scenario's arm, cell and objects, and that the arm reaches its start and can go on from there.
+
+    Where the flange goes for a target or path of the tip is not known without statics, nor is what the way
+    leads into looked at.
+
+    Args:
+        scenario: checked by `load_scenario`.
+
+    Raises:
+        ScenarioError: what is wrong, by key; see `arm_in_scene`, `check_start` and `check_given_ways`.
+    """
+    if scenario.robot == NO_ARM:
+        return
+    built = arm_in_scene(scenario)
+    payload = drawn_payload(fidelity_body(scenario), built.mounted)
+    planner = checked_start(partial(plan_joints, built.arm), built.arm, built.scene, payload)
+    check_given_ways(scenario, planner)
