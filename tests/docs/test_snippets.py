@@ -24,6 +24,13 @@ INCREMENTS = {"hang": 2, "inflate": 10, "turn": 10, "lift": 8, "reach": 4}
 LONG = {
     "ur5e_hexagon_arm": {"mode": "quasistatic", "model.published": True}
     | {f"phase.{name}.increments": count for name, count in INCREMENTS.items()},
+    "path.toml": {"mode": "quasistatic"},
+    "gripper_lifts_roll": {
+        "model.published": True,
+        "clock.tick_s": 0.008,
+        "phase.shake.duration_s": 1.5,
+        "phase.hold.duration_s": 0.1,
+    },
     "mine.toml": {"model.published": True, "clock.tick_s": 0.01},
 }
 """Scenarios that take too long for a test, and what is changed for it."""
@@ -54,7 +61,6 @@ def _listed(*captions: str) -> list[str]:
 
 PAGES = {
     "README": ROOT / "README.md",
-    "grasps": ROOT / "docs" / "grasps.md",
     **{
         name: ROOT / "docs" / f"{name}.md"
         for name in _listed("Start here", "How-to")
