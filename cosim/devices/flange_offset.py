@@ -7,7 +7,7 @@ from typing import Final, final
 
 import numpy as np
 
-from cosim.base.frames import Array
+from cosim.base.frames import Array, length
 from cosim.devices.command_source import RobotState
 from cosim.errors import InputError
 from cosim.plan.joint_path import JointReference
@@ -77,7 +77,7 @@ def joint_rate(jacobian: Array, twist: Array) -> Array:
     if not jacobian.shape[1]:
         raise InputError("the flange is told to move, but robot = 'none' has no joints to move it")
     rate = np.asarray(np.linalg.lstsq(jacobian, twist, rcond=_SMALLEST)[0])
-    if np.linalg.norm(jacobian @ rate - twist) > _MISSED * np.linalg.norm(twist):
+    if length(jacobian @ rate - twist) > _MISSED * length(twist):
         raise InputError(
             f"the flange is told to move with the twist {np.round(twist, 4).tolist()}, which the arm cannot "
             "follow in its present configuration: it is near a singular one; keep away from there, or begin "

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from cosim.base.frames import Array, Pose, cross
+from cosim.base.frames import Array, Pose, cross, length
 from cosim.coupling.soft_sides.soft_side import SoftSide
 from cosim.devices.cable_drive import CableDrive
 from cosim.devices.command_source import RobotState
@@ -77,7 +77,7 @@ def measured_cables(
         unstretched = [drive.unstretched_m(positions) for drive in drives]
     else:
         rows = zip(drives, tension_N, lengths, strict=True)
-        unstretched = [length - stretch_at(pull, drive.cable.stiffness_N_m) for drive, pull, length in rows]
+        unstretched = [long - stretch_at(pull, drive.cable.stiffness_N_m) for drive, pull, long in rows]
     columns = {
         "cable_tension_N": tension_N,
         "cable_length_m": lengths,
@@ -89,7 +89,7 @@ def measured_cables(
 def bending_angle(tip_direction: Array, flange: Pose) -> float:
     """Return the angle [rad] between the tip's direction (3,) and the flange's z axis."""
     axis = flange.rotation[:, 2]
-    return float(np.arctan2(np.linalg.norm(cross(axis, tip_direction)), axis @ tip_direction))
+    return float(np.arctan2(length(cross(axis, tip_direction)), axis @ tip_direction))
 
 
 def ring_twist(positions: Array, velocities: Array) -> Array:
@@ -101,8 +101,9 @@ def ring_twist(positions: Array, velocities: Array) -> Array:
         positions: (n, 3) [m].
         velocities: (n, 3) [m/s].
     """
-    linear = velocities.mean(axis=0)
-    away, moving = positions - positions.mean(axis=0), velocities - linear
+    count = len(positions)
+    linear = velocities.sum(axis=0) / count
+    away, moving = positions - positions.sum(axis=0) / count, velocities - linear
     spread = float((away * away).sum()) * np.eye(3) - away.T @ away
     (_, xy, xz), (yx, _, yz), (zx, zy, _) = (away.T @ moving).tolist()  # the sum of r v^T
     turning = np.linalg.lstsq(spread, np.array([yz - zy, zx - xz, xy - yx]), rcond=1e-9)[0]

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import final
+from typing import Final, final
 
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from cosim.base.frames import Array
+from cosim.base.frames import Array, IntArray, Mask
 from cosim.plan.ramp import Progress
+
+_FEW: Final = 4
+"""Instants that are worked out faster than compared."""
 
 
 @final
@@ -35,6 +38,15 @@ class JointReference:
     def some(self, k: int, end: int | None) -> JointReference:
         """Return what is asked at some of several instants, from one on."""
         return JointReference(self.position[k:end], self.velocity[k:end], self.acceleration[k:end])
+
+    def distinct(self) -> tuple[Mask | slice, IntArray | slice]:
+        """Return the instants to work out, and which of those each is: one for all while the arm stands."""
+        if len(self.position) <= _FEW:
+            return slice(None), slice(None)
+        parts = self.position, self.velocity, self.acceleration
+        changes = np.logical_or.reduce([part[1:] != part[:-1] for part in parts])
+        new = np.concatenate([[True], changes.any(axis=1)])
+        return new, np.cumsum(new) - 1
 
 
 @final

@@ -237,15 +237,12 @@ class ArmCarrier(Carrier):
     def servos(self, references: JointReference) -> Servos:
         position, velocity = references.position, references.velocity
         acceleration = references.acceleration
-        # where the arm stands still, one row serves all
-        changes = (position[1:] != position[:-1]) | (velocity[1:] != velocity[:-1])
-        changes |= acceleration[1:] != acceleration[:-1]
-        new = np.concatenate([[True], changes.any(axis=1)])
-        armature = self._scene.armature
-        torque, by_payload = self._arm.torque_rows(position[new], velocity[new], acceleration[new], armature)
+        new, row = references.distinct()
+        torque, by_payload = self._arm.torque_rows(
+            position[new], velocity[new], acceleration[new], self._scene.armature
+        )
         if not self._compensation:
             by_payload = np.zeros_like(by_payload)
-        row = np.cumsum(new) - 1
         return Servos(position, velocity, torque[row], by_payload[row])
 
     def tick(self, reference: JointReference, loads: Loads) -> LedgerEntry:

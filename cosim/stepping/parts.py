@@ -7,12 +7,13 @@ from typing import final
 
 import numpy as np
 
-from cosim.base.frames import Array, Pose, Twist, rotations_from_quaternions
+from cosim.base.frames import Array, Pose, Twist
 from cosim.config.schema.phase import PhaseTable
 from cosim.config.schema.scenario import Scenario
 from cosim.coupling.contact.contact_report import NOTHING_TOUCHED, ContactReport
 from cosim.coupling.schemes.ledger import LedgerEntry
 from cosim.coupling.soft_sides.soft_side import SoftSide
+from cosim.devices.body_poses import BodyPoses
 from cosim.devices.command_source import RobotState, SteeredCommands, StepToTake
 from cosim.devices.controller import Measurement
 from cosim.plan.plan import Plan
@@ -104,8 +105,6 @@ class Parts:
         """Return what is seen of the robot now."""
         carrier = self.carrier
         names, twist = carrier.body_names, carrier.flange_twist
-        places, quaternions = carrier.body_poses()
-        turned = rotations_from_quaternions(quaternions)
         return RobotState(
             time_s,
             carrier.flange_pose,
@@ -116,7 +115,7 @@ class Parts:
             carrier.wrench,
             carrier.flange_jacobian(),
             dict(zip(names, carrier.touched.on_each(len(names)), strict=True)),
-            {name: Pose.owning(r, x) for name, r, x in zip(names, turned, places, strict=True)},
+            BodyPoses(names, *carrier.body_poses()),
         )
 
     def measured(self, last: Snapshot) -> Measurement:

@@ -231,4 +231,8 @@ def test_what_is_measured_is_what_the_snapshot_shows() -> None:
     assert tuple(seen.body_pose) == here.stage.body_names
     k = 3
     pose = seen.body_pose[here.stage.body_names[k]]
-    np.testing.assert_allclose(pose.translation, shown.body_position[k])
+    np.testing.assert_array_equal(pose.translation, shown.body_position[k])
+    np.testing.assert_allclose(pose.quaternion, shown.body_quaternion[k], atol=1e-12)
+    assert repr(seen.body_pose) == repr(dict(pickle.loads(pickle.dumps(seen.body_pose))))
+    with pytest.raises(KeyError, match=r"there is no rigid body 'roll'; there are: world, "):
+        seen.body_pose["roll"]

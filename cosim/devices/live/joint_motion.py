@@ -30,7 +30,7 @@ class JointMotion:
     Args:
         begin: ticks of the run before it begins.
         ticks: that it takes, at least one.
-        knots: (k, joints) [rad], evenly spaced in time; one where it stands still.
+        knots: (k, joints) [rad], evenly spaced in time, at least two.
         limits: what it was cut down to, in words.
     """
 
@@ -47,20 +47,15 @@ class JointMotion:
             count: of them.
             tick_s: length of a tick [s].
         """
-        pieces, knots = len(self.knots) - 1, self.knots
-        still = np.zeros((count, knots.shape[1]))
-        if not pieces:
-            return JointReference(still + knots[0], still, still)
-        way = np.clip((first - self.begin + np.arange(count)) / self.ticks, 0.0, 1.0) * pieces
+        pieces, knots, done = len(self.knots) - 1, self.knots, first - self.begin
+        way = np.minimum(np.arange(done, done + count) / self.ticks, 1.0) * pieces
         place = np.minimum(way.astype(np.int64), pieces - 1)
-        step = knots[place + 1] - knots[place]
+        begin = knots[place]
+        step = knots[place + 1] - begin
         speed = step * (pieces / (self.ticks * tick_s))
-        speed[way >= pieces] = 0.0
-        return JointReference(knots[place] + (way - place)[:, None] * step, speed, still)
-
-    def standing(self, at: int) -> JointMotion:
-        """Return the one that stands where this one is after so many ticks of the run."""
-        return JointMotion(at, 1, self.through(at, 1, 1.0).position)
+        if done + count > self.ticks:
+            speed[way >= pieces] = 0.0
+        return JointReference(begin + (way - place)[:, None] * step, speed, np.zeros(step.shape))
 
 
 def towards(
@@ -108,7 +103,7 @@ def along(
     """
     lasts_s = ticks * tick_s
     first = joint_rate(arm.jacobian(here), twist)
-    pieces = int(np.clip(math.ceil(float(np.abs(first).max()) * lasts_s / _PIECE_RAD), 1, _MOST_PIECES))
+    pieces = min(max(math.ceil(float(np.abs(first).max()) * lasts_s / _PIECE_RAD), 1), _MOST_PIECES)
     knots, words = [here], dict[str, None]()
     for k in range(pieces):
         q = knots[-1]
@@ -116,17 +111,19 @@ def along(
         middle = q + 0.5 * lasts_s / pieces * at_first
         rate = joint_rate(arm.jacobian(middle), twist)
         share = np.abs(rate) / limits.velocity
-        if share.max() > 1.0:
+        largest = float(share.max())
+        if largest > 1.0:
             words |= dict.fromkeys(_speeds(share, limits))
-        ahead = q + lasts_s / pieces / max(1.0, float(share.max())) * rate
-        beyond = np.flatnonzero((ahead > limits.upper) | (ahead < limits.lower))
-        if len(beyond):
+        ahead = q + lasts_s / pieces / max(1.0, largest) * rate
+        beyond = (ahead > limits.upper) | (ahead < limits.lower)
+        if beyond.any():
             words |= {
-                f"position of {limits.joint_names[k]}: its bound stops the flange": None for k in beyond
+                f"position of {limits.joint_names[k]}: its bound stops the flange": None
+                for k in np.flatnonzero(beyond)
             }
             ahead = q
         knots.append(ahead)
-    return JointMotion(begin, ticks, np.stack(knots), tuple(words))
+    return JointMotion(begin, ticks, np.array(knots), tuple(words))
 
 
 def to_pose(

@@ -173,23 +173,20 @@ class LiveCommands(SteeredCommands):
             return
         (new, ticks), self._new = self._new, None
         check_gas(new, self._gas, self._scenario.soft_robot.chamber_names())
-        tension, tick = self._given.cable_tension_N(phase, done), self._before[phase] + done - 1
-        before = self._state
+        before, tick = self._state, self._before[phase] + done - 1
         none = self._none
         now, end = (none, none) if before is None else (before.values(tick), before.end)
         if new.drives_cables and not self._actuation.active:
-            held = [
-                given if live is None else live
-                for live, given in zip(now.cable_tension_N, tension, strict=True)
-            ]
+            given = self._given.cable_tension_N(phase, done)
+            pairs = zip(now.cable_tension_N, given, strict=True)
+            held = [planned if live is None else live for live, planned in pairs]
             self._actuation.hold(held)
             end = replace(end, cable_tension_N=tuple(held))
         end = end.followed_by(new)
-        # what nobody has commanded yet goes on from what is there
-        present = none if now.beginning(end, none).reaches(end) else self._present(tension)
-        self._state = LiveState(
-            tick, ticks, now.beginning(end, present), end, None if before is None else before.joints
-        )
+        begin = now.beginning(end, none)
+        if not begin.reaches(end):  # what nobody has commanded yet goes on from what is there
+            begin = now.beginning(end, self._present(self._given.cable_tension_N(phase, done)))
+        self._state = LiveState(tick, ticks, begin, end, None if before is None else before.joints)
 
     def _present(self, tension_N: tuple[float, ...]) -> LiveValues:
         """Return what there is at present of all that can be commanded."""
@@ -243,13 +240,13 @@ class LiveCommands(SteeredCommands):
         return tuple(found)
 
     def _changed(self, planned: SoftCommand, values: LiveValues) -> SoftCommand:
-        pressure, tension = planned.pressure_Pa, planned.cable_tension_N
-        pairs = zip(values.pressure_Pa, pressure, strict=True)
-        pressure = tuple(old if new is None else new for new, old in pairs)
+        pairs = zip(values.pressure_Pa, planned.pressure_Pa, strict=True)
+        pressure = tuple([old if new is None else new for new, old in pairs])
+        tension = planned.cable_tension_N
         if not self._actuation.active:
-            both = zip(values.cable_tension_N, tension, strict=True)
-            tension = tuple(old if new is None else new for new, old in both)
-        return replace(planned, pressure_Pa=pressure, cable_tension_N=tension)
+            pairs = zip(values.cable_tension_N, tension, strict=True)
+            tension = tuple([old if new is None else new for new, old in pairs])
+        return SoftCommand(pressure, planned.gas, tension, planned.cable_length_m, planned.nodal_force)
 
     def _limits(self, torque: Array) -> tuple[str, ...]:
         """Return at what the arm is held, in words, with torques (joints,) [N m]."""

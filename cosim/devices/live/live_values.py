@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
+from itertools import chain
 from typing import Annotated, TypeAlias, final
 
 from cosim.config.schema.scenario import Scenario
@@ -65,53 +66,47 @@ class LiveValues:
 
     def followed_by(self, new: LiveValues) -> LiveValues:
         """Return what is commanded once something new is; of a cable, length or tension."""
-        found = {
-            entry.name: _first(getattr(new, entry.name), getattr(self, entry.name)) for entry in fields(self)
-        }
-        for key, other in (("cable_tension_N", "cable_length_m"), ("cable_length_m", "cable_tension_N")):
-            found[key] = tuple(
-                None if instead is not None else value
-                for value, instead in zip(found[key], getattr(new, other), strict=True)
-            )
-        return LiveValues(**found)
+        pressure, gas, tension, length, pump = map(_first, new._columns, self._columns)
+        tension, length = _unless(new.cable_length_m, tension), _unless(new.cable_tension_N, length)
+        return LiveValues(pressure, gas, tension, length, pump)
 
     def beginning(self, end: LiveValues, present: LiveValues) -> LiveValues:
         """Return where these values go on from to those of `end`: what is there, if not commanded yet."""
-        return LiveValues(**{
-            entry.name: tuple(
+        triples = zip(self._columns, end._columns, present._columns, strict=True)
+        return LiveValues(*[
+            tuple([
                 None if to is None else there if now is None else now
-                for now, to, there in zip(*_columns(entry.name, self, end, present), strict=True)
-            )
-            for entry in fields(self)
-        })  # fmt: skip
+                for now, to, there in zip(*columns, strict=True)
+            ])
+            for columns in triples
+        ])  # fmt: skip
 
     def reaches(self, end: LiveValues) -> bool:
         """Return whether these values name all that others do, but for the setpoints of pumps."""
-        keys = (entry.name for entry in fields(self) if entry.name != "pump_pressure_Pa")
-        pairs = (zip(*_columns(key, self, end), strict=True) for key in keys)
-        return all(to is None or here is not None for pair in pairs for here, to in pair)
+        pairs = zip(chain(*self._columns[:-1]), chain(*end._columns[:-1]), strict=True)
+        return all(to is None or here is not None for here, to in pairs)
 
     def between(self, end: LiveValues, share: float) -> LiveValues:
         """Return the values at a share of the way, 0 to 1; setpoints of pumps are at the end at once."""
         if share >= 1.0:
             return end
-        found = {
-            entry.name: tuple(
-                b if a is None or b is None else (1.0 - share) * a + share * b
-                for a, b in zip(getattr(self, entry.name), getattr(end, entry.name), strict=True)
-            )
-            for entry in fields(self)
-        }
-        return LiveValues(**found | {"pump_pressure_Pa": end.pump_pressure_Pa})
+        rest, found = 1.0 - share, list(end._columns)
+        for k, (here, there) in enumerate(zip(self._columns[:-1], end._columns, strict=False)):
+            pairs = zip(here, there, strict=True)
+            found[k] = tuple([b if a is None or b is None else rest * a + share * b for a, b in pairs])
+        return LiveValues(*found)
+
+    @property
+    def _columns(self) -> tuple[_Values, ...]:
+        """All values, by what they are of; setpoints of pumps come last."""
+        return (
+            self.pressure_Pa, self.gas_kg, self.cable_tension_N, self.cable_length_m, self.pump_pressure_Pa,
+        )  # fmt: skip
 
     def orders(self, wound: Sequence[bool], end: LiveValues) -> LiveOrders:
         """Return what devices are asked for; a winch gets the length of the end at once."""
         rows = zip(self.cable_tension_N, self.cable_length_m, wound, end.cable_length_m, strict=True)
         return LiveOrders(tuple(_order(*row) for row in rows), self.pump_pressure_Pa)
-
-
-def _columns(key: str, *values: LiveValues) -> list[_Values]:
-    return [getattr(one, key) for one in values]
 
 
 def _order(tension: float | None, length: float | None, wound: bool, wanted: float | None) -> Order | None:
@@ -122,4 +117,8 @@ def _order(tension: float | None, length: float | None, wound: bool, wanted: flo
 
 
 def _first(values: _Values, others: _Values) -> _Values:
-    return tuple(other if value is None else value for value, other in zip(values, others, strict=True))
+    return tuple([other if value is None else value for value, other in zip(values, others, strict=True)])
+
+
+def _unless(instead: _Values, values: _Values) -> _Values:
+    return tuple([value if other is None else None for value, other in zip(values, instead, strict=True)])

@@ -156,8 +156,11 @@ class Cable(Element):
 
     def segment_lengths(self, positions: Array) -> Array:
         """Return the length of every segment (eyelets - 1,) [m], rounded where eyelets meet."""
-        step = np.diff(positions[self.nodes], axis=0)
+        eyelets = positions[self.nodes]
+        step = eyelets[1:] - eyelets[:-1]
         length = np.sqrt((step * step).sum(axis=1))
+        if length.min() >= ROUNDED_m:
+            return np.asarray(length)
         s = length / ROUNDED_m
         return np.asarray(np.where(s < 1.0, ROUNDED_m * (0.375 + s * s * (0.75 - 0.125 * s * s)), length))
 
