@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from contextlib import suppress
 
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from cosim.base.frames import Array, Pose
+from cosim.base.frames import Array, Pose, rotation_from_vector
 from cosim.errors import UnreachableError
 from cosim.kinematics.arm import Arm
 from cosim.kinematics.inverse_kinematics import InverseKinematicsOptions, follow, solve
@@ -22,6 +23,8 @@ _START_CONFIGURATIONS = 12
 _FINER = 2  # pieces of a way whose velocity is to be even
 _SINGULAR = 1e-3  # of the Jacobian's largest singular value: no velocity is asked for that way
 _END_OPTIONS = InverseKinematicsOptions(candidates=1)
+_ROLL_OPTIONS = InverseKinematicsOptions(candidates=1, restarts=20)
+_ROLLS = tuple(sign * quarter * math.pi / 4.0 for quarter in (2, 4, 1, 3) for sign in (1.0, -1.0))  # tried
 
 
 def plan_joints(
@@ -45,7 +48,9 @@ def plan_joints(
     try:
         nearest = solve(arm, start, arm.home).q
     except UnreachableError as error:
-        raise UnreachableError(f"{blame(-1)}: {error}", error.closest) from error
+        raise UnreachableError(
+            f"{blame(-1)}: {error}{_rolled_otherwise(arm, start)}", error.closest
+        ) from error
     _check_reach(arm, ways, nearest, blame)
     failure: UnreachableError | None = None
     for candidate in _configurations(arm, start, nearest):
@@ -56,6 +61,18 @@ def plan_joints(
     assert failure is not None
     _check_ends(arm, ways, nearest, blame)
     raise failure
+
+
+def _rolled_otherwise(arm: Arm, start: Pose) -> str:
+    """Return which roll of the flange would do where the one asked for does not; empty if none is found."""
+    if arm.free_roll or np.linalg.norm(start.translation - arm.shoulder) > arm.reach:
+        return ""
+    for turn in _ROLLS:
+        roll = Pose(rotation_from_vector(np.array([0.0, 0.0, turn])), np.zeros(3))
+        with suppress(UnreachableError):
+            solve(arm, start @ roll, arm.home, _ROLL_OPTIONS)
+            return f"; with its roll_rad {abs(turn):.2f} {'more' if turn > 0.0 else 'less'} it can be there"
+    return ""
 
 
 def _check_reach(arm: Arm, ways: list[AnyWay], seed: Array, blame: Callable[[int], str]) -> None:

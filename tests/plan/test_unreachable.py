@@ -2,14 +2,24 @@
 
 from __future__ import annotations
 
+import math
+import re
+from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
+from cosim.base.frames import Pose
+from cosim.base.resources import arm_path
+from cosim.build.arms import find_arm
 from cosim.build.simulation import build
 from cosim.config.loading import load_scenario
-from cosim.errors import ScenarioError
+from cosim.errors import ScenarioError, UnreachableError
+from cosim.kinematics.arm import Arm
 from cosim.plan import plan
+from cosim.plan.flange_path import rotation_from_direction
+from cosim.plan.joint_planner import plan_joints
 
 DOWN = [0.0, 0.0, -1.0]
 FAR = {"position_m": [1.6, 0.6, 0.6], "direction": DOWN}
@@ -66,3 +76,26 @@ def test_a_tip_target_out_of_reach_is_refused_by_its_key() -> None:
     changes = {"model.published": True, "phase.reach.tip_target": {"position_m": [0.9, 0.9, 0.9]}}
     with pytest.raises(ScenarioError, match=r"^phase\.reach\.tip_target: .* the arm's reach is"):
         build(load_scenario("ur5e_hexagon_arm", changes))
+
+
+def test_a_roll_that_no_joint_allows_is_refused_with_one_that_will_do(tmp_path: Path) -> None:
+    # a UR5e whose last joint hardly turns
+    table = arm_path("ur5e").read_text(encoding="utf-8").replace("ur5e.urdf", str(find_arm("ur5e").path))
+    limits = "[limits]\nlower = [-3, -3, -3, -3, -3, -0.5]\nupper = [3, 3, 3, 3, 3, 0.5]\n"
+    (tmp_path / "arm.toml").write_text(f"{table}\n{limits}", encoding="utf-8")
+    arm = Arm(find_arm(str(tmp_path / "arm.toml")))
+
+    def refusal(roll_rad: float) -> str:
+        pose = Pose(rotation_from_direction(np.array(DOWN), roll_rad), np.array([0.4, 0.1, 0.5]))
+        try:
+            plan_joints(arm, pose, [], lambda _: "start.flange")
+        except UnreachableError as error:
+            return str(error)
+        return ""
+
+    refused = {roll_rad: text for roll_rad in np.arange(4) * math.pi / 2.0 if (text := refusal(roll_rad))}
+    assert refused
+    for roll_rad, text in refused.items():
+        told = re.search(r"; with its roll_rad (\d\.\d\d) (more|less) it can be there$", text)
+        assert told, text
+        assert not refusal(roll_rad + float(told[1]) * {"more": 1.0, "less": -1.0}[told[2]])
