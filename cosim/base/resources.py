@@ -96,8 +96,8 @@ def is_file(path: Path) -> bool:
         return False
 
 
-def question(path: Path) -> str:
-    """Return the first paragraph of a scenario file's first comment: the question that it answers."""
+def first_comment(path: Path) -> str:
+    """Return the first paragraph of a file's first comment: a scenario's question, what a soft robot is."""
     lines = takewhile(lambda line: line.strip("# "), path.read_text(encoding="utf-8").splitlines())
     comments = takewhile(lambda line: line.startswith("#"), lines)
     return " ".join(line.strip("# ") for line in comments).removeprefix("Question:").strip()

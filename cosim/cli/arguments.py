@@ -18,8 +18,11 @@ def parser() -> argparse.ArgumentParser:
     made.add_argument("--version", action="version", version=f"cosim {__version__}")
     commands = made.add_subparsers(dest="command", required=True, metavar="COMMAND")
     _add_run(commands)
-    listed = commands.add_parser("list", help="list the scenarios and the questions they answer, or the arms")
-    listed.add_argument("kind", nargs="?", choices=("scenarios", "arms"), default="scenarios")
+    listed = commands.add_parser(
+        "list", help="list the scenarios and the questions they answer, the arms, or the soft robots"
+    )
+    kinds = ("scenarios", "arms", "soft_robots")
+    listed.add_argument("kind", nargs="?", choices=kinds, default="scenarios")
     _add_view(commands)
     _add_files(commands)
     _add_export(commands)

@@ -213,12 +213,14 @@ def _list(kind: str) -> int:
         for line in arm_lines():
             print(printable(line))
         return EXIT_DONE
-    from cosim.base.resources import list_scenarios, question, scenario_path
+    from cosim.base.resources import first_comment, list_scenarios, list_soft_robots, scenario_path
+    from cosim.base.resources import soft_robot_path as robot_path
 
-    names = list_scenarios()
+    robots = kind == "soft_robots"
+    names, path_of = (list_soft_robots(), robot_path) if robots else (list_scenarios(), scenario_path)
     width = max(map(len, names), default=0)
     for name in names:
-        print(printable(f"{name:<{width}}  {question(scenario_path(name))}"))
+        print(printable(f"{name:<{width}}  {first_comment(path_of(name))}"))
     return EXIT_DONE
 
 

@@ -14,6 +14,7 @@ import pytest
 
 from cosim.app.output_directory import MARKER
 from cosim.app.progress import clock
+from cosim.base.resources import list_soft_robots
 from cosim.cli import running
 from cosim.cli.main import main
 from cosim.cli.progress import ProgressLine
@@ -213,6 +214,15 @@ def test_list_names_every_scenario_with_its_question(capsys: pytest.CaptureFixtu
     assert main(["list"]) == 0
     lines = capsys.readouterr().out.splitlines()
     assert any(line.startswith(REFERENCE) and line.endswith("?") for line in lines)
+
+
+def test_list_says_what_each_soft_robot_is(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["list", "soft_robots"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert [line.split()[0] for line in lines] == list(list_soft_robots())
+    texts = {line.partition("  ")[2].strip() for line in lines}
+    assert len(texts) == len(lines)
+    assert all(text.endswith(".") for text in texts)
 
 
 def test_view_without_recording_says_how_to_make_one(

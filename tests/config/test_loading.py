@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cosim.base.resources import list_scenarios, list_soft_robots, question, scenario_path
+from cosim.base.resources import first_comment, list_scenarios, list_soft_robots, scenario_path
 from cosim.config.loading import load_scenario, load_soft_robot
 from cosim.config.schema.scenario import Scenario
 from cosim.config.toml.overrides import apply_override, merge, parse_assignment
@@ -32,7 +32,7 @@ def test_a_resolved_scenario_loads_to_itself(name: str, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("name", list_scenarios())
 def test_every_scenario_says_which_question_it_answers(name: str) -> None:
-    assert question(scenario_path(name)).endswith("?")
+    assert first_comment(scenario_path(name)).endswith("?")
 
 
 @pytest.mark.parametrize("name", list_soft_robots())
