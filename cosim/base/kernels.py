@@ -141,6 +141,24 @@ class DeviceFunction(CPUDispatcher):
         """
         raise TypeError(f"only kernels can call {self.py_func.__name__}(), which has no code of its own")
 
+    def compile(self, signature: Any) -> Any:
+        """Compile for a signature.
+
+        Raises:
+            TypeError: it hands on arrays among others, without a reference of their own; numba itself
+                refuses an array alone.
+        """
+        found: Any = super().compile(signature)
+        returned = [entry.return_type for entry in self.nopython_signatures]
+        if not self.targetoptions["_nrt"] and any(map(_has_arrays, returned)):
+            raise TypeError(f"{self.py_func.__name__}() returns arrays: mark it as allocating")
+        return found
+
+
+def _has_arrays(returned: Any) -> bool:
+    parts = getattr(returned, "types", ())  # of a tuple
+    return isinstance(returned, numba.types.Array) or any(map(_has_arrays, parts))
+
 
 def device_dispatcher(function: Any, options: dict[str, Any]) -> Any:
     """Return what compiles a function for every kernel that calls it.
@@ -201,8 +219,18 @@ def kernel(signature: Any, *, reorder_sums: bool = False) -> Callable[[Function]
 
 
 def device_function(function: Function) -> Function:
-    """Mark a small function that kernels call; it is compiled with each of them, and for nothing else."""
-    result: Function = device_dispatcher(function, _OPTIONS)
+    """Mark a small function that kernels call; it is compiled with each of them, and for nothing else.
+
+    It makes no arrays, and counts no references to those that it is given: every view of one costs two
+    atomic additions otherwise, more than many a loop does.
+    """
+    result: Function = device_dispatcher(function, {**_OPTIONS, "_nrt": False})
+    return result
+
+
+def allocating(function: Function) -> Function:
+    """Mark a device function that makes arrays, hands arrays on, or calls what does."""
+    result: Function = device_dispatcher(function, {**_OPTIONS, "_nrt": True})
     return result
 
 

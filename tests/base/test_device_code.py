@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numba
+import numpy as np
 import pytest
 
-from cosim.base.kernels import REAL, device_function, kernel
+from cosim.base.kernels import REAL, allocating, device_function, kernel
 
 
 @device_function
@@ -26,6 +29,14 @@ def _three_quarters(x):  # type: ignore[no-untyped-def]
 def test_kernels_take_device_functions_in() -> None:
     assert _three_quarters(2.0) == 1.5
     assert numba.njit(lambda x: _quartered(x))(2.0) == 0.5
+
+
+@pytest.mark.parametrize("hands_on", [lambda x: np.empty(len(x)), lambda x: (x, 1.0)])
+def test_arrays_come_from_those_alone_that_say_so(hands_on: Any) -> None:
+    silent, said = device_function(hands_on), allocating(hands_on)
+    assert numba.njit(lambda x: said(x)[0])(np.ones(2)) is not None
+    with pytest.raises((TypeError, numba.core.errors.TypingError)):
+        numba.njit(lambda x: silent(x)[0])(np.ones(2))
 
 
 def test_python_cannot_call_one() -> None:

@@ -14,7 +14,7 @@ from numba import types
 
 from cosim.base.frames import IntArray
 from cosim.base.kernel_calls import address_of, caller
-from cosim.base.kernels import VECTOR, device_function, kernel
+from cosim.base.kernels import VECTOR, allocating, device_function, kernel
 from cosim.coupling.batch.batch_arrays import CARRIED, TICKS
 from cosim.coupling.batch.film_rows import FILM_COMMANDS, FILM_MOTION, FILM_ROW
 from cosim.coupling.batch.tick_halves import (
@@ -44,7 +44,7 @@ def row_calls() -> IntArray:
     return np.array([address_of(called) for called in _CALLED])
 
 
-@device_function
+@allocating
 def _may_touch(row, x, velocity):  # type: ignore[no-untyped-def]
     """Return whether a shape may come into the film's reach in a step, as `ContactExchange.find` asks."""
     bounds = row.reach.bounds

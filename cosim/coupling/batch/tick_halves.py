@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cosim.base.kernels import device_function
+from cosim.base.kernels import allocating, device_function
 from cosim.coupling.schemes.momentum_balance import LEVER_M, SMALLEST_N
 from cosim.reduced.sections.outputs import CENTER, INERTIA, WRENCH
 from cosim.rigid.scene.native import BEGIN, FACTORISE, FINISH, call_step
@@ -16,7 +16,7 @@ ALL_DONE, SOFT_STEP_LEFT, RIGID_SIDE_WARNS = 0, 1, 2
 """How a row of ticks ended; with the second, the tick's rigid half is done."""
 
 
-@device_function
+@allocating
 def _fill_payload(figures, mass, origin, axes, mounted, out):  # type: ignore[no-untyped-def]
     """Fill out (10,) with the `inertial_parameters` of the chain's mass and of what is mounted."""
     center, turned, inertia = np.empty(3), np.empty((3, 3)), np.empty((3, 3))
@@ -147,7 +147,7 @@ def _fill_power(scene, ticks, k):  # type: ignore[no-untyped-def]
     ticks.power[k, 2] = np.sqrt(force) * np.sqrt(speed) + np.sqrt(moment) * np.sqrt(turn)
 
 
-@device_function
+@allocating
 def take_rigid_half(scene, carried, mounted, mass, commands, ticks, k):  # type: ignore[no-untyped-def]
     """Let MuJoCo step under servos and the last wrench; return whether it has not warned.
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cosim.base.kernels import device_function
+from cosim.base.kernels import allocating, device_function
 from cosim.reduced.sections.section_strains import add_turning
 from cosim.soft.contact.contact_law import touch
 
@@ -12,7 +12,7 @@ WEIGHTS, NORMAL, OFFSET, STIFFNESS, FRICTION, ANCHOR, COLUMNS = 0, 8, 11, 12, 13
 """Where a contact's row has what: weights of the points of two frames, and what is touched."""
 
 
-@device_function
+@allocating
 def add_contacts(frames, first, rows, widths, out, diagonal, off, hessian):  # type: ignore[no-untyped-def]
     """Add all contacts; return their energy.
 

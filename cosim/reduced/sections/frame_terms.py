@@ -8,11 +8,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from cosim.base.kernels import device_function
+from cosim.base.kernels import allocating, device_function
 from cosim.reduced.sections.section_strains import add_skew, add_turning
 
 
-@device_function
+@allocating
 def add_frames(frames, load, bed, mass, target, out, diagonal, hessian):  # type: ignore[no-untyped-def]
     """Fill gradient and diagonal blocks with dead loads and the inertial bed; return their energy.
 
@@ -88,7 +88,7 @@ def _add_bed(frames, f, bed, mass, turn, diagonal):  # type: ignore[no-untyped-d
     add_turning(diagonal, f, turn, -1.0)
 
 
-@device_function
+@allocating
 def add_cables(frames, far, eyelets, tension, out, diagonal, off, hessian):  # type: ignore[no-untyped-def]
     """Add all cable segments under tension; return their energy.
 

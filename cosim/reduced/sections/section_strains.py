@@ -17,7 +17,7 @@ from __future__ import annotations
 import numpy as np
 from numba import boolean, float64
 
-from cosim.base.kernels import device_function
+from cosim.base.kernels import allocating, device_function
 from cosim.reduced.sections.section_energy import BENT, HIGH, LOW, section_energy
 
 CUBE = float64[:, :, ::1]
@@ -175,7 +175,7 @@ def _add_geometric(s, d, lean, turn, diagonal, off):  # type: ignore[no-untyped-
     add_turning(diagonal, b, turn, 1.0)
 
 
-@device_function
+@allocating
 def add_sections(frames, c, inverse_length, out, diagonal, off, hessian):  # type: ignore[no-untyped-def]
     """Add all sections; off is filled anew. Returns their energy."""
     d, x, g, h = np.empty(3), np.empty(6), np.empty(6), np.empty((6 if hessian else 0, 6))

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from cosim.base.frames import Array
-from cosim.base.kernels import BLOCKS, MATRIX, device_function, kernel
+from cosim.base.kernels import BLOCKS, MATRIX, allocating, device_function, kernel
 
 FAR = 1e9  # distance reported where a surface is not defined
 
@@ -84,7 +84,7 @@ def hull(p, planes, corners, reach, weight, normal):  # type: ignore[no-untyped-
     return distance
 
 
-@device_function
+@allocating
 def grid(p, table, origin, spacing, normal):  # type: ignore[no-untyped-def]
     """Trilinear table of signed distances [m]; normal along its gradient."""
     i, j, k = 0, 0, 0

@@ -7,7 +7,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from cosim.base.frames import Array
-from cosim.base.kernels import device_function
+from cosim.base.kernels import allocating
 
 MEASURES: Final = 9
 STRETCH, BEGIN, END, SINE, COSINE = 0, 1, 4, 7, 8
@@ -49,7 +49,7 @@ class BeamWork(NamedTuple):
     product: Array
 
 
-@device_function
+@allocating
 def beam_work(m):  # type: ignore[no-untyped-def]
     """Return the scratch for m beams; what stays zero in it is zero."""
     return BeamWork(

@@ -17,7 +17,7 @@ import numpy as np
 from numba import types
 
 from cosim.base.frames import Array, IntArray
-from cosim.base.kernels import CUBES, INDEX_TABLE, MATRIX, VECTOR, device_function
+from cosim.base.kernels import CUBES, INDEX_TABLE, MATRIX, VECTOR, allocating, device_function
 from cosim.soft.beams.band_cholesky import BAND, backward, factorise, forward, place_in_band
 from cosim.soft.beams.beam import beam_energies
 
@@ -77,7 +77,7 @@ class RingWork(NamedTuple):
     step: Array
 
 
-@device_function
+@allocating
 def ring_work(m):  # type: ignore[no-untyped-def]
     """Return the scratch of rings of m nodes."""
     return RingWork(
@@ -214,7 +214,8 @@ def _fill_band(w, b):  # type: ignore[no-untyped-def]
 @device_function
 def _fill_step(w):  # type: ignore[no-untyped-def]
     """Fill the step that the factor gives; return its largest entry and its slope."""
-    w.step[:] = w.moment
+    for i in range(w.step.shape[0]):
+        w.step[i] = w.moment[i]
     forward(w.factor, w.step)
     slope, largest = 0.0, 0.0
     for i in range(w.step.shape[0]):
@@ -289,7 +290,9 @@ def balance_turns(beams, f, w, b, hessian, kept):  # type: ignore[no-untyped-def
                 break
             fraction, fresh, done = 0.5 * fraction, True, False
         last = max(largest, 1e-300)
-        w.turns[:] = w.trial
+        for i in range(w.turns.shape[0]):
+            for r in range(4):
+                w.turns[i, r] = w.trial[i, r]
         if done and not fresh:
             return energy
     return np.inf

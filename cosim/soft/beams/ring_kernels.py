@@ -14,6 +14,7 @@ from cosim.base.kernels import (
     REAL,
     VECTOR,
     add_block,
+    allocating,
     device_function,
     kernel,
 )
@@ -80,7 +81,7 @@ def _fill_matrix(w, beam, mixed, matrix):  # type: ignore[no-untyped-def]
                 matrix[i, j] -= mixed[k, i] * mixed[k, j]
 
 
-@device_function
+@allocating
 def _add_matrix(w, slots, matrix, blocks):  # type: ignore[no-untyped-def]
     """Add the lower triangle of a matrix in axes of the ring to blocks in those of the world."""
     axes, count = w.axes, w.turns.shape[0]

@@ -20,7 +20,7 @@ from typing import final
 
 import numpy as np
 
-from cosim.base.kernels import device_function
+from cosim.base.kernels import allocating, device_function
 from cosim.errors import InputError
 
 
@@ -83,7 +83,7 @@ def shorten(u, n, stick):  # type: ignore[no-untyped-def]
         u[r] *= kept
 
 
-@device_function
+@allocating
 def touch(point, n, offset, stiffness, friction, anchor, width, stick, own, tangent):  # type: ignore[no-untyped-def]
     """Fill gradient (3,) and tangent (3, 3) of a contact by its point; return energy and normal force."""
     u = np.empty(3)

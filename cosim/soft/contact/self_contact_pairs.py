@@ -64,7 +64,7 @@ def foot_on_plane(x, corners, y, n, weight, slope):  # type: ignore[no-untyped-d
 @device_function
 def _rub(x, nodes, w, stick, limit, m, stretch, gradient, tangent):  # type: ignore[no-untyped-def]
     """Fill force and stiffness of one stick spring between two films; return its energy."""
-    u, along, square = np.empty(3), 0.0, 0.0
+    u, along, square = gradient, 0.0, 0.0  # in its place, until all is known
     for r in range(3):
         u[r] = stretch[r]
         for a in range(6):
@@ -76,10 +76,11 @@ def _rub(x, nodes, w, stick, limit, m, stretch, gradient, tangent):  # type: ign
     level, secant, rate = dragging_law(np.sqrt(square), stick)
     fold = limit * (rate - secant) / max(square, 1e-300)
     for r in range(3):
-        gradient[r] = limit * secant * u[r]
         for c in range(3):
             tangent[r, c] = fold * u[r] * u[c] - limit * secant * m[r] * m[c]
         tangent[r, r] += limit * secant
+    for r in range(3):
+        gradient[r] *= limit * secant
     return limit * level
 
 

@@ -13,7 +13,16 @@ from typing import final
 import numpy as np
 
 from cosim.base.frames import Array, IntArray
-from cosim.base.kernels import INDEX_TABLE, INDICES, INTEGER, MATRIX, REAL, device_function, kernel
+from cosim.base.kernels import (
+    INDEX_TABLE,
+    INDICES,
+    INTEGER,
+    MATRIX,
+    REAL,
+    allocating,
+    device_function,
+    kernel,
+)
 from cosim.soft.contact.self_contact_candidates import BEYOND_EDGES, FilmCandidates
 from cosim.soft.contact.self_contact_faces import FilmFaces, Relation
 from cosim.soft.contact.self_contact_pairs import foot_on_plane
@@ -36,7 +45,7 @@ def _cosine(outward, n):  # type: ignore[no-untyped-def]
     return (outward[0] * n[0] + outward[1] * n[1] + outward[2] * n[2]) / size
 
 
-@device_function
+@allocating
 def _measure(x, triangles, sides):  # type: ignore[no-untyped-def]
     """Fill a corner of each triangle, its unit normal, and the gradients of the other corners' weights."""
     n, weight, slope = np.empty(3), np.empty(3), np.empty((3, 3))

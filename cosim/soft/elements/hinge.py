@@ -25,7 +25,7 @@ from typing import Annotated, ClassVar, final
 import numpy as np
 
 from cosim.base.frames import Array, IntArray
-from cosim.base.kernels import BLOCKS, INDEX_TABLE, MATRIX, REAL, VECTOR, device_function, kernel
+from cosim.base.kernels import BLOCKS, INDEX_TABLE, MATRIX, REAL, VECTOR, allocating, device_function, kernel
 from cosim.soft.elements.element import NODES, ROWS, STILL, DirectElement, Instant
 from cosim.soft.elements.hinge_gradient import (
     ALPHA,
@@ -138,7 +138,7 @@ def _assemble(slots, first, lanes, h, blocks):  # type: ignore[no-untyped-def]
                         blocks[slot, c, r] += h[at + (3 * r + c) * _FEW]
 
 
-@device_function
+@allocating
 def add_hinge_hessians(x, hinges, stiffness, rest, theta1, reference, slots, gradient, blocks, angles):  # type: ignore[no-untyped-def]
     """Add all hinges to gradient and Hessian to blocks, write their angles; return the energy."""
     s, h = np.empty(QUANTITIES * LANES), np.empty(90 * _FEW)

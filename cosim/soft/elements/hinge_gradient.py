@@ -15,7 +15,7 @@ from typing import Any, Final
 import numpy as np
 
 from cosim.base.frames import Array, IntArray
-from cosim.base.kernels import device_function
+from cosim.base.kernels import allocating, device_function
 
 TURN = 2.0 * math.pi
 _EIGHTH = math.tan(math.pi / 8.0)
@@ -161,7 +161,7 @@ def scatter(hinges: IntArray, first: int, lanes: int, s: Array, gradient: Any) -
             gradient[k, r] += (beta - 1.0) * b - alpha * a
 
 
-@device_function
+@allocating
 def add_hinge_gradients(x, hinges, stiffness, rest, theta1, reference, gradient, angles):  # type: ignore[no-untyped-def]
     """Add all hinges to gradient, write their angles; return the energy as `add_hinges` does.
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from cosim.base.frames import Array
-from cosim.base.kernels import device_function
+from cosim.base.kernels import allocating, device_function
 from cosim.soft.elements.wrinkling import wrinkling
 
 # Quantity q of a lane is at s[q * LANES + lane], as in `hinge_gradient`.
@@ -114,7 +114,7 @@ def _scatter(triangles, first, lanes, s, gradient):  # type: ignore[no-untyped-d
     return energy
 
 
-@device_function
+@allocating
 def add_membrane_gradients(x, triangles, drawn, stiffness, forces, gradient):  # type: ignore[no-untyped-def]
     """Add the gradient of all triangles to gradient; return the energy [J].
 

@@ -14,7 +14,17 @@ from typing import Any
 import numpy as np
 
 from cosim.base.frames import Array, IntArray, cross, cross_matrix
-from cosim.base.kernels import BLOCKS, INDEX_TABLE, INDICES, MATRIX, REAL, add_block, device_function, kernel
+from cosim.base.kernels import (
+    BLOCKS,
+    INDEX_TABLE,
+    INDICES,
+    MATRIX,
+    REAL,
+    add_block,
+    allocating,
+    device_function,
+    kernel,
+)
 
 _CROSS = np.stack([cross_matrix(axis) for axis in np.eye(3)], axis=-1)  # (_CROSS @ v) @ b = v x b
 
@@ -102,7 +112,7 @@ def _cap_volume(x, ring, total, area):  # type: ignore[no-untyped-def]
     return (total[0] * area[0] + total[1] * area[1] + total[2] * area[2]) / (6.0 * count)
 
 
-@device_function
+@allocating
 def _add_cap_hessian(x, ring, factor, total, slots, blocks, k):  # type: ignore[no-untyped-def]
     """Add the second derivatives of -p V of one cap; ring nodes are coupled pairwise."""
     count = ring.shape[0]

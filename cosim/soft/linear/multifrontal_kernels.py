@@ -10,7 +10,7 @@ import math
 import numpy as np
 
 from cosim.base.frames import Array, PlaceArray
-from cosim.base.kernels import BOOLEAN, PLACE_TABLE, PLACES, REAL, VECTOR, device_function, kernel
+from cosim.base.kernels import BOOLEAN, PLACE_TABLE, PLACES, REAL, VECTOR, allocating, device_function, kernel
 from cosim.soft.linear.elimination_tree import CHILD, COLUMNS, ENTRY, FIRST, LEFT, REST, RUN, START
 
 # Places are unsigned, as in `envelope_kernels`.
@@ -64,7 +64,7 @@ def _take(fronts, children, runs, rows, k, owned, stack, to, wide, back):  # typ
                     to[target + j] += stack[source + j]
 
 
-@device_function
+@allocating
 def _leave(below, q, p, factor, left):  # type: ignore[no-untyped-def]
     """Write -W^T to the factor and -W W^T to left, both by groups of rows of W (q, p)."""
     at, to, room = _0, _0, p * _WIDE
