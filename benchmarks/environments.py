@@ -4,13 +4,14 @@
 
 Actions are random. `--workers` steps the vector form of the section model with so many processes, in wall
 time, and wants idle cores. `--batch` compares runs with changes and commands of their own, bit for bit, alone
-and with 1, 2, 4 workers.
+and with 1, 2, 4 workers, of which one is then killed.
 """
 
 from __future__ import annotations
 
 import argparse
 import os
+import signal
 import time
 from typing import Any
 
@@ -91,15 +92,15 @@ def compare_batches(runs: int) -> None:
         with cosim.Batch(
             "ur5e_hexagon_arm", runs, workers=workers, overrides=RANDOM, changes=changes
         ) as batch:
-            found = [
-                one and (one.joint_position.tobytes(), one.tip_position.tobytes())
-                for one in batch.step(commands, ticks=20)
-            ]
-        same = sum(a == b for a, b in zip(found, expected, strict=True))
-        print(
-            f"batch of {runs}, {workers} workers: {same} same bits, {time.perf_counter() - began:.0f} s",
-            flush=True,
-        )
+            found = [one and bits(one) for one in batch.step(commands, ticks=20)]
+            same = sum(a == b for a, b in zip(found, expected, strict=True))
+            text = f"batch of {runs}, {workers} workers: {same} same bits"
+            if workers > 1:
+                os.kill(batch.processes[0], signal.SIGKILL)
+                left = [one is not None for one in batch.step(ticks=20)]
+                named = sum("SIGKILL" in str(error) for error in batch.failed.values())
+                text += f"; one worker killed: {named} runs named, {sum(left)} went on"
+        print(f"{text}; {time.perf_counter() - began:.0f} s", flush=True)
 
 
 def main() -> None:

@@ -6,7 +6,8 @@ import multiprocessing
 import os
 import pickle
 import signal
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from multiprocessing.connection import Connection, wait
 from typing import Any, Final, cast, final
 
@@ -42,7 +43,8 @@ class Workers:
             process = context.Process(
                 target=_serve, args=(there,), daemon=True, name=f"cosim worker {worker}"
             )
-            process.start()
+            with _one_thread():
+                process.start()
             there.close()
             self._links.append(here)
             self._processes.append(process)
@@ -120,7 +122,6 @@ class Workers:
 def _serve(link: Connection) -> None:
     """Hold objects and answer calls until the other end is closed."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # whoever asked is interrupted, and ends this process
-    os.environ.update(dict.fromkeys(THREADS, "1"))  # before numpy comes with the objects
     try:
         make, places = link.recv()
         held = {k: _outcome(make, k) for k in places}
@@ -129,6 +130,21 @@ def _serve(link: Connection) -> None:
             link.send({k: _called(held[k], method, arguments) for k, arguments in asked.items()})
     except (EOFError, ConnectionResetError, BrokenPipeError):
         return
+
+
+@contextmanager
+def _one_thread() -> Iterator[None]:
+    """Let a process that is started take one thread; its script may import numpy before anything else."""
+    before = {name: os.environ.get(name) for name in THREADS}
+    os.environ.update(dict.fromkeys(THREADS, "1"))
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = value
 
 
 def _called(target: Any, method: str, arguments: Iterable[Any]) -> Any:

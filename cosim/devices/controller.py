@@ -46,8 +46,9 @@ class Measurement:
         contact_force_N: (3,) [N] of the soft robot on each rigid body in the last tick, world axes, by the
             body's name; the floor is part of "world".
         body_pose: world from each rigid body, by its name.
-        limits: what the arm is held at, in words: joints and speeds that a command asked for beyond their
-            bounds, torques that servos cannot exceed; empty where it follows.
+        limits: what does not go as commanded, in words: joints and speeds that a command asked for beyond
+            their bounds, torques that servos cannot exceed, gas whose command a phase has ended; empty where
+            all follow.
     """
 
     time_s: float
@@ -88,8 +89,9 @@ class Command:
         pump_pressure_Pa: setpoint, by pump name.
         flange_twist: (6,) [m/s, rad/s], linear then angular, world axes: how the flange's reference moves
             besides the plan, about its origin; None: it moves as planned, from where it has been moved to.
-        pressure_Pa: gauge, by chamber name; not where gas is sealed.
-        gas_kg: amount of gas, by name of a chamber in which it is sealed; what comes in has its temperature.
+        pressure_Pa: gauge, by chamber name; not where gas is sealed, nor beyond the tick in which it will be.
+        gas_kg: amount of gas, by name of a chamber in which it is sealed and no pump works; what comes in
+            has its temperature.
         flange: world_from_flange; the joints go there evenly, on the branch they are on.
         joint_position: (joints,) [rad].
     """

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import signal
 from dataclasses import fields
+from multiprocessing.context import SpawnProcess
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,7 @@ import pytest
 
 import cosim
 from cosim import Batch, Command, Simulation
+from cosim.app.workers import THREADS, Workers
 from cosim.errors import InputError, ScenarioError, SolverError, WorkerError
 from tests.devices import device_parts
 
@@ -88,3 +90,20 @@ def test_what_does_not_fit_is_refused_before_a_process_starts(tmp_path: Path) ->
         Batch(scenario, 0)
     with pytest.raises(ScenarioError, match=r"clock\.tick_s"):
         Batch(scenario, 2, overrides={"clock.tick_s": 0.0})
+
+
+def test_a_worker_is_told_to_take_one_thread_before_its_script_is_read(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    start, told = SpawnProcess.start, list[list[str | None]]()
+
+    def seen(process: SpawnProcess) -> None:
+        told.append([os.environ.get(name) for name in THREADS])
+        start(process)
+
+    monkeypatch.setattr(SpawnProcess, "start", seen)
+    monkeypatch.setenv(THREADS[0], "2")
+    before = dict(os.environ)
+    Workers(abs, 1, 1).close()
+    assert told == [["1"] * len(THREADS)]
+    assert dict(os.environ) == before

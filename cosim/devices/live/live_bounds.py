@@ -9,16 +9,13 @@ from typing import TYPE_CHECKING, Final, final
 from cosim.config.schema.scenario import Scenario
 from cosim.devices.command_values import numbers
 from cosim.devices.controller import Command
-from cosim.devices.live.live_values import LiveValues
+from cosim.devices.live.live_values import WHO, LiveValues
 from cosim.errors import InputError
-from cosim.plan.chamber_gas import ChamberGas
 
 if TYPE_CHECKING:  # a scene without an arm waits for neither engine
     from cosim.kinematics.arm import Arm
     from cosim.plan.arm_limits import ArmLimits
 
-WHO: Final = "step"
-"""Commands, in messages."""
 _MOTIONS: Final = ("flange", "flange_twist", "joint_position")
 
 
@@ -88,17 +85,3 @@ class LiveBounds:
                 "left out as nothing is within reach of the planned way; set contact.only_in_reach = false, "
                 "or contact.enabled = false if nothing is to be touched"
             )
-
-
-def check_gas(values: LiveValues, gas: ChamberGas, chambers: Sequence[str]) -> None:
-    """Check that pressures are commanded where they are given, and amounts of gas where it is sealed.
-
-    Raises:
-        InputError: it is the other way round.
-    """
-    for k, name in enumerate(chambers):
-        sealed = gas.content(k) is not None
-        if sealed and values.pressure_Pa[k] is not None:
-            raise InputError(f"{WHO}: pressure_Pa of '{name}', in which gas is sealed; command gas_kg")
-        if not sealed and values.gas_kg[k] is not None:
-            raise InputError(f"{WHO}: gas_kg of '{name}', whose pressure is given; command pressure_Pa")

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from itertools import accumulate
 from typing import Any, Final, final
 
 import numpy as np
@@ -19,13 +18,13 @@ from cosim.coupling.soft_sides.soft_side import SoftSide
 from cosim.devices.command_source import CommandsAhead, CommandSource, RobotState, SteeredCommands, StepToTake
 from cosim.devices.controller import Command, Measurement
 from cosim.devices.device_report import ActuationReport
+from cosim.devices.live.gas_orders import GasOrders
 from cosim.devices.live.joint_motion import JointMotion, along, to_pose, towards
-from cosim.devices.live.live_bounds import WHO, LiveBounds, check_gas
-from cosim.devices.live.live_values import LiveValues
+from cosim.devices.live.live_bounds import LiveBounds
+from cosim.devices.live.live_values import WHO, LiveValues
 from cosim.devices.measuring import measured
 from cosim.devices.planned_commands import PlannedCommands
 from cosim.plan.robot_command import RobotCommand, SoftCommand
-from cosim.plan.tick_references import ticks_of
 
 _AT_BOUND: Final = 1.0 - 1e-6
 _HELD_TICKS: Final = 256
@@ -43,6 +42,7 @@ class LiveState:
         begin: values at its start.
         end: values then.
         joints: how the joints go; None: as planned.
+        ended: what of it a phase has ended since, in words.
     """
 
     begin_tick: int
@@ -50,6 +50,7 @@ class LiveState:
     begin: LiveValues
     end: LiveValues
     joints: JointMotion | None
+    ended: tuple[str, ...] = ()
 
     def values(self, tick: int) -> LiveValues:
         """Return the values at the end of a tick, counted from the run's first, 1."""
@@ -93,8 +94,8 @@ class LiveCommands(SteeredCommands):
         self._given, self._scenario, self._soft, self._bounds = given, scenario, soft, bounds
         self._gas, self._actuation = planned.gas, planned.actuation
         self._tick_s = scenario.clock.tick_s
-        counts = [ticks_of(phase, self._tick_s) for phase in scenario.phases]
-        self._before = (0, *accumulate(counts))
+        self._gas_orders = GasOrders.of(scenario)
+        self._before = self._gas_orders.before
         wound = {name for winch in scenario.winches for name in winch.cables}
         self._wound = [name in wound for name in scenario.soft_robot.cable_names()]
         self._state: LiveState | None = None
@@ -111,6 +112,11 @@ class LiveCommands(SteeredCommands):
 
     def begin_phase(self, phase: int) -> None:
         self._given.begin_phase(phase)
+        state = self._state
+        if state is not None:
+            end, words = self._gas_orders.left(state.end, phase)
+            begin = state.begin.beginning(end, self._none)
+            self._state = replace(state, begin=begin, end=end, ended=words or state.ended)
 
     def next(self, step: StepToTake, see: Callable[[], RobotState]) -> RobotCommand:
         tick = self._before[step.phase] + step.done
@@ -172,8 +178,9 @@ class LiveCommands(SteeredCommands):
         if self._new is None:
             return
         (new, ticks), self._new = self._new, None
-        check_gas(new, self._gas, self._scenario.soft_robot.chamber_names())
         before, tick = self._state, self._before[phase] + done - 1
+        self._gas_orders.check(new, self._gas, self._actuation.pumps)
+        self._gas_orders.check_reached(new, phase, tick, ticks)
         none = self._none
         now, end = (none, none) if before is None else (before.values(tick), before.end)
         if new.drives_cables and not self._actuation.active:
@@ -182,7 +189,7 @@ class LiveCommands(SteeredCommands):
             held = [planned if live is None else live for live, planned in pairs]
             self._actuation.hold(held)
             end = replace(end, cable_tension_N=tuple(held))
-        end = end.followed_by(new)
+        end = self._gas_orders.pumped_by(new, end).followed_by(new)
         begin = now.beginning(end, none)
         if not begin.reaches(end):  # what nobody has commanded yet goes on from what is there
             begin = now.beginning(end, self._present(self._given.cable_tension_N(phase, done)))
@@ -251,9 +258,11 @@ class LiveCommands(SteeredCommands):
     def _limits(self, torque: Array) -> tuple[str, ...]:
         """Return at what the arm is held, in words, with torques (joints,) [N m]."""
         state, limits = self._state, self._bounds.limits
+        words = () if state is None else state.ended
         if limits is None:
-            return ()
-        words = () if state is None or state.joints is None else state.joints.limits
+            return words
+        if state is not None and state.joints is not None:
+            words += state.joints.limits
         full = np.flatnonzero(np.abs(torque) >= _AT_BOUND * limits.torque)
         return words + tuple(
             f"torque of {limits.joint_names[k]}: its servo gives all it has, {limits.torque[k]:.4g} "

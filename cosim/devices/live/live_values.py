@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import chain
-from typing import Annotated, TypeAlias, final
+from typing import Annotated, Final, TypeAlias, final
 
 from cosim.config.schema.scenario import Scenario
 from cosim.devices.cable_drive import Order
@@ -14,6 +14,8 @@ from cosim.devices.command_values import check_one_order_each, named_values
 from cosim.devices.controller import Command
 
 _Values: TypeAlias = tuple[float | None, ...]
+WHO: Final = "step"
+"""Commands, in messages."""
 
 
 @final
