@@ -15,8 +15,8 @@ from cosim._version import __version__ as __version__
 if TYPE_CHECKING:
     from cosim.app.api import run as run
     from cosim.app.batch import Batch as Batch
-    from cosim.app.driver import Observer as Observer
     from cosim.app.loaded_run import load_run as load_run
+    from cosim.app.observer import Observer as Observer
     from cosim.app.path_export import plan_path as plan_path
     from cosim.app.picture import picture as picture
     from cosim.app.progress import ProgressBar as ProgressBar
@@ -61,7 +61,7 @@ _HOMES = {
     "Measurement": "cosim.devices.controller",
     "JointTable": "cosim.results.joint_table",
     "MeshError": "cosim.errors",
-    "Observer": "cosim.app.driver",
+    "Observer": "cosim.app.observer",
     "OutOfRangeError": "cosim.errors",
     "OutputError": "cosim.errors",
     "Pose": "cosim.base.frames",

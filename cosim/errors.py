@@ -97,7 +97,11 @@ class SolverError(CosimError):
     """The physics could not be solved."""
 
     def at(self, where: str) -> Self:
-        """Put before the message where it has happened, or what was tried; return the error."""
+        """Put before the message where it has happened, or what was tried; return the error.
+
+        Args:
+            where: put before the message, and a colon.
+        """
         self.args = (f"{where}: {self}", *self.args[1:])
         return self
 

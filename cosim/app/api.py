@@ -8,8 +8,9 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from cosim.app.driver import Observer, Options, build_simulation, execute, rerun_recorder
+from cosim.app.driver import Options, build_simulation, execute, rerun_recorder
 from cosim.app.first_run import log, named_body, prepared
+from cosim.app.observer import Observer
 from cosim.app.run_files import default_directory
 from cosim.config.loading import load_scenario
 from cosim.config.rules.size_rules import check_ends

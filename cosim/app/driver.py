@@ -16,6 +16,7 @@ from cosim._version import __version__
 from cosim.app.array_recorder import ArrayRecorder
 from cosim.app.checkpoint import Checkpoint, CheckpointKeeper, Origin, read_checkpoint
 from cosim.app.loaded_files import loaded_digests
+from cosim.app.observer import Observer
 from cosim.app.run_files import RECORDING, RunFiles
 from cosim.base.stateful import Stateful
 from cosim.config.schema.scenario import Scenario
@@ -68,19 +69,6 @@ class Runnable(Stateful[Any], Protocol):
 
     def measured(self, last: Snapshot) -> Measurement:
         """Return what is measured after the last tick, which a snapshot shows."""
-
-
-class Observer(Protocol):
-    """What follows a run while it lasts."""
-
-    def open(self, stage: RunInfo) -> None:
-        """The simulation is built; nothing has been written yet."""
-
-    def observe(self, batch: TickBatch) -> None:
-        """Take in some ticks of one phase; `batch.snapshot(k)` shows one of them."""
-
-    def close(self) -> None:
-        """The run has ended, one way or another."""
 
 
 @final

@@ -29,7 +29,11 @@ class ProgressBar:
         self._in_notebook: Any = None
 
     def open(self, stage: RunInfo) -> None:
-        """Start the clock; the simulation is built."""
+        """Start the clock; the simulation is built.
+
+        Args:
+            stage: of the run.
+        """
         self._stage, self._first, self._last = stage, None, None
         self._started = self._shown = time.perf_counter()
         if _is_notebook():
@@ -38,7 +42,11 @@ class ProgressBar:
             self._in_notebook = display(_as_text("..."), raw=True, display_id=True)
 
     def observe(self, batch: TickBatch) -> None:
-        """Take in some ticks of one phase; show them at most five times a second."""
+        """Take in some ticks of one phase; show them at most five times a second.
+
+        Args:
+            batch: the ticks, in order.
+        """
         now, snapshot = time.perf_counter(), batch.snapshot(-1)
         renews = self._in_notebook is not None or sys.stderr.isatty()
         if not renews and self._last is not None and snapshot.phase != self._last.phase:

@@ -41,7 +41,14 @@ class SavedState:
     snapshot: Snapshot
 
     def write(self, path: str | Path) -> None:
-        """Write the state to a file, from which `Simulation(..., start=path)` goes on."""
+        """Write the state to a file, from which `Simulation(..., start=path)` goes on.
+
+        Args:
+            path: of the file, an archive of NumPy (.npz).
+
+        Raises:
+            OSError: it cannot be written.
+        """
         write_archive(Path(path), {"tick": self.snapshot.tick}, self)
 
     def __repr__(self) -> str:
@@ -183,6 +190,9 @@ class Simulation:
 
     def restore(self, saved: SavedState | str | Path) -> None:
         """Go to a saved state, that of a file, or a run's checkpoint.npz.
+
+        Args:
+            saved: what `save` has returned, or a file's path.
 
         Raises:
             InputError: the file cannot be read, or the state does not fit this scenario.

@@ -222,13 +222,21 @@ class Pose:
         return Pose.owning(self.rotation.T, -self.rotation.T @ self.translation)
 
     def apply(self, points: Array) -> Array:
-        """Map points (..., 3) [m] by this pose."""
+        """Return points mapped by this pose.
+
+        Args:
+            points: (..., 3) [m].
+        """
         return np.asarray(points @ self.rotation.T + self.translation)
 
     def interpolated(self, end: Pose, fraction: float) -> Pose:
         """Return the pose at a fraction of the shortest way to another; exactly that at 1.
 
         The origin moves on a line, the rotation about one axis.
+
+        Args:
+            end: the other pose.
+            fraction: of the way, 0 to 1.
         """
         if fraction >= 1.0:
             return end

@@ -10,9 +10,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, final
 
 from cosim.app.checkpoint import check_resumable, tick_to_resume
-from cosim.app.driver import Observer, Options, RunOutcome, build_simulation, execute, rerun_recorder
+from cosim.app.driver import Options, RunOutcome, build_simulation, execute, rerun_recorder
 from cosim.app.first_run import prepared
 from cosim.app.loaded_files import loaded_digests
+from cosim.app.observer import Observer
 from cosim.app.run_files import SCENARIO, SUMMARY, check_directory, default_directory, recordings
 from cosim.cli.interruption import Interruption
 from cosim.cli.progress import PlanWarnings, ProgressLine

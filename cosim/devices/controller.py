@@ -111,11 +111,20 @@ class Controller(ABC, Generic[State]):
 
     @abstractmethod
     def start(self, seen: Measurement) -> State:
-        """Return the state in which a phase begins that uses this controller after one that did not."""
+        """Return the state in which a phase begins that uses this controller after one that did not.
+
+        Args:
+            seen: what is measured then.
+        """
 
     @abstractmethod
     def act(self, state: State, seen: Measurement) -> tuple[State, Command]:
-        """Return the state afterwards and the command that holds for the next period."""
+        """Return the state afterwards and the command that holds for the next period.
+
+        Args:
+            state: what the call before has returned, or `start`.
+            seen: what is measured now.
+        """
 
 
 AnyController = Controller[Any]

@@ -94,6 +94,9 @@ class JointTable:
     def write(self, path: str | Path) -> None:
         """Write a .csv file, or a .script file of URScript.
 
+        Args:
+            path: of the file; its ending says which of both.
+
         Raises:
             InputError: the name ends otherwise, or the arm is no UR.
             OutputError: it cannot be written.

@@ -13,7 +13,8 @@ from functools import cache
 from pathlib import Path
 from typing import Any, Final
 
-from cosim.app.driver import Observer, Options, build_simulation, execute
+from cosim.app.driver import Options, build_simulation, execute
+from cosim.app.observer import Observer
 from cosim.config.kinds import register_installed, register_module
 from cosim.config.schema.scenario import Scenario
 from cosim.errors import InputError

@@ -33,6 +33,8 @@ def told_arguments(text: str) -> dict[str, str]:
     return {name: meaning for names, meaning in entries for name in names.split(", ")}
 
 
+UNIT = r"_(s|m|m3|N|Pa|W|Hz|rad|kg)$"
+UNITLESS = ("fraction",)
 PARTS = dict(part for name in NAMES for part in public_parts(name))
 
 
@@ -42,10 +44,22 @@ def test_every_public_name_says_what_it_is_and_takes(name: str) -> None:
     assert text, "has no docstring"
     first = text.splitlines()[0]
     assert first.endswith((".", ":")) or "." in text.partition("\n\n")[0], "the first sentence has no end"
-    if inspect.isfunction(PARTS[name]) and "." not in name:
-        parameters = set(inspect.signature(PARTS[name]).parameters)
+    if inspect.isfunction(PARTS[name]):
+        parameters = set(inspect.signature(PARTS[name]).parameters) - {"self", "cls"}
         assert parameters <= set(told_arguments(text)), "an argument is not told"
-        assert "Raises:" in text or not parameters, "what it raises is not told"
+        assert "Raises:" in text or not parameters or "." in name, "what it raises is not told"
+
+
+@pytest.mark.parametrize("name", [name for name in PARTS if inspect.isfunction(PARTS[name])])
+def test_arguments_have_shapes_and_units(name: str) -> None:
+    told = told_arguments(inspect.getdoc(PARTS[name]) or "")
+    for parameter in inspect.signature(PARTS[name]).parameters.values():
+        meaning, annotation = told.get(parameter.name, ""), str(parameter.annotation)
+        if "Array" in annotation:
+            assert re.match(r"\(", meaning), f"{parameter.name} has no shape"
+        if "float" in annotation or "Array" in annotation:
+            has_unit = "[" in meaning or re.search(UNIT, parameter.name)
+            assert has_unit or parameter.name in UNITLESS, f"{parameter.name} has no unit"
 
 
 @pytest.mark.parametrize("name", [name for name in NAMES if is_dataclass(getattr(cosim, name))])
@@ -67,7 +81,7 @@ def test_every_field_is_told_and_every_array_has_shape_and_unit(name: str) -> No
         assert field.name in told, f"{field.name} is not told"
         if "Array" in str(field.type) and "Mapping" not in str(field.type):
             assert re.match(r"\(", told[field.name]), f"{field.name} has no shape"
-            has_unit = "[" in told[field.name] or re.search(r"_(s|m|m3|N|Pa|W|rad)$", field.name)
+            has_unit = "[" in told[field.name] or re.search(UNIT, field.name)
             assert has_unit or field.name.endswith(unitless), f"{field.name} has no unit"
 
 
