@@ -28,14 +28,14 @@ class Tally:
 
     def watch(self) -> None:
         """Count from now on what every solver evaluates."""
+        from cosim.soft.solve import quick_step
         from cosim.soft.solve.newton import NewtonSolver
         from cosim.soft.solve.problem import Problem
-        from cosim.soft.solve.quick_step import QuickStepper
         from cosim.stepping.batch_stepper import BatchStepper
 
         at: Any = Problem.at
-        solve: Any = NewtonSolver.solve
-        take: Any = QuickStepper.take
+        with_tangent: Any = NewtonSolver.with_tangent
+        film_step: Any = vars(quick_step)["film_step"]
         take_row: Any = BatchStepper.take
 
         def counted_at(problem: Problem, *places: Any, hessian: bool = False) -> Any:
@@ -43,16 +43,16 @@ class Tally:
             self.gradients += not hessian
             return at(problem, *places, hessian=hessian)
 
-        def counted_solve(solver: NewtonSolver, *given: Any, **named: Any) -> Any:
-            result = solve(solver, *given, **named)
-            self.shifted += result.shifted
-            return result
+        def counted_tangent(solver: NewtonSolver, *given: Any) -> Any:
+            attempts, found = with_tangent(solver, *given)
+            self.shifted += abs(attempts) > 1
+            return attempts, found
 
-        def counted_take(stepper: QuickStepper, *given: Any) -> Any:
-            taken = take(stepper, *given)
-            if taken is not None:  # a step in one call: the start, then one after every iteration
-                self.gradients += taken[1].iterations + 1
-            return taken
+        def counted_step(*given: Any) -> Any:
+            converged, iterations, *rest = film_step(*given)
+            # at the start, then after every iteration
+            self.gradients += given[-1].begins + iterations
+            return converged, iterations, *rest
 
         def counted_row(stepper: BatchStepper, *given: Any) -> Any:
             batch = take_row(stepper, *given)
@@ -62,8 +62,8 @@ class Tally:
 
         for owner, name, counted in (
             (Problem, "at", counted_at),
-            (NewtonSolver, "solve", counted_solve),
-            (QuickStepper, "take", counted_take),
+            (NewtonSolver, "with_tangent", counted_tangent),
+            (quick_step, "film_step", counted_step),
             (BatchStepper, "take", counted_row),
         ):
             setattr(owner, name, counted)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from cosim.soft.solve.newton import ShiftSearch
+from cosim.soft.linear.shift_search import ShiftSearch
 
 START = 0.05
 

@@ -108,7 +108,9 @@ def advance_film_ticks(  # type: ignore[no-untyped-def]
             way.x[k + 1], way.velocity[k + 1], way.x[k], way.velocity[k], way.memory[k], flange,
             way.x[k + 2], way.velocity[k + 2], way.memory[k + 1],
         )  # fmt: skip
-        converged, iterations, residual, _ = _film_step(row.calls[_STEP], (row.side, loads, motion))
+        converged, iterations, residual, _ = _film_step(
+            row.calls[_STEP], (row.side, loads, row.untouched, motion, row.place)
+        )
         if not converged:
             return k, SOFT_STEP_LEFT
         _fill_figures(row, way.x[k + 2], flange, moments, ticks.figures[k + 1])

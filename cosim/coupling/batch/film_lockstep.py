@@ -114,7 +114,8 @@ class FilmLockstep(RowLockstep):
         side = stepper.quick.side(stepper.scheme_of(soft.state, tick_s), tick_s)
         assert side is not None, "ready says whether there is one"
         mass = soft.body.node_mass.reshape(-1, 1, 1)
-        row = FilmRow(side, self._reach, self._calls, mass, self._mass_kg, LARGE_TURN_RAD)
+        begins = stepper.quick.begins
+        row = FilmRow(side, *begins, self._reach, self._calls, mass, self._mass_kg, LARGE_TURN_RAD)
         done, ending = advance_film_ticks(
             count, self.native, carried, self.mounted, commands, row, ticks, motion
         )

@@ -9,7 +9,8 @@ from numba import types
 from cosim.base.frames import Array, IntArray
 from cosim.base.kernels import BLOCKS, INDICES, MATRIX, REAL
 from cosim.rigid.distance.shape_bounds import SHAPE_BOUNDS, ShapeBounds
-from cosim.soft.solve.film_step import FILM_SIDE, FilmSide
+from cosim.soft.contact.obstacle_contact import TOUCHED, TouchedPlanes
+from cosim.soft.solve.film_step import FILM_SIDE, PLACE, FilmSide, StepPlace
 
 
 class FilmCommands(NamedTuple):
@@ -75,6 +76,8 @@ class FilmRow(NamedTuple):
 
     Args:
         side: of the soft steps.
+        untouched: what stands for nothing touched in them.
+        place: from which they begin.
         reach: of the film.
         calls: (kernels,), see `row_calls`.
         mass: (nodes, 1, 1) [kg].
@@ -83,6 +86,8 @@ class FilmRow(NamedTuple):
     """
 
     side: FilmSide
+    untouched: TouchedPlanes
+    place: StepPlace
     reach: FilmReach
     calls: IntArray
     mass: Array
@@ -93,4 +98,4 @@ class FilmRow(NamedTuple):
 FILM_COMMANDS = types.NamedTuple((MATRIX, MATRIX, MATRIX, BLOCKS, MATRIX, MATRIX, MATRIX), FilmCommands)
 FILM_MOTION = types.NamedTuple((BLOCKS, BLOCKS, MATRIX), FilmMotion)
 _REACH = types.NamedTuple((SHAPE_BOUNDS, REAL, REAL), FilmReach)
-FILM_ROW = types.NamedTuple((FILM_SIDE, _REACH, INDICES, BLOCKS, REAL, REAL), FilmRow)
+FILM_ROW = types.NamedTuple((FILM_SIDE, TOUCHED, PLACE, _REACH, INDICES, BLOCKS, REAL, REAL), FilmRow)

@@ -69,20 +69,6 @@ class MemoryRows(NamedTuple):
     place: Array
 
 
-class PlaneRows(NamedTuple):
-    """Arrays of `ContactPlanes`, k contacts."""
-
-    nodes: IntArray
-    weights: Array
-    slots: IntArray
-    normal: Array
-    offset: Array
-    stiffness: Array
-    friction: Array
-    anchor: Array
-    body: IntArray
-
-
 class Ties(NamedTuple):
     """What contacts are tied to.
 
@@ -125,8 +111,5 @@ NEAR = types.NamedTuple(
 SURFACE = types.NamedTuple((INDEX_TABLE, MATRIX, INDEX_TABLE, VECTOR, INDEX_TABLE, INDEX_TABLE), SurfaceRows)
 SHAPES = types.NamedTuple((MATRIX, BLOCKS, VECTOR, INDICES), ShapeRows)
 MEMORY = types.NamedTuple((INDICES, VECTOR, MATRIX, MATRIX), MemoryRows)
-PLANES = types.NamedTuple(
-    (INDEX_TABLE, MATRIX, INDEX_TABLE, MATRIX, VECTOR, VECTOR, VECTOR, MATRIX, INDICES), PlaneRows
-)
 TIES = types.NamedTuple((INDICES, INDICES, MATRIX), Ties)
 END = types.NamedTuple((MATRIX, VECTOR, MATRIX, INDICES, VECTOR, VECTOR, VECTOR), EndRows)

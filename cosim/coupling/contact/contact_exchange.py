@@ -15,7 +15,7 @@ import numpy as np
 
 from cosim.base.frames import Array, IntArray
 from cosim.base.state_check import check_indices
-from cosim.coupling.contact.contact_arrays import EndRows, MemoryRows, PlaneRows, ShapeRows, SurfaceRows, Ties
+from cosim.coupling.contact.contact_arrays import EndRows, MemoryRows, ShapeRows, SurfaceRows, Ties
 from cosim.coupling.contact.contact_kernels import conclude, describe
 from cosim.coupling.contact.contact_memory import ContactMemory
 from cosim.coupling.contact.contact_report import NOTHING_TOUCHED, ContactReport
@@ -25,7 +25,7 @@ from cosim.rigid.distance.contact_query import ContactQuery
 from cosim.rigid.scene.bodies import Bodies
 from cosim.soft.contact.contact_law import ContactLaw
 from cosim.soft.contact.contact_points import ContactSurface, Extent
-from cosim.soft.contact.obstacle_contact import ContactPlanes
+from cosim.soft.contact.obstacle_contact import ContactPlanes, PlaneRows
 from cosim.soft.solve.state import SoftState
 
 _REACH_M = 1e-3  # looked ahead besides what the film moves in a tick
@@ -165,13 +165,12 @@ class ContactExchange:
             np.empty((count, 3)), np.empty(count), np.zeros((bodies, 6)), np.zeros(bodies, np.int64),
             np.zeros(bodies), np.zeros(6), np.empty(2),
         )  # fmt: skip
-        rows = PlaneRows(*(getattr(planes, name) for name in PlaneRows._fields))
         kept = MemoryRows(
             np.empty(count, np.int64), np.empty(count), np.empty((count, 3)), np.empty((count, 3))
         )
         pressing = conclude(
-            positions, rows, self._ties, self._points, self._shape_rows, law.smoothing_m, law.stick_m, kept,
-            end,
+            positions, planes.rows, self._ties, self._points, self._shape_rows, law.smoothing_m, law.stick_m,
+            kept, end,
         )  # fmt: skip
         self.memory = ContactMemory(
             kept.key[:pressing], kept.normal_force[:pressing], kept.offset[:pressing], kept.place[:pressing]

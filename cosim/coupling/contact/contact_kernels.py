@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from cosim.base.kernels import INTEGER, MATRIX, REAL, device_function, kernel
-from cosim.coupling.contact.contact_arrays import END, MEMORY, NEAR, PLANES, SHAPES, SURFACE, TIES
+from cosim.coupling.contact.contact_arrays import END, MEMORY, NEAR, SHAPES, SURFACE, TIES
 from cosim.soft.contact.contact_law import shorten, touch
+from cosim.soft.contact.obstacle_contact import PLANES
 
 
 @device_function

@@ -108,6 +108,11 @@ class Loads:
         """Whether it `is_plain`."""
         return is_plain(self)
 
+    @cached_property
+    def plain_but_contact(self) -> bool:
+        """Whether it is plain but for what may be touched."""
+        return is_plain(self, but="contact")
+
     def arrays(self, chambers: int) -> PlainLoads:
         """Return pressures of so many chambers, tensions and gravity, whatever else there is."""
         pressure = np.array(self.pressures(chambers))
@@ -159,10 +164,15 @@ class Loads:
         )  # fmt: skip
 
 
-def is_plain(load: object) -> bool:
-    """Return whether pressures, tensions and gravity are all that acts: all else as if it was not given."""
+def is_plain(load: object, *, but: str = "") -> bool:
+    """Return whether pressures, tensions and gravity are all that acts: all else as if it was not given.
+
+    Args:
+        load: `Loads`, or what a command says of them.
+        but: name of what may act besides.
+    """
     kind: Any = type(load)
-    given = ((getattr(load, name), default) for name, default in _besides(kind))
+    given = ((getattr(load, name), default) for name, default in _besides(kind) if name != but)
     return all(
         value is default or (isinstance(value, tuple) and value == default) for value, default in given
     )

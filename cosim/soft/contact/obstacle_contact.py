@@ -10,34 +10,67 @@ and is dragged along once |u| exceeds `stick`, so a load below the limit is held
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import Annotated, final
+from functools import cache, cached_property
+from typing import Annotated, NamedTuple, final
 
 import numpy as np
+from numba import types
 
 from cosim.base.frames import Array, IntArray
-from cosim.base.kernels import BLOCKS, INDEX_TABLE, MATRIX, REAL, VECTOR, add_block, kernel
+from cosim.base.kernel_calls import address_of
+from cosim.base.kernels import BLOCKS, INDEX_TABLE, INDICES, MATRIX, REAL, VECTOR, add_block, kernel
 from cosim.soft.contact.contact_law import ContactLaw, touch
 from cosim.soft.elements.element import Sums
 
-_NO_TABLE = np.zeros((0, 0), np.int64)
+_NO_BLOCKS = np.zeros((0, 3, 3))
 
 
-@kernel(
-    REAL(
-        MATRIX, INDEX_TABLE, MATRIX, MATRIX, VECTOR, VECTOR, VECTOR, MATRIX, REAL, REAL, INDEX_TABLE, MATRIX,
-        BLOCKS, MATRIX, VECTOR,
-    )
-)  # fmt: skip
-def _add_contacts(  # type: ignore[no-untyped-def]
-    x, nodes, weights, normal, offset, stiffness, friction, anchor, width, stick, slots, gradient, blocks,
-    own, pressing,
-):  # fmt: skip
-    """Add gradient (and Hessian, if slots is not empty) of all contacts; return the energy [J].
+class PlaneRows(NamedTuple):
+    """The arrays of `ContactPlanes`, for kernels."""
+
+    nodes: IntArray
+    weights: Array
+    slots: IntArray
+    normal: Array
+    offset: Array
+    stiffness: Array
+    friction: Array
+    anchor: Array
+    body: IntArray
+
+
+class TouchedPlanes(NamedTuple):
+    """What may be touched in a step, for a kernel that adds it by `add_contacts`.
+
+    Args:
+        call: address of that kernel; 0 for nothing to touch.
+        planes: k contacts.
+        widths: (2,) [m], of the transitions, see `ContactLaw`: across, then along the surface.
+        own: (k, 3) [N], filled with the gradient of each by its point.
+        pressing: (k,) [N], filled with its normal force.
+    """
+
+    call: int
+    planes: PlaneRows
+    widths: Array
+    own: Array
+    pressing: Array
+
+
+PLANES = types.NamedTuple(
+    (INDEX_TABLE, MATRIX, INDEX_TABLE, MATRIX, VECTOR, VECTOR, VECTOR, MATRIX, INDICES), PlaneRows
+)
+TOUCHED = types.NamedTuple((types.int64, PLANES, VECTOR, MATRIX, VECTOR), TouchedPlanes)
+
+
+@kernel(REAL(MATRIX, PLANES, VECTOR, MATRIX, BLOCKS, MATRIX, VECTOR))
+def add_contacts(x, planes, widths, gradient, blocks, own, pressing):  # type: ignore[no-untyped-def]
+    """Add gradient (and Hessian, if there are blocks) of all contacts; return the energy [J].
 
     `own` receives each contact's gradient by its point, `pressing` its normal force.
     """
     point, tangent, k = np.empty(3), np.empty((3, 3)), np.empty((3, 3))
-    with_hessian = slots.shape[0] > 0
+    nodes, weights, normal, friction = planes.nodes, planes.weights, planes.normal, planes.friction
     energy = 0.0
     for e in range(nodes.shape[0]):
         for r in range(3):
@@ -45,13 +78,14 @@ def _add_contacts(  # type: ignore[no-untyped-def]
             for a in range(3):
                 point[r] += weights[e, a] * x[nodes[e, a], r]
         level, pressing[e] = touch(
-            point, normal[e], offset[e], stiffness[e], friction[e], anchor[e], width, stick, own[e], tangent
-        )
+            point, normal[e], planes.offset[e], planes.stiffness[e], friction[e], planes.anchor[e], widths[0],
+            widths[1], own[e], tangent,
+        )  # fmt: skip
         energy += level
         for a in range(3):
             for r in range(3):
                 gradient[nodes[e, a], r] += weights[e, a] * own[e, r]
-            if not with_hessian:
+            if blocks.shape[0] == 0:
                 continue
             for b in range(a + 1):
                 product = weights[e, a] * weights[e, b]
@@ -60,8 +94,13 @@ def _add_contacts(  # type: ignore[no-untyped-def]
                 for r in range(3):
                     for c in range(3):
                         k[r, c] = product * tangent[r, c]
-                add_block(blocks, slots[e, a * (a + 1) // 2 + b], k)
+                add_block(blocks, planes.slots[e, a * (a + 1) // 2 + b], k)
     return energy
+
+
+@cache
+def _address() -> int:
+    return address_of(add_contacts)
 
 
 @final
@@ -96,19 +135,32 @@ class ContactPlanes:
     def __len__(self) -> int:
         return len(self.nodes)
 
+    @cached_property
+    def rows(self) -> PlaneRows:
+        """The arrays."""
+        return PlaneRows(*(getattr(self, name) for name in PlaneRows._fields))
+
+    @cached_property
+    def touched(self) -> TouchedPlanes:
+        """What a kernel takes that adds them."""
+        widths = np.array([self.law.smoothing_m, self.law.stick_m])
+        call, count = _address(), len(self)
+        return TouchedPlanes(call, self.rows, widths, np.empty((count, 3)), np.empty(count))
+
     def add(self, positions: Array, sums: Sums, hessian: bool) -> float:
         """Add the gradient and, if told to, the Hessian at positions (n, 3) [m]; return the energy [J]."""
-        slots = self.slots if hessian else _NO_TABLE
-        return self._evaluate(positions, sums.gradient, sums.blocks, slots)[0]
+        _, planes, widths, own, pressing = self.touched
+        blocks = sums.blocks if hessian else _NO_BLOCKS
+        energy: float = add_contacts(positions, planes, widths, sums.gradient, blocks, own, pressing)
+        return energy
 
     def at(self, positions: Array) -> ContactForces:
         """Return forces and places of the contact points at positions (n, 3) [m]."""
-        _, gradient, pressing = self._evaluate(
-            positions, np.zeros_like(positions), np.zeros((0, 3, 3)), _NO_TABLE
-        )
+        _, planes, widths, own, pressing = self.touched
+        add_contacts(positions, planes, widths, np.zeros_like(positions), _NO_BLOCKS, own, pressing)
         point = np.einsum("ka,kar->kr", self.weights, positions[self.nodes])
         distance = np.einsum("kr,kr->k", self.normal, point) - self.offset
-        return ContactForces(point, -gradient, pressing, distance)
+        return ContactForces(point, -own, pressing.copy(), distance)
 
     def sticking(self, points: Array, friction: Array) -> ContactPlanes:
         """Return the contacts as they answer a small motion from rest: stick springs slack, friction present.
@@ -156,16 +208,6 @@ class ContactPlanes:
             + (along - across)[:, None, None] * slip
         )
 
-    def _evaluate(
-        self, positions: Array, force: Array, blocks: Array, slots: IntArray
-    ) -> tuple[float, Array, Array]:
-        own, pressing = np.empty((len(self), 3)), np.empty(len(self))
-        energy: float = _add_contacts(
-            positions, self.nodes, self.weights, self.normal, self.offset, self.stiffness, self.friction,
-            self.anchor, self.law.smoothing_m, self.law.stick_m, slots, force, blocks, own, pressing,
-        )  # fmt: skip
-        return energy, own, pressing
-
 
 @final
 @dataclass(frozen=True)
@@ -194,3 +236,12 @@ class ContactForces:
         """Of the deepest of them [m]; 0 if none presses, negative while none has sunk in."""
         pressing = self.normal_force > 0.0
         return -float(self.distance[pressing].min()) if pressing.any() else 0.0
+
+
+def nothing_touched() -> TouchedPlanes:
+    """Return what stands for nothing that may be touched."""
+    none = ContactPlanes(
+        np.zeros((0, 3), np.int64), np.zeros((0, 3)), np.zeros((0, 6), np.int64), np.zeros((0, 3)),
+        np.zeros(0), np.zeros(0), np.zeros(0), np.zeros((0, 3)), law=ContactLaw(),
+    )  # fmt: skip
+    return TouchedPlanes(0, none.rows, np.ones(2), np.zeros((0, 3)), np.zeros(0))

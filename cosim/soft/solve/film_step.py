@@ -1,8 +1,8 @@
-"""One implicit step of a film in one kernel: with a factorisation that is kept, from its start to its end.
+"""One implicit step of a film in one kernel: its start, and iterations with a factorisation that is kept.
 
-It takes what most steps are: given pressures and tensions, nothing touched, and iterations with the kept
-factorisation that converge at once. Where they do not, nothing has changed, and the step is for
-`ImplicitStepper`, which begins as this one did.
+It knows given pressures and tensions, and what the film may touch in the scene. Where an iteration does not
+serve, the step is left at the point before it: there a new tangent is asked for, from which a further call
+goes on.
 """
 
 from __future__ import annotations
@@ -27,6 +27,7 @@ from cosim.base.kernels import (
     device_function,
     kernel,
 )
+from cosim.soft.contact.obstacle_contact import TOUCHED
 from cosim.soft.linear.envelope_kernels import substitute
 from cosim.soft.solve.film_arrays import BED, FILM, PLAIN_LOADS, FilmArrays, StepBed, film_gradient
 from cosim.soft.solve.held_nodes import HELD, HeldNodes, place_held
@@ -56,7 +57,6 @@ class StepNumbers(NamedTuple):
         start_tolerance: [N].
         reuse_rate: bound on a residual over the last one.
         step_max: [m].
-        reuse_max: iterations at most.
     """
 
     two_steps: bool
@@ -68,7 +68,6 @@ class StepNumbers(NamedTuple):
     start_tolerance: float
     reuse_rate: float
     step_max: float
-    reuse_max: int
 
 
 class KeptEnvelope(NamedTuple):
@@ -121,6 +120,22 @@ class StepMotion(NamedTuple):
     new_memory: Array
 
 
+class StepPlace(NamedTuple):
+    """Where a call goes on.
+
+    Args:
+        begins: whether the step does; otherwise the end of the motion and the gradient are where it is.
+        residual: there [N].
+        energy: potential there [J].
+        reuse_max: iterations at most.
+    """
+
+    begins: bool
+    residual: float
+    energy: float
+    reuse_max: int
+
+
 class StepWork(NamedTuple):
     """Scratch of a step; `gradient` holds what its end has.
 
@@ -128,6 +143,7 @@ class StepWork(NamedTuple):
         calls: (5,), see `step_calls`.
         gradient: (n, 3) [N].
         solution: (1, n, 3).
+        served: (n, 3) [m], the last point that serves.
         reference: (values,).
         pull: (segments,).
     """
@@ -135,6 +151,7 @@ class StepWork(NamedTuple):
     calls: IntArray
     gradient: Array
     solution: Array
+    served: Array
     reference: Array
     pull: Array
 
@@ -159,10 +176,11 @@ class FilmSide(NamedTuple):
     work: StepWork
 
 
-NUMBERS = types.NamedTuple((BOOLEAN, *(8 * [REAL]), types.int64), StepNumbers)
+NUMBERS = types.NamedTuple((BOOLEAN, *(8 * [REAL])), StepNumbers)
+PLACE = types.NamedTuple((BOOLEAN, REAL, REAL, types.int64), StepPlace)
 KEPT = types.NamedTuple((BOOLEAN, VECTOR, PLACES, PLACES, VECTOR, INDICES, MATRIX, MASKS), KeptEnvelope)
 MOTION = types.NamedTuple((*(4 * [MATRIX]), VECTOR, *(3 * [MATRIX]), VECTOR), StepMotion)
-WORK = types.NamedTuple((INDICES, MATRIX, BLOCKS, VECTOR, VECTOR), StepWork)
+WORK = types.NamedTuple((INDICES, MATRIX, BLOCKS, MATRIX, VECTOR, VECTOR), StepWork)
 FILM_SIDE = types.NamedTuple((FILM, BED, KEPT, HELD, NUMBERS, WORK), FilmSide)
 
 
@@ -201,24 +219,31 @@ def _copy(values, to):  # type: ignore[no-untyped-def]
 
 
 @device_function
-def _begin(side, motion, turn):  # type: ignore[no-untyped-def]
-    """Fill base (as new velocity), target, start, turn since the factorisation, and memories as they were."""
+def _copy_rows(values, to):  # type: ignore[no-untyped-def]
+    """Copy the rows of a matrix with three columns."""
+    for i in range(values.shape[0]):
+        for r in range(3):
+            to[i, r] = values[i, r]
+
+
+@device_function
+def _begin(side, motion):  # type: ignore[no-untyped-def]
+    """Fill base (as new velocity), target and start, and memories as they were."""
     x, velocity, before = motion.x, motion.velocity, motion.earlier_velocity
     base, work, numbers = motion.new_velocity, side.work, side.numbers
     calls, moved = work.calls, (x, velocity, motion.earlier_x, before)
     _fill_bed(calls[_BED], (*moved, numbers.two_steps, numbers.factor, base, side.bed.target))
     _fill_flight(calls[_FLIGHT], (x, velocity, before, numbers.h, numbers.fraction, motion.new_x))
     _place_held(calls[_PLACE], (side.held, motion.flange, motion.new_x))
-    _turn_since(side.kept, motion.flange, turn)
-    _copy(motion.memory, work.reference)
     _copy(motion.memory, motion.new_memory)
 
 
 @device_function
-def _add(change, x):  # type: ignore[no-untyped-def]
+def _move(place, change, x):  # type: ignore[no-untyped-def]
+    """Fill x with a place that has changed."""
     for i in range(x.shape[0]):
         for r in range(3):
-            x[i, r] += change[i, r]
+            x[i, r] = place[i, r] + change[i, r]
 
 
 @device_function
@@ -229,28 +254,46 @@ def _end(x, base, span):  # type: ignore[no-untyped-def]
             base[i, r] = (x[i, r] - base[i, r]) / span
 
 
-@kernel(types.Tuple((BOOLEAN, types.int64, REAL, REAL))(FILM_SIDE, PLAIN_LOADS, MOTION))
-def film_step(side, loads, motion):  # type: ignore[no-untyped-def]
-    """Take a step; return (whether it has converged, iterations, residual [N], potential [J]).
+@kernel(types.Tuple((BOOLEAN, types.int64, REAL, REAL))(FILM_SIDE, PLAIN_LOADS, TOUCHED, MOTION, PLACE))
+def film_step(side, loads, touched, motion, place):  # type: ignore[no-untyped-def]
+    """Take a step, or go on; return (whether it has converged, iterations, residual [N], potential [J]).
 
-    Fills the bed's target and the end of the motion; bed, motion and work say what they hold.
+    Fills the bed's target and the end of the motion, of a step that has not converged base instead of
+    velocities; bed, motion and work say what they hold.
     """
     film, bed, kept, numbers, work = side.film, side.bed, side.kept, side.numbers, side.work
     turn, reference, x, tracked = np.empty((3, 3)), work.reference, motion.new_x, motion.new_memory
-    _begin(side, motion, turn)
-    iterations, bound, before, converged = 0, numbers.start_tolerance, math.inf, False
+    if place.begins:
+        _begin(side, motion)
+    _turn_since(kept, motion.flange, turn)
+    _copy(tracked, reference)
+    _copy_rows(x, work.served)
+    iterations, before, level, evaluated = 0, math.inf, math.inf, not place.begins
+    bound = numbers.tolerance if evaluated else numbers.start_tolerance
     while True:
-        energy = film_gradient(film, loads, bed, x, reference, work.pull, tracked, work.gradient)
-        residual = _largest_residual(work.calls[_RESIDUAL], (x, work.gradient, kept.free))
-        # a residual that does not fall enough asks for a new tangent
-        serves = math.isfinite(energy) and residual <= numbers.reuse_rate * before
-        converged = serves and residual < bound
-        if converged or not serves or not kept.there or iterations == numbers.reuse_max:
+        if evaluated:
+            residual, energy, serves, evaluated = place.residual, place.energy, True, False
+        else:
+            here = x, reference, work.pull, tracked, work.gradient
+            energy = film_gradient(film, loads, touched, bed, *here)
+            residual = _largest_residual(work.calls[_RESIDUAL], (x, work.gradient, kept.free))
+            # a residual that does not fall enough asks for a new tangent
+            serves = math.isfinite(energy) and residual <= numbers.reuse_rate * before
+        if not serves:
+            iterations -= 1
+            break
+        before, level = residual, energy
+        _copy(tracked, reference)
+        _copy_rows(x, work.served)
+        if residual < bound:
+            _end(x, motion.new_velocity, numbers.span)
+            return True, iterations, residual, energy
+        if not kept.there or iterations == place.reuse_max:
             break
         if not _solve(kept, turn, work) <= numbers.step_max:
             break
-        _add(work.solution[0], x)
-        _copy(tracked, reference)
-        iterations, bound, before = iterations + 1, numbers.tolerance, residual
-    _end(x, motion.new_velocity, numbers.span)
-    return converged, iterations, residual, energy
+        _move(work.served, work.solution[0], x)
+        iterations, bound = iterations + 1, numbers.tolerance
+    _copy_rows(work.served, x)
+    _copy(reference, tracked)
+    return False, max(iterations, 0), before, level

@@ -11,7 +11,6 @@ Source: Nocedal and Wright, Numerical Optimization, 2nd ed., sections 3.4 and 3.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from typing import final
 
 import numpy as np
@@ -25,12 +24,11 @@ from cosim.soft.linear.kept_factor import KeptFactor, NewtonState
 from cosim.soft.linear.linear_solver import LinearSolver, by_component
 from cosim.soft.linear.multifrontal_cholesky import cholesky
 from cosim.soft.linear.pattern import BlockPattern
+from cosim.soft.linear.shift_search import ShiftSearch
 from cosim.soft.published.open_caps import OpenCapSolver
 from cosim.soft.solve.assembly import SoftSystem
 from cosim.soft.solve.newton_options import NewtonOptions, NewtonResult, Outcome
 from cosim.soft.solve.problem import Point, Problem
-
-_GROWTH = 6.0
 
 
 @final
@@ -89,17 +87,13 @@ class NewtonSolver:
             if outcome is not None:
                 point = problem.at(point.positions, memory)
                 break
-            problem.at(point.positions, memory, hessian=True)
-            attempts = self._factor(options)
+            attempts, found = self.with_tangent(problem, point, memory, turned, options)
             factorisations += abs(attempts)
             shifted += abs(attempts) > 1
-            self._kept = KeptFactor(problem.kind, turned) if attempts == 1 else None
             if attempts < 0:
                 outcome = Outcome.INDEFINITE
                 break
             tangents += 1
-            step = self.linear.solve(-system.gradient)
-            found = self._search(problem, point, step, memory, options)
             if found is None:
                 point, outcome = problem.at(point.positions, memory), Outcome.NO_DESCENT
                 break
@@ -108,6 +102,29 @@ class NewtonSolver:
             point.positions, system.memory.copy(), outcome, point.residual, tangents + reused,
             factorisations, point.energy, shifted,
         )  # fmt: skip
+
+    def with_tangent(
+        self, problem: Problem, point: Point, memory: Array, frame: Array, options: NewtonOptions
+    ) -> tuple[int, Point | None]:
+        """Take one iteration with a new tangent.
+
+        Args:
+            problem: of the solution.
+            point: where the iteration begins.
+            memory: (values,), what the elements remember there.
+            frame: (3, 3), rotation of the flange.
+            options: bounds.
+
+        Returns:
+            The attempts to factorise, negative if all have failed; the point that is accepted, None for none.
+        """
+        problem.at(point.positions, memory, hessian=True)
+        attempts = self._factor(options)
+        self._kept = KeptFactor(problem.kind, frame) if attempts == 1 else None
+        if attempts < 0:
+            return attempts, None
+        step = self.linear.solve(-self.system.gradient)
+        return attempts, self._search(problem, point, step, memory, options)
 
     def factorise(
         self, positions: Array, memory: Array, loads: Loads, inertia: Inertia | None, frame: Array
@@ -243,46 +260,3 @@ class NewtonSolver:
                 return trial
             factor *= 0.5
         return None
-
-
-@final
-class ShiftSearch:
-    """Searches the least shift mu_k = mu_0 6^k that makes a matrix positive definite.
-
-    A matrix that is definite with a shift is so with any larger one. Hence a search may begin anywhere and
-    find the same: next to where the last one ended it takes two or three factorisations, instead of one for
-    each shift below.
-    """
-
-    def __init__(self) -> None:
-        self._power = 0
-
-    def factor(self, definite: Callable[[float], bool], start: float, most: float) -> int:
-        """Factorise with no shift or the first that serves; return the attempts, negative if none did.
-
-        Args:
-            definite: factorises with a shift; whether the matrix is positive definite. Its last call counts.
-            start: mu_0, larger than 0.
-            most: largest shift.
-        """
-        attempts = 0
-
-        def serves(power: int) -> bool:
-            nonlocal attempts
-            attempts += 1
-            return definite(start * _GROWTH**power)
-
-        if definite(0.0):
-            return 1
-        power = max(0, self._power - 1)
-        if serves(power):
-            while power > 0 and serves(power - 1):
-                power -= 1
-            if power > 0:  # the last attempt failed
-                serves(power)
-        else:
-            while not serves(power := power + 1):
-                if start * _GROWTH ** (power + 1) > most:
-                    return -1 - attempts
-        self._power = power
-        return 1 + attempts

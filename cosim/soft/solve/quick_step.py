@@ -1,7 +1,13 @@
-"""Steps of a film in one kernel call, where that is all they need."""
+"""Steps of a film by a kernel: one call where the factorisation that is kept serves to the end.
+
+Where it does not, Newton's method makes a new tangent where the kernel has left the step, which then goes
+on. Iterates are those of `NewtonSolver.solve`.
+"""
 
 from __future__ import annotations
 
+import math
+from dataclasses import dataclass
 from functools import cached_property
 from typing import final
 
@@ -9,6 +15,8 @@ import numpy as np
 
 from cosim.base.frames import Array, IntArray, Mask, PlaceArray, Pose
 from cosim.soft.body.loads import Loads
+from cosim.soft.contact.obstacle_contact import TouchedPlanes, nothing_touched
+from cosim.soft.elements.mass_terms import Inertia
 from cosim.soft.linear.envelope_cholesky import EnvelopeCholesky
 from cosim.soft.solve.film_arrays import FilmArrays, StepBed, film_arrays
 from cosim.soft.solve.film_step import (
@@ -16,6 +24,7 @@ from cosim.soft.solve.film_step import (
     KeptEnvelope,
     StepMotion,
     StepNumbers,
+    StepPlace,
     StepWork,
     film_step,
     step_calls,
@@ -23,13 +32,32 @@ from cosim.soft.solve.film_step import (
 from cosim.soft.solve.held_nodes import flange_axes
 from cosim.soft.solve.newton import NewtonSolver
 from cosim.soft.solve.newton_options import NewtonResult, Outcome
+from cosim.soft.solve.problem import Point, Problem
 from cosim.soft.solve.state import Clamp, SoftState
 from cosim.soft.solve.time_scheme import StepOptions, StepScheme
 
 
 @final
+@dataclass
+class _Spent:
+    """What a step has taken: iterations with a kept factorisation, with a new one, attempts, shifted ones."""
+
+    reused: int = 0
+    tangents: int = 0
+    factorisations: int = 0
+    shifted: int = 0
+
+    def result(self, motion: StepMotion, residual: float, energy: float, *, converged: bool) -> NewtonResult:
+        """Return how a step ended at the end of a motion."""
+        return NewtonResult(
+            motion.new_x, motion.new_memory, Outcome.CONVERGED if converged else Outcome.ITERATION_LIMIT,
+            residual, self.reused + self.tangents, self.factorisations, energy, self.shifted,
+        )  # fmt: skip
+
+
+@final
 class QuickStepper:
-    """Takes steps with the factorisation that is kept, and leaves all others.
+    """Takes steps under plain loads and contact with the scene.
 
     Args:
         solver: Newton's method for the body.
@@ -41,6 +69,7 @@ class QuickStepper:
         self._solver, self._clamp, self._options = solver, clamp, options
         self._chambers = len(solver.system.body.gas_chambers)
         self._target = np.empty_like(solver.system.gradient)
+        self._untouched = nothing_touched()
 
     @cached_property
     def _film(self) -> FilmArrays | None:
@@ -53,7 +82,7 @@ class QuickStepper:
         segments = 0 if self._film is None else len(self._film.ratio)
         return StepWork(
             step_calls(), system.gradient, np.empty((1, *system.gradient.shape)),
-            np.empty_like(system.memory), np.empty(segments),
+            np.empty_like(system.gradient), np.empty_like(system.memory), np.empty(segments),
         )  # fmt: skip
 
     @property
@@ -71,6 +100,11 @@ class QuickStepper:
         linear = self._solver.linear
         return linear.envelope if isinstance(linear, EnvelopeCholesky) else None
 
+    @property
+    def begins(self) -> tuple[TouchedPlanes, StepPlace]:
+        """What the kernel takes for the beginning of a step that touches nothing."""
+        return self._untouched, StepPlace(True, 0.0, 0.0, self._options.newton.reuse_max)
+
     def side(self, scheme: StepScheme, step_s: float) -> FilmSide | None:
         """Return what the kernel takes for steps of a scheme; None where the body is more than it knows.
 
@@ -84,31 +118,73 @@ class QuickStepper:
         bed, numbers = StepBed(scheme.inertia, self._target), self._numbers(scheme, step_s)
         return FilmSide(film, bed, kept, self._clamp.held, numbers, self._work)
 
+    def knows(self, loads: Loads) -> bool:
+        """Whether it takes steps under some loads, of the body as it is factorised."""
+        return loads.plain_but_contact and self.knows_body and self.knows_factor
+
     def take(
         self, state: SoftState, flange: Pose, loads: Loads, scheme: StepScheme, step_s: float
     ) -> tuple[SoftState, NewtonResult] | None:
-        """Return where a step ends, or None where it takes more: `state` is untouched then.
+        """Return where a step ends, or None where its start or a tangent does not serve.
 
         Args:
-            state: at the beginning.
+            state: at the beginning; it stays as it is.
             flange: its pose at the end.
-            loads: at the end.
+            loads: at the end; it `knows` them.
             scheme: of the step.
             step_s: h [s].
         """
-        side = self.side(scheme, step_s) if loads.plain else None
-        if side is None:
-            return None
-        here = state.positions, state.velocities
+        here, options, spent = (state.positions, state.velocities), self._options, _Spent()
         x, velocities, memory = (np.empty_like(part) for part in (*here, state.memory))
         motion = StepMotion(
             *here, *(state.earlier or here), state.memory, flange_axes(flange), x, velocities, memory
         )
-        converged, iterations, residual, energy = film_step(side, loads.arrays(self._chambers), motion)
-        if not converged:
-            return None
-        result = NewtonResult(x, memory, Outcome.CONVERGED, residual, iterations, 0, energy, 0)
+        plain, (untouched, place) = loads.arrays(self._chambers), self.begins
+        touched = untouched if loads.contact is None else loads.contact.touched
+        # a contact that is half solved would push with a force of its own making
+        lenient, most = loads.contact is None, options.newton.iterations_max
+        first = min(options.iterations, most) if lenient else most
+        while True:
+            side = self.side(scheme, step_s)
+            assert side is not None, "knows says whether there is one"
+            converged, reused, residual, energy = film_step(side, plain, touched, motion, place)
+            spent.reused += reused
+            if converged:
+                break
+            left = place.reuse_max - reused
+            if spent.tangents >= first and lenient:
+                if residual <= options.residual_bound_N:
+                    velocities = (x - velocities) / scheme.span
+                    break
+                lenient, first, left = False, first + most, options.newton.reuse_max
+            if spent.tangents >= first or not math.isfinite(residual):
+                return None
+            problem = self._problem(state, loads, scheme, step_s)
+            found = self._with_tangent(problem, Point(x, energy, residual), memory, flange, spent)
+            if found is None:
+                return None
+            x[:], memory[:] = found.positions, self._solver.system.memory
+            place = StepPlace(False, found.residual, found.energy, left)
+        result = spent.result(motion, residual, energy, converged=converged)
         return SoftState(x, velocities, memory, here), result
+
+    def _problem(self, state: SoftState, loads: Loads, scheme: StepScheme, step_s: float) -> Problem:
+        """Return what a step minimises, with the target that the kernel has filled."""
+        solver = self._solver
+        tension = solver.system.segment_tension(state.positions, loads)
+        inertia = Inertia(scheme.inertia, self._target, step_s)
+        return Problem(solver.system, solver.free, loads, tension, inertia)
+
+    def _with_tangent(
+        self, problem: Problem, point: Point, memory: Array, flange: Pose, spent: _Spent
+    ) -> Point | None:
+        """Return the point one iteration with a new tangent on, None where there is none."""
+        newton = self._options.newton
+        attempts, found = self._solver.with_tangent(problem, point, memory, flange.rotation, newton)
+        spent.tangents += 1
+        spent.factorisations += abs(attempts)
+        spent.shifted += abs(attempts) > 1
+        return found
 
     def _kept(self, scheme: StepScheme) -> KeptEnvelope | None:
         """Return the factorisation in store; None where the kernel does not know its kind."""
@@ -123,7 +199,7 @@ class QuickStepper:
         newton = options.newton
         return StepNumbers(
             scheme.two_steps, step_s, scheme.span, scheme.factor, options.gain, options.tolerance_N,
-            newton.start_tolerance_N, newton.reuse_rate, newton.step_max_m, newton.reuse_max,
+            newton.start_tolerance_N, newton.reuse_rate, newton.step_max_m,
         )  # fmt: skip
 
 

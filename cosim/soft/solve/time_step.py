@@ -92,12 +92,12 @@ class ImplicitStepper:
             raise InputError(f"step {step_s} s must be positive and finite")
         scheme, loads = self.scheme_of(state, step_s), self._with_films(state, loads, step_s)
         turns = before is not None and _turn(before, world_from_flange) > LARGE_TURN_RAD
-        if aim is None and not turns:
-            taken = self.quick.take(state, world_from_flange, loads, scheme, step_s)
-            if taken is not None:
-                return taken
+        quick = aim is None and not turns and self.quick.knows(loads)
+        taken = self.quick.take(state, world_from_flange, loads, scheme, step_s) if quick else None
+        if taken is not None:
+            return taken
         inertia, base = self._inertia(state, scheme, step_s)
-        starts = [self._flight(state, step_s), state.positions]
+        starts = [state.positions] if quick else [self._flight(state, step_s), state.positions]
         if turns and before is not None:
             starts = self._ranked(starts, state, before, world_from_flange, loads, inertia)
         # flight is the better start, unless it takes films too far; then the step begins where it is
