@@ -51,6 +51,16 @@ def check_state(
     _Check(dict(sizes or {}), finite).check(found, present, hint, place, {})
 
 
+def resolved(hint: Any) -> Any:
+    """Return an annotation in place of an alias of it, such as `NDArray` from NumPy 2.5 on.
+
+    Args:
+        hint: any annotation; one that is no alias comes back as it is.
+    """
+    value = getattr(get_origin(hint), "__value__", None)
+    return hint if value is None else value[get_args(hint)]
+
+
 def check_indices(indices: NDArray[Any], count: int, what: str) -> None:
     """Check that all indices are within 0 ... count - 1.
 
@@ -94,6 +104,7 @@ class _Check:
         sizes: tuple[int | str, ...] | None = None
         if get_origin(hint) is Annotated:
             hint, sizes = get_args(hint)[:2]
+        hint = resolved(hint)
         if getattr(hint, "_is_protocol", False):
             hint = Any
         if get_origin(hint) in (Union, types.UnionType):

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Annotated, Any
+from typing import Annotated, Any, TypeVar
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
+from typing_extensions import TypeAliasType
 
 from cosim.base.frames import Array, IntArray
-from cosim.base.state_check import check_indices, check_state
+from cosim.base.state_check import check_indices, check_state, resolved
 from cosim.errors import InputError
 
 
@@ -87,3 +89,15 @@ def test_indices_name_what_there_is(index: int) -> None:
     check_indices(np.zeros(0, np.int64), 0, "nodes")
     with pytest.raises(InputError, match=r"names nodes .*; there are 4"):
         check_indices(np.array([0, index]), 4, "nodes")
+
+
+def test_an_alias_of_arrays_is_an_array() -> None:
+    # as NumPy's own `NDArray` is one, from NumPy 2.5 on
+    scalar = TypeVar("scalar", bound=np.generic)
+    alias = TypeAliasType("alias", np.ndarray[Any, np.dtype[scalar]], type_params=(scalar,))
+    hint = alias[np.float64]
+    check_state(np.zeros(3), np.ones(3), hint)
+    with pytest.raises(InputError, match="holds int64, not float64"):
+        check_state(np.zeros(3, np.int64), None, hint)
+    assert resolved(NDArray[np.float64]) == resolved(Array)
+    assert resolved(int) is int

@@ -32,6 +32,7 @@ from typing import (
 import numpy as np
 
 from cosim.base.frames import Array, IntArray
+from cosim.base.state_check import resolved
 from cosim.errors import MeshError
 from cosim.soft.elements.gas import SealedGas
 from cosim.soft.linear.pattern import CoupledPattern
@@ -280,7 +281,8 @@ def layout(kind: type[Element]) -> dict[str, str | None]:
 
 
 def _holds_array(hint: Any) -> bool:
-    return get_origin(hint) is np.ndarray or any(_holds_array(entry) for entry in get_args(hint))
+    plain = resolved(hint)
+    return get_origin(plain) is np.ndarray or any(_holds_array(entry) for entry in get_args(plain))
 
 
 def _marked(kind: type[Element], mark: str) -> list[str]:
