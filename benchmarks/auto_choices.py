@@ -64,7 +64,7 @@ def check_choices(trades: Mapping[str, Any], figures: Path) -> tuple[str, bool]:
     """
     rows = []
     for trade in trades.values():
-        scenario = load_scenario(trade.scenario, {"model.published": True, **trade.changes})
+        scenario = load_scenario(trade.scenario, trade.changes)
         scenario = load_scenario(scenario, durations(scenario, trade.time_scale))
         reference: Curve | None = None
         with tempfile.TemporaryDirectory() as cache:

@@ -85,9 +85,9 @@ def _table(results: Sequence[Measured]) -> list[str]:
 
 
 def _own_error(results: Sequence[Measured]) -> list[str]:
-    """Return how far a reference is from converged: as far as the next best one is from it."""
+    """Return how far a reference is from converged, as far as the next best one, unless that is the same."""
     for result in results:
-        if result.candidate.reference and result.comparable:
+        if result.candidate.reference and result.comparable and result.tip_error_m > 0.0:
             return [
                 "",
                 f"The reference has an error of its own, of about {1e3 * result.tip_error_m:.3g} mm: so far "
