@@ -20,39 +20,43 @@ from cosim.base.kernels import (
 )
 from cosim.soft.beams.band_cholesky import BAND, forward_rows, place_in_band
 from cosim.soft.beams.beam_work import beam_work
-from cosim.soft.beams.node_turns import BEAM_ARRAYS, balance_turns, fill_axes, place_ring, ring_work
+from cosim.soft.beams.node_turns import (
+    BEAM_ARRAYS,
+    SMALL_TURN,
+    SMALL_TURN_IN_MOTION,
+    balance_turns,
+    fill_axes,
+    place_ring,
+    ring_work,
+)
 
 REMEMBERED: Final = 4 + 3 * BAND
 """Numbers that a ring remembers for each of its nodes: all turns, then the factor of the tangent by them."""
 
 
 @device_function
+def _copy(values, first, to, begin, count):  # type: ignore[no-untyped-def]
+    for i in range(count):
+        to[begin + i] = values[first + i]
+
+
+@device_function
 def _read_memory(memory, f, w):  # type: ignore[no-untyped-def]
     """Fill turns and factor that ring f remembers; return whether there is a factor."""
-    count = w.turns.shape[0]
-    turns = REMEMBERED * f * count
-    factor = turns + 4 * count
-    for i in range(count):
-        for r in range(4):
-            w.turns[i, r] = memory[turns + 4 * i + r]
-    for i in range(3 * count):
-        for r in range(BAND):
-            w.factor[i, r] = memory[factor + BAND * i + r]
-    return w.factor[0, 0] > 0.0
+    turns, factor = w.turns.reshape(w.turns.size), w.factor.reshape(w.factor.size)
+    first = REMEMBERED * f * w.turns.shape[0]
+    _copy(memory, first, turns, 0, turns.size)
+    _copy(memory, first + turns.size, factor, 0, factor.size)
+    return factor[0] > 0.0
 
 
 @device_function
 def _write_memory(w, f, memory):  # type: ignore[no-untyped-def]
     """Keep turns and factor of ring f."""
-    count = w.turns.shape[0]
-    turns = REMEMBERED * f * count
-    factor = turns + 4 * count
-    for i in range(count):
-        for r in range(4):
-            memory[turns + 4 * i + r] = w.turns[i, r]
-    for i in range(3 * count):
-        for r in range(BAND):
-            memory[factor + BAND * i + r] = w.factor[i, r]
+    turns, factor = w.turns.reshape(w.turns.size), w.factor.reshape(w.factor.size)
+    first = REMEMBERED * f * w.turns.shape[0]
+    _copy(turns, 0, memory, first, turns.size)
+    _copy(factor, 0, memory, first + turns.size, factor.size)
 
 
 @device_function
@@ -111,12 +115,13 @@ def add_beam_rings(x, beams, memory, moving, slots, gradient, blocks, tracked): 
     """
     count, with_hessian = beams.rings.shape[1], slots.shape[0] > 0
     w, b, energy = ring_work(count), beam_work(count), 0.0
-    size = 3 * count if with_hessian else 0
+    size, small = 3 * count if with_hessian else 0, SMALL_TURN_IN_MOTION if moving else SMALL_TURN
     mixed, matrix = np.empty((size, size)), np.empty((size, size))
     for f in range(beams.rings.shape[0]):
         place_ring(x, beams.rings[f], w)
         there = _read_memory(memory, f, w)
-        energy += balance_turns(beams, f, w, b, with_hessian, there and moving and not with_hessian)
+        kept = there and moving and not with_hessian
+        energy += balance_turns(beams, f, w, b, with_hessian, small, kept)
         if not energy < np.inf:
             return np.inf
         for i in range(count):
@@ -141,7 +146,7 @@ def peak_strains(x, beams, width, height, memory):  # type: ignore[no-untyped-de
     for f in range(beams.rings.shape[0]):
         place_ring(x, beams.rings[f], w)
         _read_memory(memory, f, w)
-        balanced = balance_turns(beams, f, w, b, no, no) < np.inf
+        balanced = balance_turns(beams, f, w, b, no, SMALL_TURN, no) < np.inf
         for e in range(count):
             bent = 0.0
             for a in range(2):

@@ -63,11 +63,16 @@ _CLOSED_LOGARITHM = math.log(math.cos(_CLOSED_ARGUMENT))
 
 
 @device_function
+def _spring(difference: float, stiffness: float) -> tuple[float, float, float]:
+    """Return energy, moment and tangent of a linear spring."""
+    return 0.5 * stiffness * difference * difference, stiffness * difference, stiffness
+
+
+@device_function
 def fold_law(angle: float, rest: float, stiffness: float, theta1: float) -> tuple[float, float, float]:
     """Return energy, moment and tangent of one spring, all finite and continuous, also beyond 0 and 2 pi."""
     if theta1 <= 0.0 or theta1 < angle < TURN - theta1:
-        difference = angle - rest
-        return 0.5 * stiffness * difference * difference, stiffness * difference, stiffness
+        return _spring(angle - rest, stiffness)
     # mirror the upper barrier onto the lower one: angle -> 2 pi - angle flips the moment's sign
     sign = 1.0
     if angle > math.pi:
@@ -90,10 +95,17 @@ def fold_law(angle: float, rest: float, stiffness: float, theta1: float) -> tupl
 
 # Quantity q of lane e is at s[q * LANES + e]: constant distances are what lets loops over lanes vectorise.
 LANES = 64
-U, E, W, A, B, ALPHA, BETA, ANGLE, MOMENT, TANGENT = (
-    LANES * place for place in (0, 3, 6, 9, 12, 15, 16, 17, 18, 19)
+U, E, W, A, B, ALPHA, BETA, ANGLE, MOMENT, TANGENT, ENERGY, FORCE = (
+    LANES * place for place in (0, 3, 6, 9, 12, 15, 16, 17, 18, 19, 20, 21)
 )
-QUANTITIES = 20
+QUANTITIES = 33
+
+
+@device_function
+def nodes_of(hinges, h):  # type: ignore[no-untyped-def]
+    """Return the nodes of a hinge, of a type that needs no test for places counted from the end."""
+    i, j, k, m = hinges[h, 0], hinges[h, 1], hinges[h, 2], hinges[h, 3]
+    return np.uint64(i), np.uint64(j), np.uint64(k), np.uint64(m)
 
 
 @device_function
@@ -101,7 +113,7 @@ def gather(x: Array, hinges: IntArray, first: int, lanes: int, s: Array) -> None
     """Fill u, e and w of a group; lanes to spare repeat the first hinge."""
     for lane in range(LANES):
         h = first + (lane if lane < lanes else 0)
-        i, j, k, m = hinges[h, 0], hinges[h, 1], hinges[h, 2], hinges[h, 3]
+        i, j, k, m = nodes_of(hinges, h)
         for r in range(3):
             s[U + r * LANES + lane] = x[i, r] - x[j, r]
             s[E + r * LANES + lane] = x[k, r] - x[j, r]
@@ -132,33 +144,43 @@ def differentiate(s: Array) -> None:
 @device_function
 def load(stiffness, rest, theta1, reference, first, lanes, s, angles):  # type: ignore[no-untyped-def]
     """Write a group's unwrapped angles to `angles`, fill its moments and tangents; return the energy."""
-    energy = 0.0
+    k, free, before, after = stiffness[first:], rest[first:], reference[first:], angles[first:]
     for lane in range(lanes):
-        h = first + lane
         angle = s[ANGLE + lane]
-        if angle - reference[h] > math.pi:
-            angle -= TURN
-        elif angle - reference[h] < -math.pi:
-            angle += TURN
-        angles[h] = angle
-        part, s[MOMENT + lane], s[TANGENT + lane] = fold_law(angle, rest[h], stiffness[h], theta1)
-        energy += part
-    return energy
+        beyond = angle - before[lane]
+        angle = angle - TURN if beyond > math.pi else angle + TURN if beyond < -math.pi else angle
+        after[lane] = s[ANGLE + lane] = angle
+        energy, moment, tangent = _spring(angle - free[lane], k[lane])
+        s[ENERGY + lane], s[MOMENT + lane], s[TANGENT + lane] = energy, moment, tangent
+    total = 0.0
+    for lane in range(lanes):
+        angle = s[ANGLE + lane]
+        if not theta1 < angle < TURN - theta1:
+            law = fold_law(angle, free[lane], k[lane], theta1)
+            s[ENERGY + lane], s[MOMENT + lane], s[TANGENT + lane] = law
+        total += s[ENERGY + lane]
+    return total
 
 
 @device_function
 def scatter(hinges: IntArray, first: int, lanes: int, s: Array, gradient: Any) -> None:
     """Add a group to gradient."""
-    for lane in range(lanes):
-        h = first + lane
-        i, j, k, m = hinges[h, 0], hinges[h, 1], hinges[h, 2], hinges[h, 3]
-        moment, alpha, beta = s[MOMENT + lane], s[ALPHA + lane], s[BETA + lane]
-        for r in range(3):
+    for r in range(3):
+        for lane in range(LANES):
+            moment, alpha, beta = s[MOMENT + lane], s[ALPHA + lane], s[BETA + lane]
             a, b = moment * s[A + r * LANES + lane], moment * s[B + r * LANES + lane]
-            gradient[i, r] += a
-            gradient[m, r] += b
-            gradient[j, r] += (alpha - 1.0) * a - beta * b
-            gradient[k, r] += (beta - 1.0) * b - alpha * a
+            s[FORCE + 4 * r * LANES + lane], s[FORCE + (4 * r + 1) * LANES + lane] = a, b
+            s[FORCE + (4 * r + 2) * LANES + lane] = (alpha - 1.0) * a - beta * b
+            s[FORCE + (4 * r + 3) * LANES + lane] = (beta - 1.0) * b - alpha * a
+    for lane in range(LANES):
+        if lane == lanes:
+            break
+        i, j, k, m = nodes_of(hinges, first + lane)
+        for r in range(3):
+            gradient[i, r] += s[FORCE + 4 * r * LANES + lane]
+            gradient[m, r] += s[FORCE + (4 * r + 1) * LANES + lane]
+            gradient[j, r] += s[FORCE + (4 * r + 2) * LANES + lane]
+            gradient[k, r] += s[FORCE + (4 * r + 3) * LANES + lane]
 
 
 @allocating

@@ -29,11 +29,17 @@ def in_lanes(shape_gradients: Array, areas: Array) -> Array:
 
 
 @device_function
+def corners_of(triangles, e):  # type: ignore[no-untyped-def]
+    """Return the nodes of a triangle, of a type that needs no test for places counted from the end."""
+    return np.uint64(triangles[e, 0]), np.uint64(triangles[e, 1]), np.uint64(triangles[e, 2])
+
+
+@device_function
 def _gather(x, triangles, first, lanes, s):  # type: ignore[no-untyped-def]
     """Fill both edges from node 0; lanes to spare repeat the first triangle."""
     for lane in range(LANES):
         e = first + (lane if lane < lanes else 0)
-        i, j, k = triangles[e, 0], triangles[e, 1], triangles[e, 2]
+        i, j, k = corners_of(triangles, e)
         for r in range(3):
             s[_D1 + r * LANES + lane] = x[j, r] - x[i, r]
             s[_D2 + r * LANES + lane] = x[k, r] - x[i, r]
@@ -102,9 +108,11 @@ def _pull(drawn, s):  # type: ignore[no-untyped-def]
 def _scatter(triangles, first, lanes, s, gradient):  # type: ignore[no-untyped-def]
     """Add a group to gradient; return its energy."""
     energy = 0.0
-    for lane in range(lanes):
+    for lane in range(LANES):
+        if lane == lanes:
+            break
         e = first + lane
-        i, j, k = triangles[e, 0], triangles[e, 1], triangles[e, 2]
+        i, j, k = corners_of(triangles, e)
         energy += s[_ENERGY + lane]
         for r in range(3):
             one, two = s[_D1 + r * LANES + lane], s[_D2 + r * LANES + lane]

@@ -60,7 +60,7 @@ def _beyond(excess, compliance, hardening):  # type: ignore[no-untyped-def]
     m = hardening * math.sqrt(compliance * hardening / 3.0)
     ratio = hardening / m
     z = 0.5 * abs(excess) * ratio * ratio * ratio
-    v = (z + math.sqrt(z * z + 1.0)) ** (1.0 / 3.0)
+    v = np.cbrt(z + math.sqrt(z * z + 1.0))
     return math.copysign(m * (v - 1.0 / v), excess)
 
 
