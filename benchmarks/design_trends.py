@@ -27,11 +27,13 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import numpy as np
 
-from cosim.build.fidelity import soft_sides
+from cosim.base.kept.kept_parts import KeptParts
+from cosim.build.parts.soft_model import SoftModel
 from cosim.build.simulation import build
 from cosim.config.loading import load_scenario
 from cosim.errors import ScenarioError, SolverError
-from cosim.plan.plan import make_plan
+from cosim.plan.paths.phase_drafts import solved_phases
+from cosim.plan.paths.planning import make_plan
 from cosim.stepping.carrier import HeldBase
 
 Changes = Mapping[str, Any]
@@ -63,7 +65,8 @@ def lift_tension(changes: Changes) -> float:
     scenario = load_scenario("ur5e_hexagon_arm", changes)
     names = [phase.name for phase in scenario.phases]
     scenario = replace(scenario, phases=scenario.phases[: names.index("lift") + 1])
-    plan = make_plan(scenario, HeldBase.plan, soft_sides(scenario)[0])
+    model = SoftModel(scenario, KeptParts())
+    plan = make_plan(scenario, HeldBase.plan, model.body, lambda: solved_phases(scenario, model.trial()))
     return float(np.mean(plan.phases[-1].end.cable_tension_N))
 
 

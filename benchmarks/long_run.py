@@ -42,7 +42,7 @@ import numpy as np
 from cosim.app.driver import Options, Runnable, build_simulation, execute, rerun_recorder
 from cosim.base.frames import Array
 from cosim.build.arms import find_arm
-from cosim.build.fidelity import soft_sides
+from cosim.build.fidelity import fidelity_body
 from cosim.config.loading import load_scenario
 from cosim.config.schema.scenario import Scenario
 from cosim.kinematics.arm import Arm
@@ -115,7 +115,7 @@ class Energies:
     """
 
     def __init__(self, simulation: Runnable, of: Scenario) -> None:
-        body = soft_sides(of)[1].body
+        body = fidelity_body(of)
         self._simulation, self._system = simulation, SoftSystem(body)
         self._arm = Arm(find_arm(of.robot), gravity=of.gravity_m_s2)
         self.weight_N = float(body.node_mass.sum()) * float(np.linalg.norm(of.gravity_m_s2))

@@ -30,7 +30,7 @@ from cosim.coupling.soft_sides.lumped_arm import SoftArm
 from cosim.errors import ConvergenceError, ScenarioError, UnreachableError
 from cosim.kinematics import Arm, solve
 from cosim.plan.flange_path import FlangeWay, pose_of
-from cosim.plan.plan import start_equilibrium
+from cosim.plan.paths.phase_drafts import start_equilibrium
 from cosim.soft.body.center_line import center_line_length, center_rings
 from cosim.soft.body.loads import Loads
 from cosim.soft.body.tip_frame import TipFrame

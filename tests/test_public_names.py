@@ -23,6 +23,7 @@ EXPECTED = {
     "InstabilityError",
     "Measurement",
     "JointTable",
+    "KeptParts",
     "MeshError",
     "Observer",
     "OutOfRangeError",

@@ -12,6 +12,8 @@ from cosim.app.driver import Options, build_simulation, execute, rerun_recorder
 from cosim.app.first_run import log, named_body, prepared
 from cosim.app.observer import Observer
 from cosim.app.run_files import default_directory
+from cosim.base.kept.kept_parts import KeptParts
+from cosim.base.resources import cache_directory
 from cosim.config.loading import load_scenario
 from cosim.config.rules.size_rules import check_ends
 from cosim.config.schema.scenario import Scenario
@@ -55,11 +57,13 @@ def run(
     named = named_body(body)
     loaded = load_scenario(scenario, overrides, named and named.table())
     check_ends(loaded)
-    checked = prepared(loaded, log, recording=recording)
+    kept = KeptParts(cache_directory())
+    checked = prepared(loaded, log, recording=recording, kept=kept)
     directory = Path(out) if out is not None else default_directory(checked.name) if recording else None
     arrays = ResultBuilder(checked.recording.frames_per_s)
     options = Options(directory, rerun_recorder if recording else None, [arrays, *observers])
     given: dict[str, Any] = {"controllers": controllers, "body": named and named.body, "tell": log}
+    given["kept"] = kept
     build = partial(build_simulation, **{key: value for key, value in given.items() if value is not None})
     outcome = execute(checked, build, options, started)
     result = arrays.result(outcome.summary, directory)

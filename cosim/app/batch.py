@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING, Any, Self, TypeAlias, TypeVar, final
 from cosim.app.first_run import log, prepared
 from cosim.app.simulation import SavedState, Simulation
 from cosim.app.workers import Workers
+from cosim.base.kept.kept_parts import KeptParts
+from cosim.base.resources import cache_directory
 from cosim.config.loading import load_scenario
 from cosim.config.schema.scenario import Scenario
 from cosim.errors import InputError
@@ -56,7 +58,8 @@ class Batch:
         loaded = load_scenario(scenario, overrides)
         self.scenario = prepared(loaded, log, recording=False, contact=True)
         given = _for_each(changes, n, "changes")
-        self._workers = Workers(partial(BatchRun.of, self.scenario, given, start), n, workers)
+        run = partial(BatchRun.of, self.scenario, given, start, KeptParts(cache_directory()))
+        self._workers = Workers(run, n, workers)
         self._failed: dict[int, Exception] = {}
         self.measure()
 
@@ -161,10 +164,15 @@ class BatchRun:
 
     @classmethod
     def of(
-        cls, scenario: Scenario, changes: Sequence[Changes], start: SavedState | str | Path | None, k: int
+        cls,
+        scenario: Scenario,
+        changes: Sequence[Changes],
+        start: SavedState | str | Path | None,
+        kept: KeptParts,
+        k: int,
     ) -> BatchRun:
-        """Return run k."""
-        return cls(Simulation(scenario, overrides=changes[k], start=start))
+        """Return run k; those of one process share the parts that are kept there."""
+        return cls(Simulation(scenario, overrides=changes[k], start=start, kept=kept))
 
     def step(self, command: Command | None, ticks: int) -> Measurement:
         """Advance, and return what is measured."""

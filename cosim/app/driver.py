@@ -18,6 +18,7 @@ from cosim.app.checkpoint import Checkpoint, CheckpointKeeper, Origin, read_chec
 from cosim.app.loaded_files import loaded_digests
 from cosim.app.observer import Observer
 from cosim.app.run_files import RECORDING, RunFiles
+from cosim.base.kept.kept_parts import KeptParts
 from cosim.base.stateful import Stateful
 from cosim.config.schema.scenario import Scenario
 from cosim.config.schema.solver import RecordingTable
@@ -106,12 +107,7 @@ class Options:
 @final
 @dataclass(frozen=True)
 class RunOutcome:
-    """What is left of a run.
-
-    Args:
-        summary: as in summary.json.
-        error: what ended the run, if anything was raised.
-    """
+    """What is left of a run: its figures, as in summary.json, and the error that ended it, if one did."""
 
     summary: dict[str, Any]
     error: BaseException | None
@@ -209,6 +205,7 @@ def build_simulation(
     before: Choices | None = None,
     body: SoftBody | None = None,
     tell: Callable[[str], None] = lambda _text: None,
+    kept: KeptParts | None = None,
 ) -> Runnable:
     """Return the simulation of a checked scenario; loads the engines, which wrong input need not wait for.
 
@@ -217,11 +214,12 @@ def build_simulation(
         controllers: of kind "python", by name.
         before: of the run whose state it goes on from; None for a run from its start.
         body: the soft body, where the scenario's is given as arrays.
-        tell: told in one sentence when the plan leads to something to touch, whose kernels are then compiled.
+        tell: told when the plan leads to something to touch, whose kernels are then compiled.
+        kept: parts that may serve again, and gets others.
     """
-    from cosim.build.simulation import build
+    from cosim.build import simulation
 
-    return build(scenario, controllers, before, body, tell)
+    return simulation.build(scenario, controllers, before, body, tell, kept)
 
 
 @contextmanager

@@ -8,6 +8,7 @@ from types import ModuleType
 from typing import TYPE_CHECKING
 
 from cosim.app.driver import build_simulation, recorded
+from cosim.base.kept.kept_parts import KeptParts
 from cosim.base.resources import cache_directory
 from cosim.build.kernel_modules import contact_modules, kernel_modules
 from cosim.config.schema.scenario import NO_ARM, Scenario
@@ -17,7 +18,12 @@ if TYPE_CHECKING:
 
 
 def prepared(
-    scenario: Scenario, tell: Callable[[str], None], *, recording: bool, contact: bool = False
+    scenario: Scenario,
+    tell: Callable[[str], None],
+    *,
+    recording: bool,
+    contact: bool = False,
+    kept: KeptParts | None = None,
 ) -> Scenario:
     """Return the scenario with its fidelity chosen; whatever its loop calls is compiled when this returns.
 
@@ -28,6 +34,7 @@ def prepared(
         tell: told in one sentence, beforehand, what takes long.
         recording: whether the run is recorded.
         contact: whether to compile those as well, if there is an arm.
+        kept: parts that may serve again, and get those that are made here.
 
     Raises:
         ScenarioError: no fidelity meets its `[auto]`.
@@ -35,18 +42,21 @@ def prepared(
     from cosim.soft.solve.compilation import compile_kernels  # here, so that wrong input needs no engine
 
     compile_kernels(tell, _modules(scenario, recording))
-    chosen = with_fidelity_chosen(scenario, tell)
+    chosen = with_fidelity_chosen(scenario, tell, kept)
     touched = contact_modules() if contact and scenario.robot != NO_ARM else ()
     compile_kernels(tell, (*_modules(chosen, recording), *touched))
     return chosen
 
 
-def with_fidelity_chosen(scenario: Scenario, tell: Callable[[str], None]) -> Scenario:
+def with_fidelity_chosen(
+    scenario: Scenario, tell: Callable[[str], None], kept: KeptParts | None = None
+) -> Scenario:
     """Return the scenario with `fidelity = "auto"` replaced by what meets its `[auto]`; build what it needs.
 
     Args:
         scenario: checked.
         tell: told what is measured, and what is chosen.
+        kept: parts that may serve again, and get those that are made here.
 
     Raises:
         ScenarioError: nothing meets it.
@@ -56,9 +66,9 @@ def with_fidelity_chosen(scenario: Scenario, tell: Callable[[str], None]) -> Sce
 
         scenario = chosen_fidelity(scenario, build_simulation, cache_directory(), tell, recorded)
     if scenario.fidelity == "section":
-        from cosim.build.section_cache import section_model  # here, as few runs build one
+        from cosim.build.parts.soft_model import SoftModel  # here, as few runs build one
 
-        section_model(scenario, tell)
+        SoftModel(scenario, KeptParts() if kept is None else kept, tell=tell)
     return scenario
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, final, overload
 
@@ -11,6 +12,8 @@ from cosim.app.checkpoint import Checkpoint
 from cosim.app.driver import Runnable, build_simulation
 from cosim.app.first_run import log, named_body, prepared
 from cosim.app.shown_state import check_shown, naming
+from cosim.base.kept.kept_parts import KeptParts
+from cosim.base.resources import cache_directory
 from cosim.base.state_archive import read_archive, write_archive
 from cosim.base.state_check import check_state
 from cosim.config.loading import load_scenario
@@ -23,7 +26,7 @@ from cosim.telemetry.snapshot import RunInfo, Snapshot
 from cosim.telemetry.tick_batch import TickBatch
 
 if TYPE_CHECKING:
-    from cosim.build.given_body import AnyBody, NamedBody
+    from cosim.build.given_body import AnyBody
     from cosim.devices.controller import AnyController, Command, Measurement
 
 
@@ -68,6 +71,8 @@ class Simulation:
             joints and nodes are as many; what differs acts from the next tick on.
         controllers: the scenario's controllers of kind "python", by name.
         body: a soft body in place of the scenario's soft robot.
+        kept: parts of other simulations of this process: those that fit are taken, others made and added, by
+            its resets and branches too. It is the same bit for bit, and there the sooner, the more is alike.
 
     Raises:
         InputError: the scenario is wrong, asks for what cannot be reached, or `start` does not fit.
@@ -82,8 +87,10 @@ class Simulation:
         start: SavedState | str | Path | None = None,
         controllers: Mapping[str, AnyController] | None = None,
         body: AnyBody | None = None,
+        kept: KeptParts | None = None,
     ) -> None:
         self._controllers, self._body = controllers, named_body(body)
+        self._kept = KeptParts(cache_directory()) if kept is None else kept
         self._given = start
         self._begin(scenario, overrides, start)
         self._made = self.scenario, self._run, self.save()
@@ -96,7 +103,7 @@ class Simulation:
     ) -> None:
         """Build a scenario and go to where it starts."""
         loaded = load_scenario(scenario, overrides, self._body and self._body.table())
-        self.scenario = prepared(loaded, log, recording=False)
+        self.scenario = prepared(loaded, log, recording=False, kept=self._kept)
         before = start.run.choices if isinstance(start, SavedState) else None
         self._run = self._built(before)
         if start is None:
@@ -110,7 +117,7 @@ class Simulation:
 
     def _built(self, before: Choices | None) -> Runnable:
         body = self._body and self._body.body
-        return build_simulation(self.scenario, self._controllers, before, body, log)
+        return build_simulation(self.scenario, self._controllers, before, body, log, self._kept)
 
     @property
     def stage(self) -> RunInfo:
@@ -246,7 +253,7 @@ class Simulation:
         Raises:
             InputError: the changed scenario is wrong, or the present state does not fit it.
         """
-        given: dict[str, Any] = {"controllers": self._controllers, "body": self._body}
+        given: dict[str, Any] = {"controllers": self._controllers, "body": self._body, "kept": self._kept}
         return Simulation(self.scenario, overrides=overrides, start=self.save(), **given)
 
     def __repr__(self) -> str:
@@ -260,8 +267,9 @@ class Simulation:
         """Return how to make it anew, from where it began, and its present state."""
         scenario, _, began = self._made
         changed = None if self.scenario is scenario else self.scenario
-        given = scenario, self._controllers, self._body, began
-        return _restored, given, (self._given, changed, self.save())
+        given: dict[str, Any] = {"controllers": self._controllers, "body": self._body}
+        anew = partial(Simulation, scenario, start=began, **given)
+        return anew, (), (self._given, changed, self.save())
 
     def __setstate__(self, state: tuple[Any, Scenario | None, SavedState]) -> None:
         """Go to the state that was pickled."""
@@ -286,12 +294,3 @@ def _read(saved: SavedState | str | Path) -> SavedState:
     if found is not saved:
         check_state(found.run.choices, None, Choices, place=f"{saved}: choices")
     return found
-
-
-def _restored(
-    scenario: Scenario,
-    controllers: Mapping[str, AnyController] | None,
-    body: NamedBody | None,
-    saved: SavedState,
-) -> Simulation:
-    return Simulation(scenario, start=saved, controllers=controllers, body=body)

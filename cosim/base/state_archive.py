@@ -17,9 +17,10 @@ import sys
 import zipfile
 import zlib
 from collections.abc import Mapping
+from contextlib import nullcontext
 from dataclasses import fields, is_dataclass
 from pathlib import Path
-from typing import Any, final
+from typing import Any, BinaryIO, final
 
 import numpy as np
 from numpy.lib import format as npy
@@ -37,11 +38,11 @@ _DAMAGE = (
 """What reading a damaged or made-up file may raise."""
 
 
-def write_archive(path: Path, header: Mapping[str, Any], state: Any) -> None:
-    """Write a state; a reader of the path sees all of it, or what was there before.
+def write_archive(target: Path | BinaryIO, header: Mapping[str, Any], state: Any) -> None:
+    """Write a state; a reader of a path sees all of it, or what was there before.
 
     Args:
-        path: of the file.
+        target: path of the file, or a stream.
         header: JSON values that say whose state it is; read back by `read_header`.
         state: see the module.
 
@@ -51,7 +52,7 @@ def write_archive(path: Path, header: Mapping[str, Any], state: Any) -> None:
     encoder = _Encoder()
     structure = {"schema": ARCHIVE_SCHEMA, "header": dict(header), "state": encoder.encode(state, "state")}
     text = np.frombuffer(json.dumps(structure).encode(), dtype=np.uint8)
-    with whole_file(path) as file:
+    with whole_file(target) if isinstance(target, Path) else nullcontext(target) as file:
         np.savez(file, allow_pickle=False, **{_STRUCTURE: text}, **encoder.named)
 
 
@@ -65,20 +66,20 @@ def read_header(path: Path) -> dict[str, Any]:
     return header
 
 
-def read_archive(path: Path) -> Any:
-    """Return the state in an archive. What it is made of must have been imported.
+def read_archive(source: Path | BinaryIO) -> Any:
+    """Return the state in an archive, of a file or in a stream. What it is made of must have been imported.
 
     Raises:
         InputError: no archive, one of another schema, or one whose classes are unknown or have changed.
     """
-    structure, arrays = _read(path, whole=True)
+    structure, arrays = _read(source, whole=True)
     try:
         return _decode(structure["state"], arrays)
     except (InputError, *_DAMAGE) as error:
-        raise InputError(f"{path}: {_one_line(error)}") from error
+        raise InputError(f"{source}: {_one_line(error)}") from error
 
 
-def _read(path: Path, *, whole: bool) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
+def _read(path: Path | BinaryIO, *, whole: bool) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
     try:
         with zipfile.ZipFile(path) as archive:
             structure = json.loads(_array(archive, _STRUCTURE + _SUFFIX).tobytes())

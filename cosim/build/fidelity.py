@@ -6,51 +6,19 @@ import math
 from dataclasses import replace
 
 from cosim.build.blame import blamed_on
-from cosim.build.section_cache import section_model
 from cosim.build.soft_body import build_soft_body
 from cosim.config.rules.given_body_rules import file_of
 from cosim.config.schema.given_body import GivenBodyTable
 from cosim.config.schema.scenario import Scenario
 from cosim.config.schema.soft_robot import SoftRobotTable
 from cosim.config.schema.solver import ModelTable
-from cosim.coupling.soft_sides.frozen_body import FrozenBody
-from cosim.coupling.soft_sides.lumped_arm import SoftArm
-from cosim.coupling.soft_sides.section_arm import SectionArm
-from cosim.coupling.soft_sides.soft_side import SoftSide
-from cosim.errors import ScenarioError
-from cosim.plan.flange_path import pose_of
-from cosim.reduced.section_model import SectionBody, SectionModel
+from cosim.reduced.section_model import SectionModel
 from cosim.soft.body.body import SoftBody
+from cosim.soft.contact.contact_law import ContactLaw
 from cosim.soft.solve.newton_options import NewtonOptions
 from cosim.soft.solve.time_scheme import StepOptions
-from cosim.stepping.self_contact_law import film_law
 
 _REUSE_MAX = 6  # iterations with a kept factorisation: beyond, a new one is cheaper
-
-
-def soft_sides(scenario: Scenario, given: SoftBody | None = None) -> tuple[SoftSide, SoftSide]:
-    """Return two soft sides of a scenario: one to plan its phases on, one to run.
-
-    They are of one model, but that a rigid one is planned on the lumped one: tensions and flange poses
-    are then those of the run that it stands for.
-
-    Args:
-        scenario: checked.
-        given: the soft body, where the scenario's is given as arrays.
-
-    Raises:
-        ScenarioError: the fidelity is still to be chosen, or the geometry gives degenerate triangles.
-    """
-    if scenario.fidelity == "auto":
-        raise ScenarioError("fidelity", "'auto' is settled before a run is built; see cosim.trade.auto")
-    body = fidelity_body(scenario) if given is None else given
-    if scenario.fidelity == "section":
-        section = SectionBody(body, section_model(scenario))
-        return _chain(scenario, section), _chain(scenario, section)
-    trial, soft = _flexible(scenario, body), _flexible(scenario, body)
-    if scenario.fidelity == "rigid":
-        return trial, FrozenBody(soft, scenario.solver.damping_per_s)
-    return trial, soft
 
 
 def fidelity_body(scenario: Scenario) -> SoftBody:
@@ -80,16 +48,6 @@ def _finer(robot: SoftRobotTable) -> SoftRobotTable:
     return replace(robot, stack=stack, attachments=parts)
 
 
-def _flexible(scenario: Scenario, body: SoftBody) -> SoftArm:
-    start = pose_of(scenario.start.flange)
-    return SoftArm(body, start, static_options(scenario), dynamic_options(scenario), film_law(scenario))
-
-
-def _chain(scenario: Scenario, section: SectionBody) -> SectionArm:
-    start = pose_of(scenario.start.flange)
-    return SectionArm(section, start, static_options(scenario), dynamic_options(scenario))
-
-
 def static_options(scenario: Scenario) -> NewtonOptions:
     """Return how equilibria of a scenario are solved."""
     return NewtonOptions(
@@ -111,11 +69,11 @@ def dynamic_options(scenario: Scenario) -> StepOptions:
     )
 
 
-def fidelity_report(scenario: Scenario) -> str:
-    """Return in words how finely the soft robot is modelled."""
+def fidelity_report(scenario: Scenario, section: SectionModel | None) -> str:
+    """Return in words how finely the soft robot is modelled, and by which section model, if any."""
     chosen = scenario.auto.chosen if scenario.auto is not None else None
     paper = "; the paper's lumped model (model.published)" if scenario.model.published else ""
-    return _rung(scenario) + paper + (f"; chosen by measurement: {chosen}" if chosen else "")
+    return _rung(scenario, section) + paper + (f"; chosen by measurement: {chosen}" if chosen else "")
 
 
 def _section_rung(model: SectionModel) -> str:
@@ -131,15 +89,21 @@ def _section_rung(model: SectionModel) -> str:
     )
 
 
-def _rung(scenario: Scenario) -> str:
+def _rung(scenario: Scenario, section: SectionModel | None) -> str:
     targets = [phase.name for phase in scenario.phases if phase.tip_key is not None]
     if scenario.fidelity == "rigid":
         planned = f"; the targets of {', '.join(targets)} are planned on the lumped model" if targets else ""
         return f"rigid: the shape of the start is kept, weight and inertia only{planned}"
-    if scenario.fidelity == "section":
-        return _section_rung(section_model(scenario))
+    if section is not None:
+        return _section_rung(section)
     if scenario.fidelity == "refined":
         return "refined: every triangle divided into four"
     if isinstance(scenario.soft_robot, GivenBodyTable):
         return "lumped: the mesh that is given as arrays"
     return "lumped: the mesh of the soft robot's file"
+
+
+def contact_law(scenario: Scenario) -> ContactLaw:
+    """Return the law of contact with the scene."""
+    given = scenario.contact
+    return ContactLaw(given.stiffness_N_m3, given.smoothing_m, given.stick_m)

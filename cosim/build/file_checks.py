@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-from functools import partial
-
 from cosim.base.arm_file import ArmFile
-from cosim.build.arm_in_scene import arm_in_scene
+from cosim.base.kept.kept_parts import KeptParts
 from cosim.build.arms import find_arm
 from cosim.build.engines_agree import check_engines_agree
 from cosim.build.fidelity import fidelity_body
+from cosim.build.parts.arm_parts import ArmParts
 from cosim.config.schema.scenario import NO_ARM, Scenario
 from cosim.kinematics.arm import Arm
 from cosim.plan.arm_plan import checked_start, drawn_payload
-from cosim.plan.joint_planner import plan_joints
-from cosim.plan.plan import check_given_ways
+from cosim.plan.paths.planning import check_given_ways
 from cosim.rigid.build.description import SceneDescription
 from cosim.rigid.scene.scene import RigidScene
 
@@ -49,11 +47,11 @@ def check_arm_in_scene(scenario: Scenario) -> None:
         scenario: checked by `load_scenario`.
 
     Raises:
-        ScenarioError: what is wrong, by key; see `arm_in_scene`, `check_start` and `check_given_ways`.
+        ScenarioError: what is wrong, by key; see `ArmParts`, `check_start` and `check_given_ways`.
     """
     if scenario.robot == NO_ARM:
         return
-    built = arm_in_scene(scenario)
+    built = ArmParts(scenario, KeptParts())
     payload = drawn_payload(fidelity_body(scenario), built.mounted)
-    planner = checked_start(partial(plan_joints, built.arm), built.arm, built.scene, payload)
+    planner = checked_start(built.plan_joints, built.arm, built.scene, payload)
     check_given_ways(scenario, planner)

@@ -8,7 +8,7 @@ from collections.abc import Callable
 import numpy as np
 
 from cosim.base.identity import content_name
-from cosim.base.kept_data import keep, kept
+from cosim.base.kept.kept_data import keep, kept
 from cosim.base.resources import cache_directory
 from cosim.build.soft_body import build_soft_body
 from cosim.config.rules.given_body_rules import file_of
@@ -24,18 +24,22 @@ _ARRAYS = ("energy", "length", "gas", "nodes", "force_error")
 _MARGIN = 1.1  # of the range of pressure over the largest that a scenario gives
 
 
-def section_model(scenario: Scenario, tell: Callable[[str], None] = lambda text: None) -> SectionModel:
+def section_model(
+    scenario: Scenario, tell: Callable[[str], None] = lambda text: None, body: SoftBody | None = None
+) -> SectionModel:
     """Return the section model of a scenario's soft robot, from disk or newly built.
 
     Args:
         scenario: checked, of a soft robot that has one.
         tell: told in one sentence what takes long.
+        body: of that soft robot, if it has been built already.
 
     Raises:
         ScenarioError: the film has no smooth states to condense.
     """
-    body = build_soft_body(file_of(scenario, "a section model"), scenario.model)
-    largest = _largest_pressure(scenario)
+    if body is None:
+        body = build_soft_body(file_of(scenario, "a section model"), scenario.model)
+    largest = largest_covered(scenario)
     path = cache_directory() / f"section_{content_hash(body, largest)}.kept"
     found = kept(path, _unpacked)
     if found is not None:
@@ -54,11 +58,10 @@ def section_model(scenario: Scenario, tell: Callable[[str], None] = lambda text:
     return model
 
 
-def section_figures(scenario: Scenario) -> dict[str, float] | None:
-    """Return the figures of a scenario's section model as its summary has them; None without one."""
-    if scenario.fidelity != "section":
+def section_figures(model: SectionModel | None) -> dict[str, float] | None:
+    """Return the figures of a section model as a summary has them; None without one."""
+    if model is None:
         return None
-    model = section_model(scenario)
     return {
         "tip_error_m": model.tip_error_m,
         "tip_error": model.tip_error,
@@ -69,7 +72,8 @@ def section_figures(scenario: Scenario) -> dict[str, float] | None:
     }
 
 
-def _largest_pressure(scenario: Scenario) -> float:
+def largest_covered(scenario: Scenario) -> float:
+    """Return the pressure [Pa] up to which a scenario's section model is built."""
     given = [scenario.start.pressure_Pa, *(phase.pressure_Pa for phase in scenario.phases)]
     given += [p for phase in scenario.phases for p in (phase.pump_pressure_Pa or {}).values()]
     # a stack of units is one chamber; where several are named, there is no section model

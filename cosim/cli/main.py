@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from cosim.cli.arguments import parser
+from cosim.cli.late_collection import LateCollection
 from cosim.cli.screen import mute, open_missing_streams, printable, tell
 from cosim.errors import InputError, OutputError, SolverError
 
@@ -66,7 +67,8 @@ def _flushed(code: int) -> int:
 def _command(options: argparse.Namespace, started: float) -> int:
     _import_kinds(vars(options).get("modules", ()))
     if options.command == "run":
-        return _run(options, started)
+        with LateCollection() as collection:
+            return _run(options, started, collection)
     if options.command == "verify":
         return _verify(options)
     if options.command == "trade":
@@ -92,7 +94,7 @@ def _import_kinds(modules: Sequence[str]) -> None:
             register_module(name)
 
 
-def _run(options: argparse.Namespace, started: float) -> int:
+def _run(options: argparse.Namespace, started: float, collection: LateCollection) -> int:
     from cosim.cli.running import RunOptions, resume_command, run_command  # --help and list need no engine
 
     every_s = options.checkpoint_every
@@ -109,7 +111,7 @@ def _run(options: argparse.Namespace, started: float) -> int:
             "give no SCENARIO, no --set and no --out"
         )
     with _live_view(options) as live:
-        how = RunOptions(not options.no_recording, options.quiet, every_s, started, live)
+        how = RunOptions(not options.no_recording, options.quiet, every_s, started, live, (collection,))
         if options.resume is not None:
             code = resume_command(options.resume, how)
         else:

@@ -15,6 +15,8 @@ from cosim.app.first_run import prepared
 from cosim.app.loaded_files import loaded_digests
 from cosim.app.observer import Observer
 from cosim.app.run_files import SCENARIO, SUMMARY, check_directory, default_directory, recordings
+from cosim.base.kept.kept_parts import KeptParts
+from cosim.base.resources import cache_directory
 from cosim.cli.interruption import Interruption
 from cosim.cli.progress import PlanWarnings, ProgressLine
 from cosim.cli.screen import tell
@@ -38,6 +40,7 @@ class RunOptions:
         quiet: show errors only.
         checkpoint_every_s: wall time between two checkpoints.
         live: shows the run while it lasts; None: nothing does.
+        watchers: shown every tick, besides those on the screen.
         started: `time.perf_counter()` at the start of the command.
     """
 
@@ -46,6 +49,7 @@ class RunOptions:
     checkpoint_every_s: float
     started: float
     live: LiveView | None = None
+    watchers: tuple[Observer, ...] = ()
 
 
 def run_command(scenario_name: str, assignments: Sequence[str], out: Path | None, how: RunOptions) -> int:
@@ -92,17 +96,18 @@ def resume_command(directory: Path, how: RunOptions) -> int:
 
 def _execute(scenario: Scenario, directory: Path, how: RunOptions, *, resume: bool) -> int:
     told = _ignore if how.quiet else tell
-    scenario = prepared(scenario, told, recording=how.recording)
+    kept = KeptParts(cache_directory())
+    scenario = prepared(scenario, told, recording=how.recording, kept=kept)
     with Interruption() as interruption:
         shown: list[Observer] = [] if how.quiet else [PlanWarnings(sys.stderr), ProgressLine(sys.stderr)]
-        watchers: list[Observer] = [interruption, *shown]
+        watchers: list[Observer] = [interruption, *how.watchers, *shown]
         recorder = rerun_recorder if how.live is None else how.live.recorder
         make_recorder = recorder if how.recording else None
         options = Options(
             directory, make_recorder, watchers, interruption.reason, how.checkpoint_every_s, resume
         )
         try:
-            outcome = execute(scenario, partial(build_simulation, tell=told), options, how.started)
+            outcome = execute(scenario, partial(build_simulation, tell=told, kept=kept), options, how.started)
         except KeyboardInterrupt:  # before the loop: nothing is lost
             tell("cosim: interrupted")
             return interruption.exit_code

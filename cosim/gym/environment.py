@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from cosim.app.simulation import SavedState, Simulation
 from cosim.base.frames import Array
+from cosim.base.kept.kept_parts import KeptParts
 from cosim.config.schema.scenario import Scenario
 from cosim.devices.controller import Measurement
 from cosim.errors import InputError, SolverError
@@ -36,6 +37,8 @@ class TaskEnvironment(gymnasium.Env[Observation, NDArray[Any]]):
     Args:
         task: what is to be learned.
         scenario: what runs; whole ticks make 20 ms.
+        overrides: values of it by key path.
+        kept: parts that environments of a process share, see `Simulation`.
 
     Raises:
         InputError: they do not.
@@ -43,9 +46,15 @@ class TaskEnvironment(gymnasium.Env[Observation, NDArray[Any]]):
 
     metadata: dict[str, Any] = {"render_modes": []}  # noqa: RUF012  # as Gymnasium declares it
 
-    def __init__(self, task: LearningTask, scenario: Scenario | str, overrides: Mapping[str, Any]) -> None:
+    def __init__(
+        self,
+        task: LearningTask,
+        scenario: Scenario | str,
+        overrides: Mapping[str, Any],
+        kept: KeptParts | None = None,
+    ) -> None:
         self.task = task
-        self._simulation = Simulation(scenario, overrides=overrides)
+        self._simulation = Simulation(scenario, overrides=overrides, kept=kept)
         tick_s = self._simulation.scenario.clock.tick_s
         self._ticks = round(STEP_S / tick_s)
         if abs(self._ticks * tick_s - STEP_S) > 1e-9:
@@ -137,6 +146,7 @@ def environment(
     fidelity: str | None = None,
     overrides: Mapping[str, Any] | None = None,
     scenario: str | Path | None = None,
+    kept: KeptParts | None = None,
 ) -> TaskEnvironment:
     """Return the environment of a task.
 
@@ -145,7 +155,8 @@ def environment(
         fidelity: of the soft robot; None: the task's.
         overrides: further values of the scenario by key path.
         scenario: name or path of one to take the place of the task's.
+        kept: parts that environments of a process share, see `Simulation`.
     """
     found = task_of(task)
     given = {**found.changes, "fidelity": fidelity or found.fidelity, **(overrides or {})}
-    return TaskEnvironment(found, str(scenario or found.scenario), given)
+    return TaskEnvironment(found, str(scenario or found.scenario), given, kept)

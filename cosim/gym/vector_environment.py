@@ -13,6 +13,8 @@ from numpy.typing import NDArray
 
 from cosim.app.workers import Workers
 from cosim.base.frames import Array, Mask
+from cosim.base.kept.kept_parts import KeptParts
+from cosim.base.resources import cache_directory
 from cosim.gym.environment import Observation, TaskEnvironment, environment
 
 _Step: TypeAlias = tuple[Observation, float, bool, bool, dict[str, Any]]
@@ -31,9 +33,9 @@ class VectorRun:
         self._one, self._mode, self._ended = one, mode, False
 
     @classmethod
-    def of(cls, mode: AutoresetMode, given: Mapping[str, Any], k: int) -> VectorRun:
-        """Return number k."""
-        return cls(environment(**given), mode)
+    def of(cls, mode: AutoresetMode, given: Mapping[str, Any], kept: KeptParts, k: int) -> VectorRun:
+        """Return number k; those of one process share the parts that are kept there."""
+        return cls(environment(**given, kept=kept), mode)
 
     def spaces(self) -> tuple[Any, Any]:
         """Return those of observations and actions."""
@@ -74,7 +76,8 @@ class TaskVectorEnvironment(VectorEnv[Observation, NDArray[Any], Array]):
     def __init__(self, count: int, workers: int, mode: AutoresetMode, given: Mapping[str, Any]) -> None:
         self.metadata = {"render_modes": [], "autoreset_mode": mode}
         self.num_envs = count
-        self._workers = Workers(partial(VectorRun.of, mode, given), count, workers)
+        kept = KeptParts(cache_directory())
+        self._workers = Workers(partial(VectorRun.of, mode, given, kept), count, workers)
         spaces = self._workers.call("spaces", {0: ()})[0]
         if isinstance(spaces, Exception):
             self._workers.close()

@@ -14,7 +14,8 @@ from cosim.errors import ScenarioError
 from cosim.plan.arm_limits import ArmLimits, PathClearances, PlannedArm
 from cosim.plan.joint_path import JointPath, JointReference
 from cosim.plan.paths.phase_motion import AnyWay
-from cosim.plan.plan import JointPlanner, PhasePlan, Plan
+from cosim.plan.paths.planning import JointPlanner
+from cosim.plan.plan import PhasePlan, Plan
 from cosim.plan.ramp import progress
 from cosim.soft.body.body import SoftBody
 

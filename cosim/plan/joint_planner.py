@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 
 import numpy as np
@@ -101,7 +101,9 @@ def _check_end(arm: Arm, index: int, way: AnyWay, seed: Array, blame: Callable[[
         raise UnreachableError(f"{blame(index)}: {error}", error.closest) from error
 
 
-def _configurations(arm: Arm, start: Pose, nearest: Array) -> list[Array]:
+def _configurations(arm: Arm, start: Pose, nearest: Array) -> Iterator[Array]:
+    """Yield start configurations; those beside the nearest are found once somebody asks for them."""
+    yield nearest
     rng = np.random.default_rng(0)
     found = [nearest]
     for _ in range(_START_CONFIGURATIONS):
@@ -112,7 +114,7 @@ def _configurations(arm: Arm, start: Pose, nearest: Array) -> list[Array]:
             continue
         if all(np.abs(q - other).max() > 1e-3 for other in found):
             found.append(q)
-    return [nearest, *sorted(found[1:], key=lambda q: float(np.linalg.norm(q - arm.home)))]
+    yield from sorted(found[1:], key=lambda q: float(np.linalg.norm(q - arm.home)))
 
 
 def _follow_all(arm: Arm, ways: list[AnyWay], q: Array, blame: Callable[[int], str]) -> tuple[JointPath, ...]:

@@ -17,7 +17,8 @@ from cosim.coupling.soft_sides.soft_side import SoftSide
 from cosim.errors import ConvergenceError, OutOfRangeError, ScenarioError
 from cosim.plan.chamber_gas import ChamberGas
 from cosim.plan.decision import SECTION_RANGE, Decision
-from cosim.plan.plan import PhasePlan, Plan, start_equilibrium
+from cosim.plan.paths.phase_drafts import start_equilibrium
+from cosim.plan.plan import PhasePlan, Plan
 from cosim.plan.ramp import Progress
 from cosim.plan.robot_command import loads_of
 from cosim.plan.swing import FlangeAcceleration

@@ -13,7 +13,6 @@ from cosim.coupling.clock import Clock
 from cosim.coupling.schemes.ledger import LedgerEntry
 from cosim.devices.command_source import StepToTake
 from cosim.errors import InputError
-from cosim.plan.plan import start_equilibrium
 from cosim.soft.body.loads import Loads
 from cosim.stepping.batch_stepper import BatchStepper
 from cosim.stepping.cursor import Cursor
@@ -48,11 +47,10 @@ class DynamicSimulation(SteppedRun):
 
     def _start(self, began: float) -> Snapshot:
         parts = self._parts
-        plan, carrier, soft = parts.plan, parts.carrier, parts.soft
+        plan, carrier = parts.plan, parts.carrier
         carrier.set_configuration(plan.joints)
         loads = parts.loads(plan.command)
-        found = start_equilibrium(soft, carrier.flange_pose, loads)
-        soft.settle(found)
+        found = parts.brought_to_rest(carrier.flange_pose, loads)
         ledger = LedgerEntry(
             found.wrench, 0.0, 0.0, found.residual_N, found.iterations, 0.0, False, slides=found.slides
         )

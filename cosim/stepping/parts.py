@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import final
 
@@ -20,6 +21,7 @@ from cosim.plan.plan import Plan
 from cosim.plan.robot_command import RobotCommand, SoftCommand, loads_of
 from cosim.plan.tick_references import ticks_of
 from cosim.soft.body.loads import Loads
+from cosim.soft.solve.state import Equilibrium
 from cosim.stepping.carrier import Carrier
 from cosim.stepping.passed_paths import passed_paths
 from cosim.stepping.self_contact_law import with_film_contacts
@@ -69,12 +71,20 @@ class Parts:
         carrier: of the flange.
         soft: soft side.
         commands: says what is asked of them.
+        brought_to_rest: brings the soft side, new as it is, to rest with the flange at a pose, under loads.
     """
 
     def __init__(
-        self, scenario: Scenario, plan: Plan, carrier: Carrier, soft: SoftSide, commands: SteeredCommands
+        self,
+        scenario: Scenario,
+        plan: Plan,
+        carrier: Carrier,
+        soft: SoftSide,
+        commands: SteeredCommands,
+        brought_to_rest: Callable[[Pose, Loads], Equilibrium],
     ) -> None:
         self.scenario, self.plan = scenario, plan
+        self.brought_to_rest = brought_to_rest
         self.carrier, self.soft, self.commands = carrier, soft, commands
         self._asked, self._loads = plan.command, loads_of(plan.command, plan.gravity)
         self.shape_reader = soft.shape_reader()

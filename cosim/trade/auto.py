@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from cosim.base.code_identity import code_identity
-from cosim.base.kept_data import keep, kept
+from cosim.base.kept.kept_data import keep, kept
 from cosim.config.loading import load_scenario
 from cosim.config.schema.scenario import Scenario
 from cosim.config.writing import to_table

@@ -10,6 +10,8 @@ import pytest
 
 import cosim
 from cosim.app.driver import build_simulation
+from cosim.base.kept.kept_parts import KeptParts
+from cosim.build.parts.soft_model import SoftModel
 from cosim.build.soft_body import build_soft_body
 from cosim.config.json_schema import json_schema
 from cosim.config.loading import load_scenario
@@ -68,6 +70,13 @@ def simulation(described: Scenario) -> DynamicSimulation:
     made = build_simulation(described)
     assert isinstance(made, DynamicSimulation)
     return made
+
+
+@pytest.mark.usefixtures("known")
+def test_its_plan_is_not_kept_on_disk(tmp_path: Path) -> None:
+    with_own = scenario(tmp_path, DASHPOT.format(damping=200.0))
+    assert not SoftModel(with_own, KeptParts()).lasting  # its code may change without a change of its name
+    assert SoftModel(load_scenario("three_unit_inflation"), KeptParts()).lasting
 
 
 @pytest.mark.usefixtures("known")

@@ -16,7 +16,8 @@ from cosim.kinematics.arm import Arm
 from cosim.plan.flange_path import pose_of
 from cosim.plan.joint_path import JointReference
 from cosim.plan.joint_planner import plan_joints
-from cosim.plan.plan import make_plan
+from cosim.plan.paths.phase_drafts import solved_phases
+from cosim.plan.paths.planning import make_plan
 from cosim.plan.ramp import progress
 from cosim.plan.tick_references import TickReferences
 from cosim.soft.solve.newton_options import NewtonOptions
@@ -40,7 +41,7 @@ def references(arm: Arm, *phases: dict[str, Any]) -> JointReference:
     scenario = load_scenario("ur5e_hexagon_arm", {"model.published": True, "phase": named})
     body, start = hexagon_arm(2), pose_of(scenario.start.flange)
     soft = SoftArm(body, start, NewtonOptions(), StepOptions())
-    plan = make_plan(scenario, partial(plan_joints, arm), soft)
+    plan = make_plan(scenario, partial(plan_joints, arm), body, partial(solved_phases, scenario, soft))
     found = []
     for planned in plan.phases:
         rows = TickReferences(planned, TICK_S)

@@ -17,9 +17,9 @@ from cosim.build.simulation import build
 from cosim.config.loading import load_scenario
 from cosim.errors import ScenarioError, UnreachableError
 from cosim.kinematics.arm import Arm
-from cosim.plan import plan
 from cosim.plan.flange_path import rotation_from_direction
 from cosim.plan.joint_planner import plan_joints
+from cosim.plan.paths import phase_drafts
 
 DOWN = [0.0, 0.0, -1.0]
 FAR = {"position_m": [1.6, 0.6, 0.6], "direction": DOWN}
@@ -46,7 +46,7 @@ def refuse_statics(*arguments: Any) -> None:
 def test_given_poses_are_refused_before_any_statics(
     changes: dict[str, Any], key: str, reason: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(plan, "start_equilibrium", refuse_statics)
+    monkeypatch.setattr(phase_drafts, "start_equilibrium", refuse_statics)
     scenario = load_scenario("ur5e_hexagon_arm", {"model.published": True, **changes})
     with pytest.raises(ScenarioError) as caught:
         build(scenario)

@@ -268,7 +268,7 @@ class SoftArm(SoftSide):
         state.check(self.body.nodes)
         if state.loads.contact is not None:
             self.contact_surface().check_planes(state.loads.contact)
-        if state.clamp is not self.clamp:
+        if not state.clamp.holds_as(self.clamp):
             self._hold(state.clamp)
         self.state, self._residual = state.soft, state.residual_N
         self._flange, self._loads = state.flange, state.loads

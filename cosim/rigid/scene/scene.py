@@ -19,9 +19,8 @@ import numpy as np
 from cosim.base.body_shape import BodyShape
 from cosim.base.frames import Array, IntArray, Pose, SixNumbers, Twist, Wrench
 from cosim.errors import InputError
-from cosim.rigid.build.compile_model import compile_model
+from cosim.rigid.build.compiled_scene import CompiledScene
 from cosim.rigid.build.description import SceneDescription
-from cosim.rigid.build.drawn_shapes import body_shapes
 from cosim.rigid.distance.contact_query import ContactQuery
 from cosim.rigid.scene.arm_dynamics import ArmDynamics
 from cosim.rigid.scene.bodies import Bodies, touchable_geoms
@@ -33,7 +32,7 @@ from cosim.rigid.scene.mobility import mobility
 from cosim.rigid.scene.native import NativeScene, native_scene
 from cosim.rigid.scene.servo_droop import droop
 from cosim.rigid.scene.state import RigidState
-from cosim.rigid.scene.warnings import raise_instability, silence_warning_file
+from cosim.rigid.scene.warnings import raise_instability
 
 _STATE, _ALIKE = mujoco.mjtState.mjSTATE_INTEGRATION, "bodies and joints must be as many"
 
@@ -47,15 +46,16 @@ class RigidScene:
 
     Args:
         description: what the scene is made of.
+        compiled: of that description, if it has been compiled already.
 
     Raises:
         InputError: MuJoCo refuses the arm's file or an object.
     """
 
-    def __init__(self, description: SceneDescription) -> None:
+    def __init__(self, description: SceneDescription, compiled: CompiledScene | None = None) -> None:
         self.description = description
-        silence_warning_file()
-        self._model = compile_model(description)
+        self._compiled = compiled or CompiledScene(description)
+        self._model = self._compiled.model()
         self._data = mujoco.MjData(self._model)
         self._scratch = mujoco.MjData(self._model)
         self.body_names = tuple(self._model.body(i).name for i in range(self._model.nbody))
@@ -90,7 +90,7 @@ class RigidScene:
     @property
     def shapes(self) -> tuple[BodyShape, ...]:
         """What is drawn of the bodies."""
-        return body_shapes(self._model)
+        return self._compiled.shapes
 
     @property
     def tick_s(self) -> float:

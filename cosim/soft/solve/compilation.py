@@ -45,7 +45,7 @@ def compile_kernels(
         for value in vars(module).values()
         if getattr(value, "fixed_signature", None) is not None
     }
-    kernels = [kernel for kernel in found.values() if not kernel.signatures]
+    kernels = [kernel for kernel in found.values() if not kernel.overloads]
     told = False
     for kernel in kernels:
         before = sum(kernel.stats.cache_misses.values())

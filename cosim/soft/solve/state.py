@@ -38,6 +38,13 @@ class Clamp:
         nodes = np.unique(body.base)
         return cls(nodes, body.positions[nodes], np.ones((len(nodes), 3), dtype=bool))
 
+    def holds_as(self, other: Clamp) -> bool:
+        """Return whether it holds the same nodes, at the same places, as another clamp."""
+        if self is other:
+            return True
+        pairs = (self.nodes, other.nodes), (self.offsets, other.offsets), (self.components, other.components)
+        return all(np.array_equal(one, two) for one, two in pairs)
+
     def extended(self, nodes: IntArray, positions: Array, world_from_flange: Pose) -> Clamp:
         """Return a clamp that also holds `nodes` (m,) as a whole; see `holding`."""
         held = np.zeros((len(positions), 3), dtype=bool)

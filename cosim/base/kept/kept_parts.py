@@ -1,0 +1,92 @@
+"""Parts of simulations that others may take over: each under a name of what it was made of."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import Any, Final, TypeVar, final
+from uuid import uuid4
+
+from cosim.base.identity import content_name
+
+Kind = TypeVar("Kind")
+
+_MOST: Final = 8  # of each kind
+_NAMELESS: Final = "nameless "
+
+
+@final
+class KeptParts:
+    """Holds the parts that were made or taken last, a few of each kind.
+
+    Nobody changes a part that is in here. Its name holds everything that making it depends on, so a part that
+    is taken is, bit for bit, the one that would be made. Not for several threads at once.
+
+    Args:
+        folder: in which parts that take long to make are kept for other processes; None: nowhere.
+    """
+
+    def __init__(self, folder: Path | None = None) -> None:
+        self.folder = folder
+        self._kinds: dict[str, dict[str, Any]] = {}
+
+    def made(self, kind: str, name: str, make: Callable[[], Kind], most: int = _MOST) -> Kind:
+        """Return the part of a name, which is made if it is not there.
+
+        Args:
+            kind: of part.
+            name: of what it is made of, see `name_of`.
+            make: makes it; where it raises, nothing is kept.
+            most: how many of the kind are kept, those that were made or taken last.
+        """
+        parts = self._kinds.setdefault(kind, {})
+        part: Kind = parts.pop(name) if name in parts else make()
+        parts[name] = part
+        if len(parts) > most:
+            del parts[next(iter(parts))]
+        return part
+
+    def forget(self, kind: str, name: str) -> None:
+        """Let a part go, of which what it was made of has changed."""
+        self._kinds[kind].pop(name, None)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Return how to make it in another process: with nothing in it."""
+        return KeptParts, (self.folder,)
+
+
+def name_of(*contents: Any) -> str:
+    """Return a name of contents, see `content_name`; one that nothing else has where they cannot be named.
+
+    Args:
+        contents: of a part; a name among them stands for the contents of another part.
+    """
+    if any(isinstance(part, str) and part.startswith(_NAMELESS) for part in contents):
+        return nameless()
+    try:
+        return content_name(*contents)
+    except TypeError:
+        return nameless()
+
+
+def is_nameless(name: str) -> bool:
+    """Return whether a name is of contents that are not known."""
+    return name.startswith(_NAMELESS)
+
+
+def nameless() -> str:
+    """Return a name that nothing else has, for what is made of contents that are not known."""
+    return _NAMELESS + uuid4().hex
+
+
+def stamps(files: Iterable[Path]) -> tuple[tuple[str, int, int], ...]:
+    """Return name, size and time of the last change of files: other contents have other stamps."""
+    found = []
+    for path in files:
+        try:
+            status = path.stat()
+        except OSError:
+            found.append((str(path), -1, -1))
+        else:
+            found.append((str(path), status.st_size, status.st_mtime_ns))
+    return tuple(found)

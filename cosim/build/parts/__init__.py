@@ -1,0 +1,1 @@
+"""Parts of a simulation, those that others of its process have made among them."""
