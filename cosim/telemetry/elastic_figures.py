@@ -29,7 +29,13 @@ def strength_warnings(phases: Sequence[dict[str, Any]]) -> list[str]:
         peak, strength = (phase.get("stiffener", {}).get(key) for key in ("peak_strain", "strength_strain"))
         if peak is not None and strength is not None and peak > strength:
             found.append(
-                f"at the end of phase '{phase['name']}' the stiffeners are strained by {100.0 * peak:.2g} %, "
-                f"beyond the {100.0 * strength:.2g} % that they bear"
+                f"at the end of phase '{phase['name']}' the stiffeners are strained by "
+                f"{_percent_beyond(peak, strength)} %, beyond the {100.0 * strength:.2g} % that they bear"
             )
     return found
+
+
+def _percent_beyond(value: float, bound: float) -> str:
+    """Return a value above a bound in percent, in as many digits as tell it from the bound, at least two."""
+    texts = (f"{100.0 * value:.{digits}g}" for digits in range(2, 17))
+    return next((text for text in texts if float(text) > float(f"{100.0 * bound:.2g}")), f"{100.0 * value}")

@@ -1,0 +1,21 @@
+"""Warnings of strained stiffeners name a strain that is above what they bear, also where it is hardly so."""
+
+from __future__ import annotations
+
+import pytest
+
+from cosim.telemetry.elastic_figures import strength_warnings
+
+
+@pytest.mark.parametrize(("peak", "told"), [(0.0221, "2.2"), (0.02004, "2.004"), (0.31, "31")])
+def test_the_strain_is_told_in_enough_digits(peak: float, told: str) -> None:
+    phase = {"name": "pull", "stiffener": {"peak_strain": peak, "strength_strain": 0.02}}
+    (warning,) = strength_warnings([phase])
+    assert f"strained by {told} %, beyond the 2 % that" in warning
+
+
+@pytest.mark.parametrize("peak", [0.019, 0.02, None])
+def test_what_stays_within_is_not_told(peak: float | None) -> None:
+    assert not strength_warnings(
+        [{"name": "pull", "stiffener": {"peak_strain": peak, "strength_strain": 0.02}}]
+    )
