@@ -47,7 +47,12 @@ class KeptParts:
         return part
 
     def forget(self, kind: str, name: str) -> None:
-        """Let a part go, of which what it was made of has changed."""
+        """Let a part go, of which what it was made of has changed.
+
+        Args:
+            kind: of the part.
+            name: of the part, see `name_of`; it need not be there.
+        """
         self._kinds[kind].pop(name, None)
 
     def __reduce__(self) -> tuple[Any, ...]:
