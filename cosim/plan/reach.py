@@ -66,7 +66,8 @@ def flange_travel(arm: Arm, plan: Plan, lever_m: float = 0.0) -> FlangeTravel:
             continue
         times = np.linspace(0.0, phase.duration_s, _SAMPLES)
         ramp = "linear" if phase.ramp == "step" else phase.ramp  # a servo goes through what lies between
-        poses = [arm.forward(path.at(progress(ramp, t, phase.duration_s)).position) for t in times]
+        asked = path.through([progress(ramp, t, phase.duration_s) for t in times])
+        poses = [arm.forward(joints) for joints in asked.position]
         x = np.array([pose.translation for pose in poses])
         positions.append(x)
         gap = max(gap, float(np.linalg.norm(np.diff(x, axis=0), axis=1).max()))

@@ -103,7 +103,8 @@ class _Walk:
         planned.holding.apply(self._soft, here.world_from_flange)
         self._gas.begin(planned.gas, self._soft)
         self._check_swing(planned, here)
-        for fraction in np.linspace(0.0, 1.0, _PIECES + 1).tolist():
+        still = planned.joints.spline is None and planned.begin is planned.end and not self._gas.flows
+        for fraction in np.linspace(0.0, 1.0, 1 if still else _PIECES + 1).tolist():
             here = self._at(planned, here, fraction)
             self._soft.settle(here)
         return here

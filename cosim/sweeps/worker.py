@@ -9,12 +9,13 @@ import threading
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import Any, Final
 
 from cosim.app.driver import Options, build_simulation, execute
 from cosim.app.observer import Observer
+from cosim.base.kept.kept_parts import KeptParts
 from cosim.config.kinds import register_installed, register_module
 from cosim.config.schema.scenario import Scenario
 from cosim.errors import InputError
@@ -66,7 +67,8 @@ def _run(scenario: Scenario, task: Task) -> Row:
     arrays = ResultBuilder(scenario.recording.frames_per_s)
     watchers: Sequence[Observer] = () if measure is None else (arrays,)
     directory = None if task.directory is None else Path(task.directory)
-    outcome = execute(scenario, build_simulation, Options(directory, None, watchers), started)
+    build = partial(build_simulation, kept=_kept_here())
+    outcome = execute(scenario, build, Options(directory, None, watchers), started)
     error, summary = outcome.error, outcome.summary
     if isinstance(error, InputError):
         return Row("refused", reason_of(error))
@@ -74,6 +76,12 @@ def _run(scenario: Scenario, task: Task) -> Row:
     if measure is not None and summary["status"] == "completed":
         figures |= measured(measure, arrays.result(summary, directory))
     return Row(summary["status"], summary["reason"], figures)
+
+
+@cache
+def _kept_here() -> KeptParts:
+    """Return the parts that the designs of a process share; see `_ONE_AT_A_TIME`."""
+    return KeptParts()
 
 
 @cache

@@ -27,7 +27,7 @@ from cosim.plan.path_clearances import path_clearances
 from cosim.plan.paths.phase_motion import AnyWay
 from cosim.plan.plan import Plan
 from cosim.rigid.build.compiled_scene import CompiledScene
-from cosim.rigid.build.description import SceneDescription, SceneObject
+from cosim.rigid.build.description import SceneDescription
 from cosim.rigid.scene.scene import RigidScene
 
 _FEWEST: Final = 4
@@ -69,7 +69,7 @@ class ArmParts:
             cell=cell,
             mounted=() if palm is None else (palm_object(palm),),
         )
-        self._geometry_name = self._name(replace(description, objects=_without_masses(description)))
+        self._geometry_name = self._name(_geometry(description))
         try:
             self.scene = RigidScene(
                 description,
@@ -157,11 +157,12 @@ def _arm_file(scenario: Scenario, kept: KeptParts) -> tuple[ArmFile, str]:
     return file, name_of(name, seen)
 
 
-def _without_masses(description: SceneDescription) -> tuple[SceneObject, ...]:
-    """Return the objects of a scene with whether they move, but not how heavy they are."""
-    return tuple(
+def _geometry(description: SceneDescription) -> SceneDescription:
+    """Return a scene with what stands where and whether it moves, but not how heavy it is."""
+    objects = tuple(
         replace(entry, mass_kg=1.0 if entry.mass_kg else 0.0, inertia=None) for entry in description.objects
     )
+    return replace(description, objects=objects, tick_s=1.0, gravity=(0.0, 0.0, 0.0))
 
 
 def _body_key(scenario: Scenario, body: str | None) -> str:
