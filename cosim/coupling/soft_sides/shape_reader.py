@@ -67,7 +67,7 @@ class MeshReader(ShapeReader):
 
     def figures(self, shapes: Sequence[Array]) -> ShapeFigures:
         """Return the figures; see `ShapeReader.figures`."""
-        tip = np.stack([shape[self._tip] for shape in shapes])
-        centers = np.stack([shape[self._rings] for shape in shapes]).mean(axis=2)
+        films = self.films(shapes)
+        tip, centers = films.take(self._tip, axis=1), films.take(self._rings, axis=1).mean(axis=2)
         volumes = np.array([self._volumes(shape) for shape in shapes])
         return figures_at(np.concatenate([tip, centers], axis=1), tip.shape[1], volumes)
