@@ -30,13 +30,13 @@ from cosim.base.kernels import (
 from cosim.soft.contact.obstacle_contact import TOUCHED
 from cosim.soft.linear.envelope_kernels import substitute
 from cosim.soft.solve.film_arrays import BED, FILM, PLAIN_LOADS, FilmArrays, StepBed, film_gradient
-from cosim.soft.solve.held_nodes import HELD, HeldNodes, place_held
+from cosim.soft.solve.held_nodes import HELD, HeldNodes, place_flight
 from cosim.soft.solve.problem import largest_residual
 from cosim.soft.solve.step_begin import fill_bed, fill_flight
 
-_CALLED = (fill_bed, fill_flight, place_held, substitute, largest_residual)
+_CALLED = (fill_bed, fill_flight, place_flight, substitute, largest_residual)
 _BED, _FLIGHT, _PLACE, _SUBSTITUTE, _RESIDUAL = range(len(_CALLED))
-_fill_bed, _fill_flight, _place_held, _substitute, _largest_residual = map(caller, _CALLED)
+_fill_bed, _fill_flight, _place_flight, _substitute, _largest_residual = map(caller, _CALLED)
 
 
 def step_calls() -> IntArray:
@@ -234,7 +234,7 @@ def _begin(side, motion):  # type: ignore[no-untyped-def]
     calls, moved = work.calls, (x, velocity, motion.earlier_x, before)
     _fill_bed(calls[_BED], (*moved, numbers.two_steps, numbers.factor, base, side.bed.target))
     _fill_flight(calls[_FLIGHT], (x, velocity, before, numbers.h, numbers.fraction, motion.new_x))
-    _place_held(calls[_PLACE], (side.held, motion.flange, motion.new_x))
+    _place_flight(calls[_PLACE], (side.held, motion.flange, motion.new_x))
     _copy(motion.memory, motion.new_memory)
 
 

@@ -29,11 +29,12 @@ from cosim.soft.solve.film_step import (
     film_step,
     step_calls,
 )
-from cosim.soft.solve.held_nodes import flange_axes
+from cosim.soft.solve.held_nodes import flange_axes, place_flight
 from cosim.soft.solve.newton import NewtonSolver
 from cosim.soft.solve.newton_options import NewtonResult, Outcome
 from cosim.soft.solve.problem import Point, Problem
 from cosim.soft.solve.state import Clamp, SoftState
+from cosim.soft.solve.step_begin import fill_flight
 from cosim.soft.solve.time_scheme import StepOptions, StepScheme
 
 
@@ -153,7 +154,7 @@ class QuickStepper:
                 break
             left = place.reuse_max - reused
             if spent.tangents >= first and lenient:
-                if residual <= options.residual_bound_N:
+                if residual <= options.residual_bound_N and not self._jumps(motion, step_s):
                     velocities = (x - velocities) / scheme.span
                     break
                 lenient, first, left = False, first + most, options.newton.reuse_max
@@ -167,6 +168,12 @@ class QuickStepper:
             place = StepPlace(False, found.residual, found.energy, left)
         result = spent.result(motion, residual, energy, converged=converged)
         return SoftState(x, velocities, memory, here), result
+
+    def _jumps(self, motion: StepMotion, step_s: float) -> bool:
+        """Return whether the flange jumps in a step, off free flight."""
+        flight, gain = np.empty_like(motion.x), self._options.gain
+        fill_flight(motion.x, motion.velocity, motion.earlier_velocity, step_s, gain, flight)
+        return place_flight(self._clamp.held, motion.flange, flight)
 
     def _problem(self, state: SoftState, loads: Loads, scheme: StepScheme, step_s: float) -> Problem:
         """Return what a step minimises, with the target that the kernel has filled."""

@@ -16,6 +16,7 @@ from cosim.errors import ConvergenceError, InputError
 from cosim.soft.body.loads import Loads
 from cosim.soft.elements.cable import losses_follow
 from cosim.soft.elements.mass_terms import Inertia
+from cosim.soft.solve.held_nodes import flange_axes, place_flight
 from cosim.soft.solve.newton import NewtonSolver
 from cosim.soft.solve.newton_options import NewtonResult, Outcome
 from cosim.soft.solve.place import place_of_largest
@@ -97,7 +98,8 @@ class ImplicitStepper:
         if taken is not None:
             return taken
         inertia, base = self._inertia(state, scheme, step_s)
-        starts = [state.positions] if quick else [self._flight(state, step_s), state.positions]
+        flight, jumps = self._flight(state, world_from_flange, step_s)
+        starts = [state.positions] if quick else [flight, state.positions]
         if turns and before is not None:
             starts = self._ranked(starts, state, before, world_from_flange, loads, inertia)
         # flight is the better start, unless it takes films too far; then the step begins where it is
@@ -105,7 +107,7 @@ class ImplicitStepper:
             starts = [aim.start, *starts]
         for free in starts:
             start = self.clamp.place(free, world_from_flange)
-            result = self._solve(start, state, world_from_flange, loads, inertia, aim)
+            result = self._solve(start, state, world_from_flange, loads, inertia, aim, whole=jumps)
             result = self._with_losses(result, world_from_flange, loads, inertia, aim)
             if result.converged or self._acceptable(result, aim):
                 break
@@ -180,12 +182,12 @@ class ImplicitStepper:
         fill_bed(*here, *(state.earlier or here), scheme.two_steps, scheme.factor, base, target)
         return Inertia(scheme.inertia, target, step_s), base
 
-    def _flight(self, state: SoftState, step_s: float) -> Array:
-        """Return where the nodes (n, 3) [m] get in free flight."""
+    def _flight(self, state: SoftState, world_from_flange: Pose, step_s: float) -> tuple[Array, bool]:
+        """Return where the nodes (n, 3) [m] get in free flight, and whether the flange jumps with them."""
         flight = np.empty_like(state.positions)
         before = state.velocities if state.earlier is None else state.earlier[1]
         fill_flight(state.positions, state.velocities, before, step_s, self.options.gain, flight)
-        return flight
+        return flight, place_flight(self.clamp.held, flange_axes(world_from_flange), flight)
 
     def _solve(
         self,
@@ -195,6 +197,8 @@ class ImplicitStepper:
         loads: Loads,
         inertia: Inertia,
         aim: StepAim | None,
+        *,
+        whole: bool,
     ) -> NewtonResult:
         options, frame = self.options, flange.rotation
         if aim is not None:
@@ -205,8 +209,8 @@ class ImplicitStepper:
             spent = result.iterations
             result = self.solver.solve(result.positions, state.memory, loads, fine, inertia, frame)
             return replace(result, iterations=spent + result.iterations)
-        # a contact that is half solved would push with a force of its own making
-        if loads.contact is not None or loads.self_contact is not None:
+        # a contact that is half solved would push with a force of its own making; a jump is solved as well
+        if whole or loads.contact is not None or loads.self_contact is not None:
             return self.solver.solve(start, state.memory, loads, self._whole, inertia, frame)
         result = self.solver.solve(start, state.memory, loads, self._first, inertia, frame)
         if result.outcome is not Outcome.ITERATION_LIMIT or self._acceptable(result):
