@@ -30,9 +30,10 @@ class TaskEnvironment(gymnasium.Env[Observation, NDArray[Any]]):
     """Steps a robot at 50 Hz towards goals; made by `gymnasium.make("cosim/TipReach-v0")` and the like.
 
     Observations are {"observation", "achieved_goal", "desired_goal"}; actions lie within -1 to 1, each of
-    them a rate or velocity as the task's `actions` say. `info` holds "is_success"; "limits", what the arm was
-    held at, in words; and in a step whose physics could not be solved "failure", the error's name and text:
-    the episode is then truncated where it was before that step, and rewarded as if it stayed there.
+    them a rate or velocity as the task's `actions` say. `info` holds "is_success"; "limits", what did not go
+    as commanded, in words; and in a step whose physics could not be solved "failure", the error's name and
+    text: the episode is then truncated where it was before that step, and rewarded as if it stayed there.
+    Nothing else but the task's `horizon` ends an episode: goals that are reached do not.
 
     Args:
         task: what is to be learned.
