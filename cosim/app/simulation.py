@@ -18,7 +18,7 @@ from cosim.base.state_archive import read_archive, write_archive
 from cosim.base.state_check import check_state
 from cosim.config.loading import load_scenario
 from cosim.config.schema.scenario import Scenario
-from cosim.errors import InputError
+from cosim.errors import InputError, OutputError
 from cosim.results.result import result_of
 from cosim.stepping.stepped_run import RunState
 from cosim.telemetry.choices import Choices
@@ -50,9 +50,12 @@ class SavedState:
             path: of the file, an archive of NumPy (.npz).
 
         Raises:
-            OSError: it cannot be written.
+            OutputError: it cannot be written.
         """
-        write_archive(Path(path), {"tick": self.snapshot.tick}, self)
+        try:
+            write_archive(Path(path), {"tick": self.snapshot.tick}, self)
+        except OSError as error:
+            raise OutputError(f"{path}: cannot be written: {error.strerror}") from error
 
     def __repr__(self) -> str:
         """Return one line: where the simulation is."""

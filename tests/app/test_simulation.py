@@ -14,7 +14,7 @@ import cosim
 from cosim.base.frames import Pose
 from cosim.base.state_archive import write_archive
 from cosim.coupling.soft_sides.lumped_arm import SoftArm
-from cosim.errors import ConvergenceError, InputError, ScenarioError
+from cosim.errors import ConvergenceError, InputError, OutputError, ScenarioError
 from cosim.results.result import RunResult
 
 SHORT: dict[str, Any] = {
@@ -56,6 +56,8 @@ def test_it_returns_to_what_was_saved(tmp_path: Path) -> None:
     assert here.snapshot is saved.snapshot
     assert np.array_equal(here.step(5).node_position, end.node_position)
     saved.write(tmp_path / "three.npz")
+    with pytest.raises(OutputError, match=r"three.npz: cannot be written: No such file"):
+        saved.write(tmp_path / "nowhere" / "three.npz")
     other = simulation(start=tmp_path / "three.npz")
     assert other.snapshot.tick == 3
     assert np.array_equal(other.step(5).node_position, end.node_position)

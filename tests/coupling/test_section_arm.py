@@ -11,11 +11,12 @@ from cosim.base.frames import Array, Pose, rotation_from_vector
 from cosim.coupling.soft_sides.lumped_arm import SoftArm
 from cosim.coupling.soft_sides.section_arm import SectionArm
 from cosim.coupling.soft_sides.shape_reader import MeshReader
-from cosim.errors import InputError
+from cosim.errors import InputError, UnreachableError
 from cosim.soft.body.loads import Loads
 from cosim.soft.elements.gas import SealedGas
 from cosim.soft.solve.newton_options import NewtonOptions
 from cosim.soft.solve.time_scheme import Integrator, StepOptions
+from cosim.soft.targets.target_solution import TargetOptions
 from cosim.soft.targets.tip_target import TipTarget
 from tests.small_section import body, section
 
@@ -237,3 +238,14 @@ def test_its_inertia_weighs_what_that_of_the_film_does(integrator: Integrator) -
         for arm in (chain, film):
             assert arm.inertia_weight(0.002) == pytest.approx((1.0 + 3.0 * span) / span**2, rel=1e-12)
             arm.advance(FLANGE, loads, 0.002)
+
+
+def test_a_search_for_the_flange_names_the_section_that_held_it_back() -> None:
+    arm, _ = arms()
+    here = arm.start(FLANGE, Loads((20e3,), (0.0, 0.0)))
+    for share in np.linspace(0.0, 1.0, 9)[1:]:
+        here = arm.follow(here, FLANGE, Loads((20e3,), (20.0 * share, 0.0)))
+    level = TipTarget(np.array([0.4, 0.1, 0.4]), direction=np.array([1.0, 0.0, 0.0]))
+    reason = r"the limit of 1 iterations was reached; on the way section 2 of 4 .* its model ends at .*lumped"
+    with pytest.raises(UnreachableError, match=reason):
+        arm.find_flange_pose(here, level, TargetOptions(iterations_max=1))

@@ -14,7 +14,7 @@ from typing import Protocol, TypeAlias, final
 import numpy as np
 
 from cosim.base.frames import Array, Pose
-from cosim.errors import ConvergenceError
+from cosim.errors import ConvergenceError, OutOfRangeError
 from cosim.soft.body.loads import Loads
 from cosim.soft.body.tip_frame import TipFrame
 from cosim.soft.solve.state import Equilibrium
@@ -91,7 +91,7 @@ class TipSearch:
             matrix, missing = self._linear(begin)
         except ConvergenceError as error:
             return Ended(here, str(error))
-        why_not = ""
+        why_not = left = ""
         while True:
             change = self._unknowns.step(here.equilibrium, matrix, missing, bound)
             distance = float(np.linalg.norm(missing))
@@ -107,11 +107,13 @@ class TipSearch:
                     matrix, missing = self._linear(there.equilibrium)
             except ConvergenceError as error:
                 why_not, gain = f"beyond it {error}", -np.inf
+                if isinstance(error, OutOfRangeError):
+                    left = f"; on the way {error.place}; fidelity = 'lumped' has no such end"
             if gain < _ACCEPTED:
                 bound = _CUT * min(bound, self._unknowns.size(change))
                 continue
             if rounds == self._options.iterations_max:
-                return Ended(there, f"the limit of {rounds} iterations was reached")
+                return Ended(there, f"the limit of {rounds} iterations was reached{left}")
             here, rounds, why_not = there, rounds + 1, ""
             bound = min(1.0, 2.0 * bound) if gain > _WELL_FORETOLD else bound
 
