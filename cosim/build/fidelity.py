@@ -18,7 +18,7 @@ from cosim.soft.contact.contact_law import ContactLaw
 from cosim.soft.solve.newton_options import NewtonOptions
 from cosim.soft.solve.time_scheme import StepOptions
 
-_REUSE_MAX = 6  # iterations with a kept factorisation: beyond, a new one is cheaper
+_REUSE_MAX = 12  # iterations with a kept factorisation: beyond, a new one is cheaper
 
 
 def fidelity_body(scenario: Scenario) -> SoftBody:

@@ -13,14 +13,17 @@ from cosim.soft.beams.beam_rings import BeamRings
 from cosim.soft.beams.rectangular_section import RectangularSection
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.copies import copies
+from cosim.soft.body.loads import Loads
 from cosim.soft.contact.contact_law import ContactLaw
 from cosim.soft.contact.contact_points import ContactSurface
 from cosim.soft.contact.obstacle_contact import ContactPlanes
 from cosim.soft.elements.element import Sums
 from cosim.soft.solve import quick_step
 from cosim.soft.solve.assembly import SoftSystem
+from cosim.soft.solve.newton import NewtonSolver
 from cosim.soft.solve.newton_options import NewtonOptions, NewtonResult
-from cosim.soft.solve.state import SoftState
+from cosim.soft.solve.self_contact import FilmContactLaw, SelfContact
+from cosim.soft.solve.state import Clamp, SoftState
 from cosim.soft.solve.time_scheme import Integrator, StepOptions
 from cosim.soft.solve.time_step import ImplicitStepper
 from tests.soft.bodies import FILM, HANGING, held, hexagon_arm, hung, no_load
@@ -159,3 +162,29 @@ def test_where_the_flange_jumps_the_film_begins_beside_it_and_is_solved() -> Non
     assert np.abs(by_terms.positions - state.positions).max() < 1e-12
     exact, _ = jumped(100, 1e-8)
     assert np.abs(exact.positions - state.positions).max() < 1e-7
+
+
+def collided(**loads: Any) -> list[SoftState]:
+    """Return the states of two cushions that fly at each other, touch and part."""
+    one = hexagon_arm(1, cables=(), base=np.zeros(0, np.int64))
+    body = copies(one, [Pose(), Pose(np.diag([1.0, -1.0, -1.0]), np.array([4e-3, 0.0, 0.035]))])
+    system, clamp = SoftSystem(body), Clamp.of_base(body)
+    films = SelfContact(body, system.pattern, FilmContactLaw(ContactLaw(), 0.5))
+    options = StepOptions(tolerance_N=1e-8, newton=REUSING)
+    stepper = ImplicitStepper(NewtonSolver(system, clamp.mask(body.nodes)), clamp, options, films)
+    speed = np.where(np.arange(body.nodes) < one.nodes, 0.5, -0.5)
+    state = replace(SoftState.drawn(body, Pose()), velocities=speed[:, None] * [0.2, 0.0, 1.0])
+    states, acting = [], Loads((5e3, 5e3), gravity=(0.0, 0.0, 0.0), **loads)
+    for _ in range(40):
+        state, _ = stepper.step(state, Pose(), acting, 1e-3)
+        states.append(state)
+    return states
+
+
+def test_quick_steps_of_films_that_touch_one_another_are_those_summed_term_by_term() -> None:
+    quick, slow = collided(), collided(extra=Nothing())
+    touched = [state.touching for state in quick if state.touching is not None]
+    assert max(memory.normal_force_N for memory in touched) > 5.0
+    for one, other in zip(quick, slow, strict=True):
+        assert np.abs(one.positions - other.positions).max() < 1e-10
+        assert (one.touching is None) is (other.touching is None)

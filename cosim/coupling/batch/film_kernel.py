@@ -31,8 +31,9 @@ from cosim.rigid.scene.native import NATIVE_SCENE
 from cosim.soft.body.loads import PlainLoads
 from cosim.soft.contact.contact_points import span
 from cosim.soft.elements.mass_terms import mass_moments
-from cosim.soft.solve.film_step import StepMotion, film_step
+from cosim.soft.solve.film_step import film_step
 from cosim.soft.solve.held_nodes import add_wrench
+from cosim.soft.solve.step_arrays import StepMotion
 
 _CALLED = (film_step, add_wrench, mass_moments, span, fill_near_box)
 _STEP, _WRENCH, _MOMENTS, _SPAN, _NEAR = range(len(_CALLED))

@@ -9,8 +9,8 @@ from numba import types
 from cosim.base.frames import Array, IntArray
 from cosim.base.kernels import BLOCKS, INDICES, MATRIX, REAL
 from cosim.rigid.distance.shape_bounds import SHAPE_BOUNDS, ShapeBounds
-from cosim.soft.contact.obstacle_contact import TOUCHED, TouchedPlanes
-from cosim.soft.solve.film_step import FILM_SIDE, PLACE, FilmSide, StepPlace
+from cosim.soft.contact.touching import TOUCHING, Touching
+from cosim.soft.solve.step_arrays import FILM_SIDE, PLACE, FilmSide, StepPlace
 
 
 class FilmCommands(NamedTuple):
@@ -86,7 +86,7 @@ class FilmRow(NamedTuple):
     """
 
     side: FilmSide
-    untouched: TouchedPlanes
+    untouched: Touching
     place: StepPlace
     reach: FilmReach
     calls: IntArray
@@ -98,4 +98,4 @@ class FilmRow(NamedTuple):
 FILM_COMMANDS = types.NamedTuple((MATRIX, MATRIX, MATRIX, BLOCKS, MATRIX, MATRIX, MATRIX), FilmCommands)
 FILM_MOTION = types.NamedTuple((BLOCKS, BLOCKS, MATRIX), FilmMotion)
 _REACH = types.NamedTuple((SHAPE_BOUNDS, REAL, REAL), FilmReach)
-FILM_ROW = types.NamedTuple((FILM_SIDE, TOUCHED, PLACE, _REACH, INDICES, BLOCKS, REAL, REAL), FilmRow)
+FILM_ROW = types.NamedTuple((FILM_SIDE, TOUCHING, PLACE, _REACH, INDICES, BLOCKS, REAL, REAL), FilmRow)

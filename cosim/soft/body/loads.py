@@ -12,6 +12,7 @@ from cosim.base.frames import Array
 from cosim.errors import InputError
 from cosim.soft.contact.obstacle_contact import ContactPlanes
 from cosim.soft.contact.self_contact_pairs import FilmPairs
+from cosim.soft.contact.touching import Touching, nothing_touching
 from cosim.soft.elements.element import NodalPotential, Sums
 from cosim.soft.elements.gas import SealedGas
 
@@ -110,8 +111,16 @@ class Loads:
 
     @cached_property
     def plain_but_contact(self) -> bool:
-        """Whether it is plain but for what may be touched."""
-        return is_plain(self, but="contact")
+        """Whether it is plain but for what may be touched, films among one another included."""
+        return is_plain(self, but=("contact", "self_contact"))
+
+    @property
+    def touching(self) -> Touching:
+        """What may touch, for kernels."""
+        touching, planes, films = nothing_touching(), self.contact, self.self_contact
+        if planes is not None:
+            touching = touching._replace(planes=planes.touched)
+        return touching if films is None else Touching(touching.planes, films.call, films.rows)
 
     def arrays(self, chambers: int) -> PlainLoads:
         """Return pressures of so many chambers, tensions and gravity, whatever else there is."""
@@ -164,15 +173,15 @@ class Loads:
         )  # fmt: skip
 
 
-def is_plain(load: object, *, but: str = "") -> bool:
+def is_plain(load: object, *, but: tuple[str, ...] = ()) -> bool:
     """Return whether pressures, tensions and gravity are all that acts: all else as if it was not given.
 
     Args:
         load: `Loads`, or what a command says of them.
-        but: name of what may act besides.
+        but: names of what may act besides.
     """
     kind: Any = type(load)
-    given = ((getattr(load, name), default) for name, default in _besides(kind) if name != but)
+    given = ((getattr(load, name), default) for name, default in _besides(kind) if name not in but)
     return all(
         value is default or (isinstance(value, tuple) and value == default) for value, default in given
     )

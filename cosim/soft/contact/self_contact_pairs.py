@@ -22,15 +22,17 @@ one line: a moment of the friction times the distance of y from the point that i
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cache, cached_property
 from typing import final
 
 import numpy as np
 
 from cosim.base.frames import Array, IntArray, Mask
+from cosim.base.kernel_calls import address_of
 from cosim.base.kernels import BLOCKS, INDEX_TABLE, MATRIX, REAL, VECTOR, add_block, device_function, kernel
 from cosim.soft.contact.contact_law import ContactLaw, dragging_law, pressing_law, shorten
 from cosim.soft.contact.self_contact_memory import FilmMemory
+from cosim.soft.contact.touching import PAIRS, PairRows
 from cosim.soft.elements.element import Sums
 from cosim.soft.linear.pattern import CoupledPattern, PatternWidening
 
@@ -96,19 +98,12 @@ def _add_normal_part(push, rate, d, n, weight, slope, a, b, k):  # type: ignore[
             k[r, c] = outer * n[r] * n[c] + push * turning
 
 
-@kernel(
-    REAL(
-        MATRIX, INDEX_TABLE, MATRIX, VECTOR, VECTOR, MATRIX, MATRIX, MATRIX, REAL, REAL, INDEX_TABLE, MATRIX,
-        BLOCKS, MATRIX,
-    )
-)  # fmt: skip
-def _add_pairs(  # type: ignore[no-untyped-def]
-    x, nodes, weights, stiffness, friction, held, normal, stretch, width, stick, slots, gradient, blocks, out
-):
-    """Add gradient (and Hessian, if slots is not empty) of all pairs; return the energy [J].
-
-    A row of `out` receives normal force, distance, and the force on the point (3,).
-    """
+@kernel(REAL(MATRIX, PAIRS, INDEX_TABLE, MATRIX, BLOCKS))
+def add_pairs(x, pairs, slots, gradient, blocks):  # type: ignore[no-untyped-def]
+    """Add gradient (and Hessian, if slots is not empty) of all pairs; return the energy [J]."""
+    nodes, weights, stiffness, friction = pairs.nodes, pairs.weights, pairs.stiffness, pairs.friction
+    held, normal, stretch, out = pairs.foot, pairs.normal, pairs.stretch, pairs.out
+    width, stick = pairs.widths[0], pairs.widths[1]
     y, n, weight, slope = np.empty(3), np.empty(3), np.zeros(6), np.zeros((6, 3))
     w, rub, k, drag = np.zeros(6), np.empty(3), np.empty((3, 3)), np.empty((3, 3))
     energy = 0.0
@@ -180,6 +175,11 @@ def _drag(x, nodes, weights, held, normal, stick, stretch):  # type: ignore[no-u
         shorten(stretch[e], normal[e], stick)
 
 
+@cache
+def _address() -> int:
+    return address_of(add_pairs)
+
+
 @final
 @dataclass(frozen=True)
 class FilmPairs:
@@ -216,10 +216,22 @@ class FilmPairs:
 
     def add(self, positions: Array, sums: Sums, hessian: bool) -> float:
         """Add the gradient and, if told to, the Hessian at positions (n, 3) [m]; return the energy [J]."""
-        if not hessian:
-            return self._evaluate(positions, sums.gradient, _NO_BLOCKS, _NO_TABLE)[0]
-        coupled, slots = self._places
-        return self._evaluate(positions, sums.gradient, sums.widened(coupled), slots)[0]
+        coupled, slots = self._places if hessian else (None, _NO_TABLE)
+        blocks = _NO_BLOCKS if coupled is None else sums.widened(coupled)
+        energy: float = add_pairs(positions, self.rows, slots, sums.gradient, blocks)
+        return energy
+
+    @property
+    def call(self) -> int:
+        """Address of the kernel that adds them."""
+        return _address()
+
+    @cached_property
+    def rows(self) -> PairRows:
+        """What kernels take of them."""
+        widths, out = np.array([self.law.smoothing_m, self.law.stick_m]), np.empty((len(self), 5))
+        pair = self.nodes, self.weights, self.stiffness, self.friction
+        return PairRows(*pair, self.foot, self.normal, self.stretch, widths, out)
 
     @property
     def coupled(self) -> CoupledPattern:
@@ -233,7 +245,8 @@ class FilmPairs:
 
     def at(self, positions: Array) -> FilmForces:
         """Return what the pairs press with at positions (n, 3) [m]."""
-        _, out = self._evaluate(positions, np.zeros_like(positions), _NO_BLOCKS, _NO_TABLE)
+        add_pairs(positions, self.rows, _NO_TABLE, np.zeros_like(positions), _NO_BLOCKS)
+        out = self.rows.out.copy()
         return FilmForces(out[:, 0], out[:, 1], out[:, 2:])
 
     def memory(self, positions: Array, *, resting: bool = False) -> FilmMemory | None:
@@ -264,16 +277,6 @@ class FilmPairs:
         """Return which pairs (k,) still are some: foot in the triangle but for `slack`, distance in reach."""
         foot, _, distance = feet(positions, self.nodes, self.weights)
         return np.asarray((foot.min(axis=1) >= -slack) & (np.abs(distance) < reach_m))
-
-    def _evaluate(
-        self, positions: Array, force: Array, blocks: Array, slots: IntArray
-    ) -> tuple[float, Array]:
-        out = np.empty((len(self), 5))
-        energy: float = _add_pairs(
-            positions, self.nodes, self.weights, self.stiffness, self.friction, self.foot, self.normal,
-            self.stretch, self.law.smoothing_m, self.law.stick_m, slots, force, blocks, out,
-        )  # fmt: skip
-        return energy, out
 
 
 @final

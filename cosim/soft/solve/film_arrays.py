@@ -21,6 +21,7 @@ from cosim.soft.beams.ring_kernels import REMEMBERED, add_beam_rings
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import PlainLoads
 from cosim.soft.contact.obstacle_contact import add_contacts
+from cosim.soft.contact.self_contact_pairs import add_pairs
 from cosim.soft.elements.cable import Cable, add_segments
 from cosim.soft.elements.element import Element
 from cosim.soft.elements.hinge import Hinges, add_hinges
@@ -33,7 +34,7 @@ _MEMBRANES, _HINGES, _SEGMENTS, _PRESSURE, _CAP, _GRAVITY, _INERTIA, _BEAMS = ra
 _add_membranes, _add_hinges, _add_segments, _add_pressure, _add_cap, _add_gravity, _add_inertia = map(
     caller, _CALLED
 )
-_add_beam_rings, _add_contacts = caller(add_beam_rings), caller(add_contacts)
+_add_beam_rings, _add_contacts, _add_pairs = map(caller, (add_beam_rings, add_contacts, add_pairs))
 _TAKEN: tuple[type, ...] = (Membranes, Hinges, Cable)
 """What the kernel knows besides rings of beams; a body with anything else is summed term by term."""
 
@@ -201,7 +202,7 @@ def _firsts(parts: Sequence[Any]) -> IntArray:
 
 
 @device_function
-def film_gradient(film, loads, touched, bed, x, memory, pull, tracked, gradient):  # type: ignore[no-untyped-def]
+def film_gradient(film, loads, touching, bed, x, memory, pull, tracked, gradient):  # type: ignore[no-untyped-def]
     """Fill the gradient (n, 3) [N] of a film in a step and what its elements track; return the potential [J].
 
     Terms come in the order in which `SoftSystem.evaluate` adds them.
@@ -209,7 +210,7 @@ def film_gradient(film, loads, touched, bed, x, memory, pull, tracked, gradient)
     Args:
         film: see `FilmArrays`.
         loads: see `PlainLoads`.
-        touched: see `TouchedPlanes`.
+        touching: see `Touching`.
         bed: see `StepBed`.
         x: (n, 3) [m].
         memory: (values,), see `Instant`.
@@ -246,11 +247,15 @@ def film_gradient(film, loads, touched, bed, x, memory, pull, tracked, gradient)
     energy += _add_beams(film, x, memory, tracked, gradient)
     energy += _add_gas(film, loads.pressure, x, gradient)
     energy += _add_gravity(film.calls[_GRAVITY], (x, film.mass, loads.gravity, gradient))
-    if touched.call != 0:
-        contacts = x, touched.planes, touched.widths, gradient, film.no_blocks, touched.own, touched.pressing
-        energy += _add_contacts(touched.call, contacts)
+    planes = touching.planes
+    if planes.call != 0:
+        contacts = x, planes.planes, planes.widths, gradient, film.no_blocks, planes.own, planes.pressing
+        energy += _add_contacts(planes.call, contacts)
     inertia = x, bed.coefficient, bed.target, film.no_places, gradient, film.no_blocks
-    return energy + _add_inertia(film.calls[_INERTIA], inertia)
+    energy += _add_inertia(film.calls[_INERTIA], inertia)
+    if touching.call != 0:
+        energy += _add_pairs(touching.call, (x, touching.pairs, film.no_slots, gradient, film.no_blocks))
+    return energy
 
 
 @device_function

@@ -1,187 +1,43 @@
 """One implicit step of a film in one kernel: its start, and iterations with a factorisation that is kept.
 
-It knows given pressures and tensions, and what the film may touch in the scene. Where an iteration does not
-serve, the step is left at the point before it: there a new tangent is asked for, from which a further call
-goes on.
+It knows given pressures and tensions, and what the film may touch: the scene, and itself. Where an iteration
+does not serve, the step is left at the point before it: a new tangent is asked for there, from which a
+further call goes on.
 """
 
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 from numba import types
 
-from cosim.base.frames import Array, IntArray, Mask, PlaceArray
+from cosim.base.frames import IntArray
 from cosim.base.kernel_calls import address_of, caller
-from cosim.base.kernels import (
-    BLOCKS,
-    BOOLEAN,
-    INDICES,
-    MASKS,
-    MATRIX,
-    PLACES,
-    REAL,
-    VECTOR,
-    device_function,
-    kernel,
-)
-from cosim.soft.contact.obstacle_contact import TOUCHED
+from cosim.base.kernels import BOOLEAN, REAL, device_function, kernel
+from cosim.soft.contact.touching import TOUCHING
 from cosim.soft.linear.envelope_kernels import substitute
-from cosim.soft.solve.film_arrays import BED, FILM, PLAIN_LOADS, FilmArrays, StepBed, film_gradient
-from cosim.soft.solve.held_nodes import HELD, HeldNodes, place_flight
+from cosim.soft.linear.secant_pairs import FAR, bend_load, keep_pair, mend_step
+from cosim.soft.solve.film_arrays import PLAIN_LOADS, film_gradient
+from cosim.soft.solve.held_nodes import place_flight, place_held
 from cosim.soft.solve.problem import largest_residual
-from cosim.soft.solve.step_begin import fill_bed, fill_flight
+from cosim.soft.solve.step_arrays import FILM_SIDE, MOTION, PLACE
+from cosim.soft.solve.step_begin import FOLD_SWEEPS, fill_bed, fill_flight, keep_folds_open
 
-_CALLED = (fill_bed, fill_flight, place_flight, substitute, largest_residual)
-_BED, _FLIGHT, _PLACE, _SUBSTITUTE, _RESIDUAL = range(len(_CALLED))
-_fill_bed, _fill_flight, _place_flight, _substitute, _largest_residual = map(caller, _CALLED)
+_CALLED = (
+    fill_bed, fill_flight, place_flight, substitute, largest_residual, bend_load, mend_step, keep_pair,
+    keep_folds_open, place_held,
+)  # fmt: skip
+_BED, _FLIGHT, _PLACE, _SUBSTITUTE, _RESIDUAL, _BEND, _MEND, _KEEP, _OPEN, _HOLD = range(len(_CALLED))
+(
+    _fill_bed, _fill_flight, _place_flight, _substitute, _largest_residual, _bend_load, _mend_step,
+    _keep_pair, _keep_folds_open, _place_held,
+) = map(caller, _CALLED)  # fmt: skip
 
 
 def step_calls() -> IntArray:
-    """Return the addresses (5,) of the kernels that a step calls besides those of the film's terms."""
+    """Return the addresses (10,) of the kernels that a step calls besides those of the film's terms."""
     return np.array([address_of(called) for called in _CALLED])
-
-
-class StepNumbers(NamedTuple):
-    """Numbers of a step; see `StepOptions`, `NewtonOptions` and `step_begin`.
-
-    Args:
-        two_steps: whether the step looks back over two.
-        h: [s].
-        span: s [s].
-        factor: s / (1 + alpha s) [s].
-        fraction: of the gain in velocity that moves the nodes in free flight.
-        tolerance: [N].
-        start_tolerance: [N].
-        reuse_rate: bound on a residual over the last one.
-        step_max: [m].
-    """
-
-    two_steps: bool
-    h: float
-    span: float
-    factor: float
-    fraction: float
-    tolerance: float
-    start_tolerance: float
-    reuse_rate: float
-    step_max: float
-
-
-class KeptEnvelope(NamedTuple):
-    """A factorisation by its envelope, see `substitute`, and the flange's axes when it was made.
-
-    Args:
-        there: whether there is one.
-        store: entries of L.
-        start: where each tile's rows begin.
-        first: first tile of each.
-        inverse: reciprocal diagonal.
-        dofs: component of each equation.
-        frame: (3, 3), world from flange.
-        free: (n, 3), components that move.
-    """
-
-    there: bool
-    store: Array
-    start: PlaceArray
-    first: PlaceArray
-    inverse: Array
-    dofs: IntArray
-    frame: Array
-    free: Mask
-
-
-class StepMotion(NamedTuple):
-    """Where a step begins, and where it ends: `new_...` are filled.
-
-    Args:
-        x: (n, 3) [m].
-        velocity: (n, 3) [m/s].
-        earlier_x: one step earlier; of the first step: x.
-        earlier_velocity: the same.
-        memory: (values,), what the elements remember.
-        flange: (4, 3), see `flange_axes`, at the end.
-        new_x: (n, 3).
-        new_velocity: (n, 3).
-        new_memory: (values,).
-    """
-
-    x: Array
-    velocity: Array
-    earlier_x: Array
-    earlier_velocity: Array
-    memory: Array
-    flange: Array
-    new_x: Array
-    new_velocity: Array
-    new_memory: Array
-
-
-class StepPlace(NamedTuple):
-    """Where a call goes on.
-
-    Args:
-        begins: whether the step does; otherwise the end of the motion and the gradient are where it is.
-        residual: there [N].
-        energy: potential there [J].
-        reuse_max: iterations at most.
-    """
-
-    begins: bool
-    residual: float
-    energy: float
-    reuse_max: int
-
-
-class StepWork(NamedTuple):
-    """Scratch of a step; `gradient` holds what its end has.
-
-    Args:
-        calls: (5,), see `step_calls`.
-        gradient: (n, 3) [N].
-        solution: (1, n, 3).
-        served: (n, 3) [m], the last point that serves.
-        reference: (values,).
-        pull: (segments,).
-    """
-
-    calls: IntArray
-    gradient: Array
-    solution: Array
-    served: Array
-    reference: Array
-    pull: Array
-
-
-class FilmSide(NamedTuple):
-    """What the steps of one length of a film have in common.
-
-    Args:
-        film: its terms.
-        bed: that inertia is; its target is filled anew by every step.
-        kept: factorisation.
-        held: by the flange.
-        numbers: of the step.
-        work: scratch.
-    """
-
-    film: FilmArrays
-    bed: StepBed
-    kept: KeptEnvelope
-    held: HeldNodes
-    numbers: StepNumbers
-    work: StepWork
-
-
-NUMBERS = types.NamedTuple((BOOLEAN, *(8 * [REAL])), StepNumbers)
-PLACE = types.NamedTuple((BOOLEAN, REAL, REAL, types.int64), StepPlace)
-KEPT = types.NamedTuple((BOOLEAN, VECTOR, PLACES, PLACES, VECTOR, INDICES, MATRIX, MASKS), KeptEnvelope)
-MOTION = types.NamedTuple((*(4 * [MATRIX]), VECTOR, *(3 * [MATRIX]), VECTOR), StepMotion)
-WORK = types.NamedTuple((INDICES, MATRIX, BLOCKS, MATRIX, VECTOR, VECTOR), StepWork)
-FILM_SIDE = types.NamedTuple((FILM, BED, KEPT, HELD, NUMBERS, WORK), FilmSide)
 
 
 @device_function
@@ -195,14 +51,13 @@ def _turn_since(kept, flange, turn):  # type: ignore[no-untyped-def]
 
 
 @device_function
-def _solve(kept, turn, work):  # type: ignore[no-untyped-def]
-    """Fill the solution under minus the gradient; return its largest component, NaN if one is none."""
+def _solve(kept, turn, count, work):  # type: ignore[no-untyped-def]
+    """Fill the solution, corrected by some pairs; return its largest component, NaN if one is none."""
     solution, longest = work.solution[0], 0.0
-    for i in range(solution.shape[0]):
-        for r in range(3):
-            solution[i, r] = -work.gradient[i, r]
+    _bend_load(work.calls[_BEND], (work.pairs, count, work.served[1], solution))
     factor = kept.store, kept.start, kept.first, kept.inverse, kept.dofs
     _substitute(work.calls[_SUBSTITUTE], (*factor, turn, work.solution))
+    _mend_step(work.calls[_MEND], (work.pairs, count, solution))
     for i in range(solution.shape[0]):
         for r in range(3):
             if math.isnan(solution[i, r]):
@@ -239,6 +94,20 @@ def _begin(side, motion):  # type: ignore[no-untyped-def]
 
 
 @device_function
+def _opens_folds(side, motion):  # type: ignore[no-untyped-def]
+    """Take nodes of folds that close out of their flight; return whether there are any."""
+    film, calls = side.film, side.work.calls
+    first, end = film.angles[0], film.angles[1]
+    angles = motion.memory[first:end], motion.new_memory[first:end]
+    if not _keep_folds_open(
+        calls[_OPEN], (motion.x, film.hinges, film.fold_barrier[0], *angles, motion.new_x)
+    ):
+        return False
+    _place_held(calls[_HOLD], (side.held, motion.flange, motion.new_x))
+    return True
+
+
+@device_function
 def _move(place, change, x):  # type: ignore[no-untyped-def]
     """Fill x with a place that has changed."""
     for i in range(x.shape[0]):
@@ -254,8 +123,8 @@ def _end(x, base, span):  # type: ignore[no-untyped-def]
             base[i, r] = (x[i, r] - base[i, r]) / span
 
 
-@kernel(types.Tuple((BOOLEAN, types.int64, REAL, REAL))(FILM_SIDE, PLAIN_LOADS, TOUCHED, MOTION, PLACE))
-def film_step(side, loads, touched, motion, place):  # type: ignore[no-untyped-def]
+@kernel(types.Tuple((BOOLEAN, types.int64, REAL, REAL))(FILM_SIDE, PLAIN_LOADS, TOUCHING, MOTION, PLACE))
+def film_step(side, loads, touching, motion, place):  # type: ignore[no-untyped-def]
     """Take a step, or go on; return (whether it has converged, iterations, residual [N], potential [J]).
 
     Fills the bed's target and the end of the motion, of a step that has not converged base instead of
@@ -263,37 +132,49 @@ def film_step(side, loads, touched, motion, place):  # type: ignore[no-untyped-d
     """
     film, bed, kept, numbers, work = side.film, side.bed, side.kept, side.numbers, side.work
     turn, reference, x, tracked = np.empty((3, 3)), work.reference, motion.new_x, motion.new_memory
+    place_there, gradient_there, step = work.served[0], work.served[1], work.solution[0]
     if place.begins:
         _begin(side, motion)
     _turn_since(kept, motion.flange, turn)
     _copy(tracked, reference)
-    _copy_rows(x, work.served)
-    iterations, before, level, evaluated = 0, math.inf, math.inf, not place.begins
-    bound = numbers.tolerance if evaluated else numbers.start_tolerance
+    _copy_rows(x, place_there)
+    served, pairs, before, level, evaluated = 0, 0, math.inf, math.inf, not place.begins
+    moved = False
+    bound, again = numbers.tolerance if evaluated else numbers.start_tolerance, False
+    sweeps = FOLD_SWEEPS + 1 if place.begins else 0
     while True:
         if evaluated:
-            residual, energy, serves, evaluated = place.residual, place.energy, True, False
+            residual, energy, evaluated = place.residual, place.energy, False
         else:
             here = x, reference, work.pull, tracked, work.gradient
-            energy = film_gradient(film, loads, touched, bed, *here)
+            energy = film_gradient(film, loads, touching, bed, *here)
             residual = _largest_residual(work.calls[_RESIDUAL], (x, work.gradient, kept.free))
-            # a residual that does not fall enough asks for a new tangent
-            serves = math.isfinite(energy) and residual <= numbers.reuse_rate * before
-        if not serves:
-            iterations -= 1
+        sweeps -= 1
+        if sweeps > 0 and _opens_folds(side, motion):
+            continue
+        sweeps = 0
+        finite, known = math.isfinite(energy) and math.isfinite(residual), pairs
+        if moved and finite and residual <= FAR * before:
+            ends = step, gradient_there, work.gradient, kept.free
+            pairs = _keep_pair(work.calls[_KEEP], (work.pairs, pairs, *ends))
+        if finite and residual <= numbers.reuse_rate * before:
+            before, level, again, served = residual, energy, False, served + moved
+            _copy(tracked, reference)
+            _copy_rows(x, place_there)
+            _copy_rows(work.gradient, gradient_there)
+            if residual < bound:
+                _end(x, motion.new_velocity, numbers.span)
+                return True, served, residual, energy
+        elif again or pairs == known:
+            break  # a new tangent is asked for
+        else:
+            again = True  # once more from there, by what the step has shown
+        if not kept.there or served == place.reuse_max:
             break
-        before, level = residual, energy
-        _copy(tracked, reference)
-        _copy_rows(x, work.served)
-        if residual < bound:
-            _end(x, motion.new_velocity, numbers.span)
-            return True, iterations, residual, energy
-        if not kept.there or iterations == place.reuse_max:
+        if not _solve(kept, turn, pairs, work) <= numbers.step_max:
             break
-        if not _solve(kept, turn, work) <= numbers.step_max:
-            break
-        _move(work.served, work.solution[0], x)
-        iterations, bound = iterations + 1, numbers.tolerance
-    _copy_rows(work.served, x)
+        _move(place_there, step, x)
+        moved, bound = True, numbers.tolerance
+    _copy_rows(place_there, x)
     _copy(reference, tracked)
-    return False, max(iterations, 0), before, level
+    return False, served, before, level

@@ -3,8 +3,9 @@
 Each iteration solves (K + mu 1) d = -gradient. mu is zero while K is positive definite and grows until
 the factor exists otherwise (inertia correction); the step is then halved until the potential falls
 (or, for loads without a potential, the work of the out-of-balance force along the step).
-In dynamics the factor of an earlier step may serve for a while, turned with the flange: an iteration with it
-costs a tenth, and is undone when the residual does not fall.
+In dynamics the factor of an earlier step may serve for a while, turned with the flange and corrected by what
+its steps have shown (`secant_pairs`): an iteration with it costs a tenth, undone when the residual does
+not fall.
 Source: Nocedal and Wright, Numerical Optimization, 2nd ed., sections 3.4 and 3.5.
 """
 
@@ -24,6 +25,7 @@ from cosim.soft.linear.kept_factor import KeptFactor, NewtonState
 from cosim.soft.linear.linear_solver import LinearSolver, by_component
 from cosim.soft.linear.multifrontal_cholesky import cholesky
 from cosim.soft.linear.pattern import BlockPattern
+from cosim.soft.linear.secant_pairs import FAR, SecantPairs, bend_load, keep_pair, mend_step
 from cosim.soft.linear.shift_search import ShiftSearch
 from cosim.soft.published.open_caps import OpenCapSolver
 from cosim.soft.solve.assembly import SoftSystem
@@ -49,6 +51,7 @@ class NewtonSolver:
         self.linear: LinearSolver = self._narrow
         self._kept: KeptFactor | None = None
         self._shifts = ShiftSearch()
+        self._pairs, self._count = SecantPairs.room(system.body.nodes), 0
 
     def solve(
         self,
@@ -71,7 +74,7 @@ class NewtonSolver:
         """
         system = self.system
         problem = Problem(system, self.free, loads, system.segment_tension(start, loads), inertia)
-        turned = np.eye(3) if frame is None else frame
+        turned, self._count = np.eye(3) if frame is None else frame, 0
         point = problem.at(np.ascontiguousarray(start), memory)
         memory = system.memory.copy()
         tangents = factorisations = shifted = reused = 0
@@ -119,7 +122,7 @@ class NewtonSolver:
             The attempts to factorise, negative if all have failed; the point that is accepted, None for none.
         """
         problem.at(point.positions, memory, hessian=True)
-        attempts = self._factor(options)
+        attempts, self._count = self._factor(options), 0
         self._kept = KeptFactor(problem.kind, frame) if attempts == 1 else None
         if attempts < 0:
             return attempts, None
@@ -195,20 +198,35 @@ class NewtonSolver:
     ) -> Point | None:
         """Return the point one step on with the factorisation in store, or None where it does not serve.
 
-        Then the system's gradient may be that of the point that was tried.
+        Then the system's gradient may be that of a point that was tried.
         """
-        kept = self._kept
+        kept, gradient = self._kept, self.system.gradient.copy()
         if kept is None or kept.kind != problem.kind:
             return None
         turn = frame @ kept.frame.T  # from the rotation of the factorisation to the present one
-        step = self.linear.solve(-self.system.gradient, turn)
-        if not np.abs(step).max() <= options.step_max_m:
-            return None
-        trial = problem.at(point.positions + step, memory)
-        if math.isfinite(trial.energy) and trial.residual <= options.reuse_rate * point.residual:
-            return trial
+        for _ in range(2):  # once more from there, by what the step has shown
+            step = self._corrected(gradient, turn)
+            if not np.abs(step).max() <= options.step_max_m:
+                break
+            trial, known = problem.at(point.positions + step, memory), self._count
+            finite = math.isfinite(trial.energy) and math.isfinite(trial.residual)
+            if finite and trial.residual <= FAR * point.residual and self.system.conservative:
+                ends = step, gradient, self.system.gradient, self.free
+                self._count = keep_pair(self._pairs, known, *ends)
+            if finite and trial.residual <= options.reuse_rate * point.residual:
+                return trial
+            if self._count == known:
+                break
         self._kept = None
         return None
+
+    def _corrected(self, gradient: Array, turn: Array) -> Array:
+        """Return the step (n, 3) [m] under minus a gradient, of the corrected kept inverse."""
+        load = np.empty_like(gradient)
+        bend_load(self._pairs, self._count, gradient, load)
+        step = np.ascontiguousarray(self.linear.solve(load, turn))
+        mend_step(self._pairs, self._count, step)
+        return step
 
     def _factor(self, options: NewtonOptions) -> int:
         """Factorise, with a shift where need be; return the number of attempts, negative if all failed."""

@@ -15,25 +15,18 @@ import numpy as np
 
 from cosim.base.frames import Array, IntArray, Mask, PlaceArray, Pose
 from cosim.soft.body.loads import Loads
-from cosim.soft.contact.obstacle_contact import TouchedPlanes, nothing_touched
+from cosim.soft.contact.touching import Touching, nothing_touching
 from cosim.soft.elements.mass_terms import Inertia
 from cosim.soft.linear.envelope_cholesky import EnvelopeCholesky
+from cosim.soft.linear.secant_pairs import SecantPairs
 from cosim.soft.solve.film_arrays import FilmArrays, StepBed, film_arrays
-from cosim.soft.solve.film_step import (
-    FilmSide,
-    KeptEnvelope,
-    StepMotion,
-    StepNumbers,
-    StepPlace,
-    StepWork,
-    film_step,
-    step_calls,
-)
+from cosim.soft.solve.film_step import film_step, step_calls
 from cosim.soft.solve.held_nodes import flange_axes, place_flight
 from cosim.soft.solve.newton import NewtonSolver
 from cosim.soft.solve.newton_options import NewtonResult, Outcome
 from cosim.soft.solve.problem import Point, Problem
 from cosim.soft.solve.state import Clamp, SoftState
+from cosim.soft.solve.step_arrays import FilmSide, KeptEnvelope, StepMotion, StepNumbers, StepPlace, StepWork
 from cosim.soft.solve.step_begin import fill_flight
 from cosim.soft.solve.time_scheme import StepOptions, StepScheme
 
@@ -58,7 +51,7 @@ class _Spent:
 
 @final
 class QuickStepper:
-    """Takes steps under plain loads and contact with the scene.
+    """Takes steps under plain loads and contact, with the scene and of films with one another.
 
     Args:
         solver: Newton's method for the body.
@@ -70,7 +63,7 @@ class QuickStepper:
         self._solver, self._clamp, self._options = solver, clamp, options
         self._chambers = len(solver.system.body.gas_chambers)
         self._target = np.empty_like(solver.system.gradient)
-        self._untouched = nothing_touched()
+        self._untouched = nothing_touching()
 
     @cached_property
     def _film(self) -> FilmArrays | None:
@@ -83,7 +76,8 @@ class QuickStepper:
         segments = 0 if self._film is None else len(self._film.ratio)
         return StepWork(
             step_calls(), system.gradient, np.empty((1, *system.gradient.shape)),
-            np.empty_like(system.gradient), np.empty_like(system.memory), np.empty(segments),
+            np.empty((2, *system.gradient.shape)), SecantPairs.room(len(system.gradient)),
+            np.empty_like(system.memory), np.empty(segments),
         )  # fmt: skip
 
     @property
@@ -102,7 +96,7 @@ class QuickStepper:
         return linear.envelope if isinstance(linear, EnvelopeCholesky) else None
 
     @property
-    def begins(self) -> tuple[TouchedPlanes, StepPlace]:
+    def begins(self) -> tuple[Touching, StepPlace]:
         """What the kernel takes for the beginning of a step that touches nothing."""
         return self._untouched, StepPlace(True, 0.0, 0.0, self._options.newton.reuse_max)
 
@@ -141,14 +135,15 @@ class QuickStepper:
             *here, *(state.earlier or here), state.memory, flange_axes(flange), x, velocities, memory
         )
         plain, (untouched, place) = loads.arrays(self._chambers), self.begins
-        touched = untouched if loads.contact is None else loads.contact.touched
         # a contact that is half solved would push with a force of its own making
-        lenient, most = loads.contact is None, options.newton.iterations_max
+        lenient, most, films = loads.plain, options.newton.iterations_max, loads.self_contact
+        touching = untouched if lenient else loads.touching
         first = min(options.iterations, most) if lenient else most
         while True:
             side = self.side(scheme, step_s)
-            assert side is not None, "knows says whether there is one"
-            converged, reused, residual, energy = film_step(side, plain, touched, motion, place)
+            if side is None:  # films that touch have widened the tangent beyond what the kernel factorises
+                return None
+            converged, reused, residual, energy = film_step(side, plain, touching, motion, place)
             spent.reused += reused
             if converged:
                 break
@@ -167,7 +162,7 @@ class QuickStepper:
             x[:], memory[:] = found.positions, self._solver.system.memory
             place = StepPlace(False, found.residual, found.energy, left)
         result = spent.result(motion, residual, energy, converged=converged)
-        return SoftState(x, velocities, memory, here), result
+        return SoftState(x, velocities, memory, here, None if films is None else films.memory(x)), result
 
     def _jumps(self, motion: StepMotion, step_s: float) -> bool:
         """Return whether the flange jumps in a step, off free flight."""

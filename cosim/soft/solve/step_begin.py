@@ -6,13 +6,20 @@ about the target y = base + s / (1 + alpha s) speed, from which the nodes move b
 
 from __future__ import annotations
 
+from typing import Final
+
+import numpy as np
 from numba import types
 
-from cosim.base.kernels import BOOLEAN, MATRIX, REAL, kernel
+from cosim.base.kernels import BOOLEAN, INDEX_TABLE, MATRIX, REAL, VECTOR, device_function, kernel
 
 # An acceleration is taken to stay where it moves nodes by so much in a step. Below, starts that are near
 # enough would carry it on for ever: a resting body would wander. Above, films flutter: it will turn round.
 _LEAST_EVEN_m, _MOST_EVEN_m = 1e-7, 1e-4
+FOLD_SWEEPS: Final = 3
+"""How often the folds that a start closes are looked for anew."""
+_LEAST_OPEN = 0.3  # of a fold's angle that free flight may leave
+_CLOSED = 1e-3  # of theta1: a fold may be closed further than this
 
 
 @kernel(types.void(MATRIX, MATRIX, MATRIX, MATRIX, BOOLEAN, REAL, MATRIX, MATRIX))
@@ -65,3 +72,40 @@ def fill_flight(  # type: ignore[no-untyped-def]
         for i in range(x.shape[0]):
             for r in range(3):
                 flight[i, r] += fraction * h * (velocity[i, r] - earlier_velocity[i, r])
+
+
+@device_function
+def _gap(angle):  # type: ignore[no-untyped-def]
+    """Return how far a fold is from where its films meet [rad], whichever way it folds."""
+    return min(angle, 2.0 * np.pi - angle)
+
+
+@kernel(BOOLEAN(MATRIX, INDEX_TABLE, REAL, VECTOR, VECTOR, MATRIX))
+def keep_folds_open(  # type: ignore[no-untyped-def]
+    x, hinges, theta1, before, angles, flight
+):
+    """Let the nodes of folds that close in free flight move as one; return whether there are any.
+
+    From a closed fold Newton's method doubles the angle per iteration, as the moment goes with 1 / angle.
+
+    Args:
+        x: (n, 3) [m], before the step.
+        hinges: (h, 4) nodes.
+        theta1: [rad], where the barrier of folds begins.
+        before: (h,) [rad], their angles before the step.
+        angles: (h,) [rad], in flight.
+        flight: (n, 3) [m], changed.
+    """
+    closes = False
+    for h in range(hinges.shape[0]):
+        gap, left = _gap(before[h]), _gap(angles[h])
+        if gap > theta1 or left > _LEAST_OPEN * max(gap, _CLOSED * theta1):
+            continue
+        closes = True
+        for r in range(3):
+            move = 0.0
+            for a in range(4):
+                move += 0.25 * (flight[hinges[h, a], r] - x[hinges[h, a], r])
+            for a in range(4):
+                flight[hinges[h, a], r] = x[hinges[h, a], r] + move
+    return closes

@@ -19,7 +19,7 @@ from cosim.soft.elements.mass_terms import Inertia
 from cosim.soft.solve.held_nodes import flange_axes, place_flight
 from cosim.soft.solve.newton import NewtonSolver
 from cosim.soft.solve.newton_options import NewtonResult, Outcome
-from cosim.soft.solve.place import place_of_largest
+from cosim.soft.solve.problem import place_of_largest
 from cosim.soft.solve.quick_step import QuickStepper
 from cosim.soft.solve.self_contact import SelfContact
 from cosim.soft.solve.state import Clamp, SoftState

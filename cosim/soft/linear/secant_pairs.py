@@ -1,0 +1,114 @@
+"""What iterations with a kept factorisation have shown of the tangent: limited-memory BFGS upon that factor.
+
+A step s and the change y of the gradient along it correct the kept inverse H by (rho = 1 / (s . y))
+    H <- (1 - rho s y^T) H (1 - rho y s^T) + rho s s^T,
+pair after pair; the product with a load takes a solution with the factor and four sums a pair. Pairs whose
+s . y is not positive are left out, so that H stays positive definite.
+Source: Nocedal and Wright, Numerical Optimization, 2nd ed., algorithm 7.4; upon a factor of finite
+elements: Matthies and Strang, Int. J. Numer. Meth. Eng. 14 (1979) 1613.
+"""
+
+from __future__ import annotations
+
+from typing import Final, NamedTuple
+
+import numpy as np
+from numba import types
+
+from cosim.base.frames import Array
+from cosim.base.kernels import INTEGER, MASKS, MATRIX, VECTOR, kernel
+
+_MOST: Final = 8
+FAR: Final = 10.0
+"""Growth of the residual above which a step shows nothing of the tangent where it began."""
+_LEAST_COSINE: Final = 1e-6  # between step and change of the gradient; rounding alone may make less
+
+
+class SecantPairs(NamedTuple):
+    """The newest of some pairs; that of number k is in row k modulo their number.
+
+    Args:
+        step: (m, 3 n) [m].
+        change: (m, 3 n) [N], of the gradient along it.
+        scale: (m,) [1/J], rho.
+        share: (m,), scratch.
+    """
+
+    step: Array
+    change: Array
+    scale: Array
+    share: Array
+
+    @classmethod
+    def room(cls, nodes: int) -> SecantPairs:
+        """Return room for the pairs of a body with so many nodes."""
+        return cls(
+            np.empty((_MOST, 3 * nodes)), np.empty((_MOST, 3 * nodes)), np.empty(_MOST), np.empty(_MOST)
+        )
+
+
+PAIRS = types.NamedTuple((MATRIX, MATRIX, VECTOR, VECTOR), SecantPairs)
+
+
+@kernel(types.void(PAIRS, INTEGER, MATRIX, MATRIX), reorder_sums=True)
+def bend_load(pairs, count, gradient, load):  # type: ignore[no-untyped-def]
+    """Fill the load (n, 3) [N] under which the kept factor is to be solved, of `count` pairs so far.
+
+    Args:
+        pairs: of steps.
+        count: how many there have been.
+        gradient: (n, 3) [N].
+        load: filled: minus the gradient, less what the pairs answer.
+    """
+    room, force, slope = pairs.scale.shape[0], load.reshape(load.size), gradient.reshape(gradient.size)
+    for i in range(force.shape[0]):
+        force[i] = -slope[i]
+    for k in range(count - 1, max(count - room, 0) - 1, -1):
+        m, work = k % room, 0.0
+        step, change = pairs.step[m], pairs.change[m]
+        for i in range(force.shape[0]):
+            work += step[i] * force[i]
+        share = pairs.share[m] = pairs.scale[m] * work
+        for i in range(force.shape[0]):
+            force[i] -= share * change[i]
+
+
+@kernel(types.void(PAIRS, INTEGER, MATRIX), reorder_sums=True)
+def mend_step(pairs, count, solution):  # type: ignore[no-untyped-def]
+    """Bring a solution (n, 3) [m] under such a load to the step that the corrected inverse gives."""
+    room, result = pairs.scale.shape[0], solution.reshape(solution.size)
+    for k in range(max(count - room, 0), count):
+        m, work = k % room, 0.0
+        step, change = pairs.step[m], pairs.change[m]
+        for i in range(result.shape[0]):
+            work += change[i] * result[i]
+        lacking = pairs.share[m] - pairs.scale[m] * work
+        for i in range(result.shape[0]):
+            result[i] += lacking * step[i]
+
+
+@kernel(INTEGER(PAIRS, INTEGER, MATRIX, MATRIX, MATRIX, MASKS), reorder_sums=True)
+def keep_pair(pairs, count, taken, before, gradient, free):  # type: ignore[no-untyped-def]
+    """Keep a step and the change of the gradient along it; return how many pairs there are then.
+
+    Args:
+        pairs: of steps.
+        count: how many there have been.
+        taken: (n, 3) [m], the step.
+        before: (n, 3) [N], gradient at its beginning.
+        gradient: (n, 3) [N], at its end.
+        free: (n, 3), components that count.
+    """
+    m = count % pairs.scale.shape[0]
+    step, change = pairs.step[m], pairs.change[m]
+    work, length, size = 0.0, 0.0, 0.0
+    for i in range(taken.shape[0]):
+        for r in range(3):
+            own = taken[i, r]
+            turned = gradient[i, r] - before[i, r] if free[i, r] else 0.0
+            step[3 * i + r], change[3 * i + r] = own, turned
+            work, length, size = work + own * turned, length + own * own, size + turned * turned
+    if not work > _LEAST_COSINE * np.sqrt(length * size):
+        return count
+    pairs.scale[m] = 1.0 / work
+    return count + 1

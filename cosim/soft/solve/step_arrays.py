@@ -1,0 +1,155 @@
+"""What the kernel of a film's step is given and what it leaves, as arrays of documented shapes."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from numba import types
+
+from cosim.base.frames import Array, IntArray, Mask, PlaceArray
+from cosim.base.kernels import BLOCKS, BOOLEAN, INDICES, MASKS, MATRIX, PLACES, REAL, VECTOR
+from cosim.soft.linear.secant_pairs import PAIRS, SecantPairs
+from cosim.soft.solve.film_arrays import BED, FILM, FilmArrays, StepBed
+from cosim.soft.solve.held_nodes import HELD, HeldNodes
+
+
+class StepNumbers(NamedTuple):
+    """Numbers of a step; see `StepOptions`, `NewtonOptions` and `step_begin`.
+
+    Args:
+        two_steps: whether the step looks back over two.
+        h: [s].
+        span: s [s].
+        factor: s / (1 + alpha s) [s].
+        fraction: of the gain in velocity that moves the nodes in free flight.
+        tolerance: [N].
+        start_tolerance: [N].
+        reuse_rate: bound on a residual over the last one.
+        step_max: [m].
+    """
+
+    two_steps: bool
+    h: float
+    span: float
+    factor: float
+    fraction: float
+    tolerance: float
+    start_tolerance: float
+    reuse_rate: float
+    step_max: float
+
+
+class KeptEnvelope(NamedTuple):
+    """A factorisation by its envelope, see `substitute`, and the flange's axes when it was made.
+
+    Args:
+        there: whether there is one.
+        store: entries of L.
+        start: where each tile's rows begin.
+        first: first tile of each.
+        inverse: reciprocal diagonal.
+        dofs: component of each equation.
+        frame: (3, 3), world from flange.
+        free: (n, 3), components that move.
+    """
+
+    there: bool
+    store: Array
+    start: PlaceArray
+    first: PlaceArray
+    inverse: Array
+    dofs: IntArray
+    frame: Array
+    free: Mask
+
+
+class StepMotion(NamedTuple):
+    """Where a step begins, and where it ends: `new_...` are filled.
+
+    Args:
+        x: (n, 3) [m].
+        velocity: (n, 3) [m/s].
+        earlier_x: one step earlier; of the first step: x.
+        earlier_velocity: the same.
+        memory: (values,), what the elements remember.
+        flange: (4, 3), see `flange_axes`, at the end.
+        new_x: (n, 3).
+        new_velocity: (n, 3).
+        new_memory: (values,).
+    """
+
+    x: Array
+    velocity: Array
+    earlier_x: Array
+    earlier_velocity: Array
+    memory: Array
+    flange: Array
+    new_x: Array
+    new_velocity: Array
+    new_memory: Array
+
+
+class StepPlace(NamedTuple):
+    """Where a call goes on.
+
+    Args:
+        begins: whether the step does; otherwise the end of the motion and the gradient are where it is.
+        residual: there [N].
+        energy: potential there [J].
+        reuse_max: iterations at most.
+    """
+
+    begins: bool
+    residual: float
+    energy: float
+    reuse_max: int
+
+
+class StepWork(NamedTuple):
+    """Scratch of a step; `gradient` holds what its end has.
+
+    Args:
+        calls: (10,), see `step_calls`.
+        gradient: (n, 3) [N].
+        solution: (1, n, 3).
+        served: (2, n, 3), the last point that serves [m] and its gradient [N].
+        pairs: of the steps with the kept factorisation.
+        reference: (values,).
+        pull: (segments,).
+    """
+
+    calls: IntArray
+    gradient: Array
+    solution: Array
+    served: Array
+    pairs: SecantPairs
+    reference: Array
+    pull: Array
+
+
+class FilmSide(NamedTuple):
+    """What the steps of one length of a film have in common.
+
+    Args:
+        film: its terms.
+        bed: that inertia is; its target is filled anew by every step.
+        kept: factorisation.
+        held: by the flange.
+        numbers: of the step.
+        work: scratch.
+    """
+
+    film: FilmArrays
+    bed: StepBed
+    kept: KeptEnvelope
+    held: HeldNodes
+    numbers: StepNumbers
+    work: StepWork
+
+
+NUMBERS = types.NamedTuple((BOOLEAN, *(8 * [REAL])), StepNumbers)
+PLACE = types.NamedTuple((BOOLEAN, REAL, REAL, types.int64), StepPlace)
+KEPT = types.NamedTuple((BOOLEAN, VECTOR, PLACES, PLACES, VECTOR, INDICES, MATRIX, MASKS), KeptEnvelope)
+MOTION = types.NamedTuple((*(4 * [MATRIX]), VECTOR, *(3 * [MATRIX]), VECTOR), StepMotion)
+WORK = types.NamedTuple((INDICES, MATRIX, BLOCKS, BLOCKS, PAIRS, VECTOR, VECTOR), StepWork)
+FILM_SIDE = types.NamedTuple((FILM, BED, KEPT, HELD, NUMBERS, WORK), FilmSide)
