@@ -9,8 +9,9 @@ from numba import types
 from cosim.base.frames import Array, IntArray
 from cosim.base.kernels import BLOCKS, INDICES, MATRIX, REAL
 from cosim.rigid.distance.shape_bounds import SHAPE_BOUNDS, ShapeBounds
-from cosim.soft.contact.touching import TOUCHING, Touching
-from cosim.soft.solve.step_arrays import FILM_SIDE, PLACE, FilmSide, StepPlace
+from cosim.soft.body.loads import TOUCHING, Touching
+from cosim.soft.solve.film_step import FILM_SIDE, FilmSide
+from cosim.soft.solve.step_arrays import PLACE, StepPlace
 
 
 class FilmCommands(NamedTuple):

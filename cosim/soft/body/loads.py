@@ -7,12 +7,13 @@ from functools import cache, cached_property
 from typing import Annotated, Any, Final, NamedTuple, TypeVar, final
 
 import numpy as np
+from numba import types
 
 from cosim.base.frames import Array
 from cosim.errors import InputError
-from cosim.soft.contact.obstacle_contact import ContactPlanes
+from cosim.soft.contact.obstacle_contact import TOUCHED, ContactPlanes, TouchedPlanes, nothing_touched
+from cosim.soft.contact.self_contact_memory import PAIRS, PairRows
 from cosim.soft.contact.self_contact_pairs import FilmPairs
-from cosim.soft.contact.touching import Touching, nothing_touching
 from cosim.soft.elements.element import NodalPotential, Sums
 from cosim.soft.elements.gas import SealedGas
 
@@ -51,6 +52,30 @@ class PlainLoads(NamedTuple):
     pressure: Array
     tension: Array
     gravity: Array
+
+
+class Touching(NamedTuple):
+    """What may touch.
+
+    Args:
+        planes: of the scene.
+        call: address of the kernel that adds pairs of films; 0 for none.
+        pairs: of films.
+    """
+
+    planes: TouchedPlanes
+    call: int
+    pairs: PairRows
+
+
+TOUCHING = types.NamedTuple((TOUCHED, types.int64, PAIRS), Touching)
+
+
+def nothing_touching() -> Touching:
+    """Return what stands for nothing that may touch."""
+    three, six, none = np.zeros((0, 3)), np.zeros((0, 6), np.int64), np.zeros(0)
+    pairs = PairRows(six, three, none, none, three, three, three, np.ones(2), np.zeros((0, 5)))
+    return Touching(nothing_touched(), 0, pairs)
 
 
 @final

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated, final
+from typing import Annotated, NamedTuple, final
 
 import numpy as np
+from numba import types
 
 from cosim.base.frames import Array, IntArray, Pose
+from cosim.base.kernels import INDEX_TABLE, MATRIX, VECTOR
 
 
 @final
@@ -54,3 +56,25 @@ class FilmMemory:
         here = inside[self.key[at[inside]] == key[inside]]
         force[here], stretch[here] = self.normal_force[at[here]], self.stretch[at[here]]
         return force, stretch
+
+
+class PairRows(NamedTuple):
+    """The arrays of `FilmPairs`; `widths` (2,) [m] are those of its law, `out` (k, 5) is filled.
+
+    A row of `out` receives normal force [N], distance [m], and the force on the point (3,) [N].
+    """
+
+    nodes: IntArray
+    weights: Array
+    stiffness: Array
+    friction: Array
+    foot: Array
+    normal: Array
+    stretch: Array
+    widths: Array
+    out: Array
+
+
+PAIRS = types.NamedTuple(
+    (INDEX_TABLE, MATRIX, VECTOR, VECTOR, MATRIX, MATRIX, MATRIX, VECTOR, MATRIX), PairRows
+)

@@ -31,8 +31,7 @@ from cosim.base.frames import Array, IntArray, Mask
 from cosim.base.kernel_calls import address_of
 from cosim.base.kernels import BLOCKS, INDEX_TABLE, MATRIX, REAL, VECTOR, add_block, device_function, kernel
 from cosim.soft.contact.contact_law import ContactLaw, dragging_law, pressing_law, shorten
-from cosim.soft.contact.self_contact_memory import FilmMemory
-from cosim.soft.contact.touching import PAIRS, PairRows
+from cosim.soft.contact.self_contact_memory import PAIRS, FilmMemory, PairRows
 from cosim.soft.elements.element import Sums
 from cosim.soft.linear.pattern import CoupledPattern, PatternWidening
 

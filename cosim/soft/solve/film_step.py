@@ -8,6 +8,7 @@ further call goes on.
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numba import types
@@ -15,13 +16,22 @@ from numba import types
 from cosim.base.frames import IntArray
 from cosim.base.kernel_calls import address_of, caller
 from cosim.base.kernels import BOOLEAN, REAL, device_function, kernel
-from cosim.soft.contact.touching import TOUCHING
+from cosim.soft.body.loads import TOUCHING
 from cosim.soft.linear.envelope_kernels import substitute
 from cosim.soft.linear.secant_pairs import FAR, bend_load, keep_pair, mend_step
-from cosim.soft.solve.film_arrays import PLAIN_LOADS, film_gradient
-from cosim.soft.solve.held_nodes import place_flight, place_held
+from cosim.soft.solve.film_arrays import BED, FILM, PLAIN_LOADS, FilmArrays, StepBed, film_gradient
+from cosim.soft.solve.held_nodes import HELD, HeldNodes, place_flight, place_held
 from cosim.soft.solve.problem import largest_residual
-from cosim.soft.solve.step_arrays import FILM_SIDE, MOTION, PLACE
+from cosim.soft.solve.step_arrays import (
+    KEPT,
+    MOTION,
+    NUMBERS,
+    PLACE,
+    WORK,
+    KeptEnvelope,
+    StepNumbers,
+    StepWork,
+)
 from cosim.soft.solve.step_begin import FOLD_SWEEPS, fill_bed, fill_flight, keep_folds_open
 
 _CALLED = (
@@ -38,6 +48,29 @@ _BED, _FLIGHT, _PLACE, _SUBSTITUTE, _RESIDUAL, _BEND, _MEND, _KEEP, _OPEN, _HOLD
 def step_calls() -> IntArray:
     """Return the addresses (10,) of the kernels that a step calls besides those of the film's terms."""
     return np.array([address_of(called) for called in _CALLED])
+
+
+class FilmSide(NamedTuple):
+    """What the steps of one length of a film have in common.
+
+    Args:
+        film: its terms.
+        bed: that inertia is; its target is filled anew by every step.
+        kept: factorisation.
+        held: by the flange.
+        numbers: of the step.
+        work: scratch.
+    """
+
+    film: FilmArrays
+    bed: StepBed
+    kept: KeptEnvelope
+    held: HeldNodes
+    numbers: StepNumbers
+    work: StepWork
+
+
+FILM_SIDE = types.NamedTuple((FILM, BED, KEPT, HELD, NUMBERS, WORK), FilmSide)
 
 
 @device_function

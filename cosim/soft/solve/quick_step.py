@@ -14,19 +14,18 @@ from typing import final
 import numpy as np
 
 from cosim.base.frames import Array, IntArray, Mask, PlaceArray, Pose
-from cosim.soft.body.loads import Loads
-from cosim.soft.contact.touching import Touching, nothing_touching
+from cosim.soft.body.loads import Loads, Touching, nothing_touching
 from cosim.soft.elements.mass_terms import Inertia
 from cosim.soft.linear.envelope_cholesky import EnvelopeCholesky
 from cosim.soft.linear.secant_pairs import SecantPairs
 from cosim.soft.solve.film_arrays import FilmArrays, StepBed, film_arrays
-from cosim.soft.solve.film_step import film_step, step_calls
+from cosim.soft.solve.film_step import FilmSide, film_step, step_calls
 from cosim.soft.solve.held_nodes import flange_axes, place_flight
 from cosim.soft.solve.newton import NewtonSolver
 from cosim.soft.solve.newton_options import NewtonResult, Outcome
 from cosim.soft.solve.problem import Point, Problem
 from cosim.soft.solve.state import Clamp, SoftState
-from cosim.soft.solve.step_arrays import FilmSide, KeptEnvelope, StepMotion, StepNumbers, StepPlace, StepWork
+from cosim.soft.solve.step_arrays import KeptEnvelope, StepMotion, StepNumbers, StepPlace, StepWork
 from cosim.soft.solve.step_begin import fill_flight
 from cosim.soft.solve.time_scheme import StepOptions, StepScheme
 

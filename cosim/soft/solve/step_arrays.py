@@ -9,8 +9,6 @@ from numba import types
 from cosim.base.frames import Array, IntArray, Mask, PlaceArray
 from cosim.base.kernels import BLOCKS, BOOLEAN, INDICES, MASKS, MATRIX, PLACES, REAL, VECTOR
 from cosim.soft.linear.secant_pairs import PAIRS, SecantPairs
-from cosim.soft.solve.film_arrays import BED, FILM, FilmArrays, StepBed
-from cosim.soft.solve.held_nodes import HELD, HeldNodes
 
 
 class StepNumbers(NamedTuple):
@@ -127,29 +125,8 @@ class StepWork(NamedTuple):
     pull: Array
 
 
-class FilmSide(NamedTuple):
-    """What the steps of one length of a film have in common.
-
-    Args:
-        film: its terms.
-        bed: that inertia is; its target is filled anew by every step.
-        kept: factorisation.
-        held: by the flange.
-        numbers: of the step.
-        work: scratch.
-    """
-
-    film: FilmArrays
-    bed: StepBed
-    kept: KeptEnvelope
-    held: HeldNodes
-    numbers: StepNumbers
-    work: StepWork
-
-
 NUMBERS = types.NamedTuple((BOOLEAN, *(8 * [REAL])), StepNumbers)
 PLACE = types.NamedTuple((BOOLEAN, REAL, REAL, types.int64), StepPlace)
 KEPT = types.NamedTuple((BOOLEAN, VECTOR, PLACES, PLACES, VECTOR, INDICES, MATRIX, MASKS), KeptEnvelope)
 MOTION = types.NamedTuple((*(4 * [MATRIX]), VECTOR, *(3 * [MATRIX]), VECTOR), StepMotion)
 WORK = types.NamedTuple((INDICES, MATRIX, BLOCKS, BLOCKS, PAIRS, VECTOR, VECTOR), StepWork)
-FILM_SIDE = types.NamedTuple((FILM, BED, KEPT, HELD, NUMBERS, WORK), FilmSide)
