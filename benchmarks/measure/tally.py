@@ -34,7 +34,7 @@ class Tally:
         from cosim.stepping.batch_stepper import BatchStepper
 
         at: Any = Problem.at
-        with_tangent: Any = NewtonSolver.with_tangent
+        factor: Any = vars(NewtonSolver)["_factor"]  # of versions before as well
         film_step: Any = vars(quick_step)["film_step"]
         take_row: Any = BatchStepper.take
 
@@ -43,15 +43,15 @@ class Tally:
             self.gradients += not hessian
             return at(problem, *places, hessian=hessian)
 
-        def counted_tangent(solver: NewtonSolver, *given: Any) -> Any:
-            attempts, found = with_tangent(solver, *given)
+        def counted_factor(solver: NewtonSolver, *given: Any) -> Any:
+            attempts = factor(solver, *given)
             self.shifted += abs(attempts) > 1
-            return attempts, found
+            return attempts
 
         def counted_step(*given: Any) -> Any:
             converged, iterations, *rest = film_step(*given)
             # at the start, then after every iteration
-            self.gradients += given[-1].begins + iterations
+            self.gradients += getattr(given[-1], "begins", True) + iterations
             return converged, iterations, *rest
 
         def counted_row(stepper: BatchStepper, *given: Any) -> Any:
@@ -62,7 +62,7 @@ class Tally:
 
         for owner, name, counted in (
             (Problem, "at", counted_at),
-            (NewtonSolver, "with_tangent", counted_tangent),
+            (NewtonSolver, "_factor", counted_factor),
             (quick_step, "film_step", counted_step),
             (BatchStepper, "take", counted_row),
         ):

@@ -19,6 +19,7 @@ _LEAST_EVEN_m, _MOST_EVEN_m = 1e-7, 1e-4
 FOLD_SWEEPS: Final = 3
 """How often the folds that a start closes are looked for anew."""
 _LEAST_OPEN = 0.3  # of a fold's angle that free flight may leave
+_STAYS = 0.9  # of its angle: a fold that is left so much is not being closed
 _CLOSED = 1e-3  # of theta1: a fold may be closed further than this
 
 
@@ -99,7 +100,7 @@ def keep_folds_open(  # type: ignore[no-untyped-def]
     closes = False
     for h in range(hinges.shape[0]):
         gap, left = _gap(before[h]), _gap(angles[h])
-        if gap > theta1 or left > _LEAST_OPEN * max(gap, _CLOSED * theta1):
+        if gap > theta1 or left > _LEAST_OPEN * max(gap, _CLOSED * theta1) or left > _STAYS * gap:
             continue
         closes = True
         for r in range(3):
