@@ -43,7 +43,7 @@ class Workers:
             process = context.Process(
                 target=_serve, args=(there,), daemon=True, name=f"cosim worker {worker}"
             )
-            with _one_thread():
+            with one_thread_each():
                 process.start()
             there.close()
             self._links.append(here)
@@ -133,8 +133,11 @@ def _serve(link: Connection) -> None:
 
 
 @contextmanager
-def _one_thread() -> Iterator[None]:
-    """Let a process that is started take one thread; its script may import numpy before anything else."""
+def one_thread_each() -> Iterator[None]:
+    """Let processes that are started meanwhile take one thread each.
+
+    They are told by their environment: a script that they read may import numpy before anything else.
+    """
     before = {name: os.environ.get(name) for name in THREADS}
     os.environ.update(dict.fromkeys(THREADS, "1"))
     try:

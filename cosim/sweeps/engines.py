@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from multiprocessing import connection, get_context, parent_process
 from typing import Any, Final, final
 
-from cosim.app.workers import THREADS
+from cosim.app.workers import one_thread_each
 from cosim.errors import InputError
 
 PROCESSES: Final = "processes"
@@ -76,7 +76,7 @@ class Engine:
         if isinstance(self._engine, Executor):
             yield Pool(self._engine, _QUEUED_UNKNOWN, replaceable=False)
         elif self._engine == PROCESSES:
-            with _one_thread_each():
+            with one_thread_each():
                 executor = ProcessPoolExecutor(self._workers, get_context("spawn"), begin_process)
                 try:
                     yield Pool(executor, _QUEUED * self._workers, replaceable=True)
@@ -116,18 +116,3 @@ def _client(address: str) -> Iterator[Any]:
         ) from error
     with client:
         yield client
-
-
-@contextmanager
-def _one_thread_each() -> Iterator[None]:
-    """Let processes that are started meanwhile compute with one thread each."""
-    before = {name: os.environ.get(name) for name in THREADS}
-    os.environ.update(dict.fromkeys(THREADS, "1"))
-    try:
-        yield
-    finally:
-        for name, value in before.items():
-            if value is None:
-                del os.environ[name]
-            else:
-                os.environ[name] = value

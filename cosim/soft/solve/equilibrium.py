@@ -10,10 +10,10 @@ import numpy as np
 from cosim.base.frames import Array, Pose
 from cosim.errors import ConvergenceError
 from cosim.soft.body.loads import Loads
+from cosim.soft.body.place import place_of_largest
 from cosim.soft.elements.cable import losses_follow
 from cosim.soft.solve.newton import NewtonSolver
 from cosim.soft.solve.newton_options import NewtonOptions, NewtonResult
-from cosim.soft.solve.problem import place_of_largest
 from cosim.soft.solve.pseudo_transient import slide
 from cosim.soft.solve.self_contact import SelfContact
 from cosim.soft.solve.state import Clamp, Equilibrium, Obstacles, SoftState

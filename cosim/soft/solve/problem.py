@@ -1,4 +1,4 @@
-"""What Newton's method minimises in one solution, points of it, and where the residual of one is largest."""
+"""What Newton's method minimises in one solution, and points of it."""
 
 from __future__ import annotations
 
@@ -7,11 +7,8 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Final, final
 
-import numpy as np
-
 from cosim.base.frames import Array, Mask
 from cosim.base.kernels import MASKS, MATRIX, REAL, kernel
-from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
 from cosim.soft.elements.mass_terms import Inertia
 from cosim.soft.solve.assembly import SoftSystem
@@ -86,26 +83,3 @@ class Problem:
     def kind(self) -> float:
         """Tells apart tangents that cannot stand for each other: statics, or the step's inertia."""
         return 0.0 if self.inertia is None else float(self.inertia.coefficient.sum())
-
-
-def place_of_largest(body: SoftBody, positions: Array, gradient: Array, free: Mask) -> str:
-    """Return the node where the largest residual is, and the ring nearest to it.
-
-    Args:
-        body: whose residual it is.
-        positions: (n, 3) [m].
-        gradient: (n, 3) [N], of the potential there.
-        free: (n, 3) bool, components that move.
-    """
-    size = np.where(free, np.abs(gradient), 0.0).max(axis=1)
-    node = int(np.argmax(np.where(np.isfinite(size), size, np.inf)))
-    if not body.rings:
-        return f"node {node}"
-    own = [name for name, nodes in body.rings.items() if node in nodes]
-    if own:
-        return f"node {node} of {own[0]}"
-    away = {
-        name: np.linalg.norm(positions[nodes] - positions[node], axis=1).min()
-        for name, nodes in body.rings.items()
-    }
-    return f"node {node} near {min(away, key=lambda name: float(away[name]))}"
