@@ -41,6 +41,7 @@ SAVED_OTHERWISE = {
     "SectionBody": "what it keeps by pressure",
     "RowLockstep": "of a tick that is half done, after which nothing is saved",
     "ShiftSearch": "where a search begins; what it finds does not depend on it",
+    "ShortList": "a list that is made anew where it does not serve; what is found does not depend on it",
     "SoftSystem": "workspace; NewtonSolver saves the gradient, which is read later",
     "TensionSweep": "lives for one tip target of the plan",
     "TickReferences": "worked out anew from the phase",

@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cosim.base.frames import Array
+from cosim.base.frames import Array, rotation_from_vector
 from cosim.soft.contact.self_contact_faces import FilmFaces, Relation
+from cosim.soft.contact.self_contact_motion import UnitMotion
 from cosim.soft.contact.self_contact_points import FilmPoints
 from cosim.soft.contact.self_contact_search import FilmSearch
 from tests.soft.bodies import hexagon_arm, inflated_positions
@@ -77,15 +78,53 @@ def test_more_pairs_than_there_is_room_for_are_found_all_the_same() -> None:
     assert (untouched[4] == -1).all()
 
 
-def test_a_list_that_is_kept_finds_what_a_new_one_finds() -> None:
+@pytest.mark.parametrize("turn_rad", [0.0, 0.1])
+def test_lists_that_are_kept_find_what_new_ones_find(turn_rad: float) -> None:
     faces, points, x = crumpled(2, 0.15)
     search, upper = FilmSearch(faces, points), (x[:, 2] > np.median(x[:, 2]))[:, None]
-    made: list[Array | None] = [None]
-    for _ in range(20):
+    turn = rotation_from_vector(turn_rad * np.array((0.6, 0.0, 0.8)))
+    long: list[Array | None] = [None]
+    short: list[Array | None] = [None]
+    for _ in range(40):
         # one half slides over the other, and both are carried along
-        x = np.ascontiguousarray(x + 1e-3 * upper * (1.0, 0.5, 0.0) + 0.01)
+        x = np.ascontiguousarray((x + 1e-4 * upper * (1.0, 0.5, 0.0) + 0.01) @ turn.T)
         hits, fresh = search.near(x, 3e-3, 4e-3), FilmSearch(faces, points).near(x, 3e-3, 4e-3)
         np.testing.assert_array_equal(hits.point, fresh.point)
         np.testing.assert_array_equal(hits.triangle, fresh.triangle)
-        made += [] if search._candidates._before is made[-1] else [search._candidates._before]
-    assert 3 < len(made) < 10
+        for made, kept in (long, search._candidates._before), (short, search._short._before):
+            made += [] if kept is made[-1] else [kept]
+    assert len(long) == 3
+    assert 10 < len(short) < 25
+
+
+def test_a_point_that_comes_from_beside_is_found_over_its_triangle() -> None:
+    faces, points, x = crumpled(2, 0.15)
+    search = FilmSearch(faces, points)
+    search.near(x, 3e-3, 4e-3)
+    rng, here = np.random.default_rng(0), 0
+    for _ in range(60):
+        x = x + rng.uniform(-1.0, 1.0, x.shape) * 4e-5  # some nodes against their neighbours
+        hits = search.near(np.ascontiguousarray(x), 3e-3, 4e-3)
+        fresh = FilmSearch(faces, points).near(np.ascontiguousarray(x), 3e-3, 4e-3)
+        np.testing.assert_array_equal(hits.triangle, fresh.triangle)
+        here += len(hits.triangle)
+    assert here > 1000
+
+
+def test_units_that_are_carried_stay_and_units_that_leave_do_not() -> None:
+    faces, _, x = crumpled(0, 1.0)
+    motion, turn = (
+        UnitMotion(faces.unit_nodes, faces.units_meet),
+        rotation_from_vector(np.array((1.0, -2.0, 0.5))),
+    )
+    carried = np.ascontiguousarray(x @ turn.T + 0.3)
+    allowed = np.full((faces.units, faces.units), 1e-9)
+    assert motion.stays(carried, x, allowed)
+    mirrored = np.ascontiguousarray(x * (1.0, 1.0, -1.0))
+    assert not motion.stays(mirrored, x, allowed + 1e-3)
+    last = np.unique(faces.triangles[faces.unit == faces.units - 1])
+    alone = np.setdiff1d(last, faces.triangles[faces.unit == faces.units - 2])
+    for distance in (0.5e-3, 2e-3):
+        moved = carried.copy()
+        moved[alone] += distance / np.sqrt(3.0)
+        assert motion.stays(moved, x, allowed + 1e-3) == (distance < 1e-3)

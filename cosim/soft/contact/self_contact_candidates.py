@@ -1,9 +1,11 @@
-"""Which points of a film may come over which triangles: a list that serves until the film has moved too far.
+"""Which points of a film may come over which triangles: a list that serves until units have moved too far.
 
-A point over a triangle by `self_contact_search` is no further from the bounding box of the triangle than
-room + 2 b e, with `room` the largest distance asked for, e the longest edge and b the weight by which a foot
-may lie beyond an edge. The list is made for more room by a margin m; it holds all such pairs while no node
-has gone further than m / 2 besides the mean of all: point and box have come nearer by m at most.
+A point over a triangle by `self_contact_search` is the distance of its foot from it, room at most, and the
+foot is no further from the triangle's bounding box than 2 b e, with e the longest edge and b the weight by
+which a foot may lie beyond an edge. The list is made for more room by a margin m; it holds all such pairs
+while no two units have moved against each other by m / (1 + 4 b) (`self_contact_motion`): point and foot, by
+the weights of which b are negative, have come nearer by m at most. Units that are further from one another
+than room and margin may move by that much more.
 Source: the neighbour list of Verlet, Computer "Experiments" on Classical Fluids, Phys. Rev. 159 (1967) 98.
 """
 
@@ -13,12 +15,11 @@ from typing import final
 
 import numpy as np
 
-from cosim.base.frames import Array, IntArray
+from cosim.base.frames import Array, IntArray, Mask
 from cosim.base.kernels import INDEX_TABLE, INDICES, INTEGER, MATRIX, REAL, VECTOR, device_function, kernel
 from cosim.soft.contact.self_contact_faces import FilmFaces, Relation
+from cosim.soft.contact.self_contact_motion import BEYOND_EDGES, FEET_FOLLOW, UnitMotion
 
-BEYOND_EDGES = 0.02
-"""Barycentric weight by which a foot may lie outside of a triangle: none slips through between two."""
 _MARGIN_M = 4e-3  # more room lengthens the list, less makes it anew more often
 _CELLS_MAX = 48  # along each axis
 _VALLEY = int(Relation.VALLEY)
@@ -41,21 +42,6 @@ def _measure(x: Array, triangles: IntArray, out: Array) -> None:
             out[7] = max(out[7], square)
         out[6] += side / triangles.shape[0]
     out[7] = np.sqrt(out[7])
-
-
-@kernel(REAL(MATRIX))
-def furthest_from_mean(values: Array) -> float:
-    """Return how far from their mean the row of values (n, 3) is that is furthest from it."""
-    mean, most = np.zeros(3), 0.0
-    for n in range(values.shape[0]):
-        for r in range(3):
-            mean[r] += values[n, r] / values.shape[0]
-    for n in range(values.shape[0]):
-        square = 0.0
-        for r in range(3):
-            square += (values[n, r] - mean[r]) ** 2
-        most = max(most, square)
-    return float(np.sqrt(most))
 
 
 @device_function
@@ -171,31 +157,44 @@ class FilmCandidates:
         self.first: IntArray = np.zeros(len(nodes) + 1, np.int64)
         self.listed: IntArray = np.empty(8 * len(nodes), np.int64)
         self._entries: IntArray = np.empty(64 * len(faces.triangles), np.int64)
+        self.motion = UnitMotion(faces.unit_nodes, faces.units_meet)
         self._before: Array | None = None
-        self._room = 0.0
+        self._asked = 0.0
+        self._allowed = np.empty((faces.units, faces.units))
 
-    def update(self, positions: Array, room_m: float) -> None:
-        """See to it that the list serves.
+    @property
+    def near(self) -> Mask:
+        """Units (u, u) of which the list may have pairs."""
+        return np.asarray(self._allowed <= _MARGIN_M)
+
+    def update(self, positions: Array, room_m: float) -> bool:
+        """See to it that the list serves; return whether it was made anew.
 
         Args:
             positions: (n, 3) [m], of the nodes.
             room_m: largest distance of a point from a triangle that is asked for.
         """
         before = self._before
-        if before is not None and room_m + 2.0 * furthest_from_mean(positions - before) <= self._room:
-            return
-        self._room = room_m + _MARGIN_M
-        self._make(positions)
+        if before is not None:
+            allowed = (self._allowed - max(room_m - self._asked, 0.0)) / FEET_FOLLOW
+            if self.motion.stays(positions, before, allowed):
+                return False
+        self._asked = room_m
+        room = room_m + _MARGIN_M + self._make(positions, room_m + _MARGIN_M)
+        self._allowed = _MARGIN_M + np.maximum(self.motion.gaps(positions) - room, 0.0)
         self._before = positions.copy()
+        return True
 
-    def _make(self, positions: Array) -> None:
+    def _make(self, positions: Array, room_m: float) -> float:
+        """Make the list; return how far a foot may be from the box of its triangle [m]."""
         faces, size = self.faces, np.empty(8)
         _measure(positions, faces.triangles, size)
         # half a triangle to a cell
         low, extent = size[:3].copy(), size[3:6] - size[:3]
         cell = max(0.5 * float(size[6]), float(extent.max()) / _CELLS_MAX, 1e-9)
         counts = np.minimum((extent / cell).astype(np.int64) + 1, _CELLS_MAX)
-        room, start = self._room + 2.0 * BEYOND_EDGES * float(size[7]), np.empty(counts.prod() + 1, np.int64)
+        beyond = 2.0 * BEYOND_EDGES * float(size[7])
+        room, start = room_m + beyond, np.empty(counts.prod() + 1, np.int64)
         while True:
             needed = _fill_grid(positions, faces.triangles, low, cell, counts, room, start, self._entries)
             if needed <= len(self._entries):
@@ -209,3 +208,4 @@ class FilmCandidates:
             if needed <= len(self.listed):
                 break
             self.listed = np.empty(2 * needed, np.int64)
+        return beyond

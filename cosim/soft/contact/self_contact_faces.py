@@ -15,7 +15,7 @@ import numpy as np
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
-from cosim.base.frames import IntArray
+from cosim.base.frames import IntArray, Mask
 from cosim.soft.body.body import SoftBody
 from cosim.soft.geometry.surface import dihedral_angle, interior_hinges, triangles_beside
 
@@ -70,6 +70,19 @@ class FilmFaces:
     def units(self) -> int:
         """How many units."""
         return int(self.unit.max()) + 1
+
+    @property
+    def unit_nodes(self) -> list[IntArray]:
+        """Nodes of each unit, ascending."""
+        return [np.unique(self.triangles[self.unit == unit]) for unit in range(self.units)]
+
+    @property
+    def units_meet(self) -> Mask:
+        """Which units (u, u) can meet."""
+        meet = np.zeros((self.units, self.units), dtype=bool)
+        a, b = np.nonzero(self.relation)
+        meet[self.unit_of_face[a], self.unit_of_face[b]] = True
+        return meet
 
     @property
     def can_meet(self) -> bool:

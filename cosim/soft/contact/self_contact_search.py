@@ -19,14 +19,14 @@ from cosim.base.kernels import (
     INTEGER,
     MATRIX,
     REAL,
-    allocating,
     device_function,
     kernel,
 )
-from cosim.soft.contact.self_contact_candidates import BEYOND_EDGES, FilmCandidates
+from cosim.soft.contact.self_contact_candidates import FilmCandidates
 from cosim.soft.contact.self_contact_faces import FilmFaces, Relation
-from cosim.soft.contact.self_contact_pairs import foot_on_plane
+from cosim.soft.contact.self_contact_motion import BEYOND_EDGES
 from cosim.soft.contact.self_contact_points import FilmPoints
+from cosim.soft.contact.self_contact_short_list import ShortList, measure_sides, over_side
 
 _UNITS_NEAR = 8  # other units over which one point can be at a time
 _TIE_M = 1e-12  # two triangles at equal distance: the one in front of which the point lies more
@@ -45,33 +45,20 @@ def _cosine(outward, n):  # type: ignore[no-untyped-def]
     return (outward[0] * n[0] + outward[1] * n[1] + outward[2] * n[2]) / size
 
 
-@allocating
-def _measure(x, triangles, sides):  # type: ignore[no-untyped-def]
-    """Fill a corner of each triangle, its unit normal, and the gradients of the other corners' weights."""
-    n, weight, slope = np.empty(3), np.empty(3), np.empty((3, 3))
-    for t in range(triangles.shape[0]):
-        foot_on_plane(x, triangles[t], x[triangles[t, 0]], n, weight, slope)
-        for r in range(3):
-            sides[t, r], sides[t, 3 + r] = x[triangles[t, 0], r], n[r]
-            sides[t, 6 + r], sides[t, 9 + r] = slope[1, r], slope[2, r]
-
-
 @kernel(
     INTEGER(
-        MATRIX, MATRIX, MATRIX, INDEX_TABLE, INDEX_TABLE, INDEX_TABLE, INDEX_TABLE, INDICES, INDICES, REAL,
-        REAL, INDEX_TABLE,
+        MATRIX, MATRIX, MATRIX, INDEX_TABLE, INDEX_TABLE, INDEX_TABLE, INDICES, INDICES, REAL, REAL,
+        INDEX_TABLE,
     )
 )  # fmt: skip
 def _over(  # type: ignore[no-untyped-def]
-    x, place, outward, homes, triangles, films, relation, first, listed, reach, behind, out
+    sides, place, outward, homes, films, relation, first, listed, reach, behind, out
 ):
     """Fill rows (point, triangle) of what lies over what, ascending by point, then by the triangle's unit.
 
     Returns:
         How many that takes; none are written beyond the room.
     """
-    sides = np.empty((triangles.shape[0], 12))
-    _measure(x, triangles, sides)
     units, best = np.empty(_UNITS_NEAR, np.int64), np.empty(_UNITS_NEAR)
     chosen, distance = np.empty(_UNITS_NEAR, np.int64), np.empty(_UNITS_NEAR)
     count, furthest = 0, max(reach, behind)
@@ -79,16 +66,13 @@ def _over(  # type: ignore[no-untyped-def]
         near, px, py, pz = 0, place[p, 0], place[p, 1], place[p, 2]
         for entry in range(first[p], first[p + 1]):
             t = listed[entry]
-            side = sides[t]
-            ux, uy, uz = px - side[0], py - side[1], pz - side[2]
-            d = side[3] * ux + side[4] * uy + side[5] * uz
-            if d < -behind or d > furthest:
-                continue
-            b, c = side[6] * ux + side[7] * uy + side[8] * uz, side[9] * ux + side[10] * uy + side[11] * uz
-            if not min(1.0 - b - c, b, c) >= -BEYOND_EDGES:
+            d, weight = over_side(sides[t], px, py, pz)
+            if d < -behind or d > furthest or not weight >= -BEYOND_EDGES:
                 continue
             kind = relation[homes[p, 0], films[t, 0]]
-            facing = _cosine(outward[p], side[3:6]) < (_FACING_VALLEY if kind == _VALLEY else _FACING_APART)
+            facing = _cosine(outward[p], sides[t, 3:6]) < (
+                _FACING_VALLEY if kind == _VALLEY else _FACING_APART
+            )
             if kind == _VALLEY and (d > reach or not facing):
                 continue
             slot = 0
@@ -141,6 +125,8 @@ class FilmSearch:
     def __init__(self, faces: FilmFaces, points: FilmPoints) -> None:
         self.faces, self.points = faces, points
         self._candidates = FilmCandidates(faces, points.nodes, points.weights, points.home)
+        self._short = ShortList(self._candidates.motion, len(points))
+        self._sides = np.empty((len(faces.triangles), 12))
         self._out = np.empty((2 * len(points), 2), np.int64)
 
     def near(self, positions: Array, reach_m: float, behind_m: float) -> FilmHits:
@@ -151,13 +137,17 @@ class FilmSearch:
             reach_m: in front of the triangle.
             behind_m: behind it.
         """
-        faces, points, candidates = self.faces, self.points, self._candidates
-        candidates.update(positions, max(reach_m, behind_m))
+        faces, points, short, sides = self.faces, self.points, self._short, self._sides
         place, outward, _ = points.outline(positions)
+        measure_sides(positions, faces.triangles, sides)
+        room = max(reach_m, behind_m)
+        if self._candidates.update(positions, room) or not short.serves(positions, room, behind_m):
+            candidates, near = (self._candidates.first, self._candidates.listed), self._candidates.near
+            short.make(positions, place, sides, candidates, near, room, behind_m)
         while True:
             count = _over(
-                positions, place, outward, points.home, faces.triangles, candidates.films, faces.relation,
-                candidates.first, candidates.listed, reach_m, behind_m, self._out,
+                sides, place, outward, points.home, self._candidates.films, faces.relation,
+                short.first, short.listed, reach_m, behind_m, self._out,
             )  # fmt: skip
             if count <= len(self._out):
                 break
