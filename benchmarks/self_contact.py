@@ -26,6 +26,7 @@ from cosim.soft.contact.contact_law import ContactLaw
 from cosim.soft.contact.self_contact_pairs import FilmPairs, feet
 from cosim.soft.linear.envelope_cholesky import EnvelopeCholesky
 from cosim.soft.linear.low_rank import LowRank
+from cosim.soft.linear.pattern import CoupledPattern
 from cosim.soft.solve.equilibrium import EquilibriumSolver
 from cosim.soft.solve.newton_options import NewtonOptions
 from cosim.soft.solve.self_contact import FilmContactLaw, SelfContact
@@ -57,7 +58,7 @@ def solver_costs(arm: Held, here: Equilibrium, pairs: FilmPairs) -> dict[str, fl
     system, x, free = arm.system, here.state.positions, arm.newton.free
     tension = system.segment_tension(x, here.loads)
     system.evaluate(x, here.loads, tension, here.state.memory)
-    body, wide = EnvelopeCholesky(system.pattern, free), EnvelopeCholesky(pairs.coupled.pattern, free)
+    body, wide = EnvelopeCholesky(system.pattern, free), EnvelopeCholesky(system.tangent_pattern, free)
     own, joined = system.blocks.copy(), system.tangent_blocks.copy()
     wide.factor(joined)
     load = np.random.default_rng(0).normal(size=x.shape)
@@ -77,7 +78,7 @@ def solver_costs(arm: Held, here: Equilibrium, pairs: FilmPairs) -> dict[str, fl
         "own_factor_ms": least_ms(lambda: body.factor(own)),
         "wide_factor_ms": least_ms(lambda: wide.factor(joined)),
         "wide_solve_ms": least_ms(lambda: wide.solve(load)),
-        "wide_setup_ms": least_ms(lambda: EnvelopeCholesky(pairs.coupled.pattern, free), 10),
+        "wide_setup_ms": least_ms(lambda: EnvelopeCholesky(wide.pattern, free), 10),
         "low_rank_factor_ms": least_ms(lambda: body.factor(own, low_rank=dense), 10),
     }
 
@@ -87,17 +88,18 @@ def iterations_to_balance(arm: Held, here: Equilibrium, pairs: FilmPairs, *, exa
     system, x, angles = arm.system, here.state.positions.copy(), here.state.memory
     tension = tuple(t + 0.1 for t in here.loads.cable_tension_N)
     loads = replace(here.loads, cable_tension_N=tension, self_contact=pairs)
-    pattern = pairs.coupled.pattern
+    coupled = CoupledPattern.of(system.pattern, pairs.nodes)
+    system.serving = pattern = coupled.pattern
     linear = EnvelopeCholesky(pattern, arm.newton.free)
     inside = np.zeros(pattern.blocks, dtype=bool)
-    inside[pairs.coupled.from_body] = True
+    inside[coupled.from_body] = True
     for count in range(400):
         system.evaluate(x, loads, system.segment_tension(x, loads), angles)
         if np.abs(system.gradient[arm.newton.free]).max() < 1e-6:
             return count
         blocks = system.tangent_blocks.copy()
         if not exact:
-            contact = blocks - pairs.coupled.blocks(system.blocks)
+            contact = blocks - coupled.blocks(system.blocks)
             blocks += contact
             blocks[~inside] = 0.0
         assert linear.factor(blocks)
@@ -108,7 +110,7 @@ def iterations_to_balance(arm: Held, here: Equilibrium, pairs: FilmPairs, *, exa
 def stiffness_row(stiffness_N_m3: float) -> dict[str, float]:
     """Return how deep and how dear a law is."""
     arm = held(hexagon_arm(10))
-    films = SelfContact(arm.body, arm.system.pattern, FilmContactLaw(ContactLaw(stiffness_N_m3)))
+    films = SelfContact(arm.body, FilmContactLaw(ContactLaw(stiffness_N_m3)))
     here, spent = curl(arm, films)
     touching = here.state.touching
     assert touching is not None
@@ -124,7 +126,7 @@ def measured() -> dict[str, Any]:
     """Return all figures."""
     arm = held(hexagon_arm(10))
     free, spent = curl(arm, None)
-    films = SelfContact(arm.body, arm.system.pattern, FilmContactLaw(ContactLaw()))
+    films = SelfContact(arm.body, FilmContactLaw(ContactLaw()))
     here, _ = curl(arm, films)
     pairs = here.loads.self_contact
     assert pairs is not None

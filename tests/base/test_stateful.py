@@ -35,7 +35,7 @@ SAVED_OTHERWISE = {
     "InterfaceSearch": "lives for one tick",
     "LinkContacts": "how clear the arm was last; what is found does not depend on it",
     "Parts": "loads of the last command, from which they follow",
-    "PatternWidening": "pattern of the last pairs of films, made anew where it does not serve",
+    "PatternWidening": "places of the last pairs of films, which follow from them and the last factorisation",
     "RelaxedWrench": "lives for one increment of statics",
     "RobotFiles": "counts the files that are read for one scenario",
     "SectionBody": "what it keeps by pressure",

@@ -11,7 +11,7 @@ from cosim.base.frames import Array
 from cosim.soft.contact.contact_law import ContactLaw
 from cosim.soft.contact.self_contact_pairs import FilmPairs, feet
 from cosim.soft.elements.element import Sums
-from cosim.soft.linear.pattern import BlockPattern, PatternWidening
+from cosim.soft.linear.pattern import BlockPattern
 from tests.derivatives import RELATIVE, dense, derivative_errors
 from tests.soft.bodies import random_rotation
 
@@ -44,14 +44,15 @@ def scattered_pairs(seed: int = 0) -> tuple[FilmPairs, Array]:
         normal=normal,
         stretch=1e-3 * rng.normal(size=(COUNT, 3)),
         law=LAW,
-        widening=PatternWidening(BlockPattern.from_elements(len(x), [])),
     ), x  # fmt: skip
 
 
 def evaluate(pairs: FilmPairs, x: Array) -> tuple[float, Array, Array]:
-    force, blocks = np.zeros_like(x), np.zeros((pairs.coupled.pattern.blocks, 3, 3))
-    energy = pairs.add(np.ascontiguousarray(x), Sums(force, widened=lambda _pattern: blocks), hessian=True)
-    return energy, force, dense(pairs.coupled.pattern, blocks)
+    pattern = BlockPattern.from_elements(len(x), [pairs.nodes])
+    force, blocks = np.zeros_like(x), np.zeros((pattern.blocks, 3, 3))
+    sums = Sums(force, widened=lambda nodes: (blocks, pattern.slots(nodes)))
+    energy = pairs.add(np.ascontiguousarray(x), sums, hessian=True)
+    return energy, force, dense(pattern, blocks)
 
 
 def test_derivatives_are_exact_in_front_within_the_transition_and_beyond() -> None:

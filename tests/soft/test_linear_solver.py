@@ -10,7 +10,7 @@ from cosim.errors import InputError
 from cosim.soft.linear.envelope_cholesky import EnvelopeCholesky
 from cosim.soft.linear.linear_solver import FactorState, LinearSolver
 from cosim.soft.linear.multifrontal_cholesky import DissectedCholesky
-from cosim.soft.linear.pattern import BlockPattern
+from cosim.soft.linear.pattern import BlockPattern, PatternWidening
 from cosim.soft.published.general_lu import GeneralLU
 from cosim.soft.published.open_caps import OpenCapSolver
 from tests.derivatives import dense
@@ -153,3 +153,37 @@ def test_a_singular_matrix_is_refused_and_a_shift_helps(kind: type[LinearSolver]
     assert not solver.factor(0.0 * blocks)
     assert solver.factor(0.0 * blocks, 2.0)
     assert solver.solve(load).ravel()[dofs] == pytest.approx(0.5 * load.ravel()[dofs])
+
+
+def wide_pairs(pattern: BlockPattern) -> set[tuple[int, int]]:
+    return set(zip(pattern.row.tolist(), pattern.column.tolist(), strict=True))
+
+
+def test_a_wider_pattern_is_kept_while_it_serves_and_most_of_it_is_needed() -> None:
+    ring = np.stack([np.arange(60), (np.arange(60) + 1) % 60], axis=1)
+    body = BlockPattern.from_elements(60, [ring])
+    widening = PatternWidening(body)
+    touching = np.array([[3, 30], [4, 31], [5, 32]])
+    wide, slots = widening.places(touching, body)
+    assert wide_pairs(wide.pattern) == wide_pairs(body) | {(30, 3), (31, 4), (32, 5)}
+    assert (wide.from_body == np.searchsorted(wide.pattern._key, body._key)).all()
+    # fewer pairs, in a pattern that a saved state has brought back
+    again = BlockPattern(60, wide.pattern.row.copy(), wide.pattern.column.copy())
+    kept, fewer = PatternWidening(body).places(touching[1:], again)
+    assert kept.pattern is again
+    np.testing.assert_array_equal(fewer, slots[1:])
+    # another pair: those before stay
+    more, at = widening.places(np.array([[6, 33]]), wide.pattern)
+    assert wide_pairs(more.pattern) == wide_pairs(wide.pattern) | {(33, 6)}
+    assert (more.pattern.row[at[0, 1]], more.pattern.column[at[0, 1]]) == (33, 6)
+    # but not where they would be a good part of it
+    far = np.stack([np.arange(20), np.arange(20) + 25], axis=1)
+    many, _ = widening.places(far, more.pattern)
+    few, _ = widening.places(np.array([[6, 33]]), many.pattern)
+    assert wide_pairs(few.pattern) == wide_pairs(body) | {(33, 6)}
+
+
+def test_pairs_that_a_pattern_does_not_hold_are_counted() -> None:
+    pattern = BlockPattern.from_elements(5, [np.array([[3, 1, 0]])])
+    assert pattern.find(np.array([[3, 1]]))[1] == 0
+    assert pattern.find(np.array([[3, 4], [4, 2]]))[1] == 2

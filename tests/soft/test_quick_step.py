@@ -169,7 +169,7 @@ def collided(**loads: Any) -> list[SoftState]:
     one = hexagon_arm(1, cables=(), base=np.zeros(0, np.int64))
     body = copies(one, [Pose(), Pose(np.diag([1.0, -1.0, -1.0]), np.array([4e-3, 0.0, 0.035]))])
     system, clamp = SoftSystem(body), Clamp.of_base(body)
-    films = SelfContact(body, system.pattern, FilmContactLaw(ContactLaw(), 0.5))
+    films = SelfContact(body, FilmContactLaw(ContactLaw(), 0.5))
     options = StepOptions(tolerance_N=1e-8, newton=REUSING)
     stepper = ImplicitStepper(NewtonSolver(system, clamp.mask(body.nodes)), clamp, options, films)
     speed = np.where(np.arange(body.nodes) < one.nodes, 0.5, -0.5)

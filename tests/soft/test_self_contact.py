@@ -55,7 +55,7 @@ def test_a_stack_has_a_unit_per_chamber_and_two_faces_per_unit() -> None:
 def test_one_unit_alone_cannot_meet_itself() -> None:
     x, triangles = icosphere(1, 0.05)
     body = SoftBody.from_arrays(x, triangles, Film(1e9, 0.3, 1e-4), node_mass=1e-3)
-    films = SelfContact(body, SoftSystem(body).pattern, FilmContactLaw(LAW))
+    films = SelfContact(body, FilmContactLaw(LAW))
     assert not films.faces.can_meet
     assert films.static_pairs(x) is None
 
@@ -75,7 +75,7 @@ def squeezed(body: SoftBody, gaps: list[float], turned: bool) -> list[tuple[Equi
     """
     system, clamp = SoftSystem(body), Clamp.of_base(body)
     newton = NewtonSolver(system, clamp.mask(body.nodes))
-    films = SelfContact(body, system.pattern, FilmContactLaw(LAW)) if turned else None
+    films = SelfContact(body, FilmContactLaw(LAW)) if turned else None
     surface, state, found = ContactSurface.of(body, system.pattern), SoftState.drawn(body, Pose()), []
     upper = clamp.offsets[:, 2] > 0.01
     stiff = replace(LAW, stiffness_N_m3=2.0 * LAW.stiffness_N_m3, smoothing_m=0.5 * LAW.smoothing_m)
@@ -119,7 +119,7 @@ def curled(films: bool, tension_N: float) -> tuple[SoftBody, Equilibrium]:
     """Return three units whose cables pull, at equilibrium."""
     body = hexagon_arm(3)
     arm = held(body)
-    law = SelfContact(body, arm.system.pattern, FilmContactLaw(LAW)) if films else None
+    law = SelfContact(body, FilmContactLaw(LAW)) if films else None
     solver = EquilibriumSolver(arm.newton, arm.clamp, NewtonOptions(), law)
     here = solver.solve(SoftState.drawn(body, HANGING), HANGING, no_load(body))
     for share in (0.25, 0.5, 1.0):
@@ -176,7 +176,7 @@ def stacked(lower: SoftBody, upper: SoftBody, shift: tuple[float, float, float],
 def test_a_point_presses_with_half_the_laws_stiffness_times_depth_and_its_area() -> None:
     depth, wide, narrow = 3e-4, 0.08, 0.04
     body = stacked(brick(wide, 0.4), brick(narrow, 0.05), (3e-3, 2e-3, 0.25 * (wide + narrow) - depth))
-    films = SelfContact(body, SoftSystem(body).pattern, FilmContactLaw(LAW))
+    films = SelfContact(body, FilmContactLaw(LAW))
     pairs = films.static_pairs(body.positions)
     assert pairs is not None
     found = pairs.at(body.positions)
@@ -200,7 +200,7 @@ def test_films_that_can_meet_within_a_step_are_found_before_it() -> None:
     gap = speed * step_s
     large, small = brick(0.08, 0.4), brick(0.04, 0.05)
     body = stacked(large, small, (3e-3, 2e-3, 0.03 + gap))
-    films = SelfContact(body, SoftSystem(body).pattern, FilmContactLaw(LAW))
+    films = SelfContact(body, FilmContactLaw(LAW))
     state = SoftState.drawn(body, Pose())
     assert films.step_pairs(state, step_s) is None
     falling = np.where(np.arange(body.nodes) < large.nodes, 0.0, -speed)[:, None] * [0.0, 0.0, 1.0]
@@ -217,7 +217,7 @@ def slide(tangent: float, friction: float, ticks: int, tick_s: float = 2e-3) -> 
     large, small = brick(0.08, 0.4), brick(0.04, 0.05)
     body = stacked(large, small, (3e-3, 2e-3, 0.03), base=np.arange(8))
     system, clamp = SoftSystem(body), Clamp.of_base(body)
-    films = SelfContact(body, system.pattern, FilmContactLaw(LAW, friction))
+    films = SelfContact(body, FilmContactLaw(LAW, friction))
     newton = NewtonSolver(system, clamp.mask(body.nodes))
     stepper = ImplicitStepper(newton, clamp, StepOptions(tolerance_N=1e-9), films)
     state, place = SoftState.drawn(body, Pose()), []
@@ -243,7 +243,7 @@ def test_two_cushions_that_collide_keep_their_momentum() -> None:
     one = hexagon_arm(1, cables=(), base=np.zeros(0, np.int64))
     body = copies(one, [Pose(), Pose(np.diag([1.0, -1.0, -1.0]), np.array([4e-3, 0.0, 0.035]))])
     system, clamp = SoftSystem(body), Clamp.of_base(body)
-    films = SelfContact(body, system.pattern, FilmContactLaw(LAW, 0.5))
+    films = SelfContact(body, FilmContactLaw(LAW, 0.5))
     newton = NewtonSolver(system, clamp.mask(body.nodes))
     stepper = ImplicitStepper(newton, clamp, StepOptions(tolerance_N=1e-9), films)
     state = SoftState.drawn(body, Pose())

@@ -54,7 +54,7 @@ class SoftArm(SoftSide):
         self.body, self.state = body, SoftState.drawn(body, world_from_flange)
         self._system = SoftSystem(body)
         self._statics, self._dynamics = statics, dynamics
-        self._films = None if self_contact is None else SelfContact(body, self._system.pattern, self_contact)
+        self._films = None if self_contact is None else SelfContact(body, self_contact)
         self._flange = world_from_flange
         self._flange_before: Pose | None = None
         self._loads = Loads((), (0.0,) * len(body.cables), (0.0, 0.0, 0.0))

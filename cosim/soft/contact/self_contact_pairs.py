@@ -33,7 +33,6 @@ from cosim.base.kernels import BLOCKS, INDEX_TABLE, MATRIX, REAL, VECTOR, add_bl
 from cosim.soft.contact.contact_law import ContactLaw, dragging_law, pressing_law, shorten
 from cosim.soft.contact.self_contact_memory import PAIRS, FilmMemory, PairRows
 from cosim.soft.elements.element import Sums
-from cosim.soft.linear.pattern import CoupledPattern, PatternWidening
 
 _NO_TABLE = np.zeros((0, 0), np.int64)
 _NO_BLOCKS = np.zeros((0, 3, 3))
@@ -195,7 +194,6 @@ class FilmPairs:
         normal: (k, 3) of the triangle then.
         stretch: (k, 3) [m], of the stick springs then, world.
         law: widths of the transitions.
-        widening: says where the Hessian goes.
     """
 
     key: IntArray
@@ -208,15 +206,13 @@ class FilmPairs:
     normal: Array
     stretch: Array
     law: ContactLaw
-    widening: PatternWidening
 
     def __len__(self) -> int:
         return len(self.key)
 
     def add(self, positions: Array, sums: Sums, hessian: bool) -> float:
         """Add the gradient and, if told to, the Hessian at positions (n, 3) [m]; return the energy [J]."""
-        coupled, slots = self._places if hessian else (None, _NO_TABLE)
-        blocks = _NO_BLOCKS if coupled is None else sums.widened(coupled)
+        blocks, slots = sums.widened(self.nodes) if hessian else (_NO_BLOCKS, _NO_TABLE)
         energy: float = add_pairs(positions, self.rows, slots, sums.gradient, blocks)
         return energy
 
@@ -231,16 +227,6 @@ class FilmPairs:
         widths, out = np.array([self.law.smoothing_m, self.law.stick_m]), np.empty((len(self), 5))
         pair = self.nodes, self.weights, self.stiffness, self.friction
         return PairRows(*pair, self.foot, self.normal, self.stretch, widths, out)
-
-    @property
-    def coupled(self) -> CoupledPattern:
-        """Where the Hessian goes."""
-        return self._places[0]
-
-    @cached_property
-    def _places(self) -> tuple[CoupledPattern, IntArray]:
-        # most steps never ask for it
-        return self.widening.places(self.nodes)
 
     def at(self, positions: Array) -> FilmForces:
         """Return what the pairs press with at positions (n, 3) [m]."""

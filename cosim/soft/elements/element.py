@@ -35,7 +35,6 @@ from cosim.base.frames import Array, IntArray
 from cosim.base.state_check import resolved
 from cosim.errors import MeshError
 from cosim.soft.elements.gas import SealedGas
-from cosim.soft.linear.pattern import CoupledPattern
 
 NODES: Final = "nodes"
 ROWS: Final = "rows"
@@ -109,8 +108,8 @@ class Sums:
         diagonal: (n,), where the pair of each node with itself is in `blocks`.
         slots: nodes (parts, k) -> where their pairs are in `blocks`, see `BlockPattern.slots`.
         add_dense: vectors (k, n, 3), coefficients (k,) -> a dense part of the Hessian, see `LowRank`.
-        widened: wider pattern -> its blocks, which hold all that was added to `blocks` and stand for the
-            tangent from now on.
+        widened: nodes (parts, k) that touch -> blocks of a wider pattern, which hold all that was added to
+            `blocks` and stand for the tangent from now on, and where the pairs of the nodes are in it.
     """
 
     gradient: Array
@@ -118,7 +117,7 @@ class Sums:
     diagonal: IntArray = field(default_factory=lambda: np.zeros(0, np.int64))
     slots: Callable[[IntArray], IntArray] = _no_hessian
     add_dense: Callable[[Array, Array], None] = _no_hessian
-    widened: Callable[[CoupledPattern], Array] = _no_hessian
+    widened: Callable[[IntArray], tuple[Array, IntArray]] = _no_hessian
 
 
 class Term(Protocol):

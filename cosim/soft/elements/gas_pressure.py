@@ -14,7 +14,7 @@ from cosim.base.frames import Array, IntArray
 from cosim.errors import InputError
 from cosim.soft.elements.element import Instant, Sums
 from cosim.soft.elements.gas import SealedGas
-from cosim.soft.elements.pressure import add_cap, add_pressure, cap_force, volume_inside
+from cosim.soft.elements.pressure import add_cap, add_pressure, cap_force, cap_stiffness, volume_inside
 
 _NO_TABLE = np.zeros((0, 0), np.int64)
 _NO_SLOTS = np.zeros(0, np.int64)
@@ -45,22 +45,22 @@ class _Enclosure:
         found: float = volume_inside(x, self._triangles, self._rings, self._ring_starts)
         return found
 
-    def take_caps_away(self, x: Array, pressure: float, gradient: Array) -> list[tuple[IntArray, Array]]:
-        """Subtract the caps' load from the gradient; return what that adds to the stiffness."""
-        stiffness = []
+    def take_caps_away(self, x: Array, pressure: float, gradient: Array) -> None:
+        """Subtract the caps' load from the gradient."""
         for ring, _ in self._caps:
-            force, derivative = cap_force(x, ring, pressure)
-            gradient[ring] += force
-            stiffness.append((ring, derivative))
-        return stiffness
+            gradient[ring] += cap_force(x, ring, pressure)
+
+    def open_stiffness(self, x: Array, pressure: float) -> list[tuple[IntArray, Array]]:
+        """Return what caps that are taken away add to the stiffness, by ring."""
+        return [(ring, cap_stiffness(x, ring, pressure)) for ring, _ in self._caps]
 
 
 @final
 class GasElements:
     """Assembles the gas of all chambers.
 
-    After `add`: `volumes` [m^3] and `pressures` [Pa, gauge] of each chamber, `open_cap_stiffness` (what
-    missing caps add to the stiffness).
+    After `add`: `volumes` [m^3] and `pressures` [Pa, gauge] of each chamber; with the Hessian,
+    `open_cap_stiffness` (what missing caps add to it).
 
     Args:
         enclosures: film triangles (t, 3) and caps of each chamber.
@@ -97,11 +97,12 @@ class GasElements:
             for part, pressure in zip(self._enclosures, pressures, strict=True)
         )
         if not self._closed:
-            self.open_cap_stiffness = [
-                entry
-                for part, pressure in zip(self._enclosures, pressures, strict=True)
-                for entry in part.take_caps_away(positions, pressure, self._sums.gradient)
-            ]
+            loaded = list(zip(self._enclosures, pressures, strict=True))
+            for part, pressure in loaded:
+                part.take_caps_away(positions, pressure, self._sums.gradient)
+            if hessian:
+                pairs = [part.open_stiffness(positions, pressure) for part, pressure in loaded]
+                self.open_cap_stiffness = [entry for found in pairs for entry in found]
         energy = 0.0
         for gas, pressure, volume in zip(gases, pressures, self.volumes, strict=True):
             energy += -pressure * volume if gas is None else gas.potential(volume)

@@ -162,8 +162,8 @@ def add_cap(
     return volume
 
 
-def cap_force(positions: Array, ring: IntArray, pressure_Pa: float) -> tuple[Array, Array]:
-    """Return the pressure force that a cap would put on its ring, and that force's derivative.
+def cap_force(positions: Array, ring: IntArray, pressure_Pa: float) -> Array:
+    """Return the pressure force (k, 3) [N] that a cap would put on its ring.
 
     Each fan triangle (c, r_i, r_i+1) gives a third of its p A to each corner; c's share is spread evenly.
 
@@ -171,21 +171,27 @@ def cap_force(positions: Array, ring: IntArray, pressure_Pa: float) -> tuple[Arr
         positions: (n, 3) [m].
         ring: (k,) nodes, ordered so that the fan's normal points out of the gas.
         pressure_Pa: gauge pressure.
-
-    Returns:
-        (k, 3) [N] and (3 k, 3 k) [N/m], not symmetric.
     """
-    count = len(ring)
-    this = np.arange(count)
-    following = (this + 1) % count
-    arm = positions[ring] - positions[ring].mean(axis=0)
+    arm, following = _spokes(positions, ring)
     share = pressure_Pa / 6.0 * cross(arm, arm[following])
-    force = share.mean(axis=0) + share + np.roll(share, 1, axis=0)
+    return np.asarray(share.sum(axis=0) / len(ring) + share + share[following - 2])
+
+
+def cap_stiffness(positions: Array, ring: IntArray, pressure_Pa: float) -> Array:
+    """Return the derivative (3 k, 3 k) [N/m] of `cap_force`, not symmetric."""
+    (arm, following), count = _spokes(positions, ring), len(ring)
+    this = following - 1
     left = pressure_Pa / 6.0 * np.einsum("rst,it->irs", _CROSS, arm)  # (k, 3, 3), arm x
     right = left[following]
     change = np.zeros((count, count, 3, 3))  # d(share i), by the ring's node
     change[this, this] -= right
     change[this, following] += left
     change += ((right - left) / count)[:, None]
-    derivative = change.mean(axis=0) + change + np.roll(change, 1, axis=0)
-    return force, derivative.transpose(0, 2, 1, 3).reshape(3 * count, 3 * count)
+    derivative = change.sum(axis=0) / count + change + change[following - 2]
+    return np.asarray(derivative.transpose(0, 2, 1, 3).reshape(3 * count, 3 * count))
+
+
+def _spokes(positions: Array, ring: IntArray) -> tuple[Array, IntArray]:
+    """Return a fan's spokes (k, 3) [m], and the one that follows on each (k,)."""
+    corner = positions[ring]
+    return corner - corner.sum(axis=0) / len(ring), np.arange(1, len(ring) + 1) % len(ring)

@@ -4,11 +4,38 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Annotated, final
 
 import numpy as np
 
 from cosim.base.frames import Array, IntArray
+from cosim.base.kernels import INDEX_TABLE, INDICES, INTEGER, kernel
+
+_SPARE = 1.1  # blocks of a wider pattern that is kept, over those that are needed
+
+
+@kernel(INTEGER(INDICES, INDICES, INDEX_TABLE, INDEX_TABLE))
+def _find_slots(first, column, elements, slots):  # type: ignore[no-untyped-def]
+    """Fill where each element's node pairs are stored; return how many are not."""
+    missing = 0
+    for e in range(elements.shape[0]):
+        pair = 0
+        for a in range(elements.shape[1]):
+            for b in range(a + 1):
+                one, two = elements[e, a], elements[e, b]
+                row, wanted = max(one, two), min(one, two)
+                low, high = first[row], first[row + 1]
+                while low < high:
+                    middle = (low + high) // 2
+                    if column[middle] < wanted:
+                        low = middle + 1
+                    else:
+                        high = middle
+                missing += low == first[row + 1] or column[low] != wanted
+                slots[e, pair] = low if one >= two else -1 - low
+                pair += 1
+    return missing
 
 
 @final
@@ -59,16 +86,29 @@ class BlockPattern:
         Args:
             elements: (elements, k) node indices.
         """
+        return self.find(elements)[0]
+
+    def find(self, elements: IntArray) -> tuple[IntArray, int]:
+        """Return what `slots` does, and how many pairs are stored nowhere: their slots mean nothing."""
         count, k = elements.shape
         result = np.empty((count, k * (k + 1) // 2), dtype=np.int64)
-        stored = self.row * self.nodes + self.column
-        for a in range(k):
-            for b in range(a + 1):
-                na, nb = elements[:, a], elements[:, b]
-                key = np.maximum(na, nb) * self.nodes + np.minimum(na, nb)
-                slot = np.searchsorted(stored, key)
-                result[:, a * (a + 1) // 2 + b] = np.where(na >= nb, slot, -1 - slot)
-        return result
+        elements = np.ascontiguousarray(elements, dtype=np.int64)
+        column = np.require(self.column, requirements="W")  # a copy where it is of a saved state
+        return result, _find_slots(self._first, column, elements, result)
+
+    def joined(self, other: BlockPattern) -> BlockPattern:
+        """Return the pattern of all pairs that either of two holds."""
+        key = np.union1d(self._key, other._key)
+        return BlockPattern(self.nodes, key // self.nodes, key % self.nodes)
+
+    @cached_property
+    def _first(self) -> IntArray:
+        """Where each row's blocks begin (nodes + 1,)."""
+        return np.searchsorted(self.row, np.arange(self.nodes + 1))
+
+    @cached_property
+    def _key(self) -> IntArray:
+        return self.row * self.nodes + self.column
 
 
 @final
@@ -88,14 +128,18 @@ class CoupledPattern:
     def of(cls, body: BlockPattern, elements: IntArray) -> CoupledPattern:
         """Return that of a body's own pattern and further elements (k, nodes per element)."""
         own = np.column_stack([body.row, body.column])
-        wide = BlockPattern.from_elements(body.nodes, [own, elements])
-        place = np.searchsorted(wide.row * wide.nodes + wide.column, body.row * body.nodes + body.column)
-        return cls(wide, place)
+        return cls.around(body, BlockPattern.from_elements(body.nodes, [own, elements]))
 
-    def same_as(self, other: CoupledPattern) -> bool:
-        """Whether both hold the same node pairs."""
-        mine, theirs = self.pattern, other.pattern
-        return np.array_equal(mine.row, theirs.row) and np.array_equal(mine.column, theirs.column)
+    @classmethod
+    def around(cls, body: BlockPattern, wide: BlockPattern) -> CoupledPattern:
+        """Return a pattern that holds all pairs of a body's own."""
+        return cls(wide, np.searchsorted(wide._key, body._key))
+
+    def wasteful(self, slots: IntArray) -> bool:
+        """Return whether many of its blocks serve neither the body nor the elements of given slots."""
+        used = np.zeros(self.pattern.blocks, dtype=bool)
+        used[self.from_body] = used[np.where(slots < 0, -1 - slots, slots)] = True
+        return self.pattern.blocks > _SPARE * int(np.count_nonzero(used))
 
     def blocks(self, body_blocks: Array) -> Array:
         """Return the body's blocks in the wider pattern, zero elsewhere: (pattern.blocks, 3, 3)."""
@@ -106,7 +150,7 @@ class CoupledPattern:
 
 @final
 class PatternWidening:
-    """Widens a body's own pattern by elements; what was found last is kept while it serves.
+    """Widens a body's own pattern by elements; a pattern that serves still is kept.
 
     Args:
         body: its own pattern.
@@ -116,12 +160,27 @@ class PatternWidening:
         self._body = body
         self._last: tuple[IntArray, CoupledPattern, IntArray] | None = None
 
-    def places(self, elements: IntArray) -> tuple[CoupledPattern, IntArray]:
-        """Return the wider pattern for elements (k, nodes per element), and where their node pairs are."""
+    def places(self, elements: IntArray, serving: BlockPattern) -> tuple[CoupledPattern, IntArray]:
+        """Return a wider pattern for elements (k, nodes per element), and where their node pairs are.
+
+        Args:
+            elements: that touch.
+            serving: the pattern for which tangents were factorised last: kept where it holds all pairs,
+                otherwise widened, unless most of what is wide about it is not needed any more.
+        """
         last = self._last
-        if last is None or not np.array_equal(last[0], elements):
+        if last is not None and last[0] is elements and last[1].pattern is serving:
+            return last[1:]
+        known = last[1] if last is not None and last[1].pattern is serving else None
+        coupled = known or CoupledPattern.around(self._body, serving)
+        slots, missing = serving.find(elements)
+        if missing or coupled.wasteful(slots):
             coupled = CoupledPattern.of(self._body, elements)
-            if last is not None and last[1].same_as(coupled):
-                coupled = last[1]
-            self._last = last = (elements, coupled, coupled.pattern.slots(elements))
-        return last[1:]
+            both = CoupledPattern.around(self._body, coupled.pattern.joined(serving))
+            slots = both.pattern.slots(elements)
+            if both.wasteful(slots):
+                slots = coupled.pattern.slots(elements)
+            else:
+                coupled = both
+        self._last = elements, coupled, slots
+        return coupled, slots

@@ -15,7 +15,7 @@ from cosim.soft.elements.element import Element, Instant, Sums, Term
 from cosim.soft.elements.gas_pressure import GasElements
 from cosim.soft.elements.mass_terms import Inertia, Weight
 from cosim.soft.linear.low_rank import LowRank
-from cosim.soft.linear.pattern import BlockPattern, CoupledPattern
+from cosim.soft.linear.pattern import BlockPattern, PatternWidening
 
 _NO_SLOTS = np.zeros(0, np.int64)
 
@@ -27,7 +27,8 @@ class SoftSystem:
     After `evaluate`: `gradient` (n, 3) [N], `blocks` (pattern.blocks, 3, 3) [N/m], `memory` (values,) of the
     elements as they track it, `gas` (volume and pressure of each chamber), `low_rank` (dense parts of the
     Hessian, such as of sealed gas). `tangent_pattern` and `tangent_blocks` are the sparse Hessian: the body's
-    own, or a wider one where films touch one another. They are overwritten by the next call.
+    own, or a wider one where films touch one another. They are overwritten by the next call. `serving` is the
+    pattern to go on from where films touch, which a solver sets to that of its last factorisation.
     """
 
     def __init__(self, body: SoftBody) -> None:
@@ -39,6 +40,7 @@ class SoftSystem:
         self.gradient = np.zeros((body.nodes, 3))
         self.blocks = np.zeros((self.pattern.blocks, 3, 3))
         self.tangent_pattern, self.tangent_blocks = self.pattern, self.blocks
+        self.serving, self._widening = self.pattern, PatternWidening(self.pattern)
         self.memory = body.first_memory()
         self._dense: list[LowRank] = []
         diagonal = np.flatnonzero(self.pattern.row == self.pattern.column)
@@ -141,9 +143,10 @@ class SoftSystem:
         self.low_rank = LowRank.joined(self._dense) if self._dense else None
         return energy
 
-    def _widened(self, coupled: CoupledPattern) -> Array:
+    def _widened(self, nodes: IntArray) -> tuple[Array, IntArray]:
+        coupled, slots = self._widening.places(nodes, self.serving)
         self.tangent_pattern, self.tangent_blocks = coupled.pattern, coupled.blocks(self.blocks)
-        return self.tangent_blocks
+        return self.tangent_blocks, slots
 
     def _add_dense(self, vectors: Array, coefficients: Array) -> None:
         self._dense.append(LowRank(vectors, coefficients))

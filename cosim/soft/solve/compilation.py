@@ -13,13 +13,13 @@ from cosim.soft.contact import contact_points as contact_surface
 from cosim.soft.contact import obstacle_contact as contact
 from cosim.soft.elements import mass_terms, pressure
 from cosim.soft.elements.element import kinds_known
-from cosim.soft.linear import envelope_kernels, secant_pairs
+from cosim.soft.linear import envelope_kernels, pattern, secant_pairs
 from cosim.soft.linear import multifrontal_kernels as front_kernels
 from cosim.soft.solve import held_nodes, problem, step_begin
 
 _MODULES: tuple[ModuleType, ...] = (
     center_line, contact, contact_surface, envelope_kernels, front_kernels, held_nodes, mass_terms,
-    pressure, problem, secant_pairs, step_begin,
+    pattern, pressure, problem, secant_pairs, step_begin,
 )  # fmt: skip
 
 _SECONDS_EACH = 0.6  # in the mean

@@ -121,6 +121,7 @@ class NewtonSolver:
         Returns:
             The attempts to factorise, negative if all have failed; the point that is accepted, None for none.
         """
+        self.system.serving = self.linear.pattern
         problem.at(point.positions, memory, hessian=True)
         attempts, self._count = self._factor(options), 0
         self._kept = KeptFactor(problem.kind, frame) if attempts == 1 else None
@@ -144,6 +145,7 @@ class NewtonSolver:
         system = self.system
         gradient = system.gradient.copy()
         problem = Problem(system, self.free, loads, system.segment_tension(positions, loads), inertia)
+        system.serving = self.linear.pattern
         problem.at(positions, memory, hessian=True)
         system.gradient[:] = gradient
         definite = self._fitted_solver().factor(system.tangent_blocks, low_rank=system.low_rank)

@@ -21,7 +21,6 @@ from cosim.soft.contact.self_contact_motion import furthest_from_mean
 from cosim.soft.contact.self_contact_pairs import FilmPairs, feet
 from cosim.soft.contact.self_contact_points import FilmPoints
 from cosim.soft.contact.self_contact_search import FilmSearch
-from cosim.soft.linear.pattern import BlockPattern, PatternWidening
 from cosim.soft.solve.state import SoftState
 
 _STEP_REACH_M = 1e-3  # looked ahead besides what the film moves in a step
@@ -57,16 +56,14 @@ class SelfContact:
 
     Args:
         body: of which films.
-        pattern: of the body's own tangent.
         law: between them.
     """
 
-    def __init__(self, body: SoftBody, pattern: BlockPattern, law: FilmContactLaw) -> None:
+    def __init__(self, body: SoftBody, law: FilmContactLaw) -> None:
         self.law, self.friction = law.law, law.friction
         self.faces = FilmFaces.of(body)
         self.points = FilmPoints.of(self.faces, body.positions)
         self._search = FilmSearch(self.faces, self.points)
-        self._widening = PatternWidening(pattern)
 
     def step_pairs(self, state: SoftState, step_s: float) -> FilmPairs | None:
         """Return what may touch in a step, None for nothing.
@@ -115,5 +112,5 @@ class SelfContact:
         stiffness = _FROM_EACH_SIDE * self.law.stiffness_N_m3 * self.points.area[point]
         return FilmPairs(
             key, triangle, nodes, weights, stiffness, np.zeros(len(key)), foot, normal,
-            np.zeros((len(key), 3)), self.law, self._widening,
+            np.zeros((len(key), 3)), self.law,
         )  # fmt: skip

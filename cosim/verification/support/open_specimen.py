@@ -70,7 +70,7 @@ class OpenSpecimen:
         """Return the loads with the caps' pressure taken off at positions (n, 3) [m]."""
         force = np.zeros_like(positions)
         for ring in self.body.caps:
-            force[ring] -= cap_force(positions, ring, pressure_Pa)[0]
+            force[ring] -= cap_force(positions, ring, pressure_Pa)
         return Loads((pressure_Pa,), (), (0.0, 0.0, 0.0), force)
 
     def load_to(self, pressure_Pa: float) -> Equilibrium:
