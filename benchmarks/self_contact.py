@@ -23,7 +23,8 @@ import numpy as np
 from benchmarks.measure.calls import least_ms
 from cosim.base.frames import Array
 from cosim.soft.contact.contact_law import ContactLaw
-from cosim.soft.contact.self_contact_pairs import FilmPairs, feet
+from cosim.soft.contact.self_contact_feet import feet
+from cosim.soft.contact.self_contact_pairs import FilmPairs
 from cosim.soft.linear.envelope_cholesky import EnvelopeCholesky
 from cosim.soft.linear.low_rank import LowRank
 from cosim.soft.linear.pattern import CoupledPattern
@@ -64,12 +65,12 @@ def solver_costs(arm: Held, here: Equilibrium, pairs: FilmPairs) -> dict[str, fl
     load = np.random.default_rng(0).normal(size=x.shape)
     forces = pairs.at(x)
     pressing = np.flatnonzero(forces.normal_force > 0.0)
-    foot, normal, _ = feet(x, pairs.nodes, pairs.weights)
+    foot, normal, _ = feet(x, pairs.rows.nodes, pairs.rows.weights)
     vectors = np.zeros((len(pressing), *x.shape))
     for row, k in enumerate(pressing):
-        for node, weight in zip(pairs.nodes[k], [*pairs.weights[k], *-foot[k]], strict=True):
+        for node, weight in zip(pairs.rows.nodes[k], [*pairs.rows.weights[k], *-foot[k]], strict=True):
             vectors[row, node] += weight * normal[k]
-    dense = LowRank(vectors, pairs.stiffness[pressing])
+    dense = LowRank(vectors, pairs.rows.stiffness[pressing])
     return {
         "pairs": len(pairs),
         "pressing": len(pressing),
@@ -88,7 +89,7 @@ def iterations_to_balance(arm: Held, here: Equilibrium, pairs: FilmPairs, *, exa
     system, x, angles = arm.system, here.state.positions.copy(), here.state.memory
     tension = tuple(t + 0.1 for t in here.loads.cable_tension_N)
     loads = replace(here.loads, cable_tension_N=tension, self_contact=pairs)
-    coupled = CoupledPattern.of(system.pattern, pairs.nodes)
+    coupled = CoupledPattern.of(system.pattern, pairs.rows.nodes)
     system.serving = pattern = coupled.pattern
     linear = EnvelopeCholesky(pattern, arm.newton.free)
     inside = np.zeros(pattern.blocks, dtype=bool)

@@ -21,13 +21,16 @@ def kernel_modules(scenario: Scenario) -> tuple[ModuleType, ...]:
     modules: tuple[ModuleType, ...] = ()
     if scenario.contact.self_contact:
         from cosim.soft.contact import self_contact_candidates as film_candidates
+        from cosim.soft.contact import self_contact_feet as film_feet
         from cosim.soft.contact import self_contact_motion as film_motion
         from cosim.soft.contact import self_contact_pairs as film_contact
         from cosim.soft.contact import self_contact_points as film_points
         from cosim.soft.contact import self_contact_search as film_search
         from cosim.soft.contact import self_contact_short_list as film_short_list
 
-        modules = (film_candidates, film_motion, film_contact, film_points, film_search, film_short_list)
+        modules = (
+            film_candidates, film_feet, film_motion, film_contact, film_points, film_search, film_short_list,
+        )  # fmt: skip
     if _has_beams(scenario.soft_robot):
         from cosim.soft.beams import ring_kernels
 

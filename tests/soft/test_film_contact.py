@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 from cosim.base.frames import Array
 from cosim.soft.contact.contact_law import ContactLaw
-from cosim.soft.contact.self_contact_pairs import FilmPairs, feet
+from cosim.soft.contact.self_contact_feet import feet
+from cosim.soft.contact.self_contact_pairs import FilmPairs
 from cosim.soft.elements.element import Sums
 from cosim.soft.linear.pattern import BlockPattern
 from tests.derivatives import RELATIVE, dense, derivative_errors
@@ -32,23 +31,14 @@ def scattered_pairs(seed: int = 0) -> tuple[FilmPairs, Array]:
         above[:, 2] = rng.uniform(-3e-3, 1.5e-3) + 1e-4 * rng.normal(size=3)
         x[row] = np.concatenate([above, flat]) @ turn.T + origin
     weights = np.array([[1.0, 0.0, 0.0], [0.5, 0.5, 0.0], [1.0 / 3.0] * 3])[rng.integers(3, size=COUNT)]
-    foot, normal, _ = feet(x, nodes, weights)
-    return FilmPairs(
-        key=np.arange(COUNT),
-        triangle=np.arange(COUNT),
-        nodes=nodes,
-        weights=weights,
-        stiffness=rng.uniform(1e2, 1e4, COUNT),
-        friction=rng.uniform(0.0, 2.0, COUNT) * (np.arange(COUNT) % 3 > 0),
-        foot=foot,
-        normal=normal,
-        stretch=1e-3 * rng.normal(size=(COUNT, 3)),
-        law=LAW,
-    ), x  # fmt: skip
+    places, stiffness = np.arange(COUNT), rng.uniform(1e2, 1e4, COUNT)
+    friction = rng.uniform(0.0, 2.0, COUNT) * (places % 3 > 0)
+    pairs = FilmPairs.slack(places, places, nodes, weights, stiffness, LAW, x)
+    return pairs.rubbing(friction, 1e-3 * rng.normal(size=(COUNT, 3))), x
 
 
 def evaluate(pairs: FilmPairs, x: Array) -> tuple[float, Array, Array]:
-    pattern = BlockPattern.from_elements(len(x), [pairs.nodes])
+    pattern = BlockPattern.from_elements(len(x), [pairs.rows.nodes])
     force, blocks = np.zeros_like(x), np.zeros((pattern.blocks, 3, 3))
     sums = Sums(force, widened=lambda nodes: (blocks, pattern.slots(nodes)))
     energy = pairs.add(np.ascontiguousarray(x), sums, hessian=True)
@@ -57,22 +47,22 @@ def evaluate(pairs: FilmPairs, x: Array) -> tuple[float, Array, Array]:
 
 def test_derivatives_are_exact_in_front_within_the_transition_and_beyond() -> None:
     pairs, x = scattered_pairs()
-    depth = 0.5 * LAW.smoothing_m - feet(x, pairs.nodes, pairs.weights)[2]
+    depth = 0.5 * LAW.smoothing_m - feet(x, pairs.rows.nodes, pairs.rows.weights)[2]
     for low, high in ((-1.0, 0.0), (0.0, LAW.smoothing_m), (LAW.smoothing_m, 1.0)):
         assert ((low < depth) & (depth < high)).sum() > 2  # every branch is met
     # away from where the feet were taken
     moved = x + 2e-4 * np.random.default_rng(1).normal(size=x.shape)
     assert max(derivative_errors(lambda y: evaluate(pairs, y), moved, 1e-7)) < 20.0 * RELATIVE
-    smooth = replace(pairs, friction=np.zeros(COUNT))
+    smooth = pairs.rubbing(np.zeros(COUNT), pairs.rows.stretch)
     assert max(derivative_errors(lambda y: evaluate(smooth, y), moved, 1e-7)) < 20.0 * RELATIVE
 
 
 def test_pressing_keeps_momentum_and_angular_momentum_rubbing_keeps_momentum() -> None:
     pairs, x = scattered_pairs()
     for friction, angular in ((0.0, True), (1.0, False)):
-        force = evaluate(replace(pairs, friction=friction * pairs.friction), x)[1]
+        force = evaluate(pairs.rubbing(friction * pairs.rows.friction, pairs.rows.stretch), x)[1]
         size = np.abs(force).max()
-        for row in pairs.nodes:
+        for row in pairs.rows.nodes:
             assert np.abs(force[row].sum(axis=0)).max() < 1e-12 * size
             moment = np.cross(x[row] - x[row[0]], force[row]).sum(axis=0)
             if angular:
@@ -85,7 +75,7 @@ def test_rigid_motion_changes_nothing_but_the_axes() -> None:
     pairs, x = scattered_pairs()
     turn = random_rotation(5)
     moved = x @ turn.T + np.array([0.3, -1.0, 2.0])
-    energy, force, _ = evaluate(replace(pairs, friction=np.zeros(COUNT)), x)
-    again, turned, _ = evaluate(replace(pairs, friction=np.zeros(COUNT)), moved)
+    energy, force, _ = evaluate(pairs.rubbing(np.zeros(COUNT), pairs.rows.stretch), x)
+    again, turned, _ = evaluate(pairs.rubbing(np.zeros(COUNT), pairs.rows.stretch), moved)
     assert again == pytest.approx(energy, rel=1e-11)
     np.testing.assert_allclose(turned, force @ turn.T, atol=1e-10 * np.abs(force).max())

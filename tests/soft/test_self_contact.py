@@ -187,7 +187,7 @@ def test_a_point_presses_with_half_the_laws_stiffness_times_depth_and_its_area()
     level = np.ptp(corners[:, :, 2], axis=1) < 1e-9
     flat = np.isin(films.points.home[pairs.key // films.faces.units, 0], films.faces.face[level])
     assert not flat.all()  # points of the walls, at the lower edges, press besides
-    above = pairs.nodes[:, 0] > 7
+    above = pairs.rows.nodes[:, 0] > 7
     # all of the small face; of the large one the midpoint of its diagonal and both centroids
     areas = narrow**2, (2.0 / 15.0 + 9.0 / 20.0) * wide**2
     for side, area in zip((above, ~above), areas, strict=True):

@@ -12,7 +12,7 @@ from numba import types
 from cosim.base.frames import Array
 from cosim.errors import InputError
 from cosim.soft.contact.obstacle_contact import TOUCHED, ContactPlanes, TouchedPlanes, nothing_touched
-from cosim.soft.contact.self_contact_memory import PAIRS, PairRows
+from cosim.soft.contact.self_contact_memory import FILM_PAIRS, PairRows
 from cosim.soft.contact.self_contact_pairs import FilmPairs
 from cosim.soft.elements.element import NodalPotential, Sums
 from cosim.soft.elements.gas import SealedGas
@@ -68,7 +68,7 @@ class Touching(NamedTuple):
     pairs: PairRows
 
 
-TOUCHING = types.NamedTuple((TOUCHED, types.int64, PAIRS), Touching)
+TOUCHING = types.NamedTuple((TOUCHED, types.int64, FILM_PAIRS), Touching)
 
 
 def nothing_touching() -> Touching:

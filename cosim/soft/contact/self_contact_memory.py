@@ -59,9 +59,18 @@ class FilmMemory:
 
 
 class PairRows(NamedTuple):
-    """The arrays of `FilmPairs`; `widths` (2,) [m] are those of its law, `out` (k, 5) is filled.
+    """Points of the film and the triangles they may press on in one step, for kernels.
 
-    A row of `out` receives normal force [N], distance [m], and the force on the point (3,) [N].
+    Args:
+        nodes: (k, 6), three of the point (unused ones have weight 0), three of the triangle.
+        weights: (k, 3) of the point.
+        stiffness: (k,) [N/m].
+        friction: (k,) [N], largest friction force.
+        foot: (k, 3) weights of the point's foot on the triangle at the start of the step.
+        normal: (k, 3) of the triangle then.
+        stretch: (k, 3) [m], of the stick springs then, world.
+        widths: (2,) [m], of the law's transitions: pressing, sticking.
+        out: (k, 5), filled with normal force [N], distance [m], and the force on the point (3,) [N].
     """
 
     nodes: IntArray
@@ -75,6 +84,6 @@ class PairRows(NamedTuple):
     out: Array
 
 
-PAIRS = types.NamedTuple(
+FILM_PAIRS = types.NamedTuple(
     (INDEX_TABLE, MATRIX, VECTOR, VECTOR, MATRIX, MATRIX, MATRIX, VECTOR, MATRIX), PairRows
 )

@@ -22,43 +22,28 @@ one line: a moment of the friction times the distance of y from the point that i
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cache, cached_property
+from functools import cache
 from typing import final
 
 import numpy as np
 
 from cosim.base.frames import Array, IntArray, Mask
 from cosim.base.kernel_calls import address_of
-from cosim.base.kernels import BLOCKS, INDEX_TABLE, MATRIX, REAL, VECTOR, add_block, device_function, kernel
+from cosim.base.kernels import BLOCKS, INDEX_TABLE, MATRIX, REAL, add_block, device_function, kernel
 from cosim.soft.contact.contact_law import ContactLaw, dragging_law, pressing_law, shorten
-from cosim.soft.contact.self_contact_memory import PAIRS, FilmMemory, PairRows
+from cosim.soft.contact.self_contact_feet import (
+    distance_of,
+    feet,
+    fill_point,
+    fill_slopes,
+    fill_weights,
+    plane_of,
+)
+from cosim.soft.contact.self_contact_memory import FILM_PAIRS, FilmMemory, PairRows
 from cosim.soft.elements.element import Sums
 
 _NO_TABLE = np.zeros((0, 0), np.int64)
 _NO_BLOCKS = np.zeros((0, 3, 3))
-
-
-@device_function
-def foot_on_plane(x, corners, y, n, weight, slope):  # type: ignore[no-untyped-def]
-    """Fill a triangle's normal, the weights of y's foot and their gradients; return the distance."""
-    for r in range(3):
-        s, q = (r + 1) % 3, (r + 2) % 3
-        n[r] = (x[corners[1], s] - x[corners[0], s]) * (x[corners[2], q] - x[corners[0], q]) - (
-            x[corners[1], q] - x[corners[0], q]
-        ) * (x[corners[2], s] - x[corners[0], s])
-    size = np.sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2])
-    distance = 0.0
-    for r in range(3):
-        n[r] /= size
-        distance += n[r] * (y[r] - x[corners[0], r])
-    for j in range(3):
-        b, c = corners[(j + 1) % 3], corners[(j + 2) % 3]
-        weight[j] = 0.0
-        for r in range(3):
-            s, q = (r + 1) % 3, (r + 2) % 3
-            slope[j, r] = (n[s] * (x[c, q] - x[b, q]) - n[q] * (x[c, s] - x[b, s])) / size
-            weight[j] += slope[j, r] * (y[r] - x[b, r])
-    return distance
 
 
 @device_function
@@ -96,7 +81,7 @@ def _add_normal_part(push, rate, d, n, weight, slope, a, b, k):  # type: ignore[
             k[r, c] = outer * n[r] * n[c] + push * turning
 
 
-@kernel(REAL(MATRIX, PAIRS, INDEX_TABLE, MATRIX, BLOCKS))
+@kernel(REAL(MATRIX, FILM_PAIRS, INDEX_TABLE, MATRIX, BLOCKS))
 def add_pairs(x, pairs, slots, gradient, blocks):  # type: ignore[no-untyped-def]
     """Add gradient (and Hessian, if slots is not empty) of all pairs; return the energy [J]."""
     nodes, weights, stiffness, friction = pairs.nodes, pairs.weights, pairs.stiffness, pairs.friction
@@ -106,14 +91,17 @@ def add_pairs(x, pairs, slots, gradient, blocks):  # type: ignore[no-untyped-def
     w, rub, k, drag = np.zeros(6), np.empty(3), np.empty((3, 3)), np.empty((3, 3))
     energy = 0.0
     for e in range(nodes.shape[0]):
-        for r in range(3):
-            y[r] = 0.0
-            for a in range(3):
-                y[r] += weights[e, a] * x[nodes[e, a], r]
-        d = foot_on_plane(x, nodes[e, 3:], y, n, weight[3:], slope[3:])
+        fill_point(x, nodes[e], weights[e], y)
+        shrink = plane_of(x, nodes[e, 3:], n)
+        d = distance_of(x, nodes[e, 3], n, y)
         level, push, rate = pressing_law(0.5 * width - d, width)
         energy += stiffness[e] * level
         push, rate = stiffness[e] * push, stiffness[e] * rate
+        if push == 0.0 and friction[e] == 0.0:
+            out[e, 0], out[e, 1], out[e, 2], out[e, 3], out[e, 4] = 0.0, d, 0.0, 0.0, 0.0
+            continue
+        fill_slopes(x, nodes[e, 3:], n, shrink, slope[3:])
+        fill_weights(x, nodes[e, 3:], slope[3:], y, weight[3:])
         rub[:], drag[:] = 0.0, 0.0
         for a in range(3):
             weight[a], weight[3 + a] = weights[e, a], -weight[3 + a]
@@ -123,8 +111,6 @@ def add_pairs(x, pairs, slots, gradient, blocks):  # type: ignore[no-untyped-def
         out[e, 0], out[e, 1] = push, d
         for r in range(3):
             out[e, 2 + r] = push * n[r] - rub[r]
-        if push == 0.0 and friction[e] == 0.0:
-            continue
         for a in range(6):
             for r in range(3):
                 gradient[nodes[e, a], r] += w[a] * rub[r] - push * weight[a] * n[r]
@@ -137,30 +123,6 @@ def add_pairs(x, pairs, slots, gradient, blocks):  # type: ignore[no-untyped-def
                         k[r, c] += w[a] * w[b] * drag[r, c]
                 add_block(blocks, slots[e, a * (a + 1) // 2 + b], k)
     return energy
-
-
-@kernel((MATRIX, INDEX_TABLE, MATRIX, MATRIX, MATRIX, VECTOR))
-def _feet(x, nodes, weights, foot, normal, distance):  # type: ignore[no-untyped-def]
-    y, slope = np.empty(3), np.empty((3, 3))
-    for e in range(nodes.shape[0]):
-        for r in range(3):
-            y[r] = 0.0
-            for a in range(3):
-                y[r] += weights[e, a] * x[nodes[e, a], r]
-        distance[e] = foot_on_plane(x, nodes[e, 3:], y, normal[e], foot[e], slope)
-
-
-def feet(positions: Array, nodes: IntArray, weights: Array) -> tuple[Array, Array, Array]:
-    """Return where points lie over triangles: weights of the feet (k, 3), normals (k, 3), distances (k,) [m].
-
-    Args:
-        positions: (n, 3) [m].
-        nodes: (k, 6), three of each point and of its triangle.
-        weights: (k, 3) of the point.
-    """
-    foot, normal, distance = np.empty((len(nodes), 3)), np.empty((len(nodes), 3)), np.empty(len(nodes))
-    _feet(positions, nodes, weights, foot, normal, distance)
-    return foot, normal, distance
 
 
 @kernel((MATRIX, INDEX_TABLE, MATRIX, MATRIX, MATRIX, REAL, MATRIX))
@@ -181,38 +143,45 @@ def _address() -> int:
 @final
 @dataclass(frozen=True)
 class FilmPairs:
-    """What may touch in one step: points of the film and the triangles they may press on.
+    """What may touch in one step.
 
     Args:
         key: (k,) ascending; names the pair of point and unit.
         triangle: (k,) that the point may press on.
-        nodes: (k, 6), three of the point (unused ones have weight 0), three of the triangle.
-        weights: (k, 3) of the point.
-        stiffness: (k,) [N/m].
-        friction: (k,) [N], largest friction force.
-        foot: (k, 3) weights of the point's foot on the triangle at the start of the step.
-        normal: (k, 3) of the triangle then.
-        stretch: (k, 3) [m], of the stick springs then, world.
-        law: widths of the transitions.
+        rows: what kernels take of them.
     """
 
     key: IntArray
     triangle: IntArray
-    nodes: IntArray
-    weights: Array
-    stiffness: Array
-    friction: Array
-    foot: Array
-    normal: Array
-    stretch: Array
-    law: ContactLaw
+    rows: PairRows
+
+    @classmethod
+    def slack(
+        cls, key: IntArray, triangle: IntArray, nodes: IntArray, weights: Array, stiffness: Array,
+        law: ContactLaw, positions: Array,
+    ) -> FilmPairs:  # fmt: skip
+        """Return pairs without friction, by the terms of `FilmPairs` and `PairRows`.
+
+        Args:
+            key: of the pairs.
+            triangle: of the pairs.
+            nodes: of the pairs.
+            weights: of the pairs.
+            stiffness: of the pairs.
+            law: between films.
+            positions: (n, 3) [m], at the start of the step.
+        """
+        (foot, normal, _), widths = feet(positions, nodes, weights), [law.smoothing_m, law.stick_m]
+        friction, stretch, out = np.zeros(len(key)), np.zeros((len(key), 3)), np.empty((len(key), 5))
+        pair = nodes, weights, stiffness, friction
+        return cls(key, triangle, PairRows(*pair, foot, normal, stretch, np.array(widths), out))
 
     def __len__(self) -> int:
         return len(self.key)
 
     def add(self, positions: Array, sums: Sums, hessian: bool) -> float:
         """Add the gradient and, if told to, the Hessian at positions (n, 3) [m]; return the energy [J]."""
-        blocks, slots = sums.widened(self.nodes) if hessian else (_NO_BLOCKS, _NO_TABLE)
+        blocks, slots = sums.widened(self.rows.nodes) if hessian else (_NO_BLOCKS, _NO_TABLE)
         energy: float = add_pairs(positions, self.rows, slots, sums.gradient, blocks)
         return energy
 
@@ -220,13 +189,6 @@ class FilmPairs:
     def call(self) -> int:
         """Address of the kernel that adds them."""
         return _address()
-
-    @cached_property
-    def rows(self) -> PairRows:
-        """What kernels take of them."""
-        widths, out = np.array([self.law.smoothing_m, self.law.stick_m]), np.empty((len(self), 5))
-        pair = self.nodes, self.weights, self.stiffness, self.friction
-        return PairRows(*pair, self.foot, self.normal, self.stretch, widths, out)
 
     def at(self, positions: Array) -> FilmForces:
         """Return what the pairs press with at positions (n, 3) [m]."""
@@ -250,17 +212,18 @@ class FilmPairs:
 
     def _dragged_stretch(self, positions: Array) -> Array:
         """Return the stretch (k, 3) [m] of the stick springs after the step, each at most `stick`."""
-        stretch = self.stretch.copy()
-        _drag(positions, self.nodes, self.weights, self.foot, self.normal, self.law.stick_m, stretch)
+        rows, stretch = self.rows, self.rows.stretch.copy()
+        _drag(positions, rows.nodes, rows.weights, rows.foot, rows.normal, float(rows.widths[1]), stretch)
         return stretch
 
     def rubbing(self, friction: Array, stretch: Array) -> FilmPairs:
         """Return the same pairs with friction up to (k,) [N] by stick springs stretched by (k, 3) [m]."""
-        return replace(self, friction=friction, stretch=stretch)
+        out = np.empty_like(self.rows.out)
+        return replace(self, rows=self.rows._replace(friction=friction, stretch=stretch, out=out))
 
     def holding(self, positions: Array, slack: float, reach_m: float) -> Mask:
         """Return which pairs (k,) still are some: foot in the triangle but for `slack`, distance in reach."""
-        foot, _, distance = feet(positions, self.nodes, self.weights)
+        foot, _, distance = feet(positions, self.rows.nodes, self.rows.weights)
         return np.asarray((foot.min(axis=1) >= -slack) & (np.abs(distance) < reach_m))
 
 

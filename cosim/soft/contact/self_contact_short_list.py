@@ -17,8 +17,8 @@ import numpy as np
 
 from cosim.base.frames import Array, IntArray, Mask
 from cosim.base.kernels import INDEX_TABLE, INDICES, INTEGER, MATRIX, REAL, device_function, kernel
+from cosim.soft.contact.self_contact_feet import fill_slopes, plane_of
 from cosim.soft.contact.self_contact_motion import BEYOND_EDGES, FEET_FOLLOW, UnitMotion
-from cosim.soft.contact.self_contact_pairs import foot_on_plane
 
 _MOTION_M = 0.3e-3  # more of it lengthens the list, less makes it anew more often
 _MOST_OF_HEIGHT = 0.25  # where m is more of it, all that is near the plane is listed
@@ -27,9 +27,9 @@ _MOST_OF_HEIGHT = 0.25  # where m is more of it, all that is near the plane is l
 @kernel((MATRIX, INDEX_TABLE, MATRIX))
 def measure_sides(x, triangles, sides):  # type: ignore[no-untyped-def]
     """Fill sides (t, 12): a corner of each triangle, its unit normal, slopes of the others' weights."""
-    n, weight, slope = np.empty(3), np.empty(3), np.empty((3, 3))
+    n, slope = np.empty(3), np.empty((3, 3))
     for t in range(triangles.shape[0]):
-        foot_on_plane(x, triangles[t], x[triangles[t, 0]], n, weight, slope)
+        fill_slopes(x, triangles[t], n, plane_of(x, triangles[t], n), slope)
         for r in range(3):
             sides[t, r], sides[t, 3 + r] = x[triangles[t, 0], r], n[r]
             sides[t, 6 + r], sides[t, 9 + r] = slope[1, r], slope[2, r]

@@ -18,7 +18,7 @@ from cosim.soft.body.body import SoftBody
 from cosim.soft.contact.contact_law import ContactLaw
 from cosim.soft.contact.self_contact_faces import FilmFaces
 from cosim.soft.contact.self_contact_motion import furthest_from_mean
-from cosim.soft.contact.self_contact_pairs import FilmPairs, feet
+from cosim.soft.contact.self_contact_pairs import FilmPairs
 from cosim.soft.contact.self_contact_points import FilmPoints
 from cosim.soft.contact.self_contact_search import FilmSearch
 from cosim.soft.solve.state import SoftState
@@ -106,11 +106,6 @@ class SelfContact:
             point, triangle = key // faces.units, triangle[first]
         if not len(key):
             return None
-        nodes = np.ascontiguousarray(np.column_stack([self.points.nodes[point], faces.triangles[triangle]]))
-        weights = self.points.weights[point]
-        foot, normal, _ = feet(x, nodes, weights)
+        nodes = np.concatenate((self.points.nodes[point], faces.triangles[triangle]), axis=1)
         stiffness = _FROM_EACH_SIDE * self.law.stiffness_N_m3 * self.points.area[point]
-        return FilmPairs(
-            key, triangle, nodes, weights, stiffness, np.zeros(len(key)), foot, normal,
-            np.zeros((len(key), 3)), self.law,
-        )  # fmt: skip
+        return FilmPairs.slack(key, triangle, nodes, self.points.weights[point], stiffness, self.law, x)
