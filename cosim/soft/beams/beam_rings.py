@@ -102,7 +102,7 @@ class BeamRings(DirectElement):
     ) -> float:
         memory = at.memory if len(at.memory) else self.first_memory(positions)
         tracked = at.tracked if len(at.tracked) else np.empty_like(memory)
-        moving = at.step_s < np.inf
+        moving = at.step_s < np.inf and not at.closely
         energy: float = add_beam_rings(
             positions, self.arrays, memory, moving, slots, gradient, blocks, tracked
         )

@@ -77,6 +77,7 @@ class Instant(NamedTuple):
         step_s: length of an implicit step; infinite in statics.
         segment_tension: (segments,) of all cables, see `SoftSystem.segment_tension`.
         loads: that act; None where only the body itself is looked at.
+        closely: whether the step is solved below the tolerance of an ordinary one.
     """
 
     memory: Array = _NOTHING
@@ -84,6 +85,7 @@ class Instant(NamedTuple):
     step_s: float = np.inf
     segment_tension: Array = _NOTHING
     loads: Acting | None = None
+    closely: bool = False
 
     def part(self, own: slice) -> Instant:
         """Return the same for one of several elements that remember something, its part cut out."""

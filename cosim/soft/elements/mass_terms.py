@@ -115,11 +115,13 @@ class Inertia:
         coefficient: (n,) [N/m], mass over the squared step, plus damping.
         target: (n, 3) [m], where free flight would take each node.
         step_s: length of the step; infinite for a bed that is no step in time.
+        closely: whether the step is solved below the tolerance of an ordinary one.
     """
 
     coefficient: Array
     target: Array
     step_s: float = math.inf
+    closely: bool = False
 
     def add(self, positions: Array, sums: Sums, hessian: bool) -> float:
         """Add the gradient and, if told to, the Hessian; return the energy [J]."""

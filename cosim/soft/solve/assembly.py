@@ -132,8 +132,8 @@ class SoftSystem:
             self.tangent_pattern, self.tangent_blocks = self.pattern, self.blocks
         self._dense.clear()
         self.memory[:] = memory
-        step_s = math.inf if inertia is None else inertia.step_s
-        at, energy = Instant(memory, self.memory, step_s, segment_tension, loads), 0.0
+        step_s, closely = (math.inf, False) if inertia is None else (inertia.step_s, inertia.closely)
+        at, energy = Instant(memory, self.memory, step_s, segment_tension, loads, closely), 0.0
         for term, own in self._terms:
             energy += term.add(positions, at if own is None else at.part(own), hessian)
         # touching films widen the tangent, in which all else is by then

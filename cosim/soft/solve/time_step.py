@@ -97,7 +97,7 @@ class ImplicitStepper:
         taken = self.quick.take(state, world_from_flange, loads, scheme, step_s) if quick else None
         if taken is not None:
             return taken
-        inertia, base = self._inertia(state, scheme, step_s)
+        inertia, base = self._inertia(state, scheme, step_s, aim)
         flight, jumps = self._flight(state, world_from_flange, step_s)
         starts = [state.positions] if quick else [flight, state.positions]
         if turns and before is not None:
@@ -174,13 +174,15 @@ class ImplicitStepper:
             last = self._scheme = StepScheme.of(two_steps, span, self.options.damping_per_s, mass)
         return last
 
-    @staticmethod
-    def _inertia(state: SoftState, scheme: StepScheme, step_s: float) -> tuple[Inertia, Array]:
+    def _inertia(
+        self, state: SoftState, scheme: StepScheme, step_s: float, aim: StepAim | None = None
+    ) -> tuple[Inertia, Array]:
         """Return M (v - speed) / s + alpha M v as an elastic bed, and the base (n, 3) [m] of v."""
         base, target = np.empty_like(state.positions), np.empty_like(state.positions)
         here = state.positions, state.velocities
         fill_bed(*here, *(state.earlier or here), scheme.two_steps, scheme.factor, base, target)
-        return Inertia(scheme.inertia, target, step_s), base
+        closely = aim is not None and aim.tolerance_N < self.options.tolerance_N
+        return Inertia(scheme.inertia, target, step_s, closely), base
 
     def _flight(self, state: SoftState, world_from_flange: Pose, step_s: float) -> tuple[Array, bool]:
         """Return where the nodes (n, 3) [m] get in free flight, and whether the flange jumps with them."""
