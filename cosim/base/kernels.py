@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any, NoReturn, TypeVar, final
 
 import numba
+import numpy as np
 from numba.core.caching import IndexDataCacheFile
 from numba.core.codegen import CPUCodeLibrary
 from numba.core.compiler import Compiler
@@ -242,6 +243,15 @@ def _compiled_later(function: Any, **options: Any) -> Any:
         return numba.njit(function, **_OPTIONS, **options)
     keep_by_source(dispatcher)
     return dispatcher
+
+
+def nothing_of(kind: Any) -> Any:
+    """Return arrays without entries, and zeros, that stand for nothing where a kernel takes some type."""
+    if isinstance(kind, numba.types.NamedTuple):
+        return kind.instance_class(*map(nothing_of, kind.types))
+    if isinstance(kind, numba.types.Array):
+        return np.zeros((0,) * kind.ndim, str(kind.dtype))
+    return False if kind == BOOLEAN else kind.cast_python_value(0)
 
 
 @device_function

@@ -61,7 +61,7 @@ def test_what_lists_find_is_what_a_whole_search_finds(step_m: float) -> None:
         np.testing.assert_array_equal(rows.feature, chosen[seen.point])
         np.testing.assert_array_equal(rows.triangle, seen.triangle)
         np.testing.assert_array_equal(rows.film_distance, seen.distance)
-        made += [] if neighbours._lists is made[-1] else [neighbours._lists]
+        made += [] if neighbours.search is made[-1] else [neighbours.search]
         counts += len(rows.point), len(rows.feature)
     assert (counts > 300).all()
     assert 2 < len(made) < 40

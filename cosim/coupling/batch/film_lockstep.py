@@ -13,6 +13,7 @@ from typing import final
 import numpy as np
 
 from cosim.base.frames import Array, IntArray
+from cosim.base.kernels import nothing_of
 from cosim.coupling.batch.added_inertia import AddedInertiaRow
 from cosim.coupling.batch.batch_arrays import Ticks
 from cosim.coupling.batch.film_kernel import advance_film_ticks, row_calls
@@ -24,7 +25,7 @@ from cosim.coupling.contact.contact_exchange import AHEAD_TICKS
 from cosim.coupling.schemes.staggered import StaggeredCoupling
 from cosim.coupling.soft_sides.lumped_arm import SoftArm
 from cosim.reduced.sections.outputs import CENTER, FIGURES, INERTIA, WRENCH
-from cosim.rigid.distance.shape_bounds import ShapeBounds
+from cosim.rigid.distance.shape_bounds import SHAPE_BOUNDS
 from cosim.rigid.scene.native import NativeScene
 from cosim.soft.body.loads import Loads
 from cosim.soft.solve.state import SoftState
@@ -51,7 +52,7 @@ class FilmLockstep(RowLockstep):
         self._soft, self._mass_kg = soft, soft.body.mass_kg
         contact, tick_s = coupling.interface.contact, coupling.interface.scene.tick_s
         self._reach = FilmReach(
-            ShapeBounds.of_nothing() if contact is None else contact.query.bounds,
+            nothing_of(SHAPE_BOUNDS) if contact is None else contact.query.bounds,
             0.0 if contact is None else contact.rest_reach_m, AHEAD_TICKS * tick_s,
         )  # fmt: skip
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+import numpy as np
 from numba import types
 
 from cosim.base.frames import Array, IntArray
@@ -38,6 +39,18 @@ class NearPoints(NamedTuple):
     weight: Array
     film_distance: Array
     film_normal: Array
+
+    @classmethod
+    def room(cls, points: int, features: int) -> NearPoints:
+        """Return room for so many."""
+        of_points = _no_indices(points), _no_indices(points), np.empty(points), np.empty((points, 3))
+        owned = _no_indices(features), _no_indices(features), np.empty((features, 3)), _no_indices(features)
+        rest = np.empty((features, 3)), np.empty(features), np.empty((features, 3))
+        return cls(*of_points, *owned, *rest)
+
+    def first(self, points: int, features: int) -> NearPoints:
+        """Return the first of them."""
+        return NearPoints(*(part[:points] for part in self[:4]), *(part[:features] for part in self[4:]))  # type: ignore[arg-type]
 
 
 class SurfaceRows(NamedTuple):
@@ -103,6 +116,10 @@ class EndRows(NamedTuple):
     held: Array
     film: Array
     figures: Array
+
+
+def _no_indices(count: int) -> IntArray:
+    return np.empty(count, np.int64)
 
 
 NEAR = types.NamedTuple(

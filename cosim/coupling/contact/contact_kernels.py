@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numba import void
 
 from cosim.base.kernels import INTEGER, MATRIX, REAL, device_function, kernel
 from cosim.coupling.contact.contact_arrays import END, MEMORY, NEAR, SHAPES, SURFACE, TIES
@@ -49,7 +50,7 @@ def _take_feature(e, f, x, near, surface, stiffness, first_key, planes, ties):  
     return near.film_distance[f]
 
 
-@kernel((MATRIX, MATRIX, NEAR, SURFACE, SHAPES, MEMORY, REAL, REAL, PLANES, TIES))
+@kernel(void(MATRIX, MATRIX, NEAR, SURFACE, SHAPES, MEMORY, REAL, REAL, PLANES, TIES))
 def describe(x, places, near, surface, shapes, memory, per_area, of_feature, planes, ties):  # type: ignore[no-untyped-def]
     """Fill tangent planes and what they are tied to, from nodes and contact points (p, 3) [m].
 

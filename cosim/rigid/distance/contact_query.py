@@ -8,6 +8,7 @@ reads poses only.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cached_property
 from typing import final
 
 import mujoco
@@ -62,7 +63,7 @@ class ContactQuery:
         self.position[:] = self._data.geom_xpos[self.geoms]
         self.rotation[:] = self._data.geom_xmat[self.geoms].reshape(-1, 3, 3)
 
-    @property
+    @cached_property
     def bounds(self) -> ShapeBounds:
         """The shapes' bounds and MuJoCo's poses, for kernels."""
         data, shapes = self._data, self.shapes

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import final
 
 import numpy as np
+from numba import void
 
 from cosim.base.frames import Array, IntArray
 from cosim.base.kernels import BLOCKS, INDICES, MATRIX, kernel
@@ -15,8 +16,8 @@ _SPACING_M = 4e-3  # of points along sharp edges
 _SHARP_COSINE = np.cos(np.radians(20.0))  # hull edges below this turn are no edges
 
 
-@kernel((MATRIX, BLOCKS, INDICES, MATRIX, INDICES, MATRIX))
-def _carry(position, rotation, owner, local, chosen, out):  # type: ignore[no-untyped-def]
+@kernel(void(MATRIX, BLOCKS, INDICES, MATRIX, INDICES, MATRIX))
+def carry(position, rotation, owner, local, chosen, out):  # type: ignore[no-untyped-def]
     """Fill where chosen points, given in the frames of their shapes, are in the world."""
     for k in range(chosen.shape[0]):
         p = local[chosen[k]]
@@ -53,7 +54,7 @@ class FeaturePoints:
             chosen: indices of points.
         """
         out = np.empty((len(chosen), 3))
-        _carry(position, rotation, self.shape, self.position, chosen, out)
+        carry(position, rotation, self.shape, self.position, chosen, out)
         return out
 
 

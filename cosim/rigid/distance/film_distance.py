@@ -80,7 +80,7 @@ def _triangles_around(points, x, triangles, room, first, listed):  # type: ignor
         MATRIX,
     )
 )  # fmt: skip
-def _film_near(  # type: ignore[no-untyped-def]
+def film_near(  # type: ignore[no-untyped-def]
     points, least, most, x, triangles, first, listed, reach, depth, out_point, out_triangle, out_weight, out
 ):
     """Fill each point's nearest triangle if the signed distance is in -depth .. reach; return how many.
@@ -209,7 +209,7 @@ def near_film(
     room = len(points)
     point, triangle = np.empty(room, np.int64), np.empty(room, np.int64)
     weight, out = np.empty((room, 3)), np.empty((room, 4))
-    count = _film_near(
+    count = film_near(
         np.ascontiguousarray(points), *within, positions, triangles, lists.first, lists.listed, reach_m,
         depth_m, point, triangle, weight, out,
     )  # fmt: skip

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import numpy as np
 from numba import types
 
 from cosim.base.frames import Array, IntArray
@@ -35,12 +34,6 @@ class ShapeBounds(NamedTuple):
     position: Array
     rotation: Array
     near: IntArray
-
-    @classmethod
-    def of_nothing(cls) -> ShapeBounds:
-        """Return those of no shape."""
-        none, no_rows, no_blocks = np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros((0, 3, 3))
-        return cls(none, no_rows, no_rows, none, no_rows, np.zeros((0, 9)), no_rows, no_blocks, none)
 
 
 SHAPE_BOUNDS = types.NamedTuple(

@@ -54,7 +54,7 @@ def _distance(kind, p, size, reach, planes, corners, values, table, origin, spac
         INDEX_TABLE, MATRIX, BLOCKS, INDEX_TABLE, MATRIX, MATRIX, VECTOR, INDICES, INDICES, MATRIX,
     )
 )  # fmt: skip
-def _near_points(  # type: ignore[no-untyped-def]
+def points_near(  # type: ignore[no-untyped-def]
     points, reach, boxes, active, spans, listed, position, rotation, kind, size, center, half, faces, planes,
     corners, table, origin, spacing, values, out_point, out_shape, out,
 ):  # fmt: skip
@@ -191,7 +191,7 @@ def _near(
     room = int((lists.spans[:, 1] - lists.spans[:, 0]).sum())
     point, shape = np.empty(room, np.int64), np.empty(room, np.int64)
     out = np.empty((room, 4))
-    count = _near_points(
+    count = points_near(
         points, reach_m, boxes, active, lists.spans, lists.listed, position, rotation, s.kind, s.size,
         s.center, s.half, s.faces, s.planes, s.corners, s.table, s.origin, s.spacing, s.values, point, shape,
         out,

@@ -10,8 +10,9 @@ import numpy as np
 from numba import types
 
 from cosim.base.frames import Array
+from cosim.base.kernels import nothing_of
 from cosim.errors import InputError
-from cosim.soft.contact.obstacle_contact import TOUCHED, ContactPlanes, TouchedPlanes, nothing_touched
+from cosim.soft.contact.obstacle_contact import TOUCHED, ContactPlanes, TouchedPlanes
 from cosim.soft.contact.self_contact_memory import FILM_PAIRS, PairRows
 from cosim.soft.contact.self_contact_pairs import FilmPairs
 from cosim.soft.elements.element import NodalPotential, Sums
@@ -71,11 +72,11 @@ class Touching(NamedTuple):
 TOUCHING = types.NamedTuple((TOUCHED, types.int64, FILM_PAIRS), Touching)
 
 
+@cache
 def nothing_touching() -> Touching:
     """Return what stands for nothing that may touch."""
-    three, six, none = np.zeros((0, 3)), np.zeros((0, 6), np.int64), np.zeros(0)
-    pairs = PairRows(six, three, none, none, three, three, three, np.ones(2), np.zeros((0, 5)))
-    return Touching(nothing_touched(), 0, pairs)
+    nothing: Touching = nothing_of(TOUCHING)
+    return nothing
 
 
 @final

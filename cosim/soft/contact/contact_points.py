@@ -25,8 +25,8 @@ from cosim.soft.linear.pattern import BlockPattern
 _CORNER, _MIDPOINT, _CENTROID = 1.0 / 20.0, 2.0 / 15.0, 9.0 / 20.0
 
 
-@kernel((MATRIX, INDEX_TABLE, MATRIX, INDICES, MATRIX))
-def _combine(x: Array, nodes: IntArray, weights: Array, chosen: IntArray, out: Array) -> None:
+@kernel(void(MATRIX, INDEX_TABLE, MATRIX, INDICES, MATRIX))
+def combine(x: Array, nodes: IntArray, weights: Array, chosen: IntArray, out: Array) -> None:
     """Fill out[k] = sum_a weights[k, a] x[nodes[k, a]] for chosen k."""
     for k in chosen:
         for r in range(3):
@@ -150,7 +150,7 @@ class ContactSurface:
 
     def fill_points(self, positions: Array, chosen: IntArray, out: Array) -> None:
         """Fill chosen ones (k,) of the contact points (p, 3) [m] at node positions (n, 3) [m]."""
-        _combine(positions, self.nodes, self.weights, chosen, out)
+        combine(positions, self.nodes, self.weights, chosen, out)
 
 
 def _pair(slots: IntArray) -> IntArray:

@@ -236,12 +236,3 @@ class ContactForces:
         """Of the deepest of them [m]; 0 if none presses, negative while none has sunk in."""
         pressing = self.normal_force > 0.0
         return -float(self.distance[pressing].min()) if pressing.any() else 0.0
-
-
-def nothing_touched() -> TouchedPlanes:
-    """Return what stands for nothing that may be touched."""
-    none = ContactPlanes(
-        np.zeros((0, 3), np.int64), np.zeros((0, 3)), np.zeros((0, 6), np.int64), np.zeros((0, 3)),
-        np.zeros(0), np.zeros(0), np.zeros(0), np.zeros((0, 3)), law=ContactLaw(),
-    )  # fmt: skip
-    return TouchedPlanes(0, none.rows, np.ones(2), np.zeros((0, 3)), np.zeros(0))
