@@ -29,7 +29,7 @@ from cosim.reduced.sections.outputs import CENTER, fill_center_and_inertia
 from cosim.rigid.distance.shapes import fill_near_box
 from cosim.rigid.scene.native import NATIVE_SCENE
 from cosim.soft.body.loads import PlainLoads
-from cosim.soft.contact.contact_points import span
+from cosim.soft.contact.point_kernels import span
 from cosim.soft.elements.mass_terms import mass_moments
 from cosim.soft.solve.film_step import film_step
 from cosim.soft.solve.held_nodes import add_wrench

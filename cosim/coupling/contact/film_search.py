@@ -31,7 +31,7 @@ from cosim.rigid.distance.features import carry
 from cosim.rigid.distance.film_distance import film_near
 from cosim.rigid.distance.shape_bounds import SHAPE_BOUNDS, ShapeBounds
 from cosim.rigid.distance.signed_distance import points_near
-from cosim.soft.contact.contact_points import combine
+from cosim.soft.contact.point_kernels import combine
 
 _CALLED = (combine, points_near, carry, film_near)
 _COMBINE, _POINTS, _CARRY, _FILM = range(len(_CALLED))

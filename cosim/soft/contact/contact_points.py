@@ -11,43 +11,17 @@ from dataclasses import dataclass
 from typing import final
 
 import numpy as np
-from numba import void
 
 from cosim.base.frames import Array, IntArray
-from cosim.base.kernels import INDEX_TABLE, INDICES, MATRIX, VECTOR, kernel
 from cosim.base.state_check import check_indices
 from cosim.errors import InputError
 from cosim.soft.body.body import SoftBody
 from cosim.soft.contact.obstacle_contact import ContactPlanes
+from cosim.soft.contact.point_kernels import combine, span
 from cosim.soft.geometry.surface import directed_edges, triangle_area
 from cosim.soft.linear.pattern import BlockPattern
 
 _CORNER, _MIDPOINT, _CENTROID = 1.0 / 20.0, 2.0 / 15.0, 9.0 / 20.0
-
-
-@kernel(void(MATRIX, INDEX_TABLE, MATRIX, INDICES, MATRIX))
-def combine(x: Array, nodes: IntArray, weights: Array, chosen: IntArray, out: Array) -> None:
-    """Fill out[k] = sum_a weights[k, a] x[nodes[k, a]] for chosen k."""
-    for k in chosen:
-        for r in range(3):
-            out[k, r] = (
-                weights[k, 0] * x[nodes[k, 0], r]
-                + weights[k, 1] * x[nodes[k, 1], r]
-                + weights[k, 2] * x[nodes[k, 2], r]
-            )
-
-
-@kernel(void(MATRIX, MATRIX, VECTOR, VECTOR, VECTOR))
-def span(x: Array, v: Array, low: Array, high: Array, fastest: Array) -> None:
-    """Fill smallest and largest coordinates of x and, in fastest[0], the largest |v| squared."""
-    low[:], high[:], fastest[0] = np.inf, -np.inf, 0.0
-    for n in range(x.shape[0]):
-        square = 0.0
-        for r in range(3):
-            low[r] = min(low[r], x[n, r])
-            high[r] = max(high[r], x[n, r])
-            square += v[n, r] * v[n, r]
-        fastest[0] = max(fastest[0], square)
 
 
 @final

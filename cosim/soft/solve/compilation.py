@@ -9,8 +9,8 @@ from typing import Any
 
 from cosim.base.kernels import remove_old
 from cosim.soft.body import center_line
-from cosim.soft.contact import contact_points as contact_surface
 from cosim.soft.contact import obstacle_contact as contact
+from cosim.soft.contact import point_kernels as contact_surface
 from cosim.soft.elements import mass_terms, pressure
 from cosim.soft.elements.element import kinds_known
 from cosim.soft.linear import envelope_kernels, pattern, secant_pairs
