@@ -6,6 +6,7 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from types import SimpleNamespace
 from typing import Any, final
 
 
@@ -15,13 +16,13 @@ class Tally:
     """What all solvers of the process have done since it was made.
 
     Args:
-        tangents: assembled.
-        gradients: evaluated without one.
+        tangents: assembled; of one of several bodies side by side a share.
+        gradients: evaluated without one; of several bodies as many as of that which took most.
         shifted: tangents that were not positive definite as they were.
         calls: of Python and C functions from Python, within `counting_calls`.
     """
 
-    tangents: int = 0
+    tangents: float = 0.0
     gradients: int = 0
     shifted: int = 0
     calls: int = 0
@@ -36,12 +37,18 @@ class Tally:
         at: Any = Problem.at
         factor: Any = vars(NewtonSolver)["_factor"]  # of versions before as well
         film_step: Any = vars(quick_step)["film_step"]
+        part_of: Any = vars(quick_step).get("FilmPart", SimpleNamespace(at=None))
+        part_at = part_of.at
         take_row: Any = BatchStepper.take
 
         def counted_at(problem: Problem, *places: Any, hessian: bool = False) -> Any:
             self.tangents += hessian
             self.gradients += not hessian
             return at(problem, *places, hessian=hessian)
+
+        def counted_part(part: Any, *places: Any, hessian: bool = False) -> Any:
+            self.tangents += hessian / (len(part.film.parts) - 1)
+            return part_at(part, *places, hessian=hessian)
 
         def counted_factor(solver: NewtonSolver, *given: Any) -> Any:
             attempts = factor(solver, *given)
@@ -62,6 +69,7 @@ class Tally:
 
         for owner, name, counted in (
             (Problem, "at", counted_at),
+            (part_of, "at", counted_part),
             (NewtonSolver, "_factor", counted_factor),
             (quick_step, "film_step", counted_step),
             (BatchStepper, "take", counted_row),

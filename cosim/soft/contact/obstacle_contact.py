@@ -18,7 +18,7 @@ from numba import types
 
 from cosim.base.frames import Array, IntArray
 from cosim.base.kernel_calls import address_of
-from cosim.base.kernels import BLOCKS, INDEX_TABLE, INDICES, MATRIX, REAL, VECTOR, add_block, kernel
+from cosim.base.kernels import BLOCKS, INDEX_TABLE, INDICES, INTEGER, MATRIX, REAL, VECTOR, add_block, kernel
 from cosim.soft.contact.contact_law import ContactLaw, touch
 from cosim.soft.elements.element import Sums
 
@@ -63,16 +63,19 @@ PLANES = types.NamedTuple(
 TOUCHED = types.NamedTuple((types.int64, PLANES, VECTOR, MATRIX, VECTOR), TouchedPlanes)
 
 
-@kernel(REAL(MATRIX, PLANES, VECTOR, MATRIX, BLOCKS, MATRIX, VECTOR))
-def add_contacts(x, planes, widths, gradient, blocks, own, pressing):  # type: ignore[no-untyped-def]
-    """Add gradient (and Hessian, if there are blocks) of all contacts; return the energy [J].
+@kernel(REAL(MATRIX, PLANES, VECTOR, INTEGER, INTEGER, MATRIX, BLOCKS, MATRIX, VECTOR))
+def add_contacts(x, planes, widths, begin, end, gradient, blocks, own, pressing):  # type: ignore[no-untyped-def]
+    """Add gradient (and Hessian, if there are blocks) of contacts of some nodes; return the energy [J].
 
+    They are those of triangles whose first node is from `begin` on and before `end`.
     `own` receives each contact's gradient by its point, `pressing` its normal force.
     """
     point, tangent, k = np.empty(3), np.empty((3, 3)), np.empty((3, 3))
     nodes, weights, normal, friction = planes.nodes, planes.weights, planes.normal, planes.friction
     energy = 0.0
     for e in range(nodes.shape[0]):
+        if not begin <= nodes[e, 0] < end:
+            continue
         for r in range(3):
             point[r] = 0.0
             for a in range(3):
@@ -151,13 +154,16 @@ class ContactPlanes:
         """Add the gradient and, if told to, the Hessian at positions (n, 3) [m]; return the energy [J]."""
         _, planes, widths, own, pressing = self.touched
         blocks = sums.blocks if hessian else _NO_BLOCKS
-        energy: float = add_contacts(positions, planes, widths, sums.gradient, blocks, own, pressing)
+        energy: float = add_contacts(
+            positions, planes, widths, 0, len(positions), sums.gradient, blocks, own, pressing
+        )
         return energy
 
     def at(self, positions: Array) -> ContactForces:
         """Return forces and places of the contact points at positions (n, 3) [m]."""
         _, planes, widths, own, pressing = self.touched
-        add_contacts(positions, planes, widths, np.zeros_like(positions), _NO_BLOCKS, own, pressing)
+        every = 0, len(positions)
+        add_contacts(positions, planes, widths, *every, np.zeros_like(positions), _NO_BLOCKS, own, pressing)
         point = np.einsum("ka,kar->kr", self.weights, positions[self.nodes])
         distance = np.einsum("kr,kr->k", self.normal, point) - self.offset
         return ContactForces(point, -own, pressing.copy(), distance)

@@ -1,14 +1,16 @@
 """Cholesky within the envelope of the matrix: for long bodies, whose numbering follows their length.
 
-Row i of L is kept from the first entry of row i of A on; no fill lies before it. Rows and columns are taken
-four at a time, as tiles:
+Bodies that nothing couples are factorised one by one. Row i of L is kept from the first entry of row i of A
+on; no fill lies before it. Rows and columns are taken four at a time, as tiles:
     L_IJ = (A_IJ - sum_K L_IK L_JK^T) L_JJ^-T,   L_II L_II^T = A_II - sum_K L_IK L_IK^T.
 Source: George and Liu, Computer Solution of Large Sparse Positive Definite Systems, 1981, chapter 4.
 """
 
 from __future__ import annotations
 
-from typing import Any, final
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any, Final, NamedTuple, final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,8 +22,12 @@ from cosim.base.state_check import KnownStates, check_state
 from cosim.soft.linear.envelope_kernels import factorise, substitute
 from cosim.soft.linear.linear_solver import LinearSolver, equations, lower_entries, numbering
 from cosim.soft.linear.pattern import BlockPattern
+from cosim.soft.linear.ranges_apart import part_of, ranges_apart
 
-_TILE = 4
+NODE, STORED, TILED, SOLVED = range(4)
+"""What columns of the table of `EnvelopeArrays` are."""
+
+_TILE: Final = 4
 _STRAIGHT = np.eye(3)
 
 
@@ -52,21 +58,35 @@ def _best_order(pattern: BlockPattern, movable: Mask) -> IntArray:
 
 
 @final
-class EnvelopeCholesky(LinearSolver):
-    """Cholesky within the envelope; refuses an indefinite matrix.
+@dataclass(frozen=True)
+class _Part:
+    """The envelope of a range of nodes that nothing couples with others.
 
     Args:
-        pattern: of the whole body.
-        free: (n,) bool, nodes that can move, or (n, 3) bool, world components that can.
+        entries: of A, see `factorise`: sources in the blocks of the whole, places, first one of each tile.
+        start: where each tile's rows begin, and
+        first: first tile of each.
+        dofs: (size,), the component 3 node + axis of each equation, nodes numbered from the range's first.
+        stored: entries of L.
+        bandwidth: of A.
     """
 
-    def __init__(self, pattern: BlockPattern, free: Mask) -> None:
-        super().__init__(pattern, free)
-        number = numbering(self.free, _best_order(pattern, np.asarray(self.free.any(axis=1))))
-        row, column, source = lower_entries(pattern, number)
-        self.bandwidth = int((row - column).max(initial=0))
-        self._dofs = equations(number)
-        tiles = -(-self.size // _TILE)
+    entries: tuple[PlaceArray, PlaceArray, PlaceArray]
+    start: PlaceArray
+    first: PlaceArray
+    dofs: IntArray
+    stored: int
+    bandwidth: int
+
+    @classmethod
+    def of(cls, pattern: BlockPattern, free: Mask, begin: int, end: int) -> _Part:
+        """Return that of nodes begin to end."""
+        own, before = part_of(pattern, begin, end)
+        movable = free[begin:end]
+        number = numbering(movable, _best_order(own, np.asarray(movable.any(axis=1))))
+        row, column, source = lower_entries(own, number)
+        dofs = equations(number)
+        tiles = -(-len(dofs) // _TILE)
         first = _first_entries(row // _TILE, column // _TILE, tiles)
         wide = _TILE * (np.arange(tiles) - first + 1)
         ends = np.cumsum(_TILE * wide)
@@ -79,10 +99,55 @@ class EnvelopeCholesky(LinearSolver):
 
         order = np.argsort(row // _TILE, kind="stable")  # nearly in order as it is
         entry = np.searchsorted(row[order] // _TILE, np.arange(tiles + 1))
-        parts = source[order], place(row, column)[order], entry
-        self._entries = tuple(part.astype(np.uint64) for part in parts)
-        self._places = start.astype(np.uint64), first.astype(np.uint64)
-        self._store, self._inverse = np.empty(int(wide.sum()) * _TILE), np.empty(_TILE * tiles)
+        found = (source + 9 * before)[order], place(row, column)[order], entry
+        sources, places, entries = (part.astype(np.uint64) for part in found)
+        return cls(
+            (sources, places, entries), start.astype(np.uint64), first.astype(np.uint64), dofs,
+            int(wide.sum()) * _TILE, int((row - column).max(initial=0)),
+        )  # fmt: skip
+
+
+class EnvelopeArrays(NamedTuple):
+    """A factor as `substitute` takes it, part after part.
+
+    Args:
+        store: entries of L.
+        start: where each tile's rows begin in its part's entries.
+        first: first tile of each, of its part.
+        inverse: reciprocal diagonal.
+        dofs: component of each equation, of its part's nodes.
+        parts: (parts + 1, 4), where the nodes, entries, tiles and equations of each begin.
+    """
+
+    store: Array
+    start: PlaceArray
+    first: PlaceArray
+    inverse: Array
+    dofs: IntArray
+    parts: IntArray
+
+
+@final
+class EnvelopeCholesky(LinearSolver):
+    """Cholesky within the envelope; refuses an indefinite matrix.
+
+    Args:
+        pattern: of the whole body.
+        free: (n,) bool, nodes that can move, or (n, 3) bool, world components that can.
+    """
+
+    def __init__(self, pattern: BlockPattern, free: Mask) -> None:
+        super().__init__(pattern, free)
+        apart = ranges_apart(pattern)
+        parts = self._parts = [_Part.of(pattern, self.free, a, b) for a, b in pairwise(apart.tolist())]
+        sizes = [(part.stored, len(part.start), len(part.dofs)) for part in parts]
+        ends = np.cumsum([(0, 0, 0), *sizes], axis=0, dtype=np.int64)
+        self._table = np.column_stack([apart, ends])
+        self._start = np.concatenate([part.start for part in parts])
+        self._first = np.concatenate([part.first for part in parts])
+        self._dofs = np.concatenate([part.dofs for part in parts])
+        self.bandwidth = max(part.bandwidth for part in parts)
+        self._store, self._inverse = np.empty(ends[-1, 0]), np.empty(_TILE * ends[-1, 1])
         self._lent = False  # whether a saved state holds the factor
         self._known = KnownStates()
 
@@ -92,22 +157,34 @@ class EnvelopeCholesky(LinearSolver):
         return len(self._store) / max(self.size, 1)
 
     @property
-    def envelope(self) -> tuple[Array, PlaceArray, PlaceArray, Array, IntArray] | None:
-        """What `substitute` takes of the factor, in order; None where dense terms go beside it."""
-        start, first = self._places
-        return None if self._correction else (self._store, start, first, self._inverse, self._dofs)
+    def apart(self) -> IntArray:
+        return np.ascontiguousarray(self._table[:, NODE])
+
+    @property
+    def envelope(self) -> EnvelopeArrays | None:
+        """The factor; None where dense terms go beside it."""
+        if self._correction:
+            return None
+        return EnvelopeArrays(self._store, self._start, self._first, self._inverse, self._dofs, self._table)
+
+    def factor_part(self, number: int, blocks: Array, shift: float = 0.0) -> bool:
+        self._correction = None
+        if self._lent:  # of the other parts it stays
+            self._store, self._inverse, self._lent = self._store.copy(), self._inverse.copy(), False
+        part = self._parts[number]
+        places = part.start, part.first, *self._factor_of(number)
+        return bool(factorise(blocks.reshape(-1), *part.entries, shift, len(part.dofs), *places))
+
+    def _factor_of(self, number: int) -> tuple[Array, Array]:
+        """Return entries of L and the reciprocal diagonal of a part."""
+        (_, stored, tiled, _), (_, stored_end, tiled_end, _) = self._table[number : number + 2]
+        return self._store[stored:stored_end], self._inverse[_TILE * tiled : _TILE * tiled_end]
 
     def _factorise(self, blocks: Array, shift: float) -> bool:
         if self._lent:
             self._store, self._inverse = np.empty_like(self._store), np.empty_like(self._inverse)
             self._lent = False
-        source, place, entry = self._entries
-        values, start_first = blocks.reshape(-1), self._places
-        return bool(
-            factorise(
-                values, source, place, entry, shift, self.size, *start_first, self._store, self._inverse
-            )
-        )
+        return all(self.factor_part(number, blocks, shift) for number in range(len(self._parts)))
 
     def _lend_factor(self) -> tuple[NDArray[Any], ...]:
         self._lent = True
@@ -122,12 +199,18 @@ class EnvelopeCholesky(LinearSolver):
         self._known.add(self._store)
 
     def _solve_sparse(self, loads: Array) -> Array:
-        result = np.array(loads, order="C")
-        substitute(self._store, *self._places, self._inverse, self._dofs, _STRAIGHT, result)
-        return result
+        return self._substituted(loads, _STRAIGHT)
 
     def _solve_turned(self, load: Array, turn: Array | None) -> Array:
-        result = np.array(load[None], order="C")
-        straight = _STRAIGHT if turn is None else turn
-        substitute(self._store, *self._places, self._inverse, self._dofs, straight, result)
-        return np.asarray(result[0])
+        return np.asarray(self._substituted(load[None], _STRAIGHT if turn is None else turn)[0])
+
+    def _substituted(self, loads: Array, turn: Array) -> Array:
+        found = []
+        for number, part in enumerate(self._parts):
+            store, inverse = self._factor_of(number)
+            begin, end = self._table[number : number + 2, NODE]
+            own = np.array(loads[:, begin:end], order="C")
+            if len(self._parts) == 1 or own.any():
+                substitute(store, part.start, part.first, inverse, part.dofs, turn, own)
+            found.append(own)
+        return found[0] if len(found) == 1 else np.concatenate(found, axis=1)

@@ -5,7 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Annotated, final
 
-from cosim.base.frames import Array
+import numpy as np
+
+from cosim.base.frames import Array, IntArray
 from cosim.soft.linear.linear_solver import FactorState
 from cosim.soft.linear.pattern import BlockPattern
 
@@ -13,10 +15,29 @@ from cosim.soft.linear.pattern import BlockPattern
 @final
 @dataclass(frozen=True)
 class KeptFactor:
-    """For which problem, and at which flange rotation, the factorisation in store was made."""
+    """For which problem, and at which flange rotation, a part of the factorisation in store was made."""
 
     kind: float
     frame: Annotated[Array, (3, 3)]
+
+
+KeptParts = tuple[KeptFactor | None, ...]
+
+
+def nothing_kept(apart: IntArray) -> KeptParts:
+    """Return what stands for no part kept of those whose nodes begin at `apart` (k + 1,)."""
+    return (None,) * (len(apart) - 1)
+
+
+def kept_of_all(parts: KeptParts, kind: float) -> KeptFactor | None:
+    """Return for what all parts were made, if for a problem of one kind and at one rotation."""
+    first = parts[0]
+    if first is None or first.kind != kind:
+        return None
+    for other in parts[1:]:
+        if other is None or other.kind != kind or not np.array_equal(other.frame, first.frame):
+            return None
+    return first
 
 
 @final
@@ -25,13 +46,13 @@ class NewtonState:
     """What a solver carries from one solution to the next: kept factors change the iterates.
 
     Args:
-        kept: what the factorisation was made for; None where none is kept.
-        factor: the factorisation; None where none is kept.
+        kept: what each part of the factorisation was made for; None where none is kept.
+        factor: the factorisation; None where none is kept of any part.
         gradient: (n, 3) [N], at the last solution.
         wide: pattern of the factorisation where films touched one another; None for the body's own.
     """
 
-    kept: KeptFactor | None
+    kept: tuple[KeptFactor | None, ...]
     factor: FactorState | None
     gradient: Annotated[Array, ("nodes", 3)]
     wide: BlockPattern | None = None

@@ -70,6 +70,21 @@ class LinearSolver(ABC):
             self._correction = correction
         return True
 
+    @property
+    def apart(self) -> IntArray:
+        """Where the nodes of each part begin that can be factorised by itself, and their number (k + 1,)."""
+        return np.array([0, self.pattern.nodes])
+
+    def factor_part(self, number: int, blocks: Array, shift: float = 0.0) -> bool:
+        """Factorise one part, without dense terms; the others stay as they are.
+
+        Args:
+            number: of the part, in the order of `apart`.
+            blocks: (pattern.blocks, 3, 3) [N/m]; those of the part count.
+            shift: added to the diagonal [N/m].
+        """
+        return self.factor(blocks, shift)
+
     def solve(self, load: Array, turn: Array | None = None) -> Array:
         """Return the displacement (n, 3) [m] under a load (n, 3) [N]; zero where clamped.
 

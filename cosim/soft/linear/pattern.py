@@ -11,6 +11,8 @@ import numpy as np
 
 from cosim.base.frames import Array, IntArray
 from cosim.base.kernels import INDEX_TABLE, INDICES, INTEGER, kernel
+from cosim.base.state_check import check_indices
+from cosim.errors import InputError
 
 _SPARE = 1.1  # blocks of a wider pattern that is kept, over those that are needed
 
@@ -109,6 +111,21 @@ class BlockPattern:
     @cached_property
     def _key(self) -> IntArray:
         return self.row * self.nodes + self.column
+
+
+def check_widened(own: BlockPattern, wide: BlockPattern) -> None:
+    """Check that a saved pattern is one of a body, or wider.
+
+    Raises:
+        InputError: it lacks some of the body's own blocks, is not in order, or is of other nodes.
+    """
+    check_indices(wide.row, own.nodes, "nodes")
+    check_indices(wide.column, own.nodes, "nodes")
+    key = wide.row * own.nodes + wide.column
+    holds = np.isin(own.row * own.nodes + own.column, key).all()
+    ordered = (np.diff(key) > 0).all() and (wide.column <= wide.row).all()
+    if not (wide.nodes == own.nodes and holds and ordered):
+        raise InputError("the saved pattern of touching films is not one of this body")
 
 
 @final

@@ -143,6 +143,12 @@ class SoftSystem:
         self.low_rank = LowRank.joined(self._dense) if self._dense else None
         return energy
 
+    def take_own_tangent(self, rows: slice) -> None:
+        """Let the body's own pattern be the tangent's, with no dense part; clear the blocks of some nodes."""
+        first, last = np.searchsorted(self.pattern.row, [rows.start, rows.stop])
+        self.blocks[first:last] = 0.0
+        self.tangent_pattern, self.tangent_blocks, self.low_rank = self.pattern, self.blocks, None
+
     def _widened(self, nodes: IntArray) -> tuple[Array, IntArray]:
         coupled, slots = self._widening.places(nodes, self.serving)
         self.tangent_pattern, self.tangent_blocks = coupled.pattern, coupled.blocks(self.blocks)

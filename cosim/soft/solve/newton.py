@@ -16,21 +16,20 @@ from typing import final
 
 import numpy as np
 
-from cosim.base.frames import Array, Mask
-from cosim.base.state_check import check_indices
+from cosim.base.frames import Array, IntArray, Mask
 from cosim.errors import InputError
 from cosim.soft.body.loads import Loads
 from cosim.soft.elements.mass_terms import Inertia
-from cosim.soft.linear.kept_factor import KeptFactor, NewtonState
+from cosim.soft.linear.kept_factor import KeptFactor, NewtonState, kept_of_all, nothing_kept
 from cosim.soft.linear.linear_solver import LinearSolver, by_component
 from cosim.soft.linear.multifrontal_cholesky import cholesky
-from cosim.soft.linear.pattern import BlockPattern
+from cosim.soft.linear.pattern import BlockPattern, check_widened
 from cosim.soft.linear.secant_pairs import FAR, SecantPairs, bend_load, keep_pair, mend_step
 from cosim.soft.linear.shift_search import ShiftSearch
 from cosim.soft.published.open_caps import OpenCapSolver
 from cosim.soft.solve.assembly import SoftSystem
 from cosim.soft.solve.newton_options import NewtonOptions, NewtonResult, Outcome
-from cosim.soft.solve.problem import Point, Problem
+from cosim.soft.solve.problem import Point, Potential, Problem
 
 
 @final
@@ -49,7 +48,7 @@ class NewtonSolver:
         self.free = np.ascontiguousarray(by_component(~clamped))
         self._narrow = self._solver_for(system.pattern, None)
         self.linear: LinearSolver = self._narrow
-        self._kept: KeptFactor | None = None
+        self._kept = nothing_kept(self.linear.apart)
         self._shifts = ShiftSearch()
         self._pairs, self._count = SecantPairs.room(system.body.nodes), 0
 
@@ -107,7 +106,13 @@ class NewtonSolver:
         )  # fmt: skip
 
     def with_tangent(
-        self, problem: Problem, point: Point, memory: Array, frame: Array, options: NewtonOptions
+        self,
+        problem: Potential,
+        point: Point,
+        memory: Array,
+        frame: Array,
+        options: NewtonOptions,
+        part: int | None = None,
     ) -> tuple[int, Point | None]:
         """Take one iteration with a new tangent.
 
@@ -117,17 +122,22 @@ class NewtonSolver:
             memory: (values,), what the elements remember there.
             frame: (3, 3), rotation of the flange.
             options: bounds.
+            part: number of that which the problem is of, see `LinearSolver.apart`; None for all.
 
         Returns:
             The attempts to factorise, negative if all have failed; the point that is accepted, None for none.
         """
         self.system.serving = self.linear.pattern
         problem.at(point.positions, memory, hessian=True)
-        attempts, self._count = self._factor(options), 0
-        self._kept = KeptFactor(problem.kind, frame) if attempts == 1 else None
+        attempts, self._count = self._factor(options, part), 0
+        self._keep(KeptFactor(problem.kind, frame) if attempts == 1 else None, part)
         if attempts < 0:
             return attempts, None
-        step = self.linear.solve(-self.system.gradient)
+        load = -self.system.gradient
+        if part is not None:
+            begin, end = self.linear.apart[part : part + 2]
+            load[:begin], load[end:] = 0.0, 0.0
+        step = self.linear.solve(load)
         return attempts, self._search(problem, point, step, memory, options)
 
     def factorise(
@@ -149,41 +159,42 @@ class NewtonSolver:
         problem.at(positions, memory, hessian=True)
         system.gradient[:] = gradient
         definite = self._fitted_solver().factor(system.tangent_blocks, low_rank=system.low_rank)
-        self._kept = KeptFactor(problem.kind, frame) if definite else None
+        self._keep(KeptFactor(problem.kind, frame) if definite else None)
         return definite
 
     @property
-    def kept(self) -> KeptFactor | None:
-        """For what the factorisation in `linear` was made; None where none is kept."""
+    def kept(self) -> tuple[KeptFactor | None, ...]:
+        """For what each part of the factorisation in `linear` was made; None where none is kept."""
         return self._kept
+
+    @property
+    def apart(self) -> IntArray:
+        """Where the nodes of parts begin that nothing couples, and their number; see `LinearSolver.apart`."""
+        return self._narrow.apart
+
+    def _keep(self, kept: KeptFactor | None, part: int | None = None) -> None:
+        """Remember for what the factorisation was made, of a part or of all."""
+        self._kept = tuple(kept if part in (None, k) else before for k, before in enumerate(self._kept))
 
     def save_state(self) -> NewtonState:
         """Return what the next solution depends on besides its arguments."""
-        factor = None if self._kept is None else self.linear.save_state()
+        factor = self.linear.save_state() if any(self._kept) else None
         wide = None if self.linear is self._narrow else self.linear.pattern
         return NewtonState(self._kept, factor, self.system.gradient.copy(), wide)
 
     def restore_state(self, state: NewtonState) -> None:
         """Return to a state of `save_state`, of a solver with the same clamp."""
         if state.wide is not None:
-            self._check_pattern(state.wide)
-        if (state.kept is None) is not (state.factor is None):
+            check_widened(self.system.pattern, state.wide)
+        if any(state.kept) is (state.factor is None):
             raise InputError("the saved factorisation is not whole")
-        self._kept = state.kept
         self._fit(self.system.pattern if state.wide is None else state.wide)
+        if len(state.kept) != len(self._kept):
+            raise InputError(f"the saved factorisation has {len(state.kept)} parts, not {len(self._kept)}")
+        self._kept = state.kept
         if state.factor is not None:
             self.linear.restore_state(state.factor)
         self.system.gradient[:] = state.gradient
-
-    def _check_pattern(self, wide: BlockPattern) -> None:
-        own = self.system.pattern
-        check_indices(wide.row, own.nodes, "nodes")
-        check_indices(wide.column, own.nodes, "nodes")
-        key = wide.row * own.nodes + wide.column
-        holds = np.isin(own.row * own.nodes + own.column, key).all()
-        ordered = (np.diff(key) > 0).all() and (wide.column <= wide.row).all()
-        if not (wide.nodes == own.nodes and holds and ordered):
-            raise InputError("the saved pattern of touching films is not one of this body")
 
     @staticmethod
     def _verdict(point: Point, tangents: int, reused: int, options: NewtonOptions) -> Outcome | None:
@@ -202,8 +213,8 @@ class NewtonSolver:
 
         Then the system's gradient may be that of a point that was tried.
         """
-        kept, gradient = self._kept, self.system.gradient.copy()
-        if kept is None or kept.kind != problem.kind:
+        kept, gradient = kept_of_all(self._kept, problem.kind), self.system.gradient.copy()
+        if kept is None:
             return None
         turn = frame @ kept.frame.T  # from the rotation of the factorisation to the present one
         for _ in range(2):  # once more from there, by what the step has shown
@@ -219,7 +230,7 @@ class NewtonSolver:
                 return trial
             if self._count == known:
                 break
-        self._kept = None
+        self._keep(None)
         return None
 
     def _corrected(self, gradient: Array, turn: Array) -> Array:
@@ -230,14 +241,16 @@ class NewtonSolver:
         mend_step(self._pairs, self._count, step)
         return step
 
-    def _factor(self, options: NewtonOptions) -> int:
+    def _factor(self, options: NewtonOptions, part: int | None) -> int:
         """Factorise, with a shift where need be; return the number of attempts, negative if all failed."""
         system, linear = self.system, self._fitted_solver()
-        return self._shifts.factor(
-            lambda shift: linear.factor(system.tangent_blocks, shift, system.low_rank),
-            options.shift_start_N_m,
-            options.shift_max_N_m,
-        )
+
+        def definite(shift: float) -> bool:
+            if part is None:
+                return linear.factor(system.tangent_blocks, shift, system.low_rank)
+            return linear.factor_part(part, system.tangent_blocks, shift)
+
+        return self._shifts.factor(definite, options.shift_start_N_m, options.shift_max_N_m)
 
     def _fitted_solver(self) -> LinearSolver:
         """Return the linear solver, made for the pattern of the present tangent."""
@@ -251,6 +264,7 @@ class NewtonSolver:
         if self.linear.pattern is not pattern:
             narrow = pattern is self.system.pattern
             self.linear = self._narrow if narrow else self._solver_for(pattern, self._narrow)
+            self._kept = nothing_kept(self.linear.apart)
 
     def _solver_for(self, pattern: BlockPattern, like: LinearSolver | None) -> LinearSolver:
         if self.system.conservative:
@@ -258,7 +272,7 @@ class NewtonSolver:
         return OpenCapSolver(pattern, self.free, self.system.eyelets, like)
 
     def _search(
-        self, problem: Problem, point: Point, step: Array, memory: Array, options: NewtonOptions
+        self, problem: Potential, point: Point, step: Array, memory: Array, options: NewtonOptions
     ) -> Point | None:
         """Return the accepted point along the step, or None."""
         system = self.system

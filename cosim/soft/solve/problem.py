@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Final, final
+from typing import Final, Protocol, final
 
 from cosim.base.frames import Array, Mask
 from cosim.base.kernels import MASKS, MATRIX, REAL, kernel
@@ -51,6 +51,17 @@ class Point:
     positions: Array
     energy: float
     residual: float
+
+
+class Potential(Protocol):
+    """What an iteration with a new tangent lowers: that of a whole body, or of a part of it."""
+
+    @property
+    def kind(self) -> float:
+        """Tells apart tangents that cannot stand for each other."""
+
+    def at(self, positions: Array, memory: Array, *, hessian: bool = False) -> Point:
+        """Return the point at positions (n, 3) [m], its gradient in the system, its tangent if asked for."""
 
 
 @final

@@ -1,7 +1,8 @@
 """Steps of a film by a kernel: one call where the factorisation that is kept serves to the end.
 
 Where it does not, Newton's method makes a new tangent where the kernel has left the step, which then goes
-on. Iterates are those of `NewtonSolver.solve`.
+on: of each body by itself where several are side by side that nothing couples, such as the fingers of a
+gripper. Of one body iterates are those of `NewtonSolver.solve`.
 """
 
 from __future__ import annotations
@@ -13,19 +14,31 @@ from typing import final
 
 import numpy as np
 
-from cosim.base.frames import Array, IntArray, Mask, PlaceArray, Pose
-from cosim.soft.body.loads import Loads, Touching, nothing_touching
+from cosim.base.frames import Mask, Pose
+from cosim.soft.body.loads import Loads, PlainLoads, Touching, nothing_touching
 from cosim.soft.elements.mass_terms import Inertia
-from cosim.soft.linear.envelope_cholesky import EnvelopeCholesky
+from cosim.soft.film.film_arrays import FilmArrays, FilmSlots, StepBed
+from cosim.soft.film.film_packing import film_arrays, film_slots
+from cosim.soft.linear.envelope_cholesky import NODE, EnvelopeArrays, EnvelopeCholesky
 from cosim.soft.linear.secant_pairs import SecantPairs
-from cosim.soft.solve.film_arrays import FilmArrays, StepBed, film_arrays
+from cosim.soft.solve.film_part import FilmPart
 from cosim.soft.solve.film_step import FilmSide, film_step, step_calls
 from cosim.soft.solve.held_nodes import flange_axes, place_flight
 from cosim.soft.solve.newton import NewtonSolver
 from cosim.soft.solve.newton_options import NewtonResult, Outcome
 from cosim.soft.solve.problem import Point, Problem
 from cosim.soft.solve.state import Clamp, SoftState
-from cosim.soft.solve.step_arrays import KeptEnvelope, StepMotion, StepNumbers, StepPlace, StepWork
+from cosim.soft.solve.step_arrays import (
+    ENERGY,
+    LEFT,
+    RESIDUAL,
+    TO_DO,
+    KeptEnvelope,
+    StepMotion,
+    StepNumbers,
+    StepPlace,
+    StepWork,
+)
 from cosim.soft.solve.step_begin import fill_flight
 from cosim.soft.solve.time_scheme import StepOptions, StepScheme
 
@@ -33,12 +46,21 @@ from cosim.soft.solve.time_scheme import StepOptions, StepScheme
 @final
 @dataclass
 class _Spent:
-    """What a step has taken: iterations with a kept factorisation, with a new one, attempts, shifted ones."""
+    """What a step has taken: iterations with a kept factorisation, with a new one, attempts, shifted ones.
+
+    Of several parts: of those that took most.
+    """
 
     reused: int = 0
     tangents: int = 0
     factorisations: int = 0
     shifted: int = 0
+
+    def add(self, attempts: list[int]) -> None:
+        """Add an iteration with a new tangent, by the attempts to factorise that each part took."""
+        self.tangents += 1
+        self.factorisations += max(map(abs, attempts))
+        self.shifted += max(map(abs, attempts)) > 1
 
     def result(self, motion: StepMotion, residual: float, energy: float, *, converged: bool) -> NewtonResult:
         """Return how a step ended at the end of a motion."""
@@ -67,16 +89,30 @@ class QuickStepper:
     @cached_property
     def _film(self) -> FilmArrays | None:
         """Arrays of the body, once they are needed: statics compiles none of the kernels."""
-        return film_arrays(self._solver.system.body)
+        solver = self._solver
+        return film_arrays(solver.system.body, solver.apart)
+
+    @cached_property
+    def _slots(self) -> FilmSlots:
+        """Where the terms of several parts are in the tangent."""
+        assert self._film is not None, "of a body that the kernel knows"
+        return film_slots(self._film, self._solver.system.pattern)
+
+    @cached_property
+    def _whole(self) -> FilmArrays | None:
+        """The same arrays as one part."""
+        film = self._film
+        return None if film is None else film._replace(parts=np.ascontiguousarray(film.parts[[0, -1]]))
 
     @cached_property
     def _work(self) -> StepWork:
         system = self._solver.system
+        parts = 1 if self._film is None else len(self._film.parts) - 1
         segments = 0 if self._film is None else len(self._film.ratio)
         return StepWork(
             step_calls(), system.gradient, np.empty((1, *system.gradient.shape)),
             np.empty((2, *system.gradient.shape)), SecantPairs.room(len(system.gradient)),
-            np.empty_like(system.memory), np.empty(segments),
+            np.empty_like(system.memory), np.empty(segments), np.zeros((parts, 4)),
         )  # fmt: skip
 
     @property
@@ -90,23 +126,24 @@ class QuickStepper:
         return self._envelope is not None
 
     @property
-    def _envelope(self) -> tuple[Array, PlaceArray, PlaceArray, Array, IntArray] | None:
+    def _envelope(self) -> EnvelopeArrays | None:
         linear = self._solver.linear
         return linear.envelope if isinstance(linear, EnvelopeCholesky) else None
 
     @property
     def begins(self) -> tuple[Touching, StepPlace]:
         """What the kernel takes for the beginning of a step that touches nothing."""
-        return self._untouched, StepPlace(True, 0.0, 0.0, self._options.newton.reuse_max)
+        return self._untouched, StepPlace(True, self._options.newton.reuse_max)
 
-    def side(self, scheme: StepScheme, step_s: float) -> FilmSide | None:
+    def side(self, scheme: StepScheme, step_s: float, *, coupled: bool = False) -> FilmSide | None:
         """Return what the kernel takes for steps of a scheme; None where the body is more than it knows.
 
         Args:
             scheme: of the step.
             step_s: h [s].
+            coupled: whether its parts may touch one another.
         """
-        film, kept = self._film, self._kept(scheme)
+        film, kept = self._whole if coupled else self._film, self._kept(scheme)
         if film is None or kept is None:
             return None
         bed, numbers = StepBed(scheme.inertia, self._target), self._numbers(scheme, step_s)
@@ -139,27 +176,26 @@ class QuickStepper:
         touching = untouched if lenient else loads.touching
         first = min(options.iterations, most) if lenient else most
         while True:
-            side = self.side(scheme, step_s)
+            side = self.side(scheme, step_s, coupled=films is not None)
             if side is None:  # films that touch have widened the tangent beyond what the kernel factorises
                 return None
             converged, reused, residual, energy = film_step(side, plain, touching, motion, place)
             spent.reused += reused
             if converged:
                 break
-            left = place.reuse_max - reused
             if spent.tangents >= first and lenient:
                 if residual <= options.residual_bound_N and not self._jumps(motion, step_s):
                     velocities = (x - velocities) / scheme.span
                     break
-                lenient, first, left = False, first + most, options.newton.reuse_max
+                lenient, first = False, first + most
+                self._work.parts[:, LEFT] = options.newton.reuse_max
             if spent.tangents >= first or not math.isfinite(residual):
                 return None
-            problem = self._problem(state, loads, scheme, step_s)
-            found = self._with_tangent(problem, Point(x, energy, residual), memory, flange, spent)
-            if found is None:
+            whole = self._problem(state, loads, scheme, step_s)
+            acting = plain, touching
+            if not self._with_tangents(side, acting, motion, whole, flange, spent):
                 return None
-            x[:], memory[:] = found.positions, self._solver.system.memory
-            place = StepPlace(False, found.residual, found.energy, left)
+            place = StepPlace(False, place.reuse_max)
         result = spent.result(motion, residual, energy, converged=converged)
         return SoftState(x, velocities, memory, here, None if films is None else films.memory(x)), result
 
@@ -176,24 +212,58 @@ class QuickStepper:
         inertia = Inertia(scheme.inertia, self._target, step_s)
         return Problem(solver.system, solver.free, loads, tension, inertia)
 
-    def _with_tangent(
-        self, problem: Problem, point: Point, memory: Array, flange: Pose, spent: _Spent
-    ) -> Point | None:
-        """Return the point one iteration with a new tangent on, None where there is none."""
-        newton = self._options.newton
-        attempts, found = self._solver.with_tangent(problem, point, memory, flange.rotation, newton)
-        spent.tangents += 1
-        spent.factorisations += abs(attempts)
-        spent.shifted += abs(attempts) > 1
-        return found
+    def _with_tangents(
+        self,
+        side: FilmSide,
+        acting: tuple[PlainLoads, Touching],
+        motion: StepMotion,
+        whole: Problem,
+        flange: Pose,
+        spent: _Spent,
+    ) -> bool:
+        """Take each part that has not converged one iteration with a new tangent on; return whether it is.
+
+        Args:
+            side: of the step.
+            acting: its loads, and what is touched.
+            motion: the step's end is moved.
+            whole: what the step minimises, of all parts.
+            flange: its pose.
+            spent: counts them.
+        """
+        solver, parts, several, attempts = self._solver, side.work.parts, len(side.film.parts) > 2, []
+        for k in np.flatnonzero(parts[: len(side.film.parts) - 1, TO_DO]).tolist():
+            part = self._part(side, acting, whole, k) if several else whole
+            point = Point(motion.new_x, float(parts[k, ENERGY]), float(parts[k, RESIDUAL]))
+            given = part, point, motion.new_memory, flange.rotation, self._options.newton
+            taken, found = solver.with_tangent(*given, k if several else None)
+            attempts.append(taken)
+            if found is None:
+                break
+            motion.new_x[:], motion.new_memory[:] = found.positions, solver.system.memory
+            parts[k, RESIDUAL], parts[k, ENERGY] = found.residual, found.energy
+        spent.add(attempts)
+        return found is not None
+
+    def _part(
+        self, side: FilmSide, acting: tuple[PlainLoads, Touching], whole: Problem, number: int
+    ) -> FilmPart:
+        """Return what a step minimises of one part."""
+        return FilmPart(
+            whole.system, side.film, self._slots, *acting, side.bed, side.work.pull, whole.free, whole.kind,
+            number,
+        )  # fmt: skip
 
     def _kept(self, scheme: StepScheme) -> KeptEnvelope | None:
         """Return the factorisation in store; None where the kernel does not know its kind."""
-        kept, free = self._solver.kept, self._solver.free
-        if kept is None or kept.kind != scheme.kind:
+        parts, free, envelope = self._solver.kept, self._solver.free, self._envelope
+        there = [kept is not None and kept.kind == scheme.kind for kept in parts]
+        if not any(there):
             return _nothing_kept(free)
-        envelope = self._envelope
-        return None if envelope is None else KeptEnvelope(True, *envelope, _writable(kept.frame), free)
+        if envelope is None:
+            return None
+        frames = np.array([np.eye(3) if kept is None else kept.frame for kept in parts])
+        return KeptEnvelope(np.array(there, np.int64), envelope, frames, free)
 
     def _numbers(self, scheme: StepScheme, step_s: float) -> StepNumbers:
         options = self._options
@@ -206,10 +276,7 @@ class QuickStepper:
 
 def _nothing_kept(free: Mask) -> KeptEnvelope:
     """Return what stands for no factorisation: only a start that is good enough is a step's end then."""
-    none, no_places = np.empty(0), np.empty(0, np.uint64)
-    return KeptEnvelope(False, none, no_places, no_places, none, np.empty(0, np.int64), np.eye(3), free)
-
-
-def _writable(values: Array) -> Array:
-    """Return the same array, or a copy that can be written to: kernels are compiled for such ones."""
-    return values if values.flags.writeable else values.copy()
+    none, no_places, table = np.empty(0), np.empty(0, np.uint64), np.zeros((2, 4), np.int64)
+    table[1, NODE] = len(free)
+    factor = EnvelopeArrays(none, no_places, no_places, none, np.empty(0, np.int64), table)
+    return KeptEnvelope(np.zeros(1, np.int64), factor, np.eye(3)[None], free)

@@ -6,9 +6,13 @@ from typing import NamedTuple
 
 from numba import types
 
-from cosim.base.frames import Array, IntArray, Mask, PlaceArray
-from cosim.base.kernels import BLOCKS, BOOLEAN, INDICES, MASKS, MATRIX, PLACES, REAL, VECTOR
+from cosim.base.frames import Array, IntArray, Mask
+from cosim.base.kernels import BLOCKS, BOOLEAN, INDEX_TABLE, INDICES, MASKS, MATRIX, PLACES, REAL, VECTOR
+from cosim.soft.linear.envelope_cholesky import EnvelopeArrays
 from cosim.soft.linear.secant_pairs import PAIRS, SecantPairs
+
+TO_DO, LEFT, RESIDUAL, ENERGY = range(4)
+"""What columns of `StepWork.parts` are."""
 
 
 class StepNumbers(NamedTuple):
@@ -38,25 +42,17 @@ class StepNumbers(NamedTuple):
 
 
 class KeptEnvelope(NamedTuple):
-    """A factorisation by its envelope, see `substitute`, and the flange's axes when it was made.
+    """A factorisation by its envelope, and the flange's axes when each part of it was made.
 
     Args:
-        there: whether there is one.
-        store: entries of L.
-        start: where each tile's rows begin.
-        first: first tile of each.
-        inverse: reciprocal diagonal.
-        dofs: component of each equation.
-        frame: (3, 3), world from flange.
+        there: (parts,), 1 where there is one, 0 for none.
+        factor: see `EnvelopeArrays`.
+        frame: (parts, 3, 3), world from flange.
         free: (n, 3), components that move.
     """
 
-    there: bool
-    store: Array
-    start: PlaceArray
-    first: PlaceArray
-    inverse: Array
-    dofs: IntArray
+    there: IntArray
+    factor: EnvelopeArrays
     frame: Array
     free: Mask
 
@@ -91,15 +87,12 @@ class StepPlace(NamedTuple):
     """Where a call goes on.
 
     Args:
-        begins: whether the step does; otherwise the end of the motion and the gradient are where it is.
-        residual: there [N].
-        energy: potential there [J].
-        reuse_max: iterations at most.
+        begins: whether the step does; otherwise the end of the motion, the gradient and `StepWork.parts` are
+            where it is.
+        reuse_max: iterations of each part at most, in all calls of a step.
     """
 
     begins: bool
-    residual: float
-    energy: float
     reuse_max: int
 
 
@@ -107,13 +100,15 @@ class StepWork(NamedTuple):
     """Scratch of a step; `gradient` holds what its end has.
 
     Args:
-        calls: (10,), see `step_calls`.
+        calls: (11,), see `step_calls`.
         gradient: (n, 3) [N].
         solution: (1, n, 3).
         served: (2, n, 3), the last point that serves [m] and its gradient [N].
         pairs: of the steps with the kept factorisation.
         reference: (values,).
         pull: (segments,).
+        parts: (parts, 4) of which each has: whether it is to be solved, iterations that are left, residual
+            [N] and potential [J] where it is.
     """
 
     calls: IntArray
@@ -123,10 +118,12 @@ class StepWork(NamedTuple):
     pairs: SecantPairs
     reference: Array
     pull: Array
+    parts: Array
 
 
 NUMBERS = types.NamedTuple((BOOLEAN, *(8 * [REAL])), StepNumbers)
-PLACE = types.NamedTuple((BOOLEAN, REAL, REAL, types.int64), StepPlace)
-KEPT = types.NamedTuple((BOOLEAN, VECTOR, PLACES, PLACES, VECTOR, INDICES, MATRIX, MASKS), KeptEnvelope)
+PLACE = types.NamedTuple((BOOLEAN, types.int64), StepPlace)
+_FACTOR = types.NamedTuple((VECTOR, PLACES, PLACES, VECTOR, INDICES, INDEX_TABLE), EnvelopeArrays)
+KEPT = types.NamedTuple((INDICES, _FACTOR, BLOCKS, MASKS), KeptEnvelope)
 MOTION = types.NamedTuple((*(4 * [MATRIX]), VECTOR, *(3 * [MATRIX]), VECTOR), StepMotion)
-WORK = types.NamedTuple((INDICES, MATRIX, BLOCKS, BLOCKS, PAIRS, VECTOR, VECTOR), StepWork)
+WORK = types.NamedTuple((INDICES, MATRIX, BLOCKS, BLOCKS, PAIRS, VECTOR, VECTOR, MATRIX), StepWork)

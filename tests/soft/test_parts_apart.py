@@ -1,0 +1,237 @@
+"""Bodies side by side that nothing couples, such as a gripper's fingers, are solved one by one in a step."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cosim.base.frames import Array, IntArray, Pose
+from cosim.errors import ConvergenceError, InputError
+from cosim.soft.beams.beam_rings import BeamRings
+from cosim.soft.beams.rectangular_section import RectangularSection
+from cosim.soft.body.body import SoftBody
+from cosim.soft.body.copies import around_axis, copies
+from cosim.soft.contact.contact_law import ContactLaw
+from cosim.soft.contact.contact_points import ContactSurface
+from cosim.soft.film.film_arrays import CHAMBERS, HINGES, NODES, SEGMENTS
+from cosim.soft.film.film_packing import film_arrays
+from cosim.soft.linear.envelope_cholesky import EnvelopeCholesky
+from cosim.soft.linear.pattern import BlockPattern
+from cosim.soft.linear.ranges_apart import ranges_apart
+from cosim.soft.solve.assembly import SoftSystem
+from cosim.soft.solve.newton import NewtonSolver
+from cosim.soft.solve.newton_options import NewtonOptions, NewtonResult
+from cosim.soft.solve.state import SoftState
+from cosim.soft.solve.time_scheme import StepOptions
+from cosim.soft.solve.time_step import ImplicitStepper
+from tests.soft.bodies import FILM, HANGING, Held, held, hexagon_arm, hung, no_load
+from tests.soft.contacts import half_space
+from tests.soft.test_attachment import arm_and_fingers
+
+FINGERS, STEP_S, TICKS = 3, 0.002, 12
+TOLERANCE_N = 2e-6  # below it the turns of the printed ring's beams, sought to 3e-9, let the forces jump
+TIGHT = NewtonOptions(reuse_max=20, start_tolerance_N=TOLERANCE_N)
+GAS_Pa = (5e3,) * FINGERS
+
+
+def finger() -> SoftBody:
+    """Return a finger of two films that wrinkle, with cables and a printed ring."""
+    body = hexagon_arm(2)
+    lower = np.arange(len(body.triangles)) < len(body.triangles) // 2
+    groups = {"lower": np.flatnonzero(lower), "upper": np.flatnonzero(~lower)}
+    wrinkling = replace(FILM, law="wrinkling")
+    films = {"lower": wrinkling, "upper": replace(wrinkling, thickness_m=0.2e-3)}
+    made = SoftBody.from_arrays(
+        body.positions, body.triangles, films, face_groups=groups, wrinkle_panel_m=0.02,
+        hinge_nodes=body.hinges.nodes, hinge_stiffness=body.hinges.stiffness, fold_barrier_rad=0.02 * np.pi,
+        caps=body.caps, cables=body.cables, node_mass=body.node_mass, base=body.base, tip=body.tip,
+        rings=body.rings,
+    )  # fmt: skip
+    ring = body.rings["unit_1.outer"][None]
+    return made.with_elements(BeamRings.from_shape(body.positions, ring, RectangularSection(1e-3, 1e-3, 2e9)))
+
+
+def gripper() -> SoftBody:
+    """Return three such fingers."""
+    return copies(finger(), around_axis(FINGERS, 0.1, 0.3))
+
+
+def bounds_of(body: SoftBody) -> list[int]:
+    """Return where ranges of a body's nodes begin that nothing couples, and their number."""
+    return list(ranges_apart(SoftSystem(body).pattern))
+
+
+def test_fingers_are_apart_and_what_an_arm_joins_is_not() -> None:
+    own = finger().nodes
+    assert bounds_of(finger()) == [0, own]
+    assert bounds_of(gripper()) == [0, own, 2 * own, 3 * own]
+    joined = arm_and_fingers()
+    assert bounds_of(joined) == [0, joined.nodes]
+
+
+def test_lone_nodes_belong_to_a_neighbour_and_interleaved_bodies_are_one() -> None:
+    def found(pairs: list[tuple[int, int]]) -> list[int]:
+        return list(ranges_apart(BlockPattern.from_elements(8, [np.array(pairs, np.int64)])))
+
+    assert found([(1, 2), (2, 3), (5, 6)]) == [0, 5, 8]
+    assert found([(0, 4), (1, 3), (5, 7)]) == [0, 5, 8]
+    assert found([(0, 2), (1, 3), (2, 4), (3, 5)]) == [0, 8]
+
+
+def test_all_that_is_listed_of_a_film_is_of_one_finger() -> None:
+    body = gripper()
+    film = film_arrays(body, ranges_apart(SoftSystem(body).pattern))
+    assert film is not None
+    assert film.parts.shape == (FINGERS + 1, 6)
+    np.testing.assert_array_equal(np.diff(film.parts, axis=0), np.tile(film.parts[1], (FINGERS, 1)))
+    assert film.parts[1].tolist() == [finger().nodes, 2, len(finger().hinges.coupled), 2, 1, 1]
+    finger_of = np.arange(body.nodes) // finger().nodes
+    for column, nodes in ((HINGES, film.hinges), (SEGMENTS, film.segments)):
+        for k in range(FINGERS):
+            listed = nodes[film.parts[k, column] : film.parts[k + 1, column]]
+            assert (finger_of[listed] == k).all()
+    assert film.parts[-1, CHAMBERS] == len(body.gas_chambers)
+
+
+def test_a_part_of_a_factorisation_is_made_by_itself() -> None:
+    arm = held(gripper())
+    state, system = hung(arm, pressure_Pa=(1e4,) * FINGERS).state, arm.system
+    acting = no_load(arm.body, pressure_Pa=(1e4, 2e4, 3e4))
+    system.evaluate(state.positions, acting, system.segment_tension(state.positions, acting), state.memory)
+    solver, loads = arm.newton.linear, np.random.default_rng(1).normal(size=(arm.body.nodes, 3))
+    assert isinstance(solver, EnvelopeCholesky)
+    assert solver.factor(system.blocks, 200.0)
+    before, saved, free = solver.solve(loads), solver.save_state(), arm.newton.free
+    begin, end = solver.apart[1:3]
+    assert solver.factor_part(1, system.blocks, 1000.0)
+    after = solver.solve(loads)
+    others = np.r_[:begin, end : arm.body.nodes]
+    np.testing.assert_array_equal(after[others], before[others])
+    answer = _product(system, after) + 1000.0 * after
+    # residual of a factorisation: rounding times its condition
+    assert np.abs(np.where(free, answer - loads, 0.0)[begin:end]).max() < 1e-8
+    solver.restore_state(saved)
+    np.testing.assert_array_equal(solver.solve(loads), before)
+
+
+def _product(system: SoftSystem, x: Array) -> Array:
+    """Return the tangent times x (n, 3)."""
+    pattern, found = system.pattern, np.zeros_like(x)
+    row, column = pattern.row, pattern.column
+    np.add.at(found, row, np.einsum("brc,bc->br", system.blocks, x[column]))
+    below = row != column
+    back = np.einsum("brc,br->bc", system.blocks[below], x[row[below]])
+    np.add.at(found, column[below], back)
+    return found
+
+
+def stepper(arm: Held, newton: NewtonOptions = TIGHT) -> ImplicitStepper:
+    """Return what takes steps of it, solved far beyond what a run asks for."""
+    return ImplicitStepper(arm.newton, arm.clamp, StepOptions("bdf2", TOLERANCE_N, newton=newton))
+
+
+@cache
+def at_rest() -> SoftState:
+    """Return the gripper hanging under a little gas."""
+    return hung(held(gripper()), pressure_Pa=GAS_Pa).state
+
+
+@dataclass(frozen=True)
+class Pressed:
+    """Where steps have ended, how, and the wrench (6,) of the last one."""
+
+    state: SoftState
+    results: list[NewtonResult]
+    wrench: Array
+
+
+def pressed(arm: Held, move: ImplicitStepper, state: SoftState, ticks: range) -> Pressed:
+    """Return how a gripper fares in some steps: a plane pushes the first finger, gas swells the second."""
+    surface = ContactSurface.of(arm.body, arm.system.pattern)
+    points, across = surface.points(at_rest().positions), np.array([-1.0, 0.0, 0.0])
+    nearest, results, wrench = float((points @ across).min()), [], np.zeros(6)
+    for k in ticks:
+        # the first finger stands out towards +x: the plane comes from there
+        plane = half_space(surface, across, nearest + 4e-5 * (k + 1), ContactLaw(), 0.02, points)
+        flange = Pose(HANGING.rotation, HANGING.translation + np.array([0.0, 2e-7 * k * k, 0.0]))
+        acting = no_load(arm.body, pressure_Pa=(5e3, 5e3 + 10.0 * k, 5e3), contact=plane)
+        state, result = move.step(state, flange, acting, STEP_S, flange)
+        results.append(result)
+        found = arm.clamp.wrench(arm.system.gradient, state.positions, flange)
+        wrench = np.concatenate([found.force, found.torque])
+    return Pressed(state, results, wrench)
+
+
+def test_a_step_finger_by_finger_is_the_step_of_all(monkeypatch: pytest.MonkeyPatch) -> None:
+    arm = held(gripper())
+    apart = pressed(arm, stepper(arm), at_rest(), range(TICKS))
+    assert max(result.residual_N for result in apart.results) < TOLERANCE_N
+
+    def together(solver: NewtonSolver) -> IntArray:
+        return np.array([0, solver.system.body.nodes])
+
+    monkeypatch.setattr(NewtonSolver, "apart", property(together))
+    arm = held(gripper())
+    whole = pressed(arm, stepper(arm), at_rest(), range(TICKS))
+    assert np.abs(whole.state.positions - at_rest().positions).max() > 1e-4
+    # both leave 2e-6 N on m (3 / (2 h))^2 = 1100 N/m of each node: 2e-9 m a step, carried on by its velocity
+    assert np.abs(apart.state.positions - whole.state.positions).max() < 1e-7
+    assert np.abs(apart.wrench - whole.wrench).max() < 1e-3 * np.abs(whole.wrench).max()
+
+
+def test_what_one_finger_asks_for_is_not_done_for_the_others(monkeypatch: pytest.MonkeyPatch) -> None:
+    true, asked = NewtonSolver.with_tangent, list[int | None]()
+
+    def counted(solver: NewtonSolver, *given: Any) -> Any:
+        asked.append(given[5])
+        return true(solver, *given)
+
+    arm, _ = held(gripper()), at_rest()
+    monkeypatch.setattr(NewtonSolver, "with_tangent", counted)
+    pressed(arm, stepper(arm, replace(TIGHT, reuse_max=1)), at_rest(), range(TICKS))
+    counts = [asked.count(number) for number in range(FINGERS)]
+    assert max(counts) > 1.5 * min(counts) > 0.0
+    assert None not in asked
+
+
+def test_factors_of_different_steps_are_part_of_the_state() -> None:
+    arm = held(gripper())
+    move = stepper(arm)
+    state = pressed(arm, move, at_rest(), range(TICKS // 2)).state
+    saved = arm.newton.save_state()
+    assert len(saved.kept) == FINGERS
+    assert any(saved.kept)
+    expected = pressed(arm, move, state, range(TICKS // 2, TICKS)).state
+    other = held(gripper())
+    other.newton.restore_state(saved)
+    found = pressed(other, stepper(other), state, range(TICKS // 2, TICKS)).state
+    np.testing.assert_array_equal(found.positions, expected.positions)
+    with pytest.raises(InputError, match="has 3 parts, not 1"):
+        held(finger()).newton.restore_state(saved)
+
+
+def test_fingers_that_may_touch_are_one_part() -> None:
+    arm = held(gripper())
+    move = stepper(arm)
+    state = hung(arm).state
+    scheme = move.scheme_of(state, STEP_S)
+    apart, coupled = move.quick.side(scheme, STEP_S), move.quick.side(scheme, STEP_S, coupled=True)
+    assert apart is not None
+    assert coupled is not None
+    assert apart.film.parts[:, NODES].tolist() == bounds_of(arm.body)
+    assert coupled.film.parts[:, NODES].tolist() == [0, arm.body.nodes]
+
+
+@pytest.mark.parametrize("bad", [0, 1, 2])
+def test_a_finger_that_fails_is_named(bad: int) -> None:
+    arm = held(gripper())
+    strict = replace(TIGHT, iterations_max=2)
+    move = ImplicitStepper(arm.newton, arm.clamp, StepOptions("bdf2", newton=strict))
+    state = hung(arm).state
+    gas = tuple(1e6 if k == bad else 0.0 for k in range(FINGERS))
+    with pytest.raises(ConvergenceError, match=f"copy_{bad + 1}/" if bad else "of (?!copy_2|copy_3)"):
+        move.step(state, HANGING, no_load(arm.body, pressure_Pa=gas), 0.02, HANGING)
