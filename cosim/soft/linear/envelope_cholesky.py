@@ -41,6 +41,8 @@ def _first_entries(row: IntArray, column: IntArray, size: int) -> IntArray:
 def _best_order(pattern: BlockPattern, movable: Mask) -> IntArray:
     """Return the movable nodes in the order of least work: as numbered, backwards, or Cuthill-McKee's."""
     nodes = np.flatnonzero(movable)
+    if not len(nodes):
+        return nodes
     local = np.cumsum(movable) - 1
     kept = movable[pattern.row] & movable[pattern.column]
     rows, columns = local[pattern.row[kept]], local[pattern.column[kept]]
