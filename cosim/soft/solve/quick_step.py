@@ -56,12 +56,6 @@ class _Spent:
     factorisations: int = 0
     shifted: int = 0
 
-    def add(self, attempts: list[int]) -> None:
-        """Add an iteration with a new tangent, by the attempts to factorise that each part took."""
-        self.tangents += 1
-        self.factorisations += max(map(abs, attempts))
-        self.shifted += max(map(abs, attempts)) > 1
-
     def result(self, motion: StepMotion, residual: float, energy: float, *, converged: bool) -> NewtonResult:
         """Return how a step ended at the end of a motion."""
         return NewtonResult(
@@ -242,7 +236,10 @@ class QuickStepper:
                 break
             motion.new_x[:], motion.new_memory[:] = found.positions, solver.system.memory
             parts[k, RESIDUAL], parts[k, ENERGY] = found.residual, found.energy
-        spent.add(attempts)
+        most = max(map(abs, attempts))
+        spent.tangents += 1
+        spent.factorisations += most
+        spent.shifted += most > 1
         return found is not None
 
     def _part(
