@@ -19,6 +19,7 @@ from cosim.soft.solve.newton_options import NewtonOptions
 from cosim.soft.solve.time_scheme import StepOptions
 
 _REUSE_MAX = 12  # iterations with a kept factorisation: beyond, a new one is cheaper
+_STATIC_REUSE_BELOW_N = 1e-2  # before, in statics, tangents decide to which equilibrium an increment leads
 
 
 def fidelity_body(scenario: Scenario) -> SoftBody:
@@ -54,6 +55,8 @@ def static_options(scenario: Scenario) -> NewtonOptions:
         tolerance_N=scenario.solver.residual_tolerance_N,
         start_tolerance_N=scenario.solver.residual_tolerance_N,
         iterations_max=scenario.solver.newton_iterations_max,
+        reuse_max=_REUSE_MAX if scenario.mode == "quasistatic" else 0,
+        reuse_below_N=_STATIC_REUSE_BELOW_N,
     )
 
 
@@ -63,7 +66,7 @@ def dynamic_options(scenario: Scenario) -> StepOptions:
         integrator=scenario.solver.integrator,
         tolerance_N=scenario.solver.dynamic_tolerance_N,
         iterations=scenario.solver.dynamic_newton_iterations,
-        newton=replace(static_options(scenario), reuse_max=_REUSE_MAX),
+        newton=replace(static_options(scenario), reuse_max=_REUSE_MAX, reuse_below_N=math.inf),
         damping_per_s=scenario.solver.damping_per_s,
         substep_error_m=scenario.solver.substep_error_m,
     )

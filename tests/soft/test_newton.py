@@ -159,6 +159,22 @@ def test_a_kept_factorisation_gives_the_same_solution() -> None:
     assert kept.positions == pytest.approx(fresh.positions, abs=1e-7)
 
 
+def test_far_from_the_solution_new_tangents_lead_where_that_is_asked_for() -> None:
+    arm = held(hexagon_arm(3))
+    begin = hung(arm, pressure_Pa=(PRESSURE_Pa,)).state
+    loads = no_load(arm.body, pressure_Pa=(1.02 * PRESSURE_Pa,))
+    first, second, third = residuals(arm, begin.positions, begin.memory, 2, pressure_Pa=(1.02 * PRESSURE_Pa,))
+    assert first > 2.0 * third
+    near = replace(EXACT, reuse_max=30, reuse_below_N=2.0 * third)
+    assert second > near.reuse_below_N
+    found = arm.newton.solve(begin.positions, begin.memory, loads, near)
+    assert found.converged
+    assert found.factorisations == 2  # the third and fourth iteration of Newton's method proper are spared
+    never = arm.newton.solve(begin.positions, begin.memory, loads, replace(near, reuse_below_N=0.0))
+    assert never.factorisations == never.iterations > 2
+    assert found.positions == pytest.approx(never.positions, abs=1e-7)
+
+
 def test_a_kept_factorisation_turns_with_the_flange() -> None:
     # the whole problem turned by half a right angle, gravity too: no new tangent is needed
     arm = held(hexagon_arm(3))

@@ -100,13 +100,14 @@ def test_the_solver_knows_that_its_factorisation_is_another_one() -> None:
     solver, reuse = held(arm.body).newton, NewtonOptions(reuse_max=30)
     Sensitivity(solver, here)
     more = no_load(arm.body, pressure_Pa=(1.001 * PRESSURE_Pa,))
-    again = solver.solve(here.state.positions, here.state.memory, more, reuse)
+    frame = here.world_from_flange.rotation
+    again = solver.solve(here.state.positions, here.state.memory, more, reuse, frame=frame)
     assert again.converged
     assert again.factorisations == 0  # the tangent of the sensitivity serves
     soft = no_load(arm.body, pressure_Pa=(-1e6,))  # collapsing: no stable tangent
     with pytest.raises(ConvergenceError):
         Sensitivity(solver, replace(here, loads=soft))
-    once_more = solver.solve(here.state.positions, here.state.memory, more, reuse)
+    once_more = solver.solve(here.state.positions, here.state.memory, more, reuse, frame=frame)
     assert once_more.converged
     assert once_more.factorisations > 0  # and a failed one is not used
 

@@ -71,8 +71,9 @@ class EquilibriumSolver:
             ConvergenceError: none was found.
         """
         guess = self.clamp.place(state.positions if start is None else start, world_from_flange)
-        result, loads = self._settle_contacts(guess, state.memory, loads)
-        result = self._settle_friction(result, loads)
+        frame = world_from_flange.rotation
+        result, loads = self._settle_contacts(guess, state.memory, loads, frame)
+        result = self._settle_friction(result, loads, frame)
         if not result.converged:
             system = self.solver.system
             raise ConvergenceError(
@@ -178,7 +179,12 @@ class EquilibriumSolver:
         pairs = None if films is None else films.static_pairs(positions, None, 0.0)
         return replace(loads, contact=planes, self_contact=pairs)
 
-    def _settle_contacts(self, start: Array, memory: Array, loads: Loads) -> tuple[NewtonResult, Loads]:
+    def _newton(self, start: Array, memory: Array, loads: Loads, frame: Array) -> NewtonResult:
+        return self.solver.solve(start, memory, loads, self.options, None, frame)
+
+    def _settle_contacts(
+        self, start: Array, memory: Array, loads: Loads, frame: Array
+    ) -> tuple[NewtonResult, Loads]:
         """Solve, and repeat while something else is touched than what was found before the solution.
 
         Returns:
@@ -189,7 +195,7 @@ class EquilibriumSolver:
         """
         films, obstacles = self.self_contact, self.obstacles
         if films is None and obstacles is None:
-            return self.solver.solve(start, memory, loads, self.options), loads
+            return self._newton(start, memory, loads, frame), loads
         pairs, spent, shifted, trail = None, 0, 0, []
         for round_ in range(CONTACT_ROUNDS_MAX):
             if films is not None:
@@ -197,7 +203,7 @@ class EquilibriumSolver:
                 pairs = films.static_pairs(start, pairs, _FOOT_SLACK * round_)
             planes = loads.contact if obstacles is None else obstacles(start)
             loads = replace(loads, contact=planes, self_contact=pairs)
-            result = self.solver.solve(start, memory, loads, self.options)
+            result = self._newton(start, memory, loads, frame)
             settled = round_ > 0 and result.iterations == 0
             spent, shifted = spent + result.iterations, shifted + result.shifted
             if settled or not result.converged:
@@ -214,14 +220,14 @@ class EquilibriumSolver:
             spent,
         )
 
-    def _settle_friction(self, result: NewtonResult, loads: Loads) -> NewtonResult:
+    def _settle_friction(self, result: NewtonResult, loads: Loads, frame: Array) -> NewtonResult:
         """Repeat while losses along the cables change with the shape: friction has no potential."""
         cables = self.solver.system.body.cables
         friction = any(cable.friction_coefficient for cable in cables)
         if not friction and not losses_follow(cables, loads.cable_length_m):
             return result
         for _ in range(_FRICTION_ROUNDS_MAX):
-            again = self.solver.solve(result.positions, result.memory, loads, self.options)
+            again = self._newton(result.positions, result.memory, loads, frame)
             if not again.converged:
                 return again
             settled = again.iterations == 0

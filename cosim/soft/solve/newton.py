@@ -3,7 +3,7 @@
 Each iteration solves (K + mu 1) d = -gradient. mu is zero while K is positive definite and grows until
 the factor exists otherwise (inertia correction); the step is then halved until the potential falls
 (or, for loads without a potential, the work of the out-of-balance force along the step).
-In dynamics the factor of an earlier step may serve for a while, turned with the flange and corrected by what
+The factor of an earlier step or increment may serve for a while, turned with the flange and corrected by what
 its steps have shown (`secant_pairs`): an iteration with it costs a tenth, undone when the residual does
 not fall.
 Source: Nocedal and Wright, Numerical Optimization, 2nd ed., sections 3.4 and 3.5.
@@ -81,7 +81,7 @@ class NewtonSolver:
             outcome = self._verdict(point, tangents, reused, options)
             if outcome not in (None, Outcome.ITERATION_LIMIT):
                 break
-            if reused < options.reuse_max:
+            if reused < options.reuse_max and point.residual < options.reuse_below_N:
                 found = self._reuse(problem, point, memory, turned, options)
                 if found is not None:
                     point, reused, memory = found, reused + 1, system.memory.copy()

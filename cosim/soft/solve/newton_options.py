@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import enum
+import math
 from dataclasses import dataclass
 from typing import final
 
@@ -32,6 +33,8 @@ class NewtonOptions:
         shift_max_N_m: largest mu tried.
         halvings_max: how often a step is halved before giving up.
         reuse_max: iterations per solution with a factorisation that is kept; 0 for Newton's method proper.
+        reuse_below_N: residual from which on such iterations are tried: near several equilibria, those
+            with new tangents decide.
         reuse_rate: such an iteration must bring the residual below this share of the last one.
         step_max_m: longest nodal displacement in one iteration.
     """
@@ -45,6 +48,7 @@ class NewtonOptions:
     step_max_m: float = 0.05
     reuse_max: int = 0
     reuse_rate: float = 0.5
+    reuse_below_N: float = math.inf
 
 
 @final

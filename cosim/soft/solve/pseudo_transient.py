@@ -45,6 +45,7 @@ def slide(
         loads_at: positions (n, 3) [m] -> loads, with what is touched near them.
         options: bounds of Newton's method.
     """
+    options = replace(options, reuse_max=0)
     step = replace(options, iterations_max=min(_ITERATIONS_MAX, options.iterations_max))
     bed, x, spent, lost, shifted = _BED_N_m, start, 0, 0, 0
     moved, softer, rests = np.inf, False, False

@@ -39,7 +39,8 @@ class Sensitivity:
         system, state, loads = solver.system, equilibrium.state, equilibrium.loads
         self._positions = state.positions
         # through the solver, which has to know that its factorisation is another one now
-        if not solver.factorise(state.positions, state.memory, loads, None, np.eye(3)):
+        frame = equilibrium.world_from_flange.rotation
+        if not solver.factorise(state.positions, state.memory, loads, None, frame):
             raise ConvergenceError(
                 "the equilibrium is not stable (its tangent stiffness has a negative eigenvalue), so it has "
                 "no useful sensitivity; change the pressure or the flange pose",
