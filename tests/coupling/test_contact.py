@@ -12,7 +12,7 @@ from cosim.build.arms import find_arm
 from cosim.coupling.contact.added_mass_free import bounding_diagonal
 from cosim.coupling.contact.contact_exchange import ContactExchange
 from cosim.coupling.soft_sides.lumped_arm import SoftArm
-from cosim.errors import SolverError
+from cosim.errors import InputError, SolverError
 from cosim.rigid.build.description import SceneDescription, SceneObject
 from cosim.rigid.distance.contact_query import ContactQuery
 from cosim.rigid.distance.film_distance import near_film
@@ -156,6 +156,15 @@ def test_a_corner_does_not_slip_in_between_the_nodes(shift: tuple[float, float])
         worst, pressed = max(worst, -float(found.distance[0])), max(pressed, report.normal_force_N)
     assert pressed > 0.5
     assert worst < 1e-3
+    # the corner is a feature, and remembers the triangle that holds it back
+    held = exchange.memory.triangle[exchange.memory.triangle >= 0]
+    assert int(found.triangle[0]) in held.tolist()
+    state = exchange.save_state()
+    exchange.check_state(state)
+    triangle = np.where(state.memory.triangle >= 0, 10**6, -1)
+    wrong = replace(state, memory=replace(state.memory, triangle=triangle))
+    with pytest.raises(InputError, match="triangles"):
+        exchange.check_state(wrong)
 
 
 def test_far_from_everything_nothing_is_found_or_remembered() -> None:

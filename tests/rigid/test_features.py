@@ -75,3 +75,27 @@ def test_points_beside_a_sharp_seam_are_outside() -> None:
     assert len(hits) == len(points)
     assert inside.sum() > 100
     np.testing.assert_array_equal(hits.distance < 0.0, inside)
+
+
+def test_what_a_face_has_held_back_does_not_come_out_of_the_other_face_of_a_sharp_edge() -> None:
+    # a wedge with its edge along y at x = 0, whose faces lean to z = +x / 4 and z = -x / 4
+    x = 0.01 * np.array([[0.0, -1.0, 0.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.25], [1.0, 0.0, -0.25]])
+    triangles = np.array([[0, 2, 1], [0, 1, 3]])
+    upper, lower = 0, 1
+    assert np.cross(x[2] - x[0], x[1] - x[0])[2] > 0.0
+
+    def face(place: list[float], held: int) -> int:
+        hits = near_film(np.array([place]), x, triangles, 0.004, 0.004, held=np.array([held]))
+        assert len(hits) == 1
+        return int(hits.triangle[0])
+
+    below_the_middle = [1.6e-3, 0.0, -1e-4]  # 0.49 mm behind the upper face, 0.29 mm behind the lower one
+    assert face(below_the_middle, -1) == face(below_the_middle, lower) == lower
+    assert face(below_the_middle, upper) == upper
+    # in front of the lower face, yet squarely behind the upper one
+    through = [6e-4, 0.0, -2e-4]
+    assert face(through, -1) == lower
+    assert face(through, upper) == upper
+    # beside the edge, or deeper than what rests on a face is
+    assert face([-3e-4, 0.0, -2e-4], upper) == lower
+    assert face([4e-3, 0.0, -1e-4], upper) == lower

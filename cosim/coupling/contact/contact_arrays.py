@@ -80,6 +80,7 @@ class MemoryRows(NamedTuple):
     normal_force: Array
     offset: Array
     place: Array
+    triangle: IntArray
 
 
 class Ties(NamedTuple):
@@ -89,11 +90,13 @@ class Ties(NamedTuple):
         shape: (k,) that is touched.
         key: (k,) names the pair of contact point and shape; first points of the film, then features.
         carrier: (k, 3) [m], world: the shape's origin; of a feature: where it is.
+        triangle: (k,) of the film, that a feature is near; -1 for points of the film.
     """
 
     shape: IntArray
     key: IntArray
     carrier: Array
+    triangle: IntArray
 
 
 class EndRows(NamedTuple):
@@ -127,6 +130,6 @@ NEAR = types.NamedTuple(
 )
 SURFACE = types.NamedTuple((INDEX_TABLE, MATRIX, INDEX_TABLE, VECTOR, INDEX_TABLE, INDEX_TABLE), SurfaceRows)
 SHAPES = types.NamedTuple((MATRIX, BLOCKS, VECTOR, INDICES), ShapeRows)
-MEMORY = types.NamedTuple((INDICES, VECTOR, MATRIX, MATRIX), MemoryRows)
-TIES = types.NamedTuple((INDICES, INDICES, MATRIX), Ties)
+MEMORY = types.NamedTuple((INDICES, VECTOR, MATRIX, MATRIX, INDICES), MemoryRows)
+TIES = types.NamedTuple((INDICES, INDICES, MATRIX, INDICES), Ties)
 END = types.NamedTuple((MATRIX, VECTOR, MATRIX, INDICES, VECTOR, VECTOR, VECTOR), EndRows)

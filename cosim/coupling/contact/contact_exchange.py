@@ -48,6 +48,7 @@ class ContactState:
     shape: Annotated[IntArray, ("k",)]
     key: Annotated[IntArray, ("k",)]
     carrier: Annotated[Array, ("k", 3)]
+    triangle: Annotated[IntArray, ("k",)]
     points: int
     near: bool
 
@@ -78,7 +79,8 @@ class ContactExchange:
         self.memory = ContactMemory.empty()
         self.planes: ContactPlanes | None = None
         self.sticking: ContactPlanes | None = None
-        self._ties = Ties(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((0, 3)))
+        none = np.zeros(0, np.int64)
+        self._ties = Ties(none, none, np.zeros((0, 3)), none)
         self._points = 0
         self._surface_rows = SurfaceRows(*(getattr(surface, name) for name in SurfaceRows._fields))
         self._shape_rows = ShapeRows(*(getattr(query, name) for name in ShapeRows._fields))
@@ -126,8 +128,22 @@ class ContactExchange:
         active = self.query.near(extent.low, extent.high, _STILL_REACH_M)
         return self._planes(positions, extent, _STILL_REACH_M, active) if len(active) else None
 
+    @property
+    def _held_by(self) -> IntArray:
+        """The triangle of the film (features,) that pressed on each feature in the last tick; -1 for none."""
+        held = np.full(len(self.query.features.shape), -1)
+        features, triangles = self._held(self.memory)
+        held[features] = triangles
+        return held
+
+    def _held(self, memory: ContactMemory) -> tuple[IntArray, IntArray]:
+        """Return the features that a memory holds, and the triangles of the film that press on them."""
+        of_features = memory.triangle >= 0
+        points = len(self.query.body) * len(self.surface)  # their keys come first
+        return memory.key[of_features] - points, memory.triangle[of_features]
+
     def _planes(self, x: Array, extent: Extent, reach: float, active: IntArray) -> ContactPlanes | None:
-        near = self._neighbours.find(x, extent, active, reach, _BEHIND_M)
+        near = self._neighbours.find(x, extent, active, reach, _BEHIND_M, self._held_by)
         count = near.count
         if not count:
             return None
@@ -137,10 +153,11 @@ class ContactExchange:
             np.empty((count, 3)), np.empty(count), np.empty(count), np.empty(count), np.empty((count, 3)),
             np.empty(count, np.int64),
         )  # fmt: skip
-        self._ties = Ties(np.empty(count, np.int64), np.empty(count, np.int64), np.empty((count, 3)))
+        shape, key, triangle = (np.empty(count, np.int64) for _ in range(3))
+        self._ties = Ties(shape, key, np.empty((count, 3)), triangle)
         self._points = len(near.rows.point)
         described = planes, self._ties
-        before = MemoryRows(memory.key, memory.normal_force, memory.offset, memory.place)
+        before = MemoryRows(*(getattr(memory, name) for name in MemoryRows._fields))
         areas = stiffness, stiffness * _FEATURE_AREA_M2
         describe(x, near.places, near.rows, surface, self._shape_rows, before, *areas, *described)
         return ContactPlanes(*planes[:-1], law=self.law, body=planes.body)
@@ -166,15 +183,17 @@ class ContactExchange:
             np.zeros(bodies), np.zeros(6), np.empty(2),
         )  # fmt: skip
         kept = MemoryRows(
-            np.empty(count, np.int64), np.empty(count), np.empty((count, 3)), np.empty((count, 3))
-        )
+            np.empty(count, np.int64), np.empty(count), np.empty((count, 3)), np.empty((count, 3)),
+            np.empty(count, np.int64),
+        )  # fmt: skip
         pressing = conclude(
             positions, planes.rows, self._ties, self._points, self._shape_rows, law.smoothing_m, law.stick_m,
             kept, end,
         )  # fmt: skip
         self.memory = ContactMemory(
-            kept.key[:pressing], kept.normal_force[:pressing], kept.offset[:pressing], kept.place[:pressing]
-        )
+            kept.key[:pressing], kept.normal_force[:pressing], kept.offset[:pressing], kept.place[:pressing],
+            kept.triangle[:pressing],
+        )  # fmt: skip
         self.sticking = planes.sticking(end.point, end.slack_friction)
         self.held_N_m, self.film_load = end.held, end.film
         acting = np.flatnonzero(end.acting)
@@ -188,7 +207,7 @@ class ContactExchange:
     def restore_state(self, state: ContactState) -> None:
         """Return to a state of `save_state`; the scene has been restored before."""
         self.memory, self.planes, self.sticking = state.memory, state.planes, state.sticking
-        self._ties, self._points = Ties(state.shape, state.key, state.carrier), state.points
+        self._ties, self._points = Ties(state.shape, state.key, state.carrier, state.triangle), state.points
         self.near = state.near
         self.query.update()
 
@@ -199,6 +218,9 @@ class ContactExchange:
             InputError: there is no such node or shape.
         """
         check_indices(state.shape, len(self.query.body), "shapes")
+        features, triangles = self._held(state.memory)
+        check_indices(features, len(self.query.features.shape), "features")
+        check_indices(triangles, len(self.surface.triangles), "triangles")
         for planes in (state.planes, state.sticking):
             if planes is None:
                 continue

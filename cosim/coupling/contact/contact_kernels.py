@@ -29,7 +29,7 @@ def _take_point(e, places, near, surface, shapes, per_area, planes, ties):  # ty
     for k in range(6):
         planes.slots[e, k] = surface.slots[p, k]
     planes.stiffness[e] = per_area * surface.area[p]
-    ties.shape[e], ties.key[e] = g, g * surface.nodes.shape[0] + p
+    ties.shape[e], ties.key[e], ties.triangle[e] = g, g * surface.nodes.shape[0] + p, -1
     return near.distance[e]
 
 
@@ -46,7 +46,7 @@ def _take_feature(e, f, x, near, surface, stiffness, first_key, planes, ties):  
         for a in range(3):
             planes.anchor[e, r] += near.weight[f, a] * x[surface.triangles[t, a], r]
     planes.stiffness[e] = stiffness
-    ties.shape[e], ties.key[e] = near.owner[f], first_key + near.feature[f]
+    ties.shape[e], ties.key[e], ties.triangle[e] = near.owner[f], first_key + near.feature[f], t
     return near.film_distance[f]
 
 
@@ -94,7 +94,7 @@ def _add_load(part, force, place, loads):  # type: ignore[no-untyped-def]
 def _remember(e, kept, push, point, stretch, shapes, ties, on_film, memory):  # type: ignore[no-untyped-def]
     """Fill row `kept` of the memory from contact e, whose anchor is a stretch behind its point."""
     g = ties.shape[e]
-    memory.key[kept], memory.normal_force[kept] = ties.key[e], push
+    memory.key[kept], memory.normal_force[kept], memory.triangle[kept] = ties.key[e], push, ties.triangle[e]
     for r in range(3):
         memory.place[kept, r], memory.offset[kept, r] = ties.carrier[e, r], 0.0
         for s in range(3):

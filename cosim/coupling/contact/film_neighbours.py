@@ -59,7 +59,13 @@ class FilmNeighbours:
         self.search = self._searching(nothing_of(LISTS))
 
     def find(
-        self, positions: Array, extent: Extent, active: IntArray, reach_m: float, behind_m: float
+        self,
+        positions: Array,
+        extent: Extent,
+        active: IntArray,
+        reach_m: float,
+        behind_m: float,
+        held: IntArray | None = None,
     ) -> Neighbours:
         """Return what is near at the query's present poses; it holds until the next search.
 
@@ -69,11 +75,15 @@ class FilmNeighbours:
             active: (a,) shapes that may be near it.
             reach_m: bound on the distance.
             behind_m: how far behind the film a feature still counts.
+            held: (features,) the triangle that has held each back until now, -1 for none; none unless given.
         """
         bounds = extent.low, extent.high, active, reach_m, behind_m
+        held = np.full(len(self._query.features.shape), -1) if held is None else held
+        self.search.held[:] = held[self.search.lists.features]
         points, features = find_near(positions, *bounds, self.search)
         if points < 0:  # the lists serve no longer
             self.search = self._made(positions, extent, reach_m + _MARGIN_M, behind_m + _MARGIN_M)
+            self.search.held[:] = held[self.search.lists.features]
             points, features = find_near(positions, *bounds, self.search)
         return Neighbours(self.search.near.first(points, features), self._places)
 
@@ -104,7 +114,7 @@ class FilmNeighbours:
         near = NearPoints.room(len(lists.listed), len(lists.features))
         scratch = np.empty((max(len(lists.listed), len(lists.features)), 4)), np.empty((2, 3))
         return Search(
-            query.bounds, shapes, *features, rows, lists, near, self._places, np.empty_like(lists.spans),
-            np.empty((len(lists.features), 3)), np.empty(len(lists.features), np.int64), *scratch,
-            self._calls,
+            query.bounds, shapes, *features, rows, lists, near, np.empty_like(lists.features), self._places,
+            np.empty_like(lists.spans), np.empty((len(lists.features), 3)), np.empty_like(lists.features),
+            *scratch, self._calls,
         )  # fmt: skip

@@ -93,6 +93,7 @@ class Search(NamedTuple):
         surface: of the film.
         lists: that may serve.
         near: filled from the beginning.
+        held: (f,) the triangle that has held each listed feature back until now, -1 for none.
         places: (p, 3) [m], of the film's points; those that no shape is near may be anywhere.
         spans: (s, 2).
         around: (f, 3) [m], where listed features are.
@@ -109,6 +110,7 @@ class Search(NamedTuple):
     surface: SurfaceRows
     lists: ListRows
     near: NearPoints
+    held: IntArray
     places: Array
     spans: IntArray
     around: Array
@@ -126,8 +128,8 @@ _SHAPES = types.NamedTuple(
 )
 SEARCH = types.NamedTuple(
     (
-        SHAPE_BOUNDS, _SHAPES, INDICES, MATRIX, SURFACE, LISTS, NEAR, MATRIX, INDEX_TABLE, MATRIX, INDICES,
-        MATRIX, MATRIX, INDICES,
+        SHAPE_BOUNDS, _SHAPES, INDICES, MATRIX, SURFACE, LISTS, NEAR, INDICES, MATRIX, INDEX_TABLE, MATRIX,
+        INDICES, MATRIX, MATRIX, INDICES,
     ),
     Search,
 )  # fmt: skip
@@ -185,7 +187,7 @@ def _find_features(x, low, high, reach, behind, search):  # type: ignore[no-unty
     carried = bounds.position, bounds.rotation, search.owner, search.feature, lists.features, around
     _carry(search.calls[_CARRY], carried)
     box, triangles = (search.box[0], search.box[1]), search.surface.triangles
-    asked = around, *box, x, triangles, lists.first, lists.triangles, reach, behind
+    asked = around, *box, x, triangles, lists.first, lists.triangles, search.held, reach, behind
     count = _film_near(search.calls[_FILM], (*asked, found, near.triangle, near.weight, out))
     for k in range(count):
         near.feature[k], near.owner[k] = lists.features[found[k]], search.owner[lists.features[found[k]]]

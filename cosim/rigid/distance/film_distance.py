@@ -22,6 +22,9 @@ from cosim.rigid.distance.mesh_distance import closest_on_triangle
 
 _RUN = 32  # triangles that are passed over together: neighbours mostly follow one another
 _TIE = 1e-9  # relative difference of squared distances within which two triangles share the nearest point
+# Of the distance, that is height over the plane: within two faces at a right angle it is at least so much.
+_SQUARELY = 0.7
+_HELD_m = 1e-3  # deeper, an edge of the film has been cut into from its side rather than pressed on a face
 
 
 @device_function
@@ -74,65 +77,92 @@ def _triangles_around(points, x, triangles, room, first, listed):  # type: ignor
     return total
 
 
+@device_function
+def _fill_normal(a, b, c, normal):  # type: ignore[no-untyped-def]
+    """Fill the normal of a triangle, twice its area long."""
+    for r in range(3):
+        s, q = (r + 1) % 3, (r + 2) % 3
+        normal[r] = (b[s] - a[s]) * (c[q] - a[q]) - (b[q] - a[q]) * (c[s] - a[s])
+
+
+@device_function
+def _nearest(p, x, triangles, some, furthest, side, there):  # type: ignore[no-untyped-def]
+    """Return the nearest of some triangles that face a side, its distance and p's height over its plane.
+
+    -1 where none comes within `furthest`; a side of zeros is every side's. There, weights, offset of p from
+    the nearest point and normal are filled; the last two rows of its five are scratch.
+    """
+    weight, normal = there[3], there[4]
+    nearest, best, lean = -1, furthest * furthest, 0.0
+    bound = furthest * (1.0 + _TIE)
+    for t in some:
+        a, b, c = x[triangles[t, 0]], x[triangles[t, 1]], x[triangles[t, 2]]
+        if _gap(p, a, b, c) > bound:
+            continue
+        _fill_normal(a, b, c, normal)
+        if normal[0] * side[0] + normal[1] * side[1] + normal[2] * side[2] < 0.0:
+            continue
+        closest_on_triangle(p, a, b, c, weight)
+        square, height, area = 0.0, 0.0, 0.0
+        for r in range(3):
+            d = p[r] - weight[0] * a[r] - weight[1] * b[r] - weight[2] * c[r]
+            square += d * d
+            height += d * normal[r]
+            area += normal[r] * normal[r]
+        height /= max(np.sqrt(area), 1e-300)
+        # where triangles share the nearest point, the one that p lies most squarely over tells the side
+        closer = square < best * (1.0 - _TIE)
+        if closer or (square <= best * (1.0 + _TIE) and abs(height) > abs(lean)):
+            nearest, lean = t, height
+            best = min(best, square)
+            bound = np.sqrt(best) * (1.0 + _TIE)
+            for r in range(3):
+                there[0, r], there[2, r] = weight[r], normal[r]
+                there[1, r] = p[r] - weight[0] * a[r] - weight[1] * b[r] - weight[2] * c[r]
+    return nearest, np.sqrt(best), lean
+
+
 @kernel(
     INTEGER(
-        MATRIX, VECTOR, VECTOR, MATRIX, INDEX_TABLE, INDICES, INDICES, REAL, REAL, INDICES, INDICES, MATRIX,
-        MATRIX,
+        MATRIX, VECTOR, VECTOR, MATRIX, INDEX_TABLE, INDICES, INDICES, INDICES, REAL, REAL, INDICES, INDICES,
+        MATRIX, MATRIX,
     )
 )  # fmt: skip
 def film_near(  # type: ignore[no-untyped-def]
-    points, least, most, x, triangles, first, listed, reach, depth, out_point, out_triangle, out_weight, out
-):
+    points, least, most, x, triangles, first, listed, held, reach, depth, out_point, out_triangle, out_weight,
+    out,
+):  # fmt: skip
     """Fill each point's nearest triangle if the signed distance is in -depth .. reach; return how many.
 
-    Of points outside of least .. most there is none.
+    Of points outside of least .. most there is none. A point that triangle held[n] >= 0 has held back, and
+    that is squarely behind film that faces as this does, stays behind it, whatever lies beyond: near a sharp
+    edge of the film the other face is soon nearer, and would pull it through.
     """
-    weight, kept, offset, face = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
+    side, there = np.zeros(3), np.empty((5, 3))
     furthest = max(reach, depth)
     count = 0
     for n in range(points.shape[0]):
-        p = points[n]
+        p, some = points[n], listed[first[n] : first[n + 1]]
         if _square_to_box(p, least, most) > 0.0:
             continue
-        best, nearest, lean, sign = furthest * furthest, -1, 0.0, 1.0
-        bound = furthest * (1.0 + _TIE)
-        for entry in range(first[n], first[n + 1]):
-            t = listed[entry]
-            a, b, c = x[triangles[t, 0]], x[triangles[t, 1]], x[triangles[t, 2]]
-            if _gap(p, a, b, c) > bound:
-                continue
-            closest_on_triangle(p, a, b, c, weight)
-            square, height, area = 0.0, 0.0, 0.0
-            for r in range(3):
-                s, q = (r + 1) % 3, (r + 2) % 3
-                d = p[r] - weight[0] * a[r] - weight[1] * b[r] - weight[2] * c[r]
-                m = (b[s] - a[s]) * (c[q] - a[q]) - (b[q] - a[q]) * (c[s] - a[s])
-                square += d * d
-                height += d * m
-                area += m * m
-            height /= max(np.sqrt(area), 1e-300)
-            # where triangles share the nearest point, the one that p lies most squarely over tells the side
-            closer = square < best * (1.0 - _TIE)
-            if closer or (square <= best * (1.0 + _TIE) and abs(height) > lean):
-                nearest, lean, sign = t, abs(height), 1.0 if height >= 0.0 else -1.0
-                best = min(best, square)
-                bound = np.sqrt(best) * (1.0 + _TIE)
-                for r in range(3):
-                    s, q = (r + 1) % 3, (r + 2) % 3
-                    kept[r] = weight[r]
-                    offset[r] = p[r] - weight[0] * a[r] - weight[1] * b[r] - weight[2] * c[r]
-                    face[r] = (b[s] - a[s]) * (c[q] - a[q]) - (b[q] - a[q]) * (c[s] - a[s])
-        if nearest < 0:
+        stays = False
+        if held[n] >= 0:
+            corner = triangles[held[n]]
+            _fill_normal(x[corner[0]], x[corner[1]], x[corner[2]], side)
+            nearest, distance, lean = _nearest(p, x, triangles, some, furthest, side, there)
+            stays = nearest >= 0 and lean < -_SQUARELY * distance and distance < _HELD_m
+        if not stays:
+            side[:] = 0.0
+            nearest, distance, lean = _nearest(p, x, triangles, some, furthest, side, there)
+        sign = 1.0 if lean >= 0.0 else -1.0
+        if nearest < 0 or distance > (reach if sign > 0.0 else depth):
             continue
-        distance = np.sqrt(best)
-        if (sign > 0.0 and distance > reach) or (sign < 0.0 and distance > depth):
-            continue
-        size = np.sqrt(face[0] ** 2 + face[1] ** 2 + face[2] ** 2)
+        size = np.sqrt(there[2, 0] ** 2 + there[2, 1] ** 2 + there[2, 2] ** 2)
         out_point[count], out_triangle[count] = n, nearest
         out[count, 0] = sign * distance
         for r in range(3):
-            out_weight[count, r] = kept[r]
-            out[count, 1 + r] = sign * offset[r] / distance if distance > 1e-8 else face[r] / size
+            out_weight[count, r] = there[0, r]
+            out[count, 1 + r] = sign * there[1, r] / distance if distance > 1e-8 else there[2, r] / size
         count += 1
     return count
 
@@ -192,6 +222,7 @@ def near_film(
     depth_m: float,
     lists: TriangleLists | None = None,
     within: tuple[Array, Array] = (np.full(3, -np.inf), np.full(3, np.inf)),
+    held: IntArray | None = None,
 ) -> SceneHits:
     """Return for each point the film triangle nearest to it, where it is near enough.
 
@@ -203,15 +234,18 @@ def near_film(
         depth_m: bound on the distance behind it.
         lists: of the triangles that may be near; found unless given.
         within: lowest and highest corner [m] of the box outside of which no point counts.
+        held: (k,) the triangle that has held each point back until now, -1 for none; none unless given.
     """
+    if held is None:
+        held = np.full(len(points), -1)
     if lists is None:
         lists = TriangleLists.around(points, positions, triangles, max(reach_m, depth_m))
     room = len(points)
     point, triangle = np.empty(room, np.int64), np.empty(room, np.int64)
     weight, out = np.empty((room, 3)), np.empty((room, 4))
     count = film_near(
-        np.ascontiguousarray(points), *within, positions, triangles, lists.first, lists.listed, reach_m,
-        depth_m, point, triangle, weight, out,
+        np.ascontiguousarray(points), *within, positions, triangles, lists.first, lists.listed, held,
+        reach_m, depth_m, point, triangle, weight, out,
     )  # fmt: skip
     distance, normal = out[:count, 0].copy(), out[:count, 1:].copy()
     return SceneHits(point[:count], triangle[:count], weight[:count], distance, normal)
