@@ -229,6 +229,15 @@ def device_function(function: Function) -> Function:
     return result
 
 
+def inlined(function: Function) -> Function:
+    """Mark a device function that becomes part of its callers before anything is optimised.
+
+    For what a loop over lanes calls: with calls in it that are inlined late, the loop is not vectorised.
+    """
+    result: Function = device_dispatcher(function, {**_OPTIONS, "_nrt": False, "forceinline": True})
+    return result
+
+
 def allocating(function: Function) -> Function:
     """Mark a device function that makes arrays, hands arrays on, or calls what does."""
     result: Function = device_dispatcher(function, {**_OPTIONS, "_nrt": True})

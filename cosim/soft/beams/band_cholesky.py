@@ -42,21 +42,40 @@ def factorise(band, shift, factor):  # type: ignore[no-untyped-def]
 
 
 @device_function
+def _lower(factor, values, i, reach):  # type: ignore[no-untyped-def]
+    """Solve row i of L for its value; `reach` rows before it are there."""
+    row, before, value = factor[i], values[i - reach :], values[i]
+    for k in range(reach):
+        value -= row[reach - k] * before[k]
+    return value * row[0]
+
+
+@device_function
+def _upper(factor, values, i, reach):  # type: ignore[no-untyped-def]
+    """Solve row i of L^T for its value; `reach` rows after it are there."""
+    rows, after, value = factor[i:], values[i:], values[i]
+    for k in range(reach, 0, -1):
+        value -= rows[k, k] * after[k]
+    return value * rows[0, 0]
+
+
+@device_function
 def forward(factor, values):  # type: ignore[no-untyped-def]
     """Turn values (3 m,) into L^-1 values."""
-    for i in range(factor.shape[0]):
-        for k in range(max(0, i - BAND + 1), i):
-            values[i] -= factor[i, i - k] * values[k]
-        values[i] *= factor[i, 0]
+    for i in range(BAND - 1):
+        values[i] = _lower(factor, values, i, i)
+    for i in range(BAND - 1, factor.shape[0]):  # as many steps in each row: what is known is unrolled
+        values[i] = _lower(factor, values, i, BAND - 1)
 
 
 @device_function
 def backward(factor, values):  # type: ignore[no-untyped-def]
     """Turn values (3 m,) into L^-T values."""
-    for i in range(factor.shape[0] - 1, -1, -1):
-        values[i] *= factor[i, 0]
-        for k in range(max(0, i - BAND + 1), i):
-            values[k] -= factor[i, i - k] * values[i]
+    rows = factor.shape[0]
+    for i in range(rows - 1, rows - BAND, -1):
+        values[i] = _upper(factor, values, i, rows - 1 - i)
+    for i in range(rows - BAND, -1, -1):
+        values[i] = _upper(factor, values, i, BAND - 1)
 
 
 @device_function

@@ -1,4 +1,4 @@
-"""First and second derivatives of the energies of beams by their chords and by the turns of their nodes.
+"""Second derivatives of the energies of beams by their chords and by the turns of their nodes.
 
 The energy is one of measures that are linear in the chord's direction t and in the directors d of each end
 (`beam_measures`). A turn w of a node changes its directors by w x d + w x (w x d) / 2, a change of the chord
@@ -8,43 +8,50 @@ v the direction by (1 - t t^T) dv / l; the derivatives of products follow from t
 from __future__ import annotations
 
 from cosim.base.kernels import device_function
-from cosim.soft.beams.beam_measures import add_stretches_and_bends, add_twists, fill_measures, fill_second
-from cosim.soft.beams.beam_work import COSINE, MEASURES, SINE, STRETCH
+from cosim.soft.beams.beam_lanes import (
+    BENT,
+    BY_MEASURES,
+    BY_TWIST,
+    DIRECTION,
+    DIRECTORS,
+    LANES,
+    LENGTH,
+    MEASURES,
+    PULL,
+    SECOND,
+    TWIST,
+    lane_of,
+)
+from cosim.soft.beams.beam_measures import angle_factor, fill_second
+from cosim.soft.beams.beam_work import COSINE, COUNT, SINE, STRETCH
 
 
 @device_function
-def _fill_gradients(w):  # type: ignore[no-untyped-def]
-    """Fill the gradients: of what is linear in t and the directors, by the vectors that these meet in it."""
-    pull = w.pull
-    for e in range(w.chord.shape[0]):
-        d, t, first, gradient = w.directors[e], w.direction[e], w.first[e], w.gradient[e]
-        over = 1.0 / w.measures[e, STRETCH]
+def _read_lanes(s, w):  # type: ignore[no-untyped-def]
+    """Fill what the groups hold of all beams, and the factors of the angles with both derivatives."""
+    for e in range(w.hessian.shape[0]):
+        lane, first, m = lane_of(e), w.first[e], w.measures[e]
+        m[STRETCH], first[STRETCH] = s[LENGTH + lane], s[PULL + lane]
+        m[SINE], m[COSINE] = s[TWIST + lane], s[TWIST + LANES + lane]
+        first[SINE], first[COSINE] = s[BY_TWIST + lane], s[BY_TWIST + LANES + lane]
         for r in range(3):
-            gradient[r] = first[STRETCH] * t[r]
+            w.direction[e, r] = s[DIRECTION + r * LANES + lane]
         for a in range(2):
-            at, along = 1 + 3 * a, 0.0
-            for r in range(3):
-                pull[r] = first[at] * d[a, 0, r] + first[at + 1] * d[a, 1, r] + first[at + 2] * d[a, 2, r]
-                along += pull[r] * t[r]
-            for r in range(3):
-                p, q = (r + 1) % 3, (r + 2) % 3
-                gradient[r] += over * (pull[r] - along * t[r])
-                gradient[3 + 3 * a + r] = pull[p] * t[q] - pull[q] * t[p]
-        for k in range(1, 3):
-            sign = 1.0 if k == 2 else -1.0
-            for r in range(3):
-                pull[r] = first[COSINE] * d[1, k, r] + sign * first[SINE] * d[1, 3 - k, r]
-            for r in range(3):
-                p, q = (r + 1) % 3, (r + 2) % 3
-                twist = d[0, k, p] * pull[q] - d[0, k, q] * pull[p]
-                gradient[3 + r] += twist
-                gradient[6 + r] -= twist
+            at = a * SECOND + lane
+            for k in range(3):
+                m[1 + 3 * a + k] = s[MEASURES + k * LANES + at]
+                first[1 + 3 * a + k] = s[BY_MEASURES + k * LANES + at]
+                for r in range(3):
+                    w.directors[e, a, k, r] = s[DIRECTORS + (3 * k + r) * LANES + at]
+            for k in range(2):
+                w.turn[e, a, k] = s[BENT + k * LANES + at]
+            w.factor[e, a, 0], w.factor[e, a, 1], w.factor[e, a, 2] = angle_factor(m[1 + 3 * a])
 
 
 @device_function
 def _fill_jacobians(w):  # type: ignore[no-untyped-def]
     """Fill the derivatives of the measures."""
-    for e in range(w.chord.shape[0]):
+    for e in range(w.hessian.shape[0]):
         d, j, m, t = w.directors[e], w.jacobian[e], w.measures[e], w.direction[e]
         for r in range(3):
             p, q = (r + 1) % 3, (r + 2) % 3
@@ -65,23 +72,23 @@ def _fill_jacobians(w):  # type: ignore[no-untyped-def]
 @device_function
 def _fill_products(w, begin):  # type: ignore[no-untyped-def]
     """Fill the Hessians, from a row and column on, with what the first derivatives of the measures give."""
-    for e in range(w.chord.shape[0]):
+    for e in range(w.hessian.shape[0]):
         jacobian, second, hessian, product = w.jacobian[e], w.second[e], w.hessian[e], w.product
-        for r in range(begin, MEASURES):
-            for c in range(begin, MEASURES):
+        for r in range(begin, COUNT):
+            for c in range(begin, COUNT):
                 hessian[r, c] = 0.0
-        for k in range(MEASURES):
-            for c in range(begin, MEASURES):
+        for k in range(COUNT):
+            for c in range(begin, COUNT):
                 product[k, c] = 0.0
-            for r in range(MEASURES):
+            for r in range(COUNT):
                 value = second[k, r]
                 if value != 0.0:  # both factors are half empty
-                    for c in range(begin, MEASURES):
+                    for c in range(begin, COUNT):
                         product[k, c] += value * jacobian[r, c]
-            for r in range(begin, MEASURES):
+            for r in range(begin, COUNT):
                 value = jacobian[k, r]
                 if value != 0.0:
-                    for c in range(begin, MEASURES):
+                    for c in range(begin, COUNT):
                         hessian[r, c] += value * product[k, c]
 
 
@@ -89,7 +96,7 @@ def _fill_products(w, begin):  # type: ignore[no-untyped-def]
 def _add_by_turned_chords(w, whole):  # type: ignore[no-untyped-def]
     """Add to the Hessians, whole or by turns alone, what the second derivatives of l, c, s_2 and s_3 give."""
     pull = w.pull
-    for e in range(w.chord.shape[0]):
+    for e in range(w.hessian.shape[0]):
         h, t, d, over = w.hessian[e], w.direction[e], w.directors[e], 1.0 / w.measures[e, STRETCH]
         if whole:
             for r in range(3):
@@ -125,7 +132,7 @@ def _add_by_turned_chords(w, whole):  # type: ignore[no-untyped-def]
 def _add_by_twists(w):  # type: ignore[no-untyped-def]
     """Add to the Hessians what the second derivatives of S and C give."""
     meets = w.pull  # the sum of the directors of the second end that d_k of the first meets in S and C
-    for e in range(w.chord.shape[0]):
+    for e in range(w.hessian.shape[0]):
         h, d, first = w.hessian[e], w.directors[e], w.first[e]
         for k in range(1, 3):
             sign, dot = 1.0 if k == 2 else -1.0, 0.0
@@ -144,23 +151,19 @@ def _add_by_twists(w):  # type: ignore[no-untyped-def]
 
 
 @device_function
-def beam_energies(rigidities, lengths, w, hessian, whole):  # type: ignore[no-untyped-def]
-    """Fill gradients and, if told to, Hessians by chord and turns; return the sum of the energies [J].
+def fill_hessians(rigidities, lengths, s, w, whole):  # type: ignore[no-untyped-def]
+    """Fill the Hessians by chords and turns.
 
     Args:
         rigidities: (4,), see `RectangularSection`.
         lengths: (m,) [m], drawn.
-        w: `BeamWork`, with chords and directors.
-        hessian: whether to fill it.
-        whole: all of it, or what belongs to the turns alone.
+        s: the beams in groups, see `beam_lanes`.
+        w: `BeamWork`.
+        whole: all of them, or what belongs to the turns alone.
     """
-    fill_measures(lengths, w)
-    energy = add_stretches_and_bends(rigidities, lengths, w) + add_twists(rigidities[3], lengths, w)
-    _fill_gradients(w)
-    if hessian:
-        fill_second(rigidities, lengths, w)
-        _fill_jacobians(w)
-        _fill_products(w, 0 if whole else 3)
-        _add_by_turned_chords(w, whole)
-        _add_by_twists(w)
-    return energy
+    _read_lanes(s, w)
+    fill_second(rigidities, lengths, w)
+    _fill_jacobians(w)
+    _fill_products(w, 0 if whole else 3)
+    _add_by_turned_chords(w, whole)
+    _add_by_twists(w)

@@ -19,108 +19,73 @@ corotational beams; Oran, J. Struct. Div. ASCE 99 (1973) 987, for the strain by 
 from __future__ import annotations
 
 import math
+from typing import Final
 
-from cosim.base.kernels import device_function
-from cosim.soft.beams.beam_work import BEGIN, COSINE, END, SINE, STRETCH
+from cosim.base.kernels import device_function, inlined
+from cosim.soft.beams.beam_work import COSINE, SINE, STRETCH
+from cosim.soft.elements.hinge_gradient import full_angle
 
 # arccos(c) / (1 - c^2)^(1/2) = sum of a_n (1 - c)^n, a_n = a_(n-1) n / (2 n + 1); the highest power first
 _SERIES = tuple(math.prod((k / (2 * k + 1) for k in range(1, n + 1)), start=1.0) for n in range(12, -1, -1))
-_SHORT_SERIES = _SERIES[6:]
+FAR: Final = 0.05
+"""1 - c from which on the series is not used."""
 
 
-@device_function
-def _fill_series(series, u, out):  # type: ignore[no-untyped-def]
-    """Fill out with a power series in u = 1 - c and its first two derivatives by c."""
-    value = slope = curvature = 0.0
-    for a in series:
+@inlined
+def factor_by_series(c):  # type: ignore[no-untyped-def]
+    """Return arccos(c) / (1 - c^2)^(1/2) and its first two derivatives by c, by a series in 1 - c."""
+    u, value, slope, curvature = 1.0 - c, 0.0, 0.0, 0.0
+    for a in _SERIES:
         curvature = curvature * u + 2.0 * slope
         slope = slope * u + value
         value = value * u + a
-    out[0], out[1], out[2] = value, -slope, curvature
+    return value, -slope, curvature
 
 
 @device_function
-def _angle_factor(c, out):  # type: ignore[no-untyped-def]
-    """Fill out = arccos(c) / (1 - c^2)^(1/2) and its first two derivatives by c."""
-    u = 1.0 - c
-    if u < 2e-3:
-        _fill_series(_SHORT_SERIES, u, out)
-    elif u < 0.05:
-        _fill_series(_SERIES, u, out)
-    else:
-        c = max(c, -1.0 + 1e-12)
-        w = 1.0 - c * c
-        out[0] = math.acos(c) / math.sqrt(w)
-        out[1] = (c * out[0] - 1.0) / w
-        out[2] = (3.0 * c * out[1] + out[0]) / w
+def angle_factor(c):  # type: ignore[no-untyped-def]
+    """Return arccos(c) / (1 - c^2)^(1/2) and its first two derivatives by c."""
+    if 1.0 - c < FAR:
+        return factor_by_series(c)
+    c = max(c, -1.0 + 1e-12)
+    w = 1.0 - c * c
+    value = math.acos(c) / math.sqrt(w)
+    slope = (c * value - 1.0) / w
+    return value, slope, (3.0 * c * slope + value) / w
+
+
+@inlined
+def bowing(begin, end):  # type: ignore[no-untyped-def]
+    """Return by how much of the chord the angles theta_k1 and theta_k2 make the centre line longer."""
+    return (2.0 * begin * begin - begin * end + 2.0 * end * end) / 30.0
+
+
+@inlined
+def by_bow(here, there):  # type: ignore[no-untyped-def]
+    """Return the derivative of that by theta_k of one end."""
+    return (4.0 * here - there) / 30.0
+
+
+@inlined
+def twist(sine, cosine):  # type: ignore[no-untyped-def]
+    """Return phi and its derivatives by S and C."""
+    over = 1.0 / (sine * sine + cosine * cosine)
+    return math.copysign(full_angle(abs(sine), cosine), sine), cosine * over, -sine * over
 
 
 @device_function
-def fill_measures(lengths, w):  # type: ignore[no-untyped-def]
-    """Fill measures, turns of the ends and strains; chords and directors are given, drawn lengths (m,)."""
-    for e in range(lengths.shape[0]):
-        v, d, m, t = w.chord[e], w.directors[e], w.measures[e], w.direction[e]
-        m[STRETCH] = math.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
-        over = 1.0 / m[STRETCH]
-        for r in range(3):
-            t[r] = over * v[r]
-        m[SINE] = m[COSINE] = 0.0
-        for k in range(3):
-            m[BEGIN + k] = d[0, k, 0] * t[0] + d[0, k, 1] * t[1] + d[0, k, 2] * t[2]
-            m[END + k] = d[1, k, 0] * t[0] + d[1, k, 1] * t[1] + d[1, k, 2] * t[2]
-            m[SINE] += d[0, 2, k] * d[1, 1, k] - d[0, 1, k] * d[1, 2, k]
-            m[COSINE] += d[0, 1, k] * d[1, 1, k] + d[0, 2, k] * d[1, 2, k]
-        for a in range(2):
-            _angle_factor(m[1 + 3 * a], w.factor[e, a])
-            for k in range(2):
-                w.turn[e, a, k] = w.factor[e, a, 0] * m[2 + 3 * a + k]
-        w.strain[e] = m[STRETCH] / lengths[e] - 1.0
-        for k in range(2):
-            begin, end = w.turn[e, 0, k], w.turn[e, 1, k]
-            w.strain[e] += (2.0 * begin * begin - begin * end + 2.0 * end * end) / 30.0
-
-
-@device_function
-def add_twists(torsion, lengths, w):  # type: ignore[no-untyped-def]
-    """Fill derivatives by S and C; return the energy of twisting [J]."""
-    energy = 0.0
-    for e in range(lengths.shape[0]):
-        sine, cosine, stiffness = w.measures[e, SINE], w.measures[e, COSINE], torsion / lengths[e]
-        phi, over = math.atan2(sine, cosine), 1.0 / (sine * sine + cosine * cosine)
-        energy += 0.5 * stiffness * phi * phi
-        by_sine, by_cosine = cosine * over, -sine * over
-        w.first[e, SINE], w.first[e, COSINE] = stiffness * phi * by_sine, stiffness * phi * by_cosine
-        mixed = 2.0 * by_sine * by_cosine  # -2 S C / (S^2 + C^2)^2
-        w.second[e, SINE, SINE] = stiffness * (by_sine * by_sine + phi * mixed)
-        w.second[e, COSINE, COSINE] = stiffness * (by_cosine * by_cosine - phi * mixed)
-        cross = by_sine * by_cosine + phi * (by_cosine * by_cosine - by_sine * by_sine)
-        w.second[e, SINE, COSINE] = w.second[e, COSINE, SINE] = stiffness * cross
-    return energy
-
-
-@device_function
-def add_stretches_and_bends(rigidities, lengths, w):  # type: ignore[no-untyped-def]
-    """Fill first derivatives by l, c and s; return the energy of stretching and bending [J]."""
-    energy = 0.0
-    for e in range(lengths.shape[0]):
-        force, first = rigidities[0] * w.strain[e], w.first[e]
-        energy += 0.5 * force * w.strain[e] * lengths[e]
-        first[STRETCH] = force
-        for a in range(2):
-            first[1 + 3 * a] = 0.0
-            for k in range(2):
-                here, there = w.turn[e, a, k], w.turn[e, 1 - a, k]
-                bending = 2.0 * rigidities[1 + k] / lengths[e]
-                energy += 0.5 * bending * here * (2.0 * here + there)
-                by_turn = force * lengths[e] * (4.0 * here - there) / 30.0 + bending * (2.0 * here + there)
-                first[1 + 3 * a] += by_turn * w.factor[e, a, 1] * w.measures[e, 2 + 3 * a + k]
-                first[2 + 3 * a + k] = by_turn * w.factor[e, a, 0]
-    return energy
+def _fill_second_of_twist(stiffness, m, second):  # type: ignore[no-untyped-def]
+    phi, by_sine, by_cosine = twist(m[SINE], m[COSINE])
+    mixed = 2.0 * by_sine * by_cosine  # -2 S C / (S^2 + C^2)^2
+    second[SINE, SINE] = stiffness * (by_sine * by_sine + phi * mixed)
+    second[COSINE, COSINE] = stiffness * (by_cosine * by_cosine - phi * mixed)
+    cross = by_sine * by_cosine + phi * (by_cosine * by_cosine - by_sine * by_sine)
+    second[SINE, COSINE] = second[COSINE, SINE] = stiffness * cross
 
 
 @device_function
 def fill_second(rigidities, lengths, w):  # type: ignore[no-untyped-def]
-    """Fill second derivatives by l, c and s."""
+    """Fill second derivatives by the measures."""
     for e in range(lengths.shape[0]):
         second, m, factor, along = w.second[e], w.measures[e], w.factor[e], rigidities[0] / lengths[e]
         second[:7, :7] = 0.0
@@ -128,10 +93,7 @@ def fill_second(rigidities, lengths, w):  # type: ignore[no-untyped-def]
         for a in range(2):
             for k in range(2):
                 c, s = 1 + 3 * a, 2 + 3 * a + k
-                by_c, bow = (
-                    factor[a, 1] * m[s],
-                    lengths[e] * (4.0 * w.turn[e, a, k] - w.turn[e, 1 - a, k]) / 30.0,
-                )
+                by_c, bow = factor[a, 1] * m[s], lengths[e] * by_bow(w.turn[e, a, k], w.turn[e, 1 - a, k])
                 by_turn = w.first[e, s] / factor[a, 0]
                 second[STRETCH, c] += along * bow * by_c
                 second[STRETCH, s] = along * bow * factor[a, 0]
@@ -140,11 +102,10 @@ def fill_second(rigidities, lengths, w):  # type: ignore[no-untyped-def]
                 for b in range(2):
                     for j in range(2):
                         other = 2 + 3 * b + j
-                        value = lengths[e] * (4.0 * w.turn[e, b, j] - w.turn[e, 1 - b, j]) / 30.0
-                        value *= along * bow
+                        value = lengths[e] * by_bow(w.turn[e, b, j], w.turn[e, 1 - b, j]) * along * bow
                         if k == j:
                             bending, same = 2.0 * rigidities[1 + k] / lengths[e], a == b
-                            value += rigidities[0] * w.strain[e] * lengths[e] / 30.0 * (4.0 if same else -1.0)
+                            value += w.first[e, STRETCH] * lengths[e] / 30.0 * (4.0 if same else -1.0)
                             value += bending * (2.0 if same else 1.0)
                         second[s, other] = value * factor[a, 0] * factor[b, 0]
                         second[c, other] += value * by_c * factor[b, 0]
@@ -153,3 +114,4 @@ def fill_second(rigidities, lengths, w):  # type: ignore[no-untyped-def]
             second[r, STRETCH] = second[STRETCH, r]
             if r not in (1, 4):
                 second[r, 1], second[r, 4] = second[1, r], second[4, r]
+        _fill_second_of_twist(rigidities[3] / lengths[e], m, second)

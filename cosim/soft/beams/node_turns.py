@@ -10,7 +10,6 @@ laid through three of its nodes, so that a rigid motion changes nothing.
 
 from __future__ import annotations
 
-import math
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -19,7 +18,10 @@ from numba import types
 from cosim.base.frames import Array, IntArray
 from cosim.base.kernels import CUBES, INDEX_TABLE, MATRIX, VECTOR, allocating, device_function
 from cosim.soft.beams.band_cholesky import BAND, backward, factorise, forward, place_in_band
-from cosim.soft.beams.beam import beam_energies
+from cosim.soft.beams.beam import fill_hessians
+from cosim.soft.beams.beam_lanes import LANES, SIZE, differentiate
+from cosim.soft.beams.beam_work import BeamWork, beam_work
+from cosim.soft.beams.ring_lanes import accept, place_step, sum_lanes
 
 _STEPS_MAX = 100
 _HALVINGS_MAX = 12
@@ -58,147 +60,58 @@ class RingWork(NamedTuple):
 
     Args:
         axes: (3, 3), of the ring, as columns.
-        positions: (m, 3) [m], in them.
-        turns: (m, 4), quaternions of the nodes, in them.
-        trial: (m, 4), the same after a step.
-        rotations: (m, 3, 3), that belong to `trial`.
+        places: (m + 1,), where the turn of each node begins; the last is the first.
+        lanes: its beams in groups, see `beam_lanes`; those to spare are as the last one.
         moment: (3 m,) [N m], derivative by the turns.
         band: (3 m, 9), of second derivatives by the turns.
         factor: (3 m, 9), its Cholesky factor.
         step: (3 m,).
+        beams: scratch for their Hessians.
     """
 
     axes: Array
-    positions: Array
-    turns: Array
-    trial: Array
-    rotations: Array
+    places: IntArray
+    lanes: Array
     moment: Array
     band: Array
     factor: Array
     step: Array
+    beams: BeamWork
 
 
 @allocating
 def ring_work(m):  # type: ignore[no-untyped-def]
     """Return the scratch of rings of m nodes."""
+    places = np.empty(m + 1, np.int64)
+    for i in range(m + 1):
+        places[i] = 3 * place_in_band(i % m, m)
     return RingWork(
-        np.empty((3, 3)), np.empty((m, 3)), np.empty((m, 4)), np.empty((m, 4)), np.empty((m, 3, 3)),
-        np.empty(3 * m), np.empty((3 * m, BAND)), np.empty((3 * m, BAND)), np.empty(3 * m),
+        np.empty((3, 3)), places, np.empty((m + LANES - 1) // LANES * SIZE), np.empty(3 * m),
+        np.empty((3 * m, BAND)), np.empty((3 * m, BAND)), np.empty(3 * m), beam_work(m),
     )  # fmt: skip
 
 
 @device_function
-def fill_axes(x, ring, axes):  # type: ignore[no-untyped-def]
-    """Fill the axes (3, 3), as columns, laid through three nodes of a ring (m,)."""
-    count = ring.shape[0]
-    first, second, third = ring[0], ring[count // 3], ring[2 * count // 3]
-    for r in range(3):
-        axes[r, 0], axes[r, 1] = x[second, r] - x[first, r], x[third, r] - x[first, r]
-    _cross_columns(axes, 0, 1, 2)
-    for c in (0, 2):
-        size = math.sqrt(axes[0, c] ** 2 + axes[1, c] ** 2 + axes[2, c] ** 2)
-        for r in range(3):
-            axes[r, c] /= size
-    _cross_columns(axes, 2, 0, 1)
-
-
-@device_function
-def _cross_columns(axes, a, b, into):  # type: ignore[no-untyped-def]
-    for r in range(3):
-        p, q = (r + 1) % 3, (r + 2) % 3
-        axes[r, into] = axes[p, a] * axes[q, b] - axes[q, a] * axes[p, b]
-
-
-@device_function
-def place_ring(x, ring, w):  # type: ignore[no-untyped-def]
-    """Fill axes and positions of a ring (m,)."""
-    fill_axes(x, ring, w.axes)
-    for i in range(ring.shape[0]):
-        for c in range(3):
-            w.positions[i, c] = 0.0
-            for r in range(3):
-                w.positions[i, c] += w.axes[r, c] * (x[ring[i], r] - x[ring[0], r])
-
-
-@device_function
-def _turn_by(w, fraction):  # type: ignore[no-untyped-def]
-    """Fill the trial quaternions and rotations: the step's fraction after the turns that there are."""
-    count = w.turns.shape[0]
-    for i in range(count):
-        at = 3 * place_in_band(i, count)
-        half = 0.5 * fraction
-        a, b, c = half * w.step[at], half * w.step[at + 1], half * w.step[at + 2]
-        q0, q1, q2, q3 = w.turns[i, 0], w.turns[i, 1], w.turns[i, 2], w.turns[i, 3]
-        # tan(angle / 2) = |step| / 2: as good as the angle itself, which is a step of Newton's method
-        p0 = q0 - a * q1 - b * q2 - c * q3
-        p1 = q1 + a * q0 + b * q3 - c * q2
-        p2 = q2 + b * q0 + c * q1 - a * q3
-        p3 = q3 + c * q0 + a * q2 - b * q1
-        over = 1.0 / math.sqrt(p0 * p0 + p1 * p1 + p2 * p2 + p3 * p3)
-        p0, p1, p2, p3 = over * p0, over * p1, over * p2, over * p3
-        w.trial[i, 0], w.trial[i, 1], w.trial[i, 2], w.trial[i, 3] = p0, p1, p2, p3
-        m = w.rotations[i]
-        m[0, 0], m[0, 1], m[0, 2] = (
-            1 - 2 * (p2 * p2 + p3 * p3),
-            2 * (p1 * p2 - p0 * p3),
-            2 * (p1 * p3 + p0 * p2),
-        )
-        m[1, 0], m[1, 1], m[1, 2] = (
-            2 * (p1 * p2 + p0 * p3),
-            1 - 2 * (p1 * p1 + p3 * p3),
-            2 * (p2 * p3 - p0 * p1),
-        )
-        m[2, 0], m[2, 1], m[2, 2] = (
-            2 * (p1 * p3 - p0 * p2),
-            2 * (p2 * p3 + p0 * p1),
-            1 - 2 * (p1 * p1 + p2 * p2),
-        )
-
-
-@device_function
-def lay_beams(beams, f, w, b):  # type: ignore[no-untyped-def]
-    """Fill chords and directors of the beams of ring f."""
-    count = w.turns.shape[0]
-    for e in range(count):
-        other = (e + 1) % count
-        for r in range(3):
-            b.chord[e, r] = w.positions[other, r] - w.positions[e, r]
-            for k in range(3):
-                begin = end = 0.0
-                for c in range(3):
-                    begin += w.rotations[e, r, c] * beams.directors[f, e, k, c]
-                    end += w.rotations[other, r, c] * beams.directors[f, e, k, c]
-                b.directors[e, 0, k, r], b.directors[e, 1, k, r] = begin, end
-
-
-@device_function
-def _sum_beams(beams, f, w, b, hessian, whole):  # type: ignore[no-untyped-def]
-    """Sum all beams of ring f at the trial turns, with the band if told to; return the energy [J].
+def _sum_beams(beams, f, w, fraction, hessian, whole):  # type: ignore[no-untyped-def]
+    """Sum all beams after the step's fraction, with the band if told to; return the energy [J].
 
     The beams' own Hessians are filled with it: wholly, or what belongs to the turns alone.
     """
-    count = w.turns.shape[0]
-    lay_beams(beams, f, w, b)
-    energy = beam_energies(beams.rigidities, beams.lengths[f], b, hessian, whole)
-    w.moment[:] = 0.0
-    for e in range(count):
-        first, second = 3 * place_in_band(e, count), 3 * place_in_band((e + 1) % count, count)
-        for r in range(3):
-            w.moment[first + r] += b.gradient[e, 3 + r]
-            w.moment[second + r] += b.gradient[e, 6 + r]
+    for first in range(0, w.lanes.shape[0], SIZE):
+        differentiate(beams.rigidities, w.lanes[first : first + SIZE], fraction)
+    energy = sum_lanes(w.lanes, w.places, w.moment)
     if hessian:
-        _fill_band(w, b)
+        fill_hessians(beams.rigidities, beams.lengths[f], w.lanes, w.beams, whole)
+        _fill_band(w)
     return energy
 
 
 @device_function
-def _fill_band(w, b):  # type: ignore[no-untyped-def]
-    count, band = w.turns.shape[0], w.band
+def _fill_band(w):  # type: ignore[no-untyped-def]
+    band = w.band
     band[:] = 0.0
-    for e in range(count):
-        first, second = 3 * place_in_band(e, count), 3 * place_in_band((e + 1) % count, count)
-        h = b.hessian[e]
+    for e in range(w.beams.hessian.shape[0]):
+        h, first, second = w.beams.hessian[e], w.places[e], w.places[e + 1]
         for r in range(3):
             for c in range(r + 1):
                 band[first + r, r - c] += h[3 + r, 3 + c]
@@ -211,18 +124,17 @@ def _fill_band(w, b):  # type: ignore[no-untyped-def]
 
 
 @device_function
-def _fill_step(w):  # type: ignore[no-untyped-def]
+def _fill_step(factor, moment, step):  # type: ignore[no-untyped-def]
     """Fill the step that the factor gives; return its largest entry and its slope."""
-    for i in range(w.step.shape[0]):
-        w.step[i] = w.moment[i]
-    forward(w.factor, w.step)
+    for i in range(step.shape[0]):
+        step[i] = -moment[i]
+    forward(factor, step)
     slope, largest = 0.0, 0.0
-    for i in range(w.step.shape[0]):
-        slope -= w.step[i] * w.step[i]
-    backward(w.factor, w.step)
-    for i in range(w.step.shape[0]):
-        w.step[i] = -w.step[i]
-        largest = max(largest, abs(w.step[i]))
+    for i in range(step.shape[0]):
+        slope -= step[i] * step[i]
+    backward(factor, step)
+    for i in range(step.shape[0]):
+        largest = max(largest, abs(step[i]))
     return largest, slope
 
 
@@ -247,19 +159,19 @@ def _fill_unstable_step(w):  # type: ignore[no-untyped-def]
 
 
 @device_function
-def balance_turns(beams, f, w, b, hessian, small, kept):  # type: ignore[no-untyped-def]
-    """Bring the turns of ring f into balance from those in `w.turns`; return the energy [J], or infinity.
+def balance_turns(beams, f, w, hessian, small, kept):  # type: ignore[no-untyped-def]
+    """Bring the turns of ring f into balance from those that it has; return the energy [J], or infinity.
 
-    Afterwards `w` and `b` hold turns and first derivatives there; if told to, second ones too, and the
-    factor of those by the turns. The search ends with an error of `small` [rad]; with `kept` it begins with
+    Afterwards `w` holds turns and first derivatives there; if told to, second ones too, and the factor of
+    those by the turns. The search ends with an error of `small` [rad]; with `kept` it begins with
     the factor that is in `w`.
     """
     stiffest = 0.0
-    for e in range(w.turns.shape[0]):
+    for e in range(beams.lengths.shape[1]):
         stiffest = max(stiffest, (beams.rigidities[1] + beams.rigidities[2]) / beams.lengths[f, e])
     w.step[:] = 0.0
-    _turn_by(w, 0.0)
-    energy, shift, last = _sum_beams(beams, f, w, b, not kept, hessian), 0.0, 1.0
+    place_step(w.lanes, w.places, w.step)
+    energy, shift, last = _sum_beams(beams, f, w, 0.0, not kept, hessian), 0.0, 1.0
     fresh, done = not kept, False
     for _ in range(_STEPS_MAX):
         if fresh:
@@ -270,7 +182,7 @@ def balance_turns(beams, f, w, b, hessian, small, kept):  # type: ignore[no-unty
                     return np.inf
         if done and shift == 0.0:
             return energy
-        largest, slope = _fill_step(w)
+        largest, slope = _fill_step(w.factor, w.moment, w.step)
         if not hessian and shift == 0.0 and largest < small:
             return energy
         if shift > 0.0 and largest < _STUCK_TURN:
@@ -284,17 +196,15 @@ def balance_turns(beams, f, w, b, hessian, small, kept):  # type: ignore[no-unty
         # a factor that serves well is kept; what it leaves shrinks as the steps do
         done = shift == 0.0 and largest * min(1.0, largest / last) < small
         fresh = (done and hessian) if shrinks or done else True
+        place_step(w.lanes, w.places, w.step)
         for _ in range(_HALVINGS_MAX):
-            _turn_by(w, fraction)
-            energy = _sum_beams(beams, f, w, b, fresh, hessian)
+            energy = _sum_beams(beams, f, w, fraction, fresh, hessian)
             lower = energy <= before + 1e-4 * fraction * slope + 1e-12 * before
             if lower or largest < _ROUNDED_TURN:
                 break
             fraction, fresh, done = 0.5 * fraction, True, False
         last = max(largest, 1e-300)
-        for i in range(w.turns.shape[0]):
-            for r in range(4):
-                w.turns[i, r] = w.trial[i, r]
+        accept(w.lanes)
         if done and not fresh:
             return energy
     return np.inf

@@ -19,54 +19,56 @@ from cosim.base.kernels import (
     kernel,
 )
 from cosim.soft.beams.band_cholesky import BAND, forward_rows, place_in_band
-from cosim.soft.beams.beam_work import beam_work
+from cosim.soft.beams.beam_lanes import BENT, FORCE, LANES, SECOND, STRAIN, TURNS, lane_of, three
 from cosim.soft.beams.node_turns import (
     BEAM_ARRAYS,
     SMALL_TURN,
     SMALL_TURN_IN_MOTION,
     balance_turns,
-    fill_axes,
-    place_ring,
     ring_work,
 )
+from cosim.soft.beams.ring_lanes import fill_axes, place_ring
 
 REMEMBERED: Final = 4 + 3 * BAND
 """Numbers that a ring remembers for each of its nodes: all turns, then the factor of the tangent by them."""
 
 
 @device_function
-def _copy(values, first, to, begin, count):  # type: ignore[no-untyped-def]
-    for i in range(count):
-        to[begin + i] = values[first + i]
+def _copy(values, to):  # type: ignore[no-untyped-def]
+    for i in range(values.shape[0]):
+        to[i] = values[i]
 
 
 @device_function
-def _read_memory(memory, f, w):  # type: ignore[no-untyped-def]
-    """Fill turns and factor that ring f remembers; return whether there is a factor."""
-    turns, factor = w.turns.reshape(w.turns.size), w.factor.reshape(w.factor.size)
-    first = REMEMBERED * f * w.turns.shape[0]
-    _copy(memory, first, turns, 0, turns.size)
-    _copy(memory, first + turns.size, factor, 0, factor.size)
+def _read_memory(x, beams, f, memory, w):  # type: ignore[no-untyped-def]
+    """Lay ring f with the turns and fill the factor that it remembers; return whether there is a factor."""
+    count, factor = beams.rings.shape[1], w.factor.reshape(w.factor.size)
+    first = REMEMBERED * f * count
+    place_ring(x, beams, f, memory[first:], w.axes, w.lanes)
+    _copy(memory[first + 4 * count : first + REMEMBERED * count], factor)
     return factor[0] > 0.0
 
 
 @device_function
 def _write_memory(w, f, memory):  # type: ignore[no-untyped-def]
     """Keep turns and factor of ring f."""
-    turns, factor = w.turns.reshape(w.turns.size), w.factor.reshape(w.factor.size)
-    first = REMEMBERED * f * w.turns.shape[0]
-    _copy(turns, 0, memory, first, turns.size)
-    _copy(factor, 0, memory, first + turns.size, factor.size)
+    count, factor = w.beams.hessian.shape[0], w.factor.reshape(w.factor.size)
+    first = REMEMBERED * f * count
+    for e in range(count):
+        turns, s = memory[first + 4 * e :], w.lanes[lane_of(e) :]
+        for r in range(4):
+            turns[r] = s[TURNS + r * LANES]
+    _copy(factor, memory[first + 4 * count :])
 
 
 @device_function
-def _fill_matrix(w, beam, mixed, matrix):  # type: ignore[no-untyped-def]
+def _fill_matrix(w, mixed, matrix):  # type: ignore[no-untyped-def]
     """Fill matrix (3 m, 3 m) = E_xx - E_xR E_RR^-1 E_Rx in axes of the ring; mixed (3 m, 3 m) is scratch."""
-    count = w.turns.shape[0]
+    count = w.beams.hessian.shape[0]
     matrix[:] = 0.0
     mixed[:] = 0.0
     for e in range(count):
-        h, ends = beam.hessian[e], (e, (e + 1) % count)
+        h, ends = w.beams.hessian[e], (e, (e + 1) % count)
         for a in range(2):
             for b in range(2):
                 sign = 1.0 if a == b else -1.0
@@ -88,7 +90,7 @@ def _fill_matrix(w, beam, mixed, matrix):  # type: ignore[no-untyped-def]
 @allocating
 def _add_matrix(w, slots, matrix, blocks):  # type: ignore[no-untyped-def]
     """Add the lower triangle of a matrix in axes of the ring to blocks in those of the world."""
-    axes, count = w.axes, w.turns.shape[0]
+    axes, count = w.axes, w.beams.hessian.shape[0]
     block, half = np.empty((3, 3)), np.empty((3, 3))
     for a in range(count):
         for b in range(a + 1):
@@ -114,25 +116,25 @@ def add_beam_rings(x, beams, memory, moving, slots, gradient, blocks, tracked): 
     Returns the energy [J]; infinity where no turns in balance are found.
     """
     count, with_hessian = beams.rings.shape[1], slots.shape[0] > 0
-    w, b, energy = ring_work(count), beam_work(count), 0.0
+    w, energy = ring_work(count), 0.0
     size, small = 3 * count if with_hessian else 0, SMALL_TURN_IN_MOTION if moving else SMALL_TURN
     mixed, matrix = np.empty((size, size)), np.empty((size, size))
     for f in range(beams.rings.shape[0]):
-        place_ring(x, beams.rings[f], w)
-        there = _read_memory(memory, f, w)
+        there = _read_memory(x, beams, f, memory, w)
         kept = there and moving and not with_hessian
-        energy += balance_turns(beams, f, w, b, with_hessian, small, kept)
+        energy += balance_turns(beams, f, w, with_hessian, small, kept)
         if not energy < np.inf:
             return np.inf
         for i in range(count):
+            node, other = beams.rings[f, i], beams.rings[f, (i + 1) % count]
+            own = three(w.lanes, FORCE + lane_of(i))
             for r in range(3):
-                for c in range(3):
-                    force = w.axes[r, c] * b.gradient[i, c]
-                    gradient[beams.rings[f, i], r] -= force
-                    gradient[beams.rings[f, (i + 1) % count], r] += force
+                force = w.axes[r, 0] * own[0] + w.axes[r, 1] * own[1] + w.axes[r, 2] * own[2]
+                gradient[node, r] -= force
+                gradient[other, r] += force
         _write_memory(w, f, tracked)
         if with_hessian:
-            _fill_matrix(w, b, mixed, matrix)
+            _fill_matrix(w, mixed, matrix)
             _add_matrix(w, slots[f], matrix, blocks)
     return energy
 
@@ -141,19 +143,19 @@ def add_beam_rings(x, beams, memory, moving, slots, gradient, blocks, tracked): 
 def peak_strains(x, beams, width, height, memory):  # type: ignore[no-untyped-def]
     """Return the largest strain (f, m) of each beam's fibres, at its ends; NaN where no balance is found."""
     count = beams.rings.shape[1]
-    w, b, found = ring_work(count), beam_work(count), np.empty(beams.rings.shape)
+    w, found = ring_work(count), np.empty(beams.rings.shape)
     no = count < 0  # False itself would be a type of its own, for which all is compiled once more
     for f in range(beams.rings.shape[0]):
-        place_ring(x, beams.rings[f], w)
-        _read_memory(memory, f, w)
-        balanced = balance_turns(beams, f, w, b, no, SMALL_TURN, no) < np.inf
+        _read_memory(x, beams, f, memory, w)
+        balanced = balance_turns(beams, f, w, no, SMALL_TURN, no) < np.inf
         for e in range(count):
-            bent = 0.0
+            at, bent = lane_of(e), 0.0
             for a in range(2):
-                in_plane = width * abs(2.0 * b.turn[e, a, 0] + b.turn[e, 1 - a, 0])
-                across = height * abs(2.0 * b.turn[e, a, 1] + b.turn[e, 1 - a, 1])
+                here, there = BENT + a * SECOND + at, BENT + (1 - a) * SECOND + at
+                in_plane = width * abs(2.0 * w.lanes[here] + w.lanes[there])
+                across = height * abs(2.0 * w.lanes[here + LANES] + w.lanes[there + LANES])
                 bent = max(bent, (in_plane + across) / beams.lengths[f, e])
-            found[f, e] = abs(b.strain[e]) + bent if balanced else np.nan
+            found[f, e] = abs(w.lanes[STRAIN + at]) + bent if balanced else np.nan
     return found
 
 
