@@ -98,11 +98,6 @@ class BlockPattern:
         column = np.require(self.column, requirements="W")  # a copy where it is of a saved state
         return result, _find_slots(self._first, column, elements, result)
 
-    def joined(self, other: BlockPattern) -> BlockPattern:
-        """Return the pattern of all pairs that either of two holds."""
-        key = np.union1d(self._key, other._key)
-        return BlockPattern(self.nodes, key // self.nodes, key % self.nodes)
-
     @cached_property
     def _first(self) -> IntArray:
         """Where each row's blocks begin (nodes + 1,)."""
@@ -192,12 +187,10 @@ class PatternWidening:
         coupled = known or CoupledPattern.around(self._body, serving)
         slots, missing = serving.find(elements)
         if missing or coupled.wasteful(slots):
-            coupled = CoupledPattern.of(self._body, elements)
-            both = CoupledPattern.around(self._body, coupled.pattern.joined(serving))
-            slots = both.pattern.slots(elements)
-            if both.wasteful(slots):
+            coupled = CoupledPattern.around(self._body, CoupledPattern.of(serving, elements).pattern)
+            slots = coupled.pattern.slots(elements)
+            if coupled.wasteful(slots):
+                coupled = CoupledPattern.of(self._body, elements)
                 slots = coupled.pattern.slots(elements)
-            else:
-                coupled = both
         self._last = elements, coupled, slots
         return coupled, slots
