@@ -200,18 +200,27 @@ PLACE_TABLE = numba.uint64[:, ::1]
 MASKS = numba.boolean[:, ::1]
 
 
-def kernel(signature: Any, *, reorder_sums: bool = False) -> Callable[[Function], Function]:
+def kernel(
+    signature: Any, *, reorder_sums: bool = False, allocates: bool = False
+) -> Callable[[Function], Function]:
     """Return a decorator that turns a function into a kernel with one fixed signature.
 
     Args:
         signature: numba signature, kept as `fixed_signature` for `compile_kernels`.
         reorder_sums: whether sums may be taken in any order, with products fused into them, as BLAS does;
             values that are not finite stay visible.
+        allocates: whether it makes arrays whose size it does not know when it is compiled, returns arrays, or
+            calls what does; see `device_function` for what that costs, and `small_arrays` for the others.
+
+    Raises:
+        TypeError: it returns arrays, and does not say that it allocates.
     """
+    if not allocates and _has_arrays(getattr(signature, "return_type", None)):
+        raise TypeError(f"a kernel of {signature} returns arrays: it has to say that it allocates")
 
     def decorate(function: Function) -> Function:
         fast: dict[str, Any] = {"fastmath": {"reassoc", "contract"}} if reorder_sums else {}
-        dispatcher = _compiled_later(function, **fast)
+        dispatcher = _compiled_later(function, _nrt=allocates, no_cfunc_wrapper=True, **fast)
         dispatcher.fixed_signature = signature
         result: Function = dispatcher
         return result

@@ -17,7 +17,9 @@ _AMBIENT: Final = 0.62
 """Light that reaches every face: high, so that shading does not hide the scale."""
 
 
-@kernel(void(BLOCKS, INDEX_TABLE, MATRIX, VECTOR, VECTOR, MATRIX, VECTOR, float64, uint32[:, ::1]))
+@kernel(
+    void(BLOCKS, INDEX_TABLE, MATRIX, VECTOR, VECTOR, MATRIX, VECTOR, float64, uint32[:, ::1]), allocates=True
+)
 def colour_nodes(x, triangles, stress, weight, stress_range, scale, light, ambient, packed):  # type: ignore[no-untyped-def]
     """Fill packed (k, n) with the colour of each node in k frames as 0xRRGGBBAA; see `MembraneColours`.
 

@@ -6,10 +6,11 @@ step with the flange's new pose and returns the next wrench.
 
 from __future__ import annotations
 
-import numpy as np
 from numba import types
 
+from cosim.base.kernel_calls import caller
 from cosim.base.kernels import BOOLEAN, REAL, VECTOR, device_function, kernel
+from cosim.base.small_arrays import small_matrix
 from cosim.coupling.batch.batch_arrays import CARRIED, CHAIN_MOTION, COMMANDS, TICKS
 from cosim.coupling.batch.tick_halves import (
     ALL_DONE,
@@ -23,6 +24,8 @@ from cosim.reduced.sections.pressure_spline import weighted_rows
 from cosim.reduced.solve.arrays import CHAIN_ARRAYS
 from cosim.reduced.solve.implicit_step import FREE_FLIGHT, implicit_step
 from cosim.rigid.scene.native import NATIVE_SCENE
+
+_implicit_step = caller(implicit_step)
 
 
 @device_function
@@ -52,7 +55,7 @@ def advance_ticks(  # type: ignore[no-untyped-def]
     of the chain. earlier: whether the first row
     of the motion holds the step before the last. A soft step that does not converge in one go is left.
     """
-    flange = np.empty((4, 3))
+    flange = small_matrix(4, 3)
     for k in range(count):
         if not take_rigid_half(scene, carried, mounted, mass, commands, ticks, k):
             return k, RIGID_SIDE_WARNS, kept
@@ -62,12 +65,15 @@ def advance_ticks(  # type: ignore[no-untyped-def]
         both = two_steps and (earlier or k > 0)
         if k == 1 and not earlier:  # the factor is of a step that looked back over one only
             kept = kept and not two_steps
-        outcome, iterations, residual, kept = implicit_step(
-            way.motion[k + 1], way.motion[k], both, h, damping, FREE_FLIGHT, flange, chain.free,
-            chain.offsets, chain.coefficients, chain.inverse_length, chain.mass, chain.load, chain.far,
-            chain.eyelets, commands.tension[k], chain.touching, chain.rows, chain.widths, chain.target,
-            chain.diagonal, chain.off, chain.low, chain.side, kept, chain.bounds, iterations_max,
-            way.motion[k + 2], way.gradient[k], ticks.figures[k + 1],
+        outcome, iterations, residual, kept = _implicit_step(
+            chain.call,
+            (
+                way.motion[k + 1], way.motion[k], both, h, damping, FREE_FLIGHT, flange, chain.free,
+                chain.offsets, chain.coefficients, chain.inverse_length, chain.mass, chain.load, chain.far,
+                chain.eyelets, commands.tension[k], chain.touching, chain.rows, chain.widths, chain.target,
+                chain.diagonal, chain.off, chain.low, chain.side, kept, chain.bounds, iterations_max,
+                way.motion[k + 2], way.gradient[k], ticks.figures[k + 1],
+            ),
         )  # fmt: skip
         if outcome != 0:
             return k, SOFT_STEP_LEFT, kept

@@ -14,7 +14,8 @@ from numba import types
 
 from cosim.base.frames import IntArray
 from cosim.base.kernel_calls import address_of, caller
-from cosim.base.kernels import VECTOR, allocating, device_function, kernel
+from cosim.base.kernels import VECTOR, device_function, kernel
+from cosim.base.small_arrays import small_matrix, small_vector
 from cosim.coupling.batch.batch_arrays import CARRIED, TICKS
 from cosim.coupling.batch.film_rows import FILM_COMMANDS, FILM_MOTION, FILM_ROW
 from cosim.coupling.batch.tick_halves import (
@@ -45,7 +46,7 @@ def row_calls() -> IntArray:
     return np.array([address_of(called) for called in _CALLED])
 
 
-@allocating
+@device_function
 def _may_touch(row, x, velocity):  # type: ignore[no-untyped-def]
     """Return whether a shape may come into the film's reach in a step, as `ContactExchange.find` asks."""
     bounds = row.reach.bounds
@@ -56,7 +57,7 @@ def _may_touch(row, x, velocity):  # type: ignore[no-untyped-def]
                 bounds.rotation[g, r, c] = bounds.axes[bounds.geoms[g], 3 * r + c]
     if bounds.geoms.shape[0] == 0:
         return False
-    low, high, fastest = np.empty(3), np.empty(3), np.empty(1)
+    low, high, fastest = small_vector(3), small_vector(3), small_vector(1)
     _span(row.calls[_SPAN], (x, velocity, low, high, fastest))
     reach = row.reach.rest_m + row.reach.ahead_s * math.sqrt(fastest[0])
     poses = bounds.kind, bounds.center, bounds.half, bounds.position, bounds.rotation
@@ -97,7 +98,7 @@ def advance_film_ticks(  # type: ignore[no-untyped-def]
 
     carried: on the joints. mounted: (10,), parameters of a rigid mass on the flange, flange frame.
     """
-    flange, moments = np.empty((4, 3)), np.empty(9)
+    flange, moments = small_matrix(4, 3), small_vector(9)
     for k in range(count):
         if not take_rigid_half(scene, carried, mounted, row.total_kg, commands, ticks, k):
             return k, RIGID_SIDE_WARNS

@@ -7,7 +7,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from cosim.base.kernels import allocating, device_function
+from cosim.base.kernels import device_function
+from cosim.base.small_arrays import small_matrix, small_vector
 from cosim.coupling.schemes.momentum_balance import LEVER_M, SMALLEST_N
 from cosim.reduced.sections.outputs import CENTER, INERTIA, WRENCH
 from cosim.rigid.scene.native import BEGIN, FACTORISE, FINISH, call_step
@@ -16,10 +17,10 @@ ALL_DONE, SOFT_STEP_LEFT, RIGID_SIDE_WARNS = 0, 1, 2
 """How a row of ticks ended; with the second, the tick's rigid half is done."""
 
 
-@allocating
+@device_function
 def _fill_payload(figures, mass, origin, axes, mounted, out):  # type: ignore[no-untyped-def]
     """Fill out (10,) with the `inertial_parameters` of the chain's mass and of what is mounted."""
-    center, turned, inertia = np.empty(3), np.empty((3, 3)), np.empty((3, 3))
+    center, turned, inertia = small_vector(3), small_matrix(3, 3), small_matrix(3, 3)
     square = 0.0
     for r in range(3):
         center[r] = 0.0
@@ -147,7 +148,7 @@ def _fill_power(scene, ticks, k):  # type: ignore[no-untyped-def]
     ticks.power[k, 2] = np.sqrt(force) * np.sqrt(speed) + np.sqrt(moment) * np.sqrt(turn)
 
 
-@allocating
+@device_function
 def take_rigid_half(scene, carried, mounted, mass, commands, ticks, k):  # type: ignore[no-untyped-def]
     """Let MuJoCo step under servos and the last wrench; return whether it has not warned.
 
@@ -160,7 +161,7 @@ def take_rigid_half(scene, carried, mounted, mass, commands, ticks, k):  # type:
         ticks: of which the k-th begins.
         k: which.
     """
-    payload = np.empty(10)
+    payload = small_vector(10)
     _fill_payload(ticks.figures[k], mass, ticks.origin[k], ticks.axes[k], mounted, payload)
     _command(scene, commands, k, payload)
     for r in range(6):

@@ -6,6 +6,7 @@ import numpy as np
 from numba import void
 
 from cosim.base.kernels import INTEGER, MATRIX, REAL, device_function, kernel
+from cosim.base.small_arrays import small_matrix, small_vector
 from cosim.coupling.contact.contact_arrays import END, MEMORY, NEAR, SHAPES, SURFACE, TIES
 from cosim.soft.contact.contact_law import shorten, touch
 from cosim.soft.contact.obstacle_contact import PLANES
@@ -105,7 +106,7 @@ def _remember(e, kept, push, point, stretch, shapes, ties, on_film, memory):  # 
 @kernel(INTEGER(MATRIX, PLANES, TIES, INTEGER, SHAPES, REAL, REAL, MEMORY, END))
 def conclude(x, planes, ties, points, shapes, width, stick, memory, end):  # type: ignore[no-untyped-def]
     """Fill what is left of contacts, the first `points` of them of film points; return how many press."""
-    own, tangent, stretch = np.empty(3), np.empty((3, 3)), np.empty(3)
+    own, tangent, stretch = small_vector(3), small_matrix(3, 3), small_vector(3)
     kept = 0
     end.figures[0], end.figures[1] = 0.0, -np.inf
     for e in range(ties.key.shape[0]):

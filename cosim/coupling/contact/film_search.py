@@ -22,7 +22,6 @@ from cosim.base.kernels import (
     MATRIX,
     REAL,
     VECTOR,
-    allocating,
     device_function,
     kernel,
 )
@@ -152,7 +151,7 @@ def _gone(x, position, rotation, active, row, local):  # type: ignore[no-untyped
     return np.sqrt(most)
 
 
-@allocating
+@device_function
 def _find_points(x, active, reach, search):  # type: ignore[no-untyped-def]
     """Fill the points of the film that are near active shapes; return how many."""
     bounds, shapes, lists, near, spans = search.bounds, search.shapes, search.lists, search.near, search.spans
@@ -177,7 +176,7 @@ def _find_points(x, active, reach, search):  # type: ignore[no-untyped-def]
     return count
 
 
-@allocating
+@device_function
 def _find_features(x, low, high, reach, behind, search):  # type: ignore[no-untyped-def]
     """Fill the features that are near the film; return how many."""
     bounds, lists, near, out = search.bounds, search.lists, search.near, search.out

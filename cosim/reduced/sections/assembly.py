@@ -7,6 +7,7 @@ from numba import int64, types, void
 
 from cosim.base.frames import Array, IntArray
 from cosim.base.kernels import INDICES, MATRIX, REAL, VECTOR, device_function, kernel
+from cosim.base.small_arrays import small_matrix, small_vector
 from cosim.reduced.sections.block_cholesky import factorise, substitute
 from cosim.reduced.sections.contact_terms import add_contacts
 from cosim.reduced.sections.frame_terms import add_cables, add_frames
@@ -47,7 +48,7 @@ def assemble(  # type: ignore[no-untyped-def]
 @kernel(void(CUBE, MATRIX, REAL, CUBE))
 def change_frames(frames: Array, step: Array, factor: float, out: Array) -> None:
     """Move every frame by factor times its step (dr, phi): out = (r + dr, exp(S(phi)) a_i)."""
-    phi, v, w = np.empty(3), np.empty(3), np.empty(3)
+    phi, v, w = small_vector(3), small_vector(3), small_vector(3)
     for f in range(frames.shape[0]):
         square = 0.0
         for r in range(3):
@@ -127,7 +128,8 @@ def _factorise(free, diagonal, off, scale, low, side):  # type: ignore[no-untype
 @kernel(
     types.Tuple((int64, int64, REAL, REAL, int64, types.boolean))(
         CUBE, FLAGS, *CHAIN, *LOADS, *CABLES, *TOUCHED, *OUT, *FACTOR, VECTOR, int64
-    )
+    ),
+    allocates=True,
 )
 def minimise(  # type: ignore[no-untyped-def]
     frames, free, coefficients, inverse_length, mass, load, bed, target, far, eyelets, tension,
@@ -200,7 +202,7 @@ def gas_volume(
     rates: d coefficients / dp; length_rate: dL/dp [m/Pa].
     """
     volume = 0.0
-    x, d, gradient, none = np.empty(6), np.empty(3), np.empty(6), np.empty((0, 6))
+    x, d, gradient, none = small_vector(6), small_vector(3), small_vector(6), small_matrix(0, 6)
     for s in range(coefficients.shape[0]):
         section_strains(frames, s, d, x)
         section_energy(coefficients, s, x, inverse_length[s], gradient, none)

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import numpy as np
-
-from cosim.base.kernels import allocating, device_function
+from cosim.base.kernels import device_function
+from cosim.base.small_arrays import small_matrix, small_vector, zero_matrix
 from cosim.reduced.sections.section_strains import add_turning
 from cosim.soft.contact.contact_law import touch
 
@@ -12,7 +11,7 @@ WEIGHTS, NORMAL, OFFSET, STIFFNESS, FRICTION, ANCHOR, COLUMNS = 0, 8, 11, 12, 13
 """Where a contact's row has what: weights of the points of two frames, and what is touched."""
 
 
-@allocating
+@device_function
 def add_contacts(frames, first, rows, widths, out, diagonal, off, hessian):  # type: ignore[no-untyped-def]
     """Add all contacts; return their energy.
 
@@ -29,8 +28,8 @@ def add_contacts(frames, first, rows, widths, out, diagonal, off, hessian):  # t
     energy = 0.0
     if first.shape[0] == 0:
         return energy
-    point, own, tangent = np.empty(3), np.empty(3), np.empty((3, 3))
-    arm, jac, turned = np.empty((2, 3)), np.zeros((3, 12)), np.empty((3, 12))
+    point, own, tangent = small_vector(3), small_vector(3), small_matrix(3, 3)
+    arm, jac, turned = small_matrix(2, 3), zero_matrix(3, 12), small_matrix(3, 12)
     for k in range(first.shape[0]):
         f = first[k]
         _place(frames, f, rows, k, arm, point)

@@ -8,11 +8,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from cosim.base.kernels import allocating, device_function
+from cosim.base.kernels import device_function
+from cosim.base.small_arrays import small_matrix, small_vector
 from cosim.reduced.sections.section_strains import add_skew, add_turning
 
 
-@allocating
+@device_function
 def add_frames(frames, load, bed, mass, target, out, diagonal, hessian):  # type: ignore[no-untyped-def]
     """Fill gradient and diagonal blocks with dead loads and the inertial bed; return their energy.
 
@@ -26,7 +27,7 @@ def add_frames(frames, load, bed, mass, target, out, diagonal, hessian):  # type
         diagonal: (f, 6, 6).
         hessian: whether to fill it.
     """
-    force, turn, off = np.empty((4, 3)), np.empty((3, 3)), np.empty((4, 3))
+    force, turn, off = small_matrix(4, 3), small_matrix(3, 3), small_matrix(4, 3)
     energy = 0.0
     for f in range(frames.shape[0]):
         for a in range(4):
@@ -88,7 +89,7 @@ def _add_bed(frames, f, bed, mass, turn, diagonal):  # type: ignore[no-untyped-d
     add_turning(diagonal, f, turn, -1.0)
 
 
-@allocating
+@device_function
 def add_cables(frames, far, eyelets, tension, out, diagonal, off, hessian):  # type: ignore[no-untyped-def]
     """Add all cable segments under tension; return their energy.
 
@@ -102,7 +103,7 @@ def add_cables(frames, far, eyelets, tension, out, diagonal, off, hessian):  # t
         off: (f, 6, 6).
         hessian: whether to fill the blocks.
     """
-    arm, t = np.empty((4, 3)), np.empty(3)
+    arm, t = small_matrix(4, 3), small_vector(3)
     energy = 0.0
     for k in range(far.shape[0]):
         if tension[k] == 0.0:

@@ -9,6 +9,7 @@ from numba import void
 
 from cosim.base.frames import Array, Mask, Wrench
 from cosim.base.kernels import MATRIX, VECTOR, device_function, kernel
+from cosim.base.small_arrays import small_vector
 from cosim.reduced.sections.section_strains import CUBE, FLAGS
 from cosim.soft.elements.mass_terms import mass_moments
 
@@ -48,7 +49,7 @@ def fill_figures(frames: Array, free: Any, mass: Array, gradient: Array, out: Ar
                 arm_i, arm_k = frames[f, 0, i] - frames[0, 0, i], frames[f, 0, k] - frames[0, 0, k]
                 out[WRENCH + r] -= gradient[f, r]
                 out[WRENCH + 3 + r] -= gradient[f, 3 + r] + arm_i * gradient[f, k] - arm_k * gradient[f, i]
-    moments = np.empty(9)
+    moments = small_vector(9)
     total = mass_moments(mass, frames, moments)
     fill_center_and_inertia(total, moments, frames[0, 0], out)
 

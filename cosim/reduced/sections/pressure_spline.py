@@ -14,6 +14,7 @@ from numba import int64, void
 
 from cosim.base.frames import Array
 from cosim.base.kernels import BLOCKS, MATRIX, REAL, VECTOR, device_function, kernel
+from cosim.base.small_arrays import small_matrix
 
 _SCALE_Pa = 200.0
 TERMS = 4
@@ -56,7 +57,7 @@ def active_terms(pressure: float, largest: float, intervals: int, out: Array) ->
 @kernel(void(VECTOR, REAL, int64, BLOCKS))
 def fill_bases(pressures: Array, largest: float, intervals: int, out: Array) -> None:
     """Put the active terms of pressures (k,) in their places in out (k, 2, size)."""
-    terms = np.empty((2, TERMS))
+    terms = small_matrix(2, TERMS)
     for p in range(pressures.shape[0]):
         first = active_terms(pressures[p], largest, intervals, terms)
         for k in range(TERMS):

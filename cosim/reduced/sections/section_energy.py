@@ -20,6 +20,7 @@ from numba import float64, void
 
 from cosim.base.frames import Array
 from cosim.base.kernels import MATRIX, VECTOR, device_function, kernel
+from cosim.base.small_arrays import small_matrix, small_vector
 
 _ORDERS: Final = {"A": 6, "B": 4, "B2": 2, "B3": 1, "S": 2, "Q": 2, "Q2": 1, "T": 2}
 COEFFICIENTS: Final = sum(order + 1 for order in _ORDERS.values()) + 4
@@ -134,13 +135,13 @@ def _bending(x, derivatives, mixed, hessian):  # type: ignore[no-untyped-def]
         hessian[k, i] = hessian[i, k]
 
 
-@kernel(void(MATRIX, VECTOR, MATRIX, float64[:, :, ::1]))
+@kernel(void(MATRIX, VECTOR, MATRIX, float64[:, :, ::1]), allocates=True)
 def basis(strains: Array, inverse_length: Array, values: Array, gradients: Any) -> None:
     """Fill values (n, COEFFICIENTS) and gradients (n, 6, COEFFICIENTS) of every term, coefficient one."""
     count = values.shape[1]
     unit = np.zeros((1, count))
-    gradient = np.empty(6)
-    none = np.empty((0, 6))
+    gradient = small_vector(6)
+    none = small_matrix(0, 6)
     for i in range(strains.shape[0]):
         for k in range(count):
             unit[0, k] = 1.0

@@ -17,7 +17,8 @@ from __future__ import annotations
 import numpy as np
 from numba import boolean, float64
 
-from cosim.base.kernels import allocating, device_function
+from cosim.base.kernels import device_function
+from cosim.base.small_arrays import small_matrix, small_vector
 from cosim.reduced.sections.section_energy import BENT, HIGH, LOW, section_energy
 
 CUBE = float64[:, :, ::1]
@@ -175,12 +176,17 @@ def _add_geometric(s, d, lean, turn, diagonal, off):  # type: ignore[no-untyped-
     add_turning(diagonal, b, turn, 1.0)
 
 
-@allocating
+@device_function
 def add_sections(frames, c, inverse_length, out, diagonal, off, hessian):  # type: ignore[no-untyped-def]
     """Add all sections; off is filled anew. Returns their energy."""
-    d, x, g, h = np.empty(3), np.empty(6), np.empty(6), np.empty((6 if hessian else 0, 6))
-    lean, turn = np.empty((2, 3)), np.empty((3, 3))
-    jac, turned = np.empty((6, 9)), np.empty((6, 9))
+    d, x, g, h = (
+        small_vector(3),
+        small_vector(6),
+        small_vector(6),
+        small_matrix(6, 6) if hessian else small_matrix(0, 6),
+    )
+    lean, turn = small_matrix(2, 3), small_matrix(3, 3)
+    jac, turned = small_matrix(6, 9), small_matrix(6, 9)
     energy = 0.0
     for s in range(c.shape[0]):
         section_strains(frames, s, d, x)

@@ -7,7 +7,7 @@ from typing import NamedTuple
 from numba import types
 
 from cosim.base.frames import Array, IntArray, Mask
-from cosim.base.kernels import INDICES, MATRIX, VECTOR
+from cosim.base.kernels import INDICES, INTEGER, MATRIX, VECTOR
 from cosim.reduced.sections.section_strains import CUBE, FLAGS
 
 
@@ -15,6 +15,7 @@ class ChainArrays(NamedTuple):
     """What the chain is; see `implicit_step`, and `SectionBody` for the tables over pressure.
 
     Args:
+        call: address of the kernel of a step.
         free: (f,).
         offsets: (f, 4, 3).
         coefficients: (s, c).
@@ -37,6 +38,7 @@ class ChainArrays(NamedTuple):
         bounds: (2,), see `minimise`.
     """
 
+    call: int
     free: Mask
     offsets: Array
     coefficients: Array
@@ -61,8 +63,8 @@ class ChainArrays(NamedTuple):
 
 CHAIN_ARRAYS = types.NamedTuple(
     (
-        FLAGS, CUBE, MATRIX, VECTOR, CUBE, CUBE, INDICES, CUBE, INDICES, MATRIX, VECTOR, MATRIX, MATRIX,
-        MATRIX, CUBE, CUBE, CUBE, CUBE, CUBE, VECTOR,
+        INTEGER, FLAGS, CUBE, MATRIX, VECTOR, CUBE, CUBE, INDICES, CUBE, INDICES, MATRIX, VECTOR, MATRIX,
+        MATRIX, MATRIX, CUBE, CUBE, CUBE, CUBE, CUBE, VECTOR,
     ),
     ChainArrays,
 )  # fmt: skip

@@ -7,10 +7,10 @@ acceleration = (v - speed) / span and damping alpha, inertia is an elastic bed o
 
 from __future__ import annotations
 
-import numpy as np
 from numba import int64, types
 
-from cosim.base.kernels import MATRIX, REAL, VECTOR, allocating, device_function, kernel
+from cosim.base.kernels import MATRIX, REAL, VECTOR, device_function, kernel
+from cosim.base.small_arrays import small_vector
 from cosim.reduced.sections.assembly import (
     CABLES,
     CHAIN,
@@ -61,10 +61,10 @@ def _free_flight(here, h, twists, out):  # type: ignore[no-untyped-def]
     change_frames(here[0], twists, h, out)
 
 
-@allocating
+@device_function
 def _carry(frames, flange, out):  # type: ignore[no-untyped-def]
     """Fill out (f, 4, 3) with the frames moved rigidly as frame 0 comes to the flange (4, 3)."""
-    arm = np.empty(3)
+    arm = small_vector(3)
     for f in range(out.shape[0]):
         for a in range(4):
             for i in range(3):

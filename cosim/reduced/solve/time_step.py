@@ -8,6 +8,7 @@ from typing import final
 import numpy as np
 
 from cosim.base.frames import Array, Pose
+from cosim.base.kernel_calls import address_of
 from cosim.errors import ConvergenceError, OutOfRangeError
 from cosim.reduced.sections.outputs import FIGURES
 from cosim.reduced.solve.arrays import ChainArrays
@@ -95,9 +96,9 @@ class ChainStepper:
         solver, tangent = self._solver, self.tangent
         load, (far, eyelets, _, touching, rows, widths) = solver.acting(loads, loads.pressures(1)[0], frames)
         return ChainArrays(
-            clamp.free, clamp.offsets, *solver.section.chain, load, far, eyelets, touching, rows, widths,
-            *solver.section.tables, solver.eyelet_table, self._target, solver.diagonal, solver.off,
-            tangent.low, tangent.side, self._bounds,
+            address_of(implicit_step), clamp.free, clamp.offsets, *solver.section.chain, load, far, eyelets,
+            touching, rows, widths, *solver.section.tables, solver.eyelet_table, self._target,
+            solver.diagonal, solver.off, tangent.low, tangent.side, self._bounds,
         )  # fmt: skip
 
     def step(

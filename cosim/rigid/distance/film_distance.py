@@ -18,6 +18,7 @@ from cosim.base.kernels import (
     device_function,
     kernel,
 )
+from cosim.base.small_arrays import small_matrix, zero_vector
 from cosim.rigid.distance.mesh_distance import closest_on_triangle
 
 _RUN = 32  # triangles that are passed over together: neighbours mostly follow one another
@@ -46,7 +47,7 @@ def _gap(p, a, b, c):  # type: ignore[no-untyped-def]
     return most
 
 
-@kernel(INTEGER(MATRIX, MATRIX, INDEX_TABLE, REAL, INDICES, INDICES))
+@kernel(INTEGER(MATRIX, MATRIX, INDEX_TABLE, REAL, INDICES, INDICES), allocates=True)
 def _triangles_around(points, x, triangles, room, first, listed):  # type: ignore[no-untyped-def]
     """Fill the triangles whose boxes come within `room` of each point, ascending; return how many there are.
 
@@ -138,7 +139,7 @@ def film_near(  # type: ignore[no-untyped-def]
     that is squarely behind film that faces as this does, stays behind it, whatever lies beyond: near a sharp
     edge of the film the other face is soon nearer, and would pull it through.
     """
-    side, there = np.zeros(3), np.empty((5, 3))
+    side, there = zero_vector(3), small_matrix(5, 3)
     furthest = max(reach, depth)
     count = 0
     for n in range(points.shape[0]):

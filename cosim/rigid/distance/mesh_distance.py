@@ -9,7 +9,8 @@ from __future__ import annotations
 import numpy as np
 
 from cosim.base.frames import Array
-from cosim.base.kernels import BLOCKS, MATRIX, allocating, device_function, kernel
+from cosim.base.kernels import BLOCKS, MATRIX, device_function, kernel
+from cosim.base.small_arrays import small_vector
 
 FAR = 1e9  # distance reported where a surface is not defined
 
@@ -84,11 +85,11 @@ def hull(p, planes, corners, reach, weight, normal):  # type: ignore[no-untyped-
     return distance
 
 
-@allocating
+@device_function
 def grid(p, table, origin, spacing, normal):  # type: ignore[no-untyped-def]
     """Trilinear table of signed distances [m]; normal along its gradient."""
     i, j, k = 0, 0, 0
-    s = np.empty(3)
+    s = small_vector(3)
     for r in range(3):
         u = (p[r] - origin[r]) / spacing[r]
         if u < 0.0 or u > table.shape[r] - 1:
@@ -136,7 +137,7 @@ def _solid_angle(p, a, b, c):  # type: ignore[no-untyped-def]
 @kernel((MATRIX, BLOCKS, MATRIX))
 def _exact_distances(points: Array, corners: Array, out: Array) -> None:
     """Fill out[:, 0] with the signed distance of points (n, 3) to a closed surface of corners (f, 3, 3)."""
-    weight = np.empty(3)
+    weight = small_vector(3)
     for n in range(points.shape[0]):
         p = points[n]
         best, winding = np.inf, 0.0

@@ -20,6 +20,7 @@ from cosim.base.kernels import (
     device_function,
     kernel,
 )
+from cosim.base.small_arrays import small_vector
 from cosim.rigid.distance.mesh_distance import FAR, grid, hull
 from cosim.rigid.distance.primitive_distance import box, capsule, cylinder, ellipsoid, plane, sphere
 from cosim.rigid.distance.shapes import Shapes
@@ -64,7 +65,7 @@ def points_near(  # type: ignore[no-untyped-def]
     that is nearer than that to the bounding box of a grid counts as well.
     """
     count = 0
-    p, normal, weight, bound = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
+    p, normal, weight, bound = small_vector(3), small_vector(3), small_vector(3), small_vector(3)
     for a in range(active.shape[0]):
         g = active[a]
         first, last = faces[g, 0], faces[g, 1]

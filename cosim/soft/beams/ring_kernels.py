@@ -14,10 +14,10 @@ from cosim.base.kernels import (
     REAL,
     VECTOR,
     add_block,
-    allocating,
     device_function,
     kernel,
 )
+from cosim.base.small_arrays import small_matrix
 from cosim.soft.beams.band_cholesky import BAND, forward_rows, place_in_band
 from cosim.soft.beams.beam_lanes import BENT, FORCE, LANES, SECOND, STRAIN, TURNS, lane_of, three
 from cosim.soft.beams.node_turns import (
@@ -87,11 +87,11 @@ def _fill_matrix(w, mixed, matrix):  # type: ignore[no-untyped-def]
                 matrix[i, j] -= mixed[k, i] * mixed[k, j]
 
 
-@allocating
+@device_function
 def _add_matrix(w, slots, matrix, blocks):  # type: ignore[no-untyped-def]
     """Add the lower triangle of a matrix in axes of the ring to blocks in those of the world."""
     axes, count = w.axes, w.beams.hessian.shape[0]
-    block, half = np.empty((3, 3)), np.empty((3, 3))
+    block, half = small_matrix(3, 3), small_matrix(3, 3)
     for a in range(count):
         for b in range(a + 1):
             for r in range(3):
@@ -106,7 +106,7 @@ def _add_matrix(w, slots, matrix, blocks):  # type: ignore[no-untyped-def]
             add_block(blocks, slots[a * (a + 1) // 2 + b], block)
 
 
-@kernel(REAL(MATRIX, BEAM_ARRAYS, VECTOR, BOOLEAN, INDEX_TABLE, MATRIX, BLOCKS, VECTOR))
+@kernel(REAL(MATRIX, BEAM_ARRAYS, VECTOR, BOOLEAN, INDEX_TABLE, MATRIX, BLOCKS, VECTOR), allocates=True)
 def add_beam_rings(x, beams, memory, moving, slots, gradient, blocks, tracked):  # type: ignore[no-untyped-def]
     """Add all rings to gradient and, if slots is not empty, their Hessian to blocks.
 
@@ -139,7 +139,7 @@ def add_beam_rings(x, beams, memory, moving, slots, gradient, blocks, tracked): 
     return energy
 
 
-@kernel(MATRIX(MATRIX, BEAM_ARRAYS, REAL, REAL, VECTOR))
+@kernel(MATRIX(MATRIX, BEAM_ARRAYS, REAL, REAL, VECTOR), allocates=True)
 def peak_strains(x, beams, width, height, memory):  # type: ignore[no-untyped-def]
     """Return the largest strain (f, m) of each beam's fibres, at its ends; NaN where no balance is found."""
     count = beams.rings.shape[1]
@@ -159,7 +159,7 @@ def peak_strains(x, beams, width, height, memory):  # type: ignore[no-untyped-de
     return found
 
 
-@kernel(BLOCKS(MATRIX, INDEX_TABLE))
+@kernel(BLOCKS(MATRIX, INDEX_TABLE), allocates=True)
 def ring_axes(x, rings):  # type: ignore[no-untyped-def]
     """Return the axes (f, 3, 3) of all rings, as columns."""
     axes = np.empty((rings.shape[0], 3, 3))

@@ -9,6 +9,7 @@ from numba import int64, void
 
 from cosim.base.frames import Array, IntArray
 from cosim.base.kernels import BLOCKS, MATRIX, VECTOR, kernel
+from cosim.base.small_arrays import small_vector
 from cosim.soft.body.body import SoftBody
 
 
@@ -42,7 +43,7 @@ def ring_figures(points: Array, nodes: int, center: Array, normal: Array, length
     The first `nodes` points are the tip ring in order, sum_i (r_i - r_0) x (r_i+1 - r_0) its normal; the
     others are the polyline.
     """
-    area, one, two = np.empty(3), np.empty(3), np.empty(3)
+    area, one, two = small_vector(3), small_vector(3), small_vector(3)
     for k in range(points.shape[0]):
         area[:] = 0.0
         for i in range(1, nodes - 1):

@@ -20,7 +20,8 @@ from typing import final
 
 import numpy as np
 
-from cosim.base.kernels import allocating, device_function
+from cosim.base.kernels import device_function
+from cosim.base.small_arrays import small_vector
 from cosim.errors import InputError
 
 
@@ -83,10 +84,10 @@ def shorten(u, n, stick):  # type: ignore[no-untyped-def]
         u[r] *= kept
 
 
-@allocating
+@device_function
 def touch(point, n, offset, stiffness, friction, anchor, width, stick, own, tangent):  # type: ignore[no-untyped-def]
     """Fill gradient (3,) and tangent (3, 3) of a contact by its point; return energy and normal force."""
-    u = np.empty(3)
+    u = small_vector(3)
     distance, along = -offset, 0.0
     for r in range(3):
         distance += n[r] * point[r]

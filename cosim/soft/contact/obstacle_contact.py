@@ -19,6 +19,7 @@ from numba import types
 from cosim.base.frames import Array, IntArray
 from cosim.base.kernel_calls import address_of
 from cosim.base.kernels import BLOCKS, INDEX_TABLE, INDICES, INTEGER, MATRIX, REAL, VECTOR, add_block, kernel
+from cosim.base.small_arrays import small_matrix, small_vector
 from cosim.soft.contact.contact_law import ContactLaw, touch
 from cosim.soft.elements.element import Sums
 
@@ -70,7 +71,7 @@ def add_contacts(x, planes, widths, begin, end, gradient, blocks, own, pressing)
     They are those of triangles whose first node is from `begin` on and before `end`.
     `own` receives each contact's gradient by its point, `pressing` its normal force.
     """
-    point, tangent, k = np.empty(3), np.empty((3, 3)), np.empty((3, 3))
+    point, tangent, k = small_vector(3), small_matrix(3, 3), small_matrix(3, 3)
     nodes, weights, normal, friction = planes.nodes, planes.weights, planes.normal, planes.friction
     energy = 0.0
     for e in range(nodes.shape[0]):

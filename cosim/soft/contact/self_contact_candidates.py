@@ -25,7 +25,7 @@ _CELLS_MAX = 48  # along each axis
 _VALLEY = int(Relation.VALLEY)
 
 
-@kernel((MATRIX, INDEX_TABLE, VECTOR))
+@kernel((MATRIX, INDEX_TABLE, VECTOR), allocates=True)
 def _measure(x: Array, triangles: IntArray, out: Array) -> None:
     """Fill smallest coordinates (3), largest (3), mean longest side of a triangle's box, longest edge."""
     out[:3], out[3:6], out[6:] = np.inf, -np.inf, 0.0
@@ -49,7 +49,7 @@ def _cell(value, low, size, count):  # type: ignore[no-untyped-def]
     return min(max(int((value - low) / size), 0), count - 1)
 
 
-@kernel(INTEGER(MATRIX, INDEX_TABLE, VECTOR, REAL, INDICES, REAL, INDICES, INDICES))
+@kernel(INTEGER(MATRIX, INDEX_TABLE, VECTOR, REAL, INDICES, REAL, INDICES, INDICES), allocates=True)
 def _fill_grid(x, triangles, low, size, counts, room, start, entries):  # type: ignore[no-untyped-def]
     """Fill the triangles of each cell; return how many entries that takes (none are written beyond the room).
 
@@ -108,7 +108,8 @@ def _square_to_box(y, a, b, c):  # type: ignore[no-untyped-def]
     INTEGER(
         MATRIX, INDEX_TABLE, MATRIX, INDEX_TABLE, INDEX_TABLE, INDEX_TABLE, INDEX_TABLE, VECTOR, REAL,
         INDICES, INDICES, INDICES, REAL, INDICES, INDICES,
-    )
+    ),
+    allocates=True,
 )  # fmt: skip
 def _fill_list(  # type: ignore[no-untyped-def]
     x, nodes, weights, homes, triangles, films, relation, low, size, counts, start, entries, room, first,

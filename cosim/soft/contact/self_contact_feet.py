@@ -58,7 +58,7 @@ def distance_of(x, corner, n, y):  # type: ignore[no-untyped-def]
     return n[0] * (y[0] - x[corner, 0]) + n[1] * (y[1] - x[corner, 1]) + n[2] * (y[2] - x[corner, 2])
 
 
-@kernel((MATRIX, INDEX_TABLE, MATRIX, MATRIX, MATRIX, VECTOR))
+@kernel((MATRIX, INDEX_TABLE, MATRIX, MATRIX, MATRIX, VECTOR), allocates=True)
 def _feet(x, nodes, weights, foot, normal, distance):  # type: ignore[no-untyped-def]
     y, slope = np.empty(3), np.empty((3, 3))
     for e in range(nodes.shape[0]):

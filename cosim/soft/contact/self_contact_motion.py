@@ -24,7 +24,7 @@ _ITERATIONS_MAX = 30
 _FLAT = 1e-9  # determinant of what is nearly singular: the rotation is not to be told
 
 
-@kernel(REAL(MATRIX))
+@kernel(REAL(MATRIX), allocates=True)
 def furthest_from_mean(values: Array) -> float:
     """Return how far from their mean the row of values (n, 3) is that is furthest from it."""
     mean, most = np.zeros(3), 0.0
@@ -102,7 +102,7 @@ def _deviation(x, before, nodes, begin, end, mean, turn):  # type: ignore[no-unt
     return np.sqrt(most)
 
 
-@kernel(BOOLEAN(MATRIX, MATRIX, INDICES, INDICES, MATRIX, REAL))
+@kernel(BOOLEAN(MATRIX, MATRIX, INDICES, INDICES, MATRIX, REAL), allocates=True)
 def _stay(x, before, nodes, start, allowed, whole):  # type: ignore[no-untyped-def]
     """Return whether no two units have moved against each other by more than is allowed, or by the whole."""
     mean, turn, minors = np.empty((2, 3)), np.empty((3, 3)), np.empty((3, 3))

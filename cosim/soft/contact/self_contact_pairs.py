@@ -81,7 +81,7 @@ def _add_normal_part(push, rate, d, n, weight, slope, a, b, k):  # type: ignore[
             k[r, c] = outer * n[r] * n[c] + push * turning
 
 
-@kernel(REAL(MATRIX, FILM_PAIRS, INDEX_TABLE, MATRIX, BLOCKS))
+@kernel(REAL(MATRIX, FILM_PAIRS, INDEX_TABLE, MATRIX, BLOCKS), allocates=True)
 def add_pairs(x, pairs, slots, gradient, blocks):  # type: ignore[no-untyped-def]
     """Add gradient (and Hessian, if slots is not empty) of all pairs; return the energy [J]."""
     nodes, weights, stiffness, friction = pairs.nodes, pairs.weights, pairs.stiffness, pairs.friction
@@ -125,7 +125,7 @@ def add_pairs(x, pairs, slots, gradient, blocks):  # type: ignore[no-untyped-def
     return energy
 
 
-@kernel((MATRIX, INDEX_TABLE, MATRIX, MATRIX, MATRIX, REAL, MATRIX))
+@kernel((MATRIX, INDEX_TABLE, MATRIX, MATRIX, MATRIX, REAL, MATRIX), allocates=True)
 def _drag(x, nodes, weights, held, normal, stick, stretch):  # type: ignore[no-untyped-def]
     """Bring the stretch of the stick springs from before a step to its end: at most `stick`, in the plane."""
     for e in range(nodes.shape[0]):

@@ -49,7 +49,8 @@ def _cosine(outward, n):  # type: ignore[no-untyped-def]
     INTEGER(
         MATRIX, MATRIX, MATRIX, INDEX_TABLE, INDEX_TABLE, INDEX_TABLE, INDICES, INDICES, REAL, REAL,
         INDEX_TABLE,
-    )
+    ),
+    allocates=True,
 )  # fmt: skip
 def _over(  # type: ignore[no-untyped-def]
     sides, place, outward, homes, films, relation, first, listed, reach, behind, out

@@ -24,7 +24,7 @@ _MOTION_M = 0.3e-3  # more of it lengthens the list, less makes it anew more oft
 _MOST_OF_HEIGHT = 0.25  # where m is more of it, all that is near the plane is listed
 
 
-@kernel((MATRIX, INDEX_TABLE, MATRIX))
+@kernel((MATRIX, INDEX_TABLE, MATRIX), allocates=True)
 def measure_sides(x, triangles, sides):  # type: ignore[no-untyped-def]
     """Fill sides (t, 12): a corner of each triangle, its unit normal, slopes of the others' weights."""
     n, slope = np.empty(3), np.empty((3, 3))
@@ -58,7 +58,7 @@ def _lowest_weight(side, motion, room):  # type: ignore[no-untyped-def]
     return -BEYOND_EDGES - along * steepest
 
 
-@kernel(INTEGER(MATRIX, MATRIX, INDICES, INDICES, REAL, REAL, REAL, INDICES, INDICES))
+@kernel(INTEGER(MATRIX, MATRIX, INDICES, INDICES, REAL, REAL, REAL, INDICES, INDICES), allocates=True)
 def _shorten(sides, place, first, listed, room, behind, motion, start, kept):  # type: ignore[no-untyped-def]
     """Fill what is kept of the list of each point; return how many there are."""
     count, across = 0, FEET_FOLLOW * motion

@@ -24,6 +24,7 @@ import numpy as np
 
 from cosim.base.frames import Array, IntArray
 from cosim.base.kernels import BLOCKS, INDEX_TABLE, MATRIX, REAL, VECTOR, add_block, kernel
+from cosim.base.small_arrays import small_matrix, small_vector
 from cosim.errors import InputError
 from cosim.soft.elements.cable_length import onset
 from cosim.soft.elements.element import NODES, Acting, Element, Instant, Sums, Term
@@ -44,9 +45,9 @@ def add_segments(
 
     Returns the energy [J].
     """
-    k = np.empty((3, 3))
-    minus = np.empty((3, 3))
-    t = np.empty(3)
+    k = small_matrix(3, 3)
+    minus = small_matrix(3, 3)
+    t = small_vector(3)
     with_hessian = slots.shape[0] > 0
     energy = 0.0
     for e in range(segments.shape[0]):

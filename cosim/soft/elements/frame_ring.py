@@ -18,6 +18,7 @@ import numpy as np
 
 from cosim.base.frames import Array, IntArray
 from cosim.base.kernels import BLOCKS, INDEX_TABLE, MATRIX, REAL, add_block, kernel
+from cosim.base.small_arrays import small_vector, zero_matrix
 from cosim.errors import MeshError
 from cosim.soft.elements.element import NODES, ROWS, STILL, DirectElement, Instant
 
@@ -32,8 +33,8 @@ def add_frames(x, rings, projections, lengths, stiffness, slots, gradient, block
     """
     count = rings.shape[1]
     with_hessian = slots.shape[0] > 0
-    block = np.zeros((3, 3))
-    u = np.empty(3)
+    block = zero_matrix(3, 3)
+    u = small_vector(3)
     energy = 0.0
     for e in range(rings.shape[0]):
         for a in range(count):

@@ -22,17 +22,16 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Annotated, ClassVar, final
 
-import numpy as np
-
 from cosim.base.frames import Array, IntArray
-from cosim.base.kernels import BLOCKS, INDEX_TABLE, MATRIX, REAL, VECTOR, allocating, device_function, kernel
+from cosim.base.kernels import BLOCKS, INDEX_TABLE, MATRIX, REAL, VECTOR, device_function, kernel
+from cosim.base.small_arrays import small_vector
 from cosim.soft.elements.element import NODES, ROWS, STILL, DirectElement, Instant
 from cosim.soft.elements.hinge_gradient import (
     ALPHA,
     BETA,
     LANES,
     MOMENT,
-    QUANTITIES,
+    ROOM,
     TANGENT,
     A,
     B,
@@ -49,6 +48,7 @@ from cosim.soft.geometry.surface import dihedral_angle
 
 # Entry (r, c) of pair p is at h[(9 p + 3 r + c) * _FEW + lane]; pairs ii ji jj ki kj kk li lj lk ll.
 _FEW = 16
+_ENTRIES = 90 * _FEW
 _II, _JI, _JJ, _KI, _KJ, _KK, _LI, _LJ, _LK, _LL = (9 * _FEW * pair for pair in range(10))
 
 
@@ -138,10 +138,10 @@ def _assemble(slots, first, lanes, h, blocks):  # type: ignore[no-untyped-def]
                         blocks[slot, c, r] += h[at + (3 * r + c) * _FEW]
 
 
-@allocating
+@device_function
 def add_hinge_hessians(x, hinges, stiffness, rest, theta1, reference, slots, gradient, blocks, angles):  # type: ignore[no-untyped-def]
     """Add all hinges to gradient and Hessian to blocks, write their angles; return the energy."""
-    s, h = np.empty(QUANTITIES * LANES), np.empty(90 * _FEW)
+    s, h = small_vector(ROOM), small_vector(_ENTRIES)
     energy = 0.0
     for first in range(0, hinges.shape[0], LANES):
         lanes = min(LANES, hinges.shape[0] - first)

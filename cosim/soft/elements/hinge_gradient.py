@@ -15,7 +15,8 @@ from typing import Any, Final
 import numpy as np
 
 from cosim.base.frames import Array, IntArray
-from cosim.base.kernels import allocating, device_function
+from cosim.base.kernels import device_function
+from cosim.base.small_arrays import small_vector
 
 TURN = 2.0 * math.pi
 _EIGHTH = math.tan(math.pi / 8.0)
@@ -99,6 +100,7 @@ U, E, W, A, B, ALPHA, BETA, ANGLE, MOMENT, TANGENT, ENERGY, FORCE = (
     LANES * place for place in (0, 3, 6, 9, 12, 15, 16, 17, 18, 19, 20, 21)
 )
 QUANTITIES = 33
+ROOM = QUANTITIES * LANES
 
 
 @device_function
@@ -183,13 +185,13 @@ def scatter(hinges: IntArray, first: int, lanes: int, s: Array, gradient: Any) -
             gradient[k, r] += s[FORCE + (4 * r + 3) * LANES + lane]
 
 
-@allocating
+@device_function
 def add_hinge_gradients(x, hinges, stiffness, rest, theta1, reference, gradient, angles):  # type: ignore[no-untyped-def]
     """Add all hinges to gradient, write their angles; return the energy as `add_hinges` does.
 
     A loop of its own: one loop for both, with a branch for the Hessian, takes a fifth longer with it.
     """
-    s = np.empty(QUANTITIES * LANES)
+    s = small_vector(ROOM)
     energy = 0.0
     for first in range(0, hinges.shape[0], LANES):
         lanes = min(LANES, hinges.shape[0] - first)

@@ -29,6 +29,7 @@ from cosim.base.kernels import (
     add_block,
     kernel,
 )
+from cosim.base.small_arrays import small_matrix, small_vector
 from cosim.errors import InputError, MeshError
 from cosim.soft.elements.element import NODES, ROWS, STILL, DirectElement, Instant
 from cosim.soft.elements.material import PLAIN, TENSION_FIELD, WRINKLING, Film
@@ -65,13 +66,14 @@ def add_membranes(  # type: ignore[no-untyped-def]
     """
     if law in (PLAIN, WRINKLING) and slots.shape[0] == 0:
         return add_membrane_gradients(x, triangles, drawn, stiffness, forces, gradient)
-    f, fn = np.empty((2, 3)), np.empty((2, 3))
-    k11, k21, k22 = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))
-    k10, k20, k00 = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))
-    rows, columns = np.empty((3, 3)), np.empty((3, 3))
-    n, tangent = np.empty(3), stiffness.copy()
-    with_hessian = slots.shape[0] > 0
-    energy = 0.0
+    f, fn, n = small_matrix(2, 3), small_matrix(2, 3), small_vector(3)
+    k11, k21, k22 = small_matrix(3, 3), small_matrix(3, 3), small_matrix(3, 3)
+    k10, k20, k00 = small_matrix(3, 3), small_matrix(3, 3), small_matrix(3, 3)
+    rows, columns, tangent = small_matrix(3, 3), small_matrix(3, 3), small_matrix(3, 3)
+    for r in range(3):
+        for c in range(3):
+            tangent[r, c] = stiffness[r, c]
+    with_hessian, energy = slots.shape[0] > 0, 0.0
     for e in range(triangles.shape[0]):
         g = gradients[e]
         area = areas[e]
@@ -117,12 +119,12 @@ def add_membranes(  # type: ignore[no-untyped-def]
     return energy
 
 
-@kernel(MATRIX(MATRIX, INDEX_TABLE, BLOCKS, MATRIX, INTEGER, REAL, MATRIX))
+@kernel(MATRIX(MATRIX, INDEX_TABLE, BLOCKS, MATRIX, INTEGER, REAL, MATRIX), allocates=True)
 def principal_forces(x, triangles, gradients, stiffness, law, fraction, forces):  # type: ignore[no-untyped-def]
     """Return the principal membrane forces (m, 2) [N/m] of all triangles by the law, largest first."""
     principal = np.empty((triangles.shape[0], 2))
-    f, n = np.empty((2, 3)), np.empty(3)
-    tangent, rows, columns = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))
+    f, n = small_matrix(2, 3), small_vector(3)
+    tangent, rows, columns = small_matrix(3, 3), small_matrix(3, 3), small_matrix(3, 3)
     for e in range(triangles.shape[0]):
         e11, e22, e12 = deformation(x, triangles[e], gradients[e], f)
         if law == PLAIN:

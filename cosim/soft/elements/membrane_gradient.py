@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from cosim.base.frames import Array
-from cosim.base.kernels import allocating, device_function
+from cosim.base.kernels import device_function
+from cosim.base.small_arrays import small_matrix, small_vector
 from cosim.soft.elements.wrinkling import wrinkling
 
 # Quantity q of a lane is at s[q * LANES + lane], as in `hinge_gradient`.
@@ -122,13 +123,13 @@ def _scatter(triangles, first, lanes, s, gradient):  # type: ignore[no-untyped-d
     return energy
 
 
-@allocating
+@device_function
 def add_membrane_gradients(x, triangles, drawn, stiffness, forces, gradient):  # type: ignore[no-untyped-def]
     """Add the gradient of all triangles to gradient; return the energy [J].
 
     `drawn` is what `in_lanes` returns; `forces` those of `wrinkling_forces`, empty for the plain law.
     """
-    s, n, no_tangent = np.empty(_SIZE), np.empty(3), np.empty((0, 0))
+    s, n, no_tangent = small_vector(_SIZE), small_vector(3), small_matrix(0, 0)
     energy = 0.0
     for first in range(0, triangles.shape[0], LANES):
         lanes, group = min(LANES, triangles.shape[0] - first), drawn[first // LANES]

@@ -21,10 +21,10 @@ from cosim.base.kernels import (
     MATRIX,
     REAL,
     add_block,
-    allocating,
     device_function,
     kernel,
 )
+from cosim.base.small_arrays import small_matrix, small_vector
 
 _CROSS = np.stack([cross_matrix(axis) for axis in np.eye(3)], axis=-1)  # (_CROSS @ v) @ b = v x b
 
@@ -52,7 +52,7 @@ def add_pressure(x, triangles, pressure, slots, gradient, blocks):  # type: igno
 
     Returns the triangles' share of V [m^3].
     """
-    k = np.empty((3, 3))
+    k = small_matrix(3, 3)
     with_hessian = slots.shape[0] > 0
     sixth = pressure / 6.0
     volume = 0.0
@@ -91,7 +91,7 @@ def volume_inside(x: Array, triangles: IntArray, rings: IntArray, starts: IntArr
             s, t = (r + 1) % 3, (r + 2) % 3
             film += x[ia, r] * (x[ib, s] * x[ic, t] - x[ib, t] * x[ic, s])
     volume = film / 6.0
-    total, area = np.empty(3), np.empty(3)
+    total, area = small_vector(3), small_vector(3)
     for k in range(starts.shape[0] - 1):
         volume += _cap_volume(x, rings[starts[k] : starts[k + 1]], total, area)
     return volume
@@ -112,11 +112,11 @@ def _cap_volume(x, ring, total, area):  # type: ignore[no-untyped-def]
     return (total[0] * area[0] + total[1] * area[1] + total[2] * area[2]) / (6.0 * count)
 
 
-@allocating
+@device_function
 def _add_cap_hessian(x, ring, factor, total, slots, blocks, k):  # type: ignore[no-untyped-def]
     """Add the second derivatives of -p V of one cap; ring nodes are coupled pairwise."""
     count = ring.shape[0]
-    vector = np.empty(3)
+    vector = small_vector(3)
     pair = 0
     for a in range(count):
         for b in range(a + 1):
@@ -145,9 +145,9 @@ def add_cap(
     count = ring.shape[0]
     with_hessian = slots.shape[0] > 0
     factor = pressure / (6.0 * count)
-    total, area = np.empty(3), np.empty(3)
-    k = np.empty((3, 3))
-    difference = np.empty(3)
+    total, area = small_vector(3), small_vector(3)
+    k = small_matrix(3, 3)
+    difference = small_vector(3)
     volume = _cap_volume(x, ring, total, area)
     for i in range(count):
         before, after = ring[(i - 1) % count], ring[(i + 1) % count]

@@ -185,7 +185,9 @@ def _turn(values, turn):  # type: ignore[no-untyped-def]
             values[i, r] = a * turn[0, r] + b * turn[1, r] + c * turn[2, r]
 
 
-@kernel(types.void(VECTOR, PLACES, PLACES, VECTOR, INDICES, MATRIX, BLOCKS), reorder_sums=True)
+@kernel(
+    types.void(VECTOR, PLACES, PLACES, VECTOR, INDICES, MATRIX, BLOCKS), reorder_sums=True, allocates=True
+)
 def substitute(store, start, first, inverse, dofs, turn, loads):  # type: ignore[no-untyped-def]
     """Solve in place for each of loads (k, n, 3), turned before and back after; equation e is dofs[e]."""
     x = np.zeros(4 * start.shape[0])

@@ -85,6 +85,7 @@ def _leave(below, q, p, factor, left):  # type: ignore[no-untyped-def]
         VECTOR, PLACES, PLACES, REAL, PLACE_TABLE, PLACES, PLACE_TABLE, PLACES, VECTOR, VECTOR, VECTOR, VECTOR
     ),
     reorder_sums=True,
+    allocates=True,
 )
 def factorise(values, source, place, shift, fronts, children, runs, rows, work, spare, stack, store):  # type: ignore[no-untyped-def]
     """Fill the store; return whether the matrix is positive definite.

@@ -17,6 +17,7 @@ from numba import types
 from cosim.base.frames import IntArray
 from cosim.base.kernel_calls import address_of, caller
 from cosim.base.kernels import BOOLEAN, REAL, device_function, kernel
+from cosim.base.small_arrays import small_matrix
 from cosim.soft.beams.ring_kernels import REMEMBERED
 from cosim.soft.body.loads import TOUCHING
 from cosim.soft.film.film_arrays import BEAMS, BED, FILM, HINGES, NODES, FilmArrays, StepBed
@@ -278,7 +279,7 @@ def film_step(side, loads, touching, motion, place):  # type: ignore[no-untyped-
     and work say what they hold.
     """
     work, numbers, count = side.work, side.numbers, side.film.parts.shape[0] - 1
-    turn, x, parts = np.empty((3, 3)), motion.new_x, work.parts[:count]
+    turn, x, parts = small_matrix(3, 3), motion.new_x, work.parts[:count]
     if place.begins:
         _begin(side, motion)
         _all_to_do(parts, place.reuse_max)

@@ -12,6 +12,7 @@ from numba import types
 
 from cosim.base.frames import Array, IntArray, Mask, Pose
 from cosim.base.kernels import BOOLEAN, INDICES, MASKS, MATRIX, VECTOR, device_function, kernel
+from cosim.base.small_arrays import small_vector, zero_vector
 
 _JUMP_m: Final = 2e-5
 """Of held nodes, from where free flight would have them; below it, flight is as good a start."""
@@ -77,7 +78,7 @@ def place_flight(held: HeldNodes, flange: Array, x: Array) -> bool:
     Returns:
         Whether the nodes went along: by the mean jump of those of which all components are held.
     """
-    jump, count, most = np.zeros(3), 0, 0.0
+    jump, count, most = zero_vector(3), 0, 0.0
     for k in range(held.nodes.shape[0]):
         if held.components[k, 0] and held.components[k, 1] and held.components[k, 2]:
             count += 1
@@ -105,7 +106,7 @@ def add_wrench(held: HeldNodes, gradient: Array, x: Array, flange: Array, wrench
         flange: (4, 3).
         wrench: (6,), force and torque on the flange at its origin o, world axes.
     """
-    reaction = np.empty(3)
+    reaction = small_vector(3)
     for k in range(held.nodes.shape[0]):
         node = held.nodes[k]
         for r in range(3):
