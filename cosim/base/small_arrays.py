@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 from llvmlite import ir
@@ -10,6 +11,8 @@ from numba.core.cgutils import pack_array
 from numba.extending import intrinsic
 from numba.np.arrayobj import make_array, populate_array
 
+_untyped: Any = intrinsic
+_intrinsic: Callable[[Callable[..., Any]], Any] = _untyped(prefer_literal=True)
 _ALIGNMENT = 32  # [bytes], of the widest loads
 
 
@@ -21,7 +24,7 @@ def _on_stack(lengths: tuple[Any, ...], *, zeros: bool = False) -> Any:
     made = types.Array(types.float64, len(shape), "C")
 
     def generate(context: Any, builder: Any, _signature: Any, _given: Any) -> Any:
-        count, strides = 1, []
+        count, strides = 1, list[int]()
         for length in reversed(shape):
             strides.insert(0, 8 * count)
             count *= length
@@ -43,25 +46,25 @@ def _on_stack(lengths: tuple[Any, ...], *, zeros: bool = False) -> Any:
     return made(*lengths), generate
 
 
-@intrinsic(prefer_literal=True)
+@_intrinsic
 def small_vector(_typing: Any, length: Any) -> Any:
     """Return an array (length,) of a kernel's own, not filled; it ends with the call in which it is made."""
     return _on_stack((length,))
 
 
-@intrinsic(prefer_literal=True)
+@_intrinsic
 def small_matrix(_typing: Any, rows: Any, columns: Any) -> Any:
     """Return an array (rows, columns) of a kernel's own, not filled; it ends as `small_vector` does."""
     return _on_stack((rows, columns))
 
 
-@intrinsic(prefer_literal=True)
+@_intrinsic
 def zero_vector(_typing: Any, length: Any) -> Any:
     """Return an array (length,) of zeros; it ends as `small_vector` does."""
     return _on_stack((length,), zeros=True)
 
 
-@intrinsic(prefer_literal=True)
+@_intrinsic
 def zero_matrix(_typing: Any, rows: Any, columns: Any) -> Any:
     """Return an array (rows, columns) of zeros; it ends as `small_vector` does."""
     return _on_stack((rows, columns), zeros=True)

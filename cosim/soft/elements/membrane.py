@@ -75,8 +75,7 @@ def add_membranes(  # type: ignore[no-untyped-def]
             tangent[r, c] = stiffness[r, c]
     with_hessian, energy = slots.shape[0] > 0, 0.0
     for e in range(triangles.shape[0]):
-        g = gradients[e]
-        area = areas[e]
+        g, area = gradients[e], areas[e]
         e11, e22, e12 = deformation(x, triangles[e], g, f)
         if law == PLAIN:
             n11 = stiffness[0, 0] * e11 + stiffness[0, 1] * e22 + stiffness[0, 2] * e12
