@@ -137,6 +137,8 @@ def conclude(x, planes, ties, points, shapes, width, stick, memory, end):  # typ
                 stretch[r] = point[r] - anchor[r]
             shorten(stretch, n, stick)
             _remember(e, kept, push, point, stretch, shapes, ties, e < points, memory)
+            if -distance < 0.5 * width:  # the law's transition: what only brushes an edge may slip off it
+                memory.triangle[kept] = -1
             kept += 1
     if kept == 0:
         end.figures[1] = 0.0

@@ -20,7 +20,8 @@ class ContactMemory:
         normal_force: (k,) [N].
         offset: (k, 3) [m], shape frame: from where the shape carries the point to the anchor.
         place: (k, 3) [m], world: for features, where they were; for points of the film, not used.
-        triangle: (k,) of the film, that held a feature back; -1 for points of the film.
+        triangle: (k,) of the film, that held a feature back; -1 for points of the film, and for features
+            that it only brushed, no deeper than the law's transition.
     """
 
     key: Annotated[IntArray, ("k",)]
