@@ -18,7 +18,7 @@ from tests.compiled import compiled
 from tests.derivatives import RELATIVE, Evaluate, assembled, derivative_errors, differences, relative_error
 from tests.soft.bodies import FILM, hexagon_arm, random_rotation, shapes
 
-wrinkling = compiled(laws.wrinkling)
+wrinkling, hide_across = compiled(laws.wrinkling), compiled(laws.hide_across)
 PANEL_M = 0.028
 SIDE_M = 0.02
 BY_POISSON = {nu: replace(FILM, poisson_ratio=nu, law="wrinkling", wrinkle_panel_m=PANEL_M)
@@ -69,6 +69,19 @@ def complementary(n: Array, film: Film = WRINKLED, area_m2: float = AREA_M2) -> 
 
 def random_strains(count: int) -> Array:
     return np.random.default_rng(4).normal(size=(count, 3)) * (0.02, 0.02, 0.02)
+
+
+@pytest.mark.parametrize("share", 10.0 ** np.arange(-12.0, 5.0))
+def test_what_is_hidden_answers_with_its_force_to_rounding(share: float) -> None:
+    plate, hardening = (float(force) for force in limits(WRINKLED))
+    stiffness, first = WRINKLED.membrane_stiffness, 0.01
+    d00, ratio = stiffness[0, 0], stiffness[0, 1] / stiffness[0, 0]
+    excess = share * hardening / d00
+    force, pull = hide_across(first, -ratio * first - plate / d00 - excess, stiffness, plate, hardening)
+    # the strain is a sum of three, of which the last is known to the rounding of the others
+    rounding = 1e-15 * (1.0 + 0.02 / excess)
+    assert force / d00 + (force / hardening) ** 3 == pytest.approx(excess, rel=4.0 * rounding)
+    assert pull == pytest.approx(d00 * (1.0 - ratio**2) * first - ratio * (plate + force), rel=1e-14)
 
 
 def triangle(film: Film = WRINKLED) -> Membranes:

@@ -7,12 +7,14 @@ import numpy as np
 from cosim.base.frames import Array
 from cosim.base.kernels import device_function
 from cosim.base.small_arrays import small_matrix, small_vector
-from cosim.soft.elements.wrinkling import wrinkling
+from cosim.soft.elements.wrinkling import density, hide_across, principal, turn_forces, wrinkling
 
 # Quantity q of a lane is at s[q * LANES + lane], as in `hinge_gradient`.
 LANES = 64
 _D1, _D2, _ENERGY, _E, _N = 0, 3 * LANES, 6 * LANES, 7 * LANES, 10 * LANES
-_SIZE = 13 * LANES
+_WHICH, _PLATE, _HARDENING, _FIRST, _FOUND = (LANES * place for place in (13, 14, 15, 16, 17))
+_SIZE = 21 * LANES
+_STRIDE = 8  # lanes of the widest registers: what wrinkles is filled up to full ones
 
 
 def in_lanes(shape_gradients: Array, areas: Array) -> Array:
@@ -75,17 +77,54 @@ def _stretch(drawn, stiffness, s):  # type: ignore[no-untyped-def]
 
 
 @device_function
-def _wrinkle(drawn, forces, lanes, stiffness, n, no_tangent, s):  # type: ignore[no-untyped-def]
-    """Replace forces A N and energies where a triangle is not taut."""
+def _list_wrinkled(drawn, forces, lanes, s):  # type: ignore[no-untyped-def]
+    """List the lanes that are not taut, and move their strains, s0 and f0 to the front; return how many.
+
+    Up to the next full run the last one is repeated.
+    """
+    count = 0
     for lane in range(lanes):
         area = drawn[4 * LANES + lane]
         n11, n22, n12 = s[_N + lane], s[_N + LANES + lane], s[_N + 2 * LANES + lane]
         above, half = 0.5 * (n11 + n22) + area * forces[lane, 0], 0.5 * (n11 - n22)
         if above >= 0.0 and above * above >= half * half + n12 * n12:
             continue
-        e11, e22, e12 = s[_E + lane], s[_E + LANES + lane], s[_E + 2 * LANES + lane]
-        plate, hardening = forces[lane, 0], forces[lane, 1]
-        s[_ENERGY + lane] = area * wrinkling(e11, e22, e12, stiffness, plate, hardening, n, no_tangent)
+        s[_WHICH + count], s[_PLATE + count], s[_HARDENING + count] = lane, forces[lane, 0], forces[lane, 1]
+        for r in range(3):
+            s[_E + r * LANES + count] = s[_E + r * LANES + lane]
+        count += 1
+    for spare in range(count, -(-count // _STRIDE) * _STRIDE):
+        for place in (_PLATE, _HARDENING, _E, _E + LANES, _E + 2 * LANES):
+            s[place + spare] = s[place + count - 1]
+    return count
+
+
+@device_function
+def _wrinkle_listed(count, stiffness, s):  # type: ignore[no-untyped-def]
+    """Fill forces and energy density of listed lanes, as of the wrinkled state, and N1, which tells it."""
+    for lane in range(count):
+        plate, hardening = s[_PLATE + lane], s[_HARDENING + lane]
+        e1, e2, cosine, sine = principal(s[_E + lane], s[_E + LANES + lane], s[_E + 2 * LANES + lane])
+        r2, first = hide_across(e1, e2, stiffness, plate, hardening)
+        n11, n22, n12 = turn_forces(first, -plate - r2, cosine, sine)
+        s[_FOUND + lane], s[_FOUND + LANES + lane], s[_FOUND + 2 * LANES + lane] = n11, n22, n12
+        s[_FOUND + 3 * LANES + lane] = density(e1, e2, first, 0.0, r2, plate, hardening)
+        s[_FIRST + lane] = first
+
+
+@device_function
+def _wrinkle(drawn, forces, lanes, stiffness, n, no_tangent, s):  # type: ignore[no-untyped-def]
+    """Replace forces A N and energies where a triangle is not taut."""
+    count = _list_wrinkled(drawn, forces, lanes, s)
+    _wrinkle_listed(-(-count // _STRIDE) * _STRIDE, stiffness, s)
+    for q in range(count):
+        lane = int(s[_WHICH + q])
+        area, psi, plate = drawn[4 * LANES + lane], s[_FOUND + 3 * LANES + q], s[_PLATE + q]
+        n[0], n[1], n[2] = s[_FOUND + q], s[_FOUND + LANES + q], s[_FOUND + 2 * LANES + q]
+        if s[_FIRST + q] < -plate:  # slack
+            e11, e22, e12 = s[_E + q], s[_E + LANES + q], s[_E + 2 * LANES + q]
+            psi = wrinkling(e11, e22, e12, stiffness, plate, s[_HARDENING + q], n, no_tangent)
+        s[_ENERGY + lane] = area * psi
         s[_N + lane], s[_N + LANES + lane], s[_N + 2 * LANES + lane] = area * n[0], area * n[1], area * n[2]
 
 

@@ -30,6 +30,7 @@ import numpy as np
 
 from cosim.base.frames import Array
 from cosim.base.kernels import device_function
+from cosim.soft.elements.cube_root import rough_cube_root
 
 HARDENING: Final = 2.0 * 6.0**0.5 * 0.05 ** (1.0 / 6.0)
 """C = 2.97, see above."""
@@ -37,6 +38,7 @@ PLATE: Final = 2.3
 """beta: buckling load of a triangular plate over pi^2 D / A."""
 LARGEST_PLATE_SHARE: Final = 1.5
 """Bound of s0 / f0, chosen on a mesh refined three times; it acts where triangles are smaller yet."""
+_ROOT_STEPS: Final = 5  # the start is off by 0.25 of 0.6 at most, and each squares half of what is left
 _SWEEPS: Final = 200  # each leaves at most nu^2 of the error, mostly far less: 2 to 4 are common
 
 
@@ -56,12 +58,15 @@ def wrinkling_forces(rigidity_Nm: float, young_N_m: float, panel_m: Array, areas
 
 @device_function
 def _beyond(excess, compliance, hardening):  # type: ignore[no-untyped-def]
-    """Return r of compliance r + (r / hardening)^3 = excess: r = 2 m sinh(arsinh(z) / 3)."""
+    """Return r of compliance r + (r / hardening)^3 = excess: r = m u of u^3 + 3 u = z, by Newton's method."""
     m = hardening * math.sqrt(compliance * hardening / 3.0)
     ratio = hardening / m
-    z = 0.5 * abs(excess) * ratio * ratio * ratio
-    v = np.cbrt(z + math.sqrt(z * z + 1.0))
-    return math.copysign(m * (v - 1.0 / v), excess)
+    z = abs(excess) * ratio * ratio * ratio
+    v = rough_cube_root(z + 1.0)
+    u = v - 1.0 / v
+    for _ in range(_ROOT_STEPS):
+        u = (2.0 * u * u * u + z) / (3.0 * u * u + 3.0)
+    return m * u if excess >= 0.0 else -m * u
 
 
 @device_function
@@ -77,6 +82,40 @@ def _slack(g1, g2, ratio, young, hardening):  # type: ignore[no-untyped-def]
         if abs(r1 - before) <= 1e-15 * hardening:
             break
     return r1, r2
+
+
+@device_function
+def principal(e11, e22, e12):  # type: ignore[no-untyped-def]
+    """Return the principal strains, and cosine and sine of twice the first one's angle."""
+    mean, half = 0.5 * (e11 + e22), 0.5 * (e11 - e22)
+    radius = math.sqrt(half * half + 0.25 * e12 * e12)
+    cosine, sine = (half / radius, 0.5 * e12 / radius) if radius > 0.0 else (1.0, 0.0)
+    return mean + radius, mean - radius, cosine, sine
+
+
+@device_function
+def hide_across(e1, e2, stiffness, plate, hardening):  # type: ignore[no-untyped-def]
+    """Return r2 and N1 of principal strains in the wrinkled state; it is slack where N1 < -plate."""
+    d00 = stiffness[0, 0]
+    ratio = stiffness[0, 1] / d00
+    r2 = _beyond(-(e2 + ratio * e1) - plate / d00, 1.0 / d00, hardening)
+    return r2, d00 * (1.0 - ratio * ratio) * e1 - ratio * (plate + r2)
+
+
+@device_function
+def turn_forces(first, second, cosine, sine):  # type: ignore[no-untyped-def]
+    """Return N11, N22, N12 of principal forces, from cosine and sine of twice the first one's angle."""
+    center, shear = 0.5 * (first + second), 0.5 * (first - second)
+    return center + shear * cosine, center - shear * cosine, shear * sine
+
+
+@device_function
+def density(e1, e2, first, r1, r2, plate, hardening):  # type: ignore[no-untyped-def]
+    """Return psi of principal strains, of N1, and of what N1 and N2 are below -plate."""
+    t1, t2 = r1 / hardening, r2 / hardening
+    w1, w2 = t1 * t1 * t1, t2 * t2 * t2
+    elastic = 0.5 * (first * (e1 + w1) - (plate + r2) * (e2 + w2))
+    return elastic + plate * (w1 + w2) + 0.75 * (r1 * w1 + r2 * w2)
 
 
 @device_function
@@ -112,25 +151,18 @@ def wrinkling(e11, e22, e12, stiffness, plate, hardening, n, c):  # type: ignore
         return 0.5 * (e11 * n0 + e22 * n1 + e12 * n2)
     ratio = d01 / d00
     young = d00 * (1.0 - ratio * ratio)
-    mean, half = 0.5 * (e11 + e22), 0.5 * (e11 - e22)
-    radius = math.sqrt(half * half + 0.25 * e12 * e12)
-    e1, e2 = mean + radius, mean - radius
-    r1, r2 = 0.0, _beyond(-(e2 + ratio * e1) - plate / d00, 1.0 / d00, hardening)
-    first = young * e1 - ratio * (plate + r2)
+    e1, e2, cosine, sine = principal(e11, e22, e12)
+    r1 = 0.0
+    r2, first = hide_across(e1, e2, stiffness, plate, hardening)
     if first < -plate:
         common = plate * (1.0 - ratio) / young
         r1, r2 = _slack(-e1 - common, -e2 - common, ratio, young, hardening)
         first = -plate - r1
     second = -plate - r2
-    cosine, sine = (half / radius, 0.5 * e12 / radius) if radius > 0.0 else (1.0, 0.0)
-    center, shear = 0.5 * (first + second), 0.5 * (first - second)
-    n[0], n[1], n[2] = center + shear * cosine, center - shear * cosine, shear * sine
-    t1, t2 = r1 / hardening, r2 / hardening
-    w1, w2 = t1 * t1 * t1, t2 * t2 * t2
+    n[0], n[1], n[2] = turn_forces(first, second, cosine, sine)
     if with_tangent:
         _fill_tangent(c, stiffness, (r1, r2, hardening), (cosine, sine), first - second)
-    elastic = 0.5 * (first * (e1 + w1) + second * (e2 + w2))
-    return elastic + plate * (w1 + w2) + 0.75 * (r1 * w1 + r2 * w2)
+    return density(e1, e2, first, r1, r2, plate, hardening)
 
 
 @device_function
