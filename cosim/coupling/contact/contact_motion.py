@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cosim.base.frames import Array, IntArray, cross_matrix
+from cosim.base.frames import Array, IntArray
 
 
 def rigid_motions(points: Array, origins: Array) -> Array:
@@ -16,7 +16,10 @@ def rigid_motions(points: Array, origins: Array) -> Array:
     """
     motion = np.zeros((len(points), 3, 6))
     motion[:, :, :3] = np.eye(3)
-    motion[:, :, 3:] = [-cross_matrix(arm) for arm in points - origins]
+    x, y, z = (points - origins).T
+    motion[:, 0, 4], motion[:, 0, 5] = z, -y
+    motion[:, 1, 3], motion[:, 1, 5] = -z, x
+    motion[:, 2, 3], motion[:, 2, 4] = y, -x
     return motion
 
 
