@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
 from llvmlite import ir
 from numba import types
 from numba.core.cgutils import unpack_tuple
@@ -43,6 +44,15 @@ def caller(kernel: Any) -> Any:
         return returned(types.int64, given), generate
 
     return intrinsic(call)
+
+
+def nothing_of(kind: Any) -> Any:
+    """Return arrays without entries, and zeros, that stand for nothing where a kernel takes some type."""
+    if isinstance(kind, types.NamedTuple):
+        return kind.instance_class(*map(nothing_of, kind.types))
+    if isinstance(kind, types.Array):
+        return np.zeros((0,) * kind.ndim, str(kind.dtype))
+    return False if kind == types.boolean else kind.cast_python_value(0)
 
 
 def _arguments(signature: Any) -> tuple[Any, ...]:

@@ -10,36 +10,47 @@ then does the same again.
 from __future__ import annotations
 
 import re
-import time
-from collections.abc import Callable, Iterable
-from contextlib import suppress
+from collections.abc import Callable
 from functools import cache
 from hashlib import sha256
 from pathlib import Path
 from typing import Any, NoReturn, TypeVar, final
 
+import llvmlite.binding as llvm
 import numba
-import numpy as np
-from numba.core.caching import IndexDataCacheFile
+from numba.core.caching import CompileResultCacheImpl, IndexDataCacheFile
 from numba.core.codegen import CPUCodeLibrary
 from numba.core.compiler import Compiler
 from numba.core.registry import CPUDispatcher
 
 _PACKAGE = Path(__file__).resolve().parents[1]
 _IMPORT = re.compile(r"^\s*(?:from|import) cosim\.?([\w.]*)(?: import (\([^)]*\)|.*))?", re.MULTILINE)
-_OLD_S = 7 * 24 * 3600.0
-_KNOWN = "0.68."  # numba whose insides are as `IntermediateCode` and `DeviceCompiler` take them
+_KNOWN = "0.68."  # numba whose insides are as `IntermediateCode`, `DeviceCompiler` and `Kernel` take them
 
 
-def keep_by_source(dispatcher: Any) -> None:
+@final
+class _MachineCode(CompileResultCacheImpl):
+    """Keeps no intermediate code: kernels that call one by name take it in, and it takes longest to load."""
+
+    def reduce(self, compiled: Any) -> Any:
+        """Return what is kept of a kernel; of its functions numba asks for the names."""
+        names = sorted(entry.name for entry in compiled.library.get_defined_functions())
+        empty = "".join(f'define void @"{name}"() {{ ret void }}\n' for name in names)
+        compiled.library._shared_module = llvm.parse_assembly(empty)
+        return super().reduce(compiled)
+
+
+def keep_by_source(dispatcher: Any, *, alone: bool) -> None:
     """Let a cached kernel be kept, where numba keeps it, under the hash of its source.
 
     Args:
         dispatcher: of a function of cosim, declared with `cache=True`.
+        alone: whether to keep machine code alone; no other kernel may call it by its name then.
     """
     kept = dispatcher._cache  # numba has no public way to say what else a kernel depends on
-    place = kept._impl
-    path = Path(dispatcher.py_func.__code__.co_filename).resolve()
+    if alone:
+        kept._impl = _MachineCode(dispatcher.py_func)
+    place, path = kept._impl, Path(dispatcher.py_func.__code__.co_filename).resolve()
     name = f"{place.filename_base}-{source_hash(path)}"
     kept._cache_file = IndexDataCacheFile(kept.cache_path, name, place.locator.get_source_stamp())
 
@@ -55,22 +66,6 @@ def source_hash(path: Path) -> str:
     for entry in sorted(found):
         digest.update(_text(entry).encode())
     return digest.hexdigest()[:12]
-
-
-def remove_old(kernels: Iterable[Any]) -> None:
-    """Delete machine code of other versions of kernels, if it was made more than a week ago.
-
-    Args:
-        kernels: dispatchers of `keep_by_source`.
-    """
-    for kernel in kernels:
-        kept = kernel._cache
-        folder, base = Path(kept.cache_path), kept._impl.filename_base
-        own = f"{base}-{source_hash(Path(kernel.py_func.__code__.co_filename).resolve())}."
-        with suppress(OSError):  # another process may do the same
-            for path in folder.glob(f"{base}[-.]*.nb[ic]"):
-                if not path.name.startswith(own) and time.time() - path.stat().st_mtime > _OLD_S:
-                    path.unlink()
 
 
 @cache
@@ -156,6 +151,26 @@ class DeviceFunction(CPUDispatcher):
         return found
 
 
+@final
+class Kernel(CPUDispatcher):
+    """A function that Python calls, and other kernels by its address; its machine code is kept alone."""
+
+    def get_call_template(self, *_given: Any) -> NoReturn:
+        """Refuse a call by its name: there is no intermediate code to take in.
+
+        Raises:
+            TypeError: always.
+        """
+        raise TypeError(
+            f"{self.py_func.__name__}() is a kernel of its own: mark it as taken in, or call it by its "
+            "address, see `kernel_calls`"
+        )
+
+
+def _is_known() -> bool:
+    return str(numba.__version__).startswith(_KNOWN)
+
+
 def _has_arrays(returned: Any) -> bool:
     parts = getattr(returned, "types", ())  # of a tuple
     return isinstance(returned, numba.types.Array) or any(map(_has_arrays, parts))
@@ -171,7 +186,7 @@ def device_dispatcher(function: Any, options: dict[str, Any]) -> Any:
         function: to be compiled.
         options: of `numba.njit`.
     """
-    if not numba.__version__.startswith(_KNOWN):
+    if not _is_known():
         return numba.njit(function, **options)
     alone = {"cache": False, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
     compile_later: Any = numba.njit
@@ -201,7 +216,7 @@ MASKS = numba.boolean[:, ::1]
 
 
 def kernel(
-    signature: Any, *, reorder_sums: bool = False, allocates: bool = False
+    signature: Any, *, reorder_sums: bool = False, allocates: bool = False, taken_in: bool = False
 ) -> Callable[[Function], Function]:
     """Return a decorator that turns a function into a kernel with one fixed signature.
 
@@ -211,6 +226,7 @@ def kernel(
             values that are not finite stay visible.
         allocates: whether it makes arrays whose size it does not know when it is compiled, returns arrays, or
             calls what does; see `device_function` for what that costs, and `small_arrays` for the others.
+        taken_in: whether other kernels call it by its name, each of which compiles it as a part of its own.
 
     Raises:
         TypeError: it returns arrays, and does not say that it allocates.
@@ -220,7 +236,7 @@ def kernel(
 
     def decorate(function: Function) -> Function:
         fast: dict[str, Any] = {"fastmath": {"reassoc", "contract"}} if reorder_sums else {}
-        dispatcher = _compiled_later(function, _nrt=allocates, no_cfunc_wrapper=True, **fast)
+        dispatcher = _compiled_later(function, taken_in, _nrt=allocates, no_cfunc_wrapper=True, **fast)
         dispatcher.fixed_signature = signature
         result: Function = dispatcher
         return result
@@ -253,23 +269,17 @@ def allocating(function: Function) -> Function:
     return result
 
 
-def _compiled_later(function: Any, **options: Any) -> Any:
+def _compiled_later(function: Any, taken_in: bool, **options: Any) -> Any:
     """Return what compiles a function when it is called, and keeps the machine code where it can be."""
     try:
         dispatcher = numba.njit(function, **_OPTIONS, **options, cache=True)
     except RuntimeError:  # no place for a cache: neither beside the source nor in the user's directory
         return numba.njit(function, **_OPTIONS, **options)
-    keep_by_source(dispatcher)
+    alone = _is_known() and not taken_in
+    if alone:
+        dispatcher.__class__ = Kernel
+    keep_by_source(dispatcher, alone=alone)
     return dispatcher
-
-
-def nothing_of(kind: Any) -> Any:
-    """Return arrays without entries, and zeros, that stand for nothing where a kernel takes some type."""
-    if isinstance(kind, numba.types.NamedTuple):
-        return kind.instance_class(*map(nothing_of, kind.types))
-    if isinstance(kind, numba.types.Array):
-        return np.zeros((0,) * kind.ndim, str(kind.dtype))
-    return False if kind == BOOLEAN else kind.cast_python_value(0)
 
 
 @device_function

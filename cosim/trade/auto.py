@@ -9,7 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from cosim.base.code_identity import code_identity
+from cosim.base.kept.code_identity import code_identity
 from cosim.base.kept.kept_data import keep, kept
 from cosim.config.loading import load_scenario
 from cosim.config.schema.scenario import Scenario

@@ -53,3 +53,14 @@ def test_another_numba_does_the_same_in_its_own_way(monkeypatch: pytest.MonkeyPa
 
     assert numba.njit(lambda x: thirded(x))(6.0) == 2.0
     assert thirded(6.0) == 2.0
+
+
+@kernel(REAL(REAL), taken_in=True)
+def _fifths(x):  # type: ignore[no-untyped-def]
+    return x / 5.0
+
+
+def test_a_kernel_is_called_by_name_only_where_it_says_so() -> None:
+    assert numba.njit(lambda x: _fifths(x))(5.0) == 1.0
+    with pytest.raises(TypeError, match=r"_three_quarters\(\) is a kernel of its own: mark it as taken in"):
+        numba.njit(lambda x: _three_quarters(x))(2.0)

@@ -11,10 +11,11 @@ from pathlib import Path
 
 import pytest
 
-from cosim.base import kernels as kernel_cache
+from cosim.base import kernels
+from cosim.base.kept import kernel_cache
 from cosim.soft.elements import cable
 
-SOURCES = Path(kernel_cache.__file__).parent
+SOURCES = Path(kernels.__file__).parent
 KERNEL = """
 from cosim.base.kernels import REAL, kernel
 from cosim.factor import times
@@ -71,7 +72,7 @@ def test_what_is_inlined_from_another_file_is_compiled_anew_when_that_changes(pa
 
 
 def test_imports_of_every_form_count(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(kernel_cache, "_PACKAGE", tmp_path)
+    monkeypatch.setattr(kernels, "_PACKAGE", tmp_path)
     for name in ("a", "b", "c", "d", "e"):
         (tmp_path / f"{name}.py").touch()
     main = tmp_path / "main.py"
@@ -80,7 +81,7 @@ def test_imports_of_every_form_count(tmp_path: Path, monkeypatch: pytest.MonkeyP
         "import numpy\ndef f():\n    import cosim.e\n",
         encoding="utf-8",
     )
-    assert {path.stem for path in kernel_cache._imports(main)} == {"a", "b", "c", "d", "e"}
+    assert {path.stem for path in kernels._imports(main)} == {"a", "b", "c", "d", "e"}
 
 
 def test_old_machine_code_is_deleted_and_that_of_other_kernels_is_not(

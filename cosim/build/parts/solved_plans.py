@@ -10,8 +10,8 @@ from typing import Final
 
 from llvmlite.binding import get_host_cpu_name
 
-from cosim.base.code_identity import code_identity
 from cosim.base.identity import content_name
+from cosim.base.kept.code_identity import code_identity
 from cosim.base.kept.kept_data import keep, kept
 from cosim.base.kept.kept_parts import is_nameless
 from cosim.base.state_archive import read_archive, write_archive

@@ -33,7 +33,7 @@ _STEP_MAX_M, _TURN_MAX = 0.05, 0.4
 _HALVINGS_MAX = 20
 
 
-@kernel(REAL(CUBE, *CHAIN, *LOADS, *CABLES, *TOUCHED, *OUT, types.boolean))
+@kernel(REAL(CUBE, *CHAIN, *LOADS, *CABLES, *TOUCHED, *OUT, types.boolean), taken_in=True)
 def assemble(  # type: ignore[no-untyped-def]
     frames, coefficients, inverse_length, mass, load, bed, target, far, eyelets, tension, touching, rows,
     widths, gradient, diagonal, off, hessian,
@@ -45,7 +45,7 @@ def assemble(  # type: ignore[no-untyped-def]
     return energy + add_contacts(frames, touching, rows, widths, gradient, diagonal, off, hessian)
 
 
-@kernel(void(CUBE, MATRIX, REAL, CUBE))
+@kernel(void(CUBE, MATRIX, REAL, CUBE), taken_in=True)
 def change_frames(frames: Array, step: Array, factor: float, out: Array) -> None:
     """Move every frame by factor times its step (dr, phi): out = (r + dr, exp(S(phi)) a_i)."""
     phi, v, w = small_vector(3), small_vector(3), small_vector(3)
@@ -130,6 +130,7 @@ def _factorise(free, diagonal, off, scale, low, side):  # type: ignore[no-untype
         CUBE, FLAGS, *CHAIN, *LOADS, *CABLES, *TOUCHED, *OUT, *FACTOR, VECTOR, int64
     ),
     allocates=True,
+    taken_in=True,
 )
 def minimise(  # type: ignore[no-untyped-def]
     frames, free, coefficients, inverse_length, mass, load, bed, target, far, eyelets, tension,
@@ -193,7 +194,7 @@ def minimise(  # type: ignore[no-untyped-def]
         change_frames(frames, step, factor, trial)
 
 
-@kernel(REAL(CUBE, MATRIX, MATRIX, VECTOR, VECTOR))
+@kernel(REAL(CUBE, MATRIX, MATRIX, VECTOR, VECTOR), taken_in=True)
 def gas_volume(
     frames: Array, coefficients: Array, rates: Array, inverse_length: Array, length_rate: Array
 ) -> float:
@@ -212,7 +213,7 @@ def gas_volume(
     return volume
 
 
-@kernel(void(CUBE, INDICES, CUBE, MATRIX))
+@kernel(void(CUBE, INDICES, CUBE, MATRIX), taken_in=True)
 def combine_points(frames: Array, before: IntArray, weights: Array, out: Array) -> None:
     """Fill out (n, 3) with combinations (n, 2, 4) of the points of two frames, `before` (n,) and the next."""
     for n in range(out.shape[0]):

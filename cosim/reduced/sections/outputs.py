@@ -34,7 +34,7 @@ def center_and_inertia(figures: Array) -> tuple[Array, Array]:
     return figures[CENTER:INERTIA], figures[INERTIA:].reshape(3, 3)
 
 
-@kernel(void(CUBE, FLAGS, CUBE, MATRIX, VECTOR))
+@kernel(void(CUBE, FLAGS, CUBE, MATRIX, VECTOR), taken_in=True)
 def fill_figures(frames: Array, free: Any, mass: Array, gradient: Array, out: Array) -> None:
     """Fill out (FIGURES,): the wrench on the flange at its origin, centre and inertia of the mass.
 

@@ -30,7 +30,7 @@ def _cubics(u, out):  # type: ignore[no-untyped-def]
     out[3] = u * u * u / 6.0
 
 
-@kernel(int64(REAL, REAL, int64, MATRIX))
+@kernel(int64(REAL, REAL, int64, MATRIX), taken_in=True)
 def active_terms(pressure: float, largest: float, intervals: int, out: Array) -> int:
     """Fill out (2, TERMS): values and slopes d/dp [1/Pa] of the functions that are not zero.
 
@@ -65,7 +65,7 @@ def fill_bases(pressures: Array, largest: float, intervals: int, out: Array) -> 
             out[p, 1, first + k] = terms[1, k]
 
 
-@kernel(void(MATRIX, int64, VECTOR, VECTOR))
+@kernel(void(MATRIX, int64, VECTOR, VECTOR), taken_in=True)
 def weighted_rows(table: Array, first: int, weights: Array, out: Array) -> None:
     """Fill out (m,) with TERMS rows of table (size, m) from `first` on, times weights (TERMS,)."""
     for k in range(out.shape[0]):

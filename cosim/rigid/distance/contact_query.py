@@ -13,7 +13,6 @@ from typing import final
 
 import mujoco
 import numpy as np
-from scipy.spatial import ConvexHull, QhullError
 
 from cosim.base.frames import Array, IntArray
 from cosim.errors import InputError
@@ -155,6 +154,8 @@ def _vertices(model: mujoco.MjModel, geom: int) -> tuple[Array, IntArray]:
 
 def _hull(model: mujoco.MjModel, geom: int) -> tuple[Array, Array]:
     """Return planes (f, 4) and corners (f, 3, 3) of a mesh geom's convex hull."""
+    from scipy.spatial import ConvexHull, QhullError  # here: few scenes have meshes to touch
+
     vertices, _ = _vertices(model, geom)
     try:
         hull = ConvexHull(vertices)

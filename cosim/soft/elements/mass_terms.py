@@ -53,7 +53,7 @@ def add_inertia(x, coefficient, target, diagonal, gradient, blocks):  # type: ig
     return energy
 
 
-@kernel(REAL(BLOCKS, BLOCKS, VECTOR))
+@kernel(REAL(BLOCKS, BLOCKS, VECTOR), taken_in=True)
 def mass_moments(mass: Array, points: Array, moments: Array) -> float:
     """Set moments (9,) to the first ones, and xx, xy, xz, yy, yz, zz of the second; return the mass [kg].
 

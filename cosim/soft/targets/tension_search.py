@@ -10,7 +10,6 @@ from dataclasses import dataclass, replace
 from typing import final
 
 import numpy as np
-from scipy.optimize import lsq_linear
 
 from cosim.base.frames import Array, Pose
 from cosim.errors import ConvergenceError, UnreachableError
@@ -40,6 +39,8 @@ class _TensionChange:
         return sensitivity.tip, sensitivity.to_tension()
 
     def step(self, here: Equilibrium, matrix: Array, missing: Array, bound: float) -> Array:
+        from scipy.optimize import lsq_linear  # here: it takes long to load
+
         tension = np.array(here.loads.cable_tension_N)
         # a slight preference for the smallest change decides among equivalent tensions
         keep = 1e-6 * np.linalg.norm(matrix) * np.eye(len(tension))

@@ -12,7 +12,6 @@ from dataclasses import dataclass, replace
 from typing import final
 
 import numpy as np
-from scipy.optimize import brentq
 
 from cosim.base.frames import Array
 from cosim.errors import ConvergenceError
@@ -150,6 +149,8 @@ class TensionSweep:
 
     def _between(self, before: _SweepPoint, after: _SweepPoint, tolerance_m: float) -> Equilibrium | None:
         """Return the state between two that has the wanted height; None where it jumps over it."""
+        from scipy.optimize import brentq  # here: it takes long to load
+
         sides = {np.sign(self._over(place)): place for place in (after, before)}
 
         def over(fraction: float) -> float:

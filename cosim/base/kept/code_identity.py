@@ -17,7 +17,7 @@ _ENGINES = ("numpy", "scipy", "numba", "mujoco", "pin")
 def code_identity() -> dict[str, str]:
     """Return versions of cosim, its engines, Python and processor family, and a hash of cosim's source."""
     digest = sha256()
-    folder = Path(__file__).resolve().parents[1]
+    folder = Path(__file__).resolve().parents[2]
     for path in sorted(folder.rglob("*.py")):
         digest.update(str(path.relative_to(folder)).encode())
         digest.update(path.read_bytes())
