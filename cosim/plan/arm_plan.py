@@ -122,7 +122,7 @@ def _through(planned: PhasePlan) -> tuple[Array, JointReference]:
     phase, path = planned.phase, planned.joints
     count = 2
     if path.spline is not None:
-        count = min(max(_FEWEST, _PER_KNOT * len(path.spline.places)), _MOST)
+        count = min(max(_FEWEST, _PER_KNOT * len(path.spline.x)), _MOST)
     time_s = phase.duration_s * np.clip(np.linspace(0.0, 1.0, count), _INSIDE, 1.0 - _INSIDE)
     return time_s, path.through([progress(phase.ramp, t, phase.duration_s) for t in time_s.tolist()])
 

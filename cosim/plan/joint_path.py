@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import Final, final
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 
-from cosim.base.cubic_spline import CubicSpline
 from cosim.base.frames import Array, IntArray, Mask
 from cosim.plan.ramp import Progress
 
@@ -65,7 +65,7 @@ class JointPath:
     @property
     def last(self) -> Array:
         """(joints,) [rad], at s = 1."""
-        return self.first if self.spline is None else self.spline(1.0)
+        return self.first if self.spline is None else np.asarray(self.spline(1.0))
 
     def at(self, progress: Progress) -> JointReference:
         """Return what is asked for at one instant."""
@@ -77,5 +77,5 @@ class JointPath:
             still = np.zeros((len(instants), len(self.first)))
             return JointReference(still + self.first, still, still)
         s, rate, acceleration = np.array([(p.value, p.rate, p.acceleration) for p in instants]).T[..., None]
-        q, slope, curve = self.spline.with_derivatives(s[:, 0])
+        q, slope, curve = (np.asarray(self.spline(s[:, 0], order)) for order in range(3))
         return JointReference(q, slope * rate, curve * rate**2 + slope * acceleration)

@@ -7,8 +7,8 @@ from collections.abc import Callable, Iterator
 from contextlib import suppress
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 
-from cosim.base.cubic_spline import CubicSpline
 from cosim.base.frames import Array, Pose, rotation_from_vector
 from cosim.errors import UnreachableError
 from cosim.kinematics.arm import Arm
@@ -150,8 +150,8 @@ def _spline(arm: Arm, way: FlangeWay, knots: Array) -> CubicSpline:
         return spline
     slopes = []
     for fraction in (0.0, 1.0):
-        q, slope = spline(fraction), spline(fraction, 1)
+        q, slope = np.asarray(spline(fraction)), np.asarray(spline(fraction, 1))
         rows, jacobian = arm.asked_rows(q), arm.jacobian(q)
         missing = way.rate_at_ends - jacobian @ slope
         slopes.append(slope + np.linalg.lstsq(rows @ jacobian, rows @ missing, rcond=_SINGULAR)[0])
-    return CubicSpline(fractions, knots, np.array(slopes))
+    return CubicSpline(fractions, knots, bc_type=((1, slopes[0]), (1, slopes[1])))

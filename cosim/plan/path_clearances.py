@@ -105,7 +105,7 @@ def _instants(
     for index, planned in enumerate(plan.phases):
         phase, path = planned.phase, planned.joints
         length_s = phase.duration_s + phase.settle_s
-        count = max(_FEWEST, 0 if path.spline is None else 2 * len(path.spline.places))
+        count = max(_FEWEST, 0 if path.spline is None else 2 * len(path.spline.x))
         for time_s in np.linspace(0.0, length_s, count).tolist():
             joints = path.at(progress(phase.ramp, time_s, phase.duration_s)).position
             yield began_s + time_s, index, joints, cell.at(index, time_s)[0]

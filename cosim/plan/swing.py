@@ -40,7 +40,7 @@ class FlangeAcceleration:
         phase, path = planned.phase, planned.joints
         if path.spline is None or phase.ramp == "step":
             return None
-        count = max(_SAMPLES, 2 * len(path.spline.places))
+        count = max(_SAMPLES, 2 * len(path.spline.x))
         step_s = phase.duration_s / (count - 1)
         # a sample before and one after: a linear ramp leaps from rest to its speed
         ways = [progress(phase.ramp, k * step_s, phase.duration_s) for k in range(-1, count + 1)]

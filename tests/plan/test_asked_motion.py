@@ -6,8 +6,8 @@ from typing import Literal
 
 import numpy as np
 import pytest
+from scipy.interpolate import CubicSpline
 
-from cosim.base.cubic_spline import CubicSpline
 from cosim.base.frames import Pose
 from cosim.config.schema.phase import PhaseTable
 from cosim.plan.arm_plan import AskedMotion, asked_motion

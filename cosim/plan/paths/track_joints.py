@@ -6,8 +6,8 @@ import math
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 
-from cosim.base.cubic_spline import CubicSpline
 from cosim.base.frames import Array
 from cosim.errors import UnreachableError
 from cosim.kinematics.inverse_kinematics import InverseKinematicsOptions, follow, solve
@@ -54,7 +54,7 @@ def track_joints(arm: Arm, track: PoseTrack, q: Array, key: str) -> JointPath:
                 "move the path, or let the flange start elsewhere or with another roll_rad",
                 error.closest,
             ) from error
-    spline = CubicSpline(np.linspace(0.0, 1.0, count + 1), np.array(knots), np.zeros((2, len(q))))
+    spline = CubicSpline(np.linspace(0.0, 1.0, count + 1), np.array(knots), bc_type="clamped")
     _check_pace(ArmLimits.of(arm), track, spline, key)
     return JointPath(q, spline)
 
