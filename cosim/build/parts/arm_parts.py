@@ -103,7 +103,7 @@ class ArmParts:
         """Return a name of the arm, and of all that its motion along a plan consists of."""
         timed = [(p.phase.name, p.phase.duration_s, p.phase.settle_s, p.phase.ramp) for p in plan.phases]
         paths = [p.joints for p in plan.phases]
-        curves = [None if path.spline is None else (path.spline.places, path.spline.powers) for path in paths]
+        curves = [None if path.spline is None else (path.spline.x, path.spline.c) for path in paths]
         return name_of(self._arm_name, timed, [path.first for path in paths], curves)
 
     def clearances(self, plan: Plan, model: SoftModel, *, film_touches: bool) -> PathClearances | None:
