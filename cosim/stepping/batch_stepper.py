@@ -116,7 +116,7 @@ class BatchStepper:
             joint_target=self._targets[place : place + n],
             body_position=ticks.places[:n],
             body_quaternion=ticks.quaternions[:n],
-            body_contact_force=np.zeros(ticks.places[:n].shape),
+            body_contact_force=ticks.body_force[:n],
             film=FilmShapes(self._parts.shape_reader, progress.shapes),
             flange_position=ticks.origin[1 : n + 1],
             flange_rotation=ticks.axes[1 : n + 1],
@@ -137,15 +137,18 @@ class BatchStepper:
             tick_wall_s=np.full(n, spent_s),
             devices=(None,) * n,
             link_contacts=self._link_contacts(ticks, to.tick, n),
-            **_untouched(n),
+            contacts=ticks.contacts[:n],
+            contact_force_N=ticks.contact[:n, 0],
+            contact_depth_m=ticks.contact[:n, 1],
+            contact_ratio=ticks.contact[:n, 2],
+            **_staggered(n),
         )
 
 
-def _untouched(count: int) -> dict[str, Any]:
-    """Return what is the same in all ticks of a staggered exchange that touch nothing."""
+def _staggered(count: int) -> dict[str, Any]:
+    """Return what is the same in all ticks of a staggered exchange of films that do not touch one another."""
     number, none = np.zeros(count), np.zeros(count, np.int64)
     return {
-        "contacts": none, "contact_force_N": number, "contact_depth_m": number, "contact_ratio": number,
         "self_contacts": none, "self_contact_force_N": number, "self_contact_depth_m": number,
         "scheme": np.full(count, "staggered"), "trials": none + 1, "slides": none,
         "interface_residual": number,

@@ -60,6 +60,9 @@ class Ticks(NamedTuple):
         momentum_error: (n,), see `LedgerEntry`.
         residual: (n,) [N].
         iterations: (n,).
+        contacts: (n,), points that press.
+        contact: (n, 3), sum of their normal forces [N], depth of the deepest [m], contact ratio.
+        body_force: (n, bodies, 3) [N], of the soft robot on each body, world axes.
     """
 
     figures: Array
@@ -76,6 +79,9 @@ class Ticks(NamedTuple):
     momentum_error: Array
     residual: Array
     iterations: IntArray
+    contacts: IntArray
+    contact: Array
+    body_force: Array
 
     def from_on(self, first: int) -> Ticks:
         """Return the rows of a tick and all after it."""
@@ -103,7 +109,7 @@ COMMANDS = types.NamedTuple((MATRIX, MATRIX, MATRIX, BLOCKS, VECTOR, INDICES, MA
 TICKS = types.NamedTuple(
     (
         MATRIX, MATRIX, CUBE, MATRIX, MATRIX, MATRIX, MATRIX, MATRIX, CUBE, CUBE, MATRIX,
-        VECTOR, VECTOR, INDICES,
+        VECTOR, VECTOR, INDICES, INDICES, MATRIX, CUBE,
     ),
     Ticks,
 )  # fmt: skip

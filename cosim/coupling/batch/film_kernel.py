@@ -1,8 +1,9 @@
 """Many ticks of arm and film in one kernel: what `StaggeredCoupling.tick` does, without Python in between.
 
 Per tick: servos and the wrench of the tick before act while MuJoCo steps; the film then takes one step with
-the flange's new pose (`film_step`) and returns the next wrench. A tick in which anything may be touched, the
-flange turns far, or the factorisation that is kept does not serve, is left after its rigid half.
+the flange's new pose (`film_step`) and what it may touch, and returns the next wrench, and loads on bodies. A
+tick is left after its rigid half in which the lists of what is near, or the factorisation that is kept, do
+not serve, or the flange turns far; a row ends after one with which bodies are to be weighed.
 """
 
 from __future__ import annotations
@@ -14,9 +15,16 @@ from numba import types
 
 from cosim.base.frames import IntArray
 from cosim.base.kernel_calls import address_of, caller
-from cosim.base.kernels import VECTOR, device_function, kernel
+from cosim.base.kernels import VECTOR, allocating, device_function, kernel
 from cosim.base.small_arrays import small_matrix, small_vector
 from cosim.coupling.batch.batch_arrays import CARRIED, TICKS
+from cosim.coupling.batch.contact_halves import (
+    find_touched,
+    momentum_error_of_bodies,
+    settle_touched,
+    touched_planes,
+)
+from cosim.coupling.batch.contact_rows import ASKS
 from cosim.coupling.batch.film_rows import FILM_COMMANDS, FILM_MOTION, FILM_ROW
 from cosim.coupling.batch.tick_halves import (
     ALL_DONE,
@@ -29,7 +37,7 @@ from cosim.coupling.batch.tick_halves import (
 from cosim.reduced.sections.outputs import CENTER, fill_center_and_inertia
 from cosim.rigid.distance.shapes import fill_near_box
 from cosim.rigid.scene.native import NATIVE_SCENE
-from cosim.soft.body.loads import PlainLoads
+from cosim.soft.body.loads import PlainLoads, Touching
 from cosim.soft.contact.point_kernels import span
 from cosim.soft.elements.mass_terms import mass_moments
 from cosim.soft.solve.film_step import film_step
@@ -46,9 +54,9 @@ def row_calls() -> IntArray:
     return np.array([address_of(called) for called in _CALLED])
 
 
-@device_function
-def _may_touch(row, x, velocity):  # type: ignore[no-untyped-def]
-    """Return whether a shape may come into the film's reach in a step, as `ContactExchange.find` asks."""
+@allocating
+def _find(row, x, velocity):  # type: ignore[no-untyped-def]
+    """Fill what the film may touch in a step, as `ContactExchange.find` does; see `find_touched`."""
     bounds = row.reach.bounds
     for g in range(bounds.geoms.shape[0]):
         for r in range(3):
@@ -56,12 +64,14 @@ def _may_touch(row, x, velocity):  # type: ignore[no-untyped-def]
             for c in range(3):
                 bounds.rotation[g, r, c] = bounds.axes[bounds.geoms[g], 3 * r + c]
     if bounds.geoms.shape[0] == 0:
-        return False
+        return 0
     low, high, fastest = small_vector(3), small_vector(3), small_vector(1)
     _span(row.calls[_SPAN], (x, velocity, low, high, fastest))
-    reach = row.reach.rest_m + row.reach.ahead_s * math.sqrt(fastest[0])
+    row.contact.speed[0] = math.sqrt(fastest[0])
+    reach = row.reach.rest_m + row.reach.ahead_s * row.contact.speed[0]
     poses = bounds.kind, bounds.center, bounds.half, bounds.position, bounds.rotation
-    return _fill_near_box(row.calls[_NEAR], (*poses, low, high, reach, bounds.near)) > 0
+    near = _fill_near_box(row.calls[_NEAR], (*poses, low, high, reach, bounds.near))
+    return find_touched(row.contact, x, low, high, bounds.near[:near], reach)
 
 
 @device_function
@@ -89,7 +99,8 @@ def _fill_figures(row, x, flange, moments, out):  # type: ignore[no-untyped-def]
 @kernel(
     types.Tuple((types.int64, types.int64))(
         types.int64, NATIVE_SCENE, CARRIED, VECTOR, FILM_COMMANDS, FILM_ROW, TICKS, FILM_MOTION
-    )
+    ),
+    allocates=True,
 )
 def advance_film_ticks(  # type: ignore[no-untyped-def]
     count, scene, carried, mounted, commands, row, ticks, way
@@ -99,22 +110,31 @@ def advance_film_ticks(  # type: ignore[no-untyped-def]
     carried: on the joints. mounted: (10,), parameters of a rigid mass on the flange, flange frame.
     """
     flange, moments = small_matrix(4, 3), small_vector(9)
+    contact, nothing = row.contact, row.untouched
     for k in range(count):
+        on_bodies = momentum_error_of_bodies(contact)
         if not take_rigid_half(scene, carried, mounted, row.total_kg, commands, ticks, k):
             return k, RIGID_SIDE_WARNS
+        ticks.momentum_error[k] = max(ticks.momentum_error[k], on_bodies)
         fill_flange(scene, flange)
-        if _may_touch(row, way.x[k + 1], way.velocity[k + 1]) or _turns_far(ticks, k, row.largest_turn):
+        found = _find(row, way.x[k + 1], way.velocity[k + 1])
+        if found < 0 or _turns_far(ticks, k, row.largest_turn):
             return k, SOFT_STEP_LEFT
+        touching = Touching(touched_planes(contact.touched, found), nothing.call, nothing.pairs)
         loads = PlainLoads(commands.pressure[k], commands.tension[k], commands.gravity[k])
         motion = StepMotion(
             way.x[k + 1], way.velocity[k + 1], way.x[k], way.velocity[k], way.memory[k], flange,
             way.x[k + 2], way.velocity[k + 2], way.memory[k + 1],
         )  # fmt: skip
         converged, iterations, residual, _ = _film_step(
-            row.calls[_STEP], (row.side, loads, row.untouched, motion, row.place)
+            row.calls[_STEP], (row.side, loads, touching, motion, row.place)
         )
         if not converged:
             return k, SOFT_STEP_LEFT
         _fill_figures(row, way.x[k + 2], flange, moments, ticks.figures[k + 1])
         conclude_tick(scene, ticks, k, residual, iterations)
+        if found > 0:
+            settle_touched(contact, found, way.x[k + 2], ticks, k)
+            if contact.counts[ASKS]:
+                return k + 1, ALL_DONE
     return count, ALL_DONE

@@ -1,7 +1,8 @@
 """Ticks of arm and lumped film in a row, in one kernel.
 
-The kernel takes what most ticks are: given pressures and tensions, nothing near that could be touched, and a
-soft step with the factorisation that is kept. All else is finished by `StaggeredCoupling`, as any other tick.
+The kernel takes what most ticks are: given pressures and tensions, contact with bodies that are fixed or
+free, and a soft step with the factorisation that is kept. All else is finished by `StaggeredCoupling`,
+as any other tick.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from cosim.coupling.batch.batch_arrays import Ticks
 from cosim.coupling.batch.film_kernel import advance_film_ticks, row_calls
 from cosim.coupling.batch.film_rows import FilmCommands, FilmMotion, FilmReach, FilmRow
 from cosim.coupling.batch.lockstep import Servos
+from cosim.coupling.batch.row_contact import RowContact, nothing_there
 from cosim.coupling.batch.row_lockstep import RowLockstep, pose_of
 from cosim.coupling.batch.tick_halves import SOFT_STEP_LEFT
 from cosim.coupling.contact.contact_exchange import AHEAD_TICKS
@@ -50,6 +52,7 @@ class FilmLockstep(RowLockstep):
     ) -> None:
         super().__init__(coupling, native, mounted, _MOST)
         self._soft, self._mass_kg = soft, soft.body.mass_kg
+        self._contact = RowContact.of(coupling.interface)
         contact, tick_s = coupling.interface.contact, coupling.interface.scene.tick_s
         self._reach = FilmReach(
             nothing_of(SHAPE_BOUNDS) if contact is None else contact.query.bounds,
@@ -69,7 +72,8 @@ class FilmLockstep(RowLockstep):
     @property
     def ready(self) -> bool:
         contact = self.coupling.interface.contact
-        return (contact is None or contact.idle) and self._soft.stepper.quick.knows_factor
+        knows_contact = contact is None or contact.idle or self._contact is not None
+        return knows_contact and self._soft.stepper.quick.knows_factor
 
     def commands(self, servos: Servos, loads: Sequence[Loads]) -> FilmCommands | None:
         if not all(load.plain for load in {id(load): load for load in loads}.values()):
@@ -116,14 +120,24 @@ class FilmLockstep(RowLockstep):
         assert side is not None, "ready says whether there is one"
         mass = soft.body.node_mass.reshape(-1, 1, 1)
         begins = stepper.quick.begins
-        row = FilmRow(side, *begins, self._reach, self._calls, mass, self._mass_kg, LARGE_TURN_RAD)
+        contact = nothing_there() if self._contact is None else self._contact.begin()
+        row = FilmRow(side, *begins, self._reach, self._calls, mass, self._mass_kg, LARGE_TURN_RAD, contact)
         done, ending = advance_film_ticks(
             count, self.native, carried, self.mounted, commands, row, ticks, motion
         )
         if done:
             self._go_to(ticks, motion, done, loads[done - 1])
-        self._take_over(ticks, done, half_done=ending == SOFT_STEP_LEFT)
+        self._conclude(ticks, done, half_done=ending == SOFT_STEP_LEFT)
         return done, ending
+
+    def _conclude(self, ticks: Ticks, done: int, *, half_done: bool) -> None:
+        """Bring all but the soft side to where the kernel has stopped."""
+        contact = self._contact
+        if contact is None or not done:
+            self._take_over(ticks, done, half_done=half_done)
+            return
+        self._take_over(ticks, done, contact.handed, half_done=half_done)
+        contact.end(ticks, done, carry=self.coupling.bodies_carry, half_done=half_done)
 
     def _go_to(self, ticks: Ticks, motion: FilmMotion, done: int, loads: Loads) -> None:
         """Bring the soft side to where the kernel has stopped."""

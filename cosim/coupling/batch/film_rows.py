@@ -8,6 +8,7 @@ from numba import types
 
 from cosim.base.frames import Array, IntArray
 from cosim.base.kernels import BLOCKS, INDICES, MATRIX, REAL
+from cosim.coupling.batch.contact_rows import CONTACT_ROW, ContactRow
 from cosim.rigid.distance.shape_bounds import SHAPE_BOUNDS, ShapeBounds
 from cosim.soft.body.loads import TOUCHING, Touching
 from cosim.soft.solve.film_step import FILM_SIDE, FilmSide
@@ -84,6 +85,7 @@ class FilmRow(NamedTuple):
         mass: (nodes, 1, 1) [kg].
         total_kg: of the film.
         largest_turn: [rad], of the flange in a tick; beyond it a step is left.
+        contact: with the scene.
     """
 
     side: FilmSide
@@ -94,9 +96,12 @@ class FilmRow(NamedTuple):
     mass: Array
     total_kg: float
     largest_turn: float
+    contact: ContactRow
 
 
 FILM_COMMANDS = types.NamedTuple((MATRIX, MATRIX, MATRIX, BLOCKS, MATRIX, MATRIX, MATRIX), FilmCommands)
 FILM_MOTION = types.NamedTuple((BLOCKS, BLOCKS, MATRIX), FilmMotion)
 _REACH = types.NamedTuple((SHAPE_BOUNDS, REAL, REAL), FilmReach)
-FILM_ROW = types.NamedTuple((FILM_SIDE, TOUCHING, PLACE, _REACH, INDICES, BLOCKS, REAL, REAL), FilmRow)
+FILM_ROW = types.NamedTuple(
+    (FILM_SIDE, TOUCHING, PLACE, _REACH, INDICES, BLOCKS, REAL, REAL, CONTACT_ROW), FilmRow
+)

@@ -8,7 +8,7 @@ from typing import Any, final
 
 import numpy as np
 
-from cosim.base.frames import Array, Pose, Wrench
+from cosim.base.frames import Array, Pose, SixNumbers, Wrench
 from cosim.coupling.batch.added_inertia import AddedInertiaRow
 from cosim.coupling.batch.batch_arrays import Ticks
 from cosim.coupling.batch.lockstep import Lockstep, LockstepProgress, Rows
@@ -94,19 +94,34 @@ class RowLockstep(Lockstep):
             np.empty((count, 6)), np.empty((count + 1, 7)), np.empty((count, joints)),
             np.empty((count, joints)), np.empty((count, joints)), np.empty((count, bodies, 3)),
             np.empty((count, bodies, 4)), np.empty((count, 3)), np.empty(count),
-            np.empty(count), np.empty(count, np.int64),
+            np.empty(count), np.empty(count, np.int64), np.zeros(count, np.int64), np.zeros((count, 3)),
+            np.zeros((count, bodies, 3)),
         )  # fmt: skip
         ticks.figures[0] = self._figures()
         ticks.origin[0], ticks.axes[0] = flange.translation, flange.rotation
         ticks.handed[0] = (*handed.flange, handed.flange_size_N)
         return ticks
 
-    def _take_over(self, ticks: Ticks, done: int, *, half_done: bool) -> None:
-        """Bring rigid side and coupling to where the kernel has stopped."""
+    def _take_over(
+        self,
+        ticks: Ticks,
+        done: int,
+        on_bodies: tuple[SixNumbers, float] = (NOTHING, 0.0),
+        *,
+        half_done: bool,
+    ) -> None:
+        """Bring rigid side and coupling to where the kernel has stopped.
+
+        Args:
+            ticks: of the row.
+            done: how many.
+            on_bodies: what was handed over to them in the last one, and its size [N].
+            half_done: whether the rigid half of one more is done.
+        """
         flange = self.coupling.interface.scene.flange
         if done:
             size = float(ticks.handed[done, 6])
-            handed = TransferredLoads(six_numbers(ticks.handed[done, :6]), NOTHING, size, 0.0)
+            handed = TransferredLoads(six_numbers(ticks.handed[done, :6]), on_bodies[0], size, on_bodies[1])
             self.coupling.end_row(done, _wrench(ticks.figures[done]), handed)
         if half_done:
             self._lost = float(ticks.momentum_error[done])

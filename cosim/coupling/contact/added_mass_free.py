@@ -20,7 +20,7 @@ from typing import Final, final
 
 import numpy as np
 
-from cosim.base.frames import Array
+from cosim.base.frames import Array, Mask
 from cosim.coupling.contact.added_mass_jointed import JointedMass, JointedMassState
 from cosim.coupling.contact.body_stiffness import (
     RATIO_BOUND,
@@ -74,6 +74,33 @@ class BodyMass:
     def ratio(self) -> float:
         """Largest algorithmic mass over inertia of a body that moves with it; its part above 1 is carried."""
         return max(self._free_ratio, self._jointed.ratio)
+
+    @property
+    def knows_joints(self) -> bool:
+        """Whether it looks after bodies on joints."""
+        return self._jointed.any
+
+    @property
+    def renewed_after(self) -> int:
+        """Ticks of contact after which S is found anew."""
+        return self._renew_after
+
+    def begin_row(self) -> tuple[Array, Mask, int]:
+        """Begin ticks in a row, without bodies on joints.
+
+        Returns:
+            (free bodies,) [N/m], stiffness of the contacts when D was renewed; (free bodies,), which keep
+            anything; ticks of contact since then.
+        """
+        return self._touching, (self._touching != 0.0) | self._renewed.any(axis=1), self._age
+
+    def end_row(self, age: int) -> None:
+        """Go on from ticks in which D was not renewed.
+
+        Args:
+            age: ticks of contact since it was.
+        """
+        self._age = age
 
     def update(self, *, carry: bool = True) -> None:
         """Bring the carried mass up to date after a soft step.

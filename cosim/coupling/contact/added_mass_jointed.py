@@ -38,7 +38,7 @@ class JointedMassState:
 
 @final
 class JointedMass:
-    """Keeps what bodies on joints carry up to date.
+    """Keeps what bodies on joints carry up to date, if there are `any`.
 
     Args:
         exchange: contacts.
@@ -48,7 +48,7 @@ class JointedMass:
 
     def __init__(self, exchange: ContactExchange, soft: Yielding, tick_s: float) -> None:
         self._exchange, self._soft, self._tick_s = exchange, soft, tick_s
-        self._any = len(exchange.bodies.on_joints(np.unique(exchange.query.body))) > 0
+        self.any = len(exchange.bodies.on_joints(np.unique(exchange.query.body))) > 0
         self._touched: IntArray = np.zeros(0, np.int64)
         self._stiffness = np.zeros(0)  # of the contacts alone when D was last renewed
         self._age, self._renew_after = 0, ticks_to_renewal(tick_s)
@@ -63,7 +63,7 @@ class JointedMass:
             carry: whether bodies do carry it; otherwise only its ratio to them is found.
         """
         bodies = self._exchange.bodies
-        if not self._any:
+        if not self.any:
             return
         touched = bodies.on_joints(np.flatnonzero(held_N_m))
         total = held_N_m[touched]

@@ -82,6 +82,14 @@ class MemoryRows(NamedTuple):
     place: Array
     triangle: IntArray
 
+    @classmethod
+    def room(cls, count: int) -> MemoryRows:
+        """Return room for so many."""
+        return cls(
+            _no_indices(count), np.empty(count), np.empty((count, 3)), np.empty((count, 3)),
+            _no_indices(count),
+        )  # fmt: skip
+
 
 class Ties(NamedTuple):
     """What contacts are tied to.
@@ -97,6 +105,11 @@ class Ties(NamedTuple):
     key: IntArray
     carrier: Array
     triangle: IntArray
+
+    @classmethod
+    def room(cls, count: int) -> Ties:
+        """Return room for so many."""
+        return cls(_no_indices(count), _no_indices(count), np.empty((count, 3)), _no_indices(count))
 
 
 class EndRows(NamedTuple):
@@ -119,6 +132,12 @@ class EndRows(NamedTuple):
     held: Array
     film: Array
     figures: Array
+
+    @classmethod
+    def room(cls, count: int, bodies: int) -> EndRows:
+        """Return room for so many."""
+        of_bodies = np.empty((bodies, 6)), _no_indices(bodies), np.empty(bodies)
+        return cls(np.empty((count, 3)), np.empty(count), *of_bodies, np.empty(6), np.empty(2))
 
 
 def _no_indices(count: int) -> IntArray:

@@ -32,8 +32,10 @@ _REACH_M = 1e-3  # looked ahead besides what the film moves in a tick
 AHEAD_TICKS: Final = 2.0
 """How many ticks' way of the fastest node a film looks ahead."""
 _STILL_REACH_M = 3e-3  # the same in statics, where nothing says how far the film will move
-_BEHIND_M = 5e-3  # how far behind the film a corner still counts as one that came through it
-_FEATURE_AREA_M2 = 5e-5  # each stands for: a corner must hold back the film around it by itself
+BEHIND_M: Final = 5e-3
+"""How far behind the film a corner still counts as one that came through it."""
+FEATURE_AREA_M2: Final = 5e-5
+"""What each stands for: a corner must hold back the film around it by itself."""
 NOTHING_BORNE: Final = np.zeros(6)
 
 
@@ -75,7 +77,7 @@ class ContactExchange:
     ) -> None:
         self.query, self.bodies, self.surface = query, bodies, surface
         self.law = law or ContactLaw()
-        self._neighbours = FilmNeighbours(query, surface)
+        self.neighbours = FilmNeighbours(query, surface)
         self.memory = ContactMemory.empty()
         self.planes: ContactPlanes | None = None
         self.sticking: ContactPlanes | None = None
@@ -83,7 +85,7 @@ class ContactExchange:
         self._ties = Ties(none, none, np.zeros((0, 3)), none)
         self._points = 0
         self._surface_rows = SurfaceRows(*(getattr(surface, name) for name in SurfaceRows._fields))
-        self._shape_rows = ShapeRows(*(getattr(query, name) for name in ShapeRows._fields))
+        self.shape_rows = ShapeRows(*(getattr(query, name) for name in ShapeRows._fields))
         self.film_load, self.held_N_m = NOTHING_BORNE, np.zeros(bodies.count)
         self.film_speed_m_s, self.near = 0.0, True
 
@@ -143,23 +145,17 @@ class ContactExchange:
         return memory.key[of_features] - points, memory.triangle[of_features]
 
     def _planes(self, x: Array, extent: Extent, reach: float, active: IntArray) -> ContactPlanes | None:
-        near = self._neighbours.find(x, extent, active, reach, _BEHIND_M, self._held_by)
+        near = self.neighbours.find(x, extent, active, reach, BEHIND_M, self._held_by)
         count = near.count
         if not count:
             return None
         memory, stiffness, surface = self.memory, self.law.stiffness_N_m3, self._surface_rows
-        planes = PlaneRows(
-            np.empty((count, 3), np.int64), np.empty((count, 3)), np.empty((count, 6), np.int64),
-            np.empty((count, 3)), np.empty(count), np.empty(count), np.empty(count), np.empty((count, 3)),
-            np.empty(count, np.int64),
-        )  # fmt: skip
-        shape, key, triangle = (np.empty(count, np.int64) for _ in range(3))
-        self._ties = Ties(shape, key, np.empty((count, 3)), triangle)
+        planes, self._ties = PlaneRows.room(count), Ties.room(count)
         self._points = len(near.rows.point)
         described = planes, self._ties
         before = MemoryRows(*(getattr(memory, name) for name in MemoryRows._fields))
-        areas = stiffness, stiffness * _FEATURE_AREA_M2
-        describe(x, near.places, near.rows, surface, self._shape_rows, before, *areas, *described)
+        areas = stiffness, stiffness * FEATURE_AREA_M2
+        describe(x, near.places, near.rows, surface, self.shape_rows, before, *areas, *described)
         return ContactPlanes(*planes[:-1], law=self.law, body=planes.body)
 
     def settle(self, positions: Array) -> ContactReport:
@@ -168,37 +164,48 @@ class ContactExchange:
         Args:
             positions: (n, 3) [m], of the nodes at the end of the step.
         """
-        if self.planes is None:
-            self.sticking, self.film_load = None, NOTHING_BORNE
-            report = NOTHING_TOUCHED
-        else:
-            report = self._conclude(self.planes, positions)
+        planes = self.planes
+        report = self.nothing_settled() if planes is None else self._conclude(planes, positions)
         self.bodies.apply(report.bodies, report.force, report.torque)
         return report
 
+    def nothing_settled(self) -> ContactReport:
+        """Take in a step in which nothing could be touched."""
+        self.sticking, self.film_load = None, NOTHING_BORNE
+        return NOTHING_TOUCHED
+
     def _conclude(self, planes: ContactPlanes, positions: Array) -> ContactReport:
         count, bodies, law = len(planes), self.bodies.count, self.law
-        end = EndRows(
-            np.empty((count, 3)), np.empty(count), np.zeros((bodies, 6)), np.zeros(bodies, np.int64),
-            np.zeros(bodies), np.zeros(6), np.empty(2),
-        )  # fmt: skip
-        kept = MemoryRows(
-            np.empty(count, np.int64), np.empty(count), np.empty((count, 3)), np.empty((count, 3)),
-            np.empty(count, np.int64),
-        )  # fmt: skip
+        end, kept = EndRows.room(count, bodies), MemoryRows.room(count)
         pressing = conclude(
-            positions, planes.rows, self._ties, self._points, self._shape_rows, law.smoothing_m, law.stick_m,
+            positions, planes.rows, self._ties, self._points, self.shape_rows, law.smoothing_m, law.stick_m,
             kept, end,
         )  # fmt: skip
         self.memory = ContactMemory(
             kept.key[:pressing], kept.normal_force[:pressing], kept.offset[:pressing], kept.place[:pressing],
             kept.triangle[:pressing],
         )  # fmt: skip
+        return self._ended(planes, end)
+
+    def _ended(self, planes: ContactPlanes, end: EndRows) -> ContactReport:
         self.sticking = planes.sticking(end.point, end.slack_friction)
         self.held_N_m, self.film_load = end.held, end.film
         acting = np.flatnonzero(end.acting)
         force, torque = end.loads[acting, :3], end.loads[acting, 3:]
-        return ContactReport(acting, force, torque, pressing, *end.figures.tolist())
+        return ContactReport(acting, force, torque, len(self.memory.key), *end.figures.tolist())
+
+    def go_to(self, rows: PlaneRows, ties: Ties, points: int, end: EndRows) -> ContactReport:
+        """Be at the end of steps that were taken elsewhere; bodies and `memory` are there; return the report.
+
+        Args:
+            rows: contacts of the last step.
+            ties: theirs.
+            points: how many of them are of points of the film.
+            end: what is left of them.
+        """
+        planes = self.planes = ContactPlanes(*rows[:-1], law=self.law, body=rows.body)
+        self._ties, self._points = ties, points
+        return self._ended(planes, end)
 
     def save_state(self) -> ContactState:
         """Return what the next tick depends on; nothing is copied, no array is written to in place."""

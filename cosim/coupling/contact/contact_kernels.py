@@ -109,6 +109,7 @@ def conclude(x, planes, ties, points, shapes, width, stick, memory, end):  # typ
     own, tangent, stretch = small_vector(3), small_matrix(3, 3), small_vector(3)
     kept = 0
     end.figures[0], end.figures[1] = 0.0, -np.inf
+    end.loads[:], end.acting[:], end.held[:], end.film[:] = 0.0, 0, 0.0, 0.0
     for e in range(ties.key.shape[0]):
         point, n, b, distance = end.point[e], planes.normal[e], planes.body[e], -planes.offset[e]
         for r in range(3):

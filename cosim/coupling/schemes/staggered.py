@@ -54,7 +54,7 @@ class StaggeredCoupling(Coupling):
 
     def __init__(self, interface: Interface, ratio_bound: float = 0.5, *, bodies_carry: bool = True) -> None:
         super().__init__(interface)
-        self._ratio_bound, self._bodies_carry = ratio_bound, bodies_carry
+        self._ratio_bound, self.bodies_carry = ratio_bound, bodies_carry
         joints = len(interface.scene.joint_names)
         self._added = np.zeros((joints, joints))
         self._weights = expecting_no_change(interface.soft.answer_weights)
@@ -89,7 +89,7 @@ class StaggeredCoupling(Coupling):
         interface = self.interface
         reply = interface.advance_soft(loads)
         if interface.body_mass is not None:
-            interface.body_mass.update(carry=self._bodies_carry)
+            interface.body_mass.update(carry=self.bodies_carry)
         return self._entry(reply, received, algorithmic_mass=self._carries, momentum_error=momentum_error)
 
     def begin_row(self) -> tuple[int, AddedInertiaRow]:

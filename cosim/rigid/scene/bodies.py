@@ -15,7 +15,8 @@ from cosim.rigid.scene.added_inertia import AddedInertia
 class Bodies:
     """Loads on bodies and armature of free ones; a view into a scene's model and state.
 
-    `loaded` names the bodies that bear a load of `apply`; `carried` is the inertia of those on joints.
+    `applied` (bodies, 6) are MuJoCo's loads about `mass_centers` (bodies, 3) [m]; `loaded` names the bodies
+    that bear a load of `apply`; `carried` is the inertia of those on joints.
 
     Args:
         model: compiled scene.
@@ -32,6 +33,8 @@ class Bodies:
         self._movable: Mask = (model.body_weldid != 0) & ~driven
         self._on_joints: Mask = self._movable.copy()
         self._on_joints[self.free] = False
+        self.applied: Array = data.xfrc_applied
+        self.mass_centers: Array = data.xipos
         self.loaded: IntArray = np.zeros(0, np.int64)
         self._own_armature = model.dof_armature[self._dofs].copy()
         self.carried = AddedInertia(model, data, arm)

@@ -39,6 +39,14 @@ class PlaneRows(NamedTuple):
     anchor: Array
     body: IntArray
 
+    @classmethod
+    def room(cls, count: int) -> PlaneRows:
+        """Return room for so many."""
+        slots, body = np.empty((count, 6), np.int64), np.empty(count, np.int64)
+        nodes, (weights, normal, anchor) = np.empty((count, 3), np.int64), np.empty((3, count, 3))
+        offset, stiffness, friction = np.empty((3, count))
+        return cls(nodes, weights, slots, normal, offset, stiffness, friction, anchor, body)
+
 
 class TouchedPlanes(NamedTuple):
     """What may be touched in a step, for a kernel that adds it by `add_contacts`.
@@ -103,7 +111,8 @@ def add_contacts(x, planes, widths, begin, end, gradient, blocks, own, pressing)
 
 
 @cache
-def _address() -> int:
+def contacts_call() -> int:
+    """Return the address of the kernel that adds contacts."""
     return address_of(add_contacts)
 
 
@@ -148,7 +157,7 @@ class ContactPlanes:
     def touched(self) -> TouchedPlanes:
         """What a kernel takes that adds them."""
         widths = np.array([self.law.smoothing_m, self.law.stick_m])
-        call, count = _address(), len(self)
+        call, count = contacts_call(), len(self)
         return TouchedPlanes(call, self.rows, widths, np.empty((count, 3)), np.empty(count))
 
     def add(self, positions: Array, sums: Sums, hessian: bool) -> float:
