@@ -15,6 +15,7 @@ from cosim.devices.controller import Command, Measurement
 from cosim.errors import InputError, SolverError
 from cosim.plan.plan import Plan
 from cosim.stepping.cursor import Cursor
+from cosim.stepping.gathering import Gathering
 from cosim.stepping.parts import Parts
 from cosim.telemetry.choices import CONTACT, Choices
 from cosim.telemetry.snapshot import RunInfo, Snapshot
@@ -22,10 +23,6 @@ from cosim.telemetry.tick_batch import TickBatch
 
 TOGETHER: Final = 512
 """Steps that may be taken in one call, where a model takes many at once: more cost no less each."""
-_GATHERED: Final = 64
-"""Snapshots that make a batch, where steps are taken one by one: fine meshes are large."""
-_GATHERED_S: Final = 0.1
-"""Wall time of steps after which a batch is shown, though it has fewer."""
 
 
 @final
@@ -102,27 +99,19 @@ class SteppedRun(ABC):
         Raises:
             SolverError: the physics could not be solved; the steps before it have been yielded.
         """
-        gathered: list[Snapshot] = []
-        gathered_s = 0.0
+        gathered = Gathering(together)
         try:
             for taken in self._taken(together, most):
-                if isinstance(taken, TickBatch):
-                    yield TickBatch.joined([TickBatch.of(gathered), taken]) if gathered else taken
-                    gathered, gathered_s = [], 0.0
-                    continue
-                gathered += taken
-                gathered_s += taken[0].tick_wall_s
-                full = len(gathered) >= min(_GATHERED, together) or gathered_s >= _GATHERED_S
-                if full or self._at_edge:
-                    yield TickBatch.of(gathered)
-                    gathered, gathered_s = [], 0.0
+                gathered.add(taken)
+                if gathered.full or self._at_edge:
+                    yield gathered.shown()
         except (Exception, KeyboardInterrupt):
-            if gathered:
+            if len(gathered):
                 self._failed = True
-                yield TickBatch.of(gathered)
+                yield gathered.shown()
             raise
-        if gathered:
-            yield TickBatch.of(gathered)
+        if len(gathered):
+            yield gathered.shown()
 
     def advance(self, steps: int) -> Snapshot:
         """Take some steps, at least one, and return what is there then; the first finds the state at rest.

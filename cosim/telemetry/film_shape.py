@@ -130,9 +130,12 @@ class FilmShapes:
     @classmethod
     def joined(cls, parts: Sequence[FilmShapes]) -> FilmShapes:
         """Return the shapes of some parts of one run, at least one part, in order."""
+        shapes, reader = list(chain.from_iterable(part.shapes for part in parts)), parts[0].reader
+        if reader is not None and all(part._figures is None for part in parts):
+            return cls(reader, shapes)
         columns = [vars(part.figures).values() for part in parts]
         figures = ShapeFigures(*map(np.concatenate, zip(*columns, strict=True)))
-        return cls(parts[0].reader, list(chain.from_iterable(part.shapes for part in parts)), figures)
+        return cls(reader, shapes, figures)
 
     def __getitem__(self, row: int) -> Film:
         shape = self.shapes[row]

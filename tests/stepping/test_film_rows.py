@@ -85,16 +85,16 @@ def taken(run: Any) -> tuple[list[Snapshot], set[int]]:
 
 
 @pytest.mark.parametrize("integrator", ["implicit_euler", "bdf2"])
-def test_rows_are_ticks_until_something_may_be_touched(path: Path, integrator: str) -> None:
+def test_rows_are_ticks_in_contact_too(path: Path, integrator: str) -> None:
     """Up to rounding: the torque of a payload is summed in another order."""
     wanted = scenario(path, solver__integrator=integrator)
     rows, together = taken(build_simulation(wanted))
     ticks = one_by_one(wanted)
     touching = {snapshot.tick for snapshot in ticks if snapshot.ledger.contacts}
     assert touching, "the block is reached"
-    assert not touching & together
     before = set(range(1, min(touching)))
-    assert len(before & together) > 0.7 * len(before)
+    for some in (before, touching):
+        assert len(some & together) > 0.6 * len(some)
     assert np.ptp([snapshot.tip_position for snapshot in ticks], axis=0).max() > 5e-3
     # a step ends anywhere within its tolerance: where a kept factor just serves, or just does not
     assert_close(rows[: min(touching)], ticks[: min(touching)], 2e-6)
@@ -102,9 +102,10 @@ def test_rows_are_ticks_until_something_may_be_touched(path: Path, integrator: s
     assert found == pytest.approx(expected, rel=1e-3)
 
 
-def test_a_run_that_is_restored_goes_on_as_it_would_have(path: Path) -> None:
+@pytest.mark.parametrize("most", [38, 70, 83])
+def test_a_run_that_is_restored_goes_on_as_it_would_have(path: Path, most: int) -> None:
     run: Any = build_simulation(scenario(path))
-    list(run.batches(most=38))
+    list(run.batches(most=most))
     saved = run.save_state()
     first = [snapshot for batch in run.batches(7) for snapshot in batch]
     again: Any = build_simulation(scenario(path))

@@ -35,7 +35,7 @@ def momentum_error_of_bodies(contact):  # type: ignore[no-untyped-def]
             if contact.loaded[b]:
                 load, center = contact.applied[b], contact.centers[b]
                 force += load[r]
-                torque += load[3 + r] + center[i] * load[m] - center[m] * load[i]
+                torque += load[3 + r] + (center[i] * load[m] - center[m] * load[i])
         largest = max(largest, abs(contact.handed[r] - force), abs(contact.handed[3 + r] - torque) / LEVER_M)
     return largest / max(contact.handed[6], SMALLEST_N)
 
