@@ -37,6 +37,7 @@ SAVED_OTHERWISE = {
     "Parts": "loads of the last command, from which they follow",
     "PatternWidening": "places of the last pairs of films, which follow from them and the last factorisation",
     "RelaxedWrench": "lives for one increment of statics",
+    "RowContact": "workspace; what it fills is taken over at the end of every row",
     "RobotFiles": "counts the files that are read for one scenario",
     "SectionBody": "what it keeps by pressure",
     "RowLockstep": "of a tick that is half done, after which nothing is saved",
