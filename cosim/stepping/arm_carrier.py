@@ -179,7 +179,12 @@ class ArmCarrier(Carrier):
         return self._touching
 
     def link_contacts_in(self, joints: Array, places: Array, quaternions: Array) -> tuple[LinkContact, ...]:
-        return self._scene.links.at(joints, places, quaternions)
+        self._touching = self._scene.links.at(joints, places, quaternions)
+        return self._touching
+
+    def with_links(self, error: SolverError) -> SolverError:
+        touching = ", ".join(f"{contact.link} in {contact.other}" for contact in self._touching)
+        return error.at(f"with {touching}") if touching else error
 
     def obstacles(self) -> Obstacles | None:
         scene, law = self._scene, self._contact_law
@@ -251,13 +256,7 @@ class ArmCarrier(Carrier):
         feedforward = self._arm.inverse_dynamics(
             position, velocity, acceleration, self._scene.armature, self._payload()
         )
-        try:
-            return self._coupling.tick(ServoCommand(position, velocity, feedforward), loads)
-        except SolverError as error:
-            if not self._touching:
-                raise
-            touching = ", ".join(f"{contact.link} in {contact.other}" for contact in self._touching)
-            raise error.at(f"with {touching}") from error.__cause__
+        return self._coupling.tick(ServoCommand(position, velocity, feedforward), loads)
 
     def _payload(self) -> Payload | None:
         """Return what hangs on the flange as a rigid payload, at its present shape; None: unknown to it."""

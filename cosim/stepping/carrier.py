@@ -14,7 +14,7 @@ from cosim.base.frames import Array, Pose, Twist, Wrench
 from cosim.coupling.contact.contact_report import NOTHING_TOUCHED, ContactReport
 from cosim.coupling.schemes.ledger import LedgerEntry
 from cosim.coupling.soft_sides.soft_side import SoftSide
-from cosim.errors import InputError
+from cosim.errors import InputError, SolverError
 from cosim.plan.joint_path import JointPath, JointReference
 from cosim.plan.paths.phase_motion import AnyWay
 from cosim.soft.body.loads import Loads
@@ -139,6 +139,10 @@ class Carrier(ABC):
     def link_contacts_in(self, joints: Array, places: Array, quaternions: Array) -> tuple[LinkContact, ...]:
         """Return both with the arm at joints (joints,) [rad] and bodies as in `body_poses`."""
         return ()
+
+    def with_links(self, error: SolverError) -> SolverError:
+        """Return an error of a tick that says what links stood in, when they were last looked at."""
+        return error
 
     def obstacles(self) -> Obstacles | None:
         """Return what an equilibrium of the soft robot may touch; None for nothing."""

@@ -12,7 +12,7 @@ from cosim.base.frames import Array, Twist
 from cosim.coupling.clock import Clock
 from cosim.coupling.schemes.ledger import LedgerEntry
 from cosim.devices.command_source import StepToTake
-from cosim.errors import InputError
+from cosim.errors import InputError, SolverError
 from cosim.soft.body.loads import Loads
 from cosim.stepping.batch_stepper import BatchStepper
 from cosim.stepping.cursor import Cursor
@@ -60,6 +60,13 @@ class DynamicSimulation(SteppedRun):
         return parts.snapshot(moment, ledger, time.perf_counter() - began)
 
     def _take(self, to: Cursor, most: int) -> Sequence[Snapshot] | TickBatch:
+        try:
+            return self._ticks(to, most)
+        except SolverError as error:
+            raise self._parts.carrier.with_links(error) from error.__cause__
+
+    def _ticks(self, to: Cursor, most: int) -> Sequence[Snapshot] | TickBatch:
+        """Take ticks as `_take` does; an error does not say what links stand in."""
         began, carrier = time.perf_counter(), self._parts.carrier
         batches = self._batches
         if batches is not None and batches.half_done is not None:
@@ -74,7 +81,7 @@ class DynamicSimulation(SteppedRun):
         batch = batches.take(to, most)
         if batch is None:
             return [self._tick(to, began)]
-        return batch if len(batch) else self._take(to, most)
+        return batch if len(batch) else self._ticks(to, most)
 
     def _tick(self, to: Cursor, began: float) -> Snapshot:
         """Take one tick."""

@@ -29,6 +29,7 @@ from cosim.coupling.batch.film_rows import FILM_COMMANDS, FILM_MOTION, FILM_ROW
 from cosim.coupling.batch.tick_halves import (
     ALL_DONE,
     RIGID_SIDE_WARNS,
+    SOFT_STEP_BEGUN,
     SOFT_STEP_LEFT,
     conclude_tick,
     fill_flange,
@@ -130,7 +131,8 @@ def advance_film_ticks(  # type: ignore[no-untyped-def]
             row.calls[_STEP], (row.side, loads, touching, motion, row.place)
         )
         if not converged:
-            return k, SOFT_STEP_LEFT
+            ticks.residual[k], ticks.iterations[k] = residual, iterations
+            return k, SOFT_STEP_BEGUN
         _fill_figures(row, way.x[k + 2], flange, moments, ticks.figures[k + 1])
         conclude_tick(scene, ticks, k, residual, iterations)
         if found > 0:

@@ -22,7 +22,7 @@ from cosim.coupling.batch.film_rows import FilmCommands, FilmMotion, FilmReach, 
 from cosim.coupling.batch.lockstep import Servos
 from cosim.coupling.batch.row_contact import RowContact, nothing_there
 from cosim.coupling.batch.row_lockstep import RowLockstep, pose_of
-from cosim.coupling.batch.tick_halves import SOFT_STEP_LEFT
+from cosim.coupling.batch.tick_halves import SOFT_STEP_BEGUN, SOFT_STEP_LEFT
 from cosim.coupling.contact.contact_exchange import AHEAD_TICKS
 from cosim.coupling.schemes.staggered import StaggeredCoupling
 from cosim.coupling.soft_sides.lumped_arm import SoftArm
@@ -30,6 +30,7 @@ from cosim.reduced.sections.outputs import CENTER, FIGURES, INERTIA, WRENCH
 from cosim.rigid.distance.shape_bounds import SHAPE_BOUNDS
 from cosim.rigid.scene.native import NativeScene
 from cosim.soft.body.loads import Loads
+from cosim.soft.solve.begun_step import BegunStep
 from cosim.soft.solve.state import SoftState
 from cosim.soft.solve.time_step import LARGE_TURN_RAD
 
@@ -127,7 +128,11 @@ class FilmLockstep(RowLockstep):
         )
         if done:
             self._go_to(ticks, motion, done, loads[done - 1])
-        self._conclude(ticks, done, half_done=ending == SOFT_STEP_LEFT)
+        if ending == SOFT_STEP_BEGUN:
+            end = motion.x[done + 2].copy(), motion.velocity[done + 2].copy(), motion.memory[done + 1].copy()
+            left = int(ticks.iterations[done]), float(ticks.residual[done])
+            stepper.quick.begun = BegunStep(soft.state, *end, *left)
+        self._conclude(ticks, done, half_done=ending in (SOFT_STEP_LEFT, SOFT_STEP_BEGUN))
         return done, ending
 
     def _conclude(self, ticks: Ticks, done: int, *, half_done: bool) -> None:

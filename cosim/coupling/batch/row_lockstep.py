@@ -12,7 +12,7 @@ from cosim.base.frames import Array, Pose, SixNumbers, Wrench
 from cosim.coupling.batch.added_inertia import AddedInertiaRow
 from cosim.coupling.batch.batch_arrays import Ticks
 from cosim.coupling.batch.lockstep import Lockstep, LockstepProgress, Rows
-from cosim.coupling.batch.tick_halves import ALL_DONE, RIGID_SIDE_WARNS, SOFT_STEP_LEFT
+from cosim.coupling.batch.tick_halves import ALL_DONE, RIGID_SIDE_WARNS
 from cosim.coupling.schemes.ledger import LedgerEntry
 from cosim.coupling.schemes.momentum_balance import NOTHING, TransferredLoads, six_numbers
 from cosim.coupling.schemes.staggered import StaggeredCoupling
@@ -55,7 +55,7 @@ class RowLockstep(Lockstep):
                 on_joints,
             )
             done += taken
-        half_done, broken = ending == SOFT_STEP_LEFT, ending == RIGID_SIDE_WARNS
+        half_done, broken = ending not in (ALL_DONE, RIGID_SIDE_WARNS), ending == RIGID_SIDE_WARNS
         if broken and not done:
             interface.scene.check()
         shapes, pressure = self._shown(motion, commands, done)

@@ -13,8 +13,8 @@ from cosim.coupling.schemes.momentum_balance import LEVER_M, SMALLEST_N
 from cosim.reduced.sections.outputs import CENTER, INERTIA, WRENCH
 from cosim.rigid.scene.native import BEGIN, FACTORISE, FINISH, call_step
 
-ALL_DONE, SOFT_STEP_LEFT, RIGID_SIDE_WARNS = 0, 1, 2
-"""How a row of ticks ended; with the second, the tick's rigid half is done."""
+ALL_DONE, SOFT_STEP_LEFT, RIGID_SIDE_WARNS, SOFT_STEP_BEGUN = range(4)
+"""How a row of ticks ended; with the second and the last, the tick's rigid half is done."""
 
 
 @device_function
@@ -127,24 +127,33 @@ def _hand_over(ticks, k):  # type: ignore[no-untyped-def]
         i, m = (r + 1) % 3, (r + 2) % 3
         force_i, force_m = ticks.figures[k + 1, WRENCH + i], ticks.figures[k + 1, WRENCH + m]
         ticks.handed[k + 1, r] = ticks.figures[k + 1, WRENCH + r]
-        moment = place[i] * force_m - place[m] * force_i
-        ticks.handed[k + 1, 3 + r] = ticks.figures[k + 1, WRENCH + 3 + r] + moment
+        torque = ticks.figures[k + 1, WRENCH + 3 + r]
+        ticks.handed[k + 1, 3 + r] = torque + place[i] * force_m - place[m] * force_i
         size = max(size, abs(ticks.figures[k + 1, WRENCH + r]))
     ticks.handed[k + 1, 6] = size
 
 
 @device_function
+def _power(force, torque, twist):  # type: ignore[no-untyped-def]
+    """Return the power [W] of a load with a twist."""
+    power = 0.0
+    for r in range(3):
+        power += force[r] * twist[r]
+    for r in range(3):
+        power += torque[r] * twist[3 + r]
+    return power
+
+
+@device_function
 def _fill_power(scene, ticks, k):  # type: ignore[no-untyped-def]
     """Keep the powers of the wrench that acted and of the answer, see `LedgerEntry`."""
-    received = given = force = moment = speed = turn = 0.0
+    twist, wrench = ticks.twist[k], ticks.figures[k + 1, WRENCH:CENTER]
+    force = moment = speed = turn = 0.0
     for r in range(3):
-        linear, angular = ticks.twist[k, r], ticks.twist[k, 3 + r]
-        pull, torque = ticks.figures[k + 1, WRENCH + r], ticks.figures[k + 1, WRENCH + 3 + r]
-        received += scene.applied[r] * linear + scene.applied[3 + r] * angular
-        given += pull * linear + torque * angular
-        force, moment = force + pull * pull, moment + torque * torque
-        speed, turn = speed + linear * linear, turn + angular * angular
-    ticks.power[k, 0], ticks.power[k, 1] = received, -given
+        force, moment = force + wrench[r] * wrench[r], moment + wrench[3 + r] * wrench[3 + r]
+        speed, turn = speed + twist[r] * twist[r], turn + twist[3 + r] * twist[3 + r]
+    ticks.power[k, 0] = _power(scene.applied[:3], scene.applied[3:], twist)
+    ticks.power[k, 1] = -_power(wrench[:3], wrench[3:], twist)
     ticks.power[k, 2] = np.sqrt(force) * np.sqrt(speed) + np.sqrt(moment) * np.sqrt(turn)
 
 

@@ -14,13 +14,14 @@ from typing import final
 
 import numpy as np
 
-from cosim.base.frames import Mask, Pose
+from cosim.base.frames import Array, Mask, Pose
 from cosim.soft.body.loads import Loads, PlainLoads, Touching, nothing_touching
 from cosim.soft.elements.mass_terms import Inertia
 from cosim.soft.film.film_arrays import FilmArrays, FilmSlots, StepBed
 from cosim.soft.film.film_packing import film_arrays, film_slots
 from cosim.soft.linear.envelope_cholesky import NODE, EnvelopeArrays, EnvelopeCholesky
 from cosim.soft.linear.secant_pairs import SecantPairs
+from cosim.soft.solve.begun_step import BegunStep
 from cosim.soft.solve.film_part import FilmPart
 from cosim.soft.solve.film_step import FilmSide, film_step, step_calls
 from cosim.soft.solve.held_nodes import flange_axes, place_flight
@@ -79,6 +80,8 @@ class QuickStepper:
         self._chambers = len(solver.system.body.gas_chambers)
         self._target = np.empty_like(solver.system.gradient)
         self._untouched = nothing_touching()
+        self.begun: BegunStep | None = None
+        """A step that was begun elsewhere: the next one, if it is from the same state, goes on with it."""
 
     @cached_property
     def _film(self) -> FilmArrays | None:
@@ -147,6 +150,10 @@ class QuickStepper:
         """Whether it takes steps under some loads, of the body as it is factorised."""
         return loads.plain_but_contact and self.knows_body and self.knows_factor
 
+    def has_begun(self, state: SoftState) -> bool:
+        """Return whether a step from a state goes on with one that was begun elsewhere."""
+        return self.begun is not None and self.begun.state is state
+
     def take(
         self, state: SoftState, flange: Pose, loads: Loads, scheme: StepScheme, step_s: float
     ) -> tuple[SoftState, NewtonResult] | None:
@@ -160,7 +167,8 @@ class QuickStepper:
             step_s: h [s].
         """
         here, options, spent = (state.positions, state.velocities), self._options, _Spent()
-        x, velocities, memory = (np.empty_like(part) for part in (*here, state.memory))
+        begun, self.begun = self.begun if self.has_begun(state) else None, None
+        x, velocities, memory = _new_end(state) if begun is None else (begun.x, begun.base, begun.memory)
         motion = StepMotion(
             *here, *(state.earlier or here), state.memory, flange_axes(flange), x, velocities, memory
         )
@@ -173,7 +181,10 @@ class QuickStepper:
             side = self.side(scheme, step_s, coupled=films is not None)
             if side is None:  # films that touch have widened the tangent beyond what the kernel factorises
                 return None
-            converged, reused, residual, energy = film_step(side, plain, touching, motion, place)
+            if begun is None:
+                converged, reused, residual, energy = film_step(side, plain, touching, motion, place)
+            else:
+                converged, reused, residual, begun = False, begun.iterations, begun.residual, None
             spent.reused += reused
             if converged:
                 break
@@ -269,6 +280,11 @@ class QuickStepper:
             scheme.two_steps, step_s, scheme.span, scheme.factor, options.gain, options.tolerance_N,
             newton.start_tolerance_N, newton.reuse_rate, newton.step_max_m,
         )  # fmt: skip
+
+
+def _new_end(state: SoftState) -> tuple[Array, Array, Array]:
+    """Return room for positions, velocities and memory at the end of a step from a state."""
+    return np.empty_like(state.positions), np.empty_like(state.velocities), np.empty_like(state.memory)
 
 
 def _nothing_kept(free: Mask) -> KeptEnvelope:

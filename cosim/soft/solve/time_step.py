@@ -92,7 +92,8 @@ class ImplicitStepper:
         if not 0.0 < step_s < math.inf:
             raise InputError(f"step {step_s} s must be positive and finite")
         scheme, loads = self.scheme_of(state, step_s), self._with_films(state, loads, step_s)
-        turns = before is not None and _turn(before, world_from_flange) > LARGE_TURN_RAD
+        begun = self.quick.has_begun(state)  # where the flange turns far, no step is
+        turns = before is not None and not begun and _turn(before, world_from_flange) > LARGE_TURN_RAD
         quick = aim is None and not turns and self.quick.knows(loads)
         taken = self.quick.take(state, world_from_flange, loads, scheme, step_s) if quick else None
         if taken is not None:
