@@ -37,6 +37,7 @@ SAVED_OTHERWISE = {
     "LinkContacts": "how clear the arm was last; what is found does not depend on it",
     "Parts": "loads of the last command, from which they follow",
     "PatternWidening": "places of the last pairs of films, which follow from them and the last factorisation",
+    "QuickStepper": "a step that a row of ticks has begun: nothing is saved while a tick is half done",
     "RelaxedWrench": "lives for one increment of statics",
     "RowContact": "workspace; what it fills is taken over at the end of every row",
     "RobotFiles": "counts the files that are read for one scenario",

@@ -12,6 +12,7 @@ from cosim.app.driver import build_simulation
 from cosim.app.first_run import with_fidelity_chosen
 from cosim.config.loading import load_scenario
 from cosim.config.schema.scenario import Scenario
+from cosim.coupling.batch import film_lockstep
 from cosim.coupling.batch.film_lockstep import FilmLockstep
 from cosim.telemetry.snapshot import Snapshot
 from cosim.telemetry.tick_batch import TickBatch
@@ -100,6 +101,37 @@ def test_rows_are_ticks_in_contact_too(path: Path, integrator: str) -> None:
     assert_close(rows[: min(touching)], ticks[: min(touching)], 2e-6)
     found, expected = rows[-1].ledger.contact_force_N, ticks[-1].ledger.contact_force_N
     assert found == pytest.approx(expected, rel=1e-3)
+
+
+LOOSE = """
+[[object]]
+name = "plate"
+shape = "box"
+size_m = [0.12, 0.12, 0.004]
+position_m = [0.4, 0.0, 0.4698]
+mass_kg = 0.05
+"""
+
+
+@pytest.mark.parametrize("loose", [False, True], ids=["fixed", "a loose plate on it"])
+def test_rows_are_ticks_bit_for_bit_from_the_same_rigid_halves(path: Path, loose: bool) -> None:
+    """Whether a tick goes in a row, is left in the middle of its soft step, or before it, leaves no trace."""
+    if loose:
+        path = path.with_name("loose.toml")
+        path.write_text(SCENARIO + LOOSE, encoding="utf-8")
+    wanted = scenario(path)
+    rows, together = taken(build_simulation(wanted))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(film_lockstep, "LARGE_TURN_RAD", -1.0)  # every flange turns further in a tick
+        ticks, alone = taken(build_simulation(wanted))
+    assert not alone
+    touching = {snapshot.tick for snapshot in ticks if snapshot.ledger.contacts}
+    assert len(touching & together) > 0.5 * len(touching)
+    assert touching - together, "some are left in the middle"
+    assert_close(rows, ticks, 0.0)
+    if loose:
+        assert max(snapshot.ledger.contact_ratio for snapshot in ticks) > 0.0
+        assert np.abs(ticks[-1].body_contact_force[-1]).max() > 0.1
 
 
 @pytest.mark.parametrize("most", [38, 70, 83])

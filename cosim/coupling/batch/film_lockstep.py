@@ -30,8 +30,7 @@ from cosim.reduced.sections.outputs import CENTER, FIGURES, INERTIA, WRENCH
 from cosim.rigid.distance.shape_bounds import SHAPE_BOUNDS
 from cosim.rigid.scene.native import NativeScene
 from cosim.soft.body.loads import Loads
-from cosim.soft.solve.begun_step import BegunStep
-from cosim.soft.solve.state import SoftState
+from cosim.soft.solve.state import BegunStep, SoftState
 from cosim.soft.solve.time_step import LARGE_TURN_RAD
 
 _MOST = 64  # ticks in a row: fine meshes are large

@@ -21,14 +21,13 @@ from cosim.soft.film.film_arrays import FilmArrays, FilmSlots, StepBed
 from cosim.soft.film.film_packing import film_arrays, film_slots
 from cosim.soft.linear.envelope_cholesky import NODE, EnvelopeArrays, EnvelopeCholesky
 from cosim.soft.linear.secant_pairs import SecantPairs
-from cosim.soft.solve.begun_step import BegunStep
 from cosim.soft.solve.film_part import FilmPart
 from cosim.soft.solve.film_step import FilmSide, film_step, step_calls
 from cosim.soft.solve.held_nodes import flange_axes, place_flight
 from cosim.soft.solve.newton import NewtonSolver
 from cosim.soft.solve.newton_options import NewtonResult, Outcome
 from cosim.soft.solve.problem import Point, Problem
-from cosim.soft.solve.state import Clamp, SoftState
+from cosim.soft.solve.state import BegunStep, Clamp, SoftState
 from cosim.soft.solve.step_arrays import (
     ENERGY,
     LEFT,

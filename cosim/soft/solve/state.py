@@ -188,3 +188,25 @@ class Equilibrium:
     potential_J: float
     shifted: int
     slides: int = 0
+
+
+@final
+@dataclass(frozen=True)
+class BegunStep:
+    """Where a row of ticks has left a step of a film; `StepWork` and the bed hold the rest until the next one.
+
+    Args:
+        state: from which the step begins.
+        x: (n, 3) [m], where its end is.
+        base: (n, 3) [m], as `film_step` leaves it.
+        memory: (values,), of the elements there.
+        iterations: so far.
+        residual: [N].
+    """
+
+    state: SoftState
+    x: Array
+    base: Array
+    memory: Array
+    iterations: int
+    residual: float
