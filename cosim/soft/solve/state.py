@@ -193,7 +193,7 @@ class Equilibrium:
 @final
 @dataclass(frozen=True)
 class BegunStep:
-    """Where a row of ticks has left a step of a film; `StepWork` and the bed hold the rest until the next one.
+    """Where a row of ticks has left a step of a film; `StepWork` and the bed hold the rest until the next.
 
     Args:
         state: from which the step begins.
