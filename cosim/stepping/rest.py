@@ -30,8 +30,16 @@ def brought_to_rest(
         ConvergenceError: there is none near the drawn shape.
     """
 
+    def hung() -> tuple[Equilibrium | None, Any]:
+        found = soft.hang(flange, loads.gravity)
+        return found, None if found is None else soft.save_state()
+
     def settled() -> tuple[Equilibrium, Any]:
-        found = start_equilibrium(soft, flange, loads)
+        # hung up without pressure and tension it is the same for all of them
+        begin, state = kept.made("hung up", name_of(model_name, flange, loads.gravity), hung, _MOST)
+        if state is not None:
+            soft.restore_state(state)
+        found = start_equilibrium(soft, flange, loads, begin)
         soft.settle(found)
         return found, soft.save_state()
 

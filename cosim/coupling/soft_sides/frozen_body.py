@@ -70,7 +70,7 @@ class FrozenBody(SoftSide):
         self._shape, self._volumes = shape, volumes_m3
         self._mass = MassProperties.of(self.body.node_mass, shape)
 
-    def start(self, world_from_flange: Pose, loads: Loads) -> Equilibrium:
+    def start(self, world_from_flange: Pose, loads: Loads, hung: Equilibrium | None = None) -> Equilibrium:
         """Return the flexible body's equilibrium before the first phase; its shape is kept from here on."""
         found = self._flexible.start(world_from_flange, loads)
         self._flexible.settle(found)

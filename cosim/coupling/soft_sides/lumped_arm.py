@@ -85,16 +85,7 @@ class SoftArm(SoftSide):
         self._hold(self.clamp.without(nodes))
 
     def advance(self, world_from_flange: Pose, loads: Loads, step_s: float) -> SoftReply:
-        """Advance by one step, with the flange at its new pose.
-
-        Args:
-            world_from_flange: at the end of the step.
-            loads: at the end of the step.
-            step_s: length [s].
-
-        Raises:
-            ConvergenceError: no acceptable solution; the state is that before the step.
-        """
+        """Advance by one step, with the flange at its new pose."""
         return self._advance((world_from_flange, loads), step_s, None)
 
     def advance_closely(
@@ -220,10 +211,15 @@ class SoftArm(SoftSide):
         """Let the next step be the first one of a two-step integrator."""
         self.state = replace(self.state, earlier=None)
 
-    def start(self, world_from_flange: Pose, loads: Loads) -> Equilibrium:
-        """Return the equilibrium before the first phase: hung up without pressure, then loaded."""
+    def hang(self, world_from_flange: Pose, gravity: tuple[float, float, float]) -> Equilibrium:
+        """Return the equilibrium hung up without pressure and tension."""
         drawn = SoftState.drawn(self.body, world_from_flange)  # an arm may have turned the flange as it could
-        return self.equilibrium_solver.start(drawn, world_from_flange, loads)
+        return self.equilibrium_solver.hang(drawn, world_from_flange, gravity)
+
+    def start(self, world_from_flange: Pose, loads: Loads, hung: Equilibrium | None = None) -> Equilibrium:
+        """Return the equilibrium before the first phase: hung up without pressure, then loaded."""
+        first = self.hang(world_from_flange, loads.gravity) if hung is None else hung
+        return self.equilibrium_solver.load(first, loads)
 
     def solve(
         self, state: SoftState, world_from_flange: Pose, loads: Loads, start: Array | None = None

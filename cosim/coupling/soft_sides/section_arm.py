@@ -150,7 +150,7 @@ class SectionArm(SoftSide):
         """Let the next step be the first one of a two-step integrator."""
         self._last = replace(self._last, chain=replace(self._last.chain, earlier=None))
 
-    def start(self, world_from_flange: Pose, loads: Loads) -> Equilibrium:
+    def start(self, world_from_flange: Pose, loads: Loads, hung: Equilibrium | None = None) -> Equilibrium:
         """Return the equilibrium before the first phase: hung up without pressure, then loaded."""
         return self._equilibria.start(self.clamp, world_from_flange, loads)
 

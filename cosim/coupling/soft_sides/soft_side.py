@@ -89,9 +89,26 @@ class SoftSide(ABC):
         """
         self.state = before
 
+    def hang(self, world_from_flange: Pose, gravity: tuple[float, float, float]) -> Equilibrium | None:
+        """Return where `start` begins, hung up without pressure and tension; None if that takes no time.
+
+        Args:
+            world_from_flange: pose of the flange.
+            gravity: (3,) [m/s^2], world.
+
+        Raises:
+            ConvergenceError: there is none near the drawn shape.
+        """
+        return None
+
     @abstractmethod
-    def start(self, world_from_flange: Pose, loads: Loads) -> Equilibrium:
+    def start(self, world_from_flange: Pose, loads: Loads, hung: Equilibrium | None = None) -> Equilibrium:
         """Return the equilibrium before the first phase: hung up without pressure, then loaded.
+
+        Args:
+            world_from_flange: pose of the flange.
+            loads: that act.
+            hung: what `hang` returns, where it is known and the present state is what that has left.
 
         Raises:
             ConvergenceError: there is none near the drawn shape.

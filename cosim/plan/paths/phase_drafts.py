@@ -61,13 +61,15 @@ def start_command(start: StartTable, body: SoftBody) -> SoftCommand:
     )
 
 
-def start_equilibrium(soft: SoftSide, flange: Pose, loads: Loads) -> Equilibrium:
-    """Return the equilibrium before the first phase: hung up without pressure, then loaded.
+def start_equilibrium(
+    soft: SoftSide, flange: Pose, loads: Loads, hung: Equilibrium | None = None
+) -> Equilibrium:
+    """Return the equilibrium before the first phase: hung up without pressure, then loaded; see `SoftSide`.
 
     Raises:
         ConvergenceError: there is none near the drawn shape.
     """
-    return soft.start(flange, loads)
+    return soft.start(flange, loads, hung)
 
 
 @final

@@ -92,25 +92,38 @@ class EquilibriumSolver:
             result.residual_N, result.iterations, result.potential_J, result.shifted,
         )  # fmt: skip
 
-    def start(self, state: SoftState, world_from_flange: Pose, loads: Loads) -> Equilibrium:
-        """Find the first equilibrium of all: hung up without pressure and tension, then loaded.
+    def hang(
+        self, state: SoftState, world_from_flange: Pose, gravity: tuple[float, float, float]
+    ) -> Equilibrium:
+        """Find the first equilibrium of all: hung up without pressure and tension.
 
         Args:
             state: near it, such as the drawn shape.
             world_from_flange: pose of the flange.
+            gravity: (3,) [m/s^2], world.
+
+        Raises:
+            ConvergenceError: none was found.
+        """
+        hanging = Loads((), (0.0,) * len(self.solver.system.body.cables), gravity)
+        try:
+            return self.solve(state, world_from_flange, hanging)
+        except ConvergenceError:
+            if not self.slides_max:
+                raise
+            return self.slide(state, world_from_flange, hanging)
+
+    def load(self, hung: Equilibrium, loads: Loads) -> Equilibrium:
+        """Find the equilibrium under the first loads.
+
+        Args:
+            hung: up without pressure and tension, see `hang`.
             loads: that act in the end.
 
         Raises:
             ConvergenceError: none was found.
         """
-        hanging = Loads((), (0.0,) * len(loads.cable_tension_N), loads.gravity)
-        try:
-            hung = self.solve(state, world_from_flange, hanging)
-        except ConvergenceError:
-            if not self.slides_max:
-                raise
-            hung = self.slide(state, world_from_flange, hanging)
-        found = self.follow(hung, world_from_flange, loads)
+        found = self.follow(hung, hung.world_from_flange, loads)
         spent, slides = hung.iterations + found.iterations, hung.slides + found.slides
         return replace(found, iterations=spent, slides=slides)
 
