@@ -5,6 +5,7 @@ A kernel that is called by name is compiled again as a part of the one that call
 
 from __future__ import annotations
 
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,7 @@ from numba.core.cgutils import unpack_tuple
 from numba.extending import intrinsic
 
 
+@cache
 def address_of(kernel: Any) -> int:
     """Return where a kernel's machine code is, compiled or loaded if need be; it stays there."""
     signature = kernel.fixed_signature

@@ -8,7 +8,7 @@ from typing import Final, final
 import numpy as np
 
 from cosim.base.frames import SixNumbers
-from cosim.base.kernel_calls import nothing_of
+from cosim.base.kernel_calls import address_of, nothing_of
 from cosim.coupling.batch.batch_arrays import Ticks
 from cosim.coupling.batch.contact_halves import contact_calls
 from cosim.coupling.batch.contact_rows import (
@@ -28,7 +28,7 @@ from cosim.coupling.contact.contact_exchange import BEHIND_M, FEATURE_AREA_M2
 from cosim.coupling.contact.contact_memory import ContactMemory
 from cosim.coupling.schemes.interface import Interface
 from cosim.coupling.schemes.momentum_balance import NOTHING, six_numbers
-from cosim.soft.contact.obstacle_contact import PlaneRows, TouchedPlanes, contacts_call
+from cosim.soft.contact.obstacle_contact import PlaneRows, TouchedPlanes, add_contacts
 
 _RATIO: Final = 2  # its place in `Ticks.contact`
 
@@ -86,7 +86,7 @@ class RowContact:
         numbers = ContactNumbers(BEHIND_M, stiffness, stiffness * FEATURE_AREA_M2, RENEW_ABOVE, after)
         widths = np.array([law.smoothing_m, law.stick_m])
         touched = TouchedPlanes(
-            contacts_call(), PlaneRows.room(room), widths, np.empty((room, 3)), np.empty(room)
+            address_of(add_contacts), PlaneRows.room(room), widths, np.empty((room, 3)), np.empty(room)
         )
         return nothing_there()._replace(
             there=True, search=search, shapes=exchange.shape_rows, numbers=numbers,

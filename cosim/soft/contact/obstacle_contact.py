@@ -10,7 +10,7 @@ and is dragged along once |u| exceeds `stick`, so a load below the limit is held
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from functools import cache, cached_property
+from functools import cached_property
 from typing import Annotated, NamedTuple, final
 
 import numpy as np
@@ -110,12 +110,6 @@ def add_contacts(x, planes, widths, begin, end, gradient, blocks, own, pressing)
     return energy
 
 
-@cache
-def contacts_call() -> int:
-    """Return the address of the kernel that adds contacts."""
-    return address_of(add_contacts)
-
-
 @final
 @dataclass(frozen=True)
 class ContactPlanes:
@@ -157,7 +151,7 @@ class ContactPlanes:
     def touched(self) -> TouchedPlanes:
         """What a kernel takes that adds them."""
         widths = np.array([self.law.smoothing_m, self.law.stick_m])
-        call, count = contacts_call(), len(self)
+        call, count = address_of(add_contacts), len(self)
         return TouchedPlanes(call, self.rows, widths, np.empty((count, 3)), np.empty(count))
 
     def add(self, positions: Array, sums: Sums, hessian: bool) -> float:

@@ -22,7 +22,6 @@ one line: a moment of the friction times the distance of y from the point that i
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cache
 from typing import final
 
 import numpy as np
@@ -135,11 +134,6 @@ def _drag(x, nodes, weights, held, normal, stick, stretch):  # type: ignore[no-u
         shorten(stretch[e], normal[e], stick)
 
 
-@cache
-def _address() -> int:
-    return address_of(add_pairs)
-
-
 @final
 @dataclass(frozen=True)
 class FilmPairs:
@@ -188,7 +182,7 @@ class FilmPairs:
     @property
     def call(self) -> int:
         """Address of the kernel that adds them."""
-        return _address()
+        return address_of(add_pairs)
 
     def at(self, positions: Array) -> FilmForces:
         """Return what the pairs press with at positions (n, 3) [m]."""
