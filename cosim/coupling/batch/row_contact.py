@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from functools import cache
 from typing import Final, final
 
 import numpy as np
@@ -33,10 +34,15 @@ from cosim.soft.contact.obstacle_contact import PlaneRows, TouchedPlanes, add_co
 _RATIO: Final = 2  # its place in `Ticks.contact`
 
 
+@cache
+def _nothing() -> ContactRow:
+    nothing: ContactRow = nothing_of(CONTACT_ROW)
+    return nothing
+
+
 def nothing_there() -> ContactRow:
     """Return what stands for a row in which nothing is touched."""
-    nothing: ContactRow = nothing_of(CONTACT_ROW)
-    return nothing._replace(handed=np.zeros(7), speed=np.zeros(1), counts=np.zeros(6, np.int64))
+    return _nothing()._replace(handed=np.zeros(7), speed=np.zeros(1), counts=np.zeros(6, np.int64))
 
 
 @final
