@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import re
 import sys
 import time
@@ -76,7 +77,10 @@ def drawn(what: Callable[[], Any]) -> Any:
 
 def listening(process: int) -> list[str]:
     """Return the addresses that a process listens on, from the kernel's tables of sockets."""
-    links = [link.readlink().name for link in Path(f"/proc/{process}/fd").iterdir()]
+    links = []
+    for link in Path(f"/proc/{process}/fd").iterdir():
+        with contextlib.suppress(FileNotFoundError):  # the process has closed it meanwhile
+            links.append(link.readlink().name)
     inodes = {match[1] for name in links if (match := re.fullmatch(r"socket:\[(\d+)\]", name))}
     tables = [Path(f"/proc/net/{name}").read_text(encoding="ascii") for name in ("tcp", "tcp6")]
     rows = [line.split() for table in tables for line in table.splitlines()]
