@@ -15,6 +15,7 @@ next ones are sought, and a factor of E_RR with which.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Annotated, ClassVar, final
 
 import numpy as np
@@ -92,7 +93,7 @@ class BeamRings(DirectElement):
         count, nodes = self.rings.shape
         return np.tile(np.append(np.tile([1.0, 0.0, 0.0, 0.0], nodes), np.zeros(3 * BAND * nodes)), count)
 
-    @property
+    @cached_property
     def arrays(self) -> BeamArrays:
         """The beams as the kernels know them."""
         return BeamArrays(self.rings, self.directors, self.lengths, self.section.rigidities)

@@ -10,6 +10,7 @@ import numpy as np
 
 from cosim.base.frames import Array, IntArray
 from cosim.base.kernels import INDEX_TABLE, MATRIX, VECTOR, device_function, kernel
+from cosim.base.small_arrays import small_matrix, small_vector
 
 
 @device_function
@@ -58,9 +59,9 @@ def distance_of(x, corner, n, y):  # type: ignore[no-untyped-def]
     return n[0] * (y[0] - x[corner, 0]) + n[1] * (y[1] - x[corner, 1]) + n[2] * (y[2] - x[corner, 2])
 
 
-@kernel((MATRIX, INDEX_TABLE, MATRIX, MATRIX, MATRIX, VECTOR), allocates=True)
+@kernel((MATRIX, INDEX_TABLE, MATRIX, MATRIX, MATRIX, VECTOR))
 def _feet(x, nodes, weights, foot, normal, distance):  # type: ignore[no-untyped-def]
-    y, slope = np.empty(3), np.empty((3, 3))
+    y, slope = small_vector(3), small_matrix(3, 3)
     for e in range(nodes.shape[0]):
         fill_point(x, nodes[e], weights[e], y)
         shrink = plane_of(x, nodes[e, 3:], normal[e])

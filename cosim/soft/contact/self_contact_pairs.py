@@ -29,6 +29,7 @@ import numpy as np
 from cosim.base.frames import Array, IntArray, Mask
 from cosim.base.kernel_calls import address_of
 from cosim.base.kernels import BLOCKS, INDEX_TABLE, MATRIX, REAL, add_block, device_function, kernel
+from cosim.base.small_arrays import small_matrix, small_vector, zero_matrix, zero_vector
 from cosim.soft.contact.contact_law import ContactLaw, dragging_law, pressing_law, shorten
 from cosim.soft.contact.self_contact_feet import (
     distance_of,
@@ -80,14 +81,14 @@ def _add_normal_part(push, rate, d, n, weight, slope, a, b, k):  # type: ignore[
             k[r, c] = outer * n[r] * n[c] + push * turning
 
 
-@kernel(REAL(MATRIX, FILM_PAIRS, INDEX_TABLE, MATRIX, BLOCKS), allocates=True)
+@kernel(REAL(MATRIX, FILM_PAIRS, INDEX_TABLE, MATRIX, BLOCKS))
 def add_pairs(x, pairs, slots, gradient, blocks):  # type: ignore[no-untyped-def]
     """Add gradient (and Hessian, if slots is not empty) of all pairs; return the energy [J]."""
     nodes, weights, stiffness, friction = pairs.nodes, pairs.weights, pairs.stiffness, pairs.friction
     held, normal, stretch, out = pairs.foot, pairs.normal, pairs.stretch, pairs.out
     width, stick = pairs.widths[0], pairs.widths[1]
-    y, n, weight, slope = np.empty(3), np.empty(3), np.zeros(6), np.zeros((6, 3))
-    w, rub, k, drag = np.zeros(6), np.empty(3), np.empty((3, 3)), np.empty((3, 3))
+    y, n, weight, slope = small_vector(3), small_vector(3), zero_vector(6), zero_matrix(6, 3)
+    w, rub, k, drag = zero_vector(6), small_vector(3), small_matrix(3, 3), small_matrix(3, 3)
     energy = 0.0
     for e in range(nodes.shape[0]):
         fill_point(x, nodes[e], weights[e], y)

@@ -18,7 +18,7 @@ from cosim.soft.geometry.surface import triangle_area
 _CORNER, _MIDPOINT, _CENTROID = 1.0 / 20.0, 2.0 / 15.0, 9.0 / 20.0  # as in `contact_surface`
 
 
-@kernel((MATRIX, INDEX_TABLE, MATRIX, INDEX_TABLE, INDEX_TABLE, MATRIX, MATRIX, MATRIX), allocates=True)
+@kernel((MATRIX, INDEX_TABLE, MATRIX, INDEX_TABLE, INDEX_TABLE, MATRIX, MATRIX, MATRIX))
 def _outline(x, nodes, weights, triangles, points, place, outward, normals):  # type: ignore[no-untyped-def]
     """Fill place and outer normal (not of unit length) of each point, unit normal of each triangle."""
     outward[:] = 0.0

@@ -17,6 +17,7 @@ import numpy as np
 
 from cosim.base.frames import Array, IntArray, Mask
 from cosim.base.kernels import INDEX_TABLE, INDICES, INTEGER, MATRIX, REAL, device_function, kernel
+from cosim.base.small_arrays import small_matrix, small_vector
 from cosim.soft.contact.self_contact_feet import fill_slopes, plane_of
 from cosim.soft.contact.self_contact_motion import BEYOND_EDGES, FEET_FOLLOW, UnitMotion
 
@@ -24,10 +25,10 @@ _MOTION_M = 0.3e-3  # more of it lengthens the list, less makes it anew more oft
 _MOST_OF_HEIGHT = 0.25  # where m is more of it, all that is near the plane is listed
 
 
-@kernel((MATRIX, INDEX_TABLE, MATRIX), allocates=True)
+@kernel((MATRIX, INDEX_TABLE, MATRIX))
 def measure_sides(x, triangles, sides):  # type: ignore[no-untyped-def]
     """Fill sides (t, 12): a corner of each triangle, its unit normal, slopes of the others' weights."""
-    n, slope = np.empty(3), np.empty((3, 3))
+    n, slope = small_vector(3), small_matrix(3, 3)
     for t in range(triangles.shape[0]):
         fill_slopes(x, triangles[t], n, plane_of(x, triangles[t], n), slope)
         for r in range(3):
