@@ -39,6 +39,8 @@ class Tally:
         film_step: Any = vars(quick_step)["film_step"]
         part_of: Any = vars(quick_step).get("FilmPart", SimpleNamespace(at=None))
         part_at = part_of.at
+        sides: Any = vars(quick_step).get("FilmSides", SimpleNamespace(take_over=None))  # of versions since
+        take_over = sides.take_over
         take_row: Any = BatchStepper.take
 
         def counted_at(problem: Problem, *places: Any, hessian: bool = False) -> Any:
@@ -49,6 +51,11 @@ class Tally:
         def counted_part(part: Any, *places: Any, hessian: bool = False) -> Any:
             self.tangents += hessian / (len(part.film.parts) - 1)
             return part_at(part, *places, hessian=hessian)
+
+        def counted_tangents(sides: Any, side: Any, *given: Any) -> None:
+            made = side.kept.made
+            self.tangents += made.sum() / len(made)
+            take_over(sides, side, *given)
 
         def counted_factor(solver: NewtonSolver, *given: Any) -> Any:
             attempts = factor(solver, *given)
@@ -70,6 +77,7 @@ class Tally:
         for owner, name, counted in (
             (Problem, "at", counted_at),
             (part_of, "at", counted_part),
+            (sides, "take_over", counted_tangents),
             (NewtonSolver, "_factor", counted_factor),
             (quick_step, "film_step", counted_step),
             (BatchStepper, "take", counted_row),

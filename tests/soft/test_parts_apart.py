@@ -23,10 +23,12 @@ from cosim.soft.linear.envelope_cholesky import EnvelopeCholesky
 from cosim.soft.linear.pattern import BlockPattern
 from cosim.soft.linear.ranges_apart import ranges_apart
 from cosim.soft.solve.assembly import SoftSystem
+from cosim.soft.solve.film_sides import FilmSides
+from cosim.soft.solve.film_step import FilmSide
 from cosim.soft.solve.newton import NewtonSolver
 from cosim.soft.solve.newton_options import NewtonOptions, NewtonResult
 from cosim.soft.solve.state import SoftState
-from cosim.soft.solve.time_scheme import StepOptions
+from cosim.soft.solve.time_scheme import StepOptions, StepScheme
 from cosim.soft.solve.time_step import ImplicitStepper
 from tests.soft.bodies import FILM, HANGING, Held, held, hexagon_arm, hung, no_load
 from tests.soft.contacts import half_space
@@ -183,19 +185,43 @@ def test_a_step_finger_by_finger_is_the_step_of_all(monkeypatch: pytest.MonkeyPa
     assert np.abs(apart.wrench - whole.wrench).max() < 1e-3 * np.abs(whole.wrench).max()
 
 
+HASTY = replace(TIGHT, reuse_max=1)
+"""Most steps need new tangents."""
+
+
 def test_what_one_finger_asks_for_is_not_done_for_the_others(monkeypatch: pytest.MonkeyPatch) -> None:
+    true, made = FilmSides.take_over, np.zeros(FINGERS, np.int64)
+
+    def counted(sides: FilmSides, side: FilmSide, scheme: StepScheme) -> None:
+        made[:] += side.kept.made
+        true(sides, side, scheme)
+
+    arm, _ = held(gripper()), at_rest()
+    monkeypatch.setattr(FilmSides, "take_over", counted)
+    pressed(arm, stepper(arm, HASTY), at_rest(), range(TICKS))
+    assert made.max() > 1.5 * made.min() > 0.0
+
+
+def test_new_tangents_of_the_kernel_are_those_of_newtons_method(monkeypatch: pytest.MonkeyPatch) -> None:
     true, asked = NewtonSolver.with_tangent, list[int | None]()
 
     def counted(solver: NewtonSolver, *given: Any) -> Any:
-        asked.append(given[5] if len(given) > 5 else None)  # none: of the whole, where parts have failed
+        asked.append(given[5])
         return true(solver, *given)
 
-    arm, _ = held(gripper()), at_rest()
     monkeypatch.setattr(NewtonSolver, "with_tangent", counted)
-    pressed(arm, stepper(arm, replace(TIGHT, reuse_max=1)), at_rest(), range(TICKS))
-    counts = [asked.count(number) for number in range(FINGERS)]
-    assert max(counts) > 1.5 * min(counts) > 0.0
-    assert None not in asked
+    arm, other = held(gripper()), held(gripper())
+    in_kernel = pressed(arm, stepper(arm, HASTY), at_rest(), range(TICKS))
+    assert not asked
+    move, state = stepper(other, HASTY), at_rest()
+    for k in range(TICKS):
+        saved = other.newton.save_state()  # while it holds the factor, the kernel makes no other
+        state = pressed(other, move, state, range(k, k + 1)).state
+    assert saved.factor is not None
+    assert {0, 1, 2} == set(asked)
+    np.testing.assert_array_equal(state.positions, in_kernel.state.positions)
+    np.testing.assert_array_equal(state.memory, in_kernel.state.memory)
+    assert [kept is None for kept in arm.newton.kept] == [kept is None for kept in other.newton.kept]
 
 
 def test_factors_of_different_steps_are_part_of_the_state() -> None:
@@ -219,7 +245,7 @@ def test_fingers_that_may_touch_are_one_part() -> None:
     move = stepper(arm)
     state = hung(arm).state
     scheme = move.scheme_of(state, STEP_S)
-    apart, coupled = move.quick.side(scheme, STEP_S), move.quick.side(scheme, STEP_S, coupled=True)
+    apart, coupled = move.quick.sides.of(scheme, STEP_S), move.quick.sides.of(scheme, STEP_S, coupled=True)
     assert apart is not None
     assert coupled is not None
     assert apart.film.parts[:, NODES].tolist() == bounds_of(arm.body)

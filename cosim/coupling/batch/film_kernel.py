@@ -2,8 +2,8 @@
 
 Per tick: servos and the wrench of the tick before act while MuJoCo steps; the film then takes one step with
 the flange's new pose (`film_step`) and what it may touch, and returns the next wrench, and loads on bodies. A
-tick is left after its rigid half in which the lists of what is near, or the factorisation that is kept, do
-not serve, or the flange turns far; a row ends after one with which bodies are to be weighed.
+tick is left after its rigid half in which the lists of what is near do not serve, or the flange turns far,
+and in its soft step where a tangent is indefinite; a row ends after one with which bodies are to be weighed.
 """
 
 from __future__ import annotations
@@ -41,9 +41,9 @@ from cosim.rigid.scene.native import NATIVE_SCENE
 from cosim.soft.body.loads import PlainLoads, Touching
 from cosim.soft.contact.point_kernels import span
 from cosim.soft.elements.mass_terms import mass_moments
+from cosim.soft.film.step_arrays import StepMotion
 from cosim.soft.solve.film_step import film_step
 from cosim.soft.solve.held_nodes import add_wrench
-from cosim.soft.solve.step_arrays import StepMotion
 
 _CALLED = (film_step, add_wrench, mass_moments, span, fill_near_box)
 _STEP, _WRENCH, _MOMENTS, _SPAN, _NEAR = range(len(_CALLED))
@@ -127,12 +127,14 @@ def advance_film_ticks(  # type: ignore[no-untyped-def]
             way.x[k + 1], way.velocity[k + 1], way.x[k], way.velocity[k], way.memory[k], flange,
             way.x[k + 2], way.velocity[k + 2], way.memory[k + 1],
         )  # fmt: skip
-        converged, iterations, residual, _ = _film_step(
-            row.calls[_STEP], (row.side, loads, touching, motion, row.place)
+        place = row.place if found == 0 else row.touching_place
+        converged, iterations, tangents, residual, _ = _film_step(
+            row.calls[_STEP], (row.side, loads, touching, motion, place)
         )
         if not converged:
             ticks.residual[k], ticks.iterations[k] = residual, iterations
             return k, SOFT_STEP_BEGUN
+        iterations += tangents
         _fill_figures(row, way.x[k + 2], flange, moments, ticks.figures[k + 1])
         conclude_tick(scene, ticks, k, residual, iterations)
         if found > 0:

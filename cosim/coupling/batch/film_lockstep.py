@@ -1,8 +1,8 @@
 """Ticks of arm and lumped film in a row, in one kernel.
 
 The kernel takes what most ticks are: given pressures and tensions, contact with bodies that are fixed or
-free, and a soft step with the factorisation that is kept. All else is finished by `StaggeredCoupling`,
-as any other tick.
+free, and a soft step whose tangents are positive definite. All else is finished by `StaggeredCoupling`, as
+any other tick.
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ class FilmLockstep(RowLockstep):
         if not isinstance(coupling, StaggeredCoupling) or not isinstance(soft, SoftArm):
             return None
         native = coupling.interface.scene.native()
-        if native is None or not soft.steps_alone or not soft.stepper.quick.knows_body:
+        if native is None or not soft.steps_alone or not soft.stepper.quick.sides.knows_body:
             return None
         return cls(coupling, native, soft, mounted)
 
@@ -73,7 +73,7 @@ class FilmLockstep(RowLockstep):
     def ready(self) -> bool:
         contact = self.coupling.interface.contact
         knows_contact = contact is None or contact.idle or self._contact is not None
-        return knows_contact and self._soft.stepper.quick.knows_factor
+        return knows_contact and self._soft.stepper.quick.sides.knows_factor
 
     def commands(self, servos: Servos, loads: Sequence[Loads]) -> FilmCommands | None:
         if not all(load.plain for load in {id(load): load for load in loads}.values()):
@@ -116,21 +116,23 @@ class FilmLockstep(RowLockstep):
         soft, stepper, tick_s = self._soft, self._soft.stepper, self.coupling.interface.scene.tick_s
         # a first step looks back over one only
         count = len(loads) if soft.state.earlier is not None else 1
-        side = stepper.quick.side(stepper.scheme_of(soft.state, tick_s), tick_s)
+        quick, scheme = stepper.quick, stepper.scheme_of(soft.state, tick_s)
+        side = quick.sides.of(scheme, tick_s)
         assert side is not None, "ready says whether there is one"
         mass = soft.body.node_mass.reshape(-1, 1, 1)
-        begins = stepper.quick.begins
+        begins = quick.untouched, quick.begins(lenient=True), quick.begins(lenient=False)
         contact = nothing_there() if self._contact is None else self._contact.begin()
         row = FilmRow(side, *begins, self._reach, self._calls, mass, self._mass_kg, LARGE_TURN_RAD, contact)
         done, ending = advance_film_ticks(
             count, self.native, carried, self.mounted, commands, row, ticks, motion
         )
+        quick.sides.take_over(side, scheme)
         if done:
             self._go_to(ticks, motion, done, loads[done - 1])
         if ending == SOFT_STEP_BEGUN:
             end = motion.x[done + 2].copy(), motion.velocity[done + 2].copy(), motion.memory[done + 1].copy()
             left = int(ticks.iterations[done]), float(ticks.residual[done])
-            stepper.quick.begun = BegunStep(soft.state, *end, *left)
+            quick.begun = BegunStep(soft.state, *end, *left)
         self._conclude(ticks, done, half_done=ending in (SOFT_STEP_LEFT, SOFT_STEP_BEGUN))
         return done, ending
 

@@ -11,8 +11,8 @@ from cosim.base.kernels import BLOCKS, INDICES, MATRIX, REAL
 from cosim.coupling.batch.contact_rows import CONTACT_ROW, ContactRow
 from cosim.rigid.distance.shape_bounds import SHAPE_BOUNDS, ShapeBounds
 from cosim.soft.body.loads import TOUCHING, Touching
+from cosim.soft.film.step_arrays import PLACE, StepPlace
 from cosim.soft.solve.film_step import FILM_SIDE, FilmSide
-from cosim.soft.solve.step_arrays import PLACE, StepPlace
 
 
 class FilmCommands(NamedTuple):
@@ -79,7 +79,8 @@ class FilmRow(NamedTuple):
     Args:
         side: of the soft steps.
         untouched: what stands for nothing touched in them.
-        place: from which they begin.
+        place: from which they begin where nothing is touched.
+        touching_place: the same where something is.
         reach: of the film.
         calls: (kernels,), see `row_calls`.
         mass: (nodes, 1, 1) [kg].
@@ -91,6 +92,7 @@ class FilmRow(NamedTuple):
     side: FilmSide
     untouched: Touching
     place: StepPlace
+    touching_place: StepPlace
     reach: FilmReach
     calls: IntArray
     mass: Array
@@ -103,5 +105,5 @@ FILM_COMMANDS = types.NamedTuple((MATRIX, MATRIX, MATRIX, BLOCKS, MATRIX, MATRIX
 FILM_MOTION = types.NamedTuple((BLOCKS, BLOCKS, MATRIX), FilmMotion)
 _REACH = types.NamedTuple((SHAPE_BOUNDS, REAL, REAL), FilmReach)
 FILM_ROW = types.NamedTuple(
-    (FILM_SIDE, TOUCHING, PLACE, _REACH, INDICES, BLOCKS, REAL, REAL, CONTACT_ROW), FilmRow
+    (FILM_SIDE, TOUCHING, PLACE, PLACE, _REACH, INDICES, BLOCKS, REAL, REAL, CONTACT_ROW), FilmRow
 )

@@ -22,7 +22,7 @@ from cosim.rigid.distance.contact_query import ContactQuery
 from cosim.rigid.distance.film_distance import TriangleLists
 from cosim.soft.contact.contact_points import ContactSurface, Extent
 
-_MARGIN_M = 4e-3  # more of it lengthens the lists, less makes them anew more often
+_MARGIN_M = 8e-3  # more of it lengthens the lists, less makes them anew more often
 
 
 @final

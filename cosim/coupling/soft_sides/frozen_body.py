@@ -178,7 +178,7 @@ class FrozenBody(SoftSide):
 
     def shape_reader(self) -> MeshReader:
         """Return what reads nodes; the volumes are those of the kept shape."""
-        return MeshReader(self.body, lambda _: self._volumes)
+        return MeshReader(self.body, lambda shapes: np.tile(self._volumes, (len(shapes), 1)))
 
     @property
     def volumes_m3(self) -> tuple[float, ...]:

@@ -287,7 +287,7 @@ class SoftArm(SoftSide):
     @property
     def volumes_m3(self) -> tuple[float, ...]:
         """Volume inside film and caps of each chamber at the present shape."""
-        return self._system.gas.enclosed_volumes(self.state.positions)
+        return tuple(self._system.gas.enclosed_volumes(self.state.positions[None])[0].tolist())
 
     @property
     def pressures_Pa(self) -> tuple[float, ...]:

@@ -51,10 +51,10 @@ class MeshReader(ShapeReader):
 
     Args:
         body: whose.
-        volumes: returns the volume [m^3] of each chamber at nodes (n, 3) [m].
+        volumes: returns the volume (k, chambers) [m^3] of each chamber in shapes (k, n, 3) [m].
     """
 
-    def __init__(self, body: SoftBody, volumes: Callable[[Array], tuple[float, ...]]) -> None:
+    def __init__(self, body: SoftBody, volumes: Callable[[Array], Array]) -> None:
         self._tip, self._rings, self._volumes = body.tip, center_rings(body), volumes
 
     def positions(self, shape: Array) -> Array:
@@ -69,5 +69,5 @@ class MeshReader(ShapeReader):
         """Return the figures; see `ShapeReader.figures`."""
         films = self.films(shapes)
         tip, centers = films.take(self._tip, axis=1), films.take(self._rings, axis=1).mean(axis=2)
-        volumes = np.array([self._volumes(shape) for shape in shapes])
-        return figures_at(np.concatenate([tip, centers], axis=1), tip.shape[1], volumes)
+        points = np.concatenate([tip, centers], axis=1)
+        return figures_at(points, tip.shape[1], self._volumes(films))

@@ -170,7 +170,7 @@ class Sampler:
     def _sample(self, found: Equilibrium, force: Array) -> tuple[float, Array, Array, float, Array, Array]:
         x = found.state.positions
         here = self._frames.fit(x, Pose())
-        volume = float(sum(self._system.gas.enclosed_volumes(x)))
+        volume = float(self._system.gas.enclosed_volumes(x[None]).sum())
         strain = strains(*self._pairs(here))
         return found.loads.pressures(1)[0], strain, self._section_forces(x, here, force), volume, here, x
 

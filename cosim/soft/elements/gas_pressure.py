@@ -14,7 +14,7 @@ from cosim.base.frames import Array, IntArray
 from cosim.errors import InputError
 from cosim.soft.elements.element import Instant, Sums
 from cosim.soft.elements.gas import SealedGas
-from cosim.soft.elements.pressure import add_cap, add_pressure, cap_force, cap_stiffness, volume_inside
+from cosim.soft.elements.pressure import add_cap, add_pressure, cap_force, cap_stiffness, fill_volumes
 
 _NO_TABLE = np.zeros((0, 0), np.int64)
 _NO_SLOTS = np.zeros(0, np.int64)
@@ -40,9 +40,10 @@ class _Enclosure:
             volume += add_cap(x, ring, pressure, cap_slots if hessian else _NO_SLOTS, gradient, blocks)
         return volume
 
-    def volume(self, x: Array) -> float:
-        """Return V [m^3]."""
-        found: float = volume_inside(x, self._triangles, self._rings, self._ring_starts)
+    def volumes(self, shapes: Array) -> Array:
+        """Return V (k,) [m^3] of shapes (k, n, 3) [m]."""
+        found = np.empty(len(shapes))
+        fill_volumes(shapes, self._triangles, self._rings, self._ring_starts, found)
         return found
 
     def take_caps_away(self, x: Array, pressure: float, gradient: Array) -> None:
@@ -78,9 +79,12 @@ class GasElements:
         self.pressures: tuple[float, ...] = (0.0,) * self.count
         self.open_cap_stiffness: list[tuple[IntArray, Array]] = []
 
-    def enclosed_volumes(self, x: Array) -> tuple[float, ...]:
-        """Return the volume [m^3] of each chamber at positions (n, 3) [m]; change nothing."""
-        return tuple(part.volume(x) for part in self._enclosures)
+    def enclosed_volumes(self, shapes: Array) -> Array:
+        """Return the volume (k, chambers) [m^3] of each chamber in shapes (k, n, 3) [m]; change nothing."""
+        found = np.empty((len(shapes), self.count))
+        for chamber, part in enumerate(self._enclosures):
+            found[:, chamber] = part.volumes(shapes)
+        return found
 
     def add(self, positions: Array, at: Instant, hessian: bool) -> float:
         """Add the gradient and, if told to, the Hessian; return the energy [J], infinite without volume."""

@@ -12,6 +12,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from numba import types
 
 from cosim.base.frames import Array, IntArray, cross, cross_matrix
 from cosim.base.kernels import (
@@ -20,6 +21,7 @@ from cosim.base.kernels import (
     INDICES,
     MATRIX,
     REAL,
+    VECTOR,
     add_block,
     device_function,
     kernel,
@@ -81,20 +83,20 @@ def add_pressure(x, triangles, pressure, slots, gradient, blocks):  # type: igno
     return volume / 6.0
 
 
-@kernel(REAL(MATRIX, INDEX_TABLE, INDICES, INDICES))
-def volume_inside(x: Array, triangles: IntArray, rings: IntArray, starts: IntArray) -> float:
-    """Return V [m^3] alone; cap k has the nodes rings[starts[k] : starts[k + 1]]."""
-    film = 0.0
-    for e in range(triangles.shape[0]):
-        ia, ib, ic = triangles[e, 0], triangles[e, 1], triangles[e, 2]
-        for r in range(3):
-            s, t = (r + 1) % 3, (r + 2) % 3
-            film += x[ia, r] * (x[ib, s] * x[ic, t] - x[ib, t] * x[ic, s])
-    volume = film / 6.0
+@kernel(types.void(BLOCKS, INDEX_TABLE, INDICES, INDICES, VECTOR))
+def fill_volumes(shapes: Array, triangles: IntArray, rings: IntArray, starts: IntArray, out: Array) -> None:
+    """Fill V (k,) [m^3] alone of shapes (k, n, 3) [m]; cap c is rings[starts[c] : starts[c + 1]]."""
     total, area = small_vector(3), small_vector(3)
-    for k in range(starts.shape[0] - 1):
-        volume += _cap_volume(x, rings[starts[k] : starts[k + 1]], total, area)
-    return volume
+    for k in range(shapes.shape[0]):
+        x, film = shapes[k], 0.0
+        for e in range(triangles.shape[0]):
+            ia, ib, ic = triangles[e, 0], triangles[e, 1], triangles[e, 2]
+            for r in range(3):
+                s, t = (r + 1) % 3, (r + 2) % 3
+                film += x[ia, r] * (x[ib, s] * x[ic, t] - x[ib, t] * x[ic, s])
+        out[k] = film / 6.0
+        for c in range(starts.shape[0] - 1):
+            out[k] += _cap_volume(x, rings[starts[c] : starts[c + 1]], total, area)
 
 
 @device_function

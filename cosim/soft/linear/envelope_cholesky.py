@@ -9,6 +9,7 @@ Source: George and Liu, Computer Solution of Large Sparse Positive Definite Syst
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
 from typing import Any, Final, NamedTuple, final
 
@@ -129,6 +130,22 @@ class EnvelopeArrays(NamedTuple):
     parts: IntArray
 
 
+class EnvelopeEntries(NamedTuple):
+    """Entries of A as `factorise` takes them, part after part.
+
+    Args:
+        source: their places in the blocks of the whole, as numbers.
+        place: their places in the store of the part.
+        first: the first of each tile, of the part; its last one behind the tiles.
+        parts: (parts + 1, 2), where entries and tiles with what is behind them begin of each.
+    """
+
+    source: PlaceArray
+    place: PlaceArray
+    first: PlaceArray
+    parts: IntArray
+
+
 @final
 class EnvelopeCholesky(LinearSolver):
     """Cholesky within the envelope; refuses an indefinite matrix.
@@ -168,6 +185,19 @@ class EnvelopeCholesky(LinearSolver):
         if self._correction:
             return None
         return EnvelopeArrays(self._store, self._start, self._first, self._inverse, self._dofs, self._table)
+
+    @cached_property
+    def entries(self) -> EnvelopeEntries:
+        """Of A, for kernels that factorise it."""
+        found = [part.entries for part in self._parts]
+        ends = np.cumsum([(0, 0), *((len(source), len(first)) for source, _, first in found)], axis=0)
+        source, place, first = (np.concatenate(column) for column in zip(*found, strict=True))
+        return EnvelopeEntries(source, place, first, ends)
+
+    @property
+    def lent(self) -> bool:
+        """Whether a saved state holds the factor, which is not to be written to then."""
+        return self._lent
 
     def factor_part(self, number: int, blocks: Array, shift: float = 0.0) -> bool:
         self._correction = None

@@ -1,9 +1,9 @@
-"""One implicit step of a film in one kernel: its start, and iterations with a factorisation that is kept.
+"""One implicit step of a film in one kernel: its start, and iterations with a kept tangent or a new one.
 
 It knows given pressures and tensions, and what the film may touch: the scene, and itself. Bodies side by side
 that nothing couples are solved one by one, each by its own iterations with its own part of the factorisation.
-Where an iteration does not serve, the part is left at the point before it: a new tangent is asked for there,
-from which a further call goes on.
+Where an iteration does not serve, a new tangent is made at the point before it. Where that is not positive
+definite, or not to be made here, the part is left there, and a further call goes on from a tangent of others.
 """
 
 from __future__ import annotations
@@ -22,40 +22,42 @@ from cosim.soft.beams.ring_kernels import REMEMBERED
 from cosim.soft.body.loads import TOUCHING
 from cosim.soft.film.film_arrays import BEAMS, BED, FILM, HINGES, NODES, FilmArrays, StepBed
 from cosim.soft.film.film_terms import PLAIN_LOADS, film_terms
-from cosim.soft.linear.envelope_cholesky import NODE, SOLVED, STORED, TILED
-from cosim.soft.linear.envelope_kernels import substitute
-from cosim.soft.linear.secant_pairs import FAR, SecantPairs, bend_load, keep_pair, mend_step
-from cosim.soft.solve.held_nodes import HELD, HeldNodes, place_flight, place_held
-from cosim.soft.solve.problem import largest_residual
-from cosim.soft.solve.step_arrays import (
+from cosim.soft.film.step_arrays import (
     ENERGY,
-    KEPT,
     LEFT,
     MOTION,
+    NEW_TANGENTS,
     NUMBERS,
     PLACE,
     RESIDUAL,
+    TANGENTS,
     TO_DO,
     WORK,
-    KeptEnvelope,
+    NewTangents,
     StepNumbers,
     StepWork,
+    copy,
+    copy_rows,
+    move,
 )
+from cosim.soft.linear.kept_envelope import KEPT, KeptEnvelope, is_kept, renew, solve_kept
+from cosim.soft.linear.secant_pairs import FAR, SecantPairs, keep_pair
+from cosim.soft.solve.held_nodes import HELD, HeldNodes, place_flight, place_held
+from cosim.soft.solve.problem import falls_enough, largest_residual
 from cosim.soft.solve.step_begin import FOLD_SWEEPS, fill_bed, fill_flight, keep_folds_open
 
 _CALLED = (
-    fill_bed, fill_flight, place_flight, substitute, largest_residual, bend_load, mend_step, keep_pair,
-    keep_folds_open, place_held, film_terms,
+    fill_bed, fill_flight, place_flight, largest_residual, keep_pair, keep_folds_open, place_held, film_terms,
 )  # fmt: skip
-_BED, _FLIGHT, _PLACE, _SUBSTITUTE, _RESIDUAL, _BEND, _MEND, _KEEP, _OPEN, _HOLD, _TERMS = range(len(_CALLED))
+_BED, _FLIGHT, _PLACE, _RESIDUAL, _KEEP, _OPEN, _HOLD, _TERMS = range(len(_CALLED))
 (
-    _fill_bed, _fill_flight, _place_flight, _substitute, _largest_residual, _bend_load, _mend_step,
-    _keep_pair, _keep_folds_open, _place_held, _film_terms,
+    _fill_bed, _fill_flight, _place_flight, _largest_residual, _keep_pair, _keep_folds_open, _place_held,
+    _film_terms,
 ) = map(caller, _CALLED)  # fmt: skip
 
 
 def step_calls() -> IntArray:
-    """Return the addresses (11,) of the kernels that a step calls."""
+    """Return the addresses (8,) of the kernels that a step calls."""
     return np.array([address_of(called) for called in _CALLED])
 
 
@@ -66,6 +68,7 @@ class FilmSide(NamedTuple):
         film: its terms.
         bed: that inertia is; its target is filled anew by every step.
         kept: factorisation.
+        tangents: where new ones are assembled.
         held: by the flange.
         numbers: of the step.
         work: scratch.
@@ -74,79 +77,13 @@ class FilmSide(NamedTuple):
     film: FilmArrays
     bed: StepBed
     kept: KeptEnvelope
+    tangents: NewTangents
     held: HeldNodes
     numbers: StepNumbers
     work: StepWork
 
 
-FILM_SIDE = types.NamedTuple((FILM, BED, KEPT, HELD, NUMBERS, WORK), FilmSide)
-
-
-@device_function
-def _turn_since(frame, flange, turn):  # type: ignore[no-untyped-def]
-    """Fill turn (3, 3) with the rotation from the axes (3, 3) of a factorisation to the flange's."""
-    for r in range(3):
-        for c in range(3):
-            turn[r, c] = 0.0
-            for k in range(3):
-                turn[r, c] += flange[1 + k, r] * frame[c, k]
-
-
-@device_function
-def _is_kept(kept, begin, end):  # type: ignore[no-untyped-def]
-    """Return whether the factorisation of nodes begin to end is there."""
-    for k in range(kept.there.shape[0]):
-        first, last = kept.factor.parts[k, NODE], kept.factor.parts[k + 1, NODE]
-        beyond = first < begin or end < last or kept.there[k] == 0
-        if first < end and begin < last and beyond:
-            return False
-    return True
-
-
-@device_function
-def _solve(kept, flange, turn, pairs, count, work, begin, end):  # type: ignore[no-untyped-def]
-    """Fill the solution of nodes begin to end, corrected by some pairs; return its largest component.
-
-    NaN if one is none.
-    """
-    solution, longest, factor = work.solution[0, begin:end], 0.0, kept.factor
-    _bend_load(work.calls[_BEND], (pairs, count, work.served[1, begin:end], solution))
-    for k in range(kept.there.shape[0]):
-        a, b = factor.parts[k], factor.parts[k + 1]
-        if not begin <= a[NODE] < end:
-            continue
-        _turn_since(kept.frame[k], flange, turn)
-        own = work.solution[0, a[NODE] : b[NODE]].reshape((1, b[NODE] - a[NODE], 3))
-        _substitute(
-            work.calls[_SUBSTITUTE],
-            (
-                factor.store[a[STORED] : b[STORED]], factor.start[a[TILED] : b[TILED]],
-                factor.first[a[TILED] : b[TILED]], factor.inverse[4 * a[TILED] : 4 * b[TILED]],
-                factor.dofs[a[SOLVED] : b[SOLVED]], turn, own,
-            ),
-        )  # fmt: skip
-    _mend_step(work.calls[_MEND], (pairs, count, solution))
-    for i in range(solution.shape[0]):
-        for r in range(3):
-            if math.isnan(solution[i, r]):
-                return math.nan
-            longest = max(longest, abs(solution[i, r]))
-    return longest
-
-
-@device_function
-def _copy(values, to):  # type: ignore[no-untyped-def]
-    """Copy values; a loop compiles in a fraction of the time of an assignment to a slice."""
-    for i in range(values.shape[0]):
-        to[i] = values[i]
-
-
-@device_function
-def _copy_rows(values, to):  # type: ignore[no-untyped-def]
-    """Copy the rows of a matrix with three columns."""
-    for i in range(values.shape[0]):
-        for r in range(3):
-            to[i, r] = values[i, r]
+FILM_SIDE = types.NamedTuple((FILM, BED, KEPT, NEW_TANGENTS, HELD, NUMBERS, WORK), FilmSide)
 
 
 @device_function
@@ -158,7 +95,7 @@ def _begin(side, motion):  # type: ignore[no-untyped-def]
     _fill_bed(calls[_BED], (*moved, numbers.two_steps, numbers.factor, base, side.bed.target))
     _fill_flight(calls[_FLIGHT], (x, velocity, before, numbers.h, numbers.fraction, motion.new_x))
     _place_flight(calls[_PLACE], (side.held, motion.flange, motion.new_x))
-    _copy(motion.memory, motion.new_memory)
+    copy(motion.memory, motion.new_memory)
 
 
 @device_function
@@ -166,11 +103,11 @@ def _copy_memory(film, part, values, to):  # type: ignore[no-untyped-def]
     """Copy what a part's elements remember."""
     hinges = film.angles[0]
     first, end = hinges + film.parts[part, HINGES], hinges + film.parts[part + 1, HINGES]
-    _copy(values[first:end], to[first:end])
+    copy(values[first:end], to[first:end])
     for k in range(film.parts[part, BEAMS], film.parts[part + 1, BEAMS]):
         group = film.beams.groups[k]
         first, end = group[3], group[3] + REMEMBERED * group[1] * group[2]
-        _copy(values[first:end], to[first:end])
+        copy(values[first:end], to[first:end])
 
 
 @device_function
@@ -187,15 +124,19 @@ def _opens_folds(side, motion, part):  # type: ignore[no-untyped-def]
 
 
 @device_function
-def _move(place, change, x):  # type: ignore[no-untyped-def]
-    """Fill x with a place that has changed."""
-    for i in range(x.shape[0]):
-        for r in range(3):
-            x[i, r] = place[i, r] + change[i, r]
+def _terms(side, loads, touching, motion, slots, blocks, part):  # type: ignore[no-untyped-def]
+    """Fill gradient, and blocks if slots are not empty, of a part at the end of the motion; see `film_terms`.
+
+    Its elements remember the last point that serves.
+    """
+    film, work = side.film, side.work
+    acting = loads, touching, side.bed, part, motion.new_x, work.reference
+    filled = work.pull, motion.new_memory, work.gradient, blocks
+    return _film_terms(work.calls[_TERMS], (film, slots, *acting, *filled))
 
 
 @device_function
-def _solve_part(side, loads, touching, motion, turn, begins, part):  # type: ignore[no-untyped-def]
+def _iterate(side, loads, touching, motion, turn, begins, part):  # type: ignore[no-untyped-def]
     """Solve a part until it has converged or a new tangent is asked for; return the iterations."""
     film, kept, numbers, work = side.film, side.kept, side.numbers, side.work
     begin, end = film.parts[part, NODES], film.parts[part + 1, NODES]
@@ -210,7 +151,7 @@ def _solve_part(side, loads, touching, motion, turn, begins, part):  # type: ign
         work.pairs.scale, work.pairs.share,
     )  # fmt: skip
     _copy_memory(film, part, tracked, reference)
-    _copy_rows(x, place_there)
+    copy_rows(x, place_there)
     served, pairs, before, level, evaluated = 0, 0, math.inf, math.inf, not begins
     moved = False
     bound, again = numbers.tolerance if evaluated else numbers.start_tolerance, False
@@ -219,9 +160,7 @@ def _solve_part(side, loads, touching, motion, turn, begins, part):  # type: ign
         if evaluated:
             residual, energy, evaluated = state[RESIDUAL], state[ENERGY], False
         else:
-            acting = loads, touching, side.bed, part, motion.new_x, reference
-            filled = work.pull, tracked, work.gradient, film.no_blocks
-            energy = _film_terms(work.calls[_TERMS], (film, film.no_slots, *acting, *filled))
+            energy = _terms(side, loads, touching, motion, film.no_slots, film.no_blocks, part)
             residual = _largest_residual(work.calls[_RESIDUAL], (x, gradient, free))
         sweeps -= 1
         if sweeps > 0 and _opens_folds(side, motion, part):
@@ -233,8 +172,8 @@ def _solve_part(side, loads, touching, motion, turn, begins, part):  # type: ign
         if finite and residual <= numbers.reuse_rate * before:
             before, level, again, served = residual, energy, False, served + moved
             _copy_memory(film, part, tracked, reference)
-            _copy_rows(x, place_there)
-            _copy_rows(gradient, gradient_there)
+            copy_rows(x, place_there)
+            copy_rows(gradient, gradient_there)
             if residual < bound:
                 state[TO_DO] = 0.0
                 break
@@ -242,17 +181,66 @@ def _solve_part(side, loads, touching, motion, turn, begins, part):  # type: ign
             break  # a new tangent is asked for
         else:
             again = True  # once more from there, by what the step has shown
-        if served >= state[LEFT] or not _is_kept(kept, begin, end):
+        if served >= state[LEFT] or not is_kept(kept, begin, end):
             break
-        if not _solve(kept, motion.flange, turn, secants, pairs, work, begin, end) <= numbers.step_max:
+        ends = begin, end, work.served[1], work.solution
+        if not solve_kept(kept, motion.flange, turn, secants, pairs, *ends) <= numbers.step_max:
             break
-        _move(place_there, step, x)
+        move(place_there, 1.0, step, x)
         moved, bound = True, numbers.tolerance
     if state[TO_DO] != 0.0:
-        _copy_rows(place_there, x)
+        copy_rows(place_there, x)
         _copy_memory(film, part, reference, tracked)
     state[LEFT], state[RESIDUAL], state[ENERGY] = state[LEFT] - served, before, level
     return served
+
+
+@device_function
+def _take_tangent(side, loads, touching, motion, turn, part):  # type: ignore[no-untyped-def]
+    """Take a part one iteration with a new tangent on, as `NewtonSolver.with_tangent` does; return whether.
+
+    None is taken where the tangent is not positive definite, or no share of its step serves.
+    """
+    film, kept, new, numbers, work = side.film, side.kept, side.tangents, side.numbers, side.work
+    begin, end = film.parts[part, NODES], film.parts[part + 1, NODES]
+    x, gradient = motion.new_x[begin:end], work.gradient[begin:end]
+    here, step, state = work.served[0, begin:end], work.solution[0, begin:end], work.parts[part]
+    new.blocks[new.first[part] : new.first[part + 1]] = 0.0
+    _terms(side, loads, touching, motion, new.slots, new.blocks, part)
+    if not renew(kept, new.blocks, motion.flange, begin, end):
+        return False
+    ends = begin, end, work.gradient, work.solution
+    longest, slope = solve_kept(kept, motion.flange, turn, work.pairs, 0, *ends), 0.0
+    for i in range(x.shape[0]):
+        for r in range(3):
+            slope += gradient[i, r] * step[i, r]
+    share = numbers.step_max / longest if longest > numbers.step_max else 1.0
+    for _ in range(numbers.halvings):
+        move(here, share, step, x)
+        energy = _terms(side, loads, touching, motion, film.no_slots, film.no_blocks, part)
+        residual = _largest_residual(work.calls[_RESIDUAL], (x, gradient, kept.free[begin:end]))
+        if falls_enough(energy, state[ENERGY], share * slope, residual, state[RESIDUAL]):
+            state[TANGENTS], state[RESIDUAL], state[ENERGY] = state[TANGENTS] + 1.0, residual, energy
+            return True
+        share *= 0.5
+    copy_rows(here, x)
+    return False
+
+
+@device_function
+def _solve_part(side, loads, touching, motion, turn, place, part):  # type: ignore[no-untyped-def]
+    """Solve a part until it has converged or cannot go on here; return iterations with a kept tangent."""
+    served, state, begins = 0, side.work.parts[part], place.begins
+    while True:
+        served += _iterate(side, loads, touching, motion, turn, begins, part)
+        done, begins = state[TO_DO] == 0.0, False
+        if done or state[TANGENTS] >= place.tangents_max or not math.isfinite(state[RESIDUAL]):
+            return served
+        if side.tangents.first.shape[0] == 0:
+            return served
+        if not _take_tangent(side, loads, touching, motion, turn, part):
+            _copy_memory(side.film, part, side.work.reference, motion.new_memory)
+            return served
 
 
 @device_function
@@ -270,23 +258,30 @@ def _end(x, base, span):  # type: ignore[no-untyped-def]
             base[i, r] = (x[i, r] - base[i, r]) / span
 
 
-@kernel(types.Tuple((BOOLEAN, types.int64, REAL, REAL))(FILM_SIDE, PLAIN_LOADS, TOUCHING, MOTION, PLACE))
+@kernel(
+    types.Tuple((BOOLEAN, types.int64, types.int64, REAL, REAL))(
+        FILM_SIDE, PLAIN_LOADS, TOUCHING, MOTION, PLACE
+    )
+)
 def film_step(side, loads, touching, motion, place):  # type: ignore[no-untyped-def]
-    """Take a step, or go on; return (whether it has converged, iterations, residual [N], potential [J]).
+    """Take a step, or go on; return whether it has converged, iterations, tangents, residual and potential.
 
-    Of several parts the most iterations, and the largest residual if it has not converged. Fills the bed's
-    target and the end of the motion, of a step that has not converged base instead of velocities; bed, motion
-    and work say what they hold.
+    Iterations are those with a kept factorisation in this call, tangents the new ones in the whole step: of
+    several parts the most. The residual [N] is the largest if it has not converged, the potential in J. Fills
+    the bed's target and the end of the motion, of a step that has not converged base instead of velocities;
+    bed, motion and work say what they hold.
     """
     work, numbers, count = side.work, side.numbers, side.film.parts.shape[0] - 1
     turn, x, parts = small_matrix(3, 3), motion.new_x, work.parts[:count]
     if place.begins:
         _begin(side, motion)
         _all_to_do(parts, place.reuse_max)
-    served, residual, energy, done = 0, 0.0, 0.0, True
+        parts[:, TANGENTS] = 0.0
+    served, tangents, residual, energy, done = 0, 0, 0.0, 0.0, True
     for k in range(count):
         if parts[k, TO_DO] != 0.0:
-            served = max(served, _solve_part(side, loads, touching, motion, turn, place.begins, k))
+            served = max(served, _solve_part(side, loads, touching, motion, turn, place, k))
+        tangents = max(tangents, int(parts[k, TANGENTS]))
         residual, energy = max(residual, parts[k, RESIDUAL]), energy + parts[k, ENERGY]
         done = done and parts[k, TO_DO] == 0.0
     if done and count > 1:
@@ -296,4 +291,4 @@ def film_step(side, loads, touching, motion, place):  # type: ignore[no-untyped-
             done = False
     if done:
         _end(x, motion.new_velocity, numbers.span)
-    return done, served, residual, energy
+    return done, served, tangents, residual, energy

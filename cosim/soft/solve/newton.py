@@ -29,7 +29,7 @@ from cosim.soft.linear.shift_search import ShiftSearch
 from cosim.soft.published.open_caps import OpenCapSolver
 from cosim.soft.solve.assembly import SoftSystem
 from cosim.soft.solve.newton_options import NewtonOptions, NewtonResult, Outcome
-from cosim.soft.solve.problem import Point, Potential, Problem
+from cosim.soft.solve.problem import MUCH_LESS, Point, Potential, Problem, falls_enough
 
 
 @final
@@ -130,7 +130,7 @@ class NewtonSolver:
         self.system.serving = self.linear.pattern
         problem.at(point.positions, memory, hessian=True)
         attempts, self._count = self._factor(options, part), 0
-        self._keep(KeptFactor(problem.kind, frame) if attempts == 1 else None, part)
+        self.keep(KeptFactor(problem.kind, frame) if attempts == 1 else None, part)
         if attempts < 0:
             return attempts, None
         load = -self.system.gradient
@@ -159,7 +159,7 @@ class NewtonSolver:
         problem.at(positions, memory, hessian=True)
         system.gradient[:] = gradient
         definite = self._fitted_solver().factor(system.tangent_blocks, low_rank=system.low_rank)
-        self._keep(KeptFactor(problem.kind, frame) if definite else None)
+        self.keep(KeptFactor(problem.kind, frame) if definite else None)
         return definite
 
     @property
@@ -172,7 +172,7 @@ class NewtonSolver:
         """Where the nodes of parts begin that nothing couples, and their number; see `LinearSolver.apart`."""
         return self._narrow.apart
 
-    def _keep(self, kept: KeptFactor | None, part: int | None = None) -> None:
+    def keep(self, kept: KeptFactor | None, part: int | None = None) -> None:
         """Remember for what the factorisation was made, of a part or of all."""
         self._kept = tuple(kept if part in (None, k) else before for k, before in enumerate(self._kept))
 
@@ -230,7 +230,7 @@ class NewtonSolver:
                 return trial
             if self._count == known:
                 break
-        self._keep(None)
+        self.keep(None)
         return None
 
     def _corrected(self, gradient: Array, turn: Array) -> Array:
@@ -279,18 +279,19 @@ class NewtonSolver:
         longest = float(np.abs(step).max())
         slope = float(np.einsum("nr,nr->", system.gradient, step))
         factor = min(1.0, options.step_max_m / longest) if longest > 0.0 else 1.0
-        # what rounding can hide in a sum of terms of this size
-        rounding = 1e-13 * (1.0 + abs(point.energy))
         for _ in range(options.halvings_max):
             trial = problem.at(point.positions + factor * step, memory)
             if system.conservative:
-                enough = trial.energy <= point.energy + 1e-4 * factor * slope + rounding
+                ends = trial.energy, point.energy, factor * slope, trial.residual, point.residual
+                enough = falls_enough(*ends)
             else:
                 # work of the out-of-balance force along the step (Crisfield's line search), of which a short
                 # step takes little away
                 work = float(np.einsum("nr,nr->", system.gradient, step))
-                enough = math.isfinite(trial.energy) and abs(work) <= (1.0 - 0.1 * factor) * abs(slope)
-            if enough or (math.isfinite(trial.energy) and trial.residual < 0.1 * point.residual):
+                enough = abs(work) <= (1.0 - 0.1 * factor) * abs(slope)
+                enough = enough or trial.residual < MUCH_LESS * point.residual
+                enough = enough and math.isfinite(trial.energy)
+            if enough:
                 return trial
             factor *= 0.5
         return None

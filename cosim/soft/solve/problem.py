@@ -8,13 +8,16 @@ from functools import cached_property
 from typing import Final, Protocol, final
 
 from cosim.base.frames import Array, Mask
-from cosim.base.kernels import MASKS, MATRIX, REAL, kernel
+from cosim.base.kernels import BOOLEAN, MASKS, MATRIX, REAL, kernel
 from cosim.soft.body.loads import Loads
 from cosim.soft.elements.mass_terms import Inertia
 from cosim.soft.solve.assembly import SoftSystem
 
 RESULTANT_SHARE: Final = 1e-2
 """Of the resultant force, or of the moment over the body's size, that counts as a residual."""
+
+MUCH_LESS: Final = 0.1
+"""Share of a residual to which a step has to bring it that does not lower the potential."""
 
 
 @kernel(REAL(MATRIX, MATRIX, MASKS))
@@ -41,6 +44,22 @@ def largest_residual(x: Array, values: Array, counted: Mask) -> float:
     if size > 0.0:
         force = max(force, moment / math.sqrt(size))
     return max(largest, RESULTANT_SHARE * force)
+
+
+@kernel(BOOLEAN(REAL, REAL, REAL, REAL, REAL), taken_in=True)
+def falls_enough(energy: float, before: float, slope: float, residual: float, residual_before: float) -> bool:
+    """Return whether a step lowers a potential by its slope's share, or the residual by far.
+
+    Args:
+        energy: [J], where it ends.
+        before: [J], where it begins.
+        slope: [J], the gradient there times the step.
+        residual: [N], where it ends.
+        residual_before: [N].
+    """
+    rounding = 1e-13 * (1.0 + abs(before))  # what it can hide in a sum of terms of this size
+    falls = energy <= before + 1e-4 * slope + rounding
+    return falls or (math.isfinite(energy) and residual < MUCH_LESS * residual_before)
 
 
 @final

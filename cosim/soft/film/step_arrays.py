@@ -6,12 +6,12 @@ from typing import NamedTuple
 
 from numba import types
 
-from cosim.base.frames import Array, IntArray, Mask
-from cosim.base.kernels import BLOCKS, BOOLEAN, INDEX_TABLE, INDICES, MASKS, MATRIX, PLACES, REAL, VECTOR
-from cosim.soft.linear.envelope_cholesky import EnvelopeArrays
+from cosim.base.frames import Array, IntArray
+from cosim.base.kernels import BLOCKS, BOOLEAN, INDICES, MATRIX, REAL, VECTOR, device_function
+from cosim.soft.film.film_arrays import SLOTS, FilmSlots
 from cosim.soft.linear.secant_pairs import PAIRS, SecantPairs
 
-TO_DO, LEFT, RESIDUAL, ENERGY = range(4)
+TO_DO, LEFT, TANGENTS, RESIDUAL, ENERGY = range(5)
 """What columns of `StepWork.parts` are."""
 
 
@@ -28,6 +28,7 @@ class StepNumbers(NamedTuple):
         start_tolerance: [N].
         reuse_rate: bound on a residual over the last one.
         step_max: [m].
+        halvings: of a step along a new tangent, at most.
     """
 
     two_steps: bool
@@ -39,22 +40,7 @@ class StepNumbers(NamedTuple):
     start_tolerance: float
     reuse_rate: float
     step_max: float
-
-
-class KeptEnvelope(NamedTuple):
-    """A factorisation by its envelope, and the flange's axes when each part of it was made.
-
-    Args:
-        there: (parts,), 1 where there is one, 0 for none.
-        factor: see `EnvelopeArrays`.
-        frame: (parts, 3, 3), world from flange.
-        free: (n, 3), components that move.
-    """
-
-    there: IntArray
-    factor: EnvelopeArrays
-    frame: Array
-    free: Mask
+    halvings: int
 
 
 class StepMotion(NamedTuple):
@@ -89,26 +75,42 @@ class StepPlace(NamedTuple):
     Args:
         begins: whether the step does; otherwise the end of the motion, the gradient and `StepWork.parts` are
             where it is.
-        reuse_max: iterations of each part at most, in all calls of a step.
+        reuse_max: iterations of each part with a kept factorisation at most, in all calls of a step.
+        tangents_max: new tangents of each part at most, in all calls of a step.
     """
 
     begins: bool
     reuse_max: int
+    tangents_max: int
+
+
+class NewTangents(NamedTuple):
+    """Where a kernel assembles new tangents.
+
+    Args:
+        slots: of the film's terms, see `FilmSlots`; empty where it makes none.
+        blocks: (b, 3, 3) [N/m].
+        first: (parts + 1,), where the blocks of each part begin.
+    """
+
+    slots: FilmSlots
+    blocks: Array
+    first: IntArray
 
 
 class StepWork(NamedTuple):
     """Scratch of a step; `gradient` holds what its end has.
 
     Args:
-        calls: (11,), see `step_calls`.
+        calls: (9,), see `step_calls`.
         gradient: (n, 3) [N].
         solution: (1, n, 3).
         served: (2, n, 3), the last point that serves [m] and its gradient [N].
         pairs: of the steps with the kept factorisation.
         reference: (values,).
         pull: (segments,).
-        parts: (parts, 4) of which each has: whether it is to be solved, iterations that are left, residual
-            [N] and potential [J] where it is.
+        parts: (parts, 5) of which each has: whether it is to be solved, iterations with a kept factorisation
+            that are left, new tangents in the step, residual [N] and potential [J] where it is.
     """
 
     calls: IntArray
@@ -121,9 +123,31 @@ class StepWork(NamedTuple):
     parts: Array
 
 
-NUMBERS = types.NamedTuple((BOOLEAN, *(8 * [REAL])), StepNumbers)
-PLACE = types.NamedTuple((BOOLEAN, types.int64), StepPlace)
-_FACTOR = types.NamedTuple((VECTOR, PLACES, PLACES, VECTOR, INDICES, INDEX_TABLE), EnvelopeArrays)
-KEPT = types.NamedTuple((INDICES, _FACTOR, BLOCKS, MASKS), KeptEnvelope)
+NUMBERS = types.NamedTuple((BOOLEAN, *(8 * [REAL]), types.int64), StepNumbers)
+PLACE = types.NamedTuple((BOOLEAN, types.int64, types.int64), StepPlace)
+NEW_TANGENTS = types.NamedTuple((SLOTS, BLOCKS, INDICES), NewTangents)
 MOTION = types.NamedTuple((*(4 * [MATRIX]), VECTOR, *(3 * [MATRIX]), VECTOR), StepMotion)
 WORK = types.NamedTuple((INDICES, MATRIX, BLOCKS, BLOCKS, PAIRS, VECTOR, VECTOR, MATRIX), StepWork)
+
+
+@device_function
+def copy(values, to):  # type: ignore[no-untyped-def]
+    """Copy values; a loop compiles in a fraction of the time of an assignment to a slice."""
+    for i in range(values.shape[0]):
+        to[i] = values[i]
+
+
+@device_function
+def copy_rows(values, to):  # type: ignore[no-untyped-def]
+    """Copy the rows of a matrix with three columns."""
+    for i in range(values.shape[0]):
+        for r in range(3):
+            to[i, r] = values[i, r]
+
+
+@device_function
+def move(place, share, change, x):  # type: ignore[no-untyped-def]
+    """Fill x with a place to which a share of a change is added."""
+    for i in range(x.shape[0]):
+        for r in range(3):
+            x[i, r] = place[i, r] + share * change[i, r]

@@ -1,0 +1,166 @@
+"""A factorisation by its envelope as kernels keep it: solved with, turned with the flange, and made anew.
+
+Nodes begin to end of a body are one or more of its parts that nothing couples.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import types
+
+from cosim.base.frames import Array, IntArray, Mask
+from cosim.base.kernel_calls import address_of, caller
+from cosim.base.kernels import BLOCKS, INDEX_TABLE, INDICES, MASKS, PLACES, VECTOR, device_function
+from cosim.soft.linear.envelope_cholesky import (
+    NODE,
+    SOLVED,
+    STORED,
+    TILED,
+    EnvelopeArrays,
+    EnvelopeEntries,
+)
+from cosim.soft.linear.envelope_kernels import factorise, substitute
+from cosim.soft.linear.secant_pairs import bend_load, mend_step
+
+_CALLED = (substitute, factorise, bend_load, mend_step)
+_SUBSTITUTE, _FACTORISE, _BEND, _MEND = range(len(_CALLED))
+_substitute, _factorise, _bend_load, _mend_step = map(caller, _CALLED)
+
+
+def envelope_calls() -> IntArray:
+    """Return the addresses (4,) of the kernels that a kept factorisation calls."""
+    return np.array([address_of(called) for called in _CALLED])
+
+
+class KeptEnvelope(NamedTuple):
+    """A factorisation by its envelope, and the flange's axes when each part of it was made.
+
+    Args:
+        calls: (4,), see `envelope_calls`.
+        there: (parts,), 1 where there is one, 0 for none.
+        made: (parts,), how often a kernel has made each anew, or failed to.
+        factor: see `EnvelopeArrays`.
+        entries: see `EnvelopeEntries`.
+        frame: (parts, 3, 3), world from flange.
+        free: (n, 3), components that move.
+    """
+
+    calls: IntArray
+    there: IntArray
+    made: IntArray
+    factor: EnvelopeArrays
+    entries: EnvelopeEntries
+    frame: Array
+    free: Mask
+
+
+_FACTOR = types.NamedTuple((VECTOR, PLACES, PLACES, VECTOR, INDICES, INDEX_TABLE), EnvelopeArrays)
+_ENTRIES = types.NamedTuple((PLACES, PLACES, PLACES, INDEX_TABLE), EnvelopeEntries)
+KEPT = types.NamedTuple((INDICES, INDICES, INDICES, _FACTOR, _ENTRIES, BLOCKS, MASKS), KeptEnvelope)
+
+
+@device_function
+def _turn_since(frame, flange, turn):  # type: ignore[no-untyped-def]
+    """Fill turn (3, 3) with the rotation from the axes (3, 3) of a factorisation to the flange's."""
+    turned = False
+    for r in range(3):
+        for c in range(3):
+            turned |= flange[1 + c, r] != frame[r, c]
+    for r in range(3):
+        for c in range(3):
+            turn[r, c] = 1.0 if r == c and not turned else 0.0
+            if turned:
+                for k in range(3):
+                    turn[r, c] += flange[1 + k, r] * frame[c, k]
+
+
+@device_function
+def is_kept(kept, begin, end):  # type: ignore[no-untyped-def]
+    """Return whether the factorisation of nodes begin to end is there."""
+    for k in range(kept.there.shape[0]):
+        first, last = kept.factor.parts[k, NODE], kept.factor.parts[k + 1, NODE]
+        beyond = first < begin or end < last or kept.there[k] == 0
+        if first < end and begin < last and beyond:
+            return False
+    return True
+
+
+@device_function
+def solve_kept(kept, flange, turn, pairs, count, begin, end, gradient, solution):  # type: ignore[no-untyped-def]
+    """Fill the solution of nodes begin to end, corrected by some pairs; return its largest component.
+
+    NaN if one is none.
+
+    Args:
+        kept: the factorisation.
+        flange: (4, 3), see `flange_axes`.
+        turn: (3, 3), scratch.
+        pairs: see `bend_load`.
+        count: how many of them there have been.
+        begin: first of the nodes.
+        end: the node after the last.
+        gradient: (n, 3) [N], of all nodes.
+        solution: (1, n, 3) [m], of all nodes; filled.
+    """
+    found, longest, factor = solution[0, begin:end], 0.0, kept.factor
+    _bend_load(kept.calls[_BEND], (pairs, count, gradient[begin:end], found))
+    for k in range(kept.there.shape[0]):
+        a, b = factor.parts[k], factor.parts[k + 1]
+        if not begin <= a[NODE] < end:
+            continue
+        _turn_since(kept.frame[k], flange, turn)
+        own = solution[0, a[NODE] : b[NODE]].reshape((1, b[NODE] - a[NODE], 3))
+        _substitute(
+            kept.calls[_SUBSTITUTE],
+            (
+                factor.store[a[STORED] : b[STORED]], factor.start[a[TILED] : b[TILED]],
+                factor.first[a[TILED] : b[TILED]], factor.inverse[4 * a[TILED] : 4 * b[TILED]],
+                factor.dofs[a[SOLVED] : b[SOLVED]], turn, own,
+            ),
+        )  # fmt: skip
+    _mend_step(kept.calls[_MEND], (pairs, count, found))
+    for i in range(found.shape[0]):
+        for r in range(3):
+            if math.isnan(found[i, r]):
+                return math.nan
+            longest = max(longest, abs(found[i, r]))
+    return longest
+
+
+@device_function
+def renew(kept, blocks, flange, begin, end):  # type: ignore[no-untyped-def]
+    """Factorise the tangent of nodes begin to end anew; return whether it is positive definite.
+
+    Args:
+        kept: filled.
+        blocks: (b, 3, 3) [N/m], of the tangent of all nodes.
+        flange: (4, 3), see `flange_axes`.
+        begin: first of the nodes.
+        end: the node after the last.
+    """
+    factor, entries, values = kept.factor, kept.entries, blocks.reshape(blocks.size)
+    for k in range(kept.there.shape[0]):
+        a, b = factor.parts[k], factor.parts[k + 1]
+        if not begin <= a[NODE] < end:
+            continue
+        first, last = entries.parts[k], entries.parts[k + 1]
+        tiles = a[TILED], b[TILED]
+        kept.made[k] += 1
+        kept.there[k] = _factorise(
+            kept.calls[_FACTORISE],
+            (
+                values, entries.source[first[0] : last[0]], entries.place[first[0] : last[0]],
+                entries.first[first[1] : last[1]], 0.0, b[SOLVED] - a[SOLVED],
+                factor.start[tiles[0] : tiles[1]], factor.first[tiles[0] : tiles[1]],
+                factor.store[a[STORED] : b[STORED]], factor.inverse[4 * tiles[0] : 4 * tiles[1]],
+            ),
+        )  # fmt: skip
+        for r in range(3):
+            for c in range(3):
+                kept.frame[k, r, c] = flange[1 + c, r]
+        if not kept.there[k]:
+            return False
+    return True
