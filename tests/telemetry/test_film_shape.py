@@ -27,10 +27,10 @@ READ_LATER = ("node_position", "tip_position", "tip_direction", "sag_m", "volume
 def test_what_the_shape_decides_is_read_once() -> None:
     body, asked = hexagon_arm(2), 0
 
-    def volumes(positions: Array) -> tuple[float, ...]:
+    def volumes(_shapes: Array) -> Array:
         nonlocal asked
         asked += 1
-        return 1e-3, 2e-3
+        return np.array([[1e-3, 2e-3]])
 
     film = UnreadFilmShape(MeshReader(body, volumes), body.positions)
     assert asked == 0
@@ -44,7 +44,7 @@ def test_what_the_shape_decides_is_read_once() -> None:
 @pytest.mark.parametrize("copied", [copy.deepcopy, lambda film: pickle.loads(pickle.dumps(film))])
 def test_copies_hold_the_values(copied: Callable[[Any], Any]) -> None:
     body = hexagon_arm(2)
-    film = UnreadFilmShape(MeshReader(body, lambda _x: (1.0,)), body.positions)
+    film = UnreadFilmShape(MeshReader(body, lambda _shapes: np.ones((1, 1))), body.positions)
     found = copied(film)
     assert type(found) is FilmShape
     for field in fields(FilmShape):
