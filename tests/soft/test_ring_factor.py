@@ -1,12 +1,18 @@
-"""The factor that a ring of beams takes over from the last step in time changes no balance."""
+"""The factor that a ring of beams takes over from the last step in time, or point, changes no balance."""
 
 from __future__ import annotations
+
+from typing import Any
 
 import numpy as np
 import pytest
 
+from cosim.base.frames import Array
+from cosim.soft.body.loads import Loads
 from cosim.soft.elements.element import Instant
-from tests.soft.test_beam_rings import NO_SLOTS, RADIUS_M, circle, ring_of
+from cosim.soft.elements.mass_terms import Inertia
+from cosim.soft.solve.problem import Problem
+from tests.soft.test_beam_rings import NO_SLOTS, RADIUS_M, SECTION, circle, ring_of
 
 
 @pytest.mark.parametrize("further", [1e-5, 1e-3, 2e-2], ids=["serves", "serves badly", "does not serve"])
@@ -26,3 +32,39 @@ def test_a_factor_that_a_step_takes_over_leaves_the_balance_as_it_is(further: fl
     assert energy == pytest.approx(other, rel=1e-10)
     assert turns == pytest.approx(others, abs=1e-9)
     assert gradient == pytest.approx(expected, abs=1e-8 * np.abs(expected).max())
+
+
+def test_without_that_factor_a_ring_on_a_saddle_leaves_it() -> None:
+    drawn, no_blocks = circle(3), np.zeros((0, 3, 3))
+    beams = ring_of(drawn)
+    remembered = beams.first_memory(drawn)
+    beams.add(drawn, NO_SLOTS, np.zeros_like(drawn), no_blocks, Instant(remembered.copy(), remembered))
+    with_it, without = (
+        beams.add(0.99 * drawn, NO_SLOTS, np.zeros_like(drawn), no_blocks, Instant(memory, memory.copy()))
+        for memory in (remembered, beams.fresh(remembered))
+    )
+    straight = 0.5 * SECTION.rigidities[0] * 0.01**2 * beams.lengths.sum()
+    assert with_it == pytest.approx(straight, rel=1e-6), "the flat ring is in balance, though not stable"
+    assert without < 0.6 * straight
+
+
+def test_a_static_solution_begins_without_factors_and_one_in_motion_with_them() -> None:
+    class System:
+        gradient = np.zeros((1, 3))
+        begun: Array
+
+        def fresh(self, memory: Array) -> Array:
+            return np.zeros_like(memory)
+
+        def evaluate(self, _x: Array, _loads: Loads, _pull: Array, memory: Array, **_given: Any) -> float:
+            self.begun = memory
+            return 0.0
+
+    system: Any = System()
+    x, memory, free = np.zeros((1, 3)), np.ones(5), np.ones((1, 3), dtype=bool)
+    beds = [Inertia(np.ones(1), x, step_s, closely) for step_s, closely in ((np.inf, False), (1e-3, True))]
+    for inertia in (None, *beds):
+        Problem(system, free, Loads(), np.zeros(0), inertia).begin(x, memory)
+        assert not system.begun.any()
+    Problem(system, free, Loads(), np.zeros(0), Inertia(np.ones(1), x, 1e-3)).begin(x, memory)
+    assert system.begun is memory

@@ -3,9 +3,9 @@
 A ring of m nodes has 3 m unknown turns. Given the positions, the energy of its beams has a minimum in them;
 it is followed from given quaternions by Newton's method with a line search, shifted where the tangent is not
 positive definite, and led away from saddles, such as that of a flat ring whose beams buckle. The factor is
-kept while steps shrink well, in dynamics from one step in time to the next; the search ends where what the
-last step leaves is below a small turn, judged by how the steps shrink. All of it happens in axes of the ring,
-laid through three of its nodes, so that a rigid motion changes nothing.
+kept while steps shrink well, in dynamics from one step in time to the next, in statics within a solution; the
+search ends where what the last step leaves is below a small turn, judged by how the steps shrink. All of it
+happens in axes of the ring, laid through three of its nodes, so that a rigid motion changes nothing.
 """
 
 from __future__ import annotations
@@ -27,6 +27,8 @@ _STEPS_MAX = 100
 _HALVINGS_MAX = 12
 _LARGEST_TURN = 0.5  # [rad] in one step
 SMALL_TURN: Final = 1e-11
+SMALL_TURN_BY_KEPT: Final = 1e-12
+"""In statics with a factor from before: there steps shrink by a share each, not with the square."""
 SMALL_TURN_IN_MOTION: Final = 3e-9
 """Where steps in time ask for newtons alone: a beam of 4 mm x 2.5 GPa, 25 mm long, answers with 4e-7 N."""
 _STUCK_TURN = 1e-3

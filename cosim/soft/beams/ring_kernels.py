@@ -23,6 +23,7 @@ from cosim.soft.beams.beam_lanes import BENT, FORCE, LANES, SECOND, STRAIN, TURN
 from cosim.soft.beams.node_turns import (
     BEAM_ARRAYS,
     SMALL_TURN,
+    SMALL_TURN_BY_KEPT,
     SMALL_TURN_IN_MOTION,
     balance_turns,
     ring_work,
@@ -110,18 +111,19 @@ def _add_matrix(w, slots, matrix, blocks):  # type: ignore[no-untyped-def]
 def add_beam_rings(x, beams, memory, moving, slots, gradient, blocks, tracked):  # type: ignore[no-untyped-def]
     """Add all rings to gradient and, if slots is not empty, their Hessian to blocks.
 
-    The search for the turns begins at those in memory (REMEMBERED f m,), and in a step in time (moving) with
-    the factor there; what it ends with is written to tracked. Where nothing moves, every search looks at the
-    tangent anew: a ring that rests on a saddle would stay there.
+    The search for the turns begins at those in memory (REMEMBERED f m,), and without a Hessian with the
+    factor there, if there is one; it ends sooner in a step in time (moving). What it ends with is written to
+    tracked.
     Returns the energy [J]; infinity where no turns in balance are found.
     """
     count, with_hessian = beams.rings.shape[1], slots.shape[0] > 0
     w, energy = ring_work(count), 0.0
-    size, small = 3 * count if with_hessian else 0, SMALL_TURN_IN_MOTION if moving else SMALL_TURN
+    size = 3 * count if with_hessian else 0
     mixed, matrix = np.empty((size, size)), np.empty((size, size))
     for f in range(beams.rings.shape[0]):
         there = _read_memory(x, beams, f, memory, w)
-        kept = there and moving and not with_hessian
+        kept = there and not with_hessian
+        small = SMALL_TURN_IN_MOTION if moving else SMALL_TURN_BY_KEPT if kept else SMALL_TURN
         energy += balance_turns(beams, f, w, with_hessian, small, kept)
         if not energy < np.inf:
             return np.inf

@@ -53,6 +53,8 @@ class SoftSystem:
         found = [term for term, _ in elements if isinstance(term, RoutedCables)]
         self._cables = found[0] if found else RoutedCables((), sums)
         self._advancing = _advancing(body)
+        places = zip(body.elements, body.memory_places, strict=True)
+        self._freshened = [(each, own) for each, own in places if type(each).fresh is not Element.fresh]
         self.low_rank: LowRank | None = None
 
     @property
@@ -100,6 +102,18 @@ class SoftSystem:
         result = memory.copy()
         for element, own in self._advancing:
             result[own] = element.advanced(positions, memory[own])
+        return result
+
+    @property
+    def freshens(self) -> bool:
+        """Whether some element looks at something anew as a static solution begins."""
+        return bool(self._freshened)
+
+    def fresh(self, memory: Array) -> Array:
+        """Return what elements remember (values,) as a static solution begins, see `Element.fresh`."""
+        result = memory.copy()
+        for element, own in self._freshened:
+            result[own] = element.fresh(memory[own])
         return result
 
     def evaluate(

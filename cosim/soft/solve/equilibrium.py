@@ -200,6 +200,8 @@ class EquilibriumSolver:
     ) -> tuple[NewtonResult, Loads]:
         """Solve, and repeat while something else is touched than what was found before the solution.
 
+        What elements look at anew as a solution begins is seen again at its end by that as well.
+
         Returns:
             The solution, and the loads with the contacts it was found with.
 
@@ -207,7 +209,7 @@ class EquilibriumSolver:
             ConvergenceError: the contacts keep changing.
         """
         films, obstacles = self.self_contact, self.obstacles
-        if films is None and obstacles is None:
+        if films is None and obstacles is None and not self.solver.system.freshens:
             return self._newton(start, memory, loads, frame), loads
         pairs, spent, shifted, trail = None, 0, 0, []
         for round_ in range(CONTACT_ROUNDS_MAX):

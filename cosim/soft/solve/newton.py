@@ -74,7 +74,7 @@ class NewtonSolver:
         system = self.system
         problem = Problem(system, self.free, loads, system.segment_tension(start, loads), inertia)
         turned, self._count = np.eye(3) if frame is None else frame, 0
-        point = problem.at(np.ascontiguousarray(start), memory)
+        point = problem.begin(np.ascontiguousarray(start), memory)
         memory = system.memory.copy()
         tangents = factorisations = shifted = reused = 0
         while True:

@@ -109,6 +109,15 @@ class Problem:
         )
         return Point(positions, energy, largest_residual(positions, self.system.gradient, self.free))
 
+    def begin(self, positions: Array, memory: Array) -> Point:
+        """Return the point where a solution begins, the elements' own unknowns looked at anew in statics.
+
+        A ring of beams on a saddle would stay there otherwise; in motion it is left by itself.
+        """
+        inertia = self.inertia
+        moving = inertia is not None and inertia.step_s < math.inf and not inertia.closely
+        return self.at(positions, memory if moving else self.system.fresh(memory))
+
     @cached_property
     def kind(self) -> float:
         """Tells apart tangents that cannot stand for each other: statics, or the step's inertia."""
