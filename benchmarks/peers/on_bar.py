@@ -35,7 +35,7 @@ EULER, BDF2 = "cosim, implicit Euler", "cosim, BDF2"
 EXPLICIT, IMPLICIT = "MuJoCo flex, Euler (explicit)", "MuJoCo flex, discrete (implicit)"
 TICKS_S = {
     EULER: (0.0005, 0.001, 0.002, 0.004),
-    BDF2: (0.00025, 0.0005, 0.001, 0.002, 0.004),
+    BDF2: (0.00025, 0.0004, 0.0005, 0.001, 0.002, 0.004),
     EXPLICIT: (0.00005, 0.00008, 0.0001),
     IMPLICIT: (0.0005, 0.001, 0.002),
 }

@@ -133,7 +133,7 @@ class Loads:
     @cached_property
     def plain(self) -> bool:
         """Whether it `is_plain`."""
-        return is_plain(self)
+        return self.contact is None and self.self_contact is None and self.plain_but_contact
 
     @cached_property
     def plain_but_contact(self) -> bool:
