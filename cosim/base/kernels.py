@@ -9,10 +9,7 @@ then does the same again.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable
-from functools import cache
-from hashlib import sha256
 from pathlib import Path
 from typing import Any, NoReturn, TypeVar, final
 
@@ -22,9 +19,10 @@ from numba.core.caching import CompileResultCacheImpl, IndexDataCacheFile
 from numba.core.codegen import CPUCodeLibrary
 from numba.core.compiler import Compiler
 from numba.core.registry import CPUDispatcher
+from numba.core.targetconfig import ConfigStack
 
-_PACKAGE = Path(__file__).resolve().parents[1]
-_IMPORT = re.compile(r"^\s*(?:from|import) cosim\.?([\w.]*)(?: import (\([^)]*\)|.*))?", re.MULTILINE)
+from cosim.base.kept.source_hash import source_hash
+
 _KNOWN = "0.68."  # numba whose insides are as `IntermediateCode`, `DeviceCompiler` and `Kernel` take them
 
 
@@ -52,38 +50,7 @@ def keep_by_source(dispatcher: Any, *, alone: bool) -> None:
         kept._impl = _MachineCode(dispatcher.py_func)
     place, path = kept._impl, Path(dispatcher.py_func.__code__.co_filename).resolve()
     name = f"{place.filename_base}-{source_hash(path)}"
-    kept._cache_file = IndexDataCacheFile(kept.cache_path, name, place.locator.get_source_stamp())
-
-
-@cache
-def source_hash(path: Path) -> str:
-    """Return a hash of a file and of all files of cosim that it imports, to any depth."""
-    digest, found, to_do = sha256(), {path}, [path]
-    while to_do:
-        for imported in _imports(to_do.pop()) - found:
-            found.add(imported)
-            to_do.append(imported)
-    for entry in sorted(found):
-        digest.update(_text(entry).encode())
-    return digest.hexdigest()[:12]
-
-
-@cache
-def _text(path: Path) -> str:
-    return path.read_text(encoding="utf-8")
-
-
-@cache
-def _imports(path: Path) -> frozenset[Path]:
-    """Return the files of cosim that a file imports."""
-    found = set()
-    for module, names in _IMPORT.findall(_text(path)):
-        folder = _PACKAGE.joinpath(*module.split(".")) if module else _PACKAGE
-        for name in ("", *re.findall(r"\w+", names)):
-            candidate = (folder / name if name else folder).with_suffix(".py")
-            if candidate.is_file():
-                found.add(candidate)
-    return frozenset(found)
+    kept._cache_file = IndexDataCacheFile(kept.cache_path, name, name)
 
 
 @final
@@ -129,6 +96,8 @@ class DeviceCompiler(Compiler):
 class DeviceFunction(CPUDispatcher):
     """A function that kernels call; called from Python it would have nothing to run."""
 
+    hands_on_views = False
+
     def __call__(self, *_arguments: Any) -> NoReturn:
         """Refuse.
 
@@ -136,6 +105,19 @@ class DeviceFunction(CPUDispatcher):
             TypeError: always.
         """
         raise TypeError(f"only kernels can call {self.py_func.__name__}(), which has no code of its own")
+
+    def get_call_template(self, *given: Any) -> Any:
+        """Return how the function that is being compiled calls this one.
+
+        Raises:
+            TypeError: it would give back references that this one has not counted.
+        """
+        if self.hands_on_views and ConfigStack().top().nrt:
+            raise TypeError(
+                f"{self.py_func.__name__}() counts no references to the views that it hands on: "
+                "what is marked as allocating cannot call it"
+            )
+        return super().get_call_template(*given)
 
     def compile(self, signature: Any) -> Any:
         """Compile for a signature.
@@ -146,8 +128,10 @@ class DeviceFunction(CPUDispatcher):
         """
         found: Any = super().compile(signature)
         returned = [entry.return_type for entry in self.nopython_signatures]
-        if not self.targetoptions["_nrt"] and any(map(_has_arrays, returned)):
-            raise TypeError(f"{self.py_func.__name__}() returns arrays: mark it as allocating")
+        if not self.targetoptions["_nrt"] and not self.hands_on_views and any(map(_has_arrays, returned)):
+            raise TypeError(
+                f"{self.py_func.__name__}() returns arrays: mark it as handing on views, or as allocating"
+            )
         return found
 
 
@@ -263,8 +247,19 @@ def inlined(function: Function) -> Function:
     return result
 
 
+def handing_on_views(function: Function) -> Function:
+    """Mark a device function that hands on, in named tuples, views of arrays that it is given.
+
+    It makes no arrays, and counts no references: only what counts none either can call it.
+    """
+    dispatcher: Any = device_function(function)
+    dispatcher.hands_on_views = True
+    result: Function = dispatcher
+    return result
+
+
 def allocating(function: Function) -> Function:
-    """Mark a device function that makes arrays, hands arrays on, or calls what does."""
+    """Mark a device function that makes arrays, hands arrays of its own on, or calls what does."""
     result: Function = device_dispatcher(function, {**_OPTIONS, "_nrt": True})
     return result
 

@@ -8,7 +8,7 @@ import numba
 import numpy as np
 import pytest
 
-from cosim.base.kernels import REAL, allocating, device_function, kernel
+from cosim.base.kernels import REAL, VECTOR, allocating, device_function, handing_on_views, kernel
 
 
 @device_function
@@ -37,6 +37,28 @@ def test_arrays_come_from_those_alone_that_say_so(hands_on: Any) -> None:
     assert numba.njit(lambda x: said(x)[0])(np.ones(2)) is not None
     with pytest.raises((TypeError, numba.core.errors.TypingError)):
         numba.njit(lambda x: silent(x)[0])(np.ones(2))
+
+
+def _ends(x):  # type: ignore[no-untyped-def]
+    return x[:1], x[-1:]
+
+
+_both_ends = handing_on_views(_ends)
+
+
+@kernel(REAL(VECTOR))
+def _length(x):  # type: ignore[no-untyped-def]
+    first, last = _both_ends(x)
+    return last[0] - first[0]
+
+
+def test_views_are_handed_on_by_those_alone_that_say_so_to_those_that_count_none() -> None:
+    assert _length(np.arange(3.0)) == 2.0
+    silent = device_function(_ends)
+    with pytest.raises((TypeError, numba.core.errors.TypingError), match="handing on views"):
+        numba.njit(lambda x: silent(x)[0][0], _nrt=False)(np.arange(3.0))
+    with pytest.raises((TypeError, numba.core.errors.TypingError), match="marked as allocating"):
+        numba.njit(lambda x: _both_ends(x)[0][0])(np.arange(3.0))
 
 
 def test_python_cannot_call_one() -> None:

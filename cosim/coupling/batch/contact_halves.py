@@ -6,7 +6,7 @@ import numpy as np
 
 from cosim.base.frames import IntArray
 from cosim.base.kernel_calls import address_of, caller
-from cosim.base.kernels import allocating, device_function
+from cosim.base.kernels import device_function, handing_on_views
 from cosim.coupling.batch.contact_rows import AGE, ASKS, NEAR, POINTS, REMEMBERED, TOUCHES
 from cosim.coupling.contact.contact_arrays import MemoryRows, NearPoints, Ties
 from cosim.coupling.contact.contact_kernels import conclude, describe
@@ -25,35 +25,35 @@ def contact_calls() -> IntArray:
 
 
 @device_function
-def momentum_error_of_bodies(contact):  # type: ignore[no-untyped-def]
+def momentum_error_of_bodies(applied, centers, loaded, handed):  # type: ignore[no-untyped-def]
     """Return how far what acts on touched bodies is from what was handed over, see `momentum_balance`."""
     largest = 0.0
     for r in range(3):
         i, m = (r + 1) % 3, (r + 2) % 3
         force, torque = 0.0, 0.0
-        for b in range(contact.loaded.shape[0]):
-            if contact.loaded[b]:
-                load, center = contact.applied[b], contact.centers[b]
+        for b in range(loaded.shape[0]):
+            if loaded[b]:
+                load, center = applied[b], centers[b]
                 force += load[r]
                 torque += load[3 + r] + (center[i] * load[m] - center[m] * load[i])
-        largest = max(largest, abs(contact.handed[r] - force), abs(contact.handed[3 + r] - torque) / LEVER_M)
-    return largest / max(contact.handed[6], SMALLEST_N)
+        largest = max(largest, abs(handed[r] - force), abs(handed[3 + r] - torque) / LEVER_M)
+    return largest / max(handed[6], SMALLEST_N)
 
 
 @device_function
-def _is_free_of_contact(contact):  # type: ignore[no-untyped-def]
+def _is_free_of_contact(counts, loaded, weighed):  # type: ignore[no-untyped-def]
     """Return whether nothing is left of contacts of ticks before."""
-    if contact.counts[REMEMBERED] > 0:
+    if counts[REMEMBERED] > 0:
         return False
     left = 0
-    for b in range(contact.loaded.shape[0]):
-        left += contact.loaded[b]
-    for f in range(contact.free.shape[0]):
-        left += contact.weighed[f]
+    for b in range(loaded.shape[0]):
+        left += loaded[b]
+    for f in range(weighed.shape[0]):
+        left += weighed[f]
     return left == 0
 
 
-@allocating
+@handing_on_views
 def touched_planes(touched, count):  # type: ignore[no-untyped-def]
     """Return the first of some contacts."""
     p = touched.planes
@@ -64,26 +64,24 @@ def touched_planes(touched, count):  # type: ignore[no-untyped-def]
     return TouchedPlanes(touched.call, planes, touched.widths, touched.own[:count], touched.pressing[:count])
 
 
-@allocating
+@handing_on_views
 def _first_ties(ties, count):  # type: ignore[no-untyped-def]
     return Ties(ties.shape[:count], ties.key[:count], ties.carrier[:count], ties.triangle[:count])
 
 
 @device_function
-def _hold_features(contact):  # type: ignore[no-untyped-def]
+def _hold_features(listed, first_key, counts, memory, held):  # type: ignore[no-untyped-def]
     """Fill which triangle has held each listed feature back until now."""
-    search, memory = contact.search, contact.memory
-    listed, first_key = search.lists.features, contact.shapes.body.shape[0] * search.surface.nodes.shape[0]
     for f in range(listed.shape[0]):
-        search.held[f] = -1
-    for e in range(contact.counts[REMEMBERED]):
+        held[f] = -1
+    for e in range(counts[REMEMBERED]):
         if memory.triangle[e] >= 0:
             at = np.searchsorted(listed, memory.key[e] - first_key)
             if at < listed.shape[0] and listed[at] == memory.key[e] - first_key:
-                search.held[at] = memory.triangle[e]
+                held[at] = memory.triangle[e]
 
 
-@allocating
+@device_function
 def find_touched(contact, x, low, high, active, reach):  # type: ignore[no-untyped-def]
     """Fill what the film may touch in a step; return how much, -1 where the search is not for a row.
 
@@ -99,13 +97,15 @@ def find_touched(contact, x, low, high, active, reach):  # type: ignore[no-untyp
     if active.shape[0] > 0:
         if not contact.there:
             return -1
-        _hold_features(contact)
+        first_key = contact.shapes.body.shape[0] * search.surface.nodes.shape[0]
+        _hold_features(search.lists.features, first_key, contact.counts, contact.memory, search.held)
         asked = x, low, high, active, reach, numbers.behind, search
         points, features = _find_near(contact.calls[_FIND], asked)
     count = points + features
     contact.counts[NEAR], contact.counts[POINTS], contact.counts[TOUCHES] = active.shape[0] > 0, points, count
     if count <= 0:
-        return 0 if count == 0 and _is_free_of_contact(contact) else -1
+        free = _is_free_of_contact(contact.counts, contact.loaded, contact.weighed)
+        return 0 if count == 0 and free else -1
     n, m, past = search.near, contact.counts[REMEMBERED], contact.memory
     near = NearPoints(
         n.point[:points], n.shape[:points], n.distance[:points], n.normal[:points], n.feature[:features],
@@ -123,10 +123,8 @@ def find_touched(contact, x, low, high, active, reach):  # type: ignore[no-untyp
 
 
 @device_function
-def _remember(contact, pressing):  # type: ignore[no-untyped-def]
+def _remember(memory, kept, pressing):  # type: ignore[no-untyped-def]
     """Take the contacts that press for those of the last tick."""
-    memory, kept = contact.memory, contact.kept
-    contact.counts[REMEMBERED] = pressing
     for e in range(pressing):
         memory.key[e], memory.normal_force[e] = kept.key[e], kept.normal_force[e]
         memory.triangle[e] = kept.triangle[e]
@@ -135,43 +133,44 @@ def _remember(contact, pressing):  # type: ignore[no-untyped-def]
 
 
 @device_function
-def _load_bodies(contact):  # type: ignore[no-untyped-def]
+def _load_bodies(end, applied, centers, loaded):  # type: ignore[no-untyped-def]
     """Let the contacts' loads act on bodies, see `Bodies.apply`."""
-    for b in range(contact.loaded.shape[0]):
-        if not (contact.end.acting[b] or contact.loaded[b]):
+    for b in range(loaded.shape[0]):
+        if not (end.acting[b] or loaded[b]):
             continue
-        contact.loaded[b] = contact.end.acting[b]
-        load, center = contact.end.loads[b], contact.centers[b]
+        loaded[b] = end.acting[b]
+        load, center = end.loads[b], centers[b]
         for r in range(3):
             i, m = (r + 1) % 3, (r + 2) % 3
-            contact.applied[b, r] = load[r]
+            applied[b, r] = load[r]
             # MuJoCo takes torques about the centre of mass
-            contact.applied[b, 3 + r] = load[3 + r] - (center[i] * load[m] - center[m] * load[i])
+            applied[b, 3 + r] = load[3 + r] - (center[i] * load[m] - center[m] * load[i])
 
 
 @device_function
-def _asks_for_weighing(contact):  # type: ignore[no-untyped-def]
+def _asks_for_weighing(counts, numbers, held, loaded, free, touching, weighed):  # type: ignore[no-untyped-def]
     """Return whether `BodyMass` has to look at the bodies after a tick."""
-    contact.counts[AGE] += 1
-    if contact.counts[AGE] >= contact.numbers.renewed_after:
+    counts[AGE] += 1
+    if counts[AGE] >= numbers.renewed_after:
         return True
-    for f in range(contact.free.shape[0]):
-        body, before = contact.free[f], contact.touching[f]
-        if (contact.loaded[body] and before == 0.0) or (not contact.loaded[body] and contact.weighed[f]):
+    for f in range(free.shape[0]):
+        body, before = free[f], touching[f]
+        if (loaded[body] and before == 0.0) or (not loaded[body] and weighed[f]):
             return True
-        if contact.end.held[body] > contact.numbers.renewed_above * before:
+        if held[body] > numbers.renewed_above * before:
             return True
     return False
 
 
-@allocating
+@device_function
 def settle_touched(contact, count, x, ticks, k):  # type: ignore[no-untyped-def]
     """Take in the end of a step with contacts: what `ContactExchange.settle` does."""
     planes, widths = touched_planes(contact.touched, count).planes, contact.touched.widths
     ends = contact.counts[POINTS], contact.shapes, widths[0], widths[1], contact.kept, contact.end
     pressing = _conclude(contact.calls[_CONCLUDE], (x, planes, _first_ties(contact.ties, count), *ends))
-    _remember(contact, pressing)
-    _load_bodies(contact)
+    contact.counts[REMEMBERED] = pressing
+    _remember(contact.memory, contact.kept, pressing)
+    _load_bodies(contact.end, contact.applied, contact.centers, contact.loaded)
     for r in range(6):
         contact.handed[r] = contact.end.film[r]
     contact.handed[6] = contact.end.figures[0]
@@ -181,4 +180,5 @@ def settle_touched(contact, count, x, ticks, k):  # type: ignore[no-untyped-def]
     for b in range(contact.loaded.shape[0]):
         for r in range(3):
             ticks.body_force[k, b, r] = contact.end.loads[b, r]
-    contact.counts[ASKS] = _asks_for_weighing(contact)
+    bodies = contact.loaded, contact.free, contact.touching, contact.weighed
+    contact.counts[ASKS] = _asks_for_weighing(contact.counts, contact.numbers, contact.end.held, *bodies)

@@ -15,7 +15,7 @@ from numba import types
 
 from cosim.base.frames import IntArray
 from cosim.base.kernel_calls import address_of, caller
-from cosim.base.kernels import VECTOR, allocating, device_function, kernel
+from cosim.base.kernels import VECTOR, device_function, kernel
 from cosim.base.small_arrays import small_matrix, small_vector
 from cosim.coupling.batch.batch_arrays import CARRIED, TICKS
 from cosim.coupling.batch.contact_halves import (
@@ -55,10 +55,10 @@ def row_calls() -> IntArray:
     return np.array([address_of(called) for called in _CALLED])
 
 
-@allocating
-def _find(row, x, velocity):  # type: ignore[no-untyped-def]
+@device_function
+def _find(reach, contact, calls, x, velocity):  # type: ignore[no-untyped-def]
     """Fill what the film may touch in a step, as `ContactExchange.find` does; see `find_touched`."""
-    bounds = row.reach.bounds
+    bounds = reach.bounds
     for g in range(bounds.geoms.shape[0]):
         for r in range(3):
             bounds.position[g, r] = bounds.places[bounds.geoms[g], r]
@@ -67,12 +67,12 @@ def _find(row, x, velocity):  # type: ignore[no-untyped-def]
     if bounds.geoms.shape[0] == 0:
         return 0
     low, high, fastest = small_vector(3), small_vector(3), small_vector(1)
-    _span(row.calls[_SPAN], (x, velocity, low, high, fastest))
-    row.contact.speed[0] = math.sqrt(fastest[0])
-    reach = row.reach.rest_m + row.reach.ahead_s * row.contact.speed[0]
+    _span(calls[_SPAN], (x, velocity, low, high, fastest))
+    contact.speed[0] = math.sqrt(fastest[0])
+    distance = reach.rest_m + reach.ahead_s * contact.speed[0]
     poses = bounds.kind, bounds.center, bounds.half, bounds.position, bounds.rotation
-    near = _fill_near_box(row.calls[_NEAR], (*poses, low, high, reach, bounds.near))
-    return find_touched(row.contact, x, low, high, bounds.near[:near], reach)
+    near = _fill_near_box(calls[_NEAR], (*poses, low, high, distance, bounds.near))
+    return find_touched(contact, x, low, high, bounds.near[:near], distance)
 
 
 @device_function
@@ -86,22 +86,62 @@ def _turns_far(ticks, k, most):  # type: ignore[no-untyped-def]
 
 
 @device_function
-def _fill_figures(row, x, flange, moments, out):  # type: ignore[no-untyped-def]
+def _fill_figures(held, gradient, calls, mass, x, flange, moments, out):  # type: ignore[no-untyped-def]
     """Fill the figures (FIGURES,) of a film at the end of a step."""
     for r in range(CENTER):
         out[r] = 0.0
-    side = row.side
-    _add_wrench(row.calls[_WRENCH], (side.held, side.work.gradient, x, flange, out[:CENTER]))
+    _add_wrench(calls[_WRENCH], (held, gradient, x, flange, out[:CENTER]))
     points = x.reshape((x.shape[0], 1, 3))
-    total = _mass_moments(row.calls[_MOMENTS], (row.mass, points, moments))
+    total = _mass_moments(calls[_MOMENTS], (mass, points, moments))
     fill_center_and_inertia(total, moments, flange[0], out)
+
+
+@device_function
+def _take_soft_step(found, commands, row, ticks, way, k, flange):  # type: ignore[no-untyped-def]
+    """Take the film's step of tick k; return whether it has converged."""
+    touched = touched_planes(row.contact.touched, found)
+    touching = Touching(touched, row.untouched.call, row.untouched.pairs)
+    loads = PlainLoads(commands.pressure[k], commands.tension[k], commands.gravity[k])
+    motion = StepMotion(
+        way.x[k + 1], way.velocity[k + 1], way.x[k], way.velocity[k], way.memory[k], flange,
+        way.x[k + 2], way.velocity[k + 2], way.memory[k + 1],
+    )  # fmt: skip
+    place = row.place if found == 0 else row.touching_place
+    given = row.side, loads, touching, motion, place
+    converged, iterations, tangents, residual, _ = _film_step(row.calls[_STEP], given)
+    ticks.residual[k], ticks.iterations[k] = residual, iterations + (tangents if converged else 0)
+    return converged
+
+
+@device_function
+def _take_tick(scene, carried, mounted, commands, row, ticks, way, k, flange, moments):  # type: ignore[no-untyped-def]
+    """Take tick k; return how it ended, -1 if the next one may follow."""
+    on_bodies = momentum_error_of_bodies(
+        row.contact.applied, row.contact.centers, row.contact.loaded, row.contact.handed
+    )
+    if not take_rigid_half(scene, carried, mounted, row.total_kg, commands, ticks, k):
+        return RIGID_SIDE_WARNS
+    ticks.momentum_error[k] = max(ticks.momentum_error[k], on_bodies)
+    fill_flange(scene, flange)
+    found = _find(row.reach, row.contact, row.calls, way.x[k + 1], way.velocity[k + 1])
+    if found < 0 or _turns_far(ticks, k, row.largest_turn):
+        return SOFT_STEP_LEFT
+    if not _take_soft_step(found, commands, row, ticks, way, k, flange):
+        return SOFT_STEP_BEGUN
+    acting = row.side.held, row.side.work.gradient
+    _fill_figures(*acting, row.calls, row.mass, way.x[k + 2], flange, moments, ticks.figures[k + 1])
+    conclude_tick(scene, ticks, k, ticks.residual[k], ticks.iterations[k])
+    if found > 0:
+        settle_touched(row.contact, found, way.x[k + 2], ticks, k)
+        if row.contact.counts[ASKS]:
+            return ALL_DONE
+    return -1
 
 
 @kernel(
     types.Tuple((types.int64, types.int64))(
         types.int64, NATIVE_SCENE, CARRIED, VECTOR, FILM_COMMANDS, FILM_ROW, TICKS, FILM_MOTION
-    ),
-    allocates=True,
+    )
 )
 def advance_film_ticks(  # type: ignore[no-untyped-def]
     count, scene, carried, mounted, commands, row, ticks, way
@@ -111,34 +151,8 @@ def advance_film_ticks(  # type: ignore[no-untyped-def]
     carried: on the joints. mounted: (10,), parameters of a rigid mass on the flange, flange frame.
     """
     flange, moments = small_matrix(4, 3), small_vector(9)
-    contact, nothing = row.contact, row.untouched
     for k in range(count):
-        on_bodies = momentum_error_of_bodies(contact)
-        if not take_rigid_half(scene, carried, mounted, row.total_kg, commands, ticks, k):
-            return k, RIGID_SIDE_WARNS
-        ticks.momentum_error[k] = max(ticks.momentum_error[k], on_bodies)
-        fill_flange(scene, flange)
-        found = _find(row, way.x[k + 1], way.velocity[k + 1])
-        if found < 0 or _turns_far(ticks, k, row.largest_turn):
-            return k, SOFT_STEP_LEFT
-        touching = Touching(touched_planes(contact.touched, found), nothing.call, nothing.pairs)
-        loads = PlainLoads(commands.pressure[k], commands.tension[k], commands.gravity[k])
-        motion = StepMotion(
-            way.x[k + 1], way.velocity[k + 1], way.x[k], way.velocity[k], way.memory[k], flange,
-            way.x[k + 2], way.velocity[k + 2], way.memory[k + 1],
-        )  # fmt: skip
-        place = row.place if found == 0 else row.touching_place
-        converged, iterations, tangents, residual, _ = _film_step(
-            row.calls[_STEP], (row.side, loads, touching, motion, place)
-        )
-        if not converged:
-            ticks.residual[k], ticks.iterations[k] = residual, iterations
-            return k, SOFT_STEP_BEGUN
-        iterations += tangents
-        _fill_figures(row, way.x[k + 2], flange, moments, ticks.figures[k + 1])
-        conclude_tick(scene, ticks, k, residual, iterations)
-        if found > 0:
-            settle_touched(contact, found, way.x[k + 2], ticks, k)
-            if contact.counts[ASKS]:
-                return k + 1, ALL_DONE
+        ended = _take_tick(scene, carried, mounted, commands, row, ticks, way, k, flange, moments)
+        if ended >= 0:
+            return k + (ended == ALL_DONE), ended
     return count, ALL_DONE

@@ -1,0 +1,123 @@
+"""Kernels that are compiled by several processes at once; what they leave on disk is there for all.
+
+Each process, this one as well, takes the next number from one pipe until that is empty, and compiles the
+kernels of one module, which have most functions in common. Whatever a process has not left on disk, for
+whatever reason, is not there: who asked for it then compiles it.
+"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from importlib import import_module
+from typing import Any
+
+from cosim.base.kept.seldom_collecting import seldom_collecting
+
+_MOST_PROCESSES = 4  # the dearest kernel bounds what more of them save
+_EACH = 3  # kernels, for which a further process is worth its start
+_NUMBERS = 256  # of one byte in the pipe: reads of one byte are never torn
+_PATIENCE_S = 300.0  # with a process that has taken its last number
+
+
+def compile_side_by_side(kernels: list[Any]) -> None:
+    """Compile kernels in processes of their own and in this one, where there are processors for it.
+
+    Args:
+        kernels: dispatchers that are not on disk; this process loads none that another has compiled.
+    """
+    shared = [kernel for kernel in kernels if _is_shared(kernel)]
+    count = min(processes(), len(shared) // _EACH)
+    if count < 2 or getattr(sys, "frozen", False):  # where it is no Python that runs
+        return
+    parts = _parts(shared)
+    take, give = os.pipe()
+    try:
+        with os.fdopen(give, "wb") as numbers:
+            numbers.write(bytes(range(len(parts))))
+        with _others(count - 1, parts, take) as others:
+            compile_parts(take, parts)
+            for other in others:
+                with suppress(subprocess.TimeoutExpired):
+                    other.wait(_PATIENCE_S)
+    finally:
+        os.close(take)
+
+
+def processes() -> int:
+    """Return how many may compile at once: at most as many as `NUMBA_NUM_THREADS` says."""
+    processors = len(os.sched_getaffinity(0))
+    return min(_MOST_PROCESSES, processors, int(os.environ.get("NUMBA_NUM_THREADS", processors)))
+
+
+def compile_parts(take: int, parts: list[str]) -> None:
+    """Compile those parts whose numbers are in a pipe, until it is empty.
+
+    Args:
+        take: end of the pipe.
+        parts: "module:kernel,kernel" each.
+    """
+    while number := os.read(take, 1):
+        module, names = parts[number[0]].split(":")
+        for name in names.split(","):
+            kernel = getattr(import_module(module), name)
+            kernel.compile(kernel.fixed_signature)
+
+
+@contextmanager
+def _others(count: int, parts: list[str], take: int) -> Iterator[list[subprocess.Popen[bytes]]]:
+    """Start further processes, as far as they can be, and end them: they run this file, not the user's."""
+    found: list[subprocess.Popen[bytes]] = []
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
+    try:
+        with suppress(OSError):
+            for _ in range(count):
+                found.append(
+                    subprocess.Popen(
+                        [sys.executable or "", "-P", "-m", __name__, *parts],
+                        env=environment, stdin=take, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+                    )
+                )  # fmt: skip
+        yield found
+    finally:
+        for process in found:
+            process.kill()
+            process.wait()
+
+
+def _is_shared(kernel: Any) -> bool:
+    """Return whether another process finds a kernel by its name, and leaves it where this one looks."""
+    module = sys.modules.get(kernel.__module__)
+    named = getattr(module, kernel.__name__, None) is kernel and kernel.__module__.startswith("cosim.")
+    return named and hasattr(kernel._cache, "_cache_file")
+
+
+def _parts(kernels: list[Any]) -> list[str]:
+    """Return parts of the work, those with most code first, which take longest."""
+    modules: dict[str, list[Any]] = {}
+    for kernel in kernels:
+        modules.setdefault(kernel.__module__, []).append(kernel)
+    longest = sorted(modules, key=lambda module: _size_of_code(modules[module]), reverse=True)[:_NUMBERS]
+    return [f"{module}:{','.join(kernel.__name__ for kernel in modules[module])}" for module in longest]
+
+
+def _size_of_code(kernels: list[Any]) -> int:
+    """Return the size of the bytecode of kernels and of all functions in them."""
+    found, to_do, size = set(map(id, kernels)), [*kernels], 0
+    while to_do:
+        function = to_do.pop().py_func
+        size += len(function.__code__.co_code)
+        for name in function.__code__.co_names:
+            called = function.__globals__.get(name)
+            if hasattr(called, "py_func") and id(called) not in found:
+                found.add(id(called))
+                to_do.append(called)
+    return size
+
+
+if __name__ == "__main__":
+    with seldom_collecting():
+        compile_parts(sys.stdin.fileno(), sys.argv[1:])
