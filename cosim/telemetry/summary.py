@@ -15,8 +15,8 @@ from cosim.telemetry.arm_figures import ArmFigures
 from cosim.telemetry.device_figures import DeviceFigures, DeviceFiguresState
 from cosim.telemetry.elastic_figures import elastic_figures, strength_warnings
 from cosim.telemetry.exchange_figures import ExchangeFigures, largest
+from cosim.telemetry.phase_row import phase_row
 from cosim.telemetry.snapshot import RunInfo, Snapshot
-from cosim.telemetry.summary_text import phase_row
 from cosim.telemetry.tick_batch import TickBatch
 from cosim.telemetry.tip_path_figures import TipPathFigures
 
