@@ -9,7 +9,10 @@ then does the same again.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
+from functools import cache
+from hashlib import sha256
 from pathlib import Path
 from typing import Any, NoReturn, TypeVar, final
 
@@ -21,8 +24,8 @@ from numba.core.compiler import Compiler
 from numba.core.registry import CPUDispatcher
 from numba.core.targetconfig import ConfigStack
 
-from cosim.base.kept.source_hash import source_hash
-
+_PACKAGE = Path(__file__).resolve().parents[1]
+_IMPORT = re.compile(r"^\s*(?:from|import) cosim\.?([\w.]*)(?: import (\([^)]*\)|.*))?", re.MULTILINE)
 _KNOWN = "0.68."  # numba whose insides are as `IntermediateCode`, `DeviceCompiler` and `Kernel` take them
 
 
@@ -51,6 +54,38 @@ def keep_by_source(dispatcher: Any, *, alone: bool) -> None:
     place, path = kept._impl, Path(dispatcher.py_func.__code__.co_filename).resolve()
     name = f"{place.filename_base}-{source_hash(path)}"
     kept._cache_file = IndexDataCacheFile(kept.cache_path, name, name)
+
+
+@cache
+def source_hash(path: Path) -> str:
+    """Return a hash of a file, of all files of cosim that it imports, to any depth, and of the compiler."""
+    compiler = f"{numba.__version__} for {llvm.get_host_cpu_name()}"
+    digest, found, to_do = sha256(compiler.encode()), {path}, [path]
+    while to_do:
+        for imported in _imports(to_do.pop()) - found:
+            found.add(imported)
+            to_do.append(imported)
+    for entry in sorted(found):
+        digest.update(_text(entry).encode())
+    return digest.hexdigest()[:12]
+
+
+@cache
+def _text(path: Path) -> str:
+    return path.read_text(encoding="utf-8")
+
+
+@cache
+def _imports(path: Path) -> frozenset[Path]:
+    """Return the files of cosim that a file imports."""
+    found = set()
+    for module, names in _IMPORT.findall(_text(path)):
+        folder = _PACKAGE.joinpath(*module.split(".")) if module else _PACKAGE
+        for name in ("", *re.findall(r"\w+", names)):
+            candidate = (folder / name if name else folder).with_suffix(".py")
+            if candidate.is_file():
+                found.add(candidate)
+    return frozenset(found)
 
 
 @final
@@ -129,9 +164,8 @@ class DeviceFunction(CPUDispatcher):
         found: Any = super().compile(signature)
         returned = [entry.return_type for entry in self.nopython_signatures]
         if not self.targetoptions["_nrt"] and not self.hands_on_views and any(map(_has_arrays, returned)):
-            raise TypeError(
-                f"{self.py_func.__name__}() returns arrays: mark it as handing on views, or as allocating"
-            )
+            name = self.py_func.__name__
+            raise TypeError(f"{name}() returns arrays: mark it as allocating or handing on views")
         return found
 
 
@@ -247,17 +281,6 @@ def inlined(function: Function) -> Function:
     return result
 
 
-def handing_on_views(function: Function) -> Function:
-    """Mark a device function that hands on, in named tuples, views of arrays that it is given.
-
-    It makes no arrays, and counts no references: only what counts none either can call it.
-    """
-    dispatcher: Any = device_function(function)
-    dispatcher.hands_on_views = True
-    result: Function = dispatcher
-    return result
-
-
 def allocating(function: Function) -> Function:
     """Mark a device function that makes arrays, hands arrays of its own on, or calls what does."""
     result: Function = device_dispatcher(function, {**_OPTIONS, "_nrt": True})
@@ -275,17 +298,3 @@ def _compiled_later(function: Any, taken_in: bool, **options: Any) -> Any:
         dispatcher.__class__ = Kernel
     keep_by_source(dispatcher, alone=alone)
     return dispatcher
-
-
-@device_function
-def add_block(blocks: Any, slot: int, value: Any) -> None:
-    """Add a 3 x 3 value to block `slot`, or its transpose to block -1 - slot."""
-    if slot >= 0:
-        for r in range(3):
-            for c in range(3):
-                blocks[slot, r, c] += value[r, c]
-    else:
-        slot = -1 - slot
-        for r in range(3):
-            for c in range(3):
-                blocks[slot, r, c] += value[c, r]

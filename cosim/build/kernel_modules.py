@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable
 from types import ModuleType
 
@@ -12,7 +13,7 @@ from cosim.config.schema.soft_robot import SoftRobotTable
 
 def _has_beams(robot: AnySoftRobot) -> bool:
     if not isinstance(robot, SoftRobotTable):
-        return False  # what is given from Python has been imported there
+        return "cosim.soft.beams.beam_rings" in sys.modules  # which who gives a body with beams has imported
     return robot.stiffener.kind == "beam" or any(_has_beams(part.robot) for part in robot.attachments)
 
 
@@ -27,9 +28,11 @@ def kernel_modules(scenario: Scenario) -> tuple[ModuleType, ...]:
         from cosim.soft.contact import self_contact_points as film_points
         from cosim.soft.contact import self_contact_search as film_search
         from cosim.soft.contact import self_contact_short_list as film_short_list
+        from cosim.soft.linear import multifrontal_kernels as fronts  # pairs of films may make matrices wide
 
         modules = (
             film_candidates, film_feet, film_motion, film_contact, film_points, film_search, film_short_list,
+            fronts,
         )  # fmt: skip
     if _has_beams(scenario.soft_robot):
         from cosim.soft.beams import ring_kernels

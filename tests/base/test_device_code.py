@@ -8,7 +8,8 @@ import numba
 import numpy as np
 import pytest
 
-from cosim.base.kernels import REAL, VECTOR, allocating, device_function, handing_on_views, kernel
+from cosim.base.array_views import handing_on_views
+from cosim.base.kernels import REAL, VECTOR, allocating, device_function, kernel
 
 
 @device_function

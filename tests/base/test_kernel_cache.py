@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from cosim.base import kernels
-from cosim.base.kept import kernel_cache, source_hash
+from cosim.base.kept import kernel_cache
 from cosim.soft.elements import cable
 
 SOURCES = Path(kernels.__file__).parent
@@ -72,7 +72,7 @@ def test_what_is_inlined_from_another_file_is_compiled_anew_when_that_changes(pa
 
 
 def test_imports_of_every_form_count(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(source_hash, "_PACKAGE", tmp_path)
+    monkeypatch.setattr(kernels, "_PACKAGE", tmp_path)
     for name in ("a", "b", "c", "d", "e"):
         (tmp_path / f"{name}.py").touch()
     main = tmp_path / "main.py"
@@ -81,7 +81,7 @@ def test_imports_of_every_form_count(tmp_path: Path, monkeypatch: pytest.MonkeyP
         "import numpy\ndef f():\n    import cosim.e\n",
         encoding="utf-8",
     )
-    assert {path.stem for path in source_hash._imports(main)} == {"a", "b", "c", "d", "e"}
+    assert {path.stem for path in kernels._imports(main)} == {"a", "b", "c", "d", "e"}
 
 
 def test_old_machine_code_is_deleted_and_that_of_other_kernels_is_not(

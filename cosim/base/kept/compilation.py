@@ -15,7 +15,7 @@ _SECONDS_EACH = 0.6  # in the mean
 
 
 def compile_modules(announce: Callable[[str], None], modules: tuple[ModuleType, ...]) -> None:
-    """Compile the kernels of modules, or load them.
+    """Compile the kernels of modules, not those that they import, or load them.
 
     Args:
         announce: told in one sentence, before the wait, when they have to be compiled.
@@ -25,7 +25,7 @@ def compile_modules(announce: Callable[[str], None], modules: tuple[ModuleType, 
         id(value): value
         for module in modules
         for value in vars(module).values()
-        if getattr(value, "fixed_signature", None) is not None
+        if getattr(value, "fixed_signature", None) is not None and value.__module__ == module.__name__
     }
     kernels = [kernel for kernel in found.values() if not kernel.overloads]
     missing = [kernel for kernel in kernels if not _is_on_disk(kernel)]

@@ -8,7 +8,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from cosim.base.kept.source_hash import source_hash
+from cosim.base.kernels import source_hash
 
 _OLD_S = 7 * 24 * 3600.0
 

@@ -13,7 +13,6 @@ from cosim.base.kernels import (
     MATRIX,
     REAL,
     VECTOR,
-    add_block,
     device_function,
     kernel,
 )
@@ -29,6 +28,7 @@ from cosim.soft.beams.node_turns import (
     ring_work,
 )
 from cosim.soft.beams.ring_lanes import fill_axes, place_ring
+from cosim.soft.linear.block_sum import add_block
 
 REMEMBERED: Final = 4 + 3 * BAND
 """Numbers that a ring remembers for each of its nodes: all turns, then the factor of the tangent by them."""

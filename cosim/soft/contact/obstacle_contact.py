@@ -18,10 +18,11 @@ from numba import types
 
 from cosim.base.frames import Array, IntArray
 from cosim.base.kernel_calls import address_of
-from cosim.base.kernels import BLOCKS, INDEX_TABLE, INDICES, INTEGER, MATRIX, REAL, VECTOR, add_block, kernel
+from cosim.base.kernels import BLOCKS, INDEX_TABLE, INDICES, INTEGER, MATRIX, REAL, VECTOR, kernel
 from cosim.base.small_arrays import small_matrix, small_vector
 from cosim.soft.contact.contact_law import ContactLaw, touch
 from cosim.soft.elements.element import Sums
+from cosim.soft.linear.block_sum import add_block
 
 _NO_BLOCKS = np.zeros((0, 3, 3))
 

@@ -23,11 +23,12 @@ from typing import Annotated, ClassVar, Final, final
 import numpy as np
 
 from cosim.base.frames import Array, IntArray
-from cosim.base.kernels import BLOCKS, INDEX_TABLE, MATRIX, REAL, VECTOR, add_block, kernel
+from cosim.base.kernels import BLOCKS, INDEX_TABLE, MATRIX, REAL, VECTOR, kernel
 from cosim.base.small_arrays import small_matrix, small_vector
 from cosim.errors import InputError
 from cosim.soft.elements.cable_length import onset
 from cosim.soft.elements.element import NODES, Acting, Element, Instant, Sums, Term
+from cosim.soft.linear.block_sum import add_block
 from cosim.soft.linear.low_rank import LowRank
 
 ROUNDED_m: Final = 1e-4

@@ -22,11 +22,11 @@ from cosim.base.kernels import (
     MATRIX,
     REAL,
     VECTOR,
-    add_block,
     device_function,
     kernel,
 )
 from cosim.base.small_arrays import small_matrix, small_vector
+from cosim.soft.linear.block_sum import add_block
 
 _CROSS = np.stack([cross_matrix(axis) for axis in np.eye(3)], axis=-1)  # (_CROSS @ v) @ b = v x b
 

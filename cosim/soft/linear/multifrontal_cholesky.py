@@ -10,6 +10,7 @@ Source: Duff and Reid, ACM Trans. Math. Software 9 (1983) 302 (the multifrontal 
 
 from __future__ import annotations
 
+import logging
 from typing import Any, final
 
 import numpy as np
@@ -17,7 +18,9 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 
 from cosim.base.frames import Array, IntArray, Mask
+from cosim.base.kept.compilation import compile_modules
 from cosim.base.state_check import KnownStates, check_state
+from cosim.soft.linear import multifrontal_kernels
 from cosim.soft.linear.elimination_tree import COLUMNS, FrontTree
 from cosim.soft.linear.envelope_cholesky import EnvelopeCholesky
 from cosim.soft.linear.linear_solver import LinearSolver, equations, lower_entries, numbering
@@ -67,6 +70,7 @@ class DissectedCholesky(LinearSolver):
         groups: list[IntArray] | None = None,
     ) -> None:
         super().__init__(pattern, free)
+        compile_modules(logging.getLogger("cosim").info, (multifrontal_kernels,))
         movable: Mask = np.asarray(self.free.any(axis=1))
         local = np.cumsum(movable) - 1
         kept = movable[pattern.row] & movable[pattern.column] & (pattern.row != pattern.column)

@@ -13,11 +13,10 @@ from cosim.soft.contact import point_kernels as contact_surface
 from cosim.soft.elements import mass_terms, pressure
 from cosim.soft.elements.element import kinds_known
 from cosim.soft.linear import envelope_kernels, pattern, secant_pairs
-from cosim.soft.linear import multifrontal_kernels as front_kernels
 from cosim.soft.solve import held_nodes, problem, step_begin
 
 _MODULES: tuple[ModuleType, ...] = (
-    center_line, contact, contact_surface, envelope_kernels, front_kernels, held_nodes, mass_terms,
+    center_line, contact, contact_surface, envelope_kernels, held_nodes, mass_terms,
     pattern, pressure, problem, secant_pairs, step_begin,
 )  # fmt: skip
 
