@@ -3,22 +3,32 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from types import ModuleType
 from typing import Any
 
 import numpy as np
 import pytest
 
 from cosim.base.frames import Wrench
+from cosim.base.kernels import device_function, kernel
 from cosim.rigid.scene.scene import RigidScene
 from cosim.soft.body.loads import Loads
 from cosim.soft.elements import cable, hinge, mass_terms
 from cosim.soft.elements.cable import Cable
 from cosim.soft.elements.gas import SealedGas
 from cosim.soft.elements.material import Film
+from cosim.soft.film import film_terms
 from cosim.soft.solve import time_step as dynamics
 from cosim.verification.suite import CASES, run_case, select
 
 Fault = Callable[[pytest.MonkeyPatch], None]
+
+
+def in_place_of(patch: pytest.MonkeyPatch, module: ModuleType, true: Any, faulty: Any) -> None:
+    """Put a faulty kernel in the place of a true one: where terms are summed one by one, and all in one."""
+    patch.setattr(module, true.py_func.__name__, faulty)
+    called = [faulty if term is true else term for term in film_terms._CALLED]
+    patch.setattr(film_terms, "_CALLED", tuple(called))
 
 
 def stiff_hinges(patch: pytest.MonkeyPatch) -> None:
@@ -72,16 +82,20 @@ def half_wrap(patch: pytest.MonkeyPatch) -> None:
 
 def one_sided_cables(patch: pytest.MonkeyPatch) -> None:
     """Cables pull 0.1 % less at their near ends than at their far ones."""
-    true = cable.add_segments
+    true = device_function(cable.add_segments.py_func)
 
-    def unbalanced(x: Any, segments: Any, tension: Any, slots: Any, force: Any, blocks: Any) -> float:
-        pull = np.zeros_like(force)
-        energy: float = true(x, segments, tension, slots, pull, blocks)
-        pull[segments[0, 0]] *= 0.999
-        force += pull
+    @kernel(cable.add_segments.fixed_signature)
+    def unbalanced(x, segments, tension, slots, gradient, blocks):  # type: ignore[no-untyped-def]
+        if segments.shape[0] == 0:
+            return 0.0
+        near = segments[0, 0]
+        before = gradient[near, 0], gradient[near, 1], gradient[near, 2]
+        energy = true(x, segments, tension, slots, gradient, blocks)
+        for r in range(3):
+            gradient[near, r] -= 0.001 * (gradient[near, r] - before[r])
         return energy
 
-    patch.setattr(cable, "add_segments", unbalanced)
+    in_place_of(patch, cable, cable.add_segments, unbalanced)
 
 
 def first_order_steps(patch: pytest.MonkeyPatch) -> None:
@@ -91,8 +105,13 @@ def first_order_steps(patch: pytest.MonkeyPatch) -> None:
 
 def heavy_inertia(patch: pytest.MonkeyPatch) -> None:
     """Inertia 2 % too large."""
-    true = mass_terms.add_inertia
-    patch.setattr(mass_terms, "add_inertia", lambda x, c, *rest: true(x, 1.02 * c, *rest))
+    true = device_function(mass_terms.add_inertia.py_func)
+
+    @kernel(mass_terms.add_inertia.fixed_signature, allocates=True)
+    def heavy(x, coefficient, target, diagonal, gradient, blocks):  # type: ignore[no-untyped-def]
+        return true(x, 1.02 * coefficient, target, diagonal, gradient, blocks)
+
+    in_place_of(patch, mass_terms, mass_terms.add_inertia, heavy)
 
 
 def weak_wrench(patch: pytest.MonkeyPatch) -> None:
