@@ -18,6 +18,7 @@ from cosim.soft.contact.contact_law import ContactLaw
 from cosim.soft.contact.contact_points import ContactSurface
 from cosim.soft.contact.obstacle_contact import ContactPlanes
 from cosim.soft.elements.element import Sums
+from cosim.soft.linear.kept_factor import EXTRA_MAX
 from cosim.soft.solve import quick_step
 from cosim.soft.solve.assembly import SoftSystem
 from cosim.soft.solve.newton import NewtonSolver
@@ -135,6 +136,24 @@ def test_quick_steps_are_those_summed_term_by_term(
         size = np.abs(other.memory).max(initial=1.0)
         assert np.abs(one.memory - other.memory).max(initial=0.0) < 1e-9 * size
     assert np.abs(np.array(wrenches) - np.array(by_terms)).max() < 1e-9
+
+
+@pytest.mark.parametrize("extra", [None, Nothing()], ids=["in the kernel", "term by term"])
+def test_a_factorisation_that_has_cost_as_much_as_a_new_one_is_dropped(extra: Nothing | None) -> None:
+    arm = held(hexagon_arm(2))
+    options = StepOptions("bdf2", 1e-9, newton=replace(REUSING, start_tolerance_N=1e-9))
+    move, state = ImplicitStepper(arm.newton, arm.clamp, options), hung(arm).state
+    due, dropped = False, 0
+    for k in range(1, 60):
+        acting = no_load(arm.body, pressure_Pa=(100.0 * k,), extra=extra)
+        state, result = move.step(state, HANGING, acting, STEP_S)
+        kept = arm.newton.kept[0]
+        assert kept is not None
+        if due:
+            assert result.factorisations > 0
+        dropped += due
+        due = kept.extra >= EXTRA_MAX
+    assert dropped > 1
 
 
 def jumped(iterations: int, tolerance_N: float, **loads: Any) -> tuple[SoftState, NewtonResult]:

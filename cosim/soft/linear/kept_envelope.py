@@ -23,6 +23,7 @@ from cosim.soft.linear.envelope_cholesky import (
     EnvelopeEntries,
 )
 from cosim.soft.linear.envelope_kernels import factorise, substitute
+from cosim.soft.linear.kept_factor import EXTRA_MAX
 from cosim.soft.linear.secant_pairs import bend_load, mend_step
 
 _CALLED = (substitute, factorise, bend_load, mend_step)
@@ -44,6 +45,7 @@ class KeptEnvelope(NamedTuple):
         made: (parts,), how often a kernel has made each anew, or failed to.
         factor: see `EnvelopeArrays`.
         entries: see `EnvelopeEntries`.
+        extra: (parts,), iterations with each beyond one a step; see `EXTRA_MAX`.
         frame: (parts, 3, 3), world from flange.
         free: (n, 3), components that move.
     """
@@ -53,13 +55,14 @@ class KeptEnvelope(NamedTuple):
     made: IntArray
     factor: EnvelopeArrays
     entries: EnvelopeEntries
+    extra: IntArray
     frame: Array
     free: Mask
 
 
 _FACTOR = types.NamedTuple((VECTOR, PLACES, PLACES, VECTOR, INDICES, INDEX_TABLE), EnvelopeArrays)
 _ENTRIES = types.NamedTuple((PLACES, PLACES, PLACES, INDEX_TABLE), EnvelopeEntries)
-KEPT = types.NamedTuple((INDICES, INDICES, INDICES, _FACTOR, _ENTRIES, BLOCKS, MASKS), KeptEnvelope)
+KEPT = types.NamedTuple((INDICES, INDICES, INDICES, _FACTOR, _ENTRIES, INDICES, BLOCKS, MASKS), KeptEnvelope)
 
 
 @device_function
@@ -79,13 +82,21 @@ def _turn_since(frame, flange, turn):  # type: ignore[no-untyped-def]
 
 @device_function
 def is_kept(kept, begin, end):  # type: ignore[no-untyped-def]
-    """Return whether the factorisation of nodes begin to end is there."""
+    """Return whether the factorisation of nodes begin to end is there, and is to serve on."""
     for k in range(kept.there.shape[0]):
         first, last = kept.factor.parts[k, NODE], kept.factor.parts[k + 1, NODE]
-        beyond = first < begin or end < last or kept.there[k] == 0
+        beyond = first < begin or end < last or kept.there[k] == 0 or kept.extra[k] >= EXTRA_MAX
         if first < end and begin < last and beyond:
             return False
     return True
+
+
+@device_function
+def count_extra(kept, iterations, begin, end):  # type: ignore[no-untyped-def]
+    """Count iterations of a step with the factorisation of nodes begin to end."""
+    for k in range(kept.there.shape[0]):
+        if iterations > 1 and begin <= kept.factor.parts[k, NODE] < end:
+            kept.extra[k] += iterations - 1
 
 
 @device_function
@@ -149,6 +160,7 @@ def renew(kept, blocks, flange, begin, end):  # type: ignore[no-untyped-def]
         first, last = entries.parts[k], entries.parts[k + 1]
         tiles = a[TILED], b[TILED]
         kept.made[k] += 1
+        kept.extra[k] = 0
         kept.there[k] = _factorise(
             kept.calls[_FACTORISE],
             (

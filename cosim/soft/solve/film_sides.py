@@ -96,16 +96,20 @@ class FilmSides:
         return FilmSide(film, bed, kept, tangents, self._clamp.held, numbers, self.work)
 
     def take_over(self, side: FilmSide, scheme: StepScheme) -> None:
-        """Take in which parts of the factorisation the kernel has made anew, or lost.
+        """Take in which parts of the factorisation the kernel has made anew, or lost, and how others served.
 
         Args:
             side: as the kernel has left it.
             scheme: of its steps.
         """
         kept, solver = side.kept, self._solver
-        for k in np.flatnonzero(kept.made).tolist():
-            solver.system.serving = solver.linear.pattern
-            solver.keep(KeptFactor(scheme.kind, kept.frame[k].copy()) if kept.there[k] else None, k)
+        counts = kept.made.tolist(), kept.there.tolist(), kept.extra.tolist()  # empty of no factorisation
+        for k, (before, made, there, extra) in enumerate(zip(solver.kept, *counts, strict=False)):
+            if made:
+                solver.system.serving = solver.linear.pattern
+            elif not there or before is None or before.extra == extra:
+                continue
+            solver.keep(KeptFactor(scheme.kind, kept.frame[k].copy(), extra) if there else None, k)
         kept.made[:] = 0
 
     def _kept(self, scheme: StepScheme) -> KeptEnvelope | None:
@@ -117,7 +121,8 @@ class FilmSides:
             return None if any(there) else _nothing_kept(free)
         frames = np.array([np.eye(3) if kept is None else kept.frame for kept in parts])
         counts = np.array(there, np.int64), np.zeros(len(parts), np.int64)
-        return KeptEnvelope(self._envelope_calls, *counts, envelope, linear.entries, frames, free)
+        extra = np.array([0 if kept is None else kept.extra for kept in parts])
+        return KeptEnvelope(self._envelope_calls, *counts, envelope, linear.entries, extra, frames, free)
 
     @cached_property
     def _envelope_calls(self) -> IntArray:
@@ -157,4 +162,5 @@ def _nothing_kept(free: Mask) -> KeptEnvelope:
     table = np.zeros((2, 4), np.int64)
     table[1, NODE] = len(free)
     factor = nothing.factor._replace(parts=table)
-    return nothing._replace(there=np.zeros(1, np.int64), factor=factor, frame=np.eye(3)[None], free=free)
+    none = np.zeros(1, np.int64)
+    return nothing._replace(there=none, extra=none.copy(), factor=factor, frame=np.eye(3)[None], free=free)

@@ -40,7 +40,7 @@ from cosim.soft.film.step_arrays import (
     copy_rows,
     move,
 )
-from cosim.soft.linear.kept_envelope import KEPT, KeptEnvelope, is_kept, renew, solve_kept
+from cosim.soft.linear.kept_envelope import KEPT, KeptEnvelope, count_extra, is_kept, renew, solve_kept
 from cosim.soft.linear.secant_pairs import FAR, SecantPairs, keep_pair
 from cosim.soft.solve.held_nodes import HELD, HeldNodes, place_flight, place_held
 from cosim.soft.solve.problem import falls_enough, largest_residual
@@ -231,8 +231,11 @@ def _take_tangent(side, loads, touching, motion, turn, part):  # type: ignore[no
 def _solve_part(side, loads, touching, motion, turn, place, part):  # type: ignore[no-untyped-def]
     """Solve a part until it has converged or cannot go on here; return iterations with a kept tangent."""
     served, state, begins = 0, side.work.parts[part], place.begins
+    begin, end = side.film.parts[part, NODES], side.film.parts[part + 1, NODES]
     while True:
-        served += _iterate(side, loads, touching, motion, turn, begins, part)
+        iterations = _iterate(side, loads, touching, motion, turn, begins, part)
+        count_extra(side.kept, iterations, begin, end)
+        served += iterations
         done, begins = state[TO_DO] == 0.0, False
         if done or state[TANGENTS] >= place.tangents_max or not math.isfinite(state[RESIDUAL]):
             return served

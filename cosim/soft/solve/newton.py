@@ -4,8 +4,8 @@ Each iteration solves (K + mu 1) d = -gradient. mu is zero while K is positive d
 the factor exists otherwise (inertia correction); the step is then halved until the potential falls
 (or, for loads without a potential, the work of the out-of-balance force along the step).
 The factor of an earlier step or increment may serve for a while, turned with the flange and corrected by what
-its steps have shown (`secant_pairs`): an iteration with it costs a tenth, undone when the residual does
-not fall.
+its steps have shown (`secant_pairs`): an iteration with it costs a tenth, undone when the residual does not
+fall. Once those beyond one a solution have cost as much as a new one, it is dropped.
 Source: Nocedal and Wright, Numerical Optimization, 2nd ed., sections 3.4 and 3.5.
 """
 
@@ -20,7 +20,7 @@ from cosim.base.frames import Array, IntArray, Mask
 from cosim.errors import InputError
 from cosim.soft.body.loads import Loads
 from cosim.soft.elements.mass_terms import Inertia
-from cosim.soft.linear.kept_factor import KeptFactor, NewtonState, kept_of_all, nothing_kept
+from cosim.soft.linear.kept_factor import KeptFactor, NewtonState, kept_of_all, nothing_kept, served
 from cosim.soft.linear.linear_solver import LinearSolver, by_component
 from cosim.soft.linear.multifrontal_cholesky import cholesky
 from cosim.soft.linear.pattern import BlockPattern, check_widened
@@ -76,7 +76,7 @@ class NewtonSolver:
         turned, self._count = np.eye(3) if frame is None else frame, 0
         point = problem.begin(np.ascontiguousarray(start), memory)
         memory = system.memory.copy()
-        tangents = factorisations = shifted = reused = 0
+        tangents = factorisations = shifted = reused = earlier = 0
         while True:
             outcome = self._verdict(point, tangents, reused, options)
             if outcome not in (None, Outcome.ITERATION_LIMIT):
@@ -95,11 +95,12 @@ class NewtonSolver:
             if attempts < 0:
                 outcome = Outcome.INDEFINITE
                 break
-            tangents += 1
+            tangents, earlier = tangents + 1, reused
             if found is None:
                 point, outcome = problem.at(point.positions, memory), Outcome.NO_DESCENT
                 break
             point, memory = found, system.memory.copy()
+        self._kept = tuple(served(kept, reused - earlier) for kept in self._kept)
         return NewtonResult(
             point.positions, system.memory.copy(), outcome, point.residual, tangents + reused,
             factorisations, point.energy, shifted,
