@@ -132,7 +132,8 @@ def test_rows_are_ticks_bit_for_bit_from_the_same_rigid_halves(
         ticks, alone = taken(build_simulation(wanted))
     assert not alone
     touching = {snapshot.tick for snapshot in ticks if snapshot.ledger.contacts}
-    assert len(touching & together) > 0.5 * len(touching)
+    # a tick whose tangent is made elsewhere is left: both kinds are to be among them
+    assert len(touching & together) > (0.5 if inside else 0.3) * len(touching)
     if not inside:
         assert touching - together, "some are left in the middle"
     assert_close(rows, ticks, 0.0)
