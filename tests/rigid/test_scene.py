@@ -39,7 +39,9 @@ def test_wrench_on_the_flange_becomes_joint_torque() -> None:
         each.finish_step()
     difference = scene.joint_acceleration - unloaded.joint_acceleration
     expected = Arm(FILE).jacobian(q).T @ np.concatenate((LOAD.force, LOAD.torque))
-    np.testing.assert_allclose(Arm(FILE).mass_matrix(q) @ difference, expected, atol=1e-9)
+    # Servos damp by the speed at the end of the step.
+    felt = Arm(FILE).mass_matrix(q) + scene.tick_s * np.diag(scene.servo_damping)
+    np.testing.assert_allclose(felt @ difference, expected, atol=1e-9)
 
 
 def test_load_acts_at_the_flange_of_a_link_with_mass() -> None:
@@ -180,9 +182,10 @@ def test_carried_inertia_acts_in_the_step_in_progress() -> None:
     for scene in (plain, heavy):
         scene.set_control(HOME)
         scene.finish_step()
-    # The same torques act on both, so M a is the same up to what implicit damping takes.
-    torque = plain.mass_matrix @ plain.joint_acceleration
-    np.testing.assert_allclose(heavy.mass_matrix @ heavy.joint_acceleration, torque, atol=1e-9)
+    # The same torques act on both, so (M + h K) a is the same.
+    damping = plain.tick_s * np.diag(plain.servo_damping)
+    torque = (plain.mass_matrix + damping) @ plain.joint_acceleration
+    np.testing.assert_allclose((heavy.mass_matrix + damping) @ heavy.joint_acceleration, torque, atol=1e-9)
     heavy.bodies.carried.carry_on_arm(np.zeros((6, 6)))
     heavy.restore_state(heavy.save_state())
     plain.set_joint_state(heavy.joint_position)
@@ -196,7 +199,8 @@ def test_joint_torque_is_added_to_the_servos() -> None:
     for each in (scene, plain):
         each.finish_step()
     difference = scene.joint_acceleration - plain.joint_acceleration
-    np.testing.assert_allclose(scene.mass_matrix @ difference, torque, atol=1e-9)
+    felt = scene.mass_matrix + scene.tick_s * np.diag(scene.servo_damping)
+    np.testing.assert_allclose(felt @ difference, torque, atol=1e-9)
 
 
 def test_mobility_is_the_flange_velocity_change_of_an_impulse() -> None:

@@ -77,7 +77,8 @@ def _compiled(description: SceneDescription) -> mujoco.MjModel:
     spec.compiler.degree = False
     spec.option.timestep = description.tick_s
     spec.option.gravity = description.gravity
-    spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    # servos are implicit by their share of the mass matrix, see `RigidScene`, and joint damping is by itself
+    spec.option.integrator = mujoco.mjtIntegrator.mjINT_EULER
     _place_base(spec, description.world_from_base or arm.world_from_base)
     _prepare_arm(spec, description)
     cell = description.cell

@@ -39,12 +39,19 @@ class ArmDynamics:
         scratch: a state of it that is overwritten.
         layout: of the arm.
         driven: (d,) places of the cell's joints in the state.
+        servo_inertia: (joints,) [kg m^2], of the model's armature what stands for the servos' damping.
     """
 
     def __init__(
-        self, model: mujoco.MjModel, scratch: mujoco.MjData, layout: ArmLayout, driven: IntArray
+        self,
+        model: mujoco.MjModel,
+        scratch: mujoco.MjData,
+        layout: ArmLayout,
+        driven: IntArray,
+        servo_inertia: Array,
     ) -> None:
         self._model, self._scratch, self._layout, self._driven = model, scratch, layout, driven
+        self._servo_inertia = servo_inertia
 
     @property
     def limits(self) -> tuple[Array, Array]:
@@ -77,4 +84,5 @@ class ArmDynamics:
         mujoco.mj_fullM(model, data, full)
         mujoco.mj_rne(model, data, 0, weight)
         flange = Pose(data.site_xmat[layout.site].reshape(3, 3), data.site_xpos[layout.site])
-        return ArmAtRest(flange, data.xanchor[layout.joints].copy(), full[v, v].copy(), weight[v].copy())
+        mass = full[v, v] - np.diag(self._servo_inertia)
+        return ArmAtRest(flange, data.xanchor[layout.joints].copy(), mass, weight[v].copy())

@@ -74,11 +74,14 @@ class RigidScene:
         self.flange = Flange(self._model, self._data, layout)
         self._tick_s = float(self._model.opt.timestep)
         self._step_damping = self._tick_s * self._model.dof_damping
-        self._step_damping[self._v] += self._tick_s * self.servo_damping
+        # Servos damp by the speed at the end of a step: (M + h K) a = f(q, v). MuJoCo's implicit integrators
+        # do so as well but solve contacts with M alone: what a palm clamps slides when the arm accelerates.
+        self._servo_inertia = self._tick_s * self.servo_damping
+        self._model.dof_armature[self._v] += self._servo_inertia
         self.cell = CellDrives(self._model, self._data)
         self.bodies = Bodies(self._model, self._data, layout.dofs, self.cell.bodies)
         self.links = LinkContacts(self._model, self._data, layout, self.cell.bodies)
-        self.dynamics = ArmDynamics(self._model, self._scratch, layout, self.cell.places)
+        self.dynamics = ArmDynamics(self._model, self._scratch, layout, self.cell.places, self._servo_inertia)
         self.set_joint_state(description.arm.home)
         self.set_control(description.arm.home)
 
@@ -142,7 +145,7 @@ class RigidScene:
         """Joint-space mass matrix (joints, joints) [kg m^2], armature included."""
         full = np.empty((self._model.nv, self._model.nv))
         mujoco.mj_fullM(self._model, self._data, full)
-        return np.array(full[self._v, self._v])
+        return np.array(full[self._v, self._v]) - np.diag(self._servo_inertia)
 
     @property
     def bias_torque(self) -> Array:
