@@ -6,6 +6,7 @@ import copy
 import xml.etree.ElementTree as ElementTree
 from bisect import bisect_left
 from dataclasses import replace
+from itertools import product
 from pathlib import Path
 
 import mujoco
@@ -15,6 +16,7 @@ from cosim.base.frames import Pose
 from cosim.config.arms.link_shapes import readable_mesh
 from cosim.errors import InputError, SceneError
 from cosim.rigid.build.cell_reading import attach_cell
+from cosim.rigid.build.corner_contacts import add_corner_contacts
 from cosim.rigid.build.description import (
     FLANGE_SITE,
     FORCE_SENSOR,
@@ -98,6 +100,9 @@ def _compiled(description: SceneDescription) -> mujoco.MjModel:
     objects = {item.name: item for item in description.objects}
     for item in description.objects_by_parent():
         add_object(spec, item, objects, description.tick_s)
+    for carried, item in product(description.mounted, description.objects):
+        if item.mass_kg > 0.0:
+            add_corner_contacts(spec, spec.body(carried.name), spec.body(item.name))
     for wire in description.wires:
         add_wire(spec, wire, objects, description.tick_s)
     if cell is not None:
