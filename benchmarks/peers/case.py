@@ -189,7 +189,7 @@ def run(
     Args:
         course: what is done to the arm.
         case: mesh and start.
-        tick_s: length of a step; a whole number of them fits into `SAMPLE_S`.
+        tick_s: of a call of `step`, of which a whole number fits into `SAMPLE_S`.
         step: advances to the given time [s].
         place: returns the present nodes (n, 3) [m].
     """

@@ -2,22 +2,29 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
+from pathlib import Path
 
-import mujoco
 import numpy as np
 
-from benchmarks.peers.case import GRAVITY_M_S2, Bar, Case, Course, Run, run
-from cosim.base.frames import Pose
+from benchmarks.peers.case import GRAVITY_M_S2, SAMPLE_S, Bar, Case, Course, Run, run
+from cosim.base.arm_file import ArmFile
+from cosim.base.frames import Pose, Wrench
 from cosim.build.fidelity import fidelity_body
 from cosim.config.loading import load_scenario
+from cosim.coupling.batch.film_lockstep import FilmLockstep
+from cosim.coupling.batch.lockstep import Servos
 from cosim.coupling.contact.contact_exchange import ContactExchange
-from cosim.rigid.distance.contact_query import ContactQuery
-from cosim.rigid.scene.bodies import Bodies
+from cosim.coupling.schemes.interface import Interface, ServoCommand
+from cosim.coupling.schemes.staggered import StaggeredCoupling
+from cosim.coupling.soft_sides.lumped_arm import SoftArm
+from cosim.kinematics.inertial_parameters import COUNT
+from cosim.rigid import RigidScene, SceneDescription, SceneObject
+from cosim.rigid.build.description import ServoGains
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
 from cosim.soft.contact.contact_law import ContactLaw
-from cosim.soft.contact.contact_points import ContactSurface
 from cosim.soft.elements.cable import Cable
 from cosim.soft.elements.hinge import Hinges
 from cosim.soft.solve.assembly import SoftSystem
@@ -26,10 +33,14 @@ from cosim.soft.solve.newton import NewtonSolver
 from cosim.soft.solve.newton_options import NewtonOptions
 from cosim.soft.solve.state import Clamp, SoftState
 from cosim.soft.solve.time_scheme import Integrator, StepOptions
-from cosim.soft.solve.time_step import ImplicitStepper
 
 _HANGING = Pose(np.diag([1.0, -1.0, -1.0]))
 _INFLATION_Pa = 10e3  # of an increment, to the start
+_STAND_KG = 1e9  # the film's reaction moves it by some nanometres
+_STAND = """<robot name="stand"><link name="ground"/><link name="top"><inertial><mass value="1"/>
+<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="slide" type="prismatic"><parent link="ground"/><child link="top"/><axis xyz="0 0 1"/>
+<limit lower="-1" upper="1" effort="1" velocity="1"/></joint></robot>"""
 _LAW = ContactLaw(stiffness_N_m3=1e8, smoothing_m=3e-4, stick_m=3e-4)  # as in the grasps
 
 
@@ -59,14 +70,70 @@ def make_case(course: Course) -> tuple[SoftBody, Case]:
     return body, case
 
 
-def contact_with(bar: Bar, body: SoftBody, system: SoftSystem) -> ContactExchange:
-    """Return the film's contact with a bar."""
-    model = mujoco.MjModel.from_xml_string(f"<mujoco><worldbody>{bar.mjcf()}</worldbody></mujoco>")
-    data = mujoco.MjData(model)
-    mujoco.mj_forward(model, data)
-    bodies = Bodies(model, data, slice(0, 0), np.zeros(model.nbody, dtype=bool))
-    surface = ContactSurface.of(body, system.pattern)
-    return ContactExchange(ContactQuery(model, data, [0]), bodies, surface, _LAW)
+class Stand:
+    """The arm on a stand that nothing moves, beside the bar, stepped as runs of scenarios are: ticks in rows.
+
+    Args:
+        course: what is done to the arm.
+        body: the arm.
+        start: (n, 3) [m], its nodes at rest.
+        tick_s: length of a tick.
+        options: of the soft steps.
+    """
+
+    def __init__(
+        self, course: Course, body: SoftBody, start: np.ndarray, tick_s: float, options: StepOptions
+    ) -> None:
+        self._course, self._tick_s, self._done = course, tick_s, 0
+        stand = ArmFile("stand", Path("stand.urdf"), _STAND, "top", ("slide",), np.zeros(1))
+        scene = RigidScene(
+            SceneDescription(
+                stand, tick_s, (0.0, 0.0, 0.0), objects=() if course.bar is None else (_solid(course.bar),),
+                floor_height_m=None, armature=_STAND_KG, gains=ServoGains(np.zeros(1), np.zeros(1)),
+            )
+        )  # fmt: skip
+        soft = SoftArm(body, scene.flange_pose, NewtonOptions(), options)
+        soft.state = SoftState.at_rest(start, SoftState.drawn(body, Pose()).memory)
+        contact = None
+        if course.bar is not None:
+            contact = ContactExchange(scene.contact_query(), scene.bodies, soft.contact_surface(), _LAW)
+        self._coupling, self._soft = StaggeredCoupling(Interface(scene, soft, Wrench(), contact)), soft
+        self._rows = FilmLockstep.of(self._coupling, soft, np.zeros(COUNT))
+
+    @property
+    def positions(self) -> np.ndarray:
+        """(n, 3) [m]."""
+        return self._soft.state.positions
+
+    def advance(self, time_s: float) -> None:
+        """Take all ticks until a time [s]."""
+        course, ticks = self._course, range(self._done + 1, round(time_s / self._tick_s) + 1)
+        loads = [
+            Loads((course.pressure_at(k * self._tick_s),), (), course.gravity_at(k * self._tick_s))
+            for k in ticks
+        ]
+        while loads:
+            done = self._row(loads) if self._rows is not None and self._rows.ready else 0
+            if not done:
+                self._coupling.tick(ServoCommand(np.zeros(1), np.zeros(1), np.zeros(1)), loads[0])
+            loads = loads[max(done, 1) :]
+        self._done = ticks.stop - 1
+
+    def _row(self, loads: list[Loads]) -> int:
+        assert self._rows is not None
+        still, payload = np.zeros((len(loads), 1)), np.zeros((len(loads), 1, COUNT))
+        commands = self._rows.commands(Servos(still, still, still, payload), loads)
+        assert commands is not None, "pressures and tensions are given"
+        progress = self._rows.advance(commands, loads)
+        if progress.half_done:
+            self._rows.finish_tick(loads[progress.done])
+        return progress.done + progress.half_done
+
+
+def _solid(bar: Bar) -> SceneObject:
+    place, half_turn = (bar.x_m, 0.0, bar.z_m), math.sqrt(0.5)
+    size, lying = (bar.radius_m, 2.0 * bar.HALF_LENGTH_M), (half_turn, half_turn, 0.0, 0.0)
+    return SceneObject("bar", "capsule", size, place, lying, friction=bar.friction)
 
 
 def simulate(
@@ -75,19 +142,6 @@ def simulate(
     """Return the run of cosim's lumped model, by its usual options or others."""
     if isinstance(options, str):
         options = StepOptions(options)
-    clamp = Clamp.of_base(body)
-    system = SoftSystem(body)
-    newton = NewtonSolver(system, clamp.mask(body.nodes))
-    stepper = ImplicitStepper(newton, clamp, replace(options, damping_per_s=course.damping_per_s))
-    state = SoftState.at_rest(np.array(case.start), SoftState.drawn(body, Pose()).memory)
-    contact = None if course.bar is None else contact_with(course.bar, body, system)
-
-    def step(time_s: float) -> None:
-        nonlocal state
-        planes = None if contact is None else contact.find(state, tick_s)
-        loads = Loads((course.pressure_at(time_s),), (), course.gravity_at(time_s), contact=planes)
-        state, _ = stepper.step(state, Pose(), loads, tick_s)
-        if contact is not None:
-            contact.settle(state.positions)
-
-    return run(course, case, tick_s, step, lambda: state.positions)
+    options = replace(options, damping_per_s=course.damping_per_s)
+    stand = Stand(course, body, np.array(case.start), tick_s, options)
+    return run(course, case, SAMPLE_S, stand.advance, lambda: stand.positions)

@@ -207,10 +207,12 @@ def is_plain(load: object, *, but: tuple[str, ...] = ()) -> bool:
         but: names of what may act besides.
     """
     kind: Any = type(load)
-    given = ((getattr(load, name), default) for name, default in _besides(kind) if name not in but)
-    return all(
-        value is default or (isinstance(value, tuple) and value == default) for value, default in given
-    )
+    for name, default in _besides(kind):  # a loop: asked of every tick's loads
+        value = getattr(load, name)
+        as_default = value is default or (isinstance(value, tuple) and value == default)
+        if not as_default and name not in but:
+            return False
+    return True
 
 
 @cache
