@@ -79,8 +79,9 @@ class FilmLockstep(RowLockstep):
         if not all(load.plain for load in {id(load): load for load in loads}.values()):
             return None
         chambers = len(self._soft.body.gas_chambers)
-        rows = [load.arrays(chambers) for load in loads]
-        pressure, tension, gravity = (np.array(part) for part in zip(*rows, strict=True))
+        pressure = np.array([load.pressures(chambers) for load in loads])
+        tension = np.array([load.cable_tension_N for load in loads]).reshape(len(loads), -1)
+        gravity = np.array([load.gravity for load in loads])
         joints = servos.position, servos.velocity, servos.torque, servos.by_payload
         return FilmCommands(*joints, pressure, tension, gravity)
 

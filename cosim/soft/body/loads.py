@@ -112,11 +112,12 @@ class Loads:
     extra: NodalPotential | None = None
 
     def __post_init__(self) -> None:
-        if not all(tension >= 0.0 for tension in self.cable_tension_N):
+        if self.cable_tension_N and not all(tension >= 0.0 for tension in self.cable_tension_N):
             raise InputError(
                 f"cable tensions are {self.cable_tension_N} N; a cable cannot push, give 0 or more"
             )
-        if not all(length is None or length > 0.0 for length in self.cable_length_m):
+        lengths = self.cable_length_m
+        if lengths and not all(length is None or length > 0.0 for length in lengths):
             raise InputError(f"cable lengths are {self.cable_length_m} m; they must be above 0")
 
     @cached_property
@@ -130,7 +131,7 @@ class Loads:
         dead = None if self.nodal_force is None else DeadForces(self.nodal_force)
         return tuple(entry for entry in (dead, self.contact, self.extra) if entry is not None)
 
-    @cached_property
+    @property
     def plain(self) -> bool:
         """Whether it `is_plain`."""
         return self.contact is None and self.self_contact is None and self.plain_but_contact

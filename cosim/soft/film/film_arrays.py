@@ -11,7 +11,7 @@ from typing import Final, NamedTuple
 from numba import types
 
 from cosim.base.frames import Array, IntArray
-from cosim.base.kernels import BLOCKS, INDEX_TABLE, INDICES, MATRIX, VECTOR
+from cosim.base.kernels import BLOCKS, BOOLEAN, INDEX_TABLE, INDICES, MATRIX, VECTOR
 
 NODES, FILMS, HINGES, SEGMENTS, BEAMS, CHAMBERS = range(6)
 """What columns of `FilmArrays.parts` are."""
@@ -142,10 +142,12 @@ class StepBed(NamedTuple):
     Args:
         coefficient: (n,) [N/m].
         target: (n, 3) [m].
+        closely: whether the step is solved closely, see `Inertia`.
     """
 
     coefficient: Array
     target: Array
+    closely: bool
 
 
-BED = types.NamedTuple((VECTOR, MATRIX), StepBed)
+BED = types.NamedTuple((VECTOR, MATRIX, BOOLEAN), StepBed)

@@ -78,7 +78,8 @@ def film_terms(  # type: ignore[no-untyped-def]
         pull[s] = loads.tension[film.cable[s]] * film.ratio[s]
     segments = x, film.segments[first:last], pull[first:last], slots.segments[first:last], gradient, blocks
     energy += _add_segments(film.calls[_SEGMENTS], segments)
-    energy += _add_beams(film, slots, a[BEAMS], b[BEAMS], x, memory, tracked, gradient, blocks)
+    groups, moving = (a[BEAMS], b[BEAMS]), not bed.closely
+    energy += _add_beams(film, slots, groups, moving, x, memory, tracked, gradient, blocks)
     energy += _add_gas(film, slots, a[CHAMBERS], b[CHAMBERS], loads.pressure, x, gradient, blocks)
     own, mass = gradient[begin:end], film.mass[begin:end]
     energy += _add_gravity(film.calls[_GRAVITY], (x[begin:end], mass, loads.gravity, own))
@@ -122,10 +123,10 @@ def _add_bends(film, slots, first, last, x, memory, tracked, gradient, blocks): 
 
 
 @device_function
-def _add_beams(film, slots, first_group, last_group, x, memory, tracked, gradient, blocks):  # type: ignore[no-untyped-def]
+def _add_beams(film, slots, groups, moving, x, memory, tracked, gradient, blocks):  # type: ignore[no-untyped-def]
     """Add some groups of rings of beams; return their energy [J]."""
     energy = 0.0
-    for k in range(first_group, last_group):
+    for k in range(groups[0], groups[1]):
         begin, rings, nodes, first, slot = film.beams.groups[k]
         end, last = begin + rings * nodes, first + REMEMBERED * rings * nodes
         beams = BeamArrays(
@@ -136,7 +137,7 @@ def _add_beams(film, slots, first_group, last_group, x, memory, tracked, gradien
         )
         pairs, differentiated = nodes * (nodes + 1) // 2, rings if slots.diagonal.shape[0] > 0 else 0
         own = slots.beams[slot : slot + differentiated * pairs].reshape((differentiated, pairs))
-        places = memory[first:last], True, own, gradient, blocks, tracked[first:last]
+        places = memory[first:last], moving, own, gradient, blocks, tracked[first:last]
         energy += _add_beam_rings(film.calls[_BEAMS], (x, beams, *places))
     return energy
 

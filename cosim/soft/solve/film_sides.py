@@ -91,7 +91,8 @@ class FilmSides:
         film, kept = self._whole if coupled else self._film, self._kept(scheme)
         if film is None or kept is None:
             return None
-        bed, numbers = StepBed(scheme.inertia, self._target), self._numbers(scheme, step_s)
+        bed = StepBed(scheme.inertia, self._target, self._options.closely)
+        numbers = self._numbers(scheme, step_s)
         tangents = self._no_tangents if coupled else self._tangents
         return FilmSide(film, bed, kept, tangents, self._clamp.held, numbers, self.work)
 

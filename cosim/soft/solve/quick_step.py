@@ -164,7 +164,7 @@ class QuickStepper:
         """Return what a step minimises, with the target that the kernel has filled."""
         solver = self._solver
         tension = solver.system.segment_tension(state.positions, loads)
-        inertia = Inertia(*bed, step_s)
+        inertia = Inertia(bed.coefficient, bed.target, step_s, bed.closely)
         return Problem(solver.system, solver.free, loads, tension, inertia)
 
     def _with_tangents(

@@ -15,6 +15,7 @@ from cosim.base.frames import Array
 from cosim.soft.solve.newton_options import NewtonOptions
 from cosim.soft.solve.state import SoftState
 
+_CLOSE_N = 1e-5  # rings of beams that end their search as in motion leave 2e-6 N
 _REUSE_MAX = 30  # iterations with a kept factorisation in a step that is solved closely
 _FINE_ITERATIONS_MAX = 4  # new tangents in it below an ordinary step's tolerance
 
@@ -43,6 +44,11 @@ class StepOptions:
     newton: NewtonOptions = NewtonOptions(reuse_max=6)
     damping_per_s: float = 0.0
     substep_error_m: float | None = None
+
+    @property
+    def closely(self) -> bool:
+        """Whether what elements find by themselves is to be found as in statics."""
+        return self.tolerance_N < _CLOSE_N
 
     @property
     def gain(self) -> float:

@@ -182,7 +182,7 @@ class ImplicitStepper:
         base, target = np.empty_like(state.positions), np.empty_like(state.positions)
         here = state.positions, state.velocities
         fill_bed(*here, *(state.earlier or here), scheme.two_steps, scheme.factor, base, target)
-        closely = aim is not None and aim.tolerance_N < self.options.tolerance_N
+        closely = self.options.closely or (aim is not None and aim.tolerance_N < self.options.tolerance_N)
         return Inertia(scheme.inertia, target, step_s, closely), base
 
     def _flight(self, state: SoftState, world_from_flange: Pose, step_s: float) -> tuple[Array, bool]:
