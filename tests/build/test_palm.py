@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -101,6 +102,26 @@ def test_a_roll_on_the_palm_lies_still(leaning: float) -> None:
     last = np.array(path[-100:])
     assert np.abs(last[-1] - last[0]).max() / (99 * tick_s) < 3e-6  # m/s; 0.7 to 1.0 here
     assert np.diff(last, axis=0).std(axis=0).max() < 3e-7  # m a tick; 0.1 here, 1.0 to 1.2 with four points
+
+
+def test_an_object_slides_on_a_palm_by_the_palms_friction() -> None:
+    """With its bottom on the palm, and with corners alone that the palm's friction has to know of as well."""
+    arm, palm = find_arm("ur5e"), replace(PALM, friction=0.2)
+    flange = RigidScene(SceneDescription(arm)).flange_pose
+    across, _, normal = flange.rotation.T
+    place = tuple((flange.translation + 0.0205 * normal).tolist())
+    box = SceneObject("box", "box", (0.02, 0.02, 0.02), place, tuple(flange.quaternion.tolist()), 0.05)
+    gravity = tuple((-9.81 * (normal - 0.4 * across)).tolist())
+    scene = RigidScene(SceneDescription(arm, mounted=(palm_object(palm),), objects=(box,), gravity=gravity))
+    body, path = scene.body_names.index("box"), []
+    for _ in range(75):
+        scene.set_control(arm.home, feedforward=scene.bias_torque)
+        scene.finish_step()
+        scene.begin_step()
+        path.append((scene.body_poses()[0][body] - flange.translation) @ across)
+    speed = (path[-1] - path[24]) / (50 * scene.tick_s)
+    expected = (0.4 - 0.2) * 9.81 * 50 * scene.tick_s  # in the middle of these ticks
+    assert speed == pytest.approx(expected, rel=0.05)
 
 
 def test_an_object_goes_with_a_palm_that_is_shaken() -> None:

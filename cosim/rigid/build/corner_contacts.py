@@ -21,11 +21,11 @@ _GOLDEN: Final = np.pi * (3.0 - np.sqrt(5.0))
 
 
 def add_corner_contacts(spec: mujoco.MjSpec, carried: mujoco.MjsBody, touching: mujoco.MjsBody) -> None:
-    """Let the corners of a body touch another one, as its geoms do.
+    """Let the corners of a body touch another one, as the other one's geoms are touched.
 
     Args:
         spec: holds both.
-        carried: on the flange; its geoms have names.
+        carried: on the flange; its geoms have names, and priority over those of objects.
         touching: an object that can move; its geoms have names.
     """
     for geom in list(touching.geoms):
@@ -35,9 +35,16 @@ def add_corner_contacts(spec: mujoco.MjSpec, carried: mujoco.MjsBody, touching: 
             # contact bits of 0: nothing but what is named in a pair meets it
             corner = touching.add_geom(name=name, type=mujoco.mjtGeom.mjGEOM_SPHERE, contype=0, conaffinity=0)
             corner.size, corner.pos, corner.mass = [_POINT_M, 0.0, 0.0], place, 0.0
-            corner.friction, corner.condim = geom.friction, geom.condim
             for other in carried.geoms:
-                spec.add_pair(geomname1=other.name, geomname2=name)
+                _add_pair(spec, other, name)
+
+
+def _add_pair(spec: mujoco.MjSpec, carried: mujoco.MjsGeom, corner: str) -> None:
+    """Let a corner touch a geom; the contact is as the geom has it."""
+    pair = spec.add_pair(geomname1=carried.name, geomname2=corner)
+    sliding, turning, rolling = carried.friction
+    pair.friction = [sliding, sliding, turning, rolling, rolling]
+    pair.condim, pair.solref, pair.solimp = carried.condim, carried.solref, carried.solimp
 
 
 def _corners(spec: mujoco.MjSpec, geom: mujoco.MjsGeom) -> Array:
@@ -53,7 +60,7 @@ def _corners(spec: mujoco.MjSpec, geom: mujoco.MjsGeom) -> Array:
             return np.concatenate((rim, rim * (1.0, 1.0, -1.0)))
         case mujoco.mjtGeom.mjGEOM_MESH:
             vertices = np.array(spec.mesh(geom.meshname).uservert).reshape(-1, 3)
-            return np.asarray(vertices[np.unique(np.argmax(vertices @ _directions().T, axis=0))])
+            return np.asarray(vertices[np.unique([np.argmax(vertices @ way) for way in _directions()])])
         case _:
             return np.zeros((0, 3))
 
