@@ -98,7 +98,7 @@ def test_a_conveyor_brings_the_spool_below_the_gripper() -> None:
     changes = shortening("gripper_sorts_bins", seconds) | {"fidelity": "rigid"}
     result = cosim.run("gripper_sorts_bins", overrides=changes)
     spool = result.body_position[:, result.stage.body_names.index("spool")]
-    np.testing.assert_allclose(spool[-1] - spool[0], [0.0, 0.2, 0.0], atol=1e-3)  # it creeps, and sinks in
+    np.testing.assert_allclose(spool[-1] - spool[0], [0.0, 0.2, 0.0], atol=3e-4)  # it sinks in by 0.1 mm
 
 
 def test_an_arm_in_a_bin_presses_on_its_wall() -> None:

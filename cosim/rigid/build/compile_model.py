@@ -34,7 +34,9 @@ FLOOR = "floor"
 
 # Robot links meet floor and objects but not one another.
 _ROBOT_CONTACT = (1, 2)
-_NOSLIP_ITERATIONS = 10
+_FRICTION_OVER_NORMAL = 1e4  # impedances of a contact: below friction's limit, creep goes with its inverse
+_TOLERANCE = 1e-14  # of contact forces, relative to a mean inertia that is the arm's more than the objects'
+_DEPTH_TOLERANCE_M = 1e-9  # normals of shapes that touch less deeply may point the other way
 _MESH_GREY = "0.80 0.81 0.83 1"
 _FLOOR_GREY = (0.86, 0.87, 0.88, 1.0)
 
@@ -79,6 +81,7 @@ def _compiled(description: SceneDescription) -> mujoco.MjModel:
     spec.compiler.degree = False
     spec.option.timestep = description.tick_s
     spec.option.gravity = description.gravity
+    spec.option.tolerance, spec.option.ccd_tolerance = _TOLERANCE, _DEPTH_TOLERANCE_M
     # servos are implicit by their share of the mass matrix, see `RigidScene`, and joint damping is by itself
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_EULER
     _place_base(spec, description.world_from_base or arm.world_from_base)
@@ -92,9 +95,9 @@ def _compiled(description: SceneDescription) -> mujoco.MjModel:
     if description.mounted:
         # What a palm clamps must not creep, as MuJoCo's regularised friction does. With its default, a
         # pyramid for a cone, it would all the same: each of the pyramid's two directions has a share of
-        # the normal force for itself, which the iterations against slip leave as it is.
-        spec.option.noslip_iterations = _NOSLIP_ITERATIONS
+        # the normal force for itself.
         spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
+        spec.option.impratio = _FRICTION_OVER_NORMAL
     for item in description.mounted:
         add_mounted(spec, spec.body(FLANGE_MOUNT), item, _ROBOT_CONTACT, description.tick_s)
     objects = {item.name: item for item in description.objects}

@@ -61,13 +61,13 @@ class AddedInertia:
         mujoco.mj_makeM(self._model, self._data)
         if self._carries:
             self._add()
-        self._factorise()
+        mujoco.mj_factorM(self._model, self._data)
 
     def follow(self) -> None:
         """Add what is carried to a mass matrix that MuJoCo has computed for new positions."""
         if self._carries:
             self._add()
-            self._factorise()
+            mujoco.mj_factorM(self._model, self._data)
 
     def mobility(self, bodies: IntArray) -> Array:
         """Return J M^-1 J^T (6 b, 6 b) of bodies (b,) without what they carry; about origins, body axes."""
@@ -78,11 +78,6 @@ class AddedInertia:
         mujoco.mj_solveM(self._model, self._data, solved, jacobian)
         self.follow()
         return np.asarray(jacobian @ solved.T)
-
-    def _factorise(self) -> None:
-        mujoco.mj_factorM(self._model, self._data)
-        if self._model.opt.noslip_iterations:  # they go by the constraints' own inverse inertia
-            mujoco.mj_projectConstraint(self._model, self._data)
 
     @property
     def _carries(self) -> bool:
