@@ -10,13 +10,14 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Protocol, final
 
-from cosim.app.loaded_files import changed_file
-from cosim.app.run_files import CHECKPOINT, SCENARIO, SUMMARY, RunFiles
+from cosim.app.run_files import CHECKPOINT, SCENARIO, SUMMARY, RunFiles, scenario_digest
 from cosim.app.shown_state import check_shown, naming, sizes_of
 from cosim.base.kept.code_identity import code_identity
+from cosim.base.kept.files_read import changed_file
 from cosim.base.state_archive import read_archive, read_header, write_archive
 from cosim.base.state_check import check_state
 from cosim.base.stateful import Stateful
+from cosim.config.schema.scenario import Scenario
 from cosim.errors import InputError
 from cosim.telemetry.snapshot import RunInfo, Snapshot
 from cosim.telemetry.summary import Status, SummaryBuilder, SummaryState
@@ -224,31 +225,31 @@ def check_resumable(directory: Path) -> None:
         raise InputError(f"{where} the run left no {CHECKPOINT}; run it anew: cosim run {scenario}")
 
 
-def tick_to_resume(directory: Path, loaded: Mapping[str, str]) -> int:
+def tick_to_resume(directory: Path, scenario: Scenario) -> int:
     """Return the tick after which the run in a directory can go on.
 
     Args:
         directory: of the run.
-        loaded: digests of what was loaded to go on with.
+        scenario: that was loaded to go on with.
 
     Raises:
         InputError: the checkpoint cannot be read, another program wrote it, or the scenario or a file that it
             names has been changed since.
     """
-    scenario, path, where = directory / SCENARIO, directory / CHECKPOINT, f"--resume {directory}:"
+    file, path, where = directory / SCENARIO, directory / CHECKPOINT, f"--resume {directory}:"
     header = read_header(path)
-    changed = changed_file(_table(header, "loaded"), loaded)
+    changed = changed_file(_table(header, "loaded"), {SCENARIO: scenario_digest(scenario)})
     if changed is not None:
         raise InputError(
             f"{where} {changed} has been changed since the run began; run it anew, or branch from Python: "
-            f"cosim.Simulation({str(scenario)!r}, start={str(path)!r})"
+            f"cosim.Simulation({str(file)!r}, start={str(path)!r})"
         )
     before, here = _table(header, "written_by"), code_identity()
     other = [f"{key} {before.get(key)} (now {here[key]})" for key in here if here[key] != before.get(key)]
     if other:
         raise InputError(
             f"{where} the checkpoint was written with {', '.join(other)}; the run would not go on bit for "
-            f"bit; run it anew: cosim run {scenario}"
+            f"bit; run it anew: cosim run {file}"
         )
     tick = header.get("tick")
     if not isinstance(tick, int):

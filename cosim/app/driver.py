@@ -15,9 +15,9 @@ from uuid import uuid4
 from cosim._version import __version__
 from cosim.app.array_recorder import ArrayRecorder
 from cosim.app.checkpoint import Checkpoint, CheckpointKeeper, Origin, read_checkpoint
-from cosim.app.loaded_files import loaded_digests
 from cosim.app.observer import Observer
 from cosim.app.run_files import RECORDING, RunFiles
+from cosim.base.kept.files_read import files_read
 from cosim.base.kept.kept_parts import KeptParts
 from cosim.base.stateful import Stateful
 from cosim.config.schema.scenario import Scenario
@@ -131,9 +131,12 @@ def execute(
     with ExitStack() as stack:
         files = None
         if options.directory is not None:
-            files = RunFiles(options.directory, loaded_digests(scenario), resume=options.resume)
+            files = RunFiles(options.directory, resume=options.resume)
             stack.enter_context(files)
-        simulation, earlier = build(scenario), None
+        with files_read() as read:
+            simulation, earlier = build(scenario), None
+        if files is not None:
+            files.note_loaded(scenario, read)
         if options.resume:
             assert options.directory is not None, "a run is resumed in its directory"
             earlier = read_checkpoint(options.directory, simulation, simulation.stage)

@@ -13,6 +13,7 @@ import os
 import re
 import time
 from collections.abc import Mapping
+from hashlib import sha256
 from itertools import count
 from pathlib import Path
 from tempfile import mkstemp
@@ -73,21 +74,28 @@ def parts(directory: Path, first: str) -> list[Path]:
     return [path for _, path in sorted(found)]
 
 
+def scenario_digest(scenario: Scenario) -> str:
+    """Return the SHA-256 digest of a scenario as `scenario.toml` has it."""
+    return sha256(scenario_text(scenario).encode()).hexdigest()
+
+
 @final
 class RunFiles:
     """Writes the files of one run; an earlier run in the same directory is replaced.
 
+    Attributes: `loaded`, digests of the scenario and of the files that the run was built from, by names.
+
     Args:
         directory: made if it does not exist; no other run writes to it until the block is left.
-        loaded: digests of what the run is loaded from, see `loaded_digests`.
         resume: whether the run in it goes on.
 
     Raises:
         InputError: on entering: see `check_directory`.
     """
 
-    def __init__(self, directory: Path, loaded: Mapping[str, str], *, resume: bool = False) -> None:
-        self.directory, self.loaded = directory, loaded
+    def __init__(self, directory: Path, *, resume: bool = False) -> None:
+        self.directory = directory
+        self.loaded: dict[str, str] = {}
         self._out = OutputDirectory(directory, adopt=resume)
 
     def __enter__(self) -> RunFiles:
@@ -98,6 +106,15 @@ class RunFiles:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self._out.__exit__(kind, error, trace)
+
+    def note_loaded(self, scenario: Scenario, read: Mapping[str, str]) -> None:
+        """Take in what the run was built from.
+
+        Args:
+            scenario: as it runs.
+            read: files that building has read, see `files_read`.
+        """
+        self.loaded = {SCENARIO: scenario_digest(scenario), **read}
 
     def next_part(self, first: str) -> Path:
         """Return the path of the next part of a recording or of arrays: the first that does not exist yet.

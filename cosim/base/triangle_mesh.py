@@ -17,6 +17,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from cosim.base.frames import Array, IntArray, Mask
+from cosim.base.kept.files_read import read_file
 from cosim.errors import MeshError
 
 MESH_SUFFIXES = (".stl", ".obj")
@@ -126,8 +127,7 @@ def _read(path: Path) -> tuple[Array, list[tuple[str, ...]]]:
     if path.suffix.lower() not in MESH_SUFFIXES:
         raise MeshError(f"{path.name}: a mesh file ends in {' or '.join(MESH_SUFFIXES)}")
     try:
-        with path.open("rb") as stream:
-            data = stream.read(LARGEST_FILE_BYTES + 1)
+        data = read_file(path, LARGEST_FILE_BYTES)
         if len(data) > LARGEST_FILE_BYTES:
             raise MeshError(f"{path.name}: is longer than {LARGEST_FILE_BYTES} bytes")
         if path.suffix.lower() == ".stl":

@@ -13,6 +13,7 @@ from cosim.build.kernel_modules import compile_contact
 from cosim.build.parts.soft_model import SoftModel
 from cosim.build.parts.solved_plans import solved_on_disk
 from cosim.build.parts.stage import stage_of
+from cosim.config.kinds import note_kinds
 from cosim.config.schema.scenario import NO_ARM, Scenario
 from cosim.coupling.soft_sides.soft_side import SoftSide
 from cosim.devices.command_source import CommandSource
@@ -67,6 +68,7 @@ def build(
         InputError: a pose or target cannot be reached, a mesh is degenerate, a controller is missing.
     """
     kept = KeptParts() if kept is None else kept
+    note_kinds(scenario)
     model = SoftModel(scenario, kept, body)
     soft = model.side()
     actuation = Actuation(scenario, soft.body, controllers)

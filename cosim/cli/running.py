@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Any, final
 from cosim.app.checkpoint import check_resumable, tick_to_resume
 from cosim.app.driver import Options, RunOutcome, build_simulation, execute, rerun_recorder
 from cosim.app.first_run import prepared
-from cosim.app.loaded_files import loaded_digests
 from cosim.app.observer import Observer
 from cosim.app.run_files import SCENARIO, SUMMARY, check_directory, default_directory, recordings
 from cosim.base.kept.kept_parts import KeptParts
@@ -87,7 +86,7 @@ def resume_command(directory: Path, how: RunOptions) -> int:
     """
     check_resumable(directory)
     scenario = load_scenario(directory / SCENARIO)
-    tick = tick_to_resume(directory, loaded_digests(scenario))
+    tick = tick_to_resume(directory, scenario)
     if not how.quiet:
         tell(f"{scenario.title}: goes on after tick {tick}")
     recording = how.recording and bool(recordings(directory))

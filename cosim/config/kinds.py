@@ -7,13 +7,17 @@ either: reading one runs no code that was not there before.
 from __future__ import annotations
 
 import importlib.util
+import inspect
 import sys
+from contextlib import suppress
+from dataclasses import fields, is_dataclass
 from functools import cache
 from importlib import import_module
 from pathlib import Path
 from types import ModuleType
 from typing import Any, Final
 
+from cosim.base.kept.files_read import note_file
 from cosim.config.toml.registered_kinds import KindTable, name_of, register_kind
 from cosim.errors import InputError
 
@@ -46,6 +50,19 @@ def register_module(name: str) -> None:
     """
     load = (lambda: _of_file(Path(name))) if name.endswith(".py") else (lambda: import_module(name))
     _register(_loaded(f"--import {name}", load), f"--import {name}")
+
+
+def note_kinds(value: Any) -> None:
+    """Note the modules of all kinds in a scenario that are not those of cosim, see `files_read`."""
+    if isinstance(value, KindTable) and not type(value).__module__.startswith("cosim."):
+        with suppress(OSError, TypeError):  # typed in at a prompt
+            note_file(Path(inspect.getfile(type(value))))
+    if is_dataclass(value):
+        for entry in fields(value):
+            note_kinds(getattr(value, entry.name))
+    elif isinstance(value, tuple):
+        for item in value:
+            note_kinds(item)
 
 
 def _loaded(what: str, load: Any) -> Any:

@@ -7,6 +7,7 @@ import math
 from pathlib import Path
 from typing import Any, Final
 
+from cosim.base.kept.files_read import read_file
 from cosim.config.schema.phase import MOST_POINTS, TipPathTable
 from cosim.config.toml.faults import UNKNOWN, Faults, NotKnown
 from cosim.config.toml.parsing import parse
@@ -72,15 +73,15 @@ def read_tip_path(file: Path, key: str) -> tuple[list[list[float]], list[list[fl
         ScenarioError: it cannot be read, or lacks columns or numbers.
     """
     try:
-        with file.open(encoding="utf-8-sig", newline="") as stream:
-            text = stream.read(LARGEST_FILE_BYTES + 1)
+        data = read_file(file, LARGEST_FILE_BYTES)
+        if len(data) > LARGEST_FILE_BYTES:
+            raise ScenarioError(
+                key, f"{file.name} is longer than {LARGEST_FILE_BYTES} bytes; take fewer points"
+            )
+        text = data.decode("utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
         reason = error.strerror if isinstance(error, OSError) else "it is not UTF-8 text"
         raise ScenarioError(key, f"{str(file)!r} cannot be read: {reason}") from error
-    if len(text) > LARGEST_FILE_BYTES:
-        raise ScenarioError(
-            key, f"{file.name} is longer than {LARGEST_FILE_BYTES} characters; take fewer points"
-        )
     lines = [
         (k, line) for k, line in enumerate(text.splitlines(), start=1) if line.strip() and line[0] != "#"
     ]

@@ -10,10 +10,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final, final
 
-from cosim.app.loaded_files import loaded_digests
 from cosim.app.output_directory import OutputDirectory
 from cosim.base.identity import content_name
 from cosim.base.kept.code_identity import code_identity
+from cosim.base.kept.files_read import changed_file
 from cosim.config.loading import load_scenario
 from cosim.config.schema.scenario import Scenario
 from cosim.config.studies.study_files import load_study
@@ -159,6 +159,7 @@ class _Sweep:
     def __post_init__(self) -> None:
         self.varied = designs_of(self.study)
         self._code = content_name(code_identity(), self.measure and measure_identity(self.measure))
+        self._seen: dict[str, str] = {}  # digests of files, each taken once
         self._first_s: float | None = None
 
     def fan_out(self, engine: Engine, run: Run) -> None:
@@ -190,20 +191,25 @@ class _Sweep:
         for place, varied in enumerate(self.varied):
             try:
                 scenario = load_scenario(self.study.scenario, {**self.study.set, **varied})
-                name = content_name(scenario_text(scenario), loaded_digests(scenario), self._code)
+                name = content_name(scenario_text(scenario), self._code)
             except InputError as error:
                 self.identities.append("")
                 self.refused[place] = Row("refused", reason_of(error))
                 self._note("refused")
                 continue
             self.identities.append(name)
-            if name in self.journal.rows:
+            if self._is_known(name):
                 self._note(self.journal.rows[name].status)
             elif self.waiting[name]:
                 self.waiting[name] += 1  # the same contents, by other values
             else:
                 self.waiting[name] = 1
                 yield name, self._task(name, scenario)
+
+    def _is_known(self, name: str) -> bool:
+        """Return whether there is a row of a name, and what its run read is as it was."""
+        row = self.journal.rows.get(name)
+        return row is not None and changed_file(row.files, self._seen) is None
 
     def _task(self, name: str, scenario: Scenario) -> Task:
         warm_up(scenario)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pickle
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Final, final
 
 from cosim.config.schema.scenario import Scenario
@@ -48,6 +48,7 @@ class Row:
         wall_s: wall time of the run, without what the first one of a process waits for.
         cpu_s: CPU time of the run, the same.
         worker: which process it was.
+        files: digests of the files that building it read, by names; see `cosim.base.kept.files_read`.
     """
 
     status: str
@@ -56,3 +57,4 @@ class Row:
     wall_s: float = 0.0
     cpu_s: float = 0.0
     worker: str = ""
+    files: dict[str, str] = field(default_factory=dict)

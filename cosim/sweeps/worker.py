@@ -15,6 +15,7 @@ from typing import Any, Final
 
 from cosim.app.driver import Options, build_simulation, execute
 from cosim.app.observer import Observer
+from cosim.base.kept.files_read import files_read
 from cosim.base.kept.kept_parts import KeptParts
 from cosim.config.kinds import register_installed, register_module
 from cosim.config.schema.scenario import Scenario
@@ -41,16 +42,18 @@ def run_task(prepare: Prepare, task: Task) -> Row:
     """
     with _ONE_AT_A_TIME:
         wall, cpu = time.perf_counter(), time.thread_time()
-        try:
-            scenario = _unpacked(task)
-            wall, cpu = time.perf_counter(), time.thread_time()
-            row = _run(prepare(scenario, _say_nothing, recording=False), task)
-        except InputError as error:
-            row = Row("refused", reason_of(error))
-        except Exception as error:  # a design must not end the sweep, whatever it raises
-            row = Row("failed", reason_of(error))
+        with files_read() as files:
+            try:
+                scenario = _unpacked(task)
+                wall, cpu = time.perf_counter(), time.thread_time()
+                row = _run(prepare(scenario, _say_nothing, recording=False), task)
+            except InputError as error:
+                row = Row("refused", reason_of(error))
+            except Exception as error:  # a design must not end the sweep, whatever it raises
+                row = Row("failed", reason_of(error))
         wall_s, cpu_s = time.perf_counter() - wall, time.thread_time() - cpu
-        return replace(row, wall_s=wall_s, cpu_s=cpu_s, worker=f"{platform.node()}:{os.getpid()}")
+        name = f"{platform.node()}:{os.getpid()}"
+        return replace(row, wall_s=wall_s, cpu_s=cpu_s, worker=name, files=files)
 
 
 def _unpacked(task: Task) -> Scenario:

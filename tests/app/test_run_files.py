@@ -13,7 +13,7 @@ from cosim.app.run_files import SUMMARY, RunFiles, default_directory, recordings
 
 
 def test_who_reads_a_summary_reads_one_to_its_end(tmp_path: Path) -> None:
-    files = RunFiles(tmp_path, {})
+    files = RunFiles(tmp_path)
     long, short = {"status": "interrupted", "ticks": list(range(5000))}, {"status": "completed"}
     files.finish(long)
     with (tmp_path / SUMMARY).open(encoding="utf-8") as reader:

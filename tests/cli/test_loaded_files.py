@@ -10,7 +10,9 @@ from typing import Any
 
 import pytest
 
-from cosim.app.loaded_files import loaded_digests
+from cosim.app.driver import build_simulation
+from cosim.base.kept.files_read import ABSENT, changed_file, files_read
+from cosim.base.kept.kept_parts import KeptParts
 from cosim.base.resources import object_mesh_path, scenario_path
 from cosim.config.loading import load_scenario
 from tests.cli.interrupted import Command, figures, interrupt_at
@@ -50,19 +52,6 @@ def test_a_scenario_that_is_changed_while_the_run_lasts_is_refused(
     assert "scenario.toml has been changed since the run began" in capsys.readouterr().err
 
 
-def test_a_changed_mesh_is_refused_by_name(
-    command: Command, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    mesh, scenario = tmp_path / "spool.obj", tmp_path / "spool.toml"
-    mesh.write_bytes(object_mesh_path("spool.obj").read_bytes())
-    scenario.write_bytes(scenario_path("gripper_lifts_spool").read_bytes())
-    command.scenario = str(scenario)
-    assert command.start(at_tick=interrupt_at(7)) == 130
-    mesh.write_text(mesh.read_text(encoding="utf-8").replace("0.036", "0.037"), encoding="utf-8")
-    assert command.resume() == 2
-    assert f"{mesh} has been changed since the run began" in capsys.readouterr().err
-
-
 def test_a_copy_of_a_run_goes_on(command: Command, tmp_path: Path) -> None:
     assert command.start() == 0
     whole = figures(command.directory)
@@ -76,8 +65,17 @@ def test_a_copy_of_a_run_goes_on(command: Command, tmp_path: Path) -> None:
     assert figures(copy) == whole
 
 
-def test_the_arm_counts_among_what_a_run_was_loaded_from_where_there_is_one() -> None:
-    on_arm = loaded_digests(load_scenario("ur5e_hexagon_arm"))
-    assert {name.partition("/")[0] for name in on_arm} == {"scenario.toml", "ur5e"}
-    assert "absent" not in on_arm.values()
-    assert set(loaded_digests(load_scenario("three_unit_inflation"))) == {"scenario.toml"}
+def test_the_arm_and_meshes_count_among_what_a_run_was_built_from(tmp_path: Path) -> None:
+    mesh, scenario = tmp_path / "spool.obj", tmp_path / "spool.toml"
+    mesh.write_bytes(object_mesh_path("spool.obj").read_bytes())
+    scenario.write_bytes(scenario_path("gripper_lifts_spool").read_bytes())
+    kept = KeptParts()
+    for _ in range(2):  # of parts that are taken, as of those that are made
+        with files_read() as found:
+            build_simulation(load_scenario(scenario), kept=kept)
+        assert str(mesh) in found
+        assert "cosim/robots/ur5e/arm.toml" in found
+        assert any(name.endswith(".urdf") for name in found)
+        assert ABSENT not in found.values()
+    mesh.write_text(mesh.read_text(encoding="utf-8").replace("0.036", "0.037"), encoding="utf-8")
+    assert changed_file(found) == str(mesh)

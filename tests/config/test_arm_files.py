@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cosim.app.loaded_files import changed_file, loaded_digests
+from cosim.base.kept.files_read import changed_file, files_read
 from cosim.base.resources import list_arms
 from cosim.build.arms import find_arm
 from cosim.config.loading import load_scenario
@@ -177,7 +177,10 @@ def test_all_files_of_an_arm_count_among_what_a_run_was_loaded_from(tmp_path: Pa
     (folder / "mine.urdf").write_text(TWO_JOINTS)
     (folder / "arm.toml").write_text('file = "mine.urdf"\n')
     (tmp_path / "s.toml").write_text(scenario_with("lab/arm.toml"))
-    before = loaded_digests(load_scenario(tmp_path / "s.toml"))
-    assert set(before) == {"scenario.toml", "lab/arm.toml", "lab/mine.urdf"}
+    scenario = load_scenario(tmp_path / "s.toml")
+    with files_read() as before:
+        find_arm(scenario.robot)
+    assert set(before) == {str(folder / "arm.toml"), str(folder / "mine.urdf")}
+    assert changed_file(before) is None
     (folder / "arm.toml").write_text('file = "mine.urdf"\nhome = [0.1, 0.2]\n')
-    assert changed_file(before, loaded_digests(load_scenario(tmp_path / "s.toml"))) == "lab/arm.toml"
+    assert changed_file(before) == str(folder / "arm.toml")

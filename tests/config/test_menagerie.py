@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from cosim.app.loaded_files import loaded_digests
+from cosim.base.kept.files_read import files_read
 from cosim.build.arms import find_arm
 from cosim.cli.main import main
 from cosim.config.loading import load_scenario
@@ -67,7 +67,9 @@ def test_a_scenario_and_an_arm_toml_name_it(tmp_path: Path, capsys: pytest.Captu
     path.write_text(scenario_with("menagerie:acme_six"), encoding="utf-8")
     scenario = load_scenario(path)
     assert scenario.robot == "menagerie:acme_six"
-    assert any(name.endswith("six.xml") for name in loaded_digests(scenario))
+    with files_read() as found:
+        find_arm(scenario.robot)
+    assert any(name.endswith("six.xml") for name in found)
     table = tmp_path / "arm.toml"
     table.write_text('file = "menagerie:acme_six"\nadapter.position_m = [0.0, 0.0, 0.1]\n', encoding="utf-8")
     assert find_arm(str(table)).path == find_arm("menagerie:acme_six").path

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import cosim
-from cosim.app.loaded_files import loaded_digests
+from cosim.base.kept.files_read import files_read
 from cosim.build.arms import find_arm
 from cosim.cli.main import main
 from cosim.config.loading import load_scenario
@@ -164,7 +164,9 @@ def test_the_cell_counts_among_what_a_run_was_loaded_from(tmp_path: Path) -> Non
     scenario = load_scenario(path)
     assert scenario.scene is not None
     assert scenario.scene.mjcf == str(tmp_path / "cell.xml")
-    assert "scene/cell.xml" in loaded_digests(scenario)
+    with files_read() as found:
+        read_cell(Path(scenario.scene.mjcf))
+    assert str(tmp_path / "cell.xml") in found
 
 
 WRONG = {

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from pathlib import Path
-from typing import Any, Final, TypeVar, final
+from typing import Any, Final, TypeVar, cast, final
 from uuid import uuid4
 
 from cosim.base.identity import content_name
+from cosim.base.kept.files_read import files_read, note_read
 
 Kind = TypeVar("Kind")
 
@@ -28,7 +29,7 @@ class KeptParts:
 
     def __init__(self, folder: Path | None = None) -> None:
         self.folder = folder
-        self._kinds: dict[str, dict[str, Any]] = {}
+        self._kinds: dict[str, dict[str, tuple[Any, dict[str, str]]]] = {}  # with the files that were read
 
     def made(self, kind: str, name: str, make: Callable[[], Kind], most: int = _MOST) -> Kind:
         """Return the part of a name, which is made if it is not there.
@@ -40,11 +41,16 @@ class KeptParts:
             most: how many of the kind are kept, those that were made or taken last.
         """
         parts = self._kinds.setdefault(kind, {})
-        part: Kind = parts.pop(name) if name in parts else make()
-        parts[name] = part
+        if name in parts:
+            part, files = parts.pop(name)
+            note_read(files)
+        else:
+            with files_read() as files:
+                part = make()
+        parts[name] = part, files
         if len(parts) > most:
             del parts[next(iter(parts))]
-        return part
+        return cast(Kind, part)
 
     def forget(self, kind: str, name: str) -> None:
         """Let a part go, of which what it was made of has changed.

@@ -10,6 +10,7 @@ from typing import Final
 import numpy as np
 
 from cosim.base.frames import Pose
+from cosim.base.kept.files_read import note_file
 from cosim.config.arms.origins import add_origin, origin_of, text_of
 from cosim.config.arms.package_files import found_file
 from cosim.errors import InputError
@@ -45,6 +46,7 @@ def find_meshes(
         except InputError as error:
             raise InputError(f"arm file {path}: mesh {error}") from None
         mesh.set("filename", str(file))
+        note_file(file)
         found[file] = None
     return tuple(found)
 

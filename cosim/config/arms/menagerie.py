@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Final
 
 from cosim.base.resources import is_file
+from cosim.config.arms.robot_tree import read_text
 from cosim.config.toml.suggestions import listing, unknown_name_message
 from cosim.errors import InputError
 
@@ -72,7 +73,7 @@ def _included(scene: Path) -> Path | None:
     if not is_file(scene):
         return None
     try:
-        include = ElementTree.parse(scene).find("include")
+        include = ElementTree.fromstring(read_text(scene)).find("include")
     except ElementTree.ParseError as error:
         raise InputError(f"{scene} is not XML: {error}") from None
     return None if include is None else scene.parent / include.get("file", "")

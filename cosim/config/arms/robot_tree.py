@@ -7,6 +7,7 @@ from collections import Counter
 from pathlib import Path
 from typing import Final
 
+from cosim.base.kept.files_read import read_file
 from cosim.base.resources import is_file
 from cosim.errors import InputError
 
@@ -57,10 +58,10 @@ def read_text(path: Path, kind: str = "arm") -> str:
     if not is_file(path):
         raise InputError(f"{kind} file {path} does not exist")
     try:
-        data = path.read_bytes() if path.stat().st_size <= LARGEST_FILE_BYTES else None
+        data = read_file(path, LARGEST_FILE_BYTES)
     except OSError as error:
         raise InputError(f"{kind} file {path} cannot be read: {error.strerror}") from None
-    if data is None:
+    if len(data) > LARGEST_FILE_BYTES:
         raise InputError(f"{kind} file {path} is longer than {LARGEST_FILE_BYTES} bytes, which nothing needs")
     try:
         text = data.decode("utf-8-sig")

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final, final
 
+from cosim.base.kept.files_read import read_file
 from cosim.config.toml.faults import UNKNOWN
 from cosim.errors import ScenarioError
 
@@ -43,8 +44,7 @@ def read_table(path: Path) -> dict[str, Any]:
         ScenarioError: the file cannot be read, is too large, or is not TOML; `path` is the file's name.
     """
     try:
-        with path.open("rb") as stream:
-            data = stream.read(LARGEST_FILE_BYTES + 1)
+        data = read_file(path, LARGEST_FILE_BYTES)
         if len(data) > LARGEST_FILE_BYTES:
             raise ScenarioError(
                 str(path), f"is longer than {LARGEST_FILE_BYTES} bytes, which no scenario or robot needs"

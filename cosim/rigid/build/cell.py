@@ -34,7 +34,6 @@ class Cell:
     Args:
         path: of its MJCF.
         spec: MuJoCo's specification of it; copied before it is used.
-        files: that it was read from.
         touched: how many geoms collide.
         has_plane: whether a plane of it collides, which then is the floor.
         joints: that drives move, in the order of the compiled model.
@@ -43,7 +42,6 @@ class Cell:
 
     path: Path
     spec: Any
-    files: tuple[Path, ...]
     touched: int
     has_plane: bool
     joints: tuple[CellJoint, ...]

@@ -52,8 +52,8 @@ def read_cell(path: Path) -> Cell:
                 "replace it, or set its contype and conaffinity to 0"
             )
     planes = collides & (model.geom_type == mujoco.mjtGeom.mjGEOM_PLANE)
-    files = (path, *named_files(path))
-    return Cell(path, spec, files, int(collides.sum()), bool(planes.any()), joints, _asked_otherwise(spec))
+    named_files(path)
+    return Cell(path, spec, int(collides.sum()), bool(planes.any()), joints, _asked_otherwise(spec))
 
 
 def attach_cell(spec: mujoco.MjSpec, cell: Cell, fixed: Sequence[str]) -> None:
