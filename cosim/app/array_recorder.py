@@ -27,7 +27,7 @@ class ArrayRecorder(Recorder):
     """
 
     def __init__(self, next_part: Callable[[str], Path], frames_per_s: float, part: RecordingPart) -> None:
-        self._next_part = next_part
+        self._next_part, self._frames_per_s = next_part, frames_per_s
         self._gathered = ResultBuilder(frames_per_s, None if part.before is None else part.before[1].time_s)
         self._stage: RunInfo | None = None
         self._written = False
@@ -56,6 +56,8 @@ class ArrayRecorder(Recorder):
     def _write(self) -> None:
         arrays = self._gathered.arrays()
         if self._stage is not None and (len(arrays["tick"]) or not self._written):
-            write_arrays(self._next_part(ARRAYS), self._next_part(FRAMES), self._stage, arrays)
+            write_arrays(
+                self._next_part(ARRAYS), self._next_part(FRAMES), self._stage, self._frames_per_s, arrays
+            )
             self._gathered.forget()
             self._written = True

@@ -14,6 +14,7 @@ from cosim.app.run_files import CHECKPOINT, SCENARIO, SUMMARY, RunFiles, scenari
 from cosim.app.shown_state import check_shown, naming, sizes_of
 from cosim.base.kept.code_identity import code_identity
 from cosim.base.kept.files_read import changed_file
+from cosim.base.resources import is_file
 from cosim.base.state_archive import read_archive, read_header, write_archive
 from cosim.base.state_check import check_state
 from cosim.base.stateful import Stateful
@@ -217,9 +218,9 @@ def check_resumable(directory: Path) -> None:
         InputError: there is no run, it is complete, or it left no checkpoint.
     """
     scenario, path, where = directory / SCENARIO, directory / CHECKPOINT, f"--resume {directory}:"
-    if not scenario.is_file():
+    if not is_file(scenario):
         raise InputError(f"{where} holds no run, for want of a {SCENARIO}; start one: cosim run SCENARIO")
-    if not path.is_file():
+    if not is_file(path):
         if _status(directory) == "completed":
             raise InputError(f"{where} this run is completed; nothing is left to do")
         raise InputError(f"{where} the run left no {CHECKPOINT}; run it anew: cosim run {scenario}")
@@ -289,7 +290,7 @@ def _table(header: Mapping[str, Any], key: str) -> dict[str, Any]:
 
 def _status(directory: Path) -> str | None:
     try:
-        status: str | None = json.loads((directory / SUMMARY).read_text(encoding="utf-8")).get("status")
-    except (OSError, ValueError):
+        found = json.loads((directory / SUMMARY).read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError):
         return None
-    return status
+    return str(found.get("status")) if isinstance(found, dict) else None

@@ -6,6 +6,7 @@ lock on it, which the system takes back when the process ends, however it does.
 
 from __future__ import annotations
 
+import errno
 import fcntl
 import os
 from contextlib import suppress
@@ -129,20 +130,24 @@ class OutputDirectory:
             raise self._unwritable(error) from error
 
     def _check(self) -> None:
-        if self.path.is_dir():
-            found = sorted(path.name for path in self.path.iterdir())
+        try:
+            found = sorted(path.name for path in self.path.iterdir()) if self.path.is_dir() else None
+            there = found is not None or self.path.exists()
+        except (OSError, ValueError) as error:  # longer than names may be, not permitted, or no path at all
+            raise self._unwritable(error) from error
+        if found is not None:
             if found and MARKER not in found and not self._adopt:
                 shown = ", ".join(found[:_SHOWN]) + (", ..." if len(found) > _SHOWN else "")
                 raise InputError(
                     f"--out {self.path}: holds files that are not known to be results of cosim ({shown}); "
                     "give a new or empty directory"
                 )
-        elif self.path.exists():
+        elif there:
             raise InputError(f"--out {self.path}: is a file; give a directory")
 
     def _lock(self) -> None:
         try:
-            marker = (self.path / MARKER).open("a+", encoding="utf-8")
+            marker = (self.path / MARKER).open("a+", encoding="utf-8", errors="replace")
         except OSError as error:
             raise self._unwritable(error) from error
         try:
@@ -175,8 +180,11 @@ class OutputDirectory:
                 f"--out {path}: has been changed since it was written; move it, or give another directory"
             )
 
-    def _unwritable(self, error: OSError) -> InputError:
-        return InputError(f"--out {self.path}: cannot be written: {error.strerror or error}")
+    def _unwritable(self, error: OSError | ValueError) -> InputError:
+        problem = getattr(error, "strerror", None) or error
+        if getattr(error, "errno", None) == errno.ENAMETOOLONG:
+            problem = f"{problem}: most systems allow 255 bytes for a folder's name; give a shorter one"
+        return InputError(f"--out {self.path}: cannot be written: {problem}")
 
 
 def _entries(text: str) -> dict[str, set[str]]:
@@ -185,5 +193,7 @@ def _entries(text: str) -> dict[str, set[str]]:
     for line in text.splitlines():
         if line and not line.startswith("#"):
             name, _, digest = line.partition(" ")
+            if Path(name).name != name:
+                continue  # of a file elsewhere, which nobody has written here
             found.setdefault(name, set()).update([digest] if digest else [])
     return found

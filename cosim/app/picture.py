@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass
 from pathlib import Path
 from typing import final
 
 from cosim.app.run_files import RECORDING, recordings
+from cosim.base.resources import is_file
 from cosim.errors import InputError
 from cosim.results.result import RunResult
 
@@ -80,8 +82,9 @@ def found_recordings(run: str | Path | RunResult) -> list[Path]:
             raise InputError("the run wrote no files; record it: cosim.run(..., recording=True)")
         run = run.directory
     path = Path(run)
-    found = recordings(path) if path.is_dir() else [path]
-    if not found or not found[0].is_file():
-        missing = path / RECORDING if path.is_dir() else path
+    is_folder = os.path.isdir(path)  # False too where no name can be that long
+    found = recordings(path) if is_folder else [path]
+    if not found or not is_file(found[0]):
+        missing = path / RECORDING if is_folder else path
         raise InputError(f"no recording at {missing}; make one: cosim run SCENARIO --out {path}")
     return found

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
+from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -22,6 +23,8 @@ if TYPE_CHECKING:
 
 _OWN: Final = b"cosim"
 """Key of what cosim says in the metadata of files and columns."""
+_DIGEST: Final = b"cosim_sha256"
+"""Key of the digest of that, which tells damage from what was written."""
 _OPEN: Final = ("unit", "meaning")
 """What other programs find in the metadata of a column by itself."""
 
@@ -50,14 +53,14 @@ def write_columns(
     for name, array in columns.items():
         arrays.append(_column(array))
         own = {**texts[name], "shape": array.shape[1:], "dtype": str(array.dtype)}
-        metadata = {key: own.pop(key) for key in _OPEN}
-        metadata[_OWN.decode()] = json.dumps(own)
-        fields.append(pa.field(name, arrays[-1].type, metadata=metadata))
-    table = pa.table(arrays, pa.schema(fields, {_OWN: json.dumps(header)}))
+        metadata = {key.encode(): own.pop(key).encode() for key in _OPEN}
+        fields.append(pa.field(name, arrays[-1].type, metadata={**metadata, **_said(own)}))
+    table = pa.table(arrays, pa.schema(fields, _said(header)))
+    # few numbers occur twice: dictionaries cost eight times the time, and room
+    how: dict[str, Any] = {"compression": "zstd", "use_dictionary": False, "write_page_checksum": True}
     try:
         with whole_file(path) as file:
-            # few numbers occur twice: dictionaries cost eight times the time, and room
-            parquet.write_table(table, file, compression="zstd", use_dictionary=False)
+            parquet.write_table(table, file, **how)
     except OSError as error:
         raise OutputError(f"{path}: cannot be written: {error.strerror or error}") from error
 
@@ -83,7 +86,7 @@ def read_columns(path: Path) -> dict[str, Array]:
     from pyarrow import parquet
 
     with _naming(path):
-        table = parquet.read_table(path, memory_map=False)
+        table = parquet.read_table(path, memory_map=False, page_checksum_verification=True)
         return {field.name: _array(table[field.name], _own(field.metadata, path)) for field in table.schema}
 
 
@@ -114,18 +117,30 @@ def _column(array: Array) -> pa.Array:
 
 
 def _array(column: pa.ChunkedArray, said: Mapping[str, Any]) -> Array:
+    import pyarrow as pa
+
     shape, dtype = (len(column), *said["shape"]), np.dtype(said["dtype"])
     if 0 in shape:
         return np.zeros(shape, dtype)
     whole = column.combine_chunks()
     if len(shape) > 1:
         whole = whole.storage.flatten()
+    if whole.type != pa.from_numpy_dtype(dtype) or whole.null_count:
+        raise ValueError(f"a column holds {whole.type} and {whole.null_count} gaps, not {dtype}")
     return np.array(whole.to_numpy(zero_copy_only=False), dtype).reshape(shape)
+
+
+def _said(own: Mapping[str, Any]) -> dict[bytes, bytes]:
+    """Return metadata that `_own` reads."""
+    text = json.dumps(own).encode()
+    return {_OWN: text, _DIGEST: sha256(text).hexdigest().encode()}
 
 
 def _own(metadata: Mapping[bytes, bytes] | None, path: Path) -> dict[str, Any]:
     if metadata is None or _OWN not in metadata:
         raise InputError(f"{path}: was not written by cosim")
+    if metadata.get(_DIGEST, b"") not in (b"", sha256(metadata[_OWN]).hexdigest().encode()):
+        raise InputError(f"{path}: is damaged: what it says of itself is not what was written")
     found: dict[str, Any] = json.loads(metadata[_OWN])
     return found
 

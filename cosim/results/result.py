@@ -192,8 +192,8 @@ class ResultBuilder:
 
     def __init__(self, frames_per_s: float, after_s: float | None = None) -> None:
         self._stage: RunInfo | None = None
-        self._frame_s = 1.0 / frames_per_s
-        self._frame = -1 if after_s is None else int(self._frames(np.array([after_s]))[0])
+        self._frames_per_s = frames_per_s
+        self._frame = -1 if after_s is None else int(_frames(np.array([after_s]), frames_per_s)[0])
         self._gathered: dict[str, list[Any]] = {name: [] for name in (*COLUMNS, *FRAME_COLUMNS)}
 
     def open(self, stage: RunInfo) -> None:
@@ -204,9 +204,8 @@ class ResultBuilder:
         """Take in some ticks."""
         for name in COLUMNS:
             self._gathered[name].append(getattr(batch, name))
-        frames = self._frames(batch.time_s)
-        rows = np.flatnonzero(np.diff(frames, prepend=self._frame))
-        self._frame = int(frames[-1])
+        rows = frame_rows(batch.time_s, self._frames_per_s, self._frame)
+        self._frame = int(_frames(batch.time_s[-1:], self._frames_per_s)[0])
         if len(rows):
             self._gathered["frame_tick"].append(batch.tick[rows])
             self._gathered["frame_time_s"].append(batch.time_s[rows])
@@ -234,9 +233,21 @@ class ResultBuilder:
             raise ValueError("no run has been opened")
         return RunResult(self._stage, summary, directory, **self.arrays())
 
-    def _frames(self, time_s: Array) -> IntArray:
-        """Return the frame that each time falls into, counted from 0."""
-        return np.floor((time_s + _ROUNDING_S) / self._frame_s).astype(np.int64)
+
+def frame_rows(time_s: Array, frames_per_s: float, before: int = -1) -> IntArray:
+    """Return the rows at which the film's nodes are kept: the first one of each frame.
+
+    Args:
+        time_s: (rows,), ascending.
+        frames_per_s: how often they are kept.
+        before: frame of the row before these, counted from 0.
+    """
+    return np.flatnonzero(np.diff(_frames(time_s, frames_per_s), prepend=before))
+
+
+def _frames(time_s: Array, frames_per_s: float) -> IntArray:
+    """Return the frame that each time falls into, counted from 0."""
+    return np.floor((time_s + _ROUNDING_S) / (1.0 / frames_per_s)).astype(np.int64)
 
 
 def result_of(

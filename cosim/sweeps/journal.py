@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import json
 from contextlib import suppress
-from dataclasses import asdict, fields
+from dataclasses import asdict
 from pathlib import Path
 from types import TracebackType
 from typing import TextIO, final
 
+from cosim.base.resources import is_file
+from cosim.base.state_check import check_state
 from cosim.errors import InputError, OutputError
 from cosim.sweeps.task import LOST, Row
 
@@ -58,11 +60,22 @@ class Journal:
 
 
 def _read(path: Path) -> list[tuple[str, Row]]:
-    known = {field.name for field in fields(Row)}
+    """Return the rows of a file; what is no whole row, as in half a line, is computed again.
+
+    Raises:
+        InputError: it cannot be read.
+    """
+    if not is_file(path):
+        return []
+    try:
+        lines = path.read_bytes().split(b"\n")
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror}") from error
     found = []
-    if path.is_file():
-        for line in path.read_text(encoding="utf-8", errors="replace").splitlines():
-            with suppress(ValueError, TypeError, AttributeError, KeyError):  # half a line
-                table = json.loads(line)
-                found.append((str(table.pop("design")), Row(**{k: table[k] for k in known & table.keys()})))
+    for line in lines:
+        with suppress(ValueError, TypeError, AttributeError, KeyError, RecursionError, InputError):
+            table = json.loads(line)
+            name, row = table.pop("design"), Row(**table)
+            check_state((name, row), None, tuple[str, Row], finite=False)
+            found.append((name, row))
     return found
