@@ -41,6 +41,46 @@ def write_whole(path: Path, text: str) -> None:
         file.write(data)
 
 
+def rewrite(path: Path, data: bytes) -> None:
+    """Put other contents into a file that is there; links to it, its mode and its owner stay.
+
+    A file that took its place would cut hard links and lose the mode and owner, so the file itself is
+    overwritten. Its old contents are on the disk in `NAME.PID.before` until the new ones are: they are put
+    back where writing fails, and are what a process that is killed in between leaves.
+
+    Args:
+        path: of the file, or a symbolic link to it.
+        data: new contents.
+
+    Raises:
+        OSError: it cannot be read or written; it has its old contents, or they are in `NAME.PID.before`.
+    """
+    target = path.resolve(strict=True)
+    before = target.read_bytes()
+    spare = target.with_name(f"{target.name}.{os.getpid()}.before")
+    spare.touch(mode=0o600, exist_ok=False)  # what only its owner may read stays so
+    try:
+        _overwrite(spare, before)
+    except BaseException:
+        spare.unlink()
+        raise
+    try:
+        _overwrite(target, data)
+    except BaseException:
+        _overwrite(target, before)
+        spare.unlink()
+        raise
+    spare.unlink()
+
+
+def _overwrite(path: Path, data: bytes) -> None:
+    with path.open("r+b") as file:
+        file.write(data)
+        file.truncate()
+        file.flush()
+        os.fsync(file.fileno())
+
+
 def unfinished_files(path: Path) -> list[Path]:
     """Return what processes that were killed in the middle of writing a file have left."""
     found = path.parent.glob(f"{path.name}.*.part")

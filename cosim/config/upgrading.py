@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import os
 import tomllib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
 
-from cosim.base.whole_files import whole_file
+from cosim.base.whole_files import rewrite
 from cosim.config.loading import is_scenario
 from cosim.config.schema.old_keys import RENAMED, SCHEMA
 from cosim.config.toml.key_spans import key_spans
@@ -15,14 +16,18 @@ from cosim.config.toml.reading import read_table
 from cosim.errors import OutputError, ScenarioError
 
 _BEFORE: Final = SCHEMA - 1
+_WRITABLE: Final = 0o222  # by anybody: root may write to all files, and is not meant to
 _CARRIED: Final = ("attach", "robot")
 
 
 def upgrade_file(path: Path) -> int:
     """Rewrite a file in place and return how many keys and numbers were changed; 0 leaves it untouched.
 
+    Args:
+        path: of the file; of a symbolic link, the file that it leads to is rewritten.
+
     Raises:
-        ScenarioError: it is not TOML, or has an old key beside the new one.
+        ScenarioError: it is not TOML, is read-only, or has an old key beside the new one.
         OutputError: it cannot be written.
     """
     read_table(path)
@@ -32,9 +37,12 @@ def upgrade_file(path: Path) -> int:
     except ValueError as error:
         raise ScenarioError(str(path), f"cannot be rewritten, do it by hand: {error}") from None
     if count:
+        if not path.stat().st_mode & _WRITABLE or not os.access(path, os.W_OK):
+            raise ScenarioError(
+                str(path), f"is read-only and not upgraded; allow it first: chmod u+w {path.resolve()}"
+            )
         try:
-            with whole_file(path) as file:
-                file.write(new.encode("utf-8"))
+            rewrite(path, new.encode("utf-8"))
         except OSError as error:
             raise OutputError(f"{path}: cannot be written: {error.strerror}") from error
     return count

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 import tomllib
 from pathlib import Path
 
@@ -11,7 +13,7 @@ from hypothesis import strategies as st
 
 from benchmarks.faults.mutations import toml_text
 from cosim.base.resources import scenario_path, soft_robot_path
-from cosim.cli.main import main
+from cosim.cli.main import EXIT_INPUT, EXIT_UNWRITTEN, main
 from cosim.config.loading import load_scenario, load_soft_robot
 from cosim.config.toml.key_spans import key_spans
 from cosim.config.upgrading import upgraded
@@ -187,3 +189,53 @@ def test_every_key_of_a_text_is_found(table: dict[str, object]) -> None:
 
     assert [span.path for span in key_spans(toml_text(table))] == paths(table, ())
     upgraded(toml_text(table))  # checks what it has made against the tables
+
+
+def old_file(folder: Path) -> Path:
+    path = folder / "robot.toml"
+    path.write_text(ROBOT, encoding="utf-8", newline="")
+    return path
+
+
+def test_links_and_mode_of_an_upgraded_file_stay(tmp_path: Path) -> None:
+    path = old_file(tmp_path)
+    path.chmod(0o600)
+    (tmp_path / "hard.toml").hardlink_to(path)
+    (tmp_path / "far").mkdir()
+    (tmp_path / "far" / "soft.toml").symlink_to("../robot.toml")
+    main(["upgrade", str(tmp_path / "far" / "soft.toml")])
+    assert (tmp_path / "far" / "soft.toml").readlink() == Path("../robot.toml")
+    assert path.samefile(tmp_path / "hard.toml")
+    assert path.stat().st_mode & 0o777 == 0o600
+    assert path.read_bytes().decode() == upgraded(ROBOT)[0] != ROBOT
+    assert sorted(entry.name for entry in tmp_path.iterdir()) == ["far", "hard.toml", "robot.toml"]
+    assert [entry.name for entry in (tmp_path / "far").iterdir()] == ["soft.toml"]
+
+
+def test_a_read_only_file_is_not_upgraded(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = old_file(tmp_path)
+    path.chmod(0o444)  # which holds for root as well
+    assert main(["upgrade", str(path)]) == EXIT_INPUT
+    told = capsys.readouterr().err
+    assert f"{path}: is read-only and not upgraded" in told
+    assert path.read_bytes().decode() == ROBOT
+    subprocess.run(told.strip().rpartition("first: ")[2].split(), check=True)
+    main(["upgrade", str(path)])
+    assert path.read_bytes().decode() == upgraded(ROBOT)[0]
+
+
+def test_a_file_that_cannot_be_written_whole_stays_as_it_was(tmp_path: Path) -> None:
+    path, text = old_file(tmp_path), ROBOT.replace("'chamber'", "chamber")
+    path.write_text(text, encoding="utf-8", newline="")
+    assert len(upgraded(text)[0]) > len(text)
+    # no file may become longer than this one: the disk is full for what upgrading adds
+    code = (
+        "import resource, sys; from cosim.cli.main import main; import cosim.cli.files;"
+        f"resource.setrlimit(resource.RLIMIT_FSIZE, ({len(text)}, {len(text)}));"
+        f"sys.exit(main(['upgrade', {str(path)!r}]))"
+    )
+    ran = subprocess.run([sys.executable, "-B", "-c", code], capture_output=True, text=True, check=False)
+    assert (ran.returncode, ran.stderr.count("\n")) == (EXIT_UNWRITTEN, 1), ran.stderr
+    assert f"{path}: cannot be written: File too large" in ran.stderr
+    assert path.read_bytes().decode() == text
+    assert [entry.name for entry in tmp_path.iterdir()] == ["robot.toml"]
