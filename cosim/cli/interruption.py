@@ -1,4 +1,4 @@
-"""Ends a run in good order on Ctrl-C or SIGTERM."""
+"""Ends a run in good order on Ctrl-C, SIGTERM, or SIGHUP of a terminal that has been closed."""
 
 from __future__ import annotations
 
@@ -14,7 +14,9 @@ from cosim.telemetry.tick_batch import TickBatch
 class Interruption:
     """While entered, the first signal asks the running loop to stop; a second one stops at once.
 
-    Before the loop runs there is nothing to save, so a signal then raises KeyboardInterrupt too.
+    Before the loop runs there is nothing to save, so a signal then raises KeyboardInterrupt too. SIGHUP stays
+    ignored where it is ignored when the program starts (`nohup`); a second one, which shell and terminal send
+    one after the other, asks for nothing more.
     """
 
     def __init__(self) -> None:
@@ -23,8 +25,9 @@ class Interruption:
         self._previous: dict[int, Any] = {}
 
     def __enter__(self) -> Interruption:
-        for number in (signal.SIGINT, signal.SIGTERM):
-            self._previous[number] = signal.signal(number, self._handle)
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+            if number != signal.SIGHUP or signal.getsignal(number) != signal.SIG_IGN:
+                self._previous[number] = signal.signal(number, self._handle)
         return self
 
     def __exit__(
@@ -54,6 +57,8 @@ class Interruption:
 
     def _handle(self, number: int, frame: FrameType | None) -> None:
         repeated = self.signal_number is not None
+        if repeated and number == signal.SIGHUP:
+            return
         self.signal_number = number
         if repeated or not self._running:
             raise KeyboardInterrupt

@@ -31,6 +31,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     started = time.perf_counter()
     # before numpy is imported: threads only slow the small dense algebra of a run down
     os.environ.setdefault("OMP_NUM_THREADS", "1")
+    # the same for Rerun, which would print what is told in a line of ours, such as of a full disk
+    os.environ.setdefault("RUST_LOG", "off")
     open_missing_streams()
     options = parser().parse_args(arguments)
     try:

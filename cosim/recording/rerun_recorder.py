@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import os
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from threading import Thread
 from typing import Final, final
 
 import numpy as np
@@ -39,6 +41,11 @@ _NODES_GATHERED: Final = 500_000
 """Nodes in all frames gathered, from which on they are written before: a bound of the memory, some 50 MB."""
 _TICKS_GATHERED: Final = 50_000
 """The same of ticks, some 15 MB of curves."""
+_ENDED_S: Final = 20.0
+"""Wall time that ending a file may take, far more than it does."""
+_END: Final = b"RRF2FOOT"
+"""What is within the last bytes of a whole file."""
+_END_BYTES: Final = 64
 _PHASE: Final = "/phase"
 _SUMMARY: Final = "/summary"
 
@@ -120,9 +127,19 @@ class RerunRecorder(Recorder):
     def close(self, summary_markdown: str, status: str) -> None:
         """Write what is left and end the file; does nothing if it is not open. See `Recorder.close`."""
         if self._run is not None:
+            run, self._run = self._run, None
             with _named(self._path):
-                self._run.close(summary_markdown, status)
-            self._run = None
+                run.close(summary_markdown, status)
+                run.end(self._path)
+
+
+def _has_end(path: Path) -> bool:
+    try:
+        with path.open("rb") as file:
+            file.seek(-min(_END_BYTES, path.stat().st_size), os.SEEK_END)
+            return _END in file.read()
+    except OSError:
+        return False
 
 
 @contextmanager
@@ -195,11 +212,25 @@ class _Run:
     def close(self, summary_markdown: str, status: str) -> None:
         if self._last is not None and self._last.tick[-1] != self._drawn_tick:
             self._draw(np.array([len(self._last) - 1]))
-        self.flush()
         text = f"{summary_markdown}\n\n{self._stage.report}"
         self._log_summary(text)
         self._stream.send_property("outcome", rr.AnyValues(status=status))
-        self._stream.disconnect()
+        self.flush()  # says what cannot be written, as ending the file does not
+
+    def end(self, path: Path) -> None:
+        """End the stream and its file.
+
+        Rerun writes an index as the file's end, and neither raises nor always returns where it cannot: it is
+        waited for in another thread, for a while, and the end is looked at.
+
+        Raises:
+            RuntimeError: the file has no end.
+        """
+        ending = Thread(target=self._stream.disconnect, daemon=True)
+        ending.start()
+        ending.join(_ENDED_S)
+        if ending.is_alive() or not _has_end(path):
+            raise RuntimeError("its end is missing")
 
     def _log_static(self) -> None:
         stage, stream = self._stage, self._stream

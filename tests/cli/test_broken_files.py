@@ -137,3 +137,31 @@ def test_a_list_on_a_full_disk_says_so() -> None:
         done = subprocess.run(LIST, stdout=disk, stderr=subprocess.PIPE, env=ENVIRONMENT, check=False)
     assert done.returncode == 3
     assert done.stderr == b"cosim: error: [Errno 28] No space left on device\n"
+
+
+_LIMITED = """
+import resource, sys
+from cosim.cli.main import main
+resource.setrlimit(resource.RLIMIT_FSIZE, (int(sys.argv[1]), int(sys.argv[1])))
+sys.exit(main(["run", "three_unit_inflation", "--quiet", "--out", sys.argv[2]]))
+"""
+
+
+def test_a_recording_on_a_full_disk_ends_with_a_line_of_ours(tmp_path: Path) -> None:
+    """A limit of each file's length fails as a full disk does: in the middle, and at the file's very end."""
+
+    def ran(most_bytes: int, name: str) -> tuple[int, list[str]]:
+        given = [sys.executable, "-W", "ignore", "-c", _LIMITED, str(most_bytes), str(tmp_path / name)]
+        done = subprocess.run(
+            given, capture_output=True, text=True, env=ENVIRONMENT, timeout=300, check=False
+        )
+        return done.returncode, done.stderr.splitlines()
+
+    assert ran(10**8, "whole") == (0, [])
+    whole = (tmp_path / "whole" / "recording.rrd").stat().st_size
+    for most_bytes in (20_000, whole - 1_000):
+        code, (line,) = ran(most_bytes, f"{most_bytes}")
+        assert code == 3
+        assert line.startswith(f"cosim: error: {tmp_path}/{most_bytes}/")
+        assert "cannot be written" in line
+        assert summary_of(tmp_path / f"{most_bytes}")["status"] in ("completed", "failed")

@@ -112,7 +112,9 @@ def test_a_run_says_where_its_files_are(
         assert sum(f" {name} " in line for line in captured.err.splitlines()) == 1
 
 
-@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+@pytest.mark.parametrize(
+    ("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGHUP, 129)]
+)
 def test_a_signal_ends_the_run_in_good_order(
     run: Callable[..., tuple[int, Path]], number: signal.Signals, code: int
 ) -> None:
@@ -124,6 +126,31 @@ def test_a_signal_ends_the_run_in_good_order(
 
     assert run("--quiet", at_tick=at_tick)[0] == code
     assert signal.getsignal(number) is before
+
+
+def test_a_closed_terminal_ends_the_run_in_good_order(run: Callable[..., tuple[int, Path]]) -> None:
+    def at_tick(tick: int) -> None:
+        if tick == 7:
+            os.kill(os.getpid(), signal.SIGHUP)
+            os.kill(os.getpid(), signal.SIGHUP)  # of the terminal and of the shell
+
+    code, out = run("--quiet", at_tick=at_tick)
+    summary = summary_of(out)
+    assert (code, summary["status"], summary["reason"], summary["ticks"]) == (129, "interrupted", "SIGHUP", 7)
+    assert (out / "checkpoint.npz").is_file()
+
+
+def test_a_run_under_nohup_goes_on(run: Callable[..., tuple[int, Path]]) -> None:
+    def at_tick(tick: int) -> None:
+        if tick == 7:
+            os.kill(os.getpid(), signal.SIGHUP)
+
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    try:
+        code, out = run("--quiet", at_tick=at_tick)
+    finally:
+        signal.signal(signal.SIGHUP, before)
+    assert (code, summary_of(out)["status"]) == (0, "completed")
 
 
 def test_an_interrupted_summary_says_so(run: Callable[..., tuple[int, Path]]) -> None:

@@ -129,6 +129,8 @@ def _started(options: Sequence[str], said: IO[bytes]) -> subprocess.Popen[bytes]
     # the program itself: the script of that name leaves its child alone when it is ended
     program = Path(str(rerun_cli.__file__)).with_name(name)
     environment: dict[str, Any] = {"RUST_LOG": _QUIET, **os.environ}
+    if environment["RUST_LOG"] == "off":  # of the command line; a viewer's last words are its reason to end
+        environment["RUST_LOG"] = _QUIET
     try:
         return subprocess.Popen(
             [str(program), *options],
