@@ -86,16 +86,16 @@ def _of_structure(change: Callable[[Any, Random], None]) -> Callable[[Path, Rand
     return forgery
 
 
-def _places(value: Any) -> list[tuple[Any, Any]]:
+def places_of(value: Any) -> list[tuple[Any, Any]]:
     """Return (container, key) of everything within a JSON value."""
     entries = (
         value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
     )
-    return [place for key, item in list(entries) for place in ((value, key), *_places(item))]
+    return [place for key, item in list(entries) for place in ((value, key), *places_of(item))]
 
 
 def _exchange(structure: Any, random: Random) -> None:
-    places = _places(structure["state"])
+    places = places_of(structure["state"])
     (there, key), (here, other) = (places[int(random.integers(len(places)))] for _ in range(2))
     there[key] = json.loads(json.dumps(here[other]))
 
@@ -105,13 +105,13 @@ def _replace(structure: Any, random: Random) -> None:
         None, True, -1, 10**400, 1e308, float("nan"), "", "x" * 10**5, [], {}, {"array": "no"}, {"tuple": 3},
         {"class": "os:system", "fields": {}}, {"enum": "x", "name": 1},
     ]  # fmt: skip
-    places = _places(structure["state"])
+    places = places_of(structure["state"])
     container, key = places[int(random.integers(len(places)))]
     container[key] = values[int(random.integers(len(values)))]
 
 
 def _drop(structure: Any, random: Random) -> None:
-    places = _places(structure)
+    places = places_of(structure)
     container, key = places[int(random.integers(len(places)))]
     del container[key]
 

@@ -229,6 +229,8 @@ class _Run:
         ending = Thread(target=self._stream.disconnect, daemon=True)
         ending.start()
         ending.join(_ENDED_S)
+        if ending.is_alive():
+            rr.unregister_shutdown()  # which would wait for it at the end of the process
         if ending.is_alive() or not _has_end(path):
             raise RuntimeError("its end is missing")
 

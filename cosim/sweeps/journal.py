@@ -5,9 +5,10 @@ from __future__ import annotations
 import json
 from contextlib import suppress
 from dataclasses import asdict
+from hashlib import sha256
 from pathlib import Path
 from types import TracebackType
-from typing import TextIO, final
+from typing import Any, TextIO, final
 
 from cosim.base.resources import is_file
 from cosim.base.state_check import check_state
@@ -53,10 +54,16 @@ class Journal:
         assert self._file is not None, "a journal is entered first"
         self.rows[name] = row
         try:
-            self._file.write(json.dumps({"design": name, **asdict(row)}) + "\n")
+            table = {"design": name, **asdict(row)}
+            self._file.write(json.dumps({**table, "digest": _digest(table)}) + "\n")
             self._file.flush()
         except OSError as error:
             raise OutputError(f"{self._path}: cannot be written: {error.strerror}") from error
+
+
+def _digest(table: dict[str, Any]) -> str:
+    """Return what tells a row from a damaged one."""
+    return sha256(json.dumps(table).encode()).hexdigest()[:16]
 
 
 def _read(path: Path) -> list[tuple[str, Row]]:
@@ -75,6 +82,8 @@ def _read(path: Path) -> list[tuple[str, Row]]:
     for line in lines:
         with suppress(ValueError, TypeError, AttributeError, KeyError, RecursionError, InputError):
             table = json.loads(line)
+            if table.pop("digest") != _digest(table):
+                continue
             name, row = table.pop("design"), Row(**table)
             check_state((name, row), None, tuple[str, Row], finite=False)
             found.append((name, row))

@@ -5,9 +5,11 @@ from __future__ import annotations
 import json
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from hashlib import sha256
 from pathlib import Path
 from typing import Any, Final, final
 
+from cosim.base.resources import is_file
 from cosim.base.whole_files import whole_file
 from cosim.errors import InputError, OutputError
 from cosim.results.array_texts import unit_by_name
@@ -15,6 +17,7 @@ from cosim.sweeps.figures import PHASES
 from cosim.sweeps.task import Row
 
 TABLE: Final = "sweep.parquet"
+_DIGEST: Final = b"cosim_sha256"
 _PLAIN: Final = (bool, int, float, str)
 _OWN_COLUMNS: Final = {
     "design": "place in the study, counted from 0",
@@ -68,9 +71,11 @@ def write_table(
             for array, (name, (_, unit, meaning)) in zip(arrays, columns.items(), strict=True)
         ]
     )
+    table = pa.table(arrays, schema)
+    table = table.replace_schema_metadata({_DIGEST: _digest(table)})
     try:
         with whole_file(path) as file:
-            parquet.write_table(pa.table(arrays, schema), file, compression="zstd")
+            parquet.write_table(table, file, compression="zstd", write_page_checksum=True)
     except OSError as error:
         raise OutputError(f"{path}: cannot be written: {error.strerror or error}") from error
 
@@ -87,19 +92,34 @@ def open_sweep(directory: str | Path) -> Any:
     from pyarrow import lib, parquet
 
     path = Path(directory) / TABLE
-    if not path.is_file():
-        raise InputError(f"{directory}: holds no {TABLE}; make one: cosim sweep STUDY.toml --out {directory}")
+    if not is_file(path):
+        raise InputError(f"{directory}: holds no {TABLE}; {_again(directory)}")
     try:
-        table = parquet.read_table(path)
+        table = parquet.read_table(path, page_checksum_verification=True)
         units = {field.name: field.metadata[b"unit"].decode() for field in table.schema}
-    except (OSError, lib.ArrowException, KeyError, TypeError) as error:
-        raise InputError(f"{path}: is no table of a sweep: {error}") from error
+        written = (table.schema.metadata or {}).get(_DIGEST)
+        if written is not None and written.decode() != _digest(table):
+            raise InputError(f"{path}: its rows are not those that were written; {_again(directory)}")
+    except (OSError, lib.ArrowException, KeyError, TypeError, ValueError) as error:
+        raise InputError(f"{path}: is no table of a sweep: {error}; {_again(directory)}") from error
     try:
         frame = table.to_pandas()
     except ImportError:
         raise InputError("tables of sweeps need pandas: pip install 'cosim[sweep]'") from None
     frame.attrs["units"] = units
     return frame
+
+
+def _again(directory: str | Path) -> str:
+    return f"make one: cosim sweep STUDY.toml --out {directory}"
+
+
+def _digest(table: Any) -> str:
+    """Return what tells the rows of a table from others."""
+    digest = sha256()
+    for name, column in zip(table.column_names, table.columns, strict=True):
+        digest.update(f"{name} {column.type} {column.to_pylist()!r}\n".encode())
+    return digest.hexdigest()
 
 
 def _columns(
