@@ -43,9 +43,7 @@ _TICKS_GATHERED: Final = 50_000
 """The same of ticks, some 15 MB of curves."""
 _ENDED_S: Final = 20.0
 """Wall time that ending a file may take, far more than it does."""
-_END: Final = b"RRF2FOOT"
-"""What is within the last bytes of a whole file."""
-_END_BYTES: Final = 64
+_END: Final = b"RRF2FOOT"  # within the last 64 bytes of a whole file
 _PHASE: Final = "/phase"
 _SUMMARY: Final = "/summary"
 
@@ -136,7 +134,7 @@ class RerunRecorder(Recorder):
 def _has_end(path: Path) -> bool:
     try:
         with path.open("rb") as file:
-            file.seek(-min(_END_BYTES, path.stat().st_size), os.SEEK_END)
+            file.seek(-min(64, path.stat().st_size), os.SEEK_END)
             return _END in file.read()
     except OSError:
         return False
