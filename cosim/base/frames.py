@@ -207,7 +207,7 @@ def rotations_from_quaternions(quaternions: Array) -> Array:
 
 
 @dataclass(frozen=True)
-class Pose:
+class Pose(Shown):
     """Rigid transform y = rotation @ x + translation.
 
     Args:
@@ -271,7 +271,7 @@ class Pose:
 
 
 @dataclass(frozen=True)
-class Twist:
+class Twist(Shown):
     """Velocity of a frame: of its origin [m/s] and angular [rad/s], world axes, shape (3,) each."""
 
     linear: Annotated[Array, (3,)] = field(default_factory=lambda: np.zeros(3))
@@ -288,7 +288,7 @@ class Twist:
 
 
 @dataclass(frozen=True)
-class Wrench:
+class Wrench(Shown):
     """Force [N] and torque [N m] about a named point, world axes, shape (3,) each."""
 
     force: Annotated[Array, (3,)] = field(default_factory=lambda: np.zeros(3))

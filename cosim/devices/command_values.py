@@ -149,7 +149,7 @@ def checked_step(command: Any, ticks: Any, who: str) -> tuple[Command | None, in
         InputError: they are something else, or both are numbers.
     """
     if command is not None and not isinstance(command, Command):
-        if ticks != 1 or (number := whole(command)) is None:
+        if whole(ticks) != 1 or (number := whole(command)) is None:
             raise InputError(
                 f"{who}: command is {shown(command)}; give a cosim.Command, or a number of ticks alone"
             )

@@ -130,10 +130,11 @@ class TaskVectorEnvironment(VectorEnv[Observation, NDArray[Any], Array]):
         Raises:
             InputError: they are not as many rows of finite numbers; no environment has taken a step.
         """
-        if np.ndim(actions) < 1 or len(actions) != self.num_envs:
+        rows = list(actions) if np.iterable(actions) else []
+        if len(rows) != self.num_envs:
             raise InputError(f"actions are {shown(actions)}; must have the shape {self.action_space.shape}")
         count = math.prod(self.single_action_space.shape or ())
-        asked = {k: (finite_row(actions[k], count, f"actions[{k}]"),) for k in range(self.num_envs)}
+        asked = {k: (finite_row(row, count, f"actions[{k}]"),) for k, row in enumerate(rows)}
         return self._called("step", asked)
 
     @property
