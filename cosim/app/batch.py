@@ -15,6 +15,8 @@ from cosim.base.kept.kept_parts import KeptParts
 from cosim.base.resources import cache_directory
 from cosim.config.loading import load_scenario
 from cosim.config.schema.scenario import Scenario
+from cosim.devices.command_values import checked_step, shown, whole
+from cosim.devices.live.live_values import WHO
 from cosim.errors import InputError
 
 if TYPE_CHECKING:
@@ -86,11 +88,14 @@ class Batch:
             ticks: of the clock.
 
         Raises:
-            InputError: there are not as many commands as runs.
+            InputError: there are not as many commands as runs, or one is none; no run has taken a step.
         """
-        listed = commands if isinstance(commands, Sequence) else (commands,) * len(self)
+        whatever: Any = commands
+        several = isinstance(whatever, Sequence) and not isinstance(whatever, str | bytes)
+        listed = whatever if several else (whatever,) * len(self)
         given = _for_each(listed, len(self), "commands")
-        return self._called("step", {k: (given[k], ticks) for k in self._well})
+        asked = [checked_step(command, ticks, f"{WHO}, run {k}") for k, command in enumerate(given)]
+        return self._called("step", {k: asked[k] for k in self._well})
 
     def measure(self) -> tuple[Measurement | None, ...]:
         """Return what is measured of all runs at present; None of those that have failed."""
@@ -115,9 +120,11 @@ class Batch:
             changes: values by key path that differ until the next reset: for all of them, or for each.
 
         Raises:
-            InputError: there are not as many changes as runs.
+            InputError: there are not as many changes as runs, or there is no such run.
         """
         chosen = list(range(len(self)) if runs is None else runs)
+        if unknown := [k for k in chosen if whole(k) not in range(len(self))]:
+            raise InputError(f"there is no run {shown(unknown[0])}; there are 0 to {len(self) - 1}")
         listed = changes if isinstance(changes, Sequence) else (changes,) * len(chosen)
         given = _for_each(listed, len(chosen), "changes")
         for k in chosen:

@@ -261,8 +261,9 @@ def drive(
     """Feed all ticks to every observer, in order, until a stop, an exception or the end (`at_end`)."""
     try:
         for batch in batches:
+            shown = batch.shown()  # observers are others, whatever they do
             for observe in observers:
-                observe(batch)
+                observe(shown)
             reason = stop()
             if reason is not None:
                 return Termination("interrupted", reason)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable
+from copy import deepcopy
 from types import ModuleType
 from typing import TYPE_CHECKING
 
@@ -73,7 +74,7 @@ def with_fidelity_chosen(
 
 
 def named_body(body: AnyBody | None) -> NamedBody | None:
-    """Return a body that is given in place of a scenario's soft robot, with names; None if there is none.
+    """Return a copy of a body that is given in place of a scenario's soft robot, with names; None if none is.
 
     Raises:
         InputError: it cannot be simulated.
@@ -82,7 +83,7 @@ def named_body(body: AnyBody | None) -> NamedBody | None:
         return None
     from cosim.build.given_body import NamedBody  # here, as few runs need the film's engine so early
 
-    return NamedBody.of(body)
+    return NamedBody.of(deepcopy(body))  # whoever gave it may write to its arrays
 
 
 def log(text: str) -> None:

@@ -18,6 +18,8 @@ from cosim.base.state_archive import read_archive, write_archive
 from cosim.base.state_check import check_state
 from cosim.config.loading import load_scenario
 from cosim.config.schema.scenario import Scenario
+from cosim.devices.command_values import checked_step
+from cosim.devices.live.live_values import WHO
 from cosim.errors import InputError, OutputError
 from cosim.results.result import result_of
 from cosim.stepping.stepped_run import RunState
@@ -36,11 +38,11 @@ class SavedState:
     """A simulation between two ticks; made by `Simulation.save`.
 
     Args:
-        run: what the ticks to come depend on.
+        _run: what the ticks to come depend on, with arrays that the simulation shares.
         snapshot: what it shows of itself.
     """
 
-    run: Any
+    _run: Any
     snapshot: Snapshot
 
     def write(self, path: str | Path) -> None:
@@ -92,7 +94,8 @@ class Simulation:
         body: AnyBody | None = None,
         kept: KeptParts | None = None,
     ) -> None:
-        self._controllers, self._body = controllers, named_body(body)
+        self._controllers = None if controllers is None else dict(controllers)
+        self._body = named_body(body)
         self._kept = KeptParts(cache_directory()) if kept is None else kept
         self._given = start
         self._begin(scenario, overrides, start)
@@ -107,15 +110,15 @@ class Simulation:
         """Build a scenario and go to where it starts."""
         loaded = load_scenario(scenario, overrides, self._body and self._body.table())
         self.scenario = prepared(loaded, log, recording=False, kept=self._kept)
-        before = start.run.choices if isinstance(start, SavedState) else None
+        before = start._run.choices if isinstance(start, SavedState) else None
         self._run = self._built(before)
         if start is None:
             self._snapshot = self._run.advance(1)
             return
         saved = _read(start)
         # what is in a file can be read once something like it has been built
-        if saved.run.choices.contact not in self.stage.modelled:
-            self._run = self._built(saved.run.choices)
+        if saved._run.choices.contact not in self.stage.modelled:
+            self._run = self._built(saved._run.choices)
         self.restore(start)
 
     def _built(self, before: Choices | None) -> Runnable:
@@ -150,14 +153,14 @@ class Simulation:
             ticks: of the clock.
 
         Raises:
-            InputError: the scenario ends before, or the command asks for what there is not.
+            InputError: the scenario ends before, or the command is none or asks for what there is not; the
+                simulation goes on as if it had not been given.
             SolverError: the physics could not be solved; the simulation is where it was before that tick, as
                 it is after whatever else is raised, such as by a controller. `result` of the error holds the
                 arrays of the ticks of this call that were solved.
             KeyboardInterrupt: of the user; the simulation is where it was before all these ticks.
         """
-        if isinstance(command, int):
-            return self.step(ticks=command)
+        command, ticks = checked_step(command, ticks, WHO)
         if not (command is not None) <= ticks <= self.ticks_left:
             raise InputError(f"{ticks} ticks were asked for; the scenario has {self.ticks_left} left")
         if not ticks:
@@ -209,11 +212,11 @@ class Simulation:
         """
         found = _read(saved)
         if isinstance(saved, SavedState):
-            self._run.restore_state(found.run)
+            self._run.restore_state(found._run)
         else:
             with naming(Path(saved)):
                 check_shown(found.snapshot, self.stage)
-                self._run.restore_state(found.run)
+                self._run.restore_state(found._run)
         self._snapshot = found.snapshot
 
     def reset(
@@ -237,11 +240,11 @@ class Simulation:
         scenario, run, began = self._made
         here = self.scenario, self._run
         try:
-            if changes:
-                self._begin(scenario, changes, start or self._given)
-            else:
+            if changes is None or (isinstance(changes, Mapping) and not changes):
                 self.scenario, self._run = scenario, run
-                self.restore(start or began)
+                self.restore(began if start is None else start)
+            else:
+                self._begin(scenario, changes, self._given if start is None else start)
         except BaseException:
             self.scenario, self._run = here
             raise
@@ -292,8 +295,8 @@ def _read(saved: SavedState | str | Path) -> SavedState:
     found = read_archive(Path(saved)) if isinstance(saved, str | Path) else saved
     if isinstance(found, Checkpoint):
         found = SavedState(found.run, found.summary.last)
-    if not isinstance(found, SavedState) or not isinstance(found.run, RunState):
+    if not isinstance(found, SavedState) or not isinstance(found._run, RunState):
         raise InputError(f"{saved}: holds no simulation but a {type(found).__name__}")
     if found is not saved:
-        check_state(found.run.choices, None, Choices, place=f"{saved}: choices")
+        check_state(found._run.choices, None, Choices, place=f"{saved}: choices")
     return found

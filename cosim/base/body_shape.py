@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from cosim.base.frames import Array, IntArray
+from cosim.base.frames import Array, IntArray, Shown
 
 
 @dataclass(frozen=True)
-class BodyShape:
+class BodyShape(Shown):
     """A triangle mesh fixed to a rigid body, for drawing only.
 
     Args:

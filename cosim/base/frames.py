@@ -47,6 +47,31 @@ def _owning(kind: type[_Kind], name: str, array: Array, other_name: str, other: 
     return made
 
 
+def read_only(array: Any) -> Any:
+    """Return a view that nobody can write through; its owner still can, as kernels take no other arrays."""
+    view = array.view()
+    view.setflags(False)  # see `_owning`
+    return view
+
+
+class Shown:
+    """A dataclass that is shown to others: nobody can write to the arrays that it holds."""
+
+    def __post_init__(self) -> None:
+        held = vars(self)
+        for name, value in held.items():
+            if type(value) is np.ndarray:
+                held[name] = view = value.view()
+                view.setflags(False)  # type: ignore[call-arg]  # see `_owning`
+            elif type(value) is tuple and value and type(value[0]) is np.ndarray:
+                held[name] = tuple(map(read_only, value))
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Take up what was pickled, whose arrays come back writeable."""
+        vars(self).update(state)
+        self.__post_init__()
+
+
 def cross_matrix(vector: Array) -> Array:
     """Return the matrix S with S @ b = vector x b.
 
@@ -182,7 +207,7 @@ def rotations_from_quaternions(quaternions: Array) -> Array:
 
 
 @dataclass(frozen=True)
-class Pose:
+class Pose(Shown):
     """Rigid transform y = rotation @ x + translation.
 
     Args:
@@ -246,7 +271,7 @@ class Pose:
 
 
 @dataclass(frozen=True)
-class Twist:
+class Twist(Shown):
     """Velocity of a frame: of its origin [m/s] and angular [rad/s], world axes, shape (3,) each."""
 
     linear: Annotated[Array, (3,)] = field(default_factory=lambda: np.zeros(3))
@@ -263,7 +288,7 @@ class Twist:
 
 
 @dataclass(frozen=True)
-class Wrench:
+class Wrench(Shown):
     """Force [N] and torque [N m] about a named point, world axes, shape (3,) each."""
 
     force: Annotated[Array, (3,)] = field(default_factory=lambda: np.zeros(3))

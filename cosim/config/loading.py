@@ -25,7 +25,7 @@ from cosim.config.toml.parsing import parse
 from cosim.config.toml.reading import read_table
 from cosim.config.toml.robot_files import RobotFiles
 from cosim.config.writing import to_table
-from cosim.errors import ScenarioError
+from cosim.errors import InputError, ScenarioError
 
 
 def load_scenario(
@@ -41,11 +41,11 @@ def load_scenario(
         body: takes the place of the scenario's soft robot, if it has one.
 
     Raises:
-        InputError: there is no such scenario.
+        InputError: there is no such scenario, or the overrides are no values by key path.
         ScenarioError: keys or values are wrong; each line of the message starts with a key's path.
     """
     register_installed()
-    overrides, faults = dict(overrides or {}), Faults()
+    overrides, faults = _by_key(overrides), Faults()
     if isinstance(source, Scenario):
         table, folder = to_table(source), Path()
     else:
@@ -82,6 +82,22 @@ def load_scenario(
     with faults:
         scenario = copy_with(scenario, scene=with_scene_path(scenario.scene, scene_folder))
     return _resolved(scenario, faults)
+
+
+def _by_key(overrides: Mapping[str, Any] | None) -> dict[str, Any]:
+    """Return a copy of overrides.
+
+    Raises:
+        InputError: they are none.
+    """
+    if overrides is None:
+        return {}
+    if not isinstance(overrides, Mapping) or not all(isinstance(key, str) for key in overrides):
+        raise InputError(
+            f"overrides or changes are {overrides!r:.60}; give values by key path, such as "
+            '{"clock.tick_s": 1e-3}'
+        )
+    return dict(overrides)
 
 
 def _check_no_robot(overrides: Mapping[str, Any], body: GivenBodyTable) -> None:

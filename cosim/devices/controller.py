@@ -11,14 +11,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Generic, TypeVar, final
 
-from cosim.base.frames import Array, Pose, Wrench
+from cosim.base.frames import Array, Pose, Shown, Wrench
 
 State = TypeVar("State")
 
 
 @final
 @dataclass(frozen=True)
-class Measurement:
+class Measurement(Shown):
     """What is measured of a run between two ticks, without noise: by controllers, by `Simulation.measure`.
 
     Args:

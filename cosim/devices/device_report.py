@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Annotated, final
 
-from cosim.base.frames import Array, IntArray
+from cosim.base.frames import Array, IntArray, Shown
 
 
 @final
@@ -66,7 +66,7 @@ class ControlReport:
 
 @final
 @dataclass(frozen=True)
-class ActuationReport:
+class ActuationReport(Shown):
     """Devices at the end of a tick.
 
     Args:

@@ -12,9 +12,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import final
+from typing import Final, final
 
 from cosim.errors import InputError
+
+_MOST_STEPS: Final = 2.0**53
+"""That whole numbers count; a winch that is asked for more winds for ever anyway."""
 
 
 @final
@@ -75,7 +78,8 @@ class Winch:
             stiffness_N_m: k, of the cable.
             step_s: length of the tick.
         """
-        missing = round((state.unwound_m - wanted_m) / self.step_m) - state.commanded
+        to_wind = (state.unwound_m - wanted_m) / self.step_m
+        missing = round(min(max(to_wind, -_MOST_STEPS), _MOST_STEPS)) - state.commanded
         budget = state.budget + self.step_rate_per_s * step_s
         steps = max(-math.floor(budget), min(missing, math.floor(budget)))
         room = (self.stall_force_N - tension_N) / (stiffness_N_m * self.step_m)

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Final, final
 
-from cosim.base.frames import Pose
-from cosim.devices.command_values import check_one_order_each, named_values, numbers
+from cosim.devices.command_values import check_command, check_one_order_each, named_values, numbers
 from cosim.devices.controller import AnyController, Command, Measurement
 from cosim.errors import InputError
 
@@ -107,14 +106,16 @@ class ZeroOrderHold:
 
     def _ordered(self, command: Command) -> Held:
         who = f"controller '{self.name}'"
+        check_command(command, who)
         for key in _OF_STEPS:
             given = getattr(command, key)
-            if given is not None and len(vars(given) if isinstance(given, Pose) else given):
+            if given is not None and not (isinstance(given, Mapping) and not given):
                 raise InputError(f"{who} commands {key}, which only `Simulation.step` takes")
-        check_one_order_each(command, who)
-        return Held(
-            named_values(command.cable_tension_N, self._cables, who, "cable_tension_N", 0.0),
-            named_values(command.cable_length_m, self._cables, who, "cable_length_m", 0.0),
+        held = Held(
+            named_values(command.cable_tension_N, self._cables, who, "cable_tension_N", lowest=0.0),
+            named_values(command.cable_length_m, self._cables, who, "cable_length_m", above=0.0),
             named_values(command.pump_pressure_Pa, self._pumps, who, "pump_pressure_Pa"),
             numbers(command.flange_twist, 6, who, "flange_twist"),
         )
+        check_one_order_each(held.tension_N, held.length_m, self._cables, who)
+        return held

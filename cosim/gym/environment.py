@@ -14,7 +14,9 @@ from numpy.typing import NDArray
 from cosim.app.simulation import SavedState, Simulation
 from cosim.base.frames import Array
 from cosim.base.kept.kept_parts import KeptParts
+from cosim.config.loading import load_scenario
 from cosim.config.schema.scenario import Scenario
+from cosim.devices.command_values import row_of_numbers, shown
 from cosim.devices.controller import Measurement
 from cosim.errors import InputError, SolverError
 from cosim.gym.task import STEP_S, LearningTask, task_of
@@ -22,6 +24,7 @@ from cosim.gym.task import STEP_S, LearningTask, task_of
 Observation: TypeAlias = dict[str, Array]
 _BOUND: Final = 1e6
 """Of what is observed: it is finite, and far beyond what a robot does."""
+_ROUNDING_S: Final = 1e-9
 _OPTIONS: Final = ("start", "changes", "goal")
 
 
@@ -56,12 +59,11 @@ class TaskEnvironment(gymnasium.Env[Observation, NDArray[Any]]):
     ) -> None:
         self.task = task
         self._simulation = Simulation(scenario, overrides=overrides, kept=kept)
-        tick_s = self._simulation.scenario.clock.tick_s
-        self._ticks = round(STEP_S / tick_s)
-        if abs(self._ticks * tick_s - STEP_S) > 1e-9:
-            raise InputError(f"clock.tick_s is {tick_s:g}; whole ticks have to make a step of {STEP_S:g} s")
+        self._made = self._simulation.scenario
+        self._ticks = ticks_of_step(self._made)
         self._seen = self._simulation.measure()
-        self._began_s, self._steps, self._drawn = self._seen.time_s, 0, np.zeros(3)
+        self._began_s, self._steps = self._seen.time_s, 0
+        self._drawn = task.draw(np.random.default_rng(0), self._seen)
         sizes = {"observation": len(task.observation(self._seen)), "achieved_goal": 3, "desired_goal": 3}
         boxes: dict[str, spaces.Space[Any]] = {
             name: spaces.Box(-_BOUND, _BOUND, (size,), np.float64) for name, size in sizes.items()
@@ -80,27 +82,33 @@ class TaskEnvironment(gymnasium.Env[Observation, NDArray[Any]]):
                 "goal", parameters of the goal instead of drawn ones.
 
         Raises:
-            InputError: an option is unknown, or one of them does not fit.
+            InputError: an option is unknown, or one of them or the seed does not fit; the episode goes on.
         """
+        given = checked_options(options, seed)
+        goal, changes = given.get("goal"), given.get("changes")
+        if goal is not None:
+            goal = finite_row(goal, len(self._drawn), "options: goal")
+        ticks = ticks_of_step(self._made if changes is None else load_scenario(self._made, changes))
+        start: SavedState | str | Path | None = given.get("start")
+        self._simulation.reset(start, changes)
         super().reset(seed=seed)
-        options = options or {}
-        for name in options:
-            if name not in _OPTIONS:
-                raise InputError(f"options: there is no '{name}'; there are: {', '.join(_OPTIONS)}")
-        start: SavedState | str | Path | None = options.get("start")
-        self._simulation.reset(start, options.get("changes"))
-        self._seen = self._simulation.measure()
+        self._ticks, self._seen = ticks, self._simulation.measure()
         self._began_s, self._steps = self._seen.time_s, 0
         drawn = self.task.draw(self.np_random, self._seen)
-        self._drawn = np.array(options.get("goal", drawn), dtype=float)
+        self._drawn = drawn if goal is None else goal
         observation = self._observation()
         return observation, self._info(observation)
 
     def step(self, action: NDArray[Any]) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
-        """Take a step; an episode ends after the task's `horizon`, or where the physics cannot be solved."""
-        asked = np.clip(np.asarray(action, dtype=float), -1.0, 1.0)
-        if not np.isfinite(asked).all():
-            raise InputError(f"an action is {asked.tolist()}; its numbers must be finite")
+        """Take a step; an episode ends after the task's `horizon`, or where the physics cannot be solved.
+
+        Args:
+            action: (actions,), cut down to -1 to 1.
+
+        Raises:
+            InputError: it is no row of as many finite numbers; the episode goes on.
+        """
+        asked = np.clip(finite_row(action, len(self.task.actions), "action"), -1.0, 1.0)
         failure = None
         try:
             self._simulation.step(self.task.command(asked, self._seen), ticks=self._ticks)
@@ -127,7 +135,7 @@ class TaskEnvironment(gymnasium.Env[Observation, NDArray[Any]]):
     @property
     def measured(self) -> Measurement:
         """What is measured at present."""
-        return self._seen
+        return self._simulation.measure()
 
     def _observation(self) -> Observation:
         seen = self._seen
@@ -140,6 +148,50 @@ class TaskEnvironment(gymnasium.Env[Observation, NDArray[Any]]):
     def _info(self, observation: Observation) -> dict[str, Any]:
         reached = self.task.success(observation["achieved_goal"], observation["desired_goal"])
         return {"is_success": reached, "limits": self._seen.limits}
+
+
+def ticks_of_step(scenario: Scenario) -> int:
+    """Return how many ticks of a scenario make a step of 20 ms.
+
+    Raises:
+        InputError: no whole number of them does.
+    """
+    tick_s = scenario.clock.tick_s
+    ticks = round(STEP_S / tick_s)
+    if abs(ticks * tick_s - STEP_S) > _ROUNDING_S:
+        raise InputError(
+            f"clock.tick_s is {tick_s:g}; whole ticks have to make a step of {STEP_S:g} s: give {STEP_S:g} s "
+            "or a whole part of it"
+        )
+    return ticks
+
+
+def finite_row(given: Any, count: int, place: str) -> Array:
+    """Return a row (count,) of finite numbers.
+
+    Raises:
+        InputError: it is none; `place` says what.
+    """
+    row = np.array(row_of_numbers(given, count, place))
+    if not np.isfinite(row).all():
+        raise InputError(f"{place} is {row.tolist()}; its {count} numbers must be finite")
+    return row
+
+
+def checked_options(options: Any, seed: Any) -> Mapping[str, Any]:
+    """Return the options of a reset.
+
+    Raises:
+        InputError: one is unknown, they are none, or the seed is none.
+    """
+    if not (seed is None or (isinstance(seed, int) and seed >= 0)):
+        raise InputError(f"seed is {shown(seed)}; must be a whole number from 0 on, or None")
+    if options is not None and not isinstance(options, Mapping):
+        raise InputError(f"options are {shown(options)}; give values by name: {', '.join(_OPTIONS)}")
+    for name in options or {}:
+        if name not in _OPTIONS:
+            raise InputError(f"options: there is no {shown(name)}; there are: {', '.join(_OPTIONS)}")
+    return options or {}
 
 
 def environment(

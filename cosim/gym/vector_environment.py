@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from functools import partial
 from typing import Any, TypeAlias, final
@@ -15,7 +16,9 @@ from cosim.app.workers import Workers
 from cosim.base.frames import Array, Mask
 from cosim.base.kept.kept_parts import KeptParts
 from cosim.base.resources import cache_directory
-from cosim.gym.environment import Observation, TaskEnvironment, environment
+from cosim.devices.command_values import shown
+from cosim.errors import InputError
+from cosim.gym.environment import Observation, TaskEnvironment, checked_options, environment, finite_row
 
 _Step: TypeAlias = tuple[Observation, float, bool, bool, dict[str, Any]]
 
@@ -93,21 +96,46 @@ class TaskVectorEnvironment(VectorEnv[Observation, NDArray[Any], Array]):
         seed: int | Sequence[int | None] | None = None,
         options: dict[str, Any] | None = None,
     ) -> tuple[Observation, dict[str, Any]]:
-        """Begin episodes: of all, or of those in `options["reset_mask"]`; `seed` + k is that of number k."""
-        options = dict(options or {})
-        mask = options.pop("reset_mask", np.ones(self.num_envs, dtype=bool))
-        first = None if seed is None or isinstance(seed, Sequence) else int(seed)
-        seeds = [None if first is None else first + k for k in range(self.num_envs)]
-        seeds = list(seed) if isinstance(seed, Sequence) else seeds
-        asked = {k: (seeds[k], options or None) for k in range(self.num_envs) if mask[k]}
+        """Begin episodes: of all, or of those in `options["reset_mask"]`; `seed` + k is that of number k.
+
+        Raises:
+            InputError: an option is unknown, or one of them or a seed does not fit.
+        """
+        given = dict(options) if isinstance(options, Mapping) else options
+        mask = given.pop("reset_mask", None) if isinstance(given, dict) else None
+        chosen = np.ones(self.num_envs, dtype=bool) if mask is None else np.asarray(mask)
+        listed = seed if isinstance(seed, Sequence) else [seed] * self.num_envs
+        if len(listed) != self.num_envs or isinstance(seed, str | bytes):
+            raise InputError(f"seed is {shown(seed)}; give one, or one for each of {self.num_envs}")
+        if chosen.shape != (self.num_envs,) or chosen.dtype != bool:
+            raise InputError(
+                f"options: reset_mask is {shown(mask)}; must be {self.num_envs} times True or False"
+            )
+        for one in listed:
+            checked_options(given, one)
+        further = [0] * self.num_envs if isinstance(seed, Sequence) else range(self.num_envs)
+        seeds = [None if one is None else one + k for one, k in zip(listed, further, strict=True)]
+        asked = {k: (seeds[k], given or None) for k in np.flatnonzero(chosen).tolist()}
         observation, *_, info = self._called("reset", asked)
         return observation, info
 
     def step(  # type: ignore[override]  # flags are flags
         self, actions: NDArray[Any]
     ) -> tuple[Observation, Array, Mask, Mask, dict[str, Any]]:
-        """Take a step of all."""
-        return self._called("step", {k: (actions[k],) for k in range(self.num_envs)})
+        """Take a step of all.
+
+        Args:
+            actions: (environments, actions), cut down to -1 to 1.
+
+        Raises:
+            InputError: they are not as many rows of finite numbers; no environment has taken a step.
+        """
+        rows = list(actions) if np.iterable(actions) else []
+        if len(rows) != self.num_envs:
+            raise InputError(f"actions are {shown(actions)}; must have the shape {self.action_space.shape}")
+        count = math.prod(self.single_action_space.shape or ())
+        asked = {k: (finite_row(row, count, f"actions[{k}]"),) for k, row in enumerate(rows)}
+        return self._called("step", asked)
 
     @property
     def processes(self) -> tuple[int, ...]:
@@ -125,6 +153,8 @@ class TaskVectorEnvironment(VectorEnv[Observation, NDArray[Any], Array]):
         reward, info = np.zeros(self.num_envs), dict[str, Any]()
         terminated, truncated = np.zeros((2, self.num_envs), dtype=bool)
         for k, answer in found.items():
+            if isinstance(answer, InputError) and method == "reset":
+                raise answer
             if isinstance(answer, Exception):
                 truncated[k] = True
                 info = self._add_info(info, {"failure": f"{type(answer).__name__}: {answer}"}, k)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Final, final
 
 import numpy as np
 
-from cosim.base.frames import Array, IntArray, Mask
+from cosim.base.frames import Array, IntArray, Mask, Shown
 
 if TYPE_CHECKING:  # a scene without an arm waits for neither engine
     from cosim.base.link_contact import LinkContact
@@ -32,7 +32,7 @@ _ROUNDING = 1e-9
 
 @final
 @dataclass(frozen=True)
-class ArmLimits:
+class ArmLimits(Shown):
     """What the joints of an arm allow; infinite where its file states no bound.
 
     Args:

@@ -59,7 +59,8 @@ class Scene:
         self._stage = stage
         nodes = len(first.node_position)
         self._share = np.full(nodes, 1.0 / nodes)
-        self._colours = MembraneColours(stage.soft_triangles, nodes, stress_range_Pa)
+        # a copy: kernels take no array that is read-only
+        self._colours = MembraneColours(stage.soft_triangles.copy(), nodes, stress_range_Pa)
         self._seams = crease_lines(first.node_position, stage.soft_triangles)
         self._paths = [body_path(name) for name in stage.body_names]
         self._drawn = sorted({shape.body for shape in stage.shapes})

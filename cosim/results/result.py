@@ -55,7 +55,7 @@ class RunResult:
         chamber_pressure_Pa: (rows, chambers), gauge.
         chamber_volume_m3: (rows, chambers), inside the film.
         cable_tension_N: (rows, cables), at the base end.
-        cable_length_m: (rows, cables), of the routes; (rows, 0) in a scenario without devices.
+        cable_length_m: (rows, cables), of the routes; (rows, 0) without devices or commanded lengths.
         cable_unstretched_m: (rows, cables), off the drum; not a number while the tension is commanded.
         bending_angle_rad: (rows,), between the tip's direction and the flange's z axis.
         residual_N: (rows,), largest force component that the soft step was left with.
@@ -214,7 +214,7 @@ class ResultBuilder:
     def arrays(self) -> dict[str, Any]:
         """Return the arrays of all ticks that were gathered, by name."""
         found = self._gathered.items()
-        return {name: np.concatenate(parts) if parts else np.zeros(0) for name, parts in found}
+        return {name: _joined(parts) if parts else np.zeros(0) for name, parts in found}
 
     def forget(self) -> None:
         """Gather anew; frames go on as they would."""
@@ -248,6 +248,14 @@ def frame_rows(time_s: Array, frames_per_s: float, before: int = -1) -> IntArray
 def _frames(time_s: Array, frames_per_s: float) -> IntArray:
     """Return the frame that each time falls into, counted from 0."""
     return np.floor((time_s + _ROUNDING_S) / (1.0 / frames_per_s)).astype(np.int64)
+
+
+def _joined(parts: list[Any]) -> Any:
+    """Return rows one after the other; ticks before a length was commanded have no cables, here NaN."""
+    shape = max(part.shape[1:] for part in parts)
+    return np.concatenate([
+        part if part.shape[1:] == shape else np.full((len(part), *shape), np.nan) for part in parts
+    ])  # fmt: skip
 
 
 def result_of(

@@ -8,7 +8,7 @@ from typing import final
 
 import numpy as np
 
-from cosim.base.frames import Array, Pose, Twist
+from cosim.base.frames import Array, Pose, Twist, read_only
 from cosim.config.schema.phase import PhaseTable
 from cosim.config.schema.scenario import Scenario
 from cosim.coupling.contact.contact_report import NOTHING_TOUCHED, ContactReport
@@ -124,7 +124,7 @@ class Parts:
             carrier.joint_torque,
             carrier.wrench,
             carrier.flange_jacobian(),
-            dict(zip(names, carrier.touched.on_each(len(names)), strict=True)),
+            dict(zip(names, read_only(carrier.touched.on_each(len(names))), strict=True)),
             BodyPoses(names, *carrier.body_poses()),
         )
 

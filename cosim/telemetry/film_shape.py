@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, TypeAlias, final
 
 import numpy as np
 
-from cosim.base.frames import Array, IntArray
+from cosim.base.frames import Array, IntArray, Shown, read_only
 from cosim.coupling.soft_sides.shape_figures import ShapeFigures
 
 if TYPE_CHECKING:  # who only looks at snapshots needs no kernels
@@ -19,7 +19,7 @@ if TYPE_CHECKING:  # who only looks at snapshots needs no kernels
 
 @final
 @dataclass(frozen=True, eq=False)
-class FilmShape:
+class FilmShape(Shown):
     """The film at the end of one tick.
 
     Args:
@@ -35,10 +35,10 @@ class FilmShape:
     tip_position: Annotated[Array, (3,)]
     tip_direction: Annotated[Array, (3,)]
     center_line_m: float
-    reader: ClassVar[None] = None
+    _reader: ClassVar[None] = None
 
     @property
-    def shape(self) -> FilmShape:
+    def _shape(self) -> FilmShape:
         """Itself: there is nothing to read."""
         return self
 
@@ -57,12 +57,12 @@ class UnreadFilmShape:
     """
 
     def __init__(self, reader: ShapeReader, shape: Any) -> None:
-        self.reader, self.shape = reader, shape
+        self._reader, self._shape = reader, shape
 
     @cached_property
     def node_position(self) -> Array:
         """See `FilmShape`."""
-        return self.reader.positions(self.shape)
+        return np.asarray(read_only(self._reader.positions(self._shape)))
 
     @property
     def chamber_volume_m3(self) -> Array:
@@ -86,7 +86,7 @@ class UnreadFilmShape:
 
     @cached_property
     def _figures(self) -> ShapeFigures:
-        return self.reader.figures([self.shape])
+        return self._reader.figures([self._shape])
 
     def read(self) -> FilmShape:
         """Return all values, without what reads them."""
@@ -117,20 +117,20 @@ class FilmShapes:
     def __init__(
         self, reader: ShapeReader | None, shapes: Sequence[Any], figures: ShapeFigures | None = None
     ) -> None:
-        self.reader, self.shapes, self._figures = reader, shapes, figures
+        self._reader, self._shapes, self._figures = reader, shapes, figures
 
     @classmethod
     def of(cls, films: Sequence[Film]) -> FilmShapes:
         """Return some shapes as one, at least one."""
-        readers = {film.reader for film in films}
+        readers = {film._reader for film in films}
         if len(readers) > 1:  # of several runs
             return cls(None, [film.read() for film in films])
-        return cls(readers.pop(), [film.shape for film in films])
+        return cls(readers.pop(), [film._shape for film in films])
 
     @classmethod
     def joined(cls, parts: Sequence[FilmShapes]) -> FilmShapes:
         """Return the shapes of some parts of one run, at least one part, in order."""
-        shapes, reader = list(chain.from_iterable(part.shapes for part in parts)), parts[0].reader
+        shapes, reader = list(chain.from_iterable(part._shapes for part in parts)), parts[0]._reader
         if reader is not None and all(part._figures is None for part in parts):
             return cls(reader, shapes)
         columns = [vars(part.figures).values() for part in parts]
@@ -138,8 +138,8 @@ class FilmShapes:
         return cls(reader, shapes, figures)
 
     def __getitem__(self, row: int) -> Film:
-        shape = self.shapes[row]
-        return shape if self.reader is None else UnreadFilmShape(self.reader, shape)
+        shape = self._shapes[row]
+        return shape if self._reader is None else UnreadFilmShape(self._reader, shape)
 
     @property
     def figures(self) -> ShapeFigures:
@@ -150,17 +150,17 @@ class FilmShapes:
 
     def some(self, rows: IntArray) -> FilmShapes:
         """Return some of the shapes, by their places."""
-        return FilmShapes(self.reader, [self.shapes[k] for k in rows.tolist()], self.figures.some(rows))
+        return FilmShapes(self._reader, [self._shapes[k] for k in rows.tolist()], self.figures.some(rows))
 
     def node_position(self, rows: slice = slice(None)) -> Array:
         """Return the film's nodes (k, nodes, 3) [m] at some of the ticks."""
-        shapes = self.shapes[rows]
-        if self.reader is None:
+        shapes = self._shapes[rows]
+        if self._reader is None:
             return np.stack([shape.node_position for shape in shapes])
-        return self.reader.films(shapes)
+        return self._reader.films(shapes)
 
     def _read(self) -> ShapeFigures:
-        if self.reader is not None:
-            return self.reader.figures(self.shapes)
+        if self._reader is not None:
+            return self._reader.figures(self._shapes)
         columns = ("tip_position", "tip_direction", "center_line_m", "chamber_volume_m3")
-        return ShapeFigures(*(np.stack([getattr(shape, name) for shape in self.shapes]) for name in columns))
+        return ShapeFigures(*(np.stack([getattr(shape, name) for shape in self._shapes]) for name in columns))

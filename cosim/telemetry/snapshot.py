@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, final
 import numpy as np
 
 from cosim.base.body_shape import BodyShape
-from cosim.base.frames import Array, IntArray, Pose, Twist
+from cosim.base.frames import Array, IntArray, Pose, Shown, Twist
 from cosim.coupling.schemes.ledger import LedgerEntry
 from cosim.devices.device_report import ActuationReport, DeviceNames
 from cosim.plan.decision import Decision
@@ -25,7 +25,7 @@ __all__ = ["BodyShape", "LedgerEntry", "RunInfo", "Snapshot"]
 
 
 @dataclass(frozen=True, repr=False)
-class RunInfo:
+class RunInfo(Shown):
     """Everything about a run that does not change while it runs.
 
     Args:
@@ -96,8 +96,8 @@ class RunInfo:
 
 @final
 @dataclass(frozen=True, repr=False, eq=False)
-class Snapshot:
-    """State at the end of one tick; arrays are owned by the snapshot.
+class Snapshot(Shown):
+    """State at the end of one tick; nobody can write to its arrays.
 
     Args:
         tick: count from 1; 0 is the state before the first tick.

@@ -10,7 +10,16 @@ from typing import TYPE_CHECKING, Any, Final, final
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.base.frames import Array, IntArray, Mask, Pose, Twist, Wrench, quaternions_from_rotations
+from cosim.base.frames import (
+    Array,
+    IntArray,
+    Mask,
+    Pose,
+    Twist,
+    Wrench,
+    quaternions_from_rotations,
+    read_only,
+)
 from cosim.coupling.schemes.ledger import LedgerEntry
 from cosim.devices.device_report import ActuationReport
 from cosim.telemetry.film_shape import FilmShapes
@@ -167,6 +176,10 @@ class TickBatch:
             link_contacts={places[row]: found for row, found in self.link_contacts.items() if row in places},
             **{name: getattr(self, name)[rows] for name in _ARRAYS},
         )
+
+    def shown(self) -> TickBatch:
+        """Return the same for others to look at: nobody can write to its arrays, which the run may share."""
+        return replace(self, **{name: read_only(getattr(self, name)) for name in _ARRAYS})
 
     def snapshot(self, row: int) -> Snapshot:
         """Return one tick, in arrays of its own."""

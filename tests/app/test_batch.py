@@ -62,6 +62,20 @@ def test_runs_are_what_they_are_alone_whatever_happens_to_others(tmp_path: Path)
         for k in range(4):
             assert same(first[k], expected[k][0])
             assert same(second[k], expected[k][1])
+        for wrong, message in (
+            ("x", "step, run 0: command is 'x'; give a cosim.Command"),
+            ([None, None, 1.5, None], r"step, run 2: command is 1\.5; give a cosim.Command"),
+            ([None], "1 commands were given for 4 runs"),
+        ):
+            with pytest.raises(InputError, match=message):
+                batch.step(wrong)  # type: ignore[arg-type]
+        with pytest.raises(InputError, match=r"step, run 0: ticks is 1\.5; must be a whole number"):
+            batch.step(ticks=1.5)  # type: ignore[arg-type]
+        with pytest.raises(InputError, match="there is no run 4; there are 0 to 3"):
+            batch.reset([4])
+        assert not batch.failed
+        assert batch.measure()[0] is not None
+        assert all(same(here, seen[1]) for here, seen in zip(batch.measure(), expected, strict=True))
         batch.reset()
         impossible = [None, Command(pressure_Pa={"chamber": 1e12}), None, None]
         failing = batch.step([command or COMMANDS[k] for k, command in enumerate(impossible)], ticks=2)

@@ -47,6 +47,12 @@ def test_lengths_are_whole_steps(wanted: float) -> None:
     assert COARSE.advanced(last, wanted, 0.0, STIFFNESS, TICK_s).commanded == last.commanded
 
 
+@pytest.mark.parametrize("wanted", [1e308, -1e308])
+def test_a_length_beyond_all_cables_is_wound_towards_at_its_speed(wanted: float) -> None:
+    last = wind(COARSE, wanted, 100)[-1]
+    assert abs(last.commanded) == pytest.approx(COARSE.step_rate_per_s * 100 * TICK_s, abs=1)
+
+
 def test_speed_is_limited_also_below_a_step_per_tick() -> None:
     slow = replace(COARSE, step_rate_per_s=130.0)  # 0.26 steps a tick
     states = wind(slow, 0.2, 1000)

@@ -104,6 +104,99 @@ def test_what_cannot_be_solved_truncates_by_name(monkeypatch: pytest.MonkeyPatch
         environment.step(np.full(6, np.nan, np.float32))
 
 
+@pytest.mark.parametrize(
+    ("action", "message"),
+    [
+        (np.zeros(5), r"action has 5 numbers; must be 6"),
+        (np.zeros((6, 1)), r"action is .*; must be 6 numbers in a row, shape \(6,\)"),
+        (None, r"action is None; must be 6 numbers in a row, shape \(6,\)"),
+        ("up", r"action is 'up'; must be 6 numbers in a row, shape \(6,\)"),
+        (["0.1"] * 6, r"action\[0\] is '0\.1'; must be a number"),
+        ([0.0] * 5 + [float("inf")], r"action is .*; its 6 numbers must be finite"),
+    ],
+)
+def test_an_action_of_another_kind_is_refused_with_its_shape(action: Any, message: str) -> None:
+    environment: Any = gymnasium.make(ARMS[0], **RIGID).unwrapped
+    environment.reset(seed=0)
+    before = environment.measured
+    with pytest.raises(InputError, match=message):
+        environment.step(action)
+    assert environment.measured.time_s == before.time_s
+
+
+def test_a_changed_clock_keeps_the_length_of_a_step() -> None:
+    environment: Any = gymnasium.make(ARMS[0], **RIGID).unwrapped
+    for tick_s in (4e-3, 2e-2):
+        environment.reset(options={"changes": {"clock.tick_s": tick_s}})
+        before = environment.measured.time_s
+        environment.step(np.zeros(6, np.float32))
+        assert environment.measured.time_s - before == pytest.approx(0.02)
+    before = environment.measured
+    for changes in ({"clock.tick_s": 3e-3}, {"clock": {"tick_s": 0.05}}):
+        with pytest.raises(
+            InputError, match=r"clock\.tick_s is 0\.0.*whole ticks have to make a step of 0\.02 s"
+        ):
+            environment.reset(seed=3, options={"changes": changes})
+    # the episode goes on, and chance as it would
+    assert environment.measured.time_s == before.time_s
+    other: Any = gymnasium.make(ARMS[0], **RIGID).unwrapped
+    (first, _), (second, _) = (one.reset(seed=5) for one in (environment, other))
+    np.testing.assert_array_equal(first["desired_goal"], second["desired_goal"])
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        (
+            {"options": {"goal": [float("nan")] * 3}},
+            r"options: goal is \[nan, nan, nan\]; its 3 numbers must be",
+        ),
+        ({"options": {"goal": [0.1, 0.2]}}, "options: goal has 2 numbers; must be 3"),
+        ({"options": {"goal": "far"}}, r"options: goal is 'far'; must be 3 numbers in a row"),
+        ({"options": {"changes": 5}}, "changes are 5; give values by key path"),
+        ({"options": {"start": 5}}, "5: holds no simulation but a int"),
+        ({"options": [1]}, r"options are \[1\]; give values by name: start, changes, goal"),
+        ({"seed": "x"}, "seed is 'x'; must be a whole number from 0 on"),
+        ({"seed": -1}, "seed is -1; must be a whole number from 0 on"),
+    ],
+)
+def test_what_a_reset_cannot_take_is_refused_by_name(given: dict[str, Any], message: str) -> None:
+    environment: Any = gymnasium.make(ARMS[0], **RIGID).unwrapped
+    environment.reset(seed=0)
+    environment.step(np.ones(6, np.float32))
+    before = environment.measured
+    with pytest.raises(InputError, match=message):
+        environment.reset(**given)
+    assert environment.measured.time_s == before.time_s > 0.0
+
+
+def test_environments_in_processes_refuse_before_any_of_them_moves() -> None:
+    many: Any = gymnasium.make_vec(ARMS[0], num_envs=2, vectorization_mode="vector_entry_point", **RIGID)
+    many.reset(seed=5)
+    row = [0.1] * 6
+    for actions, message in (
+        ([row], r"actions are .*; must have the shape \(2, 6\)"),
+        ([row, row[:5]], r"actions\[1\] has 5 numbers; must be 6"),
+        (np.full((2, 6), np.nan), r"actions\[0\] is .*; its 6 numbers must be finite"),
+        (None, r"actions are None; must have the shape \(2, 6\)"),
+    ):
+        with pytest.raises(InputError, match=message):
+            many.step(actions)
+    for given, message in (
+        ({"seed": [1]}, r"seed is \[1\]; give one, or one for each of 2"),
+        ({"options": {"reset_mask": [True]}}, "options: reset_mask is .*; must be 2 times True or False"),
+        ({"options": {"goal": [0.1]}}, "options: goal has 1 numbers; must be 3"),
+    ):
+        with pytest.raises(InputError, match=message):
+            many.reset(**given)
+    action = np.full((2, 6), 0.5, np.float32)
+    stepped, *_ = many.step(action)
+    many.reset(seed=5)
+    again, *_ = many.step(action)
+    assert again["observation"].tobytes() == stepped["observation"].tobytes()
+    many.close()
+
+
 def test_environments_in_processes_are_what_each_is_alone() -> None:
     options = {"goal": [0.3, 0.0, 0.55]}
     many: Any = gymnasium.make_vec(

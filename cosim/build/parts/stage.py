@@ -79,7 +79,7 @@ def _steps(parts: Parts) -> tuple[int, float]:
 
 
 def _largest_stress(body: SoftBody, positions: Array) -> Array:
-    return body.principal_stress(positions)[:, 0]
+    return body.principal_stress(np.array(positions))[:, 0]  # kernels take no array that is read-only
 
 
 def _report(parts: Parts, modelled: tuple[Decision, ...], model: SoftModel) -> str:

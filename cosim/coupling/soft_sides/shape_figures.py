@@ -7,12 +7,12 @@ from typing import final
 
 import numpy as np
 
-from cosim.base.frames import Array, IntArray
+from cosim.base.frames import Array, IntArray, Shown
 
 
 @final
 @dataclass(frozen=True, eq=False)
-class ShapeFigures:
+class ShapeFigures(Shown):
     """Figures of k shapes.
 
     Args:

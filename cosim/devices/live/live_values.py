@@ -10,7 +10,7 @@ from typing import Annotated, Final, TypeAlias, final
 from cosim.config.schema.scenario import Scenario
 from cosim.devices.cable_drive import Order
 from cosim.devices.cable_orders import LiveOrders
-from cosim.devices.command_values import check_one_order_each, named_values
+from cosim.devices.command_values import check_command, check_one_order_each, named_values
 from cosim.devices.controller import Command
 
 _Values: TypeAlias = tuple[float | None, ...]
@@ -52,14 +52,16 @@ class LiveValues:
         """
         robot, pumps = scenario.soft_robot, tuple(pump.name for pump in scenario.pumps)
         chambers, cables = robot.chamber_names(), robot.cable_names()
-        check_one_order_each(command, who)
-        return cls(
-            named_values(command.pressure_Pa, chambers, who, "pressure_Pa", -scenario.gas.ambient_Pa),
-            named_values(command.gas_kg, chambers, who, "gas_kg", 0.0),
-            named_values(command.cable_tension_N, cables, who, "cable_tension_N", 0.0),
-            named_values(command.cable_length_m, cables, who, "cable_length_m", 0.0),
+        check_command(command, who)
+        values = cls(
+            named_values(command.pressure_Pa, chambers, who, "pressure_Pa", lowest=-scenario.gas.ambient_Pa),
+            named_values(command.gas_kg, chambers, who, "gas_kg", lowest=0.0),
+            named_values(command.cable_tension_N, cables, who, "cable_tension_N", lowest=0.0),
+            named_values(command.cable_length_m, cables, who, "cable_length_m", above=0.0),
             named_values(command.pump_pressure_Pa, pumps, who, "pump_pressure_Pa"),
         )
+        check_one_order_each(values.cable_tension_N, values.cable_length_m, cables, who)
+        return values
 
     @property
     def drives_cables(self) -> bool:

@@ -22,7 +22,10 @@ def stored_energy(body: SoftBody, positions: Array) -> dict[type[DirectElement],
         body: whose elements.
         positions: (n, 3) [m].
     """
-    x, unused = np.ascontiguousarray(positions), np.zeros_like(positions)
+    x, unused = (
+        np.array(positions, order="C"),
+        np.zeros_like(positions),
+    )  # kernels take none that is read-only
     energy: dict[type[DirectElement], float] = {}
     for element in body.of_kind(DirectElement):  # type: ignore[type-abstract]
         memory = element.first_memory(body.positions)
