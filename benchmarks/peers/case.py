@@ -6,12 +6,13 @@ then the arm swings for 1 s. `ON_BAR`: at 30 kPa gravity turns by 45 degrees wit
 itself against a bar beside its middle. All simulators get the same nodes, triangles, masses and start, and
 damping proportional to mass.
 
-This module needs numpy only, so that a simulator in an environment of its own can import it.
+This module needs numpy and numba only, so that a simulator in an environment of its own can import it.
 """
 
 from __future__ import annotations
 
 import math
+import statistics
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -23,6 +24,10 @@ import numpy as np
 
 SAMPLE_S = 0.02  # where trajectories are compared
 GRAVITY_M_S2 = 9.81
+PAIRS_HEAD = (
+    "| peer | its error, mm | times real time | cosim at no larger error | its error, mm | times real time "
+    "| cosim is faster by |"
+)
 
 
 def _smooth(share: float) -> float:
@@ -161,7 +166,12 @@ class FollowerPressure:
 
 @numba.njit
 def add_pressure(
-    x: np.ndarray, pressure: float, triangles: np.ndarray, rings: np.ndarray, ends: np.ndarray, out: np.ndarray
+    x: np.ndarray,
+    pressure: float,
+    triangles: np.ndarray,
+    rings: np.ndarray,
+    ends: np.ndarray,
+    out: np.ndarray,
 ) -> None:
     """Fill out (n, 3) with the force of a gas; rings follow one another, `ends` (caps + 1,) says where."""
     out[:] = 0.0
@@ -232,3 +242,25 @@ def run(
                 tips[k // every] = np.nan
                 break
     return Run(tips, time.process_time() - began)
+
+
+def longest_tick(error_of: Callable[[float], float], allowed_m: float) -> float | None:
+    """Return the longest tick [s] of 10 ms and less whose error is allowed; None if 0.1 ms is too long.
+
+    Args:
+        error_of: of a tick [s], of which a whole number fits into `SAMPLE_S`; grows with it.
+        allowed_m: bound on it.
+    """
+    low, high = round(SAMPLE_S / 1e-2), round(SAMPLE_S / 1e-4)
+    if error_of(SAMPLE_S / high) > allowed_m:
+        return None
+    while low < high:
+        ticks = (low + high) // 2
+        low, high = (low, ticks) if error_of(SAMPLE_S / ticks) <= allowed_m else (ticks + 1, high)
+    return SAMPLE_S / high
+
+
+def alternately(first: Callable[[], Run], second: Callable[[], Run], repeats: int) -> tuple[float, float]:
+    """Return the median CPU times [s] of two runs made in turn: how fast the machine is changes for both."""
+    pairs = [(first().cpu_s, second().cpu_s) for _ in range(repeats)]
+    return statistics.median(a for a, _ in pairs), statistics.median(b for _, b in pairs)
