@@ -5,8 +5,8 @@
 Every run is measured against its own code with the same integrator at a quarter of its tick, so contact laws
 need not be equal; further, against the code's finest run. Beside each of MuJoCo's explicit runs, up to its
 longest stable tick, stands cosim's with the longest tick of BDF2 that has no larger error, both run in turn;
-the fastest runs of both stand beside each other for allowed errors. CPU time of the loop, one thread; ours the
-median of three runs where they are short. `--page` writes the tables into the page.
+the fastest runs of both stand beside each other for allowed errors. CPU time of the loop, one thread; ours
+the median of three runs where they are short. `--page` writes the tables into the page.
 """
 
 from __future__ import annotations
