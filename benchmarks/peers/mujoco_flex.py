@@ -16,9 +16,9 @@ def _numbers(values: np.ndarray) -> str:
 
 _RADIUS_M = 5e-4  # of the flex; the film touches with it
 _UNUSED = " ".join(
-    f'{what}="disable"' for what in ("actuation", "equality", "limit", "frictionloss", "sensor", "eulerdamp")
+    f'{what}="disable"' for what in ("actuation", "equality", "limit", "frictionloss", "sensor")
 )
-"""What the cases need no work for; their damping is as exact as explicit steps are."""
+"""What the cases need no work for; steps without `eulerdamp` save 6 % for errors larger by 12 to 40 %."""
 _CONTACT_S = 0.001  # time constant of contact; MuJoCo takes two ticks at least
 
 
