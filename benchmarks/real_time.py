@@ -8,7 +8,8 @@ Without names: all that come with cosim; `--set` changes them all. The factor is
 of the process in the loop over ticks, the median of the repeats, kernels compiled before. Of a tick, CPU time
 of the thread, by which ticks are gathered as well: other work on the machine makes batches no smaller. One
 batch in ten is left out of all times: in it calls of functions from Python are counted, the median of these
-batches is told. Tangents, gradients and shifted tangents are counted in all ticks.
+batches is told. Tangents, gradients and shifted tangents are counted in all ticks, those that plan and state
+at rest have taken before the first tick apart from them.
 
 `--accuracy`: instead, the largest distance of the tip, and of what can move, from the same scenario with a
 tick a quarter as long, for dynamic scenarios in which the soft robot touches something.
@@ -28,7 +29,7 @@ import sys
 import time
 from collections.abc import Mapping
 from contextlib import nullcontext
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from itertools import count
 from pathlib import Path
 from types import SimpleNamespace
@@ -38,23 +39,33 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from benchmarks.measure.page_tables import put_table
-from benchmarks.measure.tally import Tally
+from benchmarks.measure.tally import Counts, Tally
 
 _COUNTED_ONE_IN = 10  # batches
 _HEAD = (
     "| scenario | model | tick, ms | before | times real time | 99 of 100 ticks within | tangents | shifted "
-    "| gradients | calls | tip, mm | objects, mm |"
+    "| gradients | calls | tangents before | tip, mm | objects, mm |"
 )
 
 
 @final
 @dataclass(frozen=True)
 class Timed:
-    """What was timed of a run: simulated and CPU time [s], CPU times of its ticks [s]."""
+    """What was timed and counted of a run.
+
+    Args:
+        simulated_s: time [s].
+        spent_s: CPU time [s].
+        ticks_s: CPU times of its ticks [s].
+        plan: counts before the first tick.
+        loop: counts of all ticks.
+    """
 
     simulated_s: float
     spent_s: float
     ticks_s: list[float]
+    plan: Counts
+    loop: Counts
 
     @property
     def factor(self) -> float:
@@ -80,12 +91,13 @@ def speed_of(name: str, changes: Mapping[str, Any], repeats: int, tally: Tally) 
     """Return how fast a scenario runs, and counts of a tick in the mean."""
     import numpy as np
 
-    tally.tangents = tally.gradients = tally.shifted = tally.calls = 0
     counted: list[float] = []
     found: dict[str, Any] = {}
     runs = [run_once(name, changes, tally, counted, found) for _ in range(repeats)]
     ticks = repeats * found["ticks"]
-    per_tick = {what: getattr(tally, what) / ticks for what in ("tangents", "gradients", "shifted")}
+    per_tick = {
+        what.name: sum(getattr(run.loop, what.name) for run in runs) / ticks for what in fields(Counts)
+    }
     late_s = float(np.median([np.percentile(run.ticks_s, 99) for run in runs]))
     factor = statistics.median(run.factor for run in runs)
     return {
@@ -93,6 +105,7 @@ def speed_of(name: str, changes: Mapping[str, Any], repeats: int, tally: Tally) 
         "factor": factor,
         **({"p99_s": late_s} if found["mode"] == "dynamic" else {}),
         **per_tick,
+        "tangents_before": statistics.median(run.plan.tangents for run in runs),
         **({"calls": statistics.median(counted)} if counted else {}),
     }
 
@@ -109,6 +122,8 @@ def run_once(
 
     for module in (dynamic, batch_stepper, stepped_run, rerun_recorder):  # other work does not count
         vars(module)["time"] = SimpleNamespace(perf_counter=time.thread_time)
+    plan, loop = Counts(), Counts()
+    tally.now = plan
     scenario = prepared(load_scenario(name, changes or None), lambda _: None, recording=True)
     run = build_simulation(scenario)
     simulated_s, spent_s, ticks_s, here_s = 0.0, 0.0, [], 0.0
@@ -132,10 +147,11 @@ def run_once(
                 simulated_s, spent_s = simulated_s + here_s - before_s, spent_s + took_s
                 ticks_s += batch.tick_wall_s.tolist()
             else:
+                tally.now = loop
                 nodes = len(batch.snapshot(0).node_position)
                 found.update(model=model_words(scenario, nodes), tick_s=run.stage.tick_s)
                 found.update(ticks=run.stage.ticks, mode=scenario.mode)
-    return Timed(simulated_s, spent_s, ticks_s)
+    return Timed(simulated_s, spent_s, ticks_s, plan, loop)
 
 
 def accuracy_of(name: str, changes: Mapping[str, Any]) -> dict[str, Any]:
@@ -171,7 +187,7 @@ def row(name: str, found: Mapping[str, Any], before: Mapping[str, Any]) -> str:
     cells = [
         name, str(found.get("model", "")), f"{1e3 * found['tick_s']:g}" if "tick_s" in found else "", earlier,
         shown("factor", 2), late, shown("tangents", 2), shown("shifted", 2), shown("gradients", 1),
-        shown("calls", 0), tip, shown("object_error_m", 2, 1e3),
+        shown("calls", 0), shown("tangents_before", 0), tip, shown("object_error_m", 2, 1e3),
     ]  # fmt: skip
     return f"| {' | '.join(cells)} |"
 
@@ -179,7 +195,7 @@ def row(name: str, found: Mapping[str, Any], before: Mapping[str, Any]) -> str:
 def table(found: Mapping[str, Any], before: Mapping[str, Any]) -> str:
     """Return what a file holds as Markdown."""
     rows = [row(name, figures, before) for name, figures in sorted(found.items())]
-    return "\n".join([_HEAD, "|---|---|" + "---:|" * 10, *rows])
+    return "\n".join([_HEAD, "|---|---|" + "---:|" * 11, *rows])
 
 
 def options_of() -> argparse.Namespace:

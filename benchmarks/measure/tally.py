@@ -5,26 +5,38 @@ from __future__ import annotations
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from types import SimpleNamespace
 from typing import Any, final
 
 
 @final
 @dataclass
-class Tally:
-    """What all solvers of the process have done since it was made.
+class Counts:
+    """What solvers have done.
 
     Args:
         tangents: assembled; of one of several bodies side by side a share.
         gradients: evaluated without one; of several bodies as many as of that which took most.
         shifted: tangents that were not positive definite as they were.
-        calls: of Python and C functions from Python, within `counting_calls`.
     """
 
     tangents: float = 0.0
     gradients: int = 0
     shifted: int = 0
+
+
+@final
+@dataclass
+class Tally:
+    """Counts what all solvers of the process do.
+
+    Args:
+        now: where it is counted; whoever takes another piece of work puts other counts here.
+        calls: of Python and C functions from Python, within `counting_calls`.
+    """
+
+    now: Counts = field(default_factory=Counts)
     calls: int = 0
 
     def watch(self) -> None:
@@ -44,34 +56,34 @@ class Tally:
         take_row: Any = BatchStepper.take
 
         def counted_at(problem: Problem, *places: Any, hessian: bool = False) -> Any:
-            self.tangents += hessian
-            self.gradients += not hessian
+            self.now.tangents += hessian
+            self.now.gradients += not hessian
             return at(problem, *places, hessian=hessian)
 
         def counted_part(part: Any, *places: Any, hessian: bool = False) -> Any:
-            self.tangents += hessian / (len(part.film.parts) - 1)
+            self.now.tangents += hessian / (len(part.film.parts) - 1)
             return part_at(part, *places, hessian=hessian)
 
         def counted_tangents(sides: Any, side: Any, *given: Any) -> None:
             made = side.kept.made
-            self.tangents += made.sum() / len(made)
+            self.now.tangents += made.sum() / len(made)
             take_over(sides, side, *given)
 
         def counted_factor(solver: NewtonSolver, *given: Any) -> Any:
             attempts = factor(solver, *given)
-            self.shifted += abs(attempts) > 1
+            self.now.shifted += abs(attempts) > 1
             return attempts
 
         def counted_step(*given: Any) -> Any:
             converged, iterations, *rest = film_step(*given)
             # at the start, then after every iteration
-            self.gradients += getattr(given[-1], "begins", True) + iterations
+            self.now.gradients += getattr(given[-1], "begins", True) + iterations
             return converged, iterations, *rest
 
         def counted_row(stepper: BatchStepper, *given: Any) -> Any:
             batch = take_row(stepper, *given)
             if batch is not None:
-                self.gradients += int(batch.newton_iterations.sum()) + len(batch)
+                self.now.gradients += int(batch.newton_iterations.sum()) + len(batch)
             return batch
 
         for owner, name, counted in (

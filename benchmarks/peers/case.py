@@ -6,22 +6,28 @@ then the arm swings for 1 s. `ON_BAR`: at 30 kPa gravity turns by 45 degrees wit
 itself against a bar beside its middle. All simulators get the same nodes, triangles, masses and start, and
 damping proportional to mass.
 
-This module needs numpy only, so that a simulator in an environment of its own can import it.
+This module needs numpy and numba only, so that a simulator in an environment of its own can import it.
 """
 
 from __future__ import annotations
 
 import math
+import statistics
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numba
 import numpy as np
 
 SAMPLE_S = 0.02  # where trajectories are compared
 GRAVITY_M_S2 = 9.81
+PAIRS_HEAD = (
+    "| peer | its error, mm | times real time | cosim at no larger error | its error, mm | times real time "
+    "| cosim is faster by |"
+)
 
 
 def _smooth(share: float) -> float:
@@ -141,31 +147,61 @@ class Case:
 
 
 class FollowerPressure:
-    """The force of a gas on film and caps, written by hand as a user of another simulator would.
+    """The force of a gas on film and caps, compiled, as a user of another simulator would add it.
 
     Each film triangle gives a third of p A n to each corner; a cap is the fan from the mean of its ring.
     """
 
     def __init__(self, case: Case) -> None:
-        self._triangles, self._caps = case.triangles, case.caps
-        corners = case.triangles.T.ravel()
-        order = np.argsort(corners, kind="stable")
-        self._order = np.concatenate([order % len(case.triangles)])
-        nodes, self._first = np.unique(corners[order], return_index=True)
-        self._nodes, self._count = nodes, len(case.drawn)
+        self._triangles = np.ascontiguousarray(case.triangles, np.int64)
+        self._rings = np.concatenate([np.zeros(0, np.int64), *case.caps])
+        self._ends = np.cumsum([0, *map(len, case.caps)])
+        self._force = np.zeros(case.drawn.shape)
 
     def __call__(self, x: np.ndarray, pressure: float) -> np.ndarray:
-        """Return the force (n, 3) [N] at positions (n, 3) [m]."""
-        a, b, c = (x[self._triangles[:, k]] for k in range(3))
-        share = pressure / 6.0 * np.cross(b - a, c - a)
-        force = np.zeros((self._count, 3))
-        force[self._nodes] = np.add.reduceat(share[self._order], self._first, axis=0)
-        for ring in self._caps:
-            r = x[ring]
-            after, mean = np.roll(r, -1, axis=0), r.mean(axis=0)
-            part = pressure / 6.0 * np.cross(r - mean, after - mean)
-            force[ring] += part + np.roll(part, 1, axis=0) + part.sum(axis=0) / len(ring)
-        return force
+        """Return the force (n, 3) [N] at positions (n, 3) [m]; the next call writes over it."""
+        add_pressure(x, pressure, self._triangles, self._rings, self._ends, self._force)
+        return self._force
+
+
+@numba.njit
+def add_pressure(
+    x: np.ndarray,
+    pressure: float,
+    triangles: np.ndarray,
+    rings: np.ndarray,
+    ends: np.ndarray,
+    out: np.ndarray,
+) -> None:
+    """Fill out (n, 3) with the force of a gas; rings follow one another, `ends` (caps + 1,) says where."""
+    out[:] = 0.0
+    for t in range(triangles.shape[0]):
+        i, j, k = triangles[t]
+        _add_share(x[i], x[j], x[k], pressure, out[i], out[j], out[k])
+    middle, pull = np.empty(3), np.empty(3)
+    for cap in range(ends.shape[0] - 1):
+        first, end = ends[cap], ends[cap + 1]
+        middle[:], pull[:] = 0.0, 0.0
+        for at in range(first, end):
+            for r in range(3):
+                middle[r] += x[rings[at], r] / (end - first)
+        for at in range(first, end):
+            i, j = rings[at], rings[at + 1 if at + 1 < end else first]
+            _add_share(middle, x[i], x[j], pressure, pull, out[i], out[j])
+        for at in range(first, end):
+            for r in range(3):
+                out[rings[at], r] += pull[r] / (end - first)
+
+
+@numba.njit
+def _add_share(a, b, c, pressure, at_a, at_b, at_c):  # type: ignore[no-untyped-def]
+    """Add what each corner of a triangle bears."""
+    for r in range(3):
+        s, t = (r + 1) % 3, (r + 2) % 3
+        share = pressure / 6.0 * ((b[s] - a[s]) * (c[t] - a[t]) - (b[t] - a[t]) * (c[s] - a[s]))
+        at_a[r] += share
+        at_b[r] += share
+        at_c[r] += share
 
 
 @dataclass(frozen=True)
@@ -206,3 +242,25 @@ def run(
                 tips[k // every] = np.nan
                 break
     return Run(tips, time.process_time() - began)
+
+
+def longest_tick(error_of: Callable[[float], float], allowed_m: float) -> float | None:
+    """Return the longest tick [s] of 10 ms and less whose error is allowed; None if 0.1 ms is too long.
+
+    Args:
+        error_of: of a tick [s], of which a whole number fits into `SAMPLE_S`; grows with it.
+        allowed_m: bound on it.
+    """
+    low, high = round(SAMPLE_S / 1e-2), round(SAMPLE_S / 1e-4)
+    if error_of(SAMPLE_S / high) > allowed_m:
+        return None
+    while low < high:
+        ticks = (low + high) // 2
+        low, high = (low, ticks) if error_of(SAMPLE_S / ticks) <= allowed_m else (ticks + 1, high)
+    return SAMPLE_S / high
+
+
+def alternately(first: Callable[[], Run], second: Callable[[], Run], repeats: int) -> tuple[float, float]:
+    """Return the median CPU times [s] of two runs made in turn: how fast the machine is changes for both."""
+    pairs = [(first().cpu_s, second().cpu_s) for _ in range(repeats)]
+    return statistics.median(a for a, _ in pairs), statistics.median(b for _, b in pairs)

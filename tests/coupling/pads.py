@@ -149,6 +149,7 @@ class CoupledGrasp:
         tick_s: of the clock.
         scheme: makes the coupling.
         integrator: of the pads.
+        edge_m: of the cube.
     """
 
     def __init__(
@@ -157,8 +158,10 @@ class CoupledGrasp:
         tick_s: float,
         scheme: Callable[[Interface], Coupling],
         integrator: Integrator = "implicit_euler",
+        edge_m: float = EDGE_M,
     ) -> None:
-        self.grasp = Grasp(mass_kg, tick_s, carried=False, integrator=integrator)
+        cube = SceneObject("cube", "box", (edge_m,) * 3, (0.0, 0.0, 1.5), mass_kg=mass_kg)
+        self.grasp = Grasp(mass_kg, tick_s, carried=False, objects=(cube,), integrator=integrator)
         self.holder = FixedFlange(self.grasp.scene, self.grasp.flange)
         scene: Any = self.holder
         self.interface = Interface(scene, self.grasp.soft, Wrench(), self.grasp.exchange)

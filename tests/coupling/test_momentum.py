@@ -2,11 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 
 from cosim.base.frames import Wrench
+from cosim.coupling.schemes.interface import Interface
+from cosim.coupling.schemes.iterated import IteratedCoupling
 from cosim.coupling.schemes.momentum_balance import TransferredLoads
+from cosim.coupling.schemes.scheme import Coupling
+from cosim.coupling.schemes.staggered import StaggeredCoupling
+from tests.coupling.pads import CoupledGrasp
 
 ORIGIN = np.array([0.3, -0.2, 0.7])
 HANDED = TransferredLoads.of(
@@ -26,3 +33,27 @@ def test_force_and_torque_count_by_their_size(component: int, lost: float, error
     change = lost * (np.arange(6) == component)
     assert HANDED.error(FLANGE + change, np.arange(6.0)) == pytest.approx(error)
     assert HANDED.error(FLANGE, np.arange(6.0) + change) == pytest.approx(0.8 * error)
+
+
+def test_loads_below_a_hundredth_of_a_newton_count_as_that() -> None:
+    nothing = np.zeros(6)
+    for size in (0.0, 5e-3, 1e-2):
+        handed = TransferredLoads.of(Wrench(np.array([size, 0.0, 0.0])), np.zeros(3), nothing, size)
+        flange = np.array([size, 0.0, 0.0, 0.0, 0.0, 0.0])
+        assert handed.error(flange, nothing) == 0.0
+        for component, error in ((1, 0.01), (4, 0.1)):
+            lost = 1e-4 * (np.arange(6) == component)
+            assert handed.error(flange + lost, nothing) == pytest.approx(error)
+            assert handed.error(flange, lost) == pytest.approx(error)
+
+
+@pytest.mark.parametrize("scheme", [StaggeredCoupling, IteratedCoupling])
+def test_nothing_is_lost_of_a_film_that_comes_near_touches_and_lets_go(
+    scheme: Callable[[Interface], Coupling],
+) -> None:
+    here, seen = CoupledGrasp(0.05, 2e-3, scheme, edge_m=0.0315), set()
+    for _ in range(10):
+        entry = here.tick()
+        seen.add((here.grasp.exchange.planes is not None, here.interface.touched.normal_force_N > 0.0))
+        assert entry.momentum_error < 1e-10
+    assert seen == {(False, False), (True, False), (True, True)}
