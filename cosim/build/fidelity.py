@@ -28,7 +28,15 @@ def fidelity_body(scenario: Scenario) -> SoftBody:
     Raises:
         ScenarioError: the geometry gives degenerate triangles.
     """
-    robot, model = _described(scenario)
+    return described_body(*_described(scenario))
+
+
+def described_body(robot: SoftRobotTable, model: ModelTable) -> SoftBody:
+    """Return the soft body of a description, in the flange frame; what is wrong with it names a key.
+
+    Raises:
+        ScenarioError: it cannot be built; see `build_soft_body`.
+    """
     with blamed_on("soft_robot.body" if robot.stack is None else "soft_robot.stack"):
         return build_soft_body(robot, model)
 

@@ -55,7 +55,7 @@ class SoftModel:
         self._flange = pose_of(scenario.start.flange)
         self._statics, self._dynamics = static_options(scenario), dynamic_options(scenario)
         self._films = film_law(scenario)
-        self.body_name, self.lasting = _body_name(scenario), _is_lasting(scenario.soft_robot)
+        self.body_name, self.lasting = body_name(scenario), _is_lasting(scenario.soft_robot)
         self.body = kept.made(
             "body", self.body_name, lambda: fidelity_body(scenario) if given is None else given
         )
@@ -90,7 +90,7 @@ class SoftModel:
         return flexible
 
 
-def _body_name(scenario: Scenario) -> str:
+def body_name(scenario: Scenario) -> str:
     """Return a name of all that a scenario's soft body is made of, files of meshes among it."""
     sources = tuple(_sources(scenario.soft_robot))
     if not all(isinstance(source, MeshTable) for source in sources):
