@@ -63,6 +63,7 @@ def static_options(scenario: Scenario) -> NewtonOptions:
         tolerance_N=scenario.solver.residual_tolerance_N,
         start_tolerance_N=scenario.solver.residual_tolerance_N,
         iterations_max=scenario.solver.newton_iterations_max,
+        search_iterations_max=scenario.solver.search_iterations_max,
         reuse_max=_REUSE_MAX if scenario.mode == "quasistatic" else 0,
         reuse_below_N=_STATIC_REUSE_BELOW_N,
     )
