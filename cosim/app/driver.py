@@ -217,7 +217,7 @@ def build_simulation(
         controllers: of kind "python", by name.
         before: of the run whose state it goes on from; None for a run from its start.
         body: the soft body, where the scenario's is given as arrays.
-        tell: told when the plan leads to something to touch, whose kernels are then compiled.
+        tell: told what takes long, see `cosim.build.simulation.build`.
         kept: parts that may serve again, and gets others.
     """
     from cosim.build import simulation

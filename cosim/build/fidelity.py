@@ -28,7 +28,15 @@ def fidelity_body(scenario: Scenario) -> SoftBody:
     Raises:
         ScenarioError: the geometry gives degenerate triangles.
     """
-    robot, model = _described(scenario)
+    return described_body(*_described(scenario))
+
+
+def described_body(robot: SoftRobotTable, model: ModelTable) -> SoftBody:
+    """Return the soft body of a description, in the flange frame; what is wrong with it names a key.
+
+    Raises:
+        ScenarioError: it cannot be built; see `build_soft_body`.
+    """
     with blamed_on("soft_robot.body" if robot.stack is None else "soft_robot.stack"):
         return build_soft_body(robot, model)
 
@@ -55,6 +63,7 @@ def static_options(scenario: Scenario) -> NewtonOptions:
         tolerance_N=scenario.solver.residual_tolerance_N,
         start_tolerance_N=scenario.solver.residual_tolerance_N,
         iterations_max=scenario.solver.newton_iterations_max,
+        search_iterations_max=scenario.solver.search_iterations_max,
         reuse_max=_REUSE_MAX if scenario.mode == "quasistatic" else 0,
         reuse_below_N=_STATIC_REUSE_BELOW_N,
     )

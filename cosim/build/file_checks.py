@@ -6,9 +6,13 @@ from cosim.base.arm_file import ArmFile
 from cosim.base.kept.kept_parts import KeptParts
 from cosim.build.arms import find_arm
 from cosim.build.engines_agree import check_engines_agree
-from cosim.build.fidelity import fidelity_body
+from cosim.build.fidelity import described_body, fidelity_body
 from cosim.build.parts.arm_parts import ArmParts
+from cosim.build.parts.soft_model import body_name
 from cosim.config.schema.scenario import NO_ARM, Scenario
+from cosim.config.schema.soft_robot import SoftRobotTable
+from cosim.config.schema.solver import ModelTable
+from cosim.config.toml.faults import Faults
 from cosim.kinematics.arm import Arm
 from cosim.plan.arm_plan import checked_start, drawn_payload
 from cosim.plan.paths.planning import check_given_ways
@@ -37,21 +41,40 @@ def flange_at_home(file: ArmFile) -> str:
     return f"at home the flange is at [{numbers[0]}] m, its direction [{numbers[1]}]"
 
 
-def check_arm_in_scene(scenario: Scenario) -> None:
-    """Check a scenario's arm, cell and objects, and that the arm reaches its start and can go on from there.
+def check_robot(robot: SoftRobotTable) -> None:
+    """Check that the film of a soft robot's file can be built.
+
+    Args:
+        robot: checked by `load_soft_robot`.
+
+    Raises:
+        ScenarioError: what is wrong, by key; see `build_soft_body`.
+    """
+    described_body(robot, ModelTable())
+
+
+def check_built(scenario: Scenario, kept: KeptParts | None = None) -> None:
+    """Check a scenario's film, arm, cell and objects, and that the arm reaches its start and can go on.
 
     Where the flange goes for a target or path of the tip is not known without statics, nor is what the way
     leads into looked at.
 
     Args:
         scenario: checked by `load_scenario`.
+        kept: parts of other scenarios that are like this one; None for none.
 
     Raises:
-        ScenarioError: what is wrong, by key; see `ArmParts`, `check_start` and `check_given_ways`.
+        ScenarioError: what is wrong, by key; see `build_soft_body`, `ArmParts`, `check_start` and
+            `check_given_ways`.
     """
+    kept, faults = KeptParts() if kept is None else kept, Faults()
+    with faults:
+        body = kept.made("body", body_name(scenario), lambda: fidelity_body(scenario))
+    if scenario.robot != NO_ARM:
+        with faults:
+            built = ArmParts(scenario, kept)
+    faults.tell()
     if scenario.robot == NO_ARM:
         return
-    built = ArmParts(scenario, KeptParts())
-    payload = drawn_payload(fidelity_body(scenario), built.mounted)
-    planner = checked_start(built.plan_joints, built.arm, built.scene, payload)
+    planner = checked_start(built.plan_joints, built.arm, built.scene, drawn_payload(body, built.mounted))
     check_given_ways(scenario, planner)

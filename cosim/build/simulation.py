@@ -61,7 +61,8 @@ def build(
         controllers: of kind "python", by name.
         before: of the run whose state it goes on from; None for a run from its start.
         body: the soft body, where the scenario's is given as arrays.
-        tell: told when the plan leads to something to touch, whose kernels are then compiled.
+        tell: told when the plan leads to something to touch, whose kernels are then compiled, and what is
+            tried where an equilibrium or target takes long to find.
         kept: parts that may serve again, and get those that are made here.
 
     Raises:
@@ -69,7 +70,7 @@ def build(
     """
     kept = KeptParts() if kept is None else kept
     note_kinds(scenario)
-    model = SoftModel(scenario, kept, body)
+    model = SoftModel(scenario, kept, body, tell)
     soft = model.side()
     actuation = Actuation(scenario, soft.body, controllers)
     plan, carrier, modelled, planned, arm = (

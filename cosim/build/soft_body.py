@@ -23,7 +23,7 @@ from cosim.config.schema.soft_robot import (
 )
 from cosim.config.schema.solver import ModelTable
 from cosim.config.schema.stack import CableTable
-from cosim.errors import MeshError
+from cosim.errors import MeshError, ScenarioError
 from cosim.soft.beams.beam_rings import BeamRings
 from cosim.soft.beams.rectangular_section import RectangularSection
 from cosim.soft.body.attachment import Plate, attached
@@ -50,20 +50,23 @@ def build_film(table: FilmTable) -> Film:
     return Film(f.young_modulus_Pa, f.poisson_ratio, f.thickness_m, f.law, kept, f.wrinkle_panel_m)
 
 
-def build_soft_body(robot: SoftRobotTable, model: ModelTable) -> SoftBody:
+def build_soft_body(robot: SoftRobotTable, model: ModelTable, path: str = "soft_robot") -> SoftBody:
     """Return the soft body of a robot, in the flange frame.
 
     Args:
         robot: its description.
         model: comparison switches; `published` decides before anything of the description does.
+        path: of the description's table.
 
     Raises:
         MeshError: the geometry gives degenerate triangles.
+        ScenarioError: a film wrinkles, and nothing says how wide its panels are; `path` names the key.
     """
     if model.published:
         robot = published_robot(robot)
     drawn = _drawn(robot)
     mesh = drawn if robot.stack is None else stack_mesh(drawn, robot.stack)
+    _check_panels(robot, mesh, path)
     hinges, stiffness = _hinges(robot, model, drawn, mesh)
     base = np.unique(np.concatenate([mesh.ring(name) for name in robot.base]))
     body = SoftBody.from_arrays(
@@ -91,7 +94,7 @@ def build_soft_body(robot: SoftRobotTable, model: ModelTable) -> SoftBody:
         c = robot.copies
         body = copies(body, around_axis(c.count, c.radius_m, c.tilt_rad, c.spin_rad, c.height_m))
     for entry in robot.attachments:
-        body = _with_attachment(body, entry, model)
+        body = _with_attachment(body, entry, model, f"{path}.attach.{entry.name}.robot")
     return body
 
 
@@ -140,10 +143,25 @@ def _of_triangles(robot: SoftRobotTable, mesh: NamedMesh, value: Callable[[FilmT
     return found
 
 
-def _with_attachment(body: SoftBody, entry: AttachmentTable, model: ModelTable) -> SoftBody:
+def _check_panels(robot: SoftRobotTable, mesh: NamedMesh, path: str) -> None:
+    """Refuse films that wrinkle on a mesh that does not say how wide their panels are."""
+    known, groups = mesh.face_values.get("wrinkle_panel_m"), _face_groups(robot, mesh)
+    for name, film in {_REST: robot.film, **_own_films(robot)}.items():
+        places = groups.get(name, ())
+        needs = film.law == "wrinkling" and film.wrinkle_panel_m is None and len(places) > 0
+        if needs and (known is None or not (known[places] > 0.0).all()):
+            table = f"{path}.film" if name == _REST else f"{path}.group.{name}.film"
+            raise ScenarioError(
+                f"{table}.wrinkle_panel_m",
+                "is required for mesh bodies whose film has law = 'wrinkling': set it to the distance "
+                "between seams, in m",
+            )
+
+
+def _with_attachment(body: SoftBody, entry: AttachmentTable, model: ModelTable, path: str) -> SoftBody:
     top = body.tip_position(body.positions) + np.array([0.0, 0.0, entry.height_m])
     plate = Plate(entry.plate.mass_kg, entry.plate.stiffness_N_m)
-    part = build_soft_body(entry.robot, model)
+    part = build_soft_body(entry.robot, model, path)
     return attached(body, ARM_CHAMBER, part, entry.name, Pose(np.eye(3), top), plate)
 
 

@@ -16,9 +16,10 @@ from cosim.cli.screen import printable
 from cosim.config.arms.arm_files import is_arm_file, read_arm_table
 from cosim.config.arms.menagerie import is_of_menagerie
 from cosim.config.json_schema import Kind, json_schema
-from cosim.config.loading import check_file
+from cosim.config.loading import load_file
 from cosim.config.schema.old_keys import SCHEMA
 from cosim.config.schema.scenario import Scenario
+from cosim.config.studies.study_table import StudyTable
 from cosim.config.upgrading import upgrade_file
 from cosim.errors import InputError, OutputError, ScenarioError
 
@@ -100,12 +101,23 @@ def _arm_line(name: str) -> str:
     return "; ".join((f"{len(arm.joint_names)} joints", *arm.notes, home, "both engines agree"))
 
 
-def _check_built(scenario: Scenario | None) -> None:
-    """Check what a scenario describes; None: the file is of another kind, and nothing stands around it."""
-    if scenario is not None:
-        from cosim.build.file_checks import check_arm_in_scene  # here: other files wait for no engine
+def _check_built(path: Path) -> None:
+    """Check what a scenario, robot or study file describes.
 
-        check_arm_in_scene(scenario)
+    Raises:
+        ScenarioError: keys or values are wrong, or it cannot be built.
+    """
+    found = load_file(path)
+    # imported here: a file that cannot be read needs no engine
+    from cosim.build.file_checks import check_built, check_robot
+    from cosim.sweeps.designs import check_designs
+
+    if isinstance(found, StudyTable):
+        check_designs(found)
+    elif isinstance(found, Scenario):
+        check_built(found)
+    else:
+        check_robot(found)
 
 
 def arm_lines() -> list[str]:
@@ -131,11 +143,11 @@ def _checked(name: str, fine: str) -> bool:
         if is_of_menagerie(name) or (is_file(path) and is_arm_file(path)):
             fine = f"{fine}: {_arm_line(name)}"
         else:
-            _check_built(check_file(path if is_file(path) else scenario_path(name)))
+            _check_built(path if is_file(path) else scenario_path(name))
     except ScenarioError as error:
         faults = error.faults
     for place, problem in faults:
-        line = problem if place == name else f"{place}: {problem}"
+        line = problem if place in ("", name) else f"{place}: {problem}"
         print(printable(f"{name}: {line}".replace("\n", " ")))
     if not faults:
         print(printable(f"{name}: {fine}"))

@@ -50,6 +50,11 @@ class ProgressLine:
         if self._last is not None:
             self._write(self._last, time.perf_counter(), "\n")
 
+    def tell(self, text: str) -> None:
+        """Print a line above the one that renews itself, which comes back with the next ticks."""
+        draw("\r\x1b[K" if self._terminal and self._last is not None else "", self._stream)
+        tell(text, self._stream)
+
     def _write(self, snapshot: Snapshot, now: float, end: str) -> None:
         if self._stage is None or self._first is None:
             return

@@ -94,11 +94,12 @@ def resume_command(directory: Path, how: RunOptions) -> int:
 
 
 def _execute(scenario: Scenario, directory: Path, how: RunOptions, *, resume: bool) -> int:
-    told = _ignore if how.quiet else tell
+    line = ProgressLine(sys.stderr)
+    told = _ignore if how.quiet else line.tell
     kept = KeptParts(cache_directory())
     scenario = prepared(scenario, told, recording=how.recording, kept=kept)
     with Interruption() as interruption:
-        shown: list[Observer] = [] if how.quiet else [PlanWarnings(sys.stderr), ProgressLine(sys.stderr)]
+        shown: list[Observer] = [] if how.quiet else [PlanWarnings(sys.stderr), line]
         watchers: list[Observer] = [interruption, *how.watchers, *shown]
         recorder = rerun_recorder if how.live is None else how.live.recorder
         make_recorder = recorder if how.recording else None

@@ -17,6 +17,7 @@ from cosim.config.schema.phase import HOLD
 from cosim.config.schema.scenario import Scenario
 from cosim.config.schema.soft_robot import SoftRobotTable
 from cosim.config.studies.study_files import is_study, load_study
+from cosim.config.studies.study_table import StudyTable
 from cosim.config.tension_tables import with_listed_tensions
 from cosim.config.tip_path_files import complete_tip_paths
 from cosim.config.toml.faults import UNKNOWN, Faults, copy_with
@@ -127,20 +128,16 @@ def is_scenario(table: Mapping[str, Any]) -> bool:
     return bool({"phase", "start", "soft_robot", "robot"} & table.keys())
 
 
-def check_file(path: Path) -> Scenario | None:
-    """Check a scenario, robot or study file without building anything; return the scenario, if it is one.
+def load_file(path: Path) -> Scenario | SoftRobotTable | StudyTable:
+    """Return what a scenario, robot or study file describes, checked without building anything.
 
     Raises:
         ScenarioError: keys or values are wrong, or the file cannot be read.
     """
     table = read_table(path)
     if is_study(table):
-        load_study(path)
-    elif is_scenario(table):
-        return load_scenario(path)
-    else:
-        load_soft_robot(path)
-    return None
+        return load_study(path)
+    return load_scenario(path) if is_scenario(table) else load_soft_robot(path)
 
 
 def resolve(scenario: Scenario) -> Scenario:

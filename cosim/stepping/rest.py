@@ -31,7 +31,8 @@ def brought_to_rest(
     """
 
     def hung() -> tuple[Equilibrium | None, Any]:
-        found = soft.hang(flange, loads.gravity)
+        with soft.searching("start"):
+            found = soft.hang(flange, loads.gravity)
         return found, None if found is None else soft.save_state()
 
     def settled() -> tuple[Equilibrium, Any]:

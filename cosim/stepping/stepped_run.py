@@ -162,7 +162,8 @@ class SteppedRun(ABC):
         """Take steps as `_take` does; an error says in which of them it was raised."""
         parts, planned = self._parts, self._parts.plan.phases[to.phase]
         try:
-            return self._take(to, most)
+            with parts.soft.searching(f"phase.{planned.phase.name}, {self._step_of(to)}"):
+                return self._take(to, most)
         except SolverError as error:
             tensions = parts.commands.cable_tension_N(to.phase, to.done)
             pressures, names = parts.soft.pressures_Pa, parts.scenario.soft_robot.cable_names()

@@ -11,8 +11,10 @@ from typing import Any, Final
 import numpy as np
 
 from cosim.base.frames import Array
+from cosim.base.kept.kept_parts import KeptParts
+from cosim.config.loading import load_scenario
 from cosim.config.studies.study_table import RangeTable, SamplesTable, StudyTable
-from cosim.errors import InputError
+from cosim.errors import MOST_LINES, InputError, ScenarioError
 
 MOST_DESIGNS: Final = 1_000_000
 
@@ -37,6 +39,41 @@ def designs_of(study: StudyTable) -> list[dict[str, Any]]:
     samples = _samples(study.samples)
     grid = [dict(zip(study.grid, values, strict=True)) for values in product(*study.grid.values())]
     return [{**design, **point, **sample} for design, point, sample in product(listed, grid, samples)]
+
+
+def check_designs(study: StudyTable) -> None:
+    """Check that each design of a study can be loaded and built; nothing is run.
+
+    Args:
+        study: checked by `load_study`.
+
+    Raises:
+        ScenarioError: what is wrong, by design and key; what several designs share stands there once.
+    """
+    from cosim.build.file_checks import check_built  # here: it loads the engines
+
+    designs, kept, found = designs_of(study), KeptParts(), dict[str, list[int]]()
+    for number, varied in enumerate(designs, 1):
+        try:
+            check_built(load_scenario(study.scenario, {**study.set, **varied}), kept)
+        except InputError as error:
+            for place, problem in getattr(error, "faults", (("", str(error)),)):
+                found.setdefault(f"{place}: {problem}" if place else problem, []).append(number)
+    if not found:
+        return
+    faults = [(_named(numbers, designs), problem) for problem, numbers in found.items()]
+    if len(faults) > MOST_LINES:
+        faults[MOST_LINES:] = [("", f"... and {len(faults) - MOST_LINES} more")]
+    raise ScenarioError(*faults[0], further=tuple(faults[1:]))
+
+
+def _named(numbers: list[int], designs: list[dict[str, Any]]) -> str:
+    """Return the designs of some numbers, for a message: the first one with what it sets."""
+    if len(numbers) == len(designs):
+        return f"all {len(designs)} designs"
+    values = ", ".join(f"{key} = {value!r}" for key, value in designs[numbers[0] - 1].items())
+    others = f", and {len(numbers) - 1} more" if len(numbers) > 1 else ""
+    return f"design {numbers[0]} of {len(designs)} ({values}){others}"
 
 
 def _samples(table: SamplesTable | None) -> list[dict[str, Any]]:

@@ -244,6 +244,40 @@ def test_a_node_without_mass_is_told(tmp_path: Path) -> None:
         build_soft_body(robot, load_scenario(tmp_path / "scenario.toml").model)
 
 
+@pytest.mark.parametrize(
+    ("changes", "more", "key"),
+    [
+        ({"[film]\n": '[film]\nlaw = "wrinkling"\n'}, "", "soft_robot.film.wrinkle_panel_m"),
+        (
+            {},
+            CUFF.replace("film = {", 'film = { law = "wrinkling",'),
+            "soft_robot.group.cuff.film.wrinkle_panel_m",
+        ),
+    ],
+)
+def test_a_wrinkling_mesh_is_refused_by_the_key_that_mends_it(
+    changes: dict[str, str], more: str, key: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    robot, scenario = written(tmp_path, more, **changes), tmp_path / "scenario.toml"
+    assert main(["check", str(robot), str(scenario)]) == 2
+    told = f"{key}: is required for mesh bodies"
+    for file, line in zip((robot, scenario), capsys.readouterr().out.splitlines(), strict=True):
+        assert line.startswith(f"{file}: {told}")
+    assert main(["run", str(scenario), "--no-recording", "--out", str(tmp_path / "refused")]) == 2
+    assert told in capsys.readouterr().err
+    # followed to the letter
+    mended = ["--set", f"{key}=0.04", "--set", "phase.bend.duration_s=0.004"]
+    assert main(["run", str(scenario), "--no-recording", "--out", str(tmp_path / "mended"), *mended]) == 0
+    assert main(["check", str(tmp_path / "mended" / "scenario.toml")]) == 0
+
+
+def test_a_robot_file_is_built_by_check(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    robot = written(tmp_path, **{'group = "cuff"': 'group = "sleeve"'})
+    assert main(["check", str(robot), str(tmp_path / "scenario.toml")]) == 2
+    for line in capsys.readouterr().out.splitlines():
+        assert "soft_robot.body: set 'cuff' is of group 'sleeve'; the file has: wall, cuff" in line
+
+
 def test_only_stacks_have_sections_finer_meshes_and_published_hinges(tmp_path: Path) -> None:
     written(tmp_path)
     for changes in (

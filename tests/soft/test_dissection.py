@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 from scipy.sparse import csr_matrix
@@ -182,6 +184,27 @@ def test_a_wider_pattern_takes_over_the_order_of_elimination() -> None:
     assert envelope.factor(blocks)
     expected = envelope.solve(load)
     assert solver.solve(load) == pytest.approx(expected, abs=1e-11 * np.abs(expected).max())
+
+
+def test_patterns_that_touch_are_dissected_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    system, free = assembled()
+    made: list[int] = []
+
+    def counted(*arguments: Any) -> list[IntArray]:
+        made.append(1)
+        return dissect(*arguments)
+
+    monkeypatch.setattr(dissected_cholesky, "dissect", counted)
+    alone = EnvelopeCholesky(system.pattern, free)
+    monkeypatch.setattr(dissected_cholesky, "_WIDEST_ENVELOPE", 0)
+    groups = []
+    for far in (300, 400):
+        wide = CoupledPattern.of(system.pattern, np.array([[60, far]])).pattern
+        solver = cholesky(wide, free, system.eyelets, alone)
+        assert isinstance(solver, DissectedCholesky)
+        groups.append(solver.groups)
+    assert groups[0] is groups[1]
+    assert len(made) == 1
 
 
 def test_a_saved_factor_is_not_written_to() -> None:

@@ -16,7 +16,7 @@ from cosim.soft.contact.contact_points import ContactSurface
 from cosim.soft.contact.obstacle_contact import ContactPlanes
 from cosim.soft.elements.cable import Cable
 from cosim.soft.solve.equilibrium import EquilibriumSolver
-from cosim.soft.solve.newton_options import NewtonOptions, NewtonResult, Outcome
+from cosim.soft.solve.newton_options import NewtonOptions, NewtonResult, Outcome, SearchEffort
 from cosim.soft.solve.pseudo_transient import slide
 from cosim.soft.solve.state import SoftState
 from tests.soft.bodies import HANGING, PRESSURE_Pa, held, hexagon_arm, hung, no_load
@@ -145,7 +145,7 @@ class Restless:
 def test_a_slide_that_comes_to_rest_nowhere_is_given_up_soon() -> None:
     body: Any = Restless()
     x, options = np.zeros((2, 3)), NewtonOptions(iterations_max=100)
-    found = slide(body, x, np.zeros(0), lambda x: Loads(), options)
+    found = slide(body, x, np.zeros(0), lambda x: Loads(), options, SearchEffort(1000))
     assert not found.converged
     assert found.iterations == body.spent < 520  # all its steps would take 17,000
 

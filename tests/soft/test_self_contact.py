@@ -153,6 +153,17 @@ def test_where_nothing_touches_the_equilibrium_is_the_same() -> None:
     np.testing.assert_allclose(states[0].positions, states[1].positions, rtol=0.0, atol=1e-12)
 
 
+def test_pairs_that_are_near_but_do_not_press_leave_the_tangent_narrow() -> None:
+    body = hexagon_arm(3)  # drawn flat, unit on unit
+    system, x = SoftSystem(body), body.positions
+    pairs = SelfContact(body, FilmContactLaw(LAW)).static_pairs(x)
+    assert pairs is not None
+    assert not pairs.at(x).normal_force.any()
+    loads = no_load(body, self_contact=pairs)
+    system.evaluate(x, loads, system.segment_tension(x, loads), system.memory.copy())
+    assert system.tangent_pattern is system.pattern
+
+
 def brick(edge_m: float, mass_kg: float) -> SoftBody:
     """Return a stiff film box, half as high as wide, its faces braced by their diagonals."""
     corners = 0.5 * edge_m * (np.array(list(np.ndindex(2, 2, 2))) * 2.0 - 1.0) * (1.0, 1.0, 0.5)

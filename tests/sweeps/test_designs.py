@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 
+from cosim.cli.main import main
 from cosim.config.studies.study_files import load_study
 from cosim.errors import InputError, ScenarioError
 from cosim.sweeps.designs import designs_of, varied_keys
@@ -122,6 +123,48 @@ def test_a_study_that_is_not_there_or_too_large_is_refused(tmp_path: Path) -> No
     table = load_study({"scenario": SCENARIO, "grid": {"a": values, "b": values, "c": values}})
     with pytest.raises(InputError, match="has 8000000 designs; at most 1000000"):
         designs_of(table)
+
+
+def checked(text: str, folder: Path, capsys: pytest.CaptureFixture[str]) -> list[str]:
+    """Return what `cosim check` says of a study, without the file's name."""
+    path = folder / "study.toml"
+    path.write_text(text, encoding="utf-8")
+    code = main(["check", str(path)])
+    lines = [line.removeprefix(f"{path}: ") for line in capsys.readouterr().out.splitlines()]
+    assert code == (0 if lines == ["fine"] else 2)
+    return lines
+
+
+def test_check_loads_and_builds_every_design(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    grid = f'scenario = "{SCENARIO}"\n[grid]\nphase.inflate.pressure_Pa = [8e3, {{}}, 1e4]\n'
+    assert checked(grid.format("9e3"), tmp_path, capsys) == ["fine"]
+    (line,) = checked(grid.format("-1e9"), tmp_path, capsys)
+    assert line.startswith(
+        "design 2 of 3 (phase.inflate.pressure_Pa = -1000000000.0): phase.inflate.pressure_Pa: -1e+09 is out"
+    )
+    robots = f"scenario = '{SCENARIO}'\n[grid]\nsoft_robot = ['square_core', 'nobody']\n"
+    told = checked(robots, tmp_path, capsys)
+    assert all(line.startswith("design 2 of 2 (soft_robot = 'nobody'): ") for line in told)
+
+
+def test_check_says_what_all_designs_share_once(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    text = "scenario = '{}'\nset.fidelity = 'finest'\n[grid]\nsolver.newton_iterations_max = [50, 60, 0]\n"
+    told = checked(text.format(SCENARIO), tmp_path, capsys)
+    assert [line.partition(": ")[0] for line in told] == [
+        "all 3 designs",
+        "design 3 of 3 (solver.newton_iterations_max = 0)",
+    ]
+    (line,) = checked(text.format("nowhere.toml"), tmp_path, capsys)
+    assert line.startswith("all 3 designs: ")
+    assert "nowhere.toml" in line
+
+
+def test_check_builds_the_arm_around_each_design(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    scenario = "scenario = 'ur5e_hexagon_arm'\n[grid]\nstart.flange.position_m = {}\n"
+    (line,) = checked(scenario.format("[[0.3, 0.0, 0.7], [2.0, 0.0, 0.7]]"), tmp_path, capsys)
+    assert line.startswith(
+        "design 2 of 2 (start.flange.position_m = [2.0, 0.0, 0.7]): start.flange: arm 'ur5e'"
+    )
 
 
 def test_paths_in_a_study_are_seen_from_its_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -36,7 +36,7 @@ class SoftModel:
         scenario: checked.
         kept: parts that may serve again.
         given: the soft body, where the scenario's is given as arrays.
-        tell: told in one sentence what takes long.
+        tell: told in one sentence what takes long, and what soft sides that search for long try.
 
     Raises:
         ScenarioError: the fidelity is still to be chosen, or the geometry gives degenerate triangles.
@@ -51,11 +51,11 @@ class SoftModel:
     ) -> None:
         if scenario.fidelity == "auto":
             raise ScenarioError("fidelity", "'auto' is settled before a run is built; see cosim.trade.auto")
-        self._scenario = scenario
+        self._scenario, self._tell = scenario, tell
         self._flange = pose_of(scenario.start.flange)
         self._statics, self._dynamics = static_options(scenario), dynamic_options(scenario)
         self._films = film_law(scenario)
-        self.body_name, self.lasting = _body_name(scenario), _is_lasting(scenario.soft_robot)
+        self.body_name, self.lasting = body_name(scenario), _is_lasting(scenario.soft_robot)
         self.body = kept.made(
             "body", self.body_name, lambda: fidelity_body(scenario) if given is None else given
         )
@@ -80,7 +80,9 @@ class SoftModel:
         if self.section is not None:
             section = SectionBody(self.body, self.section)
             return SectionArm(section, self._flange, self._statics, self._dynamics)
-        return SoftArm(self.body, self._flange, self._statics, self._dynamics, self._films)
+        arm = SoftArm(self.body, self._flange, self._statics, self._dynamics, self._films)
+        arm.effort.tell = self._tell
+        return arm
 
     def side(self) -> SoftSide:
         """Return a soft side to run."""
@@ -90,7 +92,7 @@ class SoftModel:
         return flexible
 
 
-def _body_name(scenario: Scenario) -> str:
+def body_name(scenario: Scenario) -> str:
     """Return a name of all that a scenario's soft body is made of, files of meshes among it."""
     sources = tuple(_sources(scenario.soft_robot))
     if not all(isinstance(source, MeshTable) for source in sources):

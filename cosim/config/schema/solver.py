@@ -31,6 +31,8 @@ class SolverTable:
         residual_tolerance_N: largest force component left at an equilibrium or a converged step; all that is
             left adds up to no more than 100 times that, nor does its moment, over the body's size.
         newton_iterations_max: bound for an equilibrium (quasistatic mode and the start).
+        search_iterations_max: bound for all iterations of one search on the film: for the start, for an
+            increment or a piece of a planned motion, for the tensions or flange pose of a tip target.
         dynamic_tolerance_N: the same in a tick of the dynamic mode.
         dynamic_newton_iterations: new tangents per tick in the dynamic mode, besides iterations with a
             kept one; a tick that is left far from balance takes more.
@@ -42,6 +44,7 @@ class SolverTable:
 
     residual_tolerance_N: Positive = 1e-6
     newton_iterations_max: Count = 100
+    search_iterations_max: Count = 3000
     dynamic_tolerance_N: Positive = 1e-4
     dynamic_newton_iterations: Count = 1
     integrator: Literal["implicit_euler", "bdf2"] = "implicit_euler"

@@ -59,7 +59,7 @@ class FrozenBody(SoftSide):
     """
 
     def __init__(self, flexible: SoftSide, damping_per_s: float = 0.0) -> None:
-        self.body, self.state = flexible.body, flexible.state
+        self.body, self.state, self.effort = flexible.body, flexible.state, flexible.effort
         self._flexible, self._damping = flexible, damping_per_s
         self._pressures, self._flange = flexible.pressures_Pa, Pose()
         self._supplied = np.zeros_like(self.body.positions)

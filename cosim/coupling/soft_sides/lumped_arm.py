@@ -21,7 +21,7 @@ from cosim.soft.contact.obstacle_contact import ContactPlanes
 from cosim.soft.solve.assembly import SoftSystem
 from cosim.soft.solve.equilibrium import EquilibriumSolver
 from cosim.soft.solve.newton import NewtonSolver
-from cosim.soft.solve.newton_options import NewtonOptions
+from cosim.soft.solve.newton_options import NewtonOptions, SearchEffort
 from cosim.soft.solve.self_contact import FilmContactLaw, SelfContact
 from cosim.soft.solve.state import Clamp, Equilibrium, Obstacles, SoftState
 from cosim.soft.solve.time_scheme import StepAim, StepOptions, difference_scheme, inertia_weight
@@ -52,6 +52,7 @@ class SoftArm(SoftSide):
         self_contact: FilmContactLaw | None = None,
     ) -> None:
         self.body, self.state = body, SoftState.drawn(body, world_from_flange)
+        self.effort: SearchEffort = SearchEffort(statics.search_iterations_max)
         self._system = SoftSystem(body)
         self._statics, self._dynamics = statics, dynamics
         self._films = None if self_contact is None else SelfContact(body, self_contact)
@@ -67,7 +68,7 @@ class SoftArm(SoftSide):
     def _hold(self, clamp: Clamp) -> None:
         self.clamp = clamp
         newton = NewtonSolver(self._system, clamp.mask(self.body.nodes))
-        self.equilibrium_solver = EquilibriumSolver(newton, clamp, self._statics, self._films)
+        self.equilibrium_solver = EquilibriumSolver(newton, clamp, self._statics, self._films, self.effort)
         self.equilibrium_solver.obstacles = self.obstacles
         self._stepper = ImplicitStepper(newton, clamp, self._dynamics, self._films)
 
@@ -225,7 +226,8 @@ class SoftArm(SoftSide):
         self, state: SoftState, world_from_flange: Pose, loads: Loads, start: Array | None = None
     ) -> Equilibrium:
         """Find the equilibrium near a state in one go; the present state stays."""
-        return self.equilibrium_solver.solve(state, world_from_flange, loads, start)
+        with self.effort.search("an equilibrium"):
+            return self.equilibrium_solver.solve(state, world_from_flange, loads, start)
 
     def follow(self, begin: Equilibrium, world_from_flange: Pose, loads: Loads) -> Equilibrium:
         """Follow an equilibrium to another flange pose and other loads; the present state stays."""
@@ -233,13 +235,15 @@ class SoftArm(SoftSide):
 
     def find_tensions(self, begin: Equilibrium, target: TipTarget) -> Equilibrium:
         """Return the equilibrium whose cable tensions bring the tip to a target; the flange stays."""
-        return tension_search.find_tensions(self.equilibrium_solver, begin, target).equilibrium
+        with self.effort.search("cable tensions for a tip target"):
+            return tension_search.find_tensions(self.equilibrium_solver, begin, target).equilibrium
 
     def find_flange_pose(
         self, begin: Equilibrium, target: TipTarget, options: TargetOptions | None = None
     ) -> Equilibrium:
         """Return the equilibrium whose flange pose brings the tip to a target; the loads stay."""
-        return flange_search.find_flange_pose(self.equilibrium_solver, begin, target, options).equilibrium
+        with self.effort.search("a flange pose for a tip target"):
+            return flange_search.find_flange_pose(self.equilibrium_solver, begin, target, options).equilibrium
 
     def settle(self, found: Equilibrium) -> None:
         """Take over an equilibrium as the present state."""

@@ -9,6 +9,7 @@ the next step depends on.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from typing import Any, final
 
@@ -21,6 +22,7 @@ from cosim.soft.body.loads import Loads
 from cosim.soft.contact.contact_points import ContactSurface
 from cosim.soft.contact.obstacle_contact import ContactPlanes
 from cosim.soft.contact.self_contact_memory import FilmMemory
+from cosim.soft.solve.newton_options import SearchEffort
 from cosim.soft.solve.state import Equilibrium, Obstacles, SoftState
 from cosim.soft.solve.time_scheme import StepAim, inertia_weight
 from cosim.soft.targets.target_solution import TargetOptions
@@ -47,13 +49,15 @@ class SoftSide(ABC):
     """A soft body on the flange: stepped in the dynamic mode, solved for equilibrium in the other.
 
     Dynamics: `settle` on the equilibrium that `start` finds, then `advance` tick by tick. Statics: `settle`
-    after every `solve` or `follow`. `body` is the mesh that is drawn, touched and loaded; `state` is where
+    after every `solve` or `follow`. `effort` counts the iterations of searches that may last and says what
+    they try; None where none lasts. `body` is the mesh that is drawn, touched and loaded; `state` is where
     it is now.
     """
 
     body: SoftBody
     state: SoftState
     obstacles: Obstacles | None = None
+    effort: SearchEffort | None = None
 
     @abstractmethod
     def advance(self, world_from_flange: Pose, loads: Loads, step_s: float) -> SoftReply:
@@ -88,6 +92,14 @@ class SoftSide(ABC):
             before: the state that it began with.
         """
         self.state = before
+
+    def searching(self, place: str) -> AbstractContextManager[None]:
+        """Let searches within say where they are, while they last; those that take no time say nothing.
+
+        Args:
+            place: such as the key of a phase.
+        """
+        return nullcontext() if self.effort is None else self.effort.at(place)
 
     def hang(self, world_from_flange: Pose, gravity: tuple[float, float, float]) -> Equilibrium | None:
         """Return where `start` begins, hung up without pressure and tension; None if that takes no time.

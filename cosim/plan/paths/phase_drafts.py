@@ -18,7 +18,7 @@ from cosim.errors import ScenarioError, SolverError
 from cosim.plan.chamber_gas import ChamberGas
 from cosim.plan.flange_path import pose_of
 from cosim.plan.node_groups import SidesOf, held_components, nodal_force, nodes_of
-from cosim.plan.paths.phase_motion import AnyWay, given_way, solved_phase
+from cosim.plan.paths.phase_motion import AnyWay, flange_key, given_way, solved_phase
 from cosim.plan.paths.tip_path import PlannedTipPath
 from cosim.plan.plan import Holding
 from cosim.plan.robot_command import SoftCommand, loads_of
@@ -69,7 +69,8 @@ def start_equilibrium(
     Raises:
         ConvergenceError: there is none near the drawn shape.
     """
-    return soft.start(flange, loads, hung)
+    with soft.searching("start"):
+        return soft.start(flange, loads, hung)
 
 
 @final
@@ -118,7 +119,8 @@ def solved_phases(scenario: Scenario, soft: SoftSide) -> SolvedPhases:
         here = replace(here, loads=loads_of(begin, gravity))
         end = _end_command(begin, phase, soft.body, sides)
         loads = here.loads if end is begin else loads_of(end, gravity)
-        motion = solved_phase(soft, here, phase, loads, damping_per_s)
+        with soft.searching(flange_key(phase)):
+            motion = solved_phase(soft, here, phase, loads, damping_per_s)
         here = motion.end
         end = replace(end, cable_tension_N=here.loads.cable_tension_N)  # as a target asks for them
         drafts.append(PhaseDraft(motion.way, begin, end, holding, motion.path))

@@ -83,6 +83,13 @@ class PairRows(NamedTuple):
     widths: Array
     out: Array
 
+    def of(self, places: IntArray) -> PairRows:
+        """Return some of the rows, by their places (j,)."""
+        return PairRows(
+            self.nodes[places], self.weights[places], self.stiffness[places], self.friction[places],
+            self.foot[places], self.normal[places], self.stretch[places], self.widths, self.out[places],
+        )  # fmt: skip
+
 
 FILM_PAIRS = types.NamedTuple(
     (INDEX_TABLE, MATRIX, VECTOR, VECTOR, MATRIX, MATRIX, MATRIX, VECTOR, MATRIX), PairRows

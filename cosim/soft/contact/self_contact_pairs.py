@@ -177,8 +177,14 @@ class FilmPairs:
 
     def add(self, positions: Array, sums: Sums, hessian: bool) -> float:
         """Add the gradient and, if told to, the Hessian at positions (n, 3) [m]; return the energy [J]."""
-        blocks, slots = sums.widened(self.rows.nodes) if hessian else (_NO_BLOCKS, _NO_TABLE)
-        energy: float = add_pairs(positions, self.rows, slots, sums.gradient, blocks)
+        rows = self.rows
+        energy: float = add_pairs(positions, rows, _NO_TABLE, sums.gradient, _NO_BLOCKS)
+        # of thousands of pairs that are near a few press: the others would only fill the factor
+        acting = np.flatnonzero((rows.out[:, 0] > 0.0) | (rows.friction > 0.0))
+        if hessian and len(acting):
+            few = rows.of(acting)
+            blocks, slots = sums.widened(few.nodes)
+            add_pairs(positions, few, slots, np.zeros_like(positions), blocks)
         return energy
 
     @property

@@ -38,7 +38,8 @@ class FactorState:
 class LinearSolver(ABC):
     """Factorises A = K + shift 1 + sum_k c_k v_k v_k^T of the free components and solves with it.
 
-    The dense terms never enter the sparse factor of K + shift 1; see `low_rank`.
+    The dense terms never enter the sparse factor of K + shift 1; see `low_rank`. `groups` are the free nodes
+    in the order of a nested dissection; None until such an order is asked for.
 
     Args:
         pattern: of the whole body.
@@ -50,6 +51,7 @@ class LinearSolver(ABC):
         self.free: Mask = by_component(free)
         self.free_nodes: IntArray = np.flatnonzero(self.free.any(axis=1))
         self.size = int(self.free.sum())
+        self.groups: list[IntArray] | None = None
         self._correction: LowRankCorrection | None = None
 
     def factor(self, blocks: Array, shift: float = 0.0, low_rank: LowRank | None = None) -> bool:

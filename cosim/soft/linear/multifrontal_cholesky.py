@@ -45,10 +45,31 @@ def cholesky(
         far: nodes that are tied together across the mesh.
         like: solver of the same components with fewer ties, whose order of elimination is taken over.
     """
-    if isinstance(like, DissectedCholesky):
-        return DissectedCholesky(pattern, free, far, like.groups)
-    envelope = EnvelopeCholesky(pattern, free)
-    return envelope if envelope.mean_width <= _WIDEST_ENVELOPE else DissectedCholesky(pattern, free, far)
+    if not isinstance(like, DissectedCholesky):
+        envelope = EnvelopeCholesky(pattern, free)
+        if envelope.mean_width <= _WIDEST_ENVELOPE:
+            return envelope
+    if like is not None and like.groups is None:
+        like.groups = _dissected(like, far)
+    return DissectedCholesky(pattern, free, far, None if like is None else like.groups)
+
+
+def _graph(solver: LinearSolver) -> csr_matrix:
+    """Return which free nodes a solver's pattern ties to one another."""
+    pattern, movable = solver.pattern, np.asarray(solver.free.any(axis=1))
+    local = np.cumsum(movable) - 1
+    kept = movable[pattern.row] & movable[pattern.column] & (pattern.row != pattern.column)
+    rows, columns = local[pattern.row[kept]], local[pattern.column[kept]]
+    half = csr_matrix((np.ones(len(rows)), (rows, columns)), shape=(len(solver.free_nodes),) * 2)
+    return (half + half.T).tocsr()
+
+
+def _dissected(solver: LinearSolver, far: IntArray | None) -> list[IntArray]:
+    """Return a solver's free nodes in the order of a nested dissection, in groups."""
+    movable = np.asarray(solver.free.any(axis=1))
+    local = np.cumsum(movable) - 1
+    tied = np.zeros(0, np.int64) if far is None else local[far[movable[far]]]
+    return dissect(_graph(solver), tied, _FRONT_NODES)
 
 
 @final
@@ -71,17 +92,10 @@ class DissectedCholesky(LinearSolver):
     ) -> None:
         super().__init__(pattern, free)
         compile_modules(logging.getLogger("cosim").info, (multifrontal_kernels,))
-        movable: Mask = np.asarray(self.free.any(axis=1))
-        local = np.cumsum(movable) - 1
-        kept = movable[pattern.row] & movable[pattern.column] & (pattern.row != pattern.column)
-        rows, columns = local[pattern.row[kept]], local[pattern.column[kept]]
-        half = csr_matrix((np.ones(len(rows)), (rows, columns)), shape=(len(self.free_nodes),) * 2)
-        graph = (half + half.T).tocsr()
-        tied = np.zeros(0, np.int64) if far is None else local[far[movable[far]]]
-        self.groups = dissect(graph, tied, _FRONT_NODES) if groups is None else groups
-        number = numbering(self.free, self.free_nodes[np.concatenate(self.groups)])
+        self.groups = groups = _dissected(self, far) if groups is None else groups
+        number = numbering(self.free, self.free_nodes[np.concatenate(groups)])
         self._dofs = equations(number)
-        self._tree = FrontTree.of(graph, self.groups, number[self.free_nodes])
+        self._tree = FrontTree.of(_graph(self), groups, number[self.free_nodes])
         self._place_entries(number)
         tree, own = self._tree, np.diff(self._tree.first)
         count = np.diff(tree.rest_first)

@@ -13,7 +13,7 @@ from cosim.soft.body.loads import Loads
 from cosim.soft.body.place import place_of_largest
 from cosim.soft.elements.cable import losses_follow
 from cosim.soft.solve.newton import NewtonSolver
-from cosim.soft.solve.newton_options import NewtonOptions, NewtonResult
+from cosim.soft.solve.newton_options import NewtonOptions, NewtonResult, SearchEffort
 from cosim.soft.solve.pseudo_transient import slide
 from cosim.soft.solve.self_contact import SelfContact
 from cosim.soft.solve.state import Clamp, Equilibrium, Obstacles, SoftState
@@ -38,6 +38,7 @@ class EquilibriumSolver:
         clamp: nodes held by the flange.
         options: bounds of the iteration.
         self_contact: of the body's films with one another; None where it is not modelled.
+        effort: counts the iterations of searches; None: only those of this solver.
         slides_max: how often, on one way, the body may slide to another branch; see `follow`.
     """
 
@@ -47,6 +48,7 @@ class EquilibriumSolver:
         clamp: Clamp,
         options: NewtonOptions,
         self_contact: SelfContact | None = None,
+        effort: SearchEffort | None = None,
         slides_max: int = 4,
     ) -> None:
         self.solver = solver
@@ -54,6 +56,8 @@ class EquilibriumSolver:
         self.options = options
         self.self_contact = self_contact
         self.slides_max = slides_max
+        self.effort = SearchEffort(options.search_iterations_max) if effort is None else effort
+        solver.watch = self.effort.watch
         self.obstacles: Obstacles | None = None
 
     def solve(
@@ -106,12 +110,13 @@ class EquilibriumSolver:
             ConvergenceError: none was found.
         """
         hanging = Loads((), (0.0,) * len(self.solver.system.body.cables), gravity)
-        try:
-            return self.solve(state, world_from_flange, hanging)
-        except ConvergenceError:
-            if not self.slides_max:
-                raise
-            return self.slide(state, world_from_flange, hanging)
+        with self.effort.search("the equilibrium without pressure and tension"):
+            try:
+                return self.solve(state, world_from_flange, hanging)
+            except ConvergenceError:
+                if not self.slides_max:
+                    raise
+                return self.slide(state, world_from_flange, hanging)
 
     def load(self, hung: Equilibrium, loads: Loads) -> Equilibrium:
         """Find the equilibrium under the first loads.
@@ -141,14 +146,19 @@ class EquilibriumSolver:
 
         Raises:
             ConvergenceError: a piece of 1/256 of the way, or what many iterations were lost on, did not
-                converge, nor did the slide from there.
+                converge, nor did the slide from there; or the search took all the iterations that it may.
         """
+        with self.effort.search("an equilibrium"):
+            return self._follow(begin, world_from_flange, loads)
+
+    def _follow(self, begin: Equilibrium, world_from_flange: Pose, loads: Loads) -> Equilibrium:
         here, done, piece, spent, slides, lost = begin, 0.0, 1.0, 0, 0, 0
         while done < 1.0:
             load_factor = min(1.0, done + piece)
             pose = begin.world_from_flange.interpolated(world_from_flange, load_factor)
             load = begin.loads.interpolated(loads, load_factor)
             state = here.state.carried(pose @ here.world_from_flange.inverse())
+            self.effort.tries(load.cable_tension_N, done, load_factor)
             try:
                 found = self.solve(state, pose, load)
             except ConvergenceError as error:
@@ -177,7 +187,10 @@ class EquilibriumSolver:
             ConvergenceError: it comes to rest nowhere.
         """
         start = self.clamp.place(state.positions, world_from_flange)
-        slid = slide(self.solver, start, state.memory, lambda x: self._touched(x, loads), self.options)
+        self.effort.trying = "sliding to where it comes to rest"
+        slid = slide(
+            self.solver, start, state.memory, lambda x: self._touched(x, loads), self.options, self.effort
+        )
         try:
             rest = self.solve(SoftState.at_rest(slid.positions, slid.memory), world_from_flange, loads)
         except ConvergenceError as error:
@@ -193,7 +206,10 @@ class EquilibriumSolver:
         return replace(loads, contact=planes, self_contact=pairs)
 
     def _newton(self, start: Array, memory: Array, loads: Loads, frame: Array) -> NewtonResult:
-        return self.solver.solve(start, memory, loads, self.options, None, frame)
+        options = self.effort.bounded(self.options)
+        result = self.solver.solve(start, memory, loads, options, None, frame)
+        self.effort.spend(result)
+        return result
 
     def _settle_contacts(
         self, start: Array, memory: Array, loads: Loads, frame: Array
@@ -254,7 +270,9 @@ class EquilibriumSolver:
 
 
 def _given_up(error: ConvergenceError, done: float, spent: int) -> ConvergenceError:
-    """Return an error that also says how far a body was followed, and with how many iterations."""
+    """Return an error that also says how far a body was followed, and with how many iterations, if any."""
+    if not spent:
+        return error
     message = f"{error}; followed over {100.0 * done:.3g} % of the way, given up after {spent} iterations"
     return ConvergenceError(message, error.residual_N, spent)
 

@@ -12,6 +12,7 @@ Source: Nocedal and Wright, Numerical Optimization, 2nd ed., sections 3.4 and 3.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import final
 
 import numpy as np
@@ -28,7 +29,7 @@ from cosim.soft.linear.secant_pairs import FAR, SecantPairs, bend_load, keep_pai
 from cosim.soft.linear.shift_search import ShiftSearch
 from cosim.soft.published.open_caps import OpenCapSolver
 from cosim.soft.solve.assembly import SoftSystem
-from cosim.soft.solve.newton_options import NewtonOptions, NewtonResult, Outcome
+from cosim.soft.solve.newton_options import NewtonOptions, NewtonResult, Outcome, say_nothing
 from cosim.soft.solve.problem import MUCH_LESS, Point, Potential, Problem, falls_enough
 
 
@@ -50,6 +51,7 @@ class NewtonSolver:
         self.linear: LinearSolver = self._narrow
         self._kept = nothing_kept(self.linear.apart)
         self._shifts = ShiftSearch()
+        self.watch: Callable[[int], None] = say_nothing  # told the iterations so far after each new tangent
         self._pairs, self._count = SecantPairs.room(system.body.nodes), 0
 
     def solve(
@@ -90,8 +92,7 @@ class NewtonSolver:
                 point = problem.at(point.positions, memory)
                 break
             attempts, found = self.with_tangent(problem, point, memory, turned, options)
-            factorisations += abs(attempts)
-            shifted += abs(attempts) > 1
+            factorisations, shifted = factorisations + abs(attempts), shifted + (abs(attempts) > 1)
             if attempts < 0:
                 outcome = Outcome.INDEFINITE
                 break
@@ -100,6 +101,7 @@ class NewtonSolver:
                 point, outcome = problem.at(point.positions, memory), Outcome.NO_DESCENT
                 break
             point, memory = found, system.memory.copy()
+            self.watch(tangents + reused)
         self._kept = tuple(served(kept, reused - earlier) for kept in self._kept)
         return NewtonResult(
             point.positions, system.memory.copy(), outcome, point.residual, tangents + reused,

@@ -1,13 +1,20 @@
-"""Bounds of Newton's method, and how it ends."""
+"""Bounds of Newton's method and of searches that call it again and again, and how they end."""
 
 from __future__ import annotations
 
 import enum
 import math
-from dataclasses import dataclass
-from typing import final
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from typing import Final, final
 
 from cosim.base.frames import Array
+from cosim.errors import ConvergenceError
+
+_SILENT_S: Final = 5.0
+"""Wall time until a search first says what it tries; from then on at twice the time."""
 
 
 class Outcome(enum.Enum):
@@ -37,6 +44,7 @@ class NewtonOptions:
             with new tangents decide.
         reuse_rate: such an iteration must bring the residual below this share of the last one.
         step_max_m: longest nodal displacement in one iteration.
+        search_iterations_max: iterations of all solutions of one search, see `SearchEffort`.
     """
 
     tolerance_N: float = 1e-6
@@ -49,6 +57,7 @@ class NewtonOptions:
     reuse_max: int = 0
     reuse_rate: float = 0.5
     reuse_below_N: float = math.inf
+    search_iterations_max: int = 3000
 
 
 @final
@@ -80,3 +89,111 @@ class NewtonResult:
     def converged(self) -> bool:
         """Whether the residual is below its bound."""
         return self.outcome is Outcome.CONVERGED
+
+
+def say_nothing(_what: object) -> None:
+    """Do nothing."""
+
+
+@final
+class SearchEffort:
+    """Counts the Newton iterations of a search, ends it at a bound, and says what it tries while it lasts.
+
+    A search is whatever solves for one result: an equilibrium that is followed, or all that is tried for a
+    target. Searches within a search count as part of it.
+
+    Args:
+        most: iterations that one search may take.
+    """
+
+    def __init__(self, most: int) -> None:
+        self.most, self.spent, self._left, self._residual_N = most, 0, "", math.inf
+        self.place, self.trying = "", ""
+        self.tell: Callable[[str], None] = say_nothing
+        self._within: list[str] = []
+        self._began = self._next = 0.0
+
+    @contextmanager
+    def at(self, place: str) -> Iterator[None]:
+        """Let searches within say where they are.
+
+        Args:
+            place: put before what they say, such as the key of a phase.
+        """
+        before, self.place = self.place, place
+        try:
+            yield
+        finally:
+            self.place = before
+
+    @contextmanager
+    def search(self, what: str) -> Iterator[None]:
+        """Begin a search, unless this is within one.
+
+        Args:
+            what: is looked for.
+        """
+        if not self._within:
+            self.spent, self.trying, self._began = 0, "", time.monotonic()
+            self._next = self._began + _SILENT_S
+        self._within.append(what)
+        try:
+            yield
+        finally:
+            self._within.pop()
+
+    def tries(self, tensions_N: Sequence[float], done: float, wanted: float) -> None:
+        """Note which piece of a way is tried next.
+
+        Args:
+            tensions_N: of the cables, at its end [N].
+            done: share of the way at its begin.
+            wanted: share of the way at its end.
+        """
+        way = f"{100.0 * done:.3g} to {100.0 * wanted:.3g} % of the way"
+        tensions = [round(tension, 2) for tension in tensions_N]
+        self.trying = f"cable tensions {tensions} N, {way}" if any(tensions) else way
+
+    def bounded(self, options: NewtonOptions) -> NewtonOptions:
+        """Return the bounds of the next solution, so that it does not take more than what is left.
+
+        Args:
+            options: bounds of a solution by itself.
+
+        Raises:
+            ConvergenceError: nothing is left.
+        """
+        left = self.most - self.spent if self._within else options.iterations_max
+        if left <= 0:
+            raise ConvergenceError(
+                f"the search for {self._within[0]} reached its bound of {self.most} Newton "
+                f"iterations{self._left}: ask for less at a time, take a coarser mesh "
+                "(soft_robot.stack.refine), or raise solver.search_iterations_max",
+                self._residual_N,
+                0,
+            )
+        return options if left >= options.iterations_max else replace(options, iterations_max=left)
+
+    def spend(self, found: NewtonResult) -> None:
+        """Count the iterations of a solution.
+
+        Args:
+            found: by the solution.
+        """
+        self.spent, self._residual_N = self.spent + found.iterations, found.residual_N
+        self._left = "" if found.converged else f", with {found.residual_N:.3g} N out of balance at the last"
+        self.watch(0)
+
+    def watch(self, under_way: int) -> None:
+        """Say what is tried where the search has lasted a while.
+
+        Args:
+            under_way: iterations of a solution that has not ended.
+        """
+        now = time.monotonic()
+        if self._within and now >= self._next:
+            self._next = now + (now - self._began)
+            place = f"{self.place}: " if self.place else ""
+            tried = f"{self._within[0]}, {self.trying}" if self.trying else self._within[0]
+            count = self.spent + under_way
+            self.tell(f"{place}{tried}: {count} of at most {self.most} Newton iterations so far")

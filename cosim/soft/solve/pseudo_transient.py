@@ -18,7 +18,7 @@ from cosim.base.frames import Array
 from cosim.soft.body.loads import Loads
 from cosim.soft.elements.mass_terms import Inertia
 from cosim.soft.solve.newton import NewtonSolver
-from cosim.soft.solve.newton_options import NewtonOptions, NewtonResult, Outcome
+from cosim.soft.solve.newton_options import NewtonOptions, NewtonResult, Outcome, SearchEffort
 
 _BED_N_m = 1e3  # c of the first step
 _FALL, _RISE = 0.4, 6.0
@@ -35,6 +35,7 @@ def slide(
     memory: Array,
     loads_at: Callable[[Array], Loads],
     options: NewtonOptions,
+    effort: SearchEffort,
 ) -> NewtonResult:
     """Return the equilibrium that a damped body slides to, or how far it got.
 
@@ -44,6 +45,10 @@ def slide(
         memory: (values,), what the elements remember of the last accepted state.
         loads_at: positions (n, 3) [m] -> loads, with what is touched near them.
         options: bounds of Newton's method.
+        effort: counts the iterations.
+
+    Raises:
+        ConvergenceError: the search took all the iterations that it may.
     """
     options = replace(options, reuse_max=0)
     step = replace(options, iterations_max=min(_ITERATIONS_MAX, options.iterations_max))
@@ -51,8 +56,9 @@ def slide(
     moved, softer, rests = np.inf, False, False
     found: NewtonResult | None = None
     for _ in range(_STEPS_MAX):
-        loads = loads_at(x)
-        tried = solver.solve(x, memory, loads, step, Inertia(np.full(len(x), bed), x))
+        loads, bounded = loads_at(x), effort.bounded(step)
+        tried = solver.solve(x, memory, loads, bounded, Inertia(np.full(len(x), bed), x))
+        effort.spend(tried)
         spent, shifted = spent + tried.iterations, shifted + tried.shifted
         if tried.outcome is Outcome.NOT_FINITE or tried.outcome is Outcome.INDEFINITE:
             bed *= _RISE
@@ -64,7 +70,8 @@ def slide(
             bed *= _FALL if tried.converged else _RISE
         # beyond the end of a branch steps grow as the bed softens: no equilibrium is near yet
         if tried.converged and bed < _PROPER_BELOW_N_m and rests:
-            found = solver.solve(x, memory, loads, options)
+            found = solver.solve(x, memory, loads, effort.bounded(options))
+            effort.spend(found)
             spent, shifted = spent + found.iterations, shifted + found.shifted
             if found.converged:
                 break
@@ -73,6 +80,7 @@ def slide(
         if bed > _LARGEST_BED_N_m or lost >= _LOST_MAX:
             break
     if found is None:
-        found = solver.solve(x, memory, loads_at(x), options)
+        found = solver.solve(x, memory, loads_at(x), effort.bounded(options))
+        effort.spend(found)
         spent, shifted = spent + found.iterations, shifted + found.shifted
     return replace(found, iterations=spent, shifted=shifted)

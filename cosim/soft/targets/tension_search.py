@@ -108,4 +108,7 @@ def _refusal(ended: Ended, target: TipTarget, sweeps: list[TensionSweep], tensio
         f"no cable tensions of 0 to {tension_max_N:g} N found that bring the tip to {goal}; the nearest is "
         f"{nearest.off()} off at {tensions_text(nearest.equilibrium)}: {ended.why_not}"
     )
-    return "; ".join([message, *(sweep.told() for sweep in sweeps if target.height is not None)])
+    if target.height is None:
+        lost = dict.fromkeys(sweep.lost for sweep in sweeps if sweep.lost not in message)
+        return "; ".join([message, *lost])
+    return "; ".join([message, *(sweep.told() for sweep in sweeps if sweep.walked)])

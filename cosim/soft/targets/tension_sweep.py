@@ -84,7 +84,7 @@ def pull_lines(follower: Follower, begin: Equilibrium, tension_max_N: float) -> 
 
 @final
 class TensionSweep:
-    """What a pull along one line gave.
+    """What a pull along one line gave; `lost` says what ended it before the line's end, empty for nothing.
 
     Args:
         follower: of equilibria.
@@ -97,13 +97,18 @@ class TensionSweep:
         self._follower, self._line, self._target = follower, line, target
         self._first = self._place(0.0, begin)
         self._places = [self._first]
-        self._lost = ""
+        self.lost = ""
         self._jumps: list[tuple[_SweepPoint, _SweepPoint]] = []
 
     @property
     def nearest(self) -> Equilibrium:
         """The state whose tip is nearest to the target."""
         return min(self._places, key=self._missing).here
+
+    @property
+    def walked(self) -> bool:
+        """Whether there is a state beside the present one on the line."""
+        return len(self._places) > 1
 
     def crossings(self, tolerance_m: float) -> Iterator[Equilibrium]:
         """Walk along the line; yield the equilibria on it that have the wanted height."""
@@ -127,7 +132,7 @@ class TensionSweep:
         for before, after in self._jumps:
             heights = f"{_height(before):.4f} to {_height(after):.4f} m"
             text += f", with a snap from {heights} at {tensions_text(after.here)}"
-        return text + (f", beyond which {self._lost}" if self._lost else "")
+        return text + (f", beyond which {self.lost}" if self.lost else "")
 
     def _steps(self) -> Iterator[tuple[_SweepPoint, _SweepPoint]]:
         """Yield every two neighbouring states, until the line ends or the equilibrium is lost."""
@@ -137,7 +142,7 @@ class TensionSweep:
             try:
                 there = self._followed(here, min(1.0, here.fraction + step))
             except ConvergenceError as error:
-                self._lost = str(error)
+                self.lost = str(error)
                 return
             moved = float(np.linalg.norm(there.tip - here.tip))
             if moved > _FAR * length and step > _LEAST_STEP:
@@ -163,7 +168,7 @@ class TensionSweep:
             fraction = brentq(over, before.fraction, after.fraction, xtol=1e-9)
             found = self._followed(before, fraction)
         except ConvergenceError as error:
-            self._lost = str(error)
+            self.lost = str(error)
             return None
         if abs(self._over(found)) <= 2.0 * tolerance_m:
             return found.here
