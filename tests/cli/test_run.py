@@ -6,7 +6,7 @@ import io
 import json
 import os
 import signal
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -112,6 +112,15 @@ def test_a_run_says_where_its_files_are(
         assert sum(f" {name} " in line for line in captured.err.splitlines()) == 1
 
 
+@pytest.fixture
+def terminal() -> Iterator[None]:
+    """Heed SIGHUP, also where the tests run under nohup."""
+    before = signal.signal(signal.SIGHUP, signal.SIG_DFL)
+    yield
+    signal.signal(signal.SIGHUP, before)
+
+
+@pytest.mark.usefixtures("terminal")
 @pytest.mark.parametrize(
     ("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGHUP, 129)]
 )
@@ -128,6 +137,7 @@ def test_a_signal_ends_the_run_in_good_order(
     assert signal.getsignal(number) is before
 
 
+@pytest.mark.usefixtures("terminal")
 def test_a_closed_terminal_ends_the_run_in_good_order(run: Callable[..., tuple[int, Path]]) -> None:
     def at_tick(tick: int) -> None:
         if tick == 7:
