@@ -12,6 +12,7 @@ from cosim.errors import InputError
 
 LARGEST_FILE_BYTES: Final = 4_000_000
 MOST_LINKS: Final = 500
+DEEPEST: Final = 300
 _XACRO: Final = "ros.org/wiki/xacro"
 
 
@@ -21,11 +22,7 @@ def read_robot(path: Path) -> ElementTree.Element:
     Raises:
         InputError: the file is not there, too large, no XML, no URDF, not expanded, or no tree.
     """
-    text = read_text(path)
-    try:
-        robot = ElementTree.fromstring(text)
-    except ElementTree.ParseError as error:
-        raise InputError(f"arm file {path} is not XML: {error}") from None
+    robot = read_xml(path)
     if path.suffix == ".xacro" or any(_XACRO in element.tag for element in robot.iter()):
         plain = path.with_suffix("") if path.suffix == ".xacro" else path.with_suffix(".plain.urdf")
         shown = plain if plain.suffix == ".urdf" else plain.with_suffix(".urdf")
@@ -44,16 +41,35 @@ def read_robot(path: Path) -> ElementTree.Element:
     return robot
 
 
-def read_text(path: Path, kind: str = "arm") -> str:
-    """Return the text of an arm's file.
+def read_xml(path: Path, kind: str = "arm") -> ElementTree.Element:
+    """Return the top element of an XML file.
 
     Args:
         path: of the file.
         kind: what it is of, for messages.
 
     Raises:
-        InputError: it is not there, cannot be read, is too large, or declares entities.
+        InputError: it is not there, cannot be read, is too large, declares entities, is no XML, or is nested
+            too deeply.
     """
+    try:
+        top = ElementTree.fromstring(_text(path, kind))
+    except ElementTree.ParseError as error:
+        raise InputError(f"{kind} file {path} is not XML: {error}") from None
+    check_depth(top, f"{kind} file {path}")
+    return top
+
+
+def check_depth(top: ElementTree.Element, where: str) -> None:
+    """Raise InputError where elements are nested more than `DEEPEST` deep."""
+    level, depth = [top], 0
+    while level:
+        level, depth = [child for element in level for child in element], depth + 1
+        if depth > DEEPEST:
+            raise InputError(f"{where} is nested too deeply; at most {DEEPEST} levels are read")
+
+
+def _text(path: Path, kind: str) -> str:
     if not is_file(path):
         raise InputError(f"{kind} file {path} does not exist")
     try:

@@ -1,28 +1,173 @@
-"""Files that an MJCF names."""
+"""Reads MJCF files, which may be anybody's: bounded before MuJoCo sees them, and finite once it has."""
 
 from __future__ import annotations
 
+import math
 import xml.etree.ElementTree as ElementTree
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Final, final
 
-from cosim.config.arms.robot_tree import read_text
+import mujoco
+
+from cosim.base.resources import is_file
+from cosim.config.arms.robot_tree import check_depth, read_xml
+from cosim.errors import InputError
+from cosim.rigid.build.model_numbers import check_finite
+from cosim.rigid.scene.warnings import silence_warning_file
+
+MOST_ELEMENTS: Final = 4_000
+MOST_POINTS: Final = 1_000_000
+"""Of a height field or a texture; the points of a mesh that MuJoCo makes up count `_POINT_OF_MESH` times."""
+
+_COUNTED: Final = ("replicate", "composite", "flexcomp")
+_SIZES: Final = (("nrow", "ncol"), ("width", "height"))
+_POINT_OF_MESH: Final = 100
+_FOLDERS: Final = ("meshdir", "assetdir", "texturedir")
 
 
-def named_files(path: Path) -> tuple[Path, ...]:
-    """Return the files that an MJCF names, as far as they are found: includes, meshes, textures."""
-    found: dict[Path, None] = {}
-    root = ElementTree.fromstring(read_text(path))
-    compiler = root.find("compiler")
-    keys = ("meshdir", "assetdir", "texturedir")
-    folders = ["", *([] if compiler is None else [compiler.get(key, "") for key in keys])]
-    for element in root.iter():
-        file = element.get("file")
-        if file is None:
-            continue
-        near = [path.parent / folder / file for folder in folders]
-        place = next((candidate.resolve() for candidate in near if candidate.is_file()), None)
-        if place is not None and place != path and place not in found:
-            found[place] = None
-            if element.tag == "include":
-                found |= dict.fromkeys(named_files(place))
-    return tuple(found)
+@final
+@dataclass(frozen=True)
+class MjcfFile:
+    """What MuJoCo has read.
+
+    Args:
+        spec: as the file says.
+        model: compiled of a copy of it; all its numbers are finite.
+        files: all that it was read from, as far as they are found: includes, meshes, textures.
+    """
+
+    spec: mujoco.MjSpec
+    model: mujoco.MjModel
+    files: tuple[Path, ...]
+
+
+def read_mjcf_file(path: Path, kind: str) -> MjcfFile:
+    """Return what an MJCF file describes.
+
+    Args:
+        path: of the file.
+        kind: what it is of, for messages.
+
+    Raises:
+        InputError: it is no MJCF, describes more than `MOST_ELEMENTS` elements or `MOST_POINTS` points, holds
+            a number that is not finite, or MuJoCo refuses it.
+    """
+    tag = read_xml(path, kind).tag
+    if tag != "mujoco":
+        hint = "; a URDF ends in .urdf" if tag == "robot" else ""
+        raise InputError(f"{kind} file {path} is no MJCF: its first element is <{tag}>, not <mujoco>{hint}")
+    contents = _Contents(path, kind)
+    contents.count(path)
+    silence_warning_file()
+    try:
+        spec = mujoco.MjSpec.from_file(str(path))
+        model = spec.copy().compile()
+    except ValueError as error:
+        text = str(error).replace("\n", ", ")
+        raise InputError(f"{kind} file {path}: MuJoCo refuses it: {text}") from None
+    try:
+        check_finite(model)
+    except ValueError as error:
+        raise InputError(f"{kind} file {path}: {error}") from None
+    return MjcfFile(spec, model, (path, *contents.named))
+
+
+@final
+class _Contents:
+    """How much an MJCF describes with the files that it names; `named` are those that are found.
+
+    Args:
+        top: the file itself, besides which files are looked for.
+        kind: what it is of, for messages.
+    """
+
+    def __init__(self, top: Path, kind: str) -> None:
+        self.named: dict[Path, None] = {}
+        self._top, self._kind = top, kind
+        self._counts: dict[Path, int] = {}
+
+    def count(self, path: Path) -> int:
+        """Return how many elements a file becomes, once all of them have been checked."""
+        where = f"{self._kind} file {path}"
+        self._counts[path] = MOST_ELEMENTS  # of a file that attaches itself
+        root = self._expanded(path)
+        folders = ["", *(compiler.get(key, "") for compiler in root.iter("compiler") for key in _FOLDERS)]
+        models = {}
+        for element in root.iter():
+            place = self._found(element.get("file"), path, folders)
+            if place is not None and element.tag == "model":
+                models[element.get("name", place.stem)] = self._counts.get(place) or self.count(place)
+        total, waiting = 0, [(root, 1)]
+        while waiting:
+            element, times = waiting.pop()
+            _check_numbers(element, where)
+            if element.tag in _COUNTED:
+                times *= _product(element, "count")
+            total += times * (1 + models.get(element.get("model", ""), 0))
+            if total > MOST_ELEMENTS:
+                raise InputError(
+                    f"{where} describes more than {MOST_ELEMENTS} elements, {_label(element)} among them, and no "
+                    "more are read; leave out what nothing touches, or join shapes to meshes"
+                )
+            waiting += [(child, times) for child in element]
+        self._counts[path] = total
+        return total
+
+    def _expanded(self, path: Path) -> ElementTree.Element:
+        """Return the top element of a file, with what it includes within the elements that do."""
+        root = read_xml(path, self._kind)
+        waiting, included = [(root, path)], {path.resolve()}
+        while waiting:
+            element, here = waiting.pop()
+            place = self._found(element.get("file"), here, [""]) if element.tag == "include" else None
+            if place is not None and place not in included:  # MuJoCo refuses what is included twice
+                included.add(place)
+                element.extend(read_xml(place, self._kind))
+                here = place
+            waiting += [(child, here) for child in element]
+        check_depth(root, f"{self._kind} file {path}")
+        return root
+
+    def _found(self, file: str | None, path: Path, folders: list[str]) -> Path | None:
+        """Return the path of a file that an element names; None where there is none."""
+        near = [
+            base / folder / (file or "") for base in (path.parent, self._top.parent) for folder in folders
+        ]
+        place = next((candidate.resolve() for candidate in near if file and is_file(candidate)), None)
+        if place is not None and place != self._top.resolve():
+            self.named[place] = None
+        return place
+
+
+def _check_numbers(element: ElementTree.Element, where: str) -> None:
+    """Check that all numbers of an element are finite, and that it asks for no more points than are read."""
+    for key, text in element.items():
+        try:
+            values = [float(word) for word in text.split()]
+        except ValueError:
+            continue  # no numbers
+        if not all(map(math.isfinite, values)):
+            raise InputError(f"{where}: {_label(element)}: {key} is {text!r}; every number must be finite")
+    if element.tag == "mesh":
+        points = _POINT_OF_MESH * _product(element, "params") ** 2
+    else:
+        points = max(_product(element, *keys) for keys in _SIZES)
+    if points > MOST_POINTS:
+        raise InputError(
+            f"{where}: {_label(element)} asks for more than the {MOST_POINTS} points that are read; "
+            "make it coarser"
+        )
+
+
+def _product(element: ElementTree.Element, *keys: str) -> int:
+    """Return the product of the whole numbers above 1 in some attributes."""
+    words = [word for key in keys for word in element.get(key, "").split()]
+    return math.prod(int(word) for word in words if word.isdecimal() and len(word) < 10 and int(word) > 1)
+
+
+def _label(element: ElementTree.Element) -> str:
+    """Return how to call an element in a message."""
+    shown = ("name", "count", "file", *(key for keys in _SIZES for key in keys))
+    known = [f'{key}="{text}"' for key in shown if (text := element.get(key)) is not None]
+    return f"<{' '.join((element.tag, *known))}>"
