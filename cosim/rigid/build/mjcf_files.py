@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 import xml.etree.ElementTree as ElementTree
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,6 +24,7 @@ MOST_POINTS: Final = 1_000_000
 _COUNTED: Final = ("replicate", "composite", "flexcomp")
 _SIZES: Final = (("nrow", "ncol"), ("width", "height"))
 _POINT_OF_MESH: Final = 100
+_COUNTING: Final = -1
 _FOLDERS: Final = ("meshdir", "assetdir", "texturedir")
 
 
@@ -58,11 +60,13 @@ def read_mjcf_file(path: Path, kind: str) -> MjcfFile:
         hint = "; a URDF ends in .urdf" if tag == "robot" else ""
         raise InputError(f"{kind} file {path} is no MJCF: its first element is <{tag}>, not <mujoco>{hint}")
     contents = _Contents(path, kind)
-    contents.count(path)
+    contents.count(path.resolve())
     silence_warning_file()
     try:
-        spec = mujoco.MjSpec.from_file(str(path))
-        model = spec.copy().compile()
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of what later versions will not know any more
+            spec = mujoco.MjSpec.from_file(str(path))
+            model = spec.copy().compile()
     except ValueError as error:
         text = str(error).replace("\n", ", ")
         raise InputError(f"{kind} file {path}: MuJoCo refuses it: {text}") from None
@@ -90,14 +94,17 @@ class _Contents:
     def count(self, path: Path) -> int:
         """Return how many elements a file becomes, once all of them have been checked."""
         where = f"{self._kind} file {path}"
-        self._counts[path] = MOST_ELEMENTS  # of a file that attaches itself
+        self._counts[path] = _COUNTING
         root = self._expanded(path)
         folders = ["", *(compiler.get(key, "") for compiler in root.iter("compiler") for key in _FOLDERS)]
         models = {}
         for element in root.iter():
             place = self._found(element.get("file"), path, folders)
             if place is not None and element.tag == "model":
-                models[element.get("name", place.stem)] = self._counts.get(place) or self.count(place)
+                inner = self._counts[place] if place in self._counts else self.count(place)
+                if inner == _COUNTING:
+                    raise InputError(f"{where}: {_label(element)} is this file, or one that leads back to it")
+                models[element.get("name", place.stem)] = inner
         total, waiting = 0, [(root, 1)]
         while waiting:
             element, times = waiting.pop()
@@ -148,7 +155,9 @@ def _check_numbers(element: ElementTree.Element, where: str) -> None:
         except ValueError:
             continue  # no numbers
         if not all(map(math.isfinite, values)):
-            raise InputError(f"{where}: {_label(element)}: {key} is {text!r}; every number must be finite")
+            raise InputError(
+                f"{where}: {_label(element)}: {key} is {text!r:.80}; every number must be finite"
+            )
     if element.tag == "mesh":
         points = _POINT_OF_MESH * _product(element, "params") ** 2
     else:
@@ -169,5 +178,5 @@ def _product(element: ElementTree.Element, *keys: str) -> int:
 def _label(element: ElementTree.Element) -> str:
     """Return how to call an element in a message."""
     shown = ("name", "count", "file", *(key for keys in _SIZES for key in keys))
-    known = [f'{key}="{text}"' for key in shown if (text := element.get(key)) is not None]
+    known = [f'{key}="{text:.40}"' for key in shown if (text := element.get(key)) is not None]
     return f"<{' '.join((element.tag, *known))}>"
