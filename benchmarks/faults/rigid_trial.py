@@ -58,8 +58,9 @@ def _wrong_words(said: str, path: Path) -> str:
     lines = said.split("\n")
     if len(lines) > MOST_LINES + 1 or not all(line.isprintable() for line in lines):
         return "not one printable line for each fault: "
-    if not all(line.startswith((f"{path}: ", "cosim: error: ")) for line in lines):
-        return "does not name the file: "
+    strange = [line for line in lines if not line.startswith((f"{path}: ", "cosim: error: "))]
+    if strange:
+        return f"does not name the file: {strange[0]}; "
     longest = max(map(len, lines))
     return f"{longest} characters: " if longest > LONGEST_REFUSAL else ""
 

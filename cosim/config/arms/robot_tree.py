@@ -13,6 +13,7 @@ from cosim.errors import InputError
 LARGEST_FILE_BYTES: Final = 4_000_000
 MOST_LINKS: Final = 500
 DEEPEST: Final = 300
+LONGEST_NAME: Final = 200
 _XACRO: Final = "ros.org/wiki/xacro"
 
 
@@ -129,6 +130,12 @@ def _check_names(kind: str, elements: list[ElementTree.Element], path: Path) -> 
     counts = Counter(element.get("name", "") for element in elements)
     if "" in counts:
         raise InputError(f"arm file {path}: a {kind} has no name")
+    longest = max(counts, key=len, default="")
+    if len(longest) > LONGEST_NAME:
+        raise InputError(
+            f"arm file {path}: the name of {kind} '{longest[:20]}...' has {len(longest)} characters; "
+            f"at most {LONGEST_NAME} are read"
+        )
     twice = [name for name, count in counts.items() if count > 1]
     if twice:
         raise InputError(f"arm file {path}: two {kind}s are called {twice[0]!r}; names must differ")
@@ -138,7 +145,7 @@ def _named_link(joint: ElementTree.Element, end: str, names: set[str], path: Pat
     link = link_of(joint, end)
     if link not in names:
         where = f"arm file {path}: joint {joint.get('name')!r}"
-        raise InputError(f"{where}: its {end} is link {link!r}; there is none of that name")
+        raise InputError(f"{where}: its {end} is link {link!r:.80}; there is none of that name")
     return link
 
 

@@ -15,7 +15,7 @@ from cosim.base.resources import is_file
 from cosim.config.arms.robot_tree import check_depth, read_xml
 from cosim.errors import InputError
 from cosim.rigid.build.model_numbers import check_finite
-from cosim.rigid.scene.warnings import silence_warning_file
+from cosim.rigid.scene.warnings import set_up_engine
 
 MOST_ELEMENTS: Final = 4_000
 MOST_POINTS: Final = 1_000_000
@@ -61,7 +61,7 @@ def read_mjcf_file(path: Path, kind: str) -> MjcfFile:
         raise InputError(f"{kind} file {path} is no MJCF: its first element is <{tag}>, not <mujoco>{hint}")
     contents = _Contents(path, kind)
     contents.count(path.resolve())
-    silence_warning_file()
+    set_up_engine()
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of what later versions will not know any more
@@ -69,7 +69,7 @@ def read_mjcf_file(path: Path, kind: str) -> MjcfFile:
             model = spec.copy().compile()
     except ValueError as error:
         text = str(error).replace("\n", ", ")
-        raise InputError(f"{kind} file {path}: MuJoCo refuses it: {text}") from None
+        raise InputError(f"{kind} file {path}: MuJoCo refuses it: {text:.500}") from None
     try:
         check_finite(model)
     except ValueError as error:
@@ -96,7 +96,8 @@ class _Contents:
         where = f"{self._kind} file {path}"
         self._counts[path] = _COUNTING
         root = self._expanded(path)
-        folders = ["", *(compiler.get(key, "") for compiler in root.iter("compiler") for key in _FOLDERS)]
+        compilers = root.iter("compiler")
+        folders = list(dict.fromkeys(["", *(one.get(key, "") for one in compilers for key in _FOLDERS)]))
         models = {}
         for element in root.iter():
             place = self._found(element.get("file"), path, folders)
