@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import warnings
 import xml.etree.ElementTree as ElementTree
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final, final
@@ -89,9 +90,9 @@ class _Contents:
     def __init__(self, top: Path, kind: str) -> None:
         self.named: dict[Path, None] = {}
         self._top, self._kind = top, kind
-        self._counts: dict[Path, int] = {}
+        self._counts: dict[Path, float] = {}
 
-    def count(self, path: Path) -> int:
+    def count(self, path: Path) -> float:
         """Return how many elements a file becomes, once all of them have been checked."""
         where = f"{self._kind} file {path}"
         self._counts[path] = _COUNTING
@@ -170,10 +171,13 @@ def _check_numbers(element: ElementTree.Element, where: str) -> None:
         )
 
 
-def _product(element: ElementTree.Element, *keys: str) -> int:
-    """Return the product of the whole numbers above 1 in some attributes."""
-    words = [word for key in keys for word in element.get(key, "").split()]
-    return math.prod(int(word) for word in words if word.isdecimal() and len(word) < 10 and int(word) > 1)
+def _product(element: ElementTree.Element, *keys: str) -> float:
+    """Return the product of the numbers above 1 in some attributes; what is no number counts as 1."""
+    product = 1.0
+    for word in " ".join(element.get(key, "") for key in keys).split():
+        with suppress(ValueError):
+            product *= max(1.0, float(word))
+    return product
 
 
 def _label(element: ElementTree.Element) -> str:
