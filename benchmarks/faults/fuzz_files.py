@@ -3,8 +3,8 @@
     python benchmarks/faults/fuzz_files.py [--level load|build|check] [--count N] [--seed S] [--keep DIR]
 
 At the levels "load" and "build" files of scenarios and soft robots are mutated. At "build" COUNT cases are
-built: those that are refused when they are loaded do not count. At the level "check" it is URDF, MJCF, arm.toml,
-cells, and meshes of bodies and objects, and `cosim check` reads them.
+built: those that are refused when they are loaded do not count. At the level "check" URDF, MJCF, arm.toml,
+cells, and meshes of bodies and objects are mutated, and `cosim check` reads them.
 
 Every case has a seed of its own, S, S + 1, ... A finding (a traceback, a refusal without the key's path,
 60 s of CPU time, 10 s at the level "check", 1 GB of memory when loaded, else 4 GB) is printed with its seed,

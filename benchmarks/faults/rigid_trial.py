@@ -1,4 +1,4 @@
-"""What the mutated files of an arm, cell, body or object lead to: fine and finite, one refusal, or a finding."""
+"""What mutated files of arms, cells, bodies and objects lead to: fine and finite, refused, or a finding."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import contextlib
 import io
 import traceback
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -71,7 +72,7 @@ def _not_finite(path: Path) -> str:
     Raises:
         InstabilityError: the rigid scene cannot take a step.
     """
-    numbers: dict[str, object] = {}
+    numbers: dict[str, Any] = {}
     if path.name == "s.toml":
         scenario = load_scenario(path)
         scene = ArmParts(scenario, KeptParts()).scene

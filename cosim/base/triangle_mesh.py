@@ -141,7 +141,7 @@ def _read(path: Path) -> tuple[Array, list[tuple[str, ...]]]:
             f"{path.name}: is not a {path.suffix[1:].upper()} file: not a text from byte {error.start}"
         ) from error
     except ValueError as error:
-        raise MeshError(f"{path.name}: is not a {path.suffix[1:].upper()} file: {str(error):.120}") from error
+        raise MeshError(f"{path.name}: is not a {path.suffix[1:].upper()} file: {error!s:.120}") from error
     if not len(corners) or not np.isfinite(corners).all():
         raise MeshError(
             f"{path.name}: holds {'a number that is not finite' if len(corners) else 'no triangles'}"

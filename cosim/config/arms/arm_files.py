@@ -130,7 +130,7 @@ def _package_folder(path: Path, number: int) -> Path:
     except OSError as error:
         raise ScenarioError(
             f"robot.package_paths.{number}",
-            f"'{str(path):.200}' is no folder that can be read: {error.strerror}; name the folder that holds "
+            f"'{path!s:.200}' is no folder that can be read: {error.strerror}; name the folder that holds "
             "the packages, or leave the entry out",
         ) from error
     return path.resolve()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import struct
 import warnings
 import xml.etree.ElementTree as ElementTree
 from contextlib import suppress
@@ -101,13 +102,16 @@ class _Contents:
         folders = list(dict.fromkeys(["", *(one.get(key, "") for one in compilers for key in _FOLDERS)]))
         models = {}
         for element in root.iter():
-            place = self._found(element.get("file"), path, folders)
-            if place is not None and element.tag == "model":
+            places = [self._found(text, path, folders) for key, text in element.items() if key[:4] == "file"]
+            for place in filter(None, places):
+                _check_points(element, _pixels(place), where)
+                if element.tag != "model":
+                    continue
                 inner = self._counts[place] if place in self._counts else self.count(place)
                 if inner == _COUNTING:
                     raise InputError(f"{where}: {_label(element)} is this file, or one that leads back to it")
                 models[element.get("name", place.stem)] = inner
-        total, waiting = 0, [(root, 1)]
+        total, waiting = 0.0, [(root, 1.0)]
         while waiting:
             element, times = waiting.pop()
             _check_numbers(element, where)
@@ -116,8 +120,8 @@ class _Contents:
             total += times * (1 + models.get(element.get("model", ""), 0))
             if total > MOST_ELEMENTS:
                 raise InputError(
-                    f"{where} describes more than {MOST_ELEMENTS} elements, {_label(element)} among them, and no "
-                    "more are read; leave out what nothing touches, or join shapes to meshes"
+                    f"{where} describes more than {MOST_ELEMENTS} elements, {_label(element)} among them; no "
+                    "more are read: leave out what nothing touches, or join shapes to meshes"
                 )
             waiting += [(child, times) for child in element]
         self._counts[path] = total
@@ -164,9 +168,22 @@ def _check_numbers(element: ElementTree.Element, where: str) -> None:
         points = _POINT_OF_MESH * _product(element, "params") ** 2
     else:
         points = max(_product(element, *keys) for keys in _SIZES)
+    _check_points(element, points, where)
+
+
+def _pixels(path: Path) -> float:
+    """Return how many pixels a file has; 1 where it is no PNG."""
+    with suppress(OSError), path.open("rb") as stream:
+        head = stream.read(24)
+        if head[12:16] == b"IHDR" and len(head) == 24:
+            return float(math.prod(struct.unpack(">II", head[16:])))
+    return 1.0
+
+
+def _check_points(element: ElementTree.Element, points: float, where: str) -> None:
     if points > MOST_POINTS:
         raise InputError(
-            f"{where}: {_label(element)} asks for more than the {MOST_POINTS} points that are read; "
+            f"{where}: {_label(element)} has more than {MOST_POINTS} points; no more are read: "
             "make it coarser"
         )
 
