@@ -173,7 +173,7 @@ def _mutated(name: str, data: bytes, rng: Random) -> tuple[bytes, str]:
 def _toml(text: str, rng: Random) -> tuple[str, str]:
     try:
         table = tomllib.loads(text)
-    except ValueError:  # already broken
+    except (ValueError, RecursionError):  # already broken
         return broken(text, rng)
     if not table:
         return text, "none"
