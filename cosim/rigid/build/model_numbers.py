@@ -49,6 +49,8 @@ def _owner(model: mujoco.MjModel, name: str, row: int, rows: int) -> tuple[str, 
     if find is None:
         return "", name
     if rows != getattr(model, f"n{kind}", rows):  # such as the points of all meshes, one after the other
-        first = getattr(model, f"{name}adr", getattr(model, f"{kind}_adr", np.zeros(1)))
+        first = getattr(model, f"{name}adr", getattr(model, f"{kind}_adr", None))
+        if first is None:
+            return "", name
         row = int(np.searchsorted(first, row, side="right")) - 1
     return f"{kind.replace('jnt', 'joint')} {find(row).name or row!r}: ", attribute or name
