@@ -41,6 +41,7 @@ WRONG = {
     "circle": ("</robot>", JOINT.format("back", "fixed", "hand", "root"), "its joints form a circle"),
     "no joint": ("revolute", "fixed", "0 joints move the flange 'hand', none"),
     "floating": ('"lift" type="revolute"', '"lift" type="floating"', "joint 'lift' is 'floating'"),
+    "long type": ("revolute", 3000 * "r", "joint 'lift' is 'r{79}; the chain"),
     "no type": ('"lift" type="revolute"', '"lift"', "joint 'lift' is None"),
     "no axis": ("0 1 0", "0 0 0", "joint 'lift': its axis is zero"),
     "axis of two": ("0 1 0", "0 1", "joint 'lift': xyz is '0 1'; it must be 3 finite numbers"),

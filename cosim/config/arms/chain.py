@@ -55,7 +55,7 @@ def chain_to(robot: ElementTree.Element, flange: str, path: Path) -> list[Elemen
         joint = joint_above[link]
         if joint.get("type") not in (FIXED, *MOVING):
             raise InputError(
-                f"arm file {path}: joint {joint.get('name')!r} is {joint.get('type')!r}; "
+                f"arm file {path}: joint {joint.get('name')!r} is {joint.get('type')!r:.80}; "
                 f"the chain to the flange may hold {', '.join((FIXED, *MOVING))}"
             )
         chain.insert(0, joint)
