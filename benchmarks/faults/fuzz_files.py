@@ -1,12 +1,15 @@
-"""Mutated scenario and robot files: each is refused with its key's path, solved, or unsolved by name.
+"""Mutated files: each is refused with its key's path, solved, or unsolved by name.
 
-    python benchmarks/faults/fuzz_files.py [--level load|build] [--count N] [--seed S] [--keep DIR]
+    python benchmarks/faults/fuzz_files.py [--level load|build|check] [--count N] [--seed S] [--keep DIR]
 
-At the level "build" COUNT cases are built: those that are refused when they are loaded do not count.
+At the levels "load" and "build" files of scenarios and soft robots are mutated. At "build" COUNT cases are
+built: those that are refused when they are loaded do not count. At the level "check" URDF, MJCF, arm.toml,
+cells, and meshes of bodies and objects are mutated, and `cosim check` reads them.
 
 Every case has a seed of its own, S, S + 1, ... A finding (a traceback, a refusal without the key's path,
-60 s of CPU time, 1 GB of memory when loaded, 4 GB when built) is printed with its seed, and its file is kept
-in DIR; so is what ends in order, but takes more than 10 s of CPU time. Exit code 1 if there are findings.
+60 s of CPU time, 10 s at the level "check", 1 GB of memory when loaded, else 4 GB) is printed with its seed,
+and its files are kept in DIR; so is what ends in order, but takes more than 10 s of CPU time. Exit code 1 if
+there are findings.
 """
 
 from __future__ import annotations
@@ -22,45 +25,49 @@ from collections.abc import Iterator, Sequence
 from multiprocessing.connection import Connection
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Final, get_args
+from typing import Final, Literal, TypeAlias, get_args
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
-from benchmarks.faults.trial import Case, Level, Verdict, case_of, try_case, unchanged
+from benchmarks.faults import rigid_files
+from benchmarks.faults.rigid_files import RigidCase
+from benchmarks.faults.trial import Case, Verdict, case_of, try_case, unchanged
 
+Level = Literal["load", "build", "check"]
+AnyCase: TypeAlias = Case | RigidCase
 SLOW_CPU_S: Final = 10.0
-CPU_LIMIT_S: Final = 60.0
-MEMORY_LIMIT_BYTES: Final = {"load": 1 << 30, "build": 4 << 30}
+CPU_LIMIT_S: Final = {"load": 60.0, "build": 60.0, "check": 10.0}
+MEMORY_LIMIT_BYTES: Final = {"load": 1 << 30, "build": 4 << 30, "check": 4 << 30}
 _LOOK_EVERY_S = 0.5
 _SEEDS_AT_ONCE = 500
 
 
-def run_cases(seeds: Sequence[int], level: Level) -> Iterator[tuple[int, Case, Verdict]]:
+def run_cases(seeds: Sequence[int], level: Level) -> Iterator[tuple[int, AnyCase, Verdict]]:
     """Yield (seed, case, verdict) of each seed, tried in a process that a hang or a crash may cost.
 
     Args:
         seeds: of the cases.
-        level: see `try_case`.
+        level: of the cases.
     """
     waiting = list(seeds)
     while waiting:
         done = 0
         with TemporaryDirectory() as folder:
             for seed, verdict in _worker_results(waiting, level, Path(folder)):
-                yield seed, case_of(seed), verdict
+                yield seed, _case(seed, level), verdict
                 done += 1
         waiting = waiting[done:]
 
 
-def counted_cases(first: int, count: int, level: Level) -> Iterator[tuple[int, Case, Verdict]]:
+def counted_cases(first: int, count: int, level: Level) -> Iterator[tuple[int, AnyCase, Verdict]]:
     """Yield cases from a first seed on until a number of them are done that count at a level."""
     seed, left = first, count
     while left > 0:
         for found in run_cases(range(seed, seed + _SEEDS_AT_ONCE), level):
             yield found
             seed += 1
-            left -= level == "load" or found[2].kind != "refused when loaded"
+            left -= level != "build" or found[2].kind != "refused when loaded"
             if left == 0:
                 return
 
@@ -79,8 +86,8 @@ def _worker_results(seeds: list[int], level: Level, folder: Path) -> Iterator[tu
         for seed in seeds:
             begun = _cpu_s(worker.pid)
             while not ours.poll(_LOOK_EVERY_S):
-                if _cpu_s(worker.pid) - begun > CPU_LIMIT_S:
-                    yield seed, Verdict("finding", f"more than {CPU_LIMIT_S:g} s of CPU time")
+                if _cpu_s(worker.pid) - begun > CPU_LIMIT_S[level]:
+                    yield seed, Verdict("finding", f"more than {CPU_LIMIT_S[level]:g} s of CPU time")
                     return
             try:
                 verdict = ours.recv()
@@ -101,15 +108,34 @@ def _worker_results(seeds: list[int], level: Level, folder: Path) -> Iterator[tu
 
 def _work(seeds: list[int], level: Level, folder: Path, results: Connection) -> None:
     resource.setrlimit(resource.RLIMIT_AS, (MEMORY_LIMIT_BYTES[level],) * 2)
-    if level == "build":
-        try_case(unchanged("ur5e_hexagon_arm"), level, folder)  # loads engines and kernels
+    for case in _first(level):  # loads engines and kernels
+        _tried(case, level, folder)
     results.send(None)
     for seed in seeds:
         try:
-            verdict = try_case(case_of(seed), level, folder)
+            verdict = _tried(_case(seed, level), level, folder)
         except MemoryError as error:
             verdict = Verdict("finding", f"out of memory: {error}")
         results.send(verdict)
+
+
+def _case(seed: int, level: Level) -> AnyCase:
+    return rigid_files.rigid_case(seed) if level == "check" else case_of(seed)
+
+
+def _first(level: Level) -> list[AnyCase]:
+    """Return cases that nothing is wrong with."""
+    if level == "check":
+        return list(rigid_files.unchanged())
+    return [unchanged("ur5e_hexagon_arm")] if level == "build" else []
+
+
+def _tried(case: AnyCase, level: Level, folder: Path) -> Verdict:
+    if isinstance(case, Case):
+        return try_case(case, "build" if level == "build" else "load", folder)
+    from benchmarks.faults.rigid_trial import try_files  # here: files that are only loaded need no engine
+
+    return try_files(case, folder)
 
 
 def _cpu_s(process: int) -> float:
@@ -136,8 +162,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             continue
         print(f"seed {seed}, {case.source}: {case.changes}\n    {verdict.kind}: {verdict.what}", flush=True)
         if options.keep is not None:
-            options.keep.mkdir(parents=True, exist_ok=True)
-            (options.keep / f"{options.level}_{seed}.toml").write_text(case.text, encoding="utf-8")
+            case.write(options.keep / f"{options.level}_{seed}")
     told = ", ".join(f"{count} {kind}" for kind, count in counts.most_common())
     seeds = f"seeds {options.seed} to {options.seed + counts.total() - 1}"
     print(f"{options.level}, {seeds}: {told}; {time.perf_counter() - started:.0f} s")

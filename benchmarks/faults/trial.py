@@ -52,6 +52,11 @@ class Case:
     other_mode: bool
     alone: tuple[str, ...] = ()
 
+    def write(self, folder: Path) -> Path:
+        """Write the file into a folder; return its path."""
+        folder.mkdir(parents=True, exist_ok=True)
+        return _written(self.text, folder)
+
 
 @final
 @dataclass(frozen=True)
@@ -91,7 +96,7 @@ def try_case(case: Case, level: Level, folder: Path) -> Verdict:
         level: "load": all that needs no build; "build": built, and three ticks.
         folder: for its file, which `mesh.obj` and the like may stand beside.
     """
-    path = _written(case.text, folder)
+    path = case.write(folder)
     refused: Kind = "refused when loaded"
     try:
         with contextlib.redirect_stderr(io.StringIO()):

@@ -7,7 +7,7 @@ import numba
 import numpy as np
 
 from benchmarks.peers.case import Case, Course, FollowerPressure, Run, run
-from cosim.rigid.scene.warnings import silence_warning_file
+from cosim.rigid.scene.warnings import set_up_engine
 
 
 def _numbers(values: np.ndarray) -> str:
@@ -49,7 +49,7 @@ def model_of(course: Course, case: Case, tick_s: float, integrator: str) -> mujo
 
 def simulate(course: Course, case: Case, tick_s: float, integrator: str = "discrete") -> Run:
     """Return the run of MuJoCo at a tick; `integrator` as MuJoCo names it."""
-    silence_warning_file()
+    set_up_engine()
     model = model_of(course, case, tick_s, integrator)
     data = mujoco.MjData(model)
     moving = np.setdiff1d(np.arange(len(case.drawn)), case.base)

@@ -141,7 +141,7 @@ def _read(path: Path) -> tuple[Array, list[tuple[str, ...]]]:
             f"{path.name}: is not a {path.suffix[1:].upper()} file: not a text from byte {error.start}"
         ) from error
     except ValueError as error:
-        raise MeshError(f"{path.name}: is not a {path.suffix[1:].upper()} file: {error}") from error
+        raise MeshError(f"{path.name}: is not a {path.suffix[1:].upper()} file: {error!s:.120}") from error
     if not len(corners) or not np.isfinite(corners).all():
         raise MeshError(
             f"{path.name}: holds {'a number that is not finite' if len(corners) else 'no triangles'}"
@@ -154,7 +154,8 @@ def _read(path: Path) -> tuple[Array, list[tuple[str, ...]]]:
 def _stl_corners(data: bytes) -> Array:
     """Return the corners (m, 3, 3) of an STL file; a binary one is as long as its count says."""
     if len(data) >= 84 and len(data) == 84 + 50 * struct.unpack_from("<I", data, 80)[0]:
-        return np.asarray(np.frombuffer(data, _FACET, offset=84)["corners"], dtype=np.float64)
+        with np.errstate(invalid="ignore"):  # of what is no number; it is refused later
+            return np.asarray(np.frombuffer(data, _FACET, offset=84)["corners"], dtype=np.float64)
     words = data.decode("ascii").split()
     if not words or words[0].lower() != "solid":
         raise ValueError("neither its length nor its first word fits")

@@ -149,8 +149,7 @@ def checked_start(plan_joints: JointPlanner, arm: Arm, scene: RigidScene, payloa
 
     def plan(start: Pose, ways: list[AnyWay], blame: Callable[[int], str]) -> tuple[JointPath, ...]:
         paths = plan_joints(start, ways, blame)
-        if paths:  # none yet where the first phase has a tip target
-            check_start(arm, scene, payload, paths[0].first, blame(-1))
+        check_start(arm, scene, payload, paths[0].first, blame(-1))
         return paths
 
     return plan

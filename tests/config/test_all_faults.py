@@ -127,3 +127,15 @@ def test_a_name_with_a_line_break_is_told_in_one_line() -> None:
     error = refusal({"phase.inflate.pump_pressure_Pa": {"a\nb": 1e3}}, "pumped_arm")
     assert len(str(error).splitlines()) == len(error.faults)
     assert "a\\nb" in str(error)
+
+
+def test_a_list_that_is_too_short_is_told_beside_a_wrong_key_in_it() -> None:
+    robot = {
+        "name": "tube", "source": "made up", "base": ["base"],
+        "body": {"kind": "mesh", "file": "tube.obj", "set": [{"name": "base", "line": "side"}]},
+    }  # fmt: skip
+    with pytest.raises(ScenarioError) as caught:
+        load_scenario("ur5e_hexagon_arm", {"soft_robot": robot})
+    told = dict(caught.value.faults)
+    assert told["soft_robot.body.set.base.line"].startswith("unknown key")
+    assert "needs at least 2" in told["soft_robot.body.set"]

@@ -32,6 +32,8 @@ WRONG = {
     "two links of a name": ("</robot>", '<link name="hand"/></robot>', "two links are called 'hand'"),
     "two joints of a name": ('"lift"', '"swing"', "two joints are called 'swing'"),
     "link without a name": ("</robot>", "<link/></robot>", "a link has no name"),
+    "long name": ('<link name="root"', f"<link name='{300 * 'r'}'", "has 300 characters; at most 200"),
+    "deep": ("</robot>", f"{400 * '<x>'}{400 * '</x>'}</robot>", "is nested too deeply; at most 300 levels"),
     "joint without a child": ('<child link="hand"/>', "", "joint 'lift': its child is link ''"),
     "unknown parent": ('<parent link="upper"/>', '<parent link="arm"/>', "joint 'lift': its parent is link"),
     "two roots": ("</robot>", '<link name="cart"/></robot>', "has 2 roots, .* 'cart', 'root'"),
@@ -39,6 +41,7 @@ WRONG = {
     "circle": ("</robot>", JOINT.format("back", "fixed", "hand", "root"), "its joints form a circle"),
     "no joint": ("revolute", "fixed", "0 joints move the flange 'hand', none"),
     "floating": ('"lift" type="revolute"', '"lift" type="floating"', "joint 'lift' is 'floating'"),
+    "long type": ("revolute", 3000 * "r", "joint 'lift' is 'r{79}; the chain"),
     "no type": ('"lift" type="revolute"', '"lift"', "joint 'lift' is None"),
     "no axis": ("0 1 0", "0 0 0", "joint 'lift': its axis is zero"),
     "axis of two": ("0 1 0", "0 1", "joint 'lift': xyz is '0 1'; it must be 3 finite numbers"),
@@ -71,6 +74,18 @@ WRONG_TABLES = {
     "no file": ("", "robot.file: is missing"),
     "unknown key": ('file = "arm.urdf"\nflang = "hand"', "robot.flang: unknown key; did you mean flange"),
     "file that is not there": ('file = "leg.urdf"', "file 'leg.urdf' not found"),
+    "package folder that is not there": (
+        'file = "arm.urdf"\npackage_paths = [".", "none"]',
+        "robot.package_paths.2: '.*none' is no folder that can be read: No such file",
+    ),
+    "package folder that is a file": (
+        'file = "arm.urdf"\npackage_paths = ["arm.urdf"]', "robot.package_paths.1: .*: Not a directory",
+    ),
+    "package folder of a long name": (
+        f'file = "arm.urdf"\npackage_paths = ["{300 * "x"}"]', "robot.package_paths.1: .* too long",
+    ),
+    "home that is no number": ('file = "arm.urdf"\nhome = [nan, 0.0]', "robot.home.1"),
+    "infinite limit": ('file = "arm.urdf"\nlimits.upper = [1.0, inf]', "robot.limits.upper.2"),
     "flange that is not there": ('file = "arm.urdf"\nflange = "foot"', "has no link 'foot'; there are root"),
     "home of three": ('file = "arm.urdf"\nhome = [0, 0, 0]', "home has 3 entries; there are 2 joints: swing"),
     "home outside": ('file = "arm.urdf"\nhome = [0.0, 2.0]', "joint 'lift': its home 2 is outside its"),
@@ -181,3 +196,14 @@ def test_fine_arms_are_told_what_was_found(capsys: pytest.CaptureFixture[str]) -
     assert "both engines agree" in line
     assert main(["list", "arms"]) == 0
     assert "ur5e    6 joints, flange 'tool0'  Universal Robots UR5e" in capsys.readouterr().out
+
+
+def test_an_arm_at_the_end_of_a_long_row_of_links_is_read(tmp_path: Path) -> None:
+    row = "".join(
+        f'<link name="l{k}"/><joint name="f{k}" type="fixed"><parent link="{f"l{k - 1}" if k else "hand"}"/>'
+        f'<child link="l{k}"/></joint>'
+        for k in range(480)
+    )
+    path = tmp_path / "arm.urdf"
+    path.write_text(TWO_JOINTS.replace("</robot>", f"{row}</robot>"))
+    assert main(["check", str(path)]) == 0

@@ -57,7 +57,7 @@ def test_findings_are_told_and_kept(
     monkeypatch.setattr("benchmarks.faults.fuzz_files.try_case", tried)
     assert main(["--count", "4", "--keep", str(tmp_path / "kept")]) == 1
     assert capsys.readouterr().out.startswith("seed 2, ")
-    assert (tmp_path / "kept" / "load_2.toml").read_text(encoding="utf-8") == case_of(2).text
+    assert (tmp_path / "kept" / "load_2" / "case.toml").read_text(encoding="utf-8") == case_of(2).text
 
 
 def test_a_mutation_whose_place_another_has_taken_away_is_left_out() -> None:

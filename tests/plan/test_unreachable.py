@@ -54,6 +54,17 @@ def test_given_poses_are_refused_before_any_statics(
     assert reason in str(caught.value)
 
 
+def test_an_arm_that_cannot_hold_its_load_is_named_before_any_statics(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Also where the first phase has a target of the tip, which takes statics to plan for."""
+    monkeypatch.setattr(phase_drafts, "start_equilibrium", refuse_statics)
+    target = {"name": "reach", "duration_s": 1.0, "tip_target": {"position_m": [0.4, 0.0, 0.2]}}
+    scenario = load_scenario("tip_path", {"phase": [target], "soft_robot.mass.node_mass_kg": 1.0})
+    with pytest.raises(ScenarioError, match=r"^start\.flange: the arm cannot hold itself and a payload of"):
+        build(scenario)
+
+
 def test_a_refusal_names_the_wanted_pose_not_where_the_path_broke_off() -> None:
     scenario = load_scenario(
         "ur5e_hexagon_arm", {"phase": [{"name": "go", "duration_s": 1.0, "flange": FAR}]}

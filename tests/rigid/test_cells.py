@@ -169,6 +169,7 @@ def test_the_cell_counts_among_what_a_run_was_loaded_from(tmp_path: Path) -> Non
     assert str(tmp_path / "cell.xml") in found
 
 
+COPIED = '<replicate count="100">'
 WRONG = {
     "moves": (
         'name="post" pos="-0.1 0.05 0.25">',
@@ -183,6 +184,45 @@ WRONG = {
     "no MJCF": (CELL, "<robot/>", "is no MJCF"),
     "no XML": ("</mujoco>", "", "is not XML"),
     "unknown": ("<option", "<optoin", "MuJoCo refuses it: .*optoin"),
+    "place": ('pos="1 1 0"', 'pos="1 nan 0"', "<body>: pos is '1 nan 0'; every number must be finite"),
+    "mass that MuJoCo leaves out": ('size="0.06"', 'size="0.06" mass="nan"', "<geom>: mass is 'nan'"),
+    "infinite margin": ('size="0.06"', 'size="0.06" margin="inf"', "<geom>: margin is 'inf'"),
+    "inertia beyond all numbers": (
+        'size="0.06"',
+        'size="1e200"',
+        r"body 'post': \w+ is inf.*; every number must be finite",
+    ),
+    "copies": (
+        "<worldbody>",
+        '<worldbody><replicate count="100000"><geom size="1"/></replicate>',
+        'describes more than 4000 elements, <replicate count="100000"> among them',
+    ),
+    "copies of copies": (
+        "<worldbody>",
+        f"<worldbody>{2 * COPIED}<geom size='1'/>{2 * '</replicate>'}",
+        "describes more than 4000 elements",
+    ),
+    "bodies": (
+        "<worldbody>",
+        f"<worldbody>{20_000 * '<body/>'}",
+        "describes more than 4000 elements",
+    ),
+    "fine height field": (
+        "<asset>",
+        '<asset><hfield name="h" nrow="10000" ncol="+10000" size="1 1 1 1"/>',
+        'name="h" nrow="10000" ncol="[+]10000"> has more than 1000000 points',
+    ),
+    "fine mesh": (
+        "<asset>",
+        '<asset><mesh name="m" builtin="supersphere" params="2000.0 1 1"/>',
+        'mesh name="m"> has more than 1000000 points',
+    ),
+    "itself": ("<asset>", '<asset><model name="m" file="cell.xml"/>', "<model .*> is this file, or one that"),
+    "deep": (
+        "<worldbody>",
+        f"<worldbody>{400 * '<body>'}{400 * '</body>'}",
+        "nested too deeply; at most 300",
+    ),
     "height field": (
         "<worldbody>",
         '<asset><hfield name="h" nrow="2" ncol="2" size="1 1 1 1"/></asset><worldbody>'
@@ -190,6 +230,32 @@ WRONG = {
         "geom 'hill' is of type 'hfield'",
     ),
 }
+
+
+def test_a_height_field_that_nothing_touches_is_drawn(tmp_path: Path) -> None:
+    field = '<hfield name="h" nrow="2" ncol="3" size="0.4 0.3 0.2 0.1" elevation="0 0 0 0 0 1"/>'
+    hill = '<geom type="hfield" hfield="h" pos="0 0 1" contype="0" conaffinity="0"/>'
+    text = CELL.replace("<asset>", f"<asset>{field}").replace("<worldbody>", f"<worldbody>{hill}")
+    scene = RigidScene(SceneDescription(find_arm("ur5e"), cell=read_cell(written(tmp_path, text))))
+    (shape,) = (shape for shape in scene.shapes if scene.body_names[shape.body] == "cell")
+    assert len(shape.triangles) == 4
+    low, high = shape.vertices.min(axis=0), shape.vertices.max(axis=0)
+    np.testing.assert_allclose((low, high), ((-0.4, -0.3, 1.0), (0.4, 0.3, 1.2)), atol=1e-12)
+    # MuJoCo's rows of a file run from the largest y to the smallest
+    np.testing.assert_allclose(shape.vertices[shape.vertices[:, 2].argmax(), :2], (0.4, -0.3), atol=1e-12)
+
+
+def test_a_mesh_that_is_rewritten_at_once_is_read_anew(tmp_path: Path) -> None:
+    corners = "v 0 0 0\nv {0} 0 0\nv 0 {0} 0\nv 0 0 {0}\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
+    mesh = '<asset><mesh name="m" file="m.obj"/></asset><worldbody><geom type="mesh" mesh="m"/></worldbody>'
+    widths = []
+    for size in (1.0, 2.0):
+        (tmp_path / "m.obj").write_text(corners.format(size))
+        cell = read_cell(written(tmp_path, f"<mujoco>{mesh}</mujoco>"))
+        scene = RigidScene(SceneDescription(find_arm("ur5e"), cell=cell, floor_height_m=None))
+        drawn = [shape for shape in scene.shapes if scene.body_names[shape.body] == "cell"]
+        widths.append(float(np.ptp(drawn[0].vertices, axis=0).max()))
+    assert widths[1] == pytest.approx(2.0 * widths[0])
 
 
 @pytest.mark.parametrize("case", WRONG)

@@ -10,7 +10,7 @@ import pytest
 
 from cosim.base.frames import Array, Wrench
 from cosim.build.arms import find_arm
-from cosim.errors import ConvergenceError, InputError
+from cosim.errors import ConvergenceError, InputError, SceneError
 from cosim.rigid import RigidScene, SceneDescription, SceneObject, ServoGains
 
 ARM = find_arm("ur5e")
@@ -81,10 +81,23 @@ def test_an_arm_without_torque_limits_is_not_held_back() -> None:
     assert np.max(np.abs(settled - ARM.home)) > 0.05
 
 
-def test_load_beyond_the_arms_torque_is_named() -> None:
+@pytest.mark.parametrize("force_N", [300.0, 1e5], ids=["balanced", "no rest found"])
+def test_load_beyond_the_arms_torque_is_named(force_N: float) -> None:
     scene = RigidScene(SceneDescription(ARM))
     with pytest.raises(ConvergenceError, match=r"holding this load takes .* N m at joint .*which can give"):
-        scene.static_configuration(ARM.home, wrench=Wrench(np.array([0.0, 0.0, -300.0]), np.zeros(3)))
+        scene.static_configuration(ARM.home, wrench=Wrench(np.array([0.0, 0.0, -force_N]), np.zeros(3)))
+
+
+def test_an_object_whose_inertia_is_no_number_is_named() -> None:
+    """Each of its values is finite; what MuJoCo works out from them is not."""
+    objects = [
+        SceneObject(name, "box", (1e3, 1e3, 1e3), mass_kg=mass) for name, mass in (("a", 1.0), ("b", 1e306))
+    ]
+    with pytest.raises(
+        SceneError, match=r"body 'b': inertia is inf inf inf; every number must be finite"
+    ) as caught:
+        RigidScene(SceneDescription(ARM, objects=tuple(objects)))
+    assert caught.value.body == "b"
 
 
 def test_gains_are_those_of_the_arms_file_or_grow_with_its_efforts() -> None:

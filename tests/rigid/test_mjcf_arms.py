@@ -119,6 +119,8 @@ WRONG = {
     "tied": ("<actuator>", '<equality><joint joint1="j4" joint2="j5"/></equality><actuator>', "'j4' is tied"),
     "home outside": ("-0.6 1.7", "9 1.7", "joint 'j1': its home 9 is outside its limits"),
     "no mass": ('mass="0.5"', 'mass="0"', "MuJoCo refuses it: .*mass"),
+    "place": ('pos="0.25 0 0"', 'pos="0.25 nan 0"', "<body name=.link4.>: pos is '0.25 nan 0'; every number"),
+    "infinite gear": ('gear="60"', 'gear="inf"', "gear is 'inf'; every number must be finite"),
     "no mesh": ("<worldbody>", '<asset><mesh file="m.stl"/></asset><worldbody>', "refuses it: .*m.stl"),
 }  # fmt: skip
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
@@ -118,9 +119,28 @@ def read_arm_table(path: Path) -> ArmTable:
     return table
 
 
+def _package_folder(path: Path, number: int) -> Path:
+    """Return an entry of `package_paths`, counted from 1, as an absolute path.
+
+    Raises:
+        ScenarioError: it is no folder, or cannot be read.
+    """
+    try:
+        os.scandir(path).close()
+    except OSError as error:
+        raise ScenarioError(
+            f"robot.package_paths.{number}",
+            f"'{path!s:.200}' is no folder that can be read: {error.strerror}; name the folder that holds "
+            "the packages, or leave the entry out",
+        ) from error
+    return path.resolve()
+
+
 def _from_table(path: Path) -> ArmSource:
     table = read_arm_table(path)
-    folders = tuple((path.parent / folder).resolve() for folder in table.package_paths)
+    folders = tuple(
+        _package_folder(path.parent / folder, k) for k, folder in enumerate(table.package_paths, start=1)
+    )
     name = path.resolve().parent.name if path.name == _TABLE_FILE else path.stem
     try:
         file = found_file(table.file, path, folders)

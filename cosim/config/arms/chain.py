@@ -55,7 +55,7 @@ def chain_to(robot: ElementTree.Element, flange: str, path: Path) -> list[Elemen
         joint = joint_above[link]
         if joint.get("type") not in (FIXED, *MOVING):
             raise InputError(
-                f"arm file {path}: joint {joint.get('name')!r} is {joint.get('type')!r}; "
+                f"arm file {path}: joint {joint.get('name')!r} is {joint.get('type')!r:.80}; "
                 f"the chain to the flange may hold {', '.join((FIXED, *MOVING))}"
             )
         chain.insert(0, joint)
@@ -91,13 +91,11 @@ def _usable_ends(robot: ElementTree.Element) -> list[tuple[str, int]]:
 
     def count(link: str) -> int:
         """Return how many joints move a link; -1 where one of a type that is not handled does."""
-        joint = joint_above.get(link)
-        if joint is None:
-            return 0
-        above = count(link_of(joint, "parent"))
-        if above < 0 or joint.get("type") not in (FIXED, *MOVING):
-            return -1
-        return above + (joint.get("type") != FIXED)
+        kinds = []
+        while link in joint_above:
+            kinds.append(joint_above[link].get("type"))
+            link = link_of(joint_above[link], "parent")
+        return -1 if {*kinds} - {FIXED, *MOVING} else sum(kind != FIXED for kind in kinds)
 
     counts = {link.get("name", ""): count(link.get("name", "")) for link in robot.findall("link")}
     usable = {link: moved for link, moved in counts.items() if 1 <= moved <= MOST_JOINTS}
@@ -108,18 +106,21 @@ def _usable_ends(robot: ElementTree.Element) -> list[tuple[str, int]]:
 def _last_link(robot: ElementTree.Element) -> str:
     """Return the link after which no joint moves, or several branches have joints that move."""
     below: dict[str, list[ElementTree.Element]] = {}
+    above: dict[str, ElementTree.Element] = {}
     for joint in robot.findall("joint"):
         below.setdefault(link_of(joint, "parent"), []).append(joint)
-
-    def moves(joint: ElementTree.Element) -> bool:
-        child = link_of(joint, "child")
-        return joint.get("type") != FIXED or any(moves(other) for other in below.get(child, []))
-
-    children = {link_of(joint, "child") for joint in robot.findall("joint")}
+        above[link_of(joint, "child")] = joint
+    moving = set[ElementTree.Element]()  # joints that move, or lead to one
+    for joint in above.values():
+        way: ElementTree.Element | None = None if joint.get("type") == FIXED else joint
+        while way is not None and way not in moving:
+            moving.add(way)
+            way = above.get(link_of(way, "parent"))
+    children = above.keys()
     link = next(name for each in robot.findall("link") if (name := each.get("name", "")) not in children)
     while True:
         joints = below.get(link, [])
-        ahead = [joint for joint in joints if moves(joint)]
+        ahead = [joint for joint in joints if joint in moving]
         if len(ahead) > 1:
             return link
         if not ahead and len(joints) != 1:  # beyond the last joint, a row of frames leads to the flange

@@ -79,11 +79,11 @@ def numbers(
     try:
         values = np.array([float(word) for word in text.split()])
     except ValueError:
-        raise InputError(f"{where}: {key} {text!r} is no number") from None
+        raise InputError(f"{where}: {key} {text!r:.80} is no number") from None
     if len(values) != count or not np.isfinite(values).all():
-        raise InputError(f"{where}: {key} is {text!r}; it must be {count} finite numbers")
+        raise InputError(f"{where}: {key} is {text!r:.80}; it must be {count} finite numbers")
     if np.abs(values).max() > _LARGEST[kind]:
-        raise InputError(f"{where}: {key} {text!r} is too large; at most {_LARGEST[kind]:g}")
+        raise InputError(f"{where}: {key} {text!r:.80} is too large; at most {_LARGEST[kind]:g}")
     return values
 
 

@@ -9,12 +9,11 @@ from __future__ import annotations
 
 import os
 import re
-import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 from typing import Final
 
 from cosim.base.resources import is_file
-from cosim.config.arms.robot_tree import read_text
+from cosim.config.arms.robot_tree import read_xml
 from cosim.config.toml.suggestions import listing, unknown_name_message
 from cosim.errors import InputError
 
@@ -72,10 +71,7 @@ def _included(scene: Path) -> Path | None:
     """Return the first file that a scene includes: the robot; None without a scene."""
     if not is_file(scene):
         return None
-    try:
-        include = ElementTree.fromstring(read_text(scene)).find("include")
-    except ElementTree.ParseError as error:
-        raise InputError(f"{scene} is not XML: {error}") from None
+    include = read_xml(scene).find("include")
     return None if include is None else scene.parent / include.get("file", "")
 
 

@@ -13,6 +13,8 @@ from cosim.errors import InputError
 
 LARGEST_FILE_BYTES: Final = 4_000_000
 MOST_LINKS: Final = 500
+DEEPEST: Final = 300
+LONGEST_NAME: Final = 200
 _XACRO: Final = "ros.org/wiki/xacro"
 
 
@@ -22,11 +24,7 @@ def read_robot(path: Path) -> ElementTree.Element:
     Raises:
         InputError: the file is not there, too large, no XML, no URDF, not expanded, or no tree.
     """
-    text = read_text(path)
-    try:
-        robot = ElementTree.fromstring(text)
-    except ElementTree.ParseError as error:
-        raise InputError(f"arm file {path} is not XML: {error}") from None
+    robot = read_xml(path)
     if path.suffix == ".xacro" or any(_XACRO in element.tag for element in robot.iter()):
         plain = path.with_suffix("") if path.suffix == ".xacro" else path.with_suffix(".plain.urdf")
         shown = plain if plain.suffix == ".urdf" else plain.with_suffix(".urdf")
@@ -45,16 +43,35 @@ def read_robot(path: Path) -> ElementTree.Element:
     return robot
 
 
-def read_text(path: Path, kind: str = "arm") -> str:
-    """Return the text of an arm's file.
+def read_xml(path: Path, kind: str = "arm") -> ElementTree.Element:
+    """Return the top element of an XML file.
 
     Args:
         path: of the file.
         kind: what it is of, for messages.
 
     Raises:
-        InputError: it is not there, cannot be read, is too large, or declares entities.
+        InputError: it is not there, cannot be read, is too large, declares entities, is no XML, or is nested
+            too deeply.
     """
+    try:
+        top = ElementTree.fromstring(_text(path, kind))
+    except ElementTree.ParseError as error:
+        raise InputError(f"{kind} file {path} is not XML: {error}") from None
+    check_depth(top, f"{kind} file {path}")
+    return top
+
+
+def check_depth(top: ElementTree.Element, where: str) -> None:
+    """Raise InputError where elements are nested more than `DEEPEST` deep."""
+    level, depth = [top], 0
+    while level:
+        level, depth = [child for element in level for child in element], depth + 1
+        if depth > DEEPEST:
+            raise InputError(f"{where} is nested too deeply; at most {DEEPEST} levels are read")
+
+
+def _text(path: Path, kind: str) -> str:
     if not is_file(path):
         raise InputError(f"{kind} file {path} does not exist")
     try:
@@ -114,6 +131,12 @@ def _check_names(kind: str, elements: list[ElementTree.Element], path: Path) -> 
     counts = Counter(element.get("name", "") for element in elements)
     if "" in counts:
         raise InputError(f"arm file {path}: a {kind} has no name")
+    longest = max(counts, key=len, default="")
+    if len(longest) > LONGEST_NAME:
+        raise InputError(
+            f"arm file {path}: the name of {kind} '{longest[:20]}...' has {len(longest)} characters; "
+            f"at most {LONGEST_NAME} are read"
+        )
     twice = [name for name, count in counts.items() if count > 1]
     if twice:
         raise InputError(f"arm file {path}: two {kind}s are called {twice[0]!r}; names must differ")
@@ -123,7 +146,7 @@ def _named_link(joint: ElementTree.Element, end: str, names: set[str], path: Pat
     link = link_of(joint, end)
     if link not in names:
         where = f"arm file {path}: joint {joint.get('name')!r}"
-        raise InputError(f"{where}: its {end} is link {link!r}; there is none of that name")
+        raise InputError(f"{where}: its {end} is link {link!r:.80}; there is none of that name")
     return link
 
 

@@ -40,14 +40,20 @@ def parse(kind: type[Schema], table: Mapping[str, Any], path: str, faults: Fault
         faults: gets all faults of the table.
     """
     kept, validator = only_readable(table), validator_of(kind)  # type: ignore[arg-type]
-    made: Schema
-    try:
-        made = validator.validate_python(kept)
-        guard(made)
-        return made
-    except ValidationError as error:
-        found = _without_gaps(error)
-    schema = file_schema(kind)  # type: ignore[arg-type]
+    for last in (False, False, True):  # a list that is too short shows once all is right within it
+        try:
+            made: Schema = validator.validate_python(kept)
+            break
+        except ValidationError as error:
+            if last:
+                raise
+            _mark(file_schema(kind), kept, path, _without_gaps(error), faults)  # type: ignore[arg-type]
+    guard(made)
+    return made
+
+
+def _mark(schema: Node, kept: dict[str, Any], path: str, found: list[dict[str, Any]], faults: Faults) -> None:
+    """Tell the faults that pydantic has found, and put UNKNOWN in the place of each."""
     pairs = [(item, _place(schema, kept, path, item)) for item in found]
     for item, place in pairs:
         if item["type"] == UNKNOWN_KEY:
@@ -60,9 +66,6 @@ def parse(kind: type[Schema], table: Mapping[str, Any], path: str, faults: Fault
         if item["type"] != UNKNOWN_KEY:
             place.table[place.key] = UNKNOWN
         faults.add(place.path, fault_text(item, place.node, place.value))
-    made = validator.validate_python(kept)
-    guard(made)
-    return made
 
 
 def with_unknown(kind: type, given: Mapping[str, Any]) -> dict[str, Any]:

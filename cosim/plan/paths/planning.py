@@ -55,13 +55,14 @@ def make_plan(
 
 
 def check_given_ways(scenario: Scenario, plan_joints: JointPlanner) -> None:
-    """Check the arm's start, and the phases before the first whose end depends on the soft body.
+    """Check the arm's start, and the phases before the first whose end depends on the soft body, if any.
 
     Raises:
         ScenarioError: a pose cannot be reached; `path` names the key.
     """
     start = pose_of(scenario.start.flange)
-    _joints_along(scenario, plan_joints, start, _given_ways(scenario, start))
+    ways = _given_ways(scenario, start) or [given_way(start, scenario.phases[0])]
+    _joints_along(scenario, plan_joints, start, ways)
 
 
 def _joints_along(

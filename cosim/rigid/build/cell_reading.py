@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import xml.etree.ElementTree as ElementTree
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -12,13 +11,11 @@ from typing import Final
 import mujoco
 import numpy as np
 
-from cosim.config.arms.robot_tree import read_text
 from cosim.errors import InputError
 from cosim.rigid.build.cell import CELL, Cell, CellJoint
 from cosim.rigid.build.description import VISUAL_GROUP
-from cosim.rigid.build.mjcf_files import named_files
+from cosim.rigid.build.mjcf_files import read_mjcf_file
 from cosim.rigid.scene.cell_drives import ROTOR
-from cosim.rigid.scene.warnings import silence_warning_file
 
 _TOUCHABLE: Final = (
     mujoco.mjtGeom.mjGEOM_PLANE, mujoco.mjtGeom.mjGEOM_BOX, mujoco.mjtGeom.mjGEOM_SPHERE,
@@ -38,7 +35,8 @@ def read_cell(path: Path) -> Cell:
         InputError: MuJoCo refuses the file, something in it moves freely or is soft, or a shape cannot be
             touched.
     """
-    spec, model = _compiled(path)
+    read = read_mjcf_file(path, "cell")
+    spec, model = read.spec, read.model
     joints = _joints(path, model)
     if model.nflex or model.nskin:
         raise InputError(f"cell file {path}: holds flexes or skins; a cell is rigid")
@@ -52,7 +50,6 @@ def read_cell(path: Path) -> Cell:
                 "replace it, or set its contype and conaffinity to 0"
             )
     planes = collides & (model.geom_type == mujoco.mjtGeom.mjGEOM_PLANE)
-    named_files(path)
     return Cell(path, spec, int(collides.sum()), bool(planes.any()), joints, _asked_otherwise(spec))
 
 
@@ -121,22 +118,6 @@ def _joints(path: Path, model: mujoco.MjModel) -> tuple[CellJoint, ...]:
     if twice:
         raise InputError(f"cell file {path}: two joints are called {twice[0]!r}; give each a name of its own")
     return tuple(found)
-
-
-def _compiled(path: Path) -> tuple[mujoco.MjSpec, mujoco.MjModel]:
-    try:
-        tag = ElementTree.fromstring(read_text(path, "cell")).tag
-    except ElementTree.ParseError as error:
-        raise InputError(f"cell file {path} is not XML: {error}") from None
-    if tag != "mujoco":
-        raise InputError(f"cell file {path} is no MJCF: its first element is <{tag}>, not <mujoco>")
-    silence_warning_file()
-    try:
-        spec = mujoco.MjSpec.from_file(str(path))
-        return spec, spec.copy().compile()
-    except ValueError as error:
-        text = str(error).replace("\n", ", ")
-        raise InputError(f"cell file {path}: MuJoCo refuses it: {text}") from None
 
 
 def _options(spec: mujoco.MjSpec) -> list[str]:

@@ -26,6 +26,7 @@ from cosim.rigid.build.description import (
     ServoGains,
 )
 from cosim.rigid.build.mjcf_shapes import add_shapes
+from cosim.rigid.build.model_numbers import check_finite
 from cosim.rigid.build.object_bodies import add_mounted, add_object, prepare
 from cosim.rigid.build.wire_bodies import add_wire, relax_wire
 
@@ -115,6 +116,7 @@ def _compiled(description: SceneDescription) -> mujoco.MjModel:
     model = spec.compile()
     for wire in description.wires:
         relax_wire(model, wire)
+    check_finite(model)
     return model
 
 

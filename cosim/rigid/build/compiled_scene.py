@@ -12,7 +12,7 @@ from cosim.base.body_shape import BodyShape
 from cosim.rigid.build.compile_model import compile_model
 from cosim.rigid.build.description import SceneDescription
 from cosim.rigid.build.drawn_shapes import body_shapes
-from cosim.rigid.scene.warnings import silence_warning_file
+from cosim.rigid.scene.warnings import set_up_engine
 
 
 @final
@@ -27,7 +27,7 @@ class CompiledScene:
     """
 
     def __init__(self, description: SceneDescription) -> None:
-        silence_warning_file()
+        set_up_engine()
         self._model = compile_model(description)
 
     def model(self) -> mujoco.MjModel:

@@ -49,7 +49,12 @@ def _meshes(model: mujoco.MjModel, geom: int) -> tuple[tessellation.Mesh, ...]:
             return (tessellation.capsule(size[0], size[1]),)
         case mujoco.mjtGeom.mjGEOM_PLANE:
             return tessellation.checkerboard(size[:2], _TILE_M)
-        case mujoco.mjtGeom.mjGEOM_MESH:
+        case mujoco.mjtGeom.mjGEOM_HFIELD:
+            field = int(model.geom_dataid[geom])
+            first, rows, columns = model.hfield_adr[field], model.hfield_nrow[field], model.hfield_ncol[field]
+            heights = model.hfield_data[first : first + rows * columns].reshape(rows, columns)
+            return (tessellation.height_field(model.hfield_size[field], heights),)
+        case mujoco.mjtGeom.mjGEOM_MESH | mujoco.mjtGeom.mjGEOM_SDF:
             return (_mesh(model, int(model.geom_dataid[geom])),)
         case _:
             raise ValueError(f"geom {geom}: no way to draw {kind.name}")

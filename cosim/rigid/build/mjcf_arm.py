@@ -19,11 +19,9 @@ from cosim.base.frames import Array, Pose, rotation_from_vector
 from cosim.config.arms.arm_reading import LEFT_OUT, ArmSource, Chain, arm_of, check_limited_chain
 from cosim.config.arms.chain import FLANGE_NAMES
 from cosim.config.arms.origins import add_inertial, add_origin, text_of
-from cosim.config.arms.robot_tree import read_text
 from cosim.errors import InputError
-from cosim.rigid.build.mjcf_files import named_files
+from cosim.rigid.build.mjcf_files import read_mjcf_file
 from cosim.rigid.build.mjcf_shapes import link_shapes
-from cosim.rigid.scene.warnings import silence_warning_file
 
 ROOT: Final = "world"  # a link of this name is MuJoCo's world
 _HOME: Final = "home"
@@ -51,7 +49,8 @@ def read_mjcf(source: ArmSource) -> ArmFile:
         InputError: MuJoCo cannot read the file, the flange is not there, or the chain holds joints that are
             not handled.
     """
-    model, path = _compiled(source.path), source.path
+    read, path = read_mjcf_file(source.path, "arm"), source.path
+    model = read.model
     flange = _flange(model, source.table.flange, path)
     bodies = _bodies_to(model, flange.body)
     robot = ElementTree.Element("robot", name=source.name)
@@ -79,26 +78,10 @@ def read_mjcf(source: ArmSource) -> ArmFile:
     return arm_of(
         Chain(
             robot, tuple(joints), end, home, armature if armature.any() else None,
-            shapes=shapes, files=(path, *named_files(path)), notes=tuple(notes),
+            shapes=shapes, files=read.files, notes=tuple(notes),
         ),
         source,
     )  # fmt: skip
-
-
-def _compiled(path: Path) -> mujoco.MjModel:
-    try:
-        tag = ElementTree.fromstring(read_text(path)).tag
-    except ElementTree.ParseError as error:
-        raise InputError(f"arm file {path} is not XML: {error}") from None
-    if tag != "mujoco":
-        hint = "; a URDF ends in .urdf" if tag == "robot" else ""
-        raise InputError(f"arm file {path} is no MJCF: its first element is <{tag}>, not <mujoco>{hint}")
-    silence_warning_file()
-    try:
-        return mujoco.MjSpec.from_file(str(path)).compile()
-    except ValueError as error:
-        text = str(error).replace("\n", ", ")
-        raise InputError(f"arm file {path}: MuJoCo refuses it: {text}") from None
 
 
 def _flange(model: mujoco.MjModel, given: str | None, path: Path) -> _Flange:

@@ -1,61 +1,207 @@
-"""Files that an MJCF names, which MuJoCo reads by itself."""
+"""Reads MJCF files, which may be anybody's: bounded before MuJoCo sees them, and finite once it has."""
 
 from __future__ import annotations
 
+import math
+import struct
+import warnings
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Iterator
+from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
+from typing import Final, final
+
+import mujoco
 
 from cosim.base.kept.files_read import note_file
 from cosim.base.resources import is_file
-from cosim.config.arms.robot_tree import read_text
+from cosim.config.arms.robot_tree import check_depth, read_xml
 from cosim.errors import InputError
+from cosim.rigid.build.model_numbers import check_finite
+from cosim.rigid.scene.warnings import set_up_engine
 
+MOST_ELEMENTS: Final = 4_000
+MOST_POINTS: Final = 1_000_000
+"""Of a height field or a texture; the points of a mesh that MuJoCo makes up count `_POINT_OF_MESH` times."""
+
+_COUNTED: Final = ("replicate", "composite", "flexcomp")
+_SIZES: Final = (("nrow", "ncol"), ("width", "height"))
+_POINT_OF_MESH: Final = 100
+_COUNTING: Final = -1
 _FOLDERS: Final = ("meshdir", "assetdir", "texturedir")
-_DOCUMENTS: Final = ("include", "model")
 
 
-def named_files(path: Path) -> tuple[Path, ...]:
-    """Return the files that an MJCF names, as far as they are found, and note that they are read.
-
-    Included files and models may name further ones, and the folders that they are in.
+@final
+@dataclass(frozen=True)
+class MjcfFile:
+    """What MuJoCo has read.
 
     Args:
-        path: of a file that MuJoCo has read.
+        spec: as the file says.
+        model: compiled of a copy of it; all its numbers are finite.
+        files: all that it was read from, as far as they are found: includes, meshes, textures.
+    """
+
+    spec: mujoco.MjSpec
+    model: mujoco.MjModel
+    files: tuple[Path, ...]
+
+
+def read_mjcf_file(path: Path, kind: str) -> MjcfFile:
+    """Return what an MJCF file describes.
+
+    Args:
+        path: of the file.
+        kind: what it is of, for messages.
 
     Raises:
-        InputError: an included file is not XML to every reader.
+        InputError: it is no MJCF, describes more than `MOST_ELEMENTS` elements or `MOST_POINTS` points, holds
+            a number that is not finite, or MuJoCo refuses it.
     """
-    documents = {path.resolve(): _root(path)}
-    found: dict[Path, None] = {}
-    while True:
-        named = list(dict.fromkeys(_named(documents)))
-        found |= dict.fromkeys(file for _, file in named if file not in documents)
-        new = {file for tag, file in named if tag in _DOCUMENTS and file.suffix == ".xml"} - documents.keys()
-        if not new:
-            break
-        documents |= {file: _root(file) for file in new}
-    for file in found:
-        note_file(file)
-    return tuple(found)
-
-
-def _root(path: Path) -> ElementTree.Element:
+    tag = read_xml(path, kind).tag
+    if tag != "mujoco":
+        hint = "; a URDF ends in .urdf" if tag == "robot" else ""
+        raise InputError(f"{kind} file {path} is no MJCF: its first element is <{tag}>, not <mujoco>{hint}")
+    contents = _Contents(path, kind)
+    contents.count(path.resolve())
+    set_up_engine()
     try:
-        return ElementTree.fromstring(read_text(path, "MJCF"))
-    except ElementTree.ParseError as error:
-        raise InputError(f"MJCF file {path} is not XML: {error}") from None
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of what later versions will not know any more
+            spec = mujoco.MjSpec.from_file(str(path))
+            model = spec.copy().compile()
+    except ValueError as error:
+        text = str(error).replace("\n", ", ")
+        raise InputError(f"{kind} file {path}: MuJoCo refuses it: {text:.500}") from None
+    try:
+        check_finite(model)
+    except ValueError as error:
+        raise InputError(f"{kind} file {path}: {error}") from None
+    for file in contents.named:
+        note_file(file)  # MuJoCo has read it by itself
+    return MjcfFile(spec, model, (path, *contents.named))
 
 
-def _named(documents: dict[Path, ElementTree.Element]) -> Iterator[tuple[str, Path]]:
-    """Yield the tag and path of every file that documents name, wherever MuJoCo may look for it."""
-    compilers = [entry for root in documents.values() for entry in root.iter("compiler")]
-    folders = {"": None} | {entry.get(key, ""): None for entry in compilers for key in _FOLDERS}
-    places = {document.parent / folder: None for document in documents for folder in folders}
-    for root in documents.values():
+@final
+class _Contents:
+    """How much an MJCF describes with the files that it names; `named` are those that are found.
+
+    Args:
+        top: the file itself, besides which files are looked for.
+        kind: what it is of, for messages.
+    """
+
+    def __init__(self, top: Path, kind: str) -> None:
+        self.named: dict[Path, None] = {}
+        self._top, self._kind = top, kind
+        self._counts: dict[Path, float] = {}
+
+    def count(self, path: Path) -> float:
+        """Return how many elements a file becomes, once all of them have been checked."""
+        where = f"{self._kind} file {path}"
+        self._counts[path] = _COUNTING
+        root = self._expanded(path)
+        compilers = root.iter("compiler")
+        folders = list(dict.fromkeys(["", *(one.get(key, "") for one in compilers for key in _FOLDERS)]))
+        models = {}
         for element in root.iter():
-            names = [value for key, value in element.attrib.items() if key.startswith("file")]
-            for file in (place / name for name in names for place in places):
-                if is_file(file):
-                    yield element.tag, file.resolve()
+            places = [self._found(text, path, folders) for key, text in element.items() if key[:4] == "file"]
+            for place in filter(None, places):
+                _check_points(element, _pixels(place), where)
+                if element.tag != "model":
+                    continue
+                inner = self._counts[place] if place in self._counts else self.count(place)
+                if inner == _COUNTING:
+                    raise InputError(f"{where}: {_label(element)} is this file, or one that leads back to it")
+                models[element.get("name", place.stem)] = inner
+        total, waiting = 0.0, [(root, 1.0)]
+        while waiting:
+            element, times = waiting.pop()
+            _check_numbers(element, where)
+            if element.tag in _COUNTED:
+                times *= _product(element, "count")
+            total += times * (1 + models.get(element.get("model", ""), 0))
+            if total > MOST_ELEMENTS:
+                raise InputError(
+                    f"{where} describes more than {MOST_ELEMENTS} elements, {_label(element)} among them; no "
+                    "more are read: leave out what nothing touches, or join shapes to meshes"
+                )
+            waiting += [(child, times) for child in element]
+        self._counts[path] = total
+        return total
+
+    def _expanded(self, path: Path) -> ElementTree.Element:
+        """Return the top element of a file, with what it includes within the elements that do."""
+        root = read_xml(path, self._kind)
+        waiting, included = [(root, path)], {path.resolve()}
+        while waiting:
+            element, here = waiting.pop()
+            place = self._found(element.get("file"), here, [""]) if element.tag == "include" else None
+            if place is not None and place not in included:  # MuJoCo refuses what is included twice
+                included.add(place)
+                element.extend(read_xml(place, self._kind))
+                here = place
+            waiting += [(child, here) for child in element]
+        check_depth(root, f"{self._kind} file {path}")
+        return root
+
+    def _found(self, file: str | None, path: Path, folders: list[str]) -> Path | None:
+        """Return the path of a file that an element names; None where there is none."""
+        near = [
+            base / folder / (file or "") for base in (path.parent, self._top.parent) for folder in folders
+        ]
+        place = next((candidate.resolve() for candidate in near if file and is_file(candidate)), None)
+        if place is not None and place != self._top.resolve():
+            self.named[place] = None
+        return place
+
+
+def _check_numbers(element: ElementTree.Element, where: str) -> None:
+    """Check that all numbers of an element are finite, and that it asks for no more points than are read."""
+    for key, text in element.items():
+        try:
+            values = [float(word) for word in text.split()]
+        except ValueError:
+            continue  # no numbers
+        if not all(map(math.isfinite, values)):
+            raise InputError(
+                f"{where}: {_label(element)}: {key} is {text!r:.80}; every number must be finite"
+            )
+    if element.tag == "mesh":
+        points = _POINT_OF_MESH * _product(element, "params") ** 2
+    else:
+        points = max(_product(element, *keys) for keys in _SIZES)
+    _check_points(element, points, where)
+
+
+def _pixels(path: Path) -> float:
+    """Return how many pixels a file has; 1 where it is no PNG."""
+    with suppress(OSError), path.open("rb") as stream:
+        head = stream.read(24)
+        if head[12:16] == b"IHDR" and len(head) == 24:
+            return float(math.prod(struct.unpack(">II", head[16:])))
+    return 1.0
+
+
+def _check_points(element: ElementTree.Element, points: float, where: str) -> None:
+    if points > MOST_POINTS:
+        raise InputError(
+            f"{where}: {_label(element)} has more than {MOST_POINTS} points; no more are read: "
+            "make it coarser"
+        )
+
+
+def _product(element: ElementTree.Element, *keys: str) -> float:
+    """Return the product of the numbers above 1 in some attributes; what is no number counts as 1."""
+    product = 1.0
+    for word in " ".join(element.get(key, "") for key in keys).split():
+        with suppress(ValueError):
+            product *= max(1.0, float(word))
+    return product
+
+
+def _label(element: ElementTree.Element) -> str:
+    """Return how to call an element in a message."""
+    shown = ("name", "count", "file", *(key for keys in _SIZES for key in keys))
+    known = [f'{key}="{text:.40}"' for key in shown if (text := element.get(key)) is not None]
+    return f"<{' '.join((element.tag, *known))}>"

@@ -7,6 +7,7 @@ import numpy as np
 from cosim.base.frames import Array, IntArray
 
 SEGMENTS = 32
+_MOST_LINES = 200  # that a plane or a height field is drawn with, along an edge
 
 Mesh = tuple[Array, IntArray]
 
@@ -94,7 +95,7 @@ def checkerboard(half: Array, tile: float) -> tuple[Mesh, Mesh]:
         half: (2,) half edges [m].
         tile: wanted edge of a tile [m]; rounded so that whole tiles fit.
     """
-    counts = np.maximum(2, np.round(2.0 * half / tile).astype(int))
+    counts = np.clip(np.round(2.0 * half / tile), 2, _MOST_LINES).astype(int)
     x, y = (np.linspace(-h, h, n + 1) for h, n in zip(half, counts, strict=True))
     tiles: tuple[list[Array], list[Array]] = ([], [])
     for i in range(counts[0]):
@@ -102,6 +103,24 @@ def checkerboard(half: Array, tile: float) -> tuple[Mesh, Mesh]:
             corners = [[x[i], y[j], 0], [x[i + 1], y[j], 0], [x[i + 1], y[j + 1], 0], [x[i], y[j + 1], 0]]
             tiles[(i + j) % 2].append(np.array(corners))
     return _quads(tiles[0]), _quads(tiles[1])
+
+
+def height_field(size: Array, heights: Array) -> Mesh:
+    """Return the upper side of a height field; of a fine one every second, third, ... row and column.
+
+    Args:
+        size: half edge x, half edge y, and what the heights are multiplied by [m].
+        heights: (rows, columns), rows along y and columns along x.
+    """
+    kept = [np.linspace(0, n - 1, min(n, _MOST_LINES)).round().astype(int) for n in heights.shape]
+    y, x = (h * (2.0 * k / (n - 1) - 1.0) for h, k, n in zip(size[1::-1], kept, heights.shape, strict=True))
+    z = size[2] * heights[np.ix_(*kept)]
+    corner = np.arange(z.size).reshape(z.shape)
+    a, b, c, d = (
+        part.ravel() for part in (corner[:-1, :-1], corner[:-1, 1:], corner[1:, 1:], corner[1:, :-1])
+    )
+    vertices = np.stack([*np.meshgrid(x, y), z], axis=2).reshape(-1, 3)
+    return vertices, np.concatenate([np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1)])
 
 
 def _quads(quads: list[Array]) -> Mesh:

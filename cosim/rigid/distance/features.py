@@ -13,6 +13,7 @@ from cosim.base.kernels import BLOCKS, INDICES, MATRIX, kernel
 from cosim.rigid.distance.shapes import ShapeKind, Shapes
 
 _SPACING_M = 4e-3  # of points along sharp edges
+_MOST_PIECES = 2_500  # of an edge or a rim: on those of more than 10 m points are further apart
 _SHARP_COSINE = np.cos(np.radians(20.0))  # hull edges below this turn are no edges
 
 
@@ -77,8 +78,12 @@ def feature_points(shapes: Shapes) -> FeaturePoints:
     return FeaturePoints(np.concatenate(owner), np.concatenate(position))
 
 
+def _pieces(length_m: float, fewest: int) -> int:
+    return int(np.clip(np.ceil(length_m / _SPACING_M), fewest, _MOST_PIECES))
+
+
 def _along(a: Array, b: Array) -> Array:
-    pieces = max(1, int(np.ceil(np.linalg.norm(b - a) / _SPACING_M)))
+    pieces = _pieces(float(np.linalg.norm(b - a)), 1)
     fraction = np.arange(pieces + 1)[:, None] / pieces
     return np.asarray((1.0 - fraction) * a + fraction * b)
 
@@ -97,7 +102,7 @@ def _box_edges(half: Array) -> Array:
 
 
 def _rims(radius: float, half: float) -> Array:
-    turn = np.arange(max(8, int(np.ceil(2.0 * np.pi * radius / _SPACING_M))), dtype=np.float64)
+    turn = np.arange(_pieces(2.0 * np.pi * radius, 8), dtype=np.float64)
     turn *= 2.0 * np.pi / len(turn)
     rim = np.stack([radius * np.cos(turn), radius * np.sin(turn), np.full_like(turn, half)], axis=1)
     return np.concatenate([rim, rim * (1.0, 1.0, -1.0)])

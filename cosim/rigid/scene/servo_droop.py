@@ -57,6 +57,7 @@ def droop(
             _check_torque(servo, effort_limit(model, layout), joint_names, iteration)
             return q
         q = q + residual / stiffness
+    _check_torque(servo, effort_limit(model, layout), joint_names, _ITERATIONS)
     worst = int(np.argmax(np.abs(residual)))
     raise ConvergenceError(
         f"the arm's servos find no rest under this load: joint {joint_names[worst]} is still "

@@ -1,4 +1,4 @@
-"""Turns MuJoCo's warnings into errors."""
+"""Turns MuJoCo's warnings into errors, and keeps it from what would outlast a scene."""
 
 from __future__ import annotations
 
@@ -10,9 +10,13 @@ import numpy as np
 from cosim.errors import InstabilityError
 
 
-def silence_warning_file() -> None:
-    """Keep MuJoCo from writing its warnings to a file in the working directory."""
+def set_up_engine() -> None:
+    """Keep MuJoCo from writing warnings to a file in the working directory, and from keeping meshes.
+
+    It would take a mesh that it has read before for the one of a file that was rewritten within a second.
+    """
     mujoco.set_mju_user_warning(_ignore)
+    mujoco.mj_setCacheCapacity(mujoco.mj_getCache(), 0)
 
 
 def raise_instability(data: mujoco.MjData) -> Never:
