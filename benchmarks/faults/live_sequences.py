@@ -31,7 +31,8 @@ from typing import Any, Final, final
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
-from benchmarks.faults.live_subjects import SUBJECTS, Subject
+from benchmarks.faults.live_steps import Subject
+from benchmarks.faults.live_subjects import SUBJECTS
 from cosim.errors import CosimError, SolverError
 
 SLOW_S: Final = 10.0

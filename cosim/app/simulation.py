@@ -94,8 +94,7 @@ class Simulation:
         body: AnyBody | None = None,
         kept: KeptParts | None = None,
     ) -> None:
-        self._controllers = None if controllers is None else dict(controllers)
-        self._body = named_body(body)
+        self._controllers, self._body = controllers and dict(controllers), named_body(body)
         self._kept = KeptParts(cache_directory()) if kept is None else kept
         self._given = start
         self._begin(scenario, overrides, start)
@@ -153,8 +152,7 @@ class Simulation:
             ticks: of the clock.
 
         Raises:
-            InputError: the scenario ends before, or the command is none or asks for what there is not; the
-                simulation goes on as if it had not been given.
+            InputError: the scenario ends before, or the command asks for what there is not: it leaves no trace.
             SolverError: the physics could not be solved; the simulation is where it was before that tick, as
                 it is after whatever else is raised, such as by a controller. `result` of the error holds the
                 arrays of the ticks of this call that were solved.

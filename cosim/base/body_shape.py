@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from cosim.base.frames import Array, IntArray, Shown
+from cosim.base.frames import Array, IntArray
+from cosim.base.shown import Shown
 
 
 @dataclass(frozen=True)

@@ -14,6 +14,8 @@ from typing import Annotated, Any, TypeAlias, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from cosim.base.shown import Shown
+
 Array: TypeAlias = NDArray[np.float64]
 IntArray: TypeAlias = NDArray[np.int64]
 Mask: TypeAlias = NDArray[np.bool_]
@@ -45,31 +47,6 @@ def _owning(kind: type[_Kind], name: str, array: Array, other_name: str, other: 
     held = made.__dict__
     held[name], held[other_name] = array, other
     return made
-
-
-def read_only(array: Any) -> Any:
-    """Return a view that nobody can write through; its owner still can, as kernels take no other arrays."""
-    view = array.view()
-    view.setflags(False)  # see `_owning`
-    return view
-
-
-class Shown:
-    """A dataclass that is shown to others: nobody can write to the arrays that it holds."""
-
-    def __post_init__(self) -> None:
-        held = vars(self)
-        for name, value in held.items():
-            if type(value) is np.ndarray:
-                held[name] = view = value.view()
-                view.setflags(False)  # type: ignore[call-arg]  # see `_owning`
-            elif type(value) is tuple and value and type(value[0]) is np.ndarray:
-                held[name] = tuple(map(read_only, value))
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        """Take up what was pickled, whose arrays come back writeable."""
-        vars(self).update(state)
-        self.__post_init__()
 
 
 def cross_matrix(vector: Array) -> Array:

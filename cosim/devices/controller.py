@@ -11,7 +11,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Generic, TypeVar, final
 
-from cosim.base.frames import Array, Pose, Shown, Wrench
+from cosim.base.frames import Array, Pose, Wrench
+from cosim.base.shown import Shown
 
 State = TypeVar("State")
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Annotated, final
 
-from cosim.base.frames import Array, IntArray, Shown
+from cosim.base.frames import Array, IntArray
+from cosim.base.shown import Shown
 
 
 @final

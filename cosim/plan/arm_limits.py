@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any, Final, final
 
 import numpy as np
 
-from cosim.base.frames import Array, IntArray, Mask, Shown
+from cosim.base.frames import Array, IntArray, Mask
+from cosim.base.shown import Shown
 
 if TYPE_CHECKING:  # a scene without an arm waits for neither engine
     from cosim.base.link_contact import LinkContact

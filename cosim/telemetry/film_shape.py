@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, TypeAlias, final
 
 import numpy as np
 
-from cosim.base.frames import Array, IntArray, Shown, read_only
+from cosim.base.frames import Array, IntArray
+from cosim.base.shown import Shown, read_only
 from cosim.coupling.soft_sides.shape_figures import ShapeFigures
 
 if TYPE_CHECKING:  # who only looks at snapshots needs no kernels

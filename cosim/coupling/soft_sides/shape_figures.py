@@ -7,7 +7,8 @@ from typing import final
 
 import numpy as np
 
-from cosim.base.frames import Array, IntArray, Shown
+from cosim.base.frames import Array, IntArray
+from cosim.base.shown import Shown
 
 
 @final
