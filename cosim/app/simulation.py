@@ -152,7 +152,7 @@ class Simulation:
             ticks: of the clock.
 
         Raises:
-            InputError: the scenario ends before, or the command asks for what there is not: it leaves no trace.
+            InputError: the scenario ends before, or the command asks for what there is not; no trace is left.
             SolverError: the physics could not be solved; the simulation is where it was before that tick, as
                 it is after whatever else is raised, such as by a controller. `result` of the error holds the
                 arrays of the ticks of this call that were solved.

@@ -14,8 +14,6 @@ from typing import Annotated, Any, TypeAlias, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.base.shown import Shown
-
 Array: TypeAlias = NDArray[np.float64]
 IntArray: TypeAlias = NDArray[np.int64]
 Mask: TypeAlias = NDArray[np.bool_]
@@ -47,6 +45,14 @@ def _owning(kind: type[_Kind], name: str, array: Array, other_name: str, other: 
     held = made.__dict__
     held[name], held[other_name] = array, other
     return made
+
+
+class Remade:
+    """A dataclass whose arrays are read-only again once it is unpickled."""
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        vars(self).update(state)
+        self.__post_init__()  # type: ignore[attr-defined]  # every one has it
 
 
 def cross_matrix(vector: Array) -> Array:
@@ -184,7 +190,7 @@ def rotations_from_quaternions(quaternions: Array) -> Array:
 
 
 @dataclass(frozen=True)
-class Pose(Shown):
+class Pose(Remade):
     """Rigid transform y = rotation @ x + translation.
 
     Args:
@@ -248,7 +254,7 @@ class Pose(Shown):
 
 
 @dataclass(frozen=True)
-class Twist(Shown):
+class Twist(Remade):
     """Velocity of a frame: of its origin [m/s] and angular [rad/s], world axes, shape (3,) each."""
 
     linear: Annotated[Array, (3,)] = field(default_factory=lambda: np.zeros(3))
@@ -265,7 +271,7 @@ class Twist(Shown):
 
 
 @dataclass(frozen=True)
-class Wrench(Shown):
+class Wrench(Remade):
     """Force [N] and torque [N m] about a named point, world axes, shape (3,) each."""
 
     force: Annotated[Array, (3,)] = field(default_factory=lambda: np.zeros(3))

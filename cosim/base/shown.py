@@ -1,10 +1,13 @@
-"""Arrays that are shown to others, who cannot write to them."""
+"""What is shown to others, who cannot write to its arrays; among it, what is drawn of a rigid body."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+
+from cosim.base.frames import Array, IntArray, Remade
 
 
 def read_only(array: Any) -> Any:
@@ -14,7 +17,7 @@ def read_only(array: Any) -> Any:
     return view
 
 
-class Shown:
+class Shown(Remade):
     """A dataclass that is shown to others: nobody can write to the arrays that it holds."""
 
     def __post_init__(self) -> None:
@@ -26,7 +29,19 @@ class Shown:
             elif type(value) is tuple and value and type(value[0]) is np.ndarray:
                 held[name] = tuple(map(read_only, value))
 
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        """Take up what was pickled, whose arrays come back writeable."""
-        vars(self).update(state)
-        self.__post_init__()
+
+@dataclass(frozen=True)
+class BodyShape(Shown):
+    """A triangle mesh fixed to a rigid body, for drawing only.
+
+    Args:
+        body: index into the names of the bodies of its scene.
+        vertices: (n, 3) [m], body frame.
+        triangles: (m, 3), counter-clockwise seen from outside.
+        rgba: colour, components 0 to 1.
+    """
+
+    body: int
+    vertices: Array
+    triangles: IntArray
+    rgba: tuple[float, float, float, float]

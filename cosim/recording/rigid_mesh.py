@@ -8,8 +8,8 @@ from typing import Final
 import numpy as np
 import rerun as rr
 
-from cosim.base.body_shape import BodyShape
 from cosim.base.frames import Array, IntArray, cross
+from cosim.base.shown import BodyShape
 from cosim.recording.colours import FLOOR_SHADE
 from cosim.telemetry.snapshot import RunInfo
 

@@ -8,9 +8,9 @@ from typing import Any, final
 
 import numpy as np
 
-from cosim.base.body_shape import BodyShape
 from cosim.base.frames import Array, Pose, Twist, Wrench
 from cosim.base.link_contact import LinkContact
+from cosim.base.shown import BodyShape
 from cosim.base.state_check import KnownStates, check_indices, check_state
 from cosim.config.schema.coupling import CouplingTable
 from cosim.coupling.batch.batch import SectionLockstep

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 
-from cosim.base.body_shape import BodyShape
 from cosim.base.frames import Array, Pose, Twist, Wrench
+from cosim.base.shown import BodyShape
 from cosim.coupling.contact.contact_report import NOTHING_TOUCHED, ContactReport
 from cosim.coupling.schemes.ledger import LedgerEntry
 from cosim.coupling.soft_sides.soft_side import SoftSide

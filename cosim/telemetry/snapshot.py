@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any, final
 
 import numpy as np
 
-from cosim.base.body_shape import BodyShape
 from cosim.base.frames import Array, IntArray, Pose, Twist
-from cosim.base.shown import Shown
+from cosim.base.shown import BodyShape, Shown
 from cosim.coupling.schemes.ledger import LedgerEntry
 from cosim.devices.device_report import ActuationReport, DeviceNames
 from cosim.plan.decision import Decision

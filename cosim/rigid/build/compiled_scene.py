@@ -8,7 +8,7 @@ from typing import final
 
 import mujoco
 
-from cosim.base.body_shape import BodyShape
+from cosim.base.shown import BodyShape
 from cosim.rigid.build.compile_model import compile_model
 from cosim.rigid.build.description import SceneDescription
 from cosim.rigid.build.drawn_shapes import body_shapes

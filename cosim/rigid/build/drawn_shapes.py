@@ -5,8 +5,8 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from cosim.base.body_shape import BodyShape
 from cosim.base.frames import Pose
+from cosim.base.shown import BodyShape
 from cosim.rigid.build import tessellation
 from cosim.rigid.build.description import VISUAL_GROUP
 

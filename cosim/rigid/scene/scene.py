@@ -16,8 +16,8 @@ from typing import final
 import mujoco
 import numpy as np
 
-from cosim.base.body_shape import BodyShape
 from cosim.base.frames import Array, IntArray, Pose, SixNumbers, Twist, Wrench
+from cosim.base.shown import BodyShape
 from cosim.errors import InputError
 from cosim.rigid.build.compiled_scene import CompiledScene
 from cosim.rigid.build.description import SceneDescription
