@@ -10,7 +10,7 @@ import importlib.util
 import inspect
 import sys
 from contextlib import suppress
-from dataclasses import fields, is_dataclass
+from dataclasses import is_dataclass
 from functools import cache
 from importlib import import_module
 from pathlib import Path
@@ -57,12 +57,10 @@ def note_kinds(value: Any) -> None:
     if isinstance(value, KindTable) and not type(value).__module__.startswith("cosim."):
         with suppress(OSError, TypeError):  # typed in at a prompt
             note_file(Path(inspect.getfile(type(value))))
-    if is_dataclass(value):
-        for entry in fields(value):
-            note_kinds(getattr(value, entry.name))
-    elif isinstance(value, tuple):
-        for item in value:
-            note_kinds(item)
+    parts = vars(value).values() if is_dataclass(value) else value
+    for part in parts:
+        if is_dataclass(part) or (isinstance(part, tuple) and part and not isinstance(part[0], float)):
+            note_kinds(part)
 
 
 def _loaded(what: str, load: Any) -> Any:

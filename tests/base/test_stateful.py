@@ -41,6 +41,7 @@ SAVED_OTHERWISE = {
     "RelaxedWrench": "lives for one increment of statics",
     "RowContact": "workspace; what it fills is taken over at the end of every row",
     "RobotFiles": "counts the files that are read for one scenario",
+    "SearchEffort": "lives for one search",
     "SectionBody": "what it keeps by pressure",
     "RowLockstep": "of a tick that is half done, after which nothing is saved",
     "ShiftSearch": "where a search begins; what it finds does not depend on it",
@@ -48,6 +49,7 @@ SAVED_OTHERWISE = {
     "SoftSystem": "workspace; NewtonSolver saves the gradient, which is read later",
     "TensionSweep": "lives for one tip target of the plan",
     "TickReferences": "worked out anew from the phase",
+    "_Contents": "lives while a file is read",
     "_Watch": "lives while a run is planned",
 }
 
