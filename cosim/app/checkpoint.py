@@ -13,7 +13,7 @@ from typing import Any, Protocol, final
 from cosim.app.loaded_files import changed_file
 from cosim.app.run_files import CHECKPOINT, SCENARIO, SUMMARY, RunFiles
 from cosim.app.shown_state import check_shown, naming, sizes_of
-from cosim.base.kept.code_identity import code_identity
+from cosim.base.identity import code_identity
 from cosim.base.state_archive import read_archive, read_header, write_archive
 from cosim.base.state_check import check_state
 from cosim.base.stateful import Stateful

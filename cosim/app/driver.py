@@ -18,7 +18,7 @@ from cosim.app.checkpoint import Checkpoint, CheckpointKeeper, Origin, read_chec
 from cosim.app.loaded_files import loaded_digests
 from cosim.app.observer import Observer
 from cosim.app.run_files import RECORDING, RunFiles
-from cosim.base.kept.kept_parts import KeptParts
+from cosim.base.kept_parts import KeptParts
 from cosim.base.stateful import Stateful
 from cosim.config.schema.scenario import Scenario
 from cosim.config.schema.solver import RecordingTable

@@ -79,6 +79,6 @@ def contact_modules() -> tuple[ModuleType, ...]:
 
 def compile_contact(tell: Callable[[str], None]) -> None:
     """Compile the kernels of contact with a scene, and tell so beforehand where they are not kept."""
-    from cosim.base.kept.compilation import compile_modules  # here, so that wrong input needs no engine
+    from cosim.base.compilation import compile_modules  # here, so that wrong input needs no engine
 
     compile_modules(tell, contact_modules())

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from functools import partial
 from typing import TYPE_CHECKING, TypeAlias
 
-from cosim.base.kept.kept_parts import KeptParts, name_of
+from cosim.base.kept_parts import KeptParts, name_of
 from cosim.build.decisions import contact_decision, decisions, largest_pressure
 from cosim.build.fidelity import contact_law
 from cosim.build.kernel_modules import compile_contact

@@ -12,8 +12,7 @@ from typing import Any, Final, final
 
 from cosim.app.loaded_files import loaded_digests
 from cosim.app.output_directory import OutputDirectory
-from cosim.base.identity import content_name
-from cosim.base.kept.code_identity import code_identity
+from cosim.base.identity import code_identity, content_name
 from cosim.config.loading import load_scenario
 from cosim.config.schema.scenario import Scenario
 from cosim.config.studies.study_files import load_study

@@ -15,7 +15,7 @@ from typing import Any, Final
 
 from cosim.app.driver import Options, build_simulation, execute
 from cosim.app.observer import Observer
-from cosim.base.kept.kept_parts import KeptParts
+from cosim.base.kept_parts import KeptParts
 from cosim.config.kinds import register_installed, register_module
 from cosim.config.schema.scenario import Scenario
 from cosim.errors import InputError

@@ -9,8 +9,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from cosim.base.kept.code_identity import code_identity
-from cosim.base.kept.kept_data import keep, kept
+from cosim.base.identity import code_identity
+from cosim.base.whole_files import keep, kept
 from cosim.config.loading import load_scenario
 from cosim.config.schema.scenario import Scenario
 from cosim.config.writing import to_table

@@ -8,8 +8,7 @@ import numba
 import numpy as np
 import pytest
 
-from cosim.base.array_views import handing_on_views
-from cosim.base.kernels import REAL, VECTOR, allocating, device_function, kernel
+from cosim.base.kernels import REAL, VECTOR, allocating, device_function, handing_on_views, kernel
 
 
 @device_function
@@ -65,17 +64,6 @@ def test_views_are_handed_on_by_those_alone_that_say_so_to_those_that_count_none
 def test_python_cannot_call_one() -> None:
     with pytest.raises(TypeError, match=r"only kernels can call _halved\(\)"):
         _halved(2.0)
-
-
-def test_another_numba_does_the_same_in_its_own_way(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(numba, "__version__", "0.99.0")
-
-    @device_function
-    def thirded(x):  # type: ignore[no-untyped-def]
-        return x / 3.0
-
-    assert numba.njit(lambda x: thirded(x))(6.0) == 2.0
-    assert thirded(6.0) == 2.0
 
 
 @kernel(REAL(REAL), taken_in=True)

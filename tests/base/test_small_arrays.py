@@ -2,13 +2,25 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numba
 import numpy as np
 import pytest
-from numba import types
 
-from cosim.base.kernels import BOOLEAN, INTEGER, REAL, VECTOR, device_function, kernel
-from cosim.base.small_arrays import small_matrix, small_vector, zero_matrix, zero_vector
+from cosim.base.kernels import (
+    BOOLEAN,
+    INTEGER,
+    REAL,
+    VECTOR,
+    Vector,
+    device_function,
+    kernel,
+    small_matrix,
+    small_vector,
+    zero_matrix,
+    zero_vector,
+)
 
 _ROWS = 4
 
@@ -75,8 +87,12 @@ def test_lengths_are_known_beforehand() -> None:
         numba.njit(lambda count: small_vector(count)[0])(3)
 
 
-@pytest.mark.parametrize("returned", [VECTOR, types.Tuple((VECTOR, REAL))])
-def test_a_kernel_that_returns_arrays_says_that_it_allocates(returned: types.Type) -> None:
+@pytest.mark.parametrize("returned", [Vector, tuple[Vector, float]])
+def test_a_kernel_that_returns_arrays_says_that_it_allocates(returned: Any) -> None:
+    def made(x: Any) -> Any:
+        return x
+
+    made.__annotations__ = {"x": Vector, "return": returned}
     with pytest.raises(TypeError, match="say that it allocates"):
-        kernel(returned(VECTOR))
-    assert kernel(returned(VECTOR), allocates=True) is not None
+        kernel(made)
+    assert kernel(allocates=True)(made) is not None

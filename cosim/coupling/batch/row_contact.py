@@ -9,7 +9,7 @@ from typing import Final, final
 import numpy as np
 
 from cosim.base.frames import SixNumbers
-from cosim.base.kernel_calls import address_of, nothing_of
+from cosim.base.kernels import address_of, nothing_of
 from cosim.coupling.batch.batch_arrays import Ticks
 from cosim.coupling.batch.contact_halves import contact_calls
 from cosim.coupling.batch.contact_rows import (

@@ -8,7 +8,7 @@ from typing import final
 import numpy as np
 
 from cosim.base.frames import Array, IntArray
-from cosim.base.kernel_calls import nothing_of
+from cosim.base.kernels import nothing_of
 from cosim.coupling.contact.contact_arrays import NearPoints, SurfaceRows
 from cosim.coupling.contact.film_search import (
     LISTS,

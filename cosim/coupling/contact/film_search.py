@@ -14,7 +14,6 @@ import numpy as np
 from numba import types
 
 from cosim.base.frames import Array, IntArray
-from cosim.base.kernel_calls import address_of, caller
 from cosim.base.kernels import (
     BLOCKS,
     INDEX_TABLE,
@@ -22,6 +21,8 @@ from cosim.base.kernels import (
     MATRIX,
     REAL,
     VECTOR,
+    address_of,
+    caller,
     device_function,
     kernel,
 )
