@@ -8,7 +8,7 @@ import numba
 import numpy as np
 import pytest
 
-from cosim.base.kernels import REAL, VECTOR, allocating, device_function, handing_on_views, kernel
+from cosim.base.kernels import Vector, allocating, device_function, handing_on_views, kernel
 
 
 @device_function
@@ -21,8 +21,8 @@ def _quartered(x):  # type: ignore[no-untyped-def]
     return _halved(_halved(x))
 
 
-@kernel(REAL(REAL))
-def _three_quarters(x):  # type: ignore[no-untyped-def]
+@kernel
+def _three_quarters(x: float) -> float:
     return _halved(x) + _quartered(x)
 
 
@@ -46,8 +46,8 @@ def _ends(x):  # type: ignore[no-untyped-def]
 _both_ends = handing_on_views(_ends)
 
 
-@kernel(REAL(VECTOR))
-def _length(x):  # type: ignore[no-untyped-def]
+@kernel
+def _length(x: Vector) -> float:
     first, last = _both_ends(x)
     return last[0] - first[0]
 
@@ -66,8 +66,8 @@ def test_python_cannot_call_one() -> None:
         _halved(2.0)
 
 
-@kernel(REAL(REAL), taken_in=True)
-def _fifths(x):  # type: ignore[no-untyped-def]
+@kernel(taken_in=True)
+def _fifths(x: float) -> float:
     return x / 5.0
 
 

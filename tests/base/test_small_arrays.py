@@ -9,10 +9,6 @@ import numpy as np
 import pytest
 
 from cosim.base.kernels import (
-    BOOLEAN,
-    INTEGER,
-    REAL,
-    VECTOR,
     Vector,
     device_function,
     kernel,
@@ -36,15 +32,15 @@ def _sum_of_squares(count):  # type: ignore[no-untyped-def]
     return total
 
 
-@kernel(REAL(INTEGER))
-def _twice(count):  # type: ignore[no-untyped-def]
+@kernel
+def _twice(count: int) -> float:
     own = small_vector(8)
     own[3] = 100.0
     return _sum_of_squares(count) + _sum_of_squares(count - 1) + own[3]
 
 
-@kernel(INTEGER(VECTOR))
-def _fill_by_rows(out):  # type: ignore[no-untyped-def]
+@kernel
+def _fill_by_rows(out: Vector) -> int:
     own = small_matrix(_ROWS, 3)
     for r in range(own.shape[0]):
         for c in range(own.shape[1]):
@@ -55,8 +51,8 @@ def _fill_by_rows(out):  # type: ignore[no-untyped-def]
     return own[2].size
 
 
-@kernel(BOOLEAN(INTEGER))
-def _zeros_each_time(times):  # type: ignore[no-untyped-def]
+@kernel
+def _zeros_each_time(times: int) -> bool:
     total = 0.0
     for _ in range(times):
         vector, matrix = zero_vector(3), zero_matrix(2, 2)
