@@ -9,7 +9,7 @@ Measured on the reference arm (CPU time of the first run from an empty cache; re
 | with calls by address as well | 86 s | 1.03 |
 | with device functions as intermediate code as well: all of this file | 41 s | 1.00 |
 
-Any numba other than `KNOWN` compiles in its public way instead, and results are the same.
+Any numba other than `KNOWN` compiles in its public way instead; results are the same up to rounding.
 """
 
 from __future__ import annotations
