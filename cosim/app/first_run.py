@@ -27,7 +27,7 @@ def prepared(
 ) -> Scenario:
     """Return the scenario with its fidelity chosen; whatever its loop calls is compiled when this returns.
 
-    But for the kernels of contact with a scene, which `build_simulation` compiles: it knows the plan.
+    Except for the kernels of contact with a scene: a run compiles them when something is near.
 
     Args:
         scenario: checked.
