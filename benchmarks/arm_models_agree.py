@@ -14,8 +14,9 @@ import numpy as np
 
 from cosim.base.resources import list_arms
 from cosim.build.arms import find_arm
-from cosim.kinematics import Arm
-from cosim.rigid import RigidScene, SceneDescription
+from cosim.kinematics.arm import Arm
+from cosim.rigid.build.description import SceneDescription
+from cosim.rigid.scene.scene import RigidScene
 
 
 def differences(name: str, states: int, seed: int = 0) -> dict[str, Any]:

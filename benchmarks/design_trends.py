@@ -27,7 +27,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import numpy as np
 
-from cosim.base.kept.kept_parts import KeptParts
+from cosim.base.kept_parts import KeptParts
 from cosim.build.parts.soft_model import SoftModel
 from cosim.build.simulation import build
 from cosim.config.loading import load_scenario

@@ -18,7 +18,8 @@ from cosim.base.frames import Pose, rotation_from_quaternion
 from cosim.base.resources import list_arms
 from cosim.build.arms import find_arm
 from cosim.errors import UnreachableError
-from cosim.kinematics import Arm, solve
+from cosim.kinematics.arm import Arm
+from cosim.kinematics.inverse_kinematics import solve
 
 TOLERANCE = 1e-6  # m and rad
 

@@ -28,7 +28,8 @@ from cosim.config.schema.phase import FlangePoseTable, PhaseTable, StartTable, T
 from cosim.config.schema.scenario import Scenario
 from cosim.coupling.soft_sides.lumped_arm import SoftArm
 from cosim.errors import ConvergenceError, ScenarioError, UnreachableError
-from cosim.kinematics import Arm, solve
+from cosim.kinematics.arm import Arm
+from cosim.kinematics.inverse_kinematics import solve
 from cosim.plan.flange_path import FlangeWay, pose_of
 from cosim.plan.paths.phase_drafts import start_equilibrium
 from cosim.soft.body.center_line import center_line_length, center_rings

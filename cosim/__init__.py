@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from cosim.app.simulation import SavedState as SavedState
     from cosim.app.simulation import Simulation as Simulation
     from cosim.base.frames import Pose as Pose
-    from cosim.base.kept.kept_parts import KeptParts as KeptParts
+    from cosim.base.kept_parts import KeptParts as KeptParts
     from cosim.base.resources import list_scenarios as list_scenarios
     from cosim.config.loading import load_scenario as load_scenario
     from cosim.config.toml.registered_kinds import register_kind as register_kind
@@ -61,7 +61,7 @@ _HOMES = {
     "InstabilityError": "cosim.errors",
     "Measurement": "cosim.devices.controller",
     "JointTable": "cosim.results.joint_table",
-    "KeptParts": "cosim.base.kept.kept_parts",
+    "KeptParts": "cosim.base.kept_parts",
     "MeshError": "cosim.errors",
     "Observer": "cosim.app.observer",
     "OutOfRangeError": "cosim.errors",

@@ -11,9 +11,10 @@ import pytest
 
 from cosim.base.frames import Pose, Twist, Wrench
 from cosim.config.schema.scenario import Scenario
+from cosim.coupling.schemes.ledger import LedgerEntry
 from cosim.soft.beams.strength import StiffenerStrain
 from cosim.telemetry.film_shape import FilmShape
-from cosim.telemetry.snapshot import LedgerEntry, RunInfo, Snapshot
+from cosim.telemetry.snapshot import RunInfo, Snapshot
 from cosim.telemetry.tick_batch import TickBatch
 
 TICKS_PER_PHASE = 5

@@ -23,7 +23,7 @@ import numpy as np
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
-from cosim.base.kept.kept_data import keep
+from cosim.base.whole_files import keep
 from cosim.build import section_cache as section_model
 from cosim.config.loading import load_scenario
 from cosim.config.schema.scenario import Scenario

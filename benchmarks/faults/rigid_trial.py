@@ -12,14 +12,15 @@ import numpy as np
 
 from benchmarks.faults.rigid_files import RigidCase
 from benchmarks.faults.trial import LONGEST_REFUSAL, Verdict
-from cosim.base.kept.kept_parts import KeptParts
+from cosim.base.kept_parts import KeptParts
 from cosim.build.arms import find_arm
 from cosim.build.fidelity import fidelity_body
 from cosim.build.parts.arm_parts import ArmParts
 from cosim.cli.main import main
 from cosim.config.loading import load_scenario
 from cosim.errors import InstabilityError
-from cosim.rigid import RigidScene, SceneDescription
+from cosim.rigid.build.description import SceneDescription
+from cosim.rigid.scene.scene import RigidScene
 
 _FINE = 0
 _REFUSED = 2

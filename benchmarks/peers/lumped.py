@@ -20,8 +20,8 @@ from cosim.coupling.schemes.interface import Interface, ServoCommand
 from cosim.coupling.schemes.staggered import StaggeredCoupling
 from cosim.coupling.soft_sides.lumped_arm import SoftArm
 from cosim.kinematics.inertial_parameters import COUNT
-from cosim.rigid import RigidScene, SceneDescription, SceneObject
-from cosim.rigid.build.description import ServoGains
+from cosim.rigid.build.description import SceneDescription, SceneObject, ServoGains
+from cosim.rigid.scene.scene import RigidScene
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
 from cosim.soft.contact.contact_law import ContactLaw

@@ -12,8 +12,8 @@ from cosim.app.driver import Options, build_simulation, execute, rerun_recorder
 from cosim.app.first_run import log, named_body, prepared
 from cosim.app.observer import Observer
 from cosim.app.run_files import default_directory
-from cosim.base.kept.kept_parts import KeptParts
-from cosim.base.resources import cache_directory
+from cosim.base.kept_parts import KeptParts
+from cosim.base.whole_files import cache_directory
 from cosim.config.loading import load_scenario
 from cosim.config.rules.size_rules import check_ends
 from cosim.config.schema.scenario import Scenario

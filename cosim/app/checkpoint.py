@@ -12,8 +12,8 @@ from typing import Any, Protocol, final
 
 from cosim.app.run_files import CHECKPOINT, SCENARIO, SUMMARY, RunFiles, scenario_digest
 from cosim.app.shown_state import check_shown, naming, sizes_of
-from cosim.base.kept.code_identity import code_identity
-from cosim.base.kept.files_read import changed_file
+from cosim.base.files_read import changed_file
+from cosim.base.identity import code_identity
 from cosim.base.resources import is_file
 from cosim.base.state_archive import read_archive, read_header, write_archive
 from cosim.base.state_check import check_state

@@ -17,8 +17,8 @@ from cosim.app.array_recorder import ArrayRecorder
 from cosim.app.checkpoint import Checkpoint, CheckpointKeeper, Origin, read_checkpoint
 from cosim.app.observer import Observer
 from cosim.app.run_files import RECORDING, RunFiles
-from cosim.base.kept.files_read import files_read
-from cosim.base.kept.kept_parts import KeptParts
+from cosim.base.files_read import files_read
+from cosim.base.kept_parts import KeptParts
 from cosim.base.stateful import Stateful
 from cosim.config.schema.scenario import Scenario
 from cosim.config.schema.solver import RecordingTable

@@ -9,8 +9,8 @@ from types import ModuleType
 from typing import TYPE_CHECKING
 
 from cosim.app.driver import build_simulation, recorded
-from cosim.base.kept.kept_parts import KeptParts
-from cosim.base.resources import cache_directory
+from cosim.base.kept_parts import KeptParts
+from cosim.base.whole_files import cache_directory
 from cosim.build.kernel_modules import contact_modules, kernel_modules
 from cosim.config.schema.scenario import NO_ARM, Scenario
 
@@ -28,7 +28,7 @@ def prepared(
 ) -> Scenario:
     """Return the scenario with its fidelity chosen; whatever its loop calls is compiled when this returns.
 
-    But for the kernels of contact with a scene, which `build_simulation` compiles: it knows the plan.
+    Except for the kernels of contact with a scene: a run compiles them when something is near.
 
     Args:
         scenario: checked.

@@ -12,10 +12,10 @@ from cosim.app.checkpoint import Checkpoint
 from cosim.app.driver import Runnable, build_simulation
 from cosim.app.first_run import log, named_body, prepared
 from cosim.app.shown_state import check_shown, naming
-from cosim.base.kept.kept_parts import KeptParts
-from cosim.base.resources import cache_directory
+from cosim.base.kept_parts import KeptParts
 from cosim.base.state_archive import read_archive, write_archive
 from cosim.base.state_check import check_state
+from cosim.base.whole_files import cache_directory
 from cosim.config.loading import load_scenario
 from cosim.config.schema.scenario import Scenario
 from cosim.devices.command_values import checked_step

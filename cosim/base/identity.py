@@ -1,13 +1,21 @@
-"""What a value is made of, as a short name: equal contents have equal names, whatever is added to a class."""
+"""What a value is made of, as a short name; and which program computed it."""
 
 from __future__ import annotations
 
 import hashlib
+import platform
 from collections.abc import Callable, Mapping
 from dataclasses import fields, is_dataclass
+from functools import cache
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+
+from cosim._version import __version__
+
+_ENGINES = ("numpy", "scipy", "numba", "mujoco", "pin")
 
 
 def content_name(*values: Any) -> str:
@@ -44,3 +52,27 @@ def _feed(put: Callable[[bytes], None], value: Any) -> None:
         put(f"{type(value).__name__} {value!r};".encode())
     else:
         raise TypeError(f"the contents of a {type(value).__name__} are not known")
+
+
+@cache
+def code_identity() -> dict[str, str]:
+    """Return versions of cosim, its engines, Python and processor family, and a hash of cosim's source."""
+    digest = hashlib.sha256()
+    folder = Path(__file__).resolve().parents[1]
+    for path in sorted(folder.rglob("*.py")):
+        digest.update(str(path.relative_to(folder)).encode())
+        digest.update(path.read_bytes())
+    return {
+        "cosim": __version__,
+        "source": digest.hexdigest()[:16],
+        **{name: _version(name) for name in _ENGINES},
+        "python": platform.python_version(),
+        "processor": platform.machine(),
+    }
+
+
+def _version(name: str) -> str:
+    try:
+        return version(name)
+    except PackageNotFoundError:
+        return "absent"

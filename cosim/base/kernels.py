@@ -1,66 +1,219 @@
-"""How the numba kernels are compiled: for one fixed signature each, cached on disk, without fast-math.
+"""How functions become numba kernels: one signature each, read from their annotations, without fast-math.
 
-Importing a kernel compiles nothing; `compile_kernels` in compilation.py does, once, and says so.
+Importing a kernel compiles nothing: `compile_modules` does, once, and says so.
 
-A device function is compiled to intermediate code alone: numba would optimise it by itself, make machine code
-of it and a way to call it from Python, and keep that on disk; the compilation of each kernel that calls it
-then does the same again.
+A device function is compiled as a part of each kernel that calls it. Kernels call one another by address:
+each is compiled once, and only where it is needed.
+
+Machine code is kept under a hash of all source that it comes from. It is read by pickle, so whoever writes to
+its folder can run code: a folder is used only if nobody else owns it or may write to it.
 """
 
 from __future__ import annotations
 
+import os
 import re
+import sys
+import time
+import warnings
 from collections.abc import Callable
+from contextlib import suppress
 from functools import cache
 from hashlib import sha256
 from pathlib import Path
-from typing import Any, NoReturn, TypeVar, final
+from typing import Annotated, Any, TypeAlias, TypeVar, final, get_args, get_origin, get_type_hints, overload
 
-import llvmlite.binding as llvm
 import numba
-from numba.core.caching import CompileResultCacheImpl, IndexDataCacheFile
-from numba.core.codegen import CPUCodeLibrary
-from numba.core.compiler import Compiler
-from numba.core.registry import CPUDispatcher
-from numba.core.targetconfig import ConfigStack
+import numpy as np
+from numba import types
+from numba.extending import intrinsic
+from numpy.typing import NDArray
+
+from cosim.base import numba_insides
+from cosim.base.numba_insides import KNOWN, from_bytes, has_arrays, processor, stack_array, to_bytes
+from cosim.base.numba_insides import call_native as call_native
+from cosim.base.numba_insides import caller as caller
+from cosim.base.numba_insides import same_bits as same_bits
+from cosim.base.whole_files import cache_directory, keep, kept
+
+Function = TypeVar("Function", bound=Callable[..., Any])
+
+# fastmath as a whole stays off: NaN must stay visible, and results must not depend on the compiler's mood.
+# error_model="numpy" lets a division by zero give inf (a named outcome later) and keeps loops vectorised.
+_OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy"}
+
+Vector: TypeAlias = Annotated[NDArray[np.float64], numba.float64[::1]]
+Matrix: TypeAlias = Annotated[NDArray[np.float64], numba.float64[:, ::1]]
+Blocks: TypeAlias = Annotated[NDArray[np.float64], numba.float64[:, :, ::1]]
+Cubes: TypeAlias = Annotated[NDArray[np.float64], numba.float64[:, :, :, ::1]]
+Indices: TypeAlias = Annotated[NDArray[np.int64], numba.int64[::1]]
+IndexTable: TypeAlias = Annotated[NDArray[np.int64], numba.int64[:, ::1]]
+Places: TypeAlias = Annotated[NDArray[np.uint64], numba.uint64[::1]]
+PlaceTable: TypeAlias = Annotated[NDArray[np.uint64], numba.uint64[:, ::1]]
+Flags: TypeAlias = Annotated[NDArray[np.bool_], numba.boolean[::1]]
+Masks: TypeAlias = Annotated[NDArray[np.bool_], numba.boolean[:, ::1]]
+
+REAL = numba.float64
+BOOLEAN = numba.boolean
+INTEGER = numba.int64
+VECTOR = numba.float64[::1]
+MATRIX = numba.float64[:, ::1]
+BLOCKS = numba.float64[:, :, ::1]
+CUBES = numba.float64[:, :, :, ::1]
+INDICES = numba.int64[::1]
+PLACES = numba.uint64[::1]
+INDEX_TABLE = numba.int64[:, ::1]
+PLACE_TABLE = numba.uint64[:, ::1]
+MASKS = numba.boolean[:, ::1]
 
 _PACKAGE = Path(__file__).resolve().parents[1]
-_IMPORT = re.compile(r"^\s*(?:from|import) cosim\.?([\w.]*)(?: import (\([^)]*\)|.*))?", re.MULTILINE)
-_KNOWN = "0.68."  # numba whose insides are as `IntermediateCode`, `DeviceCompiler` and `Kernel` take them
+_IMPORT = re.compile(r"^\s*(?:from|import) (\.*)([\w.]*)(?: import (\([^)]*\)|.*))?", re.MULTILINE)
+_OLD_S = 7 * 24 * 3600.0
+_OTHERS_WRITE = 0o022  # group and others, in a folder's mode
+
+_PLAIN: dict[Any, Any] = {
+    float: types.float64, int: types.int64, bool: types.boolean, type(None): types.void,
+}  # fmt: skip
+
+
+@cache
+def numba_type(kind: Any) -> Any:
+    """Return numba's type of what an annotation names.
+
+    Args:
+        kind: float, int, bool, None, an alias such as `Matrix` that carries its type, or a tuple or named
+            tuple of these; the address of a kernel is an int.
+
+    Raises:
+        TypeError: it is anything else.
+    """
+    if kind in _PLAIN:
+        return _PLAIN[kind]
+    if get_origin(kind) is Annotated:
+        carried = [entry for entry in get_args(kind)[1:] if isinstance(entry, types.Type)]
+        if len(carried) == 1:
+            return carried[0]
+    if get_origin(kind) is tuple:
+        return types.Tuple(tuple(map(numba_type, get_args(kind))))
+    if isinstance(kind, type) and issubclass(kind, tuple) and hasattr(kind, "_fields"):
+        fields = get_type_hints(kind, include_extras=True)
+        parts = tuple(numba_type(fields[name]) for name in kind._fields)
+        alike = len(set(parts)) == 1  # numba has another type for such tuples
+        return types.NamedUniTuple(parts[0], len(parts), kind) if alike else types.NamedTuple(parts, kind)
+    raise TypeError(
+        f"{kind}: no type of an argument of kernels; annotate it with an alias of cosim.base.kernels"
+    )
+
+
+def _annotated(function: Any) -> Any:
+    """Return the signature that a function's annotations give.
+
+    Raises:
+        TypeError: an argument or what it returns is not annotated with a type of kernels.
+    """
+    try:
+        hints = {
+            name: numba_type(kind) for name, kind in get_type_hints(function, include_extras=True).items()
+        }
+        code = function.__code__
+        given = [hints[name] for name in code.co_varnames[: code.co_argcount]]
+        return hints["return"](*given)
+    except KeyError as error:
+        raise TypeError(f"{function.__qualname__}() does not annotate {error}") from None
+    except TypeError as error:
+        raise TypeError(f"{function.__qualname__}(): {error}") from None
 
 
 @final
-class _MachineCode(CompileResultCacheImpl):
-    """Keeps no intermediate code: kernels that call one by name take it in, and it takes longest to load."""
-
-    def reduce(self, compiled: Any) -> Any:
-        """Return what is kept of a kernel; of its functions numba asks for the names."""
-        names = sorted(entry.name for entry in compiled.library.get_defined_functions())
-        empty = "".join(f'define void @"{name}"() {{ ret void }}\n' for name in names)
-        compiled.library._shared_module = llvm.parse_assembly(empty)
-        return super().reduce(compiled)
-
-
-def keep_by_source(dispatcher: Any, *, alone: bool) -> None:
-    """Let a cached kernel be kept, where numba keeps it, under the hash of its source.
+class KernelCache:
+    """Keeps a kernel's machine code: numba asks it before it compiles, and hands it what it has compiled.
 
     Args:
-        dispatcher: of a function of cosim, declared with `cache=True`.
-        alone: whether to keep machine code alone; no other kernel may call it by its name then.
+        function: of the kernel, in a file.
+        folder: in which it is kept, see `kernel_folder`.
+        alone: whether no other kernel calls it by name.
     """
-    kept = dispatcher._cache  # numba has no public way to say what else a kernel depends on
-    if alone:
-        kept._impl = _MachineCode(dispatcher.py_func)
-    place, path = kept._impl, Path(dispatcher.py_func.__code__.co_filename).resolve()
-    name = f"{place.filename_base}-{source_hash(path)}"
-    kept._cache_file = IndexDataCacheFile(kept.cache_path, name, name)
+
+    def __init__(self, function: Any, folder: Path, *, alone: bool) -> None:
+        self._base, self._alone = f"{function.__module__}.{function.__qualname__}", alone
+        self._source = source_hash(Path(function.__code__.co_filename).resolve())
+        self._folder, self.cache_path = folder, str(folder)
+
+    def path(self, signature: Any) -> Path:
+        """Return the file for a signature, or a tuple of argument types."""
+        digest = sha256(f"{self._source} {signature} {self._alone}".encode()).hexdigest()[:12]
+        return self._folder / f"{self._base}-{digest}.nbc"
+
+    def is_there(self, signature: Any) -> bool:
+        """Return whether there is sound machine code; warn of a damaged file, and delete it."""
+        path = self.path(signature)
+        if kept(path, bool):
+            return True
+        with suppress(OSError):
+            path.unlink(missing_ok=True)
+        return False
+
+    def load_overload(self, signature: Any, context: Any) -> Any:
+        """Return what is kept for a signature; None if there is nothing."""
+        context.refresh()
+        return kept(self.path(signature), lambda data: from_bytes(data, context))
+
+    def save_overload(self, signature: Any, compiled: Any) -> None:
+        """Keep what was compiled, where it can be."""
+        with suppress(*(() if KNOWN else (Exception,))):  # another numba may keep other things
+            data = to_bytes(compiled, alone=self._alone)
+            if data is not None:
+                keep(self.path(signature), data)
+
+    def remove_old(self, signature: Any) -> None:
+        """Delete what was kept of other versions of the kernel more than a week ago."""
+        own = self.path(signature).name
+        with suppress(OSError):  # another process may do the same
+            for path in self._folder.glob(f"{self._base}-*.nbc"):
+                if path.name != own and time.time() - path.stat().st_mtime > _OLD_S:
+                    path.unlink()
+
+
+def cache_of(function: Any, *, alone: bool) -> KernelCache | None:
+    """Return the cache of a kernel; None where no folder can be used, or its code is not all in files."""
+    folder = kernel_folder(os.environ.get("NUMBA_CACHE_DIR"))
+    in_file = os.path.isfile(function.__code__.co_filename) and not function.__closure__
+    return KernelCache(function, folder, alone=alone) if folder and in_file else None
+
+
+@cache
+def kernel_folder(chosen: str | None) -> Path | None:
+    """Return the folder of machine code, which is made if need be; None where nothing can be written.
+
+    Args:
+        chosen: folder in which it is; within the package unless given. If others own it or may write to it,
+            it is in the user's cache folder.
+    """
+    for place in (Path(chosen) if chosen else _PACKAGE / "__pycache__", cache_directory()):
+        folder = place / "kernels"
+        try:
+            folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+            status = folder.stat()
+        except OSError:
+            continue
+        if status.st_uid != os.getuid() or status.st_mode & _OTHERS_WRITE:
+            what = "kernels are not read from it, as whoever writes to it could run code"
+            remedy = f"delete it, or make it yours alone: chmod 700 {folder}"
+            warnings.warn(
+                f"{folder}: others own it or may write to it; {what}; {remedy}", RuntimeWarning, stacklevel=2
+            )
+        elif os.access(folder, os.W_OK | os.X_OK):
+            return folder
+    return None
 
 
 @cache
 def source_hash(path: Path) -> str:
-    """Return a hash of a file, of all files of cosim that it imports, to any depth, and of the compiler."""
-    compiler = f"{numba.__version__} for {llvm.get_host_cpu_name()}"
-    digest, found, to_do = sha256(compiler.encode()), {path}, [path]
+    """Return a hash of a file, of those that it imports from cosim or its package, and of the compiler."""
+    settings = sorted(entry for entry in os.environ.items() if entry[0].startswith("NUMBA_"))
+    chosen = [entry for entry in settings if entry[0] not in ("NUMBA_CACHE_DIR", "NUMBA_NUM_THREADS")]
+    versions = numba.__version__, np.__version__, sys.version_info[:2]
+    digest, found, to_do = sha256(f"{versions} {KNOWN} {processor()} {chosen}".encode()), {path}, [path]
     while to_do:
         for imported in _imports(to_do.pop()) - found:
             found.add(imported)
@@ -77,10 +230,21 @@ def _text(path: Path) -> str:
 
 @cache
 def _imports(path: Path) -> frozenset[Path]:
-    """Return the files of cosim that a file imports."""
-    found = set()
-    for module, names in _IMPORT.findall(_text(path)):
-        folder = _PACKAGE.joinpath(*module.split(".")) if module else _PACKAGE
+    """Return the files that a file imports from cosim, from its own package, or from beside it."""
+    top, found = path, set()
+    while (top.parent / "__init__.py").is_file():
+        top = top.parent
+    for dots, module, names in _IMPORT.findall(_text(path)):
+        first = module.partition(".")[0]
+        if dots:
+            root = path.parents[len(dots) - 1]
+        elif first == _PACKAGE.name:
+            root = _PACKAGE.parent
+        elif first == top.stem or (top == path and (top.parent / f"{first}.py").is_file()):
+            root = top.parent
+        else:
+            continue
+        folder = root.joinpath(*filter(None, module.split(".")))
         for name in ("", *re.findall(r"\w+", names)):
             candidate = (folder / name if name else folder).with_suffix(".py")
             if candidate.is_file():
@@ -88,178 +252,70 @@ def _imports(path: Path) -> frozenset[Path]:
     return frozenset(found)
 
 
-@final
-class _NoCode:
-    """What asks for a place in machine code where there is none."""
-
-    def set_env(self, name: str, environment: Any) -> None:
-        """Set nothing: kernels in nopython mode never look there."""
+@overload
+def kernel(signature: Function) -> Function:
+    """Turn a function into a kernel."""
 
 
-@final
-class IntermediateCode(CPUCodeLibrary):
-    """The code of one function, which is optimised together with a kernel that calls it."""
-
-    def _optimize_final_module(self) -> None:
-        """Leave it as it is."""
-
-    def _finalize_final_module(self) -> None:
-        """Make no machine code of it."""
-        self._finalize_dynamic_globals()
-        self._finalized = True
-
-    @property
-    def codegen(self) -> _NoCode:
-        """What keeps track of the machine code."""
-        return _NoCode()
-
-    def get_pointer_to_function(self, name: str) -> int:
-        """Return none, as there is no machine code."""
-        return 0
-
-
-@final
-class DeviceCompiler(Compiler):
-    """Compiles a function to `IntermediateCode`."""
-
-    def __init__(self, *given: Any) -> None:
-        super().__init__(*given)
-        self.state.library = IntermediateCode(self.state.targetctx.codegen(), "device_function")
-
-
-@final
-class DeviceFunction(CPUDispatcher):
-    """A function that kernels call; called from Python it would have nothing to run."""
-
-    hands_on_views = False
-
-    def __call__(self, *_arguments: Any) -> NoReturn:
-        """Refuse.
-
-        Raises:
-            TypeError: always.
-        """
-        raise TypeError(f"only kernels can call {self.py_func.__name__}(), which has no code of its own")
-
-    def get_call_template(self, *given: Any) -> Any:
-        """Return how the function that is being compiled calls this one.
-
-        Raises:
-            TypeError: it would give back references that this one has not counted.
-        """
-        if self.hands_on_views and ConfigStack().top().nrt:
-            raise TypeError(
-                f"{self.py_func.__name__}() counts no references to the views that it hands on: "
-                "what is marked as allocating cannot call it"
-            )
-        return super().get_call_template(*given)
-
-    def compile(self, signature: Any) -> Any:
-        """Compile for a signature.
-
-        Raises:
-            TypeError: it hands on arrays among others, without a reference of their own; numba itself
-                refuses an array alone.
-        """
-        found: Any = super().compile(signature)
-        returned = [entry.return_type for entry in self.nopython_signatures]
-        if not self.targetoptions["_nrt"] and not self.hands_on_views and any(map(_has_arrays, returned)):
-            name = self.py_func.__name__
-            raise TypeError(f"{name}() returns arrays: mark it as allocating or handing on views")
-        return found
-
-
-@final
-class Kernel(CPUDispatcher):
-    """A function that Python calls, and other kernels by its address; its machine code is kept alone."""
-
-    def get_call_template(self, *_given: Any) -> NoReturn:
-        """Refuse a call by its name: there is no intermediate code to take in.
-
-        Raises:
-            TypeError: always.
-        """
-        raise TypeError(
-            f"{self.py_func.__name__}() is a kernel of its own: mark it as taken in, or call it by its "
-            "address, see `kernel_calls`"
-        )
-
-
-def _is_known() -> bool:
-    return str(numba.__version__).startswith(_KNOWN)
-
-
-def _has_arrays(returned: Any) -> bool:
-    parts = getattr(returned, "types", ())  # of a tuple
-    return isinstance(returned, numba.types.Array) or any(map(_has_arrays, parts))
-
-
-def device_dispatcher(function: Any, options: dict[str, Any]) -> Any:
-    """Return what compiles a function for every kernel that calls it.
-
-    With a numba whose insides are not known, it is an ordinary function of numba: it does the same, and
-    takes longer to compile.
-
-    Args:
-        function: to be compiled.
-        options: of `numba.njit`.
-    """
-    if not _is_known():
-        return numba.njit(function, **options)
-    alone = {"cache": False, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
-    compile_later: Any = numba.njit
-    found = compile_later(function, **options, **alone, pipeline_class=DeviceCompiler)
-    found.__class__ = DeviceFunction  # numba makes dispatchers of one class alone
-    return found
-
-
-Function = TypeVar("Function", bound=Callable[..., Any])
-
-# fastmath as a whole stays off: NaN must stay visible, and results must not depend on the compiler's mood.
-# error_model="numpy" lets a division by zero give inf (a named outcome later) and keeps loops vectorised.
-_OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy"}
-
-REAL = numba.float64
-BOOLEAN = numba.boolean
-INTEGER = numba.int64
-VECTOR = numba.float64[::1]
-MATRIX = numba.float64[:, ::1]
-BLOCKS = numba.float64[:, :, ::1]
-CUBES = numba.float64[:, :, :, ::1]
-INDICES = numba.int64[::1]
-PLACES = numba.uint64[::1]
-INDEX_TABLE = numba.int64[:, ::1]
-PLACE_TABLE = numba.uint64[:, ::1]
-MASKS = numba.boolean[:, ::1]
+@overload
+def kernel(
+    signature: Any = None, *, reorder_sums: bool = ..., allocates: bool = ..., taken_in: bool = ...
+) -> Callable[[Function], Function]:
+    """Return what turns a function into a kernel."""
 
 
 def kernel(
-    signature: Any, *, reorder_sums: bool = False, allocates: bool = False, taken_in: bool = False
-) -> Callable[[Function], Function]:
-    """Return a decorator that turns a function into a kernel with one fixed signature.
+    signature: Any = None, *, reorder_sums: bool = False, allocates: bool = False, taken_in: bool = False
+) -> Any:
+    """Turn a function into a kernel with one fixed signature, which its annotations give.
 
     Args:
-        signature: numba signature, kept as `fixed_signature` for `compile_kernels`.
+        signature: numba signature, if not by annotations; kept as `fixed_signature` for `compile_modules`.
         reorder_sums: whether sums may be taken in any order, with products fused into them, as BLAS does;
             values that are not finite stay visible.
         allocates: whether it makes arrays whose size it does not know when it is compiled, returns arrays, or
-            calls what does; see `device_function` for what that costs, and `small_arrays` for the others.
+            calls what does; see `device_function` for what that costs, and `small_vector` for the others.
         taken_in: whether other kernels call it by its name, each of which compiles it as a part of its own.
 
     Raises:
-        TypeError: it returns arrays, and does not say that it allocates.
+        TypeError: it returns arrays, and does not say that it allocates; or an annotation is missing.
     """
-    if not allocates and _has_arrays(getattr(signature, "return_type", None)):
-        raise TypeError(f"a kernel of {signature} returns arrays: it has to say that it allocates")
+    if callable(signature) and hasattr(signature, "__code__"):
+        return kernel()(signature)
 
-    def decorate(function: Function) -> Function:
-        fast: dict[str, Any] = {"fastmath": {"reassoc", "contract"}} if reorder_sums else {}
-        dispatcher = _compiled_later(function, taken_in, _nrt=allocates, no_cfunc_wrapper=True, **fast)
-        dispatcher.fixed_signature = signature
-        result: Function = dispatcher
+    def decorate(function: Any) -> Any:
+        fixed = _annotated(function) if signature is None else signature
+        if not allocates and has_arrays(getattr(fixed, "return_type", None)):
+            raise TypeError(f"a kernel of {fixed} returns arrays: it has to say that it allocates")
+        options = dict(_OPTIONS, fastmath={"reassoc", "contract"}) if reorder_sums else dict(_OPTIONS)
+        if KNOWN:
+            options |= {"_nrt": allocates, "no_cfunc_wrapper": True}
+        result: Any = numba.njit(function, **options)
+        by_address = KNOWN and not taken_in
+        if by_address:
+            result.__class__ = numba_insides.Kernel
+        result.fixed_signature, result.cache = fixed, cache_of(function, alone=by_address)
+        if result.cache is not None:
+            result._cache = result.cache  # numba has no public way to say what else a kernel depends on
         return result
 
     return decorate
+
+
+def _device(function: Any, *, allocates: bool = False, **options: Any) -> Any:
+    """Return what compiles a function as a part of every kernel that calls it."""
+    options |= _OPTIONS
+    if not KNOWN:
+        return numba.njit(function, **options)
+    compile_later: Any = numba.njit  # typed for its public options
+    flags = {
+        "no_cpython_wrapper": True,
+        "no_cfunc_wrapper": True,
+        "pipeline_class": numba_insides.DeviceCompiler,
+    }
+    found: Any = compile_later(function, **options, **flags, _nrt=allocates)
+    found.__class__ = numba_insides.DeviceFunction  # numba makes dispatchers of one class alone
+    return found
 
 
 def device_function(function: Function) -> Function:
@@ -268,7 +324,7 @@ def device_function(function: Function) -> Function:
     It makes no arrays, and counts no references to those that it is given: every view of one costs two
     atomic additions otherwise, more than many a loop does.
     """
-    result: Function = device_dispatcher(function, {**_OPTIONS, "_nrt": False})
+    result: Function = _device(function)
     return result
 
 
@@ -277,24 +333,64 @@ def inlined(function: Function) -> Function:
 
     For what a loop over lanes calls: with calls in it that are inlined late, the loop is not vectorised.
     """
-    result: Function = device_dispatcher(function, {**_OPTIONS, "_nrt": False, "forceinline": True})
+    result: Function = _device(function, forceinline=True)
     return result
 
 
 def allocating(function: Function) -> Function:
     """Mark a device function that makes arrays, hands arrays of its own on, or calls what does."""
-    result: Function = device_dispatcher(function, {**_OPTIONS, "_nrt": True})
+    result: Function = _device(function, allocates=True)
     return result
 
 
-def _compiled_later(function: Any, taken_in: bool, **options: Any) -> Any:
-    """Return what compiles a function when it is called, and keeps the machine code where it can be."""
-    try:
-        dispatcher = numba.njit(function, **_OPTIONS, **options, cache=True)
-    except RuntimeError:  # no place for a cache: neither beside the source nor in the user's directory
-        return numba.njit(function, **_OPTIONS, **options)
-    alone = _is_known() and not taken_in
-    if alone:
-        dispatcher.__class__ = Kernel
-    keep_by_source(dispatcher, alone=alone)
-    return dispatcher
+def handing_on_views(function: Function) -> Function:
+    """Mark a device function that hands on, in named tuples, views of arrays that it is given.
+
+    It makes no arrays, and counts no references: only what counts none either can call it.
+    """
+    result: Any = _device(function)
+    result.hands_on_views = True
+    found: Function = result
+    return found
+
+
+def address_of(kernel: Any) -> int:
+    """Return where a kernel's machine code is, compiled or loaded if need be; it stays there."""
+    signature = kernel.fixed_signature
+    kernel.compile(signature)
+    compiled = kernel.overloads[tuple(signature.args)]
+    return int(compiled.library.get_pointer_to_function(compiled.fndesc.llvm_func_name))
+
+
+def nothing_of(kind: Any) -> Any:
+    """Return arrays without entries, and zeros, that stand for nothing where a kernel takes some type."""
+    kind = kind if isinstance(kind, types.Type) else numba_type(kind)
+    if isinstance(kind, types.NamedTuple | types.NamedUniTuple):
+        return kind.instance_class(*map(nothing_of, kind.types))
+    if isinstance(kind, types.Array):
+        return np.zeros((0,) * kind.ndim, str(kind.dtype))
+    return False if kind == types.boolean else kind.cast_python_value(0)
+
+
+def _small_array(dimensions: int, *, zeros: bool = False) -> Any:
+    """Return what makes arrays of so many lengths in a kernel."""
+    if KNOWN:
+        define: Any = (
+            (lambda _typing, length: stack_array((length,), zeros=zeros))
+            if dimensions == 1
+            else (lambda _typing, rows, columns: stack_array((rows, columns), zeros=zeros))
+        )
+        untyped: Any = intrinsic
+        return untyped(prefer_literal=True)(define)
+    make = np.zeros if zeros else np.empty
+    return numba.njit((lambda n: make(n)) if dimensions == 1 else (lambda n, m: make((n, m))))
+
+
+small_vector = _small_array(1)
+"""Makes an array (length,) of a kernel's own, not filled; it ends with the call in which it is made."""
+small_matrix = _small_array(2)
+"""Makes an array (rows, columns) of a kernel's own, not filled; it ends as `small_vector` does."""
+zero_vector = _small_array(1, zeros=True)
+"""Makes an array (length,) of zeros; it ends as `small_vector` does."""
+zero_matrix = _small_array(2, zeros=True)
+"""Makes an array (rows, columns) of zeros; it ends as `small_vector` does."""

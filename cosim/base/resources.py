@@ -6,7 +6,6 @@ one, has them at the top of the repository. Both are found without regard to the
 
 from __future__ import annotations
 
-import os
 from itertools import takewhile
 from pathlib import Path
 
@@ -14,12 +13,6 @@ from cosim.errors import InputError
 
 _PACKAGE = Path(__file__).resolve().parents[1]
 _LONGEST_SHOWN = 200  # characters of a name that no file has
-
-
-def cache_directory() -> Path:
-    """Return the user's directory of kept figures and models."""
-    base = os.environ.get("XDG_CACHE_HOME")
-    return (Path(base) if base else Path.home() / ".cache") / "cosim"
 
 
 def data_directory() -> Path:

@@ -16,8 +16,8 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
+from cosim.base.files_read import read_file
 from cosim.base.frames import Array, IntArray, Mask
-from cosim.base.kept.files_read import read_file
 from cosim.errors import MeshError
 
 MESH_SUFFIXES = (".stl", ".obj")

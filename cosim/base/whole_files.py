@@ -1,12 +1,18 @@
-"""Files that are written whole: a reader sees all of one, or what was there before."""
+"""Files that are written whole, and data kept in them: readers see all of it, what was before, or nothing."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+import warnings
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from hashlib import sha256
 from pathlib import Path
-from typing import BinaryIO
+from typing import BinaryIO, TypeVar
+
+Kind = TypeVar("Kind")
+
+_MARK = b"kept by cosim, sha256 "
 
 
 @contextmanager
@@ -85,3 +91,49 @@ def unfinished_files(path: Path) -> list[Path]:
     """Return what processes that were killed in the middle of writing a file have left."""
     found = path.parent.glob(f"{path.name}.*.part")
     return [entry for entry in found if entry.name[len(path.name) + 1 : -len(".part")].isdecimal()]
+
+
+def cache_directory() -> Path:
+    """Return the user's directory of kept figures and models."""
+    base = os.environ.get("XDG_CACHE_HOME")
+    return (Path(base) if base else Path.home() / ".cache") / "cosim"
+
+
+def keep(path: Path, data: bytes) -> None:
+    """Keep data under a name; where nothing can be written they are made again the next time.
+
+    Args:
+        path: of the file; its directory is made.
+        data: any bytes.
+    """
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with whole_file(path) as file:
+            file.write(_MARK + sha256(data).hexdigest().encode() + b"\n" + data)
+    except OSError:
+        return
+
+
+def kept(path: Path, read: Callable[[bytes], Kind]) -> Kind | None:
+    """Return what was kept; None where there is nothing, and with a warning where it is damaged.
+
+    Args:
+        path: of the file.
+        read: makes it of the data.
+    """
+    try:
+        mark, _, data = path.read_bytes().partition(b"\n")
+    except FileNotFoundError:
+        return None
+    except OSError as error:
+        reason = error.strerror or "cannot be read"
+    else:
+        if mark == _MARK + sha256(data).hexdigest().encode():
+            try:
+                return read(data)
+            except Exception as error:  # another version of cosim may have kept other things
+                reason = f"is of another version ({type(error).__name__})"
+        else:
+            reason = "is damaged"
+    warnings.warn(f"{path}: {reason}; what it held is made anew", RuntimeWarning, stacklevel=2)
+    return None

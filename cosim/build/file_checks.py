@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from cosim.base.arm_file import ArmFile
-from cosim.base.kept.kept_parts import KeptParts
+from cosim.base.kept_parts import KeptParts
 from cosim.build.arms import find_arm
 from cosim.build.engines_agree import check_engines_agree
 from cosim.build.fidelity import described_body, fidelity_body

@@ -70,15 +70,15 @@ def kernel_modules(scenario: Scenario) -> tuple[ModuleType, ...]:
 
 
 def contact_modules() -> tuple[ModuleType, ...]:
-    """Return the modules with kernels of contact with a scene; whether there is any, the plan says."""
-    from cosim.coupling.contact import contact_kernels, film_search
-    from cosim.rigid.distance import features, film_distance, mesh_distance, signed_distance
+    """Return the modules with kernels of contact with a scene, compiled when something is near."""
+    from cosim.coupling.contact import film_neighbours  # here, so that wrong input needs no engine
 
-    return contact_kernels, features, film_distance, film_search, mesh_distance, signed_distance
+    return film_neighbours.contact_modules()
 
 
-def compile_contact(tell: Callable[[str], None]) -> None:
-    """Compile the kernels of contact with a scene, and tell so beforehand where they are not kept."""
-    from cosim.base.kept.compilation import compile_modules  # here, so that wrong input needs no engine
+def compile_distances(tell: Callable[[str], None]) -> None:
+    """Compile the kernels of distances to a scene, and tell so beforehand where they are not kept."""
+    from cosim.base.compilation import compile_modules  # here, so that wrong input needs no engine
+    from cosim.rigid.distance import mesh_distance, signed_distance
 
-    compile_modules(tell, contact_modules())
+    compile_modules(tell, (mesh_distance, signed_distance))

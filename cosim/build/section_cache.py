@@ -8,8 +8,7 @@ from collections.abc import Callable
 import numpy as np
 
 from cosim.base.identity import content_name
-from cosim.base.kept.kept_data import keep, kept
-from cosim.base.resources import cache_directory
+from cosim.base.whole_files import cache_directory, keep, kept
 from cosim.build.soft_body import build_soft_body
 from cosim.config.rules.given_body_rules import file_of
 from cosim.config.schema.scenario import Scenario

@@ -14,8 +14,8 @@ from cosim.app.driver import Options, RunOutcome, build_simulation, execute, rer
 from cosim.app.first_run import prepared
 from cosim.app.observer import Observer
 from cosim.app.run_files import SCENARIO, SUMMARY, check_directory, default_directory, recordings
-from cosim.base.kept.kept_parts import KeptParts
-from cosim.base.resources import cache_directory
+from cosim.base.kept_parts import KeptParts
+from cosim.base.whole_files import cache_directory
 from cosim.cli.interruption import Interruption
 from cosim.cli.progress import PlanWarnings, ProgressLine
 from cosim.cli.screen import tell

@@ -17,7 +17,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, Final
 
-from cosim.base.kept.files_read import note_file
+from cosim.base.files_read import note_file
 from cosim.config.toml.registered_kinds import KindTable, name_of, register_kind
 from cosim.errors import InputError
 

@@ -7,7 +7,7 @@ import math
 from pathlib import Path
 from typing import Any, Final
 
-from cosim.base.kept.files_read import read_file
+from cosim.base.files_read import read_file
 from cosim.config.schema.phase import MOST_POINTS, TipPathTable
 from cosim.config.toml.faults import UNKNOWN, Faults, NotKnown
 from cosim.config.toml.parsing import parse

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from cosim.app.simulation import SavedState, Simulation
 from cosim.base.frames import Array
-from cosim.base.kept.kept_parts import KeptParts
+from cosim.base.kept_parts import KeptParts
 from cosim.config.loading import load_scenario
 from cosim.config.schema.scenario import Scenario
 from cosim.devices.command_values import row_of_numbers, shown

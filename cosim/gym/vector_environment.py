@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from cosim.app.workers import Workers
 from cosim.base.frames import Array, Mask
-from cosim.base.kept.kept_parts import KeptParts
-from cosim.base.resources import cache_directory
+from cosim.base.kept_parts import KeptParts
+from cosim.base.whole_files import cache_directory
 from cosim.devices.command_values import shown
 from cosim.errors import InputError
 from cosim.gym.environment import Observation, TaskEnvironment, checked_options, environment, finite_row

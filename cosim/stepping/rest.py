@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any, Final
 
 from cosim.base.frames import Pose
-from cosim.base.kept.kept_parts import KeptParts, name_of
+from cosim.base.kept_parts import KeptParts, name_of
 from cosim.coupling.soft_sides.soft_side import SoftSide
 from cosim.plan.paths.phase_drafts import start_equilibrium
 from cosim.soft.body.loads import Loads

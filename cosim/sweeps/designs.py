@@ -11,7 +11,7 @@ from typing import Any, Final
 import numpy as np
 
 from cosim.base.frames import Array
-from cosim.base.kept.kept_parts import KeptParts
+from cosim.base.kept_parts import KeptParts
 from cosim.config.loading import load_scenario
 from cosim.config.studies.study_table import RangeTable, SamplesTable, StudyTable
 from cosim.errors import MOST_LINES, InputError, ScenarioError

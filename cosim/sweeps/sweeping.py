@@ -11,9 +11,8 @@ from pathlib import Path
 from typing import Any, Final, final
 
 from cosim.app.output_directory import OutputDirectory
-from cosim.base.identity import content_name
-from cosim.base.kept.code_identity import code_identity
-from cosim.base.kept.files_read import changed_file
+from cosim.base.files_read import changed_file
+from cosim.base.identity import code_identity, content_name
 from cosim.config.loading import load_scenario
 from cosim.config.schema.scenario import Scenario
 from cosim.config.studies.study_files import load_study

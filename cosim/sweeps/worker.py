@@ -15,8 +15,8 @@ from typing import Any, Final
 
 from cosim.app.driver import Options, build_simulation, execute
 from cosim.app.observer import Observer
-from cosim.base.kept.files_read import files_read
-from cosim.base.kept.kept_parts import KeptParts
+from cosim.base.files_read import files_read
+from cosim.base.kept_parts import KeptParts
 from cosim.config.kinds import register_installed, register_module
 from cosim.config.schema.scenario import Scenario
 from cosim.errors import InputError

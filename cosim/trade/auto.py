@@ -9,13 +9,14 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from cosim.base.kept.code_identity import code_identity
-from cosim.base.kept.kept_data import keep, kept
+from cosim.base.identity import code_identity
+from cosim.base.whole_files import keep, kept
 from cosim.config.loading import load_scenario
 from cosim.config.schema.scenario import Scenario
 from cosim.config.writing import to_table
 from cosim.errors import ScenarioError
-from cosim.trade.candidates import Candidate, short_candidates
+from cosim.trade.candidate import Candidate
+from cosim.trade.candidates import short_candidates
 from cosim.trade.choice import Requirement, pareto_front, pick
 from cosim.trade.compilation import compile_for_trade
 from cosim.trade.curve import Follow, unfollowed

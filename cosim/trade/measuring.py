@@ -17,7 +17,7 @@ from cosim.base.frames import Array
 from cosim.config.loading import load_scenario
 from cosim.config.schema.scenario import Scenario
 from cosim.errors import CosimError
-from cosim.trade.candidates import Candidate
+from cosim.trade.candidate import Candidate
 from cosim.trade.commands import with_commands
 from cosim.trade.curve import Curve, Follow, TooSlowError, trace, unfollowed
 from cosim.trade.measured import FORCE_WINDOW_S, Measured

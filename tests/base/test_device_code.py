@@ -8,8 +8,7 @@ import numba
 import numpy as np
 import pytest
 
-from cosim.base.array_views import handing_on_views
-from cosim.base.kernels import REAL, VECTOR, allocating, device_function, kernel
+from cosim.base.kernels import Vector, allocating, device_function, handing_on_views, kernel
 
 
 @device_function
@@ -22,8 +21,8 @@ def _quartered(x):  # type: ignore[no-untyped-def]
     return _halved(_halved(x))
 
 
-@kernel(REAL(REAL))
-def _three_quarters(x):  # type: ignore[no-untyped-def]
+@kernel
+def _three_quarters(x: float) -> float:
     return _halved(x) + _quartered(x)
 
 
@@ -47,8 +46,8 @@ def _ends(x):  # type: ignore[no-untyped-def]
 _both_ends = handing_on_views(_ends)
 
 
-@kernel(REAL(VECTOR))
-def _length(x):  # type: ignore[no-untyped-def]
+@kernel
+def _length(x: Vector) -> float:
     first, last = _both_ends(x)
     return last[0] - first[0]
 
@@ -67,19 +66,8 @@ def test_python_cannot_call_one() -> None:
         _halved(2.0)
 
 
-def test_another_numba_does_the_same_in_its_own_way(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(numba, "__version__", "0.99.0")
-
-    @device_function
-    def thirded(x):  # type: ignore[no-untyped-def]
-        return x / 3.0
-
-    assert numba.njit(lambda x: thirded(x))(6.0) == 2.0
-    assert thirded(6.0) == 2.0
-
-
-@kernel(REAL(REAL), taken_in=True)
-def _fifths(x):  # type: ignore[no-untyped-def]
+@kernel(taken_in=True)
+def _fifths(x: float) -> float:
     return x / 5.0
 
 

@@ -12,91 +12,153 @@ from pathlib import Path
 import pytest
 
 from cosim.base import kernels
-from cosim.base.kept import kernel_cache
 from cosim.soft.elements import cable
 
 SOURCES = Path(kernels.__file__).parent
 KERNEL = """
-from cosim.base.kernels import REAL, kernel
-from cosim.factor import times
-@kernel((REAL,))
-def scaled(x):
+from cosim.base.kernels import kernel
+from {package}.factor import times
+@kernel
+def scaled(x: float) -> float:
     return times(x)
 """
 HELPER = """
 from cosim.base.kernels import device_function
-from cosim.constants import FACTOR
+from {package}.constants import FACTOR
 @device_function
 def times(x):
     return {factor} * FACTOR * x
 """
 
 
+def write(folder: Path, name: str, factor: float = 2.0, constant: float = 1.0) -> None:
+    """Write a package of a kernel, a helper that is inlined from another file, and a number of a third."""
+    (folder / "constants.py").write_text(f"FACTOR = {constant}\n", encoding="utf-8")
+    (folder / "factor.py").write_text(HELPER.format(package=name, factor=factor), encoding="utf-8")
+    (folder / "scaled.py").write_text(KERNEL.format(package=name), encoding="utf-8")
+
+
 @pytest.fixture
 def package(tmp_path: Path) -> Path:
-    """Return a package of a kernel, a helper that is inlined from another file, and a number of a third."""
+    """Return a copy of cosim with what kernels need, and such a package within it."""
     folder = tmp_path / "cosim"
     shutil.copytree(SOURCES, folder / "base", ignore=shutil.ignore_patterns("__pycache__"))
     (folder / "__init__.py").touch()
     shutil.copy(SOURCES.parent / "errors.py", folder)
-    (folder / "constants.py").write_text("FACTOR = 1.0\n", encoding="utf-8")
-    (folder / "factor.py").write_text(HELPER.format(factor=2.0), encoding="utf-8")
-    (folder / "scaled.py").write_text(KERNEL, encoding="utf-8")
+    write(folder, "cosim")
     return folder
 
 
-def run(package: Path) -> tuple[float, int]:
-    """Return what the kernel makes of 1 in a new process, and how often it had to be compiled."""
+def run(package: Path, name: str = "cosim", before: str = "", **environment: str) -> tuple[float, int, str]:
+    """Return what the kernel makes of 1 in a new process, how often it was compiled, and what was said."""
     code = (
-        "from cosim.scaled import scaled; y = scaled(1.0);print(y, sum(scaled.stats.cache_misses.values()))"
+        f"from {name}.scaled import scaled; y = scaled(1.0);print(y, sum(scaled.stats.cache_misses.values()))"
     )
-    environment = os.environ | {"PYTHONPATH": str(package.parent)}
     done = subprocess.run(
-        [sys.executable, "-c", code], env=environment, cwd=package.parent, capture_output=True, text=True,
-        check=True,
+        [sys.executable, "-c", before + code], capture_output=True, text=True, check=False,
+        env=os.environ | {"PYTHONPATH": str(package.parent), **environment}, cwd=package.parent,
     )  # fmt: skip
+    assert done.returncode == 0, done.stderr
     value, misses = done.stdout.split()
-    return float(value), int(misses)
+    return float(value), int(misses), done.stderr
 
 
-def test_what_is_inlined_from_another_file_is_compiled_anew_when_that_changes(package: Path) -> None:
-    assert run(package) == (2.0, 1)
-    assert run(package) == (2.0, 0)
-    (package / "factor.py").write_text(HELPER.format(factor=3.0), encoding="utf-8")
-    assert run(package) == (3.0, 1)
-    (package / "constants.py").write_text("FACTOR = 10.0\n", encoding="utf-8")
-    assert run(package) == (30.0, 1)
-    (package / "factor.py").write_text(HELPER.format(factor=2.0), encoding="utf-8")
-    (package / "constants.py").write_text("FACTOR = 1.0\n", encoding="utf-8")
-    assert run(package) == (2.0, 0)  # kept beside the others
+def kept_files(folder: Path) -> list[Path]:
+    return sorted((folder / "kernels").iterdir())
+
+
+@pytest.mark.parametrize("before", ["", "import numba; numba.__version__ = '0.99.0';"])
+@pytest.mark.parametrize("name", ["cosim", "own"])
+def test_what_is_inlined_from_another_file_is_compiled_anew_when_that_changes(
+    package: Path, name: str, before: str
+) -> None:
+    folder = package.parent / name
+    folder.mkdir(exist_ok=True)
+    (folder / "__init__.py").touch()
+    write(folder, name)
+    assert run(package, name, before)[:2] == (2.0, 1)
+    assert run(package, name, before)[:2] == (2.0, 0)
+    write(folder, name, factor=3.0)
+    assert run(package, name, before)[:2] == (3.0, 1)
+    write(folder, name, factor=3.0, constant=10.0)
+    assert run(package, name, before)[:2] == (30.0, 1)
+    write(folder, name)
+    assert run(package, name, before) == (2.0, 0, "")  # kept beside the others
+
+
+@pytest.mark.parametrize("damaged", [b"", bytes(range(256)) * 40])
+def test_damaged_machine_code_is_compiled_anew_with_a_warning(package: Path, damaged: bytes) -> None:
+    assert run(package) == (2.0, 1, "")
+    (file,) = kept_files(package / "__pycache__")
+    sound = file.read_bytes()
+    for content in (damaged, sound[: len(sound) // 2], sound[:-1] + b"?"):
+        file.write_bytes(content)
+        value, misses, said = run(package)
+        assert (value, misses) == (2.0, 1)
+        assert f"RuntimeWarning: {file}: is damaged" in said
+        assert run(package) == (2.0, 0, "")
+
+
+def test_a_folder_to_which_others_may_write_is_not_used(package: Path, tmp_path: Path) -> None:
+    chosen, own = tmp_path / "chosen", tmp_path / "home"
+    chosen.mkdir(mode=0o777)
+    places = {"NUMBA_CACHE_DIR": str(chosen), "XDG_CACHE_HOME": str(own)}
+    assert run(package, **places) == (2.0, 1, "")
+    assert (
+        chosen / "kernels"
+    ).stat().st_mode & 0o777 == 0o700  # an own one, whoever writes to that around it
+    (file,) = kept_files(chosen)
+    file.write_bytes(b"not to be read")
+    (chosen / "kernels").chmod(0o777)
+    value, misses, said = run(package, **places)
+    assert (value, misses) == (2.0, 1)
+    assert f"RuntimeWarning: {chosen / 'kernels'}: others own it or may write to it" in said
+    assert "is damaged" not in said
+    assert file.read_bytes() == b"not to be read"
+    assert len(kept_files(own / "cosim")) == 1
+    assert run(package, **places)[:2] == (2.0, 0)
+    file.unlink()
+    (chosen / "kernels").chmod(0o700)  # the remedy
+    assert run(package, **places) == (2.0, 1, "")
+
+
+def test_without_a_folder_that_can_be_written_kernels_are_compiled_each_time(package: Path) -> None:
+    places = {"NUMBA_CACHE_DIR": str(package / "errors.py"), "XDG_CACHE_HOME": str(package / "errors.py")}
+    assert run(package, **places) == run(package, **places) == (2.0, 1, "")
+
+
+def test_settings_of_the_compiler_count(package: Path) -> None:
+    assert run(package)[1] == 1
+    assert run(package, NUMBA_OPT="1")[1] == 1
+    assert run(package, NUMBA_NUM_THREADS="1")[1] == 0
 
 
 def test_imports_of_every_form_count(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(kernels, "_PACKAGE", tmp_path)
-    for name in ("a", "b", "c", "d", "e"):
+    monkeypatch.setattr(kernels, "_PACKAGE", tmp_path / "cosim")
+    (tmp_path / "cosim").mkdir()
+    for name in ("cosim/a", "cosim/b", "cosim/c", "cosim/d", "cosim/e", "f", "g"):
         (tmp_path / f"{name}.py").touch()
     main = tmp_path / "main.py"
     main.write_text(
         "from cosim.a import x\nfrom cosim import b, no\nfrom cosim import (\n    c,\n    d as other,\n)\n"
-        "import numpy\ndef f():\n    import cosim.e\n",
+        "import numpy\nimport f\nfrom . import g\ndef f():\n    import cosim.e\n",
         encoding="utf-8",
     )
-    assert {path.stem for path in kernels._imports(main)} == {"a", "b", "c", "d", "e"}
+    assert {path.stem for path in kernels._imports(main)} == {*"abcdefg"}
 
 
 def test_old_machine_code_is_deleted_and_that_of_other_kernels_is_not(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(kernel_cache, "_OLD_S", 60.0)
+    monkeypatch.setattr(kernels, "_OLD_S", 60.0)
     kernel = next(value for value in vars(cable).values() if hasattr(value, "fixed_signature"))
-    kept = kernel._cache
-    base = kept._impl.filename_base
-    own = kept._cache_file._index_name
-    monkeypatch.setattr(kept, "_cache_path", str(tmp_path))
-    for name in (own, f"{base}.1.nbc", f"{base}-0123456789ab.nbi", f"{base}-ba9876543210.nbi", "other.1.nbc"):
+    cache = kernels.KernelCache(kernel.py_func, tmp_path, alone=True)
+    own = cache.path(kernel.fixed_signature).name
+    base = own.rpartition("-")[0]
+    for name in (own, f"{base}-0123456789ab.nbc", f"{base}-ba9876543210.nbc", "other-0123456789ab.nbc"):
         (tmp_path / name).touch()
         age_s = 0.0 if name.startswith(f"{base}-ba") else 100.0
         os.utime(tmp_path / name, (time.time() - age_s,) * 2)
-    kernel_cache.remove_old([kernel])
-    left = {own, f"{base}-ba9876543210.nbi", "other.1.nbc"}
+    cache.remove_old(kernel.fixed_signature)
+    left = {own, f"{base}-ba9876543210.nbc", "other-0123456789ab.nbc"}
     assert {path.name for path in tmp_path.iterdir()} == left

@@ -1,25 +1,148 @@
-"""A kernel that is called by its address does what it does when it is called by its name."""
+"""A kernel called by its address does what it does when it is called by its name, with any numba."""
 
 from __future__ import annotations
 
-import numpy as np
+import ctypes
+import os
+import subprocess
+import sys
+from pathlib import Path
+from typing import NamedTuple
 
-from cosim.base.kernel_calls import address_of, caller
-from cosim.base.kernels import INDICES, MATRIX, REAL, VECTOR, kernel
+import numba
+import numpy as np
+import pytest
+
+from cosim.base import numba_insides
+from cosim.base.frames import Array, IntArray
+from cosim.base.kernels import (
+    Indices,
+    Matrix,
+    Vector,
+    address_of,
+    allocating,
+    device_function,
+    handing_on_views,
+    inlined,
+    kernel,
+    nothing_of,
+    small_matrix,
+    zero_vector,
+)
+from cosim.base.numba_insides import call_native, caller, same_bits
 from cosim.soft.elements.mass_terms import add_gravity
 
+ROOT = Path(__file__).resolve().parents[2]
 _add_gravity = caller(add_gravity)
 
 
-@kernel(REAL(INDICES, MATRIX, VECTOR, VECTOR, MATRIX))
-def _weight_of_some(calls, x, mass, gravity, gradient):  # type: ignore[no-untyped-def]
-    return _add_gravity(calls[0], (x[1:], mass[1:], gravity, gradient[1:]))
+class Weights(NamedTuple):
+    """What the chain of kernels is given."""
+
+    x: Matrix
+    mass: Vector
+    gravity: Vector
+    gradient: Matrix
+    scale: float
 
 
-def test_a_kernel_calls_another_by_its_address() -> None:
+@handing_on_views
+def _all_but_first(w):  # type: ignore[no-untyped-def]
+    return Weights(w.x[1:], w.mass[1:], w.gravity, w.gradient[1:], w.scale)
+
+
+@allocating
+def _copied(vector):  # type: ignore[no-untyped-def]
+    copy = np.empty(len(vector))
+    copy[:] = vector
+    return copy
+
+
+@inlined
+def _with_sign(value, of):  # type: ignore[no-untyped-def]
+    sign = np.uint64(1) << np.uint64(63)
+    return same_bits((same_bits(value) & ~sign) | (same_bits(of) & sign))
+
+
+@device_function
+def _sum(vector):  # type: ignore[no-untyped-def]
+    work, total = small_matrix(2, 4), zero_vector(3)
+    for i in range(len(vector)):
+        work[1, i % 4] = vector[i]
+        total[i % 3] += work[1, i % 4]
+    return total[0] + total[1] + total[2]
+
+
+@kernel
+def weight_of_some(calls: Indices, weights: Weights) -> float:
+    """Return the potential of all nodes but the first."""
+    w = _all_but_first(weights)
+    return w.scale * _add_gravity(calls[0], (w.x, w.mass, w.gravity, w.gradient))  # type: ignore[no-any-return]
+
+
+_weight_of_some = caller(weight_of_some)
+
+
+@kernel(reorder_sums=True, allocates=True)
+def weight_and_mass(calls: Indices, weights: Weights, native: int) -> tuple[float, float, bool]:
+    """Return what `weight_of_some` does, by its address, and minus the mass of the others."""
+    call_native(native, calls[2], calls[3])
+    mass = _sum(_copied(weights.mass[1:]))
+    return _weight_of_some(calls[1], (calls, weights)), _with_sign(mass, -1.0), weights.x.shape[0] > 1
+
+
+def check() -> None:
+    """Check the chain with the numba that is there."""
     x, mass = np.random.default_rng(1).normal(size=(5, 3)), np.arange(5.0)
     gravity, gradient, expected = np.array([0.1, 0.2, -9.81]), np.zeros((5, 3)), np.zeros((5, 3))
-    energy = _weight_of_some(np.array([address_of(add_gravity)]), x, mass, gravity, gradient)
-    assert energy == add_gravity(x[1:], mass[1:], gravity, expected[1:])
+    called: list[tuple[int, int]] = []
+    note = ctypes.CFUNCTYPE(None, ctypes.c_size_t, ctypes.c_size_t)(lambda *given: called.append(given))
+    native = ctypes.cast(note, ctypes.c_void_p).value
+    calls = np.array([address_of(add_gravity), address_of(weight_of_some), 7, 8])
+    found = weight_and_mass(calls, Weights(x, mass, gravity, gradient, 2.0), native or 0)
+    assert found == (2.0 * add_gravity(x[1:], mass[1:], gravity, expected[1:]), -10.0, True)
     assert (gradient == expected).all()
     assert gradient[1:].any()
+    assert called == [(7, 8)]
+
+
+def test_kernels_call_others_by_their_addresses() -> None:
+    assert numba_insides.KNOWN
+    check()
+
+
+def test_another_numba_does_the_same_by_their_names() -> None:
+    code = (
+        "import numba; numba.__version__ = '0.99.0'; from cosim.base import numba_insides;"
+        "assert not numba_insides.KNOWN; import tests.base.test_kernel_calls as t; t.check()"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=ROOT, env=os.environ | {"PYTHONPATH": str(ROOT)}, check=False,
+        capture_output=True, text=True,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+
+
+def test_a_signature_is_read_from_annotations() -> None:
+    weights = weight_of_some.fixed_signature.args[1]  # type: ignore[attr-defined]
+    made = Weights(np.ones((2, 3)), np.ones(2), np.ones(3), np.ones((2, 3)), 1.0)
+    assert weights == numba.typeof(made)
+    signature = weight_and_mass.fixed_signature  # type: ignore[attr-defined]
+    assert signature.return_type == numba.typeof((1.0, 1.0, True))
+    assert signature.args == (numba.int64[::1], weights, numba.int64)
+    assert [part.shape for part in nothing_of(Weights)[:2]] == [(0, 0), (0,)]
+
+
+def test_an_annotation_that_says_too_little_is_refused() -> None:
+    def given(x: Array) -> float:
+        return float(x[0])
+
+    def returned(x: Vector) -> IntArray:
+        return np.array([len(x)])
+
+    def nothing(x, y: int) -> None:  # type: ignore[no-untyped-def]
+        pass
+
+    for function, what in ((given, "ndarray"), (returned, "ndarray"), (nothing, "does not annotate 'x'")):
+        with pytest.raises(TypeError, match=rf"{function.__name__}\(\).*{what}"):
+            kernel(function)

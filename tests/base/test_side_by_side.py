@@ -14,18 +14,18 @@ from cosim.base import kernels
 
 SOURCES = Path(kernels.__file__).parent
 MODULE = """
-from cosim.base.kernels import REAL, kernel
-@kernel(REAL(REAL))
-def first(x):
+from cosim.base.kernels import kernel
+@kernel
+def first(x: float) -> float:
     return {factor} * x
-@kernel(REAL(REAL))
-def second(x):
+@kernel
+def second(x: float) -> float:
     return {factor} * x + 1.0
 """
 MODULES = 3
 RUN = """
 import importlib, os, subprocess, sys, time
-from cosim.base.kept import compilation, side_by_side
+from cosim.base import compilation
 {before}
 modules = tuple(importlib.import_module(f"cosim.part_{{k}}") for k in range({modules}))
 told, started, begin = [], [], subprocess.Popen
@@ -38,7 +38,7 @@ values = [kernel(10.0) for kernel in kernels]
 assert all(process.poll() is not None for process in started)
 print(values, count("cache_hits"), count("cache_misses"), len(started), len(told), sep="|")
 """
-IDLE = "side_by_side.compile_parts = lambda take, parts: None"
+IDLE = "compilation.compile_parts = lambda take, parts: None"
 VALUES = "[0.0, 1.0, 10.0, 11.0, 20.0, 21.0]"
 
 
@@ -99,7 +99,7 @@ def test_an_interruption_ends_the_others(package: Path) -> None:
     before = """
 def interrupted(take, parts):
     raise KeyboardInterrupt
-side_by_side.compile_parts = interrupted
+compilation.compile_parts = interrupted
 whole = compilation.compile_modules
 def compile_modules(*given):
     try:

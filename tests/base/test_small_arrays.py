@@ -2,13 +2,21 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numba
 import numpy as np
 import pytest
-from numba import types
 
-from cosim.base.kernels import BOOLEAN, INTEGER, REAL, VECTOR, device_function, kernel
-from cosim.base.small_arrays import small_matrix, small_vector, zero_matrix, zero_vector
+from cosim.base.kernels import (
+    Vector,
+    device_function,
+    kernel,
+    small_matrix,
+    small_vector,
+    zero_matrix,
+    zero_vector,
+)
 
 _ROWS = 4
 
@@ -24,15 +32,15 @@ def _sum_of_squares(count):  # type: ignore[no-untyped-def]
     return total
 
 
-@kernel(REAL(INTEGER))
-def _twice(count):  # type: ignore[no-untyped-def]
+@kernel
+def _twice(count: int) -> float:
     own = small_vector(8)
     own[3] = 100.0
     return _sum_of_squares(count) + _sum_of_squares(count - 1) + own[3]
 
 
-@kernel(INTEGER(VECTOR))
-def _fill_by_rows(out):  # type: ignore[no-untyped-def]
+@kernel
+def _fill_by_rows(out: Vector) -> int:
     own = small_matrix(_ROWS, 3)
     for r in range(own.shape[0]):
         for c in range(own.shape[1]):
@@ -43,8 +51,8 @@ def _fill_by_rows(out):  # type: ignore[no-untyped-def]
     return own[2].size
 
 
-@kernel(BOOLEAN(INTEGER))
-def _zeros_each_time(times):  # type: ignore[no-untyped-def]
+@kernel
+def _zeros_each_time(times: int) -> bool:
     total = 0.0
     for _ in range(times):
         vector, matrix = zero_vector(3), zero_matrix(2, 2)
@@ -75,8 +83,12 @@ def test_lengths_are_known_beforehand() -> None:
         numba.njit(lambda count: small_vector(count)[0])(3)
 
 
-@pytest.mark.parametrize("returned", [VECTOR, types.Tuple((VECTOR, REAL))])
-def test_a_kernel_that_returns_arrays_says_that_it_allocates(returned: types.Type) -> None:
+@pytest.mark.parametrize("returned", [Vector, tuple[Vector, float]])
+def test_a_kernel_that_returns_arrays_says_that_it_allocates(returned: Any) -> None:
+    def made(x: Any) -> Any:
+        return x
+
+    made.__annotations__ = {"x": Vector, "return": returned}
     with pytest.raises(TypeError, match="say that it allocates"):
-        kernel(returned(VECTOR))
-    assert kernel(returned(VECTOR), allocates=True) is not None
+        kernel(made)
+    assert kernel(allocates=True)(made) is not None

@@ -10,7 +10,7 @@ import pytest
 
 import cosim
 from cosim.app.driver import build_simulation
-from cosim.base.kept.kept_parts import KeptParts
+from cosim.base.kept_parts import KeptParts
 from cosim.build.parts.soft_model import SoftModel
 from cosim.build.soft_body import build_soft_body
 from cosim.config.json_schema import json_schema

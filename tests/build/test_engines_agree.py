@@ -13,8 +13,9 @@ from cosim.build.engines_agree import check_engines_agree
 from cosim.build.scene_objects import palm_mass, palm_object
 from cosim.config.schema.soft_robot import PalmTable
 from cosim.errors import InputError
-from cosim.kinematics import Arm, Payload
-from cosim.rigid import RigidScene, SceneDescription
+from cosim.kinematics.arm import Arm, Payload
+from cosim.rigid.build.description import SceneDescription
+from cosim.rigid.scene.scene import RigidScene
 
 UR5E = find_arm("ur5e")
 SCENE = RigidScene(SceneDescription(UR5E))

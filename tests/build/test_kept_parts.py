@@ -14,7 +14,7 @@ import cosim
 from cosim import KeptParts, Simulation
 from cosim.base.frames import Pose
 from cosim.base.identity import content_name
-from cosim.base.kept.kept_parts import name_of
+from cosim.base.kept_parts import name_of
 from cosim.build import simulation as building
 from cosim.build.parts import solved_plans
 from cosim.errors import ScenarioError
@@ -234,7 +234,7 @@ def test_another_file_of_a_mesh_is_another_body(tmp_path: Path) -> None:
         made.append(len(made))
         return made[-1]
 
-    from cosim.base.kept.kept_parts import stamps
+    from cosim.base.kept_parts import stamps
 
     first = parts.made("body", name_of(stamps([film])), body)
     assert parts.made("body", name_of(stamps([film])), body) == first

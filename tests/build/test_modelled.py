@@ -10,7 +10,6 @@ import pytest
 
 import cosim
 from cosim.base.frames import Pose
-from cosim.build.decisions import CONTACT
 from cosim.build.simulation import build
 from cosim.config.loading import load_scenario
 from cosim.config.schema.film import StiffenerTable
@@ -20,6 +19,7 @@ from cosim.soft.body.loads import Loads
 from cosim.soft.solve.energy_share import hinge_energy_share
 from cosim.soft.solve.newton_options import NewtonOptions
 from cosim.soft.solve.state import SoftState
+from cosim.telemetry.choices import CONTACT
 from tests.soft.bodies import held, hexagon_arm
 
 GIVEN: dict[str, Any] = {

@@ -16,8 +16,8 @@ from cosim.coupling.schemes.scheme import Coupling
 from cosim.coupling.schemes.staggered import StaggeredCoupling
 from cosim.coupling.soft_sides.lumped_arm import SoftArm
 from cosim.errors import SolverError
-from cosim.kinematics import Arm, solve
-from cosim.kinematics.arm import Payload
+from cosim.kinematics.arm import Arm, Payload
+from cosim.kinematics.inverse_kinematics import solve
 from cosim.rigid.build.description import SceneDescription, ServoGains
 from cosim.rigid.scene.scene import RigidScene
 from cosim.soft.body.loads import Loads

@@ -8,7 +8,7 @@ import pytest
 from cosim.base.frames import Pose, rotation_from_vector, vector_from_rotation
 from cosim.build.arms import find_arm
 from cosim.errors import InputError
-from cosim.kinematics import Arm, Payload
+from cosim.kinematics.arm import Arm, Payload
 
 ARM = Arm(find_arm("ur5e"))
 Q = np.array([0.3, -1.2, 1.1, -0.7, 0.9, 2.0])

@@ -7,11 +7,12 @@ import numpy as np
 import pytest
 
 from cosim.build.arms import find_arm
-from cosim.kinematics import Arm
+from cosim.kinematics.arm import Arm
 from cosim.kinematics.clearance import Clearance
-from cosim.rigid import RigidScene, SceneDescription, SceneObject
 from cosim.rigid.build.compile_model import compile_model
+from cosim.rigid.build.description import SceneDescription, SceneObject
 from cosim.rigid.build.geometry import Geometry
+from cosim.rigid.scene.scene import RigidScene
 
 AROUND = (
     SceneObject("table", "box", (0.6, 0.4, 0.2), (0.5, 0.1, 0.1), (0.9, 0.1, 0.2, 0.3)),

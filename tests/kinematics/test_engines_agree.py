@@ -10,8 +10,9 @@ import pytest
 from cosim.base.frames import Pose, Wrench, rotation_from_vector
 from cosim.base.resources import list_arms
 from cosim.build.arms import find_arm
-from cosim.kinematics import Arm, Payload
-from cosim.rigid import RigidScene, SceneDescription
+from cosim.kinematics.arm import Arm, Payload
+from cosim.rigid.build.description import SceneDescription
+from cosim.rigid.scene.scene import RigidScene
 
 BASE = Pose(rotation_from_vector(np.array([0.4, -0.2, 0.9])), np.array([0.3, -0.1, 0.5]))
 

@@ -10,7 +10,8 @@ import pytest
 from cosim.base.frames import Pose, rotation_from_vector
 from cosim.build.arms import find_arm
 from cosim.errors import UnreachableError
-from cosim.kinematics import Arm, follow, solve
+from cosim.kinematics.arm import Arm
+from cosim.kinematics.inverse_kinematics import follow, solve
 from tests.config.arm_texts import GANTRY_MJCF
 from tests.derivatives import differences, relative_error
 

@@ -9,7 +9,7 @@ import pytest
 
 from cosim.base.resources import robots_directory
 from cosim.build.arms import find_arm
-from cosim.kinematics import Arm
+from cosim.kinematics.arm import Arm
 
 URDF = robots_directory() / "ur5e" / "ur5e.urdf"
 

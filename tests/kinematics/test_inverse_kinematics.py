@@ -8,7 +8,8 @@ import pytest
 from cosim.base.frames import Pose, rotation_from_quaternion, rotation_from_vector
 from cosim.build.arms import find_arm
 from cosim.errors import InputError, UnreachableError
-from cosim.kinematics import Arm, InverseKinematicsOptions, follow, solve
+from cosim.kinematics.arm import Arm
+from cosim.kinematics.inverse_kinematics import InverseKinematicsOptions, follow, solve
 
 UR5E = Arm(find_arm("ur5e"))
 PANDA = Arm(find_arm("panda"))

@@ -9,7 +9,7 @@ import numpy as np
 
 from cosim.base.frames import Pose, rotation_from_vector
 from cosim.build.arms import find_arm
-from cosim.kinematics import Arm
+from cosim.kinematics.arm import Arm
 
 HALF = 0.5 * np.pi
 # Joint frames in the parent link: x, y, z [m], roll, pitch, yaw [rad]; axis +z.

@@ -16,7 +16,8 @@ from cosim.build import section_cache
 from cosim.build.arms import find_arm
 from cosim.config.loading import load_scenario
 from cosim.errors import ScenarioError, UnreachableError
-from cosim.kinematics import Arm, solve
+from cosim.kinematics.arm import Arm
+from cosim.kinematics.inverse_kinematics import solve
 from cosim.plan.flange_path import rotation_from_direction
 from cosim.plan.paths.pose_track import PoseTrack
 from cosim.plan.paths.track_joints import track_joints

@@ -12,8 +12,9 @@ import cosim
 from cosim.build.arms import find_arm
 from cosim.config.loading import load_scenario
 from cosim.errors import InputError
-from cosim.rigid import RigidScene, SceneDescription
 from cosim.rigid.build.cell_reading import read_cell
+from cosim.rigid.build.description import SceneDescription
+from cosim.rigid.scene.scene import RigidScene
 
 CELL = """<mujoco><default><geom friction="0.8 0.005 0.0001"/></default><worldbody>
 <body name="belt" pos="0.6 0 0.1"><joint name="belt" type="slide" axis="0 1 0" range="-0.1 0.5"/>

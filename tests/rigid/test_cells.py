@@ -8,13 +8,14 @@ import numpy as np
 import pytest
 
 import cosim
-from cosim.base.kept.files_read import files_read
+from cosim.base.files_read import files_read
 from cosim.build.arms import find_arm
 from cosim.cli.main import main
 from cosim.config.loading import load_scenario
 from cosim.errors import InputError
-from cosim.rigid import RigidScene, SceneDescription, SceneObject
 from cosim.rigid.build.cell_reading import read_cell
+from cosim.rigid.build.description import SceneDescription, SceneObject
+from cosim.rigid.scene.scene import RigidScene
 
 CELL = """<mujoco model="bench"><compiler angle="degree"/>
 <option timestep="0.001" integrator="RK4"/>

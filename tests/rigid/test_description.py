@@ -11,7 +11,8 @@ import pytest
 from cosim.base.frames import Array, Wrench
 from cosim.build.arms import find_arm
 from cosim.errors import ConvergenceError, InputError, SceneError
-from cosim.rigid import RigidScene, SceneDescription, SceneObject, ServoGains
+from cosim.rigid.build.description import SceneDescription, SceneObject, ServoGains
+from cosim.rigid.scene.scene import RigidScene
 
 ARM = find_arm("ur5e")
 

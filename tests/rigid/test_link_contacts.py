@@ -7,7 +7,8 @@ import pytest
 
 from cosim.base.resources import list_arms
 from cosim.build.arms import find_arm
-from cosim.rigid import RigidScene, SceneDescription, SceneObject
+from cosim.rigid.build.description import SceneDescription, SceneObject
+from cosim.rigid.scene.scene import RigidScene
 
 ARM = find_arm("ur5e")
 

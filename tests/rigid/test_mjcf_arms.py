@@ -12,8 +12,9 @@ from cosim.build.arms import find_arm
 from cosim.build.engines_agree import check_engines_agree
 from cosim.cli.main import main
 from cosim.errors import InputError
-from cosim.kinematics import Arm
-from cosim.rigid import RigidScene, SceneDescription
+from cosim.kinematics.arm import Arm
+from cosim.rigid.build.description import SceneDescription
+from cosim.rigid.scene.scene import RigidScene
 from tests.config.arm_texts import GANTRY_MJCF, SIX_JOINTS_MJCF
 
 GRIPPER = """<body name="hand" pos="0 0 0.1"><inertial pos="0 0 0" mass="0.3" diaginertia="1e-3 1e-3 1e-3"/>

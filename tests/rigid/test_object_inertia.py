@@ -11,8 +11,9 @@ import cosim
 from cosim.build.arms import find_arm
 from cosim.build.scene_objects import rigid_object
 from cosim.config.loading import load_scenario
-from cosim.rigid import RigidScene, SceneDescription, SceneObject
+from cosim.rigid.build.description import SceneDescription, SceneObject
 from cosim.rigid.build.joint import Joint
+from cosim.rigid.scene.scene import RigidScene
 
 ARM = find_arm("ur5e")
 

@@ -10,8 +10,9 @@ from cosim.build.arms import find_arm
 from cosim.config.arms.arm_reading import ArmSource, read_urdf
 from cosim.config.arms.arm_table import ArmTable
 from cosim.errors import InstabilityError
-from cosim.kinematics import Arm, Payload
-from cosim.rigid import RigidScene, SceneDescription, SceneObject
+from cosim.kinematics.arm import Arm, Payload
+from cosim.rigid.build.description import SceneDescription, SceneObject
+from cosim.rigid.scene.scene import RigidScene
 
 FILE = find_arm("ur5e")
 HOME = FILE.home

@@ -11,8 +11,9 @@ from scipy.spatial.distance import cdist
 from cosim.base.frames import Pose
 from cosim.base.resources import list_arms
 from cosim.build.arms import find_arm
-from cosim.rigid import RigidScene, SceneDescription, SceneObject
 from cosim.rigid.build import tessellation
+from cosim.rigid.build.description import SceneDescription, SceneObject
+from cosim.rigid.scene.scene import RigidScene
 
 
 def volume(mesh: tessellation.Mesh) -> float:

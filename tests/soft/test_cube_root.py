@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cosim.soft.elements.cube_root import rough_cube_root
+from cosim.soft.elements.wrinkling import rough_cube_root
 from tests.compiled import compiled
 
 root = compiled(rough_cube_root)

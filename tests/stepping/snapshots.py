@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from cosim.telemetry.snapshot import LedgerEntry, Snapshot
+from cosim.coupling.schemes.ledger import LedgerEntry
+from cosim.telemetry.snapshot import Snapshot
 
 
 def numbers(snapshot: Snapshot) -> dict[str, Any]:

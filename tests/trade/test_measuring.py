@@ -8,7 +8,7 @@ import pytest
 from cosim.base.frames import Array
 from cosim.build.simulation import build
 from cosim.config.loading import load_scenario
-from cosim.trade.candidates import Candidate
+from cosim.trade.candidate import Candidate
 from cosim.trade.curve import Curve, trace
 from cosim.trade.measured import Measured
 from cosim.trade.measuring import compared

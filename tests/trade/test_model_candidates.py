@@ -12,7 +12,8 @@ from cosim.build.simulation import build
 from cosim.config.loading import load_scenario
 from cosim.config.schema.scenario import Scenario
 from cosim.plan.flange_path import pose_of
-from cosim.trade.candidates import Candidate, candidates_of
+from cosim.trade.candidate import Candidate
+from cosim.trade.candidates import candidates_of
 from cosim.trade.commands import flange_pose, with_commands
 from cosim.trade.measuring import measure
 from cosim.trade.model_candidates import model_candidates

@@ -20,7 +20,8 @@ from cosim.config.schema.scenario import Scenario
 from cosim.errors import InputError
 from cosim.telemetry.snapshot import RunInfo
 from cosim.telemetry.tick_batch import TickBatch
-from cosim.trade.candidates import Candidate, candidates_of
+from cosim.trade.candidate import Candidate
+from cosim.trade.candidates import candidates_of
 from cosim.trade.choice import Requirement, pareto_front, parse_budget, parse_force, parse_tolerance, pick
 from cosim.trade.commands import with_commands
 from cosim.trade.curve import Curve, unfollowed

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from cosim.base.frames import Wrench
-from cosim.base.kernels import device_function, kernel
+from cosim.base.kernels import Blocks, IndexTable, Indices, Matrix, Vector, device_function, kernel
 from cosim.rigid.scene.scene import RigidScene
 from cosim.soft.body.loads import Loads
 from cosim.soft.elements import cable, hinge, mass_terms
@@ -84,8 +84,10 @@ def one_sided_cables(patch: pytest.MonkeyPatch) -> None:
     """Cables pull 0.1 % less at their near ends than at their far ones."""
     true = device_function(cable.add_segments.py_func)
 
-    @kernel(cable.add_segments.fixed_signature)
-    def unbalanced(x, segments, tension, slots, gradient, blocks):  # type: ignore[no-untyped-def]
+    @kernel
+    def unbalanced(
+        x: Matrix, segments: IndexTable, tension: Vector, slots: IndexTable, gradient: Matrix, blocks: Blocks
+    ) -> float:
         if segments.shape[0] == 0:
             return 0.0
         near = segments[0, 0]
@@ -107,8 +109,10 @@ def heavy_inertia(patch: pytest.MonkeyPatch) -> None:
     """Inertia 2 % too large."""
     true = device_function(mass_terms.add_inertia.py_func)
 
-    @kernel(mass_terms.add_inertia.fixed_signature, allocates=True)
-    def heavy(x, coefficient, target, diagonal, gradient, blocks):  # type: ignore[no-untyped-def]
+    @kernel(allocates=True)
+    def heavy(
+        x: Matrix, coefficient: Vector, target: Matrix, diagonal: Indices, gradient: Matrix, blocks: Blocks
+    ) -> float:
         return true(x, 1.02 * coefficient, target, diagonal, gradient, blocks)
 
     in_place_of(patch, mass_terms, mass_terms.add_inertia, heavy)

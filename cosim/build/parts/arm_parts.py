@@ -8,7 +8,7 @@ from typing import Final, final
 
 from cosim.base.arm_file import ArmFile
 from cosim.base.frames import Pose
-from cosim.base.kept.kept_parts import KeptParts, name_of, stamps
+from cosim.base.kept_parts import KeptParts, name_of, stamps
 from cosim.build.arms import placed_arm
 from cosim.build.blame import blamed_on
 from cosim.build.cells import cell_of, motion_of

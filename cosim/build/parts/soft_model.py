@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import final
 
-from cosim.base.kept.kept_parts import KeptParts, name_of, nameless, stamps
+from cosim.base.kept_parts import KeptParts, name_of, nameless, stamps
 from cosim.build.fidelity import dynamic_options, fidelity_body, static_options
 from cosim.build.section_cache import largest_covered, section_model
 from cosim.config.schema.body_source import BodySourceTable, MeshTable

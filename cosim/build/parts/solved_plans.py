@@ -8,13 +8,11 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Final
 
-from llvmlite.binding import get_host_cpu_name
-
-from cosim.base.identity import content_name
-from cosim.base.kept.code_identity import code_identity
-from cosim.base.kept.kept_data import keep, kept
-from cosim.base.kept.kept_parts import is_nameless
+from cosim.base.identity import code_identity, content_name
+from cosim.base.kept_parts import is_nameless
+from cosim.base.numba_insides import processor
 from cosim.base.state_archive import read_archive, write_archive
+from cosim.base.whole_files import keep, kept
 from cosim.plan.paths.phase_drafts import SolvedPhases
 
 _MOST: Final = 100  # files, of some hundred kilobytes each
@@ -32,7 +30,7 @@ def solved_on_disk(folder: Path | None, name: str, solve: Callable[[], SolvedPha
     """
     if folder is None or is_nameless(name):
         return solve()
-    path = folder / f"plan_{content_name(name, code_identity(), get_host_cpu_name())}.kept"
+    path = folder / f"plan_{content_name(name, code_identity(), processor())}.kept"
     found = kept(path, _unpacked)
     if found is None:
         found = solve()

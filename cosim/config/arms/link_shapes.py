@@ -9,8 +9,8 @@ from typing import Final
 
 import numpy as np
 
+from cosim.base.files_read import note_file
 from cosim.base.frames import Pose
-from cosim.base.kept.files_read import note_file
 from cosim.config.arms.origins import add_origin, origin_of, text_of
 from cosim.config.arms.package_files import found_file
 from cosim.errors import InputError

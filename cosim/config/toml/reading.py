@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final, final
 
-from cosim.base.kept.files_read import read_file
+from cosim.base.files_read import read_file
 from cosim.config.toml.faults import UNKNOWN
 from cosim.errors import ScenarioError
 

@@ -8,9 +8,8 @@ from __future__ import annotations
 
 from numba import types
 
-from cosim.base.kernel_calls import caller
-from cosim.base.kernels import BOOLEAN, REAL, VECTOR, device_function, kernel
-from cosim.base.small_arrays import small_matrix
+from cosim.base.kernels import BOOLEAN, REAL, VECTOR, device_function, kernel, small_matrix
+from cosim.base.numba_insides import caller
 from cosim.coupling.batch.batch_arrays import CARRIED, CHAIN_MOTION, COMMANDS, TICKS
 from cosim.coupling.batch.tick_halves import (
     ALL_DONE,

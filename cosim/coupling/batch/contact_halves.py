@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from cosim.base.array_views import handing_on_views
 from cosim.base.frames import IntArray
-from cosim.base.kernel_calls import address_of, caller
-from cosim.base.kernels import device_function
+from cosim.base.kernels import address_of, device_function, handing_on_views
+from cosim.base.numba_insides import caller
 from cosim.coupling.batch.contact_rows import AGE, ASKS, NEAR, POINTS, REMEMBERED, TOUCHES
 from cosim.coupling.contact.contact_arrays import MemoryRows, NearPoints, Ties
 from cosim.coupling.contact.contact_kernels import conclude, describe

@@ -14,9 +14,8 @@ import numpy as np
 from numba import types
 
 from cosim.base.frames import IntArray
-from cosim.base.kernel_calls import address_of, caller
-from cosim.base.kernels import VECTOR, device_function, kernel
-from cosim.base.small_arrays import small_matrix, small_vector
+from cosim.base.kernels import VECTOR, address_of, device_function, kernel, small_matrix, small_vector
+from cosim.base.numba_insides import caller
 from cosim.coupling.batch.batch_arrays import CARRIED, TICKS
 from cosim.coupling.batch.contact_halves import (
     find_touched,

@@ -14,7 +14,7 @@ from typing import final
 import numpy as np
 
 from cosim.base.frames import Array, IntArray
-from cosim.base.kernel_calls import nothing_of
+from cosim.base.kernels import nothing_of
 from cosim.coupling.batch.added_inertia import AddedInertiaRow
 from cosim.coupling.batch.batch_arrays import Ticks
 from cosim.coupling.batch.film_kernel import advance_film_ticks, row_calls

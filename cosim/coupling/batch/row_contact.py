@@ -9,7 +9,7 @@ from typing import Final, final
 import numpy as np
 
 from cosim.base.frames import SixNumbers
-from cosim.base.kernel_calls import address_of, nothing_of
+from cosim.base.kernels import address_of, nothing_of
 from cosim.coupling.batch.batch_arrays import Ticks
 from cosim.coupling.batch.contact_halves import contact_calls
 from cosim.coupling.batch.contact_rows import (
@@ -69,7 +69,11 @@ class RowContact:
     def begin(self) -> ContactRow:
         """Return what a row of ticks begins with."""
         exchange, interface, row = self._exchange, self._interface, self._row
-        memory, search = exchange.memory, exchange.neighbours.search
+        memory, (touching, weighed, age) = exchange.memory, self._mass.begin_row()
+        if not (exchange.neighbours.begun or len(memory.key) or len(exchange.bodies.loaded) or weighed.any()):
+            row.counts[:] = 0, 0, 0, 0, age, 0
+            return row  # the first that is near ends it
+        search = exchange.neighbours.search
         room, remembered = len(search.lists.listed) + len(search.lists.features), len(memory.key)
         if row.search is not search or len(row.memory.key) < max(room, remembered):
             row = self._row = self._made(max(room, remembered))
@@ -77,7 +81,7 @@ class RowContact:
             part[:remembered] = getattr(memory, name)
         row.loaded[:] = 0
         row.loaded[exchange.bodies.loaded] = 1
-        row.touching[:], row.weighed[:], age = self._mass.begin_row()
+        row.touching[:], row.weighed[:] = touching, weighed
         handed = interface.handed
         row.handed[:] = *handed.bodies, handed.bodies_size_N
         row.counts[:] = remembered, 0, 0, 0, age, 0

@@ -7,11 +7,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from cosim.base.kernels import device_function
-from cosim.base.small_arrays import small_matrix, small_vector
+from cosim.base.kernels import device_function, small_matrix, small_vector
+from cosim.base.numba_insides import call_native
 from cosim.coupling.schemes.momentum_balance import LEVER_M, SMALLEST_N
 from cosim.reduced.sections.outputs import CENTER, INERTIA, WRENCH
-from cosim.rigid.scene.native import BEGIN, FACTORISE, FINISH, call_step
+from cosim.rigid.scene.native import BEGIN, FACTORISE, FINISH
 
 ALL_DONE, SOFT_STEP_LEFT, RIGID_SIDE_WARNS, SOFT_STEP_BEGUN = range(4)
 """How a row of ticks ended; with the second and the last, the tick's rigid half is done."""
@@ -81,7 +81,7 @@ def _carry(scene, inertia):  # type: ignore[no-untyped-def]
         for j in range(i + 1):
             scene.mass[scene.mass_places[i, j]] += inertia[i, j]
     if joints > 0:
-        call_step(scene.steps[FACTORISE], scene.sides[0], scene.sides[1])
+        call_native(scene.steps[FACTORISE], scene.sides[0], scene.sides[1])
 
 
 @device_function
@@ -177,8 +177,8 @@ def take_rigid_half(scene, carried, mounted, mass, commands, ticks, k):  # type:
         scene.applied[r] = ticks.figures[k, WRENCH + r]
     _give_back(scene, carried)
     ticks.momentum_error[k] = _momentum_error(scene, ticks.handed[k])
-    call_step(scene.steps[FINISH], scene.sides[0], scene.sides[1])
-    call_step(scene.steps[BEGIN], scene.sides[0], scene.sides[1])
+    call_native(scene.steps[FINISH], scene.sides[0], scene.sides[1])
+    call_native(scene.steps[BEGIN], scene.sides[0], scene.sides[1])
     for kind in range(scene.warnings.shape[0]):
         if scene.warnings[kind] != 0:
             return False

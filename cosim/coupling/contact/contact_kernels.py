@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numba import void
 
-from cosim.base.kernels import INTEGER, MATRIX, REAL, device_function, kernel
-from cosim.base.small_arrays import small_matrix, small_vector
+from cosim.base.kernels import INTEGER, MATRIX, REAL, device_function, kernel, small_matrix, small_vector
 from cosim.coupling.contact.contact_arrays import END, MEMORY, NEAR, SHAPES, SURFACE, TIES
 from cosim.soft.contact.contact_law import shorten, touch
 from cosim.soft.contact.obstacle_contact import PLANES

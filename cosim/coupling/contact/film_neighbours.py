@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import logging
 from dataclasses import dataclass
+from functools import cached_property
+from types import ModuleType
 from typing import final
 
 import numpy as np
 
+from cosim.base.compilation import compile_modules
 from cosim.base.frames import Array, IntArray
-from cosim.base.kernel_calls import nothing_of
+from cosim.base.kernels import nothing_of
+from cosim.coupling.contact import contact_kernels, film_search
 from cosim.coupling.contact.contact_arrays import NearPoints, SurfaceRows
 from cosim.coupling.contact.film_search import (
     LISTS,
@@ -18,11 +23,17 @@ from cosim.coupling.contact.film_search import (
     find_near,
     search_calls,
 )
+from cosim.rigid.distance import features, film_distance, mesh_distance, signed_distance
 from cosim.rigid.distance.contact_query import ContactQuery
 from cosim.rigid.distance.film_distance import TriangleLists
 from cosim.soft.contact.contact_points import ContactSurface, Extent
 
 _MARGIN_M = 8e-3  # more of it lengthens the lists, less makes them anew more often
+
+
+def contact_modules() -> tuple[ModuleType, ...]:
+    """Return the modules with kernels of contact with a scene."""
+    return contact_kernels, features, film_distance, film_search, mesh_distance, signed_distance
 
 
 @final
@@ -48,6 +59,9 @@ class Neighbours:
 class FilmNeighbours:
     """Finds what of a film and of shapes is near each other; `search` is what kernels take for it.
 
+    The kernels of contact are compiled when something is near for the first time: many runs need none.
+    `begun` is whether that has been.
+
     Args:
         query: to the shapes.
         surface: of the film.
@@ -55,8 +69,18 @@ class FilmNeighbours:
 
     def __init__(self, query: ContactQuery, surface: ContactSurface) -> None:
         self._query, self._surface = query, surface
-        self._places, self._calls = np.zeros((len(surface), 3)), search_calls()
-        self.search = self._searching(nothing_of(LISTS))
+        self._places, self.begun = np.zeros((len(surface), 3)), False
+
+    @cached_property
+    def _calls(self) -> IntArray:
+        compile_modules(logging.getLogger("cosim").warning, contact_modules())
+        self.begun = True
+        return search_calls()
+
+    @cached_property
+    def search(self) -> Search:
+        """What kernels take; its lists serve for nothing yet."""
+        return self._searching(nothing_of(LISTS))
 
     def find(
         self,

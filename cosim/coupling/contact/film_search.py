@@ -14,7 +14,6 @@ import numpy as np
 from numba import types
 
 from cosim.base.frames import Array, IntArray
-from cosim.base.kernel_calls import address_of, caller
 from cosim.base.kernels import (
     BLOCKS,
     INDEX_TABLE,
@@ -22,9 +21,11 @@ from cosim.base.kernels import (
     MATRIX,
     REAL,
     VECTOR,
+    address_of,
     device_function,
     kernel,
 )
+from cosim.base.numba_insides import caller
 from cosim.coupling.contact.contact_arrays import NEAR, SURFACE, NearPoints, SurfaceRows
 from cosim.rigid.distance.features import carry
 from cosim.rigid.distance.film_distance import film_near

@@ -6,8 +6,16 @@ import numpy as np
 from numba import int64, types, void
 
 from cosim.base.frames import Array, IntArray
-from cosim.base.kernels import INDICES, MATRIX, REAL, VECTOR, device_function, kernel
-from cosim.base.small_arrays import small_matrix, small_vector
+from cosim.base.kernels import (
+    INDICES,
+    MATRIX,
+    REAL,
+    VECTOR,
+    device_function,
+    kernel,
+    small_matrix,
+    small_vector,
+)
 from cosim.reduced.sections.block_cholesky import factorise, substitute
 from cosim.reduced.sections.contact_terms import add_contacts
 from cosim.reduced.sections.frame_terms import add_cables, add_frames

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from cosim.base.kernels import device_function
-from cosim.base.small_arrays import small_matrix, small_vector, zero_matrix
+from cosim.base.kernels import device_function, small_matrix, small_vector, zero_matrix
 from cosim.reduced.sections.section_strains import add_turning
 from cosim.soft.contact.contact_law import touch
 

@@ -8,8 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cosim.base.kernels import device_function
-from cosim.base.small_arrays import small_matrix, small_vector
+from cosim.base.kernels import device_function, small_matrix, small_vector
 from cosim.reduced.sections.section_strains import add_skew, add_turning
 
 

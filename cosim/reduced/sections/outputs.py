@@ -8,8 +8,7 @@ import numpy as np
 from numba import void
 
 from cosim.base.frames import Array, Mask, Wrench
-from cosim.base.kernels import MATRIX, VECTOR, device_function, kernel
-from cosim.base.small_arrays import small_vector
+from cosim.base.kernels import MATRIX, VECTOR, device_function, kernel, small_vector
 from cosim.reduced.sections.section_strains import CUBE, FLAGS
 from cosim.soft.elements.mass_terms import mass_moments
 

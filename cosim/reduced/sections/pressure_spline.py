@@ -13,8 +13,7 @@ import numpy as np
 from numba import int64, void
 
 from cosim.base.frames import Array
-from cosim.base.kernels import BLOCKS, MATRIX, REAL, VECTOR, device_function, kernel
-from cosim.base.small_arrays import small_matrix
+from cosim.base.kernels import BLOCKS, MATRIX, REAL, VECTOR, device_function, kernel, small_matrix
 
 _SCALE_Pa = 200.0
 TERMS = 4

@@ -19,8 +19,7 @@ import numpy as np
 from numba import float64, void
 
 from cosim.base.frames import Array
-from cosim.base.kernels import MATRIX, VECTOR, device_function, kernel
-from cosim.base.small_arrays import small_matrix, small_vector
+from cosim.base.kernels import MATRIX, VECTOR, device_function, kernel, small_matrix, small_vector
 
 _ORDERS: Final = {"A": 6, "B": 4, "B2": 2, "B3": 1, "S": 2, "Q": 2, "Q2": 1, "T": 2}
 COEFFICIENTS: Final = sum(order + 1 for order in _ORDERS.values()) + 4

@@ -17,8 +17,7 @@ from __future__ import annotations
 import numpy as np
 from numba import boolean, float64
 
-from cosim.base.kernels import device_function
-from cosim.base.small_arrays import small_matrix, small_vector
+from cosim.base.kernels import device_function, small_matrix, small_vector
 from cosim.reduced.sections.section_energy import BENT, HIGH, LOW, section_energy
 
 CUBE = float64[:, :, ::1]

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numba import int64, void
 
-from cosim.base.kernels import CUBES, INDICES, MATRIX, REAL, VECTOR, kernel
-from cosim.base.small_arrays import small_matrix
+from cosim.base.kernels import CUBES, INDICES, MATRIX, REAL, VECTOR, kernel, small_matrix
 from cosim.reduced.sections.assembly import combine_points, gas_volume
 from cosim.reduced.sections.pressure_spline import TERMS, active_terms, weighted_rows
 from cosim.reduced.sections.section_strains import CUBE

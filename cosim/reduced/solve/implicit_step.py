@@ -9,8 +9,7 @@ from __future__ import annotations
 
 from numba import int64, types
 
-from cosim.base.kernels import MATRIX, REAL, VECTOR, device_function, kernel
-from cosim.base.small_arrays import small_vector
+from cosim.base.kernels import MATRIX, REAL, VECTOR, device_function, kernel, small_vector
 from cosim.reduced.sections.assembly import (
     CABLES,
     CHAIN,

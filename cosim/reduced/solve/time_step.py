@@ -8,7 +8,7 @@ from typing import final
 import numpy as np
 
 from cosim.base.frames import Array, Pose
-from cosim.base.kernel_calls import address_of
+from cosim.base.kernels import address_of
 from cosim.errors import ConvergenceError, OutOfRangeError
 from cosim.reduced.sections.outputs import FIGURES
 from cosim.reduced.solve.arrays import ChainArrays

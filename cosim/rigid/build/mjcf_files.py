@@ -13,7 +13,7 @@ from typing import Final, final
 
 import mujoco
 
-from cosim.base.kept.files_read import note_file
+from cosim.base.files_read import note_file
 from cosim.base.resources import is_file
 from cosim.config.arms.robot_tree import check_depth, read_xml
 from cosim.errors import InputError

@@ -17,8 +17,9 @@ from cosim.base.kernels import (
     VECTOR,
     device_function,
     kernel,
+    small_matrix,
+    zero_vector,
 )
-from cosim.base.small_arrays import small_matrix, zero_vector
 from cosim.rigid.distance.mesh_distance import closest_on_triangle
 
 _RUN = 32  # triangles that are passed over together: neighbours mostly follow one another

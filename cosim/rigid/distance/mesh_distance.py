@@ -9,8 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from cosim.base.frames import Array
-from cosim.base.kernels import BLOCKS, MATRIX, device_function, kernel
-from cosim.base.small_arrays import small_vector
+from cosim.base.kernels import BLOCKS, MATRIX, device_function, kernel, small_vector
 
 FAR = 1e9  # distance reported where a surface is not defined
 

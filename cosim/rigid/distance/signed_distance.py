@@ -19,8 +19,8 @@ from cosim.base.kernels import (
     VECTOR,
     device_function,
     kernel,
+    small_vector,
 )
-from cosim.base.small_arrays import small_vector
 from cosim.rigid.distance.mesh_distance import FAR, grid, hull
 from cosim.rigid.distance.primitive_distance import box, capsule, cylinder, ellipsoid, plane, sphere
 from cosim.rigid.distance.shapes import Shapes

@@ -12,9 +12,7 @@ from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
-from llvmlite import ir
 from numba import types
-from numba.extending import intrinsic
 
 from cosim.base.frames import Array, IntArray
 from cosim.base.kernels import INDEX_TABLE, INDICES, MATRIX, VECTOR
@@ -77,20 +75,6 @@ NATIVE_SCENE = types.NamedTuple(
     ),
     NativeScene,
 )  # fmt: skip
-
-
-def _call_step(_typing: Any, address: Any, model: Any, data: Any) -> Any:
-    def generate(context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
-        word = ir.IntType(64)  # a pointer is passed as one
-        function = ir.FunctionType(ir.VoidType(), [word, word])
-        builder.call(builder.inttoptr(arguments[0], function.as_pointer()), arguments[1:])
-        return context.get_dummy_value()
-
-    return types.void(types.int64, types.int64, types.int64), generate
-
-
-call_step: Any = intrinsic(_call_step)
-"""Calls one of `NativeScene.steps` from a kernel: call_step(address, model, data)."""
 
 
 def native_scene(model: mujoco.MjModel, data: mujoco.MjData, layout: ArmLayout) -> NativeScene | None:

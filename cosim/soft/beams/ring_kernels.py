@@ -15,8 +15,8 @@ from cosim.base.kernels import (
     VECTOR,
     device_function,
     kernel,
+    small_matrix,
 )
-from cosim.base.small_arrays import small_matrix
 from cosim.soft.beams.band_cholesky import BAND, forward_rows, place_in_band
 from cosim.soft.beams.beam_lanes import BENT, FORCE, LANES, SECOND, STRAIN, TURNS, lane_of, three
 from cosim.soft.beams.node_turns import (

@@ -8,8 +8,7 @@ import numpy as np
 from numba import int64, void
 
 from cosim.base.frames import Array, IntArray
-from cosim.base.kernels import BLOCKS, MATRIX, VECTOR, kernel
-from cosim.base.small_arrays import small_vector
+from cosim.base.kernels import BLOCKS, MATRIX, VECTOR, kernel, small_vector
 from cosim.soft.body.body import SoftBody
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from numba import types
 
 from cosim.base.frames import Array
-from cosim.base.kernel_calls import nothing_of
+from cosim.base.kernels import nothing_of
 from cosim.errors import InputError
 from cosim.soft.contact.obstacle_contact import TOUCHED, ContactPlanes, TouchedPlanes
 from cosim.soft.contact.self_contact_memory import FILM_PAIRS, PairRows

@@ -20,8 +20,7 @@ from typing import final
 
 import numpy as np
 
-from cosim.base.kernels import device_function
-from cosim.base.small_arrays import small_vector
+from cosim.base.kernels import device_function, small_vector
 from cosim.errors import InputError
 
 

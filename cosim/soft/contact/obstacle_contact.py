@@ -17,9 +17,19 @@ import numpy as np
 from numba import types
 
 from cosim.base.frames import Array, IntArray
-from cosim.base.kernel_calls import address_of
-from cosim.base.kernels import BLOCKS, INDEX_TABLE, INDICES, INTEGER, MATRIX, REAL, VECTOR, kernel
-from cosim.base.small_arrays import small_matrix, small_vector
+from cosim.base.kernels import (
+    BLOCKS,
+    INDEX_TABLE,
+    INDICES,
+    INTEGER,
+    MATRIX,
+    REAL,
+    VECTOR,
+    address_of,
+    kernel,
+    small_matrix,
+    small_vector,
+)
 from cosim.soft.contact.contact_law import ContactLaw, touch
 from cosim.soft.elements.element import Sums
 from cosim.soft.linear.block_sum import add_block

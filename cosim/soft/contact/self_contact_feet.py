@@ -9,8 +9,15 @@ from __future__ import annotations
 import numpy as np
 
 from cosim.base.frames import Array, IntArray
-from cosim.base.kernels import INDEX_TABLE, MATRIX, VECTOR, device_function, kernel
-from cosim.base.small_arrays import small_matrix, small_vector
+from cosim.base.kernels import (
+    INDEX_TABLE,
+    MATRIX,
+    VECTOR,
+    device_function,
+    kernel,
+    small_matrix,
+    small_vector,
+)
 
 
 @device_function

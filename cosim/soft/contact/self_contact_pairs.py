@@ -27,9 +27,19 @@ from typing import final
 import numpy as np
 
 from cosim.base.frames import Array, IntArray, Mask
-from cosim.base.kernel_calls import address_of
-from cosim.base.kernels import BLOCKS, INDEX_TABLE, MATRIX, REAL, device_function, kernel
-from cosim.base.small_arrays import small_matrix, small_vector, zero_matrix, zero_vector
+from cosim.base.kernels import (
+    BLOCKS,
+    INDEX_TABLE,
+    MATRIX,
+    REAL,
+    address_of,
+    device_function,
+    kernel,
+    small_matrix,
+    small_vector,
+    zero_matrix,
+    zero_vector,
+)
 from cosim.soft.contact.contact_law import ContactLaw, dragging_law, pressing_law, shorten
 from cosim.soft.contact.self_contact_feet import (
     distance_of,

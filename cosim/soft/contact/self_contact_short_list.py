@@ -16,8 +16,17 @@ from typing import final
 import numpy as np
 
 from cosim.base.frames import Array, IntArray, Mask
-from cosim.base.kernels import INDEX_TABLE, INDICES, INTEGER, MATRIX, REAL, device_function, kernel
-from cosim.base.small_arrays import small_matrix, small_vector
+from cosim.base.kernels import (
+    INDEX_TABLE,
+    INDICES,
+    INTEGER,
+    MATRIX,
+    REAL,
+    device_function,
+    kernel,
+    small_matrix,
+    small_vector,
+)
 from cosim.soft.contact.self_contact_feet import fill_slopes, plane_of
 from cosim.soft.contact.self_contact_motion import BEYOND_EDGES, FEET_FOLLOW, UnitMotion
 

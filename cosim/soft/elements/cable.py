@@ -23,8 +23,7 @@ from typing import Annotated, ClassVar, Final, final
 import numpy as np
 
 from cosim.base.frames import Array, IntArray
-from cosim.base.kernels import BLOCKS, INDEX_TABLE, MATRIX, REAL, VECTOR, kernel
-from cosim.base.small_arrays import small_matrix, small_vector
+from cosim.base.kernels import BLOCKS, INDEX_TABLE, MATRIX, REAL, VECTOR, kernel, small_matrix, small_vector
 from cosim.errors import InputError
 from cosim.soft.elements.cable_length import onset
 from cosim.soft.elements.element import NODES, Acting, Element, Instant, Sums, Term

@@ -23,8 +23,16 @@ from functools import cached_property
 from typing import Annotated, ClassVar, final
 
 from cosim.base.frames import Array, IntArray
-from cosim.base.kernels import BLOCKS, INDEX_TABLE, MATRIX, REAL, VECTOR, device_function, kernel
-from cosim.base.small_arrays import small_vector
+from cosim.base.kernels import (
+    BLOCKS,
+    INDEX_TABLE,
+    MATRIX,
+    REAL,
+    VECTOR,
+    device_function,
+    kernel,
+    small_vector,
+)
 from cosim.soft.elements.element import NODES, ROWS, STILL, DirectElement, Instant
 from cosim.soft.elements.hinge_gradient import (
     ALPHA,

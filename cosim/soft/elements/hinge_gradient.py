@@ -15,8 +15,7 @@ from typing import Any, Final
 import numpy as np
 
 from cosim.base.frames import Array, IntArray
-from cosim.base.kernels import device_function
-from cosim.base.small_arrays import small_vector
+from cosim.base.kernels import device_function, small_vector
 
 TURN = 2.0 * math.pi
 _EIGHTH = math.tan(math.pi / 8.0)

@@ -27,8 +27,9 @@ from cosim.base.kernels import (
     REAL,
     VECTOR,
     kernel,
+    small_matrix,
+    small_vector,
 )
-from cosim.base.small_arrays import small_matrix, small_vector
 from cosim.errors import InputError, MeshError
 from cosim.soft.elements.element import NODES, ROWS, STILL, DirectElement, Instant
 from cosim.soft.elements.material import PLAIN, TENSION_FIELD, WRINKLING, Film

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from cosim.base.frames import Array
-from cosim.base.kernels import device_function
-from cosim.base.small_arrays import small_matrix, small_vector
+from cosim.base.kernels import device_function, small_matrix, small_vector
 from cosim.soft.elements.wrinkling import density, hide_across, principal, turn_forces, wrinkling
 
 # Quantity q of a lane is at s[q * LANES + lane], as in `hinge_gradient`.

@@ -24,8 +24,9 @@ from cosim.base.kernels import (
     VECTOR,
     device_function,
     kernel,
+    small_matrix,
+    small_vector,
 )
-from cosim.base.small_arrays import small_matrix, small_vector
 from cosim.soft.linear.block_sum import add_block
 
 _CROSS = np.stack([cross_matrix(axis) for axis in np.eye(3)], axis=-1)  # (_CROSS @ v) @ b = v x b

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 from numba import types
 
-from cosim.base.kernel_calls import address_of, caller
-from cosim.base.kernels import BLOCKS, INTEGER, MATRIX, REAL, VECTOR, device_function, kernel
+from cosim.base.kernels import BLOCKS, INTEGER, MATRIX, REAL, VECTOR, address_of, device_function, kernel
+from cosim.base.numba_insides import caller
 from cosim.soft.beams.node_turns import BeamArrays
 from cosim.soft.beams.ring_kernels import REMEMBERED, add_beam_rings
 from cosim.soft.body.loads import TOUCHING, PlainLoads

@@ -12,8 +12,17 @@ import numpy as np
 from numba import types
 
 from cosim.base.frames import Array, IntArray, Mask
-from cosim.base.kernel_calls import address_of, caller
-from cosim.base.kernels import BLOCKS, INDEX_TABLE, INDICES, MASKS, PLACES, VECTOR, device_function
+from cosim.base.kernels import (
+    BLOCKS,
+    INDEX_TABLE,
+    INDICES,
+    MASKS,
+    PLACES,
+    VECTOR,
+    address_of,
+    device_function,
+)
+from cosim.base.numba_insides import caller
 from cosim.soft.linear.envelope_cholesky import (
     NODE,
     SOLVED,

@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 
+from cosim.base.compilation import compile_modules
 from cosim.base.frames import Array, IntArray, Mask
-from cosim.base.kept.compilation import compile_modules
 from cosim.base.state_check import KnownStates, check_state
 from cosim.soft.linear import multifrontal_kernels
 from cosim.soft.linear.elimination_tree import COLUMNS, FrontTree

@@ -6,7 +6,7 @@ import sys
 from collections.abc import Callable
 from types import ModuleType
 
-from cosim.base.kept.compilation import compile_modules
+from cosim.base.compilation import compile_modules
 from cosim.soft.body import center_line
 from cosim.soft.contact import obstacle_contact as contact
 from cosim.soft.contact import point_kernels as contact_surface

@@ -8,7 +8,7 @@ from typing import final
 import numpy as np
 
 from cosim.base.frames import IntArray, Mask
-from cosim.base.kernel_calls import nothing_of
+from cosim.base.kernels import nothing_of
 from cosim.soft.film.film_arrays import NODES, FilmArrays, FilmSlots, StepBed
 from cosim.soft.film.film_packing import film_arrays, film_slots
 from cosim.soft.film.step_arrays import NEW_TANGENTS, NewTangents, StepNumbers, StepWork

@@ -15,9 +15,8 @@ import numpy as np
 from numba import types
 
 from cosim.base.frames import IntArray
-from cosim.base.kernel_calls import address_of, caller
-from cosim.base.kernels import BOOLEAN, REAL, device_function, kernel
-from cosim.base.small_arrays import small_matrix
+from cosim.base.kernels import BOOLEAN, REAL, address_of, device_function, kernel, small_matrix
+from cosim.base.numba_insides import caller
 from cosim.soft.beams.ring_kernels import REMEMBERED
 from cosim.soft.body.loads import TOUCHING
 from cosim.soft.film.film_arrays import BEAMS, BED, FILM, HINGES, NODES, FilmArrays, StepBed

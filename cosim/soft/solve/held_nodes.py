@@ -11,8 +11,17 @@ import numpy as np
 from numba import types
 
 from cosim.base.frames import Array, IntArray, Mask, Pose
-from cosim.base.kernels import BOOLEAN, INDICES, MASKS, MATRIX, VECTOR, device_function, kernel
-from cosim.base.small_arrays import small_vector, zero_vector
+from cosim.base.kernels import (
+    BOOLEAN,
+    INDICES,
+    MASKS,
+    MATRIX,
+    VECTOR,
+    device_function,
+    kernel,
+    small_vector,
+    zero_vector,
+)
 
 _JUMP_m: Final = 2e-5
 """Of held nodes, from where free flight would have them; below it, flight is as good a start."""

@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any, Final, TypeVar, cast, final
 from uuid import uuid4
 
+from cosim.base.files_read import files_read, note_read
 from cosim.base.identity import content_name
-from cosim.base.kept.files_read import files_read, note_read
 
 Kind = TypeVar("Kind")
 

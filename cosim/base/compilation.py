@@ -1,29 +1,80 @@
-"""Kernels that are compiled by several processes at once; what they leave on disk is there for all.
+"""How kernels are compiled before they are needed, or loaded: announced, and side by side.
 
-Each process, this one as well, takes the next number from one pipe until that is empty, and compiles the
-kernels of one module, which have most functions in common. Whatever a process has not left on disk, for
-whatever reason, is not there: who asked for it then compiles it.
+Each process that compiles, this one as well, takes the next number from one pipe until that is empty, and
+compiles the kernels of one module, which have most functions in common. Whatever a process has not left on
+disk is compiled by the one that asked.
 """
 
 from __future__ import annotations
 
+import gc
 import os
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from importlib import import_module
+from types import ModuleType
 from typing import Any
 
-from cosim.base.kept.seldom_collecting import seldom_collecting
-
-_MOST_PROCESSES = 4  # the dearest kernel bounds what more of them save
-_EACH = 3  # kernels, for which a further process is worth its start
+_SECONDS_EACH = 1.1  # of CPU time, on average
+_MOST_PROCESSES = 4  # the slowest kernel bounds what more of them save
+_EACH = 3  # kernels, for which another process is worth its start
 _NUMBERS = 256  # of one byte in the pipe: reads of one byte are never torn
 _PATIENCE_S = 300.0  # with a process that has taken its last number
+_OBJECTS_BETWEEN = 100_000  # two collections of garbage
 
 
-def compile_side_by_side(kernels: list[Any]) -> None:
+def compile_modules(announce: Callable[[str], None], modules: tuple[ModuleType, ...]) -> None:
+    """Compile the kernels of modules, not those that they import, or load them.
+
+    Args:
+        announce: called with one sentence, before the wait, when they have to be compiled.
+        modules: that hold them.
+    """
+    found: dict[int, Any] = {
+        id(value): value
+        for module in modules
+        for value in vars(module).values()
+        if getattr(value, "fixed_signature", None) is not None and value.__module__ == module.__name__
+    }
+    kernels = [kernel for kernel in found.values() if not kernel.overloads]
+    missing = [kernel for kernel in kernels if not _is_on_disk(kernel)]
+    with _seldom_collecting():
+        if missing:
+            announce(_sentence(len(missing)))
+            _compile_side_by_side(missing)
+        for kernel in kernels:
+            kernel.compile(kernel.fixed_signature)
+    for kernel in missing:
+        if kernel.cache is not None:
+            kernel.cache.remove_old(kernel.fixed_signature)
+
+
+def _sentence(kernels: int) -> str:
+    tens_of_s = max(1, round(0.1 * _SECONDS_EACH * kernels / processes()))
+    return (
+        f"Compiling {kernels} kernels: the first run on a machine takes some {10 * tens_of_s} s longer, on a "
+        "busy one twice that; the result is kept for later runs."
+    )
+
+
+def _is_on_disk(kernel: Any) -> bool:
+    return kernel.cache is not None and bool(kernel.cache.is_there(kernel.fixed_signature))
+
+
+@contextmanager
+def _seldom_collecting() -> Iterator[None]:
+    """Look for garbage seldom: numba makes so many small objects that it would take a seventh of the time."""
+    usual = gc.get_threshold()
+    gc.set_threshold(_OBJECTS_BETWEEN, *usual[1:])
+    try:
+        yield
+    finally:
+        gc.set_threshold(*usual)
+
+
+def _compile_side_by_side(kernels: list[Any]) -> None:
     """Compile kernels in processes of their own and in this one, where there are processors for it.
 
     Args:
@@ -92,7 +143,7 @@ def _is_shared(kernel: Any) -> bool:
     """Return whether another process finds a kernel by its name, and leaves it where this one looks."""
     module = sys.modules.get(kernel.__module__)
     named = getattr(module, kernel.__name__, None) is kernel and kernel.__module__.startswith("cosim.")
-    return named and hasattr(kernel._cache, "_cache_file")
+    return named and kernel.cache is not None
 
 
 def _parts(kernels: list[Any]) -> list[str]:
@@ -119,5 +170,5 @@ def _size_of_code(kernels: list[Any]) -> int:
 
 
 if __name__ == "__main__":
-    with seldom_collecting():
+    with _seldom_collecting():
         compile_parts(sys.stdin.fileno(), sys.argv[1:])
