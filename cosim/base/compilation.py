@@ -54,8 +54,7 @@ def compile_modules(announce: Callable[[str], None], modules: tuple[ModuleType, 
 def _sentence(kernels: int) -> str:
     tens_of_s = max(1, round(0.1 * _SECONDS_EACH * kernels / processes()))
     return (
-        f"Compiling {kernels} kernels: the first run on a machine takes some {10 * tens_of_s} s longer, on a "
-        "busy one twice that; the result is kept for later runs."
+        f"Compiling {kernels} kernels, once per machine: about {10 * tens_of_s} s, on a busy one twice that."
     )
 
 
