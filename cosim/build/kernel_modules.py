@@ -58,14 +58,11 @@ def kernel_modules(scenario: Scenario) -> tuple[ModuleType, ...]:
         from cosim.rigid.distance import shapes  # here: it brings MuJoCo
 
         modules += (shapes,)
-        if scenario.fidelity == "section" and scenario.mode == "dynamic":
-            from cosim.coupling.batch import batch_kernel as lockstep_kernel
+        if scenario.mode == "dynamic":
+            from cosim.coupling import film_ticks, half_ticks, section_ticks
 
-            modules += (lockstep_kernel,)
-        elif scenario.fidelity != "rigid" and scenario.mode == "dynamic":
-            from cosim.coupling.batch import film_kernel
-
-            modules += (film_kernel,)
+            rows = {"section": (section_ticks,), "rigid": ()}.get(scenario.fidelity, (film_ticks,))
+            modules += (half_ticks, *rows)
     return modules
 
 

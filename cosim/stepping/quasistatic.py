@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import accumulate
 from typing import Annotated, final
@@ -24,6 +23,7 @@ from cosim.stepping.parts import Parts, TickState
 from cosim.stepping.relaxed_wrench import RelaxedWrench
 from cosim.stepping.stepped_run import SteppedRun
 from cosim.telemetry.snapshot import RunInfo, Snapshot
+from cosim.telemetry.tick_batch import TickBatch
 
 _DROOP_ROUNDS_MAX = 20
 _SWINGS_M = 1e-5  # of the flange, in a round
@@ -69,7 +69,7 @@ class QuasistaticSimulation(SteppedRun):
         still = np.zeros_like(plan.joints)
         return self._snapshot(Cursor(), 0.0, plan.joints, _Motion(Twist(), still, 0.0), spent, began)
 
-    def _take(self, to: Cursor, most: int) -> Sequence[Snapshot]:
+    def _take(self, to: Cursor, most: int) -> TickBatch:
         began = time.perf_counter()
         parts, before = self._parts, self._here
         phase = parts.plan.phases[to.phase].phase
@@ -85,7 +85,7 @@ class QuasistaticSimulation(SteppedRun):
         here, spent = self._advance(before, reference, parts.loads(command.soft))
         self._here = here
         motion = _mean_motion(parts, before, here, joints, span)
-        return [self._snapshot(to, began_s + to.done * span, reference, motion, spent, began)]
+        return TickBatch.of([self._snapshot(to, began_s + to.done * span, reference, motion, spent, began)])
 
     def _step_of(self, to: Cursor) -> str:
         return f"increment {to.done} of {self._parts.plan.phases[to.phase].phase.increments}"

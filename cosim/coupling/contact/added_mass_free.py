@@ -20,7 +20,7 @@ from typing import Final, final
 
 import numpy as np
 
-from cosim.base.frames import Array, Mask
+from cosim.base.frames import Array
 from cosim.coupling.contact.added_mass_jointed import JointedMass, JointedMassState
 from cosim.coupling.contact.body_stiffness import (
     RATIO_BOUND,
@@ -29,6 +29,7 @@ from cosim.coupling.contact.body_stiffness import (
     body_stiffness,
     ticks_to_renewal,
 )
+from cosim.coupling.contact.contact_arrays import AGE
 from cosim.coupling.contact.contact_exchange import ContactExchange
 from cosim.soft.contact.obstacle_contact import ContactPlanes
 
@@ -44,7 +45,6 @@ class BodyMassState:
     touching: Array
     renewed: Array
     added: Array
-    age: int
     free_ratio: float
     jointed: JointedMassState
 
@@ -63,10 +63,12 @@ class BodyMass:
         self._exchange, self._soft, self._tick_s = exchange, soft, tick_s
         free = exchange.bodies.free
         self._inertia = exchange.bodies.inertia(free)
-        self._touching = np.zeros(len(free))  # stiffness of the contacts alone when D was last renewed
+        # stiffness of the contacts alone when D was last renewed; which bodies keep anything
+        self._touching, self._weighed = exchange.arrays.touching, exchange.arrays.weighed
         self._renewed = np.zeros((len(free), 6))
         self._added = np.zeros((len(free), 6))
-        self._age, self._renew_after = 0, ticks_to_renewal(tick_s)
+        self._renew_after = ticks_to_renewal(tick_s)
+        exchange.ask_for_weighing_after(self._renew_after)
         self._free_ratio = 0.0
         self._jointed = JointedMass(exchange, soft, tick_s)
 
@@ -75,39 +77,14 @@ class BodyMass:
         """Largest algorithmic mass over inertia of a body that moves with it; its part above 1 is carried."""
         return max(self._free_ratio, self._jointed.ratio)
 
-    @property
-    def knows_joints(self) -> bool:
-        """Whether it looks after bodies on joints."""
-        return self._jointed.any
-
-    @property
-    def renewed_after(self) -> int:
-        """Ticks of contact after which S is found anew."""
-        return self._renew_after
-
-    def begin_row(self) -> tuple[Array, Mask, int]:
-        """Begin ticks in a row, without bodies on joints.
-
-        Returns:
-            (free bodies,) [N/m], stiffness of the contacts when D was renewed; (free bodies,), which keep
-            anything; ticks of contact since then.
-        """
-        return self._touching, (self._touching != 0.0) | self._renewed.any(axis=1), self._age
-
-    def end_row(self, age: int) -> None:
-        """Go on from ticks in which D was not renewed.
-
-        Args:
-            age: ticks of contact since it was.
-        """
-        self._age = age
-
     def update(self, *, carry: bool = True) -> None:
-        """Bring the carried mass up to date after a soft step.
+        """Bring the carried mass up to date after a soft step, where that asks for it.
 
         Args:
             carry: whether bodies do carry it; otherwise only its ratio to them is found.
         """
+        if not self._exchange.asks_for_weighing:
+            return
         planes = self._exchange.sticking
         if planes is None:
             self._jointed.update(None, np.zeros(0), carry=carry)
@@ -116,11 +93,13 @@ class BodyMass:
         self._jointed.update(planes, self._exchange.held_N_m, carry=carry)
         if len(self._inertia):
             self._update_free(planes, carry)
+            self._weighed[:] = (self._touching != 0.0) | self._renewed.any(axis=1)
 
     def _let_go(self) -> None:
         if self._touching.any():
             self._carry(np.zeros_like(self._added))
             self._touching[:] = self._renewed[:] = self._free_ratio = 0.0
+            self._weighed[:] = 0
 
     def _update_free(self, planes: ContactPlanes, carry: bool) -> None:
         bodies = self._exchange.bodies
@@ -130,14 +109,14 @@ class BodyMass:
         self._touching[~loaded] = self._renewed[~loaded] = 0.0
         begins = loaded & (self._touching == 0.0)
         total = self._exchange.held_N_m[bodies.free]
-        self._age += 1
-        due = self._age >= self._renew_after or (total > RENEW_ABOVE * self._touching).any()
+        counts = self._exchange.arrays.counts
+        due = counts[AGE] >= self._renew_after or (total > RENEW_ABOVE * self._touching).any()
         if not (due or ended or begins.any()):
             return
         if due:
-            self._renewed *= math.exp(-self._age * self._tick_s / _FADING_S)
-            self._age = 0
-            self._touching = np.where(loaded, total, 0.0)
+            self._renewed *= math.exp(-int(counts[AGE]) * self._tick_s / _FADING_S)
+            counts[AGE] = 0
+            self._touching[:] = np.where(loaded, total, 0.0)
             tangents = planes.tangents(self._soft.state.positions)
             for k in np.flatnonzero(total > 0.0).tolist():
                 self._renewed[k] = np.maximum(self._renewed[k], self._mass(k, planes, tangents))
@@ -162,13 +141,14 @@ class BodyMass:
 
     def save_state(self) -> BodyMassState:
         """Return what the next update depends on."""
-        free = self._touching.copy(), self._renewed.copy(), self._added, self._age, self._free_ratio
+        free = self._touching.copy(), self._renewed.copy(), self._added, self._free_ratio
         return BodyMassState(*free, self._jointed.save_state())
 
     def restore_state(self, state: BodyMassState) -> None:
         """Return to a state of `save_state`; the scene, which carries the mass, has been restored before."""
-        self._touching, self._renewed = state.touching.copy(), state.renewed.copy()
-        self._added, self._age, self._free_ratio = state.added, state.age, state.free_ratio
+        self._touching[:], self._renewed = state.touching, state.renewed.copy()
+        self._weighed[:] = (self._touching != 0.0) | self._renewed.any(axis=1)
+        self._added, self._free_ratio = state.added, state.free_ratio
         self._jointed.restore_state(state.jointed)
 
     def _carry(self, added: Array) -> None:

@@ -8,27 +8,15 @@ Source: the neighbour list of Verlet, Computer "Experiments" on Classical Fluids
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 from numba import types
 
-from cosim.base.frames import Array, IntArray
+from cosim.base.frames import IntArray
 from cosim.base.kernel_calls import address_of, caller
-from cosim.base.kernels import (
-    BLOCKS,
-    INDEX_TABLE,
-    INDICES,
-    MATRIX,
-    REAL,
-    VECTOR,
-    device_function,
-    kernel,
-)
-from cosim.coupling.contact.contact_arrays import NEAR, SURFACE, NearPoints, SurfaceRows
+from cosim.base.kernels import INDICES, MATRIX, REAL, VECTOR, device_function, kernel
+from cosim.coupling.contact.contact_arrays import SEARCH
 from cosim.rigid.distance.features import carry
 from cosim.rigid.distance.film_distance import film_near
-from cosim.rigid.distance.shape_bounds import SHAPE_BOUNDS, ShapeBounds
 from cosim.rigid.distance.signed_distance import points_near
 from cosim.soft.contact.point_kernels import combine
 
@@ -40,98 +28,6 @@ _combine, _points_near, _carry, _film_near = map(caller, _CALLED)
 def search_calls() -> IntArray:
     """Return the addresses (4,) of the kernels that a search calls."""
     return np.array([address_of(called) for called in _CALLED])
-
-
-class ListRows(NamedTuple):
-    """What was near when the lists were made.
-
-    Args:
-        row: (g,) of each shape in the arrays that follow; -1 for one that was too far.
-        local: (s, n, 3) [m], the nodes then, in the frames of s shapes.
-        reach_m: distance to which the lists hold.
-        behind_m: the same for features behind the film.
-        spans: (s, 2), and
-        listed: (k,), see `PointLists`: points of the film, for each of the s shapes.
-        features: (f,) that were near a triangle.
-        first: (f + 1,), and
-        triangles: (t,), see `TriangleLists`: of the film, for each of these.
-    """
-
-    row: IntArray
-    local: Array
-    reach_m: float
-    behind_m: float
-    spans: IntArray
-    listed: IntArray
-    features: IntArray
-    first: IntArray
-    triangles: IntArray
-
-
-class ShapeSurfaces(NamedTuple):
-    """Fields of `Shapes` beside those of `ShapeBounds`."""
-
-    size: Array
-    faces: IntArray
-    planes: Array
-    corners: Array
-    table: IntArray
-    origin: Array
-    spacing: Array
-    values: Array
-
-
-class Search(NamedTuple):
-    """What a search is given, and what it fills; scratch is as long as the lists.
-
-    Args:
-        bounds: of the shapes.
-        shapes: their surfaces.
-        owner: (features,) shape of each feature.
-        feature: (features, 3) [m], shape frame.
-        surface: of the film.
-        lists: that may serve.
-        near: filled from the beginning.
-        held: (f,) the triangle that has held each listed feature back until now, -1 for none.
-        places: (p, 3) [m], of the film's points; those that no shape is near may be anywhere.
-        spans: (s, 2).
-        around: (f, 3) [m], where listed features are.
-        found: (f,), which of them are near.
-        out: (k, 4), distance and normal.
-        box: (2, 3) [m], outside of which no feature counts.
-        calls: (4,), see `search_calls`.
-    """
-
-    bounds: ShapeBounds
-    shapes: ShapeSurfaces
-    owner: IntArray
-    feature: Array
-    surface: SurfaceRows
-    lists: ListRows
-    near: NearPoints
-    held: IntArray
-    places: Array
-    spans: IntArray
-    around: Array
-    found: IntArray
-    out: Array
-    box: Array
-    calls: IntArray
-
-
-LISTS = types.NamedTuple(
-    (INDICES, BLOCKS, REAL, REAL, INDEX_TABLE, INDICES, INDICES, INDICES, INDICES), ListRows
-)
-_SHAPES = types.NamedTuple(
-    (MATRIX, INDEX_TABLE, MATRIX, BLOCKS, INDEX_TABLE, MATRIX, MATRIX, VECTOR), ShapeSurfaces
-)
-SEARCH = types.NamedTuple(
-    (
-        SHAPE_BOUNDS, _SHAPES, INDICES, MATRIX, SURFACE, LISTS, NEAR, INDICES, MATRIX, INDEX_TABLE, MATRIX,
-        INDICES, MATRIX, MATRIX, INDICES,
-    ),
-    Search,
-)  # fmt: skip
 
 
 @device_function

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import final
 
@@ -9,11 +10,12 @@ import numpy as np
 
 from cosim.coupling.contact.body_stiffness import RATIO_BOUND
 from cosim.coupling.schemes.fixed_point_search import IterationOptions
-from cosim.coupling.schemes.interface import Interface, ServoCommand
+from cosim.coupling.schemes.interface import Interface
 from cosim.coupling.schemes.iterated import IteratedCoupling, IteratedState
-from cosim.coupling.schemes.ledger import LedgerEntry
 from cosim.coupling.schemes.scheme import Coupling
 from cosim.coupling.schemes.staggered import StaggeredCoupling
+from cosim.coupling.ticks import Servos
+from cosim.coupling.ticks_taken import TicksTaken
 from cosim.soft.body.loads import Loads
 
 _FLANGE_RATIO_BOUND = 0.5  # of the stability ratio, above which ticks are iterated
@@ -48,7 +50,7 @@ class AutomaticCoupling(Coupling):
         self._iterated = IteratedCoupling(interface, options)
         self._iterates = False
 
-    def tick(self, command: ServoCommand, loads: Loads) -> LedgerEntry:
+    def advance(self, servos: Servos, loads: Sequence[Loads]) -> TicksTaken:
         interface = self.interface
         if interface.to_be_weighed:
             interface.update_stability_ratio()
@@ -56,7 +58,7 @@ class AutomaticCoupling(Coupling):
         if iterates and not self._iterates:
             self._iterated.begin_again()
         self._iterates = iterates
-        return (self._iterated if iterates else self._staggered).tick(command, loads)
+        return (self._iterated if iterates else self._staggered).advance(servos.some(0, 1), loads[:1])
 
     def save_state(self) -> AutomaticState:
         return AutomaticState(self._iterated.save_state(), self._iterates)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import final
 
@@ -66,6 +67,7 @@ class InterfaceSearch:
     Args:
         interface: at the start of the tick, servos commanded.
         vector: how loads are read and written, begun for this tick.
+        rigid_half: takes that of the tick, with a wrench (6,) at the flange's origin.
         loads: on the soft body at the end of the tick.
         options: when loads agree.
         inverse: of dr/dl, as the last tick left it; None for none.
@@ -75,12 +77,13 @@ class InterfaceSearch:
         self,
         interface: Interface,
         vector: InterfaceLoads,
+        rigid_half: Callable[[Array], None],
         loads: Loads,
         options: IterationOptions,
         inverse: Array | None,
     ) -> None:
         self._interface, self._vector, self._soft_loads = interface, vector, loads
-        self._options, self.inverse = options, inverse
+        self._rigid_half, self._options, self.inverse = rigid_half, options, inverse
         self._rigid, self._before = interface.scene.save_state(), interface.soft.state
         self._contact = None if interface.contact is None else interface.contact.save_state()
         self._mobility = interface.scene.mobility(vector.bodies)
@@ -136,8 +139,7 @@ class InterfaceSearch:
         self.trials += 1
         vector.apply(load)
         received = received_flange(scene), received_bodies(scene)
-        scene.finish_step()
-        scene.begin_step()
+        self._rigid_half(UNIT * load[:6])
         aim = StepAim(_SOFT_SHARE * self._options.tolerance * self._scale, self._reached)
         reply = interface.advance_soft(self._soft_loads, aim)
         self._reached = interface.soft.state.positions

@@ -7,8 +7,8 @@ from typing import final
 import numpy as np
 
 from cosim.base.frames import Array, Wrench, cross
+from cosim.coupling.half_ticks import LEVER_M
 from cosim.coupling.schemes.interface import Interface
-from cosim.coupling.schemes.momentum_balance import LEVER_M
 
 UNIT = np.array([1.0, 1.0, 1.0, LEVER_M, LEVER_M, LEVER_M])
 

@@ -11,18 +11,22 @@ is carried: at the root, this is implicit Euler for both sides together.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Annotated, final
 
 import numpy as np
 
 from cosim.base.frames import Array
+from cosim.coupling.half_ticks import take_rigid_half
 from cosim.coupling.schemes.fixed_point_search import InterfaceSearch, IterationOptions, Trial
-from cosim.coupling.schemes.interface import Interface, InterfaceState, ServoCommand
+from cosim.coupling.schemes.interface import Interface, InterfaceState
 from cosim.coupling.schemes.interface_loads import InterfaceLoads
-from cosim.coupling.schemes.ledger import LedgerEntry
 from cosim.coupling.schemes.momentum_balance import six_numbers
 from cosim.coupling.schemes.scheme import Coupling
+from cosim.coupling.ticks import CarriedInertia, Servos
+from cosim.coupling.ticks_taken import TicksTaken
+from cosim.reduced.sections.outputs import CENTER, WRENCH
 from cosim.soft.body.loads import Loads
 
 
@@ -65,29 +69,34 @@ class IteratedCoupling(Coupling):
         """Forget what the last ticks were like; another scheme has advanced both sides since."""
         self._history, self._left_over = (), np.zeros_like(self._left_over)
 
-    def tick(self, command: ServoCommand, loads: Loads) -> LedgerEntry:
+    def advance(self, servos: Servos, loads: Sequence[Loads]) -> TicksTaken:
         interface, vector = self.interface, self._vector
         if interface.to_be_weighed:
             interface.update_stability_ratio()
-        interface.ticks += 1
-        interface.scene.set_control(command.position, command.velocity, command.feedforward)
+        taken, joints = interface.begin(1), len(servos.position[0])
+        carried = CarriedInertia(np.zeros((0, 0)), np.ones(1), np.zeros((1, joints)))
+
+        def rigid_half(wrench: Array) -> None:
+            taken.ticks.figures[0, WRENCH:CENTER] = wrench
+            if not take_rigid_half(interface.rigid(carried), servos, taken.ticks, 0):
+                interface.scene.check()
+            interface.scene.stepped(taken.ticks.flange(0))
+
         vector.begin()
         last, owed = vector.answered(), vector.from_world(self._left_over)
-        search = InterfaceSearch(interface, vector, loads, self._options, self._inverse)
+        search = InterfaceSearch(interface, vector, rigid_half, loads[0], self._options, self._inverse)
         found = search.run(self._expected(last) + owed, last, owed)
-        lost = self._account(found)
+        acted = vector.flange_wrench(found.load)
+        interface.take_reply(taken, found.reply, np.concatenate([acted.force, acted.torque]))
+        taken.ticks.momentum_error[0] = self._account(found)
         self._inverse = search.inverse
         self._history = (vector.about_world(found.answered), *self._history[:1])
         if interface.body_mass is not None:
             interface.body_mass.update(carry=False)
-        return replace(
-            self._entry(found.reply, vector.flange_wrench(found.load)),
-            newton_iterations=search.newton_iterations,
-            scheme="iterated",
-            trials=search.trials,
-            interface_residual=found.size,
-            momentum_error=lost,
-        )
+            taken.ticks.contact[0, 2] = interface.contact_ratio
+        taken.ticks.iterations[0], taken.trials[0] = search.newton_iterations, search.trials
+        taken.scheme, taken.interface_residual[0] = "iterated", found.size
+        return taken
 
     def save_state(self) -> IteratedState:
         return IteratedState(self.interface.save_state(), self._history, self._left_over, self._inverse)

@@ -12,11 +12,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import final
 
-from cosim.base.frames import Array, SixNumbers, Wrench
+from cosim.base.frames import Array, SixNumbers
+from cosim.coupling.half_ticks import LEVER_M, SMALLEST_N
 from cosim.rigid.scene.scene import RigidScene
-
-LEVER_M = 0.1  # torques count as forces at this lever
-SMALLEST_N = 1e-2  # loads below it count as this large: what is left of them is rounding
 
 NOTHING: SixNumbers = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
@@ -37,21 +35,6 @@ class TransferredLoads:
     bodies: SixNumbers
     flange_size_N: float
     bodies_size_N: float
-
-    @classmethod
-    def of(cls, wrench: Wrench, origin: Array, film_load: SixNumbers, pressing_N: float) -> TransferredLoads:
-        """Return what the soft side hands over at the end of a step.
-
-        Args:
-            wrench: on the flange.
-            origin: (3,) [m], of the flange.
-            film_load: on bodies, about the world's origin.
-            pressing_N: sum of the normal forces on them.
-        """
-        (x, y, z), (u, v, w) = wrench.force.tolist(), wrench.torque.tolist()
-        a, b, c = origin.tolist()
-        flange = (x, y, z, u + b * z - c * y, v + c * x - a * z, w + a * y - b * x)
-        return cls(flange, film_load, max(abs(x), abs(y), abs(z)), pressing_N)
 
     def plus(self, flange: SixNumbers, bodies: SixNumbers) -> TransferredLoads:
         """Return these loads and others on top."""

@@ -6,23 +6,29 @@ the flange (stability ratio above a bound), its algorithmic mass A = J^T M_a J r
 times the acceleration at which the soft side answers as before, the last one with implicit Euler, is given
 back as torque. So only a change of the answer meets A: a rigid load moves as one body with the flange.
 Where the scene can be touched, contacts are found between the two steps, and act on bodies one tick later.
+
+A tick is a row of length one. Kernels take rows, until the flange or bodies are to be weighed, or a soft half
+is more than they know: lists of what is near serve no longer, a tangent is indefinite, gas is sealed, films
+touch one another. That half is left to Python, and the row goes on.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import final
 
 import numpy as np
 
-from cosim.base.frames import Array, Wrench
-from cosim.coupling.batch.added_inertia import AddedInertiaRow
+from cosim.base.frames import Array
+from cosim.coupling.half_ticks import RIGID_SIDE_WARNS, SOFT_HALF_LEFT, SOFT_STEP_BEGUN
 from cosim.coupling.schemes.algorithmic_mass import algorithmic_mass
-from cosim.coupling.schemes.interface import Interface, InterfaceState, ServoCommand
-from cosim.coupling.schemes.ledger import LedgerEntry
-from cosim.coupling.schemes.momentum_balance import TransferredLoads, received_bodies, received_flange
+from cosim.coupling.schemes.interface import Interface, InterfaceState
 from cosim.coupling.schemes.scheme import Coupling
+from cosim.coupling.soft_halves import soft_halves
 from cosim.coupling.soft_sides.answer_weights import expecting_no_change
+from cosim.coupling.ticks import CarriedInertia, Servos
+from cosim.coupling.ticks_taken import TicksTaken
 from cosim.soft.body.loads import Loads
 
 
@@ -60,60 +66,50 @@ class StaggeredCoupling(Coupling):
         self._weights = expecting_no_change(interface.soft.answer_weights)
         self._past = np.zeros((len(self._weights), joints))
         self._carries = False
+        self._halves = soft_halves(interface)
 
-    def tick(self, command: ServoCommand, loads: Loads) -> LedgerEntry:
-        interface = self.interface
-        scene, received, handed = interface.scene, interface.wrench, interface.handed
+    def advance(self, servos: Servos, loads: Sequence[Loads]) -> TicksTaken:
+        self.interface.scene.check()
+        count = min(len(loads), self._halves.most)
+        taken = self.interface.begin(count)
+        try:
+            while taken.done < count:
+                self._go_on(taken, servos.some(taken.done, count), loads[taken.done : count])
+        except BaseException as error:  # whatever it is, what has been taken is to be shown first
+            if not taken.done:
+                raise
+            taken.error = error
+        self._halves.end(taken)
+        return taken
+
+    def _go_on(self, taken: TicksTaken, servos: Servos, loads: Sequence[Loads]) -> None:
+        """Take ticks until flange or bodies are to be weighed again, or Python has taken a soft half."""
+        interface, first = self.interface, taken.done
         if interface.to_be_weighed:
             self._update_stability_ratio()
-        interface.ticks += 1
-        scene.set_control(command.position, command.velocity, command.feedforward)
-        scene.apply_flange_wrench(received)
-        if self._carries:
-            self._past[1:] = self._past[:-1]
-            self._past[0] = scene.joint_acceleration
-            scene.apply_joint_torque(self._added @ (self._weights @ self._past))
-        lost = handed.error(received_flange(scene), received_bodies(scene))
-        scene.finish_step()
-        scene.begin_step()
-        return self.finish_tick(loads, received, lost)
+        most = interface.ticks_to_weighing
+        taken.algorithmic_mass[first : first + most] = self._carries
+        joints = len(self._added) if self._carries else 0
+        carried = CarriedInertia(self._added[:joints, :joints].copy(), self._weights, self._past)
+        done, ending = self._halves.take(interface.rigid(carried), servos.some(0, most), loads[:most], taken)
+        if done:
+            interface.follow(taken, done)
+            self._weigh_bodies(taken)
+        if ending == RIGID_SIDE_WARNS:
+            interface.scene.check()
+        if ending not in (SOFT_HALF_LEFT, SOFT_STEP_BEGUN):
+            return
+        self._halves.end(taken)
+        interface.scene.stepped(taken.ticks.flange(taken.done))
+        interface.take_reply(taken, interface.advance_soft(loads[done]))
+        self._weigh_bodies(taken)
 
-    def finish_tick(self, loads: Loads, received: Wrench, momentum_error: float) -> LedgerEntry:
-        """Take the soft half of a tick, with the flange at its new pose.
-
-        Args:
-            loads: on the soft body at the end of the tick.
-            received: by the rigid side in this tick, at the flange origin, world axes.
-            momentum_error: of the rigid half, see `LedgerEntry`.
-        """
+    def _weigh_bodies(self, taken: TicksTaken) -> None:
+        """Bring what bodies carry up to date after the last tick."""
         interface = self.interface
-        reply = interface.advance_soft(loads)
         if interface.body_mass is not None:
             interface.body_mass.update(carry=self.bodies_carry)
-        return self._entry(reply, received, algorithmic_mass=self._carries, momentum_error=momentum_error)
-
-    def begin_row(self) -> tuple[int, AddedInertiaRow]:
-        """Begin ticks that are taken elsewhere, in a row.
-
-        Returns:
-            How many may follow until the flange is to be weighed again, and what the joints carry meanwhile.
-        """
-        if self.interface.to_be_weighed:
-            self._update_stability_ratio()
-        joints = len(self._added) if self._carries else 0
-        carried = AddedInertiaRow(self._added[:joints, :joints].copy(), self._weights, self._past)
-        return self.interface.ticks_to_weighing, carried
-
-    def end_row(self, ticks: int, wrench: Wrench, handed: TransferredLoads) -> None:
-        """Go on from ticks that were taken elsewhere.
-
-        Args:
-            ticks: how many.
-            wrench: with which the last of them has ended, at the flange origin, world axes.
-            handed: the same about the world's origin.
-        """
-        self.interface.ticks += ticks
-        self.interface.wrench, self.interface.handed = wrench, handed
+            taken.ticks.contact[taken.done - 1, 2] = interface.contact_ratio
 
     def save_state(self) -> StaggeredState:
         return StaggeredState(self.interface.save_state(), self._added, self._past.copy())

@@ -278,6 +278,11 @@ class SectionArm(SoftSide):
         """Gauge pressure in the chamber: the given one, or that of the sealed gas at the present volume."""
         return (self._last.pressure_Pa,)
 
+    @property
+    def mass_kg(self) -> float:
+        """Of the chain."""
+        return self.section.mass_kg
+
     def mass_properties(self) -> MassProperties:
         """Return mass, centre and inertia at the present shape."""
         return MassProperties(self.section.mass_kg, *center_and_inertia(self._last.figures))

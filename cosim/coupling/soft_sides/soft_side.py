@@ -266,6 +266,11 @@ class SoftSide(ABC):
         """
         return inertia_weight(step_s, 0.0)
 
+    @property
+    def mass_kg(self) -> float:
+        """Of all that hangs on the flange by it."""
+        return self.body.mass_kg
+
     def mass_properties(self) -> MassProperties:
         """Return mass, centre and inertia at the present shape."""
         return MassProperties.of(self.body.node_mass, self.state.positions)
