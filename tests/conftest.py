@@ -12,8 +12,7 @@ import pytest
 from cosim.base.frames import Pose, Twist, Wrench
 from cosim.config.schema.scenario import Scenario
 from cosim.soft.beams.strength import StiffenerStrain
-from cosim.telemetry.film_shape import FilmShape
-from cosim.telemetry.snapshot import LedgerEntry, RunInfo, Snapshot
+from cosim.telemetry.snapshot import FilmShape, LedgerEntry, RunInfo, Snapshot
 from cosim.telemetry.tick_batch import TickBatch
 
 TICKS_PER_PHASE = 5

@@ -68,10 +68,10 @@ def kernel_modules(scenario: Scenario) -> tuple[ModuleType, ...]:
 
 def contact_modules() -> tuple[ModuleType, ...]:
     """Return the modules with kernels of contact with a scene; whether there is any, the plan says."""
-    from cosim.coupling.contact import contact_kernels, film_search
+    from cosim.coupling.contact import contact_kernels
     from cosim.rigid.distance import features, film_distance, mesh_distance, signed_distance
 
-    return contact_kernels, features, film_distance, film_search, mesh_distance, signed_distance
+    return contact_kernels, features, film_distance, mesh_distance, signed_distance
 
 
 def compile_contact(tell: Callable[[str], None]) -> None:

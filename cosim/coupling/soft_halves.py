@@ -26,9 +26,8 @@ from cosim.coupling.half_ticks import (
 )
 from cosim.coupling.schemes.interface import Interface
 from cosim.coupling.section_ticks import ChainCommands, ChainMotion, ChainSteps, advance_chain, chain_calls
-from cosim.coupling.soft_sides.chain_reader import ChainShapes
 from cosim.coupling.soft_sides.lumped_arm import SoftArm
-from cosim.coupling.soft_sides.section_arm import SectionArm
+from cosim.coupling.soft_sides.section_arm import ChainShapes, SectionArm
 from cosim.coupling.ticks import Servos, Ticks
 from cosim.coupling.ticks_taken import TicksTaken
 from cosim.reduced.sections.pressure_spline import TERMS

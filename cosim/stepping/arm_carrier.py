@@ -15,14 +15,10 @@ from cosim.base.state_check import KnownStates, check_indices, check_state
 from cosim.config.schema.coupling import CouplingTable
 from cosim.coupling.contact.contact_exchange import ContactExchange
 from cosim.coupling.contact.contact_report import NOTHING_TOUCHED, ContactReport
-from cosim.coupling.schemes.automatic import AutomaticCoupling
-from cosim.coupling.schemes.fixed_point_search import IterationOptions
-from cosim.coupling.schemes.interface import Interface
-from cosim.coupling.schemes.iterated import IteratedCoupling
-from cosim.coupling.schemes.scheme import Coupling
-from cosim.coupling.schemes.staggered import StaggeredCoupling
-from cosim.coupling.soft_sides.mass import MassProperties
-from cosim.coupling.soft_sides.soft_side import SoftSide
+from cosim.coupling.schemes.interface import Coupling, Interface
+from cosim.coupling.schemes.iterated import IteratedCoupling, IterationOptions
+from cosim.coupling.schemes.staggered import AutomaticCoupling, StaggeredCoupling
+from cosim.coupling.soft_sides.soft_side import MassProperties, SoftSide
 from cosim.coupling.ticks import Servos
 from cosim.coupling.ticks_taken import TicksTaken
 from cosim.errors import InputError, SolverError

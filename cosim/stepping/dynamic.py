@@ -10,18 +10,15 @@ from typing import TYPE_CHECKING, final
 import numpy as np
 
 from cosim.base.frames import Twist
-from cosim.coupling.clock import Clock
-from cosim.coupling.schemes.ledger import LedgerEntry
+from cosim.coupling.schemes.ledger import Clock, LedgerEntry
 from cosim.coupling.ticks import Servos, Ticks
 from cosim.coupling.ticks_taken import TicksTaken
 from cosim.devices.command_source import CommandsAhead, StepToTake
 from cosim.errors import InputError, SolverError
 from cosim.soft.body.loads import Loads
-from cosim.stepping.cursor import Cursor
 from cosim.stepping.parts import Parts, TickState
-from cosim.stepping.stepped_run import SteppedRun
-from cosim.telemetry.film_shape import FilmShapes
-from cosim.telemetry.snapshot import RunInfo, Snapshot
+from cosim.stepping.stepped_run import Cursor, SteppedRun
+from cosim.telemetry.snapshot import FilmShapes, RunInfo, Snapshot
 from cosim.telemetry.tick_batch import TickBatch
 
 if TYPE_CHECKING:

@@ -14,11 +14,39 @@ from cosim.base.state_check import KnownStates, check_state
 from cosim.devices.controller import Command, Measurement
 from cosim.errors import InputError, SolverError
 from cosim.plan.plan import Plan
-from cosim.stepping.cursor import Cursor
 from cosim.stepping.parts import Parts
 from cosim.telemetry.choices import CONTACT, Choices
 from cosim.telemetry.snapshot import RunInfo, Snapshot
 from cosim.telemetry.tick_batch import TickBatch
+
+
+@final
+@dataclass(frozen=True)
+class Cursor:
+    """Where in its plan a run is.
+
+    Args:
+        tick: steps taken in all.
+        phase: index of the phase.
+        done: steps taken in that phase.
+    """
+
+    tick: int = 0
+    phase: int = 0
+    done: int = 0
+
+    def following(self, counts: Sequence[int]) -> Cursor | None:
+        """Return where the next step ends, with so many steps in each phase; None at the end of the plan."""
+        if self.done < counts[self.phase]:
+            return Cursor(self.tick + 1, self.phase, self.done + 1)
+        if self.phase + 1 < len(counts):
+            return Cursor(self.tick + 1, self.phase + 1, 1)
+        return None
+
+    def later(self, steps: int) -> Cursor:
+        """Return where so many steps later end, in the same phase."""
+        return Cursor(self.tick + steps, self.phase, self.done + steps)
+
 
 TOGETHER: Final = 512
 """Steps that may be taken in one call, where a model takes many at once: more cost no less each."""

@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 from cosim.base.frames import Array, IntArray, Mask, Pose, Twist, Wrench, quaternions_from_rotations
 from cosim.coupling.schemes.ledger import LedgerEntry
 from cosim.devices.device_report import ActuationReport
-from cosim.telemetry.film_shape import FilmShapes
-from cosim.telemetry.snapshot import Snapshot
+from cosim.telemetry.snapshot import FilmShapes, Snapshot
 
 if TYPE_CHECKING:  # who only looks at batches needs no kernels
     from cosim.base.link_contact import LinkContact

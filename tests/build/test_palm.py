@@ -14,7 +14,7 @@ from cosim.build.arms import find_arm
 from cosim.build.scene_objects import PALM_NAME, palm_mass, palm_object
 from cosim.config.loading import load_scenario
 from cosim.config.schema.soft_robot import PalmTable
-from cosim.coupling.soft_sides.mass import MassProperties
+from cosim.coupling.soft_sides.soft_side import MassProperties
 from cosim.rigid import RigidScene, SceneDescription, SceneObject
 
 PALM = PalmTable(radius_m=0.08, thickness_m=0.01, mass_kg=1.0)

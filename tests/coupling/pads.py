@@ -10,13 +10,11 @@ import numpy as np
 
 from cosim.base.frames import Array, IntArray, Pose, SixNumbers, Twist, Wrench
 from cosim.build.arms import find_arm
-from cosim.coupling.contact.added_mass_free import BodyMass
+from cosim.coupling.contact.added_mass import BodyMass
 from cosim.coupling.contact.contact_exchange import ContactExchange
 from cosim.coupling.contact.contact_report import ContactReport
-from cosim.coupling.schemes.interface import Interface
+from cosim.coupling.schemes.interface import Coupling, Interface, six_numbers
 from cosim.coupling.schemes.ledger import LedgerEntry
-from cosim.coupling.schemes.momentum_balance import six_numbers
-from cosim.coupling.schemes.scheme import Coupling
 from cosim.coupling.soft_sides.lumped_arm import SoftArm
 from cosim.rigid.build.description import SceneDescription, SceneObject
 from cosim.rigid.build.wire import Wire

@@ -9,12 +9,9 @@ import pytest
 
 import cosim
 from cosim.base.frames import Array, Pose
-from cosim.coupling.schemes.automatic import AutomaticCoupling
-from cosim.coupling.schemes.fixed_point_search import IterationOptions
 from cosim.coupling.schemes.interface import Interface
-from cosim.coupling.schemes.iterated import IteratedCoupling
-from cosim.coupling.schemes.quasi_newton import QuasiNewton
-from cosim.coupling.schemes.staggered import StaggeredCoupling
+from cosim.coupling.schemes.iterated import IteratedCoupling, IterationOptions, QuasiNewton
+from cosim.coupling.schemes.staggered import AutomaticCoupling, StaggeredCoupling
 from cosim.errors import ConvergenceError, SolverError
 from cosim.rigid.build.description import ServoGains
 from tests.coupling.pads import GRASP, CoupledGrasp

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cosim.coupling.schemes.momentum_balance import TransferredLoads
+from cosim.coupling.schemes.interface import TransferredLoads
 
 FLANGE = np.array([4.0, 1.0, -2.0, 0.1, 0.2, 0.3])
 HANDED = TransferredLoads((4.0, 1.0, -2.0, 0.1, 0.2, 0.3), (0.0, 1.0, 2.0, 3.0, 4.0, 5.0), 4.0, 5.0)

@@ -10,9 +10,8 @@ import pytest
 
 from cosim.base.frames import Array
 from cosim.build.arms import find_arm
-from cosim.coupling.schemes.interface import Interface
+from cosim.coupling.schemes.interface import Coupling, Interface
 from cosim.coupling.schemes.ledger import LedgerEntry
-from cosim.coupling.schemes.scheme import Coupling
 from cosim.coupling.schemes.staggered import StaggeredCoupling
 from cosim.coupling.soft_sides.lumped_arm import SoftArm
 from cosim.errors import SolverError

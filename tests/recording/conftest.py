@@ -15,8 +15,7 @@ from rerun.chunk import RrdReader
 from cosim.base.frames import Array, Pose, Twist, Wrench, quaternion_from_rotation, rotation_from_vector
 from cosim.recording.rerun_recorder import RerunRecorder
 from cosim.soft.geometry.polygonal_stack import PolygonalStack
-from cosim.telemetry.film_shape import FilmShape
-from cosim.telemetry.snapshot import BodyShape, LedgerEntry, RunInfo, Snapshot
+from cosim.telemetry.snapshot import BodyShape, FilmShape, LedgerEntry, RunInfo, Snapshot
 from cosim.telemetry.tick_batch import TickBatch
 
 MakeStage: TypeAlias = Callable[..., RunInfo]

@@ -14,8 +14,7 @@ from cosim.base.frames import Pose, quaternion_from_rotation, quaternions_from_r
 from cosim.base.link_contact import LinkContact
 from cosim.config.loading import load_scenario
 from cosim.devices.measuring import bending_angle
-from cosim.telemetry.film_shape import FilmShape
-from cosim.telemetry.snapshot import LedgerEntry, Snapshot
+from cosim.telemetry.snapshot import FilmShape, LedgerEntry, Snapshot
 from cosim.telemetry.tick_batch import TickBatch
 from tests.conftest import made_up_snapshot
 

@@ -19,7 +19,6 @@ import numpy as np
 from cosim.base.frames import Array
 from cosim.base.kernel_calls import address_of, nothing_of
 from cosim.base.state_check import check_indices
-from cosim.coupling.contact.body_stiffness import RENEW_ABOVE
 from cosim.coupling.contact.contact_arrays import (
     AGE,
     ASKS,
@@ -39,10 +38,8 @@ from cosim.coupling.contact.contact_arrays import (
     SurfaceRows,
     Ties,
 )
-from cosim.coupling.contact.contact_kernels import contact_calls, find_touched, settle_touched
-from cosim.coupling.contact.contact_memory import ContactMemory
-from cosim.coupling.contact.contact_report import NOTHING_TOUCHED, ContactReport
-from cosim.coupling.contact.film_search import search_calls
+from cosim.coupling.contact.contact_kernels import contact_calls, find_touched, search_calls, settle_touched
+from cosim.coupling.contact.contact_report import NOTHING_TOUCHED, ContactMemory, ContactReport
 from cosim.coupling.ticks import BodyLoads
 from cosim.rigid.distance.contact_query import ContactQuery
 from cosim.rigid.distance.film_distance import TriangleLists
@@ -58,6 +55,8 @@ BEHIND_M: Final = 5e-3
 """How far behind the film a corner still counts as one that came through it."""
 FEATURE_AREA_M2: Final = 5e-5
 """What each stands for: a corner must hold back the film around it by itself."""
+RENEW_ABOVE: Final = 1.2
+"""Growth of the contacts' own stiffness beyond which bodies are weighed: the film's grows at most as much."""
 _REACH_M = 1e-3  # looked ahead besides what the film moves in a tick
 _STILL_REACH_M = 3e-3  # the same in statics, where nothing says how far the film will move
 _MARGIN_M = 8e-3  # more of it lengthens the lists, less makes them anew more often

@@ -1,28 +1,99 @@
-"""What every scheme of exchange acts on: both sides, their contacts, and the wrench between them."""
+"""What every scheme of exchange acts on: both sides, their contacts, and the wrench between them.
+
+Action and reaction are checked in every tick: what the rigid side has received is what was handed over.
+Transferred: the soft side's wrench on the flange, and the contact forces on its film with the opposite sign,
+summed node by node. Received: what MuJoCo holds applied to the flange and to the touched bodies in the step,
+read back from it. Both are taken about the world's origin, so forces stand for momentum and torques for
+angular momentum, each times the tick. In the staggered exchange a tick receives what the tick before has
+handed over; in the iterated one, what the same tick hands over, and what the last one left over.
+"""
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import final
+from typing import Any, final
 
 import numpy as np
 
-from cosim.base.frames import Array, Wrench
-from cosim.coupling.contact.added_mass_free import BodyMass, BodyMassState
+from cosim.base.frames import Array, SixNumbers, Wrench
+from cosim.coupling.contact.added_mass import BodyMass, BodyMassState
 from cosim.coupling.contact.contact_exchange import ContactExchange, ContactState
 from cosim.coupling.contact.contact_report import NOTHING_TOUCHED, ContactReport
-from cosim.coupling.half_ticks import RigidSide, hand_over
-from cosim.coupling.schemes.momentum_balance import NOTHING, TransferredLoads, six_numbers
-from cosim.coupling.soft_sides.answer_weights import exchange_gain
-from cosim.coupling.soft_sides.mass import stability_ratio
-from cosim.coupling.soft_sides.soft_side import SoftReply, SoftSide
-from cosim.coupling.ticks import BodyLoads, CarriedInertia
+from cosim.coupling.half_ticks import LEVER_M, SMALLEST_N, RigidSide, hand_over
+from cosim.coupling.soft_sides.soft_side import SoftReply, SoftSide, exchange_gain, stability_ratio
+from cosim.coupling.ticks import BodyLoads, CarriedInertia, Servos
 from cosim.coupling.ticks_taken import TicksTaken
 from cosim.errors import InputError
 from cosim.reduced.sections.outputs import supplied_wrench
 from cosim.rigid.scene.scene import RigidScene
 from cosim.soft.body.loads import Loads
 from cosim.soft.solve.time_scheme import StepAim
+
+NOTHING: SixNumbers = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+
+
+@final
+@dataclass(frozen=True)
+class TransferredLoads:
+    """Loads about the world's origin, (force, torque) each; plain numbers, as numpy is slow on six.
+
+    Args:
+        flange: on it.
+        bodies: sum over all touched bodies.
+        flange_size_N: of the loads that make up the first.
+        bodies_size_N: the same of the second.
+    """
+
+    flange: SixNumbers
+    bodies: SixNumbers
+    flange_size_N: float
+    bodies_size_N: float
+
+    def plus(self, flange: SixNumbers, bodies: SixNumbers) -> TransferredLoads:
+        """Return these loads and others on top."""
+        return TransferredLoads(
+            _sum(self.flange, flange), _sum(self.bodies, bodies), self.flange_size_N, self.bodies_size_N
+        )
+
+    def error(self, flange: SixNumbers, bodies: SixNumbers) -> float:
+        """Return the largest relative difference to what was received."""
+        on_flange = _error(self.flange, flange, self.flange_size_N)
+        if bodies is self.bodies:
+            return on_flange
+        return max(on_flange, _error(self.bodies, bodies, self.bodies_size_N))
+
+
+def received_flange(scene: RigidScene) -> SixNumbers:
+    """Return what acts on the flange in the step in progress, about the world's origin."""
+    return scene.received_wrench()
+
+
+def received_bodies(scene: RigidScene) -> SixNumbers:
+    """Return what acts on the touched bodies in the step in progress, about the world's origin."""
+    loaded = scene.bodies.loaded
+    return six_numbers(scene.bodies.received(loaded).sum(axis=0)) if len(loaded) else NOTHING
+
+
+def six_numbers(load: Array) -> SixNumbers:
+    """Return a load (6,) as plain numbers."""
+    x, y, z, u, v, w = load.tolist()
+    return x, y, z, u, v, w
+
+
+def _sum(first: SixNumbers, second: SixNumbers) -> SixNumbers:
+    (x, y, z, u, v, w), (a, b, c, d, e, f) = first, second
+    return x + a, y + b, z + c, u + d, v + e, w + f
+
+
+def _error(given: SixNumbers, found: SixNumbers, size_N: float) -> float:
+    """Return the largest component of the difference of two loads over a size."""
+    (x, y, z, u, v, w), (a, b, c, d, e, f) = given, found
+    force = max(abs(x - a), abs(y - b), abs(z - c))
+    torque = max(abs(u - d), abs(v - e), abs(w - f))
+    return max(force, torque / LEVER_M) / max(size_N, SMALLEST_N)
+
 
 # Shape and configuration hardly change meanwhile, and the ratio costs as much as the rest of the exchange.
 # So it is found after a time, in bounds of ticks; after a longer one where nothing hangs on it.
@@ -230,3 +301,47 @@ class Interface:
             six_numbers(flange[:6]), six_numbers(bodies[:6]), float(flange[6]), float(bodies[6])
         )
         self.ticks += count
+
+
+class Coupling(ABC):
+    """Advances arm and soft body.
+
+    Args:
+        interface: between them.
+    """
+
+    def __init__(self, interface: Interface) -> None:
+        self.interface = interface
+
+    @property
+    def wrench(self) -> Wrench:
+        """What the soft side exerts on the flange at present, at its origin, world axes."""
+        return self.interface.wrench
+
+    @abstractmethod
+    def save_state(self) -> Any:
+        """Return what the next tick depends on besides the states of scene and soft side."""
+
+    @abstractmethod
+    def restore_state(self, state: Any) -> None:
+        """Return to a state of `save_state`; scene and soft side have been restored before.
+
+        Raises:
+            InputError: the state does not fit.
+        """
+
+    @abstractmethod
+    def advance(self, servos: Servos, loads: Sequence[Loads]) -> TicksTaken:
+        """Advance both sides by up to n ticks, at least one; how many changes no result.
+
+        Args:
+            servos: what they are asked for.
+            loads: on the soft body at the ends of the ticks.
+
+        Returns:
+            What they leave, and the error of the tick after the last one, if that has failed.
+
+        Raises:
+            InstabilityError: the rigid side is no longer finite, in the first tick.
+            ConvergenceError: the first soft step, or the first exchange, has no solution.
+        """

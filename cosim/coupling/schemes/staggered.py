@@ -10,6 +10,20 @@ Where the scene can be touched, contacts are found between the two steps, and ac
 A tick is a row of length one. Kernels take rows, until the flange or bodies are to be weighed, or a soft half
 is more than they know: lists of what is near serve no longer, a tangent is indefinite, gas is sealed, films
 touch one another. That half is left to Python, and the row goes on.
+
+What is carried: a small motion xi of the flange takes the film along rigidly, which strains nothing, but the
+film lags behind by X = K^-1 c m E xi: K the tangent of the step, E the rigid motions of the nodes m, c the
+weight of inertia in the step's scheme. Within the tick the wrench on the flange changes by
+-c E^T m (E - X) xi; in a slow motion it ends up changed by -c E^T m E xi, as that of a rigid body. Carried:
+
+    M_a = s_0 (E^T m E - (1 - b) E^T m X),    b = min(1, 1 / r^2),
+
+r the stability ratio, s_0 = c h^2 the first of `answer_weights`. The whole mass, b = 1, leaves slow motions
+as they are, but under a soft film that is heavy (r above 1.5, implicit Euler) the motion grows weakly. Under
+that of the tick, b = 0, it does not up to r = 10; where the acceleration jumps, a tick's impulse is lost.
+Source: the amplification of a chain on a mass, in tests/coupling/test_algorithmic_mass.py.
+
+The automatic exchange is iterated where the staggered one would need an algorithmic mass.
 """
 
 from __future__ import annotations
@@ -21,15 +35,49 @@ from typing import final
 import numpy as np
 
 from cosim.base.frames import Array
+from cosim.coupling.contact.added_mass import RATIO_BOUND, rigid_motions
 from cosim.coupling.half_ticks import RIGID_SIDE_WARNS, SOFT_HALF_LEFT, SOFT_STEP_BEGUN
-from cosim.coupling.schemes.algorithmic_mass import algorithmic_mass
-from cosim.coupling.schemes.interface import Interface, InterfaceState
-from cosim.coupling.schemes.scheme import Coupling
+from cosim.coupling.schemes.interface import Coupling, Interface, InterfaceState
+from cosim.coupling.schemes.iterated import IteratedCoupling, IteratedState, IterationOptions
 from cosim.coupling.soft_halves import soft_halves
-from cosim.coupling.soft_sides.answer_weights import expecting_no_change
+from cosim.coupling.soft_sides.soft_side import SoftSide, expecting_no_change
 from cosim.coupling.ticks import CarriedInertia, Servos
 from cosim.coupling.ticks_taken import TicksTaken
 from cosim.soft.body.loads import Loads
+from cosim.soft.contact.obstacle_contact import ContactPlanes
+
+
+def rigid_share(ratio: float) -> float:
+    """Return b, how much of what the film lags behind within a tick is carried all the same.
+
+    Args:
+        ratio: r, stability ratio of the flange.
+    """
+    return 1.0 if ratio <= 1.0 else 1.0 / ratio**2
+
+
+def algorithmic_mass(
+    soft: SoftSide, origin: Array, ratio: float, contact: ContactPlanes | None, step_s: float
+) -> Array:
+    """Return M_a (6, 6), linear then angular, about a point, world axes.
+
+    Args:
+        soft: after its step.
+        origin: (3,) [m], of the flange.
+        ratio: r, stability ratio of the flange.
+        contact: with the body; None for none.
+        step_s: h [s].
+    """
+    mass = soft.mass_properties().spatial(origin)
+    lacking = 1.0 - rigid_share(ratio)
+    if lacking > 0.0:
+        rigid = rigid_motions(soft.state.positions, origin)
+        momentum = np.ascontiguousarray((soft.body.node_mass[:, None, None] * rigid).transpose(2, 0, 1))
+        lagging = soft.response(soft.inertia_weight(step_s) * momentum, contact, step_s)
+        if lagging is not None:  # the tangent is not indefinite
+            behind = lacking * np.einsum("inr,jnr->ij", momentum, lagging)
+            mass -= 0.5 * (behind + behind.T)
+    return np.asarray(soft.answer_weights[0] * mass)
 
 
 @final
@@ -136,3 +184,53 @@ class StaggeredCoupling(Coupling):
         if self._carries and not carries:
             scene.apply_joint_torque(np.zeros(len(added)))
         self._added, self._carries = added, carries
+
+
+_FLANGE_RATIO_BOUND = 0.5  # of the stability ratio, above which ticks are iterated
+
+
+@final
+@dataclass(frozen=True)
+class AutomaticState:
+    """Where an `AutomaticCoupling` is.
+
+    Args:
+        iterated: its iterated scheme; the staggered one has no state of its own, as it carries no mass.
+        iterates: whether the last tick was iterated.
+    """
+
+    iterated: IteratedState
+    iterates: bool
+
+
+@final
+class AutomaticCoupling(Coupling):
+    """Decides before every tick, by the stability ratios of flange and touched bodies.
+
+    Args:
+        interface: between the sides.
+        options: when the iterated scheme's loads agree.
+    """
+
+    def __init__(self, interface: Interface, options: IterationOptions | None = None) -> None:
+        super().__init__(interface)
+        self._staggered = StaggeredCoupling(interface, np.inf, bodies_carry=False)
+        self._iterated = IteratedCoupling(interface, options)
+        self._iterates = False
+
+    def advance(self, servos: Servos, loads: Sequence[Loads]) -> TicksTaken:
+        interface = self.interface
+        if interface.to_be_weighed:
+            interface.update_stability_ratio()
+        iterates = interface.ratio > _FLANGE_RATIO_BOUND or interface.contact_ratio > RATIO_BOUND
+        if iterates and not self._iterates:
+            self._iterated.begin_again()
+        self._iterates = iterates
+        return (self._iterated if iterates else self._staggered).advance(servos.some(0, 1), loads[:1])
+
+    def save_state(self) -> AutomaticState:
+        return AutomaticState(self._iterated.save_state(), self._iterates)
+
+    def restore_state(self, state: AutomaticState) -> None:
+        self._iterated.restore_state(state.iterated)
+        self._iterates = state.iterates

@@ -13,9 +13,8 @@ from scipy.integrate import solve_ivp
 
 from cosim.base.arm_file import ArmFile
 from cosim.base.frames import Array
-from cosim.coupling.schemes.interface import Interface
+from cosim.coupling.schemes.interface import Coupling, Interface
 from cosim.coupling.schemes.iterated import IteratedCoupling
-from cosim.coupling.schemes.scheme import Coupling
 from cosim.coupling.schemes.staggered import StaggeredCoupling
 from cosim.coupling.soft_sides.lumped_arm import SoftArm
 from cosim.coupling.ticks import Servos
