@@ -88,7 +88,7 @@ def main() -> None:
     from cosim.app.driver import build_simulation
     from cosim.app.first_run import with_fidelity_chosen
     from cosim.config.loading import load_scenario
-    from cosim.coupling.soft_halves import SoftHalves
+    from cosim.coupling.schemes.staggered import SoftHalves
 
     overrides = {"fidelity": options.fidelity, "coupling.scheme": "staggered"}
     run: Any = build_simulation(with_fidelity_chosen(load_scenario(options.scenario, overrides), print))

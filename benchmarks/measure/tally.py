@@ -30,7 +30,7 @@ class Tally:
     def watch(self) -> None:
         """Count from now on what every solver evaluates."""
 
-        from cosim.coupling import soft_halves
+        from cosim.coupling.schemes import staggered
         from cosim.coupling.ticks import Ticks
         from cosim.soft.solve import quick_step
         from cosim.soft.solve.newton import NewtonSolver
@@ -43,7 +43,7 @@ class Tally:
         part_at = part_of.at
         sides: Any = vars(quick_step).get("FilmSides", SimpleNamespace(take_over=None))  # of versions since
         take_over = sides.take_over
-        row: Any = vars(soft_halves._FilmHalves)["_row"]
+        row: Any = vars(staggered._FilmHalves)["_row"]
 
         def counted_at(problem: Problem, *places: Any, hessian: bool = False) -> Any:
             self.tangents += hessian
@@ -82,7 +82,7 @@ class Tally:
             (sides, "take_over", counted_tangents),
             (NewtonSolver, "_factor", counted_factor),
             (quick_step, "film_step", counted_step),
-            (soft_halves._FilmHalves, "_row", counted_row),
+            (staggered._FilmHalves, "_row", counted_row),
         ):
             setattr(owner, name, counted)
 

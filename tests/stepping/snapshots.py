@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from cosim.coupling.schemes import staggered
-from cosim.coupling.soft_halves import SoftHalves
+from cosim.coupling.schemes.staggered import SoftHalves
 from cosim.telemetry.snapshot import LedgerEntry, Snapshot
 
 

@@ -12,7 +12,7 @@ from cosim.app.driver import build_simulation
 from cosim.app.first_run import with_fidelity_chosen
 from cosim.config.loading import load_scenario
 from cosim.config.schema.scenario import Scenario
-from cosim.coupling import soft_halves
+from cosim.coupling.schemes import staggered
 from cosim.soft.solve.film_sides import FilmSides
 from cosim.telemetry.snapshot import Snapshot
 from tests.stepping.snapshots import assert_close, kernels_take, python_takes_every_soft_half
@@ -114,7 +114,7 @@ def test_rows_are_ticks_bit_for_bit_from_the_same_rigid_halves(
     wanted = scenario(path)
     rows, together = kernels_take(build_simulation(wanted))
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(soft_halves, "LARGE_TURN_RAD", -1.0)  # every flange turns further in a tick
+        patch.setattr(staggered, "LARGE_TURN_RAD", -1.0)  # every flange turns further in a tick
         ticks, alone = kernels_take(build_simulation(wanted))
     assert not alone
     touching = {snapshot.tick for snapshot in ticks if snapshot.ledger.contacts}

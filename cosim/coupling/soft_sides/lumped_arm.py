@@ -11,15 +11,21 @@ Source: Hairer, Norsett and Wanner, Solving ODEs I, section III.2 (error constan
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import TypeAlias, final
+from typing import final
 
 import numpy as np
 
 from cosim.base.frames import Array, IntArray, Mask, Pose, rotation_from_vector, vector_from_rotation
 from cosim.base.state_check import check_indices
-from cosim.coupling.soft_sides.soft_side import MeshReader, SoftReply, SoftSide, answer_weights
+from cosim.coupling.soft_sides.soft_side import (
+    Drive,
+    MeshReader,
+    SoftReply,
+    SoftSide,
+    answer_weights,
+    step_or_halves,
+)
 from cosim.errors import ConvergenceError, InputError
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
@@ -79,50 +85,9 @@ class SoftArmState:
             raise InputError(f"the saved loads have {len(self.loads.cable_length_m)} cables with a length")
 
 
-Drive: TypeAlias = tuple[Pose, Loads]
-_HALVINGS_MAX = 5
 _PIECES_MAX = 16
 _SAFETY = 1.2
 _RELAXED = 0.25  # of the bound: then longer pieces are tried in the next step
-
-
-def step_or_halves(
-    step: Callable[[Drive, Drive, float, StepAim | None], int],
-    restart: Callable[[], None],
-    begin: Drive,
-    end: Drive,
-    step_s: float,
-    aim: StepAim | None,
-    halvings: int = _HALVINGS_MAX,
-) -> int:
-    """Take one step, or two halves where it does not converge; return the Newton iterations.
-
-    Args:
-        step: takes a step between two flange poses and loads, or leaves the state as it is.
-        restart: lets the next step be the first one: a two-step integrator cannot look back over a change of
-            step.
-        begin: flange pose and loads at the beginning.
-        end: at the end.
-        step_s: length [s].
-        aim: what the step is asked for; None for nothing.
-        halvings: how often it may be halved.
-
-    Raises:
-        ConvergenceError: not even the shortest pieces converge.
-    """
-    try:
-        return step(begin, end, step_s, aim)
-    except ConvergenceError as error:
-        if halvings == 0:
-            raise error.at(f"even in steps of {1e3 * step_s:.3g} ms") from None
-        spent = error.iterations
-    middle = (begin[0].interpolated(end[0], 0.5), begin[1].interpolated(end[1], 0.5))
-    restart()
-    part = None if aim is None else StepAim(aim.tolerance_N)
-    for first, last in ((begin, middle), (middle, end)):
-        spent += step_or_halves(step, restart, first, last, 0.5 * step_s, part, halvings - 1)
-    restart()
-    return spent
 
 
 def pose_within(before: Pose | None, begin: Pose, end: Pose, fraction: float) -> Pose:

@@ -11,15 +11,16 @@ from scipy.linalg import LinAlgError
 
 from cosim.base.frames import Array, IntArray, Mask, Pose
 from cosim.coupling.soft_sides.chain_equilibria import ChainEquilibria, ChainFilms
-from cosim.coupling.soft_sides.lumped_arm import Drive, step_or_halves
 from cosim.coupling.soft_sides.shape_figures import ShapeFigures
 from cosim.coupling.soft_sides.soft_side import (
+    Drive,
     MassProperties,
     ShapeReader,
     SoftReply,
     SoftSide,
     answer_weights,
     figures_at,
+    step_or_halves,
 )
 from cosim.errors import ConvergenceError, InputError
 from cosim.reduced.section_model import SectionBody

@@ -21,13 +21,14 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, Final, final
+from typing import Any, Final, TypeAlias, final
 
 import numpy as np
 from scipy.linalg import lapack
 
 from cosim.base.frames import Array, IntArray, Mask, Pose, Wrench, cross_matrix
 from cosim.coupling.soft_sides.shape_figures import ShapeFigures
+from cosim.errors import ConvergenceError
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.center_line import center_rings, ring_figures
 from cosim.soft.body.loads import Loads
@@ -220,6 +221,11 @@ class MeshReader(ShapeReader):
         tip, centers = films.take(self._tip, axis=1), films.take(self._rings, axis=1).mean(axis=2)
         points = np.concatenate([tip, centers], axis=1)
         return figures_at(points, tip.shape[1], self._volumes(films))
+
+
+Drive: TypeAlias = tuple[Pose, Loads]
+"""Pose of the flange and loads at one instant."""
+_HALVINGS_MAX = 5
 
 
 @final
@@ -469,3 +475,42 @@ class SoftSide(ABC):
     def mass_properties(self) -> MassProperties:
         """Return mass, centre and inertia at the present shape."""
         return MassProperties.of(self.body.node_mass, self.state.positions)
+
+
+def step_or_halves(
+    step: Callable[[Drive, Drive, float, StepAim | None], int],
+    restart: Callable[[], None],
+    begin: Drive,
+    end: Drive,
+    step_s: float,
+    aim: StepAim | None,
+    halvings: int = _HALVINGS_MAX,
+) -> int:
+    """Take one step, or two halves where it does not converge; return the Newton iterations.
+
+    Args:
+        step: takes a step between two flange poses and loads, or leaves the state as it is.
+        restart: lets the next step be the first one: a two-step integrator cannot look back over a change of
+            step.
+        begin: flange pose and loads at the beginning.
+        end: at the end.
+        step_s: length [s].
+        aim: what the step is asked for; None for nothing.
+        halvings: how often it may be halved.
+
+    Raises:
+        ConvergenceError: not even the shortest pieces converge.
+    """
+    try:
+        return step(begin, end, step_s, aim)
+    except ConvergenceError as error:
+        if halvings == 0:
+            raise error.at(f"even in steps of {1e3 * step_s:.3g} ms") from None
+        spent = error.iterations
+    middle = (begin[0].interpolated(end[0], 0.5), begin[1].interpolated(end[1], 0.5))
+    restart()
+    part = None if aim is None else StepAim(aim.tolerance_N)
+    for first, last in ((begin, middle), (middle, end)):
+        spent += step_or_halves(step, restart, first, last, 0.5 * step_s, part, halvings - 1)
+    restart()
+    return spent
