@@ -118,9 +118,9 @@ def run_once(
     from cosim.app.first_run import prepared
     from cosim.config.loading import load_scenario
     from cosim.recording import rerun_recorder
-    from cosim.stepping import batch_stepper, dynamic, stepped_run
+    from cosim.stepping import dynamic, stepped_run
 
-    for module in (dynamic, batch_stepper, stepped_run, rerun_recorder):  # other work does not count
+    for module in (dynamic, stepped_run, rerun_recorder):  # other work does not count
         vars(module)["time"] = SimpleNamespace(perf_counter=time.thread_time)
     plan, loop = Counts(), Counts()
     tally.now = plan

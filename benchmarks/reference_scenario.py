@@ -72,7 +72,7 @@ def watch() -> Stopwatch:
     stopwatch.wrap(EnvelopeCholesky, "solve", "soft: triangular solves")
     stopwatch.wrap(RigidScene, "finish_step", "MuJoCo: second half step")
     stopwatch.wrap(RigidScene, "begin_step", "MuJoCo: first half step")
-    stopwatch.wrap(StaggeredCoupling, "tick", "exchange, Newton's bookkeeping, ledger")
+    stopwatch.wrap(StaggeredCoupling, "advance", "exchange, Newton's bookkeeping, ledger")
     stopwatch.wrap(Arm, "inverse_dynamics", "Pinocchio: feedforward")
     stopwatch.wrap(Parts, "snapshot", "snapshot")
     stopwatch.wrap(RerunRecorder, "record", "recording")

@@ -26,10 +26,9 @@ from typing import Any, get_args
 import numpy as np
 
 from cosim.base.frames import Pose
-from cosim.coupling.schemes.interface import Interface
+from cosim.coupling.schemes.interface import Coupling, Interface
 from cosim.coupling.schemes.iterated import IteratedCoupling
 from cosim.coupling.schemes.ledger import LedgerEntry
-from cosim.coupling.schemes.scheme import Coupling
 from cosim.coupling.schemes.staggered import StaggeredCoupling
 from cosim.errors import SolverError
 from cosim.rigid.build.description import ServoGains

@@ -88,6 +88,7 @@ def main() -> None:
     from cosim.app.driver import build_simulation
     from cosim.app.first_run import with_fidelity_chosen
     from cosim.config.loading import load_scenario
+    from cosim.coupling.schemes.staggered import SoftHalves
 
     overrides = {"fidelity": options.fidelity, "coupling.scheme": "staggered"}
     run: Any = build_simulation(with_fidelity_chosen(load_scenario(options.scenario, overrides), print))
@@ -95,9 +96,9 @@ def main() -> None:
     for _ in islice(run.steps(), 20):
         pass
     figures = {}
-    if carrier.lockstep is not None:
+    if carrier.joint_names:
         figures["tick of a batch"] = together(run)
-        carrier._lockstep = None
+        carrier._coupling._halves = SoftHalves(carrier._coupling.interface)
     figures |= in_a_run(run, soft, options.ticks) | {"around it, alone": alone(run, soft)}
     for name, microseconds in figures.items():
         print(f"{microseconds:9.1f} us  {name}")

@@ -13,8 +13,7 @@ from cosim.base.frames import Pose, Twist, Wrench
 from cosim.config.schema.scenario import Scenario
 from cosim.coupling.schemes.ledger import LedgerEntry
 from cosim.soft.beams.strength import StiffenerStrain
-from cosim.telemetry.film_shape import FilmShape
-from cosim.telemetry.snapshot import RunInfo, Snapshot
+from cosim.telemetry.snapshot import FilmShape, RunInfo, Snapshot
 from cosim.telemetry.tick_batch import TickBatch
 
 TICKS_PER_PHASE = 5

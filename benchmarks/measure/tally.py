@@ -41,10 +41,12 @@ class Tally:
 
     def watch(self) -> None:
         """Count from now on what every solver evaluates."""
+
+        from cosim.coupling.schemes import staggered
+        from cosim.coupling.ticks import Ticks
         from cosim.soft.solve import quick_step
         from cosim.soft.solve.newton import NewtonSolver
         from cosim.soft.solve.problem import Problem
-        from cosim.stepping.batch_stepper import BatchStepper
 
         at: Any = Problem.at
         factor: Any = vars(NewtonSolver)["_factor"]  # of versions before as well
@@ -53,7 +55,7 @@ class Tally:
         part_at = part_of.at
         sides: Any = vars(quick_step).get("FilmSides", SimpleNamespace(take_over=None))  # of versions since
         take_over = sides.take_over
-        take_row: Any = BatchStepper.take
+        row: Any = vars(staggered._FilmHalves)["_row"]
 
         def counted_at(problem: Problem, *places: Any, hessian: bool = False) -> Any:
             self.now.tangents += hessian
@@ -80,11 +82,11 @@ class Tally:
             self.now.gradients += getattr(given[-1], "begins", True) + iterations
             return converged, iterations, *rest
 
-        def counted_row(stepper: BatchStepper, *given: Any) -> Any:
-            batch = take_row(stepper, *given)
-            if batch is not None:
-                self.now.gradients += int(batch.newton_iterations.sum()) + len(batch)
-            return batch
+        def counted_row(halves: Any, *given: Any) -> Any:
+            done, ending = row(halves, *given)
+            ticks = next(part for part in given if isinstance(part, Ticks))
+            self.now.gradients += int(ticks.iterations[:done].sum()) + done
+            return done, ending
 
         for owner, name, counted in (
             (Problem, "at", counted_at),
@@ -92,7 +94,7 @@ class Tally:
             (sides, "take_over", counted_tangents),
             (NewtonSolver, "_factor", counted_factor),
             (quick_step, "film_step", counted_step),
-            (BatchStepper, "take", counted_row),
+            (staggered._FilmHalves, "_row", counted_row),
         ):
             setattr(owner, name, counted)
 

@@ -13,13 +13,11 @@ from cosim.base.arm_file import ArmFile
 from cosim.base.frames import Pose, Wrench
 from cosim.build.fidelity import fidelity_body
 from cosim.config.loading import load_scenario
-from cosim.coupling.batch.film_lockstep import FilmLockstep
-from cosim.coupling.batch.lockstep import Servos
 from cosim.coupling.contact.contact_exchange import ContactExchange
-from cosim.coupling.schemes.interface import Interface, ServoCommand
+from cosim.coupling.schemes.interface import Interface
 from cosim.coupling.schemes.staggered import StaggeredCoupling
 from cosim.coupling.soft_sides.lumped_arm import SoftArm
-from cosim.kinematics.inertial_parameters import COUNT
+from cosim.coupling.ticks import Servos
 from cosim.rigid.build.description import SceneDescription, SceneObject, ServoGains
 from cosim.rigid.scene.scene import RigidScene
 from cosim.soft.body.body import SoftBody
@@ -98,7 +96,6 @@ class Stand:
         if course.bar is not None:
             contact = ContactExchange(scene.contact_query(), scene.bodies, soft.contact_surface(), _LAW)
         self._coupling, self._soft = StaggeredCoupling(Interface(scene, soft, Wrench(), contact)), soft
-        self._rows = FilmLockstep.of(self._coupling, soft, np.zeros(COUNT))
 
     @property
     def positions(self) -> np.ndarray:
@@ -113,21 +110,10 @@ class Stand:
             for k in ticks
         ]
         while loads:
-            done = self._row(loads) if self._rows is not None and self._rows.ready else 0
-            if not done:
-                self._coupling.tick(ServoCommand(np.zeros(1), np.zeros(1), np.zeros(1)), loads[0])
-            loads = loads[max(done, 1) :]
+            still = np.zeros((len(loads), 1))
+            servos = Servos.knowing_no_payload(still, still, still)
+            loads = loads[self._coupling.advance(servos, loads).done :]
         self._done = ticks.stop - 1
-
-    def _row(self, loads: list[Loads]) -> int:
-        assert self._rows is not None
-        still, payload = np.zeros((len(loads), 1)), np.zeros((len(loads), 1, COUNT))
-        commands = self._rows.commands(Servos(still, still, still, payload), loads)
-        assert commands is not None, "pressures and tensions are given"
-        progress = self._rows.advance(commands, loads)
-        if progress.half_done:
-            self._rows.finish_tick(loads[progress.done])
-        return progress.done + progress.half_done
 
 
 def _solid(bar: Bar) -> SceneObject:

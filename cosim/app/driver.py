@@ -25,8 +25,7 @@ from cosim.config.schema.solver import RecordingTable
 from cosim.errors import SolverError
 from cosim.recording.recorder import Recorder, Recorders, RecordingPart
 from cosim.telemetry.snapshot import RunInfo, Snapshot
-from cosim.telemetry.summary import Status, SummaryBuilder, reason_of
-from cosim.telemetry.summary_text import summary_markdown
+from cosim.telemetry.summary import Status, SummaryBuilder, reason_of, summary_markdown
 from cosim.telemetry.tick_batch import TickBatch
 
 if TYPE_CHECKING:

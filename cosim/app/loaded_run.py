@@ -11,8 +11,7 @@ from cosim.errors import InputError
 from cosim.results.array_files import check_rows, read_parts, read_stage
 from cosim.results.html import as_html
 from cosim.results.result import COLUMNS, FRAME_COLUMNS, RunResult
-from cosim.telemetry.phase_row import phase_row
-from cosim.telemetry.summary import Status
+from cosim.telemetry.summary import Status, phase_row
 
 
 def load_run(directory: str | Path) -> RunResult:

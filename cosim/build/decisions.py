@@ -17,7 +17,7 @@ from cosim.plan.plan import Plan
 from cosim.plan.reach import FlangeTravel, film_reach, flange_travel, within_reach
 from cosim.soft.body.body import SoftBody
 from cosim.soft.contact.self_contact_faces import FilmFaces
-from cosim.stepping.self_contact_law import film_report
+from cosim.stepping.parts import film_report
 from cosim.telemetry.choices import CONTACT, CONTACT_ENABLED, ONLY_IN_REACH
 
 if TYPE_CHECKING:

@@ -58,22 +58,20 @@ def kernel_modules(scenario: Scenario) -> tuple[ModuleType, ...]:
         from cosim.rigid.distance import shapes  # here: it brings MuJoCo
 
         modules += (shapes,)
-        if scenario.fidelity == "section" and scenario.mode == "dynamic":
-            from cosim.coupling.batch import batch_kernel as lockstep_kernel
+        if scenario.mode == "dynamic":
+            from cosim.coupling import film_ticks, half_ticks, section_ticks
 
-            modules += (lockstep_kernel,)
-        elif scenario.fidelity != "rigid" and scenario.mode == "dynamic":
-            from cosim.coupling.batch import film_kernel
-
-            modules += (film_kernel,)
+            rows = {"section": (section_ticks,), "rigid": ()}.get(scenario.fidelity, (film_ticks,))
+            modules += (half_ticks, *rows)
     return modules
 
 
 def contact_modules() -> tuple[ModuleType, ...]:
-    """Return the modules with kernels of contact with a scene, compiled when something is near."""
-    from cosim.coupling.contact import film_neighbours  # here, so that wrong input needs no engine
+    """Return the modules with kernels of contact with a scene; whether there is any, the plan says."""
+    from cosim.coupling.contact import contact_kernels
+    from cosim.rigid.distance import features, film_distance, mesh_distance, signed_distance
 
-    return film_neighbours.contact_modules()
+    return contact_kernels, features, film_distance, mesh_distance, signed_distance
 
 
 def compile_distances(tell: Callable[[str], None]) -> None:

@@ -12,7 +12,7 @@ from cosim.config.schema.mesh_paths import mesh_path
 from cosim.config.schema.objects import ObjectTable, SolidTable
 from cosim.config.schema.soft_robot import PalmTable
 from cosim.config.schema.wire import WireTable
-from cosim.coupling.soft_sides.mass import MassProperties
+from cosim.coupling.soft_sides.soft_side import MassProperties
 from cosim.rigid.build.description import SceneObject
 from cosim.rigid.build.geometry import Geometry
 from cosim.rigid.build.joint import Joint

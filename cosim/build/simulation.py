@@ -35,9 +35,8 @@ from cosim.plan.section_plan import section_range
 from cosim.soft.body.body import SoftBody
 from cosim.stepping.carrier import Carrier, HeldBase
 from cosim.stepping.dynamic import DynamicSimulation
-from cosim.stepping.parts import Parts
+from cosim.stepping.parts import Parts, brought_to_rest
 from cosim.stepping.quasistatic import QuasistaticSimulation
-from cosim.stepping.rest import brought_to_rest
 from cosim.telemetry.choices import CONTACT, ONLY_IN_REACH, Choices
 
 if TYPE_CHECKING:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, final
 import numpy as np
 
 from cosim.base.frames import Array, IntArray, Mask, Pose
-from cosim.coupling.soft_sides.mass import MassProperties
+from cosim.coupling.soft_sides.soft_side import MassProperties
 from cosim.errors import ScenarioError
 from cosim.plan.arm_limits import ArmLimits, PathClearances, PlannedArm
 from cosim.plan.joint_path import JointPath, JointReference

@@ -35,6 +35,10 @@ class JointReference:
         """Return what is asked at one of several instants."""
         return JointReference(self.position[k], self.velocity[k], self.acceleration[k])
 
+    def as_rows(self) -> JointReference:
+        """Return what is asked at one instant as that of one row."""
+        return JointReference(self.position[None], self.velocity[None], self.acceleration[None])
+
     def some(self, k: int, end: int | None) -> JointReference:
         """Return what is asked at some of several instants, from one on."""
         return JointReference(self.position[k:end], self.velocity[k:end], self.acceleration[k:end])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, final
 
@@ -13,23 +13,17 @@ from cosim.base.link_contact import LinkContact
 from cosim.base.shown import BodyShape
 from cosim.base.state_check import KnownStates, check_indices, check_state
 from cosim.config.schema.coupling import CouplingTable
-from cosim.coupling.batch.batch import SectionLockstep
-from cosim.coupling.batch.film_lockstep import FilmLockstep
-from cosim.coupling.batch.lockstep import Lockstep, Servos
 from cosim.coupling.contact.contact_exchange import ContactExchange
 from cosim.coupling.contact.contact_report import NOTHING_TOUCHED, ContactReport
-from cosim.coupling.schemes.automatic import AutomaticCoupling
-from cosim.coupling.schemes.fixed_point_search import IterationOptions
-from cosim.coupling.schemes.interface import Interface, ServoCommand
-from cosim.coupling.schemes.iterated import IteratedCoupling
-from cosim.coupling.schemes.ledger import LedgerEntry
-from cosim.coupling.schemes.scheme import Coupling
-from cosim.coupling.schemes.staggered import StaggeredCoupling
-from cosim.coupling.soft_sides.mass import MassProperties
-from cosim.coupling.soft_sides.soft_side import SoftSide
+from cosim.coupling.schemes.interface import Coupling, Interface
+from cosim.coupling.schemes.iterated import IteratedCoupling, IterationOptions
+from cosim.coupling.schemes.staggered import AutomaticCoupling, StaggeredCoupling
+from cosim.coupling.soft_sides.soft_side import MassProperties, SoftSide
+from cosim.coupling.ticks import Servos
+from cosim.coupling.ticks_taken import TicksTaken
 from cosim.errors import InputError, SolverError
 from cosim.kinematics.arm import Arm, Payload
-from cosim.kinematics.inertial_parameters import COUNT, inertial_parameters
+from cosim.kinematics.inertial_parameters import inertial_parameters
 from cosim.plan.cell_motion import CellMotion
 from cosim.plan.joint_path import JointReference
 from cosim.rigid.scene.scene import RigidScene
@@ -91,7 +85,6 @@ class ArmCarrier(Carrier):
         self._reference = np.zeros(arm.joint_count)
         self._coupling: Coupling | None = None
         self._touching: tuple[LinkContact, ...] = ()
-        self._lockstep: Lockstep | None = None
         self._known = KnownStates()
 
     @property
@@ -193,6 +186,10 @@ class ArmCarrier(Carrier):
         query = scene.contact_query(fixed_only=True)
         return ContactExchange(query, scene.bodies, self._soft.contact_surface(), law).still
 
+    @property
+    def drives_cell(self) -> bool:
+        return self._cell is not None
+
     def drive_cell(self, phase: int, time_s: float) -> None:
         if self._cell is not None:
             self._scene.cell.aim(*self._cell.at(phase, time_s))
@@ -202,14 +199,10 @@ class ArmCarrier(Carrier):
         contact = None
         if law is not None:
             contact = ContactExchange(scene.contact_query(), scene.bodies, soft.contact_surface(), law)
-        self._coupling = make_coupling(self._exchange, Interface(scene, soft, wrench, contact))
-        load, parameters = self._mounted, np.zeros(COUNT)
+        load, mounted = self._mounted, None
         if load is not None:
-            parameters = inertial_parameters(load.mass_kg, load.center, load.inertia)
-        # what moves in a cell is told tick by tick
-        kinds = (SectionLockstep, FilmLockstep) if self._cell is None else ()
-        found = (kind.of(self._coupling, soft, parameters) for kind in kinds)
-        self._lockstep = next((lockstep for lockstep in found if lockstep is not None), None)
+            mounted = inertial_parameters(load.mass_kg, load.center, load.inertia)
+        self._coupling = make_coupling(self._exchange, Interface(scene, soft, wrench, contact, mounted))
 
     def save_state(self) -> ArmCarrierState:
         coupling = None if self._coupling is None else self._coupling.save_state()
@@ -235,10 +228,6 @@ class ArmCarrier(Carrier):
         self._coupling.restore_state(state.coupling)
         self._known.add(state)
 
-    @property
-    def lockstep(self) -> Lockstep | None:
-        return self._lockstep
-
     def servos(self, references: JointReference) -> Servos:
         position, velocity = references.position, references.velocity
         acceleration = references.acceleration
@@ -250,13 +239,9 @@ class ArmCarrier(Carrier):
             by_payload = np.zeros_like(by_payload)
         return Servos(position, velocity, torque[row], by_payload[row])
 
-    def tick(self, reference: JointReference, loads: Loads) -> LedgerEntry:
-        assert self._coupling is not None, "couple() comes before tick()"
-        position, velocity, acceleration = reference.position, reference.velocity, reference.acceleration
-        feedforward = self._arm.inverse_dynamics(
-            position, velocity, acceleration, self._scene.armature, self._payload()
-        )
-        return self._coupling.tick(ServoCommand(position, velocity, feedforward), loads)
+    def advance(self, servos: Servos, loads: Sequence[Loads]) -> TicksTaken:
+        assert self._coupling is not None, "couple() comes before advance()"
+        return self._coupling.advance(servos, loads)
 
     def _payload(self) -> Payload | None:
         """Return what hangs on the flange as a rigid payload, at its present shape; None: unknown to it."""

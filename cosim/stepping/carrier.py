@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, final
 
@@ -12,8 +12,9 @@ import numpy as np
 from cosim.base.frames import Array, Pose, Twist, Wrench
 from cosim.base.shown import BodyShape
 from cosim.coupling.contact.contact_report import NOTHING_TOUCHED, ContactReport
-from cosim.coupling.schemes.ledger import LedgerEntry
 from cosim.coupling.soft_sides.soft_side import SoftSide
+from cosim.coupling.ticks import Servos
+from cosim.coupling.ticks_taken import TicksTaken
 from cosim.errors import InputError, SolverError
 from cosim.plan.joint_path import JointPath, JointReference
 from cosim.plan.paths.phase_motion import AnyWay
@@ -22,14 +23,13 @@ from cosim.soft.solve.state import Obstacles
 
 if TYPE_CHECKING:  # a scene without an arm does not wait for MuJoCo
     from cosim.base.link_contact import LinkContact
-    from cosim.coupling.batch.lockstep import Lockstep, Servos
 
 
 class Carrier(ABC):
     """Carries the flange along its planned way, and is acted on by the soft robot.
 
     Statics: `set_configuration`, then `track` and `relax_under` for every increment. Dynamics:
-    `set_configuration`, `couple`, then `tick`.
+    `set_configuration`, `couple`, then `advance`.
     """
 
     @property
@@ -111,14 +111,9 @@ class Carrier(ABC):
     def relax_under(self, reference: Array, wrench: Wrench) -> bool:
         """Go where the soft robot's wrench at the flange pushes it; return whether it still moved."""
 
-    @property
-    def lockstep(self) -> Lockstep | None:
-        """Advances both sides by many ticks at once; None where they go tick by tick."""
-        return None
-
+    @abstractmethod
     def servos(self, references: JointReference) -> Servos:
-        """Return what `lockstep` asks of the servos at n instants."""
-        raise NotImplementedError("only a carrier with a lockstep has servos to command")
+        """Return what the servos are asked for at n instants."""
 
     @abstractmethod
     def save_state(self) -> Any:
@@ -148,25 +143,22 @@ class Carrier(ABC):
         """Return what an equilibrium of the soft robot may touch; None for nothing."""
         return None
 
-    @abstractmethod
+    @property
+    def drives_cell(self) -> bool:
+        """Whether `drive_cell` comes before every tick."""
+        return False
+
     def drive_cell(self, phase: int, time_s: float) -> None:
         """Set where the cell's joints are at the end of the tick to come, that long after a phase began."""
+        raise NotImplementedError("there is no cell to drive")
 
     @abstractmethod
     def couple(self, wrench: Wrench) -> None:
         """Begin a lockstep run; `wrench` acts on the flange at its start."""
 
     @abstractmethod
-    def tick(self, reference: JointReference, loads: Loads) -> LedgerEntry:
-        """Advance carrier and soft robot by one tick.
-
-        Args:
-            reference: of the servos.
-            loads: on the soft body at the end of the tick.
-
-        Returns:
-            What was exchanged.
-        """
+    def advance(self, servos: Servos, loads: Sequence[Loads]) -> TicksTaken:
+        """Advance carrier and soft robot by up to n ticks; see `Coupling.advance`."""
 
 
 @final
@@ -255,9 +247,6 @@ class HeldBase(Carrier):
     def relax_under(self, reference: Array, wrench: Wrench) -> bool:
         return False
 
-    def drive_cell(self, phase: int, time_s: float) -> None:
-        pass
-
     def couple(self, wrench: Wrench) -> None:
         self._wrench = wrench
 
@@ -269,7 +258,15 @@ class HeldBase(Carrier):
             raise InputError("the saved state is of a flange that is carried, this base is held")
         self._wrench = state.wrench
 
-    def tick(self, reference: JointReference, loads: Loads) -> LedgerEntry:
-        reply = self._soft.advance(self._pose, loads, self._tick_s)
+    def servos(self, references: JointReference) -> Servos:
+        return Servos.knowing_no_payload(*[np.zeros_like(references.position)] * 3)
+
+    def advance(self, servos: Servos, loads: Sequence[Loads]) -> TicksTaken:
+        """Advance by one tick: each takes long."""
+        taken = TicksTaken.room(1, 0, 0, len(self._soft.pressures_Pa))
+        taken.begin(self._soft, self._wrench, self._pose)
+        taken.ticks.origin[1], taken.ticks.axes[1] = self._pose.translation, self._pose.rotation
+        reply = self._soft.advance(self._pose, loads[0], self._tick_s)
         self._wrench = reply.wrench
-        return LedgerEntry(reply.wrench, 0.0, 0.0, reply.residual_N, reply.iterations, 0.0, False)
+        taken.take(reply, self._soft)
+        return taken

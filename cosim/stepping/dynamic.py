@@ -1,25 +1,56 @@
-"""The dynamic mode: carrier and soft body advance by one tick of the lockstep clock at a time."""
+"""The dynamic mode: carrier and soft body advance by ticks of the clock, as many at once as they can."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from typing import final
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, final
 
 import numpy as np
 
-from cosim.base.frames import Array, Twist
-from cosim.coupling.clock import Clock
-from cosim.coupling.schemes.ledger import LedgerEntry
-from cosim.devices.command_source import StepToTake
+from cosim.base.frames import Twist
+from cosim.coupling.schemes.ledger import Clock, LedgerEntry
+from cosim.coupling.ticks import Servos, Ticks
+from cosim.coupling.ticks_taken import TicksTaken
+from cosim.devices.command_source import CommandsAhead, StepToTake
 from cosim.errors import InputError, SolverError
 from cosim.soft.body.loads import Loads
-from cosim.stepping.batch_stepper import BatchStepper
-from cosim.stepping.cursor import Cursor
 from cosim.stepping.parts import Parts, TickState
-from cosim.stepping.stepped_run import SteppedRun
-from cosim.telemetry.snapshot import RunInfo, Snapshot
+from cosim.stepping.stepped_run import Cursor, SteppedRun
+from cosim.telemetry.snapshot import FilmShapes, RunInfo, Snapshot
 from cosim.telemetry.tick_batch import TickBatch
+
+if TYPE_CHECKING:
+    from cosim.base.link_contact import LinkContact
+
+
+@final
+@dataclass(frozen=True)
+class _Asked:
+    """What ticks of a phase ask for.
+
+    Args:
+        phase: its index.
+        first: ticks of the phase at the end of the first.
+        servos: n rows.
+        loads: (n,), at the ends of the ticks.
+        ahead: whether they are known before what happens in them.
+    """
+
+    phase: int
+    first: int
+    servos: Servos
+    loads: Sequence[Loads]
+    ahead: bool
+
+    def some(self, to: Cursor, most: int) -> _Asked | None:
+        """Return what ticks from one on ask for, up to so many; None where that has not been worked out."""
+        place = to.done - self.first
+        if self.phase != to.phase or not 0 <= place < len(self.loads):
+            return None
+        servos, loads = self.servos.some(place, place + most), self.loads[place : place + most]
+        return _Asked(to.phase, to.done, servos, loads, self.ahead)
 
 
 @final
@@ -33,17 +64,16 @@ class DynamicSimulation(SteppedRun):
 
     def __init__(self, parts: Parts, stage: RunInfo) -> None:
         super().__init__(parts, stage, [parts.ticks(planned.phase) for planned in parts.plan.phases])
-        self._batches: BatchStepper | None = None
+        self._ahead: _Asked | None = None
+        self._error: BaseException | None = None  # of the tick to come, which has been tried
 
     @property
     def saves_now(self) -> bool:
         """Whether no step has been taken, or begun, beyond the one shown last."""
-        batches = self._batches
-        begun = batches is not None and (batches.half_done is not None or batches.broken)
-        return super().saves_now and not begun
+        return super().saves_now and self._error is None
 
     def _forget_ahead(self) -> None:
-        self._batches = None
+        self._ahead = None
 
     def _start(self, began: float) -> Snapshot:
         parts = self._parts
@@ -59,53 +89,73 @@ class DynamicSimulation(SteppedRun):
         carrier.couple(found.wrench)
         return parts.snapshot(moment, ledger, time.perf_counter() - began)
 
-    def _take(self, to: Cursor, most: int) -> Sequence[Snapshot] | TickBatch:
+    def _take(self, to: Cursor, most: int) -> TickBatch:
+        carrier = self._parts.carrier
+        began, (error, self._error) = time.perf_counter(), (self._error, None)
         try:
-            return self._ticks(to, most)
-        except SolverError as error:
-            raise self._parts.carrier.with_links(error) from error.__cause__
+            if error is not None:
+                raise error
+            if to.done == 1:
+                self._begin_phase(to.phase, carrier.flange_pose)
+            asked = self._asked(to, 1 if carrier.drives_cell else most)
+            if carrier.drives_cell:
+                carrier.drive_cell(to.phase, to.done * self.stage.tick_s)
+            taken = carrier.advance(asked.servos, asked.loads)
+        except SolverError as failed:
+            raise carrier.with_links(failed) from failed.__cause__
+        self._error = taken.error
+        return self._shown(taken, asked, to, began)
 
-    def _ticks(self, to: Cursor, most: int) -> Sequence[Snapshot] | TickBatch:
-        """Take ticks as `_take` does; an error does not say what links stand in."""
-        began, carrier = time.perf_counter(), self._parts.carrier
-        batches = self._batches
-        if batches is not None and batches.half_done is not None:
-            return [self._finish_tick(batches, batches.half_done, to, began)]
-        if to.done == 1:
-            self._begin_phase(to.phase, carrier.flange_pose)
-        lockstep = carrier.lockstep
-        if lockstep is None:
-            return [self._tick(to, began)]
-        if batches is None or batches.phase != to.phase:
-            batches = self._batches = BatchStepper(self._parts, lockstep, to.phase, self.stage.tick_s)
-        batch = batches.take(to, most)
-        if batch is None:
-            return [self._tick(to, began)]
-        return batch if len(batch) else self._ticks(to, most)
-
-    def _tick(self, to: Cursor, began: float) -> Snapshot:
-        """Take one tick."""
+    def _asked(self, to: Cursor, most: int) -> _Asked:
+        """Return what ticks ask for, of one alone where what happens in it decides on the next."""
         parts, tick_s = self._parts, self.stage.tick_s
-        begin_s = Clock(tick_s, to.tick).time_s - tick_s
-        command = parts.command(StepToTake(to.phase, to.done, begin_s, tick_s))
-        loads = parts.loads(command.soft)
-        parts.carrier.drive_cell(to.phase, to.done * tick_s)
-        ledger = parts.carrier.tick(command.joints, loads)
-        return self._shown(command.joints.position, loads, ledger, to, began)
+        known = None if self._ahead is None else self._ahead.some(to, most)
+        if known is not None:
+            return known
+        ahead = parts.commands.ahead(to.phase, to.done)
+        if ahead is not None:
+            self._ahead = self._worked_out(ahead, to, ahead=True)
+            return self._ahead.some(to, most) or self._ahead
+        step = StepToTake(to.phase, to.done, Clock(tick_s, to.tick).time_s - tick_s, tick_s)
+        command = parts.command(step)
+        return self._worked_out(CommandsAhead(command.joints.as_rows(), (command.soft,)), to, ahead=False)
 
-    def _finish_tick(self, batches: BatchStepper, loads: Loads, to: Cursor, began: float) -> Snapshot:
-        """Take the soft half of a tick whose rigid half has been taken with a batch."""
-        ledger = batches.finish(loads)
-        return self._shown(batches.target(to.done), loads, ledger, to, began)
+    def _worked_out(self, commands: CommandsAhead, to: Cursor, *, ahead: bool) -> _Asked:
+        parts = self._parts
+        loads = [parts.loads(command) for command in commands.soft]
+        return _Asked(to.phase, to.done, parts.carrier.servos(commands.joints), loads, ahead)
 
-    def _shown(self, target: Array, loads: Loads, ledger: LedgerEntry, to: Cursor, began: float) -> Snapshot:
-        parts, time_s = self._parts, Clock(self.stage.tick_s, to.tick).time_s
-        carrier = parts.carrier
-        moment = TickState(
-            to.tick, time_s, to.phase, target, loads, carrier.flange_pose, carrier.flange_twist,
-            carrier.joint_velocity, carrier.joint_torque, carrier.touched,
-        )  # fmt: skip
-        return parts.snapshot(moment, ledger, time.perf_counter() - began)
+    def _link_contacts(self, ticks: Ticks, first: int, count: int) -> dict[int, tuple[LinkContact, ...]]:
+        """Return what the arm's links touch in ticks from the first one on, by row."""
+        search = self._parts.carrier.link_contacts_in
+        looked = self._parts.looks_at_links(first, count)
+        found = {k: search(ticks.joints[k], ticks.places[k], ticks.quaternions[k]) for k in looked}
+        return {k: contacts for k, contacts in found.items() if contacts}
+
+    def _shown(self, taken: TicksTaken, asked: _Asked, to: Cursor, began: float) -> TickBatch:
+        """Return what ticks show, the first of which ends at `to`."""
+        n, parts = taken.done, self._parts
+        tick = np.arange(to.tick, to.tick + n)
+        time_s = np.array([Clock(self.stage.tick_s, count).time_s for count in tick.tolist()])
+        wanted, report = parts.wanted_tip(to.phase, time_s), None
+        tension = np.array([load.cable_tension_N for load in asked.loads[:n]]).reshape(n, -1)
+        if not asked.ahead:
+            report = parts.commands.report(parts.carrier.flange_pose)
+            tension = tension if report is None else report.cable_tension_N[None]
+        return TickBatch.of_ticks(
+            taken,
+            tick=tick,
+            time_s=time_s,
+            phase=np.full(n, to.phase),
+            joint_target=asked.servos.position[:n],
+            film=FilmShapes(parts.shape_reader, taken.shapes),
+            cable_tension_N=tension,
+            tip_target=np.full((n, 3), np.nan) if wanted is None else wanted,
+            has_tip_target=np.full(n, wanted is not None),
+            tick_wall_s=np.full(n, (time.perf_counter() - began) / n),
+            devices=(report,) * n,
+            link_contacts=self._link_contacts(taken.ticks, to.tick, n),
+        )
 
     def _step_of(self, to: Cursor) -> str:
         return f"tick {to.tick} ({Clock(self.stage.tick_s, to.tick).time_s:g} s)"
@@ -116,4 +166,4 @@ class DynamicSimulation(SteppedRun):
     def _restore_own(self, state: object) -> None:
         if state is not None:
             raise InputError("the saved state is of a quasistatic run, this one is dynamic")
-        self._batches = None
+        self._ahead = self._error = None

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
-from typing import final
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from itertools import accumulate
+from typing import Any, Final, final
 
 import numpy as np
 
 from cosim.base.frames import Array, Pose, Twist
+from cosim.base.kept_parts import KeptParts, name_of
 from cosim.base.shown import read_only
 from cosim.config.schema.phase import PhaseTable
 from cosim.config.schema.scenario import Scenario
@@ -18,16 +20,121 @@ from cosim.coupling.soft_sides.soft_side import SoftSide
 from cosim.devices.body_poses import BodyPoses
 from cosim.devices.command_source import RobotState, SteeredCommands, StepToTake
 from cosim.devices.controller import Measurement
-from cosim.plan.plan import Plan
+from cosim.plan.paths.phase_drafts import start_equilibrium
+from cosim.plan.paths.tip_path import TipPathInfo
+from cosim.plan.plan import PhasePlan, Plan
 from cosim.plan.robot_command import RobotCommand, SoftCommand, loads_of
 from cosim.plan.tick_references import ticks_of
+from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
+from cosim.soft.contact.contact_law import ContactLaw
+from cosim.soft.contact.self_contact_faces import FilmFaces
+from cosim.soft.contact.self_contact_memory import FilmMemory
+from cosim.soft.solve.self_contact import FilmContactLaw
 from cosim.soft.solve.state import Equilibrium
 from cosim.stepping.carrier import Carrier
-from cosim.stepping.passed_paths import passed_paths
-from cosim.stepping.self_contact_law import with_film_contacts
-from cosim.telemetry.film_shape import UnreadFilmShape
-from cosim.telemetry.snapshot import Snapshot
+from cosim.telemetry.snapshot import Snapshot, UnreadFilmShape
+
+
+def passed_paths(phases: Sequence[PhasePlan], tick_s: float | None) -> dict[int, TipPathInfo]:
+    """Return when a run passes the paths of its phases, by their index.
+
+    Args:
+        phases: of the plan.
+        tick_s: of the lockstep clock; None in statics, where a path takes the whole phase.
+    """
+
+    def length(planned: PhasePlan) -> float:
+        both = planned.phase.duration_s + planned.phase.settle_s
+        return both if tick_s is None else max(1, round(both / tick_s)) * tick_s
+
+    def path_s(planned: PhasePlan) -> float:
+        if tick_s is None:
+            return length(planned)
+        return max(1, round(planned.phase.duration_s / tick_s)) * tick_s
+
+    ends = list(accumulate(map(length, phases), initial=0.0))
+    return {
+        index: TipPathInfo(planned.tip_path, ends[index], path_s(planned))
+        for index, planned in enumerate(phases)
+        if planned.tip_path is not None
+    }
+
+
+def film_law(scenario: Scenario) -> FilmContactLaw | None:
+    """Return the law of contact between films; None where it is not modelled."""
+    given = scenario.contact
+    if not given.self_contact:
+        return None
+    return FilmContactLaw(
+        ContactLaw(given.stiffness_N_m3, given.smoothing_m, given.stick_m), given.self_friction
+    )
+
+
+def film_report(scenario: Scenario, body: SoftBody) -> str:
+    """Return in words which films may touch one another."""
+    given = scenario.contact
+    if not given.self_contact:
+        return "not modelled: switched off"
+    if scenario.fidelity == "rigid":
+        return "none: the shape is frozen"
+    faces = FilmFaces.of(body)
+    if not faces.can_meet:
+        return "none: the film is one unit, which does not touch itself"
+    friction = "no friction" if scenario.mode == "quasistatic" else f"friction {given.self_friction:g}"
+    return f"between {faces.units} units, outside of the film, {friction}"
+
+
+def with_film_contacts(ledger: LedgerEntry, films: FilmMemory | None) -> LedgerEntry:
+    """Return the ledger with what the soft robot's films press on one another."""
+    if films is None:
+        return ledger
+    return replace(
+        ledger,
+        self_contacts=films.count,
+        self_contact_force_N=films.normal_force_N,
+        self_contact_depth_m=films.depth_m,
+    )
+
+
+_MOST: Final = 4  # a state holds a factorisation, which of a fine mesh takes tens of megabytes
+
+
+def brought_to_rest(
+    kept: KeptParts, model_name: str, soft: SoftSide, flange: Pose, loads: Loads
+) -> Equilibrium:
+    """Bring a soft side to its equilibrium before the first phase, and return that.
+
+    Args:
+        kept: parts that may serve again.
+        model_name: of all that the soft side is made of.
+        soft: new.
+        flange: where it is.
+        loads: that act.
+
+    Raises:
+        ConvergenceError: there is none near the drawn shape.
+    """
+
+    def hung() -> tuple[Equilibrium | None, Any]:
+        with soft.searching("start"):
+            found = soft.hang(flange, loads.gravity)
+        return found, None if found is None else soft.save_state()
+
+    def settled() -> tuple[Equilibrium, Any]:
+        # hung up without pressure and tension it is the same for all of them
+        begin, state = kept.made("hung up", name_of(model_name, flange, loads.gravity), hung, _MOST)
+        if state is not None:
+            soft.restore_state(state)
+        found = start_equilibrium(soft, flange, loads, begin)
+        soft.settle(found)
+        return found, soft.save_state()
+
+    found, state = kept.made("state at rest", name_of(model_name, flange, loads), settled, _MOST)
+    # that of a side which has just found it changes nothing
+    soft.restore_state(state)
+    return found
+
 
 _LOOKED_AFTER_S = 1.0 / 30.0
 

@@ -1,16 +1,23 @@
-"""The quasistatic mode: a chain of equilibria of the soft body and of what carries it."""
+"""The quasistatic mode: a chain of equilibria of the soft body and of what carries it.
+
+The wrench that an arm gives way to, in rounds with a soft robot that pushes it.
+
+Against something hard a small motion of the flange changes the wrench by more than what moved it: taken as it
+is, it would swing between two values for ever. After some rounds that did not settle, only a share of each
+change is taken, by Aitken's rule for vectors.
+Source: Irons and Tuck, Int. J. Numer. Methods Eng. 1 (1969) 275.
+"""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import accumulate
 from typing import Annotated, final
 
 import numpy as np
 
-from cosim.base.frames import Array, Twist, vector_from_rotation
+from cosim.base.frames import Array, Twist, Wrench, vector_from_rotation
 from cosim.base.state_check import check_state
 from cosim.coupling.contact.contact_report import NOTHING_TOUCHED, ContactReport
 from cosim.coupling.schemes.ledger import LedgerEntry
@@ -19,11 +26,43 @@ from cosim.errors import ConvergenceError, InputError
 from cosim.plan.paths.phase_drafts import start_equilibrium
 from cosim.soft.body.loads import Loads
 from cosim.soft.solve.state import Equilibrium, SoftState
-from cosim.stepping.cursor import Cursor
 from cosim.stepping.parts import Parts, TickState
-from cosim.stepping.relaxed_wrench import RelaxedWrench
-from cosim.stepping.stepped_run import SteppedRun
+from cosim.stepping.stepped_run import Cursor, SteppedRun
 from cosim.telemetry.snapshot import RunInfo, Snapshot
+from cosim.telemetry.tick_batch import TickBatch
+
+_FULL_ROUNDS = 4
+_LEAST_SHARE = 0.05
+
+
+@final
+class RelaxedWrench:
+    """Gives the wrench of each round."""
+
+    def __init__(self) -> None:
+        self._rounds, self._share = 0, 1.0
+        self._given: Array | None = None
+        self._change: Array | None = None
+
+    def next(self, found: Wrench) -> Wrench:
+        """Return the wrench to give way to.
+
+        Args:
+            found: of the equilibrium in this round, at the flange's origin, world axes.
+        """
+        wrench = np.concatenate((found.force, found.torque))
+        self._rounds += 1
+        if self._given is None:
+            self._given = wrench
+            return found
+        change = wrench - self._given
+        if self._change is not None and self._rounds > _FULL_ROUNDS:
+            turn = change - self._change
+            share = -self._share * float(self._change @ turn) / max(float(turn @ turn), 1e-300)
+            self._share = min(1.0, max(_LEAST_SHARE, share))
+        self._change, self._given = change, self._given + self._share * change
+        return found if self._share == 1.0 else Wrench(self._given[:3], self._given[3:])
+
 
 _DROOP_ROUNDS_MAX = 20
 _SWINGS_M = 1e-5  # of the flange, in a round
@@ -69,7 +108,7 @@ class QuasistaticSimulation(SteppedRun):
         still = np.zeros_like(plan.joints)
         return self._snapshot(Cursor(), 0.0, plan.joints, _Motion(Twist(), still, 0.0), spent, began)
 
-    def _take(self, to: Cursor, most: int) -> Sequence[Snapshot]:
+    def _take(self, to: Cursor, most: int) -> TickBatch:
         began = time.perf_counter()
         parts, before = self._parts, self._here
         phase = parts.plan.phases[to.phase].phase
@@ -85,7 +124,7 @@ class QuasistaticSimulation(SteppedRun):
         here, spent = self._advance(before, reference, parts.loads(command.soft))
         self._here = here
         motion = _mean_motion(parts, before, here, joints, span)
-        return [self._snapshot(to, began_s + to.done * span, reference, motion, spent, began)]
+        return TickBatch.of([self._snapshot(to, began_s + to.done * span, reference, motion, spent, began)])
 
     def _step_of(self, to: Cursor) -> str:
         return f"increment {to.done} of {self._parts.plan.phases[to.phase].phase.increments}"

@@ -14,15 +14,46 @@ from cosim.base.state_check import KnownStates, check_state
 from cosim.devices.controller import Command, Measurement
 from cosim.errors import InputError, SolverError
 from cosim.plan.plan import Plan
-from cosim.stepping.cursor import Cursor
-from cosim.stepping.gathering import Gathering
 from cosim.stepping.parts import Parts
 from cosim.telemetry.choices import CONTACT, Choices
 from cosim.telemetry.snapshot import RunInfo, Snapshot
 from cosim.telemetry.tick_batch import TickBatch
 
+
+@final
+@dataclass(frozen=True)
+class Cursor:
+    """Where in its plan a run is.
+
+    Args:
+        tick: steps taken in all.
+        phase: index of the phase.
+        done: steps taken in that phase.
+    """
+
+    tick: int = 0
+    phase: int = 0
+    done: int = 0
+
+    def following(self, counts: Sequence[int]) -> Cursor | None:
+        """Return where the next step ends, with so many steps in each phase; None at the end of the plan."""
+        if self.done < counts[self.phase]:
+            return Cursor(self.tick + 1, self.phase, self.done + 1)
+        if self.phase + 1 < len(counts):
+            return Cursor(self.tick + 1, self.phase + 1, 1)
+        return None
+
+    def later(self, steps: int) -> Cursor:
+        """Return where so many steps later end, in the same phase."""
+        return Cursor(self.tick + steps, self.phase, self.done + steps)
+
+
 TOGETHER: Final = 512
 """Steps that may be taken in one call, where a model takes many at once: more cost no less each."""
+_SHOWN: Final = 64
+"""Steps that are shown together, where few are taken at once: fine meshes are large."""
+_SHOWN_S: Final = 0.1
+"""Wall time of steps after which they are shown, though they are fewer."""
 
 
 @final
@@ -61,6 +92,7 @@ class SteppedRun(ABC):
         contact = next(decision for decision in stage.modelled if decision.what == CONTACT)
         self.choices = Choices.of(parts.scenario, contact)
         self._cursor: Cursor | None = None
+        self._fitting = TOGETHER  # steps that take no longer than is to pass until they are shown
         self._failed = False  # in a step after the last one shown
         self._known = KnownStates()
 
@@ -86,7 +118,9 @@ class SteppedRun(ABC):
         Raises:
             SolverError: the physics could not be solved; the snapshots so far stand.
         """
-        for taken in self._taken(1, most):
+        wanted = sys.maxsize if most is None else most
+        while wanted and (taken := self._some(1)) is not None:
+            wanted -= 1
             yield from taken
 
     def batches(self, together: int = TOGETHER, most: int | None = None) -> Iterator[TickBatch]:
@@ -99,19 +133,27 @@ class SteppedRun(ABC):
         Raises:
             SolverError: the physics could not be solved; the steps before it have been yielded.
         """
-        gathered = Gathering(together)
+        gathered: list[TickBatch] = []
+        count, spent_s, wanted = 0, 0.0, sys.maxsize if most is None else most
         try:
-            for taken in self._taken(together, most):
-                gathered.add(taken)
-                if gathered.full or self._at_edge:
-                    yield gathered.shown()
+            while wanted:
+                room = max(1, min(_SHOWN, together) - count) if gathered else together
+                taken = self._some(min(room, wanted))
+                if taken is None:
+                    break
+                gathered.append(taken)
+                count, wanted = count + len(taken), wanted - len(taken)
+                spent_s += float(taken.tick_wall_s.sum())
+                if count >= min(_SHOWN, together) or spent_s >= _SHOWN_S or self._at_edge:
+                    shown, gathered, count, spent_s = gathered, [], 0, 0.0
+                    yield TickBatch.joined(shown)
         except (Exception, KeyboardInterrupt):
-            if len(gathered):
+            if gathered:
                 self._failed = True
-                yield gathered.shown()
+                yield TickBatch.joined(gathered)
             raise
-        if len(gathered):
-            yield gathered.shown()
+        if gathered:
+            yield TickBatch.joined(gathered)
 
     def advance(self, steps: int) -> Snapshot:
         """Take some steps, at least one, and return what is there then; the first finds the state at rest.
@@ -119,10 +161,10 @@ class SteppedRun(ABC):
         Raises:
             SolverError: the physics could not be solved.
         """
-        last: Sequence[Snapshot] | TickBatch = ()
-        for taken in self._taken(TOGETHER, steps):
+        while steps and (taken := self._some(min(steps, TOGETHER))) is not None:
+            steps -= len(taken)
             last = taken
-        return last.snapshot(-1) if isinstance(last, TickBatch) else last[-1]
+        return last.snapshot(-1)
 
     def command(self, command: Command, ticks: int) -> None:
         """Take up a command for the ticks to come; see `LiveCommands.command`."""
@@ -133,24 +175,23 @@ class SteppedRun(ABC):
         """Return what is measured of the run after its last step, which a snapshot shows."""
         return self._parts.measured(last)
 
-    def _taken(self, together: int, most: int | None) -> Iterator[Sequence[Snapshot] | TickBatch]:
-        """Yield the state at rest, then steps: one snapshot, or a batch of at least one."""
-        wanted = sys.maxsize if most is None else most
-        if self._cursor is None and wanted:
+    def _some(self, most: int) -> TickBatch | None:
+        """Find the state at rest, or take up to so many steps, at least one; None at the end of the plan."""
+        if self._cursor is None:
             began = time.perf_counter()
             try:
                 first = self._start(began)
             except SolverError as error:
                 raise error.at("at the start") from error.__cause__
-            self._cursor, wanted = Cursor(), wanted - 1
-            yield [first]
-        while wanted and self._cursor is not None:
-            to = self._cursor.following(self._counts)
-            if to is None:
-                return
-            taken = self._located(to, min(together, self._counts[to.phase] - to.done + 1, wanted))
-            self._cursor, wanted = to.later(len(taken) - 1), wanted - len(taken)
-            yield taken
+            self._cursor, self._fitting = Cursor(), 1  # until it is known how long steps take
+            return TickBatch.of([first])
+        to = self._cursor.following(self._counts)
+        if to is None:
+            return None
+        taken = self._located(to, min(most, self._fitting, self._counts[to.phase] - to.done + 1))
+        self._cursor = to.later(len(taken) - 1)
+        self._fitting = max(1, int(_SHOWN_S / max(float(taken.tick_wall_s.max()), _SHOWN_S / TOGETHER)))
+        return taken
 
     @property
     def _at_edge(self) -> bool:
@@ -158,7 +199,7 @@ class SteppedRun(ABC):
         cursor = self._cursor
         return cursor is None or cursor.done in (0, self._counts[cursor.phase])
 
-    def _located(self, to: Cursor, most: int) -> Sequence[Snapshot] | TickBatch:
+    def _located(self, to: Cursor, most: int) -> TickBatch:
         """Take steps as `_take` does; an error says in which of them it was raised."""
         parts, planned = self._parts, self._parts.plan.phases[to.phase]
         try:
@@ -238,8 +279,8 @@ class SteppedRun(ABC):
         """Bring everything to rest where the plan starts; `began` is when the work on it did."""
 
     @abstractmethod
-    def _take(self, to: Cursor, most: int) -> Sequence[Snapshot] | TickBatch:
-        """Take the step of a phase that ends at `to` alone, or a batch of up to `most` from it on."""
+    def _take(self, to: Cursor, most: int) -> TickBatch:
+        """Take steps of a phase, the first of which ends at `to`: at least that, and up to so many."""
 
     @abstractmethod
     def _step_of(self, to: Cursor) -> str:

@@ -11,14 +11,70 @@ import numpy as np
 
 from cosim.base.state_check import check_state
 from cosim.errors import InputError
-from cosim.telemetry.arm_figures import ArmFigures
-from cosim.telemetry.device_figures import DeviceFigures, DeviceFiguresState
-from cosim.telemetry.elastic_figures import elastic_figures, strength_warnings
-from cosim.telemetry.exchange_figures import ExchangeFigures, largest
-from cosim.telemetry.phase_row import phase_row
+from cosim.telemetry.figures import (
+    ArmFigures,
+    DeviceFigures,
+    DeviceFiguresState,
+    ExchangeFigures,
+    TipPathFigures,
+    arm_table,
+    elastic_figures,
+    largest,
+    path_lines,
+    strength_warnings,
+)
 from cosim.telemetry.snapshot import RunInfo, Snapshot
 from cosim.telemetry.tick_batch import TickBatch
-from cosim.telemetry.tip_path_figures import TipPathFigures
+
+
+def phase_row(phase: dict[str, Any]) -> str:
+    """Return the Markdown line on a phase."""
+    cells = (
+        phase["name"] + ("" if phase["complete"] else " (incomplete)"),
+        f"{phase['end_s']:.2f}",
+        _scaled([entry["pressure_Pa"] for entry in phase["chambers"].values()], 1e-3),
+        _scaled(phase["cable_tension_N"], 1.0),
+        _scaled(phase["tip_position_m"], 1e3),
+        _scaled(phase["sag_m"], 1e3),
+        _scaled(phase["tip_error_m"], 1e3, 3) if "tip_error_m" in phase else "",
+    )
+    return "| " + " | ".join(cells) + " |"
+
+
+def _scaled(value: Any, scale: float, digits: int = 1) -> str:
+    if isinstance(value, list):
+        return ", ".join(_scaled(item, scale, digits) for item in value)
+    return "?" if value is None else f"{scale * value:.{digits}f}"
+
+
+def summary_markdown(summary: dict[str, Any]) -> str:
+    """Return the summary as a Markdown text for people."""
+    factor = summary["real_time_factor"]
+    lines = [
+        f"## {summary['title']}",
+        "",
+        f"Status: **{summary['status']}**" + (f" ({summary['reason']})" if summary["reason"] else ""),
+        "",
+        f"- {summary['simulated_s']:.3f} s simulated in {summary['wall_s']:.2f} s"
+        + (f", real-time factor {factor:.2f}" if factor is not None else ""),
+        f"- {summary['ticks']} of {summary['planned_ticks']} ticks of {1e3 * summary['tick_s']:g} ms, "
+        f"{summary['newton_iterations']} Newton iterations"
+        + (f", {summary['slides']} slides to another branch of equilibria" if summary["slides"] else ""),
+        f"- largest residual {_figure(summary['max_equilibrium_residual_N'])} N, "
+        f"largest power error {_figure(summary['max_interface_power_error_W'])} W",
+        "",
+        *(f"- warning: {line}" for line in summary["warnings"]),
+        *arm_table(summary["arm"]),
+        "| phase | end [s] | pressure [kPa] | cables [N] | tip [mm] | sag [mm] | tip error [mm] |",
+        "|---|---|---|---|---|---|---|",
+    ]
+    rows = [phase_row(phase) for phase in summary["phases"]]
+    return "\n".join(lines + rows + path_lines(summary["phases"])) + "\n"
+
+
+def _figure(value: float | None) -> str:
+    return "not finite" if value is None else f"{value:.2e}"
+
 
 SUMMARY_SCHEMA = 1
 Status = Literal["completed", "interrupted", "failed"]

@@ -14,11 +14,11 @@ from cosim.base.frames import Array, IntArray, Mask, Pose, Twist, Wrench, quater
 from cosim.base.shown import read_only
 from cosim.coupling.schemes.ledger import LedgerEntry
 from cosim.devices.device_report import ActuationReport
-from cosim.telemetry.film_shape import FilmShapes
-from cosim.telemetry.snapshot import Snapshot
+from cosim.telemetry.snapshot import FilmShapes, Snapshot
 
-if TYPE_CHECKING:
+if TYPE_CHECKING:  # who only looks at batches needs no kernels
     from cosim.base.link_contact import LinkContact
+    from cosim.coupling.ticks_taken import TicksTaken
 
 _NONE: Final = np.zeros(0)
 _NOWHERE: Final = np.full(3, np.nan)
@@ -140,8 +140,35 @@ class TickBatch:
         )
 
     @classmethod
+    def of_ticks(cls, taken: TicksTaken, **rest: Any) -> TickBatch:
+        """Return ticks as columns.
+
+        Args:
+            taken: what they have left.
+            rest: the columns that this does not know.
+        """
+        n, ticks = taken.done, taken.ticks
+        return cls(
+            joint_position=ticks.joints[:n],
+            joint_velocity=ticks.joint_speed[:n],
+            joint_torque=ticks.servo_torque[:n],
+            body_position=ticks.places[:n],
+            body_quaternion=ticks.quaternions[:n],
+            body_contact_force=ticks.body_force[:n],
+            flange_position=ticks.origin[1 : n + 1],
+            flange_rotation=ticks.axes[1 : n + 1],
+            flange_twist=ticks.twist[:n],
+            chamber_pressure_Pa=taken.pressure_Pa[:n],
+            wrench=taken.wrench,
+            **taken.ledger(),
+            **rest,
+        )
+
+    @classmethod
     def joined(cls, batches: Sequence[TickBatch]) -> TickBatch:
         """Return batches of one run as one, at least one batch, in order."""
+        if len(batches) == 1:
+            return batches[0]
         begins = np.cumsum([0, *map(len, batches)]).tolist()
         touching = [(begin, batch.link_contacts) for begin, batch in zip(begins, batches, strict=False)]
         return cls(

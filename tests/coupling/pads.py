@@ -10,16 +10,15 @@ import numpy as np
 
 from cosim.base.frames import Array, IntArray, Pose, SixNumbers, Twist, Wrench
 from cosim.build.arms import find_arm
-from cosim.coupling.contact.added_mass_free import BodyMass
+from cosim.coupling.contact.added_mass import BodyMass
 from cosim.coupling.contact.contact_exchange import ContactExchange
 from cosim.coupling.contact.contact_report import ContactReport
-from cosim.coupling.schemes.interface import Interface, ServoCommand
+from cosim.coupling.schemes.interface import Coupling, Interface, six_numbers
 from cosim.coupling.schemes.ledger import LedgerEntry
-from cosim.coupling.schemes.momentum_balance import six_numbers
-from cosim.coupling.schemes.scheme import Coupling
 from cosim.coupling.soft_sides.lumped_arm import SoftArm
 from cosim.rigid.build.description import SceneDescription, SceneObject
 from cosim.rigid.build.wire import Wire
+from cosim.rigid.scene.native import NativeScene
 from cosim.rigid.scene.scene import RigidScene
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
@@ -27,6 +26,7 @@ from cosim.soft.contact.contact_law import ContactLaw
 from cosim.soft.elements.material import Film
 from cosim.soft.solve.newton_options import NewtonOptions
 from cosim.soft.solve.time_scheme import Integrator, StepOptions
+from tests.coupling.one_tick import one_tick
 from tests.soft.bodies import icosphere
 
 EDGE_M, RADIUS_M, OVERLAP_M, PRESSURE_PA = 0.04, 0.025, 0.004, 5e3
@@ -119,12 +119,26 @@ class FixedFlange:
     """
 
     def __init__(self, scene: RigidScene, pose: Pose) -> None:
-        self._scene, self.flange_pose = scene, pose
-        self._wrench = Wrench()
-        self.flange_twist = Twist()
+        self._scene, self._wrench = scene, Wrench()
+        self._origin, self._axes = np.empty(3), np.empty((3, 3))
+        self.flange_pose, self.flange_twist = pose, Twist()
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self._scene, name)
+
+    @property
+    def flange_pose(self) -> Pose:
+        """World from flange."""
+        return Pose(self._axes.copy(), self._origin.copy())
+
+    @flange_pose.setter
+    def flange_pose(self, pose: Pose) -> None:
+        self._origin[:], self._axes[:] = pose.translation, pose.rotation
+
+    def native(self) -> NativeScene:
+        """Return the scene's with the flange where it is; what acts on that moves nothing."""
+        still = {"velocity": np.zeros(6), "applied": np.zeros(6)}
+        return self._scene.native()._replace(origin=self._origin, axes=self._axes, **still)
 
     def apply_flange_wrench(self, wrench: Wrench) -> None:
         """Take note of it."""
@@ -166,8 +180,8 @@ class CoupledGrasp:
         scene: Any = self.holder
         self.interface = Interface(scene, self.grasp.soft, Wrench(), self.grasp.exchange)
         self.coupling = scheme(self.interface)
-        self._command = ServoCommand(self.grasp.scene.joint_position, np.zeros(6), np.zeros(6))
+        self._joints = self.grasp.scene.joint_position
 
     def tick(self) -> LedgerEntry:
         """Advance by one tick."""
-        return self.coupling.tick(self._command, self.grasp.loads)
+        return one_tick(self.coupling, self._joints, np.zeros(6), self.grasp.loads)

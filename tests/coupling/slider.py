@@ -14,9 +14,8 @@ import numpy as np
 
 from cosim.base.arm_file import ArmFile
 from cosim.base.frames import Mask, Pose
-from cosim.coupling.schemes.interface import Interface, ServoCommand
+from cosim.coupling.schemes.interface import Coupling, Interface
 from cosim.coupling.schemes.ledger import LedgerEntry
-from cosim.coupling.schemes.scheme import Coupling
 from cosim.coupling.soft_sides.lumped_arm import SoftArm
 from cosim.rigid.build.description import SceneDescription, ServoGains
 from cosim.rigid.scene.scene import RigidScene
@@ -29,6 +28,7 @@ from cosim.soft.solve.newton_options import NewtonOptions
 from cosim.soft.solve.state import Clamp, SoftState
 from cosim.soft.solve.time_scheme import StepAim, StepOptions
 from cosim.soft.solve.time_step import ImplicitStepper
+from tests.coupling.one_tick import one_tick
 
 URDF = """<robot name="slider"><link name="rail"/>
 <link name="carriage"><inertial><mass value="{mass}"/>
@@ -98,8 +98,7 @@ class Slider:
 
     def tick(self, coupling: Coupling) -> LedgerEntry:
         """Advance by a tick, the carriage pushed up by more than the pull."""
-        still = np.zeros(1)
-        return coupling.tick(ServoCommand(still, still, np.array([PULL_N + PUSH_N])), self.loads)
+        return one_tick(coupling, np.zeros(1), np.array([PULL_N + PUSH_N]), self.loads)
 
     @property
     def height_m(self) -> float:

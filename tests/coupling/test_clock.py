@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from cosim.coupling.clock import Clock
+from cosim.coupling.schemes.ledger import Clock
 from cosim.errors import InputError
 
 

@@ -9,7 +9,7 @@ import pytest
 
 from cosim.base.frames import Array, Pose, rotation_from_vector
 from cosim.build.arms import find_arm
-from cosim.coupling.contact.added_mass_free import bounding_diagonal
+from cosim.coupling.contact.added_mass import bounding_diagonal
 from cosim.coupling.contact.contact_exchange import ContactExchange
 from cosim.coupling.soft_sides.lumped_arm import SoftArm
 from cosim.errors import InputError, SolverError

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from cosim.base.frames import Array
-from cosim.coupling.contact.contact_motion import rigid_motions
-from cosim.coupling.schemes.interface_tangent import contact_tangent
+from cosim.coupling.contact.added_mass import rigid_motions
+from cosim.coupling.schemes.iterated import contact_tangent
 from cosim.soft.contact.obstacle_contact import ContactPlanes
 from cosim.soft.solve.time_scheme import Integrator, StepAim
 from tests.coupling.pads import Grasp

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from cosim.base.frames import Array
-from cosim.coupling.contact.added_mass_jointed import bounding_blocks
+from cosim.coupling.contact.added_mass import bounding_blocks
 from cosim.errors import SolverError
 from cosim.rigid.build.description import SceneObject
 from cosim.rigid.build.joint import Joint

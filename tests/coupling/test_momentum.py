@@ -8,19 +8,13 @@ import numpy as np
 import pytest
 
 from cosim.base.frames import Wrench
-from cosim.coupling.schemes.interface import Interface
+from cosim.coupling.schemes.interface import Coupling, Interface, TransferredLoads
 from cosim.coupling.schemes.iterated import IteratedCoupling
-from cosim.coupling.schemes.momentum_balance import TransferredLoads
-from cosim.coupling.schemes.scheme import Coupling
 from cosim.coupling.schemes.staggered import StaggeredCoupling
 from tests.coupling.pads import CoupledGrasp
 
-ORIGIN = np.array([0.3, -0.2, 0.7])
-HANDED = TransferredLoads.of(
-    Wrench(np.array([4.0, 1.0, -2.0]), np.array([0.1, 0.2, 0.3])), ORIGIN, np.arange(6.0), 5.0
-)
 FLANGE = np.array([4.0, 1.0, -2.0, 0.1, 0.2, 0.3])
-FLANGE[3:] += np.cross(ORIGIN, FLANGE[:3])
+HANDED = TransferredLoads((4.0, 1.0, -2.0, 0.1, 0.2, 0.3), (0.0, 1.0, 2.0, 3.0, 4.0, 5.0), 4.0, 5.0)
 
 
 def test_nothing_is_lost_where_the_loads_about_the_world_s_origin_agree() -> None:

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from cosim.base.frames import Array, Pose, Twist, rotation_from_vector, vector_from_rotation
-from cosim.coupling.soft_sides.answer_weights import exchange_gain
 from cosim.coupling.soft_sides.lumped_arm import SoftArm
+from cosim.coupling.soft_sides.soft_side import exchange_gain
 from cosim.errors import ConvergenceError
 from cosim.soft.solve.newton_options import NewtonOptions
 from cosim.soft.solve.time_scheme import StepOptions

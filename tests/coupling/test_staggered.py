@@ -8,11 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cosim.base.frames import Array, Wrench
+from cosim.base.frames import Array
 from cosim.build.arms import find_arm
-from cosim.coupling.schemes.interface import Interface, ServoCommand
+from cosim.coupling.schemes.interface import Coupling, Interface
 from cosim.coupling.schemes.ledger import LedgerEntry
-from cosim.coupling.schemes.scheme import Coupling
 from cosim.coupling.schemes.staggered import StaggeredCoupling
 from cosim.coupling.soft_sides.lumped_arm import SoftArm
 from cosim.errors import SolverError
@@ -23,6 +22,7 @@ from cosim.rigid.scene.scene import RigidScene
 from cosim.soft.body.loads import Loads
 from cosim.soft.solve.newton_options import NewtonOptions
 from cosim.soft.solve.time_scheme import Integrator, StepOptions
+from tests.coupling.one_tick import one_tick
 from tests.soft.bodies import HANGING, WEIGHT_PER_NODE_N, PRESSURE_Pa, hexagon_arm, no_load
 
 UNITS = 2
@@ -41,15 +41,15 @@ class Rig:
     joints: Array
     loads: Loads
 
-    def command(self, offset_rad: float = 0.0) -> ServoCommand:
-        """Return the command to stand still at an offset from the start, soft weight compensated."""
+    def tick(self, offset_rad: float = 0.0) -> LedgerEntry:
+        """Take a tick, commanded to stand still at an offset from the start, soft weight compensated."""
         mass, still = self.soft.mass_properties(), np.zeros(6)
         payload = Payload(mass.mass_kg, *mass.in_frame(self.scene.flange_pose))
         feedforward = self.arm.inverse_dynamics(self.joints, still, still, payload=payload)
-        return ServoCommand(self.joints + offset_rad, still, feedforward)
+        return one_tick(self.coupling, self.joints + offset_rad, feedforward, self.loads)
 
     def ticks(self, count: int, offset_rad: float = 0.0) -> list[LedgerEntry]:
-        return [self.coupling.tick(self.command(offset_rad), self.loads) for _ in range(count)]
+        return [self.tick(offset_rad) for _ in range(count)]
 
 
 def rig(
@@ -98,24 +98,18 @@ def test_the_sensor_shows_an_equilibriums_wrench_at_rest() -> None:
     assert sensor[:3] == pytest.approx([0.0, 0.0, -weight], abs=1e-6 * weight)
 
 
-def test_each_tick_receives_what_the_last_one_replied(monkeypatch: pytest.MonkeyPatch) -> None:
-    received: list[Wrench] = []
-    apply = RigidScene.apply_flange_wrench
-
-    def noted(self: RigidScene, wrench: Wrench) -> None:
-        received.append(wrench)
-        apply(self, wrench)
-
-    monkeypatch.setattr(RigidScene, "apply_flange_wrench", noted)
+def test_each_tick_receives_what_the_last_one_replied() -> None:
     here = rig()
-    replied, entries, twists = [here.coupling.wrench], [], []
+    replied, received, entries, twists = [here.coupling.wrench], [], [], []
     for _ in range(12):
-        entries.append(here.coupling.tick(here.command(0.002), here.loads))
+        entries.append(here.tick(0.002))
+        received.append(here.scene.native().applied.copy())
         replied.append(here.coupling.wrench)
         twists.append(here.scene.flange_twist)
-    assert received == replied[:-1]
+    for wrench, before in zip(received, replied, strict=False):
+        assert np.array_equal(wrench, np.concatenate([before.force, before.torque]))
     assert [entry.wrench for entry in entries] == replied[1:]
-    powers = [wrench.power(twist) for wrench, twist in zip(received, twists, strict=True)]
+    powers = [wrench.power(twist) for wrench, twist in zip(replied, twists, strict=False)]
     assert [entry.rigid_power_W for entry in entries] == pytest.approx(powers, rel=1e-12)
     assert max(np.abs(powers)) > 1e-3
 
@@ -204,7 +198,7 @@ def swing(tick_s: float, integrator: Integrator = "implicit_euler", ratio_bound:
     off = np.zeros(6)
     here = rig(SWING_KG, ratio_bound, tick_s, integrator, gains=ServoGains(off, off))
     for _ in range(round(SWING_S / tick_s)):
-        entry = here.coupling.tick(ServoCommand(here.joints, off, off), here.loads)
+        entry = one_tick(here.coupling, here.joints, off, here.loads)
     assert entry.algorithmic_mass == (ratio_bound < entry.stability_ratio)
     assert np.abs(here.scene.joint_position - here.joints).max() > 1.0
     return here.scene.joint_position

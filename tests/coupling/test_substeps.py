@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from cosim.base.frames import Array, Pose, rotation_from_vector
-from cosim.coupling.soft_sides.lumped_arm import SoftArm
-from cosim.coupling.soft_sides.substeps import pieces_after, pose_within, step_error
+from cosim.coupling.soft_sides.lumped_arm import SoftArm, pieces_after, pose_within, step_error
 from cosim.plan.ramp import progress
 from cosim.soft.solve.newton_options import NewtonOptions
 from cosim.soft.solve.state import SoftState

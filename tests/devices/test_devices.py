@@ -17,7 +17,7 @@ from cosim.app.driver import build_simulation
 from cosim.base.state_archive import read_archive, write_archive
 from cosim.config.loading import load_scenario
 from cosim.config.writing import scenario_text
-from cosim.telemetry.device_figures import control_figures
+from cosim.telemetry.figures import control_figures
 from tests.devices.device_parts import (
     CONTROLLER,
     INFLATE,

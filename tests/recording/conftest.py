@@ -17,8 +17,7 @@ from cosim.base.shown import BodyShape
 from cosim.coupling.schemes.ledger import LedgerEntry
 from cosim.recording.rerun_recorder import RerunRecorder
 from cosim.soft.geometry.polygonal_stack import PolygonalStack
-from cosim.telemetry.film_shape import FilmShape
-from cosim.telemetry.snapshot import RunInfo, Snapshot
+from cosim.telemetry.snapshot import FilmShape, RunInfo, Snapshot
 from cosim.telemetry.tick_batch import TickBatch
 
 MakeStage: TypeAlias = Callable[..., RunInfo]

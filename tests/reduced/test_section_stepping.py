@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from cosim.base.frames import Array, Pose, rotation_from_vector
-from cosim.coupling.soft_sides.mass import MassProperties
+from cosim.coupling.soft_sides.soft_side import MassProperties
 from cosim.reduced.sections.outputs import center_and_inertia, figures_of, supplied_wrench
 from cosim.reduced.sections.ring_frames import RingFrames, points_of
 from cosim.reduced.solve.kinematics import carried, rates_from_nodes, rigid_motion, twists

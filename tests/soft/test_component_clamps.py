@@ -8,7 +8,7 @@ import pytest
 from cosim.base.frames import Array, Mask
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
-from cosim.soft.elements.membrane import Film
+from cosim.soft.elements.material import Film
 from cosim.soft.linear.envelope_cholesky import EnvelopeCholesky
 from cosim.soft.linear.linear_solver import LinearSolver, by_component
 from cosim.soft.linear.multifrontal_cholesky import DissectedCholesky

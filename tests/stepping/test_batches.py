@@ -12,7 +12,7 @@ from cosim.app.driver import build_simulation
 from cosim.app.simulation import Simulation
 from cosim.config.loading import load_scenario
 from cosim.errors import ConvergenceError, InputError
-from cosim.stepping import gathering
+from cosim.stepping import stepped_run
 from tests.stepping.snapshots import assert_close
 
 PHASE = {"name": "inflate", "duration_s": 0.18, "increments": 5, "pressure_Pa": 3e3}
@@ -26,19 +26,20 @@ def simulation(**changes: Any) -> Any:
 
 def fail_at(run: Any, tick: int, error: BaseException) -> None:
     """Let a run fail in a tick."""
-    taken = run._tick
+    soft, carrier = run._parts.soft, run._parts.carrier
+    advance = soft.advance
 
-    def tick_or_error(to: Any, began: float) -> Any:
-        if to.tick == tick:
+    def advance_or_error(*given: Any) -> Any:
+        if carrier._coupling.interface.ticks + 1 == tick:
             raise error
-        return taken(to, began)
+        return advance(*given)
 
-    run._tick = tick_or_error
+    soft.advance = advance_or_error
 
 
 @pytest.mark.parametrize("mode", ["dynamic", "quasistatic"])
 def test_batches_are_the_steps_of_one_phase_each(mode: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(gathering, "_GATHERED_S", 1e9)
+    monkeypatch.setattr(stepped_run, "_SHOWN_S", 1e9)
     batches = list(simulation(mode=mode).batches())
     assert [len(batch) for batch in batches] == ([1, 64, 26, 10] if mode == "dynamic" else [1, 5, 5])
     assert all(len(set(batch.phase.tolist())) == 1 for batch in batches)
@@ -46,7 +47,7 @@ def test_batches_are_the_steps_of_one_phase_each(mode: str, monkeypatch: pytest.
 
 
 def test_slow_steps_are_shown_one_by_one(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(gathering, "_GATHERED_S", 0.0)
+    monkeypatch.setattr(stepped_run, "_SHOWN_S", 0.0)
     assert [len(batch) for batch in simulation().batches(most=7)] == [1] * 7
 
 

@@ -12,12 +12,10 @@ from cosim.app.driver import build_simulation
 from cosim.app.first_run import with_fidelity_chosen
 from cosim.config.loading import load_scenario
 from cosim.config.schema.scenario import Scenario
-from cosim.coupling.batch import film_lockstep
-from cosim.coupling.batch.film_lockstep import FilmLockstep
+from cosim.coupling.schemes import staggered
 from cosim.soft.solve.film_sides import FilmSides
 from cosim.telemetry.snapshot import Snapshot
-from cosim.telemetry.tick_batch import TickBatch
-from tests.stepping.snapshots import assert_close
+from tests.stepping.snapshots import assert_close, kernels_take, python_takes_every_soft_half
 
 TICKS = 120
 SCENARIO = """
@@ -70,27 +68,15 @@ def scenario(path: Path, **changes: Any) -> Scenario:
 
 def one_by_one(wanted: Scenario) -> list[Snapshot]:
     """Return all ticks without the kernel."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(FilmLockstep, "of", lambda *_: None)
+    with python_takes_every_soft_half():
         return list(build_simulation(wanted).steps())
-
-
-def taken(run: Any) -> tuple[list[Snapshot], set[int]]:
-    """Return all ticks of a run, and which of them the kernel takes."""
-    shown: list[Snapshot] = []
-    together: set[int] = set()
-    for ticks in run._taken(64, None):
-        if isinstance(ticks, TickBatch):
-            together |= set(ticks.tick.tolist())
-        shown += ticks
-    return shown, together
 
 
 @pytest.mark.parametrize("integrator", ["implicit_euler", "bdf2"])
 def test_rows_are_ticks_in_contact_too(path: Path, integrator: str) -> None:
     """Up to rounding: the torque of a payload is summed in another order."""
     wanted = scenario(path, solver__integrator=integrator)
-    rows, together = taken(build_simulation(wanted))
+    rows, together = kernels_take(build_simulation(wanted))
     ticks = one_by_one(wanted)
     touching = {snapshot.tick for snapshot in ticks if snapshot.ledger.contacts}
     assert touching, "the block is reached"
@@ -126,10 +112,10 @@ def test_rows_are_ticks_bit_for_bit_from_the_same_rigid_halves(
     if not inside:
         monkeypatch.setattr(FilmSides, "_tangents", FilmSides._no_tangents)
     wanted = scenario(path)
-    rows, together = taken(build_simulation(wanted))
+    rows, together = kernels_take(build_simulation(wanted))
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(film_lockstep, "LARGE_TURN_RAD", -1.0)  # every flange turns further in a tick
-        ticks, alone = taken(build_simulation(wanted))
+        patch.setattr(staggered, "LARGE_TURN_RAD", -1.0)  # every flange turns further in a tick
+        ticks, alone = kernels_take(build_simulation(wanted))
     assert not alone
     touching = {snapshot.tick for snapshot in ticks if snapshot.ledger.contacts}
     # a tick whose tangent is made elsewhere is left: both kinds are to be among them
@@ -156,14 +142,14 @@ def test_a_run_that_is_restored_goes_on_as_it_would_have(path: Path, most: int) 
 def test_a_tick_that_the_kernel_leaves_is_finished(path: Path) -> None:
     """The first tick of a run has no factorisation; a flange that turns far needs another start."""
     run: Any = build_simulation(scenario(path))
-    _, together = taken(run)
+    _, together = kernels_take(run)
     assert 1 not in together
     assert {3, 4, 5} <= together
 
 
 def test_films_that_may_touch_one_another_go_tick_by_tick(path: Path) -> None:
     run: Any = build_simulation(scenario(path, contact__self_contact=True))
-    assert run._parts.carrier.lockstep is None
+    assert not kernels_take(run, 5)[1]
 
 
 def test_ticks_that_are_solved_closely_take_few_iterations(path: Path) -> None:

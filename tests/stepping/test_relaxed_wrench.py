@@ -9,7 +9,7 @@ import cosim
 from cosim.base.frames import Wrench
 from cosim.errors import ConvergenceError
 from cosim.stepping import quasistatic
-from cosim.stepping.relaxed_wrench import RelaxedWrench
+from cosim.stepping.quasistatic import RelaxedWrench
 
 
 def stiff(given: Wrench) -> Wrench:

@@ -16,9 +16,8 @@ from cosim.base.frames import Array
 from cosim.base.state_archive import read_archive, write_archive
 from cosim.build.simulation import build
 from cosim.config.loading import load_scenario
-from cosim.coupling.soft_sides.shape_reader import MeshReader
-from cosim.telemetry.film_shape import FilmShape, UnreadFilmShape
-from cosim.telemetry.snapshot import Snapshot
+from cosim.coupling.soft_sides.soft_side import MeshReader
+from cosim.telemetry.snapshot import FilmShape, Snapshot, UnreadFilmShape
 from tests.soft.bodies import hexagon_arm
 
 READ_LATER = ("node_position", "tip_position", "tip_direction", "sag_m", "volume_m3", "chamber_volume_m3")

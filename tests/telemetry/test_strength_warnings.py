@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from cosim.telemetry.elastic_figures import strength_warnings
+from cosim.telemetry.figures import strength_warnings
 
 
 @pytest.mark.parametrize(("peak", "told"), [(0.0221, "2.2"), (0.02004, "2.004"), (0.31, "31")])

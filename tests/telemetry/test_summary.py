@@ -12,8 +12,7 @@ from typing import Any
 import pytest
 
 from cosim.config.loading import load_scenario
-from cosim.telemetry.summary import SummaryBuilder
-from cosim.telemetry.summary_text import summary_markdown
+from cosim.telemetry.summary import SummaryBuilder, summary_markdown
 from cosim.telemetry.tick_batch import TickBatch
 
 DOCUMENT = Path(__file__).parents[2] / "docs" / "summary.md"

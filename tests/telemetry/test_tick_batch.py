@@ -15,8 +15,7 @@ from cosim.base.link_contact import LinkContact
 from cosim.config.loading import load_scenario
 from cosim.coupling.schemes.ledger import LedgerEntry
 from cosim.devices.measuring import bending_angle
-from cosim.telemetry.film_shape import FilmShape
-from cosim.telemetry.snapshot import Snapshot
+from cosim.telemetry.snapshot import FilmShape, Snapshot
 from cosim.telemetry.tick_batch import TickBatch
 from tests.conftest import made_up_snapshot
 

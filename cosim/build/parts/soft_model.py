@@ -21,7 +21,7 @@ from cosim.errors import ScenarioError
 from cosim.plan.flange_path import pose_of
 from cosim.reduced.section_model import SectionBody
 from cosim.soft.body.body import SoftBody
-from cosim.stepping.self_contact_law import film_law
+from cosim.stepping.parts import film_law
 
 
 @final

@@ -20,8 +20,7 @@ from cosim.plan.decision import Decision
 from cosim.soft.beams.strength import stiffener_report, stiffener_strain
 from cosim.soft.body.body import SoftBody
 from cosim.soft.solve.energy_share import hinge_energy_share
-from cosim.stepping.parts import Parts
-from cosim.stepping.self_contact_law import film_report
+from cosim.stepping.parts import Parts, film_report
 from cosim.telemetry.choices import CONTACT
 from cosim.telemetry.snapshot import RunInfo
 

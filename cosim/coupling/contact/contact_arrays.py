@@ -8,7 +8,15 @@ import numpy as np
 from numba import types
 
 from cosim.base.frames import Array, IntArray
-from cosim.base.kernels import BLOCKS, INDEX_TABLE, INDICES, MATRIX, VECTOR
+from cosim.base.kernels import BLOCKS, BOOLEAN, INDEX_TABLE, INDICES, INTEGER, MATRIX, REAL, VECTOR
+from cosim.coupling.ticks import BODY_LOADS, BodyLoads
+from cosim.rigid.distance.shape_bounds import SHAPE_BOUNDS, ShapeBounds
+from cosim.soft.contact.obstacle_contact import TOUCHED, TouchedPlanes
+
+REMEMBERED, TOUCHES, POINTS, AGE, ASKS, LEFT = range(6)
+"""Places in `ContactArrays.counts`: contacts remembered, contacts in the last tick, how many of these are of
+the film's points, ticks of contact since bodies were weighed, whether they are to be, whether a tick in which
+nothing is touched has something to end."""
 
 
 class NearPoints(NamedTuple):
@@ -140,6 +148,141 @@ class EndRows(NamedTuple):
         return cls(np.empty((count, 3)), np.empty(count), *of_bodies, np.empty(6), np.empty(2))
 
 
+class ListRows(NamedTuple):
+    """What was near when the lists were made.
+
+    Args:
+        row: (g,) of each shape in the arrays that follow; -1 for one that was too far.
+        local: (s, n, 3) [m], the nodes then, in the frames of s shapes.
+        reach_m: distance to which the lists hold.
+        behind_m: the same for features behind the film.
+        spans: (s, 2), and
+        listed: (k,), see `PointLists`: points of the film, for each of the s shapes.
+        features: (f,) that were near a triangle.
+        first: (f + 1,), and
+        triangles: (t,), see `TriangleLists`: of the film, for each of these.
+    """
+
+    row: IntArray
+    local: Array
+    reach_m: float
+    behind_m: float
+    spans: IntArray
+    listed: IntArray
+    features: IntArray
+    first: IntArray
+    triangles: IntArray
+
+
+class ShapeSurfaces(NamedTuple):
+    """Fields of `Shapes` beside those of `ShapeBounds`."""
+
+    size: Array
+    faces: IntArray
+    planes: Array
+    corners: Array
+    table: IntArray
+    origin: Array
+    spacing: Array
+    values: Array
+
+
+class Search(NamedTuple):
+    """What a search is given, and what it fills; scratch is as long as the lists.
+
+    Args:
+        bounds: of the shapes.
+        shapes: their surfaces.
+        owner: (features,) shape of each feature.
+        feature: (features, 3) [m], shape frame.
+        surface: of the film.
+        lists: that may serve.
+        near: filled from the beginning.
+        held: (f,) the triangle that has held each listed feature back until now, -1 for none.
+        places: (p, 3) [m], of the film's points; those that no shape is near may be anywhere.
+        spans: (s, 2).
+        around: (f, 3) [m], where listed features are.
+        found: (f,), which of them are near.
+        out: (k, 4), distance and normal.
+        box: (2, 3) [m], outside of which no feature counts.
+        calls: (4,), see `search_calls`.
+    """
+
+    bounds: ShapeBounds
+    shapes: ShapeSurfaces
+    owner: IntArray
+    feature: Array
+    surface: SurfaceRows
+    lists: ListRows
+    near: NearPoints
+    held: IntArray
+    places: Array
+    spans: IntArray
+    around: Array
+    found: IntArray
+    out: Array
+    box: Array
+    calls: IntArray
+
+
+class ContactNumbers(NamedTuple):
+    """Numbers of contact.
+
+    Args:
+        behind: how far behind the film a feature counts [m].
+        per_area: stiffness of a point [N/m^3].
+        of_feature: stiffness of a feature [N/m].
+        renewed_above: growth of the contacts' stiffness with which bodies are to be weighed.
+        renewed_after: ticks of contact after which they are.
+        on_joints: whether any can be touched that hangs on joints: these are weighed in every tick.
+    """
+
+    behind: float
+    per_area: float
+    of_feature: float
+    renewed_above: float
+    renewed_after: int
+    on_joints: bool
+
+
+class ContactArrays(NamedTuple):
+    """What a film may touch and has touched; arrays are filled from their beginnings.
+
+    Args:
+        search: for what is near.
+        shapes: their poses, and what they are of.
+        numbers: of contact.
+        memory: of the last tick.
+        kept: of the tick in progress.
+        touched: contacts.
+        ties: theirs.
+        end: of the tick.
+        bodies: that bear it.
+        free: (f,) bodies that move freely.
+        touching: (f,) [N/m], stiffness of their contacts when they were weighed.
+        weighed: (f,), 1 for those that were.
+        speed: (1,) [m/s], of the film's fastest node before the step.
+        counts: (6,).
+        calls: of the kernels that these call.
+    """
+
+    search: Search
+    shapes: ShapeRows
+    numbers: ContactNumbers
+    memory: MemoryRows
+    kept: MemoryRows
+    touched: TouchedPlanes
+    ties: Ties
+    end: EndRows
+    bodies: BodyLoads
+    free: IntArray
+    touching: Array
+    weighed: IntArray
+    speed: Array
+    counts: IntArray
+    calls: IntArray
+
+
 def _no_indices(count: int) -> IntArray:
     return np.empty(count, np.int64)
 
@@ -152,3 +295,24 @@ SHAPES = types.NamedTuple((MATRIX, BLOCKS, VECTOR, INDICES), ShapeRows)
 MEMORY = types.NamedTuple((INDICES, VECTOR, MATRIX, MATRIX, INDICES), MemoryRows)
 TIES = types.NamedTuple((INDICES, INDICES, MATRIX, INDICES), Ties)
 END = types.NamedTuple((MATRIX, VECTOR, MATRIX, INDICES, VECTOR, VECTOR, VECTOR), EndRows)
+LISTS = types.NamedTuple(
+    (INDICES, BLOCKS, REAL, REAL, INDEX_TABLE, INDICES, INDICES, INDICES, INDICES), ListRows
+)
+_SHAPES = types.NamedTuple(
+    (MATRIX, INDEX_TABLE, MATRIX, BLOCKS, INDEX_TABLE, MATRIX, MATRIX, VECTOR), ShapeSurfaces
+)
+SEARCH = types.NamedTuple(
+    (
+        SHAPE_BOUNDS, _SHAPES, INDICES, MATRIX, SURFACE, LISTS, NEAR, INDICES, MATRIX, INDEX_TABLE, MATRIX,
+        INDICES, MATRIX, MATRIX, INDICES,
+    ),
+    Search,
+)  # fmt: skip
+_NUMBERS = types.NamedTuple((REAL, REAL, REAL, REAL, INTEGER, BOOLEAN), ContactNumbers)
+CONTACT = types.NamedTuple(
+    (
+        SEARCH, SHAPES, _NUMBERS, MEMORY, MEMORY, TOUCHED, TIES, END, BODY_LOADS, INDICES, VECTOR, INDICES,
+        VECTOR, INDICES, INDICES,
+    ),
+    ContactArrays,
+)  # fmt: skip

@@ -3,67 +3,87 @@
 Per tick, after MuJoCo's step: the surfaces near the film are found at the new poses and frozen as tangent
 planes; the soft step solves with them; what its contact points press with acts on the bodies in MuJoCo's
 next step, at the same points, with the opposite sign. Each contact keeps where its stick spring is tied on
-the obstacle, and its normal force, which bounds the friction of the next tick.
+the obstacle, and its normal force, which bounds the friction of the next tick. Kernels do all of this, for
+ticks that they take by themselves as well; here is what they act on, and the lists of what is near, made
+anew where they serve no longer.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated, Final, final
+from functools import cached_property
+from typing import Final, final
 
 import numpy as np
 
-from cosim.base.frames import Array, IntArray
+from cosim.base.frames import Array
+from cosim.base.kernels import address_of, nothing_of
 from cosim.base.state_check import check_indices
-from cosim.coupling.contact.contact_arrays import EndRows, MemoryRows, ShapeRows, SurfaceRows, Ties
-from cosim.coupling.contact.contact_kernels import conclude, describe
-from cosim.coupling.contact.contact_memory import ContactMemory
-from cosim.coupling.contact.contact_report import NOTHING_TOUCHED, ContactReport
-from cosim.coupling.contact.film_neighbours import FilmNeighbours
-from cosim.errors import InputError
+from cosim.coupling.contact.contact_arrays import (
+    AGE,
+    ASKS,
+    LEFT,
+    LISTS,
+    REMEMBERED,
+    TOUCHES,
+    ContactArrays,
+    ContactNumbers,
+    EndRows,
+    ListRows,
+    MemoryRows,
+    NearPoints,
+    Search,
+    ShapeRows,
+    ShapeSurfaces,
+    SurfaceRows,
+    Ties,
+)
+from cosim.coupling.contact.contact_kernels import contact_calls, find_touched, search_calls, settle_touched
+from cosim.coupling.contact.contact_report import NOTHING_TOUCHED, ContactMemory, ContactReport
+from cosim.coupling.ticks import BodyLoads
 from cosim.rigid.distance.contact_query import ContactQuery
+from cosim.rigid.distance.film_distance import TriangleLists
 from cosim.rigid.scene.bodies import Bodies
 from cosim.soft.contact.contact_law import ContactLaw
 from cosim.soft.contact.contact_points import ContactSurface, Extent
-from cosim.soft.contact.obstacle_contact import ContactPlanes, PlaneRows
+from cosim.soft.contact.obstacle_contact import ContactPlanes, PlaneRows, TouchedPlanes, add_contacts
 from cosim.soft.solve.state import SoftState
 
-_REACH_M = 1e-3  # looked ahead besides what the film moves in a tick
 AHEAD_TICKS: Final = 2.0
 """How many ticks' way of the fastest node a film looks ahead."""
-_STILL_REACH_M = 3e-3  # the same in statics, where nothing says how far the film will move
 BEHIND_M: Final = 5e-3
 """How far behind the film a corner still counts as one that came through it."""
 FEATURE_AREA_M2: Final = 5e-5
 """What each stands for: a corner must hold back the film around it by itself."""
-NOTHING_BORNE: Final = np.zeros(6)
+RENEW_ABOVE: Final = 1.2
+"""Growth of the contacts' own stiffness beyond which bodies are weighed: the film's grows at most as much."""
+_REACH_M = 1e-3  # looked ahead besides what the film moves in a tick
+_STILL_REACH_M = 3e-3  # the same in statics, where nothing says how far the film will move
+_MARGIN_M = 8e-3  # more of it lengthens the lists, less makes them anew more often
 
 
 @final
 @dataclass(frozen=True)
 class ContactState:
-    """Where an exchange is: the arguments are its attributes of these names."""
+    """Where an exchange is.
+
+    Args:
+        memory: contacts that press.
+        planes: what might have been touched in the last step; None for nothing.
+        age: ticks of contact since bodies were weighed.
+    """
 
     memory: ContactMemory
     planes: ContactPlanes | None
-    sticking: ContactPlanes | None
-    shape: Annotated[IntArray, ("k",)]
-    key: Annotated[IntArray, ("k",)]
-    carrier: Annotated[Array, ("k", 3)]
-    triangle: Annotated[IntArray, ("k",)]
-    points: int
-    near: bool
+    age: int
 
 
 @final
 class ContactExchange:
     """Finds contacts, remembers them, and loads the bodies.
 
-    `film_speed_m_s` is that of the film before the step. After a step that touched anything, `film_load` (6,)
-    is force and torque of the film on all bodies about the world's origin, summed over its nodes (what
-    `settle` reports is summed over contact points), and `held_N_m` (bodies,) the trace of the stiffness of
-    the contacts with each body, stick springs slack. `near` is whether the last search had
-    anything to look at.
+    After a step, `planes` are the contacts that it was taken with, and `sticking` the same with slack stick
+    springs; `report` says what they did.
 
     Args:
         query: distances to what can be touched.
@@ -77,17 +97,10 @@ class ContactExchange:
     ) -> None:
         self.query, self.bodies, self.surface = query, bodies, surface
         self.law = law or ContactLaw()
-        self.neighbours = FilmNeighbours(query, surface)
-        self.memory = ContactMemory.empty()
-        self.planes: ContactPlanes | None = None
-        self.sticking: ContactPlanes | None = None
-        none = np.zeros(0, np.int64)
-        self._ties = Ties(none, none, np.zeros((0, 3)), none)
-        self._points = 0
-        self._surface_rows = SurfaceRows(*(getattr(surface, name) for name in SurfaceRows._fields))
-        self.shape_rows = ShapeRows(*(getattr(query, name) for name in ShapeRows._fields))
-        self.film_load, self.held_N_m = NOTHING_BORNE, np.zeros(bodies.count)
-        self.film_speed_m_s, self.near = 0.0, True
+        self._places = np.zeros((len(surface), 3))
+        nothing: ListRows = nothing_of(LISTS)
+        nowhere = nothing._replace(row=np.full(len(query), -1))
+        self.arrays = self._first_arrays(self._searching(nowhere))
 
     def find(self, state: SoftState, tick_s: float) -> ContactPlanes | None:
         """Return what the film may touch in the coming step; None for nothing.
@@ -96,28 +109,7 @@ class ContactExchange:
             state: of the soft body before the step.
             tick_s: length of the step [s].
         """
-        self.planes = None
-        self.query.update()
-        extent = Extent.of(state.positions, state.velocities)
-        self.film_speed_m_s = extent.speed_m_s
-        reach = self.rest_reach_m + AHEAD_TICKS * extent.speed_m_s * tick_s
-        active = self.query.near(extent.low, extent.high, reach)
-        self.near = len(active) > 0
-        if len(active):
-            self.planes = self._planes(state.positions, extent, reach, active)
-        if self.planes is None and len(self.memory.key):
-            self.memory = ContactMemory.empty()
-        return self.planes
-
-    @property
-    def rest_reach_m(self) -> float:
-        """How far a film at rest looks for shapes."""
-        return 0.5 * self.law.smoothing_m + _REACH_M
-
-    @property
-    def idle(self) -> bool:
-        """Whether nothing was near in the last tick, and nothing is left of what was touched before."""
-        return not self.near and self.planes is None and self.sticking is None and not len(self.memory.key)
+        return self._found(state.positions, state.velocities, self.rest_reach_m, AHEAD_TICKS * tick_s)
 
     def still(self, positions: Array) -> ContactPlanes | None:
         """Return what the film may touch near an equilibrium, without friction; None for nothing.
@@ -125,38 +117,7 @@ class ContactExchange:
         Args:
             positions: (n, 3) [m], of the nodes.
         """
-        self.query.update()
-        extent = Extent.of(positions, np.zeros_like(positions))
-        active = self.query.near(extent.low, extent.high, _STILL_REACH_M)
-        return self._planes(positions, extent, _STILL_REACH_M, active) if len(active) else None
-
-    @property
-    def _held_by(self) -> IntArray:
-        """The triangle of the film (features,) that pressed on each feature in the last tick; -1 for none."""
-        held = np.full(len(self.query.features.shape), -1)
-        features, triangles = self._held(self.memory)
-        held[features] = triangles
-        return held
-
-    def _held(self, memory: ContactMemory) -> tuple[IntArray, IntArray]:
-        """Return the features that a memory holds, and the triangles of the film that press on them."""
-        of_features = memory.triangle >= 0
-        points = len(self.query.body) * len(self.surface)  # their keys come first
-        return memory.key[of_features] - points, memory.triangle[of_features]
-
-    def _planes(self, x: Array, extent: Extent, reach: float, active: IntArray) -> ContactPlanes | None:
-        near = self.neighbours.find(x, extent, active, reach, BEHIND_M, self._held_by)
-        count = near.count
-        if not count:
-            return None
-        memory, stiffness, surface = self.memory, self.law.stiffness_N_m3, self._surface_rows
-        planes, self._ties = PlaneRows.room(count), Ties.room(count)
-        self._points = len(near.rows.point)
-        described = planes, self._ties
-        before = MemoryRows(*(getattr(memory, name) for name in MemoryRows._fields))
-        areas = stiffness, stiffness * FEATURE_AREA_M2
-        describe(x, near.places, near.rows, surface, self.shape_rows, before, *areas, *described)
-        return ContactPlanes(*planes[:-1], law=self.law, body=planes.body)
+        return self._found(positions, np.zeros_like(positions), _STILL_REACH_M, 0.0)
 
     def settle(self, positions: Array) -> ContactReport:
         """Take in the end of the soft step: remember the contacts and load the bodies.
@@ -164,59 +125,90 @@ class ContactExchange:
         Args:
             positions: (n, 3) [m], of the nodes at the end of the step.
         """
+        settle_touched(self.arrays, positions)
         planes = self.planes
-        report = self.nothing_settled() if planes is None else self._conclude(planes, positions)
-        self.bodies.apply(report.bodies, report.force, report.torque)
-        return report
+        self.forget()
+        self.planes = planes
+        return self.report
 
-    def nothing_settled(self) -> ContactReport:
-        """Take in a step in which nothing could be touched."""
-        self.sticking, self.film_load = None, NOTHING_BORNE
-        return NOTHING_TOUCHED
+    @property
+    def rest_reach_m(self) -> float:
+        """How far a film at rest looks for shapes."""
+        return 0.5 * self.law.smoothing_m + _REACH_M
 
-    def _conclude(self, planes: ContactPlanes, positions: Array) -> ContactReport:
-        count, bodies, law = len(planes), self.bodies.count, self.law
-        end, kept = EndRows.room(count, bodies), MemoryRows.room(count)
-        pressing = conclude(
-            positions, planes.rows, self._ties, self._points, self.shape_rows, law.smoothing_m, law.stick_m,
-            kept, end,
-        )  # fmt: skip
-        self.memory = ContactMemory(
-            kept.key[:pressing], kept.normal_force[:pressing], kept.offset[:pressing], kept.place[:pressing],
-            kept.triangle[:pressing],
-        )  # fmt: skip
-        return self._ended(planes, end)
+    @property
+    def film_speed_m_s(self) -> float:
+        """Of the film's fastest node before the step."""
+        return float(self.arrays.speed[0])
 
-    def _ended(self, planes: ContactPlanes, end: EndRows) -> ContactReport:
-        self.sticking = planes.sticking(end.point, end.slack_friction)
-        self.held_N_m, self.film_load = end.held, end.film
+    @property
+    def asks_for_weighing(self) -> bool:
+        """Whether `BodyMass` has to look at the bodies after the last step."""
+        return bool(self.arrays.counts[ASKS])
+
+    def ask_for_weighing_after(self, ticks: int) -> None:
+        """Let free bodies be weighed after so many ticks of contact, where nothing else asks for it."""
+        self.arrays = self.arrays._replace(numbers=self.arrays.numbers._replace(renewed_after=ticks))
+
+    def forget(self) -> None:
+        """Read anew what kernels have filled meanwhile."""
+        for name in ("planes", "sticking", "report"):
+            self.__dict__.pop(name, None)
+
+    @cached_property
+    def planes(self) -> ContactPlanes | None:
+        """Contacts of the last step; None for none."""
+        count = int(self.arrays.counts[TOUCHES])
+        if not count:
+            return None
+        rows = PlaneRows(*(part[:count].copy() for part in self.arrays.touched.planes))  # type: ignore[arg-type]
+        return ContactPlanes(*rows[:-1], law=self.law, body=rows.body)
+
+    @cached_property
+    def sticking(self) -> ContactPlanes | None:
+        """The same as they answer a small motion from rest, at the end of the step."""
+        planes, end = self.planes, self.arrays.end
+        if planes is None:
+            return None
+        return planes.sticking(end.point[: len(planes)].copy(), end.slack_friction[: len(planes)].copy())
+
+    @cached_property
+    def report(self) -> ContactReport:
+        """What the contacts did in the last step."""
+        end, counts = self.arrays.end, self.arrays.counts
+        if not counts[TOUCHES]:
+            return NOTHING_TOUCHED
         acting = np.flatnonzero(end.acting)
         force, torque = end.loads[acting, :3], end.loads[acting, 3:]
-        return ContactReport(acting, force, torque, len(self.memory.key), *end.figures.tolist())
+        return ContactReport(acting, force, torque, int(counts[REMEMBERED]), *end.figures.tolist())
 
-    def go_to(self, rows: PlaneRows, ties: Ties, points: int, end: EndRows) -> ContactReport:
-        """Be at the end of steps that were taken elsewhere; bodies and `memory` are there; return the report.
+    @property
+    def held_N_m(self) -> Array:
+        """(bodies,) [N/m], trace of the stiffness of the contacts with each body, stick springs slack."""
+        return self.arrays.end.held
 
-        Args:
-            rows: contacts of the last step.
-            ties: theirs.
-            points: how many of them are of points of the film.
-            end: what is left of them.
-        """
-        planes = self.planes = ContactPlanes(*rows[:-1], law=self.law, body=rows.body)
-        self._ties, self._points = ties, points
-        return self._ended(planes, end)
+    @property
+    def memory(self) -> ContactMemory:
+        """The contacts that press."""
+        count = int(self.arrays.counts[REMEMBERED])
+        return ContactMemory(*(part[:count].copy() for part in self.arrays.memory))  # type: ignore[arg-type]
 
     def save_state(self) -> ContactState:
-        """Return what the next tick depends on; nothing is copied, no array is written to in place."""
-        return ContactState(self.memory, self.planes, self.sticking, *self._ties, self._points, self.near)
+        """Return what the next tick depends on."""
+        return ContactState(self.memory, self.planes, int(self.arrays.counts[AGE]))
 
     def restore_state(self, state: ContactState) -> None:
         """Return to a state of `save_state`; the scene has been restored before."""
-        self.memory, self.planes, self.sticking = state.memory, state.planes, state.sticking
-        self._ties, self._points = Ties(state.shape, state.key, state.carrier, state.triangle), state.points
-        self.near = state.near
-        self.query.update()
+        self.forget()
+        self.planes, count = state.planes, len(state.memory.key)
+        if count > len(self.arrays.memory.key):
+            self.arrays = self._with_room(self.arrays.search, count)
+        for name, part in zip(MemoryRows._fields, self.arrays.memory, strict=True):
+            part[:count] = getattr(state.memory, name)
+        counts = self.arrays.counts
+        counts[:] = 0
+        # bodies may bear what the next step is to end
+        counts[REMEMBERED], counts[AGE], counts[LEFT] = count, state.age, 1
 
     def check_state(self, state: ContactState) -> None:
         """Check what a saved state names: `restore_state` takes it for granted.
@@ -224,13 +216,94 @@ class ContactExchange:
         Raises:
             InputError: there is no such node or shape.
         """
-        check_indices(state.shape, len(self.query.body), "shapes")
-        features, triangles = self._held(state.memory)
-        check_indices(features, len(self.query.features.shape), "features")
-        check_indices(triangles, len(self.surface.triangles), "triangles")
-        for planes in (state.planes, state.sticking):
-            if planes is None:
-                continue
-            if len(planes) != len(state.shape) or not 0 <= state.points <= len(planes):
-                raise InputError(f"the saved contacts are {len(planes)}, of {len(state.shape)} shapes")
-            self.surface.check_planes(planes)
+        memory, query, surface = state.memory, self.query, self.surface
+        of_features = memory.triangle >= 0
+        features = memory.key[of_features] - len(query.body) * len(surface)  # keys of points come first
+        check_indices(features, len(query.features.shape), "features")
+        check_indices(memory.triangle[of_features], len(surface.triangles), "triangles")
+        if state.planes is not None:
+            check_indices(state.planes.body, self.bodies.count, "bodies")
+            surface.check_planes(state.planes)
+
+    def _found(self, x: Array, velocity: Array, rest_m: float, ahead_s: float) -> ContactPlanes | None:
+        self.forget()
+        if find_touched(self.arrays, x, velocity, rest_m, ahead_s) < 0:  # the lists serve no longer
+            extent = Extent.of(x, velocity)
+            reach = rest_m + ahead_s * extent.speed_m_s
+            search = self.search_around(x, extent, reach + _MARGIN_M, BEHIND_M + _MARGIN_M)
+            self.arrays = self._with_room(search, len(search.lists.listed) + len(search.lists.features))
+            find_touched(self.arrays, x, velocity, rest_m, ahead_s)
+        return self.planes
+
+    def search_around(self, positions: Array, extent: Extent, reach_m: float, behind_m: float) -> Search:
+        """Return a search by lists that hold to such distances at present.
+
+        Args:
+            positions: (n, 3) [m], of the nodes.
+            extent: of the film.
+            reach_m: bound on the distance.
+            behind_m: how far behind the film a feature still counts.
+        """
+        query, room = self.query, max(reach_m, behind_m)
+        shapes = query.near(extent.low, extent.high, reach_m)
+        local = [(positions - query.position[g]) @ query.rotation[g] for g in shapes]
+        points = query.points_around(self.surface.points(positions), reach_m, shapes)
+        row = np.full(len(query), -1)
+        row[shapes] = np.arange(len(shapes))
+        features = query.features.of(shapes)
+        places = query.feature_positions(features)
+        near = ((places > extent.low - room) & (places < extent.high + room)).all(axis=1)
+        features, places = features[near], places[near]
+        found = TriangleLists.around(places, positions, self.surface.triangles, room)
+        lists = ListRows(
+            row, np.array(local), reach_m, behind_m, points.spans, points.listed, features, found.first,
+            found.listed,
+        )  # fmt: skip
+        return self._searching(lists)
+
+    def _searching(self, lists: ListRows) -> Search:
+        query, surface = self.query, self.surface
+        shapes = ShapeSurfaces(*(getattr(query.shapes, name) for name in ShapeSurfaces._fields))
+        rows = SurfaceRows(*(getattr(surface, name) for name in SurfaceRows._fields))
+        features = query.features.shape, query.features.position
+        near = NearPoints.room(len(lists.listed), len(lists.features))
+        scratch = np.empty((max(len(lists.listed), len(lists.features)), 4)), np.empty((2, 3))
+        return Search(
+            query.bounds, shapes, *features, rows, lists, near, np.empty_like(lists.features), self._places,
+            np.empty_like(lists.spans), np.empty((len(lists.features), 3)), np.empty_like(lists.features),
+            *scratch, search_calls(),
+        )  # fmt: skip
+
+    def _first_arrays(self, search: Search) -> ContactArrays:
+        law, bodies, query = self.law, self.bodies, self.query
+        stiffness, free = law.stiffness_N_m3, bodies.free
+        numbers = ContactNumbers(
+            BEHIND_M, stiffness, stiffness * FEATURE_AREA_M2, RENEW_ABOVE, 0,
+            len(bodies.on_joints(np.unique(query.body))) > 0,
+        )  # fmt: skip
+        touched = TouchedPlanes(
+            address_of(add_contacts), PlaneRows.room(0), np.array([law.smoothing_m, law.stick_m]),
+            np.empty((0, 3)), np.empty(0),
+        )  # fmt: skip
+        return ContactArrays(
+            search, ShapeRows(*(getattr(query, name) for name in ShapeRows._fields)), numbers,
+            MemoryRows.room(0), MemoryRows.room(0), touched, Ties.room(0), EndRows.room(0, bodies.count),
+            BodyLoads(bodies.applied, bodies.mass_centers, bodies.bearing, np.zeros(7)), free,
+            np.zeros(len(free)), np.zeros(len(free), np.int64), np.zeros(1), np.zeros(6, np.int64),
+            contact_calls(),
+        )  # fmt: skip
+
+    def _with_room(self, search: Search, room: int) -> ContactArrays:
+        """Return the arrays with room for so many contacts, what is remembered taken along."""
+        before, remembered = self.arrays, int(self.arrays.counts[REMEMBERED])
+        room = max(room, remembered)
+        memory = MemoryRows.room(room)
+        for old, new in zip(before.memory, memory, strict=True):
+            new[:remembered] = old[:remembered]
+        touched = before.touched._replace(
+            planes=PlaneRows.room(room), own=np.empty((room, 3)), pressing=np.empty(room)
+        )
+        return before._replace(
+            search=search, memory=memory, kept=MemoryRows.room(room), touched=touched, ties=Ties.room(room),
+            end=EndRows.room(room, self.bodies.count),
+        )  # fmt: skip

@@ -1,14 +1,156 @@
-"""The two kernels of a tick's contacts: what may be touched in it, and what was at its end."""
+"""The kernels of a tick's contacts: what is near, what may be touched, and what was at the tick's end.
+
+What is near is found through lists that serve until the film has moved.
+A shape does not move in its own frame. So while no node of the film has gone further there than m since the
+lists were made, what is nearer than r now was nearer than r + m then: points of the film to the shape, the
+shape's sharp features to triangles of the film.
+Source: the neighbour list of Verlet, Computer "Experiments" on Classical Fluids, Phys. Rev. 159 (1967) 98.
+"""
 
 from __future__ import annotations
 
-import numpy as np
-from numba import void
+import math
 
-from cosim.base.kernels import INTEGER, MATRIX, REAL, device_function, kernel, small_matrix, small_vector
-from cosim.coupling.contact.contact_arrays import END, MEMORY, NEAR, SHAPES, SURFACE, TIES
+import numpy as np
+from numba import types, void
+
+from cosim.base.frames import IntArray
+from cosim.base.kernels import (
+    INDICES,
+    INTEGER,
+    MATRIX,
+    REAL,
+    VECTOR,
+    address_of,
+    device_function,
+    handing_on_views,
+    kernel,
+    small_matrix,
+    small_vector,
+)
+from cosim.base.numba_insides import caller
+from cosim.coupling.contact.contact_arrays import (
+    AGE,
+    ASKS,
+    CONTACT,
+    LEFT,
+    POINTS,
+    REMEMBERED,
+    SEARCH,
+    TOUCHES,
+    MemoryRows,
+    NearPoints,
+    Ties,
+)
+from cosim.rigid.distance.features import carry
+from cosim.rigid.distance.film_distance import film_near
+from cosim.rigid.distance.shapes import fill_near_box
+from cosim.rigid.distance.signed_distance import points_near
 from cosim.soft.contact.contact_law import shorten, touch
-from cosim.soft.contact.obstacle_contact import PLANES
+from cosim.soft.contact.obstacle_contact import PlaneRows, TouchedPlanes
+from cosim.soft.contact.point_kernels import combine, span
+
+_SEARCHED = (combine, points_near, carry, film_near)
+_COMBINE, _POINTS, _CARRY, _FILM = range(len(_SEARCHED))
+_combine, _points_near, _carry, _film_near = map(caller, _SEARCHED)
+
+
+def search_calls() -> IntArray:
+    """Return the addresses (4,) of the kernels that a search calls."""
+    return np.array([address_of(called) for called in _SEARCHED])
+
+
+@device_function
+def _gone(x, position, rotation, active, row, local):  # type: ignore[no-untyped-def]
+    """Return how far a node has gone at most in the frame of an active shape; infinite for one not listed."""
+    most = 0.0
+    for g in active:
+        if row[g] < 0:
+            return np.inf
+        turn, place, before = rotation[g], position[g], local[row[g]]
+        for n in range(x.shape[0]):
+            dx, dy, dz = x[n, 0] - place[0], x[n, 1] - place[1], x[n, 2] - place[2]
+            square = 0.0
+            for r in range(3):
+                square += (turn[0, r] * dx + turn[1, r] * dy + turn[2, r] * dz - before[n, r]) ** 2
+            most = max(most, square)
+    return np.sqrt(most)
+
+
+@device_function
+def _find_points(x, active, reach, search):  # type: ignore[no-untyped-def]
+    """Fill the points of the film that are near active shapes; return how many."""
+    bounds, shapes, lists, near, spans = search.bounds, search.shapes, search.lists, search.near, search.spans
+    surface, out = search.surface, search.out
+    for a in range(active.shape[0]):
+        first, last = lists.spans[lists.row[active[a]]]
+        spans[a, 0], spans[a, 1] = first, last
+        listed = lists.listed[first:last]
+        _combine(search.calls[_COMBINE], (x, surface.nodes, surface.weights, listed, search.places))
+    count = _points_near(
+        search.calls[_POINTS],
+        (
+            search.places, reach, False, active, spans, lists.listed, bounds.position, bounds.rotation,
+            bounds.kind, shapes.size, bounds.center, bounds.half, shapes.faces, shapes.planes, shapes.corners,
+            shapes.table, shapes.origin, shapes.spacing, shapes.values, near.point, near.shape, out,
+        ),
+    )  # fmt: skip
+    for k in range(count):
+        near.distance[k] = out[k, 0]
+        for r in range(3):
+            near.normal[k, r] = out[k, 1 + r]
+    return count
+
+
+@device_function
+def _find_features(x, low, high, reach, behind, search):  # type: ignore[no-untyped-def]
+    """Fill the features that are near the film; return how many."""
+    bounds, lists, near, out = search.bounds, search.lists, search.near, search.out
+    for r in range(3):
+        search.box[0, r], search.box[1, r] = low[r] - reach, high[r] + reach
+    around, found = search.around, search.found
+    carried = bounds.position, bounds.rotation, search.owner, search.feature, lists.features, around
+    _carry(search.calls[_CARRY], carried)
+    box, triangles = (search.box[0], search.box[1]), search.surface.triangles
+    asked = around, *box, x, triangles, lists.first, lists.triangles, search.held, reach, behind
+    count = _film_near(search.calls[_FILM], (*asked, found, near.triangle, near.weight, out))
+    for k in range(count):
+        near.feature[k], near.owner[k] = lists.features[found[k]], search.owner[lists.features[found[k]]]
+        near.film_distance[k] = out[k, 0]
+        for r in range(3):
+            near.place[k, r], near.film_normal[k, r] = around[found[k], r], out[k, 1 + r]
+    return count
+
+
+@kernel(types.UniTuple(types.int64, 2)(MATRIX, VECTOR, VECTOR, INDICES, REAL, REAL, SEARCH))
+def find_near(x, low, high, active, reach, behind, search):  # type: ignore[no-untyped-def]
+    """Fill what is near; return how many points of the film and how many features, -1 for lists too old.
+
+    Args:
+        x: (n, 3) [m], of the nodes.
+        low: (3,) [m], smallest coordinates of the film.
+        high: (3,) [m], largest ones.
+        active: (a,) shapes that may be near it.
+        reach: bound on the distance [m].
+        behind: how far behind the film a feature still counts [m].
+        search: filled.
+    """
+    lists, bounds = search.lists, search.bounds
+    gone = _gone(x, bounds.position, bounds.rotation, active, lists.row, lists.local)
+    if not (reach + gone <= lists.reach_m and behind + gone <= lists.behind_m):
+        return -1, -1
+    points = _find_points(x, active, reach, search)
+    return points, _find_features(x, low, high, reach, behind, search)
+
+
+_CALLED = (find_near, span, fill_near_box)
+_FIND, _SPAN, _NEAR, FIND_TOUCHED, SETTLE_TOUCHED = range(len(_CALLED) + 2)
+_find_near, _span, _fill_near_box = map(caller, _CALLED)
+
+
+def contact_calls() -> IntArray:
+    """Return the addresses (5,) of the kernels of contact, for one another and for who takes a whole tick."""
+    return np.array([address_of(called) for called in (*_CALLED, find_touched, settle_touched)])
 
 
 @device_function
@@ -50,8 +192,8 @@ def _take_feature(e, f, x, near, surface, stiffness, first_key, planes, ties):  
     return near.film_distance[f]
 
 
-@kernel(void(MATRIX, MATRIX, NEAR, SURFACE, SHAPES, MEMORY, REAL, REAL, PLANES, TIES))
-def describe(x, places, near, surface, shapes, memory, per_area, of_feature, planes, ties):  # type: ignore[no-untyped-def]
+@device_function
+def _describe(x, places, near, surface, shapes, memory, per_area, of_feature, planes, ties):  # type: ignore[no-untyped-def]
     """Fill tangent planes and what they are tied to, from nodes and contact points (p, 3) [m].
 
     What pressed in the last tick keeps its normal force, and its anchor, which rides on the shape.
@@ -81,6 +223,101 @@ def describe(x, places, near, surface, shapes, memory, per_area, of_feature, pla
             planes.anchor[e, r] = turned + (ties.carrier[e, r] if e < points else planes.anchor[e, r] + moved)
 
 
+@handing_on_views
+def touched_planes(touched, count):  # type: ignore[no-untyped-def]
+    """Return the first of some contacts."""
+    p = touched.planes
+    planes = PlaneRows(
+        p.nodes[:count], p.weights[:count], p.slots[:count], p.normal[:count], p.offset[:count],
+        p.stiffness[:count], p.friction[:count], p.anchor[:count], p.body[:count],
+    )  # fmt: skip
+    return TouchedPlanes(touched.call, planes, touched.widths, touched.own[:count], touched.pressing[:count])
+
+
+@handing_on_views
+def _first_ties(ties, count):  # type: ignore[no-untyped-def]
+    return Ties(ties.shape[:count], ties.key[:count], ties.carrier[:count], ties.triangle[:count])
+
+
+@device_function
+def _hold_features(listed, first_key, counts, memory, held):  # type: ignore[no-untyped-def]
+    """Fill which triangle has held each listed feature back until now."""
+    for f in range(listed.shape[0]):
+        held[f] = -1
+    for e in range(counts[REMEMBERED]):
+        if memory.triangle[e] >= 0:
+            at = np.searchsorted(listed, memory.key[e] - first_key)
+            if at < listed.shape[0] and listed[at] == memory.key[e] - first_key:
+                held[at] = memory.triangle[e]
+
+
+@device_function
+def _read_poses(bounds):  # type: ignore[no-untyped-def]
+    """Take the shapes' present poses over from MuJoCo."""
+    for g in range(bounds.geoms.shape[0]):
+        for r in range(3):
+            bounds.position[g, r] = bounds.places[bounds.geoms[g], r]
+            for c in range(3):
+                bounds.rotation[g, r, c] = bounds.axes[bounds.geoms[g], 3 * r + c]
+
+
+@device_function
+def _find_pairs(contact, x, velocity, rest, ahead):  # type: ignore[no-untyped-def]
+    """Find what is near; return how many points of the film and features, -1 for lists that do not serve."""
+    bounds, search, numbers = contact.search.bounds, contact.search, contact.numbers
+    low, high, fastest = small_vector(3), small_vector(3), small_vector(1)
+    _span(contact.calls[_SPAN], (x, velocity, low, high, fastest))
+    contact.speed[0] = math.sqrt(fastest[0])
+    reach = rest + ahead * contact.speed[0]
+    poses = bounds.kind, bounds.center, bounds.half, bounds.position, bounds.rotation
+    near = _fill_near_box(contact.calls[_NEAR], (*poses, low, high, reach, bounds.near))
+    if near == 0:
+        return 0, 0
+    first_key = contact.shapes.body.shape[0] * search.surface.nodes.shape[0]
+    _hold_features(search.lists.features, first_key, contact.counts, contact.memory, search.held)
+    return _find_near(contact.calls[_FIND], (x, low, high, bounds.near[:near], reach, numbers.behind, search))
+
+
+@kernel(INTEGER(CONTACT, MATRIX, MATRIX, REAL, REAL))
+def find_touched(contact, x, velocity, rest, ahead):  # type: ignore[no-untyped-def]
+    """Fill what the film may touch in a step; return how much, -1 for lists that do not serve.
+
+    Args:
+        contact: filled.
+        x: (n, 3) [m], before the step.
+        velocity: (n, 3) [m/s], then.
+        rest: how far a film at rest looks [m].
+        ahead: the time [s] for whose way of the fastest node it looks further.
+    """
+    search, counts = contact.search, contact.counts
+    counts[ASKS] = 0
+    if search.bounds.geoms.shape[0] == 0:
+        return 0
+    _read_poses(search.bounds)
+    points, features = _find_pairs(contact, x, velocity, rest, ahead)
+    if points < 0:
+        return -1
+    count = points + features
+    counts[POINTS], counts[TOUCHES] = points, count
+    if count == 0:
+        counts[REMEMBERED] = 0
+        return 0
+    n, m, past = search.near, counts[REMEMBERED], contact.memory
+    near = NearPoints(
+        n.point[:points], n.shape[:points], n.distance[:points], n.normal[:points], n.feature[:features],
+        n.owner[:features], n.place[:features], n.triangle[:features], n.weight[:features],
+        n.film_distance[:features], n.film_normal[:features],
+    )  # fmt: skip
+    before = MemoryRows(
+        past.key[:m], past.normal_force[:m], past.offset[:m], past.place[:m], past.triangle[:m]
+    )
+    given = x, search.places, near, search.surface, contact.shapes, before
+    stiffness = contact.numbers.per_area, contact.numbers.of_feature
+    planes = touched_planes(contact.touched, count).planes
+    _describe(*given, *stiffness, planes, _first_ties(contact.ties, count))
+    return count
+
+
 @device_function
 def _add_load(part, force, place, loads):  # type: ignore[no-untyped-def]
     """Add part of a force at a place and its torque about the world's origin."""
@@ -102,8 +339,8 @@ def _remember(e, kept, push, point, stretch, shapes, ties, on_film, memory):  # 
             memory.offset[kept, r] += shapes.rotation[g, s, r] * (behind - stretch[s])
 
 
-@kernel(INTEGER(MATRIX, PLANES, TIES, INTEGER, SHAPES, REAL, REAL, MEMORY, END))
-def conclude(x, planes, ties, points, shapes, width, stick, memory, end):  # type: ignore[no-untyped-def]
+@device_function
+def _conclude(x, planes, ties, points, shapes, width, stick, memory, end):  # type: ignore[no-untyped-def]
     """Fill what is left of contacts, the first `points` of them of film points; return how many press."""
     own, tangent, stretch = small_vector(3), small_matrix(3, 3), small_vector(3)
     kept = 0
@@ -143,3 +380,67 @@ def conclude(x, planes, ties, points, shapes, width, stick, memory, end):  # typ
     if kept == 0:
         end.figures[1] = 0.0
     return kept
+
+
+@device_function
+def _take_for_last(memory, kept, pressing):  # type: ignore[no-untyped-def]
+    """Take the contacts that press for those of the last tick."""
+    for e in range(pressing):
+        memory.key[e], memory.normal_force[e] = kept.key[e], kept.normal_force[e]
+        memory.triangle[e] = kept.triangle[e]
+        for r in range(3):
+            memory.offset[e, r], memory.place[e, r] = kept.offset[e, r], kept.place[e, r]
+
+
+@device_function
+def _load_bodies(end, bodies):  # type: ignore[no-untyped-def]
+    """Let the contacts' loads act on bodies, see `Bodies.apply`."""
+    for b in range(bodies.loaded.shape[0]):
+        if not (end.acting[b] or bodies.loaded[b]):
+            continue
+        bodies.loaded[b] = end.acting[b]
+        applied, load, center = bodies.applied[b], end.loads[b], bodies.centers[b]
+        for r in range(3):
+            i, m = (r + 1) % 3, (r + 2) % 3
+            applied[r] = load[r]
+            # MuJoCo takes torques about the centre of mass
+            applied[3 + r] = load[3 + r] - (center[i] * load[m] - center[m] * load[i])
+
+
+@device_function
+def _asks_for_weighing(contact):  # type: ignore[no-untyped-def]
+    """Return whether `BodyMass` has to look at the bodies after a tick that has touched something."""
+    loaded, counts, held = contact.bodies.loaded, contact.counts, contact.end.held
+    if contact.numbers.on_joints:
+        return True
+    free = contact.free.shape[0]
+    if free and counts[AGE] >= contact.numbers.renewed_after:
+        return True
+    for f in range(free):
+        body, before = contact.free[f], contact.touching[f]
+        if (loaded[body] and before == 0.0) or (not loaded[body] and contact.weighed[f]):
+            return True
+        if held[body] > contact.numbers.renewed_above * before:
+            return True
+    return False
+
+
+@kernel(void(CONTACT, MATRIX))
+def settle_touched(contact, x):  # type: ignore[no-untyped-def]
+    """Take in the end of a step at x (n, 3) [m]: remember what presses, and load the bodies."""
+    counts, end, pressing = contact.counts, contact.end, 0
+    count = counts[TOUCHES]
+    if count > 0:
+        planes, widths = touched_planes(contact.touched, count).planes, contact.touched.widths
+        ends = counts[POINTS], contact.shapes, widths[0], widths[1], contact.kept, end
+        pressing = _conclude(x, planes, _first_ties(contact.ties, count), *ends)
+        counts[AGE] += 1
+    else:
+        end.figures[:], end.loads[:], end.acting[:], end.held[:], end.film[:] = 0.0, 0.0, 0, 0.0, 0.0
+    counts[REMEMBERED] = pressing
+    _take_for_last(contact.memory, contact.kept, pressing)
+    _load_bodies(end, contact.bodies)
+    for r in range(6):
+        contact.bodies.handed[r] = end.film[r]
+    contact.bodies.handed[6] = end.figures[0]
+    counts[LEFT], counts[ASKS] = count > 0, _asks_for_weighing(contact)

@@ -1,43 +1,104 @@
-"""What every scheme of exchange acts on: both sides, their contacts, and the wrench between them."""
+"""What every scheme of exchange acts on: both sides, their contacts, and the wrench between them.
+
+Action and reaction are checked in every tick: what the rigid side has received is what was handed over.
+Transferred: the soft side's wrench on the flange, and the contact forces on its film with the opposite sign,
+summed node by node. Received: what MuJoCo holds applied to the flange and to the touched bodies in the step,
+read back from it. Both are taken about the world's origin, so forces stand for momentum and torques for
+angular momentum, each times the tick. In the staggered exchange a tick receives what the tick before has
+handed over; in the iterated one, what the same tick hands over, and what the last one left over.
+"""
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import final
+from typing import Any, final
 
-from cosim.base.frames import Array, Wrench
-from cosim.coupling.contact.added_mass_free import BodyMass, BodyMassState
+import numpy as np
+
+from cosim.base.frames import Array, SixNumbers, Wrench
+from cosim.coupling.contact.added_mass import BodyMass, BodyMassState
 from cosim.coupling.contact.contact_exchange import ContactExchange, ContactState
 from cosim.coupling.contact.contact_report import NOTHING_TOUCHED, ContactReport
-from cosim.coupling.schemes.momentum_balance import NOTHING, TransferredLoads, six_numbers
-from cosim.coupling.soft_sides.answer_weights import exchange_gain
-from cosim.coupling.soft_sides.mass import stability_ratio
-from cosim.coupling.soft_sides.soft_side import SoftReply, SoftSide
+from cosim.coupling.half_ticks import LEVER_M, SMALLEST_N, RigidSide, hand_over
+from cosim.coupling.soft_sides.soft_side import SoftReply, SoftSide, exchange_gain, stability_ratio
+from cosim.coupling.ticks import BodyLoads, CarriedInertia, Servos
+from cosim.coupling.ticks_taken import TicksTaken
 from cosim.errors import InputError
+from cosim.reduced.sections.outputs import supplied_wrench
 from cosim.rigid.scene.scene import RigidScene
 from cosim.soft.body.loads import Loads
 from cosim.soft.solve.time_scheme import StepAim
+
+NOTHING: SixNumbers = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+
+
+@final
+@dataclass(frozen=True)
+class TransferredLoads:
+    """Loads about the world's origin, (force, torque) each; plain numbers, as numpy is slow on six.
+
+    Args:
+        flange: on it.
+        bodies: sum over all touched bodies.
+        flange_size_N: of the loads that make up the first.
+        bodies_size_N: the same of the second.
+    """
+
+    flange: SixNumbers
+    bodies: SixNumbers
+    flange_size_N: float
+    bodies_size_N: float
+
+    def plus(self, flange: SixNumbers, bodies: SixNumbers) -> TransferredLoads:
+        """Return these loads and others on top."""
+        return TransferredLoads(
+            _sum(self.flange, flange), _sum(self.bodies, bodies), self.flange_size_N, self.bodies_size_N
+        )
+
+    def error(self, flange: SixNumbers, bodies: SixNumbers) -> float:
+        """Return the largest relative difference to what was received."""
+        on_flange = _error(self.flange, flange, self.flange_size_N)
+        if bodies is self.bodies:
+            return on_flange
+        return max(on_flange, _error(self.bodies, bodies, self.bodies_size_N))
+
+
+def received_flange(scene: RigidScene) -> SixNumbers:
+    """Return what acts on the flange in the step in progress, about the world's origin."""
+    return scene.received_wrench()
+
+
+def received_bodies(scene: RigidScene) -> SixNumbers:
+    """Return what acts on the touched bodies in the step in progress, about the world's origin."""
+    loaded = scene.bodies.loaded
+    return six_numbers(scene.bodies.received(loaded).sum(axis=0)) if len(loaded) else NOTHING
+
+
+def six_numbers(load: Array) -> SixNumbers:
+    """Return a load (6,) as plain numbers."""
+    x, y, z, u, v, w = load.tolist()
+    return x, y, z, u, v, w
+
+
+def _sum(first: SixNumbers, second: SixNumbers) -> SixNumbers:
+    (x, y, z, u, v, w), (a, b, c, d, e, f) = first, second
+    return x + a, y + b, z + c, u + d, v + e, w + f
+
+
+def _error(given: SixNumbers, found: SixNumbers, size_N: float) -> float:
+    """Return the largest component of the difference of two loads over a size."""
+    (x, y, z, u, v, w), (a, b, c, d, e, f) = given, found
+    force = max(abs(x - a), abs(y - b), abs(z - c))
+    torque = max(abs(u - d), abs(v - e), abs(w - f))
+    return max(force, torque / LEVER_M) / max(size_N, SMALLEST_N)
+
 
 # Shape and configuration hardly change meanwhile, and the ratio costs as much as the rest of the exchange.
 # So it is found after a time, in bounds of ticks; after a longer one where nothing hangs on it.
 _WEIGHED_AFTER_S, _SELDOM_AFTER_S, _FAR_RATIO = 0.04, 0.1, 0.25
 _FEWEST_TICKS, _MOST_TICKS, _MOST_TICKS_FAR = 10, 20, 50
-
-
-@final
-@dataclass(frozen=True)
-class ServoCommand:
-    """What the arm's servos are asked for in a tick.
-
-    Args:
-        position: (joints,) [rad].
-        velocity: (joints,) [rad/s].
-        feedforward: (joints,) [N m].
-    """
-
-    position: Array
-    velocity: Array
-    feedforward: Array
 
 
 @final
@@ -73,21 +134,38 @@ class Interface:
         soft: soft side.
         wrench: of the soft side at the start, at the flange origin, world axes.
         contact: of the soft body with the scene; None where it is not modelled.
+        mounted: (10,) `inertial_parameters` of a rigid mass on the flange, flange frame; none unless given.
     """
 
     def __init__(
-        self, scene: RigidScene, soft: SoftSide, wrench: Wrench, contact: ContactExchange | None = None
+        self,
+        scene: RigidScene,
+        soft: SoftSide,
+        wrench: Wrench,
+        contact: ContactExchange | None = None,
+        mounted: Array | None = None,
     ) -> None:
         self.scene, self.soft, self.contact = scene, soft, contact
+        self._mounted = np.zeros(10) if mounted is None else mounted
+        self._native, bodies = scene.native(), scene.bodies
+        self._bodies = BodyLoads(bodies.applied, bodies.mass_centers, bodies.bearing, np.zeros(7))
+        if contact is not None:
+            self._bodies = contact.arrays.bodies
         self.body_mass = BodyMass(contact, soft, scene.tick_s) if contact is not None else None
         self._untouched = self._contacts()
         self.wrench = wrench
-        self.handed = TransferredLoads.of(wrench, scene.flange_pose.translation, NOTHING, 0.0)
-        self.touched: ContactReport = NOTHING_TOUCHED
+        about_world = wrench.moved(-scene.flange_pose.translation)
+        flange = six_numbers(np.concatenate([about_world.force, about_world.torque]))
+        self.handed = TransferredLoads(flange, NOTHING, float(np.abs(wrench.force).max()), 0.0)
         self.ratio = 0.0
         self.ticks = 0
         self._often = min(max(_FEWEST_TICKS, round(_WEIGHED_AFTER_S / scene.tick_s)), _MOST_TICKS)
         self._seldom = min(max(_FEWEST_TICKS, round(_SELDOM_AFTER_S / scene.tick_s)), _MOST_TICKS_FAR)
+
+    @property
+    def touched(self) -> ContactReport:
+        """What the contacts of the last tick did."""
+        return NOTHING_TOUCHED if self.contact is None else self.contact.report
 
     @property
     def contact_ratio(self) -> float:
@@ -133,18 +211,33 @@ class Interface:
         """
         if self.contact is None and state.contact is not None:
             raise InputError("contact is modelled in the saved state only")
-        self.wrench, self.handed, self.touched = state.wrench, state.handed, state.touched
+        self.wrench, self.handed = state.wrench, state.handed
         self.ratio, self.ticks = state.ratio, state.ticks
         contact, mass = (state.contact, state.body_mass) if state.contact else self._untouched
         if self.contact is not None and contact is not None:
             self.contact.check_state(contact)
             self.contact.restore_state(contact)
+            self.contact.report = state.touched if state.contact else NOTHING_TOUCHED
         if self.body_mass is not None and mass is not None:
             self.body_mass.restore_state(mass)
 
     def _contacts(self) -> tuple[ContactState | None, BodyMassState | None]:
         contact = None if self.contact is None else self.contact.save_state()
         return contact, None if self.body_mass is None else self.body_mass.save_state()
+
+    def begin(self, count: int) -> TicksTaken:
+        """Return room for ticks, with what is there before the first of them."""
+        flange, handed, bodies = self.scene.flange_pose, self.handed, self._bodies
+        joints, chambers = len(self._native.position), len(self.soft.pressures_Pa)
+        taken = TicksTaken.room(count, joints, len(bodies.loaded), chambers)
+        taken.begin(self.soft, self.wrench, flange)
+        taken.ticks.handed[0] = *handed.flange, handed.flange_size_N
+        bodies.handed[:] = *handed.bodies, handed.bodies_size_N
+        return taken
+
+    def rigid(self, carried: CarriedInertia) -> RigidSide:
+        """Return the rigid side as kernels see it, with what the joints carry."""
+        return RigidSide(self._native, carried, self._bodies, self._mounted, self.soft.mass_kg)
 
     def advance_soft(self, loads: Loads, aim: StepAim | None = None) -> SoftReply:
         """Take the soft step to the flange's present pose, with the contacts that are there.
@@ -163,12 +256,92 @@ class Interface:
             reply = soft.advance(flange, loads, scene.tick_s)
         else:
             reply = soft.advance_closely(flange, loads, scene.tick_s, aim)
-        self.wrench, film_load = reply.wrench, NOTHING
+        self.wrench = reply.wrench
         if self.contact is not None:
-            self.touched = self.contact.settle(soft.state.positions)
-        if self.contact is not None and self.contact.planes is not None:
-            film_load = six_numbers(self.contact.film_load)
-        self.handed = TransferredLoads.of(
-            reply.wrench, flange.translation, film_load, self.touched.normal_force_N
-        )
+            self.contact.settle(soft.state.positions)
         return reply
+
+    def take_reply(self, taken: TicksTaken, reply: SoftReply, acted: Array | None = None) -> None:
+        """Fill the row of the tick in progress with what `advance_soft` has returned, and hand it over.
+
+        Args:
+            taken: filled.
+            reply: of the soft side.
+            acted: (6,), on the flange in the tick, at its origin, world axes; unless given, as MuJoCo has it.
+        """
+        k, ticks, touched = taken.done, taken.ticks, self.touched
+        taken.take(reply, self.soft)
+        hand_over(self._native.applied if acted is None else acted, ticks, k)
+        ticks.contacts[k] = touched.count
+        ticks.contact[k] = touched.normal_force_N, touched.depth_m, self.contact_ratio
+        ticks.body_force[k] = touched.on_each(len(self._bodies.loaded))
+        taken.stability_ratio[k] = self.ratio
+        self._count(taken, 1)
+
+    def follow(self, taken: TicksTaken, count: int) -> None:
+        """Be where kernels have taken ticks, the last of those in the rows.
+
+        Args:
+            taken: their rows.
+            count: how many.
+        """
+        figures = taken.ticks.figures[taken.done + count].copy()
+        self.wrench = supplied_wrench(figures)
+        if self.contact is not None:
+            self.contact.forget()
+            taken.ticks.contact[taken.done : taken.done + count, 2] = self.contact_ratio
+        taken.stability_ratio[taken.done : taken.done + count] = self.ratio
+        self.scene.stepped(taken.ticks.flange(taken.done + count - 1))
+        taken.done += count
+        self._count(taken, count)
+
+    def _count(self, taken: TicksTaken, count: int) -> None:
+        flange, bodies = taken.ticks.handed[taken.done], self._bodies.handed
+        self.handed = TransferredLoads(
+            six_numbers(flange[:6]), six_numbers(bodies[:6]), float(flange[6]), float(bodies[6])
+        )
+        self.ticks += count
+
+
+class Coupling(ABC):
+    """Advances arm and soft body.
+
+    Args:
+        interface: between them.
+    """
+
+    def __init__(self, interface: Interface) -> None:
+        self.interface = interface
+
+    @property
+    def wrench(self) -> Wrench:
+        """What the soft side exerts on the flange at present, at its origin, world axes."""
+        return self.interface.wrench
+
+    @abstractmethod
+    def save_state(self) -> Any:
+        """Return what the next tick depends on besides the states of scene and soft side."""
+
+    @abstractmethod
+    def restore_state(self, state: Any) -> None:
+        """Return to a state of `save_state`; scene and soft side have been restored before.
+
+        Raises:
+            InputError: the state does not fit.
+        """
+
+    @abstractmethod
+    def advance(self, servos: Servos, loads: Sequence[Loads]) -> TicksTaken:
+        """Advance both sides by up to n ticks, at least one; how many changes no result.
+
+        Args:
+            servos: what they are asked for.
+            loads: on the soft body at the ends of the ticks.
+
+        Returns:
+            What they leave, and the error of the tick after the last one, if that has failed.
+
+        Raises:
+            InstabilityError: the rigid side is no longer finite, in the first tick.
+            ConvergenceError: the first soft step, or the first exchange, has no solution.
+        """

@@ -1,4 +1,4 @@
-"""What the two sides of the interface exchange in a tick."""
+"""The clock of the exchange, and what its two sides exchange in a tick."""
 
 from __future__ import annotations
 
@@ -6,6 +6,35 @@ from dataclasses import dataclass
 from typing import Literal, TypeAlias, final
 
 from cosim.base.frames import Wrench
+from cosim.errors import InputError
+
+
+@final
+@dataclass(frozen=True)
+class Clock:
+    """An integer count of equal ticks; time never accumulates rounding.
+
+    Args:
+        tick_s: length of a tick [s].
+        tick: ticks since the start.
+    """
+
+    tick_s: float
+    tick: int = 0
+
+    def __post_init__(self) -> None:
+        if not self.tick_s > 0.0:
+            raise InputError(f"tick_s is {self.tick_s}; it must be above 0")
+
+    @property
+    def time_s(self) -> float:
+        """Simulated time [s]."""
+        return self.tick * self.tick_s
+
+    def advanced(self, ticks: int = 1) -> Clock:
+        """Return the clock some ticks later."""
+        return Clock(self.tick_s, self.tick + ticks)
+
 
 Scheme: TypeAlias = Literal["staggered", "iterated"]
 

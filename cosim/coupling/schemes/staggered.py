@@ -6,24 +6,341 @@ the flange (stability ratio above a bound), its algorithmic mass A = J^T M_a J r
 times the acceleration at which the soft side answers as before, the last one with implicit Euler, is given
 back as torque. So only a change of the answer meets A: a rigid load moves as one body with the flange.
 Where the scene can be touched, contacts are found between the two steps, and act on bodies one tick later.
+
+A tick is a row of length one. Kernels take rows, until the flange or bodies are to be weighed, or a soft half
+is more than they know: lists of what is near serve no longer, a tangent is indefinite, gas is sealed, films
+touch one another. That half is left to Python, and the row goes on.
+
+What is carried: a small motion xi of the flange takes the film along rigidly, which strains nothing, but the
+film lags behind by X = K^-1 c m E xi: K the tangent of the step, E the rigid motions of the nodes m, c the
+weight of inertia in the step's scheme. Within the tick the wrench on the flange changes by
+-c E^T m (E - X) xi; in a slow motion it ends up changed by -c E^T m E xi, as that of a rigid body. Carried:
+
+    M_a = s_0 (E^T m E - (1 - b) E^T m X),    b = min(1, 1 / r^2),
+
+r the stability ratio, s_0 = c h^2 the first of `answer_weights`. The whole mass, b = 1, leaves slow motions
+as they are, but under a soft film that is heavy (r above 1.5, implicit Euler) the motion grows weakly. Under
+that of the tick, b = 0, it does not up to r = 10; where the acceleration jumps, a tick's impulse is lost.
+Source: the amplification of a chain on a mass, in tests/coupling/test_algorithmic_mass.py.
+
+The automatic exchange is iterated where the staggered one would need an algorithmic mass.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import final
+from functools import cached_property
+from typing import Any, final
 
 import numpy as np
 
-from cosim.base.frames import Array, Wrench
-from cosim.coupling.batch.added_inertia import AddedInertiaRow
-from cosim.coupling.schemes.algorithmic_mass import algorithmic_mass
-from cosim.coupling.schemes.interface import Interface, InterfaceState, ServoCommand
-from cosim.coupling.schemes.ledger import LedgerEntry
-from cosim.coupling.schemes.momentum_balance import TransferredLoads, received_bodies, received_flange
-from cosim.coupling.schemes.scheme import Coupling
-from cosim.coupling.soft_sides.answer_weights import expecting_no_change
+from cosim.base.frames import Array, IntArray
+from cosim.base.kernels import nothing_of
+from cosim.coupling.contact.added_mass import RATIO_BOUND, rigid_motions
+from cosim.coupling.contact.contact_arrays import CONTACT, ContactArrays
+from cosim.coupling.contact.contact_exchange import AHEAD_TICKS
+from cosim.coupling.film_ticks import FilmCommands, FilmMotion, FilmSteps, advance_film, film_calls
+from cosim.coupling.half_ticks import (
+    RIGID_SIDE_WARNS,
+    SOFT_HALF_LEFT,
+    SOFT_STEP_BEGUN,
+    RigidSide,
+    take_rigid_half,
+)
+from cosim.coupling.schemes.interface import Coupling, Interface, InterfaceState
+from cosim.coupling.schemes.iterated import IteratedCoupling, IteratedState, IterationOptions
+from cosim.coupling.section_ticks import ChainCommands, ChainMotion, ChainSteps, advance_chain, chain_calls
+from cosim.coupling.soft_sides.lumped_arm import SoftArm
+from cosim.coupling.soft_sides.section_arm import ChainShapes, SectionArm
+from cosim.coupling.soft_sides.soft_side import SoftSide, expecting_no_change
+from cosim.coupling.ticks import CarriedInertia, Servos, Ticks
+from cosim.coupling.ticks_taken import TicksTaken
+from cosim.reduced.sections.pressure_spline import TERMS
+from cosim.reduced.solve.state import ChainState
+from cosim.reduced.solve.time_step import ChainStep
 from cosim.soft.body.loads import Loads
+from cosim.soft.contact.obstacle_contact import ContactPlanes
+from cosim.soft.solve.newton_options import Outcome
+from cosim.soft.solve.state import BegunStep, SoftState
+from cosim.soft.solve.time_step import LARGE_TURN_RAD
+
+
+class SoftHalves:
+    """Takes ticks in a row: of this one, the soft halves are left to Python.
+
+    Args:
+        interface: between the sides.
+    """
+
+    most: int = 64
+    """Ticks in a row: fine meshes are large."""
+
+    def __init__(self, interface: Interface) -> None:
+        self.interface = interface
+        self._motion: Any = None
+        self._first = 0
+
+    @final
+    def take(
+        self, rigid: RigidSide, servos: Servos, loads: Sequence[Loads], taken: TicksTaken
+    ) -> tuple[int, int]:
+        """Take ticks, or the rigid half of one; return how many are done, and how that ended.
+
+        Args:
+            rigid: side.
+            servos: what they are asked for in n ticks.
+            loads: on the soft body at their ends.
+            taken: to be filled from its next row on.
+        """
+        first = taken.done
+        ticks = taken.ticks.from_on(first)
+        commands = self._commands(loads) if self._ready and _are_plain(loads) else None
+        if commands is None:
+            return 0, SOFT_HALF_LEFT if take_rigid_half(rigid, servos, ticks, 0) else RIGID_SIDE_WARNS
+        if self._motion is None:
+            self._motion, self._first = self._room(len(taken.trials) - first), first
+        motion = self._motion.from_on(first - self._first)
+        done, ending = self._row(rigid, servos, loads, commands, ticks, motion)
+        taken.pressure_Pa[first : first + done] = commands.pressure.reshape(len(loads), -1)[:done]
+        return done, ending
+
+    @final
+    def end(self, taken: TicksTaken) -> None:
+        """Show the shapes of ticks that kernels have taken: what follows begins anew."""
+        if self._motion is not None:
+            done = taken.done - self._first
+            if done:
+                taken.parts.append(self._shapes(self._motion, taken.pressure_Pa[self._first : taken.done]))
+            self._motion = None
+
+    @property
+    def _ready(self) -> bool:
+        """Whether the next tick may be taken by a kernel."""
+        return False
+
+    def _commands(self, loads: Sequence[Loads]) -> Any:
+        """Return what the soft side is asked for by plain loads."""
+
+    def _room(self, count: int) -> Any:
+        """Return rows of the soft side for n ticks, with what is there before the first of them."""
+
+    def _row(
+        self, rigid: RigidSide, servos: Servos, loads: Sequence[Loads], commands: Any, ticks: Ticks, way: Any
+    ) -> tuple[int, int]:
+        """Take ticks in one call; return how many are done, and how that ended."""
+        raise NotImplementedError
+
+    def _shapes(self, way: Any, pressure_Pa: Any) -> Sequence[Any]:
+        """Return the shapes of ticks at pressures (done, chambers)."""
+        raise NotImplementedError
+
+
+def soft_halves(interface: Interface) -> SoftHalves:
+    """Return what takes the ticks of an interface in a row."""
+    soft = interface.soft
+    if isinstance(soft, SectionArm) and interface.contact is None and not soft.stepper.losses_follow_shape:
+        return _SectionHalves(interface)
+    if isinstance(soft, SoftArm) and soft.steps_alone and soft.stepper.quick.sides.knows_body:
+        return _FilmHalves(interface)
+    return SoftHalves(interface)
+
+
+@final
+class _FilmHalves(SoftHalves):
+    """Of a lumped film.
+
+    Args:
+        interface: between the sides.
+    """
+
+    @property
+    def _soft(self) -> SoftArm:
+        soft = self.interface.soft
+        assert isinstance(soft, SoftArm), "soft_halves() has asked"
+        return soft
+
+    @property
+    def _ready(self) -> bool:
+        return self._soft.stepper.quick.sides.knows_factor
+
+    def _commands(self, loads: Sequence[Loads]) -> FilmCommands:
+        chambers = len(self._soft.body.gas_chambers)
+        pressure = np.array([load.pressures(chambers) for load in loads])
+        tension = np.array([load.cable_tension_N for load in loads]).reshape(len(loads), -1)
+        return FilmCommands(pressure, tension, np.array([load.gravity for load in loads]))
+
+    @cached_property
+    def _calls(self) -> IntArray:
+        return film_calls()
+
+    @cached_property
+    def _nothing(self) -> ContactArrays:
+        nothing: ContactArrays = nothing_of(CONTACT)
+        return nothing._replace(counts=np.zeros(6, np.int64))
+
+    def _room(self, count: int) -> FilmMotion:
+        state = self._soft.state
+        x, velocity = (np.empty((count + 2, *state.positions.shape)) for _ in range(2))
+        memory = np.empty((count + 1, len(state.memory)))
+        x[0], velocity[0] = state.earlier or (state.positions, state.velocities)
+        x[1], velocity[1], memory[0] = state.positions, state.velocities, state.memory
+        return FilmMotion(x, velocity, memory)
+
+    def _shapes(self, way: FilmMotion, pressure_Pa: Any) -> Sequence[Any]:
+        return list(way.x[2 : len(pressure_Pa) + 2])
+
+    def _row(
+        self,
+        rigid: RigidSide,
+        servos: Servos,
+        loads: Sequence[Loads],
+        commands: FilmCommands,
+        ticks: Ticks,
+        way: FilmMotion,
+    ) -> tuple[int, int]:
+        soft, stepper, interface = self._soft, self._soft.stepper, self.interface
+        contact, tick_s = interface.contact, interface.scene.tick_s
+        if soft.state.earlier is None:  # a first step looks back over one only
+            servos, commands = servos.some(0, 1), commands.some(0, 1)
+        quick, scheme = stepper.quick, stepper.scheme_of(soft.state, tick_s)
+        side = quick.sides.of(scheme, tick_s)
+        assert side is not None, "of a body and a factorisation that it knows"
+        steps = FilmSteps(
+            side, quick.untouched, quick.begins(lenient=True), quick.begins(lenient=False),
+            0.0 if contact is None else contact.rest_reach_m, AHEAD_TICKS * tick_s, self._calls,
+            soft.body.node_mass.reshape(-1, 1, 1), LARGE_TURN_RAD,
+            self._nothing if contact is None else contact.arrays,
+        )  # fmt: skip
+        done, ending = advance_film(rigid, servos, commands, steps, ticks, way)
+        quick.sides.take_over(side, scheme)
+        if done:
+            x, velocity = way.x[done : done + 2].copy(), way.velocity[done : done + 2].copy()
+            state = SoftState(x[1], velocity[1], way.memory[done].copy(), (x[0], velocity[0]))
+            drive = ticks.flange(done), loads[done - 1]
+            soft.go_to(state, float(ticks.residual[done - 1]), ticks.flange(done - 1), drive)
+        if ending == SOFT_STEP_BEGUN:
+            end = way.x[done + 2].copy(), way.velocity[done + 2].copy(), way.memory[done + 1].copy()
+            quick.begun = BegunStep(
+                soft.state, *end, int(ticks.iterations[done]), float(ticks.residual[done])
+            )
+        return done, ending
+
+
+@final
+class _SectionHalves(SoftHalves):
+    """Of a section model that touches nothing.
+
+    Args:
+        interface: between the sides.
+    """
+
+    most = 512  # more cost no less each
+
+    @property
+    def _soft(self) -> SectionArm:
+        soft = self.interface.soft
+        assert isinstance(soft, SectionArm), "soft_halves() has asked"
+        return soft
+
+    @property
+    def _ready(self) -> bool:
+        return True
+
+    def _commands(self, loads: Sequence[Loads]) -> ChainCommands:
+        pressure = np.array([load.pressures(1)[0] for load in loads])
+        tension = np.array([load.cable_tension_N for load in loads]).reshape(len(loads), -1)
+        first, weights = np.empty(len(loads), np.int64), np.empty((len(loads), TERMS))
+        spline, terms = self._soft.section.model.spline, None
+        for k, value in enumerate(pressure.tolist()):
+            if terms is None or value != pressure[k - 1]:
+                terms = spline.terms(value)
+            first[k], weights[k] = terms.first, terms.weights[0]
+        return ChainCommands(pressure, first, weights, self._soft.stepper.segment_tensions(tension))
+
+    @cached_property
+    def _calls(self) -> IntArray:
+        return chain_calls()
+
+    def _room(self, count: int) -> ChainMotion:
+        chain = self._soft.last.chain
+        frames = len(chain.frames)
+        rows = ChainMotion(np.empty((count + 2, 2, frames, 4, 3)), np.empty((count, frames, 6)))
+        rows.motion[0] = chain.motion if chain.earlier is None else chain.earlier
+        rows.motion[1] = chain.motion
+        return rows
+
+    def _shapes(self, way: ChainMotion, pressure_Pa: Any) -> ChainShapes:
+        return ChainShapes(way.motion[2 : len(pressure_Pa) + 2, 0], pressure_Pa[:, 0])
+
+    def _row(
+        self,
+        rigid: RigidSide,
+        servos: Servos,
+        loads: Sequence[Loads],
+        commands: ChainCommands,
+        ticks: Ticks,
+        way: ChainMotion,
+    ) -> tuple[int, int]:
+        soft, stepper, tick_s = self._soft, self._soft.stepper, self.interface.scene.tick_s
+        options, begin = stepper.options, soft.last.chain
+        two_steps, earlier = options.integrator == "bdf2", begin.earlier is not None
+        steps = ChainSteps(
+            stepper.arrays(soft.clamp, loads[0], begin.frames), self._calls, tick_s, options.damping_per_s,
+            two_steps, earlier, stepper.tangent.serves(soft.clamp, tick_s, two_steps and earlier),
+            options.newton.iterations_max,
+        )  # fmt: skip
+        done, ending, kept = advance_chain(rigid, servos, commands, steps, ticks, way)
+        last = done if ending == SOFT_HALF_LEFT else done - 1  # of which the soft step was tried
+        stepper.tangent.keep(kept, soft.clamp, tick_s, two_steps and (earlier or last > 0))
+        if done:
+            motion, figures = way.motion[done : done + 2].copy(), ticks.figures[done].copy()
+            step = ChainStep(
+                ChainState(motion[1], motion[0]), way.gradient[done - 1].copy(), figures, Outcome.CONVERGED,
+                int(ticks.iterations[done - 1]), float(ticks.residual[done - 1]),
+                loads[done - 1].pressures(1)[0],
+            )  # fmt: skip
+            soft.go_to(step, ticks.flange(done), loads[done - 1])
+        # what was computed for a pressure is kept with it
+        stepper.arrays(soft.clamp, loads[max(last, 0)], soft.last.frames)
+        return done, ending
+
+
+def _are_plain(loads: Sequence[Loads]) -> bool:
+    return all(load.plain for load in {id(load): load for load in loads}.values())
+
+
+def rigid_share(ratio: float) -> float:
+    """Return b, how much of what the film lags behind within a tick is carried all the same.
+
+    Args:
+        ratio: r, stability ratio of the flange.
+    """
+    return 1.0 if ratio <= 1.0 else 1.0 / ratio**2
+
+
+def algorithmic_mass(
+    soft: SoftSide, origin: Array, ratio: float, contact: ContactPlanes | None, step_s: float
+) -> Array:
+    """Return M_a (6, 6), linear then angular, about a point, world axes.
+
+    Args:
+        soft: after its step.
+        origin: (3,) [m], of the flange.
+        ratio: r, stability ratio of the flange.
+        contact: with the body; None for none.
+        step_s: h [s].
+    """
+    mass = soft.mass_properties().spatial(origin)
+    lacking = 1.0 - rigid_share(ratio)
+    if lacking > 0.0:
+        rigid = rigid_motions(soft.state.positions, origin)
+        momentum = np.ascontiguousarray((soft.body.node_mass[:, None, None] * rigid).transpose(2, 0, 1))
+        lagging = soft.response(soft.inertia_weight(step_s) * momentum, contact, step_s)
+        if lagging is not None:  # the tangent is not indefinite
+            behind = lacking * np.einsum("inr,jnr->ij", momentum, lagging)
+            mass -= 0.5 * (behind + behind.T)
+    return np.asarray(soft.answer_weights[0] * mass)
 
 
 @final
@@ -60,60 +377,50 @@ class StaggeredCoupling(Coupling):
         self._weights = expecting_no_change(interface.soft.answer_weights)
         self._past = np.zeros((len(self._weights), joints))
         self._carries = False
+        self._halves = soft_halves(interface)
 
-    def tick(self, command: ServoCommand, loads: Loads) -> LedgerEntry:
-        interface = self.interface
-        scene, received, handed = interface.scene, interface.wrench, interface.handed
+    def advance(self, servos: Servos, loads: Sequence[Loads]) -> TicksTaken:
+        self.interface.scene.check()
+        count = min(len(loads), self._halves.most)
+        taken = self.interface.begin(count)
+        try:
+            while taken.done < count:
+                self._go_on(taken, servos.some(taken.done, count), loads[taken.done : count])
+        except BaseException as error:  # whatever it is, what has been taken is to be shown first
+            if not taken.done:
+                raise
+            taken.error = error
+        self._halves.end(taken)
+        return taken
+
+    def _go_on(self, taken: TicksTaken, servos: Servos, loads: Sequence[Loads]) -> None:
+        """Take ticks until flange or bodies are to be weighed again, or Python has taken a soft half."""
+        interface, first = self.interface, taken.done
         if interface.to_be_weighed:
             self._update_stability_ratio()
-        interface.ticks += 1
-        scene.set_control(command.position, command.velocity, command.feedforward)
-        scene.apply_flange_wrench(received)
-        if self._carries:
-            self._past[1:] = self._past[:-1]
-            self._past[0] = scene.joint_acceleration
-            scene.apply_joint_torque(self._added @ (self._weights @ self._past))
-        lost = handed.error(received_flange(scene), received_bodies(scene))
-        scene.finish_step()
-        scene.begin_step()
-        return self.finish_tick(loads, received, lost)
+        most = interface.ticks_to_weighing
+        taken.algorithmic_mass[first : first + most] = self._carries
+        joints = len(self._added) if self._carries else 0
+        carried = CarriedInertia(self._added[:joints, :joints].copy(), self._weights, self._past)
+        done, ending = self._halves.take(interface.rigid(carried), servos.some(0, most), loads[:most], taken)
+        if done:
+            interface.follow(taken, done)
+            self._weigh_bodies(taken)
+        if ending == RIGID_SIDE_WARNS:
+            interface.scene.check()
+        if ending not in (SOFT_HALF_LEFT, SOFT_STEP_BEGUN):
+            return
+        self._halves.end(taken)
+        interface.scene.stepped(taken.ticks.flange(taken.done))
+        interface.take_reply(taken, interface.advance_soft(loads[done]))
+        self._weigh_bodies(taken)
 
-    def finish_tick(self, loads: Loads, received: Wrench, momentum_error: float) -> LedgerEntry:
-        """Take the soft half of a tick, with the flange at its new pose.
-
-        Args:
-            loads: on the soft body at the end of the tick.
-            received: by the rigid side in this tick, at the flange origin, world axes.
-            momentum_error: of the rigid half, see `LedgerEntry`.
-        """
+    def _weigh_bodies(self, taken: TicksTaken) -> None:
+        """Bring what bodies carry up to date after the last tick."""
         interface = self.interface
-        reply = interface.advance_soft(loads)
         if interface.body_mass is not None:
             interface.body_mass.update(carry=self.bodies_carry)
-        return self._entry(reply, received, algorithmic_mass=self._carries, momentum_error=momentum_error)
-
-    def begin_row(self) -> tuple[int, AddedInertiaRow]:
-        """Begin ticks that are taken elsewhere, in a row.
-
-        Returns:
-            How many may follow until the flange is to be weighed again, and what the joints carry meanwhile.
-        """
-        if self.interface.to_be_weighed:
-            self._update_stability_ratio()
-        joints = len(self._added) if self._carries else 0
-        carried = AddedInertiaRow(self._added[:joints, :joints].copy(), self._weights, self._past)
-        return self.interface.ticks_to_weighing, carried
-
-    def end_row(self, ticks: int, wrench: Wrench, handed: TransferredLoads) -> None:
-        """Go on from ticks that were taken elsewhere.
-
-        Args:
-            ticks: how many.
-            wrench: with which the last of them has ended, at the flange origin, world axes.
-            handed: the same about the world's origin.
-        """
-        self.interface.ticks += ticks
-        self.interface.wrench, self.interface.handed = wrench, handed
+            taken.ticks.contact[taken.done - 1, 2] = interface.contact_ratio
 
     def save_state(self) -> StaggeredState:
         return StaggeredState(self.interface.save_state(), self._added, self._past.copy())
@@ -140,3 +447,53 @@ class StaggeredCoupling(Coupling):
         if self._carries and not carries:
             scene.apply_joint_torque(np.zeros(len(added)))
         self._added, self._carries = added, carries
+
+
+_FLANGE_RATIO_BOUND = 0.5  # of the stability ratio, above which ticks are iterated
+
+
+@final
+@dataclass(frozen=True)
+class AutomaticState:
+    """Where an `AutomaticCoupling` is.
+
+    Args:
+        iterated: its iterated scheme; the staggered one has no state of its own, as it carries no mass.
+        iterates: whether the last tick was iterated.
+    """
+
+    iterated: IteratedState
+    iterates: bool
+
+
+@final
+class AutomaticCoupling(Coupling):
+    """Decides before every tick, by the stability ratios of flange and touched bodies.
+
+    Args:
+        interface: between the sides.
+        options: when the iterated scheme's loads agree.
+    """
+
+    def __init__(self, interface: Interface, options: IterationOptions | None = None) -> None:
+        super().__init__(interface)
+        self._staggered = StaggeredCoupling(interface, np.inf, bodies_carry=False)
+        self._iterated = IteratedCoupling(interface, options)
+        self._iterates = False
+
+    def advance(self, servos: Servos, loads: Sequence[Loads]) -> TicksTaken:
+        interface = self.interface
+        if interface.to_be_weighed:
+            interface.update_stability_ratio()
+        iterates = interface.ratio > _FLANGE_RATIO_BOUND or interface.contact_ratio > RATIO_BOUND
+        if iterates and not self._iterates:
+            self._iterated.begin_again()
+        self._iterates = iterates
+        return (self._iterated if iterates else self._staggered).advance(servos.some(0, 1), loads[:1])
+
+    def save_state(self) -> AutomaticState:
+        return AutomaticState(self._iterated.save_state(), self._iterates)
+
+    def restore_state(self, state: AutomaticState) -> None:
+        self._iterated.restore_state(state.iterated)
+        self._iterates = state.iterates

@@ -1,29 +1,74 @@
-"""Static equilibrium of a chain of frames on a flange, followed from a known one."""
+"""Equilibria of a chain of frames on a flange, followed from known ones, and the films on its frames."""
 
 from __future__ import annotations
 
+from collections import deque
 from dataclasses import replace
 from typing import final
 
 import numpy as np
 
 from cosim.base.frames import Array, Mask, Pose
-from cosim.coupling.soft_sides.chain_films import ChainFilms
 from cosim.errors import ConvergenceError, OutOfRangeError
 from cosim.reduced.section_model import SectionBody
 from cosim.reduced.sections.outputs import figures_of, supplied_wrench
 from cosim.reduced.solve.clamp import FrameClamp
 from cosim.reduced.solve.commanded_cables import CLOSE_N, commanded, solve_commanded, tensions_at
-from cosim.reduced.solve.kinematics import carried, upright
+from cosim.reduced.solve.kinematics import carried, rates_from_nodes, upright
 from cosim.reduced.solve.newton import ChainResult, ChainSolver
 from cosim.reduced.solve.state import ChainState
 from cosim.reduced.solve.working_range import check_pressure, place_in_range
 from cosim.soft.body.loads import Loads
 from cosim.soft.solve.equilibrium import CONTACT_ROUNDS_MAX, end_of
 from cosim.soft.solve.newton_options import NewtonOptions, Outcome
-from cosim.soft.solve.state import Equilibrium, Obstacles
+from cosim.soft.solve.state import Equilibrium, Obstacles, SoftState
 
+_REMEMBERED = 8
+_NO_ANGLES = np.zeros(0)  # a chain has no hinges
 _SPLITS_MAX = 8
+
+
+@final
+class ChainFilms:
+    """Makes the film's nodes from frames, and finds the frames of nodes again.
+
+    The latest films are remembered with their chains, so that one that is handed back is taken up exactly;
+    any other is fitted.
+
+    Args:
+        section: whose film it is.
+    """
+
+    def __init__(self, section: SectionBody) -> None:
+        self._section = section
+        self._known: deque[tuple[SoftState, ChainState, float]] = deque(maxlen=_REMEMBERED)
+
+    def film(self, chain: ChainState, pressure_Pa: float) -> SoftState:
+        """Return the film's nodes on a chain."""
+        section = self._section
+        film = SoftState(
+            section.positions(chain.frames, pressure_Pa),
+            section.positions(chain.rates, pressure_Pa),
+            _NO_ANGLES,
+        )
+        self._known.append((film, chain, pressure_Pa))
+        return film
+
+    def chain(self, film: SoftState, flange: Pose, pressure_Pa: float) -> tuple[ChainState, float]:
+        """Return the chain of a film, and the gas pressure it was made with.
+
+        Args:
+            film: the nodes.
+            flange: pose of the first frame.
+            pressure_Pa: returned for a film that is not remembered.
+        """
+        for known, chain, pressure in self._known:
+            if known is film:
+                return chain, pressure
+        layout = self._section.frames
+        frames = layout.fit(film.positions, flange)
+        rates = rates_from_nodes(layout, frames, film.velocities)
+        return ChainState(np.array((frames, rates))), pressure_Pa
 
 
 @final

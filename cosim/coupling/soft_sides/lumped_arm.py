@@ -1,34 +1,149 @@
-"""The soft side of the coupling: a body on the flange, stepped or solved for equilibrium."""
+"""The soft side of the coupling: a body on the flange, stepped or solved for equilibrium.
+
+A tick may be cut into pieces: halves of one that does not converge, or by the error of a piece.
+The error of an implicit step is its distance from an explicit prediction of the same order, weighted.
+Implicit Euler leaves -h^2 x''/2 of the exact solution, free flight x + h v leaves +h^2 x''/2: half their
+distance is the error. BDF2 leaves -2 h^3 x'''/9, the explicit x + h (3 v_n - v_n-1) / 2 leaves 5 h^3 x'''/12:
+8/23 of it.
+Source: Hairer, Norsett and Wanner, Solving ODEs I, section III.2 (error constants; Milne's device).
+"""
 
 from __future__ import annotations
 
-from dataclasses import replace
+import math
+from dataclasses import dataclass, replace
 from typing import final
 
 import numpy as np
 
-from cosim.base.frames import Array, IntArray, Mask, Pose
-from cosim.coupling.soft_sides.answer_weights import answer_weights
-from cosim.coupling.soft_sides.saved_states import SoftArmState
-from cosim.coupling.soft_sides.shape_reader import MeshReader
-from cosim.coupling.soft_sides.soft_side import SoftReply, SoftSide
-from cosim.coupling.soft_sides.substeps import Drive, pieces_after, pose_within, step_error, step_or_halves
-from cosim.errors import ConvergenceError
+from cosim.base.frames import Array, IntArray, Mask, Pose, rotation_from_vector, vector_from_rotation
+from cosim.base.state_check import check_indices
+from cosim.coupling.soft_sides.soft_side import (
+    Drive,
+    MeshReader,
+    SoftReply,
+    SoftSide,
+    answer_weights,
+    step_or_halves,
+)
+from cosim.errors import ConvergenceError, InputError
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
 from cosim.soft.contact.contact_points import ContactSurface
 from cosim.soft.contact.obstacle_contact import ContactPlanes
+from cosim.soft.linear.kept_factor import NewtonState
 from cosim.soft.solve.assembly import SoftSystem
 from cosim.soft.solve.equilibrium import EquilibriumSolver
 from cosim.soft.solve.newton import NewtonSolver
 from cosim.soft.solve.newton_options import NewtonOptions, SearchEffort
 from cosim.soft.solve.self_contact import FilmContactLaw, SelfContact
 from cosim.soft.solve.state import Clamp, Equilibrium, Obstacles, SoftState
-from cosim.soft.solve.time_scheme import StepAim, StepOptions, difference_scheme, inertia_weight
+from cosim.soft.solve.time_scheme import Integrator, StepAim, StepOptions, difference_scheme, inertia_weight
 from cosim.soft.solve.time_step import ImplicitStepper
 from cosim.soft.targets import flange_search, tension_search
 from cosim.soft.targets.target_solution import TargetOptions
 from cosim.soft.targets.tip_target import TipTarget
+
+
+@final
+@dataclass(frozen=True)
+class SoftArmState:
+    """What the next step of a soft arm depends on.
+
+    Args:
+        soft: shape and motion.
+        clamp: what is held.
+        flange: pose of the flange at the end of the last step.
+        loads: there.
+        residual_N: of the last step.
+        newton: what its solver has kept.
+        flange_before: pose of the flange one step earlier, if there was one.
+        pieces: into which a step is cut.
+        piece_s: length of the last one [s].
+    """
+
+    soft: SoftState
+    clamp: Clamp
+    flange: Pose
+    loads: Loads
+    residual_N: float
+    newton: NewtonState
+    flange_before: Pose | None
+    pieces: int
+    piece_s: float
+
+    def check(self, nodes: int) -> None:
+        """Check that it is of a body with so many nodes.
+
+        Raises:
+            InputError: it is not.
+        """
+        if len(self.soft.positions) != nodes:
+            raise InputError(f"the saved soft robot has {len(self.soft.positions)} nodes, this one {nodes}")
+        check_indices(self.clamp.nodes, nodes, "nodes")
+        if len(self.loads.cable_length_m) not in (0, len(self.loads.cable_tension_N)):
+            raise InputError(f"the saved loads have {len(self.loads.cable_length_m)} cables with a length")
+
+
+_PIECES_MAX = 16
+_SAFETY = 1.2
+_RELAXED = 0.25  # of the bound: then longer pieces are tried in the next step
+
+
+def pose_within(before: Pose | None, begin: Pose, end: Pose, fraction: float) -> Pose:
+    """Return the pose at a fraction s of a tick: x = x0 + s d1 + s (s - 1) (d1 + d_-1) / 2; `end` at 1.
+
+    d1 and d_-1 are the displacements from the tick's beginning to its end and to the beginning of the tick
+    before, of the origin and as rotation vectors.
+
+    Args:
+        before: one tick before the tick's beginning; None: the way is straight.
+        begin: at the tick's beginning.
+        end: at its end.
+        fraction: 0 to 1.
+    """
+    if before is None or fraction >= 1.0:
+        return begin.interpolated(end, fraction)
+    bend = 0.5 * fraction * (fraction - 1.0)
+    ahead, back = end.translation - begin.translation, before.translation - begin.translation
+    turn_ahead = vector_from_rotation(end.rotation @ begin.rotation.T)
+    turn_back = vector_from_rotation(before.rotation @ begin.rotation.T)
+    turn = fraction * turn_ahead + bend * (turn_ahead + turn_back)
+    shift = fraction * ahead + bend * (ahead + back)
+    return Pose(rotation_from_vector(turn) @ begin.rotation, begin.translation + shift)
+
+
+def step_error(integrator: Integrator, before: SoftState, after: SoftState, step_s: float) -> float:
+    """Return the largest error of a node's position made in a step [m].
+
+    Args:
+        integrator: that took the step.
+        before: state at its beginning.
+        after: state at its end.
+        step_s: h [s].
+    """
+    if integrator == "implicit_euler" or before.earlier is None:
+        predicted, fraction = before.positions + step_s * before.velocities, 0.5
+    else:
+        flight = 1.5 * before.velocities - 0.5 * before.earlier[1]
+        predicted, fraction = before.positions + step_s * flight, 8.0 / 23.0
+    away = after.positions - predicted
+    return fraction * math.sqrt(float(np.einsum("nr,nr->n", away, away).max()))
+
+
+def pieces_after(pieces: int, error_m: float, bound_m: float, order: int) -> int:
+    """Return into how many pieces a step should be cut, judging by its error in so many.
+
+    Args:
+        pieces: it was cut into.
+        error_m: largest of a piece.
+        bound_m: that a piece shall keep.
+        order: of the integrator; the error of a piece goes with its length to the power order + 1.
+    """
+    if error_m > bound_m:
+        wanted: float = pieces * _SAFETY * (error_m / bound_m) ** (1.0 / (order + 1))
+        return min(_PIECES_MAX, max(pieces + 1, math.ceil(wanted)))
+    return max(1, pieces // 2) if error_m < _RELAXED * bound_m / 2.0**order else pieces
 
 
 @final

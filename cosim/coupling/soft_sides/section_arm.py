@@ -1,32 +1,39 @@
-"""The soft side as a chain of rigid frames with condensed sections between them."""
+"""The soft side as a chain of rigid frames with condensed sections between them: stepped, solved, read."""
 
 from __future__ import annotations
 
-from dataclasses import replace
-from typing import final
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import final, overload
 
 import numpy as np
 from scipy.linalg import LinAlgError
 
 from cosim.base.frames import Array, IntArray, Mask, Pose
-from cosim.coupling.soft_sides.answer_weights import answer_weights
-from cosim.coupling.soft_sides.chain_equilibria import ChainEquilibria
-from cosim.coupling.soft_sides.chain_films import ChainFilms
-from cosim.coupling.soft_sides.chain_reader import ChainReader, ChainShape
-from cosim.coupling.soft_sides.mass import MassProperties
-from cosim.coupling.soft_sides.saved_states import SectionArmState
-from cosim.coupling.soft_sides.soft_side import SoftReply, SoftSide
-from cosim.coupling.soft_sides.substeps import Drive, step_or_halves
-from cosim.errors import ConvergenceError
+from cosim.coupling.soft_sides.chain_equilibria import ChainEquilibria, ChainFilms
+from cosim.coupling.soft_sides.shape_figures import ShapeFigures
+from cosim.coupling.soft_sides.soft_side import (
+    Drive,
+    MassProperties,
+    ShapeReader,
+    SoftReply,
+    SoftSide,
+    answer_weights,
+    figures_at,
+    step_or_halves,
+)
+from cosim.errors import ConvergenceError, InputError
 from cosim.reduced.section_model import SectionBody
 from cosim.reduced.sections.outputs import center_and_inertia, figures_of, supplied_wrench
 from cosim.reduced.solve.clamp import FrameClamp
 from cosim.reduced.solve.commanded_cables import given_tensions
+from cosim.reduced.solve.kept_tangent import KeptTangentState
 from cosim.reduced.solve.kinematics import carried, node_motion, rates_from_nodes, rigid_motion, twists
 from cosim.reduced.solve.newton import ChainSolver
 from cosim.reduced.solve.sensitivity import ChainSensitivity, ChainTangent
 from cosim.reduced.solve.state import ChainState
 from cosim.reduced.solve.time_step import ChainStep, ChainStepper
+from cosim.soft.body.center_line import center_rings
 from cosim.soft.body.loads import Loads
 from cosim.soft.contact.contact_points import ContactSurface
 from cosim.soft.contact.obstacle_contact import ContactPlanes
@@ -37,6 +44,111 @@ from cosim.soft.solve.time_scheme import StepAim, StepOptions
 from cosim.soft.targets import flange_search, tension_search
 from cosim.soft.targets.target_solution import TargetOptions
 from cosim.soft.targets.tip_target import TipTarget
+
+
+@final
+@dataclass(frozen=True)
+class SectionArmState:
+    """What the next step of a section arm depends on.
+
+    Args:
+        last: where the last step ended.
+        clamp: frames held by the flange.
+        flange: world_from_flange.
+        loads: that act.
+        tangent: factor that the next step may begin with; None for none.
+    """
+
+    last: ChainStep
+    clamp: FrameClamp
+    flange: Pose
+    loads: Loads
+    tangent: KeptTangentState | None
+
+    def check(self, frames: int) -> None:
+        """Check that it is of an arm with so many frames.
+
+        Raises:
+            InputError: it is not.
+        """
+        if len(self.clamp.held) != frames:
+            raise InputError(f"the saved soft robot has {len(self.clamp.held)} frames, this one {frames}")
+
+
+@final
+@dataclass(frozen=True)
+class ChainShape:
+    """Shape of a section arm: frames (f, 4, 3) and the gauge pressure [Pa] that its nodes depend on."""
+
+    frames: Array
+    pressure_Pa: float
+
+
+@final
+class ChainReader(ShapeReader):
+    """Reads chains; figures need the nodes of the tip and the centres of the hole rings, and no others.
+
+    Args:
+        section: whose chains.
+    """
+
+    def __init__(self, section: SectionBody) -> None:
+        nodes, before, tip = section.model.nodes, section.frames.before, section.body.tip
+        rings = center_rings(section.body)
+        self._section, self._tip = section, len(tip)
+        # all nodes of a ring are beside the same two frames
+        weights = np.concatenate([nodes[:, tip], nodes[:, rings].mean(axis=2)], axis=1)
+        self._weights = np.ascontiguousarray(weights.reshape(len(weights), -1))
+        self._before = before[[*tip, *rings[:, 0]]]
+
+    def positions(self, shape: ChainShape) -> Array:
+        """Return the film's nodes (n, 3) [m] on the frames."""
+        return self._section.positions(shape.frames, shape.pressure_Pa)
+
+    def films(self, shapes: Sequence[ChainShape]) -> Array:
+        """Return the film's nodes (k, n, 3) [m] of some shapes."""
+        return self._section.films(*_stacked(shapes))
+
+    def figures(self, shapes: Sequence[ChainShape]) -> ShapeFigures:
+        """Return the figures; see `ShapeReader.figures`."""
+        frames, pressure_Pa = _stacked(shapes)
+        found = self._section.points(frames, pressure_Pa, self._weights, self._before)
+        volumes = self._section.volumes(frames, pressure_Pa)
+        return figures_at(found, self._tip, volumes[:, None])
+
+
+@final
+class ChainShapes(Sequence[ChainShape]):
+    """Shapes of some ticks in a row, in arrays that nothing changes any more.
+
+    Args:
+        frames: (k, f, 4, 3).
+        pressure_Pa: (k,), gauge.
+    """
+
+    def __init__(self, frames: Array, pressure_Pa: Array) -> None:
+        self.frames, self.pressure_Pa = np.ascontiguousarray(frames), np.ascontiguousarray(pressure_Pa)
+
+    def __len__(self) -> int:
+        return len(self.frames)
+
+    @overload
+    def __getitem__(self, row: int) -> ChainShape: ...
+    @overload
+    def __getitem__(self, row: slice) -> ChainShapes: ...
+    def __getitem__(self, row: int | slice) -> ChainShape | ChainShapes:
+        """Return a shape, in arrays of its own, or some."""
+        if isinstance(row, slice):
+            return ChainShapes(self.frames[row], self.pressure_Pa[row])
+        return ChainShape(self.frames[row].copy(), float(self.pressure_Pa[row]))
+
+
+def _stacked(shapes: Sequence[ChainShape]) -> tuple[Array, Array]:
+    """Return frames (k, f, 4, 3) and pressures (k,) of some shapes."""
+    if isinstance(shapes, ChainShapes):
+        return shapes.frames, shapes.pressure_Pa
+    frames = np.concatenate([shape.frames for shape in shapes]).reshape(len(shapes), -1, 4, 3)
+    return frames, np.array([shape.pressure_Pa for shape in shapes])
 
 
 @final
@@ -277,6 +389,11 @@ class SectionArm(SoftSide):
     def pressures_Pa(self) -> tuple[float, ...]:
         """Gauge pressure in the chamber: the given one, or that of the sealed gas at the present volume."""
         return (self._last.pressure_Pa,)
+
+    @property
+    def mass_kg(self) -> float:
+        """Of the chain."""
+        return self.section.mass_kg
 
     def mass_properties(self) -> MassProperties:
         """Return mass, centre and inertia at the present shape."""

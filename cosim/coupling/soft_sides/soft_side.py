@@ -4,29 +4,230 @@ A model with fewer unknowns than the film's mesh (frozen, or a frame per ring) s
 mesh: `body` and `state` hold the film's nodes, and contacts, loads and supports are given on them. Such a
 model must be able to find its own unknowns from the nodes of a state, so that a `SoftState` is all that
 the next step depends on.
+
+An implicit soft step answers a change of flange velocity dv with the wrench -M_a dv / h. M_a, its
+algorithmic mass, never exceeds the whole mass carried rigidly, M_a <= sum_i m_i G_i^T G_i with
+G_i = [1, -S(r_i)]; the staggered exchange is stable while the largest eigenvalue of W M_a stays below
+about one (W: flange mobility), see `algorithmic_mass` for what it carries beyond.
+Source: Causin, Gerbeau and Nobile, CMAME 194 (2005) 4506, for the added-mass limit.
+
+The flange's accelerations a_n are second differences of its places over h^2. To them the soft side's inertia
+answers with -M a_n where it steps by implicit Euler, with -M (9 a_n - 6 a_n-1 + a_n-2) / 4 where it steps by
+BDF2, whose difference quotient taken twice is (3 z - 1)^2 / 4 times those second differences.
 """
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
-from typing import Any, final
+from typing import Any, Final, TypeAlias, final
 
-from cosim.base.frames import Array, IntArray, Mask, Pose, Wrench
-from cosim.coupling.soft_sides.answer_weights import IMPLICIT_EULER
-from cosim.coupling.soft_sides.mass import MassProperties
-from cosim.coupling.soft_sides.shape_reader import ShapeReader
+import numpy as np
+from scipy.linalg import lapack
+
+from cosim.base.frames import Array, IntArray, Mask, Pose, Wrench, cross_matrix
+from cosim.coupling.soft_sides.shape_figures import ShapeFigures
+from cosim.errors import ConvergenceError
 from cosim.soft.body.body import SoftBody
+from cosim.soft.body.center_line import center_rings, ring_figures
 from cosim.soft.body.loads import Loads
 from cosim.soft.contact.contact_points import ContactSurface
 from cosim.soft.contact.obstacle_contact import ContactPlanes
 from cosim.soft.contact.self_contact_memory import FilmMemory
+from cosim.soft.elements.mass_terms import mass_moments
 from cosim.soft.solve.newton_options import SearchEffort
 from cosim.soft.solve.state import Equilibrium, Obstacles, SoftState
-from cosim.soft.solve.time_scheme import StepAim, inertia_weight
+from cosim.soft.solve.time_scheme import Integrator, StepAim, inertia_weight
 from cosim.soft.targets.target_solution import TargetOptions
 from cosim.soft.targets.tip_target import TipTarget
+
+IMPLICIT_EULER: Final = (1.0, 0.0, 0.0)
+_BDF2: Final = (9.0 / 4.0, -6.0 / 4.0, 1.0 / 4.0)
+
+
+def answer_weights(integrator: Integrator) -> tuple[float, ...]:
+    """Return the weights s of the last accelerations, last first: the answer is -M sum_k s_k a_n-k."""
+    return _BDF2 if integrator == "bdf2" else IMPLICIT_EULER
+
+
+def exchange_gain(weights: tuple[float, ...]) -> float:
+    """Return how many times less mass an exchange that is one tick late bears than with implicit Euler.
+
+    Changes d of the flange's velocity follow d_n+1 = -r sum_k s_k d_n-k, r the mass ratio: stable below
+    r = 1 / sum_k |s_k|, which is 1 and 1/4.
+
+    Args:
+        weights: s, of `answer_weights`.
+    """
+    return float(np.abs(weights).sum())
+
+
+def expecting_no_change(weights: tuple[float, ...]) -> Array:
+    """Return the weights (k,) of the last accelerations whose sum is that at which the answer stays as it is.
+
+    -M sum_k s_k a_n+1-k is -M sum_k s_k a_n-k where a_n+1 is sum_k (s_k - s_k+1) a_n-k / s_0: the last one
+    with implicit Euler.
+
+    Args:
+        weights: s, of `answer_weights`.
+    """
+    return np.asarray((np.array(weights) - np.append(weights[1:], 0.0)) / weights[0])
+
+
+@final
+@dataclass(frozen=True)
+class MassProperties:
+    """Mass, centre and inertia of a cloud of nodes.
+
+    Args:
+        mass_kg: total.
+        center: (3,) [m], world.
+        inertia: (3, 3) [kg m^2], about the centre, world axes.
+    """
+
+    mass_kg: float
+    center: Array
+    inertia: Array
+
+    @classmethod
+    def of(cls, node_mass: Array, positions: Array) -> MassProperties:
+        """Return those of nodes (n,) [kg] at positions (n, 3) [m]."""
+        return cls.of_blocks(node_mass.reshape(-1, 1, 1), positions.reshape(-1, 1, 3))
+
+    @classmethod
+    def of_blocks(cls, mass: Array, points: Array) -> MassProperties:
+        """Return those of blocks of points that carry a mass together, see `mass_moments`.
+
+        Args:
+            mass: (b, k, k) [kg].
+            points: (b, k, 3) [m].
+        """
+        moments = np.empty(9)
+        total = mass_moments(mass, points, moments)
+        if total <= 0.0:  # what weighs nothing may have its centre anywhere
+            return cls(total, points[:, 0].mean(axis=0), np.zeros((3, 3)))
+        x, y, z, xx, xy, xz, yy, yz, zz = moments.tolist()
+        a, b, c = x / total, y / total, z / total
+        xx, yy, zz = xx - a * x, yy - b * y, zz - c * z
+        xy, xz, yz = xy - a * y, xz - a * z, yz - b * z
+        inertia = np.array((yy + zz, -xy, -xz, -xy, xx + zz, -yz, -xz, -yz, xx + yy))
+        return cls(total, np.array((a, b, c)), inertia.reshape(3, 3))
+
+    def moved(self, world_from_frame: Pose) -> MassProperties:
+        """Return those in the world of what is given in a frame."""
+        rotation = world_from_frame.rotation
+        center = world_from_frame.apply(self.center[None])[0]
+        return MassProperties(self.mass_kg, center, rotation @ self.inertia @ rotation.T)
+
+    def joined(self, other: MassProperties) -> MassProperties:
+        """Return those of two bodies that move as one."""
+        mass = self.mass_kg + other.mass_kg
+        offset = cross_matrix(self.center - other.center)
+        center = (self.mass_kg * self.center + other.mass_kg * other.center) / mass
+        reduced = self.mass_kg * other.mass_kg / mass
+        return MassProperties(mass, center, self.inertia + other.inertia - reduced * offset @ offset)
+
+    def in_frame(self, world_from_frame: Pose) -> tuple[Array, Array]:
+        """Return centre (3,) and inertia (3, 3) in a frame's coordinates."""
+        rotation = world_from_frame.rotation
+        center = rotation.T.dot(self.center - world_from_frame.translation)
+        return center, rotation.T.dot(self.inertia).dot(rotation)
+
+    def spatial(self, origin: Array) -> Array:
+        """Return the (6, 6) mass matrix, linear then angular, about a point (3,) [m], world axes."""
+        m, (a, b, c) = self.mass_kg, (self.center - origin).tolist()
+        (xx, xy, xz), (_, yy, yz), (_, _, zz) = self.inertia.tolist()
+        x, y, z, zero = m * a, m * b, m * c, 0.0
+        xy, xz, yz = xy - x * b, xz - x * c, yz - y * c
+        rows = (
+            m, zero, zero, zero, z, -y,
+            zero, m, zero, -z, zero, x,
+            zero, zero, m, y, -x, zero,
+            zero, -z, y, xx + y * b + z * c, xy, xz,
+            z, zero, -x, xy, yy + x * a + z * c, yz,
+            -y, x, zero, xz, yz, zz + x * a + y * b,
+        )  # fmt: skip
+        return np.array(rows).reshape(6, 6)
+
+
+def stability_ratio(mobility: Array, algorithmic_mass: Array) -> float:
+    """Return the largest eigenvalue of W M_a.
+
+    Args:
+        mobility: W (6, 6), symmetric, flange velocity change per impulse.
+        algorithmic_mass: M_a (6, 6), symmetric.
+    """
+    values, _, failure = lapack.dsygv(mobility, algorithmic_mass, itype=2, jobz="N")
+    if failure == 0:
+        return float(values[-1])
+    # a mass without extent is not positive definite
+    return float(np.linalg.eigvals(mobility @ algorithmic_mass).real.max())
+
+
+def figures_at(points: Array, nodes: int, volumes_m3: Array) -> ShapeFigures:
+    """Return the figures of k shapes.
+
+    Args:
+        points: (k, nodes + rings, 3) [m], the tip ring in order, then the centres of the hole rings from
+            base to tip.
+        nodes: of the tip ring.
+        volumes_m3: (k, chambers).
+    """
+    count = len(points)
+    center, normal, length = np.empty((count, 3)), np.empty((count, 3)), np.empty(count)
+    ring_figures(points, nodes, center, normal, length)
+    return ShapeFigures(center, normal, length, volumes_m3)
+
+
+class ShapeReader(ABC):
+    """Reads the shapes that a soft side has kept with `SoftSide.shape_now`."""
+
+    @abstractmethod
+    def positions(self, shape: Any) -> Array:
+        """Return the film's nodes (n, 3) [m]."""
+
+    @abstractmethod
+    def films(self, shapes: Sequence[Any]) -> Array:
+        """Return the film's nodes (k, n, 3) [m] of some shapes, at least one."""
+
+    @abstractmethod
+    def figures(self, shapes: Sequence[Any]) -> ShapeFigures:
+        """Return the figures of some shapes, at least one."""
+
+
+@final
+class MeshReader(ShapeReader):
+    """Reads shapes that are the film's nodes.
+
+    Args:
+        body: whose.
+        volumes: returns the volume (k, chambers) [m^3] of each chamber in shapes (k, n, 3) [m].
+    """
+
+    def __init__(self, body: SoftBody, volumes: Callable[[Array], Array]) -> None:
+        self._tip, self._rings, self._volumes = body.tip, center_rings(body), volumes
+
+    def positions(self, shape: Array) -> Array:
+        """Return the shape itself."""
+        return shape
+
+    def films(self, shapes: Sequence[Array]) -> Array:
+        """Return the shapes one after the other."""
+        return np.concatenate(shapes).reshape(len(shapes), -1, 3)
+
+    def figures(self, shapes: Sequence[Array]) -> ShapeFigures:
+        """Return the figures; see `ShapeReader.figures`."""
+        films = self.films(shapes)
+        tip, centers = films.take(self._tip, axis=1), films.take(self._rings, axis=1).mean(axis=2)
+        points = np.concatenate([tip, centers], axis=1)
+        return figures_at(points, tip.shape[1], self._volumes(films))
+
+
+Drive: TypeAlias = tuple[Pose, Loads]
+"""Pose of the flange and loads at one instant."""
+_HALVINGS_MAX = 5
 
 
 @final
@@ -278,6 +479,50 @@ class SoftSide(ABC):
         """
         return inertia_weight(step_s, 0.0)
 
+    @property
+    def mass_kg(self) -> float:
+        """Of all that hangs on the flange by it."""
+        return self.body.mass_kg
+
     def mass_properties(self) -> MassProperties:
         """Return mass, centre and inertia at the present shape."""
         return MassProperties.of(self.body.node_mass, self.state.positions)
+
+
+def step_or_halves(
+    step: Callable[[Drive, Drive, float, StepAim | None], int],
+    restart: Callable[[], None],
+    begin: Drive,
+    end: Drive,
+    step_s: float,
+    aim: StepAim | None,
+    halvings: int = _HALVINGS_MAX,
+) -> int:
+    """Take one step, or two halves where it does not converge; return the Newton iterations.
+
+    Args:
+        step: takes a step between two flange poses and loads, or leaves the state as it is.
+        restart: lets the next step be the first one: a two-step integrator cannot look back over a change of
+            step.
+        begin: flange pose and loads at the beginning.
+        end: at the end.
+        step_s: length [s].
+        aim: what the step is asked for; None for nothing.
+        halvings: how often it may be halved.
+
+    Raises:
+        ConvergenceError: not even the shortest pieces converge.
+    """
+    try:
+        return step(begin, end, step_s, aim)
+    except ConvergenceError as error:
+        if halvings == 0:
+            raise error.at(f"even in steps of {1e3 * step_s:.3g} ms") from None
+        spent = error.iterations
+    middle = (begin[0].interpolated(end[0], 0.5), begin[1].interpolated(end[1], 0.5))
+    restart()
+    part = None if aim is None else StepAim(aim.tolerance_N)
+    for first, last in ((begin, middle), (middle, end)):
+        spent += step_or_halves(step, restart, first, last, 0.5 * step_s, part, halvings - 1)
+    restart()
+    return spent

@@ -60,13 +60,19 @@ class AddedInertia:
         """Compute and factorise the mass matrix again, for model edits."""
         mujoco.mj_makeM(self._model, self._data)
         if self._carries:
-            self._add()
+            self._add(self.on_arm)
         mujoco.mj_factorM(self._model, self._data)
 
     def follow(self) -> None:
         """Add what is carried to a mass matrix that MuJoCo has computed for new positions."""
         if self._carries:
-            self._add()
+            self._add(self.on_arm)
+            mujoco.mj_factorM(self._model, self._data)
+
+    def follow_bodies(self) -> None:
+        """Add what bodies carry, after a kernel has added what the arm's joints do."""
+        if len(self.bodies):
+            self._add(np.zeros_like(self.on_arm))
             mujoco.mj_factorM(self._model, self._data)
 
     def mobility(self, bodies: IntArray) -> Array:
@@ -83,9 +89,9 @@ class AddedInertia:
     def _carries(self) -> bool:
         return len(self.bodies) > 0 or bool(np.count_nonzero(self.on_arm))
 
-    def _add(self) -> None:
+    def _add(self, on_arm: Array) -> None:
         added = np.zeros((self._model.nv, self._model.nv))
-        added[self._arm, self._arm] = self.on_arm
+        added[self._arm, self._arm] = on_arm
         for body, inertia in zip(self.bodies, self.inertia, strict=True):
             jacobian = self._jacobian(int(body))
             added += jacobian.T @ inertia @ jacobian

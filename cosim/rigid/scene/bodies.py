@@ -16,7 +16,8 @@ class Bodies:
     """Loads on bodies and armature of free ones; a view into a scene's model and state.
 
     `applied` (bodies, 6) are MuJoCo's loads about `mass_centers` (bodies, 3) [m]; `loaded` names the bodies
-    that bear a load of `apply`; `carried` is the inertia of those on joints.
+    that bear a load of `apply`, and `bearing` (bodies,) is 1 for these; `carried` is the inertia of those on
+    joints.
 
     Args:
         model: compiled scene.
@@ -35,9 +36,19 @@ class Bodies:
         self._on_joints[self.free] = False
         self.applied: Array = data.xfrc_applied
         self.mass_centers: Array = data.xipos
-        self.loaded: IntArray = np.zeros(0, np.int64)
+        self.bearing: IntArray = np.zeros(model.nbody, np.int64)
         self._own_armature = model.dof_armature[self._dofs].copy()
         self.carried = AddedInertia(model, data, arm)
+
+    @property
+    def loaded(self) -> IntArray:
+        """The bodies (b,) that bear a load of `apply`."""
+        return np.flatnonzero(self.bearing)
+
+    @loaded.setter
+    def loaded(self, bodies: IntArray) -> None:
+        self.bearing[:] = 0
+        self.bearing[bodies] = 1
 
     @property
     def count(self) -> int:
@@ -70,9 +81,7 @@ class Bodies:
 
     def free_loaded(self) -> Mask:
         """Return which of the free bodies bear a load of `apply` (free bodies,) bool."""
-        loaded = np.zeros(self.count, dtype=bool)
-        loaded[self.loaded] = True
-        return np.asarray(loaded[self.free])
+        return np.asarray(self.bearing[self.free] != 0)
 
     def inertia(self, bodies: IntArray) -> Array:
         """Return mass three times [kg], then the inertia about the body axes' origin (b, 6) [kg m^2]."""
@@ -94,14 +103,15 @@ class Bodies:
             force: (b, 3) [N], world axes.
             torque: (b, 3) [N m], about the world's origin, world axes.
         """
-        if not len(bodies) + len(self.loaded):
+        before = self.loaded
+        if not len(bodies) + len(before):
             return
         applied = self._data.xfrc_applied
-        applied[self.loaded] = 0.0
+        applied[before] = 0.0
         # MuJoCo takes torques about the centre of mass
         applied[bodies, :3] = force
         applied[bodies, 3:] = torque - cross(self._data.xipos[bodies], force)
-        self.loaded = np.array(bodies)
+        self.loaded = bodies
 
     def received(self, bodies: IntArray) -> Array:
         """Return what acts on bodies (b,) now (b, 6): force, and torque about the world's origin, world axes.

@@ -22,7 +22,8 @@ class CellDrives:
     """Moves the joints of a cell; a view into a scene's model and state.
 
     `names` are those of the joints, in the order of all arrays here; `bodies` (bodies,) says which bodies of
-    the scene belong to the cell.
+    the scene belong to the cell; `places` and `dofs` are where MuJoCo has the joints, `goal` (2, joints) is
+    what `aim` has set.
 
     Args:
         model: compiled scene.
@@ -35,8 +36,8 @@ class CellDrives:
         joints = np.flatnonzero(self.bodies[model.jnt_bodyid])
         self.names = tuple(model.joint(int(joint)).name.removeprefix(f"{CELL}/") for joint in joints)
         self._data = data
-        self.places, self._dofs = model.jnt_qposadr[joints], model.jnt_dofadr[joints]
-        self._aim = np.zeros((2, len(joints)))
+        self.places, self.dofs = model.jnt_qposadr[joints], model.jnt_dofadr[joints]
+        self.goal = np.zeros((2, len(joints)))
 
     def aim(self, position: Array, velocity: Array) -> None:
         """Set where joints are at the end of the step to come, and how fast they go on from there.
@@ -45,9 +46,9 @@ class CellDrives:
             position: (joints,) [m] or [rad], from where the cell's file has them.
             velocity: (joints,) [m/s] or [rad/s].
         """
-        self._aim[:] = position, velocity
+        self.goal[:] = position, velocity
 
     def arrive(self) -> None:
         """Put the joints where they were to be at the end of the step."""
         if self.names:
-            self._data.qpos[self.places], self._data.qvel[self._dofs] = self._aim
+            self._data.qpos[self.places], self._data.qvel[self.dofs] = self.goal

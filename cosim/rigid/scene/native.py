@@ -16,6 +16,8 @@ from numba import types
 
 from cosim.base.frames import Array, IntArray
 from cosim.base.kernels import INDEX_TABLE, INDICES, MATRIX, VECTOR
+from cosim.errors import SceneError
+from cosim.rigid.scene.cell_drives import CellDrives
 from cosim.rigid.scene.layout import ArmLayout
 
 BEGIN, FINISH, FACTORISE = 0, 1, 2
@@ -45,6 +47,11 @@ class NativeScene(NamedTuple):
         warnings: (kinds,), how often MuJoCo has warned.
         mass: entries of the sparse mass matrix.
         mass_places: (joints, joints), where in it the lower triangle of the arm's joints is.
+        coordinates: of all joints, and
+        speeds: of all degrees of freedom.
+        drive_place: (d,), of a cell's joints in the first, and
+        drive_dof: (d,), in the second.
+        drive_aim: (2, d), see `CellDrives.aim`.
     """
 
     steps: IntArray
@@ -66,31 +73,41 @@ class NativeScene(NamedTuple):
     warnings: Any
     mass: Array
     mass_places: IntArray
+    coordinates: Array
+    speeds: Array
+    drive_place: IntArray
+    drive_dof: IntArray
+    drive_aim: Array
 
 
 NATIVE_SCENE = types.NamedTuple(
     (
         INDICES, INDICES, MATRIX, VECTOR, VECTOR, VECTOR, VECTOR, VECTOR, VECTOR, VECTOR, VECTOR, MATRIX,
         VECTOR, VECTOR, MATRIX, MATRIX, types.Array(types.int32, 1, "A"), VECTOR, INDEX_TABLE,
+        VECTOR, VECTOR, INDICES, INDICES, MATRIX,
     ),
     NativeScene,
 )  # fmt: skip
 
 
-def native_scene(model: mujoco.MjModel, data: mujoco.MjData, layout: ArmLayout) -> NativeScene | None:
-    """Return a compiled scene as kernels see it; None where MuJoCo's library cannot be found."""
-    steps = _addresses()
-    if steps is None:
-        return None
+def native_scene(
+    model: mujoco.MjModel, data: mujoco.MjData, layout: ArmLayout, cell: CellDrives
+) -> NativeScene:
+    """Return a compiled scene as kernels see it.
+
+    Raises:
+        SceneError: MuJoCo's library cannot be found.
+    """
     mount = layout.mount
     return NativeScene(
-        np.array(steps), np.array((model._address, data._address)), data.ctrl.reshape(-1, 3),
+        np.array(_addresses()), np.array((model._address, data._address)), data.ctrl.reshape(-1, 3),
         data.qpos[layout.positions], data.qvel[layout.dofs], data.qfrc_actuator[layout.dofs],
         data.qacc[layout.dofs], data.qfrc_applied[layout.dofs],
         data.xfrc_applied[mount], data.xipos[mount], data.site_xpos[layout.site],
         data.site_xmat[layout.site].reshape(3, 3), data.cvel[mount],
         data.subtree_com[model.body_rootid[mount]], data.xpos, data.xquat, data.warning.number,
-        data.M, _mass_places(model, layout),
+        data.M, _mass_places(model, layout), data.qpos, data.qvel, np.array(cell.places, np.int64),
+        np.array(cell.dofs, np.int64), cell.goal,
     )  # fmt: skip
 
 
@@ -105,12 +122,12 @@ def _mass_places(model: mujoco.MjModel, layout: ArmLayout) -> IntArray:
 
 
 @cache
-def _addresses() -> tuple[int, ...] | None:
+def _addresses() -> tuple[int, ...]:
     """Return the addresses of `mj_step1`, `mj_step2` and `mj_factorM`."""
-    for path in sorted(Path(mujoco.__file__).parent.glob("*mujoco*")):
+    folder = Path(mujoco.__file__).parent
+    for path in sorted(folder.glob("*mujoco*")):
         if path.suffix in (".dll", ".dylib") or ".so." in path.name:
             library = ctypes.CDLL(str(path))  # it is loaded already: this finds it
             functions = (library.mj_step1, library.mj_step2, library.mj_factorM)
-            found = [ctypes.cast(function, ctypes.c_void_p).value for function in functions]
-            return None if None in found else tuple(address or 0 for address in found)
-    return None
+            return tuple(ctypes.cast(function, ctypes.c_void_p).value or 0 for function in functions)
+    raise SceneError(f"MuJoCo's library is not in {folder}: install its package (`pip install mujoco`)", None)

@@ -223,11 +223,22 @@ class RigidScene:
         if np.count_nonzero(self._warnings):
             raise_instability(self._data)
 
-    def native(self) -> NativeScene | None:
-        """Return the scene for kernels that step it themselves; None where that is not possible."""
-        if self.cell.names:
-            return None
-        return native_scene(self._model, self._data, self._layout)
+    def native(self) -> NativeScene:
+        """Return the scene for kernels that step it themselves.
+
+        Raises:
+            SceneError: MuJoCo's library cannot be found.
+        """
+        return native_scene(self._model, self._data, self._layout, self.cell)
+
+    def stepped(self, began: Pose) -> None:
+        """Follow steps that kernels have taken.
+
+        Args:
+            began: pose of the flange at the beginning of the last of them.
+        """
+        self.flange.stepped(began)
+        self.bodies.carried.follow_bodies()
 
     def mobility(self, bodies: IntArray | None = None) -> Array:
         """Return W = J (M + h D)^-1 J^T (6 + 6 b, 6 + 6 b): velocity changes per impulse, see `mobility`.

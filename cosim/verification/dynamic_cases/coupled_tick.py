@@ -13,11 +13,11 @@ from scipy.integrate import solve_ivp
 
 from cosim.base.arm_file import ArmFile
 from cosim.base.frames import Array
-from cosim.coupling.schemes.interface import Interface, ServoCommand
+from cosim.coupling.schemes.interface import Coupling, Interface
 from cosim.coupling.schemes.iterated import IteratedCoupling
-from cosim.coupling.schemes.scheme import Coupling
 from cosim.coupling.schemes.staggered import StaggeredCoupling
 from cosim.coupling.soft_sides.lumped_arm import SoftArm
+from cosim.coupling.ticks import Servos
 from cosim.rigid.build.description import SceneDescription, ServoGains
 from cosim.rigid.scene.scene import RigidScene
 from cosim.soft.body.body import SoftBody
@@ -38,7 +38,7 @@ EXCHANGES: tuple[tuple[str, float, Callable[[Interface], Coupling]], ...] = (
 """Name, mass of the strip over that of the carriage, scheme; above 0.5 the staggered one carries a mass."""
 
 _STRIP_kg, _LEVELS, _PITCH_M, _HALF_WIDTH_M = 0.17, 8, 0.02, 0.01
-_STILL = np.zeros(1)
+_STILL = np.zeros((64, 1))
 _URDF = """<robot name="slide"><link name="rail"/><link name="carriage"><inertial><mass value="{mass}"/>
 <inertia ixx="1e-3" iyy="1e-3" izz="1e-3" ixy="0" ixz="0" iyz="0"/></inertial></link>
 <joint name="along" type="prismatic"><parent link="rail"/><child link="carriage"/><axis xyz="0 0 1"/>
@@ -96,8 +96,9 @@ def ticked_rise(ratio: float, scheme: Callable[[Interface], Coupling], ticks: in
     found = soft.solve(soft.state, pose, UNLOADED)
     soft.settle(found)
     coupling = scheme(Interface(scene, soft, found.wrench))
-    for _ in range(ticks):
-        coupling.tick(ServoCommand(_STILL, _STILL, np.array([PUSH_N])), UNLOADED)
+    servos, done = Servos.knowing_no_payload(_STILL, _STILL, _STILL + PUSH_N), 0
+    while done < ticks:
+        done += coupling.advance(servos, [UNLOADED] * min(len(_STILL), ticks - done)).done
     return float(scene.joint_position[0])
 
 

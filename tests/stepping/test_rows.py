@@ -1,4 +1,4 @@
-"""Ticks taken together, in one kernel, are those that are taken one by one."""
+"""Ticks of a section model in rows: where kernels take their soft halves, and where Python does."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ from cosim.app.simulation import Simulation
 from cosim.build import section_cache as section_model
 from cosim.config.loading import load_scenario
 from cosim.config.schema.scenario import Scenario
-from cosim.coupling.batch.batch import SectionLockstep
-from cosim.coupling.batch.batch_kernel import advance_ticks
 from cosim.coupling.schemes.staggered import StaggeredCoupling
+from cosim.coupling.section_ticks import advance_chain
 from cosim.errors import InputError, InstabilityError, OutOfRangeError
+from cosim.stepping.arm_carrier import ArmCarrier
 from cosim.stepping.stepped_run import SteppedRun
 from cosim.telemetry.snapshot import Snapshot
 from cosim.telemetry.tick_batch import TickBatch
 from tests.small_section import ROBOT, on_a_ur5e, section
-from tests.stepping.snapshots import assert_close
+from tests.stepping.snapshots import assert_close, kernels_take, python_takes_every_soft_half
 
 SCENARIO = on_a_ur5e(
     20e3,
@@ -70,14 +70,12 @@ def together(run: Runnable, many: int = 64, most: int | None = None) -> list[Sna
 
 def taken_together(run: Any, most: int | None = None) -> list[int]:
     """Return the ticks that the kernel takes."""
-    taken = [ticks for ticks in run._taken(64, most) if isinstance(ticks, TickBatch)]
-    return [tick for batch in taken for tick in batch.tick.tolist()]
+    return sorted(kernels_take(run, most)[1])
 
 
 def one_by_one(wanted: Scenario) -> list[Snapshot]:
     """Return all ticks without the kernel."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(SectionLockstep, "of", lambda *_: None)
+    with python_takes_every_soft_half():
         return list(build_simulation(wanted).steps())
 
 
@@ -92,7 +90,7 @@ def one_by_one(wanted: Scenario) -> list[Snapshot]:
     ids=str,
 )
 def test_rows_are_ticks(path: Path, changes: dict[str, Any]) -> None:
-    """Up to rounding: the torque of a payload is summed in another order."""
+    """Up to rounding: shapes are read off for one tick or for many."""
     wanted = scenario(path, **changes)
     run = build_simulation(wanted)
     rows, ticks = together(run), one_by_one(wanted)
@@ -119,7 +117,7 @@ def test_commanded_cables_go_tick_by_tick(path: Path, tmp_path: Path) -> None:
     names = load_scenario(path).soft_robot.cable_names()
     (tmp_path / "short.toml").write_text(text.replace("cable_1", names[0]), encoding="utf-8")
     wanted = scenario(tmp_path / "short.toml")
-    assert not taken_together(build_simulation(wanted), 50)
+    assert taken_together(build_simulation(wanted), 50) == list(range(1, 41))  # of the phase before
 
 
 def test_devices_act_tick_by_tick(path: Path) -> None:
@@ -127,7 +125,7 @@ def test_devices_act_tick_by_tick(path: Path) -> None:
     devices = run._parts.commands._actuation
     devices._modelled = True  # as with a controller of tensions, which leaves the loads plain
     devices.report = lambda *_: None
-    assert not taken_together(run, 3)
+    assert [len(run._some(64)) for _ in range(4)] == [1, 1, 1, 1]
 
 
 def test_rows_know_what_is_mounted(path: Path, tmp_path: Path) -> None:
@@ -146,7 +144,7 @@ def test_rows_carry_algorithmic_mass(path: Path, integrator: str) -> None:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("cosim.stepping.arm_carrier.StaggeredCoupling", _always_carrying)
         rows, ticks = together(build_simulation(wanted)), one_by_one(wanted)
-    assert set(advance_ticks.signatures) == {advance_ticks.fixed_signature.args}  # compiled for no others
+    assert set(advance_chain.signatures) == {advance_chain.fixed_signature.args}  # compiled for no others
     assert all(snapshot.ledger.algorithmic_mass for snapshot in rows[1:])
     assert_close(rows, ticks, 1e-9)
 
@@ -176,10 +174,10 @@ def test_nothing_is_saved_ahead_of_what_is_shown(path: Path) -> None:
     batches = run.batches(8)
     assert [len(batch) for batch in islice(batches, 2)] == [1, 8]
     assert run.saves_now
-    run._batches.half_done = run._parts.loads(run.plan.command)
+    run._error = InstabilityError("of tick 9")
     with pytest.raises(InputError, match="a later tick than 8 has been begun"):
         run.save_state()
-    run._batches.half_done = None
+    run._error = None
     saved = run.save_state()
     rest = [snapshot for batch in batches for snapshot in batch]
     run.restore_state(saved)
@@ -223,8 +221,7 @@ def test_the_flange_sensor_shows_the_last_tick(path: Path) -> None:
     wanted = scenario(path)
     row: Any = build_simulation(wanted)
     together(row, most=21)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(SectionLockstep, "of", lambda *_: None)
+    with python_takes_every_soft_half():
         ticks: Any = build_simulation(wanted)
         list(ticks.steps(21))
     found, expected = (run._parts.carrier._scene.flange.measured for run in (row, ticks))
@@ -235,17 +232,17 @@ def test_ticks_before_a_rigid_side_that_blows_up_are_shown(
     path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """In the middle of a row; what is saved is the state before that tick."""
-    taken = SectionLockstep.commands
+    servos = ArmCarrier.servos
 
-    def wrong(self: SectionLockstep, *given: Any) -> Any:
-        found = taken(self, *given)
-        if found is not None and len(found.torque) > 20:
+    def wrong(self: ArmCarrier, *given: Any) -> Any:
+        found = servos(self, *given)
+        if len(found.torque) > 20:
             found.torque[20, 0] = np.nan
         return found
 
     wanted = scenario(path)
     with monkeypatch.context() as patch:
-        patch.setattr(SectionLockstep, "commands", wrong)
+        patch.setattr(ArmCarrier, "servos", wrong)
         failed = execute(wanted, build_simulation, Options(tmp_path), 0.0)
     assert isinstance(failed.error, InstabilityError)
     assert failed.summary["ticks"] == 20
@@ -296,14 +293,14 @@ def test_an_interrupted_step_leaves_what_was_before(path: Path, monkeypatch: pyt
     simulation = Simulation(scenario(path))
     expected = Simulation(scenario(path)).step(30)
     simulation.step(4)
-    taken = SectionLockstep.advance
+    taken = StaggeredCoupling.advance
 
-    def interrupted(self: SectionLockstep, *given: Any) -> Any:
+    def interrupted(self: StaggeredCoupling, *given: Any) -> Any:
         taken(self, *given)
         raise KeyboardInterrupt
 
     with monkeypatch.context() as patch:
-        patch.setattr(SectionLockstep, "advance", interrupted)
+        patch.setattr(StaggeredCoupling, "advance", interrupted)
         with pytest.raises(KeyboardInterrupt):
             simulation.step(26)
     assert simulation.snapshot.tick == 4

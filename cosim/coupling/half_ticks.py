@@ -1,20 +1,49 @@
-"""What a tick does around the soft step, in kernels: the rigid half before it, and what is handed over after.
+"""The two halves of a tick in kernels: the rigid half, and what is handed over after the soft one.
 
-The soft side is known by its figures alone: the wrench on the flange, centre and inertia of its mass.
+Per tick, servos and the wrench of the tick before act while MuJoCo steps; the soft side then takes one step
+with the flange's new pose, and its wrench is handed over for the next tick. The soft side is known by its
+figures alone: the wrench on the flange, centre and inertia of its mass.
 """
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
+from numba import types, void
 
-from cosim.base.kernels import device_function, small_matrix, small_vector
+from cosim.base.frames import Array
+from cosim.base.kernels import BOOLEAN, REAL, VECTOR, device_function, kernel, small_matrix, small_vector
 from cosim.base.numba_insides import call_native
-from cosim.coupling.schemes.momentum_balance import LEVER_M, SMALLEST_N
+from cosim.coupling.ticks import BODY_LOADS, CARRIED, SERVOS, TICKS, BodyLoads, CarriedInertia
 from cosim.reduced.sections.outputs import CENTER, INERTIA, WRENCH
-from cosim.rigid.scene.native import BEGIN, FACTORISE, FINISH
+from cosim.rigid.scene.native import BEGIN, FACTORISE, FINISH, NATIVE_SCENE, NativeScene
 
-ALL_DONE, SOFT_STEP_LEFT, RIGID_SIDE_WARNS, SOFT_STEP_BEGUN = range(4)
-"""How a row of ticks ended; with the second and the last, the tick's rigid half is done."""
+LEVER_M = 0.1  # torques count as forces at this lever
+SMALLEST_N = 1e-2  # loads below it count as this large: what is left of them is rounding
+ALL_DONE, SOFT_HALF_LEFT, RIGID_SIDE_WARNS, SOFT_STEP_BEGUN = range(4)
+"""How ticks in a row ended; with the second and the last, the rigid half of one more is done."""
+
+
+class RigidSide(NamedTuple):
+    """What moves under the last wrench.
+
+    Args:
+        scene: see `NativeScene`.
+        carried: on the joints.
+        bodies: that the film touches.
+        mounted: (10,), parameters of a rigid mass on the flange, flange frame.
+        mass_kg: of the soft side.
+    """
+
+    scene: NativeScene
+    carried: CarriedInertia
+    bodies: BodyLoads
+    mounted: Array
+    mass_kg: float
+
+
+RIGID_SIDE = types.NamedTuple((NATIVE_SCENE, CARRIED, BODY_LOADS, VECTOR, REAL), RigidSide)
 
 
 @device_function
@@ -47,14 +76,14 @@ def _fill_payload(figures, mass, origin, axes, mounted, out):  # type: ignore[no
 
 
 @device_function
-def _command(scene, commands, k, payload):  # type: ignore[no-untyped-def]
+def _command(scene, servos, k, payload):  # type: ignore[no-untyped-def]
     """Tell the servos what to follow."""
     for j in range(scene.control.shape[0]):
-        torque = commands.torque[k, j]
+        torque = servos.torque[k, j]
         for i in range(10):
-            torque += commands.by_payload[k, j, i] * payload[i]
-        scene.control[j, 0] = commands.position[k, j]
-        scene.control[j, 1] = commands.velocity[k, j]
+            torque += servos.by_payload[k, j, i] * payload[i]
+        scene.control[j, 0] = servos.position[k, j]
+        scene.control[j, 1] = servos.velocity[k, j]
         scene.control[j, 2] = torque
 
 
@@ -86,7 +115,7 @@ def _carry(scene, inertia):  # type: ignore[no-untyped-def]
 
 @device_function
 def _momentum_error(scene, handed):  # type: ignore[no-untyped-def]
-    """Return how far what acts on the flange is from what was handed over, see `momentum`."""
+    """Return how far what acts on the flange is from what was handed over, see `momentum_balance`."""
     largest = 0.0
     for r in range(3):
         i, k = (r + 1) % 3, (r + 2) % 3
@@ -96,6 +125,31 @@ def _momentum_error(scene, handed):  # type: ignore[no-untyped-def]
         largest = max(largest, abs(handed[r] - scene.applied[r]))
         largest = max(largest, abs(handed[3 + r] - torque) / LEVER_M)
     return largest / max(handed[6], SMALLEST_N)
+
+
+@device_function
+def _error_on_bodies(bodies):  # type: ignore[no-untyped-def]
+    """Return how far what acts on touched bodies is from what was handed over, see `momentum_balance`."""
+    largest = 0.0
+    for r in range(3):
+        i, m = (r + 1) % 3, (r + 2) % 3
+        force, torque = 0.0, 0.0
+        for b in range(bodies.loaded.shape[0]):
+            if bodies.loaded[b]:
+                load, center = bodies.applied[b], bodies.centers[b]
+                force += load[r]
+                torque += load[3 + r] + (center[i] * load[m] - center[m] * load[i])
+        given = bodies.handed
+        largest = max(largest, abs(given[r] - force), abs(given[3 + r] - torque) / LEVER_M)
+    return largest / max(bodies.handed[6], SMALLEST_N)
+
+
+@device_function
+def _drive(scene):  # type: ignore[no-untyped-def]
+    """Put a cell's joints where they were to be at the end of the step."""
+    for d in range(scene.drive_place.shape[0]):
+        scene.coordinates[scene.drive_place[d]] = scene.drive_aim[0, d]
+        scene.speeds[scene.drive_dof[d]] = scene.drive_aim[1, d]
 
 
 @device_function
@@ -145,39 +199,31 @@ def _power(force, torque, twist):  # type: ignore[no-untyped-def]
 
 
 @device_function
-def _fill_power(scene, ticks, k):  # type: ignore[no-untyped-def]
+def _fill_power(acted, ticks, k):  # type: ignore[no-untyped-def]
     """Keep the powers of the wrench that acted and of the answer, see `LedgerEntry`."""
     twist, wrench = ticks.twist[k], ticks.figures[k + 1, WRENCH:CENTER]
     force = moment = speed = turn = 0.0
     for r in range(3):
         force, moment = force + wrench[r] * wrench[r], moment + wrench[3 + r] * wrench[3 + r]
         speed, turn = speed + twist[r] * twist[r], turn + twist[3 + r] * twist[3 + r]
-    ticks.power[k, 0] = _power(scene.applied[:3], scene.applied[3:], twist)
+    ticks.power[k, 0] = _power(acted[:3], acted[3:], twist)
     ticks.power[k, 1] = -_power(wrench[:3], wrench[3:], twist)
     ticks.power[k, 2] = np.sqrt(force) * np.sqrt(speed) + np.sqrt(moment) * np.sqrt(turn)
 
 
-@device_function
-def take_rigid_half(scene, carried, mounted, mass, commands, ticks, k):  # type: ignore[no-untyped-def]
-    """Let MuJoCo step under servos and the last wrench; return whether it has not warned.
-
-    Args:
-        scene: see `NativeScene`.
-        carried: on the joints.
-        mounted: (10,), parameters of a rigid mass on the flange, flange frame.
-        mass: [kg], of the soft side.
-        commands: position, velocity, torque and by_payload of n ticks.
-        ticks: of which the k-th begins.
-        k: which.
-    """
+@kernel(BOOLEAN(RIGID_SIDE, SERVOS, TICKS, types.int64))
+def take_rigid_half(rigid, servos, ticks, k):  # type: ignore[no-untyped-def]
+    """Let MuJoCo step under servos and the wrench of row k; return whether it has not warned."""
+    scene, carried = rigid.scene, rigid.carried
     payload = small_vector(10)
-    _fill_payload(ticks.figures[k], mass, ticks.origin[k], ticks.axes[k], mounted, payload)
-    _command(scene, commands, k, payload)
+    _fill_payload(ticks.figures[k], rigid.mass_kg, ticks.origin[k], ticks.axes[k], rigid.mounted, payload)
+    _command(scene, servos, k, payload)
     for r in range(6):
         scene.applied[r] = ticks.figures[k, WRENCH + r]
     _give_back(scene, carried)
-    ticks.momentum_error[k] = _momentum_error(scene, ticks.handed[k])
+    ticks.momentum_error[k] = max(_momentum_error(scene, ticks.handed[k]), _error_on_bodies(rigid.bodies))
     call_native(scene.steps[FINISH], scene.sides[0], scene.sides[1])
+    _drive(scene)
     call_native(scene.steps[BEGIN], scene.sides[0], scene.sides[1])
     for kind in range(scene.warnings.shape[0]):
         if scene.warnings[kind] != 0:
@@ -188,17 +234,16 @@ def take_rigid_half(scene, carried, mounted, mass, commands, ticks, k):  # type:
 
 
 @device_function
-def fill_flange(scene, flange):  # type: ignore[no-untyped-def]
-    """Fill flange (4, 3), see `flange_axes`, with its present pose."""
+def fill_flange(ticks, k, flange):  # type: ignore[no-untyped-def]
+    """Fill flange (4, 3), see `flange_axes`, with its pose at the end of tick k."""
     for r in range(3):
-        flange[0, r] = scene.origin[r]
+        flange[0, r] = ticks.origin[k + 1, r]
         for c in range(3):
-            flange[1 + c, r] = scene.axes[r, c]
+            flange[1 + c, r] = ticks.axes[k + 1, r, c]
 
 
-@device_function
-def conclude_tick(scene, ticks, k, residual, iterations):  # type: ignore[no-untyped-def]
-    """Keep what the soft step of tick k has left; its figures are there."""
-    ticks.residual[k], ticks.iterations[k] = residual, iterations
+@kernel(void(VECTOR, TICKS, types.int64))
+def hand_over(acted, ticks, k):  # type: ignore[no-untyped-def]
+    """Hand over the wrench in the figures at the end of tick k, in which (6,) has acted on the flange."""
     _hand_over(ticks, k)
-    _fill_power(scene, ticks, k)
+    _fill_power(acted, ticks, k)

@@ -1,0 +1,223 @@
+"""Many ticks of arm and film in one kernel, without Python in between.
+
+After the rigid half of a tick the film takes one step with the flange's new pose (`film_step`) and what it
+may touch, and returns the next wrench, and loads on bodies. The soft half of a tick is left in which the
+lists of what is near do not serve, or the flange turns far; its soft step in the middle where a tangent is
+indefinite; a row ends after a tick with which bodies are to be weighed.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import types
+
+from cosim.base.frames import Array, IntArray
+from cosim.base.kernels import (
+    BLOCKS,
+    INDICES,
+    MATRIX,
+    REAL,
+    address_of,
+    device_function,
+    kernel,
+    small_matrix,
+    small_vector,
+)
+from cosim.base.numba_insides import caller
+from cosim.coupling.contact.contact_arrays import ASKS, CONTACT, LEFT, REMEMBERED, ContactArrays
+from cosim.coupling.contact.contact_kernels import (
+    FIND_TOUCHED,
+    SETTLE_TOUCHED,
+    find_touched,
+    settle_touched,
+    touched_planes,
+)
+from cosim.coupling.half_ticks import (
+    ALL_DONE,
+    RIGID_SIDE,
+    RIGID_SIDE_WARNS,
+    SOFT_HALF_LEFT,
+    SOFT_STEP_BEGUN,
+    fill_flange,
+    hand_over,
+    take_rigid_half,
+)
+from cosim.coupling.ticks import SERVOS, TICKS
+from cosim.reduced.sections.outputs import CENTER, fill_center_and_inertia
+from cosim.soft.body.loads import TOUCHING, PlainLoads, Touching
+from cosim.soft.elements.mass_terms import mass_moments
+from cosim.soft.film.step_arrays import PLACE, StepMotion, StepPlace
+from cosim.soft.solve.film_step import FILM_SIDE, FilmSide, film_step
+from cosim.soft.solve.held_nodes import add_wrench
+
+
+class FilmCommands(NamedTuple):
+    """What the film is asked for in each of n ticks.
+
+    Args:
+        pressure: (n, chambers) [Pa].
+        tension: (n, cables) [N], at their base ends.
+        gravity: (n, 3) [m/s^2].
+    """
+
+    pressure: Array
+    tension: Array
+    gravity: Array
+
+    def some(self, first: int, end: int) -> FilmCommands:
+        """Return what is asked for in some of the ticks."""
+        return FilmCommands(*(array[first:end] for array in self))
+
+
+class FilmMotion(NamedTuple):
+    """How a film moves in n ticks.
+
+    Args:
+        x: (n + 2, nodes, 3) [m], from the step before the last one on.
+        velocity: (n + 2, nodes, 3) [m/s], the same.
+        memory: (n + 1, values), what its elements remember.
+    """
+
+    x: Array
+    velocity: Array
+    memory: Array
+
+    def from_on(self, first: int) -> FilmMotion:
+        """Return the rows of a tick and all after it."""
+        return FilmMotion(*(array[first:] for array in self))
+
+
+class FilmSteps(NamedTuple):
+    """What all ticks in a row have in common.
+
+    Args:
+        side: of the soft steps.
+        untouched: what stands for nothing touched in them.
+        place: from which they begin where nothing is touched.
+        touching_place: the same where something is.
+        rest_m: how far the film looks for shapes at rest.
+        ahead_s: the time for whose way of the fastest node it looks further.
+        calls: (kernels,), see `film_calls`.
+        mass: (nodes, 1, 1) [kg].
+        largest_turn: [rad], of the flange in a tick; beyond it a step is left.
+        contact: with the scene.
+    """
+
+    side: FilmSide
+    untouched: Touching
+    place: StepPlace
+    touching_place: StepPlace
+    rest_m: float
+    ahead_s: float
+    calls: IntArray
+    mass: Array
+    largest_turn: float
+    contact: ContactArrays
+
+
+FILM_COMMANDS = types.NamedTuple((MATRIX, MATRIX, MATRIX), FilmCommands)
+FILM_MOTION = types.NamedTuple((BLOCKS, BLOCKS, MATRIX), FilmMotion)
+FILM_STEPS = types.NamedTuple(
+    (FILM_SIDE, TOUCHING, PLACE, PLACE, REAL, REAL, INDICES, BLOCKS, REAL, CONTACT), FilmSteps
+)
+
+_CALLED = (film_step, add_wrench, mass_moments, take_rigid_half, hand_over)
+_STEP, _WRENCH, _MOMENTS, _RIGID, _HAND = range(len(_CALLED))
+_film_step, _add_wrench, _mass_moments, _take_rigid_half, _hand_over = map(caller, _CALLED)
+_find_touched, _settle_touched = caller(find_touched), caller(settle_touched)
+
+
+def film_calls() -> IntArray:
+    """Return the addresses (5,) of the kernels that a row of ticks calls."""
+    return np.array([address_of(called) for called in _CALLED])
+
+
+@device_function
+def _turns_far(ticks, k, most):  # type: ignore[no-untyped-def]
+    """Return whether the flange has turned by more than an angle [rad] in tick k."""
+    trace = 0.0
+    for r in range(3):
+        for c in range(3):
+            trace += ticks.axes[k, r, c] * ticks.axes[k + 1, r, c]
+    return math.acos(min(1.0, max(-1.0, 0.5 * (trace - 1.0)))) > most
+
+
+@device_function
+def _fill_figures(held, gradient, calls, mass, x, flange, moments, out):  # type: ignore[no-untyped-def]
+    """Fill the figures (FIGURES,) of a film at the end of a step."""
+    for r in range(CENTER):
+        out[r] = 0.0
+    _add_wrench(calls[_WRENCH], (held, gradient, x, flange, out[:CENTER]))
+    points = x.reshape((x.shape[0], 1, 3))
+    total = _mass_moments(calls[_MOMENTS], (mass, points, moments))
+    fill_center_and_inertia(total, moments, flange[0], out)
+
+
+@device_function
+def _take_soft_step(found, commands, row, ticks, way, k, flange):  # type: ignore[no-untyped-def]
+    """Take the film's step of tick k; return whether it has converged."""
+    touched = touched_planes(row.contact.touched, found)
+    touching = Touching(touched, row.untouched.call, row.untouched.pairs)
+    loads = PlainLoads(commands.pressure[k], commands.tension[k], commands.gravity[k])
+    motion = StepMotion(
+        way.x[k + 1], way.velocity[k + 1], way.x[k], way.velocity[k], way.memory[k], flange,
+        way.x[k + 2], way.velocity[k + 2], way.memory[k + 1],
+    )  # fmt: skip
+    place = row.place if found == 0 else row.touching_place
+    given = row.side, loads, touching, motion, place
+    converged, iterations, tangents, residual, _ = _film_step(row.calls[_STEP], given)
+    ticks.residual[k], ticks.iterations[k] = residual, iterations + (tangents if converged else 0)
+    return converged
+
+
+@device_function
+def _settle(contact, x, ticks, k):  # type: ignore[no-untyped-def]
+    """Take in the end of a step that has touched something, or has let go of it; keep what that did."""
+    _settle_touched(contact.calls[SETTLE_TOUCHED], (contact, x))
+    end = contact.end
+    ticks.contacts[k] = contact.counts[REMEMBERED]
+    for r in range(2):
+        ticks.contact[k, r] = end.figures[r]
+    for b in range(end.loads.shape[0]):
+        for r in range(3):
+            ticks.body_force[k, b, r] = end.loads[b, r]
+
+
+@device_function
+def _take_tick(rigid, servos, commands, row, ticks, way, k, flange, moments):  # type: ignore[no-untyped-def]
+    """Take tick k; return how it ended, -1 if the next one may follow."""
+    if not _take_rigid_half(row.calls[_RIGID], (rigid, servos, ticks, k)):
+        return RIGID_SIDE_WARNS
+    fill_flange(ticks, k, flange)
+    contact, x, velocity = row.contact, way.x[k + 1], way.velocity[k + 1]
+    found = 0
+    if contact.calls.shape[0] > 0:
+        asked = contact, x, velocity, row.rest_m, row.ahead_s
+        found = _find_touched(contact.calls[FIND_TOUCHED], asked)
+    if found < 0 or _turns_far(ticks, k, row.largest_turn):
+        return SOFT_HALF_LEFT
+    if not _take_soft_step(found, commands, row, ticks, way, k, flange):
+        return SOFT_STEP_BEGUN
+    acting = row.side.held, row.side.work.gradient
+    _fill_figures(*acting, row.calls, row.mass, way.x[k + 2], flange, moments, ticks.figures[k + 1])
+    _hand_over(row.calls[_HAND], (rigid.scene.applied, ticks, k))
+    if found > 0 or contact.counts[LEFT]:
+        _settle(contact, way.x[k + 2], ticks, k)
+        if contact.counts[ASKS]:
+            return ALL_DONE
+    return -1
+
+
+@kernel(types.UniTuple(types.int64, 2)(RIGID_SIDE, SERVOS, FILM_COMMANDS, FILM_STEPS, TICKS, FILM_MOTION))
+def advance_film(rigid, servos, commands, row, ticks, way):  # type: ignore[no-untyped-def]
+    """Advance by as many ticks as the servos are asked for, or fewer; return (ticks done, how it ended)."""
+    flange, moments = small_matrix(4, 3), small_vector(9)
+    count = servos.position.shape[0]
+    for k in range(count):
+        ended = _take_tick(rigid, servos, commands, row, ticks, way, k, flange, moments)
+        if ended >= 0:
+            return k + (ended == ALL_DONE), ended
+    return count, ALL_DONE

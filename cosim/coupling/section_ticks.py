@@ -1,0 +1,166 @@
+"""Many ticks of arm and chain of frames in one kernel, without Python in between.
+
+After the rigid half of a tick the chain takes one implicit step with the flange's new pose and returns the
+next wrench. A soft step that does not converge in one go is left.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import types
+
+from cosim.base.frames import Array, IntArray
+from cosim.base.kernels import (
+    BOOLEAN,
+    INDICES,
+    INTEGER,
+    MATRIX,
+    REAL,
+    VECTOR,
+    address_of,
+    device_function,
+    kernel,
+    small_matrix,
+)
+from cosim.base.numba_insides import caller
+from cosim.coupling.half_ticks import (
+    ALL_DONE,
+    RIGID_SIDE,
+    RIGID_SIDE_WARNS,
+    SOFT_HALF_LEFT,
+    fill_flange,
+    hand_over,
+    take_rigid_half,
+)
+from cosim.coupling.ticks import SERVOS, TICKS
+from cosim.reduced.sections.pressure_spline import weighted_rows
+from cosim.reduced.sections.section_strains import CUBE
+from cosim.reduced.solve.arrays import CHAIN_ARRAYS, ChainArrays
+from cosim.reduced.solve.implicit_step import FREE_FLIGHT, implicit_step
+
+
+class ChainCommands(NamedTuple):
+    """What the chain is asked for in each of n ticks.
+
+    Args:
+        pressure: (n,) [Pa].
+        first: (n,), first of the spline's functions that are not zero at that pressure.
+        weights: (n, TERMS), their values.
+        tension: (n, k) [N], of all cable segments.
+    """
+
+    pressure: Array
+    first: IntArray
+    weights: Array
+    tension: Array
+
+    def some(self, first: int, end: int) -> ChainCommands:
+        """Return what is asked for in some of the ticks."""
+        return ChainCommands(*(array[first:end] for array in self))  # type: ignore[arg-type]
+
+
+class ChainMotion(NamedTuple):
+    """How a chain moves in n ticks.
+
+    Args:
+        motion: (n + 2, 2, f, 4, 3), from the step before the last one on.
+        gradient: (n, f, 6).
+    """
+
+    motion: Array
+    gradient: Array
+
+    def from_on(self, first: int) -> ChainMotion:
+        """Return the rows of a tick and all after it."""
+        return ChainMotion(self.motion[first:], self.gradient[first:])
+
+
+class ChainSteps(NamedTuple):
+    """What all ticks in a row have in common.
+
+    Args:
+        chain: in the first of them.
+        calls: (2,), see `chain_calls`.
+        step_s: length of a step [s].
+        damping: [1/s].
+        two_steps: whether steps look back over two.
+        earlier: whether the first row of the motion holds the step before the last.
+        kept: whether the factor serves the first of them.
+        iterations_max: of a step.
+    """
+
+    chain: ChainArrays
+    calls: IntArray
+    step_s: float
+    damping: float
+    two_steps: bool
+    earlier: bool
+    kept: bool
+    iterations_max: int
+
+
+CHAIN_COMMANDS = types.NamedTuple((VECTOR, INDICES, MATRIX, MATRIX), ChainCommands)
+CHAIN_MOTION = types.NamedTuple((types.Array(types.float64, 5, "C"), CUBE), ChainMotion)
+CHAIN_STEPS = types.NamedTuple(
+    (CHAIN_ARRAYS, INDICES, REAL, REAL, BOOLEAN, BOOLEAN, BOOLEAN, INTEGER), ChainSteps
+)
+_CALLED = (take_rigid_half, hand_over)
+_RIGID, _HAND = range(len(_CALLED))
+_take_rigid_half, _hand_over = map(caller, _CALLED)
+_implicit_step = caller(implicit_step)
+
+
+def chain_calls() -> IntArray:
+    """Return the addresses (2,) of the kernels of both halves."""
+    return np.array([address_of(called) for called in _CALLED])
+
+
+@device_function
+def _set_pressure(chain, commands, k):  # type: ignore[no-untyped-def]
+    """Bring sections and eyelets to the pressure of tick k."""
+    first, weights = commands.first[k], commands.weights[k]
+    weighted_rows(chain.energies, first, weights, chain.coefficients.reshape(chain.coefficients.size))
+    weighted_rows(chain.eyelet_table, first, weights, chain.eyelets.reshape(chain.eyelets.size))
+    weighted_rows(chain.lengths, first, weights, chain.inverse_length)
+    for s in range(chain.inverse_length.shape[0]):
+        chain.inverse_length[s] = 1.0 / chain.inverse_length[s]
+
+
+@kernel(
+    types.Tuple((types.int64, types.int64, types.boolean))(
+        RIGID_SIDE, SERVOS, CHAIN_COMMANDS, CHAIN_STEPS, TICKS, CHAIN_MOTION
+    )
+)
+def advance_chain(rigid, servos, commands, row, ticks, way):  # type: ignore[no-untyped-def]
+    """Advance by as many ticks as the servos are asked for, or fewer.
+
+    Returns:
+        Ticks done, how it ended, whether the factor is kept.
+    """
+    flange, chain, kept = small_matrix(4, 3), row.chain, row.kept
+    count = servos.position.shape[0]
+    for k in range(count):
+        if not _take_rigid_half(row.calls[_RIGID], (rigid, servos, ticks, k)):
+            return k, RIGID_SIDE_WARNS, kept
+        if k > 0 and commands.pressure[k] != commands.pressure[k - 1]:
+            _set_pressure(chain, commands, k)
+        fill_flange(ticks, k, flange)
+        both = row.two_steps and (row.earlier or k > 0)
+        if k == 1 and not row.earlier:  # the factor is of a step that looked back over one only
+            kept = kept and not row.two_steps
+        outcome, ticks.iterations[k], ticks.residual[k], kept = _implicit_step(
+            chain.call,
+            (
+                way.motion[k + 1], way.motion[k], both, row.step_s, row.damping, FREE_FLIGHT, flange,
+                chain.free, chain.offsets, chain.coefficients, chain.inverse_length, chain.mass, chain.load,
+                chain.far, chain.eyelets, commands.tension[k], chain.touching, chain.rows, chain.widths,
+                chain.target, chain.diagonal, chain.off, chain.low, chain.side, kept, chain.bounds,
+                row.iterations_max, way.motion[k + 2], way.gradient[k], ticks.figures[k + 1],
+            ),
+        )  # fmt: skip
+        if outcome != 0:
+            return k, SOFT_HALF_LEFT, kept
+        _hand_over(row.calls[_HAND], (rigid.scene.applied, ticks, k))
+    return count, ALL_DONE, kept

@@ -1,0 +1,140 @@
+"""What ticks are asked for and what they leave, as arrays of documented shapes: a row for each tick."""
+
+from __future__ import annotations
+
+from typing import NamedTuple, Self
+
+import numpy as np
+from numba import types
+
+from cosim.base.frames import Array, IntArray, Pose
+from cosim.base.kernels import BLOCKS, INDICES, MATRIX, VECTOR
+from cosim.reduced.sections.outputs import FIGURES
+from cosim.reduced.sections.section_strains import CUBE
+
+
+class Servos(NamedTuple):
+    """What the servos are asked for in n ticks.
+
+    Args:
+        position: (n, joints) [rad].
+        velocity: (n, joints) [rad/s].
+        torque: (n, joints) [N m], feedforward without payload.
+        by_payload: (n, joints, 10), its derivative by the payload's `inertial_parameters`; of none: zero.
+    """
+
+    position: Array
+    velocity: Array
+    torque: Array
+    by_payload: Array
+
+    @classmethod
+    def knowing_no_payload(cls, position: Array, velocity: Array, torque: Array) -> Servos:
+        """Return (n, joints) each with a feedforward that is as it is, whatever hangs on the flange."""
+        return cls(position, velocity, torque, np.zeros((*position.shape, 10)))
+
+    def some(self, first: int, end: int) -> Servos:
+        """Return what is asked for in some of the ticks."""
+        return Servos(*(array[first:end] for array in self))
+
+
+class CarriedInertia(NamedTuple):
+    """What the joints carry meanwhile.
+
+    Args:
+        inertia: (joints, joints) [kg m^2], algorithmic mass; (0, 0) for none.
+        weights: (k,) of the last accelerations, see `answer_weights.expecting_no_change`.
+        past: (k, joints) [rad/s^2], those of the ticks before the last one; kept up to date.
+    """
+
+    inertia: Array
+    weights: Array
+    past: Array
+
+
+class BodyLoads(NamedTuple):
+    """What acts on the bodies that the film touches.
+
+    Args:
+        applied: (bodies, 6), MuJoCo's loads on them.
+        centers: (bodies, 3) [m], of their masses.
+        loaded: (bodies,), 1 for those that bear a load of contact.
+        handed: (7,), film's load on all bodies about the world's origin, and its size [N].
+    """
+
+    applied: Array
+    centers: Array
+    loaded: IntArray
+    handed: Array
+
+
+class Ticks(NamedTuple):
+    """What n ticks leave; of some there is one row more, the first of which is there before.
+
+    Args:
+        figures: (n + 1, FIGURES), of the soft side: wrench on the flange, centre and inertia of its mass.
+        origin: (n + 1, 3) [m], of the flange.
+        axes: (n + 1, 3, 3), world from flange.
+        twist: (n, 6), of the flange's origin, linear then angular, world axes.
+        handed: (n + 1, 7), the wrench about the world's origin, and its size [N].
+        joints: (n, joints) [rad].
+        joint_speed: (n, joints) [rad/s].
+        servo_torque: (n, joints) [N m].
+        places: (n, bodies, 3) [m].
+        quaternions: (n, bodies, 4).
+        power: (n, 3) [W], received by the rigid side, taken in by the soft one, and the size of such a power.
+        momentum_error: (n,), see `LedgerEntry`.
+        residual: (n,) [N].
+        iterations: (n,).
+        contacts: (n,), points that press.
+        contact: (n, 3), sum of their normal forces [N], depth of the deepest [m], contact ratio.
+        body_force: (n, bodies, 3) [N], of the soft robot on each body, world axes.
+    """
+
+    figures: Array
+    origin: Array
+    axes: Array
+    twist: Array
+    handed: Array
+    joints: Array
+    joint_speed: Array
+    servo_torque: Array
+    places: Array
+    quaternions: Array
+    power: Array
+    momentum_error: Array
+    residual: Array
+    iterations: IntArray
+    contacts: IntArray
+    contact: Array
+    body_force: Array
+
+    @classmethod
+    def room(cls, n: int, joints: int, bodies: int) -> Ticks:
+        """Return room for n ticks, in which nothing is touched unless that is filled."""
+        return cls(
+            np.zeros((n + 1, FIGURES)), np.zeros((n + 1, 3)), np.zeros((n + 1, 3, 3)), np.zeros((n, 6)),
+            np.zeros((n + 1, 7)), np.zeros((n, joints)), np.zeros((n, joints)), np.zeros((n, joints)),
+            np.zeros((n, bodies, 3)), np.zeros((n, bodies, 4)), np.zeros((n, 3)), np.zeros(n), np.zeros(n),
+            np.zeros(n, np.int64), np.zeros(n, np.int64), np.zeros((n, 3)), np.zeros((n, bodies, 3)),
+        )  # fmt: skip
+
+    def from_on(self, first: int) -> Self:
+        """Return the rows of a tick and all after it."""
+        return type(self)(*(array[first:] for array in self))  # type: ignore[arg-type]
+
+    def flange(self, row: int) -> Pose:
+        """Return the flange's pose before a tick."""
+        return Pose.owning(self.axes[row].copy(), self.origin[row].copy())
+
+
+SERVOS = types.NamedTuple((MATRIX, MATRIX, MATRIX, BLOCKS), Servos)
+CARRIED = types.NamedTuple((MATRIX, VECTOR, MATRIX), CarriedInertia)
+BODY_LOADS = types.NamedTuple((MATRIX, MATRIX, INDICES, VECTOR), BodyLoads)
+TICKS = types.NamedTuple(
+    (
+        MATRIX, MATRIX, CUBE, MATRIX, MATRIX, MATRIX, MATRIX, MATRIX, CUBE, CUBE, MATRIX,
+        VECTOR, VECTOR, INDICES, INDICES, MATRIX, CUBE,
+    ),
+    Ticks,
+)  # fmt: skip

@@ -1,0 +1,415 @@
+"""Figures of a summary: of the exchange, of what is stretched, of tip paths, of the arm, of devices."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, field
+from typing import Annotated, Any, Final, final
+
+import numpy as np
+
+from cosim.base.frames import Array
+from cosim.devices.device_report import ActuationReport, DeviceNames
+from cosim.plan.arm_limits import UNITS, ArmLimits, Extreme, Touch, with_touches
+from cosim.plan.paths.tip_path import TipErrors, TipPathInfo, tip_distances
+from cosim.telemetry.snapshot import RunInfo
+from cosim.telemetry.tick_batch import TickBatch
+
+
+@final
+@dataclass(frozen=True)
+class ExchangeFigures:
+    """Figures of the ticks so far.
+
+    Args:
+        iterated_ticks: ticks that were repeated until the loads agreed.
+        trials: how often these were taken, together.
+        most_trials: the same, of one tick.
+        residual: largest relative difference of the loads in them.
+        power_error: largest relative one, of any tick.
+        momentum_error: the same.
+    """
+
+    iterated_ticks: int = 0
+    trials: int = 0
+    most_trials: int = 0
+    residual: float = 0.0
+    power_error: float = 0.0
+    momentum_error: float = 0.0
+
+    def after(self, batch: TickBatch) -> ExchangeFigures:
+        """Return the figures with some ticks more."""
+        trials = batch.iterated_trials
+        return ExchangeFigures(
+            self.iterated_ticks + int(np.count_nonzero(trials)),
+            self.trials + int(trials.sum()),
+            max(self.most_trials, int(trials.max())),
+            largest(self.residual, batch.interface_residual),
+            largest(self.power_error, batch.power_error),
+            largest(self.momentum_error, batch.momentum_error),
+        )
+
+    def summary(self) -> dict[str, Any]:
+        """Return them by their keys in the summary."""
+        return {
+            "iterated_ticks": self.iterated_ticks,
+            "interface_trials": self.trials,
+            "max_interface_trials": self.most_trials,
+            "max_interface_residual": self.residual,
+            "max_interface_power_error": self.power_error,
+            "max_momentum_error": self.momentum_error,
+        }
+
+
+def largest(before: float, values: Array) -> float:
+    """Return the largest of a number and values (k,); what is not a number does not count."""
+    return float(np.fmax.reduce(values, initial=before))
+
+
+def elastic_figures(run: RunInfo, positions: Array) -> dict[str, Any]:
+    """Return the figures of a phase that ends with the film's nodes at positions (n, 3) [m]."""
+    figures: dict[str, Any] = {}
+    if run.hinge_energy_share is not None:
+        figures["hinge_energy_share"] = run.hinge_energy_share(positions)
+    strain = None if run.stiffener_strain is None else run.stiffener_strain(positions)
+    if strain is not None:
+        strength = strain.strength if strain.strength < math.inf else None
+        figures["stiffener"] = {"peak_strain": strain.peak, "strength_strain": strength}
+    return figures
+
+
+def strength_warnings(phases: Sequence[dict[str, Any]]) -> list[str]:
+    """Return a warning for each phase that ends with stiffeners beyond their strength."""
+    found = []
+    for phase in phases:
+        peak, strength = (phase.get("stiffener", {}).get(key) for key in ("peak_strain", "strength_strain"))
+        if peak is not None and strength is not None and peak > strength:
+            found.append(
+                f"at the end of phase '{phase['name']}' the stiffeners are strained by "
+                f"{_percent_beyond(peak, strength)} %, beyond the {100.0 * strength:.2g} % that they bear"
+            )
+    return found
+
+
+def _percent_beyond(value: float, bound: float) -> str:
+    """Return a value above a bound in percent, in as many digits as tell it from the bound, at least two."""
+    texts = (f"{100.0 * value:.{digits}g}" for digits in range(2, 17))
+    return next((text for text in texts if float(text) > float(f"{100.0 * bound:.2g}")), f"{100.0 * value}")
+
+
+@final
+@dataclass(frozen=True)
+class TipPathFigures:
+    """Errors of the ticks of one phase so far, as the path is passed.
+
+    Args:
+        ticks: seen.
+        sum_m: of their distances.
+        largest_m: distance.
+        at_m: of path, there.
+        largest_rad: angle.
+    """
+
+    ticks: int = 0
+    sum_m: float = 0.0
+    largest_m: float = 0.0
+    at_m: float = 0.0
+    largest_rad: float = 0.0
+
+    def after(self, batch: TickBatch, path: TipPathInfo) -> TipPathFigures:
+        """Return the figures with some ticks more, all of the path's phase."""
+        rows = np.flatnonzero(path.passes(batch.time_s))
+        if not len(rows):
+            return self
+        wanted = path.at(batch.time_s[rows])
+        away, turned = tip_distances(wanted, batch.tip_position[rows], batch.tip_direction[rows])
+        place = int(np.argmax(away))
+        farther = not away[place] <= self.largest_m  # what is not a number is told as well
+        return TipPathFigures(
+            self.ticks + len(rows),
+            self.sum_m + float(away.sum()),
+            float(away[place]) if farther else self.largest_m,
+            float(wanted.along_m[place]) if farther else self.at_m,
+            max(self.largest_rad, float(turned.max())),
+        )
+
+    def figures(self, path: TipPathInfo) -> dict[str, Any]:
+        """Return them for the summary, beside what was planned."""
+        planned = path.planned
+        mean_m = self.sum_m / self.ticks if self.ticks else 0.0
+        found = TipErrors(self.largest_m, mean_m, self.at_m, self.largest_rad)
+        return {
+            "length_m": planned.course.length_m,
+            "speed_m_s": planned.course.speed_m_s,
+            **found.figures(),
+            "planned": planned.compensated.figures(),
+            "uncompensated": planned.uncompensated and planned.uncompensated.figures(),
+        }
+
+
+def path_lines(phases: list[dict[str, Any]]) -> list[str]:
+    """Return the Markdown lines on the phases that follow a path; none without one."""
+    rows = [(phase["name"], phase["tip_path"]) for phase in phases if "tip_path" in phase]
+    if not rows:
+        return []
+    head = "| tip path | length [mm] | speed [mm/s] | of | largest error [mm] | mean [mm] | angle [deg] |"
+    lines = ["", head, "|---|---|---|---|---|---|---|"]
+    for name, path in rows:
+        for of, found in (
+            ("run", path),
+            ("planned", path["planned"]),
+            ("uncompensated", path["uncompensated"]),
+        ):
+            lines.append("| " + " | ".join((*_begin(name, path), of, *_cells(found))) + " |")
+    return lines
+
+
+def _begin(name: str, path: dict[str, Any]) -> tuple[str, str, str]:
+    return name, f"{1e3 * path['length_m']:.1f}", f"{1e3 * path['speed_m_s']:g}"
+
+
+def _cells(found: dict[str, Any] | None) -> tuple[str, ...]:
+    if found is None:
+        return ("no equilibria", "", "")
+    scaled = (
+        (found["largest_error_m"], 1e3),
+        (found["mean_error_m"], 1e3),
+        (found["largest_angle_rad"], 180.0 / np.pi),
+    )
+    return tuple("?" if value is None else f"{scale * value:.3f}" for value, scale in scaled)
+
+
+_SATURATED: Final = 1.0 - 1e-9
+"""Share of a joint's torque above which its servo has no more to give."""
+
+
+@final
+@dataclass(frozen=True)
+class LastRow:
+    """What the next row is compared with.
+
+    Args:
+        time_s: simulated.
+        position: (joints,) [rad].
+        velocity: (joints,) [rad/s].
+    """
+
+    time_s: float
+    position: Annotated[Array, ("joints",)]
+    velocity: Annotated[Array, ("joints",)]
+
+
+@final
+@dataclass(frozen=True)
+class ArmFigures:
+    """Figures of the ticks so far.
+
+    Args:
+        extremes: by quantity.
+        saturated_s: (joints,), how long each servo gave all it can; (0,) before the first tick.
+        touches: of links.
+        last: row seen.
+    """
+
+    extremes: dict[str, Extreme] = field(default_factory=dict)
+    saturated_s: Annotated[Array, ("*",)] = field(default_factory=lambda: np.zeros(0))
+    touches: tuple[Touch, ...] = ()
+    last: LastRow | None = None
+
+    def after(self, batch: TickBatch, limits: ArmLimits, *, dynamic: bool) -> ArmFigures:
+        """Return the figures with some ticks more.
+
+        The servos act on the error at the start of a tick: there the reference is compared with the joints.
+
+        Args:
+            batch: the ticks.
+            limits: of the arm.
+            dynamic: whether the mode is.
+        """
+        time_s, q, v, torque = batch.time_s, batch.joint_position, batch.joint_velocity, batch.joint_torque
+        last = self.last or LastRow(float(time_s[0]), q[0], v[0])
+        values = {"position": q, "torque": torque, "tracking_error": q - batch.joint_target}
+        span_s = np.diff(time_s, prepend=last.time_s)
+        if dynamic:
+            values["velocity"] = v
+            gone = np.where(span_s > 0.0, span_s, np.inf)[:, None]
+            values["acceleration"] = np.diff(v, axis=0, prepend=last.velocity[None]) / gone
+            values["tracking_error"] = np.concatenate([last.position[None], q[:-1]]) - batch.joint_target
+        extremes = dict(self.extremes)
+        for name, rows in values.items():
+            found = limits.extreme(name, rows, time_s, batch.phase, extremes.get(name))
+            if found is not None:
+                extremes[name] = found
+        saturated_s = np.zeros(len(limits.joint_names))
+        if "torque" in extremes and extremes["torque"].excess >= _SATURATED - 1.0:
+            saturated_s = span_s @ (np.abs(torque) >= _SATURATED * limits.torque)
+        touches = self.touches
+        for row, contacts in batch.link_contacts.items():
+            touches = with_touches(touches, contacts, float(time_s[row]), int(batch.phase[row]))
+        return ArmFigures(
+            extremes, saturated_s + (self.saturated_s if len(self.saturated_s) else 0.0), touches,
+            LastRow(float(time_s[-1]), q[-1].copy(), v[-1].copy()),
+        )  # fmt: skip
+
+    def figures(self, limits: ArmLimits, phase_names: tuple[str, ...]) -> dict[str, Any]:
+        """Return them for the summary."""
+        found = {name: extreme.figures(phase_names) for name, extreme in self.extremes.items()}
+        return {
+            **{name: found.get(name) for name in UNITS},
+            "saturated_s": dict(zip(limits.joint_names, self.saturated_s.tolist(), strict=False)),
+            "contacts": [touch.figures(phase_names) for touch in self.touches],
+        }
+
+    def warnings(self, limits: ArmLimits, phase_names: tuple[str, ...]) -> list[str]:
+        """Return one line for whatever went beyond its bound, and for each contact; what is worst first."""
+        error = self.extremes.get("tracking_error")
+        beyond = [extreme for extreme in self.extremes.values() if extreme.beyond and extreme is not error]
+        lines = [extreme.text(phase_names) for extreme in beyond]
+        full = np.flatnonzero(self.saturated_s)
+        names, given = limits.joint_names, limits.torque
+        units = np.where(limits.prismatic, "N", "N m")
+        spent = ", ".join(
+            f"{names[k]} gave all of its {given[k]:g} {units[k]} for {self.saturated_s[k]:.3f} s"
+            for k in full
+        )
+        if error is not None and error.beyond:
+            collapsed = f"the arm did not hold: {spent}; " if spent else "the arm did not follow its plan: "
+            lines.insert(0, collapsed + error.text(phase_names))
+        elif spent:
+            lines.insert(0, spent)
+        return lines + [touch.text(phase_names) for touch in self.touches]
+
+
+def arm_table(arm: dict[str, Any] | None) -> list[str]:
+    """Return the Markdown lines of a summary's section on the arm; none without one."""
+    if arm is None:
+        return []
+    lines = ["", "| arm | of | joint | value | bound | at [s] | phase |", "|---|---|---|---|---|---|---|"]
+    for of, found in arm.items():
+        for name in UNITS:
+            extreme = found.get(name)
+            if extreme is None:
+                continue
+            value, bound = ("none" if x is None else f"{x:.4g}" for x in (extreme["value"], extreme["bound"]))
+            cells = (
+                f"{name.replace('_', ' ')} [{extreme['unit']}]", of, extreme["joint"], value, bound,
+                f"{extreme['time_s']:.2f}", extreme["phase"],
+            )  # fmt: skip
+            lines.append("| " + " | ".join(cells) + " |")
+    return [*lines, ""]
+
+
+SETTLED_SHARE: Final = 0.05
+"""Of the step from the first value to the setpoint, within which a controlled quantity counts as settled."""
+
+
+@final
+@dataclass(frozen=True)
+class DeviceFiguresState:
+    """The figures of a phase so far.
+
+    Args:
+        last: report seen.
+        time_s: of the ticks of the phase.
+        measured: by each controller, by its name.
+        setpoint: of each controller.
+    """
+
+    last: ActuationReport | None
+    time_s: tuple[float, ...]
+    measured: dict[str, tuple[float, ...]]
+    setpoint: dict[str, float]
+
+
+@final
+class DeviceFigures:
+    """Follows the devices through a run.
+
+    Args:
+        names: of the devices.
+    """
+
+    def __init__(self, names: DeviceNames) -> None:
+        self._names = names
+        self._last: ActuationReport | None = None
+        self._begin()
+
+    def observe(self, batch: TickBatch) -> None:
+        """Take in ticks; they come in order."""
+        self._last = batch.devices[-1]
+        self._time_s += batch.time_s.tolist()
+        for report in batch.devices:
+            for control in () if report is None else report.controls:
+                if control.measured is not None and control.setpoint is not None:
+                    self._setpoint[control.name] = control.setpoint
+                    self._measured.setdefault(control.name, []).append(control.measured)
+
+    def close_phase(self) -> dict[str, Any]:
+        """Return the figures of the phase that ends, and begin the next one."""
+        devices = self._last
+        if devices is None:
+            return {}
+        figures: dict[str, Any] = {
+            "cable_length_m": devices.cable_length_m,
+            "cable_unstretched_m": devices.unstretched_m,
+            "bending_angle_rad": devices.bending_angle_rad,
+        }
+        if self._names.winches:
+            figures["lost_steps"] = devices.lost_steps
+        if devices.pumps:
+            pairs = zip(self._names.pumps, devices.pumps, strict=True)
+            figures["pumps"] = {name: asdict(pump) for name, pump in pairs}
+        if self._measured:
+            figures["controllers"] = {name: self._controlled(name) for name in self._measured}
+        self._begin()
+        return figures
+
+    def _begin(self) -> None:
+        self._time_s: list[float] = []
+        self._measured: dict[str, list[float]] = {}
+        self._setpoint: dict[str, float] = {}
+
+    def save_state(self) -> DeviceFiguresState:
+        """Return what was gathered since the phase began."""
+        measured = {name: tuple(values) for name, values in self._measured.items()}
+        return DeviceFiguresState(self._last, tuple(self._time_s), measured, dict(self._setpoint))
+
+    def restore_state(self, state: DeviceFiguresState) -> None:
+        """Go on from what was gathered."""
+        self._last, self._time_s = state.last, list(state.time_s)
+        self._measured = {name: list(values) for name, values in state.measured.items()}
+        self._setpoint = dict(state.setpoint)
+
+    def _controlled(self, name: str) -> dict[str, Any]:
+        measured = np.array(self._measured[name])
+        time_s = np.array(self._time_s)[-len(measured) :]
+        return control_figures(time_s, measured, self._setpoint[name])
+
+
+def control_figures(time_s: Array, measured: Array, setpoint: float) -> dict[str, Any]:
+    """Return how well a quantity was brought to its setpoint.
+
+    Args:
+        time_s: (samples,), the first one right after the phase began.
+        measured: (samples,), in the unit of the setpoint.
+        setpoint: constant.
+
+    Returns:
+        setpoint; measured, the last value; overshoot, how far beyond the setpoint it went, seen from the
+        first value; settling_time_s, after which it stayed within a twentieth of the step, None where that is
+        not before the last tenth of the time; ripple, half the range in the last third of the time.
+    """
+    step = setpoint - float(measured[0])
+    beyond = float(np.max((measured - setpoint) * np.sign(step)))
+    outside = np.flatnonzero(np.abs(measured - setpoint) > SETTLED_SHARE * abs(step))
+    last = int(outside[-1]) if len(outside) else 0
+    settled = None if last >= 0.9 * len(measured) else float(time_s[last] - time_s[0])
+    end = measured[2 * len(measured) // 3 :]
+    return {
+        "setpoint": setpoint,
+        "measured": float(measured[-1]),
+        "overshoot": max(beyond, 0.0),
+        "settling_time_s": settled,
+        "ripple": 0.5 * float(np.ptp(end)),
+    }

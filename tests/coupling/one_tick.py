@@ -1,0 +1,24 @@
+"""A tick of a coupling by itself, as what it exchanged."""
+
+from __future__ import annotations
+
+from cosim.base.frames import Array
+from cosim.coupling.schemes.interface import Coupling
+from cosim.coupling.schemes.ledger import LedgerEntry
+from cosim.coupling.ticks import Servos
+from cosim.soft.body.loads import Loads
+
+
+def one_tick(coupling: Coupling, position: Array, torque: Array, loads: Loads) -> LedgerEntry:
+    """Advance by one tick.
+
+    Args:
+        coupling: advanced.
+        position: (joints,) [rad], that the servos hold.
+        torque: (joints,) [N m], feedforward.
+        loads: on the soft body at the end of the tick.
+    """
+    servos = Servos.knowing_no_payload(position[None], 0.0 * position[None], torque[None])
+    taken = coupling.advance(servos, [loads])
+    assert taken.done == 1
+    return LedgerEntry(coupling.wrench, **{name: column.item(0) for name, column in taken.ledger().items()})
