@@ -9,6 +9,7 @@ indefinite; a row ends after a tick with which bodies are to be weighed.
 from __future__ import annotations
 
 import math
+from operator import itemgetter
 from typing import NamedTuple
 
 import numpy as np
@@ -60,7 +61,7 @@ class FilmCommands(NamedTuple):
 
     def some(self, first: int, end: int) -> FilmCommands:
         """Return what is asked for in some of the ticks."""
-        return FilmCommands(*(array[first:end] for array in self))
+        return FilmCommands._make(map(itemgetter(slice(first, end)), self))
 
 
 class FilmMotion(NamedTuple):
@@ -78,7 +79,7 @@ class FilmMotion(NamedTuple):
 
     def from_on(self, first: int) -> FilmMotion:
         """Return the rows of a tick and all after it."""
-        return FilmMotion(*(array[first:] for array in self))
+        return FilmMotion._make(map(itemgetter(slice(first, None)), self))
 
 
 class FilmSteps(NamedTuple):
