@@ -110,7 +110,7 @@ class FilmSteps(NamedTuple):
     contact: ContactArrays
 
 
-FILM_COMMANDS = types.NamedTuple((MATRIX, MATRIX, MATRIX), FilmCommands)
+FILM_COMMANDS = types.NamedUniTuple(MATRIX, 3, FilmCommands)  # as numba calls arrays of one kind
 FILM_MOTION = types.NamedTuple((BLOCKS, BLOCKS, MATRIX), FilmMotion)
 FILM_STEPS = types.NamedTuple(
     (FILM_SIDE, TOUCHING, PLACE, PLACE, REAL, REAL, INDICES, BLOCKS, REAL, CONTACT), FilmSteps
