@@ -9,6 +9,7 @@ indefinite; a row ends after a tick with which bodies are to be weighed.
 from __future__ import annotations
 
 import math
+from operator import itemgetter
 from typing import NamedTuple
 
 import numpy as np
@@ -69,7 +70,7 @@ class FilmCommands(NamedTuple):
 
     def some(self, first: int, end: int) -> FilmCommands:
         """Return what is asked for in some of the ticks."""
-        return FilmCommands(*(array[first:end] for array in self))
+        return FilmCommands._make(map(itemgetter(slice(first, end)), self))
 
 
 class FilmMotion(NamedTuple):
@@ -87,7 +88,7 @@ class FilmMotion(NamedTuple):
 
     def from_on(self, first: int) -> FilmMotion:
         """Return the rows of a tick and all after it."""
-        return FilmMotion(*(array[first:] for array in self))
+        return FilmMotion._make(map(itemgetter(slice(first, None)), self))
 
 
 class FilmSteps(NamedTuple):
@@ -118,7 +119,7 @@ class FilmSteps(NamedTuple):
     contact: ContactArrays
 
 
-FILM_COMMANDS = types.NamedTuple((MATRIX, MATRIX, MATRIX), FilmCommands)
+FILM_COMMANDS = types.NamedUniTuple(MATRIX, 3, FilmCommands)  # as numba calls arrays of one kind
 FILM_MOTION = types.NamedTuple((BLOCKS, BLOCKS, MATRIX), FilmMotion)
 FILM_STEPS = types.NamedTuple(
     (FILM_SIDE, TOUCHING, PLACE, PLACE, REAL, REAL, INDICES, BLOCKS, REAL, CONTACT), FilmSteps

@@ -6,6 +6,7 @@ next wrench. A soft step that does not converge in one go is left.
 
 from __future__ import annotations
 
+from operator import itemgetter
 from typing import NamedTuple
 
 import numpy as np
@@ -58,7 +59,7 @@ class ChainCommands(NamedTuple):
 
     def some(self, first: int, end: int) -> ChainCommands:
         """Return what is asked for in some of the ticks."""
-        return ChainCommands(*(array[first:end] for array in self))  # type: ignore[arg-type]
+        return ChainCommands._make(map(itemgetter(slice(first, end)), self))
 
 
 class ChainMotion(NamedTuple):
@@ -74,7 +75,7 @@ class ChainMotion(NamedTuple):
 
     def from_on(self, first: int) -> ChainMotion:
         """Return the rows of a tick and all after it."""
-        return ChainMotion(self.motion[first:], self.gradient[first:])
+        return ChainMotion._make(map(itemgetter(slice(first, None)), self))
 
 
 class ChainSteps(NamedTuple):

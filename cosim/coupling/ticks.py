@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple, Self
+from operator import itemgetter
+from typing import NamedTuple
 
 import numpy as np
 from numba import types
@@ -35,7 +36,7 @@ class Servos(NamedTuple):
 
     def some(self, first: int, end: int) -> Servos:
         """Return what is asked for in some of the ticks."""
-        return Servos(*(array[first:end] for array in self))
+        return Servos._make(map(itemgetter(slice(first, end)), self))
 
 
 class CarriedInertia(NamedTuple):
@@ -119,9 +120,9 @@ class Ticks(NamedTuple):
             np.zeros(n, np.int64), np.zeros(n, np.int64), np.zeros((n, 3)), np.zeros((n, bodies, 3)),
         )  # fmt: skip
 
-    def from_on(self, first: int) -> Self:
+    def from_on(self, first: int) -> Ticks:
         """Return the rows of a tick and all after it."""
-        return type(self)(*(array[first:] for array in self))  # type: ignore[arg-type]
+        return Ticks._make(map(itemgetter(slice(first, None)), self))
 
     def flange(self, row: int) -> Pose:
         """Return the flange's pose before a tick."""

@@ -78,6 +78,7 @@ class SoftHalves:
 
     def __init__(self, interface: Interface) -> None:
         self.interface = interface
+        self._plain: Any = None
         self._motion: Any = None
         self._first = 0
 
@@ -95,15 +96,21 @@ class SoftHalves:
         """
         first = taken.done
         ticks = taken.ticks.from_on(first)
-        commands = self._commands(loads) if self._ready and _are_plain(loads) else None
-        if commands is None:
+        if self._plain is None or not self._ready:
             return 0, SOFT_HALF_LEFT if take_rigid_half(rigid, servos, ticks, 0) else RIGID_SIDE_WARNS
         if self._motion is None:
             self._motion, self._first = self._room(len(taken.trials) - first), first
+        commands = self._plain.some(first, first + len(loads))
         motion = self._motion.from_on(first - self._first)
         done, ending = self._row(rigid, servos, loads, commands, ticks, motion)
         taken.pressure_Pa[first : first + done] = commands.pressure.reshape(len(loads), -1)[:done]
         return done, ending
+
+    @final
+    def begin(self, loads: Sequence[Loads]) -> None:
+        """Begin ticks in a row, with all loads of theirs."""
+        plain = all(load.plain for load in {id(load): load for load in loads}.values())
+        self._plain = self._commands(loads) if plain else None
 
     @final
     def end(self, taken: TicksTaken) -> None:
@@ -306,10 +313,6 @@ class _SectionHalves(SoftHalves):
         return done, ending
 
 
-def _are_plain(loads: Sequence[Loads]) -> bool:
-    return all(load.plain for load in {id(load): load for load in loads}.values())
-
-
 def rigid_share(ratio: float) -> float:
     """Return b, how much of what the film lags behind within a tick is carried all the same.
 
@@ -383,6 +386,7 @@ class StaggeredCoupling(Coupling):
         self.interface.scene.check()
         count = min(len(loads), self._halves.most)
         taken = self.interface.begin(count)
+        self._halves.begin(loads[:count])
         try:
             while taken.done < count:
                 self._go_on(taken, servos.some(taken.done, count), loads[taken.done : count])
