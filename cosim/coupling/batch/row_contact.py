@@ -124,7 +124,8 @@ class RowContact:
         row, exchange, interface = self._row, self._exchange, self._interface
         age, asks, remembered = (int(row.counts[place]) for place in (AGE, ASKS, REMEMBERED))
         exchange.bodies.loaded = np.flatnonzero(row.loaded)
-        exchange.memory = ContactMemory(*(part[:remembered].copy() for part in row.memory))  # type: ignore[arg-type]
+        if row.there:  # nothing is remembered otherwise, nor before
+            exchange.memory = ContactMemory(*(part[:remembered].copy() for part in row.memory))  # type: ignore[arg-type]
         if not half_done:  # otherwise all else is found anew
             self._take_over()
         self._mass.end_row(age - asks)
