@@ -19,7 +19,7 @@ SOURCES = sorted((ROOT / "cosim").rglob("*.py"))
 PYTHON_FILES = SOURCES + sorted((ROOT / "tests").rglob("*.py")) + sorted((ROOT / "benchmarks").rglob("*.py"))
 TEXT_SUFFIXES = {".py", ".toml", ".md", ".cff", ".urdf", ".yaml", ".yml", ".sh", ""}
 
-MAX_FILE_LINES = {"cosim": 300, "tests": 320, "benchmarks": 320}
+MAX_FILE_LINES = {"cosim": 600, "tests": 320, "benchmarks": 320}
 MAX_FUNCTION_LINES = 60
 
 

@@ -51,7 +51,7 @@ def negative_pivots(solver: NewtonSolver, equilibrium: Equilibrium) -> int:
 
 def _tangent(solver: NewtonSolver, equilibrium: Equilibrium) -> csc_matrix:
     system, state, loads = solver.system, equilibrium.state, equilibrium.loads
-    tension = system.segment_tension(state.positions, loads)
+    tension = system.segment_share(state.positions, loads)
     system.evaluate(state.positions, loads, tension, state.memory)
     return GeneralLU(system.tangent_pattern, solver.free).matrix(system.tangent_blocks)
 

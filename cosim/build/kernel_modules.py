@@ -38,11 +38,6 @@ def kernel_modules(scenario: Scenario) -> tuple[ModuleType, ...]:
         from cosim.soft.beams import ring_kernels
 
         modules += (ring_kernels,)
-    if scenario.mode == "dynamic" and scenario.fidelity not in ("section", "rigid"):
-        from cosim.soft.film import film_terms
-        from cosim.soft.solve import film_step
-
-        modules += (film_step, film_terms)
     if scenario.fidelity == "section":
         from cosim.reduced.sections import assembly, pressure_spline
         from cosim.reduced.sections import outputs as chain_figures

@@ -56,7 +56,7 @@ def assembled() -> tuple[SoftSystem, Mask]:
     free[body.tip[0], 2] = False  # and one component alone
     x, loads = body.positions, Loads((), (1.0, 1.0))
     bed = Inertia(np.full(body.nodes, 500.0), x)
-    system.evaluate(x, loads, system.segment_tension(x, loads), system.memory, inertia=bed)
+    system.evaluate(x, loads, system.segment_share(x, loads), system.memory, inertia=bed)
     return system, free
 
 

@@ -14,7 +14,7 @@ from cosim.config.loading import load_scenario
 from cosim.config.schema.scenario import Scenario
 from cosim.coupling.batch import film_lockstep
 from cosim.coupling.batch.film_lockstep import FilmLockstep
-from cosim.soft.solve.film_sides import FilmSides
+from cosim.soft.solve.newton import NewtonSolver
 from cosim.telemetry.snapshot import Snapshot
 from cosim.telemetry.tick_batch import TickBatch
 from tests.stepping.snapshots import assert_close
@@ -124,7 +124,8 @@ def test_rows_are_ticks_bit_for_bit_from_the_same_rigid_halves(
         path = path.with_name("loose.toml")
         path.write_text(SCENARIO + LOOSE, encoding="utf-8")
     if not inside:
-        monkeypatch.setattr(FilmSides, "_tangents", FilmSides._no_tangents)
+        none = property(lambda solver: lambda film: solver._no_tangents)
+        monkeypatch.setattr(NewtonSolver, "_tangents", none)
     wanted = scenario(path)
     rows, together = taken(build_simulation(wanted))
     with pytest.MonkeyPatch.context() as patch:

@@ -12,6 +12,8 @@ from cosim.soft.beams.beam_lanes import (
     BENT,
     BY_MEASURES,
     BY_TWIST,
+    COSINE,
+    COUNT,
     DIRECTION,
     DIRECTORS,
     LANES,
@@ -19,11 +21,13 @@ from cosim.soft.beams.beam_lanes import (
     MEASURES,
     PULL,
     SECOND,
+    SINE,
+    STRETCH,
     TWIST,
+    angle_factor,
+    fill_second,
     lane_of,
 )
-from cosim.soft.beams.beam_measures import angle_factor, fill_second
-from cosim.soft.beams.beam_work import COSINE, COUNT, SINE, STRETCH
 
 
 @device_function

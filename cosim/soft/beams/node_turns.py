@@ -19,8 +19,7 @@ from cosim.base.frames import Array, IntArray
 from cosim.base.kernels import CUBES, INDEX_TABLE, MATRIX, VECTOR, allocating, device_function
 from cosim.soft.beams.band_cholesky import BAND, backward, factorise, forward, place_in_band
 from cosim.soft.beams.beam import fill_hessians
-from cosim.soft.beams.beam_lanes import LANES, SIZE, differentiate
-from cosim.soft.beams.beam_work import BeamWork, beam_work
+from cosim.soft.beams.beam_lanes import LANES, SIZE, BeamWork, beam_work, differentiate
 from cosim.soft.beams.ring_lanes import accept, place_step, sum_lanes
 
 _STEPS_MAX = 100

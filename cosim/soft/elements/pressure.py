@@ -3,7 +3,7 @@
 V = sum over triangles of a . (b x c) / 6. A cap closes a hole ring by a fan to the ring's mean point c,
 which is no node:  V_cap = c . sum_i (r_i x r_i+1) / 6.
 Closed, the follower pressure is conservative and its stiffness symmetric.
-An open chamber (the paper's model) feels no cap force; its load has no energy. `add_cap_forces`
+An open chamber (the paper's model) feels no cap force; its load has no energy. `add_cap_force`
 subtracts what the caps contribute, so that each film node carries a third of its triangles' p A.
 """
 
@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numba import types
 
-from cosim.base.frames import Array, IntArray, cross, cross_matrix
+from cosim.base.frames import Array, IntArray, cross_matrix
 from cosim.base.kernels import (
     BLOCKS,
     INDEX_TABLE,
@@ -164,23 +164,41 @@ def add_cap(
     return volume
 
 
-def cap_force(positions: Array, ring: IntArray, pressure_Pa: float) -> Array:
-    """Return the pressure force (k, 3) [N] that a cap would put on its ring.
+@kernel(types.void(MATRIX, INDICES, REAL, MATRIX))
+def add_cap_force(x, ring, pressure, gradient):  # type: ignore[no-untyped-def]
+    """Add the pressure force [N] that a cap would put on its ring to the rows of the ring in gradient.
 
     Each fan triangle (c, r_i, r_i+1) gives a third of its p A to each corner; c's share is spread evenly.
 
     Args:
-        positions: (n, 3) [m].
+        x: (n, 3) [m].
         ring: (k,) nodes, ordered so that the fan's normal points out of the gas.
-        pressure_Pa: gauge pressure.
+        pressure: gauge [Pa].
+        gradient: (n, 3) [N].
     """
-    arm, following = _spokes(positions, ring)
-    share = pressure_Pa / 6.0 * cross(arm, arm[following])
-    return np.asarray(share.sum(axis=0) / len(ring) + share + share[following - 2])
+    count = ring.shape[0]
+    mean, total = small_vector(3), small_vector(3)
+    for r in range(3):
+        mean[r] = total[r] = 0.0
+        for i in range(count):
+            mean[r] += x[ring[i], r]
+        mean[r] /= count
+    for i in range(count):
+        a, b = ring[i], ring[(i + 1) % count]
+        for r in range(3):
+            s, t = (r + 1) % 3, (r + 2) % 3
+            here, there = (x[a, s] - mean[s], x[a, t] - mean[t]), (x[b, s] - mean[s], x[b, t] - mean[t])
+            share = pressure / 6.0 * (here[0] * there[1] - here[1] * there[0])
+            gradient[a, r] += share
+            gradient[b, r] += share
+            total[r] += share
+    for i in range(count):
+        for r in range(3):
+            gradient[ring[i], r] += total[r] / count
 
 
 def cap_stiffness(positions: Array, ring: IntArray, pressure_Pa: float) -> Array:
-    """Return the derivative (3 k, 3 k) [N/m] of `cap_force`, not symmetric."""
+    """Return the derivative (3 k, 3 k) [N/m] of `add_cap_force`, not symmetric."""
     (arm, following), count = _spokes(positions, ring), len(ring)
     this = following - 1
     left = pressure_Pa / 6.0 * np.einsum("rst,it->irs", _CROSS, arm)  # (k, 3, 3), arm x

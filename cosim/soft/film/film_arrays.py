@@ -65,7 +65,7 @@ class FilmArrays(NamedTuple):
     """Films, hinges, cables, beams, chambers and masses of one body.
 
     Args:
-        calls: (8,) addresses of the kernels.
+        calls: (9,) addresses of the kernels.
         triangles: (m, 3), film after film.
         shape_gradients: (m, 3, 2), see `Membranes`.
         areas: (m,) [m^2].
@@ -82,12 +82,13 @@ class FilmArrays(NamedTuple):
         angles: (2,), where the hinges' memory begins and ends.
         segments: (s, 2), of all cables.
         cable: (s,), of which each is.
-        ratio: (s,), its tension over that at the cable's base end.
+        routes: (cables + 1,), where the segments of each cable begin.
         beams: stiffeners.
         gas_triangles: (t, 3), chamber after chamber.
         rings: (r,), nodes of the caps, one after the other.
         caps: (caps + 1,), where each begins.
         chambers: (chambers + 1, 2), where the triangles and caps of each begin.
+        open: (caps,), 1 for those that carry no pressure, 0 for the others.
         mass: (n,) [kg].
         parts: (parts + 1, 6), of bodies that nothing couples: where nodes, films, hinges, segments, groups of
             beams and chambers of each begin.
@@ -112,12 +113,13 @@ class FilmArrays(NamedTuple):
     angles: IntArray
     segments: IntArray
     cable: IntArray
-    ratio: Array
+    routes: IntArray
     beams: FilmBeams
     gas_triangles: IntArray
     rings: IntArray
     caps: IntArray
     chambers: IntArray
+    open: IntArray
     mass: Array
     parts: IntArray
     no_slots: FilmSlots
@@ -129,8 +131,8 @@ SLOTS = types.NamedTuple((*(4 * [INDEX_TABLE]), *(4 * [INDICES])), FilmSlots)
 FILM = types.NamedTuple(
     (
         INDICES, INDEX_TABLE, BLOCKS, VECTOR, MATRIX, BLOCKS, INDICES, VECTOR, MATRIX, INDEX_TABLE,
-        INDEX_TABLE, VECTOR, VECTOR, VECTOR, INDICES, INDEX_TABLE, INDICES, VECTOR, _FILM_BEAMS, INDEX_TABLE,
-        INDICES, INDICES, INDEX_TABLE, VECTOR, INDEX_TABLE, SLOTS, BLOCKS,
+        INDEX_TABLE, VECTOR, VECTOR, VECTOR, INDICES, INDEX_TABLE, INDICES, INDICES, _FILM_BEAMS, INDEX_TABLE,
+        INDICES, INDICES, INDEX_TABLE, INDICES, VECTOR, INDEX_TABLE, SLOTS, BLOCKS,
     ),
     FilmArrays,
 )  # fmt: skip
@@ -151,3 +153,55 @@ class StepBed(NamedTuple):
 
 
 BED = types.NamedTuple((VECTOR, MATRIX, BOOLEAN), StepBed)
+
+
+class FilmLoads(NamedTuple):
+    """What acts on a film besides pressures, tensions and gravity, and what of that is dense in the tangent.
+
+    Args:
+        share: (s,), tension of each segment over that at its cable's base end, or, of a cable whose length is
+            commanded, its weight (see `cable_length`); losses as they were where a solution began.
+        length: (cables,) [m], the commanded ones, NaN where a tension is; empty where all are tensions.
+        spring: (cables,) [N/m], k m of those.
+        gas: (chambers, 4), of what is sealed in each: absolute pressure [Pa], volume [m^3], exponent, ambient
+            pressure; zero where the pressure is given; empty where it is in all.
+        force: (n, 3) [N], on the nodes; empty for none.
+        found: (chambers, 2), filled with gauge pressure [Pa] and volume [m^3] of each.
+        vectors: (cables + chambers, n, 3), filled with what a Hessian has of dense terms.
+        coefficients: (cables + chambers,), of these; 0 for none.
+    """
+
+    share: Array
+    length: Array
+    spring: Array
+    gas: Array
+    force: Array
+    found: Array
+    vectors: Array
+    coefficients: Array
+
+
+FILM_LOADS = types.NamedTuple((VECTOR, VECTOR, VECTOR, MATRIX, MATRIX, MATRIX, BLOCKS, VECTOR), FilmLoads)
+
+
+class FilmPoint(NamedTuple):
+    """A shape, and what the terms of a film fill in there.
+
+    Args:
+        x: (n, 3) [m].
+        memory: (values,), what elements remember of the last accepted state, see `Instant`.
+        tracked: (values,), filled with what they make of it.
+        gradient: (n, 3) [N], filled.
+        blocks: (b, 3, 3) [N/m], added to; empty for no Hessian.
+        pull: (s,) [N], scratch.
+    """
+
+    x: Array
+    memory: Array
+    tracked: Array
+    gradient: Array
+    blocks: Array
+    pull: Array
+
+
+FILM_POINT = types.NamedTuple((MATRIX, VECTOR, VECTOR, MATRIX, BLOCKS, VECTOR), FilmPoint)

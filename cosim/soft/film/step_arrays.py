@@ -4,15 +4,24 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+import numpy as np
 from numba import types
 
 from cosim.base.frames import Array, IntArray
 from cosim.base.kernels import BLOCKS, BOOLEAN, INDICES, MATRIX, REAL, VECTOR, device_function
-from cosim.soft.film.film_arrays import SLOTS, FilmSlots
+from cosim.soft.film.film_arrays import FILM_LOADS, SLOTS, FilmLoads, FilmSlots
 from cosim.soft.linear.secant_pairs import PAIRS, SecantPairs
 
-TO_DO, LEFT, TANGENTS, RESIDUAL, ENERGY = range(5)
+(
+    TO_DO, LEFT, TANGENTS, RESIDUAL, ENERGY, ASKS, TRIED, SEARCHES, TRIES, SHARE, SLOPE, PAIRS_KNOWN, AGAIN,
+    MOVED, SWEEPS, RUN,
+) = range(16)  # fmt: skip
 """What columns of `StepWork.parts` are."""
+NOTHING, EVALUATION, TANGENT, SOLUTION, EVALUATED, SOLVED, STUCK = range(7)
+"""What a part asks for: the potential where kernels do not know all terms, a step with a new tangent, one
+with a kept factorisation of a kind that they do not know; what it is given; that no share of it serves."""
+GOES_ON, BEGINS_STEP, BEGINS = range(3)
+"""How a call begins: where the last one ended; a step in time; a solution where the end of the motion is."""
 
 
 class StepNumbers(NamedTuple):
@@ -27,8 +36,11 @@ class StepNumbers(NamedTuple):
         tolerance: [N].
         start_tolerance: [N].
         reuse_rate: bound on a residual over the last one.
+        reuse_below: [N], residual above which new tangents are made.
         step_max: [m].
         halvings: of a step along a new tangent, at most.
+        potential: whether the loads have one.
+        complete: whether kernels know all terms.
     """
 
     two_steps: bool
@@ -39,8 +51,11 @@ class StepNumbers(NamedTuple):
     tolerance: float
     start_tolerance: float
     reuse_rate: float
+    reuse_below: float
     step_max: float
     halvings: int
+    potential: bool
+    complete: bool
 
 
 class StepMotion(NamedTuple):
@@ -73,13 +88,13 @@ class StepPlace(NamedTuple):
     """Where a call goes on.
 
     Args:
-        begins: whether the step does; otherwise the end of the motion, the gradient and `StepWork.parts` are
-            where it is.
+        begins: BEGINS_STEP, BEGINS, or GOES_ON where the end of the motion, the gradient and `StepWork.parts`
+            are.
         reuse_max: iterations of each part with a kept factorisation at most, in all calls of a step.
         tangents_max: new tangents of each part at most, in all calls of a step.
     """
 
-    begins: bool
+    begins: int
     reuse_max: int
     tangents_max: int
 
@@ -109,8 +124,12 @@ class StepWork(NamedTuple):
         pairs: of the steps with the kept factorisation.
         reference: (values,).
         pull: (segments,).
-        parts: (parts, 5) of which each has: whether it is to be solved, iterations with a kept factorisation
-            that are left, new tangents in the step, residual [N] and potential [J] where it is.
+        parts: (parts, 16) of which each has: whether it is to be solved, iterations with a kept factorisation
+            that are left, new tangents in the step, residual [N] and potential [J] where it is, what it asks
+            for, the potential [J] where it tries to go; whether it searches along a new tangent's step, how
+            often still, at what share of the step, and its slope [J]; pairs known, whether it tries once more
+            from where it is, whether it has moved, sweeps over folds, iterations with the kept factorisation.
+        more: loads that are not plain.
     """
 
     calls: IntArray
@@ -121,13 +140,16 @@ class StepWork(NamedTuple):
     reference: Array
     pull: Array
     parts: Array
+    more: FilmLoads
 
 
-NUMBERS = types.NamedTuple((BOOLEAN, *(8 * [REAL]), types.int64), StepNumbers)
-PLACE = types.NamedTuple((BOOLEAN, types.int64, types.int64), StepPlace)
+NUMBERS = types.NamedTuple((BOOLEAN, *(9 * [REAL]), types.int64, BOOLEAN, BOOLEAN), StepNumbers)
+PLACE = types.NamedUniTuple(types.int64, 3, StepPlace)  # as numba has it where all fields are alike
 NEW_TANGENTS = types.NamedTuple((SLOTS, BLOCKS, INDICES), NewTangents)
 MOTION = types.NamedTuple((*(4 * [MATRIX]), VECTOR, *(3 * [MATRIX]), VECTOR), StepMotion)
-WORK = types.NamedTuple((INDICES, MATRIX, BLOCKS, BLOCKS, PAIRS, VECTOR, VECTOR, MATRIX), StepWork)
+WORK = types.NamedTuple(
+    (INDICES, MATRIX, BLOCKS, BLOCKS, PAIRS, VECTOR, VECTOR, MATRIX, FILM_LOADS), StepWork
+)
 
 
 @device_function
@@ -151,3 +173,8 @@ def move(place, share, change, x):  # type: ignore[no-untyped-def]
     for i in range(x.shape[0]):
         for r in range(3):
             x[i, r] = place[i, r] + share * change[i, r]
+
+
+def room_for_parts(count: int) -> Array:
+    """Return room for what `StepWork` has of each of some parts."""
+    return np.zeros((count, RUN + 1))

@@ -6,7 +6,7 @@ Nodes begin to end of a body are one or more of its parts that nothing couples.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 from numba import types
@@ -36,12 +36,16 @@ def envelope_calls() -> IntArray:
     return np.array([address_of(called) for called in _CALLED])
 
 
+OUTSIDE: Final = 2
+"""Stands for a factorisation that is there, of another kind."""
+
+
 class KeptEnvelope(NamedTuple):
     """A factorisation by its envelope, and the flange's axes when each part of it was made.
 
     Args:
         calls: (4,), see `envelope_calls`.
-        there: (parts,), 1 where there is one, 0 for none.
+        there: (parts,), 1 where there is one, 0 for none, OUTSIDE for one of another kind.
         made: (parts,), how often a kernel has made each anew, or failed to.
         factor: see `EnvelopeArrays`.
         entries: see `EnvelopeEntries`.

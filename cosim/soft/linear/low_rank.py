@@ -11,7 +11,7 @@ entries (both count the inertia of one bordered matrix, by its two Schur complem
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Annotated, final
 
@@ -36,15 +36,10 @@ class LowRank:
     coefficients: Array
 
     @classmethod
-    def joined(cls, parts: Sequence[LowRank]) -> LowRank | None:
-        """Return all terms of several sums as one; None where there is none."""
-        parts = [part for part in parts if len(part.coefficients)]
-        if len(parts) <= 1:
-            return parts[0] if parts else None
-        return cls(
-            np.concatenate([part.vectors for part in parts]),
-            np.concatenate([part.coefficients for part in parts]),
-        )
+    def acting(cls, vectors: Array, coefficients: Array) -> LowRank | None:
+        """Return those of some terms that are not zero, as copies; None where all are."""
+        there = np.flatnonzero(coefficients)
+        return cls(vectors[there], coefficients[there]) if len(there) else None
 
     def matrix(self) -> Array:
         """Return the sum as a dense matrix (3 n, 3 n)."""
