@@ -20,9 +20,12 @@ def all_pairs(
     faces: FilmFaces, points: FilmPoints, x: Array, reach: float, behind: float
 ) -> set[tuple[int, int]]:
     """Return the pairs (point, triangle): of each other unit the nearest triangle, where the films face."""
-    place, outward, normals = points.outline(x)
-    direction = outward / np.linalg.norm(outward, axis=1)[:, None]
+    place = np.einsum("pa,par->pr", points.weights, x[points.nodes])
     a, b, c = x[faces.triangles].transpose(1, 0, 2)
+    areas, outward = np.cross(b - a, c - a), np.zeros_like(place)
+    np.add.at(outward, points.on_triangle, areas[:, None])
+    normals = areas / np.linalg.norm(areas, axis=1)[:, None]
+    direction = outward / np.linalg.norm(outward, axis=1)[:, None]
     found = set()
     for p, y in enumerate(place):
         kind = faces.relation[points.home[p, 0], faces.face]

@@ -6,38 +6,16 @@ So a point on a seam or in a valley has the normal of one film, and touches what
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import final
 
 import numpy as np
 
 from cosim.base.frames import Array, IntArray
-from cosim.base.kernels import INDEX_TABLE, MATRIX, kernel
 from cosim.soft.contact.self_contact_faces import FilmFaces
 from cosim.soft.geometry.surface import triangle_area
 
 _CORNER, _MIDPOINT, _CENTROID = 1.0 / 20.0, 2.0 / 15.0, 9.0 / 20.0  # as in `contact_surface`
-
-
-@kernel((MATRIX, INDEX_TABLE, MATRIX, INDEX_TABLE, INDEX_TABLE, MATRIX, MATRIX, MATRIX))
-def _outline(x, nodes, weights, triangles, points, place, outward, normals):  # type: ignore[no-untyped-def]
-    """Fill place and outer normal (not of unit length) of each point, unit normal of each triangle."""
-    outward[:] = 0.0
-    for p in range(nodes.shape[0]):
-        for r in range(3):
-            place[p, r] = 0.0
-            for a in range(3):
-                place[p, r] += weights[p, a] * x[nodes[p, a], r]
-    for t in range(triangles.shape[0]):
-        a, b, c = triangles[t, 0], triangles[t, 1], triangles[t, 2]
-        for r in range(3):
-            s, q = (r + 1) % 3, (r + 2) % 3
-            area = (x[b, s] - x[a, s]) * (x[c, q] - x[a, q]) - (x[b, q] - x[a, q]) * (x[c, s] - x[a, s])
-            normals[t, r] = area
-            for k in range(points.shape[1]):
-                outward[points[t, k], r] += area
-        size = np.sqrt(normals[t, 0] ** 2 + normals[t, 1] ** 2 + normals[t, 2] ** 2)
-        for r in range(3):
-            normals[t, r] /= size
 
 
 @final
@@ -103,17 +81,9 @@ class FilmPoints:
     def __len__(self) -> int:
         return len(self.nodes)
 
-    def outline(self, positions: Array) -> tuple[Array, Array, Array]:
-        """Return places (p, 3) [m] and normals (p, 3) of the points, and unit normals (m, 3) of the film.
-
-        All point out of the gas; those of the points are not of unit length.
-
-        Args:
-            positions: (n, 3) [m], of the nodes.
-        """
-        place, outward = np.empty((len(self), 3)), np.empty((len(self), 3))
-        normals = np.empty((len(self.triangles), 3))
-        _outline(
-            positions, self.nodes, self.weights, self.triangles, self.on_triangle, place, outward, normals
-        )
-        return place, outward, normals
+    @cached_property
+    def around(self) -> tuple[IntArray, IntArray]:
+        """Where those of each point begin (p + 1,), and the triangles around the points, ascending."""
+        order = np.argsort(self.on_triangle.ravel(), kind="stable")
+        count = np.bincount(self.on_triangle.ravel(), minlength=len(self))
+        return np.cumsum([0, *count], dtype=np.int64), order // self.on_triangle.shape[1]

@@ -37,6 +37,13 @@ def measure_sides(x, triangles, sides):  # type: ignore[no-untyped-def]
 
 
 @device_function
+def over_plane(side, x, y, z):  # type: ignore[no-untyped-def]
+    """Return a point's distance from a triangle's plane."""
+    x, y, z = x - side[0], y - side[1], z - side[2]
+    return side[3] * x + side[4] * y + side[5] * z
+
+
+@device_function
 def over_side(side, x, y, z):  # type: ignore[no-untyped-def]
     """Return a point's distance from a triangle's plane, and the least weight of its foot."""
     x, y, z = x - side[0], y - side[1], z - side[2]
@@ -70,8 +77,11 @@ def _shorten(sides, place, first, listed, room, behind, motion, start, kept):  #
         start[p] = count
         for entry in range(first[p], first[p + 1]):
             t = listed[entry]
-            d, weight = over_side(sides[t], place[p, 0], place[p, 1], place[p, 2])
-            if weight >= lowest[t] and -behind - across <= d <= room + across:
+            d = over_plane(sides[t], place[p, 0], place[p, 1], place[p, 2])  # which most are too far from
+            if not -behind - across <= d <= room + across:
+                continue
+            _, weight = over_side(sides[t], place[p, 0], place[p, 1], place[p, 2])
+            if weight >= lowest[t]:
                 kept[count] = t
                 count += 1
     start[place.shape[0]] = count

@@ -13,17 +13,11 @@ from numba import types
 
 from cosim.base.frames import Array, IntArray, Mask
 from cosim.base.kernel_calls import address_of, caller
-from cosim.base.kernels import BLOCKS, INDEX_TABLE, INDICES, MASKS, PLACES, VECTOR, device_function
-from cosim.soft.linear.envelope_cholesky import (
-    NODE,
-    SOLVED,
-    STORED,
-    TILED,
-    EnvelopeArrays,
-    EnvelopeEntries,
-)
-from cosim.soft.linear.envelope_kernels import factorise, substitute
+from cosim.base.kernels import BLOCKS, INDEX_TABLE, INDICES, MASKS, MATRIX, PLACES, VECTOR, device_function
+from cosim.soft.linear.envelope_cholesky import NODE, SOLVED, STORED, TILED, EnvelopeEntries
+from cosim.soft.linear.envelope_kernels import factorise, substitute, turned
 from cosim.soft.linear.kept_factor import EXTRA_MAX
+from cosim.soft.linear.linear_solver import EnvelopeArrays
 from cosim.soft.linear.secant_pairs import bend_load, mend_step
 
 _CALLED = (substitute, factorise, bend_load, mend_step)
@@ -50,7 +44,11 @@ class KeptEnvelope(NamedTuple):
         factor: see `EnvelopeArrays`.
         entries: see `EnvelopeEntries`.
         extra: (parts,), iterations with each beyond one a step; see `EXTRA_MAX`.
-        frame: (parts, 3, 3), world from flange.
+        frame: (parts, 3, 3), world from flange; of all the same where dense terms go beside the factor.
+        vectors: (k, 3 n), W of these, see `Correction`.
+        inner: (k, k), N.
+        scratch: (1, n, 3).
+        share: (1, k).
         free: (n, 3), components that move.
     """
 
@@ -61,12 +59,19 @@ class KeptEnvelope(NamedTuple):
     entries: EnvelopeEntries
     extra: IntArray
     frame: Array
+    vectors: Array
+    inner: Array
+    scratch: Array
+    share: Array
     free: Mask
 
 
 _FACTOR = types.NamedTuple((VECTOR, PLACES, PLACES, VECTOR, INDICES, INDEX_TABLE), EnvelopeArrays)
 _ENTRIES = types.NamedTuple((PLACES, PLACES, PLACES, INDEX_TABLE), EnvelopeEntries)
-KEPT = types.NamedTuple((INDICES, INDICES, INDICES, _FACTOR, _ENTRIES, INDICES, BLOCKS, MASKS), KeptEnvelope)
+KEPT = types.NamedTuple(
+    (INDICES, INDICES, INDICES, _FACTOR, _ENTRIES, INDICES, BLOCKS, MATRIX, MATRIX, BLOCKS, MATRIX, MASKS),
+    KeptEnvelope,
+)
 
 
 @device_function
@@ -104,6 +109,68 @@ def count_extra(kept, iterations, begin, end):  # type: ignore[no-untyped-def]
 
 
 @device_function
+def _substitute_parts(kept, flange, turn, begin, end, solution):  # type: ignore[no-untyped-def]
+    """Solve in place with the factor of nodes begin to end; turned to the flange unless that is empty."""
+    factor = kept.factor
+    for k in range(kept.there.shape[0]):
+        a, b = factor.parts[k], factor.parts[k + 1]
+        if not begin <= a[NODE] < end:
+            continue
+        if flange.shape[0] > 0:
+            _turn_since(kept.frame[k], flange, turn)
+        own = solution[0, a[NODE] : b[NODE]].reshape((1, b[NODE] - a[NODE], 3))
+        _substitute(
+            kept.calls[_SUBSTITUTE],
+            (
+                factor.store[a[STORED] : b[STORED]], factor.start[a[TILED] : b[TILED]],
+                factor.first[a[TILED] : b[TILED]], factor.inverse[4 * a[TILED] : 4 * b[TILED]],
+                factor.dofs[a[SOLVED] : b[SOLVED]], turn, own,
+            ),
+        )  # fmt: skip
+
+
+@device_function
+def _solve_dense(kept, flange, turn, solution):  # type: ignore[no-untyped-def]
+    """Solve in place with the factor and the dense terms beside it, of all nodes; see `Correction`."""
+    load, y, count = kept.scratch[0], solution[0].reshape(solution[0].size), kept.inner.shape[0]
+    _turn_since(kept.frame[0], flange, turn)
+    turned(solution[0], turn)
+    for i in range(load.shape[0]):
+        for r in range(3):
+            load[i, r] = solution[0, i, r]
+    _set_straight(turn)
+    end = load.shape[0]
+    _substitute_parts(kept, flange[:0], turn, 0, end, solution)
+    for k in range(count):
+        kept.share[0, k] = 0.0
+        for i in range(y.shape[0]):
+            kept.share[0, k] += kept.vectors[k, i] * y[i]
+    flat = load.reshape(load.size)
+    for k in range(count):
+        share = 0.0
+        for m in range(count):
+            share += kept.inner[k, m] * kept.share[0, m]
+        if share != 0.0:
+            for i in range(y.shape[0]):
+                flat[i] -= share * kept.vectors[k, i]
+    for i in range(y.shape[0]):
+        y[i] = flat[i]
+    _substitute_parts(kept, flange[:0], turn, 0, end, solution)
+    _turn_since(kept.frame[0], flange, turn)
+    for r in range(3):
+        for c in range(r):
+            turn[r, c], turn[c, r] = turn[c, r], turn[r, c]
+    turned(solution[0], turn)
+
+
+@device_function
+def _set_straight(turn):  # type: ignore[no-untyped-def]
+    for r in range(3):
+        for c in range(3):
+            turn[r, c] = 1.0 if r == c else 0.0
+
+
+@device_function
 def solve_kept(kept, flange, turn, pairs, count, begin, end, gradient, solution):  # type: ignore[no-untyped-def]
     """Fill the solution of nodes begin to end, corrected by some pairs; return its largest component.
 
@@ -120,22 +187,12 @@ def solve_kept(kept, flange, turn, pairs, count, begin, end, gradient, solution)
         gradient: (n, 3) [N], of all nodes.
         solution: (1, n, 3) [m], of all nodes; filled.
     """
-    found, longest, factor = solution[0, begin:end], 0.0, kept.factor
+    found, longest = solution[0, begin:end], 0.0
     _bend_load(kept.calls[_BEND], (pairs, count, gradient[begin:end], found))
-    for k in range(kept.there.shape[0]):
-        a, b = factor.parts[k], factor.parts[k + 1]
-        if not begin <= a[NODE] < end:
-            continue
-        _turn_since(kept.frame[k], flange, turn)
-        own = solution[0, a[NODE] : b[NODE]].reshape((1, b[NODE] - a[NODE], 3))
-        _substitute(
-            kept.calls[_SUBSTITUTE],
-            (
-                factor.store[a[STORED] : b[STORED]], factor.start[a[TILED] : b[TILED]],
-                factor.first[a[TILED] : b[TILED]], factor.inverse[4 * a[TILED] : 4 * b[TILED]],
-                factor.dofs[a[SOLVED] : b[SOLVED]], turn, own,
-            ),
-        )  # fmt: skip
+    if kept.inner.shape[0] > 0:
+        _solve_dense(kept, flange, turn, solution)
+    else:
+        _substitute_parts(kept, flange, turn, begin, end, solution)
     _mend_step(kept.calls[_MEND], (pairs, count, found))
     for i in range(found.shape[0]):
         for r in range(3):

@@ -4,21 +4,40 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import Annotated, Any, final
+from typing import Annotated, Any, NamedTuple, final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.base.frames import Array, IntArray, Mask
-from cosim.base.state_check import check_indices
+from cosim.base.frames import Array, IntArray, Mask, PlaceArray
 from cosim.errors import InputError
-from cosim.soft.linear.low_rank import LowRank, LowRankCorrection
+from cosim.soft.linear.low_rank import Correction, LowRank
 from cosim.soft.linear.pattern import BlockPattern
 
 
 def by_component(mask: Mask) -> Mask:
     """Return a mask of nodes (n,) as one of components (n, 3); one of components as it is."""
     return np.repeat(mask[:, None], 3, axis=1) if mask.ndim == 1 else mask
+
+
+class EnvelopeArrays(NamedTuple):
+    """A factor as `substitute` takes it, part after part.
+
+    Args:
+        store: entries of L.
+        start: where each tile's rows begin in its part's entries.
+        first: first tile of each, of its part.
+        inverse: reciprocal diagonal.
+        dofs: component of each equation, of its part's nodes.
+        parts: (parts + 1, 4), where the nodes, entries, tiles and equations of each begin.
+    """
+
+    store: Array
+    start: PlaceArray
+    first: PlaceArray
+    inverse: Array
+    dofs: IntArray
+    parts: IntArray
 
 
 @final
@@ -32,7 +51,7 @@ class FactorState:
     """
 
     parts: tuple[Annotated[NDArray[Any], ("*",)], ...]
-    correction: LowRankCorrection | None
+    correction: Correction | None
 
 
 class LinearSolver(ABC):
@@ -50,7 +69,7 @@ class LinearSolver(ABC):
         self.free: Mask = by_component(free)
         self.free_nodes: IntArray = np.flatnonzero(self.free.any(axis=1))
         self.size = int(self.free.sum())
-        self._correction: LowRankCorrection | None = None
+        self._correction: Correction | None = None
 
     def factor(self, blocks: Array, shift: float = 0.0, low_rank: LowRank | None = None) -> bool:
         """Factorise; False when the matrix is not positive definite (where the method can tell).
@@ -64,11 +83,19 @@ class LinearSolver(ABC):
         if not self._factorise(blocks, shift):
             return False
         if low_rank is not None and low_rank.coefficients.any():
-            correction = LowRankCorrection.of(low_rank, self._solve_sparse)
-            if not correction.definite:
-                return False
-            self._correction = correction
+            self._correction = Correction.of(low_rank, self._product)
+            return self._correction is not None
         return True
+
+    @property
+    def correction(self) -> Correction | None:
+        """By the dense terms; None without any."""
+        return self._correction
+
+    @property
+    def envelope(self) -> EnvelopeArrays | None:
+        """The sparse factor, where it is one that kernels know."""
+        return None
 
     @property
     def apart(self) -> IntArray:
@@ -94,16 +121,16 @@ class LinearSolver(ABC):
         """
         if self._correction is None:
             return self._solve_turned(load, turn)
-        solution = np.asarray(self._solve_sparse((load if turn is None else load @ turn)[None])[0])
-        self._correction.apply(solution)
+        own = load if turn is None else load @ turn
+        solution = np.asarray(self.solve_all(own[None])[0])
         return solution if turn is None else solution @ turn.T
 
     def solve_all(self, loads: Array) -> Array:
         """Return the displacements (k, n, 3) [m] under k loads (k, n, 3) [N]; zero where clamped."""
         solutions = np.ascontiguousarray(self._solve_sparse(loads))
         if self._correction is not None:
-            for solution in solutions:
-                self._correction.apply(solution)
+            answered = np.array([self._correction.load(solution) for solution in solutions])
+            solutions = np.ascontiguousarray(self._solve_sparse(loads - answered))
         return solutions
 
     def save_state(self) -> FactorState:
@@ -115,10 +142,13 @@ class LinearSolver(ABC):
         correction = state.correction
         if correction is not None and correction.vectors.shape[1] != 3 * self.pattern.nodes:
             raise InputError("the saved correction of a factorisation is of another body")
-        if correction is not None and correction.inner is not None:
-            check_indices(correction.inner[1], len(correction.vectors), "dense terms")
         self._correction = correction
         self._take_factor(state.parts)
+
+    def _product(self, vectors: Array) -> Array:
+        """Return W S^-1 W^T (k, k) of W (k, 3 n), S the sparse part."""
+        loads = vectors.reshape(len(vectors), -1, 3)
+        return np.asarray(vectors @ self._solve_sparse(loads).reshape(len(vectors), -1).T)
 
     def _solve_turned(self, load: Array, turn: Array | None) -> Array:
         """Return what `solve` does without dense terms."""

@@ -1,12 +1,13 @@
-"""Dense terms of low rank beside a sparse matrix: A = S + sum_k c_k v_k v_k^T.
+"""Dense terms of low rank beside a sparse matrix: A = S + W^T M W.
 
-They never enter the sparse factor of S. With w_k = |c_k|^1/2 v_k, the signs s_k of c_k, Z = S^-1 W and
-H = diag(s) + W^T Z the solution of A x = b is
+They never enter the sparse factor of S. With G = W S^-1 W^T and N = (1 + M G)^-1 M the solution of A x = b is
 
-    x = y - Z H^-1 W^T y,   y = S^-1 b   (Sherman, Morrison and Woodbury).
+    x = S^-1 (b - W^T N W S^-1 b)   (Sherman, Morrison and Woodbury).
 
-Where S is positive definite, so is A if and only if H has as many negative eigenvalues as c has negative
-entries (both count the inertia of one bordered matrix, by its two Schur complements).
+Symmetric terms sum_k c_k v_k v_k^T are w_k = |c_k|^1/2 v_k with the signs s_k of c_k on the diagonal of M, so
+that N is the inverse of H = diag(s) + G. Where S is positive definite, so is A if and only if H has as many
+negative eigenvalues as c has negative entries (both count the inertia of one bordered matrix, by its two
+Schur complements).
 """
 
 from __future__ import annotations
@@ -16,8 +17,6 @@ from dataclasses import dataclass
 from typing import Annotated, final
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.linalg import lu_factor, lu_solve
 
 from cosim.base.frames import Array
 
@@ -49,46 +48,46 @@ class LowRank:
 
 @final
 @dataclass(frozen=True)
-class LowRankCorrection:
+class Correction:
     """Corrects solutions with S to solutions with A.
 
     Args:
-        vectors: (k, 3 n), w_k.
-        answers: (k, 3 n), S^-1 w_k.
-        inner: LU factor of H and its pivots; None where A is not positive definite.
+        vectors: (k, 3 n), W.
+        inner: (k, k), N.
     """
 
     vectors: Annotated[Array, ("k", "m")]
-    answers: Annotated[Array, ("k", "m")]
-    inner: tuple[Annotated[Array, ("k", "k")], Annotated[NDArray[np.int32], ("k",)]] | None
+    inner: Annotated[Array, ("k", "k")]
 
     @classmethod
-    def of(cls, terms: LowRank, solve: Callable[[Array], Array]) -> LowRankCorrection:
-        """Return the correction by some terms.
+    def of(cls, terms: LowRank, product: Callable[[Array], Array]) -> Correction | None:
+        """Return the correction by symmetric terms; None where A is not positive definite, if S is.
 
         Args:
             terms: to add to S; not all zero.
-            solve: returns S^-1 applied to each of (k, n, 3) loads.
+            product: returns W S^-1 W^T (k, k) of W (k, 3 n).
         """
-        coefficients, vectors, answers, inner = _bordered(terms, solve)
-        definite = bool(np.isfinite(inner).all()) and bool(
-            (np.linalg.eigvalsh(inner) <= 0.0).sum() == (coefficients < 0.0).sum()
-        )
-        if not definite:
-            return cls(vectors, answers, None)
-        factor, pivots = lu_factor(inner, check_finite=False)
-        return cls(vectors, answers, (np.ascontiguousarray(factor), pivots))
+        coefficients, vectors, inner = _bordered(terms, product)
+        negative = (coefficients < 0.0).sum()
+        if not np.isfinite(inner).all() or (np.linalg.eigvalsh(inner) <= 0.0).sum() != negative:
+            return None
+        return cls(vectors, np.asarray(np.linalg.inv(inner), np.float64))
 
-    @property
-    def definite(self) -> bool:
-        """Whether A is positive definite, if S is."""
-        return self.inner is not None
+    @classmethod
+    def unsymmetric(
+        cls, vectors: Array, middle: Array, product: Callable[[Array], Array]
+    ) -> Correction | None:
+        """Return the correction by W (k, 3 n) and M (k, k); None where A is singular."""
+        try:
+            found = np.linalg.solve(np.eye(len(middle)) + middle @ product(vectors), middle)
+        except np.linalg.LinAlgError:
+            return None
+        return cls(vectors, np.asarray(found, np.float64)) if np.isfinite(found).all() else None
 
-    def apply(self, solution: Array) -> None:
-        """Turn y = S^-1 b (n, 3) into A^-1 b, in place."""
-        assert self.inner is not None, "only a definite sum is solved with"
-        share = lu_solve(self.inner, self.vectors @ solution.ravel(), check_finite=False)
-        solution -= (share @ self.answers).reshape(solution.shape)
+    def load(self, solution: Array) -> Array:
+        """Return W^T N W y (n, 3) of y = S^-1 b (n, 3)."""
+        share = self.inner @ (self.vectors @ solution.ravel())
+        return np.asarray((share @ self.vectors).reshape(solution.shape))
 
 
 def negative_added(terms: LowRank, solve: Callable[[Array], Array]) -> int:
@@ -103,16 +102,19 @@ def negative_added(terms: LowRank, solve: Callable[[Array], Array]) -> int:
     """
     if not terms.coefficients.any():
         return 0
-    coefficients, _, _, inner = _bordered(terms, solve)
+
+    def product(vectors: Array) -> Array:
+        return np.asarray(vectors @ solve(vectors.reshape(len(vectors), -1, 3)).reshape(len(vectors), -1).T)
+
+    coefficients, _, inner = _bordered(terms, product)
     return int((np.linalg.eigvalsh(inner) > 0.0).sum()) - int((coefficients > 0.0).sum())
 
 
-def _bordered(terms: LowRank, solve: Callable[[Array], Array]) -> tuple[Array, Array, Array, Array]:
-    """Return c (k,) without zeros, w (k, 3 n), S^-1 w (k, 3 n) and H (k, k)."""
+def _bordered(terms: LowRank, product: Callable[[Array], Array]) -> tuple[Array, Array, Array]:
+    """Return c (k,) without zeros, w (k, 3 n) and H (k, k)."""
     acting = terms.coefficients != 0.0
     coefficients = terms.coefficients[acting]
     scaled = np.sqrt(np.abs(coefficients))[:, None, None] * terms.vectors[acting]
-    answers = solve(scaled).reshape(len(coefficients), -1)
-    vectors = scaled.reshape(len(coefficients), -1)
-    inner = vectors @ answers.T
-    return coefficients, vectors, answers, 0.5 * (inner + inner.T) + np.diag(np.sign(coefficients))
+    vectors = np.ascontiguousarray(scaled.reshape(len(coefficients), -1))
+    inner = product(vectors)
+    return coefficients, vectors, 0.5 * (inner + inner.T) + np.diag(np.sign(coefficients))

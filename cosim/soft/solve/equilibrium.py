@@ -158,6 +158,7 @@ class EquilibriumSolver:
         return Equilibrium(
             SoftState.at_rest(result.positions, memory, touching), world_from_flange, loads, wrench,
             result.residual_N, result.iterations, result.potential_J, result.shifted,
+            negative_pivots=result.negative_pivots,
         )  # fmt: skip
 
     def hang(

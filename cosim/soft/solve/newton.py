@@ -7,7 +7,7 @@ indefinite, and terms that kernels do not know.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import final
 
@@ -41,10 +41,11 @@ from cosim.soft.film.step_arrays import (
     StepWork,
     room_for_parts,
 )
-from cosim.soft.linear.envelope_cholesky import NODE, EnvelopeArrays, EnvelopeCholesky
+from cosim.soft.linear.envelope_cholesky import NODE, EnvelopeCholesky
+from cosim.soft.linear.general_lu import negative_pivots
 from cosim.soft.linear.kept_envelope import KEPT, OUTSIDE, KeptEnvelope, envelope_calls
 from cosim.soft.linear.kept_factor import KeptFactor, NewtonState, nothing_kept
-from cosim.soft.linear.linear_solver import LinearSolver, by_component
+from cosim.soft.linear.linear_solver import EnvelopeArrays, LinearSolver, by_component
 from cosim.soft.linear.multifrontal_cholesky import cholesky
 from cosim.soft.linear.pattern import BlockPattern, check_widened
 from cosim.soft.linear.secant_pairs import SecantPairs, bend_load, mend_step
@@ -181,7 +182,13 @@ class NewtonSolver:
             reference = motion.new_memory.copy()
             system.evaluate(x, loads, share, reference, inertia=inertia, hessian=False)
             motion.new_memory[:] = system.memory
-        return solution.result(outcome)
+        found = solution.result(outcome)
+        if inertia is not None or not system.conservative or not found.converged:
+            return found
+        # a factor that is kept is of a positive definite tangent on the way
+        definite = all(kept is not None and kept.kind == kind for kept in self._kept)
+        count = 0 if definite else self.negative_pivots(x, motion.new_memory.copy(), loads)
+        return replace(found, negative_pivots=count)
 
     def numbers(
         self, options: NewtonOptions, loads: Loads, step: tuple[bool, float, float, float, float] = _STATICS
@@ -291,6 +298,22 @@ class NewtonSolver:
         point = FilmPoint(x, work.reference, system.memory, system.gradient, system.blocks, work.pull)
         film_terms(side.film, system.slots, acting, part, point)
 
+    def negative_pivots(self, positions: Array, memory: Array, loads: Loads) -> int:
+        """Return how many negative eigenvalues the tangent of the free components has in statics.
+
+        Sealed gas and commanded lengths count as well. The factorisation in store stays.
+
+        Args:
+            positions: (n, 3) [m].
+            memory: (values,), what the elements remember there.
+            loads: that act, and have a potential.
+        """
+        system = self.system
+        gradient, tracked = system.gradient.copy(), system.memory.copy()
+        system.evaluate(positions, loads, system.segment_share(positions, loads), memory)
+        system.gradient[:], system.memory[:] = gradient, tracked
+        return negative_pivots(system.tangent_pattern, self.free, system.tangent_blocks, system.low_rank)
+
     def factorise(
         self, positions: Array, memory: Array, loads: Loads, inertia: Inertia | None, frame: Array
     ) -> bool:
@@ -364,22 +387,33 @@ class NewtonSolver:
         linear, parts, envelope = self.linear, self._kept, self.envelope
         there = [kept is not None and kept.kind == kind for kept in parts]
         extra = np.array([0 if kept is None else kept.extra for kept in parts])
-        if not isinstance(linear, EnvelopeCholesky) or envelope is None:
+        if envelope is None:
             # of a kind that the kernel does not know it asks for the solutions; never of a part
             outside = np.array([OUTSIDE if all(there) else 0])
             return self._nothing_kept._replace(there=outside, extra=extra[:1])
         frames = np.array([np.eye(3) if kept is None else kept.frame for kept in parts])
         counts = np.array(there, np.int64), np.zeros(len(parts), np.int64)
-        return KeptEnvelope(self._envelope_calls, *counts, envelope, linear.entries, extra, frames, self.free)
+        entries = linear.entries if isinstance(linear, EnvelopeCholesky) else self._nothing_kept.entries
+        dense, correction = self._no_dense, linear.correction
+        if correction is not None:
+            room = np.empty((1, *self.free.shape)), np.empty((1, len(correction.inner)))
+            dense = (correction.vectors, correction.inner, *room)
+        return KeptEnvelope(
+            self._envelope_calls, *counts, envelope, entries, extra, frames, *dense, self.free
+        )  # fmt: skip
 
     @property
     def envelope(self) -> EnvelopeArrays | None:
         """The factorisation in store where the kernel knows its kind."""
-        return self.linear.envelope if isinstance(self.linear, EnvelopeCholesky) else None
+        return self.linear.envelope
 
     @cached_property
     def _envelope_calls(self) -> IntArray:
         return envelope_calls()
+
+    @cached_property
+    def _no_dense(self) -> tuple[Array, Array, Array, Array]:
+        return np.zeros((0, 0)), np.zeros((0, 0)), np.zeros((0, 0, 0)), np.zeros((0, 0))
 
     @cached_property
     def _nothing_kept(self) -> KeptEnvelope:
@@ -394,7 +428,7 @@ class NewtonSolver:
     def _tangents(self, film: FilmArrays) -> NewTangents:
         """Where the kernel makes new tangents; nothing where it cannot, or a saved state holds the factor."""
         linear, system = self.linear, self.system
-        if not isinstance(linear, EnvelopeCholesky) or linear.lent or linear.envelope is None:
+        if not isinstance(linear, EnvelopeCholesky) or linear.lent or linear.correction is not None:
             return self._no_tangents
         if linear.pattern is not system.pattern or not system.conservative or not system.complete:
             return self._no_tangents

@@ -95,9 +95,8 @@ class FilmSides:
         numbers = self._solver.numbers(options.whole, loads, step)
         inertia = Inertia(scheme.inertia, self._target, step_s, options.closely)
         coupled = loads.self_contact is not None or any(loads.gas) or any(loads.cable_length_m)
-        return NewtonTask(
-            loads, share, inertia, scheme.kind, numbers, self._clamp.held, numbers.complete and not coupled
-        )
+        apart = numbers.complete and numbers.potential and not coupled
+        return NewtonTask(loads, share, inertia, scheme.kind, numbers, self._clamp.held, apart)
 
     def of(self, scheme: StepScheme, step_s: float) -> FilmSide:
         """Return what the kernel takes for steps of a scheme under plain loads.

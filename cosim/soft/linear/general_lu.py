@@ -1,4 +1,4 @@
-"""General LU factors, for the tangent of a body with open ends."""
+"""General LU factors: for tangents that are not symmetric, and to count negative pivots of those that are."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from scipy.sparse.linalg import SuperLU, splu
 from cosim.base.frames import Array, IntArray, Mask
 from cosim.errors import InputError
 from cosim.soft.linear.linear_solver import LinearSolver, equations, lower_entries, numbering
+from cosim.soft.linear.low_rank import LowRank, negative_added
 from cosim.soft.linear.pattern import BlockPattern
 
 
@@ -77,3 +78,24 @@ class GeneralLU(LinearSolver):
         result = np.zeros((count, 3 * self.pattern.nodes))
         result[:, self._dofs] = self._factor.solve(loads.reshape(count, -1)[:, self._dofs].T).T
         return result.reshape(count, -1, 3)
+
+
+def negative_pivots(pattern: BlockPattern, free: Mask, blocks: Array, low_rank: LowRank | None) -> int:
+    """Return how many negative eigenvalues a symmetric matrix of the free components has.
+
+    LU with a symmetric ordering and pivots from the diagonal gives L D L^T; the signs of D count (Sylvester's
+    law of inertia), and dense terms by `negative_added`.
+
+    Args:
+        pattern: of the whole body.
+        free: (n, 3) bool, components that move.
+        blocks: (pattern.blocks, 3, 3) [N/m].
+        low_rank: dense terms, or None.
+    """
+    solver = GeneralLU(pattern, free)
+    solver._factor = factor = splu(
+        solver.matrix(blocks), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0,
+        options={"SymmetricMode": True},
+    )  # fmt: skip
+    count = int((factor.U.diagonal() < 0.0).sum())
+    return count if low_rank is None else count + negative_added(low_rank, solver._solve_sparse)
