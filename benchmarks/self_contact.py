@@ -23,10 +23,10 @@ import numpy as np
 from benchmarks.measure.calls import least_ms
 from cosim.base.frames import Array
 from cosim.soft.contact.contact_law import ContactLaw
-from cosim.soft.contact.self_contact_feet import feet
+from cosim.soft.contact.point_kernels import feet
 from cosim.soft.contact.self_contact_pairs import FilmPairs
 from cosim.soft.linear.envelope_cholesky import EnvelopeCholesky
-from cosim.soft.linear.low_rank import LowRank
+from cosim.soft.linear.linear_solver import LowRank
 from cosim.soft.linear.pattern import CoupledPattern
 from cosim.soft.solve.equilibrium import EquilibriumSolver
 from cosim.soft.solve.newton_options import NewtonOptions

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from cosim.base.frames import Array, rotation_from_vector
-from cosim.soft.contact.self_contact_faces import FilmFaces, Relation
-from cosim.soft.contact.self_contact_motion import UnitMotion
-from cosim.soft.contact.self_contact_points import FilmPoints
+from cosim.soft.contact.self_contact_candidates import UnitMotion
+from cosim.soft.contact.self_contact_faces import FilmFaces, FilmPoints, Relation
 from cosim.soft.contact.self_contact_search import FilmSearch
 from tests.soft.bodies import hexagon_arm, inflated_positions
 

@@ -17,11 +17,10 @@ from cosim.soft.body.body import SoftBody
 from cosim.soft.body.copies import around_axis, copies
 from cosim.soft.contact.contact_law import ContactLaw
 from cosim.soft.contact.contact_points import ContactSurface
-from cosim.soft.film.film_arrays import CHAMBERS, HINGES, NODES, SEGMENTS
+from cosim.soft.film.step_arrays import CHAMBERS, HINGES, NODES, SEGMENTS
 from cosim.soft.linear.envelope_cholesky import EnvelopeCholesky
-from cosim.soft.linear.kept_envelope import KeptEnvelope
-from cosim.soft.linear.pattern import BlockPattern
-from cosim.soft.linear.ranges_apart import ranges_apart
+from cosim.soft.linear.kept_factor import KeptEnvelope
+from cosim.soft.linear.pattern import BlockPattern, ranges_apart
 from cosim.soft.solve import assembly
 from cosim.soft.solve.assembly import SoftSystem, film_arrays
 from cosim.soft.solve.newton import NewtonSolver

@@ -12,7 +12,7 @@ from benchmarks.measure.stability import PerturbationOptions, find_lower_state, 
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
 from cosim.soft.elements.cable import Cable
-from cosim.soft.linear.low_rank import LowRank, negative_added
+from cosim.soft.linear.linear_solver import LowRank, negative_added
 from cosim.soft.solve.newton_options import NewtonOptions
 from cosim.soft.solve.state import Equilibrium
 from cosim.verification.support.specimen import UNLOADED, Specimen

@@ -18,7 +18,7 @@ from cosim.soft.elements.cable import Cable
 from cosim.soft.elements.gas import SealedGas
 from cosim.soft.elements.material import Film
 from cosim.soft.film import film_terms
-from cosim.soft.film.film_arrays import FilmArrays
+from cosim.soft.film.step_arrays import FilmArrays
 from cosim.soft.solve import assembly
 from cosim.soft.solve import time_step as dynamics
 from cosim.verification.suite import CASES, run_case, select

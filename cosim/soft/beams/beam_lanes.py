@@ -1,4 +1,4 @@
-"""Energies and gradients of a ring's beams in groups, one beam per lane, by the measures of `beam_measures`.
+"""Energies and gradients of a ring's beams in groups, one beam per lane, by these measures.
 
 Quantity q of a lane is at s[q + lane], q a multiple of LANES: constant distances are what lets loops over
 lanes vectorise. Those of a beam's second end are SECOND further on than those of its first. What is linear in
@@ -20,6 +20,8 @@ So loads on nodes bend a straight beam as they should whatever the number of nod
 any size). The measures l, (c, s_2, s_3) at both ends, S and C are linear in t and in each end's directors.
 Source: Crisfield, Non-linear Finite Element Analysis of Solids and Structures, vol. 2, chapter 17, for
 corotational beams; Oran, J. Struct. Div. ASCE 99 (1973) 987, for the strain by bowing.
+
+Vectors of three values for kernels: tuples, so that loops over lanes vectorise.
 """
 
 from __future__ import annotations
@@ -31,8 +33,32 @@ import numpy as np
 
 from cosim.base.frames import Array
 from cosim.base.kernels import allocating, device_function, inlined
-from cosim.soft.beams.triples import added, cross, dot, scaled
 from cosim.soft.elements.hinge_gradient import full_angle
+
+
+@inlined
+def dot(a, b):  # type: ignore[no-untyped-def]
+    """Return a . b."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@inlined
+def cross(a, b):  # type: ignore[no-untyped-def]
+    """Return a x b."""
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+
+
+@inlined
+def scaled(factor, a):  # type: ignore[no-untyped-def]
+    """Return factor a."""
+    return factor * a[0], factor * a[1], factor * a[2]
+
+
+@inlined
+def added(a, b):  # type: ignore[no-untyped-def]
+    """Return a + b."""
+    return a[0] + b[0], a[1] + b[1], a[2] + b[2]
+
 
 COUNT: Final = 9
 """of measures."""

@@ -22,7 +22,7 @@ from cosim.base.kernels import BLOCKS, INDEX_TABLE, INDICES, INTEGER, MATRIX, RE
 from cosim.base.small_arrays import small_matrix, small_vector
 from cosim.soft.contact.contact_law import ContactLaw, touch
 from cosim.soft.elements.element import Sums
-from cosim.soft.linear.block_sum import add_block
+from cosim.soft.linear.pattern import add_block
 
 _NO_BLOCKS = np.zeros((0, 3, 3))
 

@@ -31,7 +31,7 @@ from cosim.base.kernel_calls import address_of
 from cosim.base.kernels import BLOCKS, INDEX_TABLE, MATRIX, REAL, device_function, kernel
 from cosim.base.small_arrays import small_matrix, small_vector, zero_matrix, zero_vector
 from cosim.soft.contact.contact_law import ContactLaw, dragging_law, pressing_law, shorten
-from cosim.soft.contact.self_contact_feet import (
+from cosim.soft.contact.point_kernels import (
     distance_of,
     feet,
     fill_point,
@@ -41,7 +41,7 @@ from cosim.soft.contact.self_contact_feet import (
 )
 from cosim.soft.contact.self_contact_memory import FILM_PAIRS, FilmMemory, PairRows
 from cosim.soft.elements.element import Sums
-from cosim.soft.linear.block_sum import add_block
+from cosim.soft.linear.pattern import add_block
 
 _NO_TABLE = np.zeros((0, 0), np.int64)
 _NO_BLOCKS = np.zeros((0, 3, 3))

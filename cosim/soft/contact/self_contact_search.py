@@ -23,11 +23,15 @@ from cosim.base.kernels import (
     device_function,
     kernel,
 )
-from cosim.soft.contact.self_contact_candidates import FilmCandidates
-from cosim.soft.contact.self_contact_faces import FilmFaces, Relation
-from cosim.soft.contact.self_contact_motion import BEYOND_EDGES
-from cosim.soft.contact.self_contact_points import FilmPoints
-from cosim.soft.contact.self_contact_short_list import ShortList, measure_sides, over_plane, over_side
+from cosim.soft.contact.self_contact_candidates import (
+    BEYOND_EDGES,
+    FilmCandidates,
+    ShortList,
+    measure_sides,
+    over_plane,
+    over_side,
+)
+from cosim.soft.contact.self_contact_faces import FilmFaces, FilmPoints, Relation
 
 _UNITS_NEAR = 8  # other units over which one point can be at a time
 _TIE_M = 1e-12  # two triangles at equal distance: the one in front of which the point lies more

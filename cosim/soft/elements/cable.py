@@ -28,7 +28,7 @@ from cosim.base.small_arrays import small_matrix, small_vector
 from cosim.errors import InputError
 from cosim.soft.elements.cable_length import onset
 from cosim.soft.elements.element import NODES, Element, Sums, Term
-from cosim.soft.linear.block_sum import add_block
+from cosim.soft.linear.pattern import add_block
 
 ROUNDED_m: Final = 1e-4
 """e: eyelets nearer to each other than this have met."""

@@ -27,7 +27,7 @@ from cosim.base.kernels import (
     kernel,
 )
 from cosim.base.small_arrays import small_matrix, small_vector
-from cosim.soft.linear.block_sum import add_block
+from cosim.soft.linear.pattern import add_block
 
 
 @device_function

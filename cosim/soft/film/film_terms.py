@@ -26,7 +26,7 @@ from cosim.soft.elements.hinge import add_hinges
 from cosim.soft.elements.mass_terms import add_gravity, add_inertia
 from cosim.soft.elements.membrane import add_membranes
 from cosim.soft.elements.pressure import add_cap, add_cap_force, add_pressure
-from cosim.soft.film.film_arrays import (
+from cosim.soft.film.step_arrays import (
     BEAMS,
     BED,
     CHAMBERS,

@@ -22,8 +22,7 @@ from cosim.base.frames import Array, IntArray, Mask, PlaceArray
 from cosim.base.state_check import KnownStates, check_state
 from cosim.soft.linear.envelope_kernels import factorise, forward, substitute
 from cosim.soft.linear.linear_solver import EnvelopeArrays, LinearSolver, equations, lower_entries, numbering
-from cosim.soft.linear.pattern import BlockPattern
-from cosim.soft.linear.ranges_apart import part_of, ranges_apart
+from cosim.soft.linear.pattern import BlockPattern, part_of, ranges_apart
 
 NODE, STORED, TILED, SOLVED = range(4)
 """What columns of the table of `EnvelopeArrays` are."""

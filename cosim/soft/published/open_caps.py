@@ -5,7 +5,7 @@ of these and E what the missing caps add there, less D,
 
     (K + S E S^T) x = b,
 
-solved as a term of low rank beside K (`low_rank`).
+solved as a term of low rank beside K (`Correction`).
 """
 
 from __future__ import annotations
@@ -17,9 +17,7 @@ from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
 from cosim.base.frames import Array, IntArray, Mask
-from cosim.soft.linear.general_lu import GeneralLU
-from cosim.soft.linear.linear_solver import EnvelopeArrays, LinearSolver
-from cosim.soft.linear.low_rank import Correction, LowRank
+from cosim.soft.linear.linear_solver import Correction, EnvelopeArrays, GeneralLU, LinearSolver, LowRank
 from cosim.soft.linear.multifrontal_cholesky import cholesky
 from cosim.soft.linear.pattern import BlockPattern
 

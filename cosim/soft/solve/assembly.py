@@ -26,11 +26,10 @@ from cosim.soft.elements.gas_pressure import GasChambers
 from cosim.soft.elements.hinge import Hinges
 from cosim.soft.elements.mass_terms import Inertia
 from cosim.soft.elements.membrane import Membranes
-from cosim.soft.film.film_arrays import FilmArrays, FilmBeams, FilmLoads, FilmPoint, FilmSlots, StepBed
 from cosim.soft.film.film_terms import FilmActing, film_terms, term_calls
-from cosim.soft.linear.low_rank import LowRank
-from cosim.soft.linear.pattern import BlockPattern, PatternWidening
-from cosim.soft.linear.ranges_apart import ranges_apart
+from cosim.soft.film.step_arrays import FilmArrays, FilmBeams, FilmLoads, FilmPoint, FilmSlots, StepBed
+from cosim.soft.linear.linear_solver import LowRank
+from cosim.soft.linear.pattern import BlockPattern, PatternWidening, ranges_apart
 
 _NO_SLOTS = np.zeros(0, np.int64)
 _NO_BED = StepBed(np.zeros(0), np.zeros((0, 3)), False)
@@ -41,8 +40,8 @@ class SoftSystem:
     """Workspace in which one body's potential and derivatives are assembled.
 
     After `evaluate`: `gradient` (n, 3) [N], `blocks` (pattern.blocks, 3, 3) [N/m], `memory` (values,) of the
-    elements as they track it, `gas` (volume and pressure of each chamber), `low_rank` (dense parts of the
-    Hessian, such as of sealed gas). `tangent_pattern` and `tangent_blocks` are the sparse Hessian: the body's
+    elements as they track it, `volume` and `pressure_Pa` of the gas, `low_rank` (dense parts of the Hessian,
+    such as of sealed gas). `tangent_pattern` and `tangent_blocks` are the sparse Hessian: the body's
     own, or a wider one where films touch one another. They are overwritten by the next call. `serving` is the
     pattern to go on from where films touch, which a solver sets to that of its last factorisation.
     """

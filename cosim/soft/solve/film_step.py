@@ -27,20 +27,24 @@ from cosim.base.kernels import BOOLEAN, MASKS, MATRIX, REAL, device_function, ke
 from cosim.base.small_arrays import small_matrix
 from cosim.soft.beams.ring_kernels import REMEMBERED
 from cosim.soft.body.loads import TOUCHING
-from cosim.soft.film.film_arrays import BEAMS, BED, FILM, HINGES, NODES, FilmArrays, FilmPoint, StepBed
 from cosim.soft.film.film_terms import PLAIN_LOADS, FilmActing, film_terms
 from cosim.soft.film.step_arrays import (
     AGAIN,
     ASKS,
+    BEAMS,
+    BED,
     BEGINS_STEP,
     ENERGY,
     EVALUATED,
     EVALUATION,
+    FILM,
     GOES_ON,
+    HINGES,
     LEFT,
     MOTION,
     MOVED,
     NEW_TANGENTS,
+    NODES,
     NOTHING,
     NUMBERS,
     PAIRS_KNOWN,
@@ -60,14 +64,17 @@ from cosim.soft.film.step_arrays import (
     TRIED,
     TRIES,
     WORK,
+    FilmArrays,
+    FilmPoint,
     NewTangents,
+    StepBed,
     StepNumbers,
     StepWork,
     copy,
     copy_rows,
     move,
 )
-from cosim.soft.linear.kept_envelope import (
+from cosim.soft.linear.kept_factor import (
     KEPT,
     OUTSIDE,
     KeptEnvelope,

@@ -18,15 +18,16 @@ from cosim.base.kernel_calls import nothing_of
 from cosim.errors import InputError
 from cosim.soft.body.loads import Loads
 from cosim.soft.elements.mass_terms import Inertia
-from cosim.soft.film.film_arrays import FILM_LOADS, NODES, FilmArrays, FilmPoint
 from cosim.soft.film.film_terms import FilmActing, film_terms
 from cosim.soft.film.step_arrays import (
     ASKS,
     BEGINS,
     EVALUATED,
     EVALUATION,
+    FILM_LOADS,
     GOES_ON,
     NEW_TANGENTS,
+    NODES,
     PAIRS_KNOWN,
     SEARCHES,
     SOLUTION,
@@ -34,6 +35,8 @@ from cosim.soft.film.step_arrays import (
     STUCK,
     TANGENT,
     TRIED,
+    FilmArrays,
+    FilmPoint,
     NewTangents,
     StepMotion,
     StepNumbers,
@@ -42,14 +45,25 @@ from cosim.soft.film.step_arrays import (
     room_for_parts,
 )
 from cosim.soft.linear.envelope_cholesky import NODE, EnvelopeCholesky
-from cosim.soft.linear.general_lu import negative_pivots
-from cosim.soft.linear.kept_envelope import KEPT, OUTSIDE, KeptEnvelope, envelope_calls
-from cosim.soft.linear.kept_factor import KeptFactor, NewtonState, nothing_kept
-from cosim.soft.linear.linear_solver import EnvelopeArrays, LinearSolver, by_component
+from cosim.soft.linear.kept_factor import (
+    KEPT,
+    OUTSIDE,
+    KeptEnvelope,
+    KeptFactor,
+    NewtonState,
+    envelope_calls,
+    nothing_kept,
+)
+from cosim.soft.linear.linear_solver import (
+    EnvelopeArrays,
+    LinearSolver,
+    ShiftSearch,
+    by_component,
+    negative_pivots,
+)
 from cosim.soft.linear.multifrontal_cholesky import cholesky
 from cosim.soft.linear.pattern import BlockPattern, check_widened
 from cosim.soft.linear.secant_pairs import SecantPairs, bend_load, mend_step
-from cosim.soft.linear.shift_search import ShiftSearch
 from cosim.soft.published.open_caps import OpenCapSolver
 from cosim.soft.solve.assembly import SoftSystem
 from cosim.soft.solve.film_step import FilmSide, film_step, step_calls
