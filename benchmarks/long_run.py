@@ -129,7 +129,7 @@ class Energies:
         """
         soft, system = self._simulation.save_state().soft, self._system
         x, angles, v = soft.soft.positions, soft.soft.memory, soft.soft.velocities
-        tension = system.segment_tension(x, soft.loads)
+        tension = system.segment_share(x, soft.loads)
         potential = system.evaluate(x, soft.loads, tension, angles, hessian=False)
         kinetic = 0.5 * float(np.einsum("n,nr,nr->", system.body.node_mass, v, v))
         rate = (here - before) / TICK_S

@@ -200,7 +200,7 @@ class Follower:
     def _with_lag(self, system: SoftSystem, loads: Loads) -> Loads:
         """Return the loads with the gas replaced by dead forces, those of the present shape."""
         without = replace(loads, pressure_Pa=())
-        tension = system.segment_tension(self.positions, loads)
+        tension = system.segment_share(self.positions, loads)
         gradients = []
         for case in (without, loads):
             system.evaluate(self.positions, case, tension, self.memory, hessian=False)

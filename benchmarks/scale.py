@@ -66,7 +66,7 @@ class Iteration:
         state = SoftState.drawn(body, Pose())
         loads = Loads((1e3,), (0.0,) * len(body.cables))
         inertia = Inertia(body.node_mass / STEP_S**2, state.positions)
-        tension = system.segment_tension(state.positions, loads)
+        tension = system.segment_share(state.positions, loads)
         self.linear = solver.linear
         self.parts: dict[str, Callable[[], object]] = {
             "assembly_ms": lambda: system.evaluate(

@@ -23,10 +23,10 @@ import numpy as np
 from benchmarks.measure.calls import least_ms
 from cosim.base.frames import Array
 from cosim.soft.contact.contact_law import ContactLaw
-from cosim.soft.contact.self_contact_feet import feet
+from cosim.soft.contact.point_kernels import feet
 from cosim.soft.contact.self_contact_pairs import FilmPairs
 from cosim.soft.linear.envelope_cholesky import EnvelopeCholesky
-from cosim.soft.linear.low_rank import LowRank
+from cosim.soft.linear.linear_solver import LowRank
 from cosim.soft.linear.pattern import CoupledPattern
 from cosim.soft.solve.equilibrium import EquilibriumSolver
 from cosim.soft.solve.newton_options import NewtonOptions
@@ -57,7 +57,7 @@ def curl(arm: Held, films: SelfContact | None) -> tuple[Equilibrium, int]:
 def solver_costs(arm: Held, here: Equilibrium, pairs: FilmPairs) -> dict[str, float]:
     """Return the costs of both ways [ms]."""
     system, x, free = arm.system, here.state.positions, arm.newton.free
-    tension = system.segment_tension(x, here.loads)
+    tension = system.segment_share(x, here.loads)
     system.evaluate(x, here.loads, tension, here.state.memory)
     body, wide = EnvelopeCholesky(system.pattern, free), EnvelopeCholesky(system.tangent_pattern, free)
     own, joined = system.blocks.copy(), system.tangent_blocks.copy()
@@ -95,7 +95,7 @@ def iterations_to_balance(arm: Held, here: Equilibrium, pairs: FilmPairs, *, exa
     inside = np.zeros(pattern.blocks, dtype=bool)
     inside[coupled.from_body] = True
     for count in range(400):
-        system.evaluate(x, loads, system.segment_tension(x, loads), angles)
+        system.evaluate(x, loads, system.segment_share(x, loads), angles)
         if np.abs(system.gradient[arm.newton.free]).max() < 1e-6:
             return count
         blocks = system.tangent_blocks.copy()

@@ -10,14 +10,9 @@ from dataclasses import dataclass
 from typing import final
 
 import numpy as np
-from scipy.sparse import csc_matrix
-from scipy.sparse.linalg import splu
 
-from cosim.base.frames import Array
 from cosim.errors import ConvergenceError
 from cosim.soft.linear.linear_solver import by_component
-from cosim.soft.linear.low_rank import negative_added
-from cosim.soft.published.general_lu import GeneralLU
 from cosim.soft.solve.equilibrium import EquilibriumSolver
 from cosim.soft.solve.newton import NewtonSolver
 from cosim.soft.solve.state import Equilibrium, SoftState
@@ -26,34 +21,12 @@ from cosim.soft.solve.state import Equilibrium, SoftState
 def negative_pivots(solver: NewtonSolver, equilibrium: Equilibrium) -> int:
     """Return how many negative eigenvalues the tangent stiffness of the free components has.
 
-    LU with a symmetric ordering and pivots from the diagonal gives S = L D L^T; the signs of D count. Dense
-    terms (sealed gas, cables of commanded length) are counted by `low_rank.negative_added`.
-
     Args:
         solver: Newton's method for the body with the clamp in force.
         equilibrium: where the tangent is taken.
     """
-    system = solver.system
-    sparse = _tangent(solver, equilibrium)
-    factor = splu(sparse, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
-    count = int((factor.U.diagonal() < 0.0).sum())
-    if system.low_rank is None:
-        return count
-    free = np.flatnonzero(by_component(solver.free).ravel())
-
-    def solve(loads: Array) -> Array:
-        answers = np.zeros((len(loads), system.gradient.size))
-        answers[:, free] = factor.solve(loads.reshape(len(loads), -1)[:, free].T).T
-        return answers.reshape(loads.shape)
-
-    return count + negative_added(system.low_rank, solve)
-
-
-def _tangent(solver: NewtonSolver, equilibrium: Equilibrium) -> csc_matrix:
-    system, state, loads = solver.system, equilibrium.state, equilibrium.loads
-    tension = system.segment_tension(state.positions, loads)
-    system.evaluate(state.positions, loads, tension, state.memory)
-    return GeneralLU(system.tangent_pattern, solver.free).matrix(system.tangent_blocks)
+    state = equilibrium.state
+    return solver.negative_pivots(state.positions, state.memory, equilibrium.loads)
 
 
 @final

@@ -6,7 +6,6 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from types import SimpleNamespace
 from typing import Any, final
 
 
@@ -41,35 +40,23 @@ class Tally:
 
     def watch(self) -> None:
         """Count from now on what every solver evaluates."""
-
         from cosim.coupling.schemes import staggered
         from cosim.coupling.ticks import Ticks
-        from cosim.soft.solve import quick_step
+        from cosim.soft.solve import newton
         from cosim.soft.solve.newton import NewtonSolver
-        from cosim.soft.solve.problem import Problem
 
-        at: Any = Problem.at
-        factor: Any = vars(NewtonSolver)["_factor"]  # of versions before as well
-        film_step: Any = vars(quick_step)["film_step"]
-        part_of: Any = vars(quick_step).get("FilmPart", SimpleNamespace(at=None))
-        part_at = part_of.at
-        sides: Any = vars(quick_step).get("FilmSides", SimpleNamespace(take_over=None))  # of versions since
-        take_over = sides.take_over
+        solver: Any = NewtonSolver
+        factor, with_tangent, take_over = solver._factor, solver._with_tangent, solver.take_over
+        film_step: Any = vars(newton)["film_step"]
         row: Any = vars(staggered._FilmHalves)["_row"]
 
-        def counted_at(problem: Problem, *places: Any, hessian: bool = False) -> Any:
-            self.now.tangents += hessian
-            self.now.gradients += not hessian
-            return at(problem, *places, hessian=hessian)
+        def counted_tangent(solver: Any, solution: Any, side: Any, part: int) -> int:
+            self.now.tangents += 1.0 / (len(side.film.parts) - 1)
+            return int(with_tangent(solver, solution, side, part))
 
-        def counted_part(part: Any, *places: Any, hessian: bool = False) -> Any:
-            self.now.tangents += hessian / (len(part.film.parts) - 1)
-            return part_at(part, *places, hessian=hessian)
-
-        def counted_tangents(sides: Any, side: Any, *given: Any) -> None:
-            made = side.kept.made
-            self.now.tangents += made.sum() / len(made)
-            take_over(sides, side, *given)
+        def counted_tangents(solver: Any, kept: Any, kind: float) -> None:
+            self.now.tangents += kept.made.sum() / max(len(kept.made), 1)
+            take_over(solver, kept, kind)
 
         def counted_factor(solver: NewtonSolver, *given: Any) -> Any:
             attempts = factor(solver, *given)
@@ -79,7 +66,7 @@ class Tally:
         def counted_step(*given: Any) -> Any:
             converged, iterations, *rest = film_step(*given)
             # at the start, then after every iteration
-            self.now.gradients += getattr(given[-1], "begins", True) + iterations
+            self.now.gradients += bool(given[-1].begins) + iterations
             return converged, iterations, *rest
 
         def counted_row(halves: Any, *given: Any) -> Any:
@@ -89,11 +76,10 @@ class Tally:
             return done, ending
 
         for owner, name, counted in (
-            (Problem, "at", counted_at),
-            (part_of, "at", counted_part),
-            (sides, "take_over", counted_tangents),
+            (NewtonSolver, "take_over", counted_tangents),
+            (NewtonSolver, "_with_tangent", counted_tangent),
             (NewtonSolver, "_factor", counted_factor),
-            (quick_step, "film_step", counted_step),
+            (newton, "film_step", counted_step),
             (staggered._FilmHalves, "_row", counted_row),
         ):
             setattr(owner, name, counted)

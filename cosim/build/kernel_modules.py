@@ -22,27 +22,15 @@ def kernel_modules(scenario: Scenario) -> tuple[ModuleType, ...]:
     modules: tuple[ModuleType, ...] = ()
     if scenario.contact.self_contact:
         from cosim.soft.contact import self_contact_candidates as film_candidates
-        from cosim.soft.contact import self_contact_feet as film_feet
-        from cosim.soft.contact import self_contact_motion as film_motion
         from cosim.soft.contact import self_contact_pairs as film_contact
-        from cosim.soft.contact import self_contact_points as film_points
         from cosim.soft.contact import self_contact_search as film_search
-        from cosim.soft.contact import self_contact_short_list as film_short_list
         from cosim.soft.linear import multifrontal_kernels as fronts  # pairs of films may make matrices wide
 
-        modules = (
-            film_candidates, film_feet, film_motion, film_contact, film_points, film_search, film_short_list,
-            fronts,
-        )  # fmt: skip
+        modules = film_candidates, film_contact, film_search, fronts
     if _has_beams(scenario.soft_robot):
         from cosim.soft.beams import ring_kernels
 
         modules += (ring_kernels,)
-    if scenario.mode == "dynamic" and scenario.fidelity not in ("section", "rigid"):
-        from cosim.soft.film import film_terms
-        from cosim.soft.solve import film_step
-
-        modules += (film_step, film_terms)
     if scenario.fidelity == "section":
         from cosim.reduced.sections import assembly, pressure_spline
         from cosim.reduced.sections import outputs as chain_figures

@@ -27,7 +27,6 @@ SAVED_OTHERWISE = {
     "FilmSearch": "workspace, made larger where it does not suffice",
     "FilmShapes": "figures of shapes that never change",
     "Flange": "its sensor's reading by RigidScene; pose and twist are read anew after every step",
-    "GasElements": "workspace, overwritten by every evaluation",
     "ImplicitStepper": "coefficients of the last step, worked out anew for a step of another length",
     "InterfaceLoads": "workspace of the search for one tick",
     "InterfaceSearch": "lives for one tick",

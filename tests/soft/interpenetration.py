@@ -6,8 +6,7 @@ import numpy as np
 
 from cosim.base.frames import Array, IntArray
 from cosim.soft.body.body import SoftBody
-from cosim.soft.contact.self_contact_faces import FilmFaces
-from cosim.soft.contact.self_contact_points import FilmPoints
+from cosim.soft.contact.self_contact_faces import FilmFaces, FilmPoints
 
 
 def deepest_m(body: SoftBody, positions: Array) -> float:

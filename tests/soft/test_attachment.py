@@ -32,7 +32,7 @@ def arm_and_fingers(plate: Plate = PLATE) -> SoftBody:
 
 def gradient_of(body: SoftBody, x: Array, loads: Loads) -> Array:
     system = SoftSystem(body)
-    tension = system.segment_tension(x, loads)
+    tension = system.segment_share(x, loads)
     system.evaluate(x, loads, tension, dihedral_angle(x, body.hinges.nodes))
     return system.gradient.copy()
 

@@ -11,11 +11,10 @@ from cosim.base.frames import Array
 from cosim.errors import InputError
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
-from cosim.soft.elements.cable import Cable, base_tension, pull
+from cosim.soft.elements.cable import Cable, base_tension
 from cosim.soft.elements.cable_length import TRANSITION_m, onset, stretch_at
 from cosim.soft.elements.material import Film
 from cosim.soft.geometry.surface import dihedral_angle
-from cosim.soft.linear.low_rank import LowRank
 from cosim.soft.solve.assembly import SoftSystem
 from cosim.soft.solve.sensitivity import Sensitivity
 from cosim.soft.solve.time_scheme import StepOptions
@@ -45,7 +44,7 @@ def bare_cable(points: Array, **cable: float) -> SoftBody:
 def evaluation(body: SoftBody, x: Array, loads: Loads) -> Evaluate:
     """Return the evaluation with losses frozen at x, dense terms included."""
     system = SoftSystem(body)
-    given, angles = system.segment_tension(x, loads), dihedral_angle(x, body.hinges.nodes)
+    given, angles = system.segment_share(x, loads), dihedral_angle(x, body.hinges.nodes)
 
     def evaluate(y: Array) -> tuple[float, Array, Array]:
         energy = system.evaluate(np.ascontiguousarray(y), loads, given, angles)
@@ -151,14 +150,13 @@ def test_dynamics_come_to_rest_where_statics_are() -> None:
 
 def test_the_tension_in_a_step_is_that_of_the_length_at_its_end(monkeypatch: pytest.MonkeyPatch) -> None:
     # losses are frozen while a step is solved; left there, the tension is off by k x (change of L_w - L)
-    acting: list[float] = []
+    frozen, true = list[Array](), SoftSystem.segment_share
 
-    def recorded(cable: Cable, x: Array, weight: Array, length: float) -> tuple[Array, float, LowRank]:
-        found = pull(cable, x, weight, length)
-        acting.append(found[0][0] / cable.loss_factor)
-        return found
+    def recorded(system: SoftSystem, x: Array, loads: Loads) -> Array:
+        frozen.append(true(system, x, loads))
+        return frozen[-1]
 
-    monkeypatch.setattr("cosim.soft.elements.cable.pull", recorded)
+    monkeypatch.setattr(SoftSystem, "segment_share", recorded)
     specimen = held(arm(stiffness_N_m=1e5))
     state = hung(specimen, pressure_Pa=(30e3,)).state
     first = specimen.body.cables[0]
@@ -167,7 +165,9 @@ def test_the_tension_in_a_step_is_that_of_the_length_at_its_end(monkeypatch: pyt
     for _ in range(5):
         state, _ = stepper.step(state, HANGING, loads, 0.02)
         tension = base_tension(first, state.positions, loads.cable_length_m[0] or 0.0)
-        assert acting[-1] == pytest.approx(tension, abs=1e-3)
+        weight, lengths = frozen[-1][: len(first.segments)], first.segment_lengths(state.positions)
+        force = onset(float(weight @ lengths) - (loads.cable_length_m[0] or 0.0))[1]
+        assert first.stiffness_N_m * force == pytest.approx(tension, abs=1e-3)
         assert tension > 0.5
 
 

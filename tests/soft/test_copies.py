@@ -20,7 +20,7 @@ POSES = around_axis(3, 0.1, 0.4, 0.3, 0.02)
 def evaluated(body: SoftBody, x: Array, loads: Loads) -> tuple[float, Array, float]:
     """Return potential [J], gradient (n, 3) [N] and volume [m^3]."""
     system = SoftSystem(body)
-    energy = system.evaluate(x, loads, system.segment_tension(x, loads), system.memory)
+    energy = system.evaluate(x, loads, system.segment_share(x, loads), system.memory)
     return energy, system.gradient.copy(), system.volume
 
 

@@ -17,11 +17,10 @@ from cosim.soft.geometry.polygonal_stack import PolygonalStack
 from cosim.soft.geometry.refinement import refine
 from cosim.soft.geometry.surface import interior_hinges
 from cosim.soft.linear import multifrontal_cholesky as dissected_cholesky
-from cosim.soft.linear.elimination_tree import FrontTree, length_left
+from cosim.soft.linear.elimination_tree import FrontTree, dissect, least_cuts, length_left
 from cosim.soft.linear.envelope_cholesky import EnvelopeCholesky
 from cosim.soft.linear.linear_solver import LinearSolver
 from cosim.soft.linear.multifrontal_cholesky import DissectedCholesky, cholesky
-from cosim.soft.linear.nested_dissection import dissect, least_cuts
 from cosim.soft.linear.pattern import CoupledPattern
 from cosim.soft.solve.assembly import SoftSystem
 from tests.soft.bodies import FILM, hexagon_arm
@@ -58,7 +57,7 @@ def assembled() -> tuple[SoftSystem, Mask]:
     free[body.tip[0], 2] = False  # and one component alone
     x, loads = body.positions, Loads((), (1.0, 1.0))
     bed = Inertia(np.full(body.nodes, 500.0), x)
-    system.evaluate(x, loads, system.segment_tension(x, loads), system.memory, inertia=bed)
+    system.evaluate(x, loads, system.segment_share(x, loads), system.memory, inertia=bed)
     return system, free
 
 

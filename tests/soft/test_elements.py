@@ -44,7 +44,7 @@ def damped(body: SoftBody, damping_Ns_m: float = 0.5) -> SoftBody:
 def gradient_of(body: SoftBody, x: Array, memory: Array, loads: Loads, step_s: float = STEP_S) -> Array:
     system = SoftSystem(body)
     bed = Inertia(np.zeros(body.nodes), np.zeros_like(x), step_s)
-    system.evaluate(x, loads, system.segment_tension(x, loads), memory, inertia=bed)
+    system.evaluate(x, loads, system.segment_share(x, loads), memory, inertia=bed)
     return system.gradient.copy()
 
 

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from cosim.base.frames import Array, rotation_from_vector
-from cosim.soft.contact.self_contact_faces import FilmFaces, Relation
-from cosim.soft.contact.self_contact_motion import UnitMotion
-from cosim.soft.contact.self_contact_points import FilmPoints
+from cosim.soft.contact.self_contact_candidates import UnitMotion
+from cosim.soft.contact.self_contact_faces import FilmFaces, FilmPoints, Relation
 from cosim.soft.contact.self_contact_search import FilmSearch
 from tests.soft.bodies import hexagon_arm, inflated_positions
 
@@ -20,9 +19,12 @@ def all_pairs(
     faces: FilmFaces, points: FilmPoints, x: Array, reach: float, behind: float
 ) -> set[tuple[int, int]]:
     """Return the pairs (point, triangle): of each other unit the nearest triangle, where the films face."""
-    place, outward, normals = points.outline(x)
-    direction = outward / np.linalg.norm(outward, axis=1)[:, None]
+    place = np.einsum("pa,par->pr", points.weights, x[points.nodes])
     a, b, c = x[faces.triangles].transpose(1, 0, 2)
+    areas, outward = np.cross(b - a, c - a), np.zeros_like(place)
+    np.add.at(outward, points.on_triangle, areas[:, None])
+    normals = areas / np.linalg.norm(areas, axis=1)[:, None]
+    direction = outward / np.linalg.norm(outward, axis=1)[:, None]
     found = set()
     for p, y in enumerate(place):
         kind = faces.relation[points.home[p, 0], faces.face]

@@ -8,10 +8,9 @@ import pytest
 from cosim.base.frames import Array
 from cosim.errors import InputError
 from cosim.soft.linear.envelope_cholesky import EnvelopeCholesky
-from cosim.soft.linear.linear_solver import FactorState, LinearSolver
+from cosim.soft.linear.linear_solver import FactorState, GeneralLU, LinearSolver
 from cosim.soft.linear.multifrontal_cholesky import DissectedCholesky
 from cosim.soft.linear.pattern import BlockPattern, PatternWidening
-from cosim.soft.published.general_lu import GeneralLU
 from cosim.soft.published.open_caps import OpenCapSolver
 from tests.derivatives import dense
 

@@ -9,7 +9,8 @@ from cosim.base.frames import Array, IntArray
 from cosim.errors import MeshError
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
-from cosim.soft.elements.material import Film, Membranes
+from cosim.soft.elements.material import Film
+from cosim.soft.elements.membrane import Membranes
 from cosim.soft.solve.assembly import SoftSystem
 from tests.derivatives import RELATIVE, Evaluate, dense, derivative_errors
 from tests.soft.bodies import FILM, hexagon_arm, random_rotation, shapes

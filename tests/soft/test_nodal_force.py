@@ -17,7 +17,7 @@ def evaluated(loads: Loads) -> tuple[float, Array]:
     """Return potential and gradient of an inflated arm of two units."""
     body, x = hexagon_arm(2), shapes(2)["inflated"]
     system = SoftSystem(body)
-    energy = system.evaluate(x, loads, system.segment_tension(x, loads), system.memory, hessian=False)
+    energy = system.evaluate(x, loads, system.segment_share(x, loads), system.memory, hessian=False)
     return energy, system.gradient.copy()
 
 

@@ -17,12 +17,17 @@ from cosim.coupling.soft_sides.lumped_arm import SoftArm
 from cosim.errors import InputError
 from cosim.soft.body import loads as loads_file
 from cosim.soft.body.loads import Loads
+from cosim.soft.contact.contact_law import ContactLaw
+from cosim.soft.contact.contact_points import ContactSurface
+from cosim.soft.contact.obstacle_contact import ContactPlanes
+from cosim.soft.contact.self_contact_pairs import FilmPairs
 from cosim.soft.elements.element import NODES, STILL, DirectElement, Element, Instant, Sums
 from cosim.soft.elements.gas import SealedGas
 from cosim.soft.solve.assembly import SoftSystem
 from cosim.soft.solve.newton_options import NewtonOptions
 from cosim.soft.solve.time_scheme import StepOptions
 from tests.soft.bodies import HANGING, hexagon_arm, no_load, shapes
+from tests.soft.contacts import half_space
 from tests.soft.wind import Windy
 
 PAIR = np.array([[0, 40]])
@@ -110,15 +115,28 @@ class Push:
         return 0.0
 
 
+def touching() -> FilmPairs:
+    """Return a node and a triangle of a film beside it, under a law by which they press on each other."""
+    x, nodes, law = shapes(2)["random"], np.array([[0, 0, 0, 30, 31, 32]]), ContactLaw(smoothing_m=1.0)
+    none = np.zeros(1, np.int64)
+    return FilmPairs.slack(none, none, nodes, np.eye(3)[:1], np.array([1e3]), law, x)
+
+
+def beside() -> ContactPlanes:
+    """Return a plane that a body is behind."""
+    surface = ContactSurface.of(hexagon_arm(2), SoftSystem(hexagon_arm(2)).pattern)
+    return half_space(surface, np.array([0.0, 0.0, -1.0]), 0.0, ContactLaw())
+
+
 ACTING: dict[str, Any] = {
     "pressure_Pa": (1e4,),
     "cable_tension_N": (1.0, 0.0),
     "gravity": (0.0, 0.0, 1.0),
     "nodal_force": np.ones((hexagon_arm(2).nodes, 3)),
     "gas": (SealedGas(2e5, 1e-4),),
-    "contact": Push(),
+    "contact": beside(),
     "cable_length_m": (0.01, None),
-    "self_contact": Push(),
+    "self_contact": touching(),
     "extra": Push(),
 }
 
@@ -129,7 +147,7 @@ def test_whatever_loads_hold_acts(name: str) -> None:
 
     def gradient(loads: Loads) -> Array:
         system = SoftSystem(body)
-        system.evaluate(x, loads, system.segment_tension(x, loads), body.first_memory(), hessian=False)
+        system.evaluate(x, loads, system.segment_share(x, loads), body.first_memory(), hessian=False)
         return system.gradient.copy()
 
     still = no_load(body, gravity=(0.0, 0.0, 0.0))

@@ -17,18 +17,17 @@ from cosim.soft.body.body import SoftBody
 from cosim.soft.body.copies import around_axis, copies
 from cosim.soft.contact.contact_law import ContactLaw
 from cosim.soft.contact.contact_points import ContactSurface
-from cosim.soft.film.film_arrays import CHAMBERS, HINGES, NODES, SEGMENTS
-from cosim.soft.film.film_packing import film_arrays
+from cosim.soft.film.step_arrays import CHAMBERS, HINGES, NODES, SEGMENTS
 from cosim.soft.linear.envelope_cholesky import EnvelopeCholesky
-from cosim.soft.linear.pattern import BlockPattern
-from cosim.soft.linear.ranges_apart import ranges_apart
-from cosim.soft.solve.assembly import SoftSystem
-from cosim.soft.solve.film_sides import FilmSides
-from cosim.soft.solve.film_step import FilmSide
+from cosim.soft.linear.kept_factor import KeptEnvelope
+from cosim.soft.linear.pattern import BlockPattern, ranges_apart
+from cosim.soft.solve import assembly
+from cosim.soft.solve.assembly import SoftSystem, film_arrays
 from cosim.soft.solve.newton import NewtonSolver
 from cosim.soft.solve.newton_options import NewtonOptions, NewtonResult
+from cosim.soft.solve.self_contact import FilmContactLaw, SelfContact
 from cosim.soft.solve.state import SoftState
-from cosim.soft.solve.time_scheme import StepOptions, StepScheme
+from cosim.soft.solve.time_scheme import StepOptions
 from cosim.soft.solve.time_step import ImplicitStepper
 from tests.soft.bodies import FILM, HANGING, Held, held, hexagon_arm, hung, no_load
 from tests.soft.contacts import half_space
@@ -87,7 +86,6 @@ def test_lone_nodes_belong_to_a_neighbour_and_interleaved_bodies_are_one() -> No
 def test_all_that_is_listed_of_a_film_is_of_one_finger() -> None:
     body = gripper()
     film = film_arrays(body, ranges_apart(SoftSystem(body).pattern))
-    assert film is not None
     assert film.parts.shape == (FINGERS + 1, 6)
     np.testing.assert_array_equal(np.diff(film.parts, axis=0), np.tile(film.parts[1], (FINGERS, 1)))
     assert film.parts[1].tolist() == [finger().nodes, 2, len(finger().hinges.coupled), 2, 1, 1]
@@ -103,7 +101,7 @@ def test_a_part_of_a_factorisation_is_made_by_itself() -> None:
     arm = held(gripper())
     state, system = hung(arm, pressure_Pa=(1e4,) * FINGERS).state, arm.system
     acting = no_load(arm.body, pressure_Pa=(1e4, 2e4, 3e4))
-    system.evaluate(state.positions, acting, system.segment_tension(state.positions, acting), state.memory)
+    system.evaluate(state.positions, acting, system.segment_share(state.positions, acting), state.memory)
     solver, loads = arm.newton.linear, np.random.default_rng(1).normal(size=(arm.body.nodes, 3))
     assert isinstance(solver, EnvelopeCholesky)
     assert solver.factor(system.blocks, 200.0)
@@ -173,10 +171,10 @@ def test_a_step_finger_by_finger_is_the_step_of_all(monkeypatch: pytest.MonkeyPa
     apart = pressed(arm, stepper(arm), at_rest(), range(TICKS))
     assert max(result.residual_N for result in apart.results) < TOLERANCE_N
 
-    def together(solver: NewtonSolver) -> IntArray:
-        return np.array([0, solver.system.body.nodes])
+    def together(pattern: BlockPattern) -> IntArray:
+        return np.array([0, pattern.nodes])
 
-    monkeypatch.setattr(NewtonSolver, "apart", property(together))
+    monkeypatch.setattr(assembly, "ranges_apart", together)
     arm = held(gripper())
     whole = pressed(arm, stepper(arm), at_rest(), range(TICKS))
     assert np.abs(whole.state.positions - at_rest().positions).max() > 1e-4
@@ -190,26 +188,26 @@ HASTY = replace(TIGHT, reuse_max=1)
 
 
 def test_what_one_finger_asks_for_is_not_done_for_the_others(monkeypatch: pytest.MonkeyPatch) -> None:
-    true, made = FilmSides.take_over, np.zeros(FINGERS, np.int64)
+    true, made = NewtonSolver.take_over, np.zeros(FINGERS, np.int64)
 
-    def counted(sides: FilmSides, side: FilmSide, scheme: StepScheme) -> None:
-        made[:] += side.kept.made
-        true(sides, side, scheme)
+    def counted(solver: NewtonSolver, kept: KeptEnvelope, kind: float) -> None:
+        made[:] += kept.made
+        true(solver, kept, kind)
 
     arm, _ = held(gripper()), at_rest()
-    monkeypatch.setattr(FilmSides, "take_over", counted)
+    monkeypatch.setattr(NewtonSolver, "take_over", counted)
     pressed(arm, stepper(arm, HASTY), at_rest(), range(TICKS))
     assert made.max() > 1.5 * made.min() > 0.0
 
 
 def test_new_tangents_of_the_kernel_are_those_of_newtons_method(monkeypatch: pytest.MonkeyPatch) -> None:
-    true, asked = NewtonSolver.with_tangent, list[int | None]()
+    true, asked = NewtonSolver._with_tangent, list[int]()
 
     def counted(solver: NewtonSolver, *given: Any) -> Any:
-        asked.append(given[5])
+        asked.append(given[2])
         return true(solver, *given)
 
-    monkeypatch.setattr(NewtonSolver, "with_tangent", counted)
+    monkeypatch.setattr(NewtonSolver, "_with_tangent", counted)
     arm, other = held(gripper()), held(gripper())
     in_kernel = pressed(arm, stepper(arm, HASTY), at_rest(), range(TICKS))
     assert not asked
@@ -245,9 +243,15 @@ def test_fingers_that_may_touch_are_one_part() -> None:
     move = stepper(arm)
     state = hung(arm).state
     scheme = move.scheme_of(state, STEP_S)
-    apart, coupled = move.quick.sides.of(scheme, STEP_S), move.quick.sides.of(scheme, STEP_S, coupled=True)
-    assert apart is not None
-    assert coupled is not None
+    films = SelfContact(arm.body, FilmContactLaw(ContactLaw()))
+    pairs = films.static_pairs(np.ascontiguousarray(arm.body.positions * (1.0, 1.0, 0.1)))
+    assert pairs is not None
+    apart, coupled = (
+        arm.newton.side(
+            move.quick.sides.task(loads, arm.system.segment_share(state.positions, loads), scheme, STEP_S)
+        )
+        for loads in (no_load(arm.body), no_load(arm.body, self_contact=pairs))
+    )
     assert apart.film.parts[:, NODES].tolist() == bounds_of(arm.body)
     assert coupled.film.parts[:, NODES].tolist() == [0, arm.body.nodes]
 

@@ -19,7 +19,7 @@ from cosim.soft.contact.contact_points import ContactSurface
 from cosim.soft.contact.obstacle_contact import ContactPlanes
 from cosim.soft.elements.element import Sums
 from cosim.soft.linear.kept_factor import EXTRA_MAX
-from cosim.soft.solve import quick_step
+from cosim.soft.solve import time_step
 from cosim.soft.solve.assembly import SoftSystem
 from cosim.soft.solve.newton import NewtonSolver
 from cosim.soft.solve.newton_options import NewtonOptions, NewtonResult
@@ -116,14 +116,14 @@ def moved(
 def test_quick_steps_are_those_summed_term_by_term(
     name: str, integrator: Integrator, touches: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    true, taken = quick_step.QuickStepper.take, list[bool]()
+    true, taken = time_step.QuickStepper.take, list[bool]()
 
     def counted(*given: Any) -> Any:
         found = true(*given)
         taken.append(found is not None)
         return found
 
-    monkeypatch.setattr(quick_step.QuickStepper, "take", counted)
+    monkeypatch.setattr(time_step.QuickStepper, "take", counted)
     quick, counts, wrenches = moved(BODIES[name], integrator, touches=touches)
     assert all(taken)
     slow, others, by_terms = moved(BODIES[name], integrator, touches=touches, extra=Nothing())

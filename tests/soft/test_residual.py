@@ -10,7 +10,8 @@ from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
 from cosim.soft.elements.material import Film
 from cosim.soft.solve.assembly import SoftSystem
-from cosim.soft.solve.problem import Problem
+from cosim.soft.solve.newton import NewtonSolver
+from cosim.soft.solve.newton_options import NewtonOptions
 
 COUNT = 400
 FORCE_N = 1e-3
@@ -23,11 +24,9 @@ def residual_under(force: Array) -> float:
     first = 2 * np.arange(COUNT - 1)[:, None]
     triangles = np.concatenate([first + np.array([0, 2, 1]), first + np.array([1, 2, 3])])
     body = SoftBody.from_arrays(positions, triangles, Film(1e6, 0.3, 1e-4))
-    system = SoftSystem(body)
+    solver = NewtonSolver(SoftSystem(body), np.zeros(body.nodes, dtype=bool))
     loads = Loads((), (), (0.0, 0.0, 0.0), force)
-    free = np.ones((body.nodes, 3), dtype=bool)
-    problem = Problem(system, free, loads, system.segment_tension(positions, loads), None)
-    return problem.at(positions, system.memory).residual
+    return solver.solve(positions, body.first_memory(), loads, NewtonOptions(iterations_max=0)).residual_N
 
 
 def test_a_single_force_counts_in_full() -> None:

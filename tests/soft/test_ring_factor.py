@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import pytest
 
@@ -11,7 +9,10 @@ from cosim.base.frames import Array
 from cosim.soft.body.loads import Loads
 from cosim.soft.elements.element import Instant
 from cosim.soft.elements.mass_terms import Inertia
-from cosim.soft.solve.problem import Problem
+from cosim.soft.solve.assembly import SoftSystem
+from cosim.soft.solve.newton import NewtonSolver
+from cosim.soft.solve.newton_options import NewtonOptions
+from tests.soft.bodies import hexagon_arm
 from tests.soft.test_beam_rings import NO_SLOTS, RADIUS_M, SECTION, circle, ring_of
 
 
@@ -48,23 +49,22 @@ def test_without_that_factor_a_ring_on_a_saddle_leaves_it() -> None:
     assert without < 0.6 * straight
 
 
+class _Asked(SoftSystem):
+    """Tells whether what its elements find is asked to be looked at anew."""
+
+    asked = 0
+
+    def fresh(self, memory: Array) -> Array:
+        self.asked += 1
+        return super().fresh(memory)
+
+
 def test_a_static_solution_begins_without_factors_and_one_in_motion_with_them() -> None:
-    class System:
-        gradient = np.zeros((1, 3))
-        begun: Array
-
-        def fresh(self, memory: Array) -> Array:
-            return np.zeros_like(memory)
-
-        def evaluate(self, _x: Array, _loads: Loads, _pull: Array, memory: Array, **_given: Any) -> float:
-            self.begun = memory
-            return 0.0
-
-    system: Any = System()
-    x, memory, free = np.zeros((1, 3)), np.ones(5), np.ones((1, 3), dtype=bool)
-    beds = [Inertia(np.ones(1), x, step_s, closely) for step_s, closely in ((np.inf, False), (1e-3, True))]
-    for inertia in (None, *beds):
-        Problem(system, free, Loads(), np.zeros(0), inertia).begin(x, memory)
-        assert not system.begun.any()
-    Problem(system, free, Loads(), np.zeros(0), Inertia(np.ones(1), x, 1e-3)).begin(x, memory)
-    assert system.begun is memory
+    body = hexagon_arm(1)
+    system = _Asked(body)
+    solver, x = NewtonSolver(system, np.zeros(body.nodes, dtype=bool)), body.positions
+    ones, none = np.ones(body.nodes), NewtonOptions(iterations_max=0)
+    statics = (None, Inertia(ones, x), Inertia(ones, x, 1e-3, closely=True))
+    for inertia in (*statics, Inertia(ones, x, 1e-3)):
+        solver.solve(x, body.first_memory(), Loads(), none, inertia)
+    assert system.asked == len(statics)

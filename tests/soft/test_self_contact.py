@@ -15,8 +15,7 @@ from cosim.soft.body.copies import copies
 from cosim.soft.body.loads import Loads
 from cosim.soft.contact.contact_law import ContactLaw
 from cosim.soft.contact.contact_points import ContactSurface
-from cosim.soft.contact.self_contact_faces import FilmFaces, Relation
-from cosim.soft.contact.self_contact_points import FilmPoints
+from cosim.soft.contact.self_contact_faces import FilmFaces, FilmPoints, Relation
 from cosim.soft.elements.material import Film
 from cosim.soft.geometry.surface import triangle_area
 from cosim.soft.solve.assembly import SoftSystem

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from cosim.soft.linear.shift_search import ShiftSearch
+from cosim.soft.linear.linear_solver import ShiftSearch
 
 START = 0.05
 

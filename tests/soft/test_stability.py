@@ -12,7 +12,7 @@ from benchmarks.measure.stability import PerturbationOptions, find_lower_state, 
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
 from cosim.soft.elements.cable import Cable
-from cosim.soft.linear.low_rank import LowRank, negative_added
+from cosim.soft.linear.linear_solver import LowRank, negative_added
 from cosim.soft.solve.newton_options import NewtonOptions
 from cosim.soft.solve.state import Equilibrium
 from cosim.verification.support.specimen import UNLOADED, Specimen
@@ -38,6 +38,7 @@ def straight(share: float) -> tuple[Specimen, Equilibrium]:
 def test_each_buckling_load_passed_adds_a_negative_pivot(share: float, ways_down: int) -> None:
     specimen, here = straight(share)
     assert negative_pivots(specimen.newton, here) == ways_down
+    assert here.negative_pivots == ways_down, "it comes with the solution"
 
 
 def stayed(stiffness_N_m: float) -> Specimen:
@@ -71,6 +72,8 @@ def test_dense_terms_count_as_well(share: float, ways_down: int) -> None:
     here = specimen.solve(specimen.drawn(), replace(loads, cable_length_m=()))
     assert negative_pivots(specimen.newton, here) == 1
     assert negative_pivots(specimen.newton, replace(here, loads=loads)) == ways_down
+    again = specimen.newton.solve(here.state.positions, here.state.memory, loads, NewtonOptions(1e-3, 1e-3))
+    assert again.negative_pivots == ways_down
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])

@@ -29,12 +29,12 @@ def inertia_bed(body: SoftBody) -> Inertia:
 def evaluation(body: SoftBody, x: Array, loads: Loads, inertia: Inertia | None = None) -> Evaluate:
     """Return the body's evaluation with the segment tensions and angles of x."""
     system = SoftSystem(body)
-    tension, angles = system.segment_tension(x, loads), dihedral_angle(x, body.hinges.nodes)
+    tension, angles = system.segment_share(x, loads), dihedral_angle(x, body.hinges.nodes)
 
     def evaluate(y: Array) -> tuple[float, Array, Array]:
         energy = system.evaluate(np.ascontiguousarray(y), loads, tension, angles, inertia=inertia)
         hessian = dense(system.pattern, system.blocks)
-        for ring, part in system.open_cap_stiffness:
+        for ring, part in system.open_cap_stiffness(np.ascontiguousarray(y)):
             dofs = (3 * ring[:, None] + np.arange(3)).ravel()
             hessian[np.ix_(dofs, dofs)] += part
         return energy, system.gradient.copy(), hessian
@@ -66,7 +66,7 @@ def test_every_row_of_the_hessian(shape: str, closed: bool) -> None:
 def test_without_hessian_energy_and_gradient_are_the_same() -> None:
     x, body = shapes(UNITS)["inflated"], hexagon_arm(UNITS)
     system = SoftSystem(body)
-    tension, angles = system.segment_tension(x, LOADS), dihedral_angle(x, body.hinges.nodes)
+    tension, angles = system.segment_share(x, LOADS), dihedral_angle(x, body.hinges.nodes)
     energy = system.evaluate(x, LOADS, tension, angles)
     gradient, blocks = system.gradient.copy(), system.blocks.copy()
     assert system.evaluate(x, LOADS, tension, angles, hessian=False) == pytest.approx(energy, rel=1e-13)

@@ -91,7 +91,7 @@ def test_derivatives_with_a_sealed_gas(shape: str) -> None:
     reference = dihedral_angle(x, body.hinges.nodes)
 
     def evaluate(y: Array) -> tuple[float, Array, Array]:
-        energy = system.evaluate(y, loads, system.segment_tension(x, loads), reference)
+        energy = system.evaluate(y, loads, system.segment_share(x, loads), reference)
         assert system.low_rank is not None
         matrix = dense(system.pattern, system.blocks) + system.low_rank.matrix()
         return energy, system.gradient.copy(), matrix

@@ -13,7 +13,7 @@ from cosim.app.first_run import with_fidelity_chosen
 from cosim.config.loading import load_scenario
 from cosim.config.schema.scenario import Scenario
 from cosim.coupling.schemes import staggered
-from cosim.soft.solve.film_sides import FilmSides
+from cosim.soft.solve.newton import NewtonSolver
 from cosim.telemetry.snapshot import Snapshot
 from tests.stepping.snapshots import assert_close, kernels_take, python_takes_every_soft_half
 
@@ -110,7 +110,8 @@ def test_rows_are_ticks_bit_for_bit_from_the_same_rigid_halves(
         path = path.with_name("loose.toml")
         path.write_text(SCENARIO + LOOSE, encoding="utf-8")
     if not inside:
-        monkeypatch.setattr(FilmSides, "_tangents", FilmSides._no_tangents)
+        none = property(lambda solver: lambda film: solver._no_tangents)
+        monkeypatch.setattr(NewtonSolver, "_tangents", none)
     wanted = scenario(path)
     rows, together = kernels_take(build_simulation(wanted))
     with pytest.MonkeyPatch.context() as patch:

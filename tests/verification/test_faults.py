@@ -13,11 +13,13 @@ from cosim.base.frames import Wrench
 from cosim.base.kernels import Blocks, IndexTable, Indices, Matrix, Vector, device_function, kernel
 from cosim.rigid.scene.scene import RigidScene
 from cosim.soft.body.loads import Loads
-from cosim.soft.elements import cable, hinge, mass_terms
+from cosim.soft.elements import cable, mass_terms
 from cosim.soft.elements.cable import Cable
 from cosim.soft.elements.gas import SealedGas
 from cosim.soft.elements.material import Film
 from cosim.soft.film import film_terms
+from cosim.soft.film.step_arrays import FilmArrays
+from cosim.soft.solve import assembly
 from cosim.soft.solve import time_step as dynamics
 from cosim.verification.suite import CASES, run_case, select
 
@@ -31,10 +33,20 @@ def in_place_of(patch: pytest.MonkeyPatch, module: ModuleType, true: Any, faulty
     patch.setattr(film_terms, "_CALLED", tuple(called))
 
 
+def with_film(patch: pytest.MonkeyPatch, name: str, factor: float) -> None:
+    """Multiply one of the arrays by which kernels know a film."""
+    true = assembly.film_arrays
+
+    def faulty(*given: Any) -> FilmArrays:
+        film = true(*given)
+        return film._replace(**{name: factor * getattr(film, name)})
+
+    patch.setattr(assembly, "film_arrays", faulty)
+
+
 def stiff_hinges(patch: pytest.MonkeyPatch) -> None:
     """Hinges 2 % too stiff."""
-    true = hinge.add_hinges
-    patch.setattr(hinge, "add_hinges", lambda x, nodes, k, *rest: true(x, nodes, 1.02 * k, *rest))
+    with_film(patch, "hinge_stiffness", 1.02)
 
 
 def undivided_bending(patch: pytest.MonkeyPatch) -> None:
@@ -52,8 +64,11 @@ def strong_pressure(patch: pytest.MonkeyPatch) -> None:
 
 def stiff_gas(patch: pytest.MonkeyPatch) -> None:
     """A sealed gas is 3 % too stiff."""
-    true = SealedGas.stiffness
-    patch.setattr(SealedGas, "stiffness", lambda self, volume: 1.03 * true(self, volume))
+    true = SealedGas.numbers.fget
+    assert true is not None
+    patch.setattr(
+        SealedGas, "numbers", property(lambda self: (*true(self)[:2], 1.03 * true(self)[2], true(self)[3]))
+    )
 
 
 def stiff_film(patch: pytest.MonkeyPatch) -> None:
@@ -70,8 +85,7 @@ def film_without_wrinkles(patch: pytest.MonkeyPatch) -> None:
 
 def heavy_nodes(patch: pytest.MonkeyPatch) -> None:
     """Weight 2 % too large."""
-    true = mass_terms.add_gravity
-    patch.setattr(mass_terms, "add_gravity", lambda x, mass, *rest: true(x, 1.02 * mass, *rest))
+    with_film(patch, "mass", 1.02)
 
 
 def half_wrap(patch: pytest.MonkeyPatch) -> None:

@@ -90,8 +90,11 @@ class FrozenBody(SoftSide):
         self._flange = flange
         self._pressures = loads.pressures_at(self._volumes)
         self._supplied = self.body.node_mass[:, None] * (acceleration - np.array(loads.gravity))
-        for potential in loads.potentials:
-            potential.add(self.state.positions, Sums(self._supplied), hessian=False)
+        if loads.nodal_force is not None:
+            self._supplied -= loads.nodal_force
+        for potential in (loads.contact, loads.extra):
+            if potential is not None:
+                potential.add(self.state.positions, Sums(self._supplied), hessian=False)
 
     def _wrench(self, x: Array) -> Wrench:
         arm = x - self._flange.translation

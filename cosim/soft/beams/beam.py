@@ -1,7 +1,7 @@
 """Second derivatives of the energies of beams by their chords and by the turns of their nodes.
 
 The energy is one of measures that are linear in the chord's direction t and in the directors d of each end
-(`beam_measures`). A turn w of a node changes its directors by w x d + w x (w x d) / 2, a change of the chord
+(`beam_lanes`). A turn w of a node changes its directors by w x d + w x (w x d) / 2, a change of the chord
 v the direction by (1 - t t^T) dv / l; the derivatives of products follow from these.
 """
 
@@ -12,6 +12,8 @@ from cosim.soft.beams.beam_lanes import (
     BENT,
     BY_MEASURES,
     BY_TWIST,
+    COSINE,
+    COUNT,
     DIRECTION,
     DIRECTORS,
     LANES,
@@ -19,11 +21,13 @@ from cosim.soft.beams.beam_lanes import (
     MEASURES,
     PULL,
     SECOND,
+    SINE,
+    STRETCH,
     TWIST,
+    angle_factor,
+    fill_second,
     lane_of,
 )
-from cosim.soft.beams.beam_measures import angle_factor, fill_second
-from cosim.soft.beams.beam_work import COSINE, COUNT, SINE, STRETCH
 
 
 @device_function

@@ -6,7 +6,7 @@ The film knows positions alone, a beam also how its ends are turned. The turns a
     gradient  = derivative by x at these turns,
     hessian   = E_xx - E_xR E_RR^-1 E_Rx,
 a full matrix over the ring. A node turns as one, so that corners of the drawn shape are built in, and a
-straight side of one beam or of eight has the same stiffness between its ends (`beam_measures`): the energy is
+straight side of one beam or of eight has the same stiffness between its ends (`beam_lanes`): the energy is
 that of a continuous ring, whatever the refinement. Without loads the ring has its drawn shape.
 What is remembered are the turns of the last accepted state, quaternions in axes of the ring, from which the
 next ones are sought, and a factor of E_RR with which.
@@ -22,8 +22,7 @@ import numpy as np
 
 from cosim.base.frames import Array, IntArray, cross
 from cosim.errors import MeshError
-from cosim.soft.beams.band_cholesky import BAND
-from cosim.soft.beams.node_turns import BeamArrays
+from cosim.soft.beams.node_turns import BAND, BeamArrays
 from cosim.soft.beams.rectangular_section import RectangularSection
 from cosim.soft.beams.ring_kernels import add_beam_rings, peak_strains, ring_axes
 from cosim.soft.elements.element import NODES, ROWS, STILL, DirectElement, Instant

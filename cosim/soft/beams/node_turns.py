@@ -6,10 +6,19 @@ positive definite, and led away from saddles, such as that of a flat ring whose 
 kept while steps shrink well, in dynamics from one step in time to the next, in statics within a solution; the
 search ends where what the last step leaves is below a small turn, judged by how the steps shrink. All of it
 happens in axes of the ring, laid through three of its nodes, so that a rigid motion changes nothing.
+
+A ring in lanes: its beams in groups as `beam_lanes` takes them, what goes in and what comes out.
+
+Cholesky factor of a closed ring's matrix: each node is coupled with itself and its two neighbours.
+
+Taken from both sides at once, as 0, 1, m - 1, 2, m - 2, ..., neighbours are two places apart at most, so
+that the closed ring becomes a band: with three unknowns a node, row i reaches back to column i - 8.
+A band (3 m, 9) holds entry (i, j), i - 8 <= j <= i, at [i, i - j]; of a factor, the diagonal is reciprocal.
 """
 
 from __future__ import annotations
 
+import math
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -17,11 +26,107 @@ from numba import types
 
 from cosim.base.frames import Array, IntArray
 from cosim.base.kernels import CUBES, INDEX_TABLE, MATRIX, VECTOR, allocating, device_function
-from cosim.soft.beams.band_cholesky import BAND, backward, factorise, forward, place_in_band
 from cosim.soft.beams.beam import fill_hessians
-from cosim.soft.beams.beam_lanes import LANES, SIZE, differentiate
-from cosim.soft.beams.beam_work import BeamWork, beam_work
-from cosim.soft.beams.ring_lanes import accept, place_step, sum_lanes
+from cosim.soft.beams.beam_lanes import (
+    DIRECTION,
+    DRAWN,
+    DRAWN_LENGTH,
+    ENERGY,
+    LANES,
+    LENGTH,
+    MOMENT,
+    SECOND,
+    SIZE,
+    STEP,
+    TRIAL,
+    TURNS,
+    BeamWork,
+    beam_work,
+    differentiate,
+    dot,
+    lane_of,
+)
+
+
+@device_function
+def fill_axes(x, ring, axes):  # type: ignore[no-untyped-def]
+    """Fill the axes (3, 3), as columns, laid through three nodes of a ring (m,)."""
+    count = ring.shape[0]
+    first, second, third = ring[0], ring[count // 3], ring[2 * count // 3]
+    for r in range(3):
+        axes[r, 0], axes[r, 1] = x[second, r] - x[first, r], x[third, r] - x[first, r]
+    _cross_columns(axes, 0, 1, 2)
+    for c in (0, 2):
+        size = math.sqrt(axes[0, c] ** 2 + axes[1, c] ** 2 + axes[2, c] ** 2)
+        for r in range(3):
+            axes[r, c] /= size
+    _cross_columns(axes, 2, 0, 1)
+
+
+@device_function
+def _cross_columns(axes, a, b, into):  # type: ignore[no-untyped-def]
+    for r in range(3):
+        p, q = (r + 1) % 3, (r + 2) % 3
+        axes[r, into] = axes[p, a] * axes[q, b] - axes[q, a] * axes[p, b]
+
+
+@device_function
+def place_ring(x, beams, f, turns, axes, lanes):  # type: ignore[no-untyped-def]
+    """Fill axes and groups of ring f, its turns from quaternions (4 m,)."""
+    ring, count = beams.rings[f], beams.rings.shape[1]
+    fill_axes(x, ring, axes)
+    for n in range(lanes.shape[0] // SIZE * LANES):
+        e = min(n, count - 1)
+        other = e + 1 if e + 1 < count else 0
+        s, directors, length = lanes[lane_of(n) :], beams.directors[f, e], beams.lengths[f, e]
+        here, there = x[np.uint64(ring[e])], x[np.uint64(ring[other])]
+        chord = there[0] - here[0], there[1] - here[1], there[2] - here[2]
+        s[DRAWN_LENGTH], s[LENGTH] = length, math.sqrt(dot(chord, chord))
+        over = 1.0 / s[LENGTH]
+        for c in range(3):
+            along = axes[0, c] * chord[0] + axes[1, c] * chord[1] + axes[2, c] * chord[2]
+            s[DIRECTION + c * LANES] = over * along
+            for k in range(3):
+                s[DRAWN + (3 * k + c) * LANES] = directors[k, c]
+        begin, end = turns[4 * e :], turns[4 * other :]
+        for r in range(4):
+            s[TURNS + r * LANES], s[SECOND + TURNS + r * LANES] = begin[r], end[r]
+
+
+@device_function
+def place_step(lanes, places, step):  # type: ignore[no-untyped-def]
+    """Hand a step to the groups."""
+    for n in range(lanes.shape[0] // SIZE * LANES):
+        e = min(n, places.shape[0] - 2)
+        s, begin, end = lanes[lane_of(n) :], step[places[e] :], step[places[e + 1] :]
+        for r in range(3):
+            s[STEP + r * LANES], s[SECOND + STEP + r * LANES] = begin[r], end[r]
+
+
+@device_function
+def accept(s):  # type: ignore[no-untyped-def]
+    """Make the trial quaternions the turns."""
+    for first in range(0, s.shape[0], SIZE):
+        for k in range(4 * LANES):
+            s[first + TURNS + k] = s[first + TRIAL + k]
+        for k in range(4 * LANES):
+            s[first + SECOND + TURNS + k] = s[first + SECOND + TRIAL + k]
+
+
+@device_function
+def sum_lanes(lanes, places, moment):  # type: ignore[no-untyped-def]
+    """Fill the moments; return the energy."""
+    energy = 0.0
+    for i in range(moment.shape[0]):
+        moment[i] = 0.0
+    for e in range(places.shape[0] - 1):
+        s, begin, end = lanes[lane_of(e) :], moment[places[e] :], moment[places[e + 1] :]
+        energy += s[ENERGY]
+        for r in range(3):
+            begin[r] += s[MOMENT + r * LANES]
+            end[r] += s[SECOND + MOMENT + r * LANES]
+    return energy
+
 
 _STEPS_MAX = 100
 _HALVINGS_MAX = 12
@@ -210,3 +315,80 @@ def balance_turns(beams, f, w, hessian, small, kept):  # type: ignore[no-untyped
         if done and not fresh:
             return energy
     return np.inf
+
+
+BAND: Final = 9
+
+
+@device_function
+def place_in_band(node, count):  # type: ignore[no-untyped-def]
+    """Return the place of a node of a ring of so many."""
+    if node == 0:
+        return 0
+    return 2 * node - 1 if 2 * node <= count else 2 * (count - node)
+
+
+@device_function
+def factorise(band, shift, factor):  # type: ignore[no-untyped-def]
+    """Fill factor with L, L L^T = band + shift 1; return whether that is positive definite."""
+    for i in range(band.shape[0]):
+        for j in range(max(0, i - BAND + 1), i + 1):
+            value = band[i, i - j]
+            for k in range(max(0, i - BAND + 1), j):
+                value -= factor[i, i - k] * factor[j, j - k]
+            if i > j:
+                factor[i, i - j] = value * factor[j, 0]
+            else:
+                value += shift
+                if not value > 0.0:
+                    return False
+                factor[i, 0] = 1.0 / math.sqrt(value)
+    return True
+
+
+@device_function
+def _lower(factor, values, i, reach):  # type: ignore[no-untyped-def]
+    """Solve row i of L for its value; `reach` rows before it are there."""
+    row, before, value = factor[i], values[i - reach :], values[i]
+    for k in range(reach):
+        value -= row[reach - k] * before[k]
+    return value * row[0]
+
+
+@device_function
+def _upper(factor, values, i, reach):  # type: ignore[no-untyped-def]
+    """Solve row i of L^T for its value; `reach` rows after it are there."""
+    rows, after, value = factor[i:], values[i:], values[i]
+    for k in range(reach, 0, -1):
+        value -= rows[k, k] * after[k]
+    return value * rows[0, 0]
+
+
+@device_function
+def forward(factor, values):  # type: ignore[no-untyped-def]
+    """Turn values (3 m,) into L^-1 values."""
+    for i in range(BAND - 1):
+        values[i] = _lower(factor, values, i, i)
+    for i in range(BAND - 1, factor.shape[0]):  # as many steps in each row: what is known is unrolled
+        values[i] = _lower(factor, values, i, BAND - 1)
+
+
+@device_function
+def backward(factor, values):  # type: ignore[no-untyped-def]
+    """Turn values (3 m,) into L^-T values."""
+    rows = factor.shape[0]
+    for i in range(rows - 1, rows - BAND, -1):
+        values[i] = _upper(factor, values, i, rows - 1 - i)
+    for i in range(rows - BAND, -1, -1):
+        values[i] = _upper(factor, values, i, BAND - 1)
+
+
+@device_function
+def forward_rows(factor, rows):  # type: ignore[no-untyped-def]
+    """Turn the columns of rows (3 m, n) into L^-1 times them."""
+    for i in range(factor.shape[0]):
+        for k in range(max(0, i - BAND + 1), i):
+            for c in range(rows.shape[1]):
+                rows[i, c] -= factor[i, i - k] * rows[k, c]
+        for c in range(rows.shape[1]):
+            rows[i, c] *= factor[i, 0]

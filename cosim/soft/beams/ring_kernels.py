@@ -17,18 +17,21 @@ from cosim.base.kernels import (
     kernel,
     small_matrix,
 )
-from cosim.soft.beams.band_cholesky import BAND, forward_rows, place_in_band
 from cosim.soft.beams.beam_lanes import BENT, FORCE, LANES, SECOND, STRAIN, TURNS, lane_of, three
 from cosim.soft.beams.node_turns import (
+    BAND,
     BEAM_ARRAYS,
     SMALL_TURN,
     SMALL_TURN_BY_KEPT,
     SMALL_TURN_IN_MOTION,
     balance_turns,
+    fill_axes,
+    forward_rows,
+    place_in_band,
+    place_ring,
     ring_work,
 )
-from cosim.soft.beams.ring_lanes import fill_axes, place_ring
-from cosim.soft.linear.block_sum import add_block
+from cosim.soft.linear.pattern import add_block
 
 REMEMBERED: Final = 4 + 3 * BAND
 """Numbers that a ring remembers for each of its nodes: all turns, then the factor of the tangent by them."""

@@ -15,30 +15,12 @@ from cosim.errors import InputError
 from cosim.soft.contact.obstacle_contact import TOUCHED, ContactPlanes, TouchedPlanes
 from cosim.soft.contact.self_contact_memory import FILM_PAIRS, PairRows
 from cosim.soft.contact.self_contact_pairs import FilmPairs
-from cosim.soft.elements.element import NodalPotential, Sums
+from cosim.soft.elements.element import NodalPotential
 from cosim.soft.elements.gas import SealedGas
 
 Value = TypeVar("Value")
 
 PLAIN: Final = {"pressure_Pa", "cable_tension_N", "gravity"}
-
-
-@final
-@dataclass(frozen=True)
-class DeadForces:
-    """Forces on the nodes that keep their direction: energy = -sum f . x.
-
-    Args:
-        force: (n, 3) [N], world axes.
-    """
-
-    force: Array
-
-    def add(self, positions: Array, sums: Sums, hessian: bool) -> float:
-        """Add the gradient; return the energy [J]. There is no Hessian."""
-        gradient = sums.gradient
-        gradient -= self.force
-        return -float(np.einsum("nr,nr->", self.force, positions))
 
 
 class PlainLoads(NamedTuple):
@@ -124,12 +106,6 @@ class Loads:
     def gravity_vector(self) -> Array:
         """Gravity (3,) [m/s^2]."""
         return np.array(self.gravity)
-
-    @cached_property
-    def potentials(self) -> tuple[NodalPotential, ...]:
-        """What has a potential of its own, but for films that touch one another."""
-        dead = None if self.nodal_force is None else DeadForces(self.nodal_force)
-        return tuple(entry for entry in (dead, self.contact, self.extra) if entry is not None)
 
     @property
     def plain(self) -> bool:

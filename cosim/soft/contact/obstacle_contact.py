@@ -32,7 +32,7 @@ from cosim.base.kernels import (
 )
 from cosim.soft.contact.contact_law import ContactLaw, touch
 from cosim.soft.elements.element import Sums
-from cosim.soft.linear.block_sum import add_block
+from cosim.soft.linear.pattern import add_block
 
 _NO_BLOCKS = np.zeros((0, 3, 3))
 

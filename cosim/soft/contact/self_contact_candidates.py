@@ -3,26 +3,199 @@
 A point over a triangle by `self_contact_search` is the distance of its foot from it, room at most, and the
 foot is no further from the triangle's bounding box than 2 b e, with e the longest edge and b the weight by
 which a foot may lie beyond an edge. The list is made for more room by a margin m; it holds all such pairs
-while no two units have moved against each other by m / (1 + 4 b) (`self_contact_motion`): point and foot, by
+while no two units have moved against each other by m / (1 + 4 b) (`UnitMotion`): point and foot, by
 the weights of which b are negative, have come nearer by m at most. Units that are further from one another
 than room and margin may move by that much more.
 Boxes around some points of a face, and around some triangles of another, tell first which can be near.
 Source: the neighbour list of Verlet, Computer "Experiments" on Classical Fluids, Phys. Rev. 159 (1967) 98.
+
+How far units of a film have moved against each other since an earlier shape of it.
+
+Seen from one unit, turned and moved as its nodes have been in the mean, another may have gone a little way
+though the film has been carried far. Any rotation bounds that motion; taken is the one of least squares.
+Source: Kabsch, Acta Cryst. A 32 (1976) 922; by Newton's iteration for the polar factor, Higham, SIAM J. Sci.
+Stat. Comput. 7 (1986) 1160.
+
+Which candidates of a film are nearly over their triangle: a short list that serves for a small motion.
+
+A foot within its triangle, of a point at a distance of up to R, was not far outside of it before point and
+corners had moved by m against each other: the triangle's plane has turned by no more than 2 m / (h - 2 m),
+with h its least height, and so
+
+    M = (1 + 4 b) m + R 2 m / (h - 2 m)
+
+in the plane, (1 + 4 b) m across; b is `BEYOND_EDGES`.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from itertools import pairwise
-from typing import NamedTuple, final
+from typing import Final, NamedTuple, final
 
 import numpy as np
 from numba import types
 
 from cosim.base.frames import Array, IntArray, Mask
-from cosim.base.kernels import INDEX_TABLE, INDICES, INTEGER, MATRIX, REAL, device_function, kernel
+from cosim.base.kernels import (
+    BOOLEAN,
+    INDEX_TABLE,
+    INDICES,
+    INTEGER,
+    MATRIX,
+    REAL,
+    device_function,
+    kernel,
+    small_matrix,
+    small_vector,
+)
+from cosim.soft.contact.point_kernels import fill_point, fill_slopes, plane_of
 from cosim.soft.contact.self_contact_faces import FilmFaces, Relation
-from cosim.soft.contact.self_contact_feet import fill_point
-from cosim.soft.contact.self_contact_motion import BEYOND_EDGES, FEET_FOLLOW, UnitMotion
+
+BEYOND_EDGES: Final = 0.02
+"""Barycentric weight by which a foot may lie outside of a triangle: none slips through between two."""
+FEET_FOLLOW: Final = 1.0 + 4.0 * BEYOND_EDGES
+"""How far a foot moves at most, in a triangle whose corners move by no more than 1."""
+_ITERATIONS_MAX = 30
+_FLAT = 1e-9  # determinant of what is nearly singular: the rotation is not to be told
+
+
+@kernel(REAL(MATRIX), allocates=True)
+def furthest_from_mean(values: Array) -> float:
+    """Return how far from their mean the row of values (n, 3) is that is furthest from it."""
+    mean, most = np.zeros(3), 0.0
+    for n in range(values.shape[0]):
+        for r in range(3):
+            mean[r] += values[n, r] / values.shape[0]
+    for n in range(values.shape[0]):
+        square = 0.0
+        for r in range(3):
+            square += (values[n, r] - mean[r]) ** 2
+        most = max(most, square)
+    return float(np.sqrt(most))
+
+
+@device_function
+def _set_straight(turn):  # type: ignore[no-untyped-def]
+    for r in range(3):
+        for c in range(3):
+            turn[r, c] = 1.0 if r == c else 0.0
+
+
+@device_function
+def _make_rotation(turn, minors):  # type: ignore[no-untyped-def]
+    """Replace a matrix by the rotation nearest to it, by none where that is not to be told."""
+    for _ in range(_ITERATIONS_MAX):
+        size, area, determinant, change = 0.0, 0.0, 0.0, 0.0
+        for r in range(3):
+            a, b = (r + 1) % 3, (r + 2) % 3
+            for c in range(3):
+                d, e = (c + 1) % 3, (c + 2) % 3
+                minors[r, c] = turn[a, d] * turn[b, e] - turn[a, e] * turn[b, d]
+                size, area = size + turn[r, c] * turn[r, c], area + minors[r, c] * minors[r, c]
+            determinant += turn[r, 0] * minors[r, 0]
+        if not determinant > _FLAT * size * np.sqrt(size):
+            break
+        scale = (area / size) ** 0.25 / np.sqrt(determinant)
+        for r in range(3):
+            for c in range(3):
+                value = 0.5 * (scale * turn[r, c] + minors[r, c] / (scale * determinant))
+                change, turn[r, c] = max(change, abs(value - turn[r, c])), value
+        if change < 1e-13:
+            return
+    _set_straight(turn)
+
+
+@device_function
+def _fit(x, before, nodes, begin, end, mean, turn, minors):  # type: ignore[no-untyped-def]
+    """Fill the means (2, 3) of some nodes, now and before, and the rotation between."""
+    for r in range(3):
+        mean[0, r] = mean[1, r] = 0.0
+        for c in range(3):
+            turn[r, c] = 0.0
+    for k in range(begin, end):
+        for r in range(3):
+            mean[0, r] += x[nodes[k], r] / (end - begin)
+            mean[1, r] += before[nodes[k], r] / (end - begin)
+    for k in range(begin, end):
+        for r in range(3):
+            for c in range(3):
+                turn[r, c] += (x[nodes[k], r] - mean[0, r]) * (before[nodes[k], c] - mean[1, c])
+    _make_rotation(turn, minors)
+
+
+@device_function
+def _deviation(x, before, nodes, begin, end, mean, turn):  # type: ignore[no-untyped-def]
+    """Return how far some nodes are at most from where the rigid motion takes them."""
+    most = 0.0
+    for k in range(begin, end):
+        square, n = 0.0, nodes[k]
+        u, v, w = before[n, 0] - mean[1, 0], before[n, 1] - mean[1, 1], before[n, 2] - mean[1, 2]
+        for r in range(3):
+            off = x[n, r] - mean[0, r] - turn[r, 0] * u - turn[r, 1] * v - turn[r, 2] * w
+            square += off * off
+        most = max(most, square)
+    return np.sqrt(most)
+
+
+@kernel(BOOLEAN(MATRIX, MATRIX, INDICES, INDICES, MATRIX, REAL), allocates=True)
+def _stay(x, before, nodes, start, allowed, whole):  # type: ignore[no-untyped-def]
+    """Return whether no two units have moved against each other by more than is allowed, or by the whole."""
+    mean, turn, minors = np.empty((2, 3)), np.empty((3, 3)), np.empty((3, 3))
+    units = start.shape[0] - 1
+    for a in range(units):
+        own = -1.0
+        for b in range(a + 1, units):
+            if not allowed[a, b] < whole:
+                continue
+            if own < 0.0:
+                _fit(x, before, nodes, start[a], start[a + 1], mean, turn, minors)
+                own = _deviation(x, before, nodes, start[a], start[a + 1], mean, turn)
+            other = _deviation(x, before, nodes, start[b], start[b + 1], mean, turn)
+            if not own + other <= allowed[a, b]:
+                return False
+    return True
+
+
+@final
+class UnitMotion:
+    """Tells whether the units of a film have stayed where they were, seen from one another.
+
+    Args:
+        nodes: of each unit.
+        meet: (u, u), which units can.
+    """
+
+    def __init__(self, nodes: Sequence[IntArray], meet: Mask) -> None:
+        self._nodes: IntArray = np.concatenate(nodes)
+        self._start: IntArray = np.cumsum([0, *map(len, nodes)], dtype=np.int64)
+        self._meet = meet
+
+    def gaps(self, positions: Array) -> Array:
+        """Return how far units are at least from one another (u, u) [m]; infinite for those that never meet.
+
+        Args:
+            positions: (n, 3) [m], of the nodes.
+        """
+        x, first = positions[self._nodes], self._start[:-1]
+        low, high = np.minimum.reduceat(x, first), np.maximum.reduceat(x, first)
+        apart = np.maximum(low[:, None] - high[None], low[None] - high[:, None])
+        return np.where(self._meet, np.linalg.norm(np.maximum(apart, 0.0), axis=2), np.inf)
+
+    def stays(self, positions: Array, before: Array, allowed_m: Array) -> bool:
+        """Return whether no two units have moved against each other by more than what is allowed.
+
+        The motion of two is what a node of the one has gone at most and one of the other, together, besides
+        a rigid motion of both.
+
+        Args:
+            positions: (n, 3) [m], of the nodes.
+            before: (n, 3) [m].
+            allowed_m: (u, u) [m], symmetric.
+        """
+        whole = 2.0 * furthest_from_mean(positions - before)
+        return bool(_stay(positions, before, self._nodes, self._start, allowed_m, whole))
+
 
 _MARGIN_M = 4e-3  # more room lengthens the list, less makes it anew more often
 _POINTS_OF_BOX, _TRIANGLES_OF_BOX = 16, 8  # neighbours in the numbering
@@ -227,3 +400,122 @@ class FilmCandidates:
             if needed <= len(self.listed):
                 return beyond
             self.listed = np.empty(2 * needed, np.int64)
+
+
+_MOTION_M = 0.3e-3  # more of it lengthens the list, less makes it anew more often
+_MOST_OF_HEIGHT = 0.25  # where m is more of it, all that is near the plane is listed
+
+
+@kernel((MATRIX, INDEX_TABLE, MATRIX))
+def measure_sides(x, triangles, sides):  # type: ignore[no-untyped-def]
+    """Fill sides (t, 12): a corner of each triangle, its unit normal, slopes of the others' weights."""
+    n, slope = small_vector(3), small_matrix(3, 3)
+    for t in range(triangles.shape[0]):
+        fill_slopes(x, triangles[t], n, plane_of(x, triangles[t], n), slope)
+        for r in range(3):
+            sides[t, r], sides[t, 3 + r] = x[triangles[t, 0], r], n[r]
+            sides[t, 6 + r], sides[t, 9 + r] = slope[1, r], slope[2, r]
+
+
+@device_function
+def over_plane(side, x, y, z):  # type: ignore[no-untyped-def]
+    """Return a point's distance from a triangle's plane."""
+    x, y, z = x - side[0], y - side[1], z - side[2]
+    return side[3] * x + side[4] * y + side[5] * z
+
+
+@device_function
+def over_side(side, x, y, z):  # type: ignore[no-untyped-def]
+    """Return a point's distance from a triangle's plane, and the least weight of its foot."""
+    x, y, z = x - side[0], y - side[1], z - side[2]
+    b, c = side[6] * x + side[7] * y + side[8] * z, side[9] * x + side[10] * y + side[11] * z
+    return side[3] * x + side[4] * y + side[5] * z, min(1.0 - b - c, b, c)
+
+
+@device_function
+def _lowest_weight(side, motion, room):  # type: ignore[no-untyped-def]
+    """Return the weight above which a foot may come into its triangle."""
+    steepest = 0.0
+    first, second, both = 0.0, 0.0, 0.0
+    for r in range(6, 9):
+        first, second = first + side[r] * side[r], second + side[3 + r] * side[3 + r]
+        both += (side[r] + side[3 + r]) ** 2
+    steepest = np.sqrt(max(first, second, both))  # 1 / h
+    if not motion * steepest < _MOST_OF_HEIGHT:
+        return -np.inf
+    along = FEET_FOLLOW * motion + room * 2.0 * motion * steepest / (1.0 - 2.0 * motion * steepest)
+    return -BEYOND_EDGES - along * steepest
+
+
+@kernel(INTEGER(MATRIX, MATRIX, INDICES, INDICES, REAL, REAL, REAL, INDICES, INDICES), allocates=True)
+def _shorten(sides, place, first, listed, room, behind, motion, start, kept):  # type: ignore[no-untyped-def]
+    """Fill what is kept of the list of each point; return how many there are."""
+    count, across = 0, FEET_FOLLOW * motion
+    lowest = np.empty(sides.shape[0])
+    for t in range(sides.shape[0]):
+        lowest[t] = _lowest_weight(sides[t], motion, room + across)
+    for p in range(place.shape[0]):
+        start[p] = count
+        for entry in range(first[p], first[p + 1]):
+            t = listed[entry]
+            d = over_plane(sides[t], place[p, 0], place[p, 1], place[p, 2])  # which most are too far from
+            if not -behind - across <= d <= room + across:
+                continue
+            _, weight = over_side(sides[t], place[p, 0], place[p, 1], place[p, 2])
+            if weight >= lowest[t]:
+                kept[count] = t
+                count += 1
+    start[place.shape[0]] = count
+    return count
+
+
+@final
+class ShortList:
+    """Keeps the list: triangles `listed[first[p]] .. listed[first[p + 1] - 1]` of point p, ascending.
+
+    Args:
+        motion: of the film's units.
+        points: how many there are.
+    """
+
+    def __init__(self, motion: UnitMotion, points: int) -> None:
+        self._motion = motion
+        self.first: IntArray = np.zeros(points + 1, np.int64)
+        self.listed: IntArray = np.empty(0, np.int64)
+        self._before: Array | None = None
+        self._allowed = np.empty(0)
+        self._room = self._behind = 0.0
+
+    def serves(self, positions: Array, room_m: float, behind_m: float) -> bool:
+        """Return whether it holds all that may be over a triangle, as long as the candidates do.
+
+        Args:
+            positions: (n, 3) [m], of the nodes.
+            room_m: largest distance in front of a triangle that is asked for.
+            behind_m: the same behind it.
+        """
+        if self._before is None or room_m > self._room or behind_m > self._behind:
+            return False
+        return self._motion.stays(positions, self._before, self._allowed)
+
+    def make(
+        self, positions: Array, place: Array, sides: Array, candidates: tuple[IntArray, IntArray], near: Mask,
+        room_m: float, behind_m: float,
+    ) -> None:  # fmt: skip
+        """Make it of candidates.
+
+        Args:
+            positions: (n, 3) [m], of the nodes.
+            place: (p, 3) [m], of the points.
+            sides: (t, 12), see `measure_sides`.
+            candidates: where those of each point begin, and their triangles.
+            near: (u, u), units of which there may be some.
+            room_m: as in `serves`.
+            behind_m: the same.
+        """
+        first, listed = candidates
+        if len(self.listed) < first[-1]:
+            self.listed = np.empty_like(listed)
+        _shorten(sides, place, first, listed, room_m, behind_m, _MOTION_M, self.first, self.listed)
+        self._room, self._behind, self._before = room_m, behind_m, positions.copy()
+        self._allowed = np.where(near, _MOTION_M, np.inf)

@@ -41,7 +41,7 @@ from cosim.base.kernels import (
     zero_vector,
 )
 from cosim.soft.contact.contact_law import ContactLaw, dragging_law, pressing_law, shorten
-from cosim.soft.contact.self_contact_feet import (
+from cosim.soft.contact.point_kernels import (
     distance_of,
     feet,
     fill_point,
@@ -51,7 +51,7 @@ from cosim.soft.contact.self_contact_feet import (
 )
 from cosim.soft.contact.self_contact_memory import FILM_PAIRS, FilmMemory, PairRows
 from cosim.soft.elements.element import Sums
-from cosim.soft.linear.block_sum import add_block
+from cosim.soft.linear.pattern import add_block
 
 _NO_TABLE = np.zeros((0, 0), np.int64)
 _NO_BLOCKS = np.zeros((0, 3, 3))

@@ -8,9 +8,10 @@ nearest, and only if the two films face each other there; see `film_faces.Relati
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import final
+from typing import NamedTuple, final
 
 import numpy as np
+from numba import types
 
 from cosim.base.frames import Array, IntArray
 from cosim.base.kernels import (
@@ -22,11 +23,15 @@ from cosim.base.kernels import (
     device_function,
     kernel,
 )
-from cosim.soft.contact.self_contact_candidates import FilmCandidates
-from cosim.soft.contact.self_contact_faces import FilmFaces, Relation
-from cosim.soft.contact.self_contact_motion import BEYOND_EDGES
-from cosim.soft.contact.self_contact_points import FilmPoints
-from cosim.soft.contact.self_contact_short_list import ShortList, measure_sides, over_side
+from cosim.soft.contact.self_contact_candidates import (
+    BEYOND_EDGES,
+    FilmCandidates,
+    ShortList,
+    measure_sides,
+    over_plane,
+    over_side,
+)
+from cosim.soft.contact.self_contact_faces import FilmFaces, FilmPoints, Relation
 
 _UNITS_NEAR = 8  # other units over which one point can be at a time
 _TIE_M = 1e-12  # two triangles at equal distance: the one in front of which the point lies more
@@ -38,23 +43,70 @@ _VALLEY, _FACING_VALLEY, _FACING_APART = (
 )
 
 
+class SearchRows(NamedTuple):
+    """Points and triangles that are searched.
+
+    Args:
+        homes: (p, 2) face and unit of each point.
+        films: (t, 2) face and unit of each triangle.
+        relation: (f, f) of faces.
+        triangles: (t, 3).
+        start: (p + 1,), where the triangles around each point begin.
+        around: these.
+    """
+
+    homes: IntArray
+    films: IntArray
+    relation: IntArray
+    triangles: IntArray
+    start: IntArray
+    around: IntArray
+
+
+class NearList(NamedTuple):
+    """What may lie over what.
+
+    Args:
+        first: (p + 1,), where the triangles of each point begin.
+        listed: these.
+        reach: [m], in front of a triangle.
+        behind: [m], behind it.
+    """
+
+    first: IntArray
+    listed: IntArray
+    reach: float
+    behind: float
+
+
+_ROWS = types.NamedTuple((*(4 * [INDEX_TABLE]), INDICES, INDICES), SearchRows)
+_NEAR = types.NamedTuple((INDICES, INDICES, REAL, REAL), NearList)
+
+
 @device_function
-def _cosine(outward, n):  # type: ignore[no-untyped-def]
-    """Return the cosine of the angle between two directions, the second of unit length."""
-    size = np.sqrt(outward[0] * outward[0] + outward[1] * outward[1] + outward[2] * outward[2])
-    return (outward[0] * n[0] + outward[1] * n[1] + outward[2] * n[2]) / size
+def _faces(x, rows, p, n):  # type: ignore[no-untyped-def]
+    """Return the cosine of the angle between a point's outer normal and a direction of unit length."""
+    ox = oy = oz = 0.0
+    for k in range(rows.start[p], rows.start[p + 1]):
+        t = rows.around[k]
+        a, b, c = rows.triangles[t, 0], rows.triangles[t, 1], rows.triangles[t, 2]
+        ux, uy, uz = x[b, 0] - x[a, 0], x[b, 1] - x[a, 1], x[b, 2] - x[a, 2]
+        vx, vy, vz = x[c, 0] - x[a, 0], x[c, 1] - x[a, 1], x[c, 2] - x[a, 2]
+        ox, oy, oz = ox + (uy * vz - uz * vy), oy + (uz * vx - ux * vz), oz + (ux * vy - uy * vx)
+    return (ox * n[0] + oy * n[1] + oz * n[2]) / np.sqrt(ox * ox + oy * oy + oz * oz)
 
 
-@kernel(
-    INTEGER(
-        MATRIX, MATRIX, MATRIX, INDEX_TABLE, INDEX_TABLE, INDEX_TABLE, INDICES, INDICES, REAL, REAL,
-        INDEX_TABLE,
-    ),
-    allocates=True,
-)  # fmt: skip
-def _over(  # type: ignore[no-untyped-def]
-    sides, place, outward, homes, films, relation, first, listed, reach, behind, out
-):
+@kernel((MATRIX, INDEX_TABLE, MATRIX, MATRIX))
+def _fill_places(x, nodes, weights, place):  # type: ignore[no-untyped-def]
+    for p in range(nodes.shape[0]):
+        for r in range(3):
+            place[p, r] = 0.0
+            for a in range(3):
+                place[p, r] += weights[p, a] * x[nodes[p, a], r]
+
+
+@kernel(INTEGER(MATRIX, MATRIX, MATRIX, _ROWS, _NEAR, INDEX_TABLE), allocates=True)
+def _over(x, sides, place, rows, near_list, out):  # type: ignore[no-untyped-def]
     """Fill rows (point, triangle) of what lies over what, ascending by point, then by the triangle's unit.
 
     Returns:
@@ -62,16 +114,20 @@ def _over(  # type: ignore[no-untyped-def]
     """
     units, best = np.empty(_UNITS_NEAR, np.int64), np.empty(_UNITS_NEAR)
     chosen, distance = np.empty(_UNITS_NEAR, np.int64), np.empty(_UNITS_NEAR)
-    count, furthest = 0, max(reach, behind)
+    reach, behind = near_list.reach, near_list.behind
+    films, count, furthest = rows.films, 0, max(reach, behind)
     for p in range(place.shape[0]):
         near, px, py, pz = 0, place[p, 0], place[p, 1], place[p, 2]
-        for entry in range(first[p], first[p + 1]):
-            t = listed[entry]
-            d, weight = over_side(sides[t], px, py, pz)
-            if d < -behind or d > furthest or not weight >= -BEYOND_EDGES:
+        for entry in range(near_list.first[p], near_list.first[p + 1]):
+            t = near_list.listed[entry]
+            d = over_plane(sides[t], px, py, pz)
+            if d < -behind or d > furthest:
                 continue
-            kind = relation[homes[p, 0], films[t, 0]]
-            facing = _cosine(outward[p], sides[t, 3:6]) < (
+            _, weight = over_side(sides[t], px, py, pz)
+            if not weight >= -BEYOND_EDGES:
+                continue
+            kind = rows.relation[rows.homes[p, 0], films[t, 0]]
+            facing = _faces(x, rows, p, sides[t, 3:6]) < (
                 _FACING_VALLEY if kind == _VALLEY else _FACING_APART
             )
             if kind == _VALLEY and (d > reach or not facing):
@@ -129,6 +185,10 @@ class FilmSearch:
         self._short = ShortList(self._candidates.motion, len(points))
         self._sides = np.empty((len(faces.triangles), 12))
         self._out = np.empty((2 * len(points), 2), np.int64)
+        self._place = np.empty((len(points), 3))
+        self._rows = SearchRows(
+            points.home, self._candidates.films, faces.relation, faces.triangles, *points.around
+        )  # fmt: skip
 
     def near(self, positions: Array, reach_m: float, behind_m: float) -> FilmHits:
         """Return the pairs at distances in -behind_m .. reach_m.
@@ -138,18 +198,16 @@ class FilmSearch:
             reach_m: in front of the triangle.
             behind_m: behind it.
         """
-        faces, points, short, sides = self.faces, self.points, self._short, self._sides
-        place, outward, _ = points.outline(positions)
-        measure_sides(positions, faces.triangles, sides)
+        points, short, sides, place = self.points, self._short, self._sides, self._place
+        _fill_places(positions, points.nodes, points.weights, place)
+        measure_sides(positions, self.faces.triangles, sides)
         room = max(reach_m, behind_m)
         if self._candidates.update(positions, room) or not short.serves(positions, room, behind_m):
             candidates, near = (self._candidates.first, self._candidates.listed), self._candidates.near
             short.make(positions, place, sides, candidates, near, room, behind_m)
+        near_list = NearList(short.first, short.listed, reach_m, behind_m)
         while True:
-            count = _over(
-                sides, place, outward, points.home, self._candidates.films, faces.relation,
-                short.first, short.listed, reach_m, behind_m, self._out,
-            )  # fmt: skip
+            count = _over(positions, sides, place, self._rows, near_list, self._out)
             if count <= len(self._out):
                 break
             self._out = np.empty((2 * count, 2), np.int64)

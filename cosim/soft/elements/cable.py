@@ -23,18 +23,35 @@ from typing import Annotated, ClassVar, Final, final
 import numpy as np
 
 from cosim.base.frames import Array, IntArray
-from cosim.base.kernels import BLOCKS, INDEX_TABLE, MATRIX, REAL, VECTOR, kernel, small_matrix, small_vector
+from cosim.base.kernels import (
+    BLOCKS,
+    INDEX_TABLE,
+    MATRIX,
+    REAL,
+    VECTOR,
+    device_function,
+    kernel,
+    small_matrix,
+    small_vector,
+)
 from cosim.errors import InputError
 from cosim.soft.elements.cable_length import onset
-from cosim.soft.elements.element import NODES, Acting, Element, Instant, Sums, Term
-from cosim.soft.linear.block_sum import add_block
-from cosim.soft.linear.low_rank import LowRank
+from cosim.soft.elements.element import NODES, Element, Sums, Term
+from cosim.soft.linear.pattern import add_block
 
 ROUNDED_m: Final = 1e-4
 """e: eyelets nearer to each other than this have met."""
 
-_NO_SLOTS = np.zeros((0, 0), np.int64)
-_NO_BLOCKS = np.zeros((0, 3, 3))
+
+@device_function
+def segment_length(x, a, b):  # type: ignore[no-untyped-def]
+    """Return the length of a segment [m], rounded where its eyelets meet."""
+    square = 0.0
+    for r in range(3):
+        square += (x[b, r] - x[a, r]) ** 2
+    length = np.sqrt(square)
+    s = length / ROUNDED_m
+    return length if s >= 1.0 else ROUNDED_m * (0.375 + s * s * (0.75 - 0.125 * s * s))
 
 
 @kernel(REAL(MATRIX, INDEX_TABLE, VECTOR, INDEX_TABLE, MATRIX, BLOCKS))
@@ -124,7 +141,8 @@ class Cable(Element):
 
     @classmethod
     def bound(cls, alike: Sequence[Cable], sums: Sums) -> Sequence[Term]:
-        return [RoutedCables(alike, sums)]
+        """Return no terms: what a cable does follows from the loads of its body, see `film_terms`."""
+        return ()
 
     @property
     def segments(self) -> IntArray:
@@ -186,74 +204,20 @@ def losses_follow(cables: tuple[Cable, ...], lengths_m: tuple[float | None, ...]
     )
 
 
-def pull(cable: Cable, positions: Array, weight: Array, length_m: float) -> tuple[Array, float, LowRank]:
-    """Return what a cable of commanded length does at a shape.
+def segment_share(cables: tuple[Cable, ...], positions: Array, lengths_m: tuple[float | None, ...]) -> Array:
+    """Return what losses at a given shape make of each cable in its segments (segments,).
+
+    The tension over that at the base end; of a cable whose length is commanded the weight w_i (see
+    `cable_length`).
 
     Args:
-        cable: routed through eyelets.
+        cables: of a body.
         positions: (n, 3) [m].
-        weight: (segments,), w_i, from `segment_weight`.
-        length_m: L_0.
-
-    Returns:
-        Tension T_i of the segments (segments,) [N]; energy less sum T_i L_i [J], the energy that these
-        tensions would have if they were given; the dense part of the Hessian.
+        lengths_m: commanded length of each cable or None; empty where none is.
     """
-    # the first segment has w_1 = c / m, so that m follows from it
-    stiffness = cable.stiffness_N_m * cable.loss_factor / weight[0]
-    weighted = float(weight @ cable.segment_lengths(positions))
-    energy, force, slope = onset(weighted - length_m)
-    gradient = np.zeros_like(positions)
-    if slope > 0.0:
-        add_segments(positions, cable.segments, weight, _NO_SLOTS, gradient, _NO_BLOCKS)
-    dense = LowRank(gradient[None], np.array([stiffness * slope]))
-    return stiffness * force * weight, stiffness * (energy - force * weighted), dense
-
-
-@final
-class RoutedCables:
-    """All cables of a body with the places of their segments in the tangent.
-
-    Args:
-        cables: in the body's order.
-        sums: what they add to.
-    """
-
-    def __init__(self, cables: Sequence[Cable], sums: Sums) -> None:
-        self._cables, self._sums = cables, sums
-        self._segments = np.concatenate([np.zeros((0, 2), np.int64), *(cable.segments for cable in cables)])
-        self._slots = sums.slots(self._segments)
-
-    def segment_tension(self, positions: Array, loads: Acting) -> Array:
-        """Return what losses at a given shape make of the loads in every segment (segments,).
-
-        The tension [N]; of a cable whose length is commanded the weight w_i (see `cable_length`).
-        """
-        lengths = loads.cable_length_m or (None,) * len(self._cables)
-        parts = [
-            tension * cable.tension_ratio(positions) if length is None else segment_weight(cable, positions)
-            for cable, tension, length in zip(self._cables, loads.cable_tension_N, lengths, strict=True)
-        ]
-        return np.concatenate([np.zeros(0), *parts])
-
-    def add(self, positions: Array, at: Instant, hessian: bool) -> float:
-        """Add the gradient and, if told to, the Hessian; return the energy [J]."""
-        tension, rest = self._pulls(positions, at)
-        sums, slots = self._sums, self._slots if hessian else _NO_SLOTS
-        added: float = add_segments(positions, self._segments, tension, slots, sums.gradient, sums.blocks)
-        return rest + added
-
-    def _pulls(self, x: Array, at: Instant) -> tuple[Array, float]:
-        """Return the tension of all segments (segments,) [N], and the energy beyond sum T_i L_i [J]."""
-        given, lengths = at.segment_tension, () if at.loads is None else at.loads.cable_length_m
-        if not lengths:
-            return given, 0.0
-        tension, energy, first = given.copy(), 0.0, 0
-        for cable, length in zip(self._cables, lengths, strict=True):
-            own = slice(first, first + len(cable.nodes) - 1)
-            if length is not None:
-                tension[own], rest, dense = pull(cable, x, given[own], length)
-                energy += rest
-                self._sums.add_dense(dense.vectors, dense.coefficients)
-            first = own.stop
-        return tension, energy
+    pairs = zip(cables, lengths_m or (None,) * len(cables), strict=True)
+    parts = [
+        cable.tension_ratio(positions) if length is None else segment_weight(cable, positions)
+        for cable, length in pairs
+    ]
+    return np.concatenate([np.zeros(0), *parts])

@@ -53,10 +53,6 @@ class Acting(Protocol):
         """Tension of each cable at its base end."""
 
     @property
-    def cable_length_m(self) -> tuple[float | None, ...]:
-        """Unstretched length of each cable whose length is commanded; empty where none is."""
-
-    @property
     def gravity_vector(self) -> Array:
         """Gravity (3,) [m/s^2]."""
 
@@ -75,7 +71,6 @@ class Instant(NamedTuple):
             anything.
         tracked: (m,), filled with what it makes of that at the present shape; equal to `memory` beforehand.
         step_s: length of an implicit step; infinite in statics.
-        segment_tension: (segments,) of all cables, see `SoftSystem.segment_tension`.
         loads: that act; None where only the body itself is looked at.
         closely: whether the step is solved below the tolerance of an ordinary one.
     """
@@ -83,7 +78,6 @@ class Instant(NamedTuple):
     memory: Array = _NOTHING
     tracked: Array = _NOTHING
     step_s: float = np.inf
-    segment_tension: Array = _NOTHING
     loads: Acting | None = None
     closely: bool = False
 
@@ -109,7 +103,6 @@ class Sums:
         blocks: (pattern.blocks, 3, 3) [N/m].
         diagonal: (n,), where the pair of each node with itself is in `blocks`.
         slots: nodes (parts, k) -> where their pairs are in `blocks`, see `BlockPattern.slots`.
-        add_dense: vectors (k, n, 3), coefficients (k,) -> a dense part of the Hessian, see `LowRank`.
         widened: nodes (parts, k) that touch -> blocks of a wider pattern, which hold all that was added to
             `blocks` and stand for the tangent from now on, and where the pairs of the nodes are in it.
     """
@@ -118,7 +111,6 @@ class Sums:
     blocks: Array = field(default_factory=lambda: np.zeros((0, 3, 3)))
     diagonal: IntArray = field(default_factory=lambda: np.zeros(0, np.int64))
     slots: Callable[[IntArray], IntArray] = _no_hessian
-    add_dense: Callable[[Array, Array], None] = _no_hessian
     widened: Callable[[IntArray], tuple[Array, IntArray]] = _no_hessian
 
 

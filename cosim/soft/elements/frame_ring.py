@@ -20,7 +20,7 @@ from cosim.base.frames import Array, IntArray
 from cosim.base.kernels import BLOCKS, INDEX_TABLE, MATRIX, REAL, kernel, small_vector, zero_matrix
 from cosim.errors import MeshError
 from cosim.soft.elements.element import NODES, ROWS, STILL, DirectElement, Instant
-from cosim.soft.linear.block_sum import add_block
+from cosim.soft.linear.pattern import add_block
 
 _ORDERS_TRIED = 100
 

@@ -22,6 +22,38 @@ STANDARD_ATMOSPHERE_Pa: Final = 101325.0
 AIR_CONSTANT_J_kg_K: Final = 287.05
 
 
+def absolute_pressure(pressure: float, volume_0: float, exponent: float, volume: float) -> float:
+    """Return p [Pa] at a volume [m^3]; infinite where there is none. Kernels are compiled from it as well.
+
+    Args:
+        pressure: [Pa], at volume_0.
+        volume_0: [m^3].
+        exponent: gamma.
+        volume: [m^3].
+    """
+    if not volume > 0.0:
+        return math.inf
+    return pressure * math.pow(volume_0 / volume, exponent)
+
+
+def gas_potential(pressure: float, volume_0: float, exponent: float, ambient: float, volume: float) -> float:
+    """Return U [J] at a volume [m^3], zero at volume_0; infinite where there is none. Of kernels as well.
+
+    Args:
+        pressure: [Pa], at volume_0.
+        volume_0: [m^3].
+        exponent: gamma.
+        ambient: p_a [Pa].
+        volume: [m^3].
+    """
+    if not volume > 0.0:
+        return math.inf
+    growth, excess = math.log(volume / volume_0), exponent - 1.0
+    # (e^(-excess growth) - 1) / excess, and its limit -growth
+    work = math.expm1(-excess * growth) / excess if excess else -growth
+    return ambient * (volume - volume_0) + pressure * volume_0 * work
+
+
 @final
 @dataclass(frozen=True)
 class SealedGas:
@@ -60,11 +92,14 @@ class SealedGas:
         """Mass of the gas, p V / (R T)."""
         return self.pressure_Pa * self.volume_m3 / (self.gas_constant_J_kg_K * self.temperature_K)
 
+    @property
+    def numbers(self) -> tuple[float, float, float, float]:
+        """Absolute pressure [Pa], volume [m^3], exponent and ambient pressure [Pa]."""
+        return self.pressure_Pa, self.volume_m3, self.exponent, self.ambient_Pa
+
     def absolute_pressure(self, volume_m3: float) -> float:
         """Return p [Pa] at a volume [m^3]; infinite where there is none."""
-        if not volume_m3 > 0.0:
-            return math.inf
-        return self.pressure_Pa * math.pow(self.volume_m3 / volume_m3, self.exponent)
+        return absolute_pressure(self.pressure_Pa, self.volume_m3, self.exponent, volume_m3)
 
     def gauge_pressure(self, volume_m3: float) -> float:
         """Return p - p_a [Pa] at a volume [m^3], what acts on the film."""
@@ -72,17 +107,7 @@ class SealedGas:
 
     def potential(self, volume_m3: float) -> float:
         """Return U [J] at a volume [m^3], zero at the given state; infinite where there is no volume."""
-        if not volume_m3 > 0.0:
-            return math.inf
-        growth, excess = math.log(volume_m3 / self.volume_m3), self.exponent - 1.0
-        # (e^(-excess growth) - 1) / excess, and its limit -growth
-        work = math.expm1(-excess * growth) / excess if excess else -growth
-        outside = self.ambient_Pa * (volume_m3 - self.volume_m3)
-        return outside + self.pressure_Pa * self.volume_m3 * work
-
-    def stiffness(self, volume_m3: float) -> float:
-        """Return -dp/dV = gamma p / V [Pa/m^3] at a volume [m^3]."""
-        return self.exponent * self.absolute_pressure(volume_m3) / volume_m3
+        return gas_potential(*self.numbers, volume_m3)
 
     def at(self, volume_m3: float) -> SealedGas:
         """Return the same gas, stated at another volume [m^3].

@@ -13,13 +13,8 @@ import math
 from dataclasses import dataclass
 from typing import final
 
-import numpy as np
-
 from cosim.base.frames import Array
 from cosim.base.kernels import BLOCKS, INDICES, MATRIX, REAL, VECTOR, kernel
-from cosim.soft.elements.element import Instant, Sums
-
-_NO_SLOTS = np.zeros(0, np.int64)
 
 
 @kernel(REAL(MATRIX, VECTOR, VECTOR, MATRIX))
@@ -87,27 +82,6 @@ def mass_moments(mass: Array, points: Array, moments: Array) -> float:
 
 @final
 @dataclass(frozen=True)
-class Weight:
-    """Weight of the nodes.
-
-    Args:
-        mass: (n,) [kg].
-        sums: what it adds to.
-    """
-
-    mass: Array
-    sums: Sums
-
-    def add(self, positions: Array, at: Instant, hessian: bool) -> float:
-        """Add the gradient; return the energy [J]. There is no Hessian."""
-        if at.loads is None:
-            return 0.0
-        energy: float = add_gravity(positions, self.mass, at.loads.gravity_vector, self.sums.gradient)
-        return energy
-
-
-@final
-@dataclass(frozen=True)
 class Inertia:
     """Inertia of an implicit step as an elastic bed: coefficient c, target y.
 
@@ -122,11 +96,3 @@ class Inertia:
     target: Array
     step_s: float = math.inf
     closely: bool = False
-
-    def add(self, positions: Array, sums: Sums, hessian: bool) -> float:
-        """Add the gradient and, if told to, the Hessian; return the energy [J]."""
-        diagonal = sums.diagonal if hessian else _NO_SLOTS
-        energy: float = add_inertia(
-            positions, self.coefficient, self.target, diagonal, sums.gradient, sums.blocks
-        )
-        return energy

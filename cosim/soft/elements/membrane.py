@@ -37,7 +37,7 @@ from cosim.soft.elements.membrane_blocks import deformation, first_node_blocks, 
 from cosim.soft.elements.membrane_gradient import add_membrane_gradients, in_lanes
 from cosim.soft.elements.tension_field import film_states, tension_field
 from cosim.soft.elements.wrinkling import wrinkling, wrinkling_forces
-from cosim.soft.linear.block_sum import add_block
+from cosim.soft.linear.pattern import add_block
 from cosim.soft.published.edge_strain import edge_strain
 
 

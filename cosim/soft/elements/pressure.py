@@ -3,7 +3,7 @@
 V = sum over triangles of a . (b x c) / 6. A cap closes a hole ring by a fan to the ring's mean point c,
 which is no node:  V_cap = c . sum_i (r_i x r_i+1) / 6.
 Closed, the follower pressure is conservative and its stiffness symmetric.
-An open chamber (the paper's model) feels no cap force; its load has no energy. `add_cap_forces`
+An open chamber (the paper's model) feels no cap force; its load has no energy. `add_cap_force`
 subtracts what the caps contribute, so that each film node carries a third of its triangles' p A.
 """
 
@@ -14,9 +14,10 @@ from typing import Any
 import numpy as np
 from numba import types
 
-from cosim.base.frames import Array, IntArray, cross, cross_matrix
+from cosim.base.frames import Array, IntArray
 from cosim.base.kernels import (
     BLOCKS,
+    CUBES,
     INDEX_TABLE,
     INDICES,
     MATRIX,
@@ -27,9 +28,7 @@ from cosim.base.kernels import (
     small_matrix,
     small_vector,
 )
-from cosim.soft.linear.block_sum import add_block
-
-_CROSS = np.stack([cross_matrix(axis) for axis in np.eye(3)], axis=-1)  # (_CROSS @ v) @ b = v x b
+from cosim.soft.linear.pattern import add_block
 
 
 @device_function
@@ -165,36 +164,74 @@ def add_cap(
     return volume
 
 
-def cap_force(positions: Array, ring: IntArray, pressure_Pa: float) -> Array:
-    """Return the pressure force (k, 3) [N] that a cap would put on its ring.
+@kernel(types.void(MATRIX, INDICES, REAL, MATRIX))
+def add_cap_force(x, ring, pressure, gradient):  # type: ignore[no-untyped-def]
+    """Add the pressure force [N] that a cap would put on its ring to the rows of the ring in gradient.
 
     Each fan triangle (c, r_i, r_i+1) gives a third of its p A to each corner; c's share is spread evenly.
 
     Args:
-        positions: (n, 3) [m].
+        x: (n, 3) [m].
         ring: (k,) nodes, ordered so that the fan's normal points out of the gas.
-        pressure_Pa: gauge pressure.
+        pressure: gauge [Pa].
+        gradient: (n, 3) [N].
     """
-    arm, following = _spokes(positions, ring)
-    share = pressure_Pa / 6.0 * cross(arm, arm[following])
-    return np.asarray(share.sum(axis=0) / len(ring) + share + share[following - 2])
+    count = ring.shape[0]
+    mean, total = small_vector(3), small_vector(3)
+    for r in range(3):
+        mean[r] = total[r] = 0.0
+        for i in range(count):
+            mean[r] += x[ring[i], r]
+        mean[r] /= count
+    for i in range(count):
+        a, b = ring[i], ring[(i + 1) % count]
+        for r in range(3):
+            s, t = (r + 1) % 3, (r + 2) % 3
+            here, there = (x[a, s] - mean[s], x[a, t] - mean[t]), (x[b, s] - mean[s], x[b, t] - mean[t])
+            share = pressure / 6.0 * (here[0] * there[1] - here[1] * there[0])
+            gradient[a, r] += share
+            gradient[b, r] += share
+            total[r] += share
+    for i in range(count):
+        for r in range(3):
+            gradient[ring[i], r] += total[r] / count
+
+
+@kernel(types.void(MATRIX, INDICES, REAL, CUBES))
+def add_cap_stiffness(x, ring, pressure, out):  # type: ignore[no-untyped-def]
+    """Add the derivative (k, k, 3, 3) [N/m] of `add_cap_force` by the ring's nodes, not symmetric."""
+    count = ring.shape[0]
+    mean, left, right = small_vector(3), small_matrix(3, 3), small_matrix(3, 3)
+    here, there = small_vector(3), small_vector(3)
+    for r in range(3):
+        mean[r] = 0.0
+        for i in range(count):
+            mean[r] += x[ring[i], r] / count
+    for i in range(count):
+        following = (i + 1) % count
+        for r in range(3):
+            here[r], there[r] = x[ring[i], r] - mean[r], x[ring[following], r] - mean[r]
+        _cross_block(here, pressure / 6.0, left)
+        _cross_block(there, pressure / 6.0, right)
+        for t in range(count):
+            # a share's corners get it in full, all nodes one part of the centre's
+            weight = 1.0 / count + (1.0 if t in (i, following) else 0.0)
+            for r in range(3):
+                for c in range(3):
+                    out[t, i, r, c] -= weight * right[r, c]
+                    out[t, following, r, c] += weight * left[r, c]
+                    for b in range(count):
+                        out[t, b, r, c] += weight * (right[r, c] - left[r, c]) / count
 
 
 def cap_stiffness(positions: Array, ring: IntArray, pressure_Pa: float) -> Array:
-    """Return the derivative (3 k, 3 k) [N/m] of `cap_force`, not symmetric."""
-    (arm, following), count = _spokes(positions, ring), len(ring)
-    this = following - 1
-    left = pressure_Pa / 6.0 * np.einsum("rst,it->irs", _CROSS, arm)  # (k, 3, 3), arm x
-    right = left[following]
-    change = np.zeros((count, count, 3, 3))  # d(share i), by the ring's node
-    change[this, this] -= right
-    change[this, following] += left
-    change += ((right - left) / count)[:, None]
-    derivative = change.sum(axis=0) / count + change + change[following - 2]
-    return np.asarray(derivative.transpose(0, 2, 1, 3).reshape(3 * count, 3 * count))
+    """Return the derivative (3 k, 3 k) [N/m] of what `add_cap_force` adds, not symmetric.
 
-
-def _spokes(positions: Array, ring: IntArray) -> tuple[Array, IntArray]:
-    """Return a fan's spokes (k, 3) [m], and the one that follows on each (k,)."""
-    corner = positions[ring]
-    return corner - corner.sum(axis=0) / len(ring), np.arange(1, len(ring) + 1) % len(ring)
+    Args:
+        positions: (n, 3) [m].
+        ring: (k,) nodes.
+        pressure_Pa: gauge pressure.
+    """
+    found, size = np.zeros((len(ring), len(ring), 3, 3)), 3 * len(ring)
+    add_cap_stiffness(np.ascontiguousarray(positions), ring, pressure_Pa, found)
+    return found.transpose(0, 2, 1, 3).reshape(size, size)

@@ -6,91 +6,126 @@ and that of beams for bodies with beams alone.
 
 from __future__ import annotations
 
+import math
+from typing import NamedTuple
+
+import numpy as np
 from numba import types
 
-from cosim.base.kernels import BLOCKS, INTEGER, MATRIX, REAL, VECTOR, address_of, device_function, kernel
+from cosim.base.kernels import INTEGER, REAL, VECTOR, address_of, device_function, kernel
 from cosim.base.numba_insides import caller
 from cosim.soft.beams.node_turns import BeamArrays
 from cosim.soft.beams.ring_kernels import REMEMBERED, add_beam_rings
-from cosim.soft.body.loads import TOUCHING, PlainLoads
+from cosim.soft.body.loads import TOUCHING, PlainLoads, Touching
 from cosim.soft.contact.obstacle_contact import add_contacts
 from cosim.soft.contact.self_contact_pairs import add_pairs
-from cosim.soft.elements.cable import add_segments
+from cosim.soft.elements import gas
+from cosim.soft.elements.cable import add_segments, segment_length
+from cosim.soft.elements.cable_length import onset as onset_of_tension
 from cosim.soft.elements.hinge import add_hinges
 from cosim.soft.elements.mass_terms import add_gravity, add_inertia
 from cosim.soft.elements.membrane import add_membranes
-from cosim.soft.elements.pressure import add_cap, add_pressure
-from cosim.soft.film.film_arrays import BEAMS, BED, CHAMBERS, FILM, FILMS, HINGES, NODES, SEGMENTS, SLOTS
-
-_CALLED = (add_membranes, add_hinges, add_segments, add_pressure, add_cap, add_gravity, add_inertia)
-_MEMBRANES, _HINGES, _SEGMENTS, _PRESSURE, _CAP, _GRAVITY, _INERTIA, _BEAMS = range(len(_CALLED) + 1)
-_add_membranes, _add_hinges, _add_segments, _add_pressure, _add_cap, _add_gravity, _add_inertia = map(
-    caller, _CALLED
+from cosim.soft.elements.pressure import add_cap, add_cap_force, add_pressure
+from cosim.soft.film.step_arrays import (
+    BEAMS,
+    BED,
+    CHAMBERS,
+    FILM,
+    FILM_LOADS,
+    FILM_POINT,
+    FILMS,
+    HINGES,
+    NODES,
+    SEGMENTS,
+    SLOTS,
+    FilmLoads,
+    StepBed,
 )
+
+onset = device_function(onset_of_tension)
+absolute_pressure = device_function(gas.absolute_pressure)
+gas_potential = device_function(gas.gas_potential)
+
+_CALLED = (
+    add_membranes, add_hinges, add_segments, add_pressure, add_cap, add_cap_force, add_gravity, add_inertia,
+)  # fmt: skip
+_MEMBRANES, _HINGES, _SEGMENTS, _PRESSURE, _CAP, _OPEN, _GRAVITY, _INERTIA, _BEAMS = range(len(_CALLED) + 1)
+(
+    _add_membranes, _add_hinges, _add_segments, _add_pressure, _add_cap, _add_cap_force, _add_gravity,
+    _add_inertia,
+) = map(caller, _CALLED)  # fmt: skip
 _add_beam_rings, _add_contacts, _add_pairs = map(caller, (add_beam_rings, add_contacts, add_pairs))
 
 PLAIN_LOADS = types.NamedUniTuple(VECTOR, 3, PlainLoads)  # as numba has it where all fields are alike
 
 
+class FilmActing(NamedTuple):
+    """What acts on a film.
+
+    Args:
+        loads: that are plain.
+        more: what else is given.
+        touching: what may be touched; films touch one another in a film of one part only.
+        bed: that inertia is; empty in statics.
+    """
+
+    loads: PlainLoads
+    more: FilmLoads
+    touching: Touching
+    bed: StepBed
+
+
+FILM_ACTING = types.NamedTuple((PLAIN_LOADS, FILM_LOADS, TOUCHING, BED), FilmActing)
+
+
 def term_calls(*, beams: bool) -> list[int]:
-    """Return the addresses (8,) of the kernels of the terms; of a body without beams none of theirs."""
+    """Return the addresses (9,) of the kernels of the terms; of a body without beams none of theirs."""
     return [*map(address_of, _CALLED), address_of(add_beam_rings) if beams else 0]
 
 
-@kernel(
-    REAL(
-        FILM, SLOTS, PLAIN_LOADS, TOUCHING, BED, INTEGER, MATRIX, VECTOR, VECTOR, VECTOR, MATRIX, BLOCKS
-    )
-)  # fmt: skip
-def film_terms(  # type: ignore[no-untyped-def]
-    film, slots, loads, touching, bed, part, x, memory, pull, tracked, gradient, blocks
-):
-    """Fill a part's rows of the gradient (n, 3) [N] of a film in a step; return its potential [J].
+@kernel(REAL(FILM, SLOTS, FILM_ACTING, INTEGER, FILM_POINT))
+def film_terms(film, slots, acting, part, point):  # type: ignore[no-untyped-def]
+    """Fill a part's rows of the gradient (n, 3) [N] of a film; return its potential [J].
 
-    Fills as well what its elements track, and adds to the blocks if slots are not empty. Terms come in the
-    order in which `SoftSystem.evaluate` adds them.
+    It is infinite where a sealed gas has no volume. Fills as well what its elements track, and adds to the
+    blocks if slots are not empty.
 
     Args:
         film: see `FilmArrays`.
         slots: see `FilmSlots`.
-        loads: see `PlainLoads`.
-        touching: see `Touching`; films touch one another in a film of one part only.
-        bed: see `StepBed`.
+        acting: see `FilmActing`.
         part: its number.
-        x: (n, 3) [m].
-        memory: (values,), see `Instant`.
-        pull: (s,), scratch.
-        tracked: (values,), see `Instant`.
-        gradient: (n, 3), filled.
-        blocks: (b, 3, 3) [N/m].
+        point: see `FilmPoint`.
     """
     a, b = film.parts[part], film.parts[part + 1]
     begin, end = a[NODES], b[NODES]
+    x, gradient, blocks, bed = point.x, point.gradient, point.blocks, acting.bed
     for i in range(begin, end):
         for r in range(3):
             gradient[i, r] = 0.0
     energy = 0.0
     for k in range(a[FILMS], b[FILMS]):
         energy += _add_film(film, slots, k, x, gradient, blocks)
-    energy += _add_bends(film, slots, a[HINGES], b[HINGES], x, memory, tracked, gradient, blocks)
-    first, last = a[SEGMENTS], b[SEGMENTS]
-    for s in range(first, last):
-        pull[s] = loads.tension[film.cable[s]] * film.ratio[s]
-    segments = x, film.segments[first:last], pull[first:last], slots.segments[first:last], gradient, blocks
-    energy += _add_segments(film.calls[_SEGMENTS], segments)
-    groups, moving = (a[BEAMS], b[BEAMS]), not bed.closely
-    energy += _add_beams(film, slots, groups, moving, x, memory, tracked, gradient, blocks)
-    energy += _add_gas(film, slots, a[CHAMBERS], b[CHAMBERS], loads.pressure, x, gradient, blocks)
+    energy += _add_bends(film, slots, a[HINGES], b[HINGES], point)
+    energy += _add_cables(film, slots, a[SEGMENTS], b[SEGMENTS], acting, point)
+    moves = bed.coefficient.shape[0] > 0
+    energy += _add_beams(film, slots, (a[BEAMS], b[BEAMS]), moves and not bed.closely, point)
+    energy += _add_gas(film, slots, a[CHAMBERS], b[CHAMBERS], acting, point)
+    if not energy < np.inf:
+        return np.inf
     own, mass = gradient[begin:end], film.mass[begin:end]
-    energy += _add_gravity(film.calls[_GRAVITY], (x[begin:end], mass, loads.gravity, own))
-    planes = touching.planes
+    energy += _add_gravity(film.calls[_GRAVITY], (x[begin:end], mass, acting.loads.gravity, own))
+    energy += _add_forces(acting.more.force, begin, end, x, gradient)
+    planes = acting.touching.planes
     if planes.call != 0:
         contacts = x, planes.planes, planes.widths, begin, end, gradient, blocks, planes.own, planes.pressing
         energy += _add_contacts(planes.call, contacts)
-    inertia = x[begin:end], bed.coefficient[begin:end], bed.target[begin:end], slots.diagonal[begin:end]
-    energy += _add_inertia(film.calls[_INERTIA], (*inertia, own, blocks))
-    if touching.call != 0:
-        energy += _add_pairs(touching.call, (x, touching.pairs, film.no_slots.triangles, gradient, blocks))
+    if moves:
+        inertia = x[begin:end], bed.coefficient[begin:end], bed.target[begin:end], slots.diagonal[begin:end]
+        energy += _add_inertia(film.calls[_INERTIA], (*inertia, own, blocks))
+    if acting.touching.call != 0:
+        pairs = x, acting.touching.pairs, film.no_slots.triangles, gradient, blocks
+        energy += _add_pairs(acting.touching.call, pairs)
     return energy
 
 
@@ -109,21 +144,67 @@ def _add_film(film, slots, k, x, gradient, blocks):  # type: ignore[no-untyped-d
 
 
 @device_function
-def _add_bends(film, slots, first, last, x, memory, tracked, gradient, blocks):  # type: ignore[no-untyped-def]
+def _add_bends(film, slots, first, last, point):  # type: ignore[no-untyped-def]
     """Add some of the hinges; return their energy [J]."""
     begin, end = film.angles[0] + first, film.angles[0] + last
     return _add_hinges(
         film.calls[_HINGES],
         (
-            x, film.hinges[first:last], film.hinge_stiffness[first:last], film.rest_angle[first:last],
-            film.fold_barrier[0], memory[begin:end], slots.hinges[first:last], gradient, blocks,
-            tracked[begin:end],
+            point.x, film.hinges[first:last], film.hinge_stiffness[first:last], film.rest_angle[first:last],
+            film.fold_barrier[0], point.memory[begin:end], slots.hinges[first:last], point.gradient,
+            point.blocks, point.tracked[begin:end],
         ),
     )  # fmt: skip
 
 
 @device_function
-def _add_beams(film, slots, groups, moving, x, memory, tracked, gradient, blocks):  # type: ignore[no-untyped-def]
+def _add_cables(film, slots, first, last, acting, point):  # type: ignore[no-untyped-def]
+    """Add segments, given tensions or commanded lengths; return their energy [J]."""
+    loads, more, pull, energy = acting.loads, acting.more, point.pull, 0.0
+    for s in range(first, last):
+        pull[s] = loads.tension[film.cable[s]] * more.share[s]
+    for c in range(more.length.shape[0]):
+        if first <= film.routes[c] < last and not math.isnan(more.length[c]):
+            energy += _pull_cable(film, c, more, slots.diagonal.shape[0] > 0, point)
+    segments = film.segments[first:last], pull[first:last], slots.segments[first:last]
+    filled = point.gradient, point.blocks
+    return energy + _add_segments(film.calls[_SEGMENTS], (point.x, *segments, *filled))
+
+
+@device_function
+def _pull_cable(film, c, more, with_hessian, point):  # type: ignore[no-untyped-def]
+    """Fill the tensions of a cable of commanded length; return its energy [J] less sum T_i L_i."""
+    first, last = film.routes[c], film.routes[c + 1]
+    weighted = 0.0
+    for s in range(first, last):
+        weighted += more.share[s] * segment_length(point.x, film.segments[s, 0], film.segments[s, 1])
+    energy, force, slope = onset(weighted - more.length[c])
+    for s in range(first, last):
+        point.pull[s] = more.spring[c] * force * more.share[s]
+    if with_hessian:
+        more.coefficients[c] = more.spring[c] * slope
+        more.vectors[c, :, :] = 0.0
+        if slope > 0.0:
+            weights = film.segments[first:last], more.share[first:last], film.no_slots.segments
+            added = point.x, *weights, more.vectors[c], film.no_blocks
+            _add_segments(film.calls[_SEGMENTS], added)
+    return more.spring[c] * (energy - force * weighted)
+
+
+@device_function
+def _add_forces(force, begin, end, x, gradient):  # type: ignore[no-untyped-def]
+    """Add forces that keep their direction; return their potential [J]."""
+    energy = 0.0
+    if force.shape[0] > 0:
+        for i in range(begin, end):
+            for r in range(3):
+                gradient[i, r] -= force[i, r]
+                energy -= force[i, r] * x[i, r]
+    return energy
+
+
+@device_function
+def _add_beams(film, slots, groups, moving, point):  # type: ignore[no-untyped-def]
     """Add some groups of rings of beams; return their energy [J]."""
     energy = 0.0
     for k in range(groups[0], groups[1]):
@@ -137,23 +218,72 @@ def _add_beams(film, slots, groups, moving, x, memory, tracked, gradient, blocks
         )
         pairs, differentiated = nodes * (nodes + 1) // 2, rings if slots.diagonal.shape[0] > 0 else 0
         own = slots.beams[slot : slot + differentiated * pairs].reshape((differentiated, pairs))
-        places = memory[first:last], moving, own, gradient, blocks, tracked[first:last]
-        energy += _add_beam_rings(film.calls[_BEAMS], (x, beams, *places))
+        places = (
+            point.memory[first:last],
+            moving,
+            own,
+            point.gradient,
+            point.blocks,
+            point.tracked[first:last],
+        )
+        energy += _add_beam_rings(film.calls[_BEAMS], (point.x, beams, *places))
     return energy
 
 
 @device_function
-def _add_gas(film, slots, first, last, pressure, x, gradient, blocks):  # type: ignore[no-untyped-def]
-    """Add -p V of some chambers; return that potential [J]."""
-    energy = 0.0
+def _add_gas(film, slots, first, last, acting, point):  # type: ignore[no-untyped-def]
+    """Add the gas of some chambers; return its potential [J], infinite where sealed gas has no volume."""
+    energy, more = 0.0, acting.more
     for k in range(first, last):
+        given, sealed = acting.loads.pressure[k], more.gas.shape[0] > 0 and more.gas[k, 0] > 0.0
+        if sealed:
+            given = _seal(film, k, more, slots.diagonal.shape[0] > 0, point)
+            if not given < np.inf:
+                return np.inf
+        volume = _press(film, slots, k, given, point.x, point.gradient, point.blocks)
         a, b = film.chambers[k], film.chambers[k + 1]
-        triangles, given = film.gas_triangles[a[0] : b[0]], pressure[k]
-        filled = x, triangles, given, slots.gas[a[0] : b[0]], gradient, blocks
-        volume = _add_pressure(film.calls[_PRESSURE], filled)
         for cap in range(a[1], b[1]):
-            ring = film.rings[film.caps[cap] : film.caps[cap + 1]]
-            own = slots.caps[slots.first_of_cap[cap] : slots.first_of_cap[cap + 1]]
-            volume += _add_cap(film.calls[_CAP], (x, ring, given, own, gradient, blocks))
-        energy += -given * volume
+            if film.open[cap]:
+                ring = film.rings[film.caps[cap] : film.caps[cap + 1]]
+                _add_cap_force(film.calls[_OPEN], (point.x, ring, given, point.gradient))
+        more.found[k, 0], more.found[k, 1] = given, volume
+        energy += _sealed_energy(more.gas[k], volume) if sealed else -given * volume
     return energy
+
+
+@device_function
+def _sealed_energy(gas, volume):  # type: ignore[no-untyped-def]
+    return gas_potential(gas[0], gas[1], gas[2], gas[3], volume)
+
+
+@device_function
+def _press(film, slots, k, given, x, gradient, blocks):  # type: ignore[no-untyped-def]
+    """Add -p V of chamber k at a given pressure; return V [m^3]."""
+    a, b = film.chambers[k], film.chambers[k + 1]
+    own = slots.gas[a[0] : b[0]]
+    filled = x, film.gas_triangles[a[0] : b[0]], given, own, gradient, blocks
+    volume = _add_pressure(film.calls[_PRESSURE], filled)
+    for cap in range(a[1], b[1]):
+        ring = film.rings[film.caps[cap] : film.caps[cap + 1]]
+        pairs = slots.caps[slots.first_of_cap[cap] : slots.first_of_cap[cap + 1]]
+        volume += _add_cap(film.calls[_CAP], (x, ring, given, pairs, gradient, blocks))
+    return volume
+
+
+@device_function
+def _seal(film, k, more, with_hessian, point):  # type: ignore[no-untyped-def]
+    """Return the gauge pressure [Pa] of what is sealed in chamber k, infinite without volume.
+
+    Fills what it adds to a Hessian.
+    """
+    row = more.coefficients.shape[0] - more.gas.shape[0] + k
+    if with_hessian:
+        more.vectors[row, :, :] = 0.0
+        volume = _press(film, film.no_slots, k, -1.0, point.x, more.vectors[row], film.no_blocks)
+    else:
+        volume = _press(film, film.no_slots, k, 0.0, point.x, point.gradient, film.no_blocks)
+    exponent, ambient = more.gas[k, 2], more.gas[k, 3]
+    absolute = absolute_pressure(more.gas[k, 0], more.gas[k, 1], exponent, volume)
+    if with_hessian:
+        more.coefficients[row] = exponent * absolute / volume
+    return absolute - ambient

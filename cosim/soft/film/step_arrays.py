@@ -1,18 +1,226 @@
-"""What the kernel of a film's step is given and what it leaves, as arrays of documented shapes."""
+"""What the kernel of a film's step is given and what it leaves, as arrays of documented shapes.
+
+Shapes of the arrays by which kernels know a film, and of what its terms add to.
+
+Bodies side by side that nothing couples, such as the fingers of a gripper, are parts: of each, all that is
+listed follows in one stretch.
+"""
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
+import numpy as np
 from numba import types
 
 from cosim.base.frames import Array, IntArray
-from cosim.base.kernels import BLOCKS, BOOLEAN, INDICES, MATRIX, REAL, VECTOR, device_function
-from cosim.soft.film.film_arrays import SLOTS, FilmSlots
+from cosim.base.kernels import BLOCKS, BOOLEAN, INDEX_TABLE, INDICES, MATRIX, REAL, VECTOR, device_function
 from cosim.soft.linear.secant_pairs import PAIRS, SecantPairs
 
-TO_DO, LEFT, TANGENTS, RESIDUAL, ENERGY = range(5)
+NODES, FILMS, HINGES, SEGMENTS, BEAMS, CHAMBERS = range(6)
+"""What columns of `FilmArrays.parts` are."""
+PART_COLUMNS: Final = 6
+
+
+class FilmBeams(NamedTuple):
+    """Rings of beams, group after group of equal ones; see `BeamArrays`.
+
+    Args:
+        groups: (g, 5), where the nodes of each begin, how many rings, nodes of a ring, first of its memory,
+            first of its slots.
+        rings: nodes of all rings.
+        directors: their directors, 9 numbers each.
+        lengths: [m], of their beams.
+        rigidities: (g, 4).
+    """
+
+    groups: IntArray
+    rings: IntArray
+    directors: Array
+    lengths: Array
+    rigidities: Array
+
+
+class FilmSlots(NamedTuple):
+    """Where pairs of nodes are in the tangent's blocks, see `BlockPattern.slots`; empty for no Hessian.
+
+    Args:
+        triangles: (m, 6).
+        hinges: (h, 10).
+        segments: (s, 3).
+        gas: (t, 6), of `gas_triangles`.
+        caps: of ring after ring.
+        first_of_cap: (caps + 1,), where those of each begin.
+        beams: of ring after ring.
+        diagonal: (n,).
+    """
+
+    triangles: IntArray
+    hinges: IntArray
+    segments: IntArray
+    gas: IntArray
+    caps: IntArray
+    first_of_cap: IntArray
+    beams: IntArray
+    diagonal: IntArray
+
+
+class FilmArrays(NamedTuple):
+    """Films, hinges, cables, beams, chambers and masses of one body.
+
+    Args:
+        calls: (9,) addresses of the kernels.
+        triangles: (m, 3), film after film.
+        shape_gradients: (m, 3, 2), see `Membranes`.
+        areas: (m,) [m^2].
+        drawn: (groups, 5 LANES), see `in_lanes`.
+        stiffness: (films, 3, 3) [N/m].
+        laws: (films,), code of each film's law.
+        fraction: (films,), compressive fraction.
+        forces: (w, 2) [N/m], see `wrinkling_forces`; of plain films none.
+        films: (films + 1, 3), where the triangles, groups and forces of each film begin.
+        hinges: (h, 4).
+        hinge_stiffness: (h,) [N m/rad].
+        rest_angle: (h,) [rad].
+        fold_barrier: (1,) [rad].
+        angles: (2,), where the hinges' memory begins and ends.
+        segments: (s, 2), of all cables.
+        cable: (s,), of which each is.
+        routes: (cables + 1,), where the segments of each cable begin.
+        beams: stiffeners.
+        gas_triangles: (t, 3), chamber after chamber.
+        rings: (r,), nodes of the caps, one after the other.
+        caps: (caps + 1,), where each begins.
+        chambers: (chambers + 1, 2), where the triangles and caps of each begin.
+        open: (caps,), 1 for those that carry no pressure, 0 for the others.
+        mass: (n,) [kg].
+        parts: (parts + 1, 6), of bodies that nothing couples: where nodes, films, hinges, segments, groups of
+            beams and chambers of each begin.
+        no_slots: for no Hessian.
+        no_blocks: (0, 3, 3), for none.
+    """
+
+    calls: IntArray
+    triangles: IntArray
+    shape_gradients: Array
+    areas: Array
+    drawn: Array
+    stiffness: Array
+    laws: IntArray
+    fraction: Array
+    forces: Array
+    films: IntArray
+    hinges: IntArray
+    hinge_stiffness: Array
+    rest_angle: Array
+    fold_barrier: Array
+    angles: IntArray
+    segments: IntArray
+    cable: IntArray
+    routes: IntArray
+    beams: FilmBeams
+    gas_triangles: IntArray
+    rings: IntArray
+    caps: IntArray
+    chambers: IntArray
+    open: IntArray
+    mass: Array
+    parts: IntArray
+    no_slots: FilmSlots
+    no_blocks: Array
+
+
+_FILM_BEAMS = types.NamedTuple((INDEX_TABLE, INDICES, VECTOR, VECTOR, MATRIX), FilmBeams)
+SLOTS = types.NamedTuple((*(4 * [INDEX_TABLE]), *(4 * [INDICES])), FilmSlots)
+FILM = types.NamedTuple(
+    (
+        INDICES, INDEX_TABLE, BLOCKS, VECTOR, MATRIX, BLOCKS, INDICES, VECTOR, MATRIX, INDEX_TABLE,
+        INDEX_TABLE, VECTOR, VECTOR, VECTOR, INDICES, INDEX_TABLE, INDICES, INDICES, _FILM_BEAMS, INDEX_TABLE,
+        INDICES, INDICES, INDEX_TABLE, INDICES, VECTOR, INDEX_TABLE, SLOTS, BLOCKS,
+    ),
+    FilmArrays,
+)  # fmt: skip
+
+
+class StepBed(NamedTuple):
+    """The elastic bed that inertia is in a step.
+
+    Args:
+        coefficient: (n,) [N/m].
+        target: (n, 3) [m].
+        closely: whether the step is solved closely, see `Inertia`.
+    """
+
+    coefficient: Array
+    target: Array
+    closely: bool
+
+
+BED = types.NamedTuple((VECTOR, MATRIX, BOOLEAN), StepBed)
+
+
+class FilmLoads(NamedTuple):
+    """What acts on a film besides pressures, tensions and gravity, and what of that is dense in the tangent.
+
+    Args:
+        share: (s,), tension of each segment over that at its cable's base end, or, of a cable whose length is
+            commanded, its weight (see `cable_length`); losses as they were where a solution began.
+        length: (cables,) [m], the commanded ones, NaN where a tension is; empty where all are tensions.
+        spring: (cables,) [N/m], k m of those.
+        gas: (chambers, 4), of what is sealed in each: absolute pressure [Pa], volume [m^3], exponent, ambient
+            pressure; zero where the pressure is given; empty where it is in all.
+        force: (n, 3) [N], on the nodes; empty for none.
+        found: (chambers, 2), filled with gauge pressure [Pa] and volume [m^3] of each.
+        vectors: (cables + chambers, n, 3), filled with what a Hessian has of dense terms.
+        coefficients: (cables + chambers,), of these; 0 for none.
+    """
+
+    share: Array
+    length: Array
+    spring: Array
+    gas: Array
+    force: Array
+    found: Array
+    vectors: Array
+    coefficients: Array
+
+
+FILM_LOADS = types.NamedTuple((VECTOR, VECTOR, VECTOR, MATRIX, MATRIX, MATRIX, BLOCKS, VECTOR), FilmLoads)
+
+
+class FilmPoint(NamedTuple):
+    """A shape, and what the terms of a film fill in there.
+
+    Args:
+        x: (n, 3) [m].
+        memory: (values,), what elements remember of the last accepted state, see `Instant`.
+        tracked: (values,), filled with what they make of it.
+        gradient: (n, 3) [N], filled.
+        blocks: (b, 3, 3) [N/m], added to; empty for no Hessian.
+        pull: (s,) [N], scratch.
+    """
+
+    x: Array
+    memory: Array
+    tracked: Array
+    gradient: Array
+    blocks: Array
+    pull: Array
+
+
+FILM_POINT = types.NamedTuple((MATRIX, VECTOR, VECTOR, MATRIX, BLOCKS, VECTOR), FilmPoint)
+
+
+(
+    TO_DO, LEFT, TANGENTS, RESIDUAL, ENERGY, ASKS, TRIED, SEARCHES, TRIES, SHARE, SLOPE, PAIRS_KNOWN, AGAIN,
+    MOVED, SWEEPS, RUN,
+) = range(16)  # fmt: skip
 """What columns of `StepWork.parts` are."""
+NOTHING, EVALUATION, TANGENT, SOLUTION, EVALUATED, SOLVED, STUCK = range(7)
+"""What a part asks for: the potential where kernels do not know all terms, a step with a new tangent, one
+with a kept factorisation of a kind that they do not know; what it is given; that no share of it serves."""
+GOES_ON, BEGINS_STEP, BEGINS = range(3)
+"""How a call begins: where the last one ended; a step in time; a solution where the end of the motion is."""
 
 
 class StepNumbers(NamedTuple):
@@ -27,8 +235,11 @@ class StepNumbers(NamedTuple):
         tolerance: [N].
         start_tolerance: [N].
         reuse_rate: bound on a residual over the last one.
+        reuse_below: [N], residual above which new tangents are made.
         step_max: [m].
         halvings: of a step along a new tangent, at most.
+        potential: whether the loads have one.
+        complete: whether kernels know all terms.
     """
 
     two_steps: bool
@@ -39,8 +250,11 @@ class StepNumbers(NamedTuple):
     tolerance: float
     start_tolerance: float
     reuse_rate: float
+    reuse_below: float
     step_max: float
     halvings: int
+    potential: bool
+    complete: bool
 
 
 class StepMotion(NamedTuple):
@@ -73,13 +287,13 @@ class StepPlace(NamedTuple):
     """Where a call goes on.
 
     Args:
-        begins: whether the step does; otherwise the end of the motion, the gradient and `StepWork.parts` are
-            where it is.
+        begins: BEGINS_STEP, BEGINS, or GOES_ON where the end of the motion, the gradient and `StepWork.parts`
+            are.
         reuse_max: iterations of each part with a kept factorisation at most, in all calls of a step.
         tangents_max: new tangents of each part at most, in all calls of a step.
     """
 
-    begins: bool
+    begins: int
     reuse_max: int
     tangents_max: int
 
@@ -109,8 +323,12 @@ class StepWork(NamedTuple):
         pairs: of the steps with the kept factorisation.
         reference: (values,).
         pull: (segments,).
-        parts: (parts, 5) of which each has: whether it is to be solved, iterations with a kept factorisation
-            that are left, new tangents in the step, residual [N] and potential [J] where it is.
+        parts: (parts, 16) of which each has: whether it is to be solved, iterations with a kept factorisation
+            that are left, new tangents in the step, residual [N] and potential [J] where it is, what it asks
+            for, the potential [J] where it tries to go; whether it searches along a new tangent's step, how
+            often still, at what share of the step, and its slope [J]; pairs known, whether it tries once more
+            from where it is, whether it has moved, sweeps over folds, iterations with the kept factorisation.
+        more: loads that are not plain.
     """
 
     calls: IntArray
@@ -121,13 +339,16 @@ class StepWork(NamedTuple):
     reference: Array
     pull: Array
     parts: Array
+    more: FilmLoads
 
 
-NUMBERS = types.NamedTuple((BOOLEAN, *(8 * [REAL]), types.int64), StepNumbers)
-PLACE = types.NamedTuple((BOOLEAN, types.int64, types.int64), StepPlace)
+NUMBERS = types.NamedTuple((BOOLEAN, *(9 * [REAL]), types.int64, BOOLEAN, BOOLEAN), StepNumbers)
+PLACE = types.NamedUniTuple(types.int64, 3, StepPlace)  # as numba has it where all fields are alike
 NEW_TANGENTS = types.NamedTuple((SLOTS, BLOCKS, INDICES), NewTangents)
 MOTION = types.NamedTuple((*(4 * [MATRIX]), VECTOR, *(3 * [MATRIX]), VECTOR), StepMotion)
-WORK = types.NamedTuple((INDICES, MATRIX, BLOCKS, BLOCKS, PAIRS, VECTOR, VECTOR, MATRIX), StepWork)
+WORK = types.NamedTuple(
+    (INDICES, MATRIX, BLOCKS, BLOCKS, PAIRS, VECTOR, VECTOR, MATRIX, FILM_LOADS), StepWork
+)
 
 
 @device_function
@@ -151,3 +372,8 @@ def move(place, share, change, x):  # type: ignore[no-untyped-def]
     for i in range(x.shape[0]):
         for r in range(3):
             x[i, r] = place[i, r] + share * change[i, r]
+
+
+def room_for_parts(count: int) -> Array:
+    """Return room for what `StepWork` has of each of some parts."""
+    return np.zeros((count, RUN + 1))

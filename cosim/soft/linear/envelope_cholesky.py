@@ -20,10 +20,9 @@ from scipy.sparse.csgraph import reverse_cuthill_mckee
 
 from cosim.base.frames import Array, IntArray, Mask, PlaceArray
 from cosim.base.state_check import KnownStates, check_state
-from cosim.soft.linear.envelope_kernels import factorise, substitute
-from cosim.soft.linear.linear_solver import LinearSolver, equations, lower_entries, numbering
-from cosim.soft.linear.pattern import BlockPattern
-from cosim.soft.linear.ranges_apart import part_of, ranges_apart
+from cosim.soft.linear.envelope_kernels import factorise, forward, substitute
+from cosim.soft.linear.linear_solver import EnvelopeArrays, LinearSolver, equations, lower_entries, numbering
+from cosim.soft.linear.pattern import BlockPattern, part_of, ranges_apart
 
 NODE, STORED, TILED, SOLVED = range(4)
 """What columns of the table of `EnvelopeArrays` are."""
@@ -110,26 +109,6 @@ class _Part:
         )  # fmt: skip
 
 
-class EnvelopeArrays(NamedTuple):
-    """A factor as `substitute` takes it, part after part.
-
-    Args:
-        store: entries of L.
-        start: where each tile's rows begin in its part's entries.
-        first: first tile of each, of its part.
-        inverse: reciprocal diagonal.
-        dofs: component of each equation, of its part's nodes.
-        parts: (parts + 1, 4), where the nodes, entries, tiles and equations of each begin.
-    """
-
-    store: Array
-    start: PlaceArray
-    first: PlaceArray
-    inverse: Array
-    dofs: IntArray
-    parts: IntArray
-
-
 class EnvelopeEntries(NamedTuple):
     """Entries of A as `factorise` takes them, part after part.
 
@@ -180,10 +159,7 @@ class EnvelopeCholesky(LinearSolver):
         return np.ascontiguousarray(self._table[:, NODE])
 
     @property
-    def envelope(self) -> EnvelopeArrays | None:
-        """The factor; None where dense terms go beside it."""
-        if self._correction:
-            return None
+    def envelope(self) -> EnvelopeArrays:
         return EnvelopeArrays(self._store, self._start, self._first, self._inverse, self._dofs, self._table)
 
     @cached_property
@@ -224,7 +200,7 @@ class EnvelopeCholesky(LinearSolver):
         return self._store, self._inverse
 
     def _take_factor(self, parts: tuple[NDArray[Any], ...]) -> None:
-        if parts[0] not in self._known:
+        if parts[0] not in self._known or parts[1].shape != self._inverse.shape:
             check_state(parts, (self._store, self._inverse), place="state.soft.newton.factor.parts")
         self._store, self._inverse = parts
         self._lent = True
@@ -232,6 +208,17 @@ class EnvelopeCholesky(LinearSolver):
 
     def _solve_sparse(self, loads: Array) -> Array:
         return self._substituted(loads, _STRAIGHT)
+
+    def _product(self, vectors: Array) -> Array:
+        loads, total = vectors.reshape(len(vectors), -1, 3), np.zeros((len(vectors), len(vectors)))
+        for number, part in enumerate(self._parts):
+            store, inverse = self._factor_of(number)
+            begin, end = self._table[number : number + 2, NODE]
+            own = np.ascontiguousarray(loads[:, begin:end]).reshape(len(loads), -1)
+            found = np.zeros((len(loads), _TILE * len(part.start)))
+            forward(store, part.start, part.first, inverse, part.dofs, own, found)
+            total += found @ found.T
+        return total
 
     def _solve_turned(self, load: Array, turn: Array | None) -> Array:
         return np.asarray(self._substituted(load[None], _STRAIGHT if turn is None else turn)[0])

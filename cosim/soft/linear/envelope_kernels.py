@@ -138,8 +138,8 @@ def factorise(values, source, place, entry, shift, size, start, first, store, in
 
 
 @device_function
-def _substitute_forward(store, start, first, inverse, x):  # type: ignore[no-untyped-def]
-    for i in range(np.uint64(start.shape[0])):
+def _substitute_forward(store, start, first, inverse, begin, x):  # type: ignore[no-untyped-def]
+    for i in range(begin, np.uint64(start.shape[0])):
         wide, column, e = _4 * (i - first[i] + _1), _4 * first[i], _4 * i
         a, count = start[i], wide - _4
         b, c, d = a + wide, a + _2 * wide, a + _3 * wide
@@ -177,7 +177,7 @@ def _substitute_backward(store, start, first, inverse, x):  # type: ignore[no-un
 
 
 @device_function
-def _turn(values, turn):  # type: ignore[no-untyped-def]
+def turned(values, turn):  # type: ignore[no-untyped-def]
     """Multiply the rows of values (n, 3) by turn (3, 3) from the right, in place."""
     for i in range(values.shape[0]):
         a, b, c = values[i, 0], values[i, 1], values[i, 2]
@@ -193,13 +193,25 @@ def substitute(store, start, first, inverse, dofs, turn, loads):  # type: ignore
     x = np.zeros(4 * start.shape[0])
     back = turn.T.copy()
     for case in range(loads.shape[0]):
-        _turn(loads[case], turn)
+        turned(loads[case], turn)
         values = loads[case].reshape(-1)
         for e in range(dofs.shape[0]):
             x[e] = values[dofs[e]]
-        _substitute_forward(store, start, first, inverse, x)
+        _substitute_forward(store, start, first, inverse, np.uint64(0), x)
         _substitute_backward(store, start, first, inverse, x)
         values[:] = 0.0
         for e in range(dofs.shape[0]):
             values[dofs[e]] = x[e]
-        _turn(loads[case], back)
+        turned(loads[case], back)
+
+
+@kernel(types.void(VECTOR, PLACES, PLACES, VECTOR, INDICES, MATRIX, MATRIX), reorder_sums=True)
+def forward(store, start, first, inverse, dofs, loads, found):  # type: ignore[no-untyped-def]
+    """Fill found (k, 4 tiles), zero before, with L^-1 b of each of loads (k, 3 n); equation e is dofs[e]."""
+    for case in range(loads.shape[0]):
+        begin = dofs.shape[0]
+        for e in range(dofs.shape[0] - 1, -1, -1):
+            found[case, e] = loads[case, dofs[e]]
+            if found[case, e] != 0.0:
+                begin = e
+        _substitute_forward(store, start, first, inverse, np.uint64(begin // 4), found[case])

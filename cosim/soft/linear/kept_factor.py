@@ -1,15 +1,37 @@
-"""A factorisation that serves later solutions as well, and what Newton's method saves of itself."""
+"""A factorisation that serves later solutions as well, and what Newton's method saves of itself.
+
+A factorisation by its envelope as kernels keep it: solved with, turned with the flange, and made anew.
+
+Nodes begin to end of a body are one or more of its parts that nothing couples.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import Annotated, Final, final
+import math
+from dataclasses import dataclass
+from typing import Annotated, Final, NamedTuple, final
 
 import numpy as np
+from numba import types
 
-from cosim.base.frames import Array, IntArray
-from cosim.soft.linear.linear_solver import FactorState
+from cosim.base.frames import Array, IntArray, Mask
+from cosim.base.kernels import (
+    BLOCKS,
+    INDEX_TABLE,
+    INDICES,
+    MASKS,
+    MATRIX,
+    PLACES,
+    VECTOR,
+    address_of,
+    device_function,
+)
+from cosim.base.numba_insides import caller
+from cosim.soft.linear.envelope_cholesky import NODE, SOLVED, STORED, TILED, EnvelopeEntries
+from cosim.soft.linear.envelope_kernels import factorise, substitute, turned
+from cosim.soft.linear.linear_solver import EnvelopeArrays, FactorState
 from cosim.soft.linear.pattern import BlockPattern
+from cosim.soft.linear.secant_pairs import bend_load, mend_step
 
 EXTRA_MAX: Final = 8
 """Iterations beyond one a solution that have cost as much as a new factorisation: it is made."""
@@ -39,26 +61,6 @@ def nothing_kept(apart: IntArray) -> KeptParts:
     return (None,) * (len(apart) - 1)
 
 
-def kept_of_all(parts: KeptParts, kind: float) -> KeptFactor | None:
-    """Return for what all parts were made, if for a problem of one kind and at one rotation.
-
-    None as well where one of them is not to serve on.
-    """
-    first = parts[0]
-    for other in parts:
-        if other is None or other.kind != kind or other.extra >= EXTRA_MAX:
-            return None
-        if first is None or not np.array_equal(other.frame, first.frame):
-            return None
-    return first
-
-
-def served(kept: KeptFactor | None, iterations: int) -> KeptFactor | None:
-    """Return what is kept after it has served a solution for some iterations."""
-    extra = max(0, iterations - 1)
-    return replace(kept, extra=kept.extra + extra) if kept is not None and extra else kept
-
-
 @final
 @dataclass(frozen=True)
 class NewtonState:
@@ -75,3 +77,222 @@ class NewtonState:
     factor: FactorState | None
     gradient: Annotated[Array, ("nodes", 3)]
     wide: BlockPattern | None = None
+
+
+_CALLED = (substitute, factorise, bend_load, mend_step)
+_SUBSTITUTE, _FACTORISE, _BEND, _MEND = range(len(_CALLED))
+_substitute, _factorise, _bend_load, _mend_step = map(caller, _CALLED)
+
+
+def envelope_calls() -> IntArray:
+    """Return the addresses (4,) of the kernels that a kept factorisation calls."""
+    return np.array([address_of(called) for called in _CALLED])
+
+
+OUTSIDE: Final = 2
+"""Stands for a factorisation that is there, of another kind."""
+
+
+class KeptEnvelope(NamedTuple):
+    """A factorisation by its envelope, and the flange's axes when each part of it was made.
+
+    Args:
+        calls: (4,), see `envelope_calls`.
+        there: (parts,), 1 where there is one, 0 for none, OUTSIDE for one of another kind.
+        made: (parts,), how often a kernel has made each anew, or failed to.
+        factor: see `EnvelopeArrays`.
+        entries: see `EnvelopeEntries`.
+        extra: (parts,), iterations with each beyond one a step; see `EXTRA_MAX`.
+        frame: (parts, 3, 3), world from flange; of all the same where dense terms go beside the factor.
+        vectors: (k, 3 n), W of these, see `Correction`.
+        inner: (k, k), N.
+        scratch: (1, n, 3).
+        share: (1, k).
+        free: (n, 3), components that move.
+    """
+
+    calls: IntArray
+    there: IntArray
+    made: IntArray
+    factor: EnvelopeArrays
+    entries: EnvelopeEntries
+    extra: IntArray
+    frame: Array
+    vectors: Array
+    inner: Array
+    scratch: Array
+    share: Array
+    free: Mask
+
+
+_FACTOR = types.NamedTuple((VECTOR, PLACES, PLACES, VECTOR, INDICES, INDEX_TABLE), EnvelopeArrays)
+_ENTRIES = types.NamedTuple((PLACES, PLACES, PLACES, INDEX_TABLE), EnvelopeEntries)
+KEPT = types.NamedTuple(
+    (INDICES, INDICES, INDICES, _FACTOR, _ENTRIES, INDICES, BLOCKS, MATRIX, MATRIX, BLOCKS, MATRIX, MASKS),
+    KeptEnvelope,
+)
+
+
+@device_function
+def _turn_since(frame, flange, turn):  # type: ignore[no-untyped-def]
+    """Fill turn (3, 3) with the rotation from the axes (3, 3) of a factorisation to the flange's."""
+    turned = False
+    for r in range(3):
+        for c in range(3):
+            turned |= flange[1 + c, r] != frame[r, c]
+    for r in range(3):
+        for c in range(3):
+            turn[r, c] = 1.0 if r == c and not turned else 0.0
+            if turned:
+                for k in range(3):
+                    turn[r, c] += flange[1 + k, r] * frame[c, k]
+
+
+@device_function
+def is_kept(kept, begin, end):  # type: ignore[no-untyped-def]
+    """Return whether the factorisation of nodes begin to end is there, and is to serve on."""
+    for k in range(kept.there.shape[0]):
+        first, last = kept.factor.parts[k, NODE], kept.factor.parts[k + 1, NODE]
+        beyond = first < begin or end < last or kept.there[k] == 0 or kept.extra[k] >= EXTRA_MAX
+        if first < end and begin < last and beyond:
+            return False
+    return True
+
+
+@device_function
+def count_extra(kept, iterations, begin, end):  # type: ignore[no-untyped-def]
+    """Count iterations of a step with the factorisation of nodes begin to end."""
+    for k in range(kept.there.shape[0]):
+        if iterations > 1 and begin <= kept.factor.parts[k, NODE] < end:
+            kept.extra[k] += iterations - 1
+
+
+@device_function
+def _substitute_parts(kept, flange, turn, begin, end, solution):  # type: ignore[no-untyped-def]
+    """Solve in place with the factor of nodes begin to end; turned to the flange unless that is empty."""
+    factor = kept.factor
+    for k in range(kept.there.shape[0]):
+        a, b = factor.parts[k], factor.parts[k + 1]
+        if not begin <= a[NODE] < end:
+            continue
+        if flange.shape[0] > 0:
+            _turn_since(kept.frame[k], flange, turn)
+        own = solution[0, a[NODE] : b[NODE]].reshape((1, b[NODE] - a[NODE], 3))
+        _substitute(
+            kept.calls[_SUBSTITUTE],
+            (
+                factor.store[a[STORED] : b[STORED]], factor.start[a[TILED] : b[TILED]],
+                factor.first[a[TILED] : b[TILED]], factor.inverse[4 * a[TILED] : 4 * b[TILED]],
+                factor.dofs[a[SOLVED] : b[SOLVED]], turn, own,
+            ),
+        )  # fmt: skip
+
+
+@device_function
+def _solve_dense(kept, flange, turn, solution):  # type: ignore[no-untyped-def]
+    """Solve in place with the factor and the dense terms beside it, of all nodes; see `Correction`."""
+    load, y, count = kept.scratch[0], solution[0].reshape(solution[0].size), kept.inner.shape[0]
+    _turn_since(kept.frame[0], flange, turn)
+    turned(solution[0], turn)
+    for i in range(load.shape[0]):
+        for r in range(3):
+            load[i, r] = solution[0, i, r]
+    _set_straight(turn)
+    end = load.shape[0]
+    _substitute_parts(kept, flange[:0], turn, 0, end, solution)
+    for k in range(count):
+        kept.share[0, k] = 0.0
+        for i in range(y.shape[0]):
+            kept.share[0, k] += kept.vectors[k, i] * y[i]
+    flat = load.reshape(load.size)
+    for k in range(count):
+        share = 0.0
+        for m in range(count):
+            share += kept.inner[k, m] * kept.share[0, m]
+        if share != 0.0:
+            for i in range(y.shape[0]):
+                flat[i] -= share * kept.vectors[k, i]
+    for i in range(y.shape[0]):
+        y[i] = flat[i]
+    _substitute_parts(kept, flange[:0], turn, 0, end, solution)
+    _turn_since(kept.frame[0], flange, turn)
+    for r in range(3):
+        for c in range(r):
+            turn[r, c], turn[c, r] = turn[c, r], turn[r, c]
+    turned(solution[0], turn)
+
+
+@device_function
+def _set_straight(turn):  # type: ignore[no-untyped-def]
+    for r in range(3):
+        for c in range(3):
+            turn[r, c] = 1.0 if r == c else 0.0
+
+
+@device_function
+def solve_kept(kept, flange, turn, pairs, count, begin, end, gradient, solution):  # type: ignore[no-untyped-def]
+    """Fill the solution of nodes begin to end, corrected by some pairs; return its largest component.
+
+    NaN if one is none.
+
+    Args:
+        kept: the factorisation.
+        flange: (4, 3), see `flange_axes`.
+        turn: (3, 3), scratch.
+        pairs: see `bend_load`.
+        count: how many of them there have been.
+        begin: first of the nodes.
+        end: the node after the last.
+        gradient: (n, 3) [N], of all nodes.
+        solution: (1, n, 3) [m], of all nodes; filled.
+    """
+    found, longest = solution[0, begin:end], 0.0
+    _bend_load(kept.calls[_BEND], (pairs, count, gradient[begin:end], found))
+    if kept.inner.shape[0] > 0:
+        _solve_dense(kept, flange, turn, solution)
+    else:
+        _substitute_parts(kept, flange, turn, begin, end, solution)
+    _mend_step(kept.calls[_MEND], (pairs, count, found))
+    for i in range(found.shape[0]):
+        for r in range(3):
+            if math.isnan(found[i, r]):
+                return math.nan
+            longest = max(longest, abs(found[i, r]))
+    return longest
+
+
+@device_function
+def renew(kept, blocks, flange, begin, end):  # type: ignore[no-untyped-def]
+    """Factorise the tangent of nodes begin to end anew; return whether it is positive definite.
+
+    Args:
+        kept: filled.
+        blocks: (b, 3, 3) [N/m], of the tangent of all nodes.
+        flange: (4, 3), see `flange_axes`.
+        begin: first of the nodes.
+        end: the node after the last.
+    """
+    factor, entries, values = kept.factor, kept.entries, blocks.reshape(blocks.size)
+    for k in range(kept.there.shape[0]):
+        a, b = factor.parts[k], factor.parts[k + 1]
+        if not begin <= a[NODE] < end:
+            continue
+        first, last = entries.parts[k], entries.parts[k + 1]
+        tiles = a[TILED], b[TILED]
+        kept.made[k] += 1
+        kept.extra[k] = 0
+        kept.there[k] = _factorise(
+            kept.calls[_FACTORISE],
+            (
+                values, entries.source[first[0] : last[0]], entries.place[first[0] : last[0]],
+                entries.first[first[1] : last[1]], 0.0, b[SOLVED] - a[SOLVED],
+                factor.start[tiles[0] : tiles[1]], factor.first[tiles[0] : tiles[1]],
+                factor.store[a[STORED] : b[STORED]], factor.inverse[4 * tiles[0] : 4 * tiles[1]],
+            ),
+        )  # fmt: skip
+        for r in range(3):
+            for c in range(3):
+                kept.frame[k, r, c] = flange[1 + c, r]
+        if not kept.there[k]:
+            return False
+    return True

@@ -1,24 +1,157 @@
-"""Direct solvers for the tangent stiffness of the free components, behind one small interface."""
+"""Direct solvers for the tangent stiffness of the free components, behind one small interface.
+
+The envelope and the fronts are two such solvers for symmetric matrices, of which one is chosen by size
+(`multifrontal_cholesky.cholesky`); general LU serves where neither does. Dense terms of low rank,
+A = S + W^T M W, go beside the sparse factor of S and never enter it. With G = W S^-1 W^T and
+N = (1 + M G)^-1 M the solution of A x = b is
+
+    x = S^-1 (b - W^T N W S^-1 b)   (Sherman, Morrison and Woodbury).
+
+Symmetric terms sum_k c_k v_k v_k^T are w_k = |c_k|^1/2 v_k with the signs s_k of c_k on the diagonal of M, so
+that N is the inverse of H = diag(s) + G. Where S is positive definite, so is A if and only if H has as many
+negative eigenvalues as c has negative entries (both count the inertia of one bordered matrix, by its two
+Schur complements).
+"""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Annotated, Any, final
+from typing import Annotated, Any, NamedTuple, final
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import coo_matrix, csc_matrix
+from scipy.sparse.linalg import SuperLU, splu
 
-from cosim.base.frames import Array, IntArray, Mask
-from cosim.base.state_check import check_indices
+from cosim.base.frames import Array, IntArray, Mask, PlaceArray
 from cosim.errors import InputError
-from cosim.soft.linear.low_rank import LowRank, LowRankCorrection
 from cosim.soft.linear.pattern import BlockPattern
+
+
+@final
+@dataclass(frozen=True)
+class LowRank:
+    """The terms sum_k c_k v_k v_k^T.
+
+    Args:
+        vectors: (k, n, 3), v_k.
+        coefficients: (k,), c_k.
+    """
+
+    vectors: Array
+    coefficients: Array
+
+    @classmethod
+    def acting(cls, vectors: Array, coefficients: Array) -> LowRank | None:
+        """Return those of some terms that are not zero, as copies; None where all are."""
+        there = np.flatnonzero(coefficients)
+        return cls(vectors[there], coefficients[there]) if len(there) else None
+
+    def matrix(self) -> Array:
+        """Return the sum as a dense matrix (3 n, 3 n)."""
+        flat = self.vectors.reshape(len(self.coefficients), -1)
+        return np.asarray(flat.T @ (self.coefficients[:, None] * flat))
+
+
+@final
+@dataclass(frozen=True)
+class Correction:
+    """Corrects solutions with S to solutions with A.
+
+    Args:
+        vectors: (k, 3 n), W.
+        inner: (k, k), N.
+    """
+
+    vectors: Annotated[Array, ("k", "m")]
+    inner: Annotated[Array, ("k", "k")]
+
+    @classmethod
+    def of(cls, terms: LowRank, product: Callable[[Array], Array]) -> Correction | None:
+        """Return the correction by symmetric terms; None where A is not positive definite, if S is.
+
+        Args:
+            terms: to add to S; not all zero.
+            product: returns W S^-1 W^T (k, k) of W (k, 3 n).
+        """
+        coefficients, vectors, inner = _bordered(terms, product)
+        negative = (coefficients < 0.0).sum()
+        if not np.isfinite(inner).all() or (np.linalg.eigvalsh(inner) <= 0.0).sum() != negative:
+            return None
+        return cls(vectors, np.asarray(np.linalg.inv(inner), np.float64))
+
+    @classmethod
+    def unsymmetric(
+        cls, vectors: Array, middle: Array, product: Callable[[Array], Array]
+    ) -> Correction | None:
+        """Return the correction by W (k, 3 n) and M (k, k); None where A is singular."""
+        try:
+            found = np.linalg.solve(np.eye(len(middle)) + middle @ product(vectors), middle)
+        except np.linalg.LinAlgError:
+            return None
+        return cls(vectors, np.asarray(found, np.float64)) if np.isfinite(found).all() else None
+
+    def load(self, solution: Array) -> Array:
+        """Return W^T N W y (n, 3) of y = S^-1 b (n, 3)."""
+        share = self.inner @ (self.vectors @ solution.ravel())
+        return np.asarray((share @ self.vectors).reshape(solution.shape))
+
+
+def negative_added(terms: LowRank, solve: Callable[[Array], Array]) -> int:
+    """Return how many negative eigenvalues A has more than S, which need not be definite; mostly below 0.
+
+    The bordered matrix [[S, W], [W^T, -diag(s)]] has the Schur complements A (of the border) and -H (of S),
+    so that n_-(A) + n_+(c) = n_-(S) + n_+(H). Source: Haynsworth, Linear Algebra Appl. 1 (1968) 73.
+
+    Args:
+        terms: to add to S.
+        solve: returns S^-1 applied to each of (k, n, 3) loads; S is regular.
+    """
+    if not terms.coefficients.any():
+        return 0
+
+    def product(vectors: Array) -> Array:
+        return np.asarray(vectors @ solve(vectors.reshape(len(vectors), -1, 3)).reshape(len(vectors), -1).T)
+
+    coefficients, _, inner = _bordered(terms, product)
+    return int((np.linalg.eigvalsh(inner) > 0.0).sum()) - int((coefficients > 0.0).sum())
+
+
+def _bordered(terms: LowRank, product: Callable[[Array], Array]) -> tuple[Array, Array, Array]:
+    """Return c (k,) without zeros, w (k, 3 n) and H (k, k)."""
+    acting = terms.coefficients != 0.0
+    coefficients = terms.coefficients[acting]
+    scaled = np.sqrt(np.abs(coefficients))[:, None, None] * terms.vectors[acting]
+    vectors = np.ascontiguousarray(scaled.reshape(len(coefficients), -1))
+    inner = product(vectors)
+    return coefficients, vectors, 0.5 * (inner + inner.T) + np.diag(np.sign(coefficients))
 
 
 def by_component(mask: Mask) -> Mask:
     """Return a mask of nodes (n,) as one of components (n, 3); one of components as it is."""
     return np.repeat(mask[:, None], 3, axis=1) if mask.ndim == 1 else mask
+
+
+class EnvelopeArrays(NamedTuple):
+    """A factor as `substitute` takes it, part after part.
+
+    Args:
+        store: entries of L.
+        start: where each tile's rows begin in its part's entries.
+        first: first tile of each, of its part.
+        inverse: reciprocal diagonal.
+        dofs: component of each equation, of its part's nodes.
+        parts: (parts + 1, 4), where the nodes, entries, tiles and equations of each begin.
+    """
+
+    store: Array
+    start: PlaceArray
+    first: PlaceArray
+    inverse: Array
+    dofs: IntArray
+    parts: IntArray
 
 
 @final
@@ -32,14 +165,14 @@ class FactorState:
     """
 
     parts: tuple[Annotated[NDArray[Any], ("*",)], ...]
-    correction: LowRankCorrection | None
+    correction: Correction | None
 
 
 class LinearSolver(ABC):
     """Factorises A = K + shift 1 + sum_k c_k v_k v_k^T of the free components and solves with it.
 
-    The dense terms never enter the sparse factor of K + shift 1; see `low_rank`. `groups` are the free nodes
-    in the order of a nested dissection; None until such an order is asked for.
+    The dense terms never enter the sparse factor of K + shift 1; see `Correction`. `groups` are the free
+    nodes in the order of a nested dissection; None until such an order is asked for.
 
     Args:
         pattern: of the whole body.
@@ -52,7 +185,7 @@ class LinearSolver(ABC):
         self.free_nodes: IntArray = np.flatnonzero(self.free.any(axis=1))
         self.size = int(self.free.sum())
         self.groups: list[IntArray] | None = None
-        self._correction: LowRankCorrection | None = None
+        self._correction: Correction | None = None
 
     def factor(self, blocks: Array, shift: float = 0.0, low_rank: LowRank | None = None) -> bool:
         """Factorise; False when the matrix is not positive definite (where the method can tell).
@@ -66,11 +199,19 @@ class LinearSolver(ABC):
         if not self._factorise(blocks, shift):
             return False
         if low_rank is not None and low_rank.coefficients.any():
-            correction = LowRankCorrection.of(low_rank, self._solve_sparse)
-            if not correction.definite:
-                return False
-            self._correction = correction
+            self._correction = Correction.of(low_rank, self._product)
+            return self._correction is not None
         return True
+
+    @property
+    def correction(self) -> Correction | None:
+        """By the dense terms; None without any."""
+        return self._correction
+
+    @property
+    def envelope(self) -> EnvelopeArrays | None:
+        """The sparse factor, where it is one that kernels know."""
+        return None
 
     @property
     def apart(self) -> IntArray:
@@ -96,16 +237,16 @@ class LinearSolver(ABC):
         """
         if self._correction is None:
             return self._solve_turned(load, turn)
-        solution = np.asarray(self._solve_sparse((load if turn is None else load @ turn)[None])[0])
-        self._correction.apply(solution)
+        own = load if turn is None else load @ turn
+        solution = np.asarray(self.solve_all(own[None])[0])
         return solution if turn is None else solution @ turn.T
 
     def solve_all(self, loads: Array) -> Array:
         """Return the displacements (k, n, 3) [m] under k loads (k, n, 3) [N]; zero where clamped."""
         solutions = np.ascontiguousarray(self._solve_sparse(loads))
         if self._correction is not None:
-            for solution in solutions:
-                self._correction.apply(solution)
+            answered = np.array([self._correction.load(solution) for solution in solutions])
+            solutions = np.ascontiguousarray(self._solve_sparse(loads - answered))
         return solutions
 
     def save_state(self) -> FactorState:
@@ -117,10 +258,13 @@ class LinearSolver(ABC):
         correction = state.correction
         if correction is not None and correction.vectors.shape[1] != 3 * self.pattern.nodes:
             raise InputError("the saved correction of a factorisation is of another body")
-        if correction is not None and correction.inner is not None:
-            check_indices(correction.inner[1], len(correction.vectors), "dense terms")
         self._correction = correction
         self._take_factor(state.parts)
+
+    def _product(self, vectors: Array) -> Array:
+        """Return W S^-1 W^T (k, k) of W (k, 3 n), S the sparse part."""
+        loads = vectors.reshape(len(vectors), -1, 3)
+        return np.asarray(vectors @ self._solve_sparse(loads).reshape(len(vectors), -1).T)
 
     def _solve_turned(self, load: Array, turn: Array | None) -> Array:
         """Return what `solve` does without dense terms."""
@@ -175,3 +319,134 @@ def lower_entries(pattern: BlockPattern, number: IntArray) -> tuple[IntArray, In
     index = np.flatnonzero(kept)
     row, column = row[kept], column[kept]
     return np.maximum(row, column), np.minimum(row, column), index
+
+
+_GROWTH = 6.0
+
+
+@final
+class ShiftSearch:
+    """Searches the least shift mu_k = mu_0 6^k that makes a matrix positive definite.
+
+    A matrix that is definite with a shift is so with any larger one. Hence a search may begin anywhere and
+    find the same: next to where the last one ended it takes two or three factorisations, instead of one for
+    each shift below.
+    """
+
+    def __init__(self) -> None:
+        self._power = 0
+
+    def factor(self, definite: Callable[[float], bool], start: float, most: float) -> int:
+        """Factorise with no shift or the first that serves; return the attempts, negative if none did.
+
+        Args:
+            definite: factorises with a shift; whether the matrix is positive definite. Its last call counts.
+            start: mu_0, larger than 0.
+            most: largest shift.
+        """
+        attempts = 0
+
+        def serves(power: int) -> bool:
+            nonlocal attempts
+            attempts += 1
+            return definite(start * _GROWTH**power)
+
+        if definite(0.0):
+            return 1
+        power = max(0, self._power - 1)
+        if serves(power):
+            while power > 0 and serves(power - 1):
+                power -= 1
+            if power > 0:  # the last attempt failed
+                serves(power)
+        else:
+            while not serves(power := power + 1):
+                if start * _GROWTH ** (power + 1) > most:
+                    return -1 - attempts
+        self._power = power
+        return 1 + attempts
+
+
+@final
+class GeneralLU(LinearSolver):
+    """SuperLU for tangents that are not symmetric; refuses a singular matrix, not an indefinite one.
+
+    `extra` holds (nodes, (3 k, 3 k) matrix) parts added to the symmetric blocks before factorising.
+    """
+
+    def __init__(self, pattern: BlockPattern, free: Mask) -> None:
+        super().__init__(pattern, free)
+        self._number = numbering(self.free, self.free_nodes)
+        self._row, self._column, self._source = lower_entries(pattern, self._number)
+        self._dofs = equations(self._number)
+        self._factor: SuperLU | None = None
+        self._factorised = csc_matrix((self.size, self.size))
+        self.extra: list[tuple[IntArray, Array]] = []
+
+    def matrix(self, blocks: Array, shift: float = 0.0) -> csc_matrix:
+        """Return the whole matrix (size, size) of the free components."""
+        value = blocks.reshape(-1)[self._source]
+        lower = coo_matrix((value, (self._row, self._column)), shape=(self.size,) * 2)
+        strict = self._row != self._column
+        upper = coo_matrix((value[strict], (self._column[strict], self._row[strict])), shape=(self.size,) * 2)
+        total = (lower + upper).tocsc()
+        for nodes, part in self.extra:
+            dofs = self._number[nodes].ravel()
+            inside = dofs >= 0
+            rows, columns = np.meshgrid(dofs[inside], dofs[inside], indexing="ij")
+            value = part[np.ix_(inside, inside)].ravel()
+            total = (
+                total + coo_matrix((value, (rows.ravel(), columns.ravel())), shape=(self.size,) * 2).tocsc()
+            )
+        if shift:
+            total = total + shift * coo_matrix((np.ones(self.size), (range(self.size),) * 2)).tocsc()
+        return total.tocsc()
+
+    def _factorise(self, blocks: Array, shift: float) -> bool:
+        self._factorised = self.matrix(blocks, shift)
+        try:
+            self._factor = splu(self._factorised)
+        except RuntimeError:  # SuperLU's word for a pivot that is exactly zero
+            return False
+        return True
+
+    def _lend_factor(self) -> tuple[NDArray[Any], ...]:
+        return self._factorised.data, self._factorised.indices, self._factorised.indptr
+
+    def _take_factor(self, parts: tuple[NDArray[Any], ...]) -> None:
+        if self._factorised.data is not parts[0]:
+            # SuperLU gives no factor out, but makes the same one of the same matrix
+            try:
+                matrix = csc_matrix(parts, shape=(self.size,) * 2)
+                matrix.check_format(full_check=True)
+                self._factorised, self._factor = matrix, splu(matrix)
+            except (ValueError, TypeError, RuntimeError) as error:
+                raise InputError(f"the saved factorisation is not one of this body: {error}") from error
+
+    def _solve_sparse(self, loads: Array) -> Array:
+        assert self._factor is not None, "factor() comes before solve()"
+        count = len(loads)
+        result = np.zeros((count, 3 * self.pattern.nodes))
+        result[:, self._dofs] = self._factor.solve(loads.reshape(count, -1)[:, self._dofs].T).T
+        return result.reshape(count, -1, 3)
+
+
+def negative_pivots(pattern: BlockPattern, free: Mask, blocks: Array, low_rank: LowRank | None) -> int:
+    """Return how many negative eigenvalues a symmetric matrix of the free components has.
+
+    LU with a symmetric ordering and pivots from the diagonal gives L D L^T; the signs of D count (Sylvester's
+    law of inertia), and dense terms by `negative_added`.
+
+    Args:
+        pattern: of the whole body.
+        free: (n, 3) bool, components that move.
+        blocks: (pattern.blocks, 3, 3) [N/m].
+        low_rank: dense terms, or None.
+    """
+    solver = GeneralLU(pattern, free)
+    solver._factor = factor = splu(
+        solver.matrix(blocks), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0,
+        options={"SymmetricMode": True},
+    )  # fmt: skip
+    count = int((factor.U.diagonal() < 0.0).sum())
+    return count if low_rank is None else count + negative_added(low_rank, solver._solve_sparse)

@@ -21,11 +21,10 @@ from cosim.base.compilation import compile_modules
 from cosim.base.frames import Array, IntArray, Mask
 from cosim.base.state_check import KnownStates, check_state
 from cosim.soft.linear import multifrontal_kernels
-from cosim.soft.linear.elimination_tree import COLUMNS, FrontTree
+from cosim.soft.linear.elimination_tree import COLUMNS, FrontTree, dissect
 from cosim.soft.linear.envelope_cholesky import EnvelopeCholesky
 from cosim.soft.linear.linear_solver import LinearSolver, equations, lower_entries, numbering
 from cosim.soft.linear.multifrontal_kernels import factorise, substitute
-from cosim.soft.linear.nested_dissection import dissect
 from cosim.soft.linear.pattern import BlockPattern
 
 # Entries of a row on average. At 137 fronts take 1.2 times as long as the envelope, at 287 half as long; a

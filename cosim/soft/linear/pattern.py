@@ -1,16 +1,21 @@
-"""The fixed sparsity pattern of the tangent stiffness, as 3 x 3 blocks of node pairs."""
+"""The fixed sparsity pattern of the tangent stiffness, as 3 x 3 blocks of node pairs.
+
+Ranges of nodes that no block of a pattern couples: bodies side by side, such as a gripper's fingers.
+
+Sums of 3 x 3 blocks, of which the upper half is kept.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Annotated, final
+from typing import Annotated, Any, final
 
 import numpy as np
 
 from cosim.base.frames import Array, IntArray
-from cosim.base.kernels import INDEX_TABLE, INDICES, INTEGER, kernel
+from cosim.base.kernels import INDEX_TABLE, INDICES, INTEGER, device_function, kernel
 from cosim.base.state_check import check_indices
 from cosim.errors import InputError
 
@@ -194,3 +199,38 @@ class PatternWidening:
                 slots = coupled.pattern.slots(elements)
         self._last = elements, coupled, slots
         return coupled, slots
+
+
+def ranges_apart(pattern: BlockPattern) -> IntArray:
+    """Return where ranges of nodes begin that nothing couples, and the number of nodes (k + 1,).
+
+    Nodes that are coupled with none belong to a neighbouring range; bodies whose nodes are numbered in turn
+    count as one.
+    """
+    spans = np.zeros(pattern.nodes + 1, np.int64)
+    np.add.at(spans, pattern.column + 1, 1)
+    np.add.at(spans, pattern.row + 1, -1)
+    starts = np.flatnonzero(np.cumsum(spans[:-1]) == 0)  # no pair of nodes has one on either side
+    several = np.diff(np.append(starts, pattern.nodes)) > 1
+    return np.array([0, *starts[several][1:], pattern.nodes], np.int64)
+
+
+def part_of(pattern: BlockPattern, begin: int, end: int) -> tuple[BlockPattern, int]:
+    """Return the pattern of a range of nodes, numbered from 0, and where its blocks begin in the whole."""
+    first, last = np.searchsorted(pattern.row, [begin, end])
+    row, column = pattern.row[first:last] - begin, pattern.column[first:last] - begin
+    return BlockPattern(end - begin, row, column), int(first)
+
+
+@device_function
+def add_block(blocks: Any, slot: int, value: Any) -> None:
+    """Add a 3 x 3 value to block `slot`, or its transpose to block -1 - slot."""
+    if slot >= 0:
+        for r in range(3):
+            for c in range(3):
+                blocks[slot, r, c] += value[r, c]
+    else:
+        slot = -1 - slot
+        for r in range(3):
+            for c in range(3):
+                blocks[slot, r, c] += value[c, r]

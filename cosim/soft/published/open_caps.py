@@ -3,56 +3,25 @@
 With K the closed body's tangent, held by springs D at the rings that caps would close, S the free components
 of these and E what the missing caps add there, less D,
 
-    (K + S E S^T) x = b:   x = y - Z u,   (1 + E G) u = E S^T y,   y = K^-1 b,   Z = K^-1 S,   G = S^T Z.
+    (K + S E S^T) x = b,
 
-Source: Woodbury's formula, Golub and Van Loan, Matrix Computations, section 2.1.4.
+solved as a term of low rank beside K (`Correction`).
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any, final
+from typing import Any, TypeAlias, final
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import lu_factor, lu_solve
+from scipy.linalg import block_diag
 
 from cosim.base.frames import Array, IntArray, Mask
-from cosim.base.state_check import check_indices
-from cosim.errors import InputError
-from cosim.soft.linear.linear_solver import LinearSolver
+from cosim.soft.linear.linear_solver import Correction, EnvelopeArrays, GeneralLU, LinearSolver, LowRank
 from cosim.soft.linear.multifrontal_cholesky import cholesky
 from cosim.soft.linear.pattern import BlockPattern
-from cosim.soft.published.general_lu import GeneralLU
 
-
-@final
-@dataclass(frozen=True)
-class MissingCaps:
-    """What missing caps change in solutions.
-
-    Args:
-        components: (r,), 3 node + axis of the rows of S^T.
-        stiffness: (r, r) [N/m], E.
-        answers: (r, 3 n) [m/N], Z^T.
-        inner: LU factor of 1 + E G and its pivots.
-    """
-
-    components: IntArray
-    stiffness: Array
-    answers: Array
-    inner: tuple[Array, NDArray[np.int32]]
-
-    @classmethod
-    def of(cls, components: IntArray, stiffness: Array, answers: Array) -> MissingCaps:
-        """Return the change, with its small matrix factorised."""
-        inner = np.eye(len(components)) + stiffness @ answers[:, components].T
-        return cls(components, stiffness, answers, lu_factor(inner, check_finite=False))
-
-    def apply(self, solution: Array) -> None:
-        """Turn y (3 n,) into x, in place."""
-        pull = lu_solve(self.inner, self.stiffness @ solution[self.components], check_finite=False)
-        solution -= pull @ self.answers
+_Rims: TypeAlias = tuple[IntArray, list[tuple[IntArray, ...]], tuple[IntArray, ...], Array]
 
 
 @final
@@ -77,75 +46,85 @@ class OpenCapSolver(LinearSolver):
         self._closed: LinearSolver = cholesky(pattern, self.free, far, closed)
         self._diagonal = np.flatnonzero(pattern.row == pattern.column)  # node by node
         self._general: GeneralLU | None = None  # made when it is needed
-        self._caps: MissingCaps | None = None
+        self._in_use: LinearSolver = self._closed
+        self._known: tuple[tuple[IntArray, ...], _Rims] | None = None  # where the last rings are
         self.extra: list[tuple[IntArray, Array]] = []
 
-    def _factorise(self, blocks: Array, shift: float) -> bool:
-        self._caps = self._caps_of(blocks, shift)
-        if self._caps is not None:
-            return True
-        self._general = self._general or GeneralLU(self.pattern, self.free)
-        self._general.extra = self.extra
-        return self._general.factor(blocks, shift)
+    @property
+    def apart(self) -> IntArray:
+        return self._closed.apart
 
-    def _caps_of(self, blocks: Array, shift: float) -> MissingCaps | None:
-        """Factorise K; return what goes beside it, None where K is indefinite.
+    @property
+    def envelope(self) -> EnvelopeArrays | None:
+        return self._in_use.envelope
+
+    def factor(self, blocks: Array, shift: float = 0.0, low_rank: LowRank | None = None) -> bool:
+        held, vectors, middle = self._beside(blocks, low_rank)
+        self._in_use, self._correction = self._closed, None
+        if self._closed.factor(held, shift):
+            self._correction = Correction.unsymmetric(vectors, middle, self._closed._product)
+        if self._correction is not None:
+            return True
+        self._in_use = self._general = self._general or GeneralLU(self.pattern, self.free)
+        self._general.extra = self.extra
+        if not self._general.factor(blocks, shift):
+            return False
+        if low_rank is not None:
+            dense = low_rank.vectors.reshape(len(low_rank.vectors), -1), np.diag(low_rank.coefficients)
+            self._correction = Correction.unsymmetric(*dense, self._general._product)
+        return low_rank is None or self._correction is not None
+
+    def _beside(self, blocks: Array, low_rank: LowRank | None) -> tuple[Array, Array, Array]:
+        """Return K's blocks, S^T (k, 3 n) and E (k, k) of what goes beside it, dense terms included.
 
         Without the springs, under pressure and without the pull of its caps, the closed body would buckle
         like a column.
         """
-        rings = [np.zeros(0, np.int64), *(ring for ring, _ in self.extra)]
-        nodes = np.unique(np.concatenate(rings))
-        slots = self._diagonal[nodes]
-        held, axes = blocks.copy(), np.arange(3)
+        nodes, places, inside, vectors = self._rims(tuple(ring for ring, _ in self.extra))
+        slots, axes, held = self._diagonal[nodes], np.arange(3), blocks.copy()
         springs = np.abs(blocks[slots][:, axes, axes])
         held[slots[:, None], axes, axes] += springs
-        if not self._closed.factor(held, shift):
-            return None
-        components, stiffness = _components(nodes), -np.diag(springs.ravel())
-        for ring, part in self.extra:
-            own = np.searchsorted(components, _components(ring))
-            stiffness[np.ix_(own, own)] += part
-        inside = self.free.ravel()[components]
-        components, stiffness = components[inside], stiffness[np.ix_(inside, inside)]
-        loads = np.zeros((len(components), 3 * self.pattern.nodes))
-        loads[np.arange(len(components)), components] = 1.0
-        answers = self._closed._solve_sparse(loads.reshape(len(loads), -1, 3)).reshape(loads.shape)
-        found = MissingCaps.of(components, stiffness, answers)
-        return found if np.isfinite(found.inner[0]).all() and found.inner[0].diagonal().all() else None
+        stiffness = -np.diag(springs.ravel())
+        for place, (_, part) in zip(places, self.extra, strict=True):
+            stiffness[place] += part
+        stiffness = stiffness[inside]
+        if low_rank is None:
+            return held, vectors, stiffness
+        dense = low_rank.vectors.reshape(len(low_rank.vectors), -1)
+        middle = block_diag(stiffness, np.diag(low_rank.coefficients))
+        return held, np.concatenate([vectors, dense]), middle
+
+    def _rims(self, rings: tuple[IntArray, ...]) -> _Rims:
+        """Return their nodes, places of each one's entries in E, those of free components, and S^T."""
+        if self._known is None or not all(a is b for a, b in zip(rings, self._known[0], strict=True)):
+            nodes = np.unique(np.concatenate([np.zeros(0, np.int64), *rings]))
+            components = _components(nodes)
+            own = [np.searchsorted(components, _components(ring)) for ring in rings]
+            inside = np.flatnonzero(self.free.ravel()[components])
+            vectors = np.zeros((len(inside), 3 * self.pattern.nodes))
+            vectors[np.arange(len(inside)), components[inside]] = 1.0
+            places = [np.ix_(place, place) for place in own]
+            self._known = rings, (nodes, places, np.ix_(inside, inside), vectors)
+        return self._known[1]
+
+    def _factorise(self, blocks: Array, shift: float) -> bool:
+        return self.factor(blocks, shift)
 
     def _lend_factor(self) -> tuple[NDArray[Any], ...]:
-        caps = self._caps
-        if caps is None:
-            assert self._general is not None, "factor() comes before save_state()"
-            return self._general._lend_factor()
-        return (caps.components, caps.stiffness, caps.answers, *self._closed._lend_factor())
+        return self._in_use._lend_factor()
 
     def _take_factor(self, parts: tuple[NDArray[Any], ...]) -> None:
-        if len(parts) == _GENERAL:
-            self._general, self._caps = self._general or GeneralLU(self.pattern, self.free), None
-            self._general._take_factor(parts)
-            return
-        components, stiffness, answers = parts[:3]
-        count = len(components)
-        check_indices(components, 3 * self.pattern.nodes, "components")
-        if stiffness.shape != (count, count) or answers.shape != (count, 3 * self.pattern.nodes):
-            raise InputError("the saved factorisation is of another body with open ends")
-        self._closed._take_factor(parts[3:])
-        self._caps = MissingCaps.of(components, stiffness, answers)
+        general = len(parts) == _GENERAL
+        if general:
+            self._general = self._general or GeneralLU(self.pattern, self.free)
+        self._in_use = self._general if general and self._general else self._closed
+        self._in_use._take_factor(parts)
 
     def _solve_sparse(self, loads: Array) -> Array:
-        caps = self._caps
-        if caps is None:
-            assert self._general is not None, "factor() comes before solve()"
-            return self._general._solve_sparse(loads)
-        solutions = self._closed._solve_sparse(loads)
-        for solution in solutions.reshape(len(loads), -1):
-            caps.apply(solution)
-        return solutions
+        return self._in_use._solve_sparse(loads)
 
 
-_GENERAL = 3  # parts of a general factor; with Cholesky there are four or more
+_GENERAL = 3  # parts of a general factor; those of Cholesky's are fewer
 
 
 def _components(ring: IntArray) -> IntArray:

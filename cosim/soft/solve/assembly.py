@@ -1,23 +1,38 @@
-"""Assembly: potential, gradient and Hessian of a soft body at given positions."""
+"""Assembly: potential, gradient and Hessian of a soft body at given positions.
+
+What kernels know of a body is packed into arrays, and summed in one call (`film_terms`); all else follows,
+term by term.
+"""
 
 from __future__ import annotations
 
 import math
-from typing import final
+from collections.abc import Sequence
+from functools import cached_property
+from itertools import accumulate, pairwise
+from typing import Any, Final, final
 
 import numpy as np
 
 from cosim.base.frames import Array, IntArray
+from cosim.errors import InputError
+from cosim.soft.beams.node_turns import BeamArrays
+from cosim.soft.beams.ring_kernels import REMEMBERED
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
-from cosim.soft.elements.cable import RoutedCables
+from cosim.soft.elements.cable import Cable, segment_share
 from cosim.soft.elements.element import Element, Instant, Sums, Term
-from cosim.soft.elements.gas_pressure import GasElements
-from cosim.soft.elements.mass_terms import Inertia, Weight
-from cosim.soft.linear.low_rank import LowRank
-from cosim.soft.linear.pattern import BlockPattern, PatternWidening
+from cosim.soft.elements.gas_pressure import GasChambers
+from cosim.soft.elements.hinge import Hinges
+from cosim.soft.elements.mass_terms import Inertia
+from cosim.soft.elements.membrane import Membranes
+from cosim.soft.film.film_terms import FilmActing, film_terms, term_calls
+from cosim.soft.film.step_arrays import FilmArrays, FilmBeams, FilmLoads, FilmPoint, FilmSlots, StepBed
+from cosim.soft.linear.linear_solver import LowRank
+from cosim.soft.linear.pattern import BlockPattern, PatternWidening, ranges_apart
 
 _NO_SLOTS = np.zeros(0, np.int64)
+_NO_BED = StepBed(np.zeros(0), np.zeros((0, 3)), False)
 
 
 @final
@@ -25,8 +40,8 @@ class SoftSystem:
     """Workspace in which one body's potential and derivatives are assembled.
 
     After `evaluate`: `gradient` (n, 3) [N], `blocks` (pattern.blocks, 3, 3) [N/m], `memory` (values,) of the
-    elements as they track it, `gas` (volume and pressure of each chamber), `low_rank` (dense parts of the
-    Hessian, such as of sealed gas). `tangent_pattern` and `tangent_blocks` are the sparse Hessian: the body's
+    elements as they track it, `volume` and `pressure_Pa` of the gas, `low_rank` (dense parts of the Hessian,
+    such as of sealed gas). `tangent_pattern` and `tangent_blocks` are the sparse Hessian: the body's
     own, or a wider one where films touch one another. They are overwritten by the next call. `serving` is the
     pattern to go on from where films touch, which a solver sets to that of its last factorisation.
     """
@@ -42,20 +57,39 @@ class SoftSystem:
         self.tangent_pattern, self.tangent_blocks = self.pattern, self.blocks
         self.serving, self._widening = self.pattern, PatternWidening(self.pattern)
         self.memory = body.first_memory()
-        self._dense: list[LowRank] = []
         diagonal = np.flatnonzero(self.pattern.row == self.pattern.column)
-        self._sums = sums = Sums(
-            self.gradient, self.blocks, diagonal, self.pattern.slots, self._add_dense, self._widened
-        )
-        self.gas = GasElements(body.enclosures, self.conservative, sums)
-        elements = _bound_elements(body, sums)
-        self._terms = (*elements, (self.gas, None), (Weight(body.node_mass, sums), None))
-        found = [term for term, _ in elements if isinstance(term, RoutedCables)]
-        self._cables = found[0] if found else RoutedCables((), sums)
+        self._sums = Sums(self.gradient, self.blocks, diagonal, self.pattern.slots, self._widened)
+        self.gas = GasChambers(body.enclosures)
+        self._further = _bound_elements(body, self._sums)
         self._advancing = _advancing(body)
         places = zip(body.elements, body.memory_places, strict=True)
         self._freshened = [(each, own) for each, own in places if type(each).fresh is not Element.fresh]
+        self._acting: tuple[tuple[object, ...], FilmActing] | None = None
         self.low_rank: LowRank | None = None
+
+    @cached_property
+    def film(self) -> FilmArrays:
+        """What kernels know of the body, in parts that nothing couples."""
+        return film_arrays(self.body, ranges_apart(self.pattern))
+
+    @cached_property
+    def whole_film(self) -> FilmArrays:
+        """The same as one part."""
+        return self.film._replace(parts=np.ascontiguousarray(self.film.parts[[0, -1]]))
+
+    @cached_property
+    def slots(self) -> FilmSlots:
+        """Where the terms of the film are in the body's own pattern."""
+        return film_slots(self.film, self.pattern)
+
+    @cached_property
+    def _pull(self) -> Array:
+        return np.empty(len(self.film.segments))
+
+    @property
+    def complete(self) -> bool:
+        """Whether the film is all that the body is made of."""
+        return not self._further
 
     @property
     def conservative(self) -> bool:
@@ -64,18 +98,22 @@ class SoftSystem:
 
     @property
     def volume(self) -> float:
-        """Volume [m^3] of all chambers together."""
-        return sum(self.gas.volumes)
+        """Volume [m^3] of all chambers together, where `evaluate` was called last."""
+        return float(self._found[:, 1].sum())
 
     @property
     def pressure_Pa(self) -> float:
-        """Gauge pressure in the first chamber."""
-        return self.gas.pressures[0]
+        """Gauge pressure in the first chamber there."""
+        return float(self._found[0, 0])
 
     @property
-    def open_cap_stiffness(self) -> list[tuple[IntArray, Array]]:
-        """What missing caps add to the stiffness, by ring."""
-        return self.gas.open_cap_stiffness
+    def _found(self) -> Array:
+        assert self._acting is not None, "evaluate() comes before"
+        return self._acting[1].more.found
+
+    def open_cap_stiffness(self, positions: Array) -> list[tuple[IntArray, Array]]:
+        """Return what missing caps add to the stiffness at positions (n, 3) [m], by ring."""
+        return [] if self.conservative else self.gas.open_cap_stiffness(positions, self._found[:, 0])
 
     @property
     def eyelets(self) -> IntArray:
@@ -83,12 +121,9 @@ class SoftSystem:
         far = [element.coupled for element in self.body.elements if element.far]
         return np.unique(np.concatenate([_NO_SLOTS, *(np.ravel(nodes) for nodes in far)]))
 
-    def segment_tension(self, positions: Array, loads: Loads) -> Array:
-        """Return what losses at a given shape make of the loads in every cable segment (segments,).
-
-        The tension [N]; of a cable whose length is commanded a weight, see `RoutedCables`.
-        """
-        return self._cables.segment_tension(positions, loads)
+    def segment_share(self, positions: Array, loads: Loads) -> Array:
+        """Return what losses at a given shape make of cables in every segment (segments,)."""
+        return segment_share(self.body.cables, positions, loads.cable_length_m)
 
     def advanced(self, positions: Array, memory: Array) -> Array:
         """Return what the elements remember (values,) once a step has ended.
@@ -120,7 +155,7 @@ class SoftSystem:
         self,
         positions: Array,
         loads: Loads,
-        segment_tension: Array,
+        share: Array,
         memory: Array,
         *,
         inertia: Inertia | None = None,
@@ -131,7 +166,7 @@ class SoftSystem:
         Args:
             positions: (n, 3) [m], world, C-contiguous.
             loads: pressure, tension, gravity, nodal forces.
-            segment_tension: (segments,), from `segment_tension`.
+            share: (segments,), from `segment_share`.
             memory: (values,), what the elements remember of the last accepted state; hinge angles are
                 unwrapped against it.
             inertia: of an implicit step; None in statics.
@@ -140,22 +175,45 @@ class SoftSystem:
         Returns:
             The potential [J]; infinite where a sealed gas has no volume.
         """
-        self.gradient[:] = 0.0
+        film, acting = self.whole_film, self.acting(loads, share, inertia)
+        blocks, slots, films = film.no_blocks, film.no_slots, loads.self_contact
         if hessian:
             self.blocks[:] = 0.0
             self.tangent_pattern, self.tangent_blocks = self.pattern, self.blocks
-        self._dense.clear()
+            blocks, slots = self.blocks, self.slots
+            if films is not None:  # touching films widen the tangent, in which all else is by then
+                acting = acting._replace(touching=acting.touching._replace(call=0))
         self.memory[:] = memory
-        step_s, closely = (math.inf, False) if inertia is None else (inertia.step_s, inertia.closely)
-        at, energy = Instant(memory, self.memory, step_s, segment_tension, loads, closely), 0.0
-        for term, own in self._terms:
-            energy += term.add(positions, at if own is None else at.part(own), hessian)
-        # touching films widen the tangent, in which all else is by then
-        for potential in (*loads.potentials, inertia, loads.self_contact):
-            if potential is not None:
-                energy += potential.add(positions, self._sums, hessian)
-        self.low_rank = LowRank.joined(self._dense) if self._dense else None
+        point = FilmPoint(positions, memory, self.memory, self.gradient, blocks, self._pull)
+        energy: float = film_terms(film, slots, acting, 0, point)
+        if not self.complete or loads.extra is not None:
+            energy += self._add_further(positions, loads, memory, inertia, hessian=hessian)
+        if hessian and films is not None:
+            energy += films.add(positions, self._sums, hessian)
+        if hessian:
+            self.low_rank = LowRank.acting(acting.more.vectors, acting.more.coefficients)
         return energy
+
+    def acting(self, loads: Loads, share: Array, inertia: Inertia | None) -> FilmActing:
+        """Return what acts on the film as kernels take it; the same arrays for the same objects."""
+        key = loads, share, inertia
+        last = self._acting
+        if last is None or not all(one is other for one, other in zip(last[0], key, strict=True)):
+            more, plain = film_loads(self.body, loads, share), loads.arrays(self.gas.count)
+            found = FilmActing(plain, more, loads.touching, _bed_of(inertia))
+            last = self._acting = key, found
+        return last[1]
+
+    def _add_further(
+        self, positions: Array, loads: Loads, memory: Array, inertia: Inertia | None, *, hessian: bool
+    ) -> float:
+        """Add what kernels do not know; return its energy [J]."""
+        step_s, closely = (math.inf, False) if inertia is None else (inertia.step_s, inertia.closely)
+        at, energy = Instant(memory, self.memory, step_s, loads, closely), 0.0
+        for term, own in self._further:
+            energy += term.add(positions, at if own is None else at.part(own), hessian)
+        extra = loads.extra
+        return energy if extra is None else energy + extra.add(positions, self._sums, hessian)
 
     def take_own_tangent(self, rows: slice) -> None:
         """Let the body's own pattern be the tangent's, with no dense part; clear the blocks of some nodes."""
@@ -168,22 +226,192 @@ class SoftSystem:
         self.tangent_pattern, self.tangent_blocks = coupled.pattern, coupled.blocks(self.blocks)
         return self.tangent_blocks, slots
 
-    def _add_dense(self, vectors: Array, coefficients: Array) -> None:
-        self._dense.append(LowRank(vectors, coefficients))
+
+_TAKEN: Final[tuple[type, ...]] = (Membranes, Hinges, Cable)
+"""What kernels know besides rings of beams; all else is summed after them, term by term."""
+
+
+def is_packed(element: Element) -> bool:
+    """Return whether an element is in the arrays of its body."""
+    return isinstance(element, _TAKEN) or _beams_of(element) is not None
+
+
+def film_arrays(body: SoftBody, apart: IntArray) -> FilmArrays:
+    """Return the arrays of what kernels know of a body, see `is_packed`.
+
+    Args:
+        body: to be packed.
+        apart: (k + 1,), where the nodes of its parts begin, see `ranges_apart`; what is not listed part by
+            part is one.
+    """
+    triangles, shapes, areas, drawn, stiffness, laws, fractions, forces = zip(
+        *(film.arrays for film in body.membranes), strict=True
+    )
+    hinges, cables, bent = body.hinges, body.cables, len(body.hinges.coupled)
+    angles = body.memory_places[body.elements.index(hinges)]
+    gas, caps = zip(*body.enclosures, strict=True)
+    rings = [ring for those in caps for ring in those]
+    no_pairs, none, beams = np.zeros((0, 2), np.int64), np.zeros(0, np.int64), _film_beams(body, apart)
+    segments = np.concatenate([no_pairs, *(cable.segments for cable in cables)])
+    listed = hinges.coupled[:, None], segments[:, None]  # row by row
+    rows = triangles, *listed, _rings(beams), gas
+    return FilmArrays(
+        np.array(term_calls(beams=len(beams.groups) > 0)),
+        np.concatenate(triangles), np.concatenate(shapes), np.concatenate(areas), np.concatenate(drawn),
+        np.array(stiffness), np.array(laws), np.array(fractions), np.concatenate(forces),
+        np.stack([_firsts(triangles), _firsts(drawn), _firsts(forces)], axis=1),
+        hinges.coupled, hinges.stiffness[:bent], hinges.rest_angle[:bent],
+        np.array([hinges.fold_barrier_rad]), np.array([angles.start, angles.start + bent]), segments,
+        np.repeat(np.arange(len(cables)), [len(cable.segments) for cable in cables]),
+        _firsts([cable.segments for cable in cables]), beams, np.concatenate(gas),
+        np.concatenate([none, *rings]), _firsts(rings), np.stack([_firsts(gas), _firsts(caps)], axis=1),
+        np.full(len(rings), not body.closed, np.int64), body.node_mass, _parts(rows, apart),
+        _no_slots(len(rings)), np.zeros((0, 3, 3)),
+    )  # fmt: skip
+
+
+def film_slots(film: FilmArrays, pattern: BlockPattern) -> FilmSlots:
+    """Return where pairs of a film's nodes are in a pattern."""
+    rings = [film.rings[a:b] for a, b in zip(film.caps[:-1], film.caps[1:], strict=True)]
+    caps, none = [pattern.slots(ring[None, :])[0] for ring in rings], np.zeros(0, np.int64)
+    return FilmSlots(
+        pattern.slots(film.triangles), pattern.slots(film.hinges), pattern.slots(film.segments),
+        pattern.slots(film.gas_triangles), np.concatenate([none, *caps]), _firsts(caps),
+        np.concatenate([none, *(pattern.slots(ring).ravel() for ring in _rings(film.beams))]),
+        np.flatnonzero(pattern.row == pattern.column),
+    )  # fmt: skip
+
+
+def film_loads(body: SoftBody, loads: Loads, share: Array) -> FilmLoads:
+    """Return what acts on a body besides what is plain, with room for what it adds to a tangent.
+
+    Args:
+        body: of which films.
+        loads: that act.
+        share: (segments,), see `segment_share`.
+    """
+    cables, chambers = body.cables, len(body.gas_chambers)
+    lengths, spring, gas = loads.cable_length_m, np.zeros(0), np.zeros((0, 4))
+    if any(length is not None for length in lengths):
+        firsts = _firsts([cable.segments for cable in cables])[:-1]
+        # the first segment has w_1 = c / m, so that m follows from it
+        spring = np.array([c.stiffness_N_m * c.loss_factor for c in cables]) / share[firsts]
+    else:
+        lengths = ()
+    if any(loads.gas):
+        sealed = loads.gases(chambers)
+        if body.caps and not body.closed:
+            raise InputError("a sealed gas needs a closed body; this one has open caps")
+        nothing = (0.0, 0.0, 0.0, 0.0)
+        gas = np.array([nothing if each is None else each.numbers for each in sealed])
+    dense = len(lengths) + len(gas)
+    force = np.zeros((0, 3)) if loads.nodal_force is None else np.array(loads.nodal_force, order="C")
+    return FilmLoads(
+        share, np.array([np.nan if length is None else length for length in lengths]), spring, gas, force,
+        np.zeros((chambers, 2)), np.zeros((dense, body.nodes if dense else 0, 3)), np.zeros(dense),
+    )  # fmt: skip
+
+
+def _no_slots(caps: int) -> FilmSlots:
+    table, none = np.zeros((0, 0), np.int64), np.zeros(0, np.int64)
+    return FilmSlots(table, table, table, table, none, np.zeros(caps + 1, np.int64), none, none)
+
+
+def _parts(rows: Sequence[Sequence[IntArray] | IntArray], apart: IntArray) -> IntArray:
+    """Return where nodes and each of some kinds of rows begin in each part; one part where they are mixed.
+
+    Args:
+        rows: nodes of each film, hinge, segment, group of rings of beams and chamber, kind by kind.
+        apart: (k + 1,), where the nodes of parts begin.
+    """
+    columns, mixed = [apart], False
+    for entries in rows:
+        first, last = (np.searchsorted(apart, nodes, side="right") - 1 for nodes in _extremes(entries))
+        mixed = mixed or bool((first != last).any() or (np.diff(first) < 0).any())
+        column = np.searchsorted(first, np.arange(len(apart)))
+        column[-1] = len(first)
+        columns.append(column)
+    table = np.stack(columns, axis=1)
+    return np.ascontiguousarray(table[[0, -1]] if mixed else table)
+
+
+def _extremes(entries: Sequence[IntArray] | IntArray) -> tuple[IntArray, IntArray]:
+    """Return the lowest and the highest node of each of some entries; of none: 0."""
+    if isinstance(entries, np.ndarray):
+        return entries.min(axis=(1, 2)), entries.max(axis=(1, 2))
+    found = [(np.min(nodes), np.max(nodes)) if np.size(nodes) else (0, 0) for nodes in entries]
+    lowest, highest = np.array(found, np.int64).reshape(-1, 2).T
+    return lowest, highest
+
+
+def _beams_of(element: Element) -> BeamArrays | None:
+    """Return an element's beams; None where it has none. Its class is known to bodies with beams alone."""
+    arrays = getattr(element, "arrays", None)
+    return arrays if isinstance(arrays, BeamArrays) else None
+
+
+def _film_beams(body: SoftBody, apart: IntArray) -> FilmBeams:
+    """Return the rings of beams of a body, those of each element part by part."""
+    groups, found = list[tuple[int, int, int, int, int]](), list[BeamArrays]()
+    begin, slot = 0, 0
+    for element, place in zip(body.elements, body.memory_places, strict=True):
+        beams = _beams_of(element)
+        if beams is None:
+            continue
+        count, nodes = beams.rings.shape
+        part = np.searchsorted(apart, beams.rings.min(axis=1), side="right")
+        ends = [0, *(1 + np.flatnonzero(np.diff(part))).tolist(), count]
+        for a, b in pairwise(ends):
+            groups.append((begin + a * nodes, b - a, nodes, place.start + REMEMBERED * a * nodes, slot))
+            slot += (b - a) * nodes * (nodes + 1) // 2
+            found.append(beams)
+        begin += count * nodes
+    whole = list({id(beams): beams for beams in found}.values())
+    return FilmBeams(
+        np.array(groups, np.int64).reshape(-1, 5),
+        np.concatenate([np.zeros(0, np.int64), *(np.ravel(beams.rings) for beams in whole)]),
+        np.concatenate([np.zeros(0), *(np.ravel(beams.directors) for beams in whole)]),
+        np.concatenate([np.zeros(0), *(np.ravel(beams.lengths) for beams in whole)]),
+        np.array([beams.rigidities for beams in found]).reshape(-1, 4),
+    )
+
+
+def _rings(beams: FilmBeams) -> list[IntArray]:
+    """Return the nodes (f, m) of each group of rings."""
+    return [
+        beams.rings[begin : begin + count * nodes].reshape(count, nodes)
+        for begin, count, nodes, *_ in beams.groups.tolist()
+    ]
+
+
+def _firsts(parts: Sequence[Any]) -> IntArray:
+    """Return where each of some lists begins if they follow each other, and where the last one ends."""
+    return np.array([0, *accumulate(len(part) for part in parts)], dtype=np.int64)
+
+
+def _bed_of(inertia: Inertia | None) -> StepBed:
+    if inertia is None:
+        return _NO_BED
+    return StepBed(inertia.coefficient, inertia.target, inertia.closely or inertia.step_s == math.inf)
 
 
 def _bound_elements(body: SoftBody, sums: Sums) -> list[tuple[Term, slice | None]]:
-    """Return a body's elements as terms, each with the place of its memory; None where no other has one."""
+    """Return the elements that the film lacks as terms, each with the place of its memory.
+
+    None where no other element of the body has one.
+    """
     found: list[tuple[Term, slice]] = []
-    left = list(body.memory_places)  # elements stand kind by kind
+    places = dict(zip(map(id, body.elements), body.memory_places, strict=True))
     for kind in body.kinds:
-        alike = body.of_kind(kind)
-        places, left = left[: len(alike)], left[len(alike) :]
-        terms = kind.bound(alike, sums)
+        alike = [
+            element for element in body.of_kind(kind) if type(element) is kind and not is_packed(element)
+        ]
+        own = [places[id(element)] for element in alike]
+        terms = kind.bound(alike, sums) if alike else ()
         if len(terms) < len(alike):  # one for all
-            places = [slice(places[0].start, places[-1].stop)]
-        found += zip(terms, places, strict=True)
-    remembering = sum(own.stop > own.start for _, own in found)
+            own = [slice(own[0].start, own[-1].stop)]
+        found += zip(terms, own, strict=True)
+    remembering = sum(place.stop > place.start for place in places.values())
     return [(term, own if remembering > 1 and own.stop > own.start else None) for term, own in found]
 
 

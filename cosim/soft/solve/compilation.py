@@ -12,12 +12,13 @@ from cosim.soft.contact import obstacle_contact as contact
 from cosim.soft.contact import point_kernels as contact_surface
 from cosim.soft.elements import mass_terms, pressure
 from cosim.soft.elements.element import kinds_known
+from cosim.soft.film import film_terms
 from cosim.soft.linear import envelope_kernels, pattern, secant_pairs
-from cosim.soft.solve import held_nodes, problem, step_begin
+from cosim.soft.solve import film_step, held_nodes, step_begin
 
 _MODULES: tuple[ModuleType, ...] = (
-    center_line, contact, contact_surface, envelope_kernels, held_nodes, mass_terms,
-    pattern, pressure, problem, secant_pairs, step_begin,
+    center_line, contact, contact_surface, envelope_kernels, film_step, film_terms, held_nodes, mass_terms,
+    pattern, pressure, secant_pairs, step_begin,
 )  # fmt: skip
 
 

@@ -1,49 +1,133 @@
-"""One implicit step of a film in one kernel: its start, and iterations with a kept tangent or a new one.
+"""Newton's method on the potential of a film, in one kernel: statics, and implicit steps as they begin.
 
-It knows given pressures and tensions, and what the film may touch: the scene, and itself. Bodies side by side
-that nothing couples are solved one by one, each by its own iterations with its own part of the factorisation.
-Where an iteration does not serve, a new tangent is made at the point before it. Where that is not positive
-definite, or not to be made here, the part is left there, and a further call goes on from a tangent of others.
+Each iteration solves (K + mu 1) d = -gradient. A new tangent is made at the point before; mu is zero while K
+is positive definite, and found by who calls otherwise (inertia correction). The step along it is halved
+until the potential falls, or, for loads without one, the work of the out-of-balance force along the step. The
+factor of an earlier iteration may serve for a while, turned with the flange and corrected by what its steps
+have shown (`secant_pairs`): an iteration with it costs a tenth, undone when the residual does not fall. Once
+those beyond one a solution have cost as much as a new one, it is made.
+
+Bodies side by side that nothing couples are solved one by one, each by its own iterations with its own part
+of the factorisation. What the kernel cannot do by itself it asks for (`step_arrays`), and goes on from there.
+Source: Nocedal and Wright, Numerical Optimization, 2nd ed., sections 3.4 and 3.5.
 """
 
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 from numba import types
 
-from cosim.base.frames import IntArray
-from cosim.base.kernels import BOOLEAN, REAL, address_of, device_function, kernel, small_matrix
+from cosim.base.frames import Array, IntArray, Mask
+from cosim.base.kernels import (
+    BOOLEAN,
+    MASKS,
+    MATRIX,
+    REAL,
+    address_of,
+    device_function,
+    handing_on_views,
+    kernel,
+    small_matrix,
+)
 from cosim.base.numba_insides import caller
 from cosim.soft.beams.ring_kernels import REMEMBERED
 from cosim.soft.body.loads import TOUCHING
-from cosim.soft.film.film_arrays import BEAMS, BED, FILM, HINGES, NODES, FilmArrays, StepBed
-from cosim.soft.film.film_terms import PLAIN_LOADS, film_terms
+from cosim.soft.film.film_terms import PLAIN_LOADS, FilmActing, film_terms
 from cosim.soft.film.step_arrays import (
+    AGAIN,
+    ASKS,
+    BEAMS,
+    BED,
+    BEGINS_STEP,
     ENERGY,
+    EVALUATED,
+    EVALUATION,
+    FILM,
+    GOES_ON,
+    HINGES,
     LEFT,
     MOTION,
+    MOVED,
     NEW_TANGENTS,
+    NODES,
+    NOTHING,
     NUMBERS,
+    PAIRS_KNOWN,
     PLACE,
     RESIDUAL,
+    RUN,
+    SEARCHES,
+    SHARE,
+    SLOPE,
+    SOLUTION,
+    SOLVED,
+    STUCK,
+    SWEEPS,
+    TANGENT,
     TANGENTS,
     TO_DO,
+    TRIED,
+    TRIES,
     WORK,
+    FilmArrays,
+    FilmPoint,
     NewTangents,
+    StepBed,
     StepNumbers,
     StepWork,
     copy,
     copy_rows,
     move,
 )
-from cosim.soft.linear.kept_envelope import KEPT, KeptEnvelope, count_extra, is_kept, renew, solve_kept
+from cosim.soft.linear.kept_factor import (
+    KEPT,
+    OUTSIDE,
+    KeptEnvelope,
+    count_extra,
+    is_kept,
+    renew,
+    solve_kept,
+)
 from cosim.soft.linear.secant_pairs import FAR, SecantPairs, keep_pair
 from cosim.soft.solve.held_nodes import HELD, HeldNodes, place_flight, place_held
-from cosim.soft.solve.problem import falls_enough, largest_residual
 from cosim.soft.solve.step_begin import FOLD_SWEEPS, fill_bed, fill_flight, keep_folds_open
+
+RESULTANT_SHARE: Final = 1e-2
+"""Of the resultant force, or of the moment over the body's size, that counts as a residual."""
+
+_MUCH_LESS: Final = 0.1
+"""Share of a residual to which a step has to bring it that does not lower the potential."""
+_TRY, _DIRECT, _RENEW, _STOP = range(4)  # what a part does next
+
+
+@kernel(REAL(MATRIX, MATRIX, MASKS))
+def largest_residual(x: Array, values: Array, counted: Mask) -> float:
+    """Return the largest component of those counted, or the share of their resultant where that is larger.
+
+    Many small forces of one sign add up to a wrench that is not there. NaN if a component is not a number.
+    """
+    largest, size = 0.0, 0.0
+    fx = fy = fz = mx = my = mz = 0.0
+    for i in range(values.shape[0]):
+        gx = values[i, 0] if counted[i, 0] else 0.0
+        gy = values[i, 1] if counted[i, 1] else 0.0
+        gz = values[i, 2] if counted[i, 2] else 0.0
+        most = max(abs(gx), abs(gy), abs(gz))
+        if gx != gx or gy != gy or gz != gz:
+            return math.nan
+        largest = max(largest, most)
+        rx, ry, rz = x[i, 0] - x[0, 0], x[i, 1] - x[0, 1], x[i, 2] - x[0, 2]
+        size = max(size, rx * rx + ry * ry + rz * rz)
+        fx, fy, fz = fx + gx, fy + gy, fz + gz
+        mx, my, mz = mx + ry * gz - rz * gy, my + rz * gx - rx * gz, mz + rx * gy - ry * gx
+    force, moment = math.sqrt(fx * fx + fy * fy + fz * fz), math.sqrt(mx * mx + my * my + mz * mz)
+    if size > 0.0:
+        force = max(force, moment / math.sqrt(size))
+    return max(largest, RESULTANT_SHARE * force)
+
 
 _CALLED = (
     fill_bed, fill_flight, place_flight, largest_residual, keep_pair, keep_folds_open, place_held, film_terms,
@@ -99,7 +183,10 @@ def _begin(side, motion):  # type: ignore[no-untyped-def]
 
 @device_function
 def _copy_memory(film, part, values, to):  # type: ignore[no-untyped-def]
-    """Copy what a part's elements remember."""
+    """Copy what a part's elements remember; of one part all, what kernels do not know included."""
+    if film.parts.shape[0] == 2:
+        copy(values, to)
+        return
     hinges = film.angles[0]
     first, end = hinges + film.parts[part, HINGES], hinges + film.parts[part + 1, HINGES]
     copy(values[first:end], to[first:end])
@@ -123,133 +210,247 @@ def _opens_folds(side, motion, part):  # type: ignore[no-untyped-def]
 
 
 @device_function
-def _terms(side, loads, touching, motion, slots, blocks, part):  # type: ignore[no-untyped-def]
+def _terms(side, acting, motion, slots, blocks, part):  # type: ignore[no-untyped-def]
     """Fill gradient, and blocks if slots are not empty, of a part at the end of the motion; see `film_terms`.
 
     Its elements remember the last point that serves.
     """
-    film, work = side.film, side.work
-    acting = loads, touching, side.bed, part, motion.new_x, work.reference
-    filled = work.pull, motion.new_memory, work.gradient, blocks
-    return _film_terms(work.calls[_TERMS], (film, slots, *acting, *filled))
+    work = side.work
+    point = FilmPoint(motion.new_x, work.reference, motion.new_memory, work.gradient, blocks, work.pull)
+    return _film_terms(work.calls[_TERMS], (side.film, slots, acting, part, point))
 
 
-@device_function
-def _iterate(side, loads, touching, motion, turn, begins, part):  # type: ignore[no-untyped-def]
-    """Solve a part until it has converged or a new tangent is asked for; return the iterations."""
-    film, kept, numbers, work = side.film, side.kept, side.numbers, side.work
-    begin, end = film.parts[part, NODES], film.parts[part + 1, NODES]
-    x, tracked, reference = motion.new_x[begin:end], motion.new_memory, work.reference
-    gradient, free, step = work.gradient[begin:end], kept.free[begin:end], work.solution[0, begin:end]
-    place_there, gradient_there = work.served[0, begin:end], work.served[1, begin:end]
-    room, state = work.pairs.scale.shape[0], work.parts[part]
-    own, size = 3 * room * begin, 3 * (end - begin)
-    secants = SecantPairs(
+@handing_on_views
+def _own(work, begin, end):  # type: ignore[no-untyped-def]
+    """Return the pairs of steps of a part's nodes, each in one stretch."""
+    room, size = work.pairs.scale.shape[0], 3 * (end - begin)
+    own = 3 * room * begin
+    return SecantPairs(
         work.pairs.step.reshape(-1)[own : own + room * size].reshape((room, size)),
         work.pairs.change.reshape(-1)[own : own + room * size].reshape((room, size)),
         work.pairs.scale, work.pairs.share,
     )  # fmt: skip
-    _copy_memory(film, part, tracked, reference)
-    copy_rows(x, place_there)
-    served, pairs, before, level, evaluated = 0, 0, math.inf, math.inf, not begins
-    moved = False
-    bound, again = numbers.tolerance if evaluated else numbers.start_tolerance, False
-    sweeps = FOLD_SWEEPS + 1 if begins else 0
-    while True:
-        if evaluated:
-            residual, energy, evaluated = state[RESIDUAL], state[ENERGY], False
-        else:
-            energy = _terms(side, loads, touching, motion, film.no_slots, film.no_blocks, part)
-            residual = _largest_residual(work.calls[_RESIDUAL], (x, gradient, free))
-        sweeps -= 1
-        if sweeps > 0 and _opens_folds(side, motion, part):
-            continue
-        sweeps = 0
-        finite, known = math.isfinite(energy) and math.isfinite(residual), pairs
-        if moved and finite and residual <= FAR * before:
-            pairs = _keep_pair(work.calls[_KEEP], (secants, pairs, step, gradient_there, gradient, free))
-        if finite and residual <= numbers.reuse_rate * before:
-            before, level, again, served = residual, energy, False, served + moved
-            _copy_memory(film, part, tracked, reference)
-            copy_rows(x, place_there)
-            copy_rows(gradient, gradient_there)
-            if residual < bound:
-                state[TO_DO] = 0.0
-                break
-        elif again or pairs == known:
-            break  # a new tangent is asked for
-        else:
-            again = True  # once more from there, by what the step has shown
-        if served >= state[LEFT] or not is_kept(kept, begin, end):
-            break
-        ends = begin, end, work.served[1], work.solution
-        if not solve_kept(kept, motion.flange, turn, secants, pairs, *ends) <= numbers.step_max:
-            break
-        move(place_there, 1.0, step, x)
-        moved, bound = True, numbers.tolerance
-    if state[TO_DO] != 0.0:
-        copy_rows(place_there, x)
-        _copy_memory(film, part, reference, tracked)
-    state[LEFT], state[RESIDUAL], state[ENERGY] = state[LEFT] - served, before, level
-    return served
 
 
 @device_function
-def _take_tangent(side, loads, touching, motion, turn, part):  # type: ignore[no-untyped-def]
-    """Take a part one iteration with a new tangent on, as `NewtonSolver.with_tangent` does; return whether.
-
-    None is taken where the tangent is not positive definite, or no share of its step serves.
-    """
-    film, kept, new, numbers, work = side.film, side.kept, side.tangents, side.numbers, side.work
-    begin, end = film.parts[part, NODES], film.parts[part + 1, NODES]
-    x, gradient = motion.new_x[begin:end], work.gradient[begin:end]
-    here, step, state = work.served[0, begin:end], work.solution[0, begin:end], work.parts[part]
-    new.blocks[new.first[part] : new.first[part + 1]] = 0.0
-    _terms(side, loads, touching, motion, new.slots, new.blocks, part)
-    if not renew(kept, new.blocks, motion.flange, begin, end):
-        return False
-    ends = begin, end, work.gradient, work.solution
-    longest, slope = solve_kept(kept, motion.flange, turn, work.pairs, 0, *ends), 0.0
-    for i in range(x.shape[0]):
-        for r in range(3):
-            slope += gradient[i, r] * step[i, r]
-    share = numbers.step_max / longest if longest > numbers.step_max else 1.0
-    for _ in range(numbers.halvings):
-        move(here, share, step, x)
-        energy = _terms(side, loads, touching, motion, film.no_slots, film.no_blocks, part)
-        residual = _largest_residual(work.calls[_RESIDUAL], (x, gradient, kept.free[begin:end]))
-        if falls_enough(energy, state[ENERGY], share * slope, residual, state[RESIDUAL]):
-            state[TANGENTS], state[RESIDUAL], state[ENERGY] = state[TANGENTS] + 1.0, residual, energy
-            return True
-        share *= 0.5
-    copy_rows(here, x)
-    return False
-
-
-@device_function
-def _solve_part(side, loads, touching, motion, turn, place, part):  # type: ignore[no-untyped-def]
-    """Solve a part until it has converged or cannot go on here; return iterations with a kept tangent."""
-    served, state, begins = 0, side.work.parts[part], place.begins
+def _accept(side, motion, part, residual):  # type: ignore[no-untyped-def]
+    """Let the point that is tried be the one that serves; return what is next."""
+    work, numbers, state = side.work, side.numbers, side.work.parts[part]
     begin, end = side.film.parts[part, NODES], side.film.parts[part + 1, NODES]
-    while True:
-        iterations = _iterate(side, loads, touching, motion, turn, begins, part)
-        count_extra(side.kept, iterations, begin, end)
-        served += iterations
-        done, begins = state[TO_DO] == 0.0, False
-        if done or state[TANGENTS] >= place.tangents_max or not math.isfinite(state[RESIDUAL]):
-            return served
-        if side.tangents.first.shape[0] == 0:
-            return served
-        if not _take_tangent(side, loads, touching, motion, turn, part):
-            _copy_memory(side.film, part, side.work.reference, motion.new_memory)
-            return served
+    state[RESIDUAL], state[ENERGY], state[AGAIN] = residual, state[TRIED], 0.0
+    _copy_memory(side.film, part, motion.new_memory, work.reference)
+    copy_rows(motion.new_x[begin:end], work.served[0, begin:end])
+    copy_rows(work.gradient[begin:end], work.served[1, begin:end])
+    # many small forces of one sign add up: a start is accepted by the stricter bound only
+    begins = state[MOVED] == 0.0 and state[TANGENTS] == 0.0
+    if residual < (numbers.start_tolerance if begins else numbers.tolerance):
+        count_extra(side.kept, state[RUN], begin, end)
+        state[TO_DO] = 0.0
+        return _STOP
+    return _DIRECT
 
 
 @device_function
-def _all_to_do(parts, left):  # type: ignore[no-untyped-def]
-    """Let all parts be solved, in so many iterations."""
-    for k in range(parts.shape[0]):
-        parts[k, TO_DO], parts[k, LEFT] = 1.0, left
+def _judge_kept(side, motion, part, residual):  # type: ignore[no-untyped-def]
+    """Judge a step with a kept factorisation, or a start; return what is next."""
+    work, numbers, state = side.work, side.numbers, side.work.parts[part]
+    begin, end = side.film.parts[part, NODES], side.film.parts[part + 1, NODES]
+    finite, known, before = (
+        math.isfinite(state[TRIED]) and math.isfinite(residual),
+        int(state[PAIRS_KNOWN]),
+        state[RESIDUAL],
+    )
+    if state[MOVED] != 0.0 and finite and residual <= FAR * before and numbers.potential:
+        ends = work.solution[0, begin:end], work.served[1, begin:end], work.gradient[begin:end]
+        shown = _own(work, begin, end), known, *ends, side.kept.free[begin:end]
+        state[PAIRS_KNOWN] = _keep_pair(work.calls[_KEEP], shown)
+    if finite and residual <= numbers.reuse_rate * before:
+        state[RUN], state[LEFT] = state[RUN] + state[MOVED], state[LEFT] - state[MOVED]
+        return _accept(side, motion, part, residual)
+    if state[AGAIN] != 0.0 or state[PAIRS_KNOWN] == known:
+        return _RENEW
+    state[AGAIN] = 1.0  # once more from there, by what the step has shown
+    return _DIRECT
+
+
+@device_function
+def _serves(side, part, residual):  # type: ignore[no-untyped-def]
+    """Return whether a share of the step along a new tangent lowers the potential, or the residual by far."""
+    work, state = side.work, side.work.parts[part]
+    energy, before, slope = state[TRIED], state[ENERGY], state[SHARE] * state[SLOPE]
+    if math.isfinite(energy) and residual < _MUCH_LESS * state[RESIDUAL]:
+        return True
+    if side.numbers.potential:
+        rounding = 1e-13 * (1.0 + abs(before))  # what it can hide in a sum of terms of this size
+        return energy <= before + 1e-4 * slope + rounding
+    # work of the out-of-balance force along the step (Crisfield's line search), of which a short step takes
+    # little away
+    force = _along(
+        work.gradient, work.solution[0], side.film.parts[part, NODES], side.film.parts[part + 1, NODES]
+    )
+    return abs(force) <= (1.0 - 0.1 * state[SHARE]) * abs(state[SLOPE]) and math.isfinite(energy)
+
+
+@device_function
+def _along(force, step, begin, end):  # type: ignore[no-untyped-def]
+    """Return the work of a force along a step of some nodes."""
+    work = 0.0
+    for i in range(begin, end):
+        for r in range(3):
+            work += force[i, r] * step[i, r]
+    return work
+
+
+@device_function
+def _judge_search(side, motion, part, residual):  # type: ignore[no-untyped-def]
+    """Judge a share of a step along a new tangent; return what is next."""
+    work, state = side.work, side.work.parts[part]
+    begin, end = side.film.parts[part, NODES], side.film.parts[part + 1, NODES]
+    if _serves(side, part, residual):
+        state[TANGENTS] += 1.0
+        state[SEARCHES] = state[PAIRS_KNOWN] = state[MOVED] = state[RUN] = 0.0
+        return _accept(side, motion, part, residual)
+    state[TRIES], state[SHARE] = state[TRIES] - 1.0, 0.5 * state[SHARE]
+    if state[TRIES] > 0.0:
+        move(work.served[0, begin:end], state[SHARE], work.solution[0, begin:end], motion.new_x[begin:end])
+        return _TRY
+    _go_back(side, motion, part)
+    state[ASKS], state[SEARCHES] = STUCK, 0.0
+    return _STOP
+
+
+@device_function
+def _go_back(side, motion, part):  # type: ignore[no-untyped-def]
+    """Bring the end of the motion to the last point that serves."""
+    begin, end = side.film.parts[part, NODES], side.film.parts[part + 1, NODES]
+    copy_rows(side.work.served[0, begin:end], motion.new_x[begin:end])
+    _copy_memory(side.film, part, side.work.reference, motion.new_memory)
+
+
+@device_function
+def _follow(side, motion, part, longest):  # type: ignore[no-untyped-def]
+    """Try a step whose largest component is known; return what is next."""
+    work, numbers, state = side.work, side.numbers, side.work.parts[part]
+    begin, end = side.film.parts[part, NODES], side.film.parts[part + 1, NODES]
+    here, step, x = work.served[0, begin:end], work.solution[0, begin:end], motion.new_x[begin:end]
+    if state[SEARCHES] == 0.0:
+        if not longest <= numbers.step_max:
+            return _RENEW
+        state[MOVED] = 1.0
+        move(here, 1.0, step, x)
+        return _TRY
+    state[SLOPE], state[TRIES] = _along(work.gradient, work.solution[0], begin, end), numbers.halvings
+    state[SHARE] = numbers.step_max / longest if longest > numbers.step_max else 1.0
+    move(here, state[SHARE], step, x)
+    return _TRY
+
+
+@device_function
+def _direct(side, motion, turn, part):  # type: ignore[no-untyped-def]
+    """Take a step with a kept factorisation if there is one that may serve; return what is next."""
+    work, kept, state = side.work, side.kept, side.work.parts[part]
+    begin, end = side.film.parts[part, NODES], side.film.parts[part + 1, NODES]
+    near = state[RESIDUAL] < side.numbers.reuse_below
+    if not near or state[LEFT] <= 0.0 or not is_kept(kept, begin, end):
+        return _RENEW
+    if kept.there[0] == OUTSIDE:
+        state[ASKS] = SOLUTION
+        return _STOP
+    pairs, ends = (
+        (_own(work, begin, end), int(state[PAIRS_KNOWN])),
+        (begin, end, work.served[1], work.solution),
+    )
+    return _follow(side, motion, part, solve_kept(kept, motion.flange, turn, *pairs, *ends))
+
+
+@device_function
+def _renew(side, acting, motion, turn, place, part):  # type: ignore[no-untyped-def]
+    """Take a step with a new tangent where the last point serves; return what is next."""
+    kept, new, work, state = side.kept, side.tangents, side.work, side.work.parts[part]
+    begin, end = side.film.parts[part, NODES], side.film.parts[part + 1, NODES]
+    count_extra(kept, state[RUN], begin, end)
+    state[RUN] = 0.0
+    _go_back(side, motion, part)
+    if state[TANGENTS] >= place.tangents_max or not math.isfinite(state[RESIDUAL]):
+        return _STOP
+    state[ASKS] = TANGENT
+    if new.first.shape[0] == 0 or not side.numbers.complete:
+        return _STOP
+    new.blocks[new.first[part] : new.first[part + 1]] = 0.0
+    _terms(side, acting, motion, new.slots, new.blocks, part)
+    if not renew(kept, new.blocks, motion.flange, begin, end):
+        _go_back(side, motion, part)
+        return _STOP
+    state[ASKS], state[SEARCHES] = NOTHING, 1.0
+    ends = begin, end, work.gradient, work.solution
+    return _follow(side, motion, part, solve_kept(kept, motion.flange, turn, work.pairs, 0, *ends))
+
+
+@device_function
+def _evaluate(side, acting, motion, part):  # type: ignore[no-untyped-def]
+    """Find the potential where a part is to be tried; return whether it is known."""
+    state, film = side.work.parts[part], side.film
+    if state[ASKS] != EVALUATED:
+        if not side.numbers.complete:
+            state[ASKS] = EVALUATION
+            return False
+        state[TRIED] = _terms(side, acting, motion, film.no_slots, film.no_blocks, part)
+    state[ASKS] = NOTHING
+    return True
+
+
+@device_function
+def _solve_part(side, acting, motion, turn, place, part):  # type: ignore[no-untyped-def]
+    """Iterate a part until it has converged, asks for something or cannot go on."""
+    state, work = side.work.parts[part], side.work
+    begin, end = side.film.parts[part, NODES], side.film.parts[part + 1, NODES]
+    following = _TRY
+    if state[ASKS] == SOLVED:
+        state[ASKS], longest = NOTHING, 0.0
+        for i in range(begin, end):
+            for r in range(3):
+                longest = max(longest, abs(work.solution[0, i, r]))
+        following = _follow(side, motion, part, longest)
+    elif state[ASKS] == TANGENT:
+        state[ASKS], following = NOTHING, _RENEW
+    elif state[ASKS] != EVALUATED and place.begins == GOES_ON:
+        return
+    while following != _STOP:
+        if following == _DIRECT:
+            following = _direct(side, motion, turn, part)
+        elif following == _RENEW:
+            following = _renew(side, acting, motion, turn, place, part)
+        else:
+            if not _evaluate(side, acting, motion, part):
+                return
+            residual = _largest_residual(
+                work.calls[_RESIDUAL],
+                (motion.new_x[begin:end], work.gradient[begin:end], side.kept.free[begin:end]),
+            )
+            state[SWEEPS] -= 1.0
+            if state[SWEEPS] > 0.0 and _opens_folds(side, motion, part):
+                continue
+            state[SWEEPS] = 0.0
+            if state[SEARCHES] != 0.0:
+                following = _judge_search(side, motion, part, residual)
+            else:
+                following = _judge_kept(side, motion, part, residual)
+
+
+@device_function
+def _prepare(side, motion, place):  # type: ignore[no-untyped-def]
+    """Let all parts be solved from where the motion ends, or a step from where it begins."""
+    work, steps = side.work, place.begins == BEGINS_STEP
+    if steps:
+        _begin(side, motion)
+    copy(motion.new_memory, work.reference)
+    copy_rows(motion.new_x, work.served[0])
+    for k in range(side.film.parts.shape[0] - 1):
+        work.parts[k, :] = 0.0
+        work.parts[k, TO_DO], work.parts[k, LEFT] = 1.0, place.reuse_max
+        work.parts[k, RESIDUAL] = work.parts[k, ENERGY] = math.inf
+        work.parts[k, TRIED] = math.nan
+        work.parts[k, SWEEPS] = FOLD_SWEEPS + 1 if steps else 0
 
 
 @device_function
@@ -266,31 +467,34 @@ def _end(x, base, span):  # type: ignore[no-untyped-def]
     )
 )
 def film_step(side, loads, touching, motion, place):  # type: ignore[no-untyped-def]
-    """Take a step, or go on; return whether it has converged, iterations, tangents, residual and potential.
+    """Solve, or go on; return whether it has converged, iterations, tangents, residual and potential.
 
-    Iterations are those with a kept factorisation in this call, tangents the new ones in the whole step: of
-    several parts the most. The residual [N] is the largest if it has not converged, the potential in J. Fills
-    the bed's target and the end of the motion, of a step that has not converged base instead of velocities;
-    bed, motion and work say what they hold.
+    Iterations are those with a kept factorisation in this call, tangents the new ones in the whole solution:
+    of several parts the most. The residual [N] is the largest if it has not converged, the potential in J.
+    Of a step it fills the bed's target and the end of the motion, of one that has not converged base instead
+    of velocities; bed, motion and work say what they hold.
     """
     work, numbers, count = side.work, side.numbers, side.film.parts.shape[0] - 1
-    turn, x, parts = small_matrix(3, 3), motion.new_x, work.parts[:count]
-    if place.begins:
-        _begin(side, motion)
-        _all_to_do(parts, place.reuse_max)
-        parts[:, TANGENTS] = 0.0
+    turn, parts = small_matrix(3, 3), work.parts[:count]
+    acting = FilmActing(loads, work.more, touching, side.bed)
+    if place.begins != GOES_ON:
+        _prepare(side, motion, place)
     served, tangents, residual, energy, done = 0, 0, 0.0, 0.0, True
     for k in range(count):
         if parts[k, TO_DO] != 0.0:
-            served = max(served, _solve_part(side, loads, touching, motion, turn, place, k))
+            left = parts[k, LEFT]
+            _solve_part(side, acting, motion, turn, place, k)
+            served = max(served, int(left - parts[k, LEFT]))
         tangents = max(tangents, int(parts[k, TANGENTS]))
         residual, energy = max(residual, parts[k, RESIDUAL]), energy + parts[k, ENERGY]
         done = done and parts[k, TO_DO] == 0.0
     if done and count > 1:
-        residual = _largest_residual(work.calls[_RESIDUAL], (x, work.gradient, side.kept.free))
+        ends = motion.new_x, work.gradient, side.kept.free
+        residual = _largest_residual(work.calls[_RESIDUAL], ends)
         if not residual < numbers.tolerance:  # what is left of the parts adds up: once more, all of them
-            _all_to_do(parts, place.reuse_max)
+            for k in range(count):
+                parts[k, TO_DO], parts[k, LEFT], parts[k, ASKS] = 1.0, place.reuse_max, TANGENT
             done = False
-    if done:
-        _end(x, motion.new_velocity, numbers.span)
+    if done and numbers.span > 0.0:
+        _end(motion.new_x, motion.new_velocity, numbers.span)
     return done, served, tangents, residual, energy

@@ -1,36 +1,143 @@
-"""Newton's method with exact Hessians on the potential of a soft body.
+"""Newton's method with exact Hessians on the potential of a soft body: who gives the kernel what it asks for.
 
-Each iteration solves (K + mu 1) d = -gradient. mu is zero while K is positive definite and grows until
-the factor exists otherwise (inertia correction); the step is then halved until the potential falls
-(or, for loads without a potential, the work of the out-of-balance force along the step).
-The factor of an earlier step or increment may serve for a while, turned with the flange and corrected by what
-its steps have shown (`secant_pairs`): an iteration with it costs a tenth, undone when the residual does not
-fall. Once those beyond one a solution have cost as much as a new one, it is dropped.
-Source: Nocedal and Wright, Numerical Optimization, 2nd ed., sections 3.4 and 3.5.
+The iterations are those of `film_step`. Here are the factorisation, the shift mu where the tangent is
+indefinite, and terms that kernels do not know.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import final
 
 import numpy as np
 
 from cosim.base.frames import Array, IntArray, Mask
+from cosim.base.kernels import nothing_of
 from cosim.errors import InputError
 from cosim.soft.body.loads import Loads
 from cosim.soft.elements.mass_terms import Inertia
-from cosim.soft.linear.kept_factor import KeptFactor, NewtonState, kept_of_all, nothing_kept, served
-from cosim.soft.linear.linear_solver import LinearSolver, by_component
+from cosim.soft.film.film_terms import FilmActing, film_terms
+from cosim.soft.film.step_arrays import (
+    ASKS,
+    BEGINS,
+    EVALUATED,
+    EVALUATION,
+    FILM_LOADS,
+    GOES_ON,
+    NEW_TANGENTS,
+    NODES,
+    PAIRS_KNOWN,
+    SEARCHES,
+    SOLUTION,
+    SOLVED,
+    STUCK,
+    TANGENT,
+    TRIED,
+    FilmArrays,
+    FilmPoint,
+    NewTangents,
+    StepMotion,
+    StepNumbers,
+    StepPlace,
+    StepWork,
+    room_for_parts,
+)
+from cosim.soft.linear.envelope_cholesky import NODE, EnvelopeCholesky
+from cosim.soft.linear.kept_factor import (
+    KEPT,
+    OUTSIDE,
+    KeptEnvelope,
+    KeptFactor,
+    NewtonState,
+    envelope_calls,
+    nothing_kept,
+)
+from cosim.soft.linear.linear_solver import (
+    EnvelopeArrays,
+    LinearSolver,
+    ShiftSearch,
+    by_component,
+    negative_pivots,
+)
 from cosim.soft.linear.multifrontal_cholesky import cholesky
 from cosim.soft.linear.pattern import BlockPattern, check_widened
-from cosim.soft.linear.secant_pairs import FAR, SecantPairs, bend_load, keep_pair, mend_step
-from cosim.soft.linear.shift_search import ShiftSearch
+from cosim.soft.linear.secant_pairs import SecantPairs, bend_load, mend_step
 from cosim.soft.published.open_caps import OpenCapSolver
 from cosim.soft.solve.assembly import SoftSystem
+from cosim.soft.solve.film_step import FilmSide, film_step, step_calls
+from cosim.soft.solve.held_nodes import HeldNodes
 from cosim.soft.solve.newton_options import NewtonOptions, NewtonResult, Outcome, say_nothing
-from cosim.soft.solve.problem import MUCH_LESS, Point, Potential, Problem, falls_enough
+
+_STATICS = (False, 0.0, 0.0, 0.0, 0.0)
+_NOTHING_HELD = HeldNodes(np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros((0, 3), np.bool_))
+
+
+@final
+@dataclass(frozen=True)
+class NewtonTask:
+    """What is solved.
+
+    Args:
+        loads: that act.
+        share: (segments,), see `SoftSystem.segment_share`.
+        inertia: of an implicit step; None in statics.
+        kind: tells apart tangents that cannot stand for each other: statics, or the step's inertia.
+        numbers: of the iteration.
+        held: by the flange.
+        apart: whether parts that nothing couples are solved one by one.
+    """
+
+    loads: Loads
+    share: Array
+    inertia: Inertia | None
+    kind: float
+    numbers: StepNumbers
+    held: HeldNodes = _NOTHING_HELD
+    apart: bool = False
+
+
+@final
+@dataclass
+class NewtonProgress:
+    """Where a solution is, and what it has taken so far; of several parts those that took most count.
+
+    Args:
+        task: what is solved.
+        motion: whose end is moved.
+        options: bounds.
+        reused: iterations with a kept factorisation.
+        tangents: the same with a new one.
+        shifts: factorisations beyond one a tangent.
+        shifted: tangents that were indefinite.
+        residual: [N].
+        energy: [J].
+    """
+
+    task: NewtonTask
+    motion: StepMotion
+    options: NewtonOptions
+    reused: int = 0
+    tangents: int = 0
+    shifts: int = 0
+    shifted: int = 0
+    residual: float = math.inf
+    energy: float = math.inf
+
+    def result(self, outcome: Outcome) -> NewtonResult:
+        """Return how it has ended."""
+        motion, spent = self.motion, self.reused + self.tangents
+        return NewtonResult(
+            motion.new_x, motion.new_memory, outcome, self.residual, spent, self.tangents + self.shifts,
+            self.energy, self.shifted,
+        )  # fmt: skip
+
+    @property
+    def frame(self) -> Array:
+        """Rotation (3, 3) of the flange."""
+        return np.ascontiguousarray(self.motion.flange[1:].T)
 
 
 @final
@@ -51,8 +158,7 @@ class NewtonSolver:
         self.linear: LinearSolver = self._narrow
         self._kept = nothing_kept(self.linear.apart)
         self._shifts = ShiftSearch()
-        self.watch: Callable[[int], None] = say_nothing  # told the iterations so far after each new tangent
-        self._pairs, self._count = SecantPairs.room(system.body.nodes), 0
+        self.watch: Callable[[int], None] = say_nothing  # told the iterations so far after each round of them
 
     def solve(
         self,
@@ -65,6 +171,9 @@ class NewtonSolver:
     ) -> NewtonResult:
         """Find the stationary point of the potential near `start`.
 
+        In statics what elements find by themselves is looked at anew: a ring of beams on a saddle would stay
+        there otherwise; in motion it is left by itself.
+
         Args:
             start: (n, 3) [m], clamped nodes and components where they shall be.
             memory: (values,), what the elements remember of the last accepted state.
@@ -73,75 +182,154 @@ class NewtonSolver:
             inertia: of an implicit step; None in statics.
             frame: (3, 3), rotation of the flange; a factorisation that is kept turns with it.
         """
-        system = self.system
-        problem = Problem(system, self.free, loads, system.segment_tension(start, loads), inertia)
-        turned, self._count = np.eye(3) if frame is None else frame, 0
-        point = problem.begin(np.ascontiguousarray(start), memory)
-        memory = system.memory.copy()
-        tangents = factorisations = shifted = reused = earlier = 0
-        while True:
-            outcome = self._verdict(point, tangents, reused, options)
-            if outcome not in (None, Outcome.ITERATION_LIMIT):
-                break
-            if reused < options.reuse_max and point.residual < options.reuse_below_N:
-                found = self._reuse(problem, point, memory, turned, options)
-                if found is not None:
-                    point, reused, memory = found, reused + 1, system.memory.copy()
-                    continue
-            if outcome is not None:
-                point = problem.at(point.positions, memory)
-                break
-            attempts, found = self.with_tangent(problem, point, memory, turned, options)
-            factorisations, shifted = factorisations + abs(attempts), shifted + (abs(attempts) > 1)
-            if attempts < 0:
-                outcome = Outcome.INDEFINITE
-                break
-            tangents, earlier = tangents + 1, reused
-            if found is None:
-                point, outcome = problem.at(point.positions, memory), Outcome.NO_DESCENT
-                break
-            point, memory = found, system.memory.copy()
-            self.watch(tangents + reused)
-        self._kept = tuple(served(kept, reused - earlier) for kept in self._kept)
-        return NewtonResult(
-            point.positions, system.memory.copy(), outcome, point.residual, tangents + reused,
-            factorisations, point.energy, shifted,
-        )  # fmt: skip
+        system, x = self.system, np.array(start, order="C")
+        moving = inertia is not None and inertia.step_s < math.inf and not inertia.closely
+        remembered = memory.copy() if moving else system.fresh(memory)
+        flange = np.zeros((4, 3))
+        flange[1:] = np.eye(3) if frame is None else frame.T
+        motion = StepMotion(x, x, x, x, remembered, flange, x, x, remembered)
+        kind = 0.0 if inertia is None else float(inertia.coefficient.sum())
+        share = system.segment_share(x, loads)
+        solution = NewtonProgress(
+            NewtonTask(loads, share, inertia, kind, self.numbers(options, loads)), motion, options
+        )
+        outcome = self.go_on(solution, StepPlace(BEGINS, options.reuse_max, options.iterations_max))
+        if outcome in (Outcome.ITERATION_LIMIT, Outcome.NO_DESCENT):
+            reference = motion.new_memory.copy()
+            system.evaluate(x, loads, share, reference, inertia=inertia, hessian=False)
+            motion.new_memory[:] = system.memory
+        found = solution.result(outcome)
+        if inertia is not None or not system.conservative or not found.converged:
+            return found
+        # a factor that is kept is of a positive definite tangent on the way
+        definite = all(kept is not None and kept.kind == kind for kept in self._kept)
+        count = 0 if definite else self.negative_pivots(x, motion.new_memory.copy(), loads)
+        return replace(found, negative_pivots=count)
 
-    def with_tangent(
-        self,
-        problem: Potential,
-        point: Point,
-        memory: Array,
-        frame: Array,
-        options: NewtonOptions,
-        part: int | None = None,
-    ) -> tuple[int, Point | None]:
-        """Take one iteration with a new tangent.
+    def numbers(
+        self, options: NewtonOptions, loads: Loads, step: tuple[bool, float, float, float, float] = _STATICS
+    ) -> StepNumbers:
+        """Return the numbers of an iteration with some bounds.
 
         Args:
-            problem: of the solution.
-            point: where the iteration begins.
-            memory: (values,), what the elements remember there.
-            frame: (3, 3), rotation of the flange.
             options: bounds.
-            part: number of that which the problem is of, see `LinearSolver.apart`; None for all.
-
-        Returns:
-            The attempts to factorise, negative if all have failed; the point that is accepted, None for none.
+            loads: that act.
+            step: the first five of `StepNumbers`.
         """
-        self.system.serving = self.linear.pattern
-        problem.at(point.positions, memory, hessian=True)
-        attempts, self._count = self._factor(options, part), 0
-        self.keep(KeptFactor(problem.kind, frame) if attempts == 1 else None, part)
-        if attempts < 0:
-            return attempts, None
-        load = -self.system.gradient
-        if part is not None:
-            begin, end = self.linear.apart[part : part + 2]
-            load[:begin], load[end:] = 0.0, 0.0
-        step = self.linear.solve(load)
-        return attempts, self._search(problem, point, step, memory, options)
+        return StepNumbers(
+            *step, options.tolerance_N, options.start_tolerance_N, options.reuse_rate, options.reuse_below_N,
+            options.step_max_m, options.halvings_max, self.system.conservative,
+            self.system.complete and loads.extra is None,
+        )  # fmt: skip
+
+    def go_on(self, solution: NewtonProgress, place: StepPlace) -> Outcome:
+        """Iterate until a solution has converged or cannot go on.
+
+        Args:
+            solution: is moved.
+            place: where it goes on.
+        """
+        loads = solution.task.loads
+        plain, touching = loads.arrays(self.system.gas.count), loads.touching
+        while True:
+            side = self.side(solution.task)
+            found = film_step(side, plain, touching, solution.motion, place)
+            converged, served, solution.tangents, solution.residual, solution.energy = found
+            self.take_over(side.kept, solution.task.kind)
+            solution.reused += served
+            if converged:
+                return Outcome.CONVERGED
+            self.watch(solution.tangents + solution.reused)
+            parts = side.work.parts[: len(side.film.parts) - 1]
+            asking = np.flatnonzero(parts[:, ASKS])
+            finite, asked = math.isfinite(solution.residual), parts[asking, ASKS]
+            if not len(asking) or (solution.tangents >= place.tangents_max and (asked == TANGENT).any()):
+                return Outcome.ITERATION_LIMIT if finite else Outcome.NOT_FINITE
+            attempts = [self._answer(solution, side, k) for k in asking.tolist()]
+            most = max(map(abs, attempts))
+            solution.shifts += max(most - 1, 0)
+            solution.shifted += most > 1
+            if min(attempts) < 0:
+                solution.shifts += 1
+                return Outcome.INDEFINITE
+            if (parts[asking, ASKS] == STUCK).any():
+                return Outcome.NO_DESCENT
+            place = place._replace(begins=GOES_ON)
+
+    def side(self, task: NewtonTask) -> FilmSide:
+        """Return what the kernel takes for a task."""
+        system = self.system
+        _, more, _, bed = system.acting(task.loads, task.share, task.inertia)
+        film = system.film if task.apart else system.whole_film
+        own = task.loads.self_contact is None and task.loads.extra is None and not len(more.coefficients)
+        tangents = self._tangents(film) if own else self._no_tangents
+        kept, work = self._kept_arrays(task.kind), self._work._replace(more=more)
+        return FilmSide(film, bed, kept, tangents, task.held, task.numbers, work)
+
+    def _answer(self, solution: NewtonProgress, side: FilmSide, part: int) -> int:
+        """Give a part what it asks for; return the attempts to factorise, negative if all have failed."""
+        work, motion, task = side.work, solution.motion, solution.task
+        state = work.parts[part]
+        if state[ASKS] == EVALUATION:
+            given = motion.new_x, task.loads, task.share, work.reference
+            state[TRIED] = self.system.evaluate(*given, inertia=task.inertia, hessian=False)
+            motion.new_memory[:], state[ASKS] = self.system.memory, EVALUATED
+        elif state[ASKS] == SOLUTION:
+            kept, pairs, known = self._kept[0], work.pairs, int(state[PAIRS_KNOWN])
+            assert kept is not None, "the kernel asks for it where there is one"
+            load = np.empty_like(work.served[1])
+            bend_load(pairs, known, work.served[1], load)
+            # from the rotation of the factorisation to the present one
+            step = np.ascontiguousarray(self.linear.solve(load, solution.frame @ kept.frame.T))
+            mend_step(pairs, known, step)
+            work.solution[0], state[ASKS] = step, SOLVED
+        elif state[ASKS] == TANGENT:
+            return self._with_tangent(solution, side, part)
+        return 0
+
+    def _with_tangent(self, solution: NewtonProgress, side: FilmSide, part: int) -> int:
+        """Make a new tangent of a part, and the step with it; return the attempts, negative if all failed."""
+        several, gradient = len(side.film.parts) > 2, self.system.gradient
+        self._assemble(solution, side, part)
+        attempts = self._factor(solution.motion.new_x, solution.options, part if several else None)
+        kept = KeptFactor(solution.task.kind, solution.frame) if attempts == 1 else None
+        self.keep(kept, part if several else None)
+        if attempts > 0:
+            begin, end = side.film.parts[part : part + 2, NODES]
+            load = np.zeros_like(gradient)
+            load[begin:end] = -gradient[begin:end]
+            side.work.solution[0, begin:end] = self.linear.solve(load)[begin:end]
+            side.work.parts[part, [ASKS, SEARCHES]] = SOLVED, 1.0
+        return attempts
+
+    def _assemble(self, solution: NewtonProgress, side: FilmSide, part: int) -> None:
+        """Assemble the tangent of a part where it is."""
+        system, work, x = self.system, side.work, solution.motion.new_x
+        loads, share, inertia = solution.task.loads, solution.task.share, solution.task.inertia
+        system.serving = self.linear.pattern
+        if len(side.film.parts) == 2:
+            system.evaluate(x, loads, share, work.reference.copy(), inertia=inertia)
+            return
+        system.take_own_tangent(slice(*side.film.parts[part : part + 2, NODES].tolist()))
+        acting: FilmActing = system.acting(loads, share, inertia)
+        point = FilmPoint(x, work.reference, system.memory, system.gradient, system.blocks, work.pull)
+        film_terms(side.film, system.slots, acting, part, point)
+
+    def negative_pivots(self, positions: Array, memory: Array, loads: Loads) -> int:
+        """Return how many negative eigenvalues the tangent of the free components has in statics.
+
+        Sealed gas and commanded lengths count as well. The factorisation in store stays.
+
+        Args:
+            positions: (n, 3) [m].
+            memory: (values,), what the elements remember there.
+            loads: that act, and have a potential.
+        """
+        system = self.system
+        gradient, tracked = system.gradient.copy(), system.memory.copy()
+        system.evaluate(positions, loads, system.segment_share(positions, loads), memory)
+        system.gradient[:], system.memory[:] = gradient, tracked
+        return negative_pivots(system.tangent_pattern, self.free, system.tangent_blocks, system.low_rank)
 
     def factorise(
         self, positions: Array, memory: Array, loads: Loads, inertia: Inertia | None, frame: Array
@@ -156,24 +344,19 @@ class NewtonSolver:
             frame: (3, 3), rotation of the flange.
         """
         system = self.system
-        gradient = system.gradient.copy()
-        problem = Problem(system, self.free, loads, system.segment_tension(positions, loads), inertia)
+        gradient, share = system.gradient.copy(), system.segment_share(positions, loads)
         system.serving = self.linear.pattern
-        problem.at(positions, memory, hessian=True)
+        system.evaluate(positions, loads, share, memory, inertia=inertia)
         system.gradient[:] = gradient
-        definite = self._fitted_solver().factor(system.tangent_blocks, low_rank=system.low_rank)
-        self.keep(KeptFactor(problem.kind, frame) if definite else None)
+        definite = self._fitted_solver(positions).factor(system.tangent_blocks, low_rank=system.low_rank)
+        kind = 0.0 if inertia is None else float(inertia.coefficient.sum())
+        self.keep(KeptFactor(kind, frame) if definite else None)
         return definite
 
     @property
     def kept(self) -> tuple[KeptFactor | None, ...]:
         """For what each part of the factorisation in `linear` was made; None where none is kept."""
         return self._kept
-
-    @property
-    def apart(self) -> IntArray:
-        """Where the nodes of parts begin that nothing couples, and their number; see `LinearSolver.apart`."""
-        return self._narrow.apart
 
     def keep(self, kept: KeptFactor | None, part: int | None = None) -> None:
         """Remember for what the factorisation was made, of a part or of all."""
@@ -199,54 +382,100 @@ class NewtonSolver:
             self.linear.restore_state(state.factor)
         self.system.gradient[:] = state.gradient
 
-    @staticmethod
-    def _verdict(point: Point, tangents: int, reused: int, options: NewtonOptions) -> Outcome | None:
-        if not (math.isfinite(point.residual) and math.isfinite(point.energy)):
-            return Outcome.NOT_FINITE
-        # many small forces of one sign add up: a start is accepted by the stricter bound only
-        moved = tangents + reused > 0
-        if point.residual < (options.tolerance_N if moved else options.start_tolerance_N):
-            return Outcome.CONVERGED
-        return Outcome.ITERATION_LIMIT if tangents >= options.iterations_max else None
+    def take_over(self, kept: KeptEnvelope, kind: float) -> None:
+        """Take in which parts of the factorisation the kernel has made anew, or lost, and how others served.
 
-    def _reuse(
-        self, problem: Problem, point: Point, memory: Array, frame: Array, options: NewtonOptions
-    ) -> Point | None:
-        """Return the point one step on with the factorisation in store, or None where it does not serve.
-
-        Then the system's gradient may be that of a point that was tried.
+        Args:
+            kept: as the kernel has left it.
+            kind: see `NewtonTask`.
         """
-        kept, gradient = kept_of_all(self._kept, problem.kind), self.system.gradient.copy()
-        if kept is None:
-            return None
-        turn = frame @ kept.frame.T  # from the rotation of the factorisation to the present one
-        for _ in range(2):  # once more from there, by what the step has shown
-            step = self._corrected(gradient, turn)
-            if not np.abs(step).max() <= options.step_max_m:
-                break
-            trial, known = problem.at(point.positions + step, memory), self._count
-            finite = math.isfinite(trial.energy) and math.isfinite(trial.residual)
-            if finite and trial.residual <= FAR * point.residual and self.system.conservative:
-                ends = step, gradient, self.system.gradient, self.free
-                self._count = keep_pair(self._pairs, known, *ends)
-            if finite and trial.residual <= options.reuse_rate * point.residual:
-                return trial
-            if self._count == known:
-                break
-        self.keep(None)
-        return None
+        counts = kept.made.tolist(), kept.there.tolist(), kept.extra.tolist()  # empty of no factorisation
+        for k, (before, made, there, extra) in enumerate(zip(self._kept, *counts, strict=False)):
+            if made:
+                self.system.serving = self.linear.pattern
+            elif not there or before is None or before.extra == extra:
+                continue
+            frame = kept.frame[k].copy() if made or before is None else before.frame
+            self.keep(KeptFactor(kind, frame, extra) if there else None, k)
+        kept.made[:] = 0
 
-    def _corrected(self, gradient: Array, turn: Array) -> Array:
-        """Return the step (n, 3) [m] under minus a gradient, of the corrected kept inverse."""
-        load = np.empty_like(gradient)
-        bend_load(self._pairs, self._count, gradient, load)
-        step = np.ascontiguousarray(self.linear.solve(load, turn))
-        mend_step(self._pairs, self._count, step)
-        return step
+    def _kept_arrays(self, kind: float) -> KeptEnvelope:
+        """Return the factorisation in store as the kernel takes it."""
+        linear, parts, envelope = self.linear, self._kept, self.envelope
+        there = [kept is not None and kept.kind == kind for kept in parts]
+        extra = np.array([0 if kept is None else kept.extra for kept in parts])
+        if envelope is None:
+            # of a kind that the kernel does not know it asks for the solutions; never of a part
+            outside = np.array([OUTSIDE if all(there) else 0])
+            return self._nothing_kept._replace(there=outside, extra=extra[:1])
+        frames = np.array([np.eye(3) if kept is None else kept.frame for kept in parts])
+        counts = np.array(there, np.int64), np.zeros(len(parts), np.int64)
+        entries = linear.entries if isinstance(linear, EnvelopeCholesky) else self._nothing_kept.entries
+        dense, correction = self._no_dense, linear.correction
+        if correction is not None:
+            room = np.empty((1, *self.free.shape)), np.empty((1, len(correction.inner)))
+            dense = (correction.vectors, correction.inner, *room)
+        return KeptEnvelope(
+            self._envelope_calls, *counts, envelope, entries, extra, frames, *dense, self.free
+        )  # fmt: skip
 
-    def _factor(self, options: NewtonOptions, part: int | None) -> int:
+    @property
+    def envelope(self) -> EnvelopeArrays | None:
+        """The factorisation in store where the kernel knows its kind."""
+        return self.linear.envelope
+
+    @cached_property
+    def _envelope_calls(self) -> IntArray:
+        return envelope_calls()
+
+    @cached_property
+    def _no_dense(self) -> tuple[Array, Array, Array, Array]:
+        return np.zeros((0, 0)), np.zeros((0, 0)), np.zeros((0, 0, 0)), np.zeros((0, 0))
+
+    @cached_property
+    def _nothing_kept(self) -> KeptEnvelope:
+        """What stands for no factorisation."""
+        nothing: KeptEnvelope = nothing_of(KEPT)
+        table = np.zeros((2, 4), np.int64)
+        table[1, NODE] = len(self.free)
+        factor, (there, made, extra) = nothing.factor._replace(parts=table), np.zeros((3, 1), np.int64)
+        counts = nothing._replace(there=there, made=made, extra=extra)
+        return counts._replace(factor=factor, frame=np.eye(3)[None], free=self.free)
+
+    def _tangents(self, film: FilmArrays) -> NewTangents:
+        """Where the kernel makes new tangents; nothing where it cannot, or a saved state holds the factor."""
+        linear, system = self.linear, self.system
+        if not isinstance(linear, EnvelopeCholesky) or linear.lent or linear.correction is not None:
+            return self._no_tangents
+        if linear.pattern is not system.pattern or not system.conservative or not system.complete:
+            return self._no_tangents
+        return NewTangents(
+            system.slots, system.blocks, np.searchsorted(system.pattern.row, film.parts[:, NODES])
+        )
+
+    @cached_property
+    def _no_tangents(self) -> NewTangents:
+        nothing: NewTangents = nothing_of(NEW_TANGENTS)
+        return nothing
+
+    @cached_property
+    def _work(self) -> StepWork:
+        system = self.system
+        return StepWork(
+            step_calls(), system.gradient, np.empty((1, *system.gradient.shape)),
+            np.empty((2, *system.gradient.shape)), SecantPairs.room(len(system.gradient)),
+            np.empty_like(system.memory), np.empty(len(system.film.segments)),
+            room_for_parts(len(system.film.parts) - 1), nothing_of(FILM_LOADS),
+        )  # fmt: skip
+
+    @property
+    def parts(self) -> Array:
+        """(parts, columns), where the last solution is, see `StepWork`."""
+        return self._work.parts
+
+    def _factor(self, positions: Array, options: NewtonOptions, part: int | None) -> int:
         """Factorise, with a shift where need be; return the number of attempts, negative if all failed."""
-        system, linear = self.system, self._fitted_solver()
+        system, linear = self.system, self._fitted_solver(positions)
 
         def definite(shift: float) -> bool:
             if part is None:
@@ -255,12 +484,12 @@ class NewtonSolver:
 
         return self._shifts.factor(definite, options.shift_start_N_m, options.shift_max_N_m)
 
-    def _fitted_solver(self) -> LinearSolver:
+    def _fitted_solver(self, positions: Array) -> LinearSolver:
         """Return the linear solver, made for the pattern of the present tangent."""
         self._fit(self.system.tangent_pattern)
         if isinstance(self.linear, OpenCapSolver):
             # d(gradient)/dx gains what the missing caps take away
-            self.linear.extra = self.system.open_cap_stiffness
+            self.linear.extra = self.system.open_cap_stiffness(positions)
         return self.linear
 
     def _fit(self, pattern: BlockPattern) -> None:
@@ -273,28 +502,3 @@ class NewtonSolver:
         if self.system.conservative:
             return cholesky(pattern, self.free, self.system.eyelets, like)
         return OpenCapSolver(pattern, self.free, self.system.eyelets, like)
-
-    def _search(
-        self, problem: Potential, point: Point, step: Array, memory: Array, options: NewtonOptions
-    ) -> Point | None:
-        """Return the accepted point along the step, or None."""
-        system = self.system
-        longest = float(np.abs(step).max())
-        slope = float(np.einsum("nr,nr->", system.gradient, step))
-        factor = min(1.0, options.step_max_m / longest) if longest > 0.0 else 1.0
-        for _ in range(options.halvings_max):
-            trial = problem.at(point.positions + factor * step, memory)
-            if system.conservative:
-                ends = trial.energy, point.energy, factor * slope, trial.residual, point.residual
-                enough = falls_enough(*ends)
-            else:
-                # work of the out-of-balance force along the step (Crisfield's line search), of which a short
-                # step takes little away
-                work = float(np.einsum("nr,nr->", system.gradient, step))
-                enough = abs(work) <= (1.0 - 0.1 * factor) * abs(slope)
-                enough = enough or trial.residual < MUCH_LESS * point.residual
-                enough = enough and math.isfinite(trial.energy)
-            if enough:
-                return trial
-            factor *= 0.5
-        return None

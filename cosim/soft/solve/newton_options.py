@@ -74,6 +74,9 @@ class NewtonResult:
         factorisations: of new tangents, attempts included.
         potential_J: there, inertia included.
         shifted: iterations in which the tangent was indefinite.
+        negative_pivots: of the tangent: directions in which the potential falls, 0 at a minimum. That of the
+            last tangent on the way if it was positive definite, otherwise where it ended; None for steps in
+            time, loads without a potential, and what has not converged.
     """
 
     positions: Array
@@ -84,6 +87,7 @@ class NewtonResult:
     factorisations: int
     potential_J: float
     shifted: int
+    negative_pivots: int | None = None
 
     @property
     def converged(self) -> bool:

@@ -16,10 +16,9 @@ from cosim.base.frames import Array
 from cosim.errors import InputError
 from cosim.soft.body.body import SoftBody
 from cosim.soft.contact.contact_law import ContactLaw
-from cosim.soft.contact.self_contact_faces import FilmFaces
-from cosim.soft.contact.self_contact_motion import furthest_from_mean
+from cosim.soft.contact.self_contact_candidates import furthest_from_mean
+from cosim.soft.contact.self_contact_faces import FilmFaces, FilmPoints
 from cosim.soft.contact.self_contact_pairs import FilmPairs
-from cosim.soft.contact.self_contact_points import FilmPoints
 from cosim.soft.contact.self_contact_search import FilmSearch
 from cosim.soft.solve.state import SoftState
 

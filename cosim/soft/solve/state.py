@@ -176,7 +176,8 @@ class Equilibrium:
         potential_J: potential energy, loads included.
         shifted: iterations that met an indefinite tangent.
         slides: how often on the way Newton's method found nothing near and a damped slide led on; see
-            `pseudo_transient`.
+            `equilibrium.slide`.
+        negative_pivots: of its tangent, see `NewtonResult`.
     """
 
     state: SoftState
@@ -188,6 +189,7 @@ class Equilibrium:
     potential_J: float
     shifted: int
     slides: int = 0
+    negative_pivots: int | None = None
 
 
 @final

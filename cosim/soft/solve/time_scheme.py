@@ -46,6 +46,11 @@ class StepOptions:
     substep_error_m: float | None = None
 
     @property
+    def whole(self) -> NewtonOptions:
+        """Bounds of the iteration of an ordinary step until it is solved."""
+        return replace(self.newton, tolerance_N=self.tolerance_N)
+
+    @property
     def closely(self) -> bool:
         """Whether what elements find by themselves is to be found as in statics."""
         return self.tolerance_N < _CLOSE_N

@@ -1,28 +1,39 @@
 """Implicit time steps of a soft body: each is the minimum of an incremental potential.
 
-The formulas are those of `time_scheme`.
+The formulas are those of `time_scheme`. Most steps are one call of the kernel, from where free flight leads.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import replace
+from functools import cached_property
 from typing import Final, final
 
 import numpy as np
 
 from cosim.base.frames import Array, Pose
 from cosim.errors import ConvergenceError, InputError
-from cosim.soft.body.loads import Loads
+from cosim.soft.body.loads import Loads, Touching, nothing_touching
 from cosim.soft.body.place import place_of_largest
 from cosim.soft.elements.cable import losses_follow
 from cosim.soft.elements.mass_terms import Inertia
+from cosim.soft.film.step_arrays import (
+    ASKS,
+    BEGINS_STEP,
+    GOES_ON,
+    LEFT,
+    TANGENT,
+    TO_DO,
+    StepMotion,
+    StepPlace,
+)
+from cosim.soft.solve.film_step import FilmSide
 from cosim.soft.solve.held_nodes import flange_axes, place_flight
-from cosim.soft.solve.newton import NewtonSolver
+from cosim.soft.solve.newton import NewtonProgress, NewtonSolver, NewtonTask
 from cosim.soft.solve.newton_options import NewtonResult, Outcome
-from cosim.soft.solve.quick_step import QuickStepper
 from cosim.soft.solve.self_contact import SelfContact
-from cosim.soft.solve.state import Clamp, SoftState
+from cosim.soft.solve.state import BegunStep, Clamp, SoftState
 from cosim.soft.solve.step_begin import fill_bed, fill_flight
 from cosim.soft.solve.time_scheme import StepAim, StepOptions, StepScheme, difference_scheme
 
@@ -36,6 +47,171 @@ def _turn(before: Pose, after: Pose) -> float:
     """Return the angle [rad] between two poses."""
     cosine = 0.5 * (float(before.rotation.ravel().dot(after.rotation.ravel())) - 1.0)
     return math.acos(min(1.0, max(-1.0, cosine)))
+
+
+@final
+class FilmSides:
+    """Makes what the kernel takes for steps of one body, and takes in how it has left the factorisation.
+
+    Args:
+        solver: Newton's method for the body.
+        clamp: nodes held by the flange.
+        options: how steps are solved.
+    """
+
+    def __init__(self, solver: NewtonSolver, clamp: Clamp, options: StepOptions) -> None:
+        self._solver, self._clamp, self._options = solver, clamp, options
+        self._target = np.empty_like(solver.system.gradient)
+        self._plain = Loads((), (0.0,) * len(solver.system.body.cables))
+
+    @cached_property
+    def _share(self) -> Array:
+        body = self._solver.system.body
+        return self._solver.system.segment_share(body.positions, self._plain)
+
+    @property
+    def knows_body(self) -> bool:
+        """Whether kernels know all that the body is made of, and cables lose the same in all its shapes."""
+        system = self._solver.system
+        frictionless = all(cable.friction_coefficient == 0.0 for cable in system.body.cables)
+        return system.complete and system.conservative and frictionless
+
+    @property
+    def knows_factor(self) -> bool:
+        """Whether kernels know the kind of the factorisation in store."""
+        return self._solver.envelope is not None
+
+    def task(self, loads: Loads, share: Array, scheme: StepScheme, step_s: float) -> NewtonTask:
+        """Return what is solved in a step.
+
+        Args:
+            loads: that act.
+            share: (segments,), see `SoftSystem.segment_share`.
+            scheme: of the step.
+            step_s: h [s].
+        """
+        options = self._options
+        step = scheme.two_steps, step_s, scheme.span, scheme.factor, options.gain
+        numbers = self._solver.numbers(options.whole, loads, step)
+        inertia = Inertia(scheme.inertia, self._target, step_s, options.closely)
+        coupled = loads.self_contact is not None or any(loads.gas) or any(loads.cable_length_m)
+        apart = numbers.complete and numbers.potential and not coupled
+        return NewtonTask(loads, share, inertia, scheme.kind, numbers, self._clamp.held, apart)
+
+    def of(self, scheme: StepScheme, step_s: float) -> FilmSide:
+        """Return what the kernel takes for steps of a scheme under plain loads.
+
+        Args:
+            scheme: of the step.
+            step_s: h [s].
+        """
+        return self._solver.side(self.task(self._plain, self._share, scheme, step_s))
+
+    def take_over(self, side: FilmSide, scheme: StepScheme) -> None:
+        """Take in how the kernel has left the factorisation after steps of a scheme."""
+        self._solver.take_over(side.kept, scheme.kind)
+
+
+@final
+class QuickStepper:
+    """Takes steps from where free flight leads.
+
+    Args:
+        solver: Newton's method for the body.
+        clamp: nodes held by the flange.
+        options: how steps are solved.
+    """
+
+    def __init__(self, solver: NewtonSolver, clamp: Clamp, options: StepOptions) -> None:
+        self._solver, self._clamp, self._options = solver, clamp, options
+        self.sides = FilmSides(solver, clamp, options)
+        self._untouched = nothing_touching()
+        self.begun: BegunStep | None = None
+        """A step that was begun elsewhere: the next one, if it is from the same state, goes on with it."""
+
+    @property
+    def untouched(self) -> Touching:
+        """What stands for nothing touched."""
+        return self._untouched
+
+    def begins(self, *, lenient: bool) -> StepPlace:
+        """Return what the kernel takes for the beginning of a step.
+
+        Args:
+            lenient: whether it may end above its tolerance, which is for those that touch nothing.
+        """
+        newton = self._options.newton
+        first = min(self._options.iterations, newton.iterations_max) if lenient else newton.iterations_max
+        return StepPlace(BEGINS_STEP, newton.reuse_max, first)
+
+    def knows(self, loads: Loads) -> bool:
+        """Whether losses of cables do not depend on where the step leads."""
+        cables = self._solver.system.body.cables
+        frictionless = all(cable.friction_coefficient == 0.0 for cable in cables)
+        return frictionless and not losses_follow(cables, loads.cable_length_m)
+
+    def has_begun(self, state: SoftState) -> bool:
+        """Return whether a step from a state goes on with one that was begun elsewhere."""
+        return self.begun is not None and self.begun.state is state
+
+    def take(
+        self, state: SoftState, flange: Pose, loads: Loads, scheme: StepScheme, step_s: float
+    ) -> tuple[SoftState, NewtonResult] | None:
+        """Return where a step ends, or None where its start or a tangent does not serve.
+
+        Args:
+            state: at the beginning; it stays as it is.
+            flange: its pose at the end.
+            loads: at the end; it `knows` them.
+            scheme: of the step.
+            step_s: h [s].
+        """
+        here, options, system = (state.positions, state.velocities), self._options, self._solver.system
+        begun, self.begun = self.begun if self.has_begun(state) else None, None
+        x, velocities, memory = _new_end(state) if begun is None else (begun.x, begun.base, begun.memory)
+        motion = StepMotion(
+            *here, *(state.earlier or here), state.memory, flange_axes(flange), x, velocities, memory
+        )
+        share = system.segment_share(state.positions, loads)
+        solution = NewtonProgress(self.sides.task(loads, share, scheme, step_s), motion, options.newton)
+        # a contact that is half solved would push with a force of its own making
+        films, lenient = loads.self_contact, loads.contact is None and loads.self_contact is None
+        place = self.begins(lenient=lenient)
+        if begun is not None:
+            solution.reused, place = begun.iterations, place._replace(begins=GOES_ON)
+        outcome = self._solver.go_on(solution, place)
+        if outcome is Outcome.ITERATION_LIMIT and lenient:
+            if solution.residual <= options.residual_bound_N and not self._jumps(motion, step_s):
+                velocities = (x - velocities) / scheme.span
+            else:
+                more = place.tangents_max + options.newton.iterations_max
+                outcome = self._go_on(solution, place._replace(begins=GOES_ON, tangents_max=more))
+        elif outcome is not Outcome.CONVERGED:
+            return None
+        if outcome not in (Outcome.CONVERGED, Outcome.ITERATION_LIMIT):
+            return None
+        touching = None if films is None else films.memory(x)
+        end = SoftState(x, velocities, system.advanced(x, memory), here, touching)
+        return end, solution.result(outcome)
+
+    def _go_on(self, solution: NewtonProgress, place: StepPlace) -> Outcome:
+        """Go on beyond what a step was given at first."""
+        parts = self._solver.parts
+        parts[parts[:, TO_DO] != 0.0, ASKS] = TANGENT
+        parts[:, LEFT] = self._options.newton.reuse_max
+        outcome = self._solver.go_on(solution, place)
+        return outcome if outcome is Outcome.CONVERGED else Outcome.NO_DESCENT
+
+    def _jumps(self, motion: StepMotion, step_s: float) -> bool:
+        """Return whether the flange jumps in a step, off free flight."""
+        flight, gain = np.empty_like(motion.x), self._options.gain
+        fill_flight(motion.x, motion.velocity, motion.earlier_velocity, step_s, gain, flight)
+        return place_flight(self._clamp.held, motion.flange, flight)
+
+
+def _new_end(state: SoftState) -> tuple[Array, Array, Array]:
+    """Return room for positions, velocities and memory at the end of a step from a state."""
+    return np.empty_like(state.positions), np.empty_like(state.velocities), np.empty_like(state.memory)
 
 
 @final
@@ -61,7 +237,7 @@ class ImplicitStepper:
         self.options = options
         self.self_contact = self_contact
         # of an ordinary step: until it is solved, and in a first go
-        self._whole = replace(options.newton, tolerance_N=options.tolerance_N)
+        self._whole = options.whole
         self._first = replace(self._whole, iterations_max=options.iterations)
         self.quick = QuickStepper(solver, clamp, options)
         self._scheme: StepScheme | None = None
@@ -157,11 +333,11 @@ class ImplicitStepper:
         """
         system, positions = self.solver.system, state.positions
         carried = np.ascontiguousarray((after @ before.inverse()).apply(positions))
-        tension = system.segment_tension(positions, loads)
+        share = system.segment_share(positions, loads)
 
         def potential(start: Array) -> float:
             placed = self.clamp.place(start, after)
-            value = system.evaluate(placed, loads, tension, state.memory, inertia=inertia, hessian=False)
+            value = system.evaluate(placed, loads, share, state.memory, inertia=inertia, hessian=False)
             return value if math.isfinite(value) else math.inf
 
         return sorted([*starts, carried], key=potential)

@@ -51,7 +51,7 @@ class Capstan(Case):
         body = SoftBody.from_arrays(path, np.array([[0, 1, 2]]), film, cables=(cable,))
         system = SoftSystem(body)
         loads = replace(UNLOADED, cable_tension_N=(TENSION_N,))
-        system.evaluate(path, loads, system.segment_tension(path, loads), system.memory, hessian=False)
+        system.evaluate(path, loads, system.segment_share(path, loads), system.memory, hessian=False)
         force = -system.gradient
         end = float(np.linalg.norm(force[-1]))
         post = force[1:-1]

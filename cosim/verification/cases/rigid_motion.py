@@ -41,7 +41,7 @@ def chamber(law: FilmLaw = "plain") -> tuple[SoftBody, Array]:
 
 def potential(system: SoftSystem, x: Array, angles: Array, *, hessian: bool = False) -> float:
     """Return the potential [J] at positions (n, 3) [m]; gradient and Hessian stay in the system."""
-    return system.evaluate(x, LOADS, system.segment_tension(x, LOADS), angles, hessian=hessian)
+    return system.evaluate(x, LOADS, system.segment_share(x, LOADS), angles, hessian=hessian)
 
 
 def taylor_remainder(system: SoftSystem, x: Array, angles: Array, step: float) -> float:

@@ -43,7 +43,7 @@ def octahedron() -> SoftBody:
 def motion(body: SoftBody, state: SoftState, system: SoftSystem) -> tuple[Array, Array, float]:
     """Return momentum (3,) [kg m/s], moment of momentum about the origin (3,) [kg m^2/s], energy [J]."""
     mass, x, v = body.node_mass[:, None], state.positions, state.velocities
-    tension = system.segment_tension(x, _LOADS)
+    tension = system.segment_share(x, _LOADS)
     potential = system.evaluate(x, _LOADS, tension, state.memory, hessian=False)
     return (mass * v).sum(0), np.cross(x, mass * v).sum(0), potential + 0.5 * float((mass * v * v).sum())
 

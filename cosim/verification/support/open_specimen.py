@@ -9,7 +9,7 @@ from cosim.errors import MeshError
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
 from cosim.soft.elements.material import Film
-from cosim.soft.elements.pressure import cap_force
+from cosim.soft.elements.pressure import add_cap_force
 from cosim.soft.elements.shell_hinges import shell_stiffness
 from cosim.soft.geometry.holes import with_finer_holes
 from cosim.soft.geometry.polygonal_stack import PolygonalStack
@@ -70,7 +70,7 @@ class OpenSpecimen:
         """Return the loads with the caps' pressure taken off at positions (n, 3) [m]."""
         force = np.zeros_like(positions)
         for ring in self.body.caps:
-            force[ring] -= cap_force(positions, ring, pressure_Pa)
+            add_cap_force(np.ascontiguousarray(positions), ring, -pressure_Pa, force)
         return Loads((pressure_Pa,), (), (0.0, 0.0, 0.0), force)
 
     def load_to(self, pressure_Pa: float) -> Equilibrium:

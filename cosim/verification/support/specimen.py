@@ -67,20 +67,20 @@ class Specimen:
     def gradient(self, equilibrium: Equilibrium) -> Array:
         """Return the gradient of the potential (n, 3) [N]: what the supports supply."""
         x, loads = equilibrium.state.positions, equilibrium.loads
-        tension = self.system.segment_tension(x, loads)
+        tension = self.system.segment_share(x, loads)
         self.system.evaluate(x, loads, tension, equilibrium.state.memory, hessian=False)
         return self.system.gradient.copy()
 
     def stable(self, equilibrium: Equilibrium) -> bool:
         """Return whether the tangent stiffness is positive definite there."""
         x, loads = equilibrium.state.positions, equilibrium.loads
-        self.system.evaluate(x, loads, self.system.segment_tension(x, loads), equilibrium.state.memory)
+        self.system.evaluate(x, loads, self.system.segment_share(x, loads), equilibrium.state.memory)
         return self.newton.linear.factor(self.system.blocks, low_rank=self.system.low_rank)
 
     def stiffness(self, equilibrium: Equilibrium) -> Array:
         """Return the dense tangent stiffness (3 n, 3 n) [N/m] of all components, free or not."""
         x, loads, pattern = equilibrium.state.positions, equilibrium.loads, self.system.pattern
-        self.system.evaluate(x, loads, self.system.segment_tension(x, loads), equilibrium.state.memory)
+        self.system.evaluate(x, loads, self.system.segment_share(x, loads), equilibrium.state.memory)
         dense = np.zeros((pattern.nodes, 3, pattern.nodes, 3))
         dense[pattern.row, :, pattern.column] = self.system.blocks
         dense[pattern.column, :, pattern.row] = self.system.blocks.transpose(0, 2, 1)
