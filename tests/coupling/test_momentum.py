@@ -7,7 +7,6 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from cosim.base.frames import Wrench
 from cosim.coupling.schemes.interface import Coupling, Interface, TransferredLoads
 from cosim.coupling.schemes.iterated import IteratedCoupling
 from cosim.coupling.schemes.staggered import StaggeredCoupling
@@ -32,7 +31,7 @@ def test_force_and_torque_count_by_their_size(component: int, lost: float, error
 def test_loads_below_a_hundredth_of_a_newton_count_as_that() -> None:
     nothing = np.zeros(6)
     for size in (0.0, 5e-3, 1e-2):
-        handed = TransferredLoads.of(Wrench(np.array([size, 0.0, 0.0])), np.zeros(3), nothing, size)
+        handed = TransferredLoads((size, 0.0, 0.0, 0.0, 0.0, 0.0), (0.0,) * 6, size, size)
         flange = np.array([size, 0.0, 0.0, 0.0, 0.0, 0.0])
         assert handed.error(flange, nothing) == 0.0
         for component, error in ((1, 0.01), (4, 0.1)):
