@@ -36,7 +36,7 @@ from typing import Any, final
 import numpy as np
 
 from cosim.base.frames import Array, IntArray
-from cosim.base.kernel_calls import nothing_of
+from cosim.base.kernel_calls import address_of, nothing_of
 from cosim.coupling.contact.added_mass import RATIO_BOUND, rigid_motions
 from cosim.coupling.contact.contact_arrays import CONTACT, ContactArrays
 from cosim.coupling.contact.contact_exchange import AHEAD_TICKS
@@ -46,11 +46,12 @@ from cosim.coupling.half_ticks import (
     SOFT_HALF_LEFT,
     SOFT_STEP_BEGUN,
     RigidSide,
+    hand_over,
     take_rigid_half,
 )
 from cosim.coupling.schemes.interface import Coupling, Interface, InterfaceState
 from cosim.coupling.schemes.iterated import IteratedCoupling, IteratedState, IterationOptions
-from cosim.coupling.section_ticks import ChainCommands, ChainMotion, ChainSteps, advance_chain, chain_calls
+from cosim.coupling.section_ticks import ChainCommands, ChainMotion, ChainSteps, advance_chain
 from cosim.coupling.soft_sides.lumped_arm import SoftArm
 from cosim.coupling.soft_sides.section_arm import ChainShapes, SectionArm
 from cosim.coupling.soft_sides.soft_side import SoftSide, expecting_no_change
@@ -265,10 +266,6 @@ class _SectionHalves(SoftHalves):
             first[k], weights[k] = terms.first, terms.weights[0]
         return ChainCommands(pressure, first, weights, self._soft.stepper.segment_tensions(tension))
 
-    @cached_property
-    def _calls(self) -> IntArray:
-        return chain_calls()
-
     def _room(self, count: int) -> ChainMotion:
         chain = self._soft.last.chain
         frames = len(chain.frames)
@@ -293,7 +290,8 @@ class _SectionHalves(SoftHalves):
         options, begin = stepper.options, soft.last.chain
         two_steps, earlier = options.integrator == "bdf2", begin.earlier is not None
         steps = ChainSteps(
-            stepper.arrays(soft.clamp, loads[0], begin.frames), self._calls, tick_s, options.damping_per_s,
+            stepper.arrays(soft.clamp, loads[0], begin.frames),
+            address_of(hand_over), tick_s, options.damping_per_s,
             two_steps, earlier, stepper.tangent.serves(soft.clamp, tick_s, two_steps and earlier),
             options.newton.iterations_max,
         )  # fmt: skip
