@@ -113,6 +113,11 @@ class SoftHalves:
         plain = all(load.plain for load in {id(load): load for load in loads}.values())
         self._plain = self._commands(loads) if plain else None
 
+    @property
+    def plain(self) -> bool:
+        """Whether kernels know such soft halves."""
+        return self._plain is not None
+
     @final
     def end(self, taken: TicksTaken) -> None:
         """Show the shapes of ticks that kernels have taken: what follows begins anew."""
@@ -386,8 +391,9 @@ class StaggeredCoupling(Coupling):
         taken = self.interface.begin(count)
         self._halves.begin(loads[:count])
         try:
-            while taken.done < count:
-                self._go_on(taken, servos.some(taken.done, count), loads[taken.done : count])
+            goes_on = True
+            while goes_on and taken.done < count:
+                goes_on = self._go_on(taken, servos.some(taken.done, count), loads[taken.done : count])
         except BaseException as error:  # whatever it is, what has been taken is to be shown first
             if not taken.done:
                 raise
@@ -395,8 +401,12 @@ class StaggeredCoupling(Coupling):
         self._halves.end(taken)
         return taken
 
-    def _go_on(self, taken: TicksTaken, servos: Servos, loads: Sequence[Loads]) -> None:
-        """Take ticks until flange or bodies are to be weighed again, or Python has taken a soft half."""
+    def _go_on(self, taken: TicksTaken, servos: Servos, loads: Sequence[Loads]) -> bool:
+        """Take ticks until flange or bodies are to be weighed again, or Python has taken a soft half.
+
+        Returns:
+            Whether the row goes on: not after one that kernels might have taken, so shapes stay of one kind.
+        """
         interface, first = self.interface, taken.done
         if interface.to_be_weighed:
             self._update_stability_ratio()
@@ -411,11 +421,12 @@ class StaggeredCoupling(Coupling):
         if ending == RIGID_SIDE_WARNS:
             interface.scene.check()
         if ending not in (SOFT_HALF_LEFT, SOFT_STEP_BEGUN):
-            return
+            return True
         self._halves.end(taken)
         interface.scene.stepped(taken.ticks.flange(taken.done))
         interface.take_reply(taken, interface.advance_soft(loads[done]))
         self._weigh_bodies(taken)
+        return not self._halves.plain
 
     def _weigh_bodies(self, taken: TicksTaken) -> None:
         """Bring what bodies carry up to date after the last tick."""
