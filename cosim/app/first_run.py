@@ -28,7 +28,7 @@ def prepared(
 ) -> Scenario:
     """Return the scenario with its fidelity chosen; whatever its loop calls is compiled when this returns.
 
-    Except for the kernels of contact with a scene: a run compiles them when something is near.
+    Except for the kernels of contact with a scene, which `build_simulation` compiles: it knows the plan.
 
     Args:
         scenario: checked.

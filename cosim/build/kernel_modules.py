@@ -62,9 +62,8 @@ def contact_modules() -> tuple[ModuleType, ...]:
     return contact_kernels, features, film_distance, mesh_distance, signed_distance
 
 
-def compile_distances(tell: Callable[[str], None]) -> None:
-    """Compile the kernels of distances to a scene, and tell so beforehand where they are not kept."""
+def compile_contact(tell: Callable[[str], None]) -> None:
+    """Compile the kernels of contact with a scene, and tell so beforehand where they are not kept."""
     from cosim.base.compilation import compile_modules  # here, so that wrong input needs no engine
-    from cosim.rigid.distance import mesh_distance, signed_distance
 
-    compile_modules(tell, (mesh_distance, signed_distance))
+    compile_modules(tell, contact_modules())

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, TypeAlias
 from cosim.base.kept_parts import KeptParts, name_of
 from cosim.build.decisions import contact_decision, decisions, largest_pressure
 from cosim.build.fidelity import contact_law
-from cosim.build.kernel_modules import compile_distances
+from cosim.build.kernel_modules import compile_contact
 from cosim.build.parts.soft_model import SoftModel
 from cosim.build.parts.solved_plans import solved_on_disk
 from cosim.build.parts.stage import stage_of
@@ -60,7 +60,7 @@ def build(
         controllers: of kind "python", by name.
         before: of the run whose state it goes on from; None for a run from its start.
         body: the soft body, where the scenario's is given as arrays.
-        tell: told when distances to the scene are asked for, whose kernels are then compiled, and what is
+        tell: told when the plan leads to something to touch, whose kernels are then compiled, and what is
             tried where an equilibrium or target takes long to find.
         kept: parts that may serve again, and get those that are made here.
 
@@ -75,7 +75,7 @@ def build(
     plan, carrier, modelled, planned, arm = (
         _held_base(scenario, model, soft, kept)
         if scenario.robot == NO_ARM
-        else _arm(scenario, model, soft, kept, before, partial(compile_distances, tell))
+        else _arm(scenario, model, soft, kept, before, partial(compile_contact, tell))
     )
     own = PlannedCommands(scenario, plan, soft, actuation)
     commands: CommandSource = own
@@ -101,7 +101,7 @@ def _arm(
     soft: SoftSide,
     kept: KeptParts,
     before: Choices | None,
-    ready_for_distances: Callable[[], None],
+    ready_for_contact: Callable[[], None],
 ) -> _Arranged:
     # imported here: a scene without an arm waits for neither engine
     from cosim.build.parts.arm_parts import ArmParts
@@ -111,9 +111,11 @@ def _arm(
     arm, scene, mounted = parts.arm, parts.scene, parts.mounted
     payload = drawn_payload(soft.body, mounted)
     plan = _plan(scenario, checked_start(parts.plan_joints, arm, scene, payload), model, kept)
-    contact = contact_decision(scenario, soft, plan, arm, scene, ready_for_distances)
+    contact = contact_decision(scenario, soft, plan, arm, scene, ready_for_contact)
     if before is not None:
         contact = before.keep(contact)
+    if contact.included:
+        ready_for_contact()
     law = contact_law(scenario) if contact.included else None
     if law is not None:
         check_base(scene, soft.body, arm.forward(plan.joints), law.smoothing_m)

@@ -211,8 +211,8 @@ def _fill_power(acted, ticks, k):  # type: ignore[no-untyped-def]
     ticks.power[k, 2] = np.sqrt(force) * np.sqrt(speed) + np.sqrt(moment) * np.sqrt(turn)
 
 
-@kernel(BOOLEAN(RIGID_SIDE, SERVOS, TICKS, types.int64))
-def take_rigid_half(rigid, servos, ticks, k):  # type: ignore[no-untyped-def]
+@device_function
+def rigid_half(rigid, servos, ticks, k):  # type: ignore[no-untyped-def]
     """Let MuJoCo step under servos and the wrench of row k; return whether it has not warned."""
     scene, carried = rigid.scene, rigid.carried
     payload = small_vector(10)
@@ -231,6 +231,12 @@ def take_rigid_half(rigid, servos, ticks, k):  # type: ignore[no-untyped-def]
     _carry(scene, carried.inertia)
     _read_scene(scene, ticks, k)
     return True
+
+
+@kernel(BOOLEAN(RIGID_SIDE, SERVOS, TICKS, types.int64))
+def take_rigid_half(rigid, servos, ticks, k):  # type: ignore[no-untyped-def]
+    """Take the rigid half of a tick, see `rigid_half`."""
+    return rigid_half(rigid, servos, ticks, k)
 
 
 @device_function

@@ -9,7 +9,6 @@ from __future__ import annotations
 from operator import itemgetter
 from typing import NamedTuple
 
-import numpy as np
 from numba import types
 
 from cosim.base.frames import Array, IntArray
@@ -20,7 +19,6 @@ from cosim.base.kernels import (
     MATRIX,
     REAL,
     VECTOR,
-    address_of,
     device_function,
     kernel,
     small_matrix,
@@ -33,7 +31,7 @@ from cosim.coupling.half_ticks import (
     SOFT_HALF_LEFT,
     fill_flange,
     hand_over,
-    take_rigid_half,
+    rigid_half,
 )
 from cosim.coupling.ticks import SERVOS, TICKS
 from cosim.reduced.sections.pressure_spline import weighted_rows
@@ -83,7 +81,7 @@ class ChainSteps(NamedTuple):
 
     Args:
         chain: in the first of them.
-        calls: (2,), see `chain_calls`.
+        hand_over: address of that kernel.
         step_s: length of a step [s].
         damping: [1/s].
         two_steps: whether steps look back over two.
@@ -93,7 +91,7 @@ class ChainSteps(NamedTuple):
     """
 
     chain: ChainArrays
-    calls: IntArray
+    hand_over: int
     step_s: float
     damping: float
     two_steps: bool
@@ -105,17 +103,9 @@ class ChainSteps(NamedTuple):
 CHAIN_COMMANDS = types.NamedTuple((VECTOR, INDICES, MATRIX, MATRIX), ChainCommands)
 CHAIN_MOTION = types.NamedTuple((types.Array(types.float64, 5, "C"), CUBE), ChainMotion)
 CHAIN_STEPS = types.NamedTuple(
-    (CHAIN_ARRAYS, INDICES, REAL, REAL, BOOLEAN, BOOLEAN, BOOLEAN, INTEGER), ChainSteps
+    (CHAIN_ARRAYS, INTEGER, REAL, REAL, BOOLEAN, BOOLEAN, BOOLEAN, INTEGER), ChainSteps
 )
-_CALLED = (take_rigid_half, hand_over)
-_RIGID, _HAND = range(len(_CALLED))
-_take_rigid_half, _hand_over = map(caller, _CALLED)
-_implicit_step = caller(implicit_step)
-
-
-def chain_calls() -> IntArray:
-    """Return the addresses (2,) of the kernels of both halves."""
-    return np.array([address_of(called) for called in _CALLED])
+_hand_over, _implicit_step = caller(hand_over), caller(implicit_step)
 
 
 @device_function
@@ -143,7 +133,7 @@ def advance_chain(rigid, servos, commands, row, ticks, way):  # type: ignore[no-
     flange, chain, kept = small_matrix(4, 3), row.chain, row.kept
     count = servos.position.shape[0]
     for k in range(count):
-        if not _take_rigid_half(row.calls[_RIGID], (rigid, servos, ticks, k)):
+        if not rigid_half(rigid, servos, ticks, k):  # by its address it costs 1 % of a tick
             return k, RIGID_SIDE_WARNS, kept
         if k > 0 and commands.pressure[k] != commands.pressure[k - 1]:
             _set_pressure(chain, commands, k)
@@ -163,5 +153,5 @@ def advance_chain(rigid, servos, commands, row, ticks, way):  # type: ignore[no-
         )  # fmt: skip
         if outcome != 0:
             return k, SOFT_HALF_LEFT, kept
-        _hand_over(row.calls[_HAND], (rigid.scene.applied, ticks, k))
+        _hand_over(row.hand_over, (rigid.scene.applied, ticks, k))
     return count, ALL_DONE, kept

@@ -36,7 +36,7 @@ from typing import Any, final
 import numpy as np
 
 from cosim.base.frames import Array, IntArray
-from cosim.base.kernels import nothing_of
+from cosim.base.kernels import address_of, nothing_of
 from cosim.coupling.contact.added_mass import RATIO_BOUND, rigid_motions
 from cosim.coupling.contact.contact_arrays import CONTACT, ContactArrays
 from cosim.coupling.contact.contact_exchange import AHEAD_TICKS
@@ -46,11 +46,12 @@ from cosim.coupling.half_ticks import (
     SOFT_HALF_LEFT,
     SOFT_STEP_BEGUN,
     RigidSide,
+    hand_over,
     take_rigid_half,
 )
 from cosim.coupling.schemes.interface import Coupling, Interface, InterfaceState
 from cosim.coupling.schemes.iterated import IteratedCoupling, IteratedState, IterationOptions
-from cosim.coupling.section_ticks import ChainCommands, ChainMotion, ChainSteps, advance_chain, chain_calls
+from cosim.coupling.section_ticks import ChainCommands, ChainMotion, ChainSteps, advance_chain
 from cosim.coupling.soft_sides.lumped_arm import SoftArm
 from cosim.coupling.soft_sides.section_arm import ChainShapes, SectionArm
 from cosim.coupling.soft_sides.soft_side import SoftSide, expecting_no_change
@@ -111,6 +112,11 @@ class SoftHalves:
         """Begin ticks in a row, with all loads of theirs."""
         plain = all(load.plain for load in {id(load): load for load in loads}.values())
         self._plain = self._commands(loads) if plain else None
+
+    @property
+    def plain(self) -> bool:
+        """Whether kernels know such soft halves."""
+        return self._plain is not None
 
     @final
     def end(self, taken: TicksTaken) -> None:
@@ -265,10 +271,6 @@ class _SectionHalves(SoftHalves):
             first[k], weights[k] = terms.first, terms.weights[0]
         return ChainCommands(pressure, first, weights, self._soft.stepper.segment_tensions(tension))
 
-    @cached_property
-    def _calls(self) -> IntArray:
-        return chain_calls()
-
     def _room(self, count: int) -> ChainMotion:
         chain = self._soft.last.chain
         frames = len(chain.frames)
@@ -293,7 +295,8 @@ class _SectionHalves(SoftHalves):
         options, begin = stepper.options, soft.last.chain
         two_steps, earlier = options.integrator == "bdf2", begin.earlier is not None
         steps = ChainSteps(
-            stepper.arrays(soft.clamp, loads[0], begin.frames), self._calls, tick_s, options.damping_per_s,
+            stepper.arrays(soft.clamp, loads[0], begin.frames),
+            address_of(hand_over), tick_s, options.damping_per_s,
             two_steps, earlier, stepper.tangent.serves(soft.clamp, tick_s, two_steps and earlier),
             options.newton.iterations_max,
         )  # fmt: skip
@@ -388,8 +391,9 @@ class StaggeredCoupling(Coupling):
         taken = self.interface.begin(count)
         self._halves.begin(loads[:count])
         try:
-            while taken.done < count:
-                self._go_on(taken, servos.some(taken.done, count), loads[taken.done : count])
+            goes_on = True
+            while goes_on and taken.done < count:
+                goes_on = self._go_on(taken, servos.some(taken.done, count), loads[taken.done : count])
         except BaseException as error:  # whatever it is, what has been taken is to be shown first
             if not taken.done:
                 raise
@@ -397,8 +401,12 @@ class StaggeredCoupling(Coupling):
         self._halves.end(taken)
         return taken
 
-    def _go_on(self, taken: TicksTaken, servos: Servos, loads: Sequence[Loads]) -> None:
-        """Take ticks until flange or bodies are to be weighed again, or Python has taken a soft half."""
+    def _go_on(self, taken: TicksTaken, servos: Servos, loads: Sequence[Loads]) -> bool:
+        """Take ticks until flange or bodies are to be weighed again, or Python has taken a soft half.
+
+        Returns:
+            Whether the row goes on: not after one that kernels might have taken, so shapes stay of one kind.
+        """
         interface, first = self.interface, taken.done
         if interface.to_be_weighed:
             self._update_stability_ratio()
@@ -413,11 +421,12 @@ class StaggeredCoupling(Coupling):
         if ending == RIGID_SIDE_WARNS:
             interface.scene.check()
         if ending not in (SOFT_HALF_LEFT, SOFT_STEP_BEGUN):
-            return
+            return True
         self._halves.end(taken)
         interface.scene.stepped(taken.ticks.flange(taken.done))
         interface.take_reply(taken, interface.advance_soft(loads[done]))
         self._weigh_bodies(taken)
+        return not self._halves.plain
 
     def _weigh_bodies(self, taken: TicksTaken) -> None:
         """Bring what bodies carry up to date after the last tick."""
