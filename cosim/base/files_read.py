@@ -20,7 +20,7 @@ from typing import Final
 ABSENT: Final = "absent"
 """In place of the digest of a file that cannot be read."""
 
-_HERE: Final = Path(__file__).resolve().parents[3]  # of the package's folder, and of a clone's robots/
+_HERE: Final = Path(__file__).resolve().parents[2]  # of the package's folder, and of a clone's robots/
 
 _ASKED: Final[ContextVar[dict[str, str] | None]] = ContextVar("files_read", default=None)
 

@@ -67,16 +67,16 @@ def test_the_flange_goes_as_commanded_and_stays_there() -> None:
 
 def test_the_servos_are_told_the_speed_too() -> None:
     run: Any = build_simulation(standing(), controllers={"mine": Drift()})
-    taken, asked = run._parts.carrier.tick, []
+    told, asked = run._parts.carrier.servos, []
 
-    def watched(reference: Any, loads: Any) -> Any:
-        asked.append(reference)
-        return taken(reference, loads)
+    def watched(references: Any) -> Any:
+        asked.append(references)
+        return told(references)
 
-    run._parts.carrier.tick = watched
+    run._parts.carrier.servos = watched
     list(run.steps(120))
-    position = np.array([reference.position for reference in asked])
-    velocity = np.array([reference.velocity for reference in asked])
+    position = np.concatenate([references.position for references in asked])
+    velocity = np.concatenate([references.velocity for references in asked])
     np.testing.assert_allclose(np.diff(position, axis=0), 0.004 * velocity[:-1], atol=1e-12)
     assert np.abs(velocity).max() > 0.01
 

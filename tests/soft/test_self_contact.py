@@ -159,7 +159,7 @@ def test_pairs_that_are_near_but_do_not_press_leave_the_tangent_narrow() -> None
     assert pairs is not None
     assert not pairs.at(x).normal_force.any()
     loads = no_load(body, self_contact=pairs)
-    system.evaluate(x, loads, system.segment_tension(x, loads), system.memory.copy())
+    system.evaluate(x, loads, system.segment_share(x, loads), system.memory.copy())
     assert system.tangent_pattern is system.pattern
 
 

@@ -9,9 +9,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cosim.base.frames import Wrench
 from cosim.base.kernels import Blocks, IndexTable, Indices, Matrix, Vector, device_function, kernel
-from cosim.rigid.scene.scene import RigidScene
+from cosim.coupling import film_ticks, half_ticks
+from cosim.coupling.schemes import interface
+from cosim.reduced.sections.outputs import WRENCH
 from cosim.soft.body.loads import Loads
 from cosim.soft.elements import cable, mass_terms
 from cosim.soft.elements.cable import Cable
@@ -134,12 +135,17 @@ def heavy_inertia(patch: pytest.MonkeyPatch) -> None:
 
 def weak_wrench(patch: pytest.MonkeyPatch) -> None:
     """The arm feels 98 % of the soft side's wrench."""
-    true = RigidScene.apply_flange_wrench
-    patch.setattr(
-        RigidScene,
-        "apply_flange_wrench",
-        lambda self, wrench: true(self, Wrench(0.98 * wrench.force, 0.98 * wrench.torque)),
-    )
+    true = device_function(half_ticks.hand_over.py_func)
+
+    @kernel(half_ticks.hand_over.fixed_signature)
+    def weak(acted, ticks, k):  # type: ignore[no-untyped-def]
+        true(acted, ticks, k)
+        for r in range(WRENCH, WRENCH + 6):
+            ticks.figures[k + 1, r] *= 0.98
+
+    called = [weak if one is half_ticks.hand_over else one for one in film_ticks._CALLED]
+    patch.setattr(film_ticks, "_CALLED", tuple(called))
+    patch.setattr(interface, "hand_over", weak)
 
 
 FOUND_BY: dict[Fault, set[str]] = {
