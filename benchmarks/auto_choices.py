@@ -24,12 +24,9 @@ from cosim.errors import ScenarioError
 from cosim.telemetry.snapshot import RunInfo
 from cosim.telemetry.tick_batch import TickBatch
 from cosim.trade.auto import chosen_fidelity
-from cosim.trade.candidate import Candidate
-from cosim.trade.candidates import durations, short_candidates
-from cosim.trade.choice import Requirement
-from cosim.trade.curve import Curve, CurveBuilder, trace
-from cosim.trade.measured import FORCE_MEAN
-from cosim.trade.measuring import compared
+from cosim.trade.candidates import Candidate, durations, short_candidates
+from cosim.trade.measuring import FORCE_MEAN, Curve, CurveBuilder, compared, trace
+from cosim.trade.report import Requirement
 
 
 @dataclass

@@ -28,12 +28,11 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 import numpy as np
 
 from cosim.base.kept_parts import KeptParts
-from cosim.build.parts.soft_model import SoftModel
 from cosim.build.simulation import build
+from cosim.build.soft_model import SoftModel
 from cosim.config.loading import load_scenario
 from cosim.errors import ScenarioError, SolverError
-from cosim.plan.paths.phase_drafts import solved_phases
-from cosim.plan.paths.planning import make_plan
+from cosim.plan.planning import make_plan, solved_phases
 from cosim.stepping.carrier import HeldBase
 
 Changes = Mapping[str, Any]

@@ -28,15 +28,23 @@ from cosim.errors import ConvergenceError
 from cosim.soft.elements.material import FilmLaw
 from cosim.soft.geometry.polygonal_stack import PolygonalStack
 from cosim.soft.solve.compilation import compile_kernels
-from cosim.verification.film_cases.wrinkling_stacks import FiveHexagons, OneSquare, TenSquares, ThreeSquares
-from cosim.verification.support.finite_elements import FILM, Band, squares
-from cosim.verification.support.open_specimen import OpenSpecimen, film_stack
+from cosim.verification.stacks import (
+    FILM,
+    FIVE_HEXAGONS_BANDS,
+    ONE_SQUARE_BANDS,
+    TEN_SQUARES_BANDS,
+    THREE_SQUARES_BANDS,
+    Band,
+    OpenSpecimen,
+    film_stack,
+    squares,
+)
 
 SPECIMENS: dict[str, tuple[PolygonalStack, tuple[Band, ...]]] = {
-    "one_square": (squares(1), OneSquare.bands),
-    "three_squares": (squares(3), ThreeSquares.bands),
-    "five_hexagons": (PolygonalStack(6, 5, 0.05, 0.01, 0.002, 0.95), FiveHexagons.bands),
-    "ten_squares": (squares(10, 0.005), TenSquares.bands),
+    "one_square": (squares(1), ONE_SQUARE_BANDS),
+    "three_squares": (squares(3), THREE_SQUARES_BANDS),
+    "five_hexagons": (PolygonalStack(6, 5, 0.05, 0.01, 0.002, 0.95), FIVE_HEXAGONS_BANDS),
+    "ten_squares": (squares(10, 0.005), TEN_SQUARES_BANDS),
 }
 PATH_KPA = (0.1, 0.25, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 40.0)
 SHOWN_KPA = (0.5, 2.0, 5.0, 10.0, 20.0, 40.0)

@@ -20,7 +20,7 @@ import numpy as np
 from cosim.app.driver import Options, build_simulation, execute, rerun_recorder
 from cosim.app.first_run import prepared
 from cosim.config.loading import load_scenario
-from cosim.recording.viewing.viewer import start_viewer
+from cosim.recording.viewer import start_viewer
 
 
 def main() -> None:

@@ -159,9 +159,8 @@ def accuracy_of(name: str, changes: Mapping[str, Any]) -> dict[str, Any]:
     from cosim.app.driver import build_simulation
     from cosim.app.first_run import prepared
     from cosim.config.loading import load_scenario
-    from cosim.trade.candidate import Candidate
-    from cosim.trade.curve import trace
-    from cosim.trade.measuring import compared
+    from cosim.trade.candidates import Candidate
+    from cosim.trade.measuring import compared, trace
 
     own = load_scenario(name, changes or None)
     if own.mode != "dynamic" or not (own.objects or own.wires or own.contact.self_contact):
@@ -218,7 +217,7 @@ def main() -> None:
     if options.version:
         sys.path.insert(0, str(options.version.resolve()))
     from cosim.base.resources import list_scenarios
-    from cosim.config.toml.overrides import parse_assignment
+    from cosim.config.toml.reading import parse_assignment
 
     changes = dict(parse_assignment(each) for each in options.changes)
     before = json.loads(options.before.read_text()) if options.before else {}

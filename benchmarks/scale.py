@@ -31,7 +31,7 @@ from benchmarks.measure.soft_ticks import STEP_S, jerk_times, motion_times
 from cosim.base.frames import Array, Pose
 from cosim.build.soft_body import build_soft_body
 from cosim.config.loading import load_soft_robot
-from cosim.config.schema.solver import ModelTable
+from cosim.config.schema.scenario import ModelTable
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
 from cosim.soft.elements.mass_terms import Inertia

@@ -26,9 +26,7 @@ import numpy as np
 from benchmarks.measure.stability import negative_pivots
 from cosim.base.frames import Pose, rotation_from_vector
 from cosim.errors import ConvergenceError
-from cosim.soft.beams.beam_rings import BeamRings
-from cosim.soft.beams.rectangular_section import RectangularSection
-from cosim.soft.beams.strength import stiffener_strain
+from cosim.soft.beams.beam_rings import BeamRings, RectangularSection, stiffener_strain
 from cosim.soft.body.body import SoftBody
 from cosim.soft.elements.material import Film
 from cosim.soft.geometry.polygonal_stack import PolygonalStack
@@ -38,8 +36,7 @@ from cosim.soft.solve.equilibrium import EquilibriumSolver
 from cosim.soft.solve.newton import NewtonSolver
 from cosim.soft.solve.newton_options import NewtonOptions
 from cosim.soft.solve.state import Clamp
-from cosim.verification.support.finite_elements import squares
-from cosim.verification.support.open_specimen import OpenSpecimen, film_stack
+from cosim.verification.stacks import OpenSpecimen, film_stack, squares
 
 PRESSURES_KPA = (2.0, 5.0, 10.0, 20.0, 40.0)
 STEPS_KPA = (0.1, 0.25, 0.5, 1.0, 2.0, 3.5, 5.0, 7.0, 10.0, 14.0, 20.0, 28.0, 40.0)

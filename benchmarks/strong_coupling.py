@@ -32,7 +32,7 @@ from cosim.coupling.schemes.ledger import LedgerEntry
 from cosim.coupling.schemes.staggered import StaggeredCoupling
 from cosim.errors import SolverError
 from cosim.rigid.build.description import ServoGains
-from cosim.soft.solve.time_scheme import Integrator
+from cosim.soft.solve.state import Integrator
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from tests.coupling.pads import GRASP, CoupledGrasp

@@ -24,15 +24,20 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 
 from cosim.build.soft_body import build_soft_body
-from cosim.config.schema.film import FilmTable, HingeTable, MassTable, StiffenerTable
-from cosim.config.schema.soft_robot import SoftRobotTable
-from cosim.config.schema.solver import ModelTable
-from cosim.config.schema.stack import NeckTable, StackTable
+from cosim.config.schema.scenario import ModelTable
+from cosim.config.schema.soft_robot import (
+    FilmTable,
+    HingeTable,
+    MassTable,
+    NeckTable,
+    SoftRobotTable,
+    StackTable,
+    StiffenerTable,
+)
 from cosim.errors import ConvergenceError
 from cosim.soft.body.body import SoftBody
 from cosim.soft.solve.compilation import compile_kernels
-from cosim.verification.support.open_specimen import OpenSpecimen
-from cosim.verification.support.tilt import tilt_stiffness
+from cosim.verification.stacks import OpenSpecimen, tilt_stiffness
 
 FRAME_STIFFNESS_N_M = 1e6
 STEPS_KPA = (

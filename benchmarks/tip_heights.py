@@ -17,16 +17,15 @@ from dataclasses import asdict, dataclass, replace
 import numpy as np
 
 from cosim.base.frames import Array, Pose, rotation_from_vector
-from cosim.build.fidelity import fidelity_body
+from cosim.build.soft_model import fidelity_body
 from cosim.config.loading import load_scenario
 from cosim.config.schema.phase import TipTargetTable
 from cosim.coupling.soft_sides.lumped_arm import SoftArm
 from cosim.errors import ConvergenceError, UnreachableError
-from cosim.plan.target_motion import reach
+from cosim.plan.tip_paths import reach
 from cosim.soft.body.loads import Loads
 from cosim.soft.solve.newton_options import NewtonOptions
-from cosim.soft.solve.state import Equilibrium
-from cosim.soft.solve.time_scheme import StepOptions
+from cosim.soft.solve.state import Equilibrium, StepOptions
 from cosim.soft.targets.tension_search import find_tensions
 from cosim.soft.targets.tip_target import TipTarget
 

@@ -21,8 +21,8 @@ import numpy as np
 
 from cosim.base.frames import Array, Pose, rotation_from_vector
 from cosim.build.arms import find_arm
-from cosim.build.fidelity import fidelity_body
 from cosim.build.simulation import build
+from cosim.build.soft_model import fidelity_body
 from cosim.config.loading import load_scenario
 from cosim.config.schema.phase import FlangePoseTable, PhaseTable, StartTable, TipTargetTable
 from cosim.config.schema.scenario import Scenario
@@ -30,16 +30,14 @@ from cosim.coupling.soft_sides.lumped_arm import SoftArm
 from cosim.errors import ConvergenceError, ScenarioError, UnreachableError
 from cosim.kinematics.arm import Arm
 from cosim.kinematics.inverse_kinematics import solve
-from cosim.plan.flange_path import FlangeWay, pose_of
-from cosim.plan.paths.phase_drafts import start_equilibrium
-from cosim.soft.body.center_line import center_line_length, center_rings
+from cosim.plan.motion import FlangeWay, pose_of
+from cosim.plan.planning import start_equilibrium
 from cosim.soft.body.loads import Loads
-from cosim.soft.body.tip_frame import TipFrame
+from cosim.soft.body.places import TipFrame, center_line_length, center_rings
 from cosim.soft.solve.newton_options import NewtonOptions
-from cosim.soft.solve.state import Equilibrium
-from cosim.soft.solve.time_scheme import StepOptions
+from cosim.soft.solve.state import Equilibrium, StepOptions
 from cosim.soft.targets import tip_target as search
-from cosim.soft.targets.flange_search import find_flange_pose
+from cosim.soft.targets.tip_search import find_flange_pose
 
 START = FlangePoseTable((0.4, 0.0, 0.7), (0.0, 0.0, -1.0))
 BOX = np.array([[0.3, 0.5], [-0.2, 0.2], [0.6, 0.8]])

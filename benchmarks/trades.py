@@ -27,14 +27,10 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from cosim.app.driver import build_simulation, recorded
 from cosim.cli.trade import TradeProgress
 from cosim.config.loading import load_scenario
-from cosim.recording import membrane_colours
+from cosim.recording import colours
 from cosim.trade.candidates import candidates_of
-from cosim.trade.choice import Requirement
-from cosim.trade.compilation import compile_for_trade
-from cosim.trade.measured import Measured
-from cosim.trade.measuring import measure
-from cosim.trade.plot import draw
-from cosim.trade.report import as_json, choice_lines, markdown
+from cosim.trade.measuring import Measured, compile_for_trade, measure
+from cosim.trade.report import Requirement, as_json, choice_lines, draw, markdown
 
 DOCS = Path(__file__).resolve().parents[1] / "docs"
 
@@ -89,7 +85,7 @@ def run_trade(name: str) -> tuple[str, bool]:
     """Run one trade and write its files; return what the document shows, whether requirements are met."""
     trade = TRADES[name]
     scenario = load_scenario(trade.scenario, trade.changes)
-    compile_for_trade(scenario, print, (membrane_colours,))
+    compile_for_trade(scenario, print, (colours,))
     candidates = candidates_of(scenario, quick=trade.quick, time_scale=trade.time_scale)
     telling = TradeProgress(sys.stdout, len(candidates)).telling
     results = measure(scenario, candidates, build_simulation, telling, follow=recorded)

@@ -13,11 +13,11 @@ from typing import TYPE_CHECKING, Any
 from cosim._version import __version__ as __version__
 
 if TYPE_CHECKING:
+    from cosim.app.api import load_run as load_run
+    from cosim.app.api import plan_path as plan_path
     from cosim.app.api import run as run
     from cosim.app.batch import Batch as Batch
-    from cosim.app.loaded_run import load_run as load_run
-    from cosim.app.observer import Observer as Observer
-    from cosim.app.path_export import plan_path as plan_path
+    from cosim.app.driver import Observer as Observer
     from cosim.app.picture import picture as picture
     from cosim.app.progress import ProgressBar as ProgressBar
     from cosim.app.simulation import SavedState as SavedState
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from cosim.base.kept_parts import KeptParts as KeptParts
     from cosim.base.resources import list_scenarios as list_scenarios
     from cosim.config.loading import load_scenario as load_scenario
-    from cosim.config.toml.registered_kinds import register_kind as register_kind
+    from cosim.config.toml.parsing import register_kind as register_kind
     from cosim.devices.controller import Command as Command
     from cosim.devices.controller import Controller as Controller
     from cosim.devices.controller import Measurement as Measurement
@@ -45,11 +45,11 @@ if TYPE_CHECKING:
     from cosim.errors import WorkerError as WorkerError
     from cosim.results.joint_table import JointTable as JointTable
     from cosim.results.result import RunResult as RunResult
-    from cosim.sweeps.api import sweep as sweep
-    from cosim.sweeps.plot import plot_sweep as plot_sweep
     from cosim.sweeps.sweeping import SweepOutcome as SweepOutcome
     from cosim.sweeps.sweeping import SweepProgress as SweepProgress
+    from cosim.sweeps.sweeping import sweep as sweep
     from cosim.sweeps.table import open_sweep as open_sweep
+    from cosim.sweeps.table import plot_sweep as plot_sweep
 
 _HOMES = {
     "Batch": "cosim.app.batch",
@@ -63,7 +63,7 @@ _HOMES = {
     "JointTable": "cosim.results.joint_table",
     "KeptParts": "cosim.base.kept_parts",
     "MeshError": "cosim.errors",
-    "Observer": "cosim.app.observer",
+    "Observer": "cosim.app.driver",
     "OutOfRangeError": "cosim.errors",
     "OutputError": "cosim.errors",
     "Pose": "cosim.base.frames",
@@ -80,15 +80,15 @@ _HOMES = {
     "UnreachableError": "cosim.errors",
     "WorkerError": "cosim.errors",
     "list_scenarios": "cosim.base.resources",
-    "load_run": "cosim.app.loaded_run",
+    "load_run": "cosim.app.api",
     "load_scenario": "cosim.config.loading",
     "picture": "cosim.app.picture",
     "open_sweep": "cosim.sweeps.table",
-    "plot_sweep": "cosim.sweeps.plot",
-    "plan_path": "cosim.app.path_export",
-    "register_kind": "cosim.config.toml.registered_kinds",
+    "plot_sweep": "cosim.sweeps.table",
+    "plan_path": "cosim.app.api",
+    "register_kind": "cosim.config.toml.parsing",
     "run": "cosim.app.api",
-    "sweep": "cosim.sweeps.api",
+    "sweep": "cosim.sweeps.sweeping",
 }
 
 __all__ = ["__version__", *sorted(_HOMES)]

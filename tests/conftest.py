@@ -12,7 +12,7 @@ import pytest
 from cosim.base.frames import Pose, Twist, Wrench
 from cosim.config.schema.scenario import Scenario
 from cosim.coupling.schemes.ledger import LedgerEntry
-from cosim.soft.beams.strength import StiffenerStrain
+from cosim.soft.beams.beam_rings import StiffenerStrain
 from cosim.telemetry.snapshot import FilmShape, RunInfo, Snapshot
 from cosim.telemetry.tick_batch import TickBatch
 

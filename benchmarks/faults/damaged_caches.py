@@ -24,14 +24,14 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 from cosim.base.whole_files import keep
-from cosim.build import section_cache as section_model
+from cosim.build import soft_model
 from cosim.config.loading import load_scenario
 from cosim.config.schema.scenario import Scenario
 from cosim.reduced.section_model import SectionModel
-from cosim.reduced.sections.pressure_spline import PressureSpline
+from cosim.reduced.sections.section_energy import PressureSpline
 from cosim.trade import auto
 from cosim.trade.candidates import short_candidates
-from cosim.trade.measured import Measured
+from cosim.trade.measuring import Measured
 
 WAYS = 205
 Random = np.random.Generator
@@ -87,7 +87,7 @@ def made_up_model(random: Random) -> SectionModel:
 
 def section_result(scenario: Scenario) -> bytes:
     """Return the bits of the section model that a scenario gets."""
-    model = section_model.section_model(scenario)
+    model = soft_model.section_model(scenario)
     return b"".join(getattr(model, name).tobytes() for name in ("energy", "length", "gas", "nodes"))
 
 
@@ -130,7 +130,7 @@ def try_all(seed: int, folder: Path, ways: int = WAYS) -> list[str]:
     os.environ["XDG_CACHE_HOME"] = str(folder)
     scenario = load_scenario("ur5e_hexagon_arm")
     model = made_up_model(random)
-    replaced: tuple[Any, Any] = section_model, auto
+    replaced: tuple[Any, Any] = soft_model, auto
     replaced[0].build_model = lambda *_: model
     # numbers that a file holds in few digits
     figures = [(random.integers(1, 9, 9) / 8.0).tolist() for _ in short_candidates(scenario)]

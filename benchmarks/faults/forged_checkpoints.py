@@ -76,7 +76,7 @@ def interrupted_run(name: str, folder: Path) -> Path:
     words = [word for change in changes for word in ("--set", change)]
     code = (
         "import sys\n"
-        "from cosim.cli.interruption import Interruption\n"
+        "from cosim.cli.screen import Interruption\n"
         "from cosim.cli.main import main\n"
         "from cosim.stepping import stepped_run\n"
         "stepped_run._SHOWN_S = 0.0  # each step is shown, and the reason asked for, by itself\n"

@@ -13,9 +13,9 @@ import numpy as np
 from benchmarks.faults.rigid_files import RigidCase
 from benchmarks.faults.trial import LONGEST_REFUSAL, Verdict
 from cosim.base.kept_parts import KeptParts
+from cosim.build.arm_parts import ArmParts
 from cosim.build.arms import find_arm
-from cosim.build.fidelity import fidelity_body
-from cosim.build.parts.arm_parts import ArmParts
+from cosim.build.soft_model import fidelity_body
 from cosim.cli.main import main
 from cosim.config.loading import load_scenario
 from cosim.errors import InstabilityError

@@ -16,10 +16,9 @@ from typing import Any, Literal, final
 
 from benchmarks.faults.mutations import broken, mutated, mutations_of, toml_text
 from cosim.base.resources import data_directory, list_scenarios, list_soft_robots, soft_robot_path
-from cosim.config.loading import load_scenario, load_soft_robot
+from cosim.config.loading import RobotFiles, load_scenario, load_soft_robot
 from cosim.config.schema.scenario import Scenario
-from cosim.config.toml.faults import Faults
-from cosim.config.toml.robot_files import RobotFiles
+from cosim.config.toml.reading import Faults
 from cosim.errors import MOST_LINES, InputError, ScenarioError, SolverError
 
 TICKS = 3

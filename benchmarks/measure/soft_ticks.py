@@ -11,7 +11,7 @@ from cosim.coupling.soft_sides.lumped_arm import SoftArm
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
 from cosim.soft.solve.newton_options import NewtonOptions
-from cosim.soft.solve.time_scheme import StepOptions
+from cosim.soft.solve.state import StepOptions
 
 STEP_S = 0.002
 HANGING = Pose(np.diag([1.0, -1.0, -1.0]))

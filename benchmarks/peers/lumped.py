@@ -11,7 +11,7 @@ import numpy as np
 from benchmarks.peers.case import GRAVITY_M_S2, SAMPLE_S, Bar, Case, Course, Run, run
 from cosim.base.arm_file import ArmFile
 from cosim.base.frames import Pose, Wrench
-from cosim.build.fidelity import fidelity_body
+from cosim.build.soft_model import fidelity_body
 from cosim.config.loading import load_scenario
 from cosim.coupling.contact.contact_exchange import ContactExchange
 from cosim.coupling.schemes.interface import Interface
@@ -29,8 +29,7 @@ from cosim.soft.solve.assembly import SoftSystem
 from cosim.soft.solve.equilibrium import EquilibriumSolver
 from cosim.soft.solve.newton import NewtonSolver
 from cosim.soft.solve.newton_options import NewtonOptions
-from cosim.soft.solve.state import Clamp, SoftState
-from cosim.soft.solve.time_scheme import Integrator, StepOptions
+from cosim.soft.solve.state import Clamp, Integrator, SoftState, StepOptions
 
 _HANGING = Pose(np.diag([1.0, -1.0, -1.0]))
 _INFLATION_Pa = 10e3  # of an increment, to the start

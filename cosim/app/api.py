@@ -1,28 +1,42 @@
-"""Running a scenario from Python."""
+"""Running a scenario from Python, loading a run, exporting its tip paths.
+
+Running a scenario from Python.
+
+Loading what a run saw from its directory.
+
+Planned tip paths for the controllers of robots.
+"""
 
 from __future__ import annotations
 
+import json
 import time
 from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, get_args
 
-from cosim.app.driver import Options, build_simulation, execute, rerun_recorder
+import numpy as np
+
+from cosim.app.driver import Observer, Options, build_simulation, execute, rerun_recorder
 from cosim.app.first_run import log, named_body, prepared
-from cosim.app.observer import Observer
-from cosim.app.run_files import default_directory
+from cosim.app.run_files import ARRAYS, CHECKPOINT, FRAMES, SCENARIO, SUMMARY, default_directory, parts
 from cosim.base.kept_parts import KeptParts
 from cosim.base.whole_files import cache_directory
 from cosim.config.loading import load_scenario
-from cosim.config.rules.size_rules import check_ends
+from cosim.config.rules.scenario_rules import check_ends
 from cosim.config.schema.scenario import Scenario
-from cosim.errors import RunInterrupted
-from cosim.results.result import ResultBuilder, RunResult
+from cosim.errors import InputError, RunInterrupted
+from cosim.results.array_files import check_rows, read_parts, read_stage
+from cosim.results.joint_table import JointTable, sample_times
+from cosim.results.result import COLUMNS, FRAME_COLUMNS, ResultBuilder, RunResult, as_html
+from cosim.telemetry.summary import Status, phase_row
 
 if TYPE_CHECKING:
-    from cosim.build.given_body import AnyBody
+    from cosim.build.soft_body import AnyBody
     from cosim.devices.controller import AnyController
+    from cosim.plan.plan import PhasePlan
+    from cosim.stepping.stepped_run import SteppedRun
 
 
 def run(
@@ -77,3 +91,135 @@ def run(
     if directory is not None:
         error.add_note(f"what was simulated is in {directory}")
     raise error from outcome.error.__cause__ if error is outcome.error else outcome.error
+
+
+def load_run(directory: str | Path) -> RunResult:
+    """Return what a run saw: its arrays as they were in memory, its summary, and names of all parts.
+
+    Args:
+        directory: that `cosim run` or `cosim.run(..., out=directory)` wrote.
+
+    Raises:
+        InputError: there is no run, it has not ended, or its files cannot be read, are of another version or
+            do not fit together.
+    """
+    where = Path(directory)
+    summary = _summary(where)
+    ticks, frames = parts(where, ARRAYS), parts(where, FRAMES)
+    if not ticks or not frames:
+        version = summary.get("cosim_version")
+        raise InputError(
+            f"{where}: holds no {ARRAYS} and {FRAMES}, which cosim {version} did not write yet; "
+            f"{_again(where)}"
+        )
+    stage = read_stage(ticks[-1])
+    arrays = read_parts(ticks, COLUMNS, "tick") | read_parts(frames, FRAME_COLUMNS, "frame_tick")
+    check_rows(arrays, ticks, frames, summary["ticks"], _again(where))
+    return RunResult(stage, summary, where, **arrays)
+
+
+def _summary(where: Path) -> dict[str, Any]:
+    path = where / SUMMARY
+    try:
+        found = json.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        if (where / CHECKPOINT).is_file():
+            raise InputError(
+                f"{where}: the run has not ended; go on with it: cosim run --resume {where}"
+            ) from None
+        raise InputError(
+            f"{where}: holds no run, for want of a {SUMMARY}; make one: cosim run SCENARIO --out {where}"
+        ) from None
+    except (OSError, ValueError, RecursionError) as error:
+        raise InputError(f"{path}: cannot be read: {error}; {_again(where)}") from error
+    if not isinstance(found, dict) or "status" not in found:
+        raise InputError(f"{path}: is no summary of a run; {_again(where)}")
+    try:
+        _check_figures(found)
+    except (KeyError, TypeError, ValueError, AttributeError, RecursionError) as error:
+        raise InputError(
+            f"{path}: is no whole summary of a run: {type(error).__name__}: {error}; {_again(where)}"
+        ) from error
+    return found
+
+
+def _check_figures(summary: dict[str, Any]) -> None:
+    """Raise what is raised where figures are missing or of another kind, by showing them."""
+    as_html("", summary)
+    status, ticks = summary["status"], summary["ticks"]
+    if status not in get_args(Status) or type(ticks) is not int or not 0 <= ticks < 2**53:
+        raise ValueError(f"status {status!r:.80}, ticks {ticks!r:.80}")
+    for phase in summary["phases"]:
+        phase_row(phase)
+
+
+def _again(where: Path) -> str:
+    return f"run it again: cosim run {where / SCENARIO}"
+
+
+def plan_path(
+    scenario: str | Path | Scenario,
+    *,
+    phase: str | None = None,
+    rate_Hz: float = 500.0,
+    overrides: Mapping[str, Any] | None = None,
+) -> JointTable:
+    """Return the joint angles, tensions and pressures that lead the tip along a path; nothing is run.
+
+    Args:
+        scenario: name of a scenario that comes with cosim, path of a .toml file, or a scenario.
+        phase: that has the path; None for the only one that has.
+        rate_Hz: of the controller, rows per second.
+        overrides: values by key path.
+
+    Raises:
+        InputError: the scenario is wrong, its path cannot be followed, or it has none, or several.
+    """
+    checked = load_scenario(scenario, overrides)
+    names = [entry.name for entry in checked.phases if entry.tip_path is not None]
+    if phase not in names and (phase is not None or len(names) != 1):
+        which = (
+            f"phase {phase!r} has no tip_path"
+            if phase is not None
+            else f"{len(names)} phases have a tip_path"
+        )
+        raise InputError(f"{checked.name}: {which}; name one that has: {', '.join(names) or 'there is none'}")
+    simulation = _planned(prepared(checked, log, recording=False))
+    wanted = phase or names[0]
+    planned = next(entry for entry in simulation.plan.phases if entry.phase.name == wanted)
+    cables, chambers = checked.soft_robot.cable_names(), simulation.stage.chamber_names
+    return _table(planned, simulation, tuple(cables), chambers, rate_Hz)
+
+
+def _planned(scenario: Scenario) -> SteppedRun:
+    from cosim.build.simulation import build  # here: wrong input waits for no engine
+
+    return build(scenario)
+
+
+def _table(
+    planned: PhasePlan, run: SteppedRun, cables: tuple[str, ...], chambers: tuple[str, ...], rate_Hz: float
+) -> JointTable:
+    from cosim.plan.motion import progress
+    from cosim.plan.plan import CommandRamp
+
+    phase = planned.phase
+    time_s = sample_times(phase.duration_s, rate_Hz)
+    instants = [progress(phase.ramp, t, phase.duration_s) for t in time_s.tolist()]
+    ramp = CommandRamp(planned.begin, planned.end)
+    asked = [ramp.at(instant.value) for instant in instants]
+    given = [k for k, rule in enumerate(planned.gas) if not rule.sealed]
+    sliding = np.zeros(0, bool) if run.stage.arm is None else run.stage.arm.limits.prismatic
+    units = ["m" if slides else "rad" for slides in sliding]
+    joints = [f"{name}.position_{unit}" for name, unit in zip(run.stage.joint_names, units, strict=True)]
+    values = [
+        planned.joints.through(instants).position,
+        np.array([command.cable_tension_N for command in asked]).reshape(len(asked), -1),
+        np.array([[command.pressure_Pa[k] for k in given] for command in asked]).reshape(len(asked), -1),
+    ]
+    heads = [
+        *joints,
+        *(f"{name}.tension_N" for name in cables),
+        *(f"{chambers[k]}.pressure_Pa" for k in given),
+    ]
+    return JointTable(phase.name, tuple(heads), time_s, np.concatenate(values, axis=1))

@@ -15,7 +15,7 @@ from cosim.base.kept_parts import KeptParts
 from cosim.base.whole_files import cache_directory
 from cosim.config.loading import load_scenario
 from cosim.config.schema.scenario import Scenario
-from cosim.devices.command_values import checked_step, shown, whole
+from cosim.devices.controller import checked_step, shown, whole
 from cosim.devices.live.live_values import WHO
 from cosim.errors import InputError
 

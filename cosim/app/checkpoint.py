@@ -1,4 +1,7 @@
-"""Checkpoints: what a run needs to go on is written now and then, and when it ends early."""
+"""Checkpoints: what a run needs to go on is written now and then, and when it ends early.
+
+Checks of what a saved run shows of itself, and one line for whatever is wrong with its file.
+"""
 
 from __future__ import annotations
 
@@ -6,23 +9,63 @@ import json
 import time
 import warnings
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Protocol, final
 
+import numpy as np
+
 from cosim.app.run_files import CHECKPOINT, SCENARIO, SUMMARY, RunFiles, scenario_digest
-from cosim.app.shown_state import check_shown, naming, sizes_of
 from cosim.base.files_read import changed_file
 from cosim.base.identity import code_identity
 from cosim.base.resources import is_file
-from cosim.base.state_archive import read_archive, read_header, write_archive
-from cosim.base.state_check import check_state
-from cosim.base.stateful import Stateful
+from cosim.base.state_archive import Stateful, read_archive, read_header, write_archive
+from cosim.base.state_check import check_indices, check_state
 from cosim.config.schema.scenario import Scenario
 from cosim.errors import InputError
 from cosim.telemetry.snapshot import RunInfo, Snapshot
 from cosim.telemetry.summary import Status, SummaryBuilder, SummaryState
 from cosim.telemetry.tick_batch import TickBatch
+
+
+def sizes_of(stage: RunInfo) -> dict[str, int]:
+    """Return the counts by which `check_state` judges what a simulation shows of itself."""
+    return {
+        "bodies": len(stage.body_names),
+        "cables": len(stage.cables),
+        "chambers": len(stage.chamber_names),
+    }
+
+
+def check_shown(snapshot: Snapshot, stage: RunInfo) -> None:
+    """Check that a saved snapshot is one of a stage: what draws it takes that for granted.
+
+    Raises:
+        InputError: it is not.
+    """
+    check_state(snapshot, None, Snapshot, place="snapshot", sizes=sizes_of(stage), finite=False)
+    check_indices(np.array([snapshot.phase]), len(stage.phase_names), "phases")
+    check_indices(np.array([snapshot.tick]), stage.ticks + 1, "ticks")
+    for nodes in (stage.soft_triangles, *stage.cables):
+        check_indices(nodes, len(snapshot.node_position), "nodes")
+
+
+@contextmanager
+def naming(path: Path) -> Iterator[None]:
+    """Turn whatever a state that was made up raises into one line with the name of its file.
+
+    Raises:
+        InputError: in place of any other error.
+    """
+    try:
+        yield
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from error
+    except Exception as error:  # a state may be wrong in more ways than its kinds and sizes
+        text = (str(error).splitlines() or [""])[0]
+        raise InputError(f"{path}: does not fit this run ({type(error).__name__}: {text})") from error
+
 
 _KEEP_TICKS = 20  # one for every tick would cost some percent: each makes the next factorisation a copy
 _KEEP_S = 0.1  # fast ticks are solved again in no time

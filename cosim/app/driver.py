@@ -1,10 +1,15 @@
-"""Runs a built simulation: feeds its ticks to observers, and ends in good order whatever happens."""
+"""Runs a built simulation: feeds its ticks to observers, and ends in good order whatever happens.
+
+What follows a run while it lasts.
+
+Keeps the arrays of a run on disk while it lasts, beside its recording.
+"""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
@@ -13,17 +18,16 @@ from typing import TYPE_CHECKING, Any, Protocol, final
 from uuid import uuid4
 
 from cosim._version import __version__
-from cosim.app.array_recorder import ArrayRecorder
 from cosim.app.checkpoint import Checkpoint, CheckpointKeeper, Origin, read_checkpoint
-from cosim.app.observer import Observer
-from cosim.app.run_files import RECORDING, RunFiles
+from cosim.app.run_files import ARRAYS, FRAMES, RECORDING, RunFiles
 from cosim.base.files_read import files_read
 from cosim.base.kept_parts import KeptParts
-from cosim.base.stateful import Stateful
-from cosim.config.schema.scenario import Scenario
-from cosim.config.schema.solver import RecordingTable
-from cosim.errors import SolverError
+from cosim.base.state_archive import Stateful
+from cosim.config.schema.scenario import RecordingTable, Scenario
+from cosim.errors import OutputError, SolverError
 from cosim.recording.recorder import Recorder, Recorders, RecordingPart
+from cosim.results.array_files import write_arrays
+from cosim.results.result import ResultBuilder
 from cosim.telemetry.snapshot import RunInfo, Snapshot
 from cosim.telemetry.summary import Status, SummaryBuilder, reason_of, summary_markdown
 from cosim.telemetry.tick_batch import TickBatch
@@ -32,6 +36,75 @@ if TYPE_CHECKING:
     from cosim.devices.controller import AnyController, Command, Measurement
     from cosim.soft.body.body import SoftBody
     from cosim.telemetry.choices import Choices
+
+
+class Observer(Protocol):
+    """What follows a run while it lasts."""
+
+    def open(self, stage: RunInfo) -> None:
+        """The simulation is built; nothing has been written yet.
+
+        Args:
+            stage: names, shapes and triangles, of which nothing changes while the run lasts.
+        """
+
+    def observe(self, batch: TickBatch) -> None:
+        """Take in some ticks of one phase.
+
+        Args:
+            batch: the ticks, in order; `batch.snapshot(k)` shows one of them.
+        """
+
+    def close(self) -> None:
+        """The run has ended, one way or another."""
+
+
+@final
+class ArrayRecorder(Recorder):
+    """Writes what was gathered as a part of its own, at every checkpoint and at the end.
+
+    Args:
+        next_part: returns the path of the next part of a file, by the name of its first part.
+        frames_per_s: how often node positions are kept, in simulated time.
+        part: of the run.
+    """
+
+    def __init__(self, next_part: Callable[[str], Path], frames_per_s: float, part: RecordingPart) -> None:
+        self._next_part, self._frames_per_s = next_part, frames_per_s
+        self._gathered = ResultBuilder(frames_per_s, None if part.before is None else part.before[1].time_s)
+        self._stage: RunInfo | None = None
+        self._written = False
+
+    def open(self, stage: RunInfo) -> None:
+        """Take in what does not change during the run."""
+        self._stage = stage
+
+    def record(self, batch: TickBatch) -> None:
+        """Take in some ticks."""
+        self._gathered.observe(batch)
+
+    def flush(self) -> None:
+        """Write what was gathered since the last time; where it cannot be, it is tried again later."""
+        with suppress(OutputError):
+            self._write()
+
+    def close(self, summary_markdown: str, status: str) -> None:
+        """Write what is left; an empty part if there is nothing at all.
+
+        Raises:
+            OutputError: it cannot be written.
+        """
+        self._write()
+
+    def _write(self) -> None:
+        arrays = self._gathered.arrays()
+        if self._stage is not None and (len(arrays["tick"]) or not self._written):
+            write_arrays(
+                self._next_part(ARRAYS), self._next_part(FRAMES), self._stage, self._frames_per_s, arrays
+            )
+            self._gathered.forget()
+            self._written = True
+
 
 Observe = Callable[[TickBatch], None]
 

@@ -15,7 +15,7 @@ from cosim.build.kernel_modules import contact_modules, kernel_modules
 from cosim.config.schema.scenario import NO_ARM, Scenario
 
 if TYPE_CHECKING:
-    from cosim.build.given_body import AnyBody, NamedBody
+    from cosim.build.soft_body import AnyBody, NamedBody
 
 
 def prepared(
@@ -67,7 +67,7 @@ def with_fidelity_chosen(
 
         scenario = chosen_fidelity(scenario, build_simulation, cache_directory(), tell, recorded)
     if scenario.fidelity == "section":
-        from cosim.build.parts.soft_model import SoftModel  # here, as few runs build one
+        from cosim.build.soft_model import SoftModel  # here, as few runs build one
 
         SoftModel(scenario, KeptParts() if kept is None else kept, tell=tell)
     return scenario
@@ -81,7 +81,7 @@ def named_body(body: AnyBody | None) -> NamedBody | None:
     """
     if body is None:
         return None
-    from cosim.build.given_body import NamedBody  # here, as few runs need the film's engine so early
+    from cosim.build.soft_body import NamedBody  # here, as few runs need the film's engine so early
 
     return NamedBody.of(deepcopy(body))  # whoever gave it may write to its arrays
 
@@ -95,7 +95,7 @@ def _modules(scenario: Scenario, recording: bool) -> tuple[ModuleType, ...]:
     """Return the modules with kernels that some runs do without."""
     modules = kernel_modules(scenario)
     if recording:
-        from cosim.recording import membrane_colours
+        from cosim.recording import colours
 
-        modules = (membrane_colours, *modules)
+        modules = (colours, *modules)
     return modules

@@ -1,4 +1,9 @@
-"""A solid of a rigid body, as distances are measured from it, whoever made it and whoever measures."""
+"""Solids of rigid bodies, as distances are measured from them, and what a link of an arm touches.
+
+A solid of a rigid body, as distances are measured from it, whoever made it and whoever measures.
+
+What a link of an arm touches.
+"""
 
 from __future__ import annotations
 
@@ -47,3 +52,21 @@ class Solid:
             return float(np.linalg.norm(self.pose.apply(self.vertices), axis=1).max())
         # a capsule's caps go beyond its half length
         return float(np.linalg.norm(self.pose.translation) + self.size.sum())
+
+
+@final
+@dataclass(frozen=True)
+class LinkContact:
+    """A link that touches something.
+
+    Args:
+        link: its name.
+        other: of an object, of the floor, or of a link.
+        depth_m: how far they overlap, of the deepest point.
+        movable: whether the other one can move, links not counted.
+    """
+
+    link: str
+    other: str
+    depth_m: float
+    movable: bool

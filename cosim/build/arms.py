@@ -1,16 +1,52 @@
-"""Arms by name and by file, read so that both engines are given the same one."""
+"""Arms and cells by name and by file, read so that both engines are given the same one; no engine is loaded.
+
+Gives refusals of the sides, which know no keys, the path of the key that they are about.
+
+Arms by name and by file, read so that both engines are given the same one.
+
+The cell of a scenario, as the rigid side wants it.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from cosim.base.arm_file import ArmFile
 from cosim.base.frames import Pose
-from cosim.config.arms.arm_files import arm_source
-from cosim.config.arms.arm_reading import read_urdf
+from cosim.config.arms.arm_files import arm_source, read_urdf
 from cosim.config.arms.arm_table import BaseTable
+from cosim.config.rules.scene_rules import CELL_KEYS
+from cosim.config.schema.objects import SceneTable
+from cosim.config.schema.scenario import Scenario
+from cosim.errors import InputError, ScenarioError
+from cosim.plan.motion import CellMotion, cell_motion
+
+if TYPE_CHECKING:
+    from cosim.rigid.build.description import Cell
+
+
+@contextmanager
+def blamed_on(path: str) -> Iterator[None]:
+    """Turn every refusal within into one that names a key; those that name one already stay.
+
+    Args:
+        path: of the key.
+
+    Raises:
+        ScenarioError: instead of any other InputError.
+    """
+    try:
+        yield
+    except ScenarioError:
+        raise
+    except InputError as error:
+        raise ScenarioError(path, str(error)) from error
 
 
 def placed_arm(robot: str, base: BaseTable | None) -> ArmFile:
@@ -50,7 +86,33 @@ def find_arm(robot: str) -> ArmFile:
     if arm.home_known:
         return arm
     from cosim.kinematics.arm import Arm  # here: an arm with a home waits for no engine
-    from cosim.kinematics.home import far_from_singularities
+    from cosim.kinematics.inverse_kinematics import far_from_singularities
 
     notes = (*arm.notes, "home found far from singularities")
     return replace(arm, home=far_from_singularities(Arm(arm, Pose())), notes=notes)
+
+
+def cell_of(scene: SceneTable) -> Cell:
+    """Return the cell of a scene.
+
+    Raises:
+        ScenarioError: its file is not usable.
+    """
+    from cosim.rigid.build.cells import read_cell
+
+    with blamed_on("scene.mjcf"):
+        return read_cell(Path(scene.mjcf))
+
+
+def motion_of(scenario: Scenario, cell: Cell | None) -> CellMotion | None:
+    """Return how the phases drive a scenario's cell; None where it has no joints.
+
+    Raises:
+        ScenarioError: there is no such joint, or it cannot go there.
+    """
+    joints, tick_s = () if cell is None else cell.joints, scenario.clock.tick_s
+    asked = any(getattr(phase, key) is not None for phase in scenario.phases for key in CELL_KEYS)
+    if not joints and not asked:
+        return None
+    lengths = [tick_s * max(1, round((p.duration_s + p.settle_s) / tick_s)) for p in scenario.phases]
+    return cell_motion(scenario.phases, joints, lengths)

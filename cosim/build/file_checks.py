@@ -4,18 +4,15 @@ from __future__ import annotations
 
 from cosim.base.arm_file import ArmFile
 from cosim.base.kept_parts import KeptParts
+from cosim.build.arm_parts import ArmParts, check_engines_agree
 from cosim.build.arms import find_arm
-from cosim.build.engines_agree import check_engines_agree
-from cosim.build.fidelity import described_body, fidelity_body
-from cosim.build.parts.arm_parts import ArmParts
-from cosim.build.parts.soft_model import body_name
-from cosim.config.schema.scenario import NO_ARM, Scenario
+from cosim.build.soft_model import body_name, described_body, fidelity_body
+from cosim.config.schema.scenario import NO_ARM, ModelTable, Scenario
 from cosim.config.schema.soft_robot import SoftRobotTable
-from cosim.config.schema.solver import ModelTable
-from cosim.config.toml.faults import Faults
+from cosim.config.toml.reading import Faults
 from cosim.kinematics.arm import Arm
 from cosim.plan.arm_plan import checked_start, drawn_payload
-from cosim.plan.paths.planning import check_given_ways
+from cosim.plan.planning import check_given_ways
 from cosim.rigid.build.description import SceneDescription
 from cosim.rigid.scene.scene import RigidScene
 

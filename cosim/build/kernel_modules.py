@@ -6,8 +6,7 @@ import sys
 from collections.abc import Callable
 from types import ModuleType
 
-from cosim.config.schema.given_body import AnySoftRobot
-from cosim.config.schema.scenario import NO_ARM, Scenario
+from cosim.config.schema.scenario import NO_ARM, AnySoftRobot, Scenario
 from cosim.config.schema.soft_robot import SoftRobotTable
 
 
@@ -32,15 +31,14 @@ def kernel_modules(scenario: Scenario) -> tuple[ModuleType, ...]:
 
         modules += (ring_kernels,)
     if scenario.fidelity == "section":
-        from cosim.reduced.sections import assembly, pressure_spline
-        from cosim.reduced.sections import outputs as chain_figures
+        from cosim.reduced.sections import assembly, section_energy
+        from cosim.reduced.sections import assembly as chain_figures
+        from cosim.reduced.sections import assembly as chain_shapes
         from cosim.reduced.sections import section_energy as energy
-        from cosim.reduced.sections import shapes as chain_shapes
-        from cosim.reduced.solve import contact as chain_contact
-        from cosim.reduced.solve import implicit_step
+        from cosim.reduced.solve import newton, time_step
 
         modules += (
-            assembly, chain_contact, chain_figures, chain_shapes, energy, implicit_step, pressure_spline,
+            assembly, newton, chain_figures, chain_shapes, energy, time_step, section_energy,
         )  # fmt: skip
     if scenario.robot != NO_ARM:
         from cosim.rigid.distance import shapes  # here: it brings MuJoCo
@@ -57,7 +55,9 @@ def kernel_modules(scenario: Scenario) -> tuple[ModuleType, ...]:
 def contact_modules() -> tuple[ModuleType, ...]:
     """Return the modules with kernels of contact with a scene; whether there is any, the plan says."""
     from cosim.coupling.contact import contact_kernels
-    from cosim.rigid.distance import features, film_distance, mesh_distance, signed_distance
+    from cosim.rigid.distance import film_distance, signed_distance
+    from cosim.rigid.distance import shapes as features
+    from cosim.rigid.distance import signed_distance as mesh_distance
 
     return contact_kernels, features, film_distance, mesh_distance, signed_distance
 

@@ -1,36 +1,40 @@
-"""Joins the parts of a checked scenario into a simulation; the only place that knows all of them."""
+"""Joins the parts of a checked scenario into a simulation; the only place that knows all of them.
+
+Solved phases of plans, kept on disk: targets of the tip take a second to solve, and no time to read.
+"""
 
 from __future__ import annotations
 
+import io
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from functools import partial
-from typing import TYPE_CHECKING, TypeAlias
+from pathlib import Path
+from typing import TYPE_CHECKING, Final, TypeAlias
 
-from cosim.base.kept_parts import KeptParts, name_of
-from cosim.build.decisions import contact_decision, decisions, largest_pressure
-from cosim.build.fidelity import contact_law
+from cosim.base.identity import code_identity, content_name
+from cosim.base.kept_parts import KeptParts, is_nameless, name_of
+from cosim.base.numba_insides import processor
+from cosim.base.state_archive import read_archive, write_archive
+from cosim.base.whole_files import keep, kept
 from cosim.build.kernel_modules import compile_contact
-from cosim.build.parts.soft_model import SoftModel
-from cosim.build.parts.solved_plans import solved_on_disk
-from cosim.build.parts.stage import stage_of
-from cosim.config.kinds import note_kinds
+from cosim.build.soft_model import SoftModel, contact_law
+from cosim.build.stage import contact_decision, decisions, largest_pressure, stage_of
+from cosim.config.loading import note_kinds
 from cosim.config.schema.scenario import NO_ARM, Scenario
 from cosim.coupling.soft_sides.soft_side import SoftSide
 from cosim.devices.command_source import CommandSource
 from cosim.devices.controller import AnyController
-from cosim.devices.device_loop import Actuation
-from cosim.devices.live.live_bounds import LiveBounds
+from cosim.devices.device_loop import Actuation, PlannedCommands
 from cosim.devices.live.live_commands import LiveCommands
-from cosim.devices.planned_commands import PlannedCommands
+from cosim.devices.live.live_values import LiveBounds
 from cosim.errors import ScenarioError, SolverError
 from cosim.plan.arm_limits import ArmLimits, PlannedArm
 from cosim.plan.arm_plan import check_base, checked_start, drawn_payload
+from cosim.plan.clearance import check_clearances, film_reach, flange_travel
 from cosim.plan.decision import Decision
-from cosim.plan.path_clearances import check_clearances
-from cosim.plan.paths.phase_drafts import SolvedPhases, solved_phases
-from cosim.plan.paths.planning import JointPlanner, make_plan
 from cosim.plan.plan import Plan
-from cosim.plan.reach import film_reach, flange_travel
+from cosim.plan.planning import JointPlanner, SolvedPhases, make_plan, solved_phases
 from cosim.plan.section_plan import section_range
 from cosim.soft.body.body import SoftBody
 from cosim.stepping.carrier import Carrier, HeldBase
@@ -41,6 +45,49 @@ from cosim.telemetry.choices import CONTACT, ONLY_IN_REACH, Choices
 
 if TYPE_CHECKING:
     from cosim.kinematics.arm import Arm
+
+
+_MOST: Final = 100  # files, of some hundred kilobytes each
+
+
+def solved_on_disk(folder: Path | None, name: str, solve: Callable[[], SolvedPhases]) -> SolvedPhases:
+    """Return the solved phases of a name, from disk or newly solved.
+
+    They are those of the same program on the same kind of processor; paths of the tip are solved anew.
+
+    Args:
+        folder: in which files are kept; None: nowhere.
+        name: of all that the phases depend on.
+        solve: solves them.
+    """
+    if folder is None or is_nameless(name):
+        return solve()
+    path = folder / f"plan_{content_name(name, code_identity(), processor())}.kept"
+    found = kept(path, _unpacked)
+    if found is None:
+        found = solve()
+        stream = io.BytesIO()
+        with suppress(TypeError):  # a path of the tip is no plain data
+            write_archive(stream, {}, found)
+            keep(path, stream.getvalue())
+            _remove_oldest(folder)
+    return found
+
+
+def _unpacked(data: bytes) -> SolvedPhases:
+    found = read_archive(io.BytesIO(data))
+    if not isinstance(found, SolvedPhases):
+        raise TypeError(f"a {type(found).__name__} is no plan")
+    return found
+
+
+def _remove_oldest(folder: Path) -> None:
+    """Delete the plans that were solved longest ago, if there are many."""
+    with suppress(OSError):  # another process may do the same
+        files = sorted(folder.glob("plan_*.kept"), key=lambda path: path.stat().st_mtime)
+        for path in files[:-_MOST]:
+            path.unlink()
+
 
 _Arranged: TypeAlias = tuple[Plan, Carrier, tuple[Decision, ...], PlannedArm | None, "Arm | None"]
 
@@ -104,7 +151,7 @@ def _arm(
     ready_for_contact: Callable[[], None],
 ) -> _Arranged:
     # imported here: a scene without an arm waits for neither engine
-    from cosim.build.parts.arm_parts import ArmParts
+    from cosim.build.arm_parts import ArmParts
     from cosim.stepping.arm_carrier import ArmCarrier
 
     parts = ArmParts(scenario, kept)

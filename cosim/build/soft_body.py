@@ -1,43 +1,294 @@
-"""Makes a soft body from a soft robot's description."""
+"""Makes a soft body from a soft robot's description, a mesh file, or arrays.
+
+Soft robots as the paper models them: bare film, as stiff in compression as in tension.
+
+Mesh files as a source of soft bodies: the film, the caps of its open ends, and its named nodes.
+
+Stacks of polygonal units as a source of soft bodies: the one place that turns their tables into names.
+
+Soft bodies that are given from Python, as arrays, in place of a scenario's soft robot.
+
+Makes a soft body from a soft robot's description.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Final, TypeAlias, final
 
 import numpy as np
 
-from cosim.base.frames import Array, IntArray, Pose
-from cosim.build.given_body import LEAST_RING
-from cosim.build.mesh_source import drawn_mesh
-from cosim.build.published_robot import published_robot
-from cosim.build.stack_source import NODES_PER_AREA, cable_route, drawn_stack, stack_mesh
+from cosim.base.frames import Array, IntArray, Pose, cross
+from cosim.base.identity import content_name
+from cosim.base.triangle_mesh import GroupedSurface, read_surface
 from cosim.config.rules.scenario_rules import LEAST_NODE_MASS_kg
-from cosim.config.schema.body_source import MeshTable
-from cosim.config.schema.film import FilmTable, StiffenerTable
+from cosim.config.schema.scenario import GivenBodyTable, ModelTable
 from cosim.config.schema.soft_robot import (
     ARM_CHAMBER,
     AttachmentTable,
+    CableTable,
+    FilmTable,
+    MeshTable,
+    NodeSetTable,
     SoftRobotTable,
+    StackTable,
+    StiffenerTable,
 )
-from cosim.config.schema.solver import ModelTable
-from cosim.config.schema.stack import CableTable
+from cosim.config.toml.parsing import parse
+from cosim.config.toml.reading import Faults
 from cosim.errors import MeshError, ScenarioError
-from cosim.soft.beams.beam_rings import BeamRings
-from cosim.soft.beams.rectangular_section import RectangularSection
-from cosim.soft.body.attachment import Plate, attached
+from cosim.soft.beams.beam_rings import BeamRings, RectangularSection
 from cosim.soft.body.body import SoftBody
-from cosim.soft.body.copies import around_axis, copies
+from cosim.soft.body.copies import Plate, around_axis, attached, copies
 from cosim.soft.elements.cable import Cable
 from cosim.soft.elements.frame_ring import FrameRings
+from cosim.soft.elements.hinge import bending_measure, shell_stiffness
 from cosim.soft.elements.material import Film
-from cosim.soft.elements.shell_hinges import bending_measure, shell_stiffness
-from cosim.soft.geometry.face_groups import mean_beside
-from cosim.soft.geometry.holes import FUSED
 from cosim.soft.geometry.named_mesh import NamedMesh
-from cosim.soft.geometry.surface import interior_hinges, triangle_area
+from cosim.soft.geometry.polygonal_stack import FUSED, PolygonalStack, with_finer_holes
+from cosim.soft.geometry.refinement import refine
+from cosim.soft.geometry.surface import (
+    check_mesh,
+    directed_edges,
+    interior_hinges,
+    mean_beside,
+    rims,
+    triangle_area,
+)
 from cosim.soft.published.hinges import without_spring
+
+TAKEN_AWAY: Final = (
+    "stack.refine_holes", "stack.neck", "film.law", "film.wrinkle_panel_m", "hinge.rule", "stiffener",
+)  # fmt: skip
+"""Keys of a robot's file that the paper's model does not look at."""
+
+
+def published_robot(robot: SoftRobotTable) -> SoftRobotTable:
+    """Return a robot in the paper's lumped model: what its file adds to that is taken away.
+
+    Hinges keep their factor and barrier. What the robot carries is left as it is.
+    Source: "cable pneumatic soft robots" and its code, Sim-FAST by Y. Zhu.
+    """
+    stack = None if robot.stack is None else replace(robot.stack, refine_holes=0, neck=None)
+    groups = tuple(replace(entry, film=_published_film(entry.film)) for entry in robot.groups)
+    return replace(
+        robot,
+        stack=stack,
+        film=_published_film(robot.film),
+        groups=groups,
+        hinge=replace(robot.hinge, rule="uniform"),
+        stiffener=StiffenerTable(),
+    )
+
+
+def _published_film(film: FilmTable) -> FilmTable:
+    """Return a film with the paper's law: bars along the edges where they are asked for, plain otherwise."""
+    law = film.law if film.law == "edge_strain" else "plain"
+    return replace(film, law=law, wrinkle_panel_m=None)
+
+
+_SAME_PLANE = 1e-5  # of the film's size
+
+
+def drawn_mesh(table: MeshTable) -> NamedMesh:
+    """Return the film of a mesh file, in the flange's frame.
+
+    Raises:
+        MeshError: the file cannot be read, or it has no such nodes.
+    """
+    read = read_surface(Path(table.file))
+    surface = GroupedSurface(table.scale * read.vertices, read.triangles, read.groups)
+    holes = rims(surface.triangles)
+    if _six_volumes(surface, holes) < 0.0:
+        raise MeshError(f"{Path(table.file).name}: is inside out; turn its triangles over")
+    sets = {entry.name: _nodes(entry, surface) for entry in table.sets}
+    for name, nodes in sets.items():
+        rim = next((hole for hole in holes if set(hole.tolist()) == set(nodes.tolist())), None)
+        sets[name] = nodes if rim is None else rim
+    return NamedMesh(
+        positions=surface.vertices,
+        triangles=surface.triangles,
+        rings=sets,
+        caps=holes,
+        base_ring=table.sets[0].name,
+        tip_ring=table.tip,
+        lines=sets,
+        face_groups=surface.groups,
+    )
+
+
+def _six_volumes(surface: GroupedSurface, holes: tuple[IntArray, ...]) -> float:
+    """Return six times the volume [m^3] that film and caps enclose, see `cosim.soft.elements.pressure`."""
+    x = surface.vertices - surface.vertices.mean(axis=0)
+    a, b, c = (x[surface.triangles[:, k]] for k in range(3))
+    caps = (x[hole].mean(axis=0) @ cross(x[hole], x[np.roll(hole, -1)]).sum(axis=0) for hole in holes)
+    return float((a * cross(b, c)).sum() + sum(caps))
+
+
+def _nodes(entry: NodeSetTable, surface: GroupedSurface) -> IntArray:
+    if entry.group is not None:
+        if entry.group not in surface.groups:
+            known = ", ".join(surface.groups) or "none"
+            raise MeshError(f"set {entry.name!r} is of group {entry.group!r}; the file has: {known}")
+        return np.unique(surface.triangles[surface.groups[entry.group]])
+    if entry.axis is not None and entry.at_m is not None:
+        return _in_plane(entry.name, "xyz".index(entry.axis), entry.at_m, surface.vertices)
+    return _nearest(entry.name, np.array(entry.points_m), surface)
+
+
+def _in_plane(name: str, axis: int, at_m: float, x: Array) -> IntArray:
+    """Return the nodes in a plane across an axis, around it counter-clockwise seen from outside."""
+    low, high = float(x[:, axis].min()), float(x[:, axis].max())
+    found = np.flatnonzero(np.abs(x[:, axis] - at_m) <= _SAME_PLANE * float(np.ptp(x, axis=0).max()))
+    if not found.size:
+        raise MeshError(
+            f"set {name!r} is at {'xyz'[axis]} = {at_m:g} m, where no node is; the film reaches from "
+            f"{low:g} m to {high:g} m"
+        )
+    offset = x[found] - x[found].mean(axis=0)
+    angle = np.arctan2(offset[:, (axis + 2) % 3], offset[:, (axis + 1) % 3])
+    return found[np.argsort(angle if at_m > 0.5 * (low + high) else -angle, kind="stable")]
+
+
+def _nearest(name: str, points: Array, surface: GroupedSurface) -> IntArray:
+    x = surface.vertices
+    ends = x[directed_edges(surface.triangles)]
+    reach = float(np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1).max())
+    found = np.empty(len(points), np.int64)
+    for k, point in enumerate(points):
+        distance = np.linalg.norm(x - point, axis=1)
+        found[k] = np.argmin(distance)
+        if distance[found[k]] > reach:
+            raise MeshError(
+                f"set {name!r}: point {point.tolist()} is {distance[found[k]]:.3g} m from the nearest node, "
+                f"further than the longest edge, {reach:.3g} m"
+            )
+    return found
+
+
+NODES_PER_AREA: Final = "nodes_per_m2"
+"""Face value of a mesh refined at its holes: nodes of the drawn mesh to the square metre."""
+
+
+def drawn_stack(table: StackTable) -> NamedMesh:
+    """Return the unrefined mesh of a stack, in the flange's frame.
+
+    Raises:
+        MeshError: the geometry gives degenerate triangles.
+    """
+    t = table
+    stack = PolygonalStack(
+        t.sides, t.units, t.corner_radius_m, t.hole_radius_m, t.unit_height_m, t.taper,
+        t.mid_ring_fraction, t.ring_heights, t.first_corner_rad,
+    )  # fmt: skip
+    return stack.mesh()
+
+
+def stack_mesh(drawn: NamedMesh, table: StackTable) -> NamedMesh:
+    """Return the mesh of a stack, refined as its table has it; the drawn one where it is not.
+
+    Films fused at the necks are face group `holes.FUSED`.
+
+    Raises:
+        MeshError: a neck has no room, or no refinement at its hole.
+    """
+    if not table.refine_holes and table.neck is None:
+        return refine(drawn, table.refine)
+    rings = (*drawn.center_rings, drawn.tip_ring)
+    drawn = replace(drawn, face_values={**drawn.face_values, NODES_PER_AREA: _nodes_per_area(drawn)})
+    fused_radius_m = None if table.neck is None else table.neck.fused_radius_m
+    return refine(with_finer_holes(drawn, rings, table.refine_holes, fused_radius_m), table.refine)
+
+
+def _nodes_per_area(mesh: NamedMesh) -> Array:
+    """Return how many nodes lie on a square metre of each triangle (m,), each spread over those around it."""
+    area = np.repeat(triangle_area(mesh.positions, mesh.triangles), 3)
+    around = np.bincount(mesh.triangles.ravel(), area, len(mesh.positions))
+    return np.asarray((1.0 / around[mesh.triangles]).sum(axis=1))
+
+
+def cable_route(mesh: NamedMesh, table: CableTable) -> IntArray:
+    """Return the nodes of a mesh that a cable leads through, base to tip."""
+    if table.units is None:
+        return mesh.line(table.line or "")
+    first, last = table.units
+    return mesh.line(f"corner_{table.corner}")[first - 1 : last]
+
+
+LEAST_RING: Final = 3
+
+
+@final
+@dataclass(frozen=True)
+class NamedBody:
+    """A soft body with the names that a scenario calls it and its cables by.
+
+    Args:
+        body: in the flange's frame; its film closed by caps where it holds gas. Its base and tip are rings
+            "base" and "tip", unless it has rings of these names.
+        name: of the body.
+        cable_names: of its cables, in order; omitted: cable_1, cable_2, ...
+
+    Raises:
+        MeshError: the film is no sound surface, the base is empty, the tip no ring, a node has no mass, or
+            there are more or fewer names than cables.
+        ScenarioError: a name cannot be one.
+    """
+
+    body: SoftBody
+    name: str = "body"
+    cable_names: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        body = self.body
+        check_mesh(body.positions, body.triangles)
+        if not len(body.base):
+            raise MeshError("the soft body has no base: no node would follow the flange")
+        if len(body.tip) < LEAST_RING:
+            raise MeshError(f"the tip has {len(body.tip)} nodes; a ring of {LEAST_RING} is needed at least")
+        light = np.flatnonzero(body.node_mass < LEAST_NODE_MASS_kg)
+        if light.size:
+            raise MeshError(
+                f"node {light[0]} has a mass of {body.node_mass[light[0]]:g} kg; every node needs "
+                f"{LEAST_NODE_MASS_kg:g} kg at least"
+            )
+        names = self.cable_names or tuple(f"cable_{k + 1}" for k in range(len(body.cables)))
+        if len(names) != len(body.cables) or len(set(names)) < len(names):
+            raise MeshError(f"cable_names are {list(names)}; {len(body.cables)} names that differ are needed")
+        rings = {"base": body.base, "tip": body.tip, **body.rings}
+        object.__setattr__(self, "cable_names", names)
+        object.__setattr__(self, "body", replace(body, rings=rings))
+        self.table()
+
+    @classmethod
+    def of(cls, body: SoftBody | NamedBody) -> NamedBody:
+        """Return a body with names, the usual ones where it has none."""
+        return body if isinstance(body, NamedBody) else cls(body)
+
+    def table(self) -> GivenBodyTable:
+        """Return what a scenario may name of it."""
+        body, faults = self.body, Faults()
+        described = {
+            "name": self.name,
+            "arrays": content_name(body),
+            "triangles": len(body.triangles),
+            "closed": body.closed,
+            "rings": list(body.rings),
+            "base": [name for name, ring in body.rings.items() if np.isin(ring, body.base).all()],
+            "cables": list(self.cable_names),
+            "chambers": [chamber.name for chamber in body.gas_chambers],
+        }
+        found = parse(GivenBodyTable, described, "body", faults)
+        faults.tell()
+        return found
+
+
+AnyBody: TypeAlias = SoftBody | NamedBody
+"""What may be given in place of a scenario's soft robot."""
+
 
 _REST = ""  # name of the face group of all triangles that are in none with a film of its own
 _KEPT_STIFFNESS = 1e-4  # of the plain law in a tension field: slack triangles beside hinges would collapse

@@ -1,4 +1,9 @@
-"""`cosim check`, `cosim upgrade`, `cosim schema`, `cosim new`: scenario and robot files."""
+"""`cosim check`, `cosim upgrade`, `cosim schema`, `cosim new`, `cosim export`: files in and out.
+
+`cosim check`, `cosim upgrade`, `cosim schema`, `cosim new`: scenario and robot files.
+
+`cosim export`: what a run saw, for other programs.
+"""
 
 from __future__ import annotations
 
@@ -8,20 +13,23 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
+from cosim.app.api import load_run
+from cosim.app.run_files import OutputDirectory
 from cosim.base.resources import arm_path, is_file, list_arms, scenario_path
 from cosim.base.whole_files import write_whole
-from cosim.build.arms import find_arm
-from cosim.build.blame import blamed_on
+from cosim.build.arms import blamed_on, find_arm
 from cosim.cli.screen import printable
 from cosim.config.arms.arm_files import is_arm_file, read_arm_table
-from cosim.config.arms.menagerie import is_of_menagerie
+from cosim.config.arms.package_files import is_of_menagerie
 from cosim.config.json_schema import Kind, json_schema
 from cosim.config.loading import load_file
-from cosim.config.schema.old_keys import SCHEMA
 from cosim.config.schema.scenario import Scenario
-from cosim.config.studies.study_table import StudyTable
+from cosim.config.studies import StudyTable
+from cosim.config.toml.parsing import SCHEMA
 from cosim.config.upgrading import upgrade_file
 from cosim.errors import InputError, OutputError, ScenarioError
+from cosim.results.curves import figure_kind
+from cosim.results.exports import COLLECTION, write_csv, write_film
 
 SCHEMA_FILE: Final = "cosim-scenario.schema.json"
 _STARTING_SCENARIO: Final = Path(__file__).with_name("starting_scenario.toml")
@@ -110,7 +118,7 @@ def _check_built(path: Path) -> None:
     found = load_file(path)
     # imported here: a file that cannot be read needs no engine
     from cosim.build.file_checks import check_built, check_robot
-    from cosim.sweeps.designs import check_designs
+    from cosim.sweeps.sweeping import check_designs
 
     if isinstance(found, StudyTable):
         check_designs(found)
@@ -152,3 +160,53 @@ def _checked(name: str, fine: str) -> bool:
     if not faults:
         print(printable(f"{name}: {fine}"))
     return not faults
+
+
+CSV: Final = "arrays.csv"
+PLOT: Final = "curves.png"
+
+
+def export_command(
+    directory: Path, out: Path | None, *, csv: bool, vtk: bool, plot: bool, times_s: Sequence[float] = ()
+) -> None:
+    """Write files of a run for other programs, and print where they are.
+
+    Args:
+        directory: of the run.
+        out: directory of the files; None: that of the run.
+        csv: all that has a row per tick, as a table.
+        vtk: the deformed film.
+        plot: the usual curves.
+        times_s: of the film; none: all frames.
+
+    Raises:
+        InputError: there is no such run or time, or nothing was asked for.
+        OutputError: a file cannot be written.
+    """
+    if not (csv or vtk or plot):
+        raise InputError("export: say what to write: --csv, --vtk, --plot, or several of them")
+    if times_s and not vtk:
+        raise InputError("--at: chooses times of the film; give --vtk as well")
+    if plot:
+        figure_kind()
+    result = load_run(directory)
+    with OutputDirectory(directory if out is None else out) as target:
+        target.make()
+        if csv:
+            target.claim(CSV)
+            write_csv(result, target.path / CSV)
+            _tell(target.path / CSV)
+        if plot:
+            target.claim(PLOT)
+            try:
+                result.plot().savefig(target.path / PLOT, dpi=110)
+            except OSError as error:
+                raise OutputError(f"{target.path / PLOT}: cannot be written: {error.strerror}") from error
+            _tell(target.path / PLOT)
+        if vtk:
+            written = write_film(result, target.path, times_s, target.claim)
+            _tell(target.path / COLLECTION, f", {len(written) - 1} times; open it in ParaView")
+
+
+def _tell(path: Path, more: str = "") -> None:
+    print(printable(f"{path}{more}"))

@@ -1,5 +1,9 @@
 """The command line: from its words to a command and an exit code.
 
+Looks for garbage only once a run has started: until then objects are made that stay.
+
+The command line: from its words to a command and an exit code.
+
 Exit codes: 0 done, 1 the physics could not be solved or verified, 2 wrong input, 3 results could not be
 written, 128 + n stopped by signal n (141: nobody read standard output any more).
 """
@@ -7,21 +11,56 @@ written, 128 + n stopped by signal n (141: nobody read standard output any more)
 from __future__ import annotations
 
 import argparse
+import gc
 import os
 import sys
 import time
 from collections.abc import Sequence
 from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
-from typing import TYPE_CHECKING
+from types import TracebackType
+from typing import TYPE_CHECKING, Any, Self, final
 
 from cosim.cli.arguments import parser
-from cosim.cli.late_collection import LateCollection
 from cosim.cli.screen import mute, open_missing_streams, printable, tell
 from cosim.errors import InputError, OutputError, SolverError
 
 if TYPE_CHECKING:
     from cosim.cli.viewing import LiveView
+
+
+@final
+class LateCollection:
+    """Puts the collection of garbage off, from where it is entered to the first ticks that it is shown.
+
+    Modules, kernels and engines are hundreds of thousands of objects, which Python would look through again
+    and again while they are being loaded: that takes a tenth of a start.
+    """
+
+    def __enter__(self) -> Self:
+        self._found = gc.isenabled()
+        gc.disable()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._begin()
+
+    def open(self, stage: Any) -> None:
+        """Wait for the first ticks."""
+
+    def observe(self, batch: Any) -> None:
+        """Collect from here on, if that was so before."""
+        self._begin()
+
+    def close(self) -> None:
+        """Do nothing: the command ends."""
+
+    def _begin(self) -> None:
+        if self._found:
+            gc.enable()
+
 
 EXIT_DONE, EXIT_UNSOLVED, EXIT_INPUT, EXIT_UNWRITTEN, EXIT_INTERRUPTED, EXIT_UNREAD = 0, 1, 2, 3, 130, 141
 
@@ -90,7 +129,7 @@ def _command(options: argparse.Namespace, started: float) -> int:
 
 def _import_kinds(modules: Sequence[str]) -> None:
     if modules:
-        from cosim.config.kinds import register_module  # here, because it loads pydantic
+        from cosim.config.loading import register_module  # here, because it loads pydantic
 
         for name in modules:
             register_module(name)
@@ -163,8 +202,10 @@ def _sweep(options: argparse.Namespace) -> int:
 
 
 def _replay(options: argparse.Namespace) -> int:
-    from cosim.gym.policy import policy_of  # here, because it loads Gymnasium and the kernels
-    from cosim.gym.replay import replay
+    from cosim.gym.policy import (
+        policy_of,  # here, because it loads Gymnasium and the kernels
+        replay,
+    )
 
     if options.episodes < 1:
         raise InputError(f"--episodes {options.episodes}: must be at least 1")
@@ -175,7 +216,7 @@ def _replay(options: argparse.Namespace) -> int:
 
 
 def _export(options: argparse.Namespace) -> int:
-    from cosim.cli.export import export_command  # here, because it loads numpy
+    from cosim.cli.files import export_command  # here, because it loads numpy
 
     wanted = {key: vars(options)[key] for key in ("csv", "vtk", "plot", "times_s")}
     export_command(options.directory, options.out, **wanted)
@@ -183,8 +224,8 @@ def _export(options: argparse.Namespace) -> int:
 
 
 def _export_path(options: argparse.Namespace) -> int:
-    from cosim.app.path_export import plan_path  # here, because they load numpy and pydantic
-    from cosim.config.toml.overrides import parse_assignment
+    from cosim.app.api import plan_path  # here, because they load numpy and pydantic
+    from cosim.config.toml.reading import parse_assignment
     from cosim.results.joint_table import check_name
 
     for file in options.files:

@@ -1,12 +1,22 @@
-"""What the command line prints: texts that come from files cannot steer the terminal."""
+"""What the command line prints, and how Ctrl-C and other signals end a run in good order.
+
+What the command line prints: texts that come from files cannot steer the terminal.
+
+Ends a run in good order on Ctrl-C, SIGTERM, or SIGHUP of a terminal that has been closed.
+"""
 
 from __future__ import annotations
 
 import os
 import re
+import signal
 import sys
 from contextlib import suppress
-from typing import TextIO
+from types import FrameType, TracebackType
+from typing import Any, TextIO, final
+
+from cosim.telemetry.snapshot import RunInfo
+from cosim.telemetry.tick_batch import TickBatch
 
 _STEERING = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u200e\u200f\u2028-\u202e\u2066-\u2069]")
 
@@ -43,3 +53,57 @@ def open_missing_streams() -> None:
     for name in ("stdout", "stderr"):
         if getattr(sys, name) is None:
             setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))  # noqa: SIM115  # for good
+
+
+@final
+class Interruption:
+    """While entered, the first signal asks the running loop to stop; a second one stops at once.
+
+    Before the loop runs there is nothing to save, so a signal then raises KeyboardInterrupt too. SIGHUP stays
+    ignored where it is ignored when the program starts (`nohup`); a second one, which shell and terminal send
+    one after the other, asks for nothing more.
+    """
+
+    def __init__(self) -> None:
+        self.signal_number: int | None = None
+        self._running = False
+        self._previous: dict[int, Any] = {}
+
+    def __enter__(self) -> Interruption:
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+            if number != signal.SIGHUP or signal.getsignal(number) != signal.SIG_IGN:
+                self._previous[number] = signal.signal(number, self._handle)
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        for number, handler in self._previous.items():
+            signal.signal(number, handler)
+
+    @property
+    def exit_code(self) -> int:
+        """128 plus the signal's number, as shells have it."""
+        return 128 + (self.signal_number or signal.SIGINT)
+
+    def reason(self) -> str | None:
+        """Return why the loop should stop, or None."""
+        return None if self.signal_number is None else signal.Signals(self.signal_number).name
+
+    def open(self, stage: RunInfo) -> None:
+        """Note that the loop runs: from here on there is something to save."""
+        self._running = True
+
+    def observe(self, batch: TickBatch) -> None:
+        """Nothing to do; `reason` is asked after every batch."""
+
+    def close(self) -> None:
+        """Nothing to do; the files are still being closed."""
+
+    def _handle(self, number: int, frame: FrameType | None) -> None:
+        repeated = self.signal_number is not None
+        if repeated and number == signal.SIGHUP:
+            return
+        self.signal_number = number
+        if repeated or not self._running:
+            raise KeyboardInterrupt

@@ -13,9 +13,8 @@ from cosim.app.first_run import prepared
 from cosim.app.progress import clock
 from cosim.cli.screen import draw, tell
 from cosim.errors import OutputError
-from cosim.sweeps.plot import plot_sweep
 from cosim.sweeps.sweeping import SweepOutcome, SweepProgress, run_study
-from cosim.sweeps.table import TABLE
+from cosim.sweeps.table import TABLE, plot_sweep
 from cosim.sweeps.worker import run_task
 
 PLOT: Final = "sweep.png"

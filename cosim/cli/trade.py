@@ -9,22 +9,28 @@ from pathlib import Path
 from typing import TextIO, final
 
 from cosim.app.driver import build_simulation, recorded
-from cosim.app.output_directory import OutputDirectory
+from cosim.app.run_files import OutputDirectory
 from cosim.cli.screen import draw as draw_line
 from cosim.cli.screen import printable, tell
 from cosim.config.loading import load_scenario
-from cosim.config.rules.size_rules import check_ends
+from cosim.config.rules.scenario_rules import check_ends
 from cosim.config.schema.scenario import Scenario
-from cosim.config.toml.overrides import parse_assignment
-from cosim.recording import membrane_colours
-from cosim.trade.candidate import Candidate
-from cosim.trade.candidates import Truth, candidates_of
-from cosim.trade.choice import Requirement, parse_budget, parse_force, parse_tolerance
-from cosim.trade.compilation import compile_for_trade
-from cosim.trade.measured import Measured
-from cosim.trade.measuring import SLOWEST, Telling, measure
-from cosim.trade.plot import can_draw, draw
-from cosim.trade.report import as_json, choice_lines, markdown, result_line
+from cosim.config.toml.reading import parse_assignment
+from cosim.recording import colours
+from cosim.trade.candidates import Candidate, Truth, candidates_of
+from cosim.trade.measuring import SLOWEST, Measured, Telling, compile_for_trade, measure
+from cosim.trade.report import (
+    Requirement,
+    as_json,
+    can_draw,
+    choice_lines,
+    draw,
+    markdown,
+    parse_budget,
+    parse_force,
+    parse_tolerance,
+    result_line,
+)
 
 TABLE, FIGURES, PLOT = "trade.md", "trade.json", "trade.png"
 
@@ -66,7 +72,7 @@ def trade_command(
     scenario = replace(scenario, fidelity="lumped", auto=None)
     candidates = candidates_of(scenario, quick=quick, time_scale=time_scale, truth=truth)
     with OutputDirectory(out) as directory:
-        compile_for_trade(scenario, tell, (membrane_colours,))
+        compile_for_trade(scenario, tell, (colours,))
         progress = TradeProgress(sys.stderr, len(candidates))
         results = measure(
             scenario, candidates, build_simulation, progress.telling, follow=recorded, slowest=bound

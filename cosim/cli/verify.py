@@ -10,9 +10,8 @@ from cosim.errors import InputError
 from cosim.soft.beams import ring_kernels
 from cosim.soft.linear import multifrontal_kernels
 from cosim.soft.solve.compilation import compile_kernels
-from cosim.verification.report import as_json, case_lines, closing_line, header_line
-from cosim.verification.suite import CASES, run_case, select
-from cosim.verification.support.case import Case
+from cosim.verification.case import Case
+from cosim.verification.suite import CASES, as_json, case_lines, closing_line, header_line, run_case, select
 
 
 def verify_command(names: Sequence[str], json_path: Path | None, *, cases: Sequence[Case] = CASES) -> int:

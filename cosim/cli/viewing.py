@@ -11,14 +11,12 @@ from typing import Final, final
 
 from cosim.app.driver import rerun_recorder
 from cosim.app.picture import found_recordings
-from cosim.cli.interruption import Interruption
-from cosim.cli.screen import draw, tell
-from cosim.config.schema.solver import RecordingTable
+from cosim.cli.screen import Interruption, draw, tell
+from cosim.config.schema.scenario import RecordingTable
 from cosim.errors import InputError
+from cosim.recording.pictures import SIZE, write_video
 from cosim.recording.recorder import Recorder, RecordingPart
-from cosim.recording.viewing.pictures import SIZE
-from cosim.recording.viewing.video import write_video
-from cosim.recording.viewing.viewer import Shown, Viewer, check_display, start_viewer
+from cosim.recording.viewer import Shown, Viewer, check_display, start_viewer
 
 ON_A_PAGE: Final = (
     "--web shows it in a browser, also in one elsewhere: "

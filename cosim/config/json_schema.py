@@ -13,16 +13,14 @@ from typing import Any, Final, Literal
 
 from pydantic.json_schema import GenerateJsonSchema
 
-from cosim.base.docstrings import texts_of
+from cosim.base.names import texts_of
 from cosim.config.arms.arm_table import ArmTable
-from cosim.config.kinds import register_installed
-from cosim.config.schema.old_keys import SCHEMA
+from cosim.config.loading import register_installed
 from cosim.config.schema.phase import PhaseTable
 from cosim.config.schema.scenario import Scenario
 from cosim.config.schema.soft_robot import AttachmentTable, SoftRobotTable
-from cosim.config.toml.core_schemas import bounded_schema
-from cosim.config.toml.key_paths import key_of
-from cosim.config.toml.magnitudes import unit_of, unit_text
+from cosim.config.toml.keys import key_of, unit_of, unit_text
+from cosim.config.toml.parsing import SCHEMA, bounded_schema
 
 DIALECT: Final = "https://json-schema.org/draft/2020-12/schema"
 Kind = Literal["scenario", "robot", "arm"]

@@ -1,32 +1,219 @@
-"""Loads scenario and soft-robot files into their frozen dataclasses."""
+"""Loads scenario and soft-robot files into their frozen dataclasses.
+
+Makes kinds of tables known that are not part of cosim: those of a module, and of installed packages.
+
+A package offers its kinds as entry points; a module is named by who runs a scenario. A file cannot name
+either: reading one runs no code that was not there before.
+
+Puts together the table of a soft robot from the files that it starts from and attaches.
+"""
 
 from __future__ import annotations
 
+import importlib.util
+import inspect
+import sys
 from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import is_dataclass
+from functools import cache
+from importlib import import_module
 from pathlib import Path
-from typing import Any
+from types import ModuleType
+from typing import Any, Final, final
 
-from cosim.base.resources import scenario_path, soft_robot_path
+from cosim.base.files_read import note_file
+from cosim.base.resources import is_file, scenario_path, soft_robot_path
 from cosim.config.arms.arm_files import with_arm_path
-from cosim.config.kinds import register_installed
-from cosim.config.rules.given_body_rules import check_in_file
+from cosim.config.resolving import complete_tip_paths, with_listed_tensions
 from cosim.config.rules.scenario_rules import check_scenario, check_soft_robot
-from cosim.config.schema.given_body import GivenBodyTable
-from cosim.config.schema.mesh_paths import with_mesh_paths, with_scene_path
+from cosim.config.rules.soft_robot_rules import check_in_file
+from cosim.config.schema.objects import with_mesh_paths, with_scene_path
 from cosim.config.schema.phase import HOLD
-from cosim.config.schema.scenario import Scenario
+from cosim.config.schema.scenario import GivenBodyTable, Scenario
 from cosim.config.schema.soft_robot import SoftRobotTable
-from cosim.config.studies.study_files import is_study, load_study
-from cosim.config.studies.study_table import StudyTable
-from cosim.config.tension_tables import with_listed_tensions
-from cosim.config.tip_path_files import complete_tip_paths
-from cosim.config.toml.faults import UNKNOWN, Faults, copy_with
-from cosim.config.toml.overrides import apply_override
-from cosim.config.toml.parsing import parse
-from cosim.config.toml.reading import read_table
-from cosim.config.toml.robot_files import RobotFiles
+from cosim.config.studies import StudyTable, is_study, load_study
+from cosim.config.toml.keys import describe, join, label
+from cosim.config.toml.parsing import KindTable, name_of, parse, register_kind, with_unknown
+from cosim.config.toml.reading import (
+    UNKNOWN,
+    Faults,
+    Unreadable,
+    apply_override,
+    copy_with,
+    merge,
+    only_readable,
+    read_table,
+)
 from cosim.config.writing import to_table
 from cosim.errors import InputError, ScenarioError
+
+GROUP: Final = "cosim.kinds"
+"""Of entry points; each names a module that holds kinds, or a kind."""
+
+
+@cache
+def register_installed() -> None:
+    """Register the kinds that installed packages offer, once.
+
+    Raises:
+        InputError: one cannot be imported, or holds no kind.
+    """
+    from importlib.metadata import entry_points  # here, because it takes long to load
+
+    for entry in sorted(entry_points(group=GROUP)):
+        what = f"entry point '{entry.name}' of the group {GROUP} ({entry.value})"
+        _register(_loaded(what, entry.load), what)
+
+
+def register_module(name: str) -> None:
+    """Register every kind that a module holds.
+
+    Args:
+        name: of a module that can be imported, or path of a .py file.
+
+    Raises:
+        InputError: there is no such module, it cannot be imported, or holds no kind.
+    """
+    load = (lambda: _of_file(Path(name))) if name.endswith(".py") else (lambda: import_module(name))
+    _register(_loaded(f"--import {name}", load), f"--import {name}")
+
+
+def note_kinds(value: Any) -> None:
+    """Note the modules of all kinds in a scenario that are not those of cosim, see `files_read`."""
+    if isinstance(value, KindTable) and not type(value).__module__.startswith("cosim."):
+        with suppress(OSError, TypeError):  # typed in at a prompt
+            note_file(Path(inspect.getfile(type(value))))
+    parts = vars(value).values() if is_dataclass(value) else value
+    for part in parts:
+        if is_dataclass(part) or (isinstance(part, tuple) and part and not isinstance(part[0], float)):
+            note_kinds(part)
+
+
+def _loaded(what: str, load: Any) -> Any:
+    try:
+        return load()
+    except Exception as error:  # whatever a module of someone's own raises
+        raise InputError(f"{what}: cannot be imported: {type(error).__name__}: {error}") from error
+
+
+def _of_file(path: Path) -> ModuleType:
+    spec = importlib.util.spec_from_file_location(path.stem, path)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    if path.stem in sys.modules:
+        raise ImportError(f"a module called '{path.stem}' is loaded already; give the file another name")
+    sys.modules[path.stem] = module  # where dataclasses look their annotations up
+    try:
+        spec.loader.exec_module(module)
+    except BaseException:
+        del sys.modules[path.stem]
+        raise
+    return module
+
+
+def _register(loaded: Any, what: str) -> None:
+    found = [
+        entry
+        for entry in (vars(loaded).values() if isinstance(loaded, ModuleType) else (loaded,))
+        if isinstance(entry, type) and issubclass(entry, KindTable) and entry is not KindTable
+    ]
+    kinds = [table for table in found if name_of(table) is not None]
+    if not kinds:
+        raise InputError(f"{what}: holds no kind of tables, such as a subclass of ElementTable")
+    for table in kinds:
+        register_kind(table)
+
+
+MOST_FILES: Final = 64
+LONGEST_CHAIN: Final = 8
+
+
+@final
+class RobotFiles:
+    """The files of one soft robot: each is read once, and none may lead to itself."""
+
+    def __init__(self, faults: Faults) -> None:
+        self._faults = faults
+        self._read: dict[Path, dict[str, Any]] = {}
+        self._used = 0
+
+    def expand(self, value: Any, folder: Path, path: str, chain: tuple[Path, ...] = ()) -> Any:
+        """Return the full table of a soft robot given by name, path, or changes to a file.
+
+        A file that is not there is a fault; the table then holds UNKNOWN for all that is not given beside it.
+
+        Args:
+            value: as in the file; what is neither a text nor a table is returned as it is.
+            folder: that relative paths start from.
+            path: of the value, for messages.
+            chain: files that led here.
+
+        Raises:
+            ScenarioError: a file is wrong, leads to itself, or there are too many.
+        """
+        if isinstance(value, str):
+            return self._based(value, {}, folder, path, chain)
+        return self._complete(value, folder, path, chain) if isinstance(value, Mapping) else value
+
+    def _complete(
+        self, table: Mapping[str, Any], folder: Path, path: str, chain: tuple[Path, ...]
+    ) -> dict[str, Any]:
+        """Return a soft robot's table with the files that it and its attachments start from put in."""
+        full: dict[str, Any] = only_readable(table)
+        body = full.get("body")
+        if isinstance(body, dict) and isinstance(body.get("file"), str) and is_file(folder / body["file"]):
+            body["file"] = str((folder / body["file"]).resolve())
+        if "file" in full:
+            full = self._based(full.pop("file"), full, folder, f"{path}.file", chain)
+        entries = full.get("attach")
+        for place, entry in enumerate(entries if isinstance(entries, list) else (), start=1):
+            if isinstance(entry, dict) and "robot" in entry:
+                where = join(join(f"{path}.attach", label(entry, place)), "robot")
+                entry["robot"] = self.expand(entry["robot"], folder, where, chain)
+        return full
+
+    def _based(
+        self, name: Any, changes: dict[str, Any], folder: Path, path: str, chain: tuple[Path, ...]
+    ) -> dict[str, Any]:
+        """Return the table of a soft robot's file, given by name or path, with changes on top."""
+        self._used += 1
+        if self._used > MOST_FILES:
+            raise ScenarioError(path, f"is one robot too many; at most {MOST_FILES} files make a soft robot")
+        file = None
+        with self._faults:
+            file = _found(name, folder, path)
+        if file is None:
+            return with_unknown(SoftRobotTable, changes)
+        return merge(self._table(file, name, path, chain), changes)
+
+    def _table(self, file: Path, name: str, path: str, chain: tuple[Path, ...]) -> dict[str, Any]:
+        here = file.resolve()
+        if here in chain:
+            raise ScenarioError(path, f"'{name}' leads back to itself; a soft robot cannot hold itself")
+        if len(chain) >= LONGEST_CHAIN:
+            raise ScenarioError(path, f"'{name}' comes after {LONGEST_CHAIN} files that lead to one another")
+        if here not in self._read:
+            self._read[here] = read_table(file)
+        return self._complete(self._read[here], file.parent, path.removesuffix(".file"), (*chain, here))
+
+
+def _found(name: Any, folder: Path, path: str) -> Path:
+    """Return the file of a soft robot.
+
+    Raises:
+        ScenarioError: the name is no text, or there is no such file.
+    """
+    if isinstance(name, Unreadable):
+        raise ScenarioError(path, name.problem)
+    if not isinstance(name, str):
+        raise ScenarioError(path, f"expected a name or path, got {describe(name)}")
+    beside = folder / name
+    try:
+        return beside if beside.suffix == ".toml" and is_file(beside) else soft_robot_path(name)
+    except InputError as error:
+        raise ScenarioError(path, str(error)) from error
 
 
 def load_scenario(

@@ -8,9 +8,8 @@ from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
 from typing import Any
 
-from cosim.config.schema.given_body import GivenBodyTable
-from cosim.config.schema.scenario import Scenario
-from cosim.config.toml.key_paths import key_of
+from cosim.config.schema.scenario import GivenBodyTable, Scenario
+from cosim.config.toml.keys import key_of
 
 _HEADER = "# The scenario as it ran, every value spelled out. Run it again with: cosim run <this file>\n"
 _HEADER_GIVEN = (

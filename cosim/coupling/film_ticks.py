@@ -47,12 +47,12 @@ from cosim.coupling.half_ticks import (
     take_rigid_half,
 )
 from cosim.coupling.ticks import SERVOS, TICKS
-from cosim.reduced.sections.outputs import CENTER, fill_center_and_inertia
+from cosim.reduced.sections.assembly import CENTER, fill_center_and_inertia
 from cosim.soft.body.loads import TOUCHING, PlainLoads, Touching
 from cosim.soft.elements.mass_terms import mass_moments
 from cosim.soft.film.step_arrays import PLACE, StepMotion, StepPlace
 from cosim.soft.solve.film_step import FILM_SIDE, FilmSide, film_step
-from cosim.soft.solve.held_nodes import add_wrench
+from cosim.soft.solve.state import add_wrench
 
 
 class FilmCommands(NamedTuple):

@@ -16,7 +16,7 @@ from cosim.base.frames import Array
 from cosim.base.kernels import BOOLEAN, REAL, VECTOR, device_function, kernel, small_matrix, small_vector
 from cosim.base.numba_insides import call_native
 from cosim.coupling.ticks import BODY_LOADS, CARRIED, SERVOS, TICKS, BodyLoads, CarriedInertia
-from cosim.reduced.sections.outputs import CENTER, INERTIA, WRENCH
+from cosim.reduced.sections.assembly import CENTER, INERTIA, WRENCH
 from cosim.rigid.scene.native import BEGIN, FACTORISE, FINISH, NATIVE_SCENE, NativeScene
 
 LEVER_M = 0.1  # torques count as forces at this lever

@@ -34,10 +34,9 @@ from cosim.coupling.half_ticks import (
     rigid_half,
 )
 from cosim.coupling.ticks import SERVOS, TICKS
-from cosim.reduced.sections.pressure_spline import weighted_rows
+from cosim.reduced.sections.section_energy import weighted_rows
 from cosim.reduced.sections.section_strains import CUBE
-from cosim.reduced.solve.arrays import CHAIN_ARRAYS, ChainArrays
-from cosim.reduced.solve.implicit_step import FREE_FLIGHT, implicit_step
+from cosim.reduced.solve.time_step import CHAIN_ARRAYS, FREE_FLIGHT, ChainArrays, implicit_step
 
 
 class ChainCommands(NamedTuple):

@@ -10,7 +10,7 @@ from numba import types
 
 from cosim.base.frames import Array, IntArray, Pose
 from cosim.base.kernels import BLOCKS, INDICES, MATRIX, VECTOR
-from cosim.reduced.sections.outputs import FIGURES
+from cosim.reduced.sections.assembly import FIGURES
 from cosim.reduced.sections.section_strains import CUBE
 
 

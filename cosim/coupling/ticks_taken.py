@@ -13,7 +13,7 @@ from cosim.base.frames import Array, IntArray, Mask, Pose, Wrench
 from cosim.coupling.schemes.ledger import Scheme
 from cosim.coupling.soft_sides.soft_side import SoftReply, SoftSide
 from cosim.coupling.ticks import Ticks
-from cosim.reduced.sections.outputs import CENTER, INERTIA, WRENCH
+from cosim.reduced.sections.assembly import CENTER, INERTIA, WRENCH
 
 
 @final

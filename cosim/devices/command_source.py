@@ -1,17 +1,63 @@
-"""Says at every tick or increment of a run what is asked of the robot."""
+"""Says at every tick or increment of a run what is asked of the robot, and measures the run for it.
+
+Where rigid bodies are, by name.
+
+Says at every tick or increment of a run what is asked of the robot.
+
+Measures a run: what controllers see, and what `Simulation.measure` returns.
+
+How controllers move the flange besides the plan: twists of its reference, as motions of the joints.
+"""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, final
+from typing import Any, Final, final
 
-from cosim.base.frames import Array, Pose, Wrench
+import numpy as np
+
+from cosim.base.frames import Array, Pose, Wrench, cross, length, rotations_from_quaternions
+from cosim.coupling.soft_sides.soft_side import SoftSide
 from cosim.devices.controller import Command, Measurement
 from cosim.devices.device_report import ActuationReport
-from cosim.plan.joint_path import JointReference
-from cosim.plan.robot_command import RobotCommand, SoftCommand
+from cosim.devices.winch import CableDrive
+from cosim.errors import InputError
+from cosim.plan.motion import JointReference
+from cosim.plan.plan import ChamberGas, RobotCommand, SoftCommand
+from cosim.soft.elements.cable import stretch_at
+
+
+@final
+class BodyPoses(Mapping[str, Pose]):
+    """World from each of some rigid bodies, by name; a pose is made when it is asked for.
+
+    Args:
+        names: (bodies,).
+        positions: (bodies, 3) [m].
+        quaternions: (bodies, 4), (w, x, y, z); nobody writes to either.
+    """
+
+    def __init__(self, names: tuple[str, ...], positions: Array, quaternions: Array) -> None:
+        self._names, self._positions, self._quaternions = names, positions, quaternions
+
+    def __getitem__(self, name: str) -> Pose:
+        if name not in self._names:
+            raise KeyError(f"there is no rigid body '{name}'; there are: {', '.join(self._names)}")
+        k = self._names.index(name)
+        (rotation,) = rotations_from_quaternions(self._quaternions[k : k + 1])
+        return Pose(rotation, self._positions[k])
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._names)
+
+    def __len__(self) -> int:
+        return len(self._names)
+
+    def __repr__(self) -> str:
+        """Return what a dictionary of the poses would."""
+        return repr(dict(self))
 
 
 @final
@@ -186,3 +232,172 @@ class ChangedCommands(CommandSource):
 
     def restore_state(self, state: Any) -> None:
         self.given.restore_state(state)
+
+
+def measured(
+    soft: SoftSide,
+    robot: RobotState,
+    gas: ChamberGas,
+    cables: Mapping[str, Mapping[str, float]],
+    *,
+    setpoint: float | None = None,
+    limits: tuple[str, ...] = (),
+) -> Measurement:
+    """Return what is measured of a run.
+
+    Args:
+        soft: side, in its present state.
+        robot: the rest, at the same time.
+        gas: in the chambers.
+        cables: those fields of a measurement that are by cable.
+        setpoint: see `Measurement`.
+        limits: the same.
+    """
+    body, state = soft.body, soft.state
+    contents = [gas.content(k) for k in range(len(soft.pressures_Pa))]
+    direction = body.tip_direction(state.positions)
+    return Measurement(
+        time_s=robot.time_s,
+        setpoint=setpoint,
+        tip_position=body.tip_position(state.positions),
+        tip_direction=direction,
+        tip_twist=ring_twist(state.positions[body.tip], state.velocities[body.tip]),
+        bending_angle_rad=bending_angle(direction, robot.flange),
+        pressure_Pa=tuple(soft.pressures_Pa),
+        volume_m3=tuple(soft.volumes_m3),
+        gas_kg=tuple(None if content is None else content.mass_kg for content in contents),
+        joint_position=robot.joint_position,
+        joint_velocity=robot.joint_velocity,
+        joint_torque=robot.joint_torque,
+        flange=robot.flange,
+        flange_twist=robot.flange_twist,
+        flange_wrench=robot.wrench,
+        contact_force_N=robot.contact_force,
+        body_pose=robot.body_pose,
+        limits=limits,
+        **cables,
+    )
+
+
+def measured_cables(
+    names: Sequence[str], drives: Sequence[CableDrive], positions: Array, tension_N: Sequence[float] | None
+) -> dict[str, dict[str, float]]:
+    """Return those fields of a measurement that are by cable.
+
+    Args:
+        names: of the cables.
+        drives: of each.
+        positions: (n, 3) [m].
+        tension_N: of each cable, where the drives do not drive them; None: they do.
+    """
+    lengths = [drive.cable.length(positions) for drive in drives]
+    if tension_N is None:
+        tension_N = [drive.tension_N(positions) for drive in drives]
+        unstretched = [drive.unstretched_m(positions) for drive in drives]
+    else:
+        rows = zip(drives, tension_N, lengths, strict=True)
+        unstretched = [long - stretch_at(pull, drive.cable.stiffness_N_m) for drive, pull, long in rows]
+    columns = {
+        "cable_tension_N": tension_N,
+        "cable_length_m": lengths,
+        "cable_unstretched_m": unstretched,
+    }
+    return {key: dict(zip(names, map(float, column), strict=True)) for key, column in columns.items()}
+
+
+def bending_angle(tip_direction: Array, flange: Pose) -> float:
+    """Return the angle [rad] between the tip's direction (3,) and the flange's z axis."""
+    axis = flange.rotation[:, 2]
+    return float(np.arctan2(length(cross(axis, tip_direction)), axis @ tip_direction))
+
+
+def ring_twist(positions: Array, velocities: Array) -> Array:
+    """Return the twist (6,) [m/s, rad/s] about the centre of some nodes that is nearest to how they move.
+
+    With r from the centre, v = V + w x r in the least squares: sum (r.r 1 - r r^T) w = sum r x (v - V).
+
+    Args:
+        positions: (n, 3) [m].
+        velocities: (n, 3) [m/s].
+    """
+    count = len(positions)
+    linear = velocities.sum(axis=0) / count
+    away, moving = positions - positions.sum(axis=0) / count, velocities - linear
+    spread = float((away * away).sum()) * np.eye(3) - away.T @ away
+    (_, xy, xz), (yx, _, yz), (zx, zy, _) = (away.T @ moving).tolist()  # the sum of r v^T
+    turning = np.linalg.lstsq(spread, np.array([yz - zy, zx - xz, xy - yx]), rcond=1e-9)[0]
+    return np.concatenate([linear, turning])
+
+
+_SMALLEST: Final = 1e-2
+"""Of a Jacobian's singular values to its largest, below which no motion of the joints is asked for."""
+_MISSED: Final = 1e-6
+
+
+@final
+class FlangeOffset:
+    """The joints' reference, moved off the plan; where nothing moves it further, it stays off.
+
+    Args:
+        joints: how many.
+    """
+
+    def __init__(self, joints: int) -> None:
+        self._offset: Array = np.zeros(joints)
+
+    def moved(
+        self,
+        planned: JointReference,
+        twist: tuple[float, ...] | None,
+        see: Callable[[], RobotState],
+        step_s: float,
+    ) -> JointReference:
+        """Return what the servos follow in a tick.
+
+        Args:
+            planned: at its start.
+            twist: (6,) [m/s, rad/s] of the flange's origin, world axes, besides the plan; None for none.
+            see: looks at the robot as it is.
+            step_s: length of the tick.
+
+        Raises:
+            InputError: no motion of the joints moves the flange like that.
+        """
+        if twist is None:
+            if not self._offset.any():
+                return planned
+            return JointReference(planned.position + self._offset, planned.velocity, planned.acceleration)
+        rate = joint_rate(see().flange_jacobian, np.array(twist))
+        position, velocity = planned.position + self._offset, planned.velocity + rate
+        self._offset = self._offset + step_s * rate
+        return JointReference(position, velocity, planned.acceleration)
+
+    def save_state(self) -> Array:
+        """Return the offset (joints,) [rad]."""
+        return self._offset
+
+    def restore_state(self, state: Array) -> None:
+        """Return to a state of `save_state`."""
+        self._offset = state
+
+
+def joint_rate(jacobian: Array, twist: Array) -> Array:
+    """Return the smallest joint speeds (joints,) [rad/s] that move the flange by a twist.
+
+    Args:
+        jacobian: (6, joints).
+        twist: (6,) [m/s, rad/s].
+
+    Raises:
+        InputError: there are none, or only with the arm near a singular configuration.
+    """
+    if not jacobian.shape[1]:
+        raise InputError("the flange is told to move, but robot = 'none' has no joints to move it")
+    rate = np.asarray(np.linalg.lstsq(jacobian, twist, rcond=_SMALLEST)[0])
+    if length(jacobian @ rate - twist) > _MISSED * length(twist):
+        raise InputError(
+            f"the flange is told to move with the twist {np.round(twist, 4).tolist()}, which the arm cannot "
+            "follow in its present configuration: it is near a singular one; keep away from there, or begin "
+            "where the arm is bent (start.flange)"
+        )
+    return rate

@@ -1,11 +1,20 @@
-"""What moves cables and gas through a run, besides the ramps of the phases: controllers, winches, pumps.
+"""What moves cables and gas through a run besides the ramps of the phases: controllers, winches, pumps.
+
+Makes devices and controllers from their tables.
+
+Says which devices a scenario models.
+
+What moves cables and gas through a run, besides the ramps of the phases: controllers, winches, pumps.
 
 Per tick, at the state before it: controllers that are due see the run and command; pumps work on the gas;
 winches turn. A scenario without any of these passes through untouched.
+
+The commands of a scenario: its phases, the gas in the chambers, and its devices and controllers.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -13,25 +22,162 @@ from typing import final
 
 import numpy as np
 
-from cosim.base.frames import Pose
-from cosim.config.rules.device_rules import acting
-from cosim.config.schema.scenario import Scenario
+from cosim.base.frames import Array, Pose
+from cosim.config.rules.device_rules import acting, uses_lengths
+from cosim.config.schema.scenario import ControllerTable, PumpTable, Scenario, WinchTable
 from cosim.coupling.soft_sides.soft_side import SoftSide
-from cosim.devices.cable_drive import CableDrive, CableDriveState, Order
-from cosim.devices.cable_orders import LiveOrders, orders_of
-from cosim.devices.command_source import RobotState
-from cosim.devices.controller import AnyController, Measurement
-from cosim.devices.device_build import build_holds, build_pump, build_winch
-from cosim.devices.device_names import device_names
-from cosim.devices.device_report import ActuationReport, ControlReport, PumpReport
-from cosim.devices.measuring import bending_angle, measured, measured_cables
-from cosim.devices.pump_drive import PumpDrive, PumpDriveState
-from cosim.devices.zero_order_hold import Held, HoldState
-from cosim.errors import InputError
-from cosim.plan.chamber_gas import ChamberGas
-from cosim.plan.plan import PhasePlan
-from cosim.plan.robot_command import SoftCommand
+from cosim.devices.command_source import (
+    CommandsAhead,
+    CommandSource,
+    FlangeOffset,
+    RobotState,
+    StepToTake,
+    bending_angle,
+    measured,
+    measured_cables,
+)
+from cosim.devices.controller import AnyController, Controller, Held, HoldState, Measurement, ZeroOrderHold
+from cosim.devices.device_report import ActuationReport, ControlReport, DeviceNames, PumpReport
+from cosim.devices.feedback import BangBang, FeedbackLaw, FeedbackLoop, ProportionalIntegral
+from cosim.devices.pump import Pump, PumpDrive, PumpDriveState
+from cosim.devices.winch import CableDrive, CableDriveState, LiveOrders, Order, Winch, orders_of
+from cosim.errors import InputError, ScenarioError
+from cosim.plan.plan import (
+    ChamberGas,
+    ChamberGasState,
+    CommandRamp,
+    IncrementReferences,
+    PhasePlan,
+    Plan,
+    RobotCommand,
+    SoftCommand,
+    TickReferences,
+)
 from cosim.soft.body.body import SoftBody
+
+
+def build_pump(entry: PumpTable, tick_s: float) -> Pump:
+    """Return the pump of a table; its sensor's delay is rounded to whole ticks."""
+    return Pump(
+        flow_kg_s=entry.flow_kg_s,
+        band_Pa=entry.band_Pa,
+        pressure_max_Pa=math.inf if entry.pressure_max_Pa is None else entry.pressure_max_Pa,
+        sensor_delay_ticks=round(entry.sensor_delay_s / tick_s),
+        vent_above_Pa=math.inf if entry.vent_above_Pa is None else entry.vent_above_Pa,
+        vent_kg_s_Pa=entry.vent_kg_s_Pa,
+    )
+
+
+def build_winch(entry: WinchTable) -> Winch:
+    """Return the winch of a table."""
+    return Winch(
+        entry.step_angle_rad, entry.gear_ratio, entry.drum_radius_m, entry.step_rate_per_s,
+        entry.stall_torque_Nm,
+    )  # fmt: skip
+
+
+def build_holds(scenario: Scenario, given: Mapping[str, AnyController]) -> dict[str, ZeroOrderHold]:
+    """Return every controller at its rate, by name.
+
+    Args:
+        scenario: checked.
+        given: controllers of kind "python", by name.
+
+    Raises:
+        ScenarioError: one is missing.
+        InputError: one is given that the scenario does not name, or that is no controller.
+    """
+    expected = [entry.name for entry in scenario.controllers if entry.kind == "python"]
+    for name, controller in given.items():
+        if name not in expected:
+            raise InputError(
+                f"controllers: the scenario has no [[controller]] '{name}' of kind 'python'; it has: "
+                f"{', '.join(expected) or 'none'}"
+            )
+        if not isinstance(controller, Controller):
+            raise InputError(
+                f"controllers: '{name}' is a {type(controller).__name__}; derive it from cosim.Controller"
+            )
+    cables, pumps = scenario.soft_robot.cable_names(), tuple(pump.name for pump in scenario.pumps)
+    holds = {}
+    for entry in scenario.controllers:
+        period = round(entry.period_s / scenario.clock.tick_s)
+        holds[entry.name] = ZeroOrderHold(entry.name, _controller(entry, given), period, cables, pumps)
+    return holds
+
+
+def _controller(entry: ControllerTable, given: Mapping[str, AnyController]) -> AnyController:
+    if entry.kind == "python":
+        if entry.name not in given:
+            raise ScenarioError(
+                f"controller.{entry.name}.kind",
+                f"'python' needs the controller itself: cosim.run(..., controllers={{'{entry.name}': ...}})",
+            )
+        return given[entry.name]
+    return FeedbackLoop(entry.measures, _law(entry), entry.commands, entry.cables)
+
+
+def _law(entry: ControllerTable) -> FeedbackLaw:
+    highest = math.inf if entry.output_max is None else entry.output_max
+    if entry.kind == "bang_bang":
+        assert entry.increment is not None, "checked with the scenario"
+        return BangBang(entry.increment, entry.band, entry.output_min, highest)
+    gains = entry.proportional_gain or 0.0, entry.integral_gain_per_s or 0.0
+    return ProportionalIntegral(*gains, entry.period_s, entry.output_min, highest)
+
+
+def device_names(scenario: Scenario) -> DeviceNames | None:
+    """Return what of devices there is to show; None where nothing is."""
+    lengths = any(map(uses_lengths, scenario.phases)) or any(
+        entry.kind == "python" or entry.commands == "cable_shortening_m" for entry in scenario.controllers
+    )
+    if not (lengths or scenario.pumps or scenario.controllers):
+        return None
+    controllers = tuple(
+        (entry.name, "" if entry.kind == "python" else entry.measures) for entry in scenario.controllers
+    )
+    pumps = tuple(entry.name for entry in scenario.pumps)
+    return DeviceNames(pumps, controllers, lengths, lengths and bool(scenario.winches))
+
+
+def device_report(scenario: Scenario) -> dict[str, str]:
+    """Return in words what is modelled of pumps, winches and controllers, by heading; empty without any."""
+    lines = {"Pumps": _pumps(scenario), "Cables": _cables(scenario), "Controllers": _controllers(scenario)}
+    return {heading: text for heading, text in lines.items() if text}
+
+
+def _pumps(scenario: Scenario) -> str:
+    return "; ".join(
+        f"{entry.name}, {1e6 * entry.flow_kg_s:g} mg/s, band {1e-3 * entry.band_Pa:g} kPa, sensor "
+        f"{1e3 * entry.sensor_delay_s:g} ms late"
+        for entry in scenario.pumps
+    )
+
+
+def _cables(scenario: Scenario) -> str:
+    names = device_names(scenario)
+    if names is None or not names.lengths:
+        return ""
+    if not scenario.winches:
+        return "lengths commanded in places, without a winch: at once"
+    winches = ((entry, build_winch(entry)) for entry in scenario.winches)
+    return "; ".join(
+        f"winch {entry.name} on {', '.join(entry.cables)}, {1e6 * winch.step_m:.3g} um a step, at most "
+        f"{1e3 * winch.speed_m_s:.3g} mm/s, stalls at {winch.stall_force_N:.3g} N"
+        for entry, winch in winches
+    )
+
+
+def _controllers(scenario: Scenario) -> str:
+    texts = []
+    for entry in scenario.controllers:
+        rate = f"every {1e3 * entry.period_s:g} ms"
+        if entry.kind == "python":
+            texts.append(f"{entry.name}, in Python, {rate}")
+        else:
+            moves = f"{entry.commands} of {', '.join(entry.cables)}"
+            texts.append(f"{entry.name}, {entry.kind}, {entry.measures} by {moves}, {rate}")
+    return "; ".join(texts)
 
 
 @final
@@ -273,3 +419,92 @@ def _pump_report(drive: PumpDrive) -> PumpReport:
     return PumpReport(
         drive.setpoint_Pa, state.on, state.venting, state.starts, state.on_s, state.delivered_kg
     )
+
+
+@final
+@dataclass(frozen=True)
+class PlannedCommandsState:
+    """What the next commands depend on.
+
+    Args:
+        gas: in the chambers.
+        devices: of pumps, winches and controllers.
+        offset: (joints,) [rad], by which controllers have moved the joints' reference.
+    """
+
+    gas: ChamberGasState
+    devices: ActuationState
+    offset: Array
+
+
+@final
+class PlannedCommands(CommandSource):
+    """Asks for what a scenario plans, and what its devices and controllers make of it.
+
+    Args:
+        scenario: checked.
+        plan: made from it.
+        soft: soft side, which devices act on and look at.
+        actuation: devices.
+    """
+
+    gas: ChamberGas
+    """What is in the chambers."""
+    actuation: Actuation
+    """Its devices."""
+
+    def __init__(self, scenario: Scenario, plan: Plan, soft: SoftSide, actuation: Actuation) -> None:
+        self._plan, self._soft, self.actuation = plan, soft, actuation
+        self._tick_s = None if scenario.mode == "quasistatic" else scenario.clock.tick_s
+        self.gas = ChamberGas(scenario.gas)
+        self._offset = FlangeOffset(len(plan.joints))
+        self._references: TickReferences | IncrementReferences | None = None
+
+    def begin_phase(self, phase: int) -> None:
+        planned = self._plan.phases[phase]
+        self.gas.begin(planned.gas, self._soft)
+        self.actuation.begin_phase(planned, self._soft)
+
+    def next(self, step: StepToTake, see: Callable[[], RobotState]) -> RobotCommand:
+        references = self._of(step.phase)
+        planned, (joints, load_factor) = references.planned, references.at(step.done)
+        self.gas.advance(self._soft, step.length_s)
+        if self.actuation.active:
+            twist = self.actuation.act(planned, self.gas, self._soft, see, load_factor)
+            joints = self._offset.moved(joints, twist, see, step.length_s)
+        asked = self.gas.between(planned.begin, planned.end, load_factor)
+        return RobotCommand(joints, self.actuation.driven(asked))
+
+    def ahead(self, phase: int, done: int, most: int | None = None) -> CommandsAhead | None:
+        references = self._of(phase)
+        if self.actuation.active or self.gas.holds_gas or isinstance(references, IncrementReferences):
+            return None
+        planned, (joints, shares) = references.planned, references.from_on(done, most)
+        begin, end, between = planned.begin, planned.end, self.gas.between
+        return CommandsAhead(joints, tuple([between(begin, end, share) for share in shares]))
+
+    def cable_tension_N(self, phase: int, done: int) -> tuple[float, ...]:
+        references = self._of(phase)
+        ramp = CommandRamp(references.planned.begin, references.planned.end)
+        return self.actuation.driven(ramp.at(references.at(done)[1])).cable_tension_N
+
+    def report(self, flange: Pose) -> ActuationReport | None:
+        return self.actuation.report(self._soft, flange)
+
+    def save_state(self) -> PlannedCommandsState:
+        gas, devices = self.gas.save_state(), self.actuation.save_state()
+        return PlannedCommandsState(gas, devices, self._offset.save_state())
+
+    def restore_state(self, state: PlannedCommandsState) -> None:
+        self.gas.restore_state(state.gas)
+        self.actuation.restore_state(state.devices)
+        self._offset.restore_state(state.offset)
+
+    def _of(self, phase: int) -> TickReferences | IncrementReferences:
+        """Return what a phase asks for, step by step."""
+        planned, found = self._plan.phases[phase], self._references
+        if found is None or found.planned is not planned:
+            tick_s = self._tick_s
+            found = IncrementReferences(planned) if tick_s is None else TickReferences(planned, tick_s)
+            self._references = found
+        return found

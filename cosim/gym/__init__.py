@@ -12,9 +12,9 @@ except ModuleNotFoundError as error:
     raise InputError("cosim.gym needs Gymnasium: pip install 'cosim[gym]'") from error
 
 ENVIRONMENTS: Final = {
-    "cosim/TipReach-v0": "cosim.gym.tip_reach:TipReach",
-    "cosim/TipFollow-v0": "cosim.gym.tip_follow:TipFollow",
-    "cosim/GraspLift-v0": "cosim.gym.grasp_lift:GraspLift",
+    "cosim/TipReach-v0": "cosim.gym.tasks:TipReach",
+    "cosim/TipFollow-v0": "cosim.gym.tasks:TipFollow",
+    "cosim/GraspLift-v0": "cosim.gym.tasks:GraspLift",
 }
 """Ids, and the class of the task of each."""
 
@@ -23,6 +23,6 @@ for _name, _task in ENVIRONMENTS.items():
         gymnasium.register(
             _name,
             entry_point="cosim.gym.environment:environment",
-            vector_entry_point="cosim.gym.vector_environment:vector_environment",
+            vector_entry_point="cosim.gym.environment:vector_environment",
             kwargs={"task": _task},
         )

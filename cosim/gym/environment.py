@@ -1,25 +1,35 @@
-"""A task as a Gymnasium environment."""
+"""A task as a Gymnasium environment, alone or many at once in processes.
+
+A task as a Gymnasium environment.
+
+Many environments of a task at once, in processes.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any, Final, TypeAlias, final
 
 import gymnasium
 import numpy as np
 from gymnasium import spaces
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from cosim.app.simulation import SavedState, Simulation
-from cosim.base.frames import Array
+from cosim.app.workers import Workers
+from cosim.base.frames import Array, Mask
 from cosim.base.kept_parts import KeptParts
+from cosim.base.whole_files import cache_directory
 from cosim.config.loading import load_scenario
 from cosim.config.schema.scenario import Scenario
-from cosim.devices.command_values import row_of_numbers, shown
-from cosim.devices.controller import Measurement
+from cosim.devices.controller import Measurement, row_of_numbers, shown
 from cosim.errors import InputError, SolverError
-from cosim.gym.task import STEP_S, LearningTask, task_of
+from cosim.gym.tasks import STEP_S, LearningTask, task_of
 
 Observation: TypeAlias = dict[str, Array]
 _BOUND: Final = 1e6
@@ -213,3 +223,165 @@ def environment(
     found = task_of(task)
     given = {**found.changes, "fidelity": fidelity or found.fidelity, **(overrides or {})}
     return TaskEnvironment(found, str(scenario or found.scenario), given, kept)
+
+
+_Step: TypeAlias = tuple[Observation, float, bool, bool, dict[str, Any]]
+
+
+@final
+class VectorRun:
+    """One environment of many, in the process that holds it; begins anew as its mode says.
+
+    Args:
+        one: the environment.
+        mode: what follows the end of an episode.
+    """
+
+    def __init__(self, one: TaskEnvironment, mode: AutoresetMode) -> None:
+        self._one, self._mode, self._ended = one, mode, False
+
+    @classmethod
+    def of(cls, mode: AutoresetMode, given: Mapping[str, Any], kept: KeptParts, k: int) -> VectorRun:
+        """Return number k; those of one process share the parts that are kept there."""
+        return cls(environment(**given, kept=kept), mode)
+
+    def spaces(self) -> tuple[Any, Any]:
+        """Return those of observations and actions."""
+        return self._one.observation_space, self._one.action_space
+
+    def reset(self, seed: int | None, options: dict[str, Any] | None) -> _Step:
+        """Begin an episode."""
+        self._ended = False
+        observation, info = self._one.reset(seed=seed, options=options)
+        return observation, 0.0, False, False, info
+
+    def step(self, action: NDArray[Any]) -> _Step:
+        """Take a step, or begin an episode in its place."""
+        if self._ended and self._mode is AutoresetMode.NEXT_STEP:
+            return self.reset(None, None)
+        observation, reward, terminated, truncated, info = self._one.step(action)
+        self._ended = terminated or truncated
+        if self._ended and self._mode is AutoresetMode.SAME_STEP:
+            last = {"final_obs": observation, "final_info": info}
+            observation, *_, info = self.reset(None, None)
+            info = {**info, **last}
+        return observation, reward, terminated, truncated, info
+
+
+@final
+class TaskVectorEnvironment(VectorEnv[Observation, NDArray[Any], Array]):
+    """Environments in processes, each bit for bit what it is alone; all three modes of autoreset.
+
+    Where a process ends, its environments stay truncated, with the last observation and "failure" in `info`.
+
+    Args:
+        count: of environments.
+        workers: processes that hold them.
+        mode: what follows the end of an episode.
+        given: arguments of `environment`.
+    """
+
+    def __init__(self, count: int, workers: int, mode: AutoresetMode, given: Mapping[str, Any]) -> None:
+        self.metadata = {"render_modes": [], "autoreset_mode": mode}
+        self.num_envs = count
+        kept = KeptParts(cache_directory())
+        self._workers = Workers(partial(VectorRun.of, mode, given, kept), count, workers)
+        spaces = self._workers.call("spaces", {0: ()})[0]
+        if isinstance(spaces, Exception):
+            self._workers.close()
+            raise spaces
+        self.single_observation_space, self.single_action_space = spaces
+        self.observation_space = batch_space(self.single_observation_space, count)
+        self.action_space = batch_space(self.single_action_space, count)
+        self._last: list[Observation] = [self.single_observation_space.sample()] * count
+
+    def reset(
+        self,
+        *,
+        seed: int | Sequence[int | None] | None = None,
+        options: dict[str, Any] | None = None,
+    ) -> tuple[Observation, dict[str, Any]]:
+        """Begin episodes: of all, or of those in `options["reset_mask"]`; `seed` + k is that of number k.
+
+        Raises:
+            InputError: an option is unknown, or one of them or a seed does not fit.
+        """
+        given = dict(options) if isinstance(options, Mapping) else options
+        mask = given.pop("reset_mask", None) if isinstance(given, dict) else None
+        chosen = np.ones(self.num_envs, dtype=bool) if mask is None else np.asarray(mask)
+        listed = seed if isinstance(seed, Sequence) else [seed] * self.num_envs
+        if len(listed) != self.num_envs or isinstance(seed, str | bytes):
+            raise InputError(f"seed is {shown(seed)}; give one, or one for each of {self.num_envs}")
+        if chosen.shape != (self.num_envs,) or chosen.dtype != bool:
+            raise InputError(
+                f"options: reset_mask is {shown(mask)}; must be {self.num_envs} times True or False"
+            )
+        for one in listed:
+            checked_options(given, one)
+        further = [0] * self.num_envs if isinstance(seed, Sequence) else range(self.num_envs)
+        seeds = [None if one is None else one + k for one, k in zip(listed, further, strict=True)]
+        asked = {k: (seeds[k], given or None) for k in np.flatnonzero(chosen).tolist()}
+        observation, *_, info = self._called("reset", asked)
+        return observation, info
+
+    def step(  # type: ignore[override]  # flags are flags
+        self, actions: NDArray[Any]
+    ) -> tuple[Observation, Array, Mask, Mask, dict[str, Any]]:
+        """Take a step of all.
+
+        Args:
+            actions: (environments, actions), cut down to -1 to 1.
+
+        Raises:
+            InputError: they are not as many rows of finite numbers; no environment has taken a step.
+        """
+        rows = list(actions) if np.iterable(actions) else []
+        if len(rows) != self.num_envs:
+            raise InputError(f"actions are {shown(actions)}; must have the shape {self.action_space.shape}")
+        count = math.prod(self.single_action_space.shape or ())
+        asked = {k: (finite_row(row, count, f"actions[{k}]"),) for k, row in enumerate(rows)}
+        return self._called("step", asked)
+
+    @property
+    def processes(self) -> tuple[int, ...]:
+        """Number of the process of each worker; environment k is in worker k modulo their number."""
+        return self._workers.processes
+
+    def close_extras(self, **kwargs: Any) -> None:
+        """End the processes."""
+        self._workers.close()
+
+    def _called(
+        self, method: str, arguments: Mapping[int, tuple[Any, ...]]
+    ) -> tuple[Observation, Array, Mask, Mask, dict[str, Any]]:
+        found = self._workers.call(method, arguments)
+        reward, info = np.zeros(self.num_envs), dict[str, Any]()
+        terminated, truncated = np.zeros((2, self.num_envs), dtype=bool)
+        for k, answer in found.items():
+            if isinstance(answer, InputError) and method == "reset":
+                raise answer
+            if isinstance(answer, Exception):
+                truncated[k] = True
+                info = self._add_info(info, {"failure": f"{type(answer).__name__}: {answer}"}, k)
+                continue
+            self._last[k], reward[k], terminated[k], truncated[k], own = answer
+            info = self._add_info(info, own, k)
+        stacked = {name: np.stack([one[name] for one in self._last]) for name in self._last[0]}
+        return stacked, reward, terminated, truncated, info
+
+
+def vector_environment(
+    num_envs: int = 1,
+    workers: int = 1,
+    autoreset_mode: AutoresetMode = AutoresetMode.NEXT_STEP,
+    **given: Any,
+) -> TaskVectorEnvironment:
+    """Return environments of a task.
+
+    Args:
+        num_envs: how many.
+        workers: processes that hold them.
+        autoreset_mode: what follows the end of an episode.
+        given: arguments of `environment`.
+    """
+    return TaskVectorEnvironment(num_envs, workers, AutoresetMode(autoreset_mode), given)

@@ -1,8 +1,20 @@
-"""A serial arm as a Pinocchio model: poses, Jacobians and dynamics."""
+"""A serial arm as a Pinocchio model: poses, Jacobians and dynamics.
+
+How far a flange is from a place and a direction of its z axis; the roll about that axis is free.
+
+Ten numbers of a rigid body in which joint torques are linear.
+
+    (m, m c, I_xx, I_xy, I_yy, I_xz, I_yz, I_zz)    I about the frame's origin, not about the centre c.
+
+Source: Siciliano et al., Robotics: Modelling, Planning and Control, 2009, section 7.2; order as in Pinocchio.
+
+The Pinocchio model of an arm.
+"""
 
 from __future__ import annotations
 
 import math
+import xml.etree.ElementTree as ElementTree
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final, final
@@ -11,11 +23,120 @@ import numpy as np
 import pinocchio as pin
 
 from cosim.base.arm_file import ArmFile
-from cosim.base.frames import Array, Pose
+from cosim.base.frames import Array, Pose, cross_matrix
 from cosim.errors import InputError
-from cosim.kinematics.arm_model import model_of
-from cosim.kinematics.axis_error import axis_error
-from cosim.kinematics.inertial_parameters import COUNT, change_of_frame
+
+_LEAST_SINE = 1e-12
+
+
+def axis_error(flange: Pose, jacobian: Array, target: Pose) -> tuple[Array, Array]:
+    """Return e (5,) and de/dq (5, joints): way to the target's origin [m], turn to its z axis [rad].
+
+    In flange axes. r = R^T (p_target - p), u = R^T z_target; the turn is about z x u / |z x u|, by the angle
+    between both, so its z component is zero and left out. dr = [r]x w - v, du = [u]x w with the flange's own
+    twist (v, w) = J dq.
+
+    Args:
+        flange: world_from_flange.
+        jacobian: J (6, joints) of the flange, linear then angular, flange axes.
+        target: world_from_flange.
+    """
+    r = flange.rotation.T @ (target.translation - flange.translation)
+    u = flange.rotation.T @ target.rotation[:, 2]
+    linear = cross_matrix(r) @ jacobian[3:] - jacobian[:3]
+    change = cross_matrix(u) @ jacobian[3:]
+    across, d_across = np.array([-u[1], u[0]]), np.stack([-change[1], change[0]])
+    sine, cosine = float(np.hypot(*across)), float(u[2])
+    if sine < _LEAST_SINE:  # along the target, or opposite to it, where any axis serves
+        turn = np.zeros(2) if cosine > 0.0 else np.array([np.pi, 0.0])
+        return np.concatenate([r, turn]), np.concatenate([linear, d_across])
+    angle, unit = float(np.arctan2(sine, cosine)), across / sine
+    d_sine = unit @ d_across
+    d_angle = cosine * d_sine - sine * change[2]
+    d_unit = (d_across - np.outer(unit, d_sine)) / sine
+    d_turn = np.outer(unit, d_angle) + angle * d_unit
+    return np.concatenate([r, angle * unit]), np.concatenate([linear, d_turn])
+
+
+COUNT: Final = 10
+_ROWS, _COLUMNS = np.array([0, 0, 1, 0, 1, 2]), np.array([0, 1, 1, 2, 2, 2])
+
+
+def inertial_parameters(mass_kg: float, center: Array, inertia: Array) -> Array:
+    """Return the parameters (10,) of a body.
+
+    Args:
+        mass_kg: total.
+        center: (3,) [m], of mass.
+        inertia: (3, 3) [kg m^2], about the centre, axes of the frame.
+    """
+    offset = cross_matrix(center)
+    about_origin = inertia - mass_kg * offset @ offset
+    return np.concatenate([[mass_kg], mass_kg * center, about_origin[_ROWS, _COLUMNS]])
+
+
+def change_of_frame(frame_from_body: Pose) -> Array:
+    """Return T (10, 10): parameters in a frame = T parameters in the body's own axes.
+
+    With the second moments S = trace(I) / 2 1 - I, which are a sum of m x x^T, all moves as points do:
+        [S, m c; (m c)^T, m] -> H [S, m c; (m c)^T, m] H^T,    H = [R, t; 0, 1].
+    """
+    homogeneous = np.eye(4)
+    homogeneous[:3, :3], homogeneous[:3, 3] = frame_from_body.rotation, frame_from_body.translation
+    columns = []
+    for unit in np.eye(COUNT):
+        moved = homogeneous @ _moments(unit) @ homogeneous.T
+        second = moved[:3, :3]
+        inertia = np.trace(second) * np.eye(3) - second
+        columns.append(np.concatenate([[moved[3, 3]], moved[:3, 3], inertia[_ROWS, _COLUMNS]]))
+    return np.stack(columns, axis=1)
+
+
+def _moments(parameters: Array) -> Array:
+    """Return the sum (4, 4) of m (x, 1) (x, 1)^T of a body with such parameters (10,)."""
+    inertia = np.empty((3, 3))
+    inertia[_ROWS, _COLUMNS] = inertia[_COLUMNS, _ROWS] = parameters[4:]
+    result = np.empty((4, 4))
+    result[:3, :3] = 0.5 * np.trace(inertia) * np.eye(3) - inertia
+    result[:3, 3] = result[3, :3] = parameters[1:4]
+    result[3, 3] = parameters[0]
+    return result
+
+
+def model_of(arm: ArmFile) -> pin.Model:
+    """Return the model of an arm's chain; joints are those of the arm, with an angle each.
+
+    Raises:
+        InputError: Pinocchio cannot read it, or finds other joints.
+    """
+    try:
+        model = pin.buildModelFromXML(_bare_chain(arm))
+    except (RuntimeError, ValueError) as error:
+        text = str(error).replace("\n", ", ")
+        raise InputError(f"arm {arm.name!r}: Pinocchio cannot read {arm.path}: {text}") from None
+    if model.nq != model.nv or tuple(model.names[1:]) != arm.joint_names:
+        raise InputError(f"arm {arm.name!r}: joints {tuple(model.names[1:])}, expected {arm.joint_names}")
+    return model
+
+
+def _bare_chain(arm: ArmFile) -> str:
+    """Return the chain without shapes, and with continuous joints as revolute ones.
+
+    Of a continuous joint Pinocchio would have cosine and sine in place of the angle; shapes it does not need,
+    but complains about.
+    """
+    robot = ElementTree.fromstring(arm.urdf)
+    for link in robot.findall("link"):
+        for shape in [*link.findall("visual"), *link.findall("collision")]:
+            link.remove(shape)
+    for joint in robot.findall("joint"):
+        if joint.get("type") == "continuous":
+            joint.set("type", "revolute")
+            for limit in joint.findall("limit"):
+                limit.set("lower", "-1e6")
+                limit.set("upper", "1e6")
+    return ElementTree.tostring(robot, encoding="unicode")
+
 
 _POSE_FREEDOMS: Final = 6
 _STANDARD_GRAVITY = (0.0, 0.0, -9.81)

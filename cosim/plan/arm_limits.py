@@ -13,7 +13,7 @@ from cosim.base.frames import Array, IntArray, Mask
 from cosim.base.shown import Shown
 
 if TYPE_CHECKING:  # a scene without an arm waits for neither engine
-    from cosim.base.link_contact import LinkContact
+    from cosim.base.solid import LinkContact
     from cosim.kinematics.arm import Arm
 
 TRACKING_BOUND_RAD: Final = 0.1

@@ -12,11 +12,9 @@ from cosim.base.frames import Array, IntArray, Mask, Pose
 from cosim.coupling.soft_sides.soft_side import MassProperties
 from cosim.errors import ScenarioError
 from cosim.plan.arm_limits import ArmLimits, PathClearances, PlannedArm
-from cosim.plan.joint_path import JointPath, JointReference
-from cosim.plan.paths.phase_motion import AnyWay
-from cosim.plan.paths.planning import JointPlanner
+from cosim.plan.motion import JointPath, JointReference, progress
 from cosim.plan.plan import PhasePlan, Plan
-from cosim.plan.ramp import progress
+from cosim.plan.planning import AnyWay, JointPlanner
 from cosim.soft.body.body import SoftBody
 
 if TYPE_CHECKING:

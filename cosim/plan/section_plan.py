@@ -1,11 +1,17 @@
 """Whether a plan stays within the range of a section model, before anything runs.
 
+How far a soft arm swings that is carried along a path: as one oscillator that is shaken at its foot.
+
+Whether a plan stays within the range of a section model, before anything runs.
+
 The plan is walked through on the statics; where a phase accelerates the flange, gravity is replaced by g - y,
 with y what the arm's swing comes to (`swing`).
 """
 
 from __future__ import annotations
 
+import math
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final, final
 
 import numpy as np
@@ -15,17 +21,77 @@ from cosim.config.schema.phase import PhaseTable
 from cosim.config.schema.scenario import Scenario
 from cosim.coupling.soft_sides.soft_side import SoftSide
 from cosim.errors import ConvergenceError, OutOfRangeError, ScenarioError
-from cosim.plan.chamber_gas import ChamberGas
 from cosim.plan.decision import SECTION_RANGE, Decision
-from cosim.plan.paths.phase_drafts import start_equilibrium
-from cosim.plan.plan import PhasePlan, Plan
-from cosim.plan.ramp import Progress
-from cosim.plan.robot_command import loads_of
-from cosim.plan.swing import FlangeAcceleration
+from cosim.plan.motion import Progress, progress
+from cosim.plan.plan import ChamberGas, PhasePlan, Plan, loads_of
+from cosim.plan.planning import start_equilibrium
 from cosim.soft.solve.state import Equilibrium
 
 if TYPE_CHECKING:
     from cosim.kinematics.arm import Arm
+
+
+_SAMPLES = 41  # of a phase, at least
+_TAIL_MAX = 2000  # samples after it
+
+
+@final
+@dataclass(frozen=True)
+class FlangeAcceleration:
+    """Accelerations of the flange's origin, and the arm's rest after them.
+
+    Args:
+        fractions: (k,) progress of the phase.
+        values: (k, 3) [m/s^2], world.
+        step_s: between them.
+    """
+
+    fractions: Array
+    values: Array
+    step_s: float
+
+    @classmethod
+    def of(cls, arm: Arm, planned: PhasePlan) -> FlangeAcceleration | None:
+        """Return those of a phase; None where the flange rests, or leaps, which has none."""
+        phase, path = planned.phase, planned.joints
+        if path.spline is None or phase.ramp == "step":
+            return None
+        count = max(_SAMPLES, 2 * len(path.spline.x))
+        step_s = phase.duration_s / (count - 1)
+        # a sample before and one after: a linear ramp leaps from rest to its speed
+        ways = [progress(phase.ramp, k * step_s, phase.duration_s) for k in range(-1, count + 1)]
+        x = np.array([arm.forward(path.at(way).position).translation for way in ways])
+        fractions = np.array([way.value for way in ways[1:-1]])
+        return cls(fractions, np.diff(x, n=2, axis=0) / step_s**2, step_s)
+
+    @property
+    def largest(self) -> Array:
+        """(3,) [m/s^2], where it is largest."""
+        return np.asarray(self.values[int(np.argmax(np.linalg.norm(self.values, axis=1)))])
+
+    def swing(self, rate_rad_s: float) -> tuple[float, Array]:
+        """Return when an undamped oscillator is farthest, and what lasting acceleration does that.
+
+        y'' = w^2 (a - y), exact for an acceleration a that is even between samples. Slow motions give y = a,
+        a sudden acceleration that lasts up to y = 2 a, a short one less than a.
+
+        Args:
+            rate_rad_s: w.
+
+        Returns:
+            Progress of the phase; acceleration y (3,) [m/s^2] of its foot.
+        """
+        tail = min(_TAIL_MAX, math.ceil(2.0 * math.pi / (rate_rad_s * self.step_s)))
+        angle = rate_rad_s * self.step_s
+        cosine, sine = math.cos(angle), math.sin(angle)
+        y, rate = np.zeros(3), np.zeros(3)  # rate: y' / w
+        farthest, place = y, 0
+        for k, a in enumerate([*self.values, *np.zeros((tail, 3))]):
+            y, rate = a + cosine * (y - a) + sine * rate, cosine * rate - sine * (y - a)
+            if y @ y > farthest @ farthest:
+                farthest, place = y, k
+        return float(self.fractions[min(place, len(self.fractions) - 1)]), farthest
+
 
 _PIECES = 20  # of a phase
 _SLOW = 0.1  # share of gravity below which an acceleration bends no arm out of its range

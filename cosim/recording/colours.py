@@ -1,13 +1,20 @@
-"""Colours: one palette for things, one perceptual scale for stress."""
+"""Colours: one palette for things, one perceptual scale for the film's stress.
+
+Colours: one palette for things, one perceptual scale for stress.
+
+Colours of the film: its stress on a perceptual scale, softly lit so that the shape reads.
+"""
 
 from __future__ import annotations
 
-from typing import Final, TypeAlias
+from typing import Final, TypeAlias, final
 
 import numpy as np
+from numba import float64, uint32, void
 from numpy.typing import NDArray
 
-from cosim.base.frames import Array
+from cosim.base.frames import Array, IntArray
+from cosim.base.kernels import BLOCKS, INDEX_TABLE, MATRIX, VECTOR, kernel
 
 Colour: TypeAlias = tuple[int, int, int]
 Rgba: TypeAlias = NDArray[np.uint8]
@@ -80,3 +87,83 @@ def _linear_srgb(lightness: Array, chroma: Array, hue: Array) -> Array:
         ]
     )
     return np.asarray(cone_roots**3 @ to_srgb.T)
+
+
+_LIGHT: Final = np.array([0.35, -0.62, 0.70]) / np.linalg.norm([0.35, -0.62, 0.70])
+_AMBIENT: Final = 0.62
+"""Light that reaches every face: high, so that shading does not hide the scale."""
+
+
+@kernel(
+    void(BLOCKS, INDEX_TABLE, MATRIX, VECTOR, VECTOR, MATRIX, VECTOR, float64, uint32[:, ::1]), allocates=True
+)
+def colour_nodes(x, triangles, stress, weight, stress_range, scale, light, ambient, packed):  # type: ignore[no-untyped-def]
+    """Fill packed (k, n) with the colour of each node in k frames as 0xRRGGBBAA; see `MembraneColours`.
+
+    weight: (n,) one over the number of triangles; scale: (colours, 3).
+    """
+    last = scale.shape[0] - 1
+    sums = np.empty((x.shape[1], 4))
+    for f in range(x.shape[0]):
+        sums[:] = 0.0
+        for e in range(triangles.shape[0]):
+            a, b, c = triangles[e, 0], triangles[e, 1], triangles[e, 2]
+            u0, u1, u2 = x[f, b, 0] - x[f, a, 0], x[f, b, 1] - x[f, a, 1], x[f, b, 2] - x[f, a, 2]
+            v0, v1, v2 = x[f, c, 0] - x[f, a, 0], x[f, c, 1] - x[f, a, 1], x[f, c, 2] - x[f, a, 2]
+            n0, n1, n2 = u1 * v2 - u2 * v1, u2 * v0 - u0 * v2, u0 * v1 - u1 * v0
+            for node in (a, b, c):
+                sums[node, 0] += stress[f, e]
+                sums[node, 1] += n0
+                sums[node, 2] += n1
+                sums[node, 3] += n2
+        for i in range(x.shape[1]):
+            place = (sums[i, 0] * weight[i] - stress_range[0]) / (stress_range[1] - stress_range[0])
+            index = 0
+            if place > 0.0:  # what is not a number is not
+                index = int(min(place, 1.0) * last + 0.5)
+            n0, n1, n2 = sums[i, 1], sums[i, 2], sums[i, 3]
+            length = max(np.sqrt(n0 * n0 + n1 * n1 + n2 * n2), 1e-30)
+            facing = (n0 * light[0] + n1 * light[1] + n2 * light[2]) / length
+            bright = ambient + (1.0 - ambient) * (0.5 + 0.5 * facing)  # half-Lambert
+            red, green = int(scale[index, 0] * bright), int(scale[index, 1] * bright)
+            packed[f, i] = (red << 24) | (green << 16) | (int(scale[index, 2] * bright) << 8) | 0xFF
+
+
+@final
+class MembraneColours:
+    """Turns stress per triangle into packed colours per node.
+
+    The light is worked into the colours: logging normals instead would double the file.
+
+    Args:
+        triangles: (m, 3) node indices, outward orientation.
+        nodes: number of nodes.
+        stress_range_Pa: stress of the first and last colour of the scale [Pa].
+    """
+
+    def __init__(self, triangles: IntArray, nodes: int, stress_range_Pa: tuple[float, float]) -> None:
+        self._triangles = np.ascontiguousarray(triangles, dtype=np.int64)
+        self._range = np.array(stress_range_Pa)
+        self._scale = stress_scale()[:, :3].astype(np.float64)
+        self._share = 1.0 / np.maximum(np.bincount(self._triangles.ravel(), minlength=nodes), 1)
+
+    def packed(self, positions: Array, stress: Array) -> NDArray[np.uint32]:
+        """Return the colour of each node in each frame (k, n) as 0xRRGGBBAA.
+
+        Args:
+            positions: (k, n, 3) [m], world.
+            stress: (k, m) [Pa]; each node shows the mean of its triangles.
+        """
+        packed = np.empty(positions.shape[:2], dtype=np.uint32)
+        colour_nodes(
+            positions,
+            self._triangles,
+            stress,
+            self._share,
+            self._range,
+            self._scale,
+            _LIGHT,
+            _AMBIENT,
+            packed,
+        )
+        return packed

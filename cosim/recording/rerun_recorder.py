@@ -15,15 +15,12 @@ import rerun as rr
 
 from cosim.base.frames import IntArray
 from cosim.errors import InputError, OutputError
-from cosim.recording.blueprint import blueprint
-from cosim.recording.camera import close_eye, scene_eye
+from cosim.recording.blueprint import blueprint, close_eye, log_stress_legend, scene_eye
 from cosim.recording.colours import series_colours
-from cosim.recording.column_buffer import PlotBuffer, time_columns
+from cosim.recording.columns import PlotBuffer, time_columns
 from cosim.recording.plots import plots_of
 from cosim.recording.recorder import Recorder, RecordingPart
-from cosim.recording.rigid_mesh import log_rigid_meshes
-from cosim.recording.scene import Scene
-from cosim.recording.stress_legend import log_stress_legend
+from cosim.recording.scene import Scene, log_rigid_meshes
 from cosim.telemetry.snapshot import RunInfo, Snapshot
 from cosim.telemetry.tick_batch import TickBatch
 

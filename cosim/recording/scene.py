@@ -1,28 +1,320 @@
-"""The three-dimensional part of a recording."""
+"""The three-dimensional part of a recording.
+
+Sharp edges of the drawn shape, drawn as lines so that an evenly coloured film keeps its form.
+
+Rigid bodies as lit meshes.
+
+Weight and flange wrench as arrows with their sizes written beside them.
+
+The tip's path and the point it is sent to.
+"""
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from typing import Final, TypeAlias, final
 
 import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
-from rerun.components import ColorBatch, Position3DBatch, RotationQuatBatch, Translation3DBatch
+from rerun.components import (
+    ColorBatch,
+    Position3DBatch,
+    RotationQuatBatch,
+    TextBatch,
+    Translation3DBatch,
+    Vector3DBatch,
+)
 
-from cosim.base.frames import Array, IntArray
-from cosim.recording.blueprint import FOLLOW
-from cosim.recording.camera import close_eye, soft_size
-from cosim.recording.colours import GREY, ORANGE
-from cosim.recording.columns import column
-from cosim.recording.creases import crease_lines
-from cosim.recording.line_strips import send_lines, style_lines
-from cosim.recording.loads import LoadArrows
-from cosim.recording.membrane_colours import MembraneColours
-from cosim.recording.rigid_mesh import body_path
-from cosim.recording.tip import TipMarks
+from cosim.base.frames import Array, IntArray, cross
+from cosim.base.shown import BodyShape
+from cosim.recording.blueprint import FOLLOW, TIP_PATH, Eye, close_eye, soft_size
+from cosim.recording.colours import (
+    FLOOR_SHADE,
+    GREEN,
+    GREY,
+    ORANGE,
+    PINK,
+    SKY,
+    VERMILION,
+    WHITE,
+    MembraneColours,
+)
+from cosim.recording.columns import column, send_lines, style_lines
+from cosim.soft.geometry.surface import dihedral_angle, interior_hinges
 from cosim.telemetry.snapshot import RunInfo, Snapshot
 from cosim.telemetry.tick_batch import TickBatch
+
+
+def crease_lines(positions: Array, triangles: IntArray) -> list[IntArray]:
+    """Return the edges that fold outward by less than a right angle, joined into lines.
+
+    On a drawn chamber these are the welds between its films.
+
+    Args:
+        positions: (n, 3) [m].
+        triangles: (m, 3) node indices, outward orientation.
+
+    Returns:
+        Node indices of each line; closed lines end with their first node.
+    """
+    hinges = interior_hinges(triangles)
+    edges = hinges[dihedral_angle(positions, hinges) < 0.5 * np.pi, 1:3]
+    neighbours: dict[int, list[int]] = {}
+    for a, b in edges.tolist():
+        neighbours.setdefault(a, []).append(b)
+        neighbours.setdefault(b, []).append(a)
+    # Open lines first, from their ends; what is left then are closed ones.
+    starts = sorted(neighbours, key=lambda node: len(neighbours[node]) == 2)
+    lines = (_walk(start, neighbours) for start in starts)
+    return [np.array(line) for line in lines if len(line) > 1]
+
+
+def _walk(start: int, neighbours: dict[int, list[int]]) -> list[int]:
+    """Follow edges from a node as far as they go, and use them up."""
+    line = [start]
+    while neighbours[line[-1]]:
+        here, there = line[-1], neighbours[line[-1]].pop()
+        neighbours[there].remove(here)
+        line.append(there)
+    return line
+
+
+FLOOR_NAME: Final = "floor"
+_SHARP: Final = float(np.cos(np.radians(35.0)))
+
+
+def body_path(name: str) -> str:
+    """Return the entity of a rigid body."""
+    return f"/world/rigid/{rr.escape_entity_path_part(name)}"
+
+
+def log_rigid_meshes(stream: rr.RecordingStream, stage: RunInfo) -> None:
+    """Log the shapes of all bodies below their entities, which are moved."""
+    count: Counter[int] = Counter()
+    for shape in stage.shapes:
+        name = stage.body_names[shape.body]
+        stream.log(f"{body_path(name)}/{count[shape.body]}", rigid_mesh(shape, name), static=True)
+        count[shape.body] += 1
+
+
+def rigid_mesh(shape: BodyShape, body: str) -> rr.Mesh3D:
+    """Return a mesh with normals, smooth over curved faces and sharp at edges.
+
+    Args:
+        shape: what is drawn.
+        body: its body's name; the floor is darkened, so that it stays behind what stands on it.
+    """
+    corners = shape.vertices[shape.triangles].reshape(-1, 3)
+    shade = (*FLOOR_SHADE, 1.0) if body == FLOOR_NAME else (1.0, 1.0, 1.0, 1.0)
+    return rr.Mesh3D(
+        vertex_positions=corners.astype(np.float32),
+        vertex_normals=corner_normals(shape.vertices, shape.triangles).astype(np.float32),
+        triangle_indices=np.arange(len(corners), dtype=np.uint32).reshape(-1, 3),
+        albedo_factor=[round(255 * part * factor) for part, factor in zip(shape.rgba, shade, strict=True)],
+    )
+
+
+def corner_normals(vertices: Array, triangles: IntArray) -> Array:
+    """Return a normal for each corner of each triangle.
+
+    The area-weighted mean over those triangles at the corner's vertex that turn less than 35 degrees
+    away from the corner's own.
+
+    Args:
+        vertices: (n, 3) [m].
+        triangles: (m, 3) node indices.
+
+    Returns:
+        (3 m, 3), unit length; zero for triangles without area.
+    """
+    a, b, c = (vertices[triangles[:, k]] for k in range(3))
+    area = np.ascontiguousarray(cross(b - a, c - a).T)
+    face = area / np.maximum(np.sqrt((area * area).sum(axis=0)), 1e-30)
+    corner, neighbour = _corners_that_meet(triangles.ravel())
+    one, other = corner // 3, neighbour // 3
+    near = sum(axis[one] * axis[other] for axis in face) > _SHARP
+    corner, other = corner[near], other[near]
+    normals = np.stack([np.bincount(corner, axis[other], 3 * len(triangles)) for axis in area])
+    return np.asarray((normals / np.maximum(np.sqrt((normals * normals).sum(axis=0)), 1e-30)).T)
+
+
+def _corners_that_meet(vertex: IntArray) -> tuple[IntArray, IntArray]:
+    """Return all pairs of corners at one vertex, each with itself too: two arrays of corners."""
+    order = np.argsort(vertex, kind="stable")
+    count = np.bincount(vertex)
+    first = np.cumsum(count) - count  # of each vertex in `order`
+    many = count[vertex[order]]
+    place = np.arange(many.sum()) - np.repeat(np.cumsum(many) - many - first[vertex[order]], many)
+    return np.repeat(order, many), order[place]
+
+
+_WEIGHT_ARROW: Final = 0.33
+"""Length of the weight's arrow over the size of the soft robot; all forces share its scale."""
+_ARC_RADIUS: Final = 0.3
+"""Radius of a torque's arc over the size of the soft robot."""
+_ARC_AT_REFERENCE: Final = np.radians(270.0)
+"""Angle of the arc of a torque of weight times half the size of the soft robot."""
+_ARC_LONGEST: Final = np.radians(330.0)
+_ARC_POINTS: Final = 20
+_HEAD: Final = 3
+"""Points of the arc that its arrow head replaces."""
+_SMALLEST_ARC: Final = np.radians(8.0)
+_SMALLEST_ARROW_M: Final = 4e-3
+_RADIUS_M: Final = 2.2e-3
+
+
+@final
+class LoadArrows:
+    """Draws the soft robot's weight and the wrench that it exerts on the flange.
+
+    The force ends at the flange with its head, the torque turns about it. Arrows inside film or
+    wrist would not be seen, so all are moved towards the camera.
+
+    Args:
+        stream: to write to.
+        stage: what is run.
+        size_m: of the soft robot [m].
+        eye: camera from which they are to be seen.
+    """
+
+    def __init__(self, stream: rr.RecordingStream, stage: RunInfo, size_m: float, eye: Eye) -> None:
+        self._stream = stream
+        self._weight_N = stage.soft_weight_N
+        self._down = stage.gravity / max(float(np.linalg.norm(stage.gravity)), 1e-30)
+        self._metres_per_N = _WEIGHT_ARROW * size_m / max(stage.soft_weight_N, 1.0)
+        self._radians_per_Nm = _ARC_AT_REFERENCE / (0.5 * size_m * max(stage.soft_weight_N, 1.0))
+        self._arc_radius = _ARC_RADIUS * size_m
+        self._towards_eye = eye.direction
+        self._before_film = 0.2 * size_m * eye.direction
+        self._before_wrist = 0.3 * size_m * eye.direction
+        self._beside = 0.27 * size_m * eye.left
+        self._log_styles()
+
+    def send(self, frames: TickBatch, centre: Array, times: Sequence[rr.TimeColumn]) -> None:
+        """Write frames.
+
+        Args:
+            frames: in the order of time.
+            centre: (frames, 3) [m], of the film.
+            times: time columns of the same length.
+        """
+        force, torque = frames.flange_force, frames.flange_torque
+        flange, centre = frames.flange_position + self._before_wrist, centre + self._before_film
+        weight = np.tile(self._metres_per_N * self._weight_N * self._down, (len(frames), 1))
+        pull = self._metres_per_N * force
+        self._send_arrows("weight", centre, weight, times)
+        self._send_labels("weight", centre + weight + self._beside, None, times)
+        self._send_arrows("flange_force", flange - pull, pull, times)
+        sizes = zip(np.linalg.norm(force, axis=1), np.linalg.norm(torque, axis=1), strict=True)
+        texts = [f"on flange\n{newton:.1f} N\n{moment:.2f} N m" for newton, moment in sizes]
+        self._send_labels("flange_force", flange - 0.6 * pull + self._beside, texts, times)
+        self._send_arcs(flange, torque, times)
+
+    def _log_styles(self) -> None:
+        """Log once what does not change: colours, radii and the weight's label."""
+        arrows = (("weight", WHITE), ("flange_force", VERMILION), ("flange_torque/head", SKY))
+        for name, colour in arrows:
+            style = rr.Arrows3D.from_fields(colors=[colour], radii=[_RADIUS_M])
+            self._stream.log(f"/world/loads/{name}", style, static=True)
+        for name, labels in (("weight", [f"weight {self._weight_N:.1f} N"]), ("flange_force", None)):
+            label = rr.Points3D.from_fields(colors=[WHITE], radii=[1e-4], labels=labels)
+            self._stream.log(f"/world/loads/{name}/label", label, static=True)
+        style_lines(self._stream, "/world/loads/flange_torque", _RADIUS_M, SKY)
+
+    def _send_arrows(self, name: str, origins: Array, vectors: Array, times: Sequence[rr.TimeColumn]) -> None:
+        # Without length an arrow has no direction to be drawn in.
+        shown = np.linalg.norm(vectors, axis=1) > _SMALLEST_ARROW_M
+        columns = _arrows(origins[shown], vectors[shown], shown.astype(np.int64))
+        self._stream.send_columns(f"/world/loads/{name}", times, columns)
+
+    def _send_labels(
+        self, name: str, places: Array, texts: list[str] | None, times: Sequence[rr.TimeColumn]
+    ) -> None:
+        columns = [column(rr.Points3D, "positions", Position3DBatch(places))]
+        if texts is not None:
+            columns.append(column(rr.Points3D, "labels", TextBatch(texts)))
+        self._stream.send_columns(f"/world/loads/{name}/label", times, columns)
+
+    def _send_arcs(self, centres: Array, torque: Array, times: Sequence[rr.TimeColumn]) -> None:
+        """Draw each torque as an arc that turns about it, with an arrow head."""
+        size = np.linalg.norm(torque, axis=1)
+        angle = np.minimum(self._radians_per_Nm * size, _ARC_LONGEST)
+        shown = angle > _SMALLEST_ARC
+        rows = shown.astype(int)
+        axis = torque[shown] / size[shown, None]
+        # The arc begins where it is farthest from the line of sight, so that it opens to the camera.
+        across = np.cross(axis, self._towards_eye)
+        across[np.linalg.norm(across, axis=1) < 0.3] = (0.0, 0.0, 1.0)
+        first = across - np.einsum("fa,fa->f", across, axis)[:, None] * axis
+        first /= np.linalg.norm(first, axis=1, keepdims=True)
+        second = np.cross(axis, first)
+        turn = (np.linspace(0.0, 1.0, _ARC_POINTS) * angle[shown, None])[:, :, None]
+        circle = np.cos(turn) * first[:, None] + np.sin(turn) * second[:, None]
+        points = centres[shown, None] + self._arc_radius * circle
+        drawn = points[:, :-_HEAD]
+        send_lines(
+            self._stream, "/world/loads/flange_torque", times, drawn.reshape(-1, 3),
+            np.full(len(drawn), drawn.shape[1]), rows,
+        )  # fmt: skip
+        tail = points[:, -_HEAD - 1]
+        heads = _arrows(tail, points[:, -1] - tail, rows)
+        self._stream.send_columns("/world/loads/flange_torque/head", times, heads)
+
+
+def _arrows(origins: Array, vectors: Array, rows: IntArray) -> list[rr.ComponentColumn]:
+    """Return the columns of arrows, so many in each row."""
+    return [
+        column(rr.Arrows3D, "origins", Position3DBatch(origins), rows),
+        column(rr.Arrows3D, "vectors", Vector3DBatch(vectors), rows),
+    ]
+
+
+_TARGET: Final = "/world/target"
+_CROSS_M: Final = 0.06
+_CROSS_RADIUS_M: Final = 1.3e-3
+_PATH_RADIUS_M: Final = 8e-4
+
+
+@final
+class TipMarks:
+    """Draws the path as one step per frame, which the viewer joins, and the target as a cross.
+
+    Args:
+        stream: to write to.
+        start: (3,) [m], tip before the first frame.
+    """
+
+    def __init__(self, stream: rr.RecordingStream, start: Array) -> None:
+        self._stream = stream
+        self._tip = start
+        style_lines(stream, TIP_PATH, _PATH_RADIUS_M, PINK)
+        style_lines(stream, _TARGET, _CROSS_RADIUS_M, GREEN)
+        label = rr.Points3D.from_fields(colors=[GREEN], radii=[1e-4], labels=["target"])
+        stream.log(f"{_TARGET}/label", label, static=True)
+
+    def send(self, frames: TickBatch, times: Sequence[rr.TimeColumn]) -> None:
+        """Write frames; `times` has as many rows."""
+        tips = np.concatenate([self._tip[None], frames.tip_position])
+        self._tip = tips[-1]
+        steps = np.stack([tips[:-1], tips[1:]], axis=1)
+        ones = np.ones(len(frames), dtype=np.int64)
+        send_lines(self._stream, TIP_PATH, times, steps.reshape(-1, 3), 2 * ones, ones)
+        given = frames.has_tip_target
+        target, tip = frames.tip_target[given], frames.tip_position[given]
+        # where a component is free (not a number), the tip's own
+        self._send_targets(np.where(np.isnan(target), tip, target), given.astype(np.int64), times)
+
+    def _send_targets(self, targets: Array, rows: IntArray, times: Sequence[rr.TimeColumn]) -> None:
+        """Write targets (m, 3) [m], so many in each row."""
+        arms = 0.5 * _CROSS_M * np.stack([-np.eye(3), np.eye(3)], axis=1)
+        points = (targets[:, None, None] + arms).reshape(-1, 3)
+        send_lines(self._stream, _TARGET, times, points, np.full(3 * len(targets), 2), 3 * rows)
+        below = Position3DBatch(targets - (0.0, 0.0, 0.5 * _CROSS_M))
+        columns = [column(rr.Points3D, "positions", below, rows)]
+        self._stream.send_columns(f"{_TARGET}/label", times, columns)
+
 
 Single: TypeAlias = NDArray[np.float32]
 

@@ -8,11 +8,9 @@ from typing import final
 import numpy as np
 
 from cosim.base.frames import Array, IntArray
-from cosim.reduced.sections.assembly import combine_points, gas_volume
-from cosim.reduced.sections.pressure_spline import TERMS, PressureSpline
+from cosim.reduced.sections.assembly import chain_points, combine_points, gas_volume, gas_volumes
 from cosim.reduced.sections.ring_frames import RingFrames, frames_from_strains, strains
-from cosim.reduced.sections.section_energy import HIGH
-from cosim.reduced.sections.shapes import chain_points, gas_volumes
+from cosim.reduced.sections.section_energy import HIGH, TERMS, PressureSpline
 from cosim.soft.body.body import SoftBody
 
 _REACH_PRESSURES = 20

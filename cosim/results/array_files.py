@@ -1,25 +1,231 @@
 """The arrays of a run on disk: written part by part while it lasts, read back as one.
 
+Arrays as columns of Parquet files: an array of any shape is one column, one row per tick or frame.
+
+Rows of several numbers are fixed-shape tensors, which any reader of Arrow knows as lists of fixed length.
+What a column holds stands in its metadata, what the file is of in that of the file.
+
+What does not change during a run, as values of JSON in the files of its arrays.
+
+What only engines can tell (the film's stress at given nodes) and what is only drawn is not kept.
+
+The arrays of a run on disk: written part by part while it lasts, read back as one.
+
 A part of a run that went on from a checkpoint begins there; what an earlier part holds of later ticks is
 passed over.
 """
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict, fields, is_dataclass
+from hashlib import sha256
 from pathlib import Path
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
 from cosim._version import __version__
 from cosim.base.frames import Array
-from cosim.errors import InputError
-from cosim.results.array_texts import ArrayText, array_texts
-from cosim.results.parquet import read_columns, read_header, write_columns
+from cosim.base.whole_files import whole_file
+from cosim.devices.device_report import DeviceNames
+from cosim.errors import InputError, OutputError
+from cosim.plan.decision import Decision
+from cosim.results.curves import ArrayText, array_texts
 from cosim.results.result import COLUMNS, FRAME_COLUMNS, RunResult, frame_rows
-from cosim.results.stored_stage import stage_of, stored_stage
 from cosim.telemetry.snapshot import RunInfo
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+
+_OWN: Final = b"cosim"
+"""Key of what cosim says in the metadata of files and columns."""
+_DIGEST: Final = b"cosim_sha256"
+"""Key of the digest of that, which tells damage from what was written."""
+_OPEN: Final = ("unit", "meaning")
+"""What other programs find in the metadata of a column by itself."""
+
+
+def write_columns(
+    path: Path,
+    columns: Mapping[str, Array],
+    texts: Mapping[str, Mapping[str, Any]],
+    header: Mapping[str, Any],
+) -> None:
+    """Write arrays of equally many rows; a reader sees all of them or none.
+
+    Args:
+        path: of the file.
+        columns: by name; of one number per row, or of any shape.
+        texts: what to say of each column: texts "unit" and "meaning", and other values of JSON.
+        header: what to say of the file, as values of JSON.
+
+    Raises:
+        OutputError: it cannot be written.
+    """
+    import pyarrow as pa  # here: it takes as long to load as half a run's start
+    from pyarrow import parquet
+
+    arrays, fields = [], []
+    for name, array in columns.items():
+        arrays.append(_column(array))
+        own = {**texts[name], "shape": array.shape[1:], "dtype": str(array.dtype)}
+        metadata = {key.encode(): own.pop(key).encode() for key in _OPEN}
+        fields.append(pa.field(name, arrays[-1].type, metadata={**metadata, **_said(own)}))
+    table = pa.table(arrays, pa.schema(fields, _said(header)))
+    # few numbers occur twice: dictionaries cost eight times the time, and room
+    how: dict[str, Any] = {"compression": "zstd", "use_dictionary": False, "write_page_checksum": True}
+    try:
+        with whole_file(path) as file:
+            parquet.write_table(table, file, **how)
+    except OSError as error:
+        raise OutputError(f"{path}: cannot be written: {error.strerror or error}") from error
+
+
+def read_header(path: Path) -> dict[str, Any]:
+    """Return what a file says of itself.
+
+    Raises:
+        InputError: it cannot be read, or cosim did not write it.
+    """
+    from pyarrow import parquet
+
+    with _naming(path):
+        return _own(parquet.read_schema(path).metadata, path)
+
+
+def read_columns(path: Path) -> dict[str, Array]:
+    """Return the arrays of a file, as they were.
+
+    Raises:
+        InputError: it cannot be read, or cosim did not write it.
+    """
+    from pyarrow import parquet
+
+    with _naming(path):
+        table = parquet.read_table(path, memory_map=False, page_checksum_verification=True)
+        return {field.name: _array(table[field.name], _own(field.metadata, path)) for field in table.schema}
+
+
+def read_texts(path: Path) -> dict[str, dict[str, Any]]:
+    """Return what `write_columns` was given to say of the columns, by name.
+
+    Raises:
+        InputError: it cannot be read, or cosim did not write it.
+    """
+    from pyarrow import parquet
+
+    with _naming(path):
+        return {
+            field.name: {key: field.metadata[key.encode()].decode() for key in _OPEN}
+            | _own(field.metadata, path)
+            for field in parquet.read_schema(path)
+        }
+
+
+def _column(array: Array) -> pa.Array:
+    import pyarrow as pa
+
+    if array.ndim == 1:
+        return pa.array(array)
+    if 0 in array.shape[1:]:  # nothing to write, and Arrow has no lists of length 0
+        return pa.nulls(len(array))
+    return pa.FixedShapeTensorArray.from_numpy_ndarray(np.ascontiguousarray(array))
+
+
+def _array(column: pa.ChunkedArray, said: Mapping[str, Any]) -> Array:
+    import pyarrow as pa
+
+    shape, dtype = (len(column), *said["shape"]), np.dtype(said["dtype"])
+    if 0 in shape:
+        return np.zeros(shape, dtype)
+    whole = column.combine_chunks()
+    if len(shape) > 1:
+        whole = whole.storage.flatten()
+    if whole.type != pa.from_numpy_dtype(dtype) or whole.null_count:
+        raise ValueError(f"a column holds {whole.type} and {whole.null_count} gaps, not {dtype}")
+    return np.array(whole.to_numpy(zero_copy_only=False), dtype).reshape(shape)
+
+
+def _said(own: Mapping[str, Any]) -> dict[bytes, bytes]:
+    """Return metadata that `_own` reads."""
+    text = json.dumps(own).encode()
+    return {_OWN: text, _DIGEST: sha256(text).hexdigest().encode()}
+
+
+def _own(metadata: Mapping[bytes, bytes] | None, path: Path) -> dict[str, Any]:
+    if metadata is None or _OWN not in metadata:
+        raise InputError(f"{path}: was not written by cosim")
+    if metadata.get(_DIGEST, b"") not in (b"", sha256(metadata[_OWN]).hexdigest().encode()):
+        raise InputError(f"{path}: is damaged: what it says of itself is not what was written")
+    found: dict[str, Any] = json.loads(metadata[_OWN])
+    return found
+
+
+class _naming:  # noqa: N801  # a context manager
+    """Turn whatever a damaged file raises into one line with its name."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+
+    def __enter__(self) -> None:
+        """Begin to read."""
+
+    def __exit__(self, kind: Any, error: BaseException | None, trace: Any) -> None:
+        if isinstance(error, Exception) and not isinstance(error, InputError):
+            text = (str(error).splitlines() or [""])[0][:200]
+            raise InputError(f"{self._path}: cannot be read: {text}") from error
+
+
+_NOT_KEPT: Final = ("membrane_stress", "hinge_energy_share", "stiffener_strain", "shapes", "arm", "tip_paths")
+_KEPT: Final = tuple(field.name for field in fields(RunInfo) if field.name not in _NOT_KEPT)
+
+
+def stored_stage(stage: RunInfo) -> dict[str, Any]:
+    """Return a stage as values of JSON."""
+    return {name: _plain(getattr(stage, name)) for name in _KEPT}
+
+
+def stage_of(stored: Mapping[str, Any]) -> RunInfo:
+    """Return the stage that `stored_stage` was given, without what is not kept.
+
+    Raises:
+        InputError: it is none.
+    """
+    if missing := [name for name in _KEPT if name not in stored]:
+        raise InputError(f"what is said of the run lacks {', '.join(missing)}")
+    made: dict[str, Any] = {name: _tuples(stored[name]) for name in _KEPT}
+    made["soft_triangles"] = np.array(stored["soft_triangles"], np.int64).reshape(-1, 3)
+    made["cables"] = tuple(np.array(nodes, np.int64) for nodes in stored["cables"])
+    made["gravity"] = np.array(stored["gravity"], np.float64)
+    made["modelled"] = tuple(Decision(**entry) for entry in stored["modelled"])
+    if stored["devices"] is not None:
+        made["devices"] = DeviceNames(**{key: _tuples(value) for key, value in stored["devices"].items()})
+    return RunInfo(**made, shapes=(), membrane_stress=_no_stress)
+
+
+def _no_stress(_positions: Array) -> Array:
+    raise InputError(
+        "the film's stress is not kept in files; build the run's scenario to compute it: "
+        'cosim.Simulation("DIR/scenario.toml").stage.membrane_stress(positions)'
+    )
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, np.ndarray | np.generic):
+        return value.tolist()
+    if is_dataclass(value) and not isinstance(value, type):
+        return _plain(asdict(value))
+    if isinstance(value, Mapping):
+        return {key: _plain(item) for key, item in value.items()}
+    return [_plain(item) for item in value] if isinstance(value, tuple | list) else value
+
+
+def _tuples(value: Any) -> Any:
+    return tuple(map(_tuples, value)) if isinstance(value, list) else value
+
 
 ARRAYS_SCHEMA: Final = 1
 
@@ -46,7 +252,7 @@ def write_arrays(
         "stage": stored_stage(stage),
     }
     for path, names in ((frames, FRAME_COLUMNS), (ticks, COLUMNS)):
-        texts = {name: _said(array_texts(RunResult)[name], stage, arrays[name]) for name in names}
+        texts = {name: _array_said(array_texts(RunResult)[name], stage, arrays[name]) for name in names}
         write_columns(path, {name: arrays[name] for name in names}, texts, header)
 
 
@@ -132,7 +338,7 @@ def _before(part: dict[str, Array], tick: str, first: int) -> dict[str, Array]:
     return {name: array[:rows] for name, array in part.items()}
 
 
-def _said(text: ArrayText, stage: RunInfo, array: Array) -> dict[str, Any]:
+def _array_said(text: ArrayText, stage: RunInfo, array: Array) -> dict[str, Any]:
     said: dict[str, Any] = {"unit": text.unit, "meaning": text.meaning, "axes": text.axes}
     if "nodes" not in text.axes:
         said["components"] = text.components(stage, array.shape[1:]) if array.ndim > 1 else []

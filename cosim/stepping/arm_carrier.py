@@ -9,10 +9,10 @@ from typing import Any, final
 import numpy as np
 
 from cosim.base.frames import Array, Pose, Twist, Wrench
-from cosim.base.link_contact import LinkContact
 from cosim.base.shown import BodyShape
+from cosim.base.solid import LinkContact
 from cosim.base.state_check import KnownStates, check_indices, check_state
-from cosim.config.schema.coupling import CouplingTable
+from cosim.config.schema.scenario import CouplingTable
 from cosim.coupling.contact.contact_exchange import ContactExchange
 from cosim.coupling.contact.contact_report import NOTHING_TOUCHED, ContactReport
 from cosim.coupling.schemes.interface import Coupling, Interface
@@ -22,12 +22,9 @@ from cosim.coupling.soft_sides.soft_side import MassProperties, SoftSide
 from cosim.coupling.ticks import Servos
 from cosim.coupling.ticks_taken import TicksTaken
 from cosim.errors import InputError, SolverError
-from cosim.kinematics.arm import Arm, Payload
-from cosim.kinematics.inertial_parameters import inertial_parameters
-from cosim.plan.cell_motion import CellMotion
-from cosim.plan.joint_path import JointReference
-from cosim.rigid.scene.scene import RigidScene
-from cosim.rigid.scene.state import RigidState
+from cosim.kinematics.arm import Arm, Payload, inertial_parameters
+from cosim.plan.motion import CellMotion, JointReference
+from cosim.rigid.scene.scene import RigidScene, RigidState
 from cosim.soft.body.loads import Loads
 from cosim.soft.contact.contact_law import ContactLaw
 from cosim.soft.solve.state import Obstacles

@@ -16,13 +16,13 @@ from cosim.coupling.soft_sides.soft_side import SoftSide
 from cosim.coupling.ticks import Servos
 from cosim.coupling.ticks_taken import TicksTaken
 from cosim.errors import InputError, SolverError
-from cosim.plan.joint_path import JointPath, JointReference
-from cosim.plan.paths.phase_motion import AnyWay
+from cosim.plan.motion import JointPath, JointReference
+from cosim.plan.planning import AnyWay
 from cosim.soft.body.loads import Loads
 from cosim.soft.solve.state import Obstacles
 
 if TYPE_CHECKING:  # a scene without an arm does not wait for MuJoCo
-    from cosim.base.link_contact import LinkContact
+    from cosim.base.solid import LinkContact
 
 
 class Carrier(ABC):

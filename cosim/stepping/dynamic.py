@@ -22,7 +22,7 @@ from cosim.telemetry.snapshot import FilmShapes, RunInfo, Snapshot
 from cosim.telemetry.tick_batch import TickBatch
 
 if TYPE_CHECKING:
-    from cosim.base.link_contact import LinkContact
+    from cosim.base.solid import LinkContact
 
 
 @final

@@ -17,14 +17,11 @@ from cosim.config.schema.scenario import Scenario
 from cosim.coupling.contact.contact_report import NOTHING_TOUCHED, ContactReport
 from cosim.coupling.schemes.ledger import LedgerEntry
 from cosim.coupling.soft_sides.soft_side import SoftSide
-from cosim.devices.body_poses import BodyPoses
-from cosim.devices.command_source import RobotState, SteeredCommands, StepToTake
+from cosim.devices.command_source import BodyPoses, RobotState, SteeredCommands, StepToTake
 from cosim.devices.controller import Measurement
-from cosim.plan.paths.phase_drafts import start_equilibrium
-from cosim.plan.paths.tip_path import TipPathInfo
-from cosim.plan.plan import PhasePlan, Plan
-from cosim.plan.robot_command import RobotCommand, SoftCommand, loads_of
-from cosim.plan.tick_references import ticks_of
+from cosim.plan.motion import TipPathInfo
+from cosim.plan.plan import PhasePlan, Plan, RobotCommand, SoftCommand, loads_of, ticks_of
+from cosim.plan.planning import start_equilibrium
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
 from cosim.soft.contact.contact_law import ContactLaw

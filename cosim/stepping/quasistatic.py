@@ -23,7 +23,7 @@ from cosim.coupling.contact.contact_report import NOTHING_TOUCHED, ContactReport
 from cosim.coupling.schemes.ledger import LedgerEntry
 from cosim.devices.command_source import StepToTake
 from cosim.errors import ConvergenceError, InputError
-from cosim.plan.paths.phase_drafts import start_equilibrium
+from cosim.plan.planning import start_equilibrium
 from cosim.soft.body.loads import Loads
 from cosim.soft.solve.state import Equilibrium, SoftState
 from cosim.stepping.parts import Parts, TickState

@@ -1,33 +1,209 @@
-"""Runs the designs of a study and writes their table; what is known is not run again."""
+"""Runs the designs of a study and writes their table; what is known is not run again.
+
+The designs of a study: what each of them sets, by key path.
+
+The rows of a sweep, one line of JSON each, written as they come: what a killed sweep goes on from.
+
+`cosim.sweep`.
+"""
 
 from __future__ import annotations
 
+import json
+import math
 import time
+import warnings
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass, field
+from contextlib import suppress
+from dataclasses import asdict, dataclass, field
+from functools import partial
+from hashlib import sha256
+from itertools import product
 from pathlib import Path
-from typing import Any, Final, final
+from types import TracebackType
+from typing import Any, Final, TextIO, final
 
-from cosim.app.output_directory import OutputDirectory
+import numpy as np
+
+from cosim.app.first_run import prepared
+from cosim.app.run_files import OutputDirectory
 from cosim.base.files_read import changed_file
+from cosim.base.frames import Array
 from cosim.base.identity import code_identity, content_name
+from cosim.base.kept_parts import KeptParts
+from cosim.base.resources import is_file
+from cosim.base.state_check import check_state
 from cosim.config.loading import load_scenario
 from cosim.config.schema.scenario import Scenario
-from cosim.config.studies.study_files import load_study
-from cosim.config.studies.study_table import StudyTable
+from cosim.config.studies import RangeTable, SamplesTable, StudyTable, load_study
 from cosim.config.writing import scenario_text
-from cosim.errors import InputError
-from cosim.sweeps.designs import designs_of, varied_keys
-from cosim.sweeps.engines import PROCESSES, Engine
-from cosim.sweeps.fan_out import Run, rows_of
-from cosim.sweeps.journal import Journal
-from cosim.sweeps.measures import Measure, check_travels, measure_identity, measure_named
+from cosim.errors import MOST_LINES, InputError, OutputError, ScenarioError
+from cosim.sweeps.engines import PROCESSES, Engine, Run, rows_of
 from cosim.sweeps.table import TABLE, Design, write_table
-from cosim.sweeps.task import Row, Task
-from cosim.sweeps.warming import warm_up
+from cosim.sweeps.task import LOST, Measure, Row, Task, check_travels, measure_identity, measure_named
+from cosim.sweeps.worker import run_task, warm_up
 from cosim.telemetry.summary import reason_of
+
+MOST_DESIGNS: Final = 1_000_000
+
+
+def varied_keys(study: StudyTable) -> list[str]:
+    """Return the key paths that differ between designs, in the order of the study."""
+    sampled = study.samples.range if study.samples is not None else {}
+    return list(dict.fromkeys([*(key for design in study.design for key in design), *study.grid, *sampled]))
+
+
+def designs_of(study: StudyTable) -> list[dict[str, Any]]:
+    """Return what each design sets beside `set`; samples vary fastest, entries of `design` slowest.
+
+    Raises:
+        InputError: there are too many.
+    """
+    listed = list(study.design) or [{}]
+    count = len(listed) * math.prod(map(len, study.grid.values()))
+    count *= study.samples.count if study.samples is not None else 1
+    if count > MOST_DESIGNS:
+        raise InputError(f"the study has {count} designs; at most {MOST_DESIGNS} are run, vary less")
+    samples = _samples(study.samples)
+    grid = [dict(zip(study.grid, values, strict=True)) for values in product(*study.grid.values())]
+    return [{**design, **point, **sample} for design, point, sample in product(listed, grid, samples)]
+
+
+def check_designs(study: StudyTable) -> None:
+    """Check that each design of a study can be loaded and built; nothing is run.
+
+    Args:
+        study: checked by `load_study`.
+
+    Raises:
+        ScenarioError: what is wrong, by design and key; what several designs share stands there once.
+    """
+    from cosim.build.file_checks import check_built  # here: it loads the engines
+
+    designs, kept, found = designs_of(study), KeptParts(), dict[str, list[int]]()
+    for number, varied in enumerate(designs, 1):
+        try:
+            check_built(load_scenario(study.scenario, {**study.set, **varied}), kept)
+        except InputError as error:
+            for place, problem in getattr(error, "faults", (("", str(error)),)):
+                found.setdefault(f"{place}: {problem}" if place else problem, []).append(number)
+    if not found:
+        return
+    faults = [(_named(numbers, designs), problem) for problem, numbers in found.items()]
+    if len(faults) > MOST_LINES:
+        faults[MOST_LINES:] = [("", f"... and {len(faults) - MOST_LINES} more")]
+    raise ScenarioError(*faults[0], further=tuple(faults[1:]))
+
+
+def _named(numbers: list[int], designs: list[dict[str, Any]]) -> str:
+    """Return the designs of some numbers, for a message: the first one with what it sets."""
+    if len(numbers) == len(designs):
+        return f"all {len(designs)} designs"
+    values = ", ".join(f"{key} = {value!r}" for key, value in designs[numbers[0] - 1].items())
+    others = f", and {len(numbers) - 1} more" if len(numbers) > 1 else ""
+    return f"design {numbers[0]} of {len(designs)} ({values}){others}"
+
+
+def _samples(table: SamplesTable | None) -> list[dict[str, Any]]:
+    if table is None:
+        return [{}]
+    from scipy.stats import qmc  # here: it takes long to load
+
+    engines = {"latin_hypercube": qmc.LatinHypercube, "sobol": qmc.Sobol, "halton": qmc.Halton}
+    engine = engines[table.method](len(table.range), rng=table.seed)
+    with warnings.catch_warnings():  # counts that are no power of 2 are as balanced as they can be
+        warnings.simplefilter("ignore", UserWarning)
+        points: Array = engine.random(table.count)
+    columns = [list(_scaled(points[:, k], entry)) for k, entry in enumerate(table.range.values())]
+    return [dict(zip(table.range, row, strict=True)) for row in zip(*columns, strict=True)]
+
+
+def _scaled(points: Array, entry: RangeTable) -> Iterator[float | int]:
+    """Yield points of 0 to 1 as values of a range."""
+    low, high = entry.low, entry.high + (1.0 if entry.integer else 0.0)
+    values = low * (high / low) ** points if entry.scale == "log" else low + (high - low) * points
+    if entry.integer:
+        whole: list[int] = np.floor(values).astype(np.int64).tolist()
+        yield from (min(value, int(entry.high)) for value in whole)
+    else:
+        yield from np.clip(values, entry.low, entry.high).tolist()
+
+
+@final
+class Journal:
+    """Rows by the names of their designs' contents.
+
+    Args:
+        path: of the file; it is made, or gone on with.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self.rows = {name: row for name, row in _read(path) if row.status != LOST}
+        self._file: TextIO | None = None
+
+    def __enter__(self) -> Journal:
+        try:
+            self._file = self._path.open("a", encoding="utf-8")
+            if self._file.tell():
+                self._file.write("\n")  # whoever was killed may have left half a line
+        except OSError as error:
+            raise InputError(f"{self._path}: cannot be written: {error.strerror}") from error
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._file is not None:
+            with suppress(OSError):
+                self._file.close()
+
+    def add(self, name: str, row: Row) -> None:
+        """Take in a row; it is on disk when this returns.
+
+        Raises:
+            OutputError: it cannot be written.
+        """
+        assert self._file is not None, "a journal is entered first"
+        self.rows[name] = row
+        try:
+            table = {"design": name, **asdict(row)}
+            self._file.write(json.dumps({**table, "digest": _digest(table)}) + "\n")
+            self._file.flush()
+        except OSError as error:
+            raise OutputError(f"{self._path}: cannot be written: {error.strerror}") from error
+
+
+def _digest(table: dict[str, Any]) -> str:
+    """Return what tells a row from a damaged one."""
+    return sha256(json.dumps(table).encode()).hexdigest()[:16]
+
+
+def _read(path: Path) -> list[tuple[str, Row]]:
+    """Return the rows of a file; what is no whole row, as in half a line, is computed again.
+
+    Raises:
+        InputError: it cannot be read.
+    """
+    if not is_file(path):
+        return []
+    try:
+        lines = path.read_bytes().split(b"\n")
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror}") from error
+    found = []
+    for line in lines:
+        with suppress(ValueError, TypeError, AttributeError, KeyError, RecursionError, InputError):
+            table = json.loads(line)
+            if table.pop("digest") != _digest(table):
+                continue
+            name, row = table.pop("design"), Row(**table)
+            check_state((name, row), None, tuple[str, Row], finite=False)
+            found.append((name, row))
+    return found
+
 
 JOURNAL: Final = "rows.jsonl"
 
@@ -232,3 +408,37 @@ def _default_directory(study: str | Path | Mapping[str, Any], table: StudyTable)
 
 def _tell_nobody(_progress: SweepProgress) -> None:
     """Do nothing."""
+
+
+def sweep(
+    study: str | Path | Mapping[str, Any],
+    *,
+    out: str | Path | None = None,
+    engine: Executor | str = PROCESSES,
+    workers: int | None = None,
+    measure: Measure | None = None,
+    modules: Sequence[str] = (),
+    tell: Tell | None = None,
+) -> SweepOutcome:
+    """Run every design of a study and write the table `sweep.parquet`; run again, go on where it was ended.
+
+    A design that cannot be built or solved is a row with the reason. Rows are known by the contents of
+    scenario and code: whatever of these changes is computed anew.
+
+    Args:
+        study: path of a study's .toml file, or the table itself.
+        out: directory of the results; None: `runs/` and the study's name.
+        engine: "processes", the address of a Dask scheduler, such as "tcp://127.0.0.1:8786", or any executor.
+        workers: processes of this machine; None: one for each processor.
+        measure: returns more columns of a run's result; workers import it by its name.
+        modules: with kinds of one's own, for every worker to import.
+        tell: told of the progress after every design.
+
+    Raises:
+        InputError: study, directory or engine is wrong; nothing was run.
+        OutputError: the results cannot be written.
+    """
+    return run_study(
+        partial(run_task, prepared), study, out=out, engine=engine, workers=workers, measure=measure,
+        modules=modules, tell=tell,
+    )  # fmt: skip

@@ -1,4 +1,9 @@
-"""The table of a sweep: a row per design, in Parquet, with the unit of each column in its metadata."""
+"""The table of a sweep: a row per design, in Parquet with units; and its columns as a picture.
+
+The table of a sweep: a row per design, in Parquet, with the unit of each column in its metadata.
+
+Columns of a sweep against one of them, as a picture; needs pandas and matplotlib.
+"""
 
 from __future__ import annotations
 
@@ -12,9 +17,8 @@ from typing import Any, Final, final
 from cosim.base.resources import is_file
 from cosim.base.whole_files import whole_file
 from cosim.errors import InputError, OutputError
-from cosim.results.array_texts import unit_by_name
-from cosim.sweeps.figures import PHASES
-from cosim.sweeps.task import Row
+from cosim.results.curves import figure_kind, unit_by_name
+from cosim.sweeps.task import PHASES, Row
 
 TABLE: Final = "sweep.parquet"
 _DIGEST: Final = b"cosim_sha256"
@@ -171,3 +175,44 @@ def _alike(values: list[Any]) -> list[Any]:
     if kinds == {int, float}:
         return [None if value is None else float(value) for value in values]
     return [None if value is None else json.dumps(value) for value in values]
+
+
+def plot_sweep(directory: str | Path, x: str, *ys: str, colour: str | None = None) -> Any:
+    """Return a matplotlib figure of columns of a sweep; `figure.savefig(path)` writes it.
+
+    Args:
+        directory: of the sweep.
+        x: column to the right.
+        ys: columns upwards, each in axes of its own.
+        colour: column that colours the points; None for none.
+
+    Raises:
+        InputError: there is no such column of numbers, or pandas or matplotlib is not installed.
+    """
+    kind, frame = figure_kind(), open_sweep(directory)
+    shown = frame[frame["status"] == "completed"]
+    _check(shown, (x, *ys, *([colour] if colour else [])))
+    if not ys:
+        raise InputError("a plot needs a column to the right and at least one upwards")
+    figure = kind(figsize=(6.0 * len(ys), 4.2), layout="constrained")
+    for axes, y in zip(figure.subplots(1, len(ys), squeeze=False)[0], ys, strict=True):
+        points = axes.scatter(shown[x], shown[y], c=None if colour is None else shown[colour], s=14)
+        axes.set_xlabel(_labelled(frame, x))
+        axes.set_ylabel(_labelled(frame, y))
+        axes.grid(alpha=0.3)
+    if colour is not None:
+        figure.colorbar(points, ax=figure.axes, label=_labelled(frame, colour))
+    figure.suptitle(f"{len(shown)} of {len(frame)} designs completed", fontsize=10)
+    return figure
+
+
+def _check(frame: Any, names: Sequence[str]) -> None:
+    numbers = list(frame.select_dtypes("number").columns)
+    for name in names:
+        if name not in numbers:
+            raise InputError(f"there is no column of numbers '{name}'; there are {', '.join(numbers)}")
+
+
+def _labelled(frame: Any, name: str) -> str:
+    unit = frame.attrs["units"][name]
+    return name if unit == "1" else f"{name} [{unit}]"

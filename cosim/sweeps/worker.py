@@ -1,10 +1,17 @@
-"""What a worker does with a design: runs it, one at a time, and returns a row."""
+"""What a worker does with a design: compiles once, runs it, one at a time, and returns a row.
+
+Kernels are compiled once, here, before any worker needs them: many processes at once would each do it.
+
+What a worker does with a design: runs it, one at a time, and returns a row.
+"""
 
 from __future__ import annotations
 
+import logging
 import os
 import pickle
 import platform
+import sys
 import threading
 import time
 from collections.abc import Callable, Sequence
@@ -13,19 +20,35 @@ from functools import cache, partial
 from pathlib import Path
 from typing import Any, Final
 
-from cosim.app.driver import Options, build_simulation, execute
-from cosim.app.observer import Observer
+from cosim.app.driver import Observer, Options, build_simulation, execute
 from cosim.base.files_read import files_read
 from cosim.base.kept_parts import KeptParts
-from cosim.config.kinds import register_installed, register_module
+from cosim.build.kernel_modules import kernel_modules
+from cosim.config.loading import register_installed, register_module
 from cosim.config.schema.scenario import Scenario
 from cosim.errors import InputError
 from cosim.results.result import ResultBuilder
-from cosim.sweeps.figures import figures_of
-from cosim.sweeps.measures import measure_named, measured
-from cosim.sweeps.task import Row, Task
-from cosim.sweeps.warming import warm_up
+from cosim.sweeps.task import Row, Task, figures_of, measure_named, measured
 from cosim.telemetry.summary import reason_of
+
+
+def warm_up(scenario: Scenario) -> None:
+    """Compile the kernels of a scenario, unless those of another one like it have been.
+
+    Args:
+        scenario: checked.
+    """
+    _compile(tuple(module.__name__ for module in kernel_modules(scenario)))
+
+
+@cache
+def _compile(names: tuple[str, ...]) -> None:
+    import cosim.build.simulation  # noqa: F401  # the engines: a run waits for them, too
+    from cosim.soft.solve.compilation import compile_kernels  # here: it loads the kernels
+
+    announce = logging.getLogger("cosim").warning
+    compile_kernels(announce, tuple(sys.modules[name] for name in names))
+
 
 Prepare = Callable[..., Scenario]
 """`cosim.app.first_run.prepared`, or what stands for it."""

@@ -12,7 +12,7 @@ import numpy as np
 from cosim.base.frames import Array
 from cosim.devices.device_report import ActuationReport, DeviceNames
 from cosim.plan.arm_limits import UNITS, ArmLimits, Extreme, Touch, with_touches
-from cosim.plan.paths.tip_path import TipErrors, TipPathInfo, tip_distances
+from cosim.plan.motion import TipErrors, TipPathInfo, tip_distances
 from cosim.telemetry.snapshot import RunInfo
 from cosim.telemetry.tick_batch import TickBatch
 

@@ -21,11 +21,11 @@ from cosim.devices.device_report import ActuationReport, DeviceNames
 from cosim.plan.decision import Decision
 
 if TYPE_CHECKING:
-    from cosim.base.link_contact import LinkContact
+    from cosim.base.solid import LinkContact
     from cosim.coupling.soft_sides.soft_side import ShapeReader
     from cosim.plan.arm_limits import PlannedArm
-    from cosim.plan.paths.tip_path import TipPathInfo
-    from cosim.soft.beams.strength import StiffenerStrain
+    from cosim.plan.motion import TipPathInfo
+    from cosim.soft.beams.beam_rings import StiffenerStrain
 
 
 @final

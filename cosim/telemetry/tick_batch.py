@@ -17,7 +17,7 @@ from cosim.devices.device_report import ActuationReport
 from cosim.telemetry.snapshot import FilmShapes, Snapshot
 
 if TYPE_CHECKING:  # who only looks at batches needs no kernels
-    from cosim.base.link_contact import LinkContact
+    from cosim.base.solid import LinkContact
     from cosim.coupling.ticks_taken import TicksTaken
 
 _NONE: Final = np.zeros(0)

@@ -15,15 +15,9 @@ from cosim.config.loading import load_scenario
 from cosim.config.schema.scenario import Scenario
 from cosim.config.writing import to_table
 from cosim.errors import ScenarioError
-from cosim.trade.candidate import Candidate
-from cosim.trade.candidates import short_candidates
-from cosim.trade.choice import Requirement, pareto_front, pick
-from cosim.trade.compilation import compile_for_trade
-from cosim.trade.curve import Follow, unfollowed
-from cosim.trade.measured import Measured
-from cosim.trade.measuring import Telling, measure
-from cosim.trade.report import entry, figures_text, result_line
-from cosim.trade.simulation import Build
+from cosim.trade.candidates import Candidate, short_candidates
+from cosim.trade.measuring import Build, Follow, Measured, Telling, compile_for_trade, measure, unfollowed
+from cosim.trade.report import Requirement, entry, figures_text, pareto_front, pick, result_line
 
 _WITHOUT = ("name", "title", "fidelity", "auto")
 """What the figures of a scenario do not depend on."""

@@ -1,5 +1,23 @@
 """Runs the candidates of a trade and measures each against the reference of its group.
 
+What a trade needs of a simulation.
+
+What one way to run a scenario costs, and how far it is from the reference.
+
+Compiles what any candidate of a trade needs, so that no candidate's time holds a compilation.
+
+What a candidate of a trade does, tick by tick, and what that costs.
+
+The speed is simulated time over CPU time of the loop (not wall time, so that other work on the machine does
+not count as waiting), with whatever follows the run inside: `cosim run` records.
+
+The commands that a scenario's plan finds, in place of the targets that it was asked for.
+
+Candidates that differ in what is modelled would each find their own tensions and flange poses for a target of
+the tip: their errors would be those of the targets, not of the models.
+
+Runs the candidates of a trade and measures each against the reference of its group.
+
 Tip position, objects and contact forces are sampled at common times. The flange force is compared by its
 moving mean: from tick to tick it chatters, and its values do not converge with the tick; what it passes on
 over some time does.
@@ -7,21 +25,326 @@ over some time does.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
-from typing import final
+import math
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import dataclass, field, fields, replace
+from itertools import chain
+from types import ModuleType
+from typing import Final, Protocol, TypeAlias, final
 
 import numpy as np
 
-from cosim.base.frames import Array
-from cosim.config.loading import load_scenario
-from cosim.config.schema.scenario import Scenario
-from cosim.errors import CosimError
-from cosim.trade.candidate import Candidate
-from cosim.trade.commands import with_commands
-from cosim.trade.curve import Curve, Follow, TooSlowError, trace, unfollowed
-from cosim.trade.measured import FORCE_WINDOW_S, Measured
-from cosim.trade.simulation import Build
+from cosim.base.frames import Array, Pose
+from cosim.build.kernel_modules import contact_modules, kernel_modules
+from cosim.config.loading import load_scenario, resolve
+from cosim.config.schema.phase import FlangePoseTable
+from cosim.config.schema.scenario import NO_ARM, Scenario
+from cosim.errors import CosimError, ScenarioError
+from cosim.plan.motion import rotation_from_direction
+from cosim.plan.plan import PhasePlan
+from cosim.soft.solve.compilation import compile_kernels
+from cosim.stepping.stepped_run import SteppedRun
+from cosim.telemetry.snapshot import RunInfo
+from cosim.telemetry.tick_batch import TickBatch
+from cosim.trade.candidates import Candidate
+
+
+class Steps(Protocol):
+    """Something that can be stepped."""
+
+    @property
+    def stage(self) -> RunInfo:
+        """Everything that does not change during the run."""
+
+    def batches(self) -> Iterator[TickBatch]:
+        """Yield the state before the first tick, then those after the ticks, many at a time."""
+
+
+Build: TypeAlias = Callable[[Scenario], Steps]
+
+
+FORCE_WINDOW_S: Final = 0.04
+"""Time over which the flange force is averaged: two of the longest ticks."""
+
+FORCE_MEAN: Final = f"{1e3 * FORCE_WINDOW_S:g} ms mean"
+"""What of the flange force is compared, in words."""
+
+
+@final
+@dataclass(frozen=True)
+class Measured:
+    """A candidate's cost and errors; errors are NaN where there is nothing to measure against.
+
+    Args:
+        candidate: which.
+        real_time_factor: simulated time over CPU time of the loop.
+        tip_error_m: largest distance from the reference's tip over the run.
+        tip_rms_m: root mean square of it.
+        end_error_m: largest at the ends of phases.
+        force_error_N: largest difference over the run of the flange force's mean over 40 ms.
+        contact_error_N: root mean square difference of the sum of normal contact forces over the run.
+        iterations: Newton iterations a tick.
+        object_error_m: largest distance of an object that can move from where it is in the reference.
+        base_error_m: largest distance from the tip of the model as it is, over the run (statics: at the
+            ends of phases); NaN where that is the reference.
+        failure: why it did not finish; empty if it did.
+        reference: whether the others of its group were measured against it.
+    """
+
+    candidate: Candidate
+    real_time_factor: float = np.nan
+    tip_error_m: float = np.nan
+    tip_rms_m: float = np.nan
+    end_error_m: float = np.nan
+    force_error_N: float = np.nan
+    contact_error_N: float = np.nan
+    iterations: float = np.nan
+    object_error_m: float = np.nan
+    base_error_m: float = np.nan
+    failure: str = ""
+    reference: bool = False
+
+    @classmethod
+    def numbers(cls) -> tuple[str, ...]:
+        """Return the names of its figures."""
+        return tuple(entry.name for entry in fields(cls) if entry.type == "float")
+
+    @property
+    def position_error_m(self) -> float:
+        """Largest error of the tip, and of what can move."""
+        return float(np.fmax(self.tip_error_m, self.object_error_m))
+
+    @property
+    def comparable(self) -> bool:
+        """Whether it has finished and was measured against another one."""
+        return not self.failure and not self.reference and bool(np.isfinite(self.tip_error_m))
+
+
+def compile_for_trade(
+    scenario: Scenario, tell: Callable[[str], None], more: tuple[ModuleType, ...] = ()
+) -> None:
+    """Compile the kernels of a scenario's lower fidelities and switches as well as its own.
+
+    Args:
+        scenario: checked.
+        tell: told in one sentence, before the wait, when there is anything to compile.
+        more: modules with kernels of what follows the runs.
+    """
+    everything = replace(scenario, fidelity="section", contact=replace(scenario.contact, self_contact=True))
+    contact = () if scenario.robot == NO_ARM else contact_modules()
+    compile_kernels(tell, (*more, *kernel_modules(everything), *contact))
+
+
+_COLUMNS = ("time_s", "tip_position", "flange_force", "contact_force_N", "phase", "newton_iterations")
+STRETCH_S = 0.2
+"""Simulated time over which a run must not be slower than its bound."""
+
+
+Follow: TypeAlias = Callable[[Scenario, RunInfo], AbstractContextManager[Callable[[TickBatch], None]]]
+"""Opens what follows a run; the context gives what is called with all ticks."""
+
+
+class TooSlowError(Exception):
+    """A run is slower than its bound; it has been ended."""
+
+
+def unfollowed(_scenario: Scenario, _stage: RunInfo) -> AbstractContextManager[Callable[[TickBatch], None]]:
+    """Follow a run with nothing."""
+    return nullcontext(lambda _batch: None)
+
+
+@final
+@dataclass(frozen=True)
+class Curve:
+    """What a candidate did.
+
+    Args:
+        time_s: (k,).
+        tip: (k, 3) [m].
+        objects: (k, m, 3) [m], those that can move.
+        force: (k, 3) [N], of the soft robot on the flange.
+        contact: (k,) [N], sum of the normal forces of all contacts.
+        phase_ends: (phases,) indices of the last snapshot of each phase.
+        cpu_s: of the loop.
+        iterations: Newton iterations a tick.
+    """
+
+    time_s: Array
+    tip: Array
+    objects: Array
+    force: Array
+    contact: Array
+    phase_ends: tuple[int, ...]
+    cpu_s: float
+    iterations: float
+
+    def at(self, times: Array) -> Curve:
+        """Return the curve at given times (n,), linear in between; without phase ends."""
+        rows = [
+            np.stack(
+                [np.interp(times, self.time_s, column) for column in values.reshape(len(values), -1).T], 1
+            )
+            if values.size
+            else np.zeros((len(times), 0))
+            for values in (self.tip, self.objects, self.force, self.contact)
+        ]
+        objects = rows[1].reshape(len(times), -1, 3)
+        return Curve(times, rows[0], objects, rows[2], rows[3][:, 0], (), self.cpu_s, self.iterations)
+
+    def mean_force(self, begin_s: Array, end_s: Array) -> Array:
+        """Return the mean of the flange force over windows of time, of all ticks in them.
+
+        The force is linear between ticks, so a window need not begin or end with one.
+
+        Args:
+            begin_s: (n,), within the run.
+            end_s: (n,), within the run, later than the beginnings.
+
+        Returns:
+            (n, 3) [N], axes as of `force`.
+        """
+        times = np.unique(np.concatenate([self.time_s, begin_s, end_s]))
+        force = np.stack([np.interp(times, self.time_s, column) for column in self.force.T], 1)
+        each = 0.5 * (force[1:] + force[:-1]) * np.diff(times)[:, None]
+        impulse = np.concatenate([np.zeros((1, 3)), np.cumsum(each, axis=0)])
+        gained = impulse[np.searchsorted(times, end_s)] - impulse[np.searchsorted(times, begin_s)]
+        return np.asarray(gained / (end_s - begin_s)[:, None])
+
+    @property
+    def real_time_factor(self) -> float:
+        """Simulated time over CPU time."""
+        return float(self.time_s[-1]) / self.cpu_s if self.cpu_s > 0.0 else float("nan")
+
+
+@final
+@dataclass
+class CurveBuilder:
+    """Collects a curve from ticks.
+
+    Args:
+        scenario: that is run.
+        stage: of the run.
+    """
+
+    scenario: Scenario
+    stage: RunInfo
+    _arrays: dict[str, list[Array]] = field(default_factory=lambda: {name: [] for name in _COLUMNS})
+    _objects: list[Array] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        can_move = {entry.name for entry in self.scenario.objects if entry.mass_kg is not None}
+        self._bodies = [k for k, name in enumerate(self.stage.body_names) if name in can_move]
+
+    def observe(self, batch: TickBatch) -> None:
+        """Take in some ticks."""
+        self._objects.append(batch.body_position[:, self._bodies])
+        for name, found in self._arrays.items():
+            found.append(getattr(batch, name))
+
+    def curve(self, cpu_s: float) -> Curve:
+        """Return what was collected, which took so much CPU time."""
+        objects = np.concatenate(self._objects)
+        time_s, tip, force, contact, phase, iterations = map(np.concatenate, self._arrays.values())
+        last = len(phase) - 1
+        ends = [k for k in range(1, last + 1) if k == last or phase[k + 1] != phase[k]]
+        each = int(iterations[1:].sum()) / max(1, last)
+        return Curve(time_s, tip, objects, force, contact, tuple(ends), cpu_s, each)
+
+
+def trace(
+    scenario: Scenario,
+    build: Build,
+    follow: Follow = unfollowed,
+    *,
+    slowest: float = 0.0,
+    advance: Callable[[float], None] = lambda _share: None,
+) -> Curve:
+    """Run a scenario and keep its curves.
+
+    Args:
+        scenario: checked.
+        build: makes its simulation.
+        follow: what else sees all ticks, inside the measured time.
+        slowest: real-time factor that every stretch of at least 0.2 s must reach; 0 for no bound.
+        advance: told after every stretch how much of the run is done, from 0 to 1.
+
+    Raises:
+        CosimError: it cannot be built or solved.
+        TooSlowError: a stretch is slower than the bound.
+    """
+    simulation = build(scenario)
+    batches, stage = simulation.batches(), simulation.stage
+    first = next(batches)  # before the clock starts: this one finds the start equilibrium
+    builder = CurveBuilder(scenario, stage)
+    bound = 1.0 / slowest if slowest > 0.0 else float("inf")
+    stretch_from_s = 0.0
+    with follow(scenario, stage) as observe:
+        began = stretch_began = time.process_time()
+        for batch in chain([first], batches):
+            builder.observe(batch)
+            observe(batch)
+            now, time_s = time.process_time(), float(batch.time_s[-1])
+            stretch_s = time_s - stretch_from_s
+            if now - stretch_began > bound * max(stretch_s, STRETCH_S):
+                where = f"{time_s:.2f} s, in '{stage.phase_names[batch.phase[-1]]}'"
+                raise TooSlowError(f"slower than x{slowest:g} real time at {where}")
+            if stretch_s >= STRETCH_S:
+                advance(batch.tick[-1] / stage.ticks)
+                stretch_from_s, stretch_began = time_s, now
+    spent = time.process_time() - began  # with what the follower had still to write
+    return builder.curve(spent)
+
+
+def with_commands(scenario: Scenario, build: Build) -> Scenario:
+    """Return the scenario with every target of the tip replaced by the tensions or the flange pose found.
+
+    Args:
+        scenario: checked.
+        build: makes a simulation; one without a plan leaves the scenario as it is.
+
+    Raises:
+        InputError: a target cannot be reached.
+    """
+    for phase in scenario.phases:
+        if phase.tip_path is not None:
+            raise ScenarioError(
+                f"phase.{phase.name}.tip_path",
+                "each candidate would plan the path for itself, so that its errors would not be compared; "
+                "compare models on phases with flange poses",
+            )
+    if all(phase.tip_target is None for phase in scenario.phases):
+        return scenario
+    simulation = build(scenario)
+    if not isinstance(simulation, SteppedRun):
+        return scenario
+    phases = []
+    for planned in simulation.plan.phases:
+        phase, target = planned.phase, planned.phase.tip_target
+        if target is not None:
+            found = _tensions(planned) if target.reach_with == "cables" else _flange(planned)
+            phase = replace(phase, tip_target=None, **found)
+        phases.append(phase)
+    return resolve(replace(scenario, phases=tuple(phases)))
+
+
+def _tensions(planned: PhasePlan) -> dict[str, tuple[float, ...]]:
+    return {"cable_tension_N": tuple(planned.end.cable_tension_N)}
+
+
+def _flange(planned: PhasePlan) -> dict[str, FlangePoseTable]:
+    return {"flange": flange_pose(planned.flange)}
+
+
+def flange_pose(pose: Pose) -> FlangePoseTable:
+    """Return a pose, world from flange, as a scenario's `flange` table describes it."""
+    direction = pose.rotation[:, 2]
+    turned = rotation_from_direction(direction).T @ pose.rotation  # about the flange's z axis
+    x, y, z = (float(value) for value in pose.translation)
+    a, b, c = (float(value) for value in direction / np.linalg.norm(direction))
+    return FlangePoseTable((x, y, z), (a, b, c), math.atan2(turned[1, 0], turned[0, 0]))
+
 
 SAMPLE_S = 0.02
 

@@ -1,98 +1,28 @@
-"""The suite: every case in the order of the table, and how one is run."""
+"""The suite: every case in the order of the table, how one is run, and its results as a table and as JSON.
+
+The suite: every case in the order of the table, and how one is run.
+
+The suite's results as a table and as JSON.
+"""
 
 from __future__ import annotations
 
+import json
+import math
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import final
+from typing import Any, final
 
+from cosim._version import __version__
 from cosim.errors import InputError, SolverError
-from cosim.verification.cases.bowed_strip import BowedStrip
-from cosim.verification.cases.capstan import Capstan
-from cosim.verification.cases.catenary import Catenary
-from cosim.verification.cases.euler_buckling import EulerBuckling, PostBuckling
-from cosim.verification.cases.heavy_cantilever import HeavyCantilever
-from cosim.verification.cases.inflated_beam import InflatedCantilever, InflatedThreePoint
-from cosim.verification.cases.pouch_motor import PouchMotor
-from cosim.verification.cases.pressed_ring import PressedRing
-from cosim.verification.cases.rigid_motion import RigidMotion
-from cosim.verification.cases.roll_up import RollUp
-from cosim.verification.cases.sealed_gas import SealedGasSphere
-from cosim.verification.cases.sealed_piston import SealedPiston
-from cosim.verification.cases.self_buckling import SelfBuckling
-from cosim.verification.cases.squeezed_tube import SqueezedTube
-from cosim.verification.cases.tip_loaded_cantilever import TipLoadedCantilever
-from cosim.verification.dynamic_cases.cantilever_modes import CantileverModes
-from cosim.verification.dynamic_cases.coupled_tick import CoupledTick
-from cosim.verification.dynamic_cases.free_flight import FreeFlight
-from cosim.verification.dynamic_cases.pendulum import Pendulum, SwingingChain
-from cosim.verification.dynamic_cases.shaken_beam import ShakenBeam
-from cosim.verification.dynamic_cases.spinning_strip import SpinningStrip
-from cosim.verification.dynamic_cases.time_order import TimeOrder
-from cosim.verification.film_cases.framed_square import FramedSquare
-from cosim.verification.film_cases.hencky_membrane import HenckyMembrane
-from cosim.verification.film_cases.mylar_balloon import MylarBalloon
-from cosim.verification.film_cases.pressurised_shells import PressurisedCylinder, PressurisedSphere
-from cosim.verification.film_cases.rigid_seams import RigidSeams
-from cosim.verification.film_cases.sheared_panel import ShearedPanel
-from cosim.verification.film_cases.square_cushions import SquareAirbag, SquarePillow
-from cosim.verification.film_cases.stack_films import PaperMesh, StackTensionField
-from cosim.verification.film_cases.tilted_unit import TiltedUnit
-from cosim.verification.film_cases.wrinkle_wavelength import WrinkleWavelength
-from cosim.verification.film_cases.wrinkling_stacks import (
-    FiveHexagons,
-    OneSquare,
-    StiffSquare,
-    TenSquares,
-    ThreeSquares,
-)
-from cosim.verification.support.case import Case, Figure
+from cosim.verification import cables, films, pouches, shells, stacks, strips, time_steps, vibrations
+from cosim.verification.case import Case, Figure
 
-CASES: tuple[Case, ...] = (
-    TipLoadedCantilever(),
-    HeavyCantilever(),
-    RollUp(),
-    EulerBuckling(),
-    PostBuckling(),
-    SelfBuckling(),
-    PressedRing(),
-    Catenary(),
-    Capstan(),
-    BowedStrip(),
-    PressurisedSphere(),
-    PressurisedCylinder(),
-    HenckyMembrane(),
-    SealedGasSphere(),
-    SealedPiston(),
-    SqueezedTube(),
-    PouchMotor(),
-    InflatedCantilever(),
-    InflatedThreePoint(),
-    SquareAirbag(),
-    MylarBalloon(),
-    SquarePillow(),
-    ShearedPanel(),
-    WrinkleWavelength(),
-    PaperMesh(),
-    StackTensionField(),
-    ThreeSquares(),
-    OneSquare(),
-    StiffSquare(),
-    FiveHexagons(),
-    TenSquares(),
-    RigidSeams(),
-    FramedSquare(),
-    TiltedUnit(),
-    RigidMotion(),
-    CantileverModes(),
-    SwingingChain(),
-    Pendulum(),
-    SpinningStrip(),
-    ShakenBeam(),
-    TimeOrder(),
-    CoupledTick(),
-    FreeFlight(),
+_FAMILIES = (strips, cables, shells, pouches, films, stacks, vibrations, time_steps)
+
+CASES: tuple[Case, ...] = tuple(
+    value for module in _FAMILIES for value in vars(module).values() if isinstance(value, Case)
 )
 
 
@@ -144,3 +74,94 @@ def run_case(case: Case) -> CaseResult:
     except SolverError as error:
         figures, failure = (), str(error)
     return CaseResult(case, figures, time.perf_counter() - started, failure)
+
+
+HEADER = ("quantity", "value", "reference", "error", "tolerance", "order", "")
+_WIDTHS = (52, 12, 12, 9, 9, 5, 4)
+
+
+def case_lines(result: CaseResult) -> str:
+    """Return the table's lines of one case."""
+    verdict = "pass" if result.passed else "FAIL"
+    lines = [f"{result.case.name}: {result.case.title} ({result.seconds:.2f} s) {verdict}"]
+    lines += ["  " + _joined(_cells(figure)) for figure in result.figures]
+    if result.failure:
+        lines.append(f"  not solved: {result.failure}")
+    return "\n".join(lines)
+
+
+def header_line() -> str:
+    """Return the table's first line."""
+    return "  " + _joined(HEADER)
+
+
+def closing_line(results: Sequence[CaseResult]) -> str:
+    """Return how many cases passed, and in which time."""
+    passed = sum(result.passed for result in results)
+    seconds = sum(result.seconds for result in results)
+    failed = [result.case.name for result in results if not result.passed]
+    tail = f"; failed: {', '.join(failed)}" if failed else ""
+    return f"{passed} of {len(results)} cases passed in {seconds:.1f} s{tail}"
+
+
+def as_json(results: Sequence[CaseResult]) -> str:
+    """Return all results as a JSON document; numbers that are not finite become null."""
+    cases = [
+        {
+            "name": result.case.name,
+            "title": result.case.title,
+            "source": result.case.source,
+            "seconds": result.seconds,
+            "passed": result.passed,
+            "failure": result.failure or None,
+            "figures": [_figure(figure) for figure in result.figures],
+        }
+        for result in results
+    ]
+    passed = all(result.passed for result in results)
+    document = {"cosim": __version__, "passed": passed, "cases": cases}
+    return json.dumps(document, indent=2, allow_nan=False) + "\n"
+
+
+def _figure(figure: Figure) -> dict[str, Any]:
+    return {
+        "quantity": figure.quantity,
+        "unit": figure.unit,
+        "value": _finite(figure.value),
+        "reference": figure.reference,
+        "error": _finite(figure.error),
+        "tolerance": figure.tolerance,
+        "error_is": "absolute" if figure.absolute else "relative",
+        "observed_order": _finite(figure.observed_order),
+        "passed": figure.passed,
+    }
+
+
+def _finite(value: float | None) -> float | None:
+    return value if value is not None and math.isfinite(value) else None
+
+
+def _cells(figure: Figure) -> tuple[str, ...]:
+    unit = "" if figure.unit == "1" else f" [{figure.unit}]"
+    order = _finite(figure.observed_order)
+    return (
+        figure.quantity + unit,
+        f"{figure.value:.6g}",
+        f"{figure.reference:.6g}",
+        _error(figure.error, figure.absolute),
+        _error(figure.tolerance, figure.absolute),
+        "" if order is None else f"{order:.2f}",
+        "" if figure.passed else "FAIL",
+    )
+
+
+def _error(value: float, absolute: bool) -> str:
+    return f"{value:.1e}" if absolute else f"{100.0 * value:.3f} %"
+
+
+def _joined(cells: Sequence[str]) -> str:
+    first, *others = (
+        f"{cell:<{width}}" if k == 0 else f"{cell:>{width}}"
+        for k, (cell, width) in enumerate(zip(cells, _WIDTHS, strict=True))
+    )
+    return " ".join([first, *others]).rstrip()

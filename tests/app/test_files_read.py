@@ -18,10 +18,10 @@ from cosim.base.files_read import files_read, read_file
 from cosim.build.arms import find_arm
 from cosim.cli import running
 from cosim.cli.main import EXIT_DONE, EXIT_INPUT, EXIT_INTERRUPTED, main
-from cosim.config.kinds import register_module
-from cosim.config.schema.body_source import BodySourceTable
+from cosim.config.loading import register_module
+from cosim.config.schema.soft_robot import BodySourceTable
 from cosim.soft.geometry.named_mesh import NamedMesh
-from cosim.soft.geometry.rims import rims
+from cosim.soft.geometry.surface import rims
 from tests.build.test_mesh_source import written
 from tests.config.arm_texts import SIX_JOINTS_MJCF
 from tests.soft.own_tube import tube
@@ -40,7 +40,7 @@ MODULE = """\
 from dataclasses import dataclass
 from typing import Literal
 
-from cosim.config.schema.commands import CommandTable
+from cosim.config.schema.phase import CommandTable
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -202,6 +202,6 @@ def test_no_reader_of_a_scenarios_files_opens_them_itself() -> None:
         if any(word in path.read_text(encoding="utf-8") for word in opening)
     }
     # what is rewritten, heads of files that are noted, and figures that come with the code
-    heads = {"config/arms/link_shapes.py", "rigid/build/mjcf_files.py"}
-    known = {"config/upgrading.py", "build/expected_error.py"} | heads
+    heads = {"config/arms/chain.py", "rigid/build/mjcf_files.py"}
+    known = {"config/upgrading.py", "build/stage.py"} | heads
     assert found == known

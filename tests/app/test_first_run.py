@@ -20,7 +20,7 @@ import cosim
 from cosim.app import driver
 from cosim.build.kernel_modules import contact_modules, kernel_modules
 from cosim.config.loading import load_scenario
-from cosim.recording import membrane_colours
+from cosim.recording import colours
 from cosim.soft.solve import compilation
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -88,7 +88,7 @@ def test_every_kernel_is_one_that_some_run_compiles_beforehand() -> None:
     lumped = replace(arm, fidelity="lumped", contact=replace(arm.contact, self_contact=True))
     some = (*kernel_modules(lumped), *kernel_modules(replace(lumped, fidelity="section")))
     named: list[str] = []
-    for module in (*compilation.common_modules(), *some, *contact_modules(), membrane_colours):
+    for module in (*compilation.common_modules(), *some, *contact_modules(), colours):
         own = (value for value in kernels_of(module) if value.__module__ == module.__name__)
         named += [f"{value.__module__}.{value.__name__}" for value in own]
     assert set(compiled()) == set(named)

@@ -12,13 +12,12 @@ import pytest
 
 import cosim
 from cosim.base.frames import Array
-from cosim.build.given_body import NamedBody
-from cosim.build.soft_body import build_soft_body
+from cosim.build.soft_body import NamedBody, build_soft_body
 from cosim.cli.main import EXIT_INPUT, main
 from cosim.errors import MeshError, ScenarioError
 from cosim.results.result import ResultBuilder, RunResult
-from cosim.soft.body.center_line import center_line_length, center_rings
 from cosim.soft.body.copies import around_axis, copies
+from cosim.soft.body.places import center_line_length, center_rings
 from cosim.soft.elements.hinge import Hinges
 from cosim.telemetry.tick_batch import TickBatch
 from tests.soft import own_tube

@@ -12,7 +12,7 @@ import pytest
 
 import cosim
 from benchmarks.tip_paths import bare_arm
-from cosim.build import section_cache
+from cosim.build import soft_model
 from cosim.cli.main import main
 from cosim.errors import InputError
 from cosim.results.joint_table import JointTable, sample_times
@@ -42,7 +42,7 @@ def file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Return the scenario of the small arm; its model is not built again."""
     (tmp_path / "small.toml").write_text(on_a_ur5e(20e3, PHASES), encoding="utf-8")
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    monkeypatch.setattr(section_cache, "build_model", lambda *_: section().model)
+    monkeypatch.setattr(soft_model, "build_model", lambda *_: section().model)
     return tmp_path / "small.toml"
 
 

@@ -8,8 +8,7 @@ from pathlib import Path
 import pytest
 
 from cosim.app import run_files
-from cosim.app.output_directory import MARKER, OutputDirectory
-from cosim.app.run_files import SUMMARY, RunFiles, default_directory, recordings
+from cosim.app.run_files import MARKER, SUMMARY, OutputDirectory, RunFiles, default_directory, recordings
 
 
 def test_who_reads_a_summary_reads_one_to_its_end(tmp_path: Path) -> None:

@@ -16,7 +16,7 @@ import cosim
 import cosim.gym
 from benchmarks.faults.public_arrays import arrays_of, state_content, write_to_all
 from cosim import Batch, Command, Controller, Measurement, Simulation
-from cosim.app.observer import Observer
+from cosim.app.driver import Observer
 from cosim.telemetry.snapshot import RunInfo
 from cosim.telemetry.tick_batch import TickBatch
 from tests.app.test_given_body import SCENARIO

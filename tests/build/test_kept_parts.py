@@ -16,10 +16,10 @@ from cosim.base.frames import Pose
 from cosim.base.identity import content_name
 from cosim.base.kept_parts import name_of
 from cosim.build import simulation as building
-from cosim.build.parts import solved_plans
+from cosim.build import simulation as solved_plans
 from cosim.errors import ScenarioError
-from cosim.plan.paths.phase_drafts import SolvedPhases
-from cosim.plan.robot_command import SoftCommand
+from cosim.plan.plan import SoftCommand
+from cosim.plan.planning import SolvedPhases
 from tests.small_section import ROBOT
 
 LIFT = f"""

@@ -12,9 +12,9 @@ import cosim
 from cosim.base.frames import Pose
 from cosim.build.simulation import build
 from cosim.config.loading import load_scenario
-from cosim.config.schema.film import StiffenerTable
+from cosim.config.schema.soft_robot import StiffenerTable
+from cosim.plan.clearance import film_reach
 from cosim.plan.decision import Decision
-from cosim.plan.reach import film_reach
 from cosim.soft.body.loads import Loads
 from cosim.soft.solve.energy_share import hinge_energy_share
 from cosim.soft.solve.newton_options import NewtonOptions

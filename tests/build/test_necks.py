@@ -10,17 +10,15 @@ import pytest
 
 from benchmarks.tilt import STEPS_KPA, tilt_stiffness, unit
 from cosim.base.frames import IntArray
-from cosim.build.published_robot import published_robot
-from cosim.build.soft_body import build_soft_body
+from cosim.build.soft_body import build_soft_body, published_robot
 from cosim.config.loading import load_scenario
-from cosim.config.schema.soft_robot import SoftRobotTable
-from cosim.config.schema.solver import ModelTable
-from cosim.config.schema.stack import NeckTable
+from cosim.config.schema.scenario import ModelTable
+from cosim.config.schema.soft_robot import NeckTable, SoftRobotTable
 from cosim.errors import ScenarioError
 from cosim.soft.body.body import SoftBody
-from cosim.soft.elements.shell_hinges import shell_stiffness
+from cosim.soft.elements.hinge import shell_stiffness
 from cosim.soft.geometry.surface import triangles_beside
-from cosim.verification.support.open_specimen import OpenSpecimen
+from cosim.verification.stacks import OpenSpecimen
 
 FUSED_M = 0.008
 

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 import cosim
-from cosim.build import section_cache as module
+from cosim.build import soft_model
 from cosim.config.loading import load_scenario
 from cosim.errors import ConvergenceError, ScenarioError
 from cosim.reduced.section_model import SectionModel
@@ -28,7 +28,7 @@ duration_s = 0.02
 
 def test_the_error_of_a_model_is_told_and_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    monkeypatch.setattr(module, "build_model", lambda *_: section().model)
+    monkeypatch.setattr(soft_model, "build_model", lambda *_: section().model)
     path = tmp_path / "three_units.toml"
     path.write_text(SCENARIO, encoding="utf-8")
     run = cosim.run(path)
@@ -38,7 +38,7 @@ def test_the_error_of_a_model_is_told_and_kept(tmp_path: Path, monkeypatch: pyte
     assert figures["frames"] == 5  # flange, three rims, tip
     assert figures["samples"] > 100
     assert f"{1e3 * figures['tip_error_m']:.1f} mm" in run.stage.report
-    monkeypatch.setattr(module, "build_model", lambda *_: pytest.fail("the model has been built before"))
+    monkeypatch.setattr(soft_model, "build_model", lambda *_: pytest.fail("the model has been built before"))
     assert cosim.run(path).summary["section_model"] == figures
     assert cosim.run(path, overrides={"fidelity": "rigid"}).summary["section_model"] is None
 
@@ -52,11 +52,11 @@ def test_a_model_is_kept_for_its_range_of_pressure(tmp_path: Path, monkeypatch: 
         spline = replace(section().model.spline, largest_Pa=largest_Pa)
         return replace(section().model, spline=spline)
 
-    monkeypatch.setattr(module, "build_model", build)
+    monkeypatch.setattr(soft_model, "build_model", build)
     path = tmp_path / "three_units.toml"
     path.write_text(SCENARIO, encoding="utf-8")
     ordinary, high = load_scenario(path), load_scenario(path, {"phase.hang.pressure_Pa": 90e3})
-    models = [module.section_model(scenario) for scenario in (ordinary, high, ordinary, high)]
+    models = [soft_model.section_model(scenario) for scenario in (ordinary, high, ordinary, high)]
     ranges = [model.spline.largest_Pa for model in models]
     assert built == ranges[:2] == ranges[2:]
     assert ranges[0] < 90e3 < ranges[1]  # a model for less pressure must not serve for more
@@ -82,7 +82,7 @@ def test_what_a_section_model_leaves_out_is_refused(
 def test_a_model_that_loses_its_equilibria_says_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     lost = replace(section().model, tip_error=float("inf"), tip_error_m=float("inf"))
-    monkeypatch.setattr(module, "build_model", lambda *_: lost)
+    monkeypatch.setattr(soft_model, "build_model", lambda *_: lost)
     path = tmp_path / "three_units.toml"
     path.write_text(SCENARIO, encoding="utf-8")
     run = cosim.run(path)
@@ -93,7 +93,7 @@ def test_a_model_that_loses_its_equilibria_says_so(tmp_path: Path, monkeypatch: 
 @pytest.mark.parametrize("mode", ["dynamic", "quasistatic"])
 def test_cables_are_wound_as_on_the_film(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, mode: str) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    monkeypatch.setattr(module, "build_model", lambda *_: section().model)
+    monkeypatch.setattr(soft_model, "build_model", lambda *_: section().model)
     path = tmp_path / "three_units.toml"
     wind = "duration_s = 0.1\nincrements = 4\ncable_shortening_m = { right = 0.004 }"
     path.write_text(SCENARIO.replace("duration_s = 0.02", wind), encoding="utf-8")
@@ -111,9 +111,9 @@ def test_film_without_smooth_states_is_refused(tmp_path: Path, monkeypatch: pyte
         raise ConvergenceError("the stiffener has buckled", 1.0, 25)
 
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    monkeypatch.setattr(module, "build_model", lost)
+    monkeypatch.setattr(soft_model, "build_model", lost)
     path = tmp_path / "three_units.toml"
     path.write_text(SCENARIO, encoding="utf-8")
     with pytest.raises(ScenarioError, match=r"no section model of .*the stiffener has buckled") as refused:
-        module.section_model(load_scenario(path))
+        soft_model.section_model(load_scenario(path))
     assert refused.value.path == "fidelity"

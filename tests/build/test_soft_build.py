@@ -9,18 +9,14 @@ import pytest
 
 from cosim.base.identity import content_name
 from cosim.base.resources import scenario_path
-from cosim.build.published_robot import published_robot
-from cosim.build.soft_body import build_soft_body
+from cosim.build.soft_body import build_soft_body, published_robot
 from cosim.config.loading import load_scenario, load_soft_robot
-from cosim.config.schema.film import StiffenerTable
-from cosim.config.schema.soft_robot import SoftRobotTable
-from cosim.config.schema.solver import ModelTable
-from cosim.config.schema.stack import NeckTable
-from cosim.soft.beams.beam_rings import BeamRings
-from cosim.soft.beams.rectangular_section import RectangularSection
+from cosim.config.schema.scenario import ModelTable
+from cosim.config.schema.soft_robot import NeckTable, SoftRobotTable, StiffenerTable
+from cosim.soft.beams.beam_rings import BeamRings, RectangularSection
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
-from cosim.soft.elements.shell_hinges import bending_measure
+from cosim.soft.elements.hinge import bending_measure
 from cosim.soft.geometry.surface import triangle_area
 from cosim.soft.solve.assembly import SoftSystem
 from cosim.soft.solve.energy_share import stored_energy

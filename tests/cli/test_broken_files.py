@@ -17,7 +17,8 @@ from typing import Any
 
 import pytest
 
-from cosim.app import output_directory, run_files
+from cosim.app import run_files
+from cosim.app import run_files as output_directory
 from cosim.cli import running
 from cosim.cli.main import main
 from tests.cli.interrupted import Command

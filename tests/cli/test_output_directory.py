@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 
-from cosim.app.output_directory import MARKER, OutputDirectory
+from cosim.app.run_files import MARKER, OutputDirectory
 from cosim.cli.main import main
 from cosim.errors import InputError
 from tests.cli.interrupted import Command, interrupt_at
@@ -20,7 +20,7 @@ from tests.cli.test_run import REFERENCE
 
 ROOT = Path(__file__).resolve().parents[2]
 HOLD = (
-    "import sys, time; from pathlib import Path; from cosim.app.output_directory import OutputDirectory\n"
+    "import sys, time; from pathlib import Path; from cosim.app.run_files import OutputDirectory\n"
     "with OutputDirectory(Path(sys.argv[1])) as directory:\n"
     "    directory.make(); print('held', flush=True); time.sleep(600)\n"
 )

@@ -12,10 +12,10 @@ import pytest
 
 import cosim
 from cosim.cli.main import main
-from cosim.config.kinds import GROUP
-from cosim.config.schema.commands import CommandTable
-from cosim.config.schema.elements import ElementTable
-from cosim.config.toml.core_schemas import forget_schemas
+from cosim.config.loading import GROUP
+from cosim.config.schema.phase import CommandTable
+from cosim.config.schema.soft_robot import ElementTable
+from cosim.config.toml.parsing import forget_schemas
 from tests.devices import sine_commands
 from tests.devices.sine_commands import SineTable
 
@@ -91,7 +91,7 @@ def test_an_installed_package_offers_its_kinds(folder: Path) -> None:
     [
         (None, "FileNotFoundError"),
         ("1 / 0", "cannot be imported: ZeroDivisionError"),
-        ("from cosim.config.schema.commands import CommandTable", "holds no kind of tables"),
+        ("from cosim.config.schema.phase import CommandTable", "holds no kind of tables"),
     ],
 )
 def test_a_module_without_kinds_is_refused(

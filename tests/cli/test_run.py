@@ -12,12 +12,12 @@ from typing import Any
 
 import pytest
 
-from cosim.app.output_directory import MARKER
 from cosim.app.progress import clock
+from cosim.app.run_files import MARKER
 from cosim.base.resources import list_soft_robots
 from cosim.cli import running
 from cosim.cli.main import main
-from cosim.cli.progress import ProgressLine
+from cosim.cli.running import ProgressLine
 from cosim.config.loading import load_scenario
 from cosim.errors import ConvergenceError, UnreachableError
 from cosim.recording.recorder import Recorder

@@ -8,14 +8,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cosim.build.fidelity import fidelity_body
 from cosim.build.simulation import build
 from cosim.build.soft_body import build_soft_body
+from cosim.build.soft_model import fidelity_body
 from cosim.config.loading import load_scenario, load_soft_robot
-from cosim.config.schema.solver import ModelTable
+from cosim.config.schema.scenario import ModelTable
 from cosim.config.writing import scenario_text
 from cosim.errors import ScenarioError
-from cosim.plan.reach import film_reach
+from cosim.plan.clearance import film_reach
 
 ARM = "arm_with_gripper"
 FINGERS = ("gripper/copy_1", "gripper/copy_2", "gripper/copy_3")

@@ -8,9 +8,9 @@ from typing import Any
 import pytest
 
 from cosim.base.resources import list_soft_robots, soft_robot_path
-from cosim.build.known_values import known_report
+from cosim.build.stage import known_report
 from cosim.config.loading import load_scenario, load_soft_robot
-from cosim.config.schema.film import StiffenerTable
+from cosim.config.schema.soft_robot import StiffenerTable
 from cosim.errors import ScenarioError
 
 NO_VALUES = {"schema", "name", "source", "base", "file", "known", "element"}

@@ -15,8 +15,7 @@ from benchmarks.faults.mutations import toml_text
 from cosim.base.resources import scenario_path, soft_robot_path
 from cosim.cli.main import EXIT_INPUT, EXIT_UNWRITTEN, main
 from cosim.config.loading import load_scenario, load_soft_robot
-from cosim.config.toml.key_spans import key_spans
-from cosim.config.upgrading import upgraded
+from cosim.config.upgrading import key_spans, upgraded
 from cosim.errors import ScenarioError
 
 SCENARIO = '''# Question: what becomes of [chamber]?

@@ -16,8 +16,7 @@ from cosim.coupling.contact.contact_report import ContactReport
 from cosim.coupling.schemes.interface import Coupling, Interface, six_numbers
 from cosim.coupling.schemes.ledger import LedgerEntry
 from cosim.coupling.soft_sides.lumped_arm import SoftArm
-from cosim.rigid.build.description import SceneDescription, SceneObject
-from cosim.rigid.build.wire import Wire
+from cosim.rigid.build.description import SceneDescription, SceneObject, Wire
 from cosim.rigid.scene.native import NativeScene
 from cosim.rigid.scene.scene import RigidScene
 from cosim.soft.body.body import SoftBody
@@ -25,7 +24,7 @@ from cosim.soft.body.loads import Loads
 from cosim.soft.contact.contact_law import ContactLaw
 from cosim.soft.elements.material import Film
 from cosim.soft.solve.newton_options import NewtonOptions
-from cosim.soft.solve.time_scheme import Integrator, StepOptions
+from cosim.soft.solve.state import Integrator, StepOptions
 from tests.coupling.one_tick import one_tick
 from tests.soft.bodies import icosphere
 

@@ -25,8 +25,7 @@ from cosim.soft.elements.material import Film
 from cosim.soft.solve.assembly import SoftSystem
 from cosim.soft.solve.newton import NewtonSolver
 from cosim.soft.solve.newton_options import NewtonOptions
-from cosim.soft.solve.state import Clamp, SoftState
-from cosim.soft.solve.time_scheme import StepAim, StepOptions
+from cosim.soft.solve.state import Clamp, SoftState, StepAim, StepOptions
 from cosim.soft.solve.time_step import ImplicitStepper
 from tests.coupling.one_tick import one_tick
 

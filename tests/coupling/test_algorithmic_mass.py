@@ -10,7 +10,7 @@ from cosim.coupling.schemes.staggered import StaggeredCoupling, algorithmic_mass
 from cosim.coupling.soft_sides.lumped_arm import SoftArm
 from cosim.coupling.soft_sides.soft_side import answer_weights, exchange_gain, expecting_no_change
 from cosim.soft.solve.newton_options import NewtonOptions
-from cosim.soft.solve.time_scheme import Integrator, StepAim, StepOptions
+from cosim.soft.solve.state import Integrator, StepAim, StepOptions
 from tests.coupling.slider import OneBody, Slider
 from tests.soft.bodies import HANGING, PRESSURE_Pa, hexagon_arm, no_load
 

@@ -23,7 +23,7 @@ from cosim.soft.contact.contact_law import ContactLaw
 from cosim.soft.elements.element import Sums
 from cosim.soft.elements.material import Film
 from cosim.soft.solve.newton_options import NewtonOptions
-from cosim.soft.solve.time_scheme import StepOptions
+from cosim.soft.solve.state import StepOptions
 from tests.coupling.pads import GRASP, Grasp
 from tests.soft.bodies import icosphere, random_rotation
 

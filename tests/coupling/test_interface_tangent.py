@@ -11,7 +11,7 @@ from cosim.base.frames import Array
 from cosim.coupling.contact.added_mass import rigid_motions
 from cosim.coupling.schemes.iterated import contact_tangent
 from cosim.soft.contact.obstacle_contact import ContactPlanes
-from cosim.soft.solve.time_scheme import Integrator, StepAim
+from cosim.soft.solve.state import Integrator, StepAim
 from tests.coupling.pads import Grasp
 
 TICK_S, NUDGE_m = 1e-3, 1e-7

@@ -10,9 +10,7 @@ import pytest
 from cosim.base.frames import Array
 from cosim.coupling.contact.added_mass import bounding_blocks
 from cosim.errors import SolverError
-from cosim.rigid.build.description import SceneObject
-from cosim.rigid.build.joint import Joint
-from cosim.rigid.build.wire import Wire
+from cosim.rigid.build.description import Joint, SceneObject, Wire
 from tests.coupling.pads import EDGE_M, Grasp
 
 TURNED = SceneObject(

@@ -18,7 +18,7 @@ from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
 from cosim.soft.elements.material import Film
 from cosim.soft.solve.newton_options import NewtonOptions
-from cosim.soft.solve.time_scheme import StepOptions
+from cosim.soft.solve.state import StepOptions
 from tests.coupling.pads import EDGE_M, Grasp
 from tests.soft.bodies import icosphere
 

@@ -13,15 +13,14 @@ from cosim.base.triangle_mesh import TriangleMesh, read_mesh
 from cosim.build.arms import find_arm
 from cosim.coupling.contact.contact_exchange import ContactExchange
 from cosim.coupling.soft_sides.lumped_arm import SoftArm
-from cosim.rigid.build.description import SceneDescription, SceneObject
-from cosim.rigid.build.geometry import Geometry
+from cosim.rigid.build.description import Geometry, SceneDescription, SceneObject
 from cosim.rigid.scene.scene import RigidScene
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
 from cosim.soft.elements.element import Sums
 from cosim.soft.elements.material import Film
 from cosim.soft.solve.newton_options import NewtonOptions
-from cosim.soft.solve.time_scheme import StepOptions
+from cosim.soft.solve.state import StepOptions
 from tests.soft.bodies import icosphere
 
 RADIUS_M, TICK_S, PRESSURE_PA = 0.05, 2e-3, 5e3

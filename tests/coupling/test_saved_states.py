@@ -18,7 +18,7 @@ from cosim.rigid.scene.scene import RigidScene
 from cosim.soft.linear.envelope_cholesky import EnvelopeCholesky
 from cosim.soft.published.open_caps import OpenCapSolver
 from cosim.soft.solve.newton_options import NewtonOptions
-from cosim.soft.solve.time_scheme import Integrator, StepOptions
+from cosim.soft.solve.state import Integrator, StepOptions
 from tests.coupling.pads import Grasp
 from tests.coupling.test_staggered import Rig, rig
 from tests.soft.bodies import HANGING, hexagon_arm, no_load

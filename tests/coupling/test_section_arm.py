@@ -15,9 +15,8 @@ from cosim.errors import InputError, UnreachableError
 from cosim.soft.body.loads import Loads
 from cosim.soft.elements.gas import SealedGas
 from cosim.soft.solve.newton_options import NewtonOptions
-from cosim.soft.solve.time_scheme import Integrator, StepOptions
-from cosim.soft.targets.target_solution import TargetOptions
-from cosim.soft.targets.tip_target import TipTarget
+from cosim.soft.solve.state import Integrator, StepOptions
+from cosim.soft.targets.tip_target import TargetOptions, TipTarget
 from tests.small_section import body, section
 
 STATICS = NewtonOptions()

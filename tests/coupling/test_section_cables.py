@@ -13,8 +13,7 @@ from cosim.coupling.soft_sides.section_arm import SectionArm
 from cosim.soft.body.loads import Loads
 from cosim.soft.elements.cable import base_tension
 from cosim.soft.solve.newton_options import NewtonOptions
-from cosim.soft.solve.state import Equilibrium
-from cosim.soft.solve.time_scheme import StepOptions
+from cosim.soft.solve.state import Equilibrium, StepOptions
 from tests.coupling.test_section_touch import AIM, LAW, UP
 from tests.small_section import body, section
 from tests.soft.contacts import half_space

@@ -12,7 +12,7 @@ from cosim.coupling.soft_sides.section_arm import SectionArm
 from cosim.soft.body.loads import Loads
 from cosim.soft.contact.contact_law import ContactLaw
 from cosim.soft.solve.newton_options import NewtonOptions
-from cosim.soft.solve.time_scheme import StepAim, StepOptions
+from cosim.soft.solve.state import StepAim, StepOptions
 from tests.small_section import body, section
 from tests.soft.contacts import half_space
 

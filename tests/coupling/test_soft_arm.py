@@ -13,7 +13,7 @@ from cosim.coupling.soft_sides.lumped_arm import SoftArm
 from cosim.coupling.soft_sides.soft_side import exchange_gain
 from cosim.errors import ConvergenceError
 from cosim.soft.solve.newton_options import NewtonOptions
-from cosim.soft.solve.time_scheme import StepOptions
+from cosim.soft.solve.state import StepOptions
 from cosim.soft.solve.time_step import ImplicitStepper
 from tests.soft.bodies import HANGING, PRESSURE_Pa, hexagon_arm, no_load
 

@@ -9,10 +9,9 @@ import pytest
 
 from cosim.base.frames import Array, Pose, rotation_from_vector
 from cosim.coupling.soft_sides.lumped_arm import SoftArm, pieces_after, pose_within, step_error
-from cosim.plan.ramp import progress
+from cosim.plan.motion import progress
 from cosim.soft.solve.newton_options import NewtonOptions
-from cosim.soft.solve.state import SoftState
-from cosim.soft.solve.time_scheme import Integrator, StepOptions
+from cosim.soft.solve.state import Integrator, SoftState, StepOptions
 from tests.soft.bodies import HANGING, PRESSURE_Pa, hexagon_arm, no_load
 
 TICK_S, DURATION_S = 0.02, 0.24

@@ -7,12 +7,12 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Literal, final
 
-from cosim.config.schema.commands import CommandTable
+from cosim.config.schema.phase import CommandTable
 from cosim.config.schema.scenario import Scenario
-from cosim.config.toml.constraints import Positive
+from cosim.config.toml.keys import Positive
 from cosim.devices.command_source import ChangedCommands, CommandSource, RobotState, StepToTake
 from cosim.errors import InputError
-from cosim.plan.robot_command import RobotCommand
+from cosim.plan.plan import RobotCommand
 
 
 @final

@@ -16,8 +16,8 @@ from gymnasium.vector import AutoresetMode
 import cosim.gym
 from cosim.cli.main import main
 from cosim.errors import ConvergenceError, InputError
-from cosim.gym.grasp_lift import GraspLift
 from cosim.gym.policy import LinearPolicy, policy_of
+from cosim.gym.tasks import GraspLift
 
 RIGID: dict[str, Any] = {"fidelity": "rigid"}
 ARMS = ("cosim/TipReach-v0", "cosim/TipFollow-v0")

@@ -9,9 +9,8 @@ import pytest
 from cosim.build.arms import find_arm
 from cosim.kinematics.arm import Arm
 from cosim.kinematics.clearance import Clearance
-from cosim.rigid.build.compile_model import compile_model
-from cosim.rigid.build.description import SceneDescription, SceneObject
-from cosim.rigid.build.geometry import Geometry
+from cosim.rigid.build.compiled_scene import compile_model
+from cosim.rigid.build.description import Geometry, SceneDescription, SceneObject
 from cosim.rigid.scene.scene import RigidScene
 
 AROUND = (

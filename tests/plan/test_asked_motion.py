@@ -11,10 +11,8 @@ from scipy.interpolate import CubicSpline
 from cosim.base.frames import Pose
 from cosim.config.schema.phase import PhaseTable
 from cosim.plan.arm_plan import AskedMotion, asked_motion
-from cosim.plan.joint_path import JointPath
-from cosim.plan.plan import Holding, PhasePlan, Plan
-from cosim.plan.ramp import progress
-from cosim.plan.robot_command import SoftCommand
+from cosim.plan.motion import JointPath, progress
+from cosim.plan.plan import Holding, PhasePlan, Plan, SoftCommand
 
 TICK_S, DURATION_S = 2e-3, 0.5
 SPAN = np.array([0.3, -0.1, 0.2, 0.0, 0.5, -0.4])

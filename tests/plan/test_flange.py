@@ -7,8 +7,7 @@ import pytest
 
 from cosim.base.frames import Pose
 from cosim.config.schema.phase import FlangePoseTable, FlangeShakeTable, FlangeTurnTable, PhaseTable
-from cosim.plan.flange_path import FlangeWay, pose_of, rotation_from_direction
-from cosim.plan.shake import Shake
+from cosim.plan.motion import FlangeWay, Shake, pose_of, rotation_from_direction
 
 # products of a few rotation matrices: rounding of a few 1e-16
 ROUNDING = 1e-14

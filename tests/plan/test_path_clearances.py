@@ -13,10 +13,10 @@ from cosim.base.frames import Pose
 from cosim.build.simulation import build
 from cosim.cli.main import EXIT_INPUT, main
 from cosim.config.loading import load_scenario
-from cosim.config.schema.solver import PlanTable
+from cosim.config.schema.scenario import PlanTable
 from cosim.kinematics.clearance import Clearance
 from cosim.plan.arm_plan import asked_motion
-from cosim.plan.path_clearances import path_clearances
+from cosim.plan.clearance import path_clearances
 
 SCENARIO = """schema = 2
 title = "a finger beside a table"

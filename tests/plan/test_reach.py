@@ -11,15 +11,13 @@ from cosim.base.frames import Array, Pose, rotation_from_vector
 from cosim.build.arms import find_arm
 from cosim.config.schema.phase import FlangeShakeTable, FlangeTurnTable, PhaseTable
 from cosim.kinematics.arm import Arm
-from cosim.plan.flange_path import FlangeWay
+from cosim.plan.clearance import FlangeTravel, film_reach, flange_travel, within_reach
 from cosim.plan.joint_planner import plan_joints
-from cosim.plan.plan import Holding, PhasePlan, Plan
-from cosim.plan.reach import FlangeTravel, film_reach, flange_travel, within_reach
-from cosim.plan.robot_command import SoftCommand
-from cosim.plan.shake import Shake
+from cosim.plan.motion import FlangeWay, Shake
+from cosim.plan.plan import Holding, PhasePlan, Plan, SoftCommand
 from cosim.rigid.build.description import SceneDescription
 from cosim.rigid.scene.scene import RigidScene
-from cosim.soft.body.attachment import Plate, attached
+from cosim.soft.body.copies import Plate, attached
 from tests.soft.bodies import FILM, HANGING, hexagon_arm
 
 START = Pose(HANGING.rotation, np.array([0.4, 0.0, 0.6]))

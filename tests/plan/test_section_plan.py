@@ -11,8 +11,8 @@ import pytest
 
 from cosim.app.driver import build_simulation
 from cosim.app.first_run import with_fidelity_chosen
-from cosim.build import section_cache as section_model
-from cosim.cli.progress import PlanWarnings
+from cosim.build import soft_model
+from cosim.cli.running import PlanWarnings
 from cosim.config.loading import load_scenario
 from cosim.config.schema.scenario import Scenario
 from cosim.errors import ScenarioError
@@ -32,7 +32,7 @@ def load(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
     """Return what loads a scenario of the small arm; its model is not built again."""
     (tmp_path / "small.toml").write_text(on_a_ur5e(20e3, ""), encoding="utf-8")
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    monkeypatch.setattr(section_model, "build_model", lambda *_: section().model)
+    monkeypatch.setattr(soft_model, "build_model", lambda *_: section().model)
     return lambda phase, **others: load_scenario(tmp_path / "small.toml", {"phase": [phase], **others})
 
 

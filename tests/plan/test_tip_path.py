@@ -12,15 +12,15 @@ import pytest
 import cosim
 from cosim.base.frames import Pose, rotation_from_vector
 from cosim.base.tip_course import TipCourse, course_of
-from cosim.build import section_cache
+from cosim.build import soft_model
 from cosim.build.arms import find_arm
 from cosim.config.loading import load_scenario
 from cosim.errors import ScenarioError, UnreachableError
 from cosim.kinematics.arm import Arm
 from cosim.kinematics.inverse_kinematics import solve
-from cosim.plan.flange_path import rotation_from_direction
-from cosim.plan.paths.pose_track import PoseTrack
-from cosim.plan.paths.track_joints import track_joints
+from cosim.plan.joint_planner import track_joints
+from cosim.plan.motion import rotation_from_direction
+from cosim.plan.tip_paths import PoseTrack
 from tests.small_section import on_a_ur5e, section
 
 BEGIN = [0.42, 0.0, 0.42]
@@ -42,7 +42,7 @@ def load(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
     """Return what loads a scenario of the small arm; its model is not built again."""
     (tmp_path / "small.toml").write_text(on_a_ur5e(20e3, ""), encoding="utf-8")
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    monkeypatch.setattr(section_cache, "build_model", lambda *_: section().model)
+    monkeypatch.setattr(soft_model, "build_model", lambda *_: section().model)
     return lambda *phases, **others: load_scenario(tmp_path / "small.toml", {"phase": list(phases), **others})
 
 

@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 
 from cosim.base.frames import Array
-from cosim.recording.camera import close_eye, scene_eye, soft_size
+from cosim.recording.blueprint import close_eye, scene_eye, soft_size
 from cosim.recording.colours import stress_scale
-from cosim.recording.creases import crease_lines
-from cosim.recording.rigid_mesh import corner_normals
+from cosim.recording.scene import corner_normals, crease_lines
 from cosim.soft.geometry.polygonal_stack import PolygonalStack
 from cosim.telemetry.snapshot import RunInfo, Snapshot
 

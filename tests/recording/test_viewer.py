@@ -17,10 +17,9 @@ from rerun.experimental import ViewerClient
 from cosim.cli import viewing
 from cosim.cli.main import main
 from cosim.errors import InputError, OutputError
+from cosim.recording.pictures import Pictures, write_video
 from cosim.recording.rerun_recorder import RerunRecorder
-from cosim.recording.viewing.pictures import Pictures
-from cosim.recording.viewing.video import write_video
-from cosim.recording.viewing.viewer import Viewer, check_display, start_viewer
+from cosim.recording.viewer import Viewer, check_display, start_viewer
 from cosim.telemetry.snapshot import RunInfo, Snapshot
 from cosim.telemetry.tick_batch import TickBatch
 

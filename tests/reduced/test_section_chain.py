@@ -7,10 +7,9 @@ import pytest
 
 from cosim.base.frames import Array, Pose, rotation_from_vector
 from cosim.reduced.sections.assembly import assemble, change_frames
-from cosim.reduced.sections.pressure_spline import PressureSpline
-from cosim.reduced.sections.section_energy import BENT, COEFFICIENTS, HIGH, LOW, basis
-from cosim.reduced.solve.contact import FrameContacts
-from cosim.reduced.solve.kinematics import carried
+from cosim.reduced.sections.section_energy import BENT, COEFFICIENTS, HIGH, LOW, PressureSpline, basis
+from cosim.reduced.solve.clamp import carried
+from cosim.reduced.solve.newton import FrameContacts
 
 FRAMES = 4
 

@@ -7,9 +7,9 @@ import pytest
 
 from cosim.base.frames import Array, Pose, rotation_from_vector
 from cosim.coupling.soft_sides.soft_side import MassProperties
-from cosim.reduced.sections.outputs import center_and_inertia, figures_of, supplied_wrench
+from cosim.reduced.sections.assembly import center_and_inertia, figures_of, supplied_wrench
 from cosim.reduced.sections.ring_frames import RingFrames, points_of
-from cosim.reduced.solve.kinematics import carried, rates_from_nodes, rigid_motion, twists
+from cosim.reduced.solve.clamp import carried, rates_from_nodes, rigid_motion, twists
 from tests.soft.bodies import hexagon_arm
 
 SHIFT, TURN = np.array([0.3, -0.7, 0.2]), np.array([1.1, 0.4, -0.9])

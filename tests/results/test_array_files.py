@@ -17,10 +17,9 @@ from pyarrow import parquet
 import cosim
 from cosim.app import api
 from cosim.errors import ConvergenceError
-from cosim.results.array_texts import array_texts
-from cosim.results.parquet import read_texts
+from cosim.results.array_files import read_texts, stage_of, stored_stage
+from cosim.results.curves import array_texts
 from cosim.results.result import COLUMNS, FRAME_COLUMNS, RunResult
-from cosim.results.stored_stage import stage_of, stored_stage
 from tests.cli.interrupted import Command, interrupt_at
 
 REFERENCE = "ur5e_hexagon_arm"

@@ -15,7 +15,7 @@ from pyarrow import parquet
 
 import cosim
 from cosim.cli.main import EXIT_INPUT, main
-from cosim.results.parquet import read_header
+from cosim.results.array_files import read_header
 
 SPECIMEN = {"phase.start.increments": 2, "phase.inflate.increments": 3}
 STUDY = {

@@ -10,9 +10,7 @@ import pytest
 from cosim.base.frames import Array, Pose
 from cosim.build.arms import find_arm
 from cosim.errors import InputError
-from cosim.rigid.build.description import SceneDescription, SceneObject
-from cosim.rigid.build.joint import Joint
-from cosim.rigid.build.wire import Wire
+from cosim.rigid.build.description import Joint, SceneDescription, SceneObject, Wire
 from cosim.rigid.scene.scene import RigidScene
 
 ARM = find_arm("ur5e")

@@ -13,9 +13,8 @@ from cosim.base.resources import object_mesh_path
 from cosim.base.triangle_mesh import TriangleMesh, read_mesh
 from cosim.build.arms import find_arm
 from cosim.errors import InputError
-from cosim.rigid.build.description import SceneDescription, SceneObject
-from cosim.rigid.build.geometry import Geometry
-from cosim.rigid.distance.mesh_distance import surface_distance
+from cosim.rigid.build.description import Geometry, SceneDescription, SceneObject
+from cosim.rigid.distance.signed_distance import surface_distance
 from cosim.rigid.scene.scene import RigidScene
 
 ARM = find_arm("ur5e")

@@ -9,9 +9,8 @@ import pytest
 
 from cosim.base.frames import Array, Pose
 from cosim.errors import MeshError
-from cosim.soft.body.attachment import Plate, attached
 from cosim.soft.body.body import SoftBody
-from cosim.soft.body.copies import around_axis, copies
+from cosim.soft.body.copies import Plate, around_axis, attached, copies
 from cosim.soft.body.loads import Loads
 from cosim.soft.elements.frame_ring import FrameRings
 from cosim.soft.geometry.surface import dihedral_angle

@@ -7,8 +7,7 @@ import pytest
 
 from cosim.base.frames import Array, Pose
 from cosim.errors import MeshError
-from cosim.soft.beams.beam_rings import BeamRings
-from cosim.soft.beams.rectangular_section import RectangularSection
+from cosim.soft.beams.beam_rings import BeamRings, RectangularSection
 from cosim.soft.body.copies import around_axis, copies
 from cosim.soft.elements.element import Element, Instant
 from cosim.soft.elements.frame_ring import FrameRings

@@ -12,7 +12,7 @@ from cosim.errors import InputError, MeshError
 from cosim.soft.body.loads import Loads
 from cosim.soft.elements.material import Film
 from cosim.soft.solve.newton_options import NewtonOptions
-from cosim.soft.solve.time_scheme import StepOptions
+from cosim.soft.solve.state import StepOptions
 from tests.soft.bodies import HANGING, hexagon_arm, no_load
 
 

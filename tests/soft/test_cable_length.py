@@ -11,13 +11,12 @@ from cosim.base.frames import Array
 from cosim.errors import InputError
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
-from cosim.soft.elements.cable import Cable, base_tension
-from cosim.soft.elements.cable_length import TRANSITION_m, onset, stretch_at
+from cosim.soft.elements.cable import Cable, TRANSITION_m, base_tension, onset, stretch_at
 from cosim.soft.elements.material import Film
 from cosim.soft.geometry.surface import dihedral_angle
 from cosim.soft.solve.assembly import SoftSystem
 from cosim.soft.solve.sensitivity import Sensitivity
-from cosim.soft.solve.time_scheme import StepOptions
+from cosim.soft.solve.state import StepOptions
 from cosim.soft.solve.time_step import ImplicitStepper
 from tests.derivatives import RELATIVE, Evaluate, dense, derivative_errors
 from tests.soft.bodies import HANGING, held, hexagon_arm, hung, shapes

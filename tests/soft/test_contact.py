@@ -19,8 +19,7 @@ from cosim.soft.elements.material import Film
 from cosim.soft.geometry.surface import triangle_area
 from cosim.soft.solve.assembly import SoftSystem
 from cosim.soft.solve.newton import NewtonSolver
-from cosim.soft.solve.state import Clamp, SoftState
-from cosim.soft.solve.time_scheme import StepOptions
+from cosim.soft.solve.state import Clamp, SoftState, StepOptions
 from cosim.soft.solve.time_step import ImplicitStepper
 from tests.derivatives import RELATIVE, dense, derivative_errors
 from tests.soft.bodies import hexagon_arm, icosphere, shapes

@@ -8,9 +8,9 @@ import pytest
 from cosim.base.frames import Array
 from cosim.errors import MeshError
 from cosim.soft.body.body import SoftBody
-from cosim.soft.body.center_line import center_rings
 from cosim.soft.body.copies import around_axis, copies
 from cosim.soft.body.loads import Loads
+from cosim.soft.body.places import center_rings
 from cosim.soft.solve.assembly import SoftSystem
 from tests.soft.bodies import hexagon_arm, shapes
 

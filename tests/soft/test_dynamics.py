@@ -11,8 +11,7 @@ from cosim.base.frames import Array, Pose, rotation_from_vector
 from cosim.errors import ConvergenceError, InputError
 from cosim.soft.body.loads import Loads
 from cosim.soft.solve.newton_options import NewtonOptions
-from cosim.soft.solve.state import Clamp, SoftState
-from cosim.soft.solve.time_scheme import Integrator, StepOptions
+from cosim.soft.solve.state import Clamp, Integrator, SoftState, StepOptions
 from cosim.soft.solve.time_step import ImplicitStepper
 from tests.soft.bodies import HANGING, Held, PRESSURE_Pa, held, hexagon_arm, hung, no_load
 

@@ -12,9 +12,8 @@ from cosim.base.frames import Array, IntArray, Pose
 from cosim.base.identity import content_name
 from cosim.errors import InputError, MeshError
 from cosim.reduced.sections.ring_frames import RingFrames
-from cosim.soft.body.attachment import Plate, attached
 from cosim.soft.body.body import SoftBody
-from cosim.soft.body.copies import around_axis, copies
+from cosim.soft.body.copies import Plate, around_axis, attached, copies
 from cosim.soft.body.loads import Loads
 from cosim.soft.elements.element import NODES, STILL, DirectElement, Element, Instant
 from cosim.soft.elements.hinge import Hinges
@@ -25,8 +24,7 @@ from cosim.soft.solve.assembly import SoftSystem
 from cosim.soft.solve.compilation import common_modules
 from cosim.soft.solve.newton import NewtonSolver
 from cosim.soft.solve.newton_options import NewtonOptions
-from cosim.soft.solve.state import Clamp, SoftState
-from cosim.soft.solve.time_scheme import StepOptions
+from cosim.soft.solve.state import Clamp, SoftState, StepOptions
 from cosim.soft.solve.time_step import ImplicitStepper
 from tests.derivatives import RELATIVE, dense, derivative_errors
 from tests.soft import dashpot

@@ -12,7 +12,7 @@ from cosim.base.frames import Array
 from cosim.errors import InputError
 from cosim.soft.elements.material import Film
 from cosim.soft.elements.membrane import Membranes
-from cosim.soft.elements.tension_field import SLACK, TAUT, WRINKLED
+from cosim.soft.elements.wrinkling import SLACK, TAUT, WRINKLED
 from tests.derivatives import RELATIVE, Evaluate, assembled, derivative_errors
 from tests.soft.bodies import FILM, hexagon_arm, random_rotation, shapes
 

@@ -9,9 +9,8 @@ import pytest
 
 from cosim.base.frames import Array
 from cosim.errors import InputError, MeshError
-from cosim.soft.body.body import SoftBody
+from cosim.soft.body.body import GasChamber, SoftBody
 from cosim.soft.body.copies import around_axis, copies
-from cosim.soft.body.gas_chamber import GasChamber
 from cosim.soft.body.loads import Loads
 from cosim.soft.elements.gas import SealedGas, STANDARD_ATMOSPHERE_Pa
 from cosim.soft.geometry.surface import dihedral_angle

@@ -5,8 +5,7 @@ from __future__ import annotations
 import pytest
 
 from cosim.soft.geometry.polygonal_stack import PolygonalStack
-from cosim.verification.support.finite_elements import FILM
-from cosim.verification.support.open_specimen import OpenSpecimen, film_stack
+from cosim.verification.stacks import FILM, OpenSpecimen, film_stack
 
 
 def test_five_hexagons_on_planes_of_symmetry_extend_as_a_free_stack_does() -> None:

@@ -12,7 +12,7 @@ import pytest
 from cosim.base.frames import Array, IntArray
 from cosim.base.state_archive import read_archive, write_archive
 from cosim.base.state_check import check_state
-from cosim.build.section_cache import content_hash
+from cosim.build.soft_model import content_hash
 from cosim.coupling.soft_sides.lumped_arm import SoftArm
 from cosim.errors import InputError
 from cosim.soft.body import loads as loads_file
@@ -25,7 +25,7 @@ from cosim.soft.elements.element import NODES, STILL, DirectElement, Element, In
 from cosim.soft.elements.gas import SealedGas
 from cosim.soft.solve.assembly import SoftSystem
 from cosim.soft.solve.newton_options import NewtonOptions
-from cosim.soft.solve.time_scheme import StepOptions
+from cosim.soft.solve.state import StepOptions
 from tests.soft.bodies import HANGING, hexagon_arm, no_load, shapes
 from tests.soft.contacts import half_space
 from tests.soft.wind import Windy

@@ -11,8 +11,7 @@ import pytest
 
 from cosim.base.frames import Array, IntArray, Pose
 from cosim.errors import ConvergenceError, InputError
-from cosim.soft.beams.beam_rings import BeamRings
-from cosim.soft.beams.rectangular_section import RectangularSection
+from cosim.soft.beams.beam_rings import BeamRings, RectangularSection
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.copies import around_axis, copies
 from cosim.soft.contact.contact_law import ContactLaw
@@ -26,8 +25,7 @@ from cosim.soft.solve.assembly import SoftSystem, film_arrays
 from cosim.soft.solve.newton import NewtonSolver
 from cosim.soft.solve.newton_options import NewtonOptions, NewtonResult
 from cosim.soft.solve.self_contact import FilmContactLaw, SelfContact
-from cosim.soft.solve.state import SoftState
-from cosim.soft.solve.time_scheme import StepOptions
+from cosim.soft.solve.state import SoftState, StepOptions
 from cosim.soft.solve.time_step import ImplicitStepper
 from tests.soft.bodies import FILM, HANGING, Held, held, hexagon_arm, hung, no_load
 from tests.soft.contacts import half_space

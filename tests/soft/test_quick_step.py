@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from cosim.base.frames import Array, Pose, rotation_from_vector
-from cosim.soft.beams.beam_rings import BeamRings
-from cosim.soft.beams.rectangular_section import RectangularSection
+from cosim.soft.beams.beam_rings import BeamRings, RectangularSection
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.copies import copies
 from cosim.soft.body.loads import Loads
@@ -24,8 +23,7 @@ from cosim.soft.solve.assembly import SoftSystem
 from cosim.soft.solve.newton import NewtonSolver
 from cosim.soft.solve.newton_options import NewtonOptions, NewtonResult
 from cosim.soft.solve.self_contact import FilmContactLaw, SelfContact
-from cosim.soft.solve.state import Clamp, SoftState
-from cosim.soft.solve.time_scheme import Integrator, StepOptions
+from cosim.soft.solve.state import Clamp, Integrator, SoftState, StepOptions
 from cosim.soft.solve.time_step import ImplicitStepper
 from tests.soft.bodies import FILM, HANGING, held, hexagon_arm, hung, no_load
 from tests.soft.contacts import half_space

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from cosim.errors import InputError
-from cosim.soft.beams.rectangular_section import RectangularSection
+from cosim.soft.beams.beam_rings import RectangularSection
 
 
 @pytest.mark.parametrize(

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from cosim.errors import MeshError
-from cosim.soft.geometry.rims import rims
-from cosim.soft.geometry.surface import directed_edges
+from cosim.soft.geometry.surface import directed_edges, rims
 from tests.soft.own_tube import tube
 
 

@@ -23,8 +23,7 @@ from cosim.soft.solve.equilibrium import EquilibriumSolver
 from cosim.soft.solve.newton import NewtonSolver
 from cosim.soft.solve.newton_options import NewtonOptions
 from cosim.soft.solve.self_contact import FilmContactLaw, SelfContact
-from cosim.soft.solve.state import Clamp, Equilibrium, SoftState
-from cosim.soft.solve.time_scheme import StepOptions
+from cosim.soft.solve.state import Clamp, Equilibrium, SoftState, StepOptions
 from cosim.soft.solve.time_step import ImplicitStepper
 from tests.soft.bodies import HANGING, PRESSURE_Pa, held, hexagon_arm, icosphere, no_load
 from tests.soft.contacts import half_space

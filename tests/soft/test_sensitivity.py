@@ -11,7 +11,7 @@ from cosim.base.frames import Array, Pose, rotation_from_vector, vector_from_rot
 from cosim.errors import ConvergenceError
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
-from cosim.soft.body.tip_frame import TipFrame
+from cosim.soft.body.places import TipFrame
 from cosim.soft.elements.cable import Cable
 from cosim.soft.geometry.surface import interior_hinges
 from cosim.soft.solve.newton_options import NewtonOptions

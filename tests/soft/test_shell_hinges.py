@@ -9,8 +9,13 @@ import pytest
 
 from cosim.base.frames import Array, IntArray
 from cosim.errors import MeshError
-from cosim.soft.elements.hinge import add_hinges
-from cosim.soft.elements.shell_hinges import bending_measure, hinge_areas, mean_square_angle, shell_stiffness
+from cosim.soft.elements.hinge import (
+    add_hinges,
+    bending_measure,
+    hinge_areas,
+    mean_square_angle,
+    shell_stiffness,
+)
 from cosim.soft.geometry.named_mesh import NamedMesh
 from cosim.soft.geometry.polygonal_stack import PolygonalStack
 from cosim.soft.geometry.refinement import refine

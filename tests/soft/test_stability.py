@@ -15,8 +15,8 @@ from cosim.soft.elements.cable import Cable
 from cosim.soft.linear.linear_solver import LowRank, negative_added
 from cosim.soft.solve.newton_options import NewtonOptions
 from cosim.soft.solve.state import Equilibrium
-from cosim.verification.support.specimen import UNLOADED, Specimen
-from cosim.verification.support.strip import Strip
+from cosim.verification.case import UNLOADED, Specimen
+from cosim.verification.strips import Strip
 
 STRIP = Strip(12)
 EULER_N = math.pi**2 * STRIP.bending_stiffness / (4.0 * STRIP.length_m**2)

@@ -12,7 +12,7 @@ from cosim.base.frames import Array, Pose
 from cosim.errors import ConvergenceError, UnreachableError
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
-from cosim.soft.body.tip_frame import TipFrame
+from cosim.soft.body.places import TipFrame
 from cosim.soft.elements.cable import Cable
 from cosim.soft.solve.state import Equilibrium, SoftState
 from cosim.soft.targets.tension_search import find_tensions

@@ -10,11 +10,10 @@ import pytest
 import cosim
 from cosim.base.frames import Array, Pose
 from cosim.build.soft_body import build_soft_body
-from cosim.config.schema.solver import ModelTable
+from cosim.config.schema.scenario import ModelTable
 from cosim.errors import InputError
-from cosim.soft.body.attachment import Plate, attached
 from cosim.soft.body.body import SoftBody
-from cosim.soft.body.copies import around_axis, copies
+from cosim.soft.body.copies import Plate, around_axis, attached, copies
 from cosim.soft.elements.gas import SealedGas, STANDARD_ATMOSPHERE_Pa
 from cosim.soft.elements.membrane import Membranes
 from cosim.soft.geometry.polygonal_stack import PolygonalStack

@@ -14,7 +14,7 @@ import pytest
 from cosim.app.driver import Options, Runnable, build_simulation, drive, execute
 from cosim.app.first_run import with_fidelity_chosen
 from cosim.app.simulation import Simulation
-from cosim.build import section_cache as section_model
+from cosim.build import soft_model
 from cosim.config.loading import load_scenario
 from cosim.config.schema.scenario import Scenario
 from cosim.coupling.schemes.staggered import StaggeredCoupling
@@ -54,7 +54,7 @@ def path(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     file.write_text(SCENARIO, encoding="utf-8")
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("XDG_CACHE_HOME", str(file.parent / "cache"))
-        patch.setattr(section_model, "build_model", lambda *_: section().model)
+        patch.setattr(soft_model, "build_model", lambda *_: section().model)
         yield file
 
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import cosim
-from cosim.build import section_cache as module
+from cosim.build import soft_model
 from cosim.build.simulation import build
 from cosim.config.loading import load_scenario
 from tests.small_section import ROBOT, section
@@ -78,7 +78,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(autouse=True)
 def kept(monkeypatch: pytest.MonkeyPatch, folder: Path) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(folder))
-    monkeypatch.setattr(module, "build_model", lambda *_: section().model)
+    monkeypatch.setattr(soft_model, "build_model", lambda *_: section().model)
 
 
 @cache

@@ -9,9 +9,9 @@ from typing import Any
 import pytest
 
 from cosim.cli.main import main
-from cosim.config.studies.study_files import load_study
+from cosim.config.studies import load_study
 from cosim.errors import InputError, ScenarioError
-from cosim.sweeps.designs import designs_of, varied_keys
+from cosim.sweeps.sweeping import designs_of, varied_keys
 
 SCENARIO = "three_unit_inflation"
 

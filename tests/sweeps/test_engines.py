@@ -17,7 +17,8 @@ from typing import Any
 import pytest
 
 import cosim
-from cosim.sweeps import api, engines, fan_out
+from cosim.sweeps import engines, sweeping
+from cosim.sweeps import engines as fan_out
 from cosim.sweeps.engines import Engine, Pool
 from cosim.sweeps.task import Row, Task
 
@@ -174,7 +175,7 @@ def test_designs_left_when_a_given_executor_breaks_are_lost() -> None:
 def test_lost_designs_are_run_again(tmp_path: Path, study: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     with ThreadPoolExecutor(1) as executor:
         with monkeypatch.context() as patch:
-            patch.setattr(api, "run_task", lost)
+            patch.setattr(sweeping, "run_task", lost)
             outcome = cosim.sweep(study, out=tmp_path, engine=executor)
         assert outcome.statuses == {"lost": 16, "refused": 8}
         assert cosim.sweep(study, out=tmp_path, engine=executor).computed == 16

@@ -11,10 +11,10 @@ import pytest
 
 from cosim.app.driver import build_simulation
 from cosim.base.frames import Pose, quaternion_from_rotation, quaternions_from_rotations, rotation_from_vector
-from cosim.base.link_contact import LinkContact
+from cosim.base.solid import LinkContact
 from cosim.config.loading import load_scenario
 from cosim.coupling.schemes.ledger import LedgerEntry
-from cosim.devices.measuring import bending_angle
+from cosim.devices.command_source import bending_angle
 from cosim.telemetry.snapshot import FilmShape, Snapshot
 from cosim.telemetry.tick_batch import TickBatch
 from tests.conftest import made_up_snapshot

@@ -17,11 +17,8 @@ from cosim.config.schema.scenario import Scenario
 from cosim.config.writing import scenario_text
 from cosim.errors import ScenarioError
 from cosim.trade import auto
-from cosim.trade.candidate import Candidate
-from cosim.trade.candidates import short_candidates
-from cosim.trade.curve import trace
-from cosim.trade.measured import Measured
-from cosim.trade.measuring import compared
+from cosim.trade.candidates import Candidate, short_candidates
+from cosim.trade.measuring import Measured, compared, trace
 
 WORDS = {"fidelity": "auto", "auto.tolerance_m": 1e-3}
 

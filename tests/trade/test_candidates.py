@@ -11,8 +11,7 @@ from cosim.build.simulation import build
 from cosim.cli.main import main
 from cosim.config.loading import load_scenario
 from cosim.errors import InputError
-from cosim.trade.candidate import Candidate
-from cosim.trade.candidates import candidates_of, lower_fidelities, short_candidates
+from cosim.trade.candidates import Candidate, candidates_of, lower_fidelities, short_candidates
 from cosim.trade.measuring import measure
 from tests.trade.test_auto import small
 

@@ -8,10 +8,8 @@ import pytest
 from cosim.base.frames import Array
 from cosim.build.simulation import build
 from cosim.config.loading import load_scenario
-from cosim.trade.candidate import Candidate
-from cosim.trade.curve import Curve, trace
-from cosim.trade.measured import Measured
-from cosim.trade.measuring import compared
+from cosim.trade.candidates import Candidate
+from cosim.trade.measuring import Curve, Measured, compared, trace
 
 
 def pushed(tick_s: float, force_N: Array) -> Curve:

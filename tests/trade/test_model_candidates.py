@@ -11,12 +11,9 @@ from cosim.base.frames import Pose, rotation_from_vector
 from cosim.build.simulation import build
 from cosim.config.loading import load_scenario
 from cosim.config.schema.scenario import Scenario
-from cosim.plan.flange_path import pose_of
-from cosim.trade.candidate import Candidate
-from cosim.trade.candidates import candidates_of
-from cosim.trade.commands import flange_pose, with_commands
-from cosim.trade.measuring import measure
-from cosim.trade.model_candidates import model_candidates
+from cosim.plan.motion import pose_of
+from cosim.trade.candidates import Candidate, candidates_of, model_candidates
+from cosim.trade.measuring import flange_pose, measure, with_commands
 from cosim.trade.report import markdown
 from tests.trade.test_auto import small
 

@@ -20,15 +20,20 @@ from cosim.config.schema.scenario import Scenario
 from cosim.errors import InputError
 from cosim.telemetry.snapshot import RunInfo
 from cosim.telemetry.tick_batch import TickBatch
-from cosim.trade.candidate import Candidate
-from cosim.trade.candidates import candidates_of
-from cosim.trade.choice import Requirement, pareto_front, parse_budget, parse_force, parse_tolerance, pick
-from cosim.trade.commands import with_commands
-from cosim.trade.curve import Curve, unfollowed
-from cosim.trade.measured import Measured
-from cosim.trade.measuring import Telling, compared, measure
-from cosim.trade.plot import draw
-from cosim.trade.report import as_json, choice_lines, markdown
+from cosim.trade.candidates import Candidate, candidates_of
+from cosim.trade.measuring import Curve, Measured, Telling, compared, measure, unfollowed, with_commands
+from cosim.trade.report import (
+    Requirement,
+    as_json,
+    choice_lines,
+    draw,
+    markdown,
+    pareto_front,
+    parse_budget,
+    parse_force,
+    parse_tolerance,
+    pick,
+)
 
 REFERENCE = "ur5e_hexagon_arm"
 PUBLISHED = {"model.published": True}

@@ -12,7 +12,7 @@ import pytest
 from cosim.base.kernels import Blocks, IndexTable, Indices, Matrix, Vector, device_function, kernel
 from cosim.coupling import film_ticks, half_ticks
 from cosim.coupling.schemes import interface
-from cosim.reduced.sections.outputs import WRENCH
+from cosim.reduced.sections.assembly import WRENCH
 from cosim.soft.body.loads import Loads
 from cosim.soft.elements import cable, mass_terms
 from cosim.soft.elements.cable import Cable

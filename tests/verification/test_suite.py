@@ -4,34 +4,29 @@ from __future__ import annotations
 
 import json
 import math
-from dataclasses import dataclass
 from pathlib import Path
-from typing import ClassVar, get_args
+from typing import get_args
 
 import pytest
 
 from cosim.cli.main import main
 from cosim.cli.verify import verify_command
 from cosim.errors import ConvergenceError
-from cosim.soft.solve.time_scheme import Integrator
-from cosim.verification.dynamic_cases.time_order import THEORY
+from cosim.soft.solve.state import Integrator
+from cosim.verification.case import Case, Figure, observed_order
 from cosim.verification.suite import CASES, run_case
-from cosim.verification.support.case import Case, Figure, observed_order
+from cosim.verification.time_steps import THEORY
 
 
-@dataclass(frozen=True)
-class MadeUp(Case):
-    """A case with one given figure, or none because it cannot be solved."""
+def made_up(figure: Figure | None) -> Case:
+    """Return a case with one given figure, or none because it cannot be solved."""
 
-    figure: Figure | None
-    name: ClassVar[str] = "made_up"
-    title: ClassVar[str] = "Made up"
-    source: ClassVar[str] = "nobody"
-
-    def run(self) -> tuple[Figure, ...]:
-        if self.figure is None:
+    def run() -> tuple[Figure, ...]:
+        if figure is None:
             raise ConvergenceError("no equilibrium found", 1.0, 60)
-        return (self.figure,)
+        return (figure,)
+
+    return Case("made_up", "Made up", "nobody", run)
 
 
 GOOD = Figure("height", "m", 1.004, 1.0, 5e-3)
@@ -92,7 +87,7 @@ def test_exit_code_and_files(
     figure: Figure | None, code: int, word: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     path = tmp_path / "new" / "results.json"
-    assert verify_command([], path, cases=[MadeUp(figure)]) == code
+    assert verify_command([], path, cases=[made_up(figure)]) == code
     assert word in capsys.readouterr().out
     document = json.loads(path.read_text(encoding="utf-8"))
     assert document["passed"] is (code == 0)

@@ -1,22 +1,265 @@
-"""Finds the file of an arm, by name or by path, and what its `arm.toml` says."""
+"""Finds the file of an arm, by name or by path, and makes an arm of it and of its `arm.toml`.
+
+Makes an arm of a robot's links and joints and of what its `arm.toml` says.
+
+Finds the file of an arm, by name or by path, and what its `arm.toml` says.
+"""
 
 from __future__ import annotations
 
+import math
 import os
+import xml.etree.ElementTree as ElementTree
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, final
 
+import numpy as np
+
+from cosim.base.arm_file import ArmFile, LinkShape
+from cosim.base.frames import Array, Pose
 from cosim.base.resources import arm_path, is_file, list_arms
-from cosim.config.arms.arm_reading import ArmSource, read_urdf
-from cosim.config.arms.arm_table import ArmTable
-from cosim.config.arms.menagerie import PREFIX, is_of_menagerie, menagerie_file
-from cosim.config.arms.package_files import DATA_PACKAGE, found_file, packaged_share
-from cosim.config.toml.faults import Faults
+from cosim.config.arms.arm_table import ArmTable, add_adapter
+from cosim.config.arms.chain import (
+    chain_to,
+    check_chain,
+    find_meshes,
+    flange_of,
+    moving_joints,
+    numbers,
+    replace_unreadable,
+)
+from cosim.config.arms.package_files import (
+    DATA_PACKAGE,
+    PREFIX,
+    found_file,
+    is_of_menagerie,
+    menagerie_file,
+    packaged_share,
+)
+from cosim.config.arms.robot_tree import link_of, read_robot
+from cosim.config.toml.keys import unknown_name_message
 from cosim.config.toml.parsing import parse
-from cosim.config.toml.reading import read_table
-from cosim.config.toml.suggestions import unknown_name_message
+from cosim.config.toml.reading import Faults, read_table
 from cosim.errors import InputError, ScenarioError
+
+LEFT_OUT: Final = "left out, because not on the way to the flange"
+
+
+@final
+@dataclass(frozen=True)
+class ArmSource:
+    """Where an arm is read from.
+
+    Args:
+        name: as asked for.
+        path: of the URDF or MJCF.
+        table: of its `arm.toml`, or what stands for one.
+        package_folders: in which packages are looked for first.
+        files: what has been read already.
+    """
+
+    name: str
+    path: Path
+    table: ArmTable
+    package_folders: tuple[Path, ...] = ()
+    files: tuple[Path, ...] = ()
+
+    @property
+    def is_mjcf(self) -> bool:
+        """Whether it is MuJoCo's own format, by its ending."""
+        return self.path.suffix.lower() == ".xml"
+
+
+@final
+@dataclass(frozen=True)
+class Chain:
+    """Links and joints from the root to the flange, as URDF.
+
+    Args:
+        robot: nothing else is in it.
+        joints: of it, base to flange.
+        flange: link whose frame is the flange.
+        home: (joints,) of the arm's file; None: it has none.
+        armature: (joints,) [kg m^2] of the arm's file; None: it has none.
+        shapes: see `ArmFile`.
+        files: that it was read from.
+        notes: see `ArmFile`.
+    """
+
+    robot: ElementTree.Element
+    joints: tuple[ElementTree.Element, ...]
+    flange: str
+    home: Array | None = None
+    armature: Array | None = None
+    shapes: tuple[LinkShape, ...] = ()
+    files: tuple[Path, ...] = ()
+    notes: tuple[str, ...] = ()
+
+
+def read_urdf(source: ArmSource) -> ArmFile:
+    """Return the arm of a URDF file; only the chain from the root to the flange is kept.
+
+    The bound of a joint's acceleration is the attribute `acceleration` of its `<limit>`, if there is one.
+    Hands, fingers and helper frames off the chain are left out: the flange carries the soft robot.
+
+    Raises:
+        InputError: file, flange, package or mesh missing, text not XML, a joint type not handled, or numbers
+            that belong to no arm.
+    """
+    path, robot = source.path, read_robot(source.path)
+    flange, how = flange_of(robot, source.table.flange, path)
+    joints = chain_to(robot, flange, path)
+    check_limited_chain(robot, joints, source)
+    links = {flange} | {link_of(joint, "parent") for joint in joints}
+    left_out = []
+    for element in list(robot):
+        is_link = element.tag == "link" and element.get("name") in links
+        if not (is_link or element in joints or element.tag == "material"):
+            robot.remove(element)
+            if element.tag == "link" and _has_mass(element):
+                left_out.append(element.get("name", ""))
+    meshes = find_meshes(robot, path, source.package_folders)
+    notes = (f"flange '{flange}', {how}", *replace_unreadable(robot))
+    if left_out:
+        notes += (f"{LEFT_OUT}: {', '.join(left_out)}",)
+    return arm_of(Chain(robot, tuple(joints), flange, files=(path, *meshes), notes=notes), source)
+
+
+def arm_of(chain: Chain, source: ArmSource) -> ArmFile:
+    """Return the arm of a chain, with what its `arm.toml` says put in.
+
+    Raises:
+        InputError: a list has not as many entries as there are joints, or values that no joint has.
+    """
+    table, path, flange = source.table, source.path, chain.flange
+    moving = moving_joints(list(chain.joints))
+    names = tuple(joint.get("name", "") for joint in moving)
+    home, known = _home(moving, chain, source)
+    if table.adapter is not None:
+        flange = add_adapter(chain.robot, flange, table.adapter, path)
+    armature = _of_joints(table.servos.armature, "servos.armature", names, source)
+    if armature is None:
+        armature = np.zeros(0) if chain.armature is None else chain.armature
+    stiffness = _of_joints(table.servos.stiffness, "servos.stiffness", names, source)
+    damping = _of_joints(table.servos.damping, "servos.damping", names, source)
+    bound = [_acceleration_bound(joint, _where(joint, path)) for joint in moving]
+    base = table.base
+    return ArmFile(
+        source.name,
+        path,
+        ElementTree.tostring(chain.robot, encoding="unicode"),
+        flange,
+        names,
+        home,
+        np.array(bound),
+        armature,
+        stiffness,
+        damping,
+        Pose.from_quaternion(np.array(base.quaternion), np.array(base.position_m)),
+        home_known=known,
+        shapes=chain.shapes,
+        files=(*source.files, *chain.files),
+        notes=chain.notes,
+    )
+
+
+def check_limited_chain(
+    robot: ElementTree.Element, joints: list[ElementTree.Element], source: ArmSource
+) -> None:
+    """Write the limits of an `arm.toml` over those of a chain's joints, then check links and joints.
+
+    Raises:
+        InputError: a list has not as many entries as there are joints; see `check_chain`.
+    """
+    moving, limits = moving_joints(joints), source.table.limits
+    names = tuple(joint.get("name", "") for joint in moving)
+    for key in ("lower", "upper", "velocity", "acceleration", "effort"):
+        values = _of_joints(getattr(limits, key), f"limits.{key}", names, source)
+        for joint, value in zip(moving, () if values is None else values.tolist(), strict=False):
+            _limit_of(joint).set(key, repr(value))
+    for joint in moving:
+        given = [key for key in ("lower", "upper") if getattr(limits, key) is not None]
+        if joint.get("type") == "continuous" and len(given) == 1:
+            raise InputError(
+                f"{_where(joint, source.path)}: turns without limits; limits.{given[0]} alone bounds one "
+                "side only, give both"
+            )
+        if joint.get("type") == "continuous" and given:
+            joint.set("type", "revolute")
+    check_chain(robot, joints, source.path)
+    for joint in moving:
+        _fill(_limit_of(joint), ("effort", "velocity"))
+    for inertia in robot.iter("inertia"):
+        _fill(inertia, ("ixy", "ixz", "iyz"))
+
+
+def _fill(element: ElementTree.Element, keys: tuple[str, ...]) -> None:
+    """Write 0 for what is left out: engines refuse elements without it."""
+    for key in keys:
+        if element.get(key) is None:
+            element.set(key, "0")
+
+
+def _limit_of(joint: ElementTree.Element) -> ElementTree.Element:
+    """Return the limit of a joint, which is added where there is none."""
+    found = joint.find("limit")
+    return ElementTree.SubElement(joint, "limit") if found is None else found
+
+
+def _has_mass(link: ElementTree.Element) -> bool:
+    return any(mass.get("value", "0").strip() not in ("0", "0.0") for mass in link.iter("mass"))
+
+
+def _where(joint: ElementTree.Element, path: Path) -> str:
+    return f"arm file {path}: joint {joint.get('name')!r}"
+
+
+def _of_joints(
+    values: tuple[float, ...] | None, key: str, names: tuple[str, ...], source: ArmSource
+) -> Array | None:
+    """Return a list of `arm.toml` that has an entry for each joint; None where it is left out."""
+    if values is not None and len(values) != len(names):
+        raise InputError(
+            f"arm {source.name!r}: {key} has {len(values)} entries; there are {len(names)} joints: "
+            f"{', '.join(names)}"
+        )
+    return None if values is None else np.array(values, dtype=np.float64)
+
+
+def _acceleration_bound(joint: ElementTree.Element, where: str) -> float:
+    """Return the attribute `acceleration` of a joint's limit [rad/s^2]; infinite without one."""
+    limit = joint.find("limit")
+    if limit is None or limit.get("acceleration") is None:
+        return math.inf
+    return float(numbers(limit, "acceleration", 1, "", where)[0])
+
+
+def _home(moving: list[ElementTree.Element], chain: Chain, source: ArmSource) -> tuple[Array, bool]:
+    """Return the home of an arm, and whether anybody has given it; otherwise it is as near 0 as can be."""
+    names = tuple(joint.get("name", "") for joint in moving)
+    given = _of_joints(source.table.home, "home", names, source)
+    home = chain.home if given is None else given
+    bounds = np.array([_bounds(joint) for joint in moving])
+    if home is None:
+        return np.clip(np.zeros(len(names)), bounds[:, 0], bounds[:, 1]), False
+    outside = (home < bounds[:, 0]) | (home > bounds[:, 1])
+    if outside.any():
+        k = int(np.argmax(outside))
+        raise InputError(
+            f"{_where(moving[k], source.path)}: its home {home[k]:g} is outside its limits, {bounds[k, 0]:g} "
+            f"to {bounds[k, 1]:g}"
+        )
+    return home, True
+
+
+def _bounds(joint: ElementTree.Element) -> tuple[float, float]:
+    limit = joint.find("limit")
+    if joint.get("type") == "continuous" or limit is None:
+        return -math.inf, math.inf
+    return float(limit.get("lower", "0")), float(limit.get("upper", "0"))
+
 
 ARM_SUFFIXES: Final = (".urdf", ".xml", ".toml", ".xacro")
 _TABLE_FILE: Final = "arm.toml"

@@ -1,15 +1,73 @@
 """Schema of the file of an arm, `arm.toml`: where its URDF or MJCF is, and what that does not say.
 
+Poses as URDF writes them: `<origin xyz rpy>`, rotation = Rz(yaw) Ry(pitch) Rx(roll).
+
+Schema of the file of an arm, `arm.toml`: where its URDF or MJCF is, and what that does not say.
+
 Lists have an entry for each joint from the base to the flange: angles in rad and torques in N m; of prismatic
 joints lengths in m and forces in N.
+
+A rigid piece between an arm's flange and the soft robot.
 """
 
 from __future__ import annotations
 
+import math
+import xml.etree.ElementTree as ElementTree
 from dataclasses import dataclass
-from typing import final
+from pathlib import Path
+from typing import Final, final
 
-from cosim.config.toml.constraints import NonNegative, Positive, Quaternion, Text, Vector3
+import numpy as np
+
+from cosim.base.frames import Array, Pose
+from cosim.config.toml.keys import NonNegative, Positive, Quaternion, Text, Vector3
+from cosim.errors import InputError
+
+
+def text_of(values: Array) -> str:
+    """Return numbers as a text that gives exactly the same numbers when read."""
+    return " ".join(repr(float(value)) for value in values)
+
+
+def add_origin(element: ElementTree.Element, pose: Pose) -> None:
+    """Add the origin of a joint, shape or inertia, in its parent's frame."""
+    r = pose.rotation
+    upright = math.hypot(r[0, 0], r[1, 0])
+    roll = math.atan2(r[2, 1], r[2, 2]) if upright > 1e-12 else math.atan2(-r[1, 2], r[1, 1])
+    yaw = math.atan2(r[1, 0], r[0, 0]) if upright > 1e-12 else 0.0
+    angles = np.array([roll, math.atan2(-r[2, 0], upright), yaw])
+    ElementTree.SubElement(element, "origin", xyz=text_of(pose.translation), rpy=text_of(angles))
+
+
+def origin_of(element: ElementTree.Element) -> Pose:
+    """Return the origin of a joint, shape or inertia whose numbers have been checked."""
+    origin = element.find("origin")
+    if origin is None:
+        return Pose()
+    xyz, rpy = (np.array([float(w) for w in origin.get(key, "0 0 0").split()]) for key in ("xyz", "rpy"))
+    (cr, cp, cy), (sr, sp, sy) = np.cos(rpy), np.sin(rpy)
+    about_x = np.array([[1.0, 0.0, 0.0], [0.0, cr, -sr], [0.0, sr, cr]])
+    about_y = np.array([[cp, 0.0, sp], [0.0, 1.0, 0.0], [-sp, 0.0, cp]])
+    about_z = np.array([[cy, -sy, 0.0], [sy, cy, 0.0], [0.0, 0.0, 1.0]])
+    return Pose(about_z @ about_y @ about_x, xyz)
+
+
+def add_inertial(link: ElementTree.Element, mass_kg: float, pose: Pose, principal: Array) -> None:
+    """Give a link its inertia.
+
+    Args:
+        link: that has none.
+        mass_kg: of it.
+        pose: of the centre of mass and principal axes, link frame.
+        principal: (3,) [kg m^2], moments about these axes.
+    """
+    inertial = ElementTree.SubElement(link, "inertial")
+    add_origin(inertial, pose)
+    ElementTree.SubElement(inertial, "mass", value=repr(float(mass_kg)))
+    moments = {key: repr(float(value)) for key, value in zip(("ixx", "iyy", "izz"), principal, strict=True)}
+    ElementTree.SubElement(inertial, "inertia", moments, ixy="0", ixz="0", iyz="0")
+
 
 UNTURNED: Quaternion = (1.0, 0.0, 0.0, 0.0)
 
@@ -107,3 +165,49 @@ class ArmTable:
     adapter: AdapterTable | None = None
     limits: LimitsTable = LimitsTable()
     servos: ServosTable = ServosTable()
+
+
+ADAPTER: Final = "adapter"
+
+
+def add_adapter(robot: ElementTree.Element, flange: str, adapter: AdapterTable, path: Path) -> str:
+    """Add a rigid cylinder from the flange to where soft robots are mounted; return the link there.
+
+    I = m (3 r^2 + l^2) / 12 across its axis and m r^2 / 2 along it.
+
+    Args:
+        robot: gets a link and a fixed joint more.
+        flange: link that carries it.
+        adapter: what it is.
+        path: of the arm's file.
+
+    Raises:
+        InputError: a link has its name already, or it has a mass but no length.
+    """
+    if any(link.get("name") == ADAPTER for link in robot.findall("link")):
+        raise InputError(f"arm file {path}: a link is called {ADAPTER!r}, so no adapter can be added")
+    end = Pose.from_quaternion(np.array(adapter.quaternion), np.array(adapter.position_m))
+    length, radius, mass_kg = float(np.linalg.norm(end.translation)), adapter.radius_m, adapter.mass_kg
+    link = ElementTree.SubElement(robot, "link", name=ADAPTER)
+    joint = ElementTree.SubElement(robot, "joint", name=f"{ADAPTER}_joint", type="fixed")
+    ElementTree.SubElement(joint, "parent", link=flange)
+    ElementTree.SubElement(joint, "child", link=ADAPTER)
+    add_origin(joint, end)
+    if length == 0.0 and mass_kg > 0.0:
+        raise InputError(f"arm file {path}: an adapter of length 0 has no mass; leave mass_kg out")
+    if length == 0.0:
+        return ADAPTER
+    axis = end.translation / length
+    aside = np.cross(axis, np.eye(3)[int(np.argmin(np.abs(axis)))])
+    aside /= np.linalg.norm(aside)
+    standing = np.stack([aside, np.cross(axis, aside), axis], axis=1)
+    middle = end.inverse() @ Pose(standing, 0.5 * end.translation)
+    if mass_kg > 0.0:
+        across, along = mass_kg * (3.0 * radius**2 + length**2) / 12.0, 0.5 * mass_kg * radius**2
+        add_inertial(link, mass_kg, middle, np.array([across, across, along]))
+    for tag in ("visual", "collision"):
+        shape = ElementTree.SubElement(link, tag)
+        add_origin(shape, middle)
+        size = {"radius": repr(radius), "length": repr(length)}
+        ElementTree.SubElement(ElementTree.SubElement(shape, "geometry"), "cylinder", size)
+    return ADAPTER

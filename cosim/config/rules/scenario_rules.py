@@ -1,31 +1,301 @@
-"""Rules that tie several values of a scenario together."""
+"""Rules that tie several values of a scenario together.
+
+Rules on what a section model can show.
+
+Rules on what a scenario's fidelity can show.
+
+Bounds on how much a scenario may ask for: triangles, ticks, increments, solids, periods of a shake.
+
+Rules on paths of the tip.
+"""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
 from typing import Final, Protocol
 
 from cosim.base.resources import list_arms
 from cosim.config.arms.arm_files import is_arm_path, unknown_arm
-from cosim.config.rules.body_source_rules import check_source
-from cosim.config.rules.cell_rules import check_cell
-from cosim.config.rules.device_rules import check_devices
-from cosim.config.rules.fidelity_rules import check_fidelity
-from cosim.config.rules.gas_rules import check_gas
-from cosim.config.rules.given_body_rules import check_given_body
-from cosim.config.rules.known_rules import check_known
-from cosim.config.rules.object_rules import check_objects
-from cosim.config.rules.size_rules import check_sizes
-from cosim.config.rules.support_rules import check_holding, check_rings
-from cosim.config.rules.tip_path_rules import check_tip_path
-from cosim.config.schema.given_body import AnySoftRobot, GivenBodyTable
-from cosim.config.schema.phase import PhaseTable, TipTargetTable
-from cosim.config.schema.scenario import NO_ARM, Scenario
-from cosim.config.schema.soft_robot import AttachmentTable, SoftRobotTable
-from cosim.config.toml.faults import Faults
-from cosim.config.toml.registered_kinds import check_registered
-from cosim.config.toml.suggestions import listing
-from cosim.errors import ScenarioError
+from cosim.config.rules.device_rules import check_devices, check_gas
+from cosim.config.rules.scene_rules import check_cell, check_holding, check_objects, check_rings
+from cosim.config.rules.soft_robot_rules import check_given_body, check_known, check_not_a_stack, check_source
+from cosim.config.schema.phase import PhaseTable, TipPathTable, TipTargetTable
+from cosim.config.schema.scenario import NO_ARM, AnySoftRobot, GivenBodyTable, Scenario
+from cosim.config.schema.soft_robot import FIRST_RING, AttachmentTable, SoftRobotTable
+from cosim.config.toml.keys import listing
+from cosim.config.toml.parsing import check_registered
+from cosim.config.toml.reading import Faults
+from cosim.errors import InputError, ScenarioError
+
+
+def check_section(scenario: Scenario, faults: Faults) -> None:
+    """Check that nothing is asked of a section model that it leaves out.
+
+    Args:
+        scenario: may hold UNKNOWN.
+        faults: gets the rules that are broken.
+    """
+    with faults:
+        _check_robot(scenario.soft_robot, faults)
+    with faults:
+        if scenario.contact.self_contact:
+            raise ScenarioError("contact.self_contact", "is not in a section model; use fidelity = 'lumped'")
+    for phase in scenario.phases:
+        with faults:
+            _check_section_phase(phase, scenario.soft_robot, faults)
+
+
+def _check_robot(robot: AnySoftRobot, faults: Faults) -> None:
+    if isinstance(robot, GivenBodyTable):
+        return  # is refused by itself
+    with faults:
+        if robot.copies:
+            raise ScenarioError(
+                "soft_robot.copies",
+                "have no section model: fingers fold where they close, and a folded section has no "
+                "equilibrium to condense (docs/section.md); use fidelity = 'lumped'",
+            )
+    with faults:
+        if robot.attachments:
+            raise ScenarioError(
+                "soft_robot.attach",
+                "has no section model: it is of one stack of units; use fidelity = 'lumped'",
+            )
+    if robot.base != (FIRST_RING,):
+        raise ScenarioError(
+            "soft_robot.base", f"is {list(robot.base)}; a section model needs ['{FIRST_RING}'] alone"
+        )
+
+
+def _check_section_phase(phase: PhaseTable, robot: AnySoftRobot, faults: Faults) -> None:
+    path = f"phase.{phase.name}"
+    with faults:
+        if phase.supports:
+            raise ScenarioError(f"{path}.support", "is not in a section model; use fidelity = 'lumped'")
+    if isinstance(robot, GivenBodyTable) or robot.stack is None:
+        return  # is refused by itself
+    frames = robot.stack.frame_rings()
+    for key in ("clamp", "release"):
+        with faults:
+            for ring in getattr(phase, key):
+                if ring not in frames:
+                    raise ScenarioError(
+                        f"{path}.{key}", f"names '{ring}'; a section model holds outer rings and the tip only"
+                    )
+
+
+_REFINE_MAX: Final = 4
+
+
+def check_fidelity(scenario: Scenario, faults: Faults) -> None:
+    """Check that nothing is asked of a fidelity that it leaves out.
+
+    Args:
+        scenario: may hold UNKNOWN.
+        faults: gets the rules that are broken.
+    """
+    with faults:
+        _check_auto(scenario)
+    with faults:
+        robot = scenario.soft_robot
+        refined = scenario.fidelity == "refined"
+        if isinstance(robot, SoftRobotTable) and not robot.all_stacks:
+            check_not_a_stack(robot.name, "not drawn as a stack of units alone", scenario)
+        elif (
+            refined
+            and isinstance(robot, SoftRobotTable)
+            and robot.stack
+            and robot.stack.refine >= _REFINE_MAX
+        ):
+            raise ScenarioError(
+                "fidelity",
+                "'refined' is one refinement more than soft_robot.stack.refine, which is at its bound of "
+                f"{_REFINE_MAX} already",
+            )
+    if scenario.fidelity == "section":
+        check_section(scenario, faults)
+    if scenario.fidelity == "rigid":
+        _check_rigid(scenario, faults)
+
+
+def _refined(robot: SoftRobotTable) -> int:
+    return 0 if robot.stack is None else robot.stack.refine
+
+
+def _check_rigid(scenario: Scenario, faults: Faults) -> None:
+    with faults:
+        if not scenario.model.closed:
+            raise ScenarioError(
+                "fidelity",
+                "'rigid' needs model.closed = true: it leaves out how an open chamber's gas pushes",
+            )
+    for phase in scenario.phases:
+        for key, field in (("release", "release"), ("support", "supports")):
+            with faults:
+                if getattr(phase, field):
+                    raise ScenarioError(
+                        f"phase.{phase.name}.{key}",
+                        "cannot stand beside fidelity = 'rigid': every node is held",
+                    )
+
+
+def _check_auto(scenario: Scenario) -> None:
+    requirement = scenario.auto
+    if scenario.fidelity != "auto":
+        if requirement is not None and requirement.chosen is None:
+            raise ScenarioError("auto", f"goes with fidelity = 'auto'; the fidelity is '{scenario.fidelity}'")
+        return
+    if scenario.mode != "dynamic":
+        raise ScenarioError("fidelity", f"'auto' chooses among dynamic runs; the mode is '{scenario.mode}'")
+    if requirement is None or (
+        requirement.budget,
+        requirement.tolerance_m,
+        requirement.force_tolerance_N,
+    ) == (None, None, None):
+        raise ScenarioError(
+            "auto", "is missing a requirement; fidelity = 'auto' needs auto.budget (least real-time factor), "
+            "auto.tolerance_m (of the tip) or auto.force_tolerance_N",
+        )  # fmt: skip
+
+
+MOST_TRIANGLES: Final = 200_000
+MOST_TICKS: Final = 1_000_000_000
+MOST_INCREMENTS: Final = 10_000_000
+MOST_SOLIDS: Final = 2_000
+MOST_SHAKE_PERIODS: Final = 1_000
+
+
+def check_sizes(scenario: Scenario, faults: Faults) -> None:
+    """Check that what a scenario asks for can be built within minutes and some gigabytes.
+
+    Args:
+        scenario: may hold UNKNOWN.
+        faults: gets the bounds that are exceeded.
+    """
+    with faults:
+        _check_triangles(scenario)
+    with faults:
+        solids = sum(max(1, bool(entry.shape) + len(entry.parts)) for entry in scenario.objects)
+        if solids > MOST_SOLIDS:
+            raise ScenarioError("object", f"makes {solids} solids in all; at most {MOST_SOLIDS} are allowed")
+    with faults:
+        segments = sum(wire.segments for wire in scenario.wires)
+        if segments > MOST_SOLIDS:
+            raise ScenarioError(
+                "wire", f"makes {segments} segments in all; at most {MOST_SOLIDS} are allowed"
+            )
+    with faults:
+        for phase in scenario.phases:
+            with faults:
+                _check_shake_size(phase)
+    _check_length(scenario)
+
+
+def triangle_count(robot: AnySoftRobot) -> int:
+    """Return how many triangles the mesh of a soft robot has, with its copies and attachments."""
+    if isinstance(robot, GivenBodyTable):
+        return robot.triangles
+    copies = 1 if robot.copies is None else robot.copies.count
+    own = 0 if robot.stack is None else robot.stack.triangles  # mesh files have a bound of their own
+    return copies * own + sum(triangle_count(part.robot) for part in robot.attachments)
+
+
+def check_ends(scenario: Scenario) -> None:
+    """Check that a scenario has phases, with which it ends.
+
+    Raises:
+        ScenarioError: it has none.
+    """
+    if scenario.endless:
+        raise ScenarioError(
+            "phase",
+            "is missing: the scenario holds its start without end; give a [[phase]] with a duration_s, or "
+            "step and command it with cosim.Simulation",
+        )
+
+
+def _check_triangles(scenario: Scenario) -> None:
+    finer = scenario.fidelity == "refined"
+    triangles = triangle_count(scenario.soft_robot) * (4 if finer else 1)
+    if triangles > MOST_TRIANGLES:
+        also = ", fidelity = 'refined'" if finer else ""
+        raise ScenarioError(
+            "soft_robot.stack",
+            f"makes {triangles:,} triangles, copies and attachments counted; at most {MOST_TRIANGLES:,} are "
+            f"allowed: take fewer units, sides, refine{also}",
+        )
+
+
+def _check_shake_size(phase: PhaseTable) -> None:
+    if phase.flange_shake is None:
+        return
+    periods = phase.flange_shake.frequency_Hz * phase.duration_s
+    if periods > MOST_SHAKE_PERIODS:
+        raise ScenarioError(
+            f"phase.{phase.name}.flange_shake.frequency_Hz",
+            f"makes {periods:g} periods in one phase; at most {MOST_SHAKE_PERIODS} are allowed",
+        )
+
+
+def _check_length(scenario: Scenario) -> None:
+    """Check ticks or increments, by the mode; the phase that makes most of them is named."""
+    if scenario.endless:
+        return
+    quasistatic = scenario.mode == "quasistatic"
+    tick_s = scenario.clock.tick_s
+    counts = [p.increments if quasistatic else (p.duration_s + p.settle_s) / tick_s for p in scenario.phases]
+    most, what = (MOST_INCREMENTS, "increments") if quasistatic else (MOST_TICKS, "ticks")
+    if sum(counts) <= most:
+        return
+    phase = scenario.phases[max(range(len(counts)), key=counts.__getitem__)]
+    key = "increments" if quasistatic else "duration_s" if phase.duration_s > phase.settle_s else "settle_s"
+    raise ScenarioError(
+        f"phase.{phase.name}.{key}", f"all phases make {sum(counts):.3g} {what}; at most {most:g} are allowed"
+    )
+
+
+_BESIDE: Final = ("flange", "flange_turn", "flange_shift_m", "flange_shake", "tip_target")
+_SAME: Final = 1e-6  # of a duration
+
+
+def check_tip_path(phase: PhaseTable, faults: Faults) -> None:
+    """Check the path of a phase, if it has one, and that nothing stands beside it that it decides.
+
+    Args:
+        phase: may hold UNKNOWN.
+        faults: gets the rules that are broken.
+    """
+    path, key = phase.tip_path, f"phase.{phase.name}"
+    if path is None:
+        return
+    for other in _BESIDE:
+        with faults:
+            if getattr(phase, other) is not None:
+                raise ScenarioError(f"{key}.{other}", "cannot stand beside tip_path, which moves the flange")
+    with faults:
+        if phase.ramp != "linear":
+            raise ScenarioError(
+                f"{key}.ramp", f"is '{phase.ramp}'; a tip_path has ramps of its own (ramp_s): leave it out"
+            )
+    with faults:
+        _check_course(phase, path, key)
+
+
+def _check_course(phase: PhaseTable, path: TipPathTable, key: str) -> None:
+    if path.file is not None:
+        raise ScenarioError(f"{key}.tip_path.file", "is read where a scenario's file names it; give points_m")
+    try:
+        lasts_s = path.course().duration_s
+    except InputError as error:
+        raise ScenarioError(f"{key}.tip_path", str(error)) from error
+    if not math.isclose(phase.duration_s, lasts_s, rel_tol=_SAME):
+        raise ScenarioError(
+            f"{key}.duration_s",
+            f"is {phase.duration_s:g}, but the path takes {lasts_s:.6g} s at {path.speed_m_s:g} m/s; leave "
+            "it out",
+        )
+
 
 LEAST_NODE_MASS_kg: Final = 1e-12
 _NAMED: Final = {

@@ -1,4 +1,6 @@
-"""Schema of the rigid objects of a scenario.
+"""Schema of the rigid objects and wires of a scenario, and where their mesh files are.
+
+Schema of the rigid objects of a scenario.
 
 An object has one `shape`, or `[[object.part]]`s, or both: all of them make one rigid body. A mesh is a closed
 surface from an STL or OBJ file in m, looked up beside the scenario file, then in `robots/objects/`. Its
@@ -10,16 +12,27 @@ cell at edges), while rigid bodies meet the hull of the whole.
 With a `hinge` or a `slide` an object hangs on the world or on another object, its `parent`, and turns or
 shifts from where the scenario puts it; it does not collide with its parent. Poses, axes and anchors are
 those of the world at the start, also with a parent.
+
+Schema of the wires of a scenario: `[[wire]]` in the file.
+
+A wire is a row of capsules joined by ball joints that resist bending. Its first point may be held by an
+object, such as a spool on a hinge, and its last one tied to another. It touches robots, soft robots, the
+floor and objects, but not itself. Soft robots feel it from 2 mm of radius on: what is thinner than twice the
+depth of contact slips through the film.
+
+Finds the mesh files of a scenario's objects, and the file of its scene.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Annotated, Literal, TypeAlias, final
+from pathlib import Path
+from typing import Annotated, Literal, TypeAlias, TypeVar, final
 
-from annotated_types import Len
+from annotated_types import Interval, Len
 
-from cosim.config.toml.constraints import (
+from cosim.base.resources import is_file, list_object_meshes, object_mesh_path
+from cosim.config.toml.keys import (
     Colour,
     Direction,
     Name,
@@ -29,6 +42,8 @@ from cosim.config.toml.constraints import (
     Text,
     Vector3,
 )
+from cosim.config.toml.reading import UNKNOWN, Faults, copy_with, guard
+from cosim.errors import ScenarioError
 
 Shape: TypeAlias = Literal["box", "sphere", "cylinder", "capsule", "ellipsoid", "mesh"]
 Size: TypeAlias = Annotated[tuple[Positive, ...], Len(max_length=3)]
@@ -173,3 +188,110 @@ class SceneTable:
     """
 
     mjcf: Text
+
+
+COPPER: tuple[float, float, float, float] = (0.72, 0.45, 0.20, 1.0)
+
+
+@final
+@dataclass(frozen=True)
+class WireTable:
+    """A thin flexible body that cannot stretch; its bodies are called NAME/1, NAME/2, ...
+
+    Args:
+        name: of the wire, in the recording and in results.
+        rgba: colour: red, green, blue, opacity.
+        points_m: polyline along which it lies at first, world.
+        radius_m: of its capsules.
+        segments: their number, evenly spaced along the polyline; each must be longer than thick.
+        mass_kg: of all of it.
+        bending_stiffness_Nm2: flexural rigidity EI, the same against twist.
+        bending_damping_Nm2s: the same for rates.
+        straight: without load it is straight; otherwise it keeps the shape that it has at first.
+        first: object that holds its first point, elastically clamped; omitted: the end is free.
+        last: object to which its last point is tied, free to turn; omitted: the end is free.
+        friction: coefficient of sliding.
+    """
+
+    name: Name
+    points_m: Annotated[tuple[Vector3, ...], Len(min_length=2)]
+    radius_m: Positive
+    mass_kg: Positive
+    segments: Annotated[int, Interval(ge=1, le=500)] = 20
+    bending_stiffness_Nm2: NonNegative = 0.0
+    bending_damping_Nm2s: NonNegative = 0.0
+    straight: bool = False
+    first: str | None = None
+    last: str | None = None
+    rgba: Colour = COPPER
+    friction: NonNegative = 0.5
+
+
+Solid = TypeVar("Solid", ObjectTable, SolidTable)
+
+
+def mesh_path(file: str) -> Path:
+    """Return where a mesh file is that `with_mesh_paths` has found."""
+    return Path(file) if Path(file).is_absolute() else object_mesh_path(file)
+
+
+def with_mesh_paths(
+    objects: tuple[ObjectTable, ...], folder: Path, faults: Faults
+) -> tuple[ObjectTable, ...]:
+    """Return objects whose mesh files are absolute paths, or names of files that come with cosim.
+
+    Args:
+        objects: as in the scenario file.
+        folder: of the scenario file.
+        faults: gets files that are neither there nor among those that come with cosim.
+    """
+    found = []
+    for entry in objects:
+        here = entry
+        with faults:
+            path = f"object.{entry.name}"
+            here = _found(here, folder, path, faults)
+            pairs = enumerate(entry.parts, start=1)
+            parts = tuple(_found(part, folder, f"{path}.part.{k}", faults) for k, part in pairs)
+            here = copy_with(here, parts=parts)
+        found.append(here)
+    return tuple(found)
+
+
+def with_scene_path(scene: SceneTable | None, folder: Path) -> SceneTable | None:
+    """Return a scene whose file is an absolute path.
+
+    Args:
+        scene: as in the scenario file.
+        folder: of the scenario file.
+
+    Raises:
+        ScenarioError: there is no such file.
+    """
+    if scene is None:
+        return None
+    path = folder / scene.mjcf
+    if path.suffix.lower() != ".xml" or not is_file(path):
+        raise ScenarioError("scene.mjcf", f"{str(path)!r} is no file that ends in .xml")
+    return copy_with(scene, mjcf=str(path.resolve()))
+
+
+def _found(entry: Solid, folder: Path, path: str, faults: Faults) -> Solid:
+    with faults:
+        return entry if entry.file is None else copy_with(entry, file=_path(entry.file, folder, path))
+    unknown = copy_with(entry, file=UNKNOWN)
+    guard(unknown)
+    return unknown
+
+
+def _path(file: str, folder: Path, path: str) -> str:
+    beside = folder / file
+    if is_file(beside):
+        return str(beside.resolve())
+    known = list_object_meshes()
+    if file in known:
+        return file
+    raise ScenarioError(
+        f"{path}.file",
+        f"{file!r} is neither beside the scenario nor one of cosim's: {', '.join(known) or 'none'}",
+    )

@@ -1,5 +1,18 @@
 """Schema of the start and the phases of a scenario: where the flange goes, what is loaded and held.
 
+Names that stand for several things: groups ("gripper" for "gripper/...") and patterns ("copy_*/tip").
+
+Values that a scenario gives for the gas chambers: one for all, a list, or a table by name.
+
+A name in a table is that of a chamber ("gripper/copy_2"), of a group of chambers ("gripper" for all whose
+names begin with "gripper/"), or a pattern ("gripper/copy_*").
+
+Tables of what changes the commands of a scenario's phases: `[[command]]`.
+
+Each kind has a table of its own, a subclass of `CommandTable`, and is known once it is registered.
+
+Schema of the start and the phases of a scenario: where the flange goes, what is loaded and held.
+
 A rigid target is a pose of the flange. `direction` is the flange's z axis, out of the flange. At
 `roll_rad = 0` the flange is turned the shortest way from hanging straight down with its x axis along the
 world's x axis; pointing straight up it is turned half a turn about the world's y axis instead.
@@ -7,14 +20,14 @@ world's x axis; pointing straight up it is turned half a turn about the world's 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Annotated, Final, Literal, final
+from fnmatch import fnmatchcase
+from typing import TYPE_CHECKING, Annotated, Any, Final, Literal, TypeAlias, TypeVar, final
 
 from annotated_types import Interval, Len
 
-from cosim.config.schema.per_chamber import PerChamber
-from cosim.config.toml.constraints import (
+from cosim.config.toml.keys import (
     Count,
     Direction,
     Name,
@@ -24,10 +37,105 @@ from cosim.config.toml.constraints import (
     Pressure,
     Text,
     Vector3,
+    listing,
+    unknown_name_message,
 )
+from cosim.config.toml.parsing import KindTable
+from cosim.errors import ScenarioError
 
 if TYPE_CHECKING:
     from cosim.base.tip_course import TipCourse
+
+
+Value = TypeVar("Value")
+
+
+def matching(pattern: str, names: Iterable[str]) -> list[str]:
+    """Return the names that a name, group or pattern stands for, in their order."""
+    return [name for name in names if name.startswith(f"{pattern}/") or fnmatchcase(name, pattern)]
+
+
+def by_name(table: Mapping[str, Value], names: Sequence[str], what: str, path: str) -> dict[str, Value]:
+    """Return the value of each name that a table gives one by name, group or pattern; later entries win.
+
+    Args:
+        table: of a scenario.
+        names: that there are.
+        what: they are names of, for the message.
+        path: of the table, for the message.
+
+    Raises:
+        ScenarioError: a key stands for no name.
+    """
+    found: dict[str, Value] = {}
+    for key, value in table.items():
+        meant = matching(key, names)
+        if not meant:
+            raise ScenarioError(f"{path}.{key}", unknown_name_message(what, key, tuple(names)))
+        found.update(dict.fromkeys(meant, value))
+    return found
+
+
+PerChamber: TypeAlias = Value | tuple[Value, ...] | Mapping[str, Value]
+
+
+def given_values(
+    setting: PerChamber[Value] | None, names: Sequence[str], path: str
+) -> tuple[Value | None, ...]:
+    """Return the value that a setting gives for each chamber; None where it leaves one out.
+
+    Args:
+        setting: of a scenario.
+        names: of the chambers.
+        path: of the setting, for messages.
+
+    Raises:
+        ScenarioError: a list of another length, or a name that stands for no chamber.
+    """
+    if isinstance(setting, Mapping):
+        found = by_name(setting, names, "chamber", path)
+        return tuple(found.get(name) for name in names)
+    if not isinstance(setting, tuple):
+        return (setting,) * len(names)
+    if len(setting) != len(names):
+        raise ScenarioError(
+            path, f"has {len(setting)} entries; there are {len(names)} chambers: {listing(names)}"
+        )
+    return setting
+
+
+def values_after(
+    before: tuple[Value, ...], setting: PerChamber[Value] | None, names: Sequence[str], path: str
+) -> tuple[Value, ...]:
+    """Return the value of each chamber after a setting; what it leaves out stays as before.
+
+    Raises:
+        ScenarioError: see `given_values`.
+    """
+    given = given_values(setting, names, path)
+    return tuple(old if new is None else new for old, new in zip(before, given, strict=True))
+
+
+@dataclass(frozen=True, kw_only=True)
+class CommandTable(KindTable):
+    """A source of commands.
+
+    Args:
+        kind: of the source; each kind has further keys of its own.
+    """
+
+    def source(self, given: Any, scenario: Any) -> Any:
+        """Return a source of commands (`cosim.devices.command_source.CommandSource`) in place of another.
+
+        Args:
+            given: what would be asked for without it, a `CommandSource`.
+            scenario: a checked `Scenario`.
+
+        Raises:
+            InputError: there is no such cable, or what else is asked for.
+        """
+        raise NotImplementedError
+
 
 MOST_POINTS: Final = 10_000
 """Of a tip path."""

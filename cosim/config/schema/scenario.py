@@ -1,30 +1,366 @@
-"""Schema of a scenario file: frozen, SI units in the names of the keys, world frame, z up."""
+"""Schema of a scenario file: frozen, SI units in the names of the keys, world frame, z up.
+
+Schema of the exchange between arm and soft robot.
+
+Schema of a scenario's fidelity, and of how it is chosen.
+
+Schema of how a scenario is computed and recorded: clock, solver, plan, contact, gas, recording.
+
+Schema of the devices of a scenario: pumps, winches, controllers. They act in time: dynamic mode only.
+
+What a scenario may name of a soft body that is given from Python in place of a soft robot's file.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Annotated, Final, Literal, final
+from typing import Annotated, Any, ClassVar, Final, Literal, TypeAlias, final
+
+from annotated_types import Interval, Len
 
 from cosim.config.arms.arm_table import BaseTable
-from cosim.config.schema.commands import CommandTable
-from cosim.config.schema.coupling import CouplingTable
-from cosim.config.schema.devices import ControllerTable, PumpTable, WinchTable
-from cosim.config.schema.fidelity import AutoTable, Fidelity
-from cosim.config.schema.given_body import AnySoftRobot, InFiles
-from cosim.config.schema.objects import ObjectTable, SceneTable
-from cosim.config.schema.phase import HOLD, PhaseTable, StartTable
+from cosim.config.schema.objects import ObjectTable, SceneTable, WireTable
+from cosim.config.schema.phase import HOLD, CommandTable, PhaseTable, StartTable
 from cosim.config.schema.soft_robot import SoftRobotTable
-from cosim.config.schema.solver import (
-    ClockTable,
-    ContactTable,
-    GasTable,
-    ModelTable,
-    PlanTable,
-    RecordingTable,
-    SolverTable,
-)
-from cosim.config.schema.wire import WireTable
-from cosim.config.toml.constraints import Name, Text, Vector3
+from cosim.config.toml.keys import Count, Name, NonNegative, Positive, Text, Vector3
+
+
+@final
+@dataclass(frozen=True)
+class CouplingTable:
+    """How arm, objects and soft robot exchange their loads in the dynamic mode.
+
+    Args:
+        scheme: "staggered": one step of each side a tick, loads act one tick later, algorithmic mass rides
+            along where the soft robot is heavy for what it acts on; "iterated": a tick is repeated until the
+            loads agree; "auto": iterated only where the staggered exchange would need algorithmic mass.
+        tolerance: largest difference of the loads over their size, where they agree.
+        iterations_max: trials of a tick before the run fails.
+    """
+
+    scheme: Literal["staggered", "iterated", "auto"] = "staggered"
+    tolerance: Annotated[float, Interval(ge=1e-12, le=1e-3)] = 1e-9
+    iterations_max: Count = 30
+
+
+Fidelity: TypeAlias = Literal["rigid", "section", "lumped", "refined", "auto"]
+"""From the cheapest to the dearest; "auto" is chosen by measurement."""
+
+
+@final
+@dataclass(frozen=True)
+class AutoTable:
+    """What fidelity, tick and integrator shall meet with `fidelity = "auto"`; at least one requirement.
+
+    Errors are those against the lumped model at the finest tick of the measurement.
+
+    Args:
+        budget: least real-time factor of a recorded run, as `cosim run` prints it on an idle machine; the
+            nearest to the reference among these is taken.
+        tolerance_m: largest error of the tip, and of objects that can move; the fastest within it is taken.
+        force_tolerance_N: largest error of the flange force's moving mean over 40 ms.
+        chosen: what was chosen, with its figures; cosim writes it into the scenario as it ran.
+    """
+
+    budget: Positive | None = None
+    tolerance_m: Positive | None = None
+    force_tolerance_N: Positive | None = None
+    chosen: Text | None = None
+
+
+@final
+@dataclass(frozen=True)
+class ClockTable:
+    """The lockstep clock: rigid and soft side advance by one tick at a time.
+
+    Args:
+        tick_s: of the lockstep clock: both sides advance by as much.
+    """
+
+    tick_s: Annotated[float, Interval(gt=0.0, le=0.1)] = 0.002
+
+
+@final
+@dataclass(frozen=True)
+class SolverTable:
+    """How the soft side is solved.
+
+    Args:
+        residual_tolerance_N: largest force component left at an equilibrium or a converged step; all that is
+            left adds up to no more than 100 times that, nor does its moment, over the body's size.
+        newton_iterations_max: bound for an equilibrium (quasistatic mode and the start).
+        search_iterations_max: bound for all iterations of one search on the film: for the start, for an
+            increment or a piece of a planned motion, for the tensions or flange pose of a tip target.
+        dynamic_tolerance_N: the same in a tick of the dynamic mode.
+        dynamic_newton_iterations: new tangents per tick in the dynamic mode, besides iterations with a
+            kept one; a tick that is left far from balance takes more.
+        integrator: of the dynamic mode.
+        damping_per_s: mass-proportional damping, force = -damping_per_s * m * v.
+        substep_error_m: the soft side's step is cut into up to 16 pieces where its error in a tick is larger;
+            omitted: never.
+    """
+
+    residual_tolerance_N: Positive = 1e-6
+    newton_iterations_max: Count = 100
+    search_iterations_max: Count = 3000
+    dynamic_tolerance_N: Positive = 1e-4
+    dynamic_newton_iterations: Count = 1
+    integrator: Literal["implicit_euler", "bdf2"] = "implicit_euler"
+    damping_per_s: NonNegative = 0.0
+    substep_error_m: Positive | None = None
+
+
+@final
+@dataclass(frozen=True)
+class PlanTable:
+    """What the planned way of the arm is checked for, before anything runs.
+
+    Links count always; the soft robot, in its drawn shape, where the run does not model what it touches.
+
+    Args:
+        collision: of a link with another one, or with what no load can move. "refuse": it does not run;
+            "warn": it is reported; "off": nobody looks.
+        clearance_m: what stands nearer to links than this counts as well.
+    """
+
+    collision: Literal["refuse", "warn", "off"] = "warn"
+    clearance_m: NonNegative = 0.0
+
+
+@final
+@dataclass(frozen=True)
+class ContactTable:
+    """Contact of the soft robot with the scene and with itself; in the quasistatic mode without friction.
+
+    Args:
+        enabled: whether contact with floor and objects is modelled.
+        only_in_reach: not where nothing is within the film's reach of the flange's way.
+        stiffness_N_m3: pressure per depth.
+        smoothing_m: width of the transition; contact begins at half of it before touching.
+        stick_m: tangential distance at which the full friction acts.
+        self_contact: whether units and fingers touch one another, by the same law.
+        self_friction: coefficient of sliding between films; without meaning in the quasistatic mode.
+    """
+
+    enabled: bool = True
+    only_in_reach: bool = True
+    stiffness_N_m3: Positive = 3e8
+    smoothing_m: Positive = 1e-4
+    stick_m: Positive = 1e-4
+    self_contact: bool = False
+    self_friction: NonNegative = 0.5
+
+
+@final
+@dataclass(frozen=True)
+class ModelTable:
+    """Switches for comparison with the paper and its published data.
+
+    Args:
+        published: the paper's lumped model, whatever the robot's file says: film law "plain"
+            ("edge_strain" if the file says so), uniform hinges, no stiffeners, no finer
+            mesh at the holes, no fused necks.
+        closed: the end holes carry pressure (caps); otherwise the films only.
+        all_hinges: every interior edge carries a hinge; otherwise the published subset.
+    """
+
+    published: bool = False
+    closed: bool = True
+    all_hinges: bool = True
+
+
+@final
+@dataclass(frozen=True)
+class OrificeTable:
+    """A hole or hose between two chambers; gas flows while both are sealed, dm/dt = conductance (p_1 - p_2).
+
+    Args:
+        chambers: names of the two.
+        conductance_kg_s_Pa: mass per second and pascal.
+    """
+
+    chambers: tuple[str, str]
+    conductance_kg_s_Pa: Positive
+
+
+@final
+@dataclass(frozen=True)
+class GasTable:
+    """The gas in the chambers, wherever a phase seals it.
+
+    Args:
+        exponent: gamma of p V^gamma, from 1 (slow, isothermal) to 1.4 (fast, adiabatic air).
+        ambient_Pa: absolute pressure outside.
+        temperature_K: of the gas when it is sealed; only a leak depends on it.
+        orifices: `[[gas.orifice]]` in the file.
+    """
+
+    exponent: Annotated[float, Interval(ge=1.0, le=2.0)] = 1.4
+    ambient_Pa: NonNegative = 101325.0
+    temperature_K: Positive = 293.15
+    orifices: tuple[OrificeTable, ...] = field(default=(), metadata={"alias": "orifice"})
+
+
+@final
+@dataclass(frozen=True)
+class RecordingTable:
+    """How often the recording holds the scene, in simulated time; curves have a point per tick.
+
+    Args:
+        frames_per_s: frames of the film per simulated second; curves have a point for every tick.
+    """
+
+    frames_per_s: Positive = 60.0
+
+
+@final
+@dataclass(frozen=True)
+class PumpTable:
+    """A pump with a pressure switch on the gas of a chamber, at work where a phase gives `pump_pressure_Pa`.
+
+    Args:
+        name: of the pump; phases set its pressure by it.
+        chamber: whose gas; omitted: that of the only chamber.
+        flow_kg_s: mass flow without counter-pressure.
+        pressure_max_Pa: gauge pressure against which nothing is delivered; omitted: the flow is constant.
+        band_Pa: on half of it below the setpoint, off half of it above.
+        sensor_delay_s: age of the pressure that the switch sees; rounded to whole ticks.
+        vent_above_Pa: above the setpoint, where a valve opens until the setpoint is reached; omitted: none.
+        vent_kg_s_Pa: mass flow of the open valve per pascal of gauge pressure.
+    """
+
+    name: Name
+    flow_kg_s: Positive
+    chamber: str | None = None
+    pressure_max_Pa: Positive | None = None
+    band_Pa: NonNegative = 1e3
+    sensor_delay_s: NonNegative = 0.0
+    vent_above_Pa: Positive | None = None
+    vent_kg_s_Pa: NonNegative = 0.0
+
+
+@final
+@dataclass(frozen=True)
+class WinchTable:
+    """Winches of one kind, one per cable, which go to the cable lengths that phases and controllers command.
+
+    Args:
+        name: of the winch.
+        cables: names.
+        step_angle_rad: of the motor, per commanded (micro)step.
+        gear_ratio: turns of the motor per turn of the drum.
+        drum_radius_m: to the middle of the cable.
+        step_rate_per_s: highest rate of steps.
+        stall_torque_Nm: of the motor, above which steps are lost.
+    """
+
+    name: Name
+    cables: Annotated[tuple[str, ...], Len(min_length=1)]
+    step_angle_rad: Positive
+    drum_radius_m: Positive
+    step_rate_per_s: Positive
+    stall_torque_Nm: Positive
+    gear_ratio: Positive = 1.0
+
+
+@final
+@dataclass(frozen=True)
+class ControllerTable:
+    """A controller with a fixed rate, which acts in the phases that name it.
+
+    Args:
+        name: of the controller; phases give its setpoint by it.
+        kind: "bang_bang": raises or lowers its output by `increment` per period; "pi": proportional and
+            integral; "python": handed to `cosim.run(..., controllers={name: controller})`.
+        period_s: between two samples, a whole number of ticks; the command holds in between.
+        measures: what it keeps at its setpoint.
+        commands: its output.
+        cables: that it moves, all alike.
+        increment: bang_bang: change of the output per period, in the output's unit.
+        band: bang_bang: width about the setpoint in which the output stays, in the measured unit.
+        proportional_gain: pi: output per error.
+        integral_gain_per_s: pi: output per error and second.
+        output_min: lowest output.
+        output_max: highest output; omitted: none.
+    """
+
+    name: Name
+    kind: Literal["bang_bang", "pi", "python"]
+    period_s: Positive
+    measures: Literal["bending_angle_rad", "tip_height_m"] = "bending_angle_rad"
+    commands: Literal["cable_tension_N", "cable_shortening_m"] = "cable_tension_N"
+    cables: tuple[str, ...] = ()
+    increment: Positive | None = None
+    band: NonNegative = 0.0
+    proportional_gain: NonNegative | None = None
+    integral_gain_per_s: NonNegative | None = None
+    output_min: float = 0.0
+    output_max: float | None = None
+
+
+@final
+@dataclass(frozen=True)
+class GivenBodyTable:
+    """A soft body given as arrays. It is written for the record; its shape and film are in no file.
+
+    Args:
+        name: of the body.
+        arrays: short name of all that it is made of: equal bodies have equal ones.
+        triangles: number of film triangles.
+        closed: whether its caps carry pressure.
+        rings: names of its groups of nodes, "base" and "tip" among them.
+        base: those of them that the flange holds from the start.
+        cables: their names, in order.
+        chambers: names of its gas chambers, in order.
+    """
+
+    name: Name
+    arrays: Text
+    triangles: Count
+    closed: bool
+    rings: tuple[Text, ...]
+    base: tuple[Text, ...]
+    cables: tuple[Name, ...]
+    chambers: tuple[Text, ...]
+    palm: ClassVar[None] = None
+
+    def cable_names(self) -> tuple[str, ...]:
+        """Return the names of all cables."""
+        return self.cables
+
+    def chamber_names(self) -> tuple[str, ...]:
+        """Return the names of all gas chambers."""
+        return self.chambers
+
+    def ring_names(self) -> tuple[str, ...]:
+        """Return the names of all groups of nodes."""
+        return self.rings
+
+    def sides_of(self, _ring: str) -> int:
+        """Return how many corners a group has: none."""
+        return 0
+
+
+AnySoftRobot: TypeAlias = SoftRobotTable | GivenBodyTable
+"""What stands for the soft robot in a checked scenario."""
+
+
+@final
+@dataclass(frozen=True)
+class InFiles:
+    """Marks a field that may hold several kinds of tables, of which files give one.
+
+    Args:
+        kind: that files give.
+    """
+
+    kind: type
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: Callable[[Any], Any]) -> Any:
+        """Return the schema of that kind."""
+        return handler(self.kind)
+
 
 NO_ARM: Final = "none"
 

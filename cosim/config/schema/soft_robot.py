@@ -1,24 +1,329 @@
-"""Schema of a soft robot's file (`robots/*.toml`): frozen, SI units in the names of the keys."""
+"""Schema of a soft robot's file (`robots/*.toml`): frozen, SI units in the names of the keys.
+
+What draws the film of a soft robot, other than a stack of units: `[body]` of its file, of some kind.
+
+Tables of elements that a soft robot has besides its film, folds, cables and stiffeners: `[[element]]`.
+
+Each kind has a table of its own, a subclass of `ElementTable`, and is known once it is registered.
+
+Tables of what a soft robot is made of: film, hinges, stiffeners, mass.
+
+Schema of stacks of polygonal units: their geometry, and how cables run along them.
+"""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
-from typing import Annotated, Final, Literal, final
+from typing import Annotated, Any, Final, Literal, final
 
 from annotated_types import Interval, Len
 
 from cosim.base.names import ONLY_CHAMBER
-from cosim.config.schema.body_source import BodySourceTable
-from cosim.config.schema.elements import ElementTable
-from cosim.config.schema.film import FilmTable, HingeTable, MassTable, StiffenerTable
-from cosim.config.schema.stack import FIRST_RING, CableTable, StackTable
-from cosim.config.toml.constraints import (
+from cosim.config.toml.keys import (
     Colour,
+    Count,
+    Fraction,
+    Increasing,
     Name,
     NonNegative,
     Positive,
     Text,
+    Vector3,
 )
+from cosim.config.toml.parsing import KindTable
+
+
+@dataclass(frozen=True, kw_only=True)
+class BodySourceTable(KindTable):
+    """What draws the film of a soft robot.
+
+    Args:
+        kind: of the source; each kind has further keys of its own.
+    """
+
+    def set_names(self) -> tuple[str, ...]:
+        """Return the names of the node sets, by which robots and scenarios hold, load and route cables."""
+        raise NotImplementedError
+
+    def mesh(self) -> Any:
+        """Return the film (`cosim.soft.geometry.named_mesh.NamedMesh`), in the flange's frame.
+
+        Its rings are the node sets; its lines are those that cables may lead through.
+
+        Raises:
+            InputError: there is no such film.
+        """
+        raise NotImplementedError
+
+
+@final
+@dataclass(frozen=True)
+class NodeSetTable:
+    """Nodes of a mesh by a name, said in one of three ways.
+
+    Args:
+        name: of the set; base, tip, cables, supports and forces name it.
+        axis: of the flange's frame, with `at_m`: all nodes in a plane across it, in order around it.
+        at_m: where that plane is.
+        points_m: the nodes nearest to these points, in this order, such as those that a cable runs through.
+        group: the nodes of a named group of triangles of the file.
+    """
+
+    name: Name
+    axis: Literal["x", "y", "z"] | None = None
+    at_m: float | None = None
+    points_m: tuple[Vector3, ...] = ()
+    group: Text | None = None
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class MeshTable(BodySourceTable):
+    """A film from a mesh file, its open ends closed by caps.
+
+    Args:
+        kind: tells kinds of `[body]` apart.
+        file: STL or OBJ, beside the file that names it; counter-clockwise seen from outside, in the flange's
+            frame. The groups of an OBJ file (`g NAME`) are those that `[[group]]` gives a film of their own.
+        scale: multiplies the numbers of the file, such as 0.001 for a file in mm.
+        sets: `[[body.set]]` in the file.
+        tip: the set around the free end.
+    """
+
+    kind: Literal["mesh"] = "mesh"
+    file: Text
+    scale: Positive = 1.0
+    sets: Annotated[tuple[NodeSetTable, ...], Len(min_length=2)] = field(metadata={"alias": "set"})
+    tip: Name = "tip"
+
+    def set_names(self) -> tuple[str, ...]:
+        """Return the names of the node sets."""
+        return tuple(entry.name for entry in self.sets)
+
+
+BodySourceTable.kinds["mesh"] = MeshTable
+
+
+@dataclass(frozen=True, kw_only=True)
+class ElementTable(KindTable):
+    """Further elements of a soft robot.
+
+    Args:
+        kind: of the elements; each kind has further keys of its own.
+    """
+
+    def element(self, body: Any) -> Any:
+        """Return the elements (`cosim.soft.elements.element.Element`) for a body (`SoftBody`) without them.
+
+        Raises:
+            InputError: the body has no such rings, or what else is asked for.
+        """
+        raise NotImplementedError
+
+
+@final
+@dataclass(frozen=True)
+class FilmTable:
+    """Elastic sheet of the chamber walls.
+
+    Args:
+        young_modulus_Pa: of the sheet, isotropic.
+        poisson_ratio: of the sheet.
+        thickness_m: of one sheet, undeformed.
+        density_kg_m3: of the sheet; its mass is added to that of `[mass]`.
+        law: "plain"; "tension_field": a film that wrinkles almost without resistance; "edge_strain": strain
+            as bars along the triangles' edges measure it (for comparison with published data); "wrinkling":
+            plain in tension; compressed, it wrinkles as panels from seam to hole do, on meshes too coarse
+            for it.
+        wrinkle_panel_m: width of the panels that a wrinkling film wrinkles in; omitted: from the
+            sides of each unit's outer ring to those of its hole.
+    """
+
+    young_modulus_Pa: Positive
+    poisson_ratio: Annotated[float, Interval(gt=-1.0, lt=0.5)]
+    thickness_m: Positive
+    density_kg_m3: NonNegative = 0.0
+    law: Literal["plain", "tension_field", "edge_strain", "wrinkling"] = "plain"
+    wrinkle_panel_m: Positive | None = None
+
+
+@final
+@dataclass(frozen=True)
+class HingeTable:
+    """Rotational springs of the folds.
+
+    Args:
+        rule: "uniform": every hinge has the same spring constant (scaled on a refined mesh, so that the mean
+            energy of bending to a cylinder stays); "shell": each by the triangles beside it, so that the film
+            bends like a shell.
+        stiffness_factor: uniform: spring constant divided by E t^3 / 12 [N m/rad]; shell: flexural rigidity
+            divided by E t^3 / (12 (1 - nu^2)).
+        fold_barrier_rad: the moment grows steeply below this dihedral angle and above 2 pi minus it.
+    """
+
+    rule: Literal["uniform", "shell"] = "uniform"
+    stiffness_factor: NonNegative = 1.0
+    fold_barrier_rad: Annotated[float, Interval(ge=0.0, lt=3.141592653589793)] = 0.0
+
+
+@final
+@dataclass(frozen=True)
+class StiffenerTable:
+    """Printed frames around the outer ring of every unit.
+
+    Args:
+        kind: "none"; "stiff": each outer ring keeps its drawn shape and moves almost as a rigid body; "beam":
+            each outer ring is a ring of beams of rectangular section, pinned to the film at its nodes.
+        stiffness_N_m: stiff: of the springs that keep the shape.
+        width_m: beam: of the section, in the ring's plane.
+        height_m: beam: of the section, along the stack.
+        young_modulus_Pa: beam: of the material.
+        poisson_ratio: beam: of the material.
+        density_kg_m3: beam: of the material; its mass comes to that of the ring's nodes.
+        strength_strain: beam: largest strain that the material bears; a phase that ends beyond it gives a
+            warning; omitted: none is given.
+    """
+
+    kind: Literal["none", "stiff", "beam"] = "none"
+    stiffness_N_m: Positive = 1e6
+    width_m: Positive | None = None
+    height_m: Positive | None = None
+    young_modulus_Pa: Positive | None = None
+    poisson_ratio: Annotated[float, Interval(gt=-1.0, le=0.5)] = 0.35
+    density_kg_m3: NonNegative = 0.0
+    strength_strain: Positive | None = None
+
+
+@final
+@dataclass(frozen=True)
+class MassTable:
+    """Mass beyond that of the film.
+
+    Args:
+        node_mass_kg: at every node of the unrefined mesh.
+        seam_mass_kg: at every node of its outer rings (a unit's frame), in addition.
+
+    A refined mesh spreads the same totals evenly over its nodes; one refined at the holes, evenly over the
+    area around each node of the drawn mesh.
+    """
+
+    node_mass_kg: NonNegative = 0.0
+    seam_mass_kg: NonNegative = 0.0
+
+
+HeightFractions = Annotated[tuple[Fraction, Fraction, Fraction], Increasing]
+UnitRange = tuple[Count, Count]
+FIRST_RING: Final = "unit_1.hole"
+"""The ring of a stack that the flange holds, unless a robot's `base` says otherwise."""
+_RINGS: Final = ("hole", "lower", "outer", "upper")
+_TRIANGLES_PER_UNIT_AND_SIDE: Final = (14, 28, 56)
+"""By `refine_holes`."""
+_WITH_NECK: Final = (14, 28, 84)
+
+
+@final
+@dataclass(frozen=True)
+class NeckTable:
+    """Film of double thickness around the holes, where the films of neighbouring units are fused.
+
+    Args:
+        fused_radius_m: its distance from the axis; beyond the holes' corners and within the mid rings.
+    """
+
+    fused_radius_m: Positive
+
+
+@final
+@dataclass(frozen=True)
+class StackTable:
+    """Geometry of a straight stack of polygonal units, drawn along the flange's z axis.
+
+    Args:
+        kind: the only geometry so far.
+        sides: corners of each unit.
+        units: number of units.
+        corner_radius_m: distance of the first unit's corners from the axis.
+        taper: corner radius of a unit divided by that of the unit before it.
+        hole_radius_m: distance of the corners of the hole rings between units from the axis.
+        mid_ring_fraction: 0 puts the mid rings' corners at the hole, 1 at the unit's corner.
+        unit_height_m: drawn height of one unit.
+        ring_heights: of lower mid, outer and upper mid ring, as fractions of the unit's height.
+        first_corner_rad: angle of corner 0 from the flange's x axis about its z axis; omitted:
+            -pi / sides, so that the edge between corners 0 and 1 faces +x.
+        refine_holes: how often all edges that end at hole rings are cut, a third of the logarithmic way
+            outwards: units bend there, and the drawn mesh is several times too stiff for it.
+        neck: films fused around the holes; omitted: each unit has films of its own up to the holes. Only with
+            refine_holes.
+        refine: how often each triangle is divided into four, after that.
+    """
+
+    sides: Annotated[int, Interval(ge=3, le=64)]
+    units: Annotated[int, Interval(ge=1, le=200)]
+    corner_radius_m: Positive
+    hole_radius_m: Positive
+    unit_height_m: Positive
+    ring_heights: HeightFractions
+    kind: Literal["polygonal_stack"] = "polygonal_stack"
+    taper: Annotated[float, Interval(gt=0.0, le=1.0)] = 1.0
+    mid_ring_fraction: Fraction = 0.5
+    first_corner_rad: float | None = None
+    refine_holes: Annotated[int, Interval(ge=0, le=2)] = 0
+    neck: NeckTable | None = None
+    refine: Annotated[int, Interval(ge=0, le=4)] = 0
+
+    @property
+    def smallest_radius_m(self) -> float:
+        """Distance of the last unit's corners from the axis."""
+        return self.corner_radius_m * self.taper ** (self.units - 1)
+
+    @property
+    def triangles(self) -> int:
+        """How many triangles the refined mesh has."""
+        counts = _TRIANGLES_PER_UNIT_AND_SIDE if self.neck is None else _WITH_NECK
+        return counts[self.refine_holes] * self.sides * self.units << 2 * self.refine
+
+    @property
+    def neck_bound_m(self) -> float:
+        """Distance from the axis of the nodes next to a hole, those of the smallest mid ring's edges."""
+        middle = self.hole_radius_m + self.mid_ring_fraction * (self.smallest_radius_m - self.hole_radius_m)
+        return middle * math.cos(math.pi / self.sides)
+
+    def ring_names(self) -> tuple[str, ...]:
+        """Return the names of the rings, base to tip; see `PolygonalStack.mesh`."""
+        units = range(1, self.units + 1)
+        return (*(f"unit_{unit}.{ring}" for unit in units for ring in _RINGS), "tip")
+
+    def frame_rings(self) -> tuple[str, ...]:
+        """Return the names of the rings that are frames of a section model, base to tip."""
+        return (*(f"unit_{unit}.outer" for unit in range(1, self.units + 1)), "tip")
+
+
+@final
+@dataclass(frozen=True)
+class CableTable:
+    """A cable along one corner line of a stack, through the outer rings of a range of units, or another line.
+
+    Exactly one of the two loss models is given.
+
+    Args:
+        name: of the cable; tensions and lengths are given by it.
+        corner: 0 to sides - 1; counted about the flange's z axis.
+        units: first and last unit with an eyelet, counted from 1.
+        capstan_factor: tension beyond an eyelet divided by the tension before it.
+        friction_coefficient: mu in exp(-mu * wrap angle) at each eyelet.
+        line: a set of nodes in order, base to tip, where no stack draws the film: without corner and units.
+        stiffness_N_m: tension per stretch of the whole cable; matters only where its length is commanded.
+    """
+
+    name: Name
+    corner: Annotated[int, Interval(ge=0)] | None = None
+    units: UnitRange | None = None
+    line: Name | None = None
+    capstan_factor: Annotated[float, Interval(gt=0.0, le=1.0)] | None = None
+    friction_coefficient: NonNegative | None = None
+    stiffness_N_m: Positive = 1e4
+
 
 ARM_CHAMBER: Final = "arm"
 """Name of the gas chamber of a robot that carries others."""

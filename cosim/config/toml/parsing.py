@@ -1,21 +1,346 @@
 """Turns tables (nested dicts, as TOML gives them) into frozen dataclasses, strictly.
 
+Schemas of tables as pydantic makes them of dataclasses, made strict and bounded by units.
+
+Tables of which files may have several kinds, each a class of its own, known once it is registered.
+
+A family of kinds, such as that of `[[element]]`, is a direct subclass of `KindTable`, and its kinds are
+subclasses of the family.
+
+Keys of the schema number before, and what they are called now.
+
+What to say about a value that does not fit its schema.
+
+Turns tables (nested dicts, as TOML gives them) into frozen dataclasses, strictly.
+
 pydantic checks types, keys and bounds; every fault is told with the path of its key, the value, and what is
 allowed. What is wrong in a table does not keep rules from being checked on the rest.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
-from typing import Any, NamedTuple, TypeVar
+from dataclasses import dataclass, fields
+from functools import cache
+from typing import Any, ClassVar, Final, NamedTuple, TypeAlias, TypeVar
 
-from pydantic_core import ValidationError
+from pydantic import GetCoreSchemaHandler, TypeAdapter
+from pydantic_core import CoreSchema, SchemaValidator, ValidationError, core_schema
 
-from cosim.config.toml.core_schemas import Node, definitions_of, file_schema, inner_node, validator_of
-from cosim.config.toml.fault_texts import UNKNOWN_KEY, fault_text, keys_of, meant_keys
-from cosim.config.toml.faults import UNKNOWN, Faults, guard
-from cosim.config.toml.key_paths import join, label
-from cosim.config.toml.reading import only_readable
+from cosim.config.toml.keys import (
+    Name,
+    describe,
+    join,
+    label,
+    likely_keys,
+    listing,
+    magnitude_of,
+    shown,
+    unknown_key_message,
+)
+from cosim.config.toml.reading import UNKNOWN, Faults, Unreadable, guard, only_readable
+from cosim.errors import InputError, ScenarioError
+
+Node: TypeAlias = Mapping[str, Any]
+"""A node of a pydantic core schema."""
+
+_SCALARS: Final = ("bool", "int", "float", "str")
+_KINDS: Final = {"tuple": "list", "dict": "table"}
+
+
+@cache
+def bounded_schema(kind: type) -> Node:
+    """Return the schema of a dataclass, its numbers within the magnitudes of their keys' units."""
+    made: Node = _bounded(TypeAdapter(kind).core_schema, "")
+    return made
+
+
+@cache
+def file_schema(kind: type) -> Node:
+    """Return the same for tables as files give them: nothing is converted, and no key is passed over.
+
+    A field whose value is `UNKNOWN` is left so.
+    """
+    made: Node = _strict(bounded_schema(kind))
+    return made
+
+
+@cache
+def validator_of(kind: type) -> SchemaValidator:
+    """Return what makes a dataclass of a table."""
+    return SchemaValidator(file_schema(kind))
+
+
+def forget_schemas() -> None:
+    """Make schemas anew when they are next asked for: the tables that they may hold have changed."""
+    for kept in (bounded_schema, file_schema, validator_of):
+        kept.cache_clear()
+
+
+def definitions_of(schema: Node) -> dict[str, Node]:
+    """Return the nodes of a schema that others refer to, by their references."""
+    return {entry["ref"]: entry for entry in schema.get("definitions", ())}
+
+
+def inner_node(node: Node, definitions: Mapping[str, Node]) -> Node:
+    """Return a node without what is only wrapped about it: defaults, checks, references."""
+    while True:
+        if node["type"] == "definition-ref":
+            node = definitions[node["schema_ref"]]
+        elif "schema" in node:
+            node = node["schema"]
+        elif "steps" in node:
+            node = node["steps"][-1]
+        else:
+            return node
+
+
+def _bounded(node: Any, key: str) -> Any:
+    if isinstance(node, list):
+        return [_bounded(item, key) for item in node]
+    if not isinstance(node, dict):
+        return node
+    kind = node.get("type")
+    if kind == "nullable":  # TOML has no null: who leaves a value out leaves its key out
+        return _bounded(node["schema"], key)
+    if kind == "dataclass-field":
+        key = str(node.get("validation_alias", node["name"]))
+    made = {name: value if name == "default" else _bounded(value, key) for name, value in node.items()}
+    if kind == "float":
+        magnitude = magnitude_of(key)
+        if not {"le", "lt"} & made.keys():
+            made["le"] = magnitude.largest
+        if not {"ge", "gt"} & made.keys():
+            made["ge"] = -magnitude.largest
+        if made.get("gt") == 0.0:
+            made["ge"] = magnitude.smallest
+        made["allow_inf_nan"] = False
+    return made
+
+
+def _strict(node: Any) -> Any:
+    if isinstance(node, list):
+        return [_strict(item) for item in node]
+    if not isinstance(node, dict):
+        return node
+    kind = node.get("type")
+    made = {name: value if name == "default" else _strict(value) for name, value in node.items()}
+    if kind in _SCALARS:
+        made["strict"] = True
+    elif kind == "literal" and isinstance(made["expected"][0], int):  # to Python, 1 == 1.0 == True
+        return core_schema.chain_schema([core_schema.int_schema(strict=True), node])
+    elif kind == "union":
+        choices = {_KINDS.get(choice["type"], "one"): choice for choice in made["choices"]}
+        return core_schema.tagged_union_schema(choices, _fitting)
+    elif kind == "dataclass-args":
+        made["extra_behavior"] = "forbid"
+    elif kind == "dataclass-field":
+        made["schema"] = _knowing(made["schema"])
+    return made
+
+
+def _fitting(value: Any) -> str:
+    """Return for which of several kinds of values one is meant."""
+    return "list" if isinstance(value, list) else "table" if isinstance(value, Mapping) else "one"
+
+
+def _knowing(schema: Any) -> Any:
+    def known(value: Any, validate: Any) -> Any:
+        return value if value is UNKNOWN else validate(value)
+
+    if schema["type"] == "default":
+        return {**schema, "schema": _knowing(schema["schema"])}
+    return core_schema.no_info_wrap_validator_function(known, schema)
+
+
+@dataclass(frozen=True, kw_only=True)
+class KindTable:
+    """A table of one of several kinds.
+
+    Args:
+        kind: its name; the default of the field is that of the kind.
+    """
+
+    kinds: ClassVar[dict[str, type[KindTable]]]
+
+    kind: Name
+
+    def __init_subclass__(cls) -> None:
+        if KindTable in cls.__bases__:
+            cls.kinds = {}
+
+    @classmethod
+    def __get_pydantic_core_schema__(cls, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+        """Return the schema of one kind, or of any that is registered, told apart by the key `kind`."""
+        if KindTable not in cls.__bases__ or not cls.kinds:
+            return handler(source)
+        choices = {kind: handler.generate_schema(table) for kind, table in cls.kinds.items()}
+        return core_schema.tagged_union_schema(choices, "kind")
+
+
+def name_of(table: type[KindTable]) -> str | None:
+    """Return the name of a kind; None for a family of kinds."""
+    default = next(entry.default for entry in fields(table) if entry.name == "kind")
+    return default if isinstance(default, str) else None
+
+
+def register_kind(table: type[KindTable]) -> None:
+    """Let files have a kind of tables, from the next file on that is read.
+
+    Args:
+        table: a frozen dataclass; the default of its `kind` is the name of the kind.
+
+    Raises:
+        InputError: it names no kind, or one that another class has.
+    """
+    name = name_of(table)
+    if name is None:
+        raise InputError(f"{_kind_place(table)} names no kind; give its field 'kind' a default")
+    known = table.kinds.get(name, table)
+    if _kind_place(known) != _kind_place(table):
+        raise InputError(
+            f"kind '{name}' is that of {_kind_place(known)}; {_kind_place(table)} needs another name"
+        )
+    table.kinds[name] = table
+    forget_schemas()
+
+
+def check_registered(entry: KindTable, path: str) -> None:
+    """Check that a table read from a file is of a kind that is known.
+
+    Raises:
+        ScenarioError: it is not.
+    """
+    if name_of(type(entry)) is None:
+        known = listing(tuple(entry.kinds))
+        raise ScenarioError(
+            path,
+            f"kind '{entry.kind}' is not known; there are: {known}; make it known by --import MODULE, or "
+            "from Python by cosim.register_kind",
+        )
+
+
+def _kind_place(table: type) -> str:
+    return f"{table.__module__}.{table.__qualname__}"
+
+
+SCHEMA: Final = 2
+"""Schema number of scenario and robot files."""
+
+_WRINKLING: Final = 'is no more; drop it: film.law = "wrinkling" makes a coarse mesh answer like the film'
+
+RENAMED: Final = {
+    "Scenario": {"chamber": "model"},
+    "SoftRobotTable": {"chamber": "stack", "frame": "stiffener"},
+}
+"""By the class of a table: its old keys, and what they are called since this schema number."""
+
+GONE: Final = {
+    "FilmTable": {"compressive_fraction": _WRINKLING},
+    "SoftRobotTable": {"calibration": _WRINKLING},
+    "ModelTable": {"calibrated": _WRINKLING},
+}
+"""By the class of a table: keys that there are no more, and what to do."""
+
+REMEDY: Final = "rewrite the file: cosim upgrade FILE"
+
+
+UNKNOWN_KEY: Final = "unexpected_keyword_argument"
+_EXPECTED: Final = {
+    "bool": "true or false",
+    "int": "a whole number",
+    "float": "a number",
+    "str": "a text in quotes",
+    "tuple": "a list",
+    "dict": "a table",
+    "dataclass-args": "a table",
+}
+_FITTING: Final[Mapping[str, Any]] = {
+    "int": int, "float": int | float, "str": str, "tuple": list, "dict": Mapping, "dataclass-args": Mapping
+}  # fmt: skip
+
+
+def fault_text(error: Mapping[str, Any], node: Node, value: Any) -> str:
+    """Return what is wrong with a value and what is allowed.
+
+    Args:
+        error: of pydantic.
+        node: of the schema, where the value is; where a key is missing or unknown, that of its table.
+        value: as the file gives it.
+    """
+    kind = error["type"]
+    if kind == "missing":
+        return "is missing; it has no default"
+    if kind == UNKNOWN_KEY:
+        key = error["loc"][-1]
+        if new := _renamed(node, key):
+            return f"is called {new} since schema {SCHEMA}; {REMEDY}"
+        gone = GONE.get(node["dataclass_name"], {}).get(key)
+        return gone or unknown_key_message(key, tuple(keys_of(node)))
+    if isinstance(value, Unreadable):
+        return value.problem
+    if kind == "rule":
+        return str(error["ctx"]["problem"])
+    if error["loc"][-1] == "schema" and value == SCHEMA - 1 and not isinstance(value, bool):
+        return f"is {value}, that of older files; {REMEDY}"
+    if node["type"] == "literal":
+        allowed = ", ".join(f"'{c}'" if isinstance(c, str) else str(c) for c in node["expected"])
+        return f"got {describe(value)}; allowed: {allowed}"
+    if node["type"] == "tagged-union" and isinstance(node["discriminator"], str):
+        key, allowed = node["discriminator"], ", ".join(f"'{tag}'" for tag in node["choices"])
+        if not isinstance(value, Mapping):
+            return f"expected a table, got {describe(value)}"
+        given = describe(value[key]) if key in value else "missing"
+        return f"{key} is {given}; allowed: {allowed}"
+    if node["type"] == "tagged-union":
+        expected = " or ".join(_EXPECTED[choice["type"]] for choice in node["choices"].values())
+        return f"expected {expected}, got {describe(value)}"
+    if isinstance(value, bool) or not isinstance(value, _FITTING.get(node["type"], ())):
+        return f"expected {_EXPECTED[node['type']]}, got {describe(value)}"
+    if node["type"] == "tuple":
+        return _length_text(node, len(value), "entries")
+    if node["type"] == "str":
+        if kind == "string_too_long":
+            return _length_text(node, len(value), "characters")
+        meaning = node.get("metadata", {}).get("meaning", "a text of Unicode's characters")
+        return f"{shown(value)} must be {meaning}"
+    if isinstance(value, float) and not math.isfinite(value):
+        return f"got {value:g}; must be a finite number"
+    return f"{value:g} is out of bounds; must be {bounds_text(node)}"
+
+
+def meant_keys(node: Node, key: str) -> list[str]:
+    """Return which keys of a table may be meant by one that does not exist; `node` is the table's."""
+    new = _renamed(node, key)
+    return [new] if new else likely_keys(key, tuple(keys_of(node)))
+
+
+def _renamed(node: Node, key: str) -> str | None:
+    return RENAMED.get(node["dataclass_name"], {}).get(key)
+
+
+def keys_of(node: Node) -> dict[str, Node]:
+    """Return the nodes of a table's keys."""
+    return {entry.get("validation_alias", entry["name"]): entry["schema"] for entry in node["fields"]}
+
+
+def bounds_text(node: Node) -> str:
+    """Return the bounds of a number in words."""
+    if node.get("ge") is not None and node["ge"] == -node.get("le", math.inf):
+        return f"within {node['ge']:g} and {node['le']:g}"
+    words = (("above", "gt"), ("at least", "ge"), ("below", "lt"), ("at most", "le"))
+    return ", ".join(f"{word} {node[key]:g}" for word, key in words if node.get(key) is not None)
+
+
+def _length_text(node: Node, length: int, of: str) -> str:
+    least, most = node.get("min_length"), node.get("max_length")
+    if "variadic_item_index" not in node and node["type"] == "tuple":
+        return f"has {length} {of}; must have {len(node['items_schema'])}"
+    if least is not None and length < least:
+        return f"has {length} {of}; needs at least {least}"
+    return f"has {length} {of}; at most {most} are allowed"
+
 
 Schema = TypeVar("Schema")
 

@@ -1,17 +1,128 @@
-"""Reads TOML files that may be anybody's: bounded in size, depth and length before they are used."""
+"""Reads TOML files that may be anybody's, changes tables by key path, and collects their faults.
+
+Faults of a file that are collected, so that all are told at once; and values that no one can know.
+
+Reads TOML files that may be anybody's: bounded in size, depth and length before they are used.
+
+Changes to a scenario's tables by key path, as `--set key=value` gives them.
+"""
 
 from __future__ import annotations
 
 import sys
 import tomllib
 from collections.abc import Mapping
-from dataclasses import dataclass
+from copy import copy
+from dataclasses import dataclass, is_dataclass
+from functools import cache
 from pathlib import Path
-from typing import Any, Final, final
+from types import TracebackType
+from typing import Any, Final, TypeAlias, TypeVar, final
 
 from cosim.base.files_read import read_file
-from cosim.config.toml.faults import UNKNOWN
 from cosim.errors import ScenarioError
+
+T = TypeVar("T")
+Fault: TypeAlias = tuple[str, str]
+"""Path of a key, and what is wrong with it."""
+
+_PLAIN: Final = "_plain"
+"""Where a guarded class keeps the one that it stands for."""
+
+
+class NotKnown(Exception):  # noqa: N818  # no error of anybody: what a rule needs is wrong itself
+    """A rule has met a value that is wrong by itself, so there is nothing that it could say."""
+
+
+@final
+class _Unknown:
+    """Stands where the value of a file is wrong."""
+
+    def __repr__(self) -> str:
+        return "UNKNOWN"
+
+
+UNKNOWN: Final = _Unknown()
+
+
+def guard(value: Any) -> None:
+    """Let whoever asks a dataclass for a field that holds UNKNOWN meet NotKnown; within it as well."""
+    if isinstance(value, tuple):
+        for item in value:
+            guard(item)
+    elif is_dataclass(value):
+        held = vars(value).values()
+        for item in held:
+            guard(item)
+        if any(item is UNKNOWN for item in held):
+            object.__setattr__(value, "__class__", _guarded(type(value)))  # type: ignore[arg-type]
+
+
+def copy_with(instance: T, **changes: Any) -> T:
+    """Return a copy of a dataclass with other values in some fields; the others may hold UNKNOWN.
+
+    One in which nothing is UNKNOWN any more is an ordinary one again.
+    """
+    found = copy(instance)
+    for name, value in changes.items():
+        object.__setattr__(found, name, value)
+    plain = vars(type(found)).get(_PLAIN)
+    if plain is not None and not any(value is UNKNOWN for value in vars(found).values()):
+        object.__setattr__(found, "__class__", plain)
+    return found
+
+
+@cache
+def _guarded(kind: type) -> type:
+    def known(self: Any, name: str) -> Any:
+        value = object.__getattribute__(self, name)
+        if value is UNKNOWN:
+            raise NotKnown
+        return value
+
+    def compared(self: Any, other: object) -> bool:
+        raise NotKnown
+
+    return type(
+        kind.__name__,
+        (kind,),
+        {"__getattribute__": known, "__eq__": compared, "__hash__": None, _PLAIN: kind},
+    )
+
+
+@final
+class Faults:
+    """Collects faults: `with faults:` notes what is raised within, and goes on after it."""
+
+    def __init__(self) -> None:
+        self._found: dict[Fault, None] = {}
+
+    def __enter__(self) -> None:
+        """Begin something that may raise ScenarioError."""
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> bool:
+        """Note a ScenarioError; pass over what could not be known."""
+        if isinstance(error, ScenarioError):
+            for fault in error.faults:
+                self.add(*fault)
+        return isinstance(error, ScenarioError | NotKnown)
+
+    def add(self, path: str, message: str) -> None:
+        """Note what is wrong with a key, once."""
+        self._found[path, message] = None
+
+    def tell(self) -> None:
+        """Raise what was found.
+
+        Raises:
+            ScenarioError: with all faults, if there are any.
+        """
+        if self._found:
+            first, *others = self._found
+            raise ScenarioError(*first, further=tuple(others))
+
 
 LARGEST_FILE_BYTES: Final = 4_000_000
 DEEPEST: Final = 24
@@ -98,3 +209,84 @@ def _problem(value: Any, depth: int) -> str | None:
     if isinstance(value, int) and not -LARGEST_INTEGER <= value <= LARGEST_INTEGER:
         return f"is a whole number of {value.bit_length()} bits; at most 63 and a sign are read"
     return None
+
+
+def parse_assignment(text: str) -> tuple[str, Any]:
+    """Return the key path and value of `key=value`; the value is TOML, or else a bare text.
+
+    Raises:
+        ScenarioError: there is no "=", or the key path has an empty part.
+    """
+    path, equals, value = text.partition("=")
+    path = path.strip()
+    if not equals or not all(path.split(".")):
+        raise ScenarioError("", f"'{text}' is not of the form key=value, such as clock.tick_s=0.001")
+    return path, _value(value.strip())
+
+
+def apply_override(table: dict[str, Any], path: str, value: Any) -> None:
+    """Set one value in nested tables, in place.
+
+    Lists of tables are entered by the entry's name or by its place, counted from 1:
+    `phase.inflate.pressure_Pa` or `phase.2.pressure_Pa`. A table that gets another kind loses its other keys.
+
+    Raises:
+        ScenarioError: the path enters something that is neither a table nor a list of tables.
+    """
+    *parents, last = path.split(".")
+    holder: Any = None
+    here: Any = table
+    for depth, part in enumerate(parents):
+        holder, here = here, _enter(here, part, ".".join(parents[:depth]))
+    if here is UNKNOWN:
+        raise NotKnown
+    if not isinstance(here, dict):
+        kind = "a list; set it as a whole" if isinstance(here, list) else "a single value"
+        raise ScenarioError(path, f"cannot be set: {'.'.join(parents)} is {kind}")
+    if isinstance(holder, dict) and _other_kind(here, {last: value}):
+        here.clear()
+    here[last] = only_readable(value)
+
+
+def merge(base: dict[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
+    """Return `base` with `changes` on top; tables of one kind merge key by key, all else is replaced."""
+    merged = dict(base)
+    for key, value in changes.items():
+        old = merged.get(key)
+        if isinstance(old, dict) and isinstance(value, Mapping) and not _other_kind(old, value):
+            merged[key] = merge(old, value)
+        else:
+            merged[key] = value
+    return merged
+
+
+def _other_kind(table: Mapping[str, Any], changes: Mapping[str, Any]) -> bool:
+    """Return whether a table gets another kind than the one it says, whose keys may be others."""
+    return "kind" in table and "kind" in changes and table["kind"] != changes["kind"]
+
+
+def _enter(here: Any, part: str, path: str) -> Any:
+    if here is UNKNOWN:
+        raise NotKnown
+    if isinstance(here, dict):
+        return here.setdefault(part, {})
+    if isinstance(here, list) and all(isinstance(entry, dict) for entry in here):
+        for entry in here:
+            if entry.get("name") == part:
+                return entry
+        if part.isdecimal() and 1 <= int(part) <= len(here):
+            return here[int(part) - 1]
+        names = ", ".join(str(entry.get("name", index)) for index, entry in enumerate(here, start=1))
+        raise ScenarioError(f"{path}.{part}", f"no such entry; there are: {names or 'none'}")
+    raise ScenarioError(f"{path}.{part}", f"cannot be set: {path} is not a table")
+
+
+def _value(text: str) -> Any:
+    try:
+        return tomllib.loads(f"value = {text}")["value"]
+    except (ValueError, RecursionError):  # not TOML, a number of thousands of digits, thousands of brackets
+        pass
+    try:
+        return float(text)
+    except ValueError:
+        return text

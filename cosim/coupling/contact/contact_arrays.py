@@ -10,7 +10,7 @@ from numba import types
 from cosim.base.frames import Array, IntArray
 from cosim.base.kernels import BLOCKS, BOOLEAN, INDEX_TABLE, INDICES, INTEGER, MATRIX, REAL, VECTOR
 from cosim.coupling.ticks import BODY_LOADS, BodyLoads
-from cosim.rigid.distance.shape_bounds import SHAPE_BOUNDS, ShapeBounds
+from cosim.rigid.distance.shapes import SHAPE_BOUNDS, ShapeBounds
 from cosim.soft.contact.obstacle_contact import TOUCHED, TouchedPlanes
 
 REMEMBERED, TOUCHES, POINTS, AGE, ASKS, LEFT = range(6)

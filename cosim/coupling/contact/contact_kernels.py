@@ -42,9 +42,8 @@ from cosim.coupling.contact.contact_arrays import (
     NearPoints,
     Ties,
 )
-from cosim.rigid.distance.features import carry
 from cosim.rigid.distance.film_distance import film_near
-from cosim.rigid.distance.shapes import fill_near_box
+from cosim.rigid.distance.shapes import carry, fill_near_box
 from cosim.rigid.distance.signed_distance import points_near
 from cosim.soft.contact.contact_law import shorten, touch
 from cosim.soft.contact.obstacle_contact import PlaneRows, TouchedPlanes

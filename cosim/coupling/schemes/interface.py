@@ -26,10 +26,10 @@ from cosim.coupling.soft_sides.soft_side import SoftReply, SoftSide, exchange_ga
 from cosim.coupling.ticks import BodyLoads, CarriedInertia, Servos
 from cosim.coupling.ticks_taken import TicksTaken
 from cosim.errors import InputError
-from cosim.reduced.sections.outputs import supplied_wrench
+from cosim.reduced.sections.assembly import supplied_wrench
 from cosim.rigid.scene.scene import RigidScene
 from cosim.soft.body.loads import Loads
-from cosim.soft.solve.time_scheme import StepAim
+from cosim.soft.solve.state import StepAim
 
 NOTHING: SixNumbers = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 

@@ -45,9 +45,9 @@ from cosim.coupling.soft_sides.soft_side import SoftReply, SoftSide
 from cosim.coupling.ticks import CarriedInertia, Servos
 from cosim.coupling.ticks_taken import TicksTaken
 from cosim.errors import ConvergenceError, SolverError
-from cosim.reduced.sections.outputs import CENTER, WRENCH
+from cosim.reduced.sections.assembly import CENTER, WRENCH
 from cosim.soft.body.loads import Loads
-from cosim.soft.solve.time_scheme import StepAim
+from cosim.soft.solve.state import StepAim
 
 _INDEPENDENT = 1e-8  # singular values of V, over the largest, below which secants say nothing
 _LEARNT = 1e-6  # secants below this share of the interface's load are rounding, and are not kept

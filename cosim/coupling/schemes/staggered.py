@@ -57,9 +57,8 @@ from cosim.coupling.soft_sides.section_arm import ChainShapes, SectionArm
 from cosim.coupling.soft_sides.soft_side import SoftSide, expecting_no_change
 from cosim.coupling.ticks import CarriedInertia, Servos, Ticks
 from cosim.coupling.ticks_taken import TicksTaken
-from cosim.reduced.sections.pressure_spline import TERMS
-from cosim.reduced.solve.state import ChainState
-from cosim.reduced.solve.time_step import ChainStep
+from cosim.reduced.sections.section_energy import TERMS
+from cosim.reduced.solve.time_step import ChainState, ChainStep
 from cosim.soft.body.loads import Loads
 from cosim.soft.contact.obstacle_contact import ContactPlanes
 from cosim.soft.solve.newton_options import Outcome

@@ -11,13 +11,18 @@ import numpy as np
 from cosim.base.frames import Array, Mask, Pose
 from cosim.errors import ConvergenceError, OutOfRangeError
 from cosim.reduced.section_model import SectionBody
-from cosim.reduced.sections.outputs import figures_of, supplied_wrench
-from cosim.reduced.solve.clamp import FrameClamp
+from cosim.reduced.sections.assembly import figures_of, supplied_wrench
+from cosim.reduced.solve.clamp import (
+    FrameClamp,
+    carried,
+    check_pressure,
+    place_in_range,
+    rates_from_nodes,
+    upright,
+)
 from cosim.reduced.solve.commanded_cables import CLOSE_N, commanded, solve_commanded, tensions_at
-from cosim.reduced.solve.kinematics import carried, rates_from_nodes, upright
 from cosim.reduced.solve.newton import ChainResult, ChainSolver
-from cosim.reduced.solve.state import ChainState
-from cosim.reduced.solve.working_range import check_pressure, place_in_range
+from cosim.reduced.solve.time_step import ChainState
 from cosim.soft.body.loads import Loads
 from cosim.soft.solve.equilibrium import CONTACT_ROUNDS_MAX, end_of
 from cosim.soft.solve.newton_options import NewtonOptions, Outcome

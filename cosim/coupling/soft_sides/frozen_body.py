@@ -14,10 +14,8 @@ from cosim.soft.body.loads import Loads
 from cosim.soft.contact.contact_points import ContactSurface
 from cosim.soft.contact.obstacle_contact import ContactPlanes
 from cosim.soft.elements.element import Sums
-from cosim.soft.solve.state import Equilibrium, SoftState
-from cosim.soft.solve.time_scheme import inertia_weight
-from cosim.soft.targets.target_solution import TargetOptions
-from cosim.soft.targets.tip_target import TipTarget
+from cosim.soft.solve.state import Equilibrium, SoftState, inertia_weight
+from cosim.soft.targets.tip_target import TargetOptions, TipTarget
 
 
 @final

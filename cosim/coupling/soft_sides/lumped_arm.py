@@ -37,12 +37,20 @@ from cosim.soft.solve.equilibrium import EquilibriumSolver
 from cosim.soft.solve.newton import NewtonSolver
 from cosim.soft.solve.newton_options import NewtonOptions, SearchEffort
 from cosim.soft.solve.self_contact import FilmContactLaw, SelfContact
-from cosim.soft.solve.state import Clamp, Equilibrium, Obstacles, SoftState
-from cosim.soft.solve.time_scheme import Integrator, StepAim, StepOptions, difference_scheme, inertia_weight
+from cosim.soft.solve.state import (
+    Clamp,
+    Equilibrium,
+    Integrator,
+    Obstacles,
+    SoftState,
+    StepAim,
+    StepOptions,
+    difference_scheme,
+    inertia_weight,
+)
 from cosim.soft.solve.time_step import ImplicitStepper
-from cosim.soft.targets import flange_search, tension_search
-from cosim.soft.targets.target_solution import TargetOptions
-from cosim.soft.targets.tip_target import TipTarget
+from cosim.soft.targets import tension_search, tip_search
+from cosim.soft.targets.tip_target import TargetOptions, TipTarget
 
 
 @final
@@ -358,7 +366,7 @@ class SoftArm(SoftSide):
     ) -> Equilibrium:
         """Return the equilibrium whose flange pose brings the tip to a target; the loads stay."""
         with self.effort.search("a flange pose for a tip target"):
-            return flange_search.find_flange_pose(self.equilibrium_solver, begin, target, options).equilibrium
+            return tip_search.find_flange_pose(self.equilibrium_solver, begin, target, options).equilibrium
 
     def settle(self, found: Equilibrium) -> None:
         """Take over an equilibrium as the present state."""

@@ -24,26 +24,20 @@ from cosim.coupling.soft_sides.soft_side import (
 )
 from cosim.errors import ConvergenceError, InputError
 from cosim.reduced.section_model import SectionBody
-from cosim.reduced.sections.outputs import center_and_inertia, figures_of, supplied_wrench
-from cosim.reduced.solve.clamp import FrameClamp
+from cosim.reduced.sections.assembly import center_and_inertia, figures_of, supplied_wrench
+from cosim.reduced.solve.clamp import FrameClamp, carried, node_motion, rates_from_nodes, rigid_motion, twists
 from cosim.reduced.solve.commanded_cables import given_tensions
-from cosim.reduced.solve.kept_tangent import KeptTangentState
-from cosim.reduced.solve.kinematics import carried, node_motion, rates_from_nodes, rigid_motion, twists
-from cosim.reduced.solve.newton import ChainSolver
-from cosim.reduced.solve.sensitivity import ChainSensitivity, ChainTangent
-from cosim.reduced.solve.state import ChainState
-from cosim.reduced.solve.time_step import ChainStep, ChainStepper
-from cosim.soft.body.center_line import center_rings
+from cosim.reduced.solve.newton import ChainSensitivity, ChainSolver, ChainTangent
+from cosim.reduced.solve.time_step import ChainState, ChainStep, ChainStepper, KeptTangentState
 from cosim.soft.body.loads import Loads
+from cosim.soft.body.places import center_rings
 from cosim.soft.contact.contact_points import ContactSurface
 from cosim.soft.contact.obstacle_contact import ContactPlanes
 from cosim.soft.solve.assembly import SoftSystem
 from cosim.soft.solve.newton_options import NewtonOptions, Outcome
-from cosim.soft.solve.state import Equilibrium, Obstacles, SoftState
-from cosim.soft.solve.time_scheme import StepAim, StepOptions
-from cosim.soft.targets import flange_search, tension_search
-from cosim.soft.targets.target_solution import TargetOptions
-from cosim.soft.targets.tip_target import TipTarget
+from cosim.soft.solve.state import Equilibrium, Obstacles, SoftState, StepAim, StepOptions
+from cosim.soft.targets import tension_search, tip_search
+from cosim.soft.targets.tip_target import TargetOptions, TipTarget
 
 
 @final
@@ -293,7 +287,7 @@ class SectionArm(SoftSide):
         self, begin: Equilibrium, target: TipTarget, options: TargetOptions | None = None
     ) -> Equilibrium:
         """Return the equilibrium whose flange pose brings the tip to a target; the loads stay."""
-        return flange_search.find_flange_pose(self, begin, target, options).equilibrium
+        return tip_search.find_flange_pose(self, begin, target, options).equilibrium
 
     def settle(self, found: Equilibrium) -> None:
         """Take over an equilibrium as the present state."""

@@ -1,12 +1,28 @@
-"""Kernels on whole chains: assembly, Newton's method, changes of frames, volume."""
+"""Kernels on whole chains: assembly, factors, Newton's method, volume, and what a chain shows.
+
+Cholesky factors of the block-tridiagonal tangents of chains.
+
+With free frames f and the blocks A_f on the diagonal and B_f before them:
+    L_f L_f^T = A_f + shift diag(scale) - S_f S_f^T,    S_f = B_f L_(f-1)^-T.
+The diagonals of the L_f are kept as their reciprocals.
+
+Kernels on whole chains: assembly, Newton's method, changes of frames, volume.
+
+Kernels on the shapes that a chain takes on one after the other.
+
+What a chain of frames shows its surroundings: the wrench on the flange, centre and inertia of its mass.
+"""
 
 from __future__ import annotations
+
+from typing import Any
 
 import numpy as np
 from numba import int64, types, void
 
-from cosim.base.frames import Array, IntArray
+from cosim.base.frames import Array, IntArray, Mask, Wrench
 from cosim.base.kernels import (
+    CUBES,
     INDICES,
     MATRIX,
     REAL,
@@ -16,11 +32,93 @@ from cosim.base.kernels import (
     small_matrix,
     small_vector,
 )
-from cosim.reduced.sections.block_cholesky import factorise, substitute
-from cosim.reduced.sections.contact_terms import add_contacts
-from cosim.reduced.sections.frame_terms import add_cables, add_frames
-from cosim.reduced.sections.section_energy import section_energy
-from cosim.reduced.sections.section_strains import CUBE, FLAGS, add_sections, section_strains
+from cosim.reduced.sections.section_energy import TERMS, active_terms, section_energy, weighted_rows
+from cosim.reduced.sections.section_strains import (
+    CUBE,
+    FLAGS,
+    add_cables,
+    add_contacts,
+    add_frames,
+    add_sections,
+    section_strains,
+)
+from cosim.soft.elements.mass_terms import mass_moments
+
+
+@device_function
+def _cholesky(low, f):  # type: ignore[no-untyped-def]
+    """Factorise the lower triangle of block f in place; False where it is not positive definite."""
+    for j in range(6):
+        for i in range(j, 6):
+            total = low[f, i, j]
+            for k in range(j):
+                total -= low[f, i, k] * low[f, j, k]
+            low[f, i, j] = total
+        if not low[f, j, j] > 0.0:
+            return False
+        inverse = 1.0 / np.sqrt(low[f, j, j])
+        low[f, j, j] = inverse
+        for i in range(j + 1, 6):
+            low[f, i, j] *= inverse
+    return True
+
+
+@device_function
+def factorise(free, diagonal, off, shift, scale, low, side):  # type: ignore[no-untyped-def]
+    """Fill low and side (f, 6, 6) with L and S; False where the free part is not positive definite."""
+    for f in range(free.shape[0]):
+        if not free[f]:
+            continue
+        for i in range(6):
+            for k in range(i + 1):
+                low[f, i, k] = diagonal[f, i, k]
+            low[f, i, i] += shift * scale[i]
+        if f > 0 and free[f - 1]:
+            for i in range(6):
+                for k in range(6):
+                    total = off[f, i, k]
+                    for j in range(k):
+                        total -= side[f, i, j] * low[f - 1, k, j]
+                    side[f, i, k] = total * low[f - 1, k, k]
+            for i in range(6):
+                for k in range(i + 1):
+                    total = low[f, i, k]
+                    for j in range(6):
+                        total -= side[f, i, j] * side[f, k, j]
+                    low[f, i, k] = total
+        if not _cholesky(low, f):
+            return False
+    return True
+
+
+@device_function
+def substitute(free, low, side, load, step):  # type: ignore[no-untyped-def]
+    """Solve with the factor for load (f, 6); step (f, 6) is zero where a frame is held."""
+    count = free.shape[0]
+    for f in range(count):
+        for i in range(6):
+            if not free[f]:
+                step[f, i] = 0.0
+                continue
+            total = load[f, i]
+            if f > 0 and free[f - 1]:
+                for j in range(6):
+                    total -= side[f, i, j] * step[f - 1, j]
+            for j in range(i):
+                total -= low[f, i, j] * step[f, j]
+            step[f, i] = total * low[f, i, i]
+    for f in range(count - 1, -1, -1):
+        if not free[f]:
+            continue
+        for i in range(5, -1, -1):
+            total = step[f, i]
+            if f + 1 < count and free[f + 1]:
+                for j in range(6):
+                    total -= side[f + 1, j, i] * step[f + 1, j]
+            for j in range(i + 1, 6):
+                total -= low[f, j, i] * step[f, j]
+            step[f, i] = total * low[f, i, i]
+
 
 # chain: coefficients (s, c), inverse lengths (s,), masses (f, 4, 4)
 CHAIN = (MATRIX, VECTOR, CUBE)
@@ -233,3 +331,107 @@ def combine_points(frames: Array, before: IntArray, weights: Array, out: Array) 
                 + weights[n, 1, 0] * frames[b + 1, 0, r] + weights[n, 1, 1] * frames[b + 1, 1, r]
                 + weights[n, 1, 2] * frames[b + 1, 2, r] + weights[n, 1, 3] * frames[b + 1, 3, r]
             )  # fmt: skip
+
+
+@kernel(void(CUBES, VECTOR, REAL, int64, MATRIX, INDICES, CUBE), allocates=True)
+def chain_points(frames, pressures, largest, intervals, table, before, out):  # type: ignore[no-untyped-def]
+    """Fill out (k, n, 3) with points of chains (k, f, 4, 3) at pressures (k,).
+
+    table: (size, 8 n), each point as a combination of those of the two frames from `before` (n,) on.
+    """
+    terms, weights = small_matrix(2, TERMS), np.empty(table.shape[1])
+    combinations = weights.reshape(len(before), 2, 4)
+    for k in range(len(frames)):
+        if k == 0 or pressures[k] != pressures[k - 1]:
+            first = active_terms(pressures[k], largest, intervals, terms)
+            weighted_rows(table, first, terms[0], weights)
+        combine_points(frames[k], before, combinations, out[k])
+
+
+@kernel(void(CUBES, VECTOR, REAL, int64, MATRIX, MATRIX, VECTOR, VECTOR), allocates=True)
+def gas_volumes(frames, pressures, largest, intervals, energy, length, gas, out):  # type: ignore[no-untyped-def]
+    """Fill out (k,) with the enclosed volumes [m^3] of chains (k, f, 4, 3) at pressures (k,).
+
+    energy: (size, s c); length: (size, s); gas: (size,); see `SectionModel`.
+    """
+    sections = length.shape[1]
+    terms, value, slope = small_matrix(2, TERMS), np.empty(energy.shape[1]), np.empty(energy.shape[1])
+    coefficients, rates = value.reshape(sections, -1), slope.reshape(sections, -1)
+    inverse_length, length_rate = np.empty(sections), np.empty(sections)
+    rest = 0.0
+    for k in range(len(frames)):
+        if k == 0 or pressures[k] != pressures[k - 1]:
+            first = active_terms(pressures[k], largest, intervals, terms)
+            weighted_rows(energy, first, terms[0], value)
+            weighted_rows(energy, first, terms[1], slope)
+            weighted_rows(length, first, terms[0], inverse_length)
+            weighted_rows(length, first, terms[1], length_rate)
+            rest = 0.0
+            for t in range(TERMS):
+                rest += terms[1, t] * gas[first + t]
+            for s in range(sections):
+                inverse_length[s] = 1.0 / inverse_length[s]
+        out[k] = gas_volume(frames[k], coefficients, rates, inverse_length, length_rate) - rest
+
+
+WRENCH, CENTER, INERTIA, FIGURES = 0, 6, 9, 18
+"""Places in the figures (FIGURES,): wrench (6,), centre (3,) [m] and inertia (3, 3) [kg m^2] about it."""
+
+
+def figures_of(frames: Array, free: Mask, mass: Array, gradient: Array) -> Array:
+    """Return the figures of a chain; see `fill_figures`."""
+    figures = np.empty(FIGURES)
+    fill_figures(frames, free, mass, gradient, figures)
+    return figures
+
+
+def supplied_wrench(figures: Array) -> Wrench:
+    """Return what a chain exerts on the flange, at its origin."""
+    return Wrench.owning(figures[WRENCH : WRENCH + 3], figures[WRENCH + 3 : CENTER])
+
+
+def center_and_inertia(figures: Array) -> tuple[Array, Array]:
+    """Return the centre (3,) [m] and the inertia (3, 3) [kg m^2] about it."""
+    return figures[CENTER:INERTIA], figures[INERTIA:].reshape(3, 3)
+
+
+@kernel(void(CUBE, FLAGS, CUBE, MATRIX, VECTOR), taken_in=True)
+def fill_figures(frames: Array, free: Any, mass: Array, gradient: Array, out: Array) -> None:
+    """Fill out (FIGURES,): the wrench on the flange at its origin, centre and inertia of the mass.
+
+    Held frames are supplied with the gradient (f, 6) of the potential; the flange bears its opposite.
+    """
+    for k in range(CENTER):
+        out[k] = 0.0
+    for f in range(frames.shape[0]):
+        if not free[f]:
+            for r in range(3):
+                i, k = (r + 1) % 3, (r + 2) % 3
+                arm_i, arm_k = frames[f, 0, i] - frames[0, 0, i], frames[f, 0, k] - frames[0, 0, k]
+                out[WRENCH + r] -= gradient[f, r]
+                out[WRENCH + 3 + r] -= gradient[f, 3 + r] + arm_i * gradient[f, k] - arm_k * gradient[f, i]
+    moments = small_vector(9)
+    total = mass_moments(mass, frames, moments)
+    fill_center_and_inertia(total, moments, frames[0, 0], out)
+
+
+@device_function
+def fill_center_and_inertia(total, moments, place, out):  # type: ignore[no-untyped-def]
+    """Fill centre and inertia in figures out (FIGURES,).
+
+    Args:
+        total: mass [kg].
+        moments: (9,), see `mass_moments`.
+        place: (3,) [m]; what weighs nothing may have its centre anywhere.
+        out: filled.
+    """
+    for r in range(3):
+        out[CENTER + r] = moments[r] / total if total > 0.0 else place[r]
+    at = 3
+    for r in range(3):
+        for c in range(r, 3):
+            product = moments[at] - moments[r] * out[CENTER + c]
+            at += 1
+            out[INERTIA + 3 * r + c] = out[INERTIA + 3 * c + r] = -product
+    x, y, z = out[INERTIA], out[INERTIA + 4], out[INERTIA + 8]
+    out[INERTIA], out[INERTIA + 4], out[INERTIA + 8] = -y - z, -x - z, -x - y

@@ -1,4 +1,6 @@
-"""A chain of rigid frames: energy, gradient and Hessian of the sections between them.
+"""A chain of rigid frames: energy, gradient and Hessian of sections, frames, cables and contacts.
+
+A chain of rigid frames: energy, gradient and Hessian of the sections between them.
 
 A frame is four points (4, 3): its origin r [m] and its three unit axes. Strains of the section between
 frames a and b, d = r_b - r_a, axes a_i and b_i:
@@ -10,6 +12,13 @@ Beyond the limits of its samples a section's energy is infinite: Newton's method
 
 Kernels get whole arrays and an index, not rows: a row is an object of its own, which costs more than what
 is done with it.
+
+What acts on the frames of a chain one by one, and cables between neighbours.
+
+Masses, loads and cable eyelets are fixed to the frames: a point of local coordinates s is at r + sum s_i a_i.
+Inertia of an implicit step is an elastic bed, as for nodes: c / 2 sum_ab M_ab (p_a - y_a) . (p_b - y_b).
+
+Contact points on a chain of frames: energy, gradient and Hessian; see `chain_contact`.
 """
 
 from __future__ import annotations
@@ -17,8 +26,9 @@ from __future__ import annotations
 import numpy as np
 from numba import boolean, float64
 
-from cosim.base.kernels import device_function, small_matrix, small_vector
+from cosim.base.kernels import device_function, small_matrix, small_vector, zero_matrix
 from cosim.reduced.sections.section_energy import BENT, HIGH, LOW, section_energy
+from cosim.soft.contact.contact_law import touch
 
 CUBE = float64[:, :, ::1]
 FLAGS = boolean[::1]
@@ -200,3 +210,259 @@ def add_sections(frames, c, inverse_length, out, diagonal, off, hessian):  # typ
             _add_stiffness(jac, turned, s, diagonal, off)
             _add_geometric(s, d, lean, turn, diagonal, off)
     return energy
+
+
+@device_function
+def add_frames(frames, load, bed, mass, target, out, diagonal, hessian):  # type: ignore[no-untyped-def]
+    """Fill gradient and diagonal blocks with dead loads and the inertial bed; return their energy.
+
+    Args:
+        frames: (f, 4, 3).
+        load: (f, 4, 3) [N, N m], on the frames' points.
+        bed: c [1/s^2]; 0 in statics.
+        mass: M (f, 4, 4), symmetric.
+        target: y (f, 4, 3).
+        out: (f, 6).
+        diagonal: (f, 6, 6).
+        hessian: whether to fill it.
+    """
+    force, turn, off = small_matrix(4, 3), small_matrix(3, 3), small_matrix(4, 3)
+    energy = 0.0
+    for f in range(frames.shape[0]):
+        for a in range(4):
+            for r in range(3):
+                off[a, r] = frames[f, a, r] - target[f, a, r]
+        for a in range(4):
+            for r in range(3):
+                pull = bed * (
+                    mass[f, a, 0] * off[0, r] + mass[f, a, 1] * off[1, r]
+                    + mass[f, a, 2] * off[2, r] + mass[f, a, 3] * off[3, r]
+                )  # fmt: skip
+                energy += 0.5 * pull * off[a, r] - load[f, a, r] * frames[f, a, r]
+                force[a, r] = pull - load[f, a, r]
+        for r in range(3):
+            for c in range(3):
+                turn[r, c] = (
+                    force[1, r] * frames[f, 1, c]
+                    + force[2, r] * frames[f, 2, c]
+                    + force[3, r] * frames[f, 3, c]
+                )
+        for r in range(3):
+            i, k = (r + 1) % 3, (r + 2) % 3
+            out[f, r] = force[0, r]
+            out[f, 3 + r] = turn[k, i] - turn[i, k]
+        if hessian:
+            diagonal[f] = 0.0
+            _add_bed(frames, f, bed, mass, turn, diagonal)
+    return energy
+
+
+@device_function
+def _add_bed(frames, f, bed, mass, turn, diagonal):  # type: ignore[no-untyped-def]
+    """Add the second derivatives of dead loads and bed; turn (3, 3), sum of forces times axes."""
+    add_turning(diagonal, f, turn, 1.0)
+    if bed == 0.0:
+        return
+    for r in range(3):
+        diagonal[f, r, r] += bed * mass[f, 0, 0]
+    x, y, z = 0.0, 0.0, 0.0
+    for a in range(1, 4):
+        x += bed * mass[f, 0, a] * frames[f, a, 0]
+        y += bed * mass[f, 0, a] * frames[f, a, 1]
+        z += bed * mass[f, 0, a] * frames[f, a, 2]
+    add_skew(diagonal, f, 0, 3, -x, -y, -z)
+    add_skew(diagonal, f, 3, 0, x, y, z)
+    # sum_ab M_ab [(a . b) 1 - b a^T]
+    for r in range(3):
+        for c in range(3):
+            turn[r, c] = 0.0
+    for a in range(1, 4):
+        for r in range(3):
+            value = bed * (
+                mass[f, a, 1] * frames[f, 1, r]
+                + mass[f, a, 2] * frames[f, 2, r]
+                + mass[f, a, 3] * frames[f, 3, r]
+            )
+            for c in range(3):
+                turn[r, c] += value * frames[f, a, c]
+    add_turning(diagonal, f, turn, -1.0)
+
+
+@device_function
+def add_cables(frames, far, eyelets, tension, out, diagonal, off, hessian):  # type: ignore[no-untyped-def]
+    """Add all cable segments under tension; return their energy.
+
+    Args:
+        frames: (f, 4, 3).
+        far: (k,) frame at the far end of each segment; the near end is on the frame before.
+        eyelets: (k, 2, 3) [m], in their frames.
+        tension: (k,) [N].
+        out: (f, 6).
+        diagonal: (f, 6, 6).
+        off: (f, 6, 6).
+        hessian: whether to fill the blocks.
+    """
+    arm, t = small_matrix(4, 3), small_vector(3)
+    energy = 0.0
+    for k in range(far.shape[0]):
+        if tension[k] == 0.0:
+            continue
+        b, square = far[k], 0.0
+        for r in range(3):
+            for side in range(2):
+                f = b - 1 + side
+                arm[side, r] = (
+                    eyelets[k, side, 0] * frames[f, 1, r] + eyelets[k, side, 1] * frames[f, 2, r]
+                    + eyelets[k, side, 2] * frames[f, 3, r]
+                )  # fmt: skip
+            t[r] = frames[b, 0, r] + arm[1, r] - frames[b - 1, 0, r] - arm[0, r]
+            square += t[r] * t[r]
+        length = np.sqrt(square)
+        for r in range(3):
+            t[r] /= length
+        for r in range(3):
+            i, j = (r + 1) % 3, (r + 2) % 3
+            out[b - 1, r] -= tension[k] * t[r]
+            out[b, r] += tension[k] * t[r]
+            out[b - 1, 3 + r] -= tension[k] * (arm[0, i] * t[j] - arm[0, j] * t[i])
+            out[b, 3 + r] += tension[k] * (arm[1, i] * t[j] - arm[1, j] * t[i])
+        if hessian:
+            _add_across(b, arm, t, tension[k], length, diagonal, off)
+        energy += tension[k] * length
+    return energy
+
+
+@device_function
+def _add_across(b, arm, t, tension, length, diagonal, off):  # type: ignore[no-untyped-def]
+    """Add the stiffness of a segment across its direction t, and what turning its arms q adds.
+
+    With w = tension / length and n = t x q: the step between the eyelets has w (1 - t t^T), its product
+    with S(q) is w (S(q) - t n^T), and that of S(q')^T with it w ((q . q') 1 - q q'^T - n' n^T).
+    """
+    w, a = tension / length, b - 1
+    for side in range(2):
+        f, sign = a + side, -1.0 + 2.0 * side
+        q0, q1, q2 = arm[side, 0], arm[side, 1], arm[side, 2]
+        arm[2 + side, 0] = t[1] * q2 - t[2] * q1
+        arm[2 + side, 1] = t[2] * q0 - t[0] * q2
+        arm[2 + side, 2] = t[0] * q1 - t[1] * q0
+        square, along = q0 * q0 + q1 * q1 + q2 * q2, t[0] * q0 + t[1] * q1 + t[2] * q2
+        add_skew(diagonal, f, 0, 3, -w * q0, -w * q1, -w * q2)
+        add_skew(diagonal, f, 3, 0, w * q0, w * q1, w * q2)
+        for r in range(3):
+            diagonal[f, r, r] += w
+            diagonal[f, 3 + r, 3 + r] += w * square - sign * tension * along
+            for c in range(3):
+                mixed = w * t[r] * arm[2 + side, c]
+                diagonal[f, r, c] -= w * t[r] * t[c]
+                diagonal[f, r, 3 + c] += mixed
+                diagonal[f, 3 + c, r] += mixed
+                diagonal[f, 3 + r, 3 + c] += (
+                    0.5 * sign * tension * (t[r] * arm[side, c] + arm[side, r] * t[c])
+                    - w * (arm[side, r] * arm[side, c] + arm[2 + side, r] * arm[2 + side, c])
+                )  # fmt: skip
+    add_skew(off, b, 0, 3, w * arm[0, 0], w * arm[0, 1], w * arm[0, 2])
+    add_skew(off, b, 3, 0, -w * arm[1, 0], -w * arm[1, 1], -w * arm[1, 2])
+    inner = arm[0, 0] * arm[1, 0] + arm[0, 1] * arm[1, 1] + arm[0, 2] * arm[1, 2]
+    for r in range(3):
+        off[b, r, r] -= w
+        off[b, 3 + r, 3 + r] -= w * inner
+        for c in range(3):
+            off[b, r, c] += w * t[r] * t[c]
+            off[b, r, 3 + c] -= w * t[r] * arm[2, c]
+            off[b, 3 + r, c] -= w * arm[3, r] * t[c]
+            off[b, 3 + r, 3 + c] += w * (arm[0, r] * arm[1, c] + arm[3, r] * arm[2, c])
+
+
+WEIGHTS, NORMAL, OFFSET, STIFFNESS, FRICTION, ANCHOR, COLUMNS = 0, 8, 11, 12, 13, 14, 17
+"""Where a contact's row has what: weights of the points of two frames, and what is touched."""
+
+
+@device_function
+def add_contacts(frames, first, rows, widths, out, diagonal, off, hessian):  # type: ignore[no-untyped-def]
+    """Add all contacts; return their energy.
+
+    Args:
+        frames: (f, 4, 3).
+        first: (k,) the first of the two frames of each contact.
+        rows: (k, COLUMNS).
+        widths: (2,) [m], smoothing and stick length.
+        out: (f, 6).
+        diagonal: (f, 6, 6).
+        off: (f, 6, 6).
+        hessian: whether to fill the blocks.
+    """
+    energy = 0.0
+    if first.shape[0] == 0:
+        return energy
+    point, own, tangent = small_vector(3), small_vector(3), small_matrix(3, 3)
+    arm, jac, turned = small_matrix(2, 3), zero_matrix(3, 12), small_matrix(3, 12)
+    for k in range(first.shape[0]):
+        f = first[k]
+        _place(frames, f, rows, k, arm, point)
+        level, _ = touch(
+            point, rows[k, NORMAL:OFFSET], rows[k, OFFSET], rows[k, STIFFNESS], rows[k, FRICTION],
+            rows[k, ANCHOR:], widths[0], widths[1], own, tangent,
+        )  # fmt: skip
+        if level == 0.0 and rows[k, FRICTION] == 0.0:
+            continue
+        energy += level
+        for side in range(2):
+            for r in range(3):
+                i, j = (r + 1) % 3, (r + 2) % 3
+                out[f + side, r] += rows[k, WEIGHTS + 4 * side] * own[r]
+                out[f + side, 3 + r] += arm[side, i] * own[j] - arm[side, j] * own[i]
+        if hessian:
+            _slopes(rows, k, arm, jac)
+            _contact_add_stiffness(f, jac, tangent, turned, diagonal, off)
+            _add_rotations(f, own, arm, tangent, diagonal)
+    return energy
+
+
+@device_function
+def _place(frames, f, rows, k, arm, point):  # type: ignore[no-untyped-def]
+    """Fill the contact point and its arms q (2, 3) from both origins, each by its weights."""
+    for r in range(3):
+        point[r] = 0.0
+        for side in range(2):
+            w = WEIGHTS + 4 * side
+            arm[side, r] = (
+                rows[k, w + 1] * frames[f + side, 1, r] + rows[k, w + 2] * frames[f + side, 2, r]
+                + rows[k, w + 3] * frames[f + side, 3, r]
+            )  # fmt: skip
+            point[r] += rows[k, w] * frames[f + side, 0, r] + arm[side, r]
+
+
+@device_function
+def _slopes(rows, k, arm, jac):  # type: ignore[no-untyped-def]
+    """Fill jac (3, 12), d point / d (dr, phi) of both frames: [w 1, -S(q)]."""
+    for side in range(2):
+        for r in range(3):
+            i, j = (r + 1) % 3, (r + 2) % 3
+            jac[r, 6 * side + r] = rows[k, WEIGHTS + 4 * side]
+            jac[r, 6 * side + 3 + i] = arm[side, j]
+            jac[r, 6 * side + 3 + j] = -arm[side, i]
+
+
+@device_function
+def _contact_add_stiffness(f, jac, tangent, turned, diagonal, off):  # type: ignore[no-untyped-def]
+    """Add J^T K J to the blocks of frames f and f + 1."""
+    for k in range(12):
+        for r in range(3):
+            turned[r, k] = tangent[r, 0] * jac[0, k] + tangent[r, 1] * jac[1, k] + tangent[r, 2] * jac[2, k]
+    for i in range(6):
+        for k in range(6):
+            for r in range(3):
+                diagonal[f, i, k] += jac[r, i] * turned[r, k]
+                diagonal[f + 1, i, k] += jac[r, 6 + i] * turned[r, 6 + k]
+                off[f + 1, i, k] += jac[r, 6 + i] * turned[r, k]
+
+
+@device_function
+def _add_rotations(f, own, arm, work, diagonal):  # type: ignore[no-untyped-def]
+    """Add the second order of the rotations, the gradient `own` (3,) by the point times its arms."""
+    for side in range(2):
+        for r in range(3):
+            for c in range(3):
+                work[r, c] = own[r] * arm[side, c]
+        add_turning(diagonal, f + side, work, 1.0)

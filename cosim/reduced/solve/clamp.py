@@ -1,17 +1,103 @@
-"""Which frames of a chain the flange holds, and where."""
+"""How a chain is held, moves in time, and where in the working range of its model it is.
+
+Changes of a chain of frames in time.
+
+Which frames of a chain the flange holds, and where.
+
+Where in the working range of their model the sections of a chain are.
+"""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 from typing import final
 
 import numpy as np
 
-from cosim.base.frames import Array, IntArray, Mask, Pose
-from cosim.errors import InputError
+from cosim.base.frames import Array, IntArray, Mask, Pose, cross
+from cosim.errors import InputError, OutOfRangeError
 from cosim.reduced.section_model import SectionBody
-from cosim.reduced.solve.kinematics import carried
+from cosim.reduced.sections.ring_frames import RingFrames, strains
+from cosim.reduced.sections.section_energy import BENT, HIGH, LOW
+
+
+def twists(frames: Array, rates: Array) -> Array:
+    """Return (f, 6): velocity of each origin and angular velocity, sum_i a_i x da_i/dt / 2.
+
+    Args:
+        frames: (f, 4, 3).
+        rates: (f, 4, 3), velocities of the points.
+    """
+    spin = 0.5 * cross(frames[:, 1:], rates[:, 1:]).sum(axis=1)
+    return np.concatenate([rates[:, 0], spin], axis=1)
+
+
+def carried(frames: Array, motion: Pose) -> Array:
+    """Return the frames (f, 4, 3) moved rigidly by a motion, world to world."""
+    result = frames @ motion.rotation.T
+    result[:, 0] += motion.translation
+    return np.ascontiguousarray(result)
+
+
+def upright(frames: Array) -> Array:
+    """Return frames (f, 4, 3) with the nearest orthonormal axes."""
+    u, _, v = np.linalg.svd(frames[:, 1:])
+    return np.ascontiguousarray(np.concatenate([frames[:, :1], u @ v], axis=1))
+
+
+def rigid_motion(arm: Array, moved: Array) -> Array:
+    """Return the motion (6,) of the frame of some nodes that best fits how they move.
+
+    Args:
+        arm: (m, 3) [m], nodes from the frame's origin.
+        moved: (m, 3) [m or m/s].
+    """
+    middle = arm.mean(axis=0)
+    around = arm - middle
+    inertia = (around**2).sum() * np.eye(3) - around.T @ around
+    turn = np.linalg.solve(inertia, cross(around, moved).sum(axis=0))
+    return np.concatenate([moved.mean(axis=0) - np.cross(turn, middle), turn])
+
+
+def rates_from_nodes(layout: RingFrames, frames: Array, moved: Array) -> Array:
+    """Return how the frames' points (f, 4, 3) move with the film's nodes, the flange taken to be at rest.
+
+    Args:
+        layout: which rings are frames.
+        frames: (f, 4, 3).
+        moved: (n, 3) [m or m/s].
+    """
+    rates = np.zeros_like(frames)
+    for f, (ring, shape) in enumerate(zip(layout.rings, layout.shapes, strict=True), start=1):
+        motion = rigid_motion(shape @ frames[f, 1:], moved[ring])
+        rates[f, 0] = motion[:3]
+        rates[f, 1:] = np.cross(motion[3:], frames[f, 1:])
+    return rates
+
+
+def node_motion(section: SectionBody, frames: Array, pressure_Pa: float) -> Array:
+    """Return d nodes / d (dr, phi): (n, 3, f, 6).
+
+    Args:
+        section: of the film.
+        frames: (f, 4, 3).
+        pressure_Pa: of the gas.
+    """
+    weights, before = section.node_weights(pressure_Pa), section.frames.before
+    count = len(weights)
+    result = np.zeros((count, 3, len(frames), 6))
+    nodes = np.arange(count)
+    for side in (0, 1):
+        frame = before + side
+        arm = np.einsum("na,nar->nr", weights[:, side, 1:], frames[frame, 1:])
+        for r, s, t in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+            result[nodes, r, frame, r] = weights[:, side, 0]
+            # phi x arm
+            result[nodes, r, frame, 3 + s] = arm[:, t]
+            result[nodes, r, frame, 3 + t] = -arm[:, s]
+    return result
 
 
 @final
@@ -79,3 +165,78 @@ class FrameClamp:
         for f, ring in enumerate(section.frames.rings, start=1):
             held[f] &= not np.isin(ring, nodes).any()
         return FrameClamp(held, self.offsets)
+
+
+_AT_ITS_END = 0.95
+"""Share of the range from which on a solution that is not found is put down to it."""
+
+
+_ROUNDING = 1e-9
+
+
+@final
+@dataclass(frozen=True)
+class PlaceInRange:
+    """The section that is nearest to the end of its range.
+
+    Args:
+        fraction: of the range that it uses; 1 at its end.
+        text: which section, which strain, its value and the end of its range.
+    """
+
+    fraction: float
+    text: str
+
+    @property
+    def at_its_end(self) -> bool:
+        """Whether a step or an equilibrium that is not found there is one that the model does not have."""
+        return self.fraction > _AT_ITS_END
+
+
+def place_in_range(section: SectionBody, frames: Array, pressure_Pa: float) -> PlaceInRange:
+    """Return where the section is that uses most of its range.
+
+    Args:
+        section: model.
+        frames: (f, 4, 3).
+        pressure_Pa: gauge.
+    """
+    section.set_pressure(pressure_Pa)
+    values, limits = strains(frames[:-1], frames[1:]), section.coefficients
+    stretch = values[:, 2] * section.inverse_length - 1.0
+    bend, bend_end = np.hypot(values[:, 3], values[:, 4]), np.sqrt(limits[:, BENT])
+    stretch_end = np.where(stretch < 0.0, limits[:, LOW], limits[:, HIGH])
+    fractions = np.stack([stretch / stretch_end, bend / bend_end])
+    kind, worst = divmod(int(np.argmax(fractions)), len(stretch))
+    count = len(stretch)
+    names = ("flange", *section.body.frame_rings, "tip")
+    where = f"section {worst + 1} of {count} ({names[worst]} to {names[worst + 1]})"
+    if kind:
+        what = f"is bent by {_degrees(bend[worst])} degrees, its model ends at {_degrees(bend_end[worst])}"
+    else:
+        word = "shortened" if stretch[worst] < 0.0 else "stretched"
+        value, end = 100.0 * abs(stretch[worst]), 100.0 * abs(stretch_end[worst])
+        what = f"is {word} by {value:.1f} %, its model ends at {end:.1f} %"
+    return PlaceInRange(float(fractions[kind, worst]), f"{where} {what} (at {1e-3 * pressure_Pa:.3g} kPa)")
+
+
+def check_pressure(section: SectionBody, pressure_Pa: float, residual_N: float, iterations: int) -> None:
+    """Check that a solution is within the pressures that a model was built from.
+
+    Args:
+        section: model.
+        pressure_Pa: gauge, of the solution.
+        residual_N: of it.
+        iterations: that it took.
+
+    Raises:
+        OutOfRangeError: it is beyond them.
+    """
+    end = section.model.spline.largest_Pa
+    if pressure_Pa > end * (1.0 + _ROUNDING):
+        text = f"its gas is at {1e-3 * pressure_Pa:.4g} kPa, its model ends at {1e-3 * end:.4g}"
+        raise OutOfRangeError(f"the section model ends here: {text}", residual_N, iterations, text)
+
+
+def _degrees(sine: float) -> str:
+    return f"{math.degrees(math.asin(min(float(sine), 1.0))):.1f}"

@@ -1,7 +1,7 @@
 """Cables of commanded length on a chain: the tensions that the route's length at the solution gives them.
 
 A solution takes tensions. Those of commanded cables are unknowns of their own, T_c = k_c f(L_c - L_0c) as
-in `cosim.soft.elements.cable_length`, found by Newton's method around it: with g_c the gradient of
+in `cosim.soft.elements.cable`, found by Newton's method around it: with g_c the gradient of
 sum_i c_i L_i, m_c that sum over L_c, and H the tangent, a unit of tension d shortens cable c by
 g_c^T H^-1 g_d / m_c.
 """
@@ -16,11 +16,9 @@ import numpy as np
 from scipy.linalg import LinAlgError
 
 from cosim.base.frames import Array, Mask
-from cosim.reduced.solve.newton import Bed, ChainSolver
-from cosim.reduced.solve.sensitivity import ChainTangent
+from cosim.reduced.solve.newton import Bed, ChainSolver, ChainTangent
 from cosim.soft.body.loads import Loads
-from cosim.soft.elements.cable import base_tension
-from cosim.soft.elements.cable_length import onset
+from cosim.soft.elements.cable import base_tension, onset
 from cosim.soft.solve.newton_options import Outcome
 
 CLOSE_N: Final = 1e-8

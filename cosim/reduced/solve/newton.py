@@ -1,20 +1,163 @@
-"""Newton's method for a chain of frames under the loads of a soft body."""
+"""Newton's method for a chain of frames under the loads of a soft body, contact and sealed gas included.
+
+The pressure of sealed gas in a chain: that which it has at the volume it gives the chamber.
+
+Contact of the film on a chain of frames: contact points as combinations of the points of two frames.
+
+A contact point is a combination of the nodes of one triangle, these are combinations of the points of the
+frames beside them, and no triangle reaches across an outer ring: y = sum_s (w_s0 r_s + q_s), q_s = sum_i w_si
+a_si, s the two frames. A change of the frames moves it by sum_s (w_s0 dr_s + phi_s x q_s) = J (dr, phi); its
+energy adds J^T g to the gradient, J^T K J and the second order of the rotations to the Hessian, g and K by y.
+
+Newton's method for a chain of frames under the loads of a soft body.
+
+How the tip of a chain of frames moves with its loads: the implicit function theorem.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TypeAlias, final
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Protocol, TypeAlias, TypeVar, final
 
 import numpy as np
+from numba import types
+from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
 from cosim.base.frames import Array, IntArray, Mask
-from cosim.errors import InputError
+from cosim.base.kernels import INDEX_TABLE, INDICES, MATRIX, VECTOR, kernel
+from cosim.errors import ConvergenceError, InputError
 from cosim.reduced.section_model import SectionBody
 from cosim.reduced.sections.assembly import assemble, minimise
-from cosim.reduced.solve.contact import FrameContacts
-from cosim.reduced.solve.sealed_pressure import solve_sealed
+from cosim.reduced.sections.section_strains import ANCHOR, COLUMNS, CUBE, FRICTION, NORMAL, OFFSET, STIFFNESS
 from cosim.soft.body.loads import Loads
+from cosim.soft.body.places import TipFrame
+from cosim.soft.contact.obstacle_contact import ContactPlanes
+from cosim.soft.elements.gas import SealedGas
 from cosim.soft.solve.newton_options import Outcome
+
+_ROUNDS_MAX = 30
+_TOLERANCE = 1e-9  # of the absolute pressure
+_STEP_MAX = 0.02  # the same, in one round
+
+
+class Attempt(Protocol):
+    """A solution at a given pressure."""
+
+    @property
+    def frames(self) -> Array:
+        """(f, 4, 3)."""
+
+    @property
+    def outcome(self) -> Outcome:
+        """How it ended."""
+
+
+Found = TypeVar("Found", bound=Attempt)
+
+
+def solve_sealed(
+    gas: SealedGas,
+    begin_Pa: float,
+    volume: Callable[[Array], float],
+    attempt: Callable[[float, Found | None], Found],
+) -> Found:
+    """Return the solution at the pressure that the gas has in it, found by secants.
+
+    Args:
+        gas: in the chamber.
+        begin_Pa: gauge pressure to begin with.
+        volume: enclosed [m^3] by frames (f, 4, 3) at the pressure of the last attempt.
+        attempt: solves at a gauge pressure [Pa]; given the last solution, None for the first.
+    """
+    pressure, step, before = begin_Pa, 0.0, 0.0
+    found = attempt(pressure, None)
+    for _ in range(_ROUNDS_MAX - 1):
+        if found.outcome is not Outcome.CONVERGED:
+            break
+        off = gas.gauge_pressure(volume(found.frames)) - pressure
+        whole = abs(pressure) + gas.ambient_Pa
+        if abs(off) <= _TOLERANCE * whole:
+            break
+        slope = (off - before) / step if step else -1.0
+        # more pressure, more volume: the true slope is below -1
+        step = min(max(-off / min(slope, -1.0), -_STEP_MAX * whole), _STEP_MAX * whole)
+        before, pressure = off, pressure + step
+        found = attempt(pressure, found)
+    return found
+
+
+@kernel(
+    types.boolean(
+        INDEX_TABLE, MATRIX, INDICES, CUBE, MATRIX, VECTOR, VECTOR, VECTOR, MATRIX, INDICES, MATRIX
+    )
+)  # fmt: skip
+def _fill_rows(  # type: ignore[no-untyped-def]
+    nodes, weights, before, combination, normal, offset, stiffness, friction, anchor, first, rows
+):
+    """Fill first (k,) and rows (k, COLUMNS); False where a triangle reaches across a frame."""
+    for k in range(nodes.shape[0]):
+        f = min(before[nodes[k, 0]], before[nodes[k, 1]], before[nodes[k, 2]])
+        first[k] = f
+        rows[k, :NORMAL] = 0.0
+        for a in range(3):
+            node = nodes[k, a]
+            # a node on the second frame of its contact is the first of its own two, and of that one alone
+            shift = before[node] - f
+            for i in range(4):
+                rows[k, 4 * min(shift, 1) + i] += weights[k, a] * combination[node, 0, i]
+                beyond = weights[k, a] * combination[node, 1, i]
+                if shift == 0:
+                    rows[k, 4 + i] += beyond
+                elif shift > 1 or beyond != 0.0:
+                    return False
+        rows[k, OFFSET], rows[k, STIFFNESS], rows[k, FRICTION] = offset[k], stiffness[k], friction[k]
+        for r in range(3):
+            rows[k, NORMAL + r], rows[k, ANCHOR + r] = normal[k, r], anchor[k, r]
+    return True
+
+
+@final
+@dataclass(frozen=True)
+class FrameContacts:
+    """What a chain may touch in one step.
+
+    Args:
+        first: (k,) the first of the two frames of each contact point.
+        rows: (k, 17): its eight weights, then normal, offset [m], stiffness [N/m], friction [N], anchor [m].
+        widths: (2,) [m], smoothing and stick length.
+    """
+
+    first: IntArray
+    rows: Array
+    widths: Array
+
+    @classmethod
+    def none(cls) -> FrameContacts:
+        """Return no contact."""
+        return cls(np.zeros(0, np.int64), np.zeros((0, COLUMNS)), np.ones(2))
+
+    @classmethod
+    def of(cls, section: SectionBody, planes: ContactPlanes, pressure_Pa: float) -> FrameContacts:
+        """Return contacts of the film's nodes as contacts of the frames.
+
+        Args:
+            section: of the film.
+            planes: what its nodes may touch.
+            pressure_Pa: of the gas.
+
+        Raises:
+            InputError: a triangle of the film reaches across a frame.
+        """
+        first, rows = np.empty(len(planes), np.int64), np.empty((len(planes), COLUMNS))
+        fits = _fill_rows(
+            planes.nodes, planes.weights, section.frames.before, section.node_weights(pressure_Pa),
+            planes.normal, planes.offset, planes.stiffness, planes.friction, planes.anchor, first, rows,
+        )  # fmt: skip
+        if not fits:
+            raise InputError("section models need films between neighbouring rings; use fidelity = 'lumped'")
+        return cls(first, rows, np.array((planes.law.smoothing_m, planes.law.stick_m)))
+
 
 OUTCOMES = (
     Outcome.CONVERGED,
@@ -236,3 +379,115 @@ class ChainSolver:
         self._tensions = loads.cable_tension_N
         pulls = zip(self._ratios, loads.cable_tension_N, strict=True)
         self._tension = np.concatenate([tension * ratio for ratio, tension in pulls])
+
+
+@final
+class ChainTangent:
+    """The factorised tangent of a chain.
+
+    Args:
+        solver: of the chain.
+        frames: (f, 4, 3), where it is taken.
+        free: (f,) frames that can move.
+        loads: that act.
+        pressure_Pa: of the gas; a sealed one is taken to keep it.
+        bed: of an implicit step; None in statics.
+        extra: (6 f, 6 f) added to it, such as contacts.
+
+    Raises:
+        LinAlgError: it is not positive definite.
+    """
+
+    def __init__(
+        self,
+        solver: ChainSolver,
+        frames: Array,
+        free: Mask,
+        loads: Loads,
+        pressure_Pa: float,
+        bed: Bed | None = None,
+        extra: Array | None = None,
+    ) -> None:
+        solver.evaluate(frames, loads, pressure_Pa, bed, hessian=True)
+        count = len(frames)
+        full = np.zeros((count, 6, count, 6))
+        for f in range(count):
+            full[f, :, f] = solver.diagonal[f]
+            if f:
+                full[f, :, f - 1] = solver.off[f]
+                full[f - 1, :, f] = solver.off[f].T
+        self._free = np.repeat(free, 6)
+        matrix = full.reshape(6 * count, -1)
+        if extra is not None:
+            matrix = matrix + extra
+        self._factor = cho_factor(matrix[np.ix_(self._free, self._free)])
+
+    def solve(self, load: Array) -> Array:
+        """Return the steps (k, f, 6) under loads (k, f, 6); zero where held."""
+        flat = load.reshape(len(load), -1)
+        result = np.zeros_like(flat)
+        result[:, self._free] = cho_solve(self._factor, flat[:, self._free].T).T
+        return result.reshape(load.shape)
+
+
+@final
+class ChainSensitivity:
+    """Derivatives of an equilibrium's tip.
+
+    Args:
+        solver: of the chain.
+        frames: (f, 4, 3), at equilibrium.
+        free: (f,) frames that can move.
+        loads: that act.
+        pressure_Pa: of the gas.
+        extra: (6 f, 6 f) added to the tangent; None for nothing.
+
+    Raises:
+        ConvergenceError: the equilibrium is not stable.
+    """
+
+    def __init__(
+        self,
+        solver: ChainSolver,
+        frames: Array,
+        free: Mask,
+        loads: Loads,
+        pressure_Pa: float,
+        extra: Array | None = None,
+    ) -> None:
+        self._solver, self._frames, self._loads, self._pressure = solver, frames, loads, pressure_Pa
+        try:
+            self._tangent = ChainTangent(solver, frames, free, loads, pressure_Pa, None, extra)
+        except LinAlgError as error:
+            raise ConvergenceError(
+                "the equilibrium is not stable (its tangent stiffness has a negative eigenvalue), so it has "
+                "no useful sensitivity; change the pressure or the flange pose",
+                0.0,
+                0,
+            ) from error
+        section = solver.section
+        self.tip = TipFrame.of(section.body, section.positions(frames, pressure_Pa))
+
+    def to_gravity(self) -> Array:
+        """Return d(tip motion)/d(gravity) (6, 3); the flange stays."""
+        gx, gy, gz = self._loads.gravity
+        return self._motion(
+            [
+                replace(self._loads, gravity=moved)
+                for moved in ((gx + 1.0, gy, gz), (gx, gy + 1.0, gz), (gx, gy, gz + 1.0))
+            ]
+        )
+
+    def to_tension(self) -> Array:
+        """Return d(tip motion)/d(cable tension) (6, cables); the flange stays."""
+        tension = self._loads.cable_tension_N
+        if not tension:
+            return np.zeros((6, 0))
+        more = [tuple(t + 1.0 if k == c else t for k, t in enumerate(tension)) for c in range(len(tension))]
+        return self._motion([replace(self._loads, cable_tension_N=pulled) for pulled in more])
+
+    def _motion(self, loads: list[Loads]) -> Array:
+        """Return the tip's motion (6, k) with loads that are one unit up; the gradient is linear in them."""
+        still = self._solver.evaluate(self._frames, self._loads, self._pressure)
+        change = [self._solver.evaluate(self._frames, load, self._pressure) - still for load in loads]
+        return np.asarray(self._tangent.solve(-np.array(change))[:, -1].T)

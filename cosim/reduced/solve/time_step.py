@@ -1,28 +1,307 @@
-"""Implicit steps of a chain of frames: the schemes of `cosim.soft.solve.time_step` on the frames' points."""
+"""Implicit steps of a chain of frames: the schemes of `cosim.soft.solve.time_step` on the frames' points.
+
+What the next step of a chain of frames depends on.
+
+A chain of frames and what acts on it, as one argument of a kernel that takes many steps.
+
+The factor of a step's tangent, kept for the steps to come while it serves them.
+
+One implicit step of a chain of frames, from its start to the wrench at the flange, as a kernel.
+
+The schemes are those of `cosim.soft.solve.time_step`: with v = (x - base) / span,
+acceleration = (v - speed) / span and damping alpha, inertia is an elastic bed of coefficient
+(1 + alpha span) / span^2 about the target base + span / (1 + alpha span) speed.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import final
+from typing import Annotated, NamedTuple, final
 
 import numpy as np
+from numba import int64, types
 
-from cosim.base.frames import Array, Pose
-from cosim.base.kernels import address_of
+from cosim.base.frames import Array, IntArray, Mask, Pose
+from cosim.base.kernels import (
+    INDICES,
+    INTEGER,
+    MATRIX,
+    REAL,
+    VECTOR,
+    address_of,
+    device_function,
+    kernel,
+    small_vector,
+)
 from cosim.errors import ConvergenceError, OutOfRangeError
-from cosim.reduced.sections.outputs import FIGURES
-from cosim.reduced.solve.arrays import ChainArrays
-from cosim.reduced.solve.clamp import FrameClamp
+from cosim.reduced.sections.assembly import (
+    CABLES,
+    CHAIN,
+    FACTOR,
+    FIGURES,
+    TOUCHED,
+    change_frames,
+    copy_frames,
+    fill_figures,
+    minimise,
+)
+from cosim.reduced.sections.section_strains import CUBE, FLAGS
+from cosim.reduced.solve.clamp import FrameClamp, check_pressure, place_in_range
 from cosim.reduced.solve.commanded_cables import CLOSE_N, commanded, solve_commanded, tensions_at
-from cosim.reduced.solve.implicit_step import CARRIED, FREE_FLIGHT, GIVEN, STANDING, implicit_step
-from cosim.reduced.solve.kept_tangent import KeptTangent
-from cosim.reduced.solve.newton import OUTCOMES, Bed, ChainSolver
-from cosim.reduced.solve.sealed_pressure import solve_sealed
-from cosim.reduced.solve.state import ChainState
-from cosim.reduced.solve.working_range import check_pressure, place_in_range
+from cosim.reduced.solve.newton import OUTCOMES, Bed, ChainSolver, solve_sealed
 from cosim.soft.body.loads import Loads
 from cosim.soft.solve.newton_options import Outcome
-from cosim.soft.solve.time_scheme import StepAim, StepOptions, inertia_weight
+from cosim.soft.solve.state import StepAim, StepOptions, inertia_weight
+
+
+@final
+@dataclass(frozen=True)
+class ChainState:
+    """Points of all frames and their velocities.
+
+    Args:
+        motion: (2, f, 4, 3), positions [m] of the origins and unit axes, and the velocities of both.
+        earlier: (2, f, 4, 3), the same one step before, for two-step integrators; None for none.
+    """
+
+    motion: Annotated[Array, (2, "frames", 4, 3)]
+    earlier: Annotated[Array, (2, "frames", 4, 3)] | None = None
+
+    @classmethod
+    def at_rest(cls, frames: Array) -> ChainState:
+        """Return frames (f, 4, 3) without velocity."""
+        return cls(np.array((frames, np.zeros_like(frames))))
+
+    @property
+    def frames(self) -> Array:
+        """(f, 4, 3) origins [m] and axes."""
+        frames: Array = self.motion[0]
+        return frames
+
+    @property
+    def rates(self) -> Array:
+        """(f, 4, 3), velocities of the origins [m/s] and axes [1/s]."""
+        rates: Array = self.motion[1]
+        return rates
+
+
+class ChainArrays(NamedTuple):
+    """What the chain is; see `implicit_step`, and `SectionBody` for the tables over pressure.
+
+    Args:
+        call: address of the kernel of a step.
+        free: (f,).
+        offsets: (f, 4, 3).
+        coefficients: (s, c).
+        inverse_length: (s,).
+        mass: (f, 4, 4).
+        load: (f, 4, 3).
+        far: (k,).
+        eyelets: (k, 2, 3).
+        touching: (0,), as nothing is touched.
+        rows: (0, 17).
+        widths: (2,).
+        energies: (size, s c).
+        lengths: (size, s).
+        eyelet_table: (size, 6 k).
+        target: (f, 4, 3), scratch.
+        diagonal: (f, 6, 6), scratch.
+        off: (f, 6, 6), scratch.
+        low: (f, 6, 6), kept factor.
+        side: (f, 6, 6), the same.
+        bounds: (2,), see `minimise`.
+    """
+
+    call: int
+    free: Mask
+    offsets: Array
+    coefficients: Array
+    inverse_length: Array
+    mass: Array
+    load: Array
+    far: IntArray
+    eyelets: Array
+    touching: IntArray
+    rows: Array
+    widths: Array
+    energies: Array
+    lengths: Array
+    eyelet_table: Array
+    target: Array
+    diagonal: Array
+    off: Array
+    low: Array
+    side: Array
+    bounds: Array
+
+
+CHAIN_ARRAYS = types.NamedTuple(
+    (
+        INTEGER, FLAGS, CUBE, MATRIX, VECTOR, CUBE, CUBE, INDICES, CUBE, INDICES, MATRIX, VECTOR, MATRIX,
+        MATRIX, MATRIX, CUBE, CUBE, CUBE, CUBE, CUBE, VECTOR,
+    ),
+    ChainArrays,
+)  # fmt: skip
+
+
+@final
+@dataclass(frozen=True)
+class KeptTangentState:
+    """A kept factor.
+
+    Args:
+        low: (f, 6, 6), see `block_cholesky`.
+        side: (f, 6, 6).
+        step_s: length of the step that it was made in [s].
+        two_steps: whether that looked back over two steps.
+    """
+
+    low: Annotated[Array, ("frames", 6, 6)]
+    side: Annotated[Array, ("frames", 6, 6)]
+    step_s: float
+    two_steps: bool
+
+
+@final
+class KeptTangent:
+    """Owns the factor; it serves steps of one length and scheme in one clamp.
+
+    Args:
+        count: of the frames.
+    """
+
+    def __init__(self, count: int) -> None:
+        self.low, self.side = np.zeros((count, 6, 6)), np.zeros((count, 6, 6))
+        self._clamp: FrameClamp | None = None
+        self._step_s, self._two_steps = 0.0, False
+
+    def serves(self, clamp: FrameClamp, step_s: float, two_steps: bool) -> bool:
+        """Whether there is a factor that such a step may begin with."""
+        return clamp is self._clamp and step_s == self._step_s and two_steps == self._two_steps
+
+    def keep(self, kept: bool, clamp: FrameClamp, step_s: float, two_steps: bool) -> None:
+        """Note the step in which the factor was made or used last, and whether it is worth keeping."""
+        self._clamp, self._step_s, self._two_steps = clamp if kept else None, step_s, two_steps
+
+    def save_state(self, clamp: FrameClamp) -> KeptTangentState | None:
+        """Return the factor; None where none is kept for a clamp."""
+        if clamp is not self._clamp:
+            return None
+        return KeptTangentState(self.low.copy(), self.side.copy(), self._step_s, self._two_steps)
+
+    def restore_state(self, state: KeptTangentState | None, clamp: FrameClamp) -> None:
+        """Return to a state of `save_state`, with the clamp of that moment."""
+        if state is None:
+            self._clamp = None
+            return
+        self.low[:], self.side[:] = state.low, state.side
+        self.keep(True, clamp, state.step_s, state.two_steps)
+
+
+MOTION = types.Array(types.float64, 4, "C")
+
+FREE_FLIGHT, STANDING, CARRIED, GIVEN = 0, 1, 2, 3
+"""Where Newton's method starts: as if nothing acted, where the frames are, as if rigid on the flange, or from
+what is in the result already."""
+
+
+@device_function
+def _scheme(here, earlier, two_steps, h, damping, base, target):  # type: ignore[no-untyped-def]
+    """Fill base and target (f, 4, 3); return span and the bed's coefficient."""
+    span = 2.0 * h / 3.0 if two_steps else h
+    share = span / (1.0 + damping * span)
+    for f in range(base.shape[0]):
+        for a in range(4):
+            for r in range(3):
+                x, speed = here[0, f, a, r], here[1, f, a, r]
+                if two_steps:
+                    x = (4.0 * x - earlier[0, f, a, r]) / 3.0
+                    speed = (4.0 * speed - earlier[1, f, a, r]) / 3.0
+                base[f, a, r] = x
+                target[f, a, r] = x + share * speed
+    return span, (1.0 + damping * span) / (span * span)
+
+
+@device_function
+def _free_flight(here, h, twists, out):  # type: ignore[no-untyped-def]
+    """Fill out (f, 4, 3) with the frames after moving on as they do; twists (f, 6) is scratch."""
+    for f in range(out.shape[0]):
+        for r in range(3):
+            i, k = (r + 1) % 3, (r + 2) % 3
+            twists[f, r] = here[1, f, 0, r]
+            spin = 0.0
+            for a in range(1, 4):
+                spin += here[0, f, a, i] * here[1, f, a, k] - here[0, f, a, k] * here[1, f, a, i]
+            twists[f, 3 + r] = 0.5 * spin
+    change_frames(here[0], twists, h, out)
+
+
+@device_function
+def _carry(frames, flange, out):  # type: ignore[no-untyped-def]
+    """Fill out (f, 4, 3) with the frames moved rigidly as frame 0 comes to the flange (4, 3)."""
+    arm = small_vector(3)
+    for f in range(out.shape[0]):
+        for a in range(4):
+            for i in range(3):
+                arm[i] = 0.0
+                for r in range(3):
+                    from_origin = frames[f, a, r] - (frames[0, 0, r] if a == 0 else 0.0)
+                    arm[i] += from_origin * frames[0, i + 1, r]
+            for r in range(3):
+                out[f, a, r] = arm[0] * flange[1, r] + arm[1] * flange[2, r] + arm[2] * flange[3, r]
+                if a == 0:
+                    out[f, a, r] += flange[0, r]
+
+
+@device_function
+def _place(free, offsets, flange, out):  # type: ignore[no-untyped-def]
+    """Put the held frames of out where the flange (4, 3) has them, offsets (f, 4, 3) in its frame."""
+    for f in range(out.shape[0]):
+        if free[f]:
+            continue
+        for a in range(4):
+            for r in range(3):
+                out[f, a, r] = (
+                    offsets[f, a, 0] * flange[1, r] + offsets[f, a, 1] * flange[2, r]
+                    + offsets[f, a, 2] * flange[3, r] + (flange[0, r] if a == 0 else 0.0)
+                )  # fmt: skip
+
+
+@kernel(
+    types.Tuple((int64, int64, REAL, types.boolean))(
+        MOTION, MOTION, types.boolean, REAL, REAL, int64, MATRIX, FLAGS, CUBE,
+        *CHAIN, CUBE, *CABLES, *TOUCHED, CUBE, CUBE, CUBE, *FACTOR, VECTOR, int64, MOTION, MATRIX, VECTOR,
+    )
+)  # fmt: skip
+def implicit_step(  # type: ignore[no-untyped-def]
+    here, earlier, two_steps, h, damping, start, flange, free, offsets,
+    coefficients, inverse_length, mass, load, far, eyelets, tension, touching, rows, widths,
+    target, diagonal, off, low, side, kept, bounds, iterations_max, there, gradient, figures,
+):  # fmt: skip
+    """Take one step of h [s] from `here` (2, f, 4, 3); return (outcome, iterations, residual [N], kept).
+
+    Fills `there` with the motion at its end, the gradient (f, 6) of the potential and the chain's figures.
+    target (f, 4, 3), diagonal and off (f, 6, 6) are scratch; for low, side and kept see `minimise`.
+    """
+    frames, base = there[0], there[1]
+    span, bed = _scheme(here, earlier, two_steps, h, damping, base, target)
+    if start == FREE_FLIGHT:
+        _free_flight(here, h, gradient, frames)
+    elif start == STANDING:
+        copy_frames(here[0], frames)
+    elif start == CARRIED:
+        _carry(here[0], flange, frames)
+    _place(free, offsets, flange, frames)
+    outcome, iterations, residual, _, _, kept = minimise(
+        frames, free, coefficients, inverse_length, mass, load, bed, target, far, eyelets, tension,
+        touching, rows, widths, gradient, diagonal, off, low, side, kept, bounds, iterations_max,
+    )  # fmt: skip
+    for f in range(base.shape[0]):
+        for a in range(4):
+            for r in range(3):
+                base[f, a, r] = (frames[f, a, r] - base[f, a, r]) / span
+    fill_figures(frames, free, mass, gradient, figures)
+    return outcome, iterations, residual, kept
 
 
 @final

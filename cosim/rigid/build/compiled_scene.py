@@ -1,18 +1,378 @@
-"""A scene's MuJoCo model and what is drawn of it, from which any number of scenes can be made."""
+"""Compiles a scene description into a MuJoCo model, and into what is drawn of it.
+
+Triangle meshes of primitive shapes, for drawing. Triangles run counter-clockwise seen from outside.
+
+Reads what is drawn of a MuJoCo model's bodies as plain triangle meshes.
+
+Compiles a scene description into a MuJoCo model.
+
+A scene's MuJoCo model and what is drawn of it, from which any number of scenes can be made.
+"""
 
 from __future__ import annotations
 
 import copy
+import xml.etree.ElementTree as ElementTree
+from bisect import bisect_left
+from dataclasses import replace
 from functools import cached_property
+from itertools import product
+from pathlib import Path
 from typing import final
 
 import mujoco
+import numpy as np
 
+from cosim.base.frames import Array, IntArray, Pose
 from cosim.base.shown import BodyShape
-from cosim.rigid.build.compile_model import compile_model
-from cosim.rigid.build.description import SceneDescription
-from cosim.rigid.build.drawn_shapes import body_shapes
-from cosim.rigid.scene.warnings import set_up_engine
+from cosim.config.arms.chain import readable_mesh
+from cosim.errors import InputError, SceneError
+from cosim.rigid.build.cells import attach_cell
+from cosim.rigid.build.description import (
+    FLANGE_SITE,
+    FORCE_SENSOR,
+    TORQUE_SENSOR,
+    VISUAL_GROUP,
+    SceneDescription,
+    SceneObject,
+    ServoGains,
+)
+from cosim.rigid.build.mjcf_arm import add_shapes
+from cosim.rigid.build.mjcf_files import check_finite, set_up_engine
+from cosim.rigid.build.object_bodies import (
+    add_corner_contacts,
+    add_mounted,
+    add_object,
+    add_wire,
+    prepare,
+    relax_wire,
+)
+
+SEGMENTS = 32
+_MOST_LINES = 200  # that a plane or a height field is drawn with, along an edge
+
+Mesh = tuple[Array, IntArray]
+
+
+def box(half: Array) -> Mesh:
+    """Return a box; every face has its own corners, so that its edges stay sharp when shaded.
+
+    Args:
+        half: (3,) half edges [m].
+    """
+    square = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
+    vertices: list[Array] = []
+    triangles: list[IntArray] = []
+    for axis in range(3):
+        for side in (-1.0, 1.0):
+            face = np.empty((4, 3))
+            face[:, axis] = side
+            face[:, [(axis + 1) % 3, (axis + 2) % 3]] = square[:: int(side)]
+            start = 4 * len(triangles)
+            vertices.append(face * half)
+            triangles.append(np.array([[0, 1, 2], [0, 2, 3]]) + start)
+    return np.concatenate(vertices), np.concatenate(triangles)
+
+
+def revolved(radius: Array, height: Array) -> Mesh:
+    """Return the surface of a profile turned about z; radius zero closes it with a point.
+
+    Args:
+        radius: (rings,) [m], along the profile.
+        height: (rings,) [m], not falling; two rings of one place make a sharp edge.
+    """
+    angle = np.linspace(0.0, 2.0 * np.pi, SEGMENTS, endpoint=False)
+    circle = np.stack((np.cos(angle), np.sin(angle)), axis=1)
+    rings = np.concatenate(
+        (radius[:, None, None] * circle, np.repeat(height[:, None, None], SEGMENTS, axis=1)), axis=2
+    )
+    around = np.arange(SEGMENTS)
+    ahead = (around + 1) % SEGMENTS
+    triangles = []
+    for ring in range(len(radius) - 1):
+        low, high = ring * SEGMENTS, (ring + 1) * SEGMENTS
+        if radius[ring] > 0.0:
+            triangles.append(np.stack((low + around, low + ahead, high + ahead), axis=1))
+        if radius[ring + 1] > 0.0:
+            triangles.append(np.stack((low + around, high + ahead, high + around), axis=1))
+    return rings.reshape(-1, 3), np.concatenate(triangles)
+
+
+def cylinder(radius: float, half_length: float) -> Mesh:
+    """Return a cylinder along z with a narrow chamfer that catches light at its rims."""
+    chamfer = 0.06 * min(radius, half_length)
+    inner, low = radius - chamfer, half_length - chamfer
+    profile = np.array([0.0, inner, inner, radius, radius, radius, radius, inner, inner, 0.0])
+    height = np.array([half_length, half_length, half_length, low, low])
+    return revolved(profile, np.concatenate((-height, height[::-1])))
+
+
+def sphere(radius: float) -> Mesh:
+    """Return a sphere about the origin."""
+    latitude = np.linspace(-0.5 * np.pi, 0.5 * np.pi, SEGMENTS // 2 + 1)
+    ring = radius * np.cos(latitude)
+    ring[[0, -1]] = 0.0
+    return revolved(ring, radius * np.sin(latitude))
+
+
+def ellipsoid(half: Array) -> Mesh:
+    """Return an ellipsoid with half axes (3,) [m] about the origin."""
+    vertices, triangles = sphere(1.0)
+    return vertices * half, triangles
+
+
+def capsule(radius: float, half_length: float) -> Mesh:
+    """Return a capsule along z; `half_length` reaches to the centres of its caps [m]."""
+    latitude = np.linspace(0.0, 0.5 * np.pi, SEGMENTS // 4 + 1)
+    ring = radius * np.cos(latitude)
+    ring[-1] = 0.0
+    height = half_length + radius * np.sin(latitude)
+    return revolved(np.concatenate((ring[::-1], ring)), np.concatenate((-height[::-1], height)))
+
+
+def checkerboard(half: Array, tile: float) -> tuple[Mesh, Mesh]:
+    """Return the even and the odd tiles of a rectangle in the xy plane, facing +z.
+
+    Args:
+        half: (2,) half edges [m].
+        tile: wanted edge of a tile [m]; rounded so that whole tiles fit.
+    """
+    counts = np.clip(np.round(2.0 * half / tile), 2, _MOST_LINES).astype(int)
+    x, y = (np.linspace(-h, h, n + 1) for h, n in zip(half, counts, strict=True))
+    tiles: tuple[list[Array], list[Array]] = ([], [])
+    for i in range(counts[0]):
+        for j in range(counts[1]):
+            corners = [[x[i], y[j], 0], [x[i + 1], y[j], 0], [x[i + 1], y[j + 1], 0], [x[i], y[j + 1], 0]]
+            tiles[(i + j) % 2].append(np.array(corners))
+    return _quads(tiles[0]), _quads(tiles[1])
+
+
+def height_field(size: Array, heights: Array) -> Mesh:
+    """Return the upper side of a height field; of a fine one every second, third, ... row and column.
+
+    Args:
+        size: half edge x, half edge y, and what the heights are multiplied by [m].
+        heights: (rows, columns), rows along y and columns along x.
+    """
+    kept = [np.linspace(0, n - 1, min(n, _MOST_LINES)).round().astype(int) for n in heights.shape]
+    y, x = (h * (2.0 * k / (n - 1) - 1.0) for h, k, n in zip(size[1::-1], kept, heights.shape, strict=True))
+    z = size[2] * heights[np.ix_(*kept)]
+    corner = np.arange(z.size).reshape(z.shape)
+    a, b, c, d = (
+        part.ravel() for part in (corner[:-1, :-1], corner[:-1, 1:], corner[1:, 1:], corner[1:, :-1])
+    )
+    vertices = np.stack([*np.meshgrid(x, y), z], axis=2).reshape(-1, 3)
+    return vertices, np.concatenate([np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1)])
+
+
+def _quads(quads: list[Array]) -> Mesh:
+    starts = 4 * np.arange(len(quads))[:, None, None]
+    triangles = np.array([[0, 1, 2], [0, 2, 3]]) + starts
+    return np.concatenate(quads), triangles.reshape(-1, 3)
+
+
+_TILE_M = 0.25
+_DARKER = 0.90
+
+
+def body_shapes(model: mujoco.MjModel) -> tuple[BodyShape, ...]:
+    """Return a mesh for each drawn geom, two for a plane (a checkerboard)."""
+    shapes = []
+    for geom in np.flatnonzero(model.geom_group == VISUAL_GROUP):
+        body_from_geom = Pose.from_quaternion(model.geom_quat[geom], model.geom_pos[geom])
+        material = int(model.geom_matid[geom])
+        colour = model.geom_rgba[geom] if material < 0 else model.mat_rgba[material]
+        red, green, blue, alpha = (float(c) for c in colour)
+        for shade, (vertices, triangles) in zip((1.0, _DARKER), _meshes(model, int(geom)), strict=False):
+            shapes.append(
+                BodyShape(
+                    int(model.geom_bodyid[geom]),
+                    body_from_geom.apply(vertices),
+                    np.asarray(triangles, dtype=np.int64),
+                    (shade * red, shade * green, shade * blue, alpha),
+                )
+            )
+    return tuple(shapes)
+
+
+def _meshes(model: mujoco.MjModel, geom: int) -> tuple[Mesh, ...]:
+    size, kind = model.geom_size[geom], mujoco.mjtGeom(model.geom_type[geom])
+    match kind:
+        case mujoco.mjtGeom.mjGEOM_BOX:
+            return (box(size),)
+        case mujoco.mjtGeom.mjGEOM_SPHERE:
+            return (sphere(size[0]),)
+        case mujoco.mjtGeom.mjGEOM_ELLIPSOID:
+            return (ellipsoid(size),)
+        case mujoco.mjtGeom.mjGEOM_CYLINDER:
+            return (cylinder(size[0], size[1]),)
+        case mujoco.mjtGeom.mjGEOM_CAPSULE:
+            return (capsule(size[0], size[1]),)
+        case mujoco.mjtGeom.mjGEOM_PLANE:
+            return checkerboard(size[:2], _TILE_M)
+        case mujoco.mjtGeom.mjGEOM_HFIELD:
+            field = int(model.geom_dataid[geom])
+            first, rows, columns = model.hfield_adr[field], model.hfield_nrow[field], model.hfield_ncol[field]
+            heights = model.hfield_data[first : first + rows * columns].reshape(rows, columns)
+            return (height_field(model.hfield_size[field], heights),)
+        case mujoco.mjtGeom.mjGEOM_MESH | mujoco.mjtGeom.mjGEOM_SDF:
+            return (_mesh(model, int(model.geom_dataid[geom])),)
+        case _:
+            raise ValueError(f"geom {geom}: no way to draw {kind.name}")
+
+
+def _mesh(model: mujoco.MjModel, mesh: int) -> Mesh:
+    first, count = model.mesh_vertadr[mesh], model.mesh_vertnum[mesh]
+    start, faces = model.mesh_faceadr[mesh], model.mesh_facenum[mesh]
+    vertices = model.mesh_vert[first : first + count].astype(np.float64)
+    # Every triangle gets its own corners, so that the edges of the casting stay sharp when shaded.
+    corners = vertices[model.mesh_face[start : start + faces].reshape(-1)]
+    return corners, np.arange(len(corners), dtype=np.int64).reshape(-1, 3)
+
+
+FLANGE_MOUNT = "flange_mount"
+FLOOR = "floor"
+
+# Robot links meet floor and objects but not one another.
+_ROBOT_CONTACT = (1, 2)
+_FRICTION_OVER_NORMAL = 1e4  # impedances of a contact: below friction's limit, creep goes with its inverse
+_TOLERANCE = 1e-14  # of contact forces, relative to a mean inertia that is the arm's more than the objects'
+_DEPTH_TOLERANCE_M = 1e-9  # normals of shapes that touch less deeply may point the other way
+_MESH_GREY = "0.80 0.81 0.83 1"
+_FLOOR_GREY = (0.86, 0.87, 0.88, 1.0)
+
+
+def compile_model(description: SceneDescription) -> mujoco.MjModel:
+    """Return the MuJoCo model of a scene.
+
+    Raises:
+        InputError: MuJoCo cannot read the arm's file.
+        SceneError: MuJoCo refuses an object or a wire.
+    """
+    try:
+        return _compiled(description)
+    except ValueError as error:
+        raise SceneError(f"MuJoCo refuses it: {error}".replace("\n", ", "), _refused(description)) from None
+
+
+def _refused(description: SceneDescription) -> str | None:
+    """Return the first body without which, and without all after it, MuJoCo accepts a scene."""
+    objects, wires = description.objects_by_parent(), description.wires
+    names = [item.name for item in objects] + [wire.name for wire in wires]
+
+    def accepted(count: int) -> bool:
+        fewer = replace(description, objects=objects[:count], wires=wires[: max(0, count - len(objects))])
+        try:
+            _compiled(fewer)
+        except ValueError:
+            return False
+        return True
+
+    count = bisect_left(range(len(names) + 1), True, key=lambda k: not accepted(k))
+    return names[count - 1] if 0 < count <= len(names) else None
+
+
+def _compiled(description: SceneDescription) -> mujoco.MjModel:
+    arm = description.arm
+    try:
+        spec = mujoco.MjSpec.from_string(_mujoco_urdf(arm.urdf))
+    except ValueError as error:
+        text = str(error).replace("\n", ", ")
+        raise InputError(f"arm {arm.name!r}: MuJoCo cannot read {arm.path}: {text}") from None
+    spec.compiler.degree = False
+    spec.option.timestep = description.tick_s
+    spec.option.gravity = description.gravity
+    spec.option.tolerance, spec.option.ccd_tolerance = _TOLERANCE, _DEPTH_TOLERANCE_M
+    # servos are implicit by their share of the mass matrix, see `RigidScene`, and joint damping is by itself
+    spec.option.integrator = mujoco.mjtIntegrator.mjINT_EULER
+    _place_base(spec, description.world_from_base or arm.world_from_base)
+    _prepare_arm(spec, description)
+    cell = description.cell
+    if description.floor_height_m is not None and not (cell is not None and cell.has_plane):
+        height = description.floor_height_m
+        floor = SceneObject(FLOOR, "plane", (4.0, 4.0), (0.0, 0.0, height), rgba=_FLOOR_GREY)
+        add_object(spec, floor, {}, description.tick_s)
+    prepare(spec)
+    if description.mounted:
+        # What a palm clamps must not creep, as MuJoCo's regularised friction does. With its default, a
+        # pyramid for a cone, it would all the same: each of the pyramid's two directions has a share of
+        # the normal force for itself.
+        spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
+        spec.option.impratio = _FRICTION_OVER_NORMAL
+    for item in description.mounted:
+        add_mounted(spec, spec.body(FLANGE_MOUNT), item, _ROBOT_CONTACT, description.tick_s)
+    objects = {item.name: item for item in description.objects}
+    for item in description.objects_by_parent():
+        add_object(spec, item, objects, description.tick_s)
+    for carried, item in product(description.mounted, description.objects):
+        if item.mass_kg > 0.0:
+            add_corner_contacts(spec, spec.body(carried.name), spec.body(item.name))
+    for wire in description.wires:
+        add_wire(spec, wire, objects, description.tick_s)
+    if cell is not None:
+        still = [item.name for item in description.objects if item.mass_kg == 0.0]
+        ground = [FLOOR] if spec.body(FLOOR) is not None else []
+        attach_cell(spec, cell, [*still, *ground])
+    model = spec.compile()
+    for wire in description.wires:
+        relax_wire(model, wire)
+    check_finite(model)
+    return model
+
+
+def _mujoco_urdf(urdf: str) -> str:
+    """Return the URDF with MuJoCo's reading options and only meshes that MuJoCo can decode."""
+    robot = ElementTree.fromstring(urdf)
+    for link in robot.findall("link"):
+        files = [mesh.get("filename", "") for shape in link.findall("visual") for mesh in shape.iter("mesh")]
+        if all(readable_mesh(Path(file)) for file in files):
+            continue
+        for shape in link.findall("visual"):
+            link.remove(shape)
+        for shape in link.findall("collision"):
+            drawn = copy.deepcopy(shape)
+            drawn.tag = "visual"
+            material = ElementTree.SubElement(drawn, "material", name="link")
+            ElementTree.SubElement(material, "color", rgba=_MESH_GREY)
+            link.append(drawn)
+    options = {"discardvisual": "false", "fusestatic": "false", "strippath": "false"}
+    ElementTree.SubElement(ElementTree.SubElement(robot, "mujoco"), "compiler", options)
+    return ElementTree.tostring(robot, encoding="unicode")
+
+
+def _place_base(spec: mujoco.MjSpec, world_from_base: Pose) -> None:
+    for body in spec.worldbody.bodies:
+        placed = world_from_base @ Pose.from_quaternion(np.array(body.quat), np.array(body.pos))
+        body.pos, body.quat = placed.translation, placed.quaternion
+
+
+def _prepare_arm(spec: mujoco.MjSpec, description: SceneDescription) -> None:
+    """Give the arm its rotor inertia, servos, contact filter, flange site and sensors."""
+    arm = description.arm
+    joints = [spec.joint(name) for name in arm.joint_names]
+    gains = description.gains or ServoGains.of(arm, np.array([joint.actfrcrange[1] for joint in joints]))
+    rotors = arm.armature if description.armature is None else np.full(len(joints), description.armature)
+    inputs = mujoco.mjtCtrlInput
+    all_inputs = int(inputs.mjINPUT_POS) | int(inputs.mjINPUT_VEL) | int(inputs.mjINPUT_FF)
+    for joint, rotor, stiffness, damping in zip(joints, rotors, gains.stiffness, gains.damping, strict=True):
+        joint.armature = rotor
+        servo = spec.add_actuator(
+            name=f"{joint.name}_servo", target=joint.name, trntype=mujoco.mjtTrn.mjTRN_JOINT
+        )
+        servo.set_to_pid(kp=stiffness, kv=damping, ctrlspec=all_inputs)
+    add_shapes(spec, arm.shapes)
+    for geom in spec.geoms:
+        geom.density = 0.0  # a link without <inertial> has no mass, whatever its shapes
+        if geom.contype or geom.conaffinity:
+            geom.contype, geom.conaffinity = _ROBOT_CONTACT
+    # A massless body of its own: loads act at its origin, and the sensor above it sees them alone.
+    mount = spec.body(arm.flange_frame).add_body(name=FLANGE_MOUNT)
+    mount.add_site(name=FLANGE_SITE)
+    for name, kind in (
+        (FORCE_SENSOR, mujoco.mjtSensor.mjSENS_FORCE),
+        (TORQUE_SENSOR, mujoco.mjtSensor.mjSENS_TORQUE),
+    ):
+        spec.add_sensor(name=name, type=kind, objtype=mujoco.mjtObj.mjOBJ_SITE, objname=FLANGE_SITE)
 
 
 @final

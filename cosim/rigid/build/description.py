@@ -1,19 +1,295 @@
-"""What a rigid scene is made of: an arm on its base, its servos, and objects around it."""
+"""What a rigid scene is made of: an arm on its base, its servos, the cell, objects and wires.
+
+One solid shape of a rigid body, and how much it encloses.
+
+How an object hangs on another one, or on the world: by a hinge or a slide.
+
+A wire: capsules in a row, joined by ball joints that resist bending.
+
+The cell that a robot stands in: whatever stands still around the arm, or is moved by drives.
+
+What a rigid scene is made of: an arm on its base, its servos, and objects around it.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final, Literal, final
 
 import numpy as np
 
 from cosim.base.arm_file import ArmFile
-from cosim.base.frames import Array, Pose
+from cosim.base.frames import Array, Pose, rotation_from_vector
 from cosim.base.triangle_mesh import TriangleMesh
 from cosim.errors import InputError
-from cosim.rigid.build.cell import Cell
-from cosim.rigid.build.geometry import Geometry
-from cosim.rigid.build.joint import Joint
-from cosim.rigid.build.wire import Wire
+
+SIZES = {
+    "box": ("edge x", "edge y", "edge z"),
+    "sphere": ("radius",),
+    "cylinder": ("radius", "length"),
+    "capsule": ("radius", "length between the centres of its caps"),
+    "ellipsoid": ("half axis x", "half axis y", "half axis z"),
+    "mesh": (),
+    "plane": ("edge x", "edge y"),
+}
+
+
+@dataclass(frozen=True)
+class Geometry:
+    """A solid of one shape, somewhere on its body.
+
+    Args:
+        shape: one of `SIZES`; axes of cylinder, capsule and the plane's normal are its z.
+        size_m: full dimensions [m], in the order that `SIZES` says.
+        position_m: (3,) [m], of its centre, body frame; of a mesh: of the origin of its vertices.
+        quaternion: (w, x, y, z), body from geometry.
+        rgba: colour, components 0 to 1.
+        friction: sliding friction coefficient.
+        relative_density: its share of the body's mass goes with this times its volume.
+        mesh: of shape "mesh".
+        convex: of shape "mesh": each of its shells is touched as its convex hull; otherwise soft robots touch
+            the surface itself, by a table of distances, and rigid bodies the hull of the whole.
+
+    Raises:
+        InputError: unknown shape, wrong number of dimensions, or a value outside its bounds.
+    """
+
+    shape: str
+    size_m: tuple[float, ...] = ()
+    position_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    quaternion: tuple[float, float, float, float] = (1.0, 0.0, 0.0, 0.0)
+    rgba: tuple[float, float, float, float] = (0.75, 0.55, 0.35, 1.0)
+    friction: float = 0.8
+    relative_density: float = 1.0
+    mesh: TriangleMesh | None = None
+    convex: bool = True
+
+    def __post_init__(self) -> None:
+        if self.shape not in SIZES:
+            raise InputError(f"unknown shape {self.shape!r}; there are {', '.join(SIZES)}")
+        if len(self.size_m) != len(SIZES[self.shape]):
+            wanted = ", ".join(SIZES[self.shape]) or "no size_m"
+            raise InputError(f"a {self.shape} takes {wanted}; got {len(self.size_m)} numbers")
+        if (self.shape == "mesh") != (self.mesh is not None):
+            raise InputError("a mesh goes with shape 'mesh', and with no other")
+        if not all(np.isfinite(s) and s > 0.0 for s in self.size_m):
+            raise InputError(f"size_m is {self.size_m}; every dimension must be above 0")
+        if not (np.isfinite(self.friction) and self.friction >= 0.0):
+            raise InputError(f"friction is {self.friction}; it must be finite and not negative")
+        if not (np.isfinite(self.relative_density) and self.relative_density > 0.0):
+            raise InputError(f"relative_density is {self.relative_density}; it must be above 0")
+        if not (np.all(np.isfinite(self.quaternion)) and np.linalg.norm(self.quaternion) > 1e-6):
+            raise InputError(f"quaternion is {self.quaternion}; it must not be zero")
+        if not np.all(np.isfinite(self.position_m)):
+            raise InputError(f"position_m is {self.position_m}; it must be finite")
+
+    @property
+    def volume_m3(self) -> float:
+        """Enclosed volume [m^3]; 0 for a plane."""
+        if self.mesh is not None:
+            return self.mesh.volume_m3
+        s = self.size_m
+        match self.shape:
+            case "box":
+                return s[0] * s[1] * s[2]
+            case "sphere":
+                return 4.0 / 3.0 * np.pi * s[0] ** 3
+            case "cylinder":
+                return np.pi * s[0] ** 2 * s[1]
+            case "capsule":
+                return np.pi * s[0] ** 2 * (s[1] + 4.0 / 3.0 * s[0])
+            case "ellipsoid":
+                return 4.0 / 3.0 * np.pi * s[0] * s[1] * s[2]
+            case _:
+                return 0.0
+
+
+@dataclass(frozen=True)
+class Joint:
+    """One degree of freedom between an object and its parent; 0 where the scene is drawn.
+
+    Moment = -stiffness q - damping dq/dt - friction sign(dq/dt). The spring is stepped implicitly: MuJoCo
+    takes springs explicitly and damping implicitly, so stiffness times tick rides along as damping.
+
+    Args:
+        kind: turns about the axis, or shifts along it.
+        axis: (3,) world, where the scene is drawn.
+        anchor_m: (3,) [m], world, a point on the axis of a hinge.
+        parent: name of the object that it hangs on; None for the world.
+        limits: smallest and largest q [rad] or [m]; None for free motion.
+        damping: [N m s] or [N s/m].
+        stiffness: [N m] or [N/m].
+        friction: dry, [N m] or [N].
+
+    Raises:
+        InputError: an axis without direction, or a value outside its bounds.
+    """
+
+    kind: Literal["hinge", "slide"]
+    axis: tuple[float, float, float]
+    anchor_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    parent: str | None = None
+    limits: tuple[float, float] | None = None
+    damping: float = 0.0
+    stiffness: float = 0.0
+    friction: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not (np.all(np.isfinite(self.axis)) and np.linalg.norm(self.axis) > 1e-9):
+            raise InputError(f"axis is {self.axis}; it must not be zero")
+        for name in ("damping", "stiffness", "friction"):
+            value = getattr(self, name)
+            if not (np.isfinite(value) and value >= 0.0):
+                raise InputError(f"{name} is {value}; it must be finite and not negative")
+        if self.limits is not None and not self.limits[0] <= 0.0 <= self.limits[1]:
+            raise InputError(f"limits are {self.limits}; they must hold 0, where the scene is drawn")
+
+
+@dataclass(frozen=True)
+class Wire:
+    """A thin flexible body through given points.
+
+    Between neighbours of length l acts the moment -(EI / l) angle - (damping / l) angular velocity, in
+    every direction, so that many segments bend like a beam of flexural rigidity EI; twist the same. It cannot
+    stretch, and does not touch itself.
+
+    Args:
+        name: unique in the scene; its bodies are NAME/1, NAME/2, ...
+        points_m: (n, 3) [m], world: the polyline along which it lies at first.
+        radius_m: of its capsules.
+        segments: their number, evenly spaced along the polyline.
+        mass_kg: of all of it.
+        bending_stiffness_Nm2: EI.
+        bending_damping_Nm2s: the same for rates.
+        straight: without load it is straight; otherwise as it lies at first.
+        first: object that holds its first point, elastically clamped; None: the end is free.
+        last: object to which its last point is tied, free to turn; None: the end is free.
+        rgba: colour, components 0 to 1.
+        friction: sliding friction coefficient.
+
+    Raises:
+        InputError: a value outside its bounds, or segments that are not longer than thick.
+    """
+
+    name: str
+    points_m: tuple[tuple[float, float, float], ...]
+    radius_m: float
+    segments: int
+    mass_kg: float
+    bending_stiffness_Nm2: float = 0.0
+    bending_damping_Nm2s: float = 0.0
+    straight: bool = False
+    first: str | None = None
+    last: str | None = None
+    rgba: tuple[float, float, float, float] = (0.72, 0.45, 0.20, 1.0)
+    friction: float = 0.5
+
+    def __post_init__(self) -> None:
+        where = f"wire {self.name!r}"
+        for name in ("radius_m", "mass_kg", "segments"):
+            if not getattr(self, name) > 0.0:
+                raise InputError(f"{where}: {name} is {getattr(self, name)}; it must be above 0")
+        for name in ("bending_stiffness_Nm2", "bending_damping_Nm2s", "friction"):
+            if not (np.isfinite(getattr(self, name)) and getattr(self, name) >= 0.0):
+                raise InputError(f"{where}: {name} is {getattr(self, name)}; it must not be negative")
+        if len(self.points_m) < 2 or not np.isfinite(self.points_m).all():
+            raise InputError(f"{where}: needs at least two points of finite coordinates")
+        shortest = float(self.lengths_m.min())
+        if not shortest > 2.0 * self.radius_m:
+            raise InputError(
+                f"{where}: its shortest segment is {shortest:.3g} m, not longer than thick "
+                f"({2.0 * self.radius_m:g} m); take fewer than {self.segments} segments"
+            )
+
+    @property
+    def knots(self) -> Array:
+        """Ends of the segments (segments + 1, 3) [m], world, evenly spaced along the polyline."""
+        points = np.array(self.points_m, dtype=np.float64)
+        along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
+        wanted = np.linspace(0.0, along[-1], self.segments + 1)
+        return np.stack([np.interp(wanted, along, points[:, r]) for r in range(3)], axis=1)
+
+    @property
+    def lengths_m(self) -> Array:
+        """(segments,) [m]."""
+        return np.asarray(np.linalg.norm(np.diff(self.knots, axis=0), axis=1))
+
+    def poses(self) -> Sequence[Pose]:
+        """Return world from segment: origin at its first end, z along it, twisted as little as can be."""
+        knots = self.knots
+        axis, rotation, poses = np.array([0.0, 0.0, 1.0]), np.eye(3), []
+        for k, length in enumerate(self.lengths_m):
+            ahead = (knots[k + 1] - knots[k]) / length
+            rotation = rotation_from_vector(_turn(axis, ahead)) @ rotation
+            axis = ahead
+            poses.append(Pose(rotation, knots[k]))
+        return tuple(poses)
+
+
+def _turn(a: Array, b: Array) -> Array:
+    """Return the shortest rotation vector (3,) [rad] that turns unit vector a to b."""
+    normal = np.cross(a, b)
+    sine = float(np.linalg.norm(normal))
+    angle = float(np.arctan2(sine, a @ b))
+    if sine > 1e-12:
+        return np.asarray(normal * (angle / sine))
+    aside = np.eye(3)[int(np.argmin(np.abs(a)))]
+    across = np.cross(a, aside)
+    return np.asarray(across * (angle / np.linalg.norm(across)))
+
+
+CELL: Final = "cell"
+"""Body that carries the world of the cell; names of its own are behind it and a slash."""
+
+
+@final
+@dataclass(frozen=True)
+class CellJoint:
+    """A joint of a cell, which a drive moves.
+
+    Args:
+        name: of the joint, or of its body if it has none.
+        slides: whether it does, or turns.
+        limits: smallest and largest place [m] or [rad]; infinite without any.
+    """
+
+    name: str
+    slides: bool
+    limits: tuple[float, float]
+
+
+@final
+@dataclass(frozen=True)
+class Cell:
+    """A cell, ready to be put around an arm.
+
+    Args:
+        path: of its MJCF.
+        spec: MuJoCo's specification of it; copied before it is used.
+        touched: how many geoms collide.
+        has_plane: whether a plane of it collides, which then is the floor.
+        joints: that drives move, in the order of the compiled model.
+        ignored: options of the file that the scene has otherwise, with their values.
+    """
+
+    path: Path
+    spec: Any
+    touched: int
+    has_plane: bool
+    joints: tuple[CellJoint, ...]
+    ignored: tuple[str, ...]
+
+    @property
+    def report(self) -> str:
+        """What to say about it."""
+        floor = "its plane is the floor" if self.has_plane else "on the scene's floor"
+        text = f"{self.path.name}, {self.touched} geoms that can be touched, {floor}"
+        if self.joints:
+            text = f"{text}; driven: {', '.join(joint.name for joint in self.joints)}"
+        return f"{text}; options left out: {', '.join(self.ignored)}" if self.ignored else text
+
 
 FLANGE_SITE, FORCE_SENSOR, TORQUE_SENSOR = "flange", "flange_force", "flange_torque"
 VISUAL_GROUP = 1  # MuJoCo's URDF reader puts what is drawn into this geom group

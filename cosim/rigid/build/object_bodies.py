@@ -1,15 +1,26 @@
-"""Puts objects into a MuJoCo specification: one body each, one geom for every convex solid of it."""
+"""Puts objects and wires into a MuJoCo specification, with contacts at their corners.
+
+Puts objects into a MuJoCo specification: one body each, one geom for every convex solid of it.
+
+Puts wires into a MuJoCo specification, and their stress-free shape into the compiled model.
+
+Contacts of an object with what the flange carries, at all corners of the object in every tick.
+
+Of two solids MuJoCo keeps four points at most, not the same ones in every tick, and not the deepest ones: an
+object that rests on a palm with five corners loses one of them, and with it newtons, every few ticks, and
+walks. So its corners are points that touch the palm for themselves, besides what MuJoCo finds.
+"""
 
 from __future__ import annotations
+
+from typing import Final
 
 import mujoco
 import numpy as np
 
-from cosim.base.frames import Array, Pose
+from cosim.base.frames import Array, Pose, quaternion_from_rotation
 from cosim.base.triangle_mesh import TriangleMesh
-from cosim.rigid.build.description import VISUAL_GROUP, SceneObject
-from cosim.rigid.build.geometry import Geometry
-from cosim.rigid.build.joint import Joint
+from cosim.rigid.build.description import VISUAL_GROUP, Geometry, Joint, SceneObject, Wire
 
 OBJECT_CONTACT = (2, 3)  # floor and objects meet everything
 _GEOM_TYPES = {
@@ -155,3 +166,129 @@ def _add_mesh(spec: mujoco.MjSpec, name: str, mesh: TriangleMesh) -> str:
     asset.uservert, asset.userface = mesh.vertices.ravel().tolist(), mesh.triangles.ravel().tolist()
     asset.inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_EXACT
     return name
+
+
+# It meets robots (bit 1) and objects (bit 2); two of its kind meet neither's bits.
+_CONTACT = (4, 3)
+
+
+def add_wire(spec: mujoco.MjSpec, wire: Wire, objects: dict[str, SceneObject], tick_s: float) -> None:
+    """Add the bodies of a wire, one inside the other from its first point on.
+
+    Args:
+        spec: holds the objects already.
+        wire: to add.
+        objects: of the scene by name.
+        tick_s: length of a step [s], for the springs, see `Joint`.
+    """
+    parent = spec.worldbody if wire.first is None else spec.body(wire.first)
+    outer = Pose() if wire.first is None else world_pose(objects[wire.first])
+    lengths = wire.lengths_m
+    for k, (pose, length) in enumerate(zip(wire.poses(), lengths, strict=True)):
+        placed = outer.inverse() @ pose
+        body = parent.add_body(name=_name(wire, k), pos=placed.translation, quat=placed.quaternion)
+        body.simple = 0
+        if k == 0 and wire.first is None:
+            body.add_freejoint()
+        else:
+            joint = body.add_joint(name=_name(wire, k), type=mujoco.mjtJoint.mjJNT_BALL)
+            # each joint stands for the half segments beside it, that at a clamped end for one
+            share = 0.5 * length if k == 0 else 0.5 * (lengths[k - 1] + length)
+            stiffness = wire.bending_stiffness_Nm2 / share
+            joint.stiffness = [stiffness, 0.0, 0.0]
+            joint.damping = [wire.bending_damping_Nm2s / share + stiffness * tick_s, 0.0, 0.0]
+        geom = body.add_geom(name=_name(wire, k), type=mujoco.mjtGeom.mjGEOM_CAPSULE)
+        geom.pos, geom.size = [0.0, 0.0, 0.5 * length], [wire.radius_m, 0.5 * length, 0.0]
+        geom.mass = wire.mass_kg * length / lengths.sum()
+        geom.rgba, geom.group = wire.rgba, VISUAL_GROUP
+        geom.contype, geom.conaffinity = _CONTACT
+        geom.friction = [wire.friction, 0.005, 0.0001]
+        parent, outer = body, pose
+    if wire.first is not None:
+        spec.add_exclude(bodyname1=wire.first, bodyname2=_name(wire, 0))
+    if wire.last is not None:
+        _tie(spec, wire, objects[wire.last])
+
+
+def relax_wire(model: mujoco.MjModel, wire: Wire) -> None:
+    """Make a wire stress-free where it is straight, if it says so; otherwise it is so where it is drawn."""
+    if not wire.straight:
+        return
+    poses = wire.poses()
+    for k in range(1, wire.segments):
+        place = int(model.joint(_name(wire, k)).qposadr[0])
+        bent = poses[k - 1].rotation.T @ poses[k].rotation
+        model.qpos_spring[place : place + 4] = quaternion_from_rotation(bent.T)
+
+
+def _tie(spec: mujoco.MjSpec, wire: Wire, item: SceneObject) -> None:
+    final, name = wire.knots[-1], _name(wire, wire.segments - 1)
+    tie = spec.add_equality(name=f"{wire.name}/last", type=mujoco.mjtEq.mjEQ_CONNECT)
+    tie.objtype, tie.name1, tie.name2 = mujoco.mjtObj.mjOBJ_BODY, name, item.name
+    tie.data[:3] = wire.poses()[-1].inverse().apply(final[None])[0]
+    # MuJoCo scales a constraint's softness with what the light segment weighs across the wire
+    tie.solimp = HARD
+    spec.add_exclude(bodyname1=item.name, bodyname2=name)
+
+
+def _name(wire: Wire, k: int) -> str:
+    return f"{wire.name}/{k + 1}"
+
+
+_POINT_M: Final = 1e-6  # MuJoCo knows no points: radius of a sphere
+_AROUND: Final = 12  # of a cylinder's rim: between two of them it stands out by 3 % of its radius
+_DIRECTIONS: Final = 256  # in which corners of a mesh are looked for
+_GOLDEN: Final = np.pi * (3.0 - np.sqrt(5.0))
+
+
+def add_corner_contacts(spec: mujoco.MjSpec, carried: mujoco.MjsBody, touching: mujoco.MjsBody) -> None:
+    """Let the corners of a body touch another one, as the other one's geoms are touched.
+
+    Args:
+        spec: holds both.
+        carried: on the flange; its geoms have names, and priority over those of objects.
+        touching: an object that can move; its geoms have names.
+    """
+    for geom in list(touching.geoms):
+        body_from_geom = Pose.from_quaternion(np.array(geom.quat), np.array(geom.pos))
+        for k, place in enumerate(body_from_geom.apply(_corners(spec, geom))):
+            name = f"{geom.name}/corner {k + 1}"
+            # contact bits of 0: nothing but what is named in a pair meets it
+            corner = touching.add_geom(name=name, type=mujoco.mjtGeom.mjGEOM_SPHERE, contype=0, conaffinity=0)
+            corner.size, corner.pos, corner.mass = [_POINT_M, 0.0, 0.0], place, 0.0
+            for other in carried.geoms:
+                _add_pair(spec, other, name)
+
+
+def _add_pair(spec: mujoco.MjSpec, carried: mujoco.MjsGeom, corner: str) -> None:
+    """Let a corner touch a geom; the contact is as the geom has it."""
+    pair = spec.add_pair(geomname1=carried.name, geomname2=corner)
+    sliding, turning, rolling = carried.friction
+    pair.friction = [sliding, sliding, turning, rolling, rolling]
+    pair.condim, pair.solref, pair.solimp = carried.condim, carried.solref, carried.solimp
+
+
+def _corners(spec: mujoco.MjSpec, geom: mujoco.MjsGeom) -> Array:
+    """Return corners (n, 3) [m] of a geom in its own frame; none of what is round all over."""
+    match geom.type:
+        case mujoco.mjtGeom.mjGEOM_BOX:
+            signs = 2.0 * np.array(list(np.ndindex(2, 2, 2))) - 1.0
+            return np.asarray(signs * geom.size)
+        case mujoco.mjtGeom.mjGEOM_CYLINDER:
+            angle = np.arange(_AROUND) * 2.0 * np.pi / _AROUND
+            radius, half = geom.size[:2]
+            rim = np.column_stack((radius * np.cos(angle), radius * np.sin(angle), np.full(_AROUND, half)))
+            return np.concatenate((rim, rim * (1.0, 1.0, -1.0)))
+        case mujoco.mjtGeom.mjGEOM_MESH:
+            vertices = np.array(spec.mesh(geom.meshname).uservert).reshape(-1, 3)
+            return np.asarray(vertices[np.unique([np.argmax(vertices @ way) for way in _directions()])])
+        case _:
+            return np.zeros((0, 3))
+
+
+def _directions() -> Array:
+    """Return directions (n, 3) that are spread evenly, on a spiral of golden angles."""
+    place = np.arange(_DIRECTIONS)
+    height = 1.0 - (2.0 * place + 1.0) / _DIRECTIONS
+    across = np.sqrt(1.0 - height**2)
+    return np.column_stack((across * np.cos(_GOLDEN * place), across * np.sin(_GOLDEN * place), height))

@@ -17,11 +17,15 @@ import numpy as np
 from cosim.base.frames import Array, IntArray
 from cosim.errors import InputError
 from cosim.rigid.build.object_bodies import hollow
-from cosim.rigid.distance.features import FeaturePoints, feature_points
-from cosim.rigid.distance.mesh_distance import surface_distance
-from cosim.rigid.distance.shape_bounds import ShapeBounds
-from cosim.rigid.distance.shapes import ShapeKind, Shapes, near_box
-from cosim.rigid.distance.signed_distance import Hits, PointLists, near_points
+from cosim.rigid.distance.shapes import (
+    FeaturePoints,
+    ShapeBounds,
+    ShapeKind,
+    Shapes,
+    feature_points,
+    near_box,
+)
+from cosim.rigid.distance.signed_distance import Hits, PointLists, near_points, surface_distance
 
 _GRID_CELLS = 40  # along the longest edge of a distance grid
 _GRID_RIM_CELLS = 3  # cells of a distance grid around its surface

@@ -20,7 +20,7 @@ from cosim.base.kernels import (
     small_matrix,
     zero_vector,
 )
-from cosim.rigid.distance.mesh_distance import closest_on_triangle
+from cosim.rigid.distance.signed_distance import closest_on_triangle
 
 _RUN = 32  # triangles that are passed over together: neighbours mostly follow one another
 _TIE = 1e-9  # relative difference of squared distances within which two triangles share the nearest point

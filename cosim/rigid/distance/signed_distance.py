@@ -1,9 +1,24 @@
-"""Signed distance and normal from many points to many shapes of every kind, broad phase included."""
+"""Signed distance and outward normal from many points to many shapes of every kind.
+
+Signed distance to surfaces given by data: convex hulls and grids of distances.
+
+Each function fills `normal` (3,), outward, and returns the distance [m], negative inside.
+Source of the closest point on a triangle: Ericson, Real-Time Collision Detection, section 5.1.5.
+
+Signed distance and outward unit normal of solid primitives, in their own frame.
+
+Negative inside; exact at every depth. Each function fills `normal` (3,) and returns the distance [m]. On a
+medial axis, where several surface points are nearest, one of their normals is taken.
+Source: plane geometry; for the ellipsoid Eberly, "Distance from a Point to an Ellipsoid" (2013), with the
+root found by Newton's method from a bound below it, where the function is convex.
+
+Signed distance and normal from many points to many shapes of every kind, broad phase included.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import final
+from typing import Any, final
 
 import numpy as np
 
@@ -21,9 +36,276 @@ from cosim.base.kernels import (
     kernel,
     small_vector,
 )
-from cosim.rigid.distance.mesh_distance import FAR, grid, hull
-from cosim.rigid.distance.primitive_distance import box, capsule, cylinder, ellipsoid, plane, sphere
 from cosim.rigid.distance.shapes import Shapes
+
+FAR = 1e9  # distance reported where a surface is not defined
+
+
+@device_function
+def closest_on_triangle(p, a, b, c, weight):  # type: ignore[no-untyped-def]
+    """Fill the barycentric weights (3,) of the point of triangle a, b, c closest to p."""
+    d1 = d2 = d3 = d4 = d5 = d6 = 0.0
+    for r in range(3):
+        ab, ac = b[r] - a[r], c[r] - a[r]
+        d1 += ab * (p[r] - a[r])
+        d2 += ac * (p[r] - a[r])
+        d3 += ab * (p[r] - b[r])
+        d4 += ac * (p[r] - b[r])
+        d5 += ab * (p[r] - c[r])
+        d6 += ac * (p[r] - c[r])
+    vc, vb, va = d1 * d4 - d3 * d2, d5 * d2 - d1 * d6, d3 * d6 - d5 * d4
+    v = w = 0.0
+    if d1 <= 0.0 and d2 <= 0.0:
+        pass
+    elif d3 >= 0.0 and d4 <= d3:
+        v = 1.0
+    elif vc <= 0.0 and d1 >= 0.0 and d3 <= 0.0:
+        v = d1 / (d1 - d3)
+    elif d6 >= 0.0 and d5 <= d6:
+        w = 1.0
+    elif vb <= 0.0 and d2 >= 0.0 and d6 <= 0.0:
+        w = d2 / (d2 - d6)
+    elif va <= 0.0 and d4 >= d3 and d5 >= d6:
+        w = (d4 - d3) / ((d4 - d3) + (d5 - d6))
+        v = 1.0 - w
+    else:
+        v, w = vb / (va + vb + vc), vc / (va + vb + vc)
+    weight[0], weight[1], weight[2] = 1.0 - v - w, v, w
+
+
+@device_function
+def hull(p, planes, corners, reach, weight, normal):  # type: ignore[no-untyped-def]
+    """Convex hull of triangles: planes (f, 4), outward normal and offset, corners (f, 3, 3).
+
+    Distances above `reach` may be any number above it.
+    """
+    face, largest = 0, -np.inf
+    for f in range(planes.shape[0]):
+        height = planes[f, 0] * p[0] + planes[f, 1] * p[1] + planes[f, 2] * p[2] - planes[f, 3]
+        if height > largest:
+            face, largest = f, height
+            if height > reach:
+                return height
+    if largest <= 0.0:
+        for r in range(3):
+            normal[r] = planes[face, r]
+        return largest
+    best = np.inf
+    for f in range(planes.shape[0]):
+        height = planes[f, 0] * p[0] + planes[f, 1] * p[1] + planes[f, 2] * p[2] - planes[f, 3]
+        if height <= 0.0 or height * height >= best:
+            continue
+        a, b, c = corners[f, 0], corners[f, 1], corners[f, 2]
+        closest_on_triangle(p, a, b, c, weight)
+        square = 0.0
+        for r in range(3):
+            square += (p[r] - weight[0] * a[r] - weight[1] * b[r] - weight[2] * c[r]) ** 2
+        if square < best:
+            best, face = square, f
+    a, b, c = corners[face, 0], corners[face, 1], corners[face, 2]
+    closest_on_triangle(p, a, b, c, weight)
+    distance = np.sqrt(best)
+    for r in range(3):
+        offset = p[r] - weight[0] * a[r] - weight[1] * b[r] - weight[2] * c[r]
+        normal[r] = offset / distance if distance > 1e-9 else planes[face, r]
+    return distance
+
+
+@device_function
+def grid(p, table, origin, spacing, normal):  # type: ignore[no-untyped-def]
+    """Trilinear table of signed distances [m]; normal along its gradient."""
+    i, j, k = 0, 0, 0
+    s = small_vector(3)
+    for r in range(3):
+        u = (p[r] - origin[r]) / spacing[r]
+        if u < 0.0 or u > table.shape[r] - 1:
+            return FAR
+        cell = min(int(np.floor(u)), table.shape[r] - 2)
+        s[r] = u - cell
+        if r == 0:
+            i = cell
+        elif r == 1:
+            j = cell
+        else:
+            k = cell
+    value = gx = gy = gz = 0.0
+    for a in range(2):
+        wa, da = (s[0], 1.0) if a else (1.0 - s[0], -1.0)
+        for b in range(2):
+            wb, db = (s[1], 1.0) if b else (1.0 - s[1], -1.0)
+            for c in range(2):
+                wc, dc = (s[2], 1.0) if c else (1.0 - s[2], -1.0)
+                d = table[i + a, j + b, k + c]
+                value += wa * wb * wc * d
+                gx += da * wb * wc * d / spacing[0]
+                gy += wa * db * wc * d / spacing[1]
+                gz += wa * wb * dc * d / spacing[2]
+    length = max(np.sqrt(gx * gx + gy * gy + gz * gz), 1e-12)
+    normal[0], normal[1], normal[2] = gx / length, gy / length, gz / length
+    return value
+
+
+@device_function
+def _solid_angle(p, a, b, c):  # type: ignore[no-untyped-def]
+    """Return the signed solid angle of a triangle seen from p (van Oosterom and Strackee, 1983)."""
+    # component by component: temporary arrays would cost ten times as much
+    ux, uy, uz = a[0] - p[0], a[1] - p[1], a[2] - p[2]
+    vx, vy, vz = b[0] - p[0], b[1] - p[1], b[2] - p[2]
+    wx, wy, wz = c[0] - p[0], c[1] - p[1], c[2] - p[2]
+    lu, lv = np.sqrt(ux * ux + uy * uy + uz * uz), np.sqrt(vx * vx + vy * vy + vz * vz)
+    lw = np.sqrt(wx * wx + wy * wy + wz * wz)
+    uv, vw, wu = ux * vx + uy * vy + uz * vz, vx * wx + vy * wy + vz * wz, wx * ux + wy * uy + wz * uz
+    volume = ux * (vy * wz - vz * wy) + uy * (vz * wx - vx * wz) + uz * (vx * wy - vy * wx)
+    below = lu * lv * lw + uv * lw + vw * lu + wu * lv
+    return 2.0 * np.arctan2(volume, below)
+
+
+@kernel((MATRIX, BLOCKS, MATRIX))
+def _exact_distances(points: Array, corners: Array, out: Array) -> None:
+    """Fill out[:, 0] with the signed distance of points (n, 3) to a closed surface of corners (f, 3, 3)."""
+    weight = small_vector(3)
+    for n in range(points.shape[0]):
+        p = points[n]
+        best, winding = np.inf, 0.0
+        for f in range(corners.shape[0]):
+            a, b, c = corners[f, 0], corners[f, 1], corners[f, 2]
+            closest_on_triangle(p, a, b, c, weight)
+            square = 0.0
+            for r in range(3):
+                square += (p[r] - weight[0] * a[r] - weight[1] * b[r] - weight[2] * c[r]) ** 2
+            best = min(best, square)
+            winding += _solid_angle(p, a, b, c)
+        out[n, 0] = -np.sqrt(best) if winding > 2.0 * np.pi else np.sqrt(best)
+
+
+def surface_distance(points: Array, corners: Array) -> Array:
+    """Return the signed distance of points to a closed triangle surface, negative inside.
+
+    Args:
+        points: (n, 3) [m].
+        corners: (f, 3, 3) [m], counter-clockwise seen from outside.
+
+    Returns:
+        (n,) [m].
+    """
+    out = np.empty((len(points), 1))
+    _exact_distances(np.ascontiguousarray(points), np.ascontiguousarray(corners), out)
+    return out[:, 0]
+
+
+_ROOT_ITERATIONS_MAX = 200
+_ROOT_RELATIVE = 1e-14
+_OFF_PLANE = 1e-13  # share of the shortest half axis by which a point is kept off the planes of symmetry
+
+
+@device_function
+def plane(x: float, y: float, z: float, size: Array, normal: Array) -> Any:
+    """Half-space z < 0."""
+    normal[0], normal[1], normal[2] = 0.0, 0.0, 1.0
+    return z
+
+
+@device_function
+def _from_center_line(x: float, y: float, z: float, radius: float, normal: Array) -> Any:
+    length = np.sqrt(x * x + y * y + z * z)
+    if length > 0.0:
+        normal[0], normal[1], normal[2] = x / length, y / length, z / length
+    else:
+        normal[0], normal[1], normal[2] = 1.0, 0.0, 0.0
+    return length - radius
+
+
+@device_function
+def sphere(x: float, y: float, z: float, size: Array, normal: Array) -> Any:
+    """Ball of radius size[0]."""
+    return _from_center_line(x, y, z, size[0], normal)
+
+
+@device_function
+def capsule(x: float, y: float, z: float, size: Array, normal: Array) -> Any:
+    """Radius size[0] about the segment |z| < size[1]."""
+    return _from_center_line(x, y, z - min(max(z, -size[1]), size[1]), size[0], normal)
+
+
+@device_function
+def cylinder(x: float, y: float, z: float, size: Array, normal: Array) -> Any:
+    """Radius size[0], |z| < size[1]."""
+    rho = np.sqrt(x * x + y * y)
+    cx, cy = (x / rho, y / rho) if rho > 0.0 else (1.0, 0.0)
+    up = 1.0 if z >= 0.0 else -1.0
+    side, end = rho - size[0], abs(z) - size[1]
+    if side <= 0.0 or end <= 0.0:
+        if side > end:
+            normal[0], normal[1], normal[2] = cx, cy, 0.0
+            return side
+        normal[0], normal[1], normal[2] = 0.0, 0.0, up
+        return end
+    distance = np.sqrt(side * side + end * end)
+    normal[0], normal[1], normal[2] = cx * side / distance, cy * side / distance, up * end / distance
+    return distance
+
+
+@device_function
+def box(x: float, y: float, z: float, size: Array, normal: Array) -> Any:
+    """|x| < size[0], |y| < size[1], |z| < size[2]."""
+    p = (x, y, z)
+    axis, largest, square = 0, -np.inf, 0.0
+    for r in range(3):
+        beyond = abs(p[r]) - size[r]
+        if beyond > largest:
+            axis, largest = r, beyond
+        normal[r] = max(beyond, 0.0) * (1.0 if p[r] >= 0.0 else -1.0)
+        square += max(beyond, 0.0) ** 2
+    if square > 0.0:
+        distance = np.sqrt(square)
+        for r in range(3):
+            normal[r] /= distance
+        return distance
+    normal[axis] = 1.0 if p[axis] >= 0.0 else -1.0
+    return largest
+
+
+@device_function
+def _ellipsoid_root(r0: float, r1: float, z0: float, z1: float, z2: float) -> Any:
+    """Return q > 0 with sum_i (r_i z_i / (q + r_i - 1))^2 = 1, r_2 = 1 <= r_i."""
+    # no term exceeds 1 at the root, so it lies above each of these; from below Newton's method is monotone
+    q = max(z2, r0 * z0 - r0 + 1.0, r1 * z1 - r1 + 1.0)
+    for _ in range(_ROOT_ITERATIONS_MAX):
+        d0, d1 = q + (r0 - 1.0), q + (r1 - 1.0)
+        t0, t1, t2 = r0 * z0 / d0, r1 * z1 / d1, z2 / q
+        value = t0 * t0 + t1 * t1 + t2 * t2 - 1.0
+        slope = -2.0 * (t0 * t0 / d0 + t1 * t1 / d1 + t2 * t2 / q)
+        step = -value / slope
+        q += step
+        if not step > _ROOT_RELATIVE * q:
+            break
+    return q
+
+
+@device_function
+def ellipsoid(x: float, y: float, z: float, size: Array, normal: Array) -> Any:
+    """Half axes size[0..2] along x, y, z."""
+    p = (x, y, z)
+    small = 0
+    for r in range(1, 3):
+        if size[r] < size[small]:
+            small = r
+    a, b = (small + 1) % 3, (small + 2) % 3
+    least = size[small]
+    # the distance has slope 1, so this moves it by as little as the point
+    pa, pb = max(abs(p[a]), _OFF_PLANE * least), max(abs(p[b]), _OFF_PLANE * least)
+    pc = max(abs(p[small]), _OFF_PLANE * least)
+    ra, rb = (size[a] / least) ** 2, (size[b] / least) ** 2
+    inside = (pa / size[a]) ** 2 + (pb / size[b]) ** 2 + (pc / least) ** 2 < 1.0
+    q = _ellipsoid_root(ra, rb, pa / size[a], pb / size[b], pc / least)
+    fa, fb, fc = ra * pa / (q + (ra - 1.0)), rb * pb / (q + (rb - 1.0)), pc / q
+    distance = np.sqrt((pa - fa) ** 2 + (pb - fb) ** 2 + (pc - fc) ** 2)
+    na, nb, nc = fa / size[a] ** 2, fb / size[b] ** 2, fc / least**2
+    length = np.sqrt(na * na + nb * nb + nc * nc)
+    normal[a] = na / length * (1.0 if p[a] >= 0.0 else -1.0)
+    normal[b] = nb / length * (1.0 if p[b] >= 0.0 else -1.0)
+    normal[small] = nc / length * (1.0 if p[small] >= 0.0 else -1.0)
+    return -distance if inside else distance
 
 
 @device_function

@@ -17,8 +17,8 @@ from numba import types
 from cosim.base.frames import Array, IntArray
 from cosim.base.kernels import INDEX_TABLE, INDICES, MATRIX, VECTOR
 from cosim.errors import SceneError
-from cosim.rigid.scene.cell_drives import CellDrives
-from cosim.rigid.scene.layout import ArmLayout
+from cosim.rigid.build.cells import CellDrives
+from cosim.rigid.scene.arm import ArmLayout
 
 BEGIN, FINISH, FACTORISE = 0, 1, 2
 """Places in `NativeScene.steps`: the half steps, and the factorisation of the mass matrix."""

@@ -1,5 +1,9 @@
 """The rigid scene: an arm with servos, and objects, stepped in two halves by MuJoCo.
 
+What `RigidScene.save_state` returns.
+
+The rigid scene: an arm with servos, and objects, stepped in two halves by MuJoCo.
+
 One tick of the coupling reads
 
     scene.set_control(...); scene.apply_flange_wrench(...)
@@ -11,7 +15,8 @@ so that, between two ticks, everything readable belongs to one and the same inst
 
 from __future__ import annotations
 
-from typing import final
+from dataclasses import dataclass
+from typing import Annotated, final
 
 import mujoco
 import numpy as np
@@ -19,20 +24,44 @@ import numpy as np
 from cosim.base.frames import Array, IntArray, Pose, SixNumbers, Twist, Wrench
 from cosim.base.shown import BodyShape
 from cosim.errors import InputError
+from cosim.rigid.build.cells import CellDrives
 from cosim.rigid.build.compiled_scene import CompiledScene
 from cosim.rigid.build.description import SceneDescription
+from cosim.rigid.build.mjcf_files import raise_instability
 from cosim.rigid.distance.contact_query import ContactQuery
-from cosim.rigid.scene.arm_dynamics import ArmDynamics
-from cosim.rigid.scene.bodies import Bodies, touchable_geoms
-from cosim.rigid.scene.cell_drives import CellDrives
-from cosim.rigid.scene.flange import Flange
-from cosim.rigid.scene.layout import ArmLayout, effort_limit
+from cosim.rigid.scene.arm import ArmDynamics, ArmLayout, Flange, droop, effort_limit
+from cosim.rigid.scene.bodies import Bodies, mobility, touchable_geoms
 from cosim.rigid.scene.link_contacts import LinkContacts
-from cosim.rigid.scene.mobility import mobility
 from cosim.rigid.scene.native import NativeScene, native_scene
-from cosim.rigid.scene.servo_droop import droop
-from cosim.rigid.scene.state import RigidState
-from cosim.rigid.scene.warnings import raise_instability
+
+
+@final
+@dataclass(frozen=True)
+class RigidState:
+    """Everything that a step depends on or leaves behind.
+
+    Args:
+        integration: MuJoCo's own state vector, inputs and warm start included.
+        armature: (dofs,) [kg m^2] or [kg], the algorithmic mass of free bodies included.
+        acceleration: (dofs,) of the last finished step.
+        servo_torque: (dofs,) [N m] or [N], of the last finished step.
+        flange_load: (6,) reading of the flange sensor.
+        loaded: bodies that contact loads at present.
+        carrying: bodies on joints that carry extra inertia.
+        carried: their inertia (b, 6, 6).
+        on_arm: (joints, joints) [kg m^2], that the arm's joints carry.
+    """
+
+    integration: Array
+    armature: Array
+    acceleration: Array
+    servo_torque: Array
+    flange_load: Array
+    loaded: Annotated[IntArray, ("k",)]
+    carrying: Annotated[IntArray, ("b",)]
+    carried: Annotated[Array, ("b", 6, 6)]
+    on_arm: Array
+
 
 _STATE, _ALIKE = mujoco.mjtState.mjSTATE_INTEGRATION, "bodies and joints must be as many"
 

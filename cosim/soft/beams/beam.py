@@ -1,4 +1,31 @@
-"""Second derivatives of the energies of beams by their chords and by the turns of their nodes.
+"""The energy of a ring's beams between nodes that have rotations: in lanes, with second derivatives one by one.
+
+Energies and gradients of a ring's beams in groups, one beam per lane, by these measures.
+
+Quantity q of a lane is at s[q + lane], q a multiple of LANES: constant distances are what lets loops over
+lanes vectorise. Those of a beam's second end are SECOND further on than those of its first. What is linear in
+the chord's direction and the directors has the vectors that these meet in it as derivatives.
+
+The energy of straight beams between nodes that have rotations, and their measures of strain.
+
+A beam leads from node 1 to node 2: chord v, its length l = |v|, direction t = v / l, drawn length L. Each
+end turns with its node; its directors d1, d2, d3 are along the drawn chord, in the ring's plane, and across.
+With c = t . d1, s_k = t . d_k the section at an end is turned against the chord by the angles
+    theta_k = s_k arccos(c) / (1 - c^2)^(1/2),   k = 2, 3.
+Between the ends the centre line is the cubic that has them, longer than its chord by its slope squared,
+    strain = l / L - 1 + sum over k (2 theta_k1^2 - theta_k1 theta_k2 + 2 theta_k2^2) / 30,
+and the twist phi is the part about d1 of the turn between the ends,
+    phi = atan2(S, C),   S = d3_1 . d2_2 - d2_1 . d3_2,   C = d2_1 . d2_2 + d3_1 . d3_2,
+    energy = E A L strain^2 / 2 + sum over k 2 E I_k / L (theta_k1^2 + theta_k1 theta_k2 + theta_k2^2)
+             + G J phi^2 / (2 L).
+So loads on nodes bend a straight beam as they should whatever the number of nodes (strains small, turns of
+any size). The measures l, (c, s_2, s_3) at both ends, S and C are linear in t and in each end's directors.
+Source: Crisfield, Non-linear Finite Element Analysis of Solids and Structures, vol. 2, chapter 17, for
+corotational beams; Oran, J. Struct. Div. ASCE 99 (1973) 987, for the strain by bowing.
+
+Vectors of three values for kernels: tuples, so that loops over lanes vectorise.
+
+Second derivatives of the energies of beams by their chords and by the turns of their nodes.
 
 The energy is one of measures that are linear in the chord's direction t and in the directors d of each end
 (`beam_lanes`). A turn w of a node changes its directors by w x d + w x (w x d) / 2, a change of the chord
@@ -7,27 +34,351 @@ v the direction by (1 - t t^T) dv / l; the derivatives of products follow from t
 
 from __future__ import annotations
 
-from cosim.base.kernels import device_function
-from cosim.soft.beams.beam_lanes import (
-    BENT,
-    BY_MEASURES,
-    BY_TWIST,
-    COSINE,
-    COUNT,
-    DIRECTION,
-    DIRECTORS,
-    LANES,
-    LENGTH,
-    MEASURES,
-    PULL,
-    SECOND,
-    SINE,
-    STRETCH,
-    TWIST,
-    angle_factor,
-    fill_second,
-    lane_of,
+import math
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from cosim.base.frames import Array
+from cosim.base.kernels import allocating, device_function, inlined
+from cosim.soft.elements.hinge_gradient import full_angle
+
+
+@inlined
+def dot(a, b):  # type: ignore[no-untyped-def]
+    """Return a . b."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@inlined
+def cross(a, b):  # type: ignore[no-untyped-def]
+    """Return a x b."""
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+
+
+@inlined
+def scaled(factor, a):  # type: ignore[no-untyped-def]
+    """Return factor a."""
+    return factor * a[0], factor * a[1], factor * a[2]
+
+
+@inlined
+def added(a, b):  # type: ignore[no-untyped-def]
+    """Return a + b."""
+    return a[0] + b[0], a[1] + b[1], a[2] + b[2]
+
+
+COUNT: Final = 9
+"""of measures."""
+STRETCH, SINE, COSINE = 0, 7, 8
+
+
+class BeamWork(NamedTuple):
+    """Scratch for the Hessians of the m beams of a ring.
+
+    Args:
+        directors: (m, 2, 3, 3), d_k at both ends.
+        measures: (m, 9), l, (c, s_2, s_3) at both ends, S, C.
+        direction: (m, 3), t.
+        turn: (m, 2, 2), theta_k at both ends.
+        factor: (m, 2, 3), arccos(c) / (1 - c^2)^(1/2) at both ends, with two derivatives by c.
+        first: (m, 9), derivative of the energy by the measures.
+        second: (m, 9, 9), the same twice.
+        jacobian: (m, 9, 9), of the measures by v and the turns of both nodes.
+        hessian: (m, 9, 9), of the energy by these.
+        pull: (3,), derivative by t at one end, or what a director meets.
+        product: (9, 9), second times jacobian.
+    """
+
+    directors: Array
+    measures: Array
+    direction: Array
+    turn: Array
+    factor: Array
+    first: Array
+    second: Array
+    jacobian: Array
+    hessian: Array
+    pull: Array
+    product: Array
+
+
+@allocating
+def beam_work(m):  # type: ignore[no-untyped-def]
+    """Return the scratch for m beams; what stays zero in it is zero."""
+    return BeamWork(
+        np.empty((m, 2, 3, 3)), np.empty((m, 9)), np.empty((m, 3)), np.empty((m, 2, 2)), np.empty((m, 2, 3)),
+        np.empty((m, 9)), np.zeros((m, 9, 9)), np.zeros((m, 9, 9)), np.empty((m, 9, 9)), np.empty(3),
+        np.empty((9, 9)),
+    )  # fmt: skip
+
+
+# arccos(c) / (1 - c^2)^(1/2) = sum of a_n (1 - c)^n, a_n = a_(n-1) n / (2 n + 1); the highest power first
+_SERIES = tuple(math.prod((k / (2 * k + 1) for k in range(1, n + 1)), start=1.0) for n in range(12, -1, -1))
+FAR: Final = 0.05
+"""1 - c from which on the series is not used."""
+
+
+@inlined
+def factor_by_series(c):  # type: ignore[no-untyped-def]
+    """Return arccos(c) / (1 - c^2)^(1/2) and its first two derivatives by c, by a series in 1 - c."""
+    u, value, slope, curvature = 1.0 - c, 0.0, 0.0, 0.0
+    for a in _SERIES:
+        curvature = curvature * u + 2.0 * slope
+        slope = slope * u + value
+        value = value * u + a
+    return value, -slope, curvature
+
+
+@device_function
+def angle_factor(c):  # type: ignore[no-untyped-def]
+    """Return arccos(c) / (1 - c^2)^(1/2) and its first two derivatives by c."""
+    if 1.0 - c < FAR:
+        return factor_by_series(c)
+    c = max(c, -1.0 + 1e-12)
+    w = 1.0 - c * c
+    value = math.acos(c) / math.sqrt(w)
+    slope = (c * value - 1.0) / w
+    return value, slope, (3.0 * c * slope + value) / w
+
+
+@inlined
+def bowing(begin, end):  # type: ignore[no-untyped-def]
+    """Return by how much of the chord the angles theta_k1 and theta_k2 make the centre line longer."""
+    return (2.0 * begin * begin - begin * end + 2.0 * end * end) / 30.0
+
+
+@inlined
+def by_bow(here, there):  # type: ignore[no-untyped-def]
+    """Return the derivative of that by theta_k of one end."""
+    return (4.0 * here - there) / 30.0
+
+
+@inlined
+def twist(sine, cosine):  # type: ignore[no-untyped-def]
+    """Return phi and its derivatives by S and C."""
+    over = 1.0 / (sine * sine + cosine * cosine)
+    return math.copysign(full_angle(abs(sine), cosine), sine), cosine * over, -sine * over
+
+
+@device_function
+def _fill_second_of_twist(stiffness, m, second):  # type: ignore[no-untyped-def]
+    phi, by_sine, by_cosine = twist(m[SINE], m[COSINE])
+    mixed = 2.0 * by_sine * by_cosine  # -2 S C / (S^2 + C^2)^2
+    second[SINE, SINE] = stiffness * (by_sine * by_sine + phi * mixed)
+    second[COSINE, COSINE] = stiffness * (by_cosine * by_cosine - phi * mixed)
+    cross = by_sine * by_cosine + phi * (by_cosine * by_cosine - by_sine * by_sine)
+    second[SINE, COSINE] = second[COSINE, SINE] = stiffness * cross
+
+
+@device_function
+def fill_second(rigidities, lengths, w):  # type: ignore[no-untyped-def]
+    """Fill second derivatives by the measures."""
+    for e in range(lengths.shape[0]):
+        second, m, factor, along = w.second[e], w.measures[e], w.factor[e], rigidities[0] / lengths[e]
+        second[:7, :7] = 0.0
+        second[STRETCH, STRETCH] = along
+        for a in range(2):
+            for k in range(2):
+                c, s = 1 + 3 * a, 2 + 3 * a + k
+                by_c, bow = factor[a, 1] * m[s], lengths[e] * by_bow(w.turn[e, a, k], w.turn[e, 1 - a, k])
+                by_turn = w.first[e, s] / factor[a, 0]
+                second[STRETCH, c] += along * bow * by_c
+                second[STRETCH, s] = along * bow * factor[a, 0]
+                second[c, c] += by_turn * factor[a, 2] * m[s]
+                second[c, s] += by_turn * factor[a, 1]
+                for b in range(2):
+                    for j in range(2):
+                        other = 2 + 3 * b + j
+                        value = lengths[e] * by_bow(w.turn[e, b, j], w.turn[e, 1 - b, j]) * along * bow
+                        if k == j:
+                            bending, same = 2.0 * rigidities[1 + k] / lengths[e], a == b
+                            value += w.first[e, STRETCH] * lengths[e] / 30.0 * (4.0 if same else -1.0)
+                            value += bending * (2.0 if same else 1.0)
+                        second[s, other] = value * factor[a, 0] * factor[b, 0]
+                        second[c, other] += value * by_c * factor[b, 0]
+                        second[c, 1 + 3 * b] += value * by_c * factor[b, 1] * m[other]
+        for r in range(1, 7):
+            second[r, STRETCH] = second[STRETCH, r]
+            if r not in (1, 4):
+                second[r, 1], second[r, 4] = second[1, r], second[4, r]
+        _fill_second_of_twist(rigidities[3] / lengths[e], m, second)
+
+
+LANES: Final = 8
+# of a beam: l drawn, l, t, drawn directors, (S, C), strain, derivatives by l and (S, C), by v; energy
+DRAWN_LENGTH, LENGTH, DIRECTION, DRAWN, TWIST, STRAIN, PULL, BY_TWIST, FORCE, ENERGY = (
+    LANES * place for place in (0, 1, 2, 5, 14, 16, 17, 18, 20, 23)
 )
+# of an end: quaternion, the same after a step, step, directors, (c, s_2, s_3), arccos(c) / (1 - c^2)^(1/2)
+# and its derivative, (theta_2, theta_3), derivatives by (c, s_2, s_3) and by a turn
+TURNS, TRIAL, STEP, DIRECTORS, MEASURES, FACTOR, BENT, BY_MEASURES, MOMENT = (
+    LANES * place for place in (24, 28, 32, 35, 44, 47, 49, 51, 54)
+)
+SECOND: Final = LANES * 33
+SIZE: Final = LANES * (24 + 2 * 33)
+
+
+@device_function
+def lane_of(e):  # type: ignore[no-untyped-def]
+    """Return where the quantities of a beam begin."""
+    return e // LANES * SIZE + e % LANES
+
+
+@inlined
+def three(s, at):  # type: ignore[no-untyped-def]
+    """Return a vector of a lane."""
+    return s[at], s[at + LANES], s[at + 2 * LANES]
+
+
+@inlined
+def put(s, at, vector):  # type: ignore[no-untyped-def]
+    """Write a vector of a lane."""
+    s[at], s[at + LANES], s[at + 2 * LANES] = vector
+
+
+@inlined
+def _turned(q, half):  # type: ignore[no-untyped-def]
+    """Return a quaternion turned by twice a vector."""
+    a, b, c = half
+    # tan(angle / 2) = |step| / 2: as good as the angle itself, which is a step of Newton's method
+    p0 = q[0] - a * q[1] - b * q[2] - c * q[3]
+    p1 = q[1] + a * q[0] + b * q[3] - c * q[2]
+    p2 = q[2] + b * q[0] + c * q[1] - a * q[3]
+    p3 = q[3] + c * q[0] + a * q[2] - b * q[1]
+    over = 1.0 / math.sqrt(p0 * p0 + p1 * p1 + p2 * p2 + p3 * p3)
+    return over * p0, over * p1, over * p2, over * p3
+
+
+@inlined
+def _rotation(q):  # type: ignore[no-untyped-def]
+    """Return the rows of the rotation by a quaternion."""
+    p0, p1, p2, p3 = q
+    return (
+        (1 - 2 * (p2 * p2 + p3 * p3), 2 * (p1 * p2 - p0 * p3), 2 * (p1 * p3 + p0 * p2)),
+        (2 * (p1 * p2 + p0 * p3), 1 - 2 * (p1 * p1 + p3 * p3), 2 * (p2 * p3 - p0 * p1)),
+        (2 * (p1 * p3 - p0 * p2), 2 * (p2 * p3 + p0 * p1), 1 - 2 * (p1 * p1 + p2 * p2)),
+    )
+
+
+@inlined
+def _measure_end(s, lane, end, fraction):  # type: ignore[no-untyped-def]
+    """Fill the quaternion after the step's fraction, directors and measures of one end."""
+    at = end + lane
+    q = s[TURNS + at], s[TURNS + LANES + at], s[TURNS + 2 * LANES + at], s[TURNS + 3 * LANES + at]
+    p = _turned(q, scaled(0.5 * fraction, three(s, STEP + at)))
+    s[TRIAL + at], s[TRIAL + LANES + at], s[TRIAL + 2 * LANES + at], s[TRIAL + 3 * LANES + at] = p
+    x, y, z = _rotation(p)
+    one, two, last = (
+        three(s, DRAWN + lane),
+        three(s, DRAWN + 3 * LANES + lane),
+        three(s, DRAWN + 6 * LANES + lane),
+    )
+    d1 = dot(x, one), dot(y, one), dot(z, one)
+    d2 = dot(x, two), dot(y, two), dot(z, two)
+    d3 = dot(x, last), dot(y, last), dot(z, last)
+    put(s, DIRECTORS + at, d1)
+    put(s, DIRECTORS + 3 * LANES + at, d2)
+    put(s, DIRECTORS + 6 * LANES + at, d3)
+    t = three(s, DIRECTION + lane)
+    cosine = dot(d1, t)
+    put(s, MEASURES + at, (cosine, dot(d2, t), dot(d3, t)))
+    s[FACTOR + at], s[FACTOR + LANES + at], _ = factor_by_series(cosine)
+
+
+@device_function
+def _correct_factor(s, at):  # type: ignore[no-untyped-def]
+    """Replace the factor of an end's angle where the series does not reach."""
+    if 1.0 - s[MEASURES + at] >= FAR:
+        s[FACTOR + at], s[FACTOR + LANES + at], _ = angle_factor(s[MEASURES + at])
+
+
+@inlined
+def _strain(stretch, s, lane):  # type: ignore[no-untyped-def]
+    """Fill angles, strain and the derivatives by l and v that come of it; return the energy."""
+    for at in (lane, SECOND + lane):
+        factor = s[FACTOR + at]
+        s[BENT + at] = factor * s[MEASURES + LANES + at]
+        s[BENT + LANES + at] = factor * s[MEASURES + 2 * LANES + at]
+    drawn, other = s[DRAWN_LENGTH + lane], SECOND + lane
+    strain = s[LENGTH + lane] / drawn - 1.0 + bowing(s[BENT + lane], s[BENT + other])
+    strain += bowing(s[BENT + LANES + lane], s[BENT + LANES + other])
+    pull = stretch * strain
+    s[STRAIN + lane], s[PULL + lane] = strain, pull
+    put(s, FORCE + lane, scaled(pull, three(s, DIRECTION + lane)))
+    return 0.5 * pull * strain * drawn
+
+
+@inlined
+def _bend(second, third, s, lane, end):  # type: ignore[no-untyped-def]
+    """Fill what one end's measures give of all derivatives; return its part of the energy of bending."""
+    at, there = end + lane, SECOND - end + lane
+    t, length = three(s, DIRECTION + lane), s[DRAWN_LENGTH + lane]
+    pull, over = s[PULL + lane] * length, 2.0 / length
+    turn2, turn3, other2, other3 = (
+        s[BENT + at],
+        s[BENT + LANES + at],
+        s[BENT + there],
+        s[BENT + LANES + there],
+    )
+    moment2 = over * second * (2.0 * turn2 + other2)
+    moment3 = over * third * (2.0 * turn3 + other3)
+    energy = 0.5 * (moment2 * turn2 + moment3 * turn3)
+    moment2 += pull * by_bow(turn2, other2)
+    moment3 += pull * by_bow(turn3, other3)
+    cosine, sine2, sine3 = three(s, MEASURES + at)
+    by_cosine = (moment2 * sine2 + moment3 * sine3) * s[FACTOR + LANES + at]
+    by2, by3 = moment2 * s[FACTOR + at], moment3 * s[FACTOR + at]
+    put(s, BY_MEASURES + at, (by_cosine, by2, by3))
+    d2, d3 = three(s, DIRECTORS + 3 * LANES + at), three(s, DIRECTORS + 6 * LANES + at)
+    meets = added(scaled(by_cosine, three(s, DIRECTORS + at)), added(scaled(by2, d2), scaled(by3, d3)))
+    along = by_cosine * cosine + by2 * sine2 + by3 * sine3
+    force = scaled(1.0 / s[LENGTH + lane], added(meets, scaled(-along, t)))
+    put(s, FORCE + lane, added(three(s, FORCE + lane), force))
+    put(s, MOMENT + at, cross(meets, t))
+    return energy
+
+
+@inlined
+def _twist(torsion, s, lane):  # type: ignore[no-untyped-def]
+    """Fill S and C, and add what they give of all derivatives; return the energy of twisting."""
+    other, stiffness = SECOND + lane, torsion / s[DRAWN_LENGTH + lane]
+    b2, b3 = three(s, DIRECTORS + 3 * LANES + lane), three(s, DIRECTORS + 6 * LANES + lane)
+    e2, e3 = three(s, DIRECTORS + 3 * LANES + other), three(s, DIRECTORS + 6 * LANES + other)
+    sine, cosine = dot(b3, e2) - dot(b2, e3), dot(b2, e2) + dot(b3, e3)
+    phi, by_sine, by_cosine = twist(sine, cosine)
+    by_sine, by_cosine = stiffness * phi * by_sine, stiffness * phi * by_cosine
+    s[TWIST + lane], s[TWIST + LANES + lane] = sine, cosine
+    s[BY_TWIST + lane], s[BY_TWIST + LANES + lane] = by_sine, by_cosine
+    meets2 = added(scaled(by_cosine, e2), scaled(-by_sine, e3))
+    meets3 = added(scaled(by_cosine, e3), scaled(by_sine, e2))
+    moment = added(cross(b2, meets2), cross(b3, meets3))
+    put(s, MOMENT + lane, added(three(s, MOMENT + lane), moment))
+    put(s, MOMENT + other, added(three(s, MOMENT + other), scaled(-1.0, moment)))
+    return 0.5 * stiffness * phi * phi
+
+
+@device_function
+def differentiate(rigidities, s, fraction):  # type: ignore[no-untyped-def]
+    """Fill energies and gradients of a group after a fraction of its step.
+
+    Args:
+        rigidities: (4,), see `RectangularSection`.
+        s: (SIZE,), the group, with lengths, directions, turns and steps.
+        fraction: of the step.
+    """
+    lanes = s.shape[0] // (SIZE // LANES)  # a known number of rounds would be unrolled and not vectorised
+    for lane in range(lanes):
+        _measure_end(s, lane, 0, fraction)
+        _measure_end(s, lane, SECOND, fraction)
+    for at in range(lanes):
+        _correct_factor(s, at)
+        _correct_factor(s, SECOND + at)
+    stretch, second, third, torsion = rigidities[0], rigidities[1], rigidities[2], rigidities[3]
+    for lane in range(lanes):
+        energy = _strain(stretch, s, lane)
+        energy += _bend(second, third, s, lane, 0) + _bend(second, third, s, lane, SECOND)
+        s[ENERGY + lane] = energy + _twist(torsion, s, lane)
 
 
 @device_function

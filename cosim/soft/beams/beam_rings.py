@@ -1,4 +1,8 @@
-"""Stiffeners with a section: closed rings of beams whose nodes are nodes of the film.
+"""Stiffeners with a section: closed rings of beams whose nodes are nodes of the film; their strength.
+
+The rectangular section of a beam: its stiffness against stretch, bending and twist.
+
+Stiffeners with a section: closed rings of beams whose nodes are nodes of the film.
 
 The film knows positions alone, a beam also how its ends are turned. The turns are unknowns of the ring alone
 (loads and film hold no node against turning), so they are taken where they are in balance:
@@ -10,22 +14,82 @@ straight side of one beam or of eight has the same stiffness between its ends (`
 that of a continuous ring, whatever the refinement. Without loads the ring has its drawn shape.
 What is remembered are the turns of the last accepted state, quaternions in axes of the ring, from which the
 next ones are sought, and a factor of E_RR with which.
+
+Which stiffeners of a body are nearest to their strength.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Annotated, ClassVar, final
+from typing import Annotated, ClassVar, NamedTuple, final
 
 import numpy as np
 
 from cosim.base.frames import Array, IntArray, cross
-from cosim.errors import MeshError
-from cosim.soft.beams.node_turns import BAND, BeamArrays
-from cosim.soft.beams.rectangular_section import RectangularSection
-from cosim.soft.beams.ring_kernels import add_beam_rings, peak_strains, ring_axes
+from cosim.errors import InputError, MeshError
+from cosim.soft.beams.ring_kernels import BAND, BeamArrays, add_beam_rings, peak_strains, ring_axes
+from cosim.soft.body.body import SoftBody
 from cosim.soft.elements.element import NODES, ROWS, STILL, DirectElement, Instant
+
+
+@final
+@dataclass(frozen=True)
+class RectangularSection:
+    """Rectangular section of a beam along a ring, of an isotropic material.
+
+    Args:
+        width_m: b, in the plane of the ring.
+        height_m: h, across that plane.
+        young_modulus_Pa: E.
+        poisson_ratio: nu; the shear modulus is G = E / (2 (1 + nu)).
+        strength_strain: largest strain that the material bears; infinite where nobody said it.
+
+    Raises:
+        InputError: a constant out of its bounds.
+    """
+
+    width_m: float
+    height_m: float
+    young_modulus_Pa: float
+    poisson_ratio: float = 0.35
+    strength_strain: float = math.inf
+
+    def __post_init__(self) -> None:
+        for name in ("width_m", "height_m", "young_modulus_Pa"):
+            if not 0.0 < getattr(self, name) < math.inf:
+                raise InputError(f"{name} is {getattr(self, name)}; it must be positive and finite")
+        if not self.strength_strain > 0.0:
+            raise InputError(f"strength_strain is {self.strength_strain}; it must be positive")
+        if not -1.0 < self.poisson_ratio <= 0.5:
+            raise InputError(
+                f"poisson_ratio is {self.poisson_ratio}; it must lie above -1 and be 0.5 at most"
+            )
+
+    @property
+    def area_m2(self) -> float:
+        """A = b h."""
+        return self.width_m * self.height_m
+
+    @property
+    def torsion_constant_m4(self) -> float:
+        """J = s r^3 (1/3 - 64 r / (pi^5 s) sum over odd n of tanh(n pi s / (2 r)) / n^5), r <= s the sides.
+
+        Source: Saint-Venant's solution, e.g. Timoshenko and Goodier, Theory of Elasticity, section 109.
+        """
+        short, long = sorted((self.width_m, self.height_m))
+        series = sum(math.tanh(0.5 * n * math.pi * long / short) / n**5 for n in range(1, 12, 2))
+        return long * short**3 * (1.0 / 3.0 - 64.0 * short / (math.pi**5 * long) * series)
+
+    @property
+    def rigidities(self) -> Array:
+        """(4,): E A [N]; E h b^3 / 12 in the plane, E b h^3 / 12 out of it, G J [N m^2]."""
+        e, b, h = self.young_modulus_Pa, self.width_m, self.height_m
+        shear = 0.5 * e / (1.0 + self.poisson_ratio)
+        return np.array(
+            [e * self.area_m2, e * h * b**3 / 12.0, e * b * h**3 / 12.0, shear * self.torsion_constant_m4]
+        )
 
 
 @final
@@ -123,3 +187,44 @@ class BeamRings(DirectElement):
         """
         size = self.section.width_m, self.section.height_m
         return np.asarray(peak_strains(positions, self.arrays, *size, memory))
+
+
+class StiffenerStrain(NamedTuple):
+    """How far stiffeners are strained.
+
+    Args:
+        peak: largest strain of a fibre.
+        strength: that their material bears; infinite where nobody said it.
+    """
+
+    peak: float
+    strength: float
+
+
+def stiffener_strain(body: SoftBody, positions: Array) -> StiffenerStrain | None:
+    """Return the strain of the stiffeners nearest to their strength, or farthest beyond it; None without any.
+
+    Of those whose strength nobody said, the strain of those strained most.
+
+    Args:
+        body: with or without rings of beams.
+        positions: (n, 3) [m].
+    """
+    x, found = np.array(positions, order="C"), list[StiffenerStrain]()
+    for beams in body.of_kind(BeamRings):
+        strains = beams.peak_strains(x, beams.first_memory(body.positions))
+        found.append(StiffenerStrain(float(strains.max()), beams.section.strength_strain))
+    return max(found, key=lambda entry: (entry.peak / entry.strength, entry.peak), default=None)
+
+
+def stiffener_report(body: SoftBody) -> str:
+    """Return what stiffeners a body has, for people."""
+    sections = dict.fromkeys(beams.section for beams in body.of_kind(BeamRings))
+    texts = [
+        f"beams of {1e3 * section.width_m:g} x {1e3 * section.height_m:g} mm, "
+        f"{1e-9 * section.young_modulus_Pa:g} GPa"
+        + (f", strength {100.0 * section.strength_strain:g} %" if section.strength_strain < math.inf else "")
+        for section in sections
+    ]
+    texts += ["stiff"] if body.frames is not None else []
+    return "; ".join(texts) or "none"

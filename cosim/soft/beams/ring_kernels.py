@@ -1,37 +1,419 @@
-"""Kernels of rings of beams: what they add to gradient and tangent, how far their fibres are strained."""
+"""Rings of beams in kernels: the turns of their nodes in balance, gradient, tangent, strain.
+
+The turns of a ring's nodes that are in balance at given positions: a small Newton's method.
+
+A ring of m nodes has 3 m unknown turns. Given the positions, the energy of its beams has a minimum in them;
+it is followed from given quaternions by Newton's method with a line search, shifted where the tangent is not
+positive definite, and led away from saddles, such as that of a flat ring whose beams buckle. The factor is
+kept while steps shrink well, in dynamics from one step in time to the next, in statics within a solution; the
+search ends where what the last step leaves is below a small turn, judged by how the steps shrink. All of it
+happens in axes of the ring, laid through three of its nodes, so that a rigid motion changes nothing.
+
+A ring in lanes: its beams in groups as `beam_lanes` takes them, what goes in and what comes out.
+
+Cholesky factor of a closed ring's matrix: each node is coupled with itself and its two neighbours.
+
+Taken from both sides at once, as 0, 1, m - 1, 2, m - 2, ..., neighbours are two places apart at most, so
+that the closed ring becomes a band: with three unknowns a node, row i reaches back to column i - 8.
+A band (3 m, 9) holds entry (i, j), i - 8 <= j <= i, at [i, i - j]; of a factor, the diagonal is reciprocal.
+
+Kernels of rings of beams: what they add to gradient and tangent, how far their fibres are strained.
+"""
 
 from __future__ import annotations
 
-from typing import Final
+import math
+from typing import Final, NamedTuple
 
 import numpy as np
+from numba import types
 
+from cosim.base.frames import Array, IntArray
 from cosim.base.kernels import (
     BLOCKS,
     BOOLEAN,
+    CUBES,
     INDEX_TABLE,
     MATRIX,
     REAL,
     VECTOR,
+    allocating,
     device_function,
     kernel,
     small_matrix,
 )
-from cosim.soft.beams.beam_lanes import BENT, FORCE, LANES, SECOND, STRAIN, TURNS, lane_of, three
-from cosim.soft.beams.node_turns import (
-    BAND,
-    BEAM_ARRAYS,
-    SMALL_TURN,
-    SMALL_TURN_BY_KEPT,
-    SMALL_TURN_IN_MOTION,
-    balance_turns,
-    fill_axes,
-    forward_rows,
-    place_in_band,
-    place_ring,
-    ring_work,
+from cosim.soft.beams.beam import (
+    BENT,
+    DIRECTION,
+    DRAWN,
+    DRAWN_LENGTH,
+    ENERGY,
+    FORCE,
+    LANES,
+    LENGTH,
+    MOMENT,
+    SECOND,
+    SIZE,
+    STEP,
+    STRAIN,
+    TRIAL,
+    TURNS,
+    BeamWork,
+    beam_work,
+    differentiate,
+    dot,
+    fill_hessians,
+    lane_of,
+    three,
 )
 from cosim.soft.linear.pattern import add_block
+
+
+@device_function
+def fill_axes(x, ring, axes):  # type: ignore[no-untyped-def]
+    """Fill the axes (3, 3), as columns, laid through three nodes of a ring (m,)."""
+    count = ring.shape[0]
+    first, second, third = ring[0], ring[count // 3], ring[2 * count // 3]
+    for r in range(3):
+        axes[r, 0], axes[r, 1] = x[second, r] - x[first, r], x[third, r] - x[first, r]
+    _cross_columns(axes, 0, 1, 2)
+    for c in (0, 2):
+        size = math.sqrt(axes[0, c] ** 2 + axes[1, c] ** 2 + axes[2, c] ** 2)
+        for r in range(3):
+            axes[r, c] /= size
+    _cross_columns(axes, 2, 0, 1)
+
+
+@device_function
+def _cross_columns(axes, a, b, into):  # type: ignore[no-untyped-def]
+    for r in range(3):
+        p, q = (r + 1) % 3, (r + 2) % 3
+        axes[r, into] = axes[p, a] * axes[q, b] - axes[q, a] * axes[p, b]
+
+
+@device_function
+def place_ring(x, beams, f, turns, axes, lanes):  # type: ignore[no-untyped-def]
+    """Fill axes and groups of ring f, its turns from quaternions (4 m,)."""
+    ring, count = beams.rings[f], beams.rings.shape[1]
+    fill_axes(x, ring, axes)
+    for n in range(lanes.shape[0] // SIZE * LANES):
+        e = min(n, count - 1)
+        other = e + 1 if e + 1 < count else 0
+        s, directors, length = lanes[lane_of(n) :], beams.directors[f, e], beams.lengths[f, e]
+        here, there = x[np.uint64(ring[e])], x[np.uint64(ring[other])]
+        chord = there[0] - here[0], there[1] - here[1], there[2] - here[2]
+        s[DRAWN_LENGTH], s[LENGTH] = length, math.sqrt(dot(chord, chord))
+        over = 1.0 / s[LENGTH]
+        for c in range(3):
+            along = axes[0, c] * chord[0] + axes[1, c] * chord[1] + axes[2, c] * chord[2]
+            s[DIRECTION + c * LANES] = over * along
+            for k in range(3):
+                s[DRAWN + (3 * k + c) * LANES] = directors[k, c]
+        begin, end = turns[4 * e :], turns[4 * other :]
+        for r in range(4):
+            s[TURNS + r * LANES], s[SECOND + TURNS + r * LANES] = begin[r], end[r]
+
+
+@device_function
+def place_step(lanes, places, step):  # type: ignore[no-untyped-def]
+    """Hand a step to the groups."""
+    for n in range(lanes.shape[0] // SIZE * LANES):
+        e = min(n, places.shape[0] - 2)
+        s, begin, end = lanes[lane_of(n) :], step[places[e] :], step[places[e + 1] :]
+        for r in range(3):
+            s[STEP + r * LANES], s[SECOND + STEP + r * LANES] = begin[r], end[r]
+
+
+@device_function
+def accept(s):  # type: ignore[no-untyped-def]
+    """Make the trial quaternions the turns."""
+    for first in range(0, s.shape[0], SIZE):
+        for k in range(4 * LANES):
+            s[first + TURNS + k] = s[first + TRIAL + k]
+        for k in range(4 * LANES):
+            s[first + SECOND + TURNS + k] = s[first + SECOND + TRIAL + k]
+
+
+@device_function
+def sum_lanes(lanes, places, moment):  # type: ignore[no-untyped-def]
+    """Fill the moments; return the energy."""
+    energy = 0.0
+    for i in range(moment.shape[0]):
+        moment[i] = 0.0
+    for e in range(places.shape[0] - 1):
+        s, begin, end = lanes[lane_of(e) :], moment[places[e] :], moment[places[e + 1] :]
+        energy += s[ENERGY]
+        for r in range(3):
+            begin[r] += s[MOMENT + r * LANES]
+            end[r] += s[SECOND + MOMENT + r * LANES]
+    return energy
+
+
+_STEPS_MAX = 100
+_HALVINGS_MAX = 12
+_LARGEST_TURN = 0.5  # [rad] in one step
+SMALL_TURN: Final = 1e-11
+SMALL_TURN_BY_KEPT: Final = 1e-12
+"""In statics with a factor from before: there steps shrink by a share each, not with the square."""
+SMALL_TURN_IN_MOTION: Final = 3e-9
+"""Where steps in time ask for newtons alone: a beam of 4 mm x 2.5 GPa, 25 mm long, answers with 4e-7 N."""
+_STUCK_TURN = 1e-3
+_POWERS = 8
+_UNSTABLE_TURN = 0.02
+_SHRINKS = 0.03  # a new factor takes as long as some three steps
+_ROUNDED_TURN = 1e-8  # what it changes of the energy is lost in rounding
+
+
+class BeamArrays(NamedTuple):
+    """The beams of all rings.
+
+    Args:
+        rings: (f, m) nodes.
+        directors: (f, m, 3, 3), d1, d2, d3 of the beam from each node to the next, in axes of the ring.
+        lengths: (f, m) [m], drawn.
+        rigidities: (4,), see `RectangularSection`.
+    """
+
+    rings: IntArray
+    directors: Array
+    lengths: Array
+    rigidities: Array
+
+
+BEAM_ARRAYS = types.NamedTuple((INDEX_TABLE, CUBES, MATRIX, VECTOR), BeamArrays)
+
+
+class RingWork(NamedTuple):
+    """Scratch of one ring of m nodes; turns are in the order of the band.
+
+    Args:
+        axes: (3, 3), of the ring, as columns.
+        places: (m + 1,), where the turn of each node begins; the last is the first.
+        lanes: its beams in groups, see `beam_lanes`; those to spare are as the last one.
+        moment: (3 m,) [N m], derivative by the turns.
+        band: (3 m, 9), of second derivatives by the turns.
+        factor: (3 m, 9), its Cholesky factor.
+        step: (3 m,).
+        beams: scratch for their Hessians.
+    """
+
+    axes: Array
+    places: IntArray
+    lanes: Array
+    moment: Array
+    band: Array
+    factor: Array
+    step: Array
+    beams: BeamWork
+
+
+@allocating
+def ring_work(m):  # type: ignore[no-untyped-def]
+    """Return the scratch of rings of m nodes."""
+    places = np.empty(m + 1, np.int64)
+    for i in range(m + 1):
+        places[i] = 3 * place_in_band(i % m, m)
+    return RingWork(
+        np.empty((3, 3)), places, np.empty((m + LANES - 1) // LANES * SIZE), np.empty(3 * m),
+        np.empty((3 * m, BAND)), np.empty((3 * m, BAND)), np.empty(3 * m), beam_work(m),
+    )  # fmt: skip
+
+
+@device_function
+def _sum_beams(beams, f, w, fraction, hessian, whole):  # type: ignore[no-untyped-def]
+    """Sum all beams after the step's fraction, with the band if told to; return the energy [J].
+
+    The beams' own Hessians are filled with it: wholly, or what belongs to the turns alone.
+    """
+    for first in range(0, w.lanes.shape[0], SIZE):
+        differentiate(beams.rigidities, w.lanes[first : first + SIZE], fraction)
+    energy = sum_lanes(w.lanes, w.places, w.moment)
+    if hessian:
+        fill_hessians(beams.rigidities, beams.lengths[f], w.lanes, w.beams, whole)
+        _fill_band(w)
+    return energy
+
+
+@device_function
+def _fill_band(w):  # type: ignore[no-untyped-def]
+    band = w.band
+    band[:] = 0.0
+    for e in range(w.beams.hessian.shape[0]):
+        h, first, second = w.beams.hessian[e], w.places[e], w.places[e + 1]
+        for r in range(3):
+            for c in range(r + 1):
+                band[first + r, r - c] += h[3 + r, 3 + c]
+                band[second + r, r - c] += h[6 + r, 6 + c]
+            for c in range(3):
+                if second > first:
+                    band[second + r, second + r - first - c] += h[6 + r, 3 + c]
+                else:
+                    band[first + r, first + r - second - c] += h[3 + r, 6 + c]
+
+
+@device_function
+def _fill_step(factor, moment, step):  # type: ignore[no-untyped-def]
+    """Fill the step that the factor gives; return its largest entry and its slope."""
+    for i in range(step.shape[0]):
+        step[i] = -moment[i]
+    forward(factor, step)
+    slope, largest = 0.0, 0.0
+    for i in range(step.shape[0]):
+        slope -= step[i] * step[i]
+    backward(factor, step)
+    for i in range(step.shape[0]):
+        largest = max(largest, abs(step[i]))
+    return largest, slope
+
+
+@device_function
+def _fill_unstable_step(w):  # type: ignore[no-untyped-def]
+    """Fill a step the way the energy curves down most, away from a saddle; return what `_fill_step` does."""
+    for i in range(w.step.shape[0]):
+        w.step[i] = 1.0 + 0.1 * (i % 7)  # along no symmetry
+    for _ in range(_POWERS):
+        forward(w.factor, w.step)
+        backward(w.factor, w.step)
+        largest = 0.0
+        for i in range(w.step.shape[0]):
+            largest = max(largest, abs(w.step[i]))
+        for i in range(w.step.shape[0]):
+            w.step[i] *= _UNSTABLE_TURN / largest
+    slope = np.dot(w.moment, w.step)
+    if slope > 0.0:
+        for i in range(w.step.shape[0]):
+            w.step[i] = -w.step[i]
+    return _UNSTABLE_TURN, -abs(slope)
+
+
+@device_function
+def balance_turns(beams, f, w, hessian, small, kept):  # type: ignore[no-untyped-def]
+    """Bring the turns of ring f into balance from those that it has; return the energy [J], or infinity.
+
+    Afterwards `w` holds turns and first derivatives there; if told to, second ones too, and the factor of
+    those by the turns. The search ends with an error of `small` [rad]; with `kept` it begins with
+    the factor that is in `w`.
+    """
+    stiffest = 0.0
+    for e in range(beams.lengths.shape[1]):
+        stiffest = max(stiffest, (beams.rigidities[1] + beams.rigidities[2]) / beams.lengths[f, e])
+    w.step[:] = 0.0
+    place_step(w.lanes, w.places, w.step)
+    energy, shift, last = _sum_beams(beams, f, w, 0.0, not kept, hessian), 0.0, 1.0
+    fresh, done = not kept, False
+    for _ in range(_STEPS_MAX):
+        if fresh:
+            shift = 0.0
+            while not factorise(w.band, shift, w.factor):
+                shift = max(4.0 * shift, 1e-3 * stiffest)
+                if not shift < 1e9 * stiffest:
+                    return np.inf
+        if done and shift == 0.0:
+            return energy
+        largest, slope = _fill_step(w.factor, w.moment, w.step)
+        if not hessian and shift == 0.0 and largest < small:
+            return energy
+        if shift > 0.0 and largest < _STUCK_TURN:
+            largest, slope = _fill_unstable_step(w)
+        fraction, before = min(1.0, _LARGEST_TURN / max(largest, 1e-300)), energy
+        if kept:  # nothing has shown yet how well it serves
+            last, kept = max(largest, 1e-300) / _SHRINKS, False
+            shrinks = True
+        else:
+            shrinks = largest < _SHRINKS * last and shift == 0.0
+        # a factor that serves well is kept; what it leaves shrinks as the steps do
+        done = shift == 0.0 and largest * min(1.0, largest / last) < small
+        fresh = (done and hessian) if shrinks or done else True
+        place_step(w.lanes, w.places, w.step)
+        for _ in range(_HALVINGS_MAX):
+            energy = _sum_beams(beams, f, w, fraction, fresh, hessian)
+            lower = energy <= before + 1e-4 * fraction * slope + 1e-12 * before
+            if lower or largest < _ROUNDED_TURN:
+                break
+            fraction, fresh, done = 0.5 * fraction, True, False
+        last = max(largest, 1e-300)
+        accept(w.lanes)
+        if done and not fresh:
+            return energy
+    return np.inf
+
+
+BAND: Final = 9
+
+
+@device_function
+def place_in_band(node, count):  # type: ignore[no-untyped-def]
+    """Return the place of a node of a ring of so many."""
+    if node == 0:
+        return 0
+    return 2 * node - 1 if 2 * node <= count else 2 * (count - node)
+
+
+@device_function
+def factorise(band, shift, factor):  # type: ignore[no-untyped-def]
+    """Fill factor with L, L L^T = band + shift 1; return whether that is positive definite."""
+    for i in range(band.shape[0]):
+        for j in range(max(0, i - BAND + 1), i + 1):
+            value = band[i, i - j]
+            for k in range(max(0, i - BAND + 1), j):
+                value -= factor[i, i - k] * factor[j, j - k]
+            if i > j:
+                factor[i, i - j] = value * factor[j, 0]
+            else:
+                value += shift
+                if not value > 0.0:
+                    return False
+                factor[i, 0] = 1.0 / math.sqrt(value)
+    return True
+
+
+@device_function
+def _lower(factor, values, i, reach):  # type: ignore[no-untyped-def]
+    """Solve row i of L for its value; `reach` rows before it are there."""
+    row, before, value = factor[i], values[i - reach :], values[i]
+    for k in range(reach):
+        value -= row[reach - k] * before[k]
+    return value * row[0]
+
+
+@device_function
+def _upper(factor, values, i, reach):  # type: ignore[no-untyped-def]
+    """Solve row i of L^T for its value; `reach` rows after it are there."""
+    rows, after, value = factor[i:], values[i:], values[i]
+    for k in range(reach, 0, -1):
+        value -= rows[k, k] * after[k]
+    return value * rows[0, 0]
+
+
+@device_function
+def forward(factor, values):  # type: ignore[no-untyped-def]
+    """Turn values (3 m,) into L^-1 values."""
+    for i in range(BAND - 1):
+        values[i] = _lower(factor, values, i, i)
+    for i in range(BAND - 1, factor.shape[0]):  # as many steps in each row: what is known is unrolled
+        values[i] = _lower(factor, values, i, BAND - 1)
+
+
+@device_function
+def backward(factor, values):  # type: ignore[no-untyped-def]
+    """Turn values (3 m,) into L^-T values."""
+    rows = factor.shape[0]
+    for i in range(rows - 1, rows - BAND, -1):
+        values[i] = _upper(factor, values, i, rows - 1 - i)
+    for i in range(rows - BAND, -1, -1):
+        values[i] = _upper(factor, values, i, BAND - 1)
+
+
+@device_function
+def forward_rows(factor, rows):  # type: ignore[no-untyped-def]
+    """Turn the columns of rows (3 m, n) into L^-1 times them."""
+    for i in range(factor.shape[0]):
+        for k in range(max(0, i - BAND + 1), i):
+            for c in range(rows.shape[1]):
+                rows[i, c] -= factor[i, i - k] * rows[k, c]
+        for c in range(rows.shape[1]):
+            rows[i, c] *= factor[i, 0]
+
 
 REMEMBERED: Final = 4 + 3 * BAND
 """Numbers that a ring remembers for each of its nodes: all turns, then the factor of the tangent by them."""

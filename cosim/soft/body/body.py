@@ -1,8 +1,13 @@
-"""The soft body: what it is made of (frozen) and the loads on it (frozen)."""
+"""The soft body: what it is made of (frozen) and the loads on it (frozen).
+
+Gas chambers: which film and which caps of a body enclose the gas of each.
+
+Which triangles of a body are of which film: all of one, or each face group of its own.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TypeVar, final
@@ -12,16 +17,100 @@ import numpy as np
 from cosim.base.frames import Array, IntArray, cross
 from cosim.base.names import ONLY_CHAMBER
 from cosim.errors import MeshError
-from cosim.soft.body.films import by_film
-from cosim.soft.body.gas_chamber import GasChamber, check_chambers
 from cosim.soft.elements.cable import Cable
 from cosim.soft.elements.element import Element
 from cosim.soft.elements.frame_ring import FrameRings
 from cosim.soft.elements.hinge import Hinges
 from cosim.soft.elements.material import Film
 from cosim.soft.elements.membrane import Membranes
-from cosim.soft.geometry.face_groups import rows_of
-from cosim.soft.geometry.surface import dihedral_angle
+from cosim.soft.geometry.surface import check_face_groups, dihedral_angle, rows_of
+
+
+@final
+@dataclass(frozen=True)
+class GasChamber:
+    """The part of a body that encloses one gas.
+
+    Args:
+        name: such as "copy_2".
+        triangles: (t,) places in the body's film triangles.
+        caps: places in the body's caps.
+    """
+
+    name: str
+    triangles: IntArray
+    caps: tuple[int, ...]
+
+    def shifted(self, name: str, triangles: int, caps: int) -> GasChamber:
+        """Return the same chamber under another name, where this many triangles and caps come before it."""
+        return GasChamber(name, self.triangles + triangles, tuple(cap + caps for cap in self.caps))
+
+
+def check_chambers(chambers: Sequence[GasChamber], triangles: int, caps: int) -> None:
+    """Check that every triangle and cap belongs to exactly one chamber, and that names differ.
+
+    Args:
+        chambers: of a body; none is fine.
+        triangles: how many it has.
+        caps: how many it has.
+
+    Raises:
+        MeshError: they do not.
+    """
+    if not chambers:
+        return
+    names = [chamber.name for chamber in chambers]
+    if len(set(names)) < len(names):
+        raise MeshError(f"chambers are called {', '.join(names)}; names must differ")
+    for what, count, places in (
+        ("triangle", triangles, np.concatenate([chamber.triangles for chamber in chambers])),
+        ("cap", caps, np.array([cap for chamber in chambers for cap in chamber.caps], dtype=np.int64)),
+    ):
+        used = np.zeros(count, dtype=np.int64)
+        if places.size and (places.min() < 0 or places.max() >= count):
+            raise MeshError(f"a chamber has {what} {int(places.max())}; there are {count}")
+        np.add.at(used, places, 1)
+        if (used != 1).any():
+            wrong = int(np.flatnonzero(used != 1)[0])
+            raise MeshError(f"{what} {wrong} belongs to {used[wrong]} chambers; it must belong to one")
+
+
+def by_film(
+    triangles: IntArray,
+    film: Film | Mapping[str, Film],
+    groups: Mapping[str, IntArray],
+    panel_m: Array | float,
+) -> list[tuple[IntArray, Film, Array]]:
+    """Return the triangles of each film, and the width of the panel of each.
+
+    Args:
+        triangles: (m, 3) node indices.
+        film: material of all, or of each face group, in the order in which the triangles come.
+        groups: places of triangles by name; others than those of `film` do not matter.
+        panel_m: (m,) or one number.
+
+    Raises:
+        MeshError: a film's group is not there, or a triangle has no film or several.
+    """
+    panel = np.broadcast_to(panel_m, (len(triangles),))
+    if isinstance(film, Film):
+        return [(triangles, film, panel)]
+    check_face_groups(groups, len(triangles))
+    missing = [name for name in film if name not in groups]
+    if missing:
+        raise MeshError(f"a film is for face group {missing[0]!r}; there are {', '.join(groups) or 'none'}")
+    films = np.bincount(
+        np.concatenate([np.zeros(0, np.int64), *(groups[name] for name in film)]), minlength=len(triangles)
+    )
+    if (films != 1).any():
+        wrong = int(np.flatnonzero(films != 1)[0])
+        raise MeshError(
+            f"triangle {wrong} belongs to {films[wrong]} of the face groups {', '.join(film) or '(none)'}, "
+            "which have films; it must belong to one"
+        )
+    parts = [(groups[name], own) for name, own in film.items() if len(groups[name])]
+    return [(triangles[places], own, panel[places]) for places, own in parts]
+
 
 _Kind = TypeVar("_Kind", bound=Element)
 

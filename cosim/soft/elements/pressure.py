@@ -1,15 +1,23 @@
-"""Gas pressure on the film: energy -p V with V the volume enclosed by the film and its caps.
+"""The gas of all chambers in the potential of a body: at a given pressure -p V, or sealed U(V).
+
+Gas pressure on the film: energy -p V with V the volume enclosed by the film and its caps.
 
 V = sum over triangles of a . (b x c) / 6. A cap closes a hole ring by a fan to the ring's mean point c,
 which is no node:  V_cap = c . sum_i (r_i x r_i+1) / 6.
 Closed, the follower pressure is conservative and its stiffness symmetric.
 An open chamber (the paper's model) feels no cap force; its load has no energy. `add_cap_force`
 subtracts what the caps contribute, so that each film node carries a third of its triangles' p A.
+
+The gas chambers of a body: what they enclose, and what the caps that a body lacks add to its stiffness.
+
+They follow from the body's film, caps and chambers, and are no element beside them; what the gas adds to the
+potential is in `film_terms`.
 """
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Iterable, Sequence
+from typing import Any, final
 
 import numpy as np
 from numba import types
@@ -235,3 +243,46 @@ def cap_stiffness(positions: Array, ring: IntArray, pressure_Pa: float) -> Array
     found, size = np.zeros((len(ring), len(ring), 3, 3)), 3 * len(ring)
     add_cap_stiffness(np.ascontiguousarray(positions), ring, pressure_Pa, found)
     return found.transpose(0, 2, 1, 3).reshape(size, size)
+
+
+@final
+class GasChambers:
+    """Film triangles and caps of each chamber.
+
+    Args:
+        enclosures: film triangles (t, 3) and caps of each chamber.
+    """
+
+    def __init__(self, enclosures: Iterable[tuple[IntArray, Sequence[IntArray]]]) -> None:
+        none = np.zeros(0, np.int64)
+        self._chambers = [
+            (
+                np.ascontiguousarray(triangles),
+                np.concatenate([none, *caps]),
+                np.cumsum([0, *map(len, caps)]),
+                caps,
+            )
+            for triangles, caps in enclosures
+        ]
+        self.count = len(self._chambers)
+
+    def enclosed_volumes(self, shapes: Array) -> Array:
+        """Return the volume (k, chambers) [m^3] of each chamber in shapes (k, n, 3) [m]."""
+        found = np.empty((self.count, len(shapes)))
+        for (triangles, rings, starts, _), out in zip(self._chambers, found, strict=True):
+            fill_volumes(shapes, triangles, rings, starts, out)
+        return found.T.copy()
+
+    def open_cap_stiffness(self, positions: Array, pressures_Pa: Array) -> list[tuple[IntArray, Array]]:
+        """Return what missing caps add to the stiffness, by ring.
+
+        Args:
+            positions: (n, 3) [m].
+            pressures_Pa: (chambers,), gauge.
+        """
+        pairs = zip(self._chambers, pressures_Pa.tolist(), strict=True)
+        return [
+            (ring, cap_stiffness(positions, ring, pressure))
+            for (*_, caps), pressure in pairs
+            for ring in caps
+        ]

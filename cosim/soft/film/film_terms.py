@@ -14,14 +14,13 @@ from numba import types
 
 from cosim.base.kernels import INTEGER, REAL, VECTOR, address_of, device_function, kernel
 from cosim.base.numba_insides import caller
-from cosim.soft.beams.node_turns import BeamArrays
-from cosim.soft.beams.ring_kernels import REMEMBERED, add_beam_rings
+from cosim.soft.beams.ring_kernels import REMEMBERED, BeamArrays, add_beam_rings
 from cosim.soft.body.loads import TOUCHING, PlainLoads, Touching
 from cosim.soft.contact.obstacle_contact import add_contacts
 from cosim.soft.contact.self_contact_pairs import add_pairs
 from cosim.soft.elements import gas
 from cosim.soft.elements.cable import add_segments, segment_length
-from cosim.soft.elements.cable_length import onset as onset_of_tension
+from cosim.soft.elements.cable import onset as onset_of_tension
 from cosim.soft.elements.hinge import add_hinges
 from cosim.soft.elements.mass_terms import add_gravity, add_inertia
 from cosim.soft.elements.membrane import add_membranes

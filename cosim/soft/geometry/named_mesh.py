@@ -10,8 +10,7 @@ import numpy as np
 
 from cosim.base.frames import Array, IntArray
 from cosim.errors import MeshError
-from cosim.soft.geometry.face_groups import check_face_groups, check_face_values, parts_of_groups
-from cosim.soft.geometry.surface import check_mesh
+from cosim.soft.geometry.surface import check_face_groups, check_face_values, check_mesh, parts_of_groups
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,16 +16,15 @@ import numpy as np
 
 from cosim.base.frames import Array, IntArray
 from cosim.errors import InputError
-from cosim.soft.beams.node_turns import BeamArrays
-from cosim.soft.beams.ring_kernels import REMEMBERED
+from cosim.soft.beams.ring_kernels import REMEMBERED, BeamArrays
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
 from cosim.soft.elements.cable import Cable, segment_share
 from cosim.soft.elements.element import Element, Instant, Sums, Term
-from cosim.soft.elements.gas_pressure import GasChambers
 from cosim.soft.elements.hinge import Hinges
 from cosim.soft.elements.mass_terms import Inertia
 from cosim.soft.elements.membrane import Membranes
+from cosim.soft.elements.pressure import GasChambers
 from cosim.soft.film.film_terms import FilmActing, film_terms, term_calls
 from cosim.soft.film.step_arrays import FilmArrays, FilmBeams, FilmLoads, FilmPoint, FilmSlots, StepBed
 from cosim.soft.linear.linear_solver import LowRank

@@ -7,17 +7,17 @@ from collections.abc import Callable
 from types import ModuleType
 
 from cosim.base.compilation import compile_modules
-from cosim.soft.body import center_line
+from cosim.soft.body import places
 from cosim.soft.contact import obstacle_contact as contact
 from cosim.soft.contact import point_kernels as contact_surface
 from cosim.soft.elements import mass_terms, pressure
 from cosim.soft.elements.element import kinds_known
 from cosim.soft.film import film_terms
 from cosim.soft.linear import envelope_kernels, pattern, secant_pairs
-from cosim.soft.solve import film_step, held_nodes, step_begin
+from cosim.soft.solve import film_step, state, step_begin
 
 _MODULES: tuple[ModuleType, ...] = (
-    center_line, contact, contact_surface, envelope_kernels, film_step, film_terms, held_nodes, mass_terms,
+    places, contact, contact_surface, envelope_kernels, film_step, film_terms, state, mass_terms,
     pattern, pressure, secant_pairs, step_begin,
 )  # fmt: skip
 

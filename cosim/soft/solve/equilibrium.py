@@ -20,7 +20,7 @@ import numpy as np
 from cosim.base.frames import Array, Pose
 from cosim.errors import ConvergenceError
 from cosim.soft.body.loads import Loads
-from cosim.soft.body.place import place_of_largest
+from cosim.soft.body.places import place_of_largest
 from cosim.soft.elements.cable import losses_follow
 from cosim.soft.elements.mass_terms import Inertia
 from cosim.soft.solve.newton import NewtonSolver

@@ -92,7 +92,7 @@ from cosim.soft.linear.kept_factor import (
     solve_kept,
 )
 from cosim.soft.linear.secant_pairs import FAR, SecantPairs, keep_pair
-from cosim.soft.solve.held_nodes import HELD, HeldNodes, place_flight, place_held
+from cosim.soft.solve.state import HELD, HeldNodes, place_flight, place_held
 from cosim.soft.solve.step_begin import FOLD_SWEEPS, fill_bed, fill_flight, keep_folds_open
 
 RESULTANT_SHARE: Final = 1e-2

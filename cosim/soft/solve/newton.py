@@ -68,8 +68,8 @@ from cosim.soft.linear.secant_pairs import SecantPairs, bend_load, mend_step
 from cosim.soft.published.open_caps import OpenCapSolver
 from cosim.soft.solve.assembly import SoftSystem
 from cosim.soft.solve.film_step import FilmSide, film_step, step_calls
-from cosim.soft.solve.held_nodes import HeldNodes
 from cosim.soft.solve.newton_options import NewtonOptions, NewtonResult, Outcome, say_nothing
+from cosim.soft.solve.state import HeldNodes
 
 _STATICS = (False, 0.0, 0.0, 0.0, 0.0)
 _NOTHING_HELD = HeldNodes(np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros((0, 3), np.bool_))

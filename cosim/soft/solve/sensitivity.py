@@ -12,7 +12,7 @@ import numpy as np
 
 from cosim.base.frames import Array
 from cosim.errors import ConvergenceError, InputError
-from cosim.soft.body.tip_frame import TipFrame
+from cosim.soft.body.places import TipFrame
 from cosim.soft.elements.cable import add_segments
 from cosim.soft.solve.newton import NewtonSolver
 from cosim.soft.solve.state import Equilibrium

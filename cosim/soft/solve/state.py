@@ -1,20 +1,149 @@
-"""States of a soft body: how it moves, how the flange holds it, and its equilibria."""
+"""States of a soft body: how the flange holds it, its equilibria, and the schemes that step it in time.
+
+Nodes that the flange holds, in kernels: where it has them, and what they put on it.
+
+The flange is a (4, 3) array: its origin [m], then its three axes, world.
+
+States of a soft body: how it moves, how the flange holds it, and its equilibria.
+
+Time schemes: what a step makes of positions and velocities, and how closely it is solved.
+
+Implicit Euler:  y = x_n + h v_n,  M (x - y) / h^2 = f(x),  v = (x - x_n) / h.
+BDF2, s = 2 h / 3:  a = (4 x_n - x_n-1) / 3,  y = a + s (4 v_n - v_n-1) / 3,  M (x - y) / s^2 = f(x),
+v = (x - a) / s; its first step is implicit Euler.
+Mass-proportional damping alpha adds M alpha v. Source: Hairer and Wanner, Solving ODEs II, chapter III.1.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Annotated, TypeAlias, final
+from typing import Annotated, Final, Literal, NamedTuple, TypeAlias, final
 
 import numpy as np
+from numba import types
 
 from cosim.base.frames import Array, IntArray, Mask, Pose, Wrench
+from cosim.base.kernels import (
+    BOOLEAN,
+    INDICES,
+    MASKS,
+    MATRIX,
+    VECTOR,
+    device_function,
+    kernel,
+    small_vector,
+    zero_vector,
+)
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
 from cosim.soft.contact.obstacle_contact import ContactPlanes
 from cosim.soft.contact.self_contact_memory import FilmMemory
-from cosim.soft.solve.held_nodes import HeldNodes, add_wrench, flange_axes, place_held
+from cosim.soft.solve.newton_options import NewtonOptions
+
+_JUMP_m: Final = 2e-5
+"""Of held nodes, from where free flight would have them; below it, flight is as good a start."""
+
+
+class HeldNodes(NamedTuple):
+    """The arrays of a `Clamp`.
+
+    Args:
+        nodes: (k,).
+        offsets: (k, 3) [m], flange frame.
+        components: (k, 3), world components that are held.
+    """
+
+    nodes: IntArray
+    offsets: Array
+    components: Mask
+
+
+HELD = types.NamedTuple((INDICES, MATRIX, MASKS), HeldNodes)
+
+
+def flange_axes(pose: Pose) -> Array:
+    """Return a flange's pose as kernels see it (4, 3)."""
+    flange = np.empty((4, 3))
+    flange[0], flange[1:] = pose.translation, pose.rotation.T
+    return flange
+
+
+@device_function
+def _place(held, flange, k, r):  # type: ignore[no-untyped-def]
+    """Return component r of where the flange has held node k."""
+    place = held.offsets[k, 0] * flange[1, r] + held.offsets[k, 1] * flange[2, r]
+    return place + held.offsets[k, 2] * flange[3, r] + flange[0, r]
+
+
+@device_function
+def _place_all(held, flange, x):  # type: ignore[no-untyped-def]
+    for k in range(held.nodes.shape[0]):
+        for r in range(3):
+            if held.components[k, r]:
+                x[held.nodes[k], r] = _place(held, flange, k, r)
+
+
+@kernel(types.void(HELD, MATRIX, MATRIX))
+def place_held(held: HeldNodes, flange: Array, x: Array) -> None:
+    """Put the held components of x (n, 3) [m] where the flange has them."""
+    _place_all(held, flange, x)
+
+
+@kernel(BOOLEAN(HELD, MATRIX, MATRIX))
+def place_flight(held: HeldNodes, flange: Array, x: Array) -> bool:
+    """Put the held components where the flange has them; where that is a jump, all nodes go along.
+
+    Free flight does not know what a flange is commanded anew. Held nodes alone would stretch the film beside
+    them, with a force beyond all else that acts; where all are moved, they meet their inertia only.
+
+    Args:
+        held: nodes.
+        flange: (4, 3).
+        x: (n, 3) [m], in free flight; changed.
+
+    Returns:
+        Whether the nodes went along: by the mean jump of those of which all components are held.
+    """
+    jump, count, most = zero_vector(3), 0, 0.0
+    for k in range(held.nodes.shape[0]):
+        if held.components[k, 0] and held.components[k, 1] and held.components[k, 2]:
+            count += 1
+            for r in range(3):
+                jump[r] += _place(held, flange, k, r) - x[held.nodes[k], r]
+    for r in range(3):
+        most = max(most, abs(jump[r]))
+    jumps = most > _JUMP_m * count
+    if jumps:
+        for i in range(x.shape[0]):
+            for r in range(3):
+                x[i, r] += jump[r] / count
+    _place_all(held, flange, x)
+    return jumps
+
+
+@kernel(types.void(HELD, MATRIX, MATRIX, MATRIX, VECTOR))
+def add_wrench(held: HeldNodes, gradient: Array, x: Array, flange: Array, wrench: Array) -> None:
+    """Subtract the reactions r_k at the held nodes, and (x_k - o) x r_k, from the wrench at the flange.
+
+    Args:
+        held: nodes.
+        gradient: (n, 3) [N], of the potential; held components are supplied with it.
+        x: (n, 3) [m].
+        flange: (4, 3).
+        wrench: (6,), force and torque on the flange at its origin o, world axes.
+    """
+    reaction = small_vector(3)
+    for k in range(held.nodes.shape[0]):
+        node = held.nodes[k]
+        for r in range(3):
+            reaction[r] = gradient[node, r] if held.components[k, r] else 0.0
+        for r in range(3):
+            i, m = (r + 1) % 3, (r + 2) % 3
+            arm_i, arm_m = x[node, i] - flange[0, i], x[node, m] - flange[0, m]
+            wrench[r] -= reaction[r]
+            wrench[3 + r] -= arm_i * reaction[m] - arm_m * reaction[i]
 
 
 @final
@@ -212,3 +341,123 @@ class BegunStep:
     memory: Array
     iterations: int
     residual: float
+
+
+_CLOSE_N = 1e-5  # rings of beams that end their search as in motion leave 2e-6 N
+_REUSE_MAX = 30  # iterations with a kept factorisation in a step that is solved closely
+_FINE_ITERATIONS_MAX = 4  # new tangents in it below an ordinary step's tolerance
+
+Integrator: TypeAlias = Literal["implicit_euler", "bdf2"]
+
+
+@final
+@dataclass(frozen=True)
+class StepOptions:
+    """How a time step is solved.
+
+    Args:
+        integrator: "implicit_euler" (first order, damps) or "bdf2" (second order, damps less).
+        tolerance_N: a step whose residual is below this is done.
+        iterations: new tangents of an ordinary step, besides iterations with a kept one.
+        residual_bound_N: a step whose residual is above this after them goes on iterating.
+        newton: bounds of the iteration.
+        damping_per_s: alpha [1/s].
+        substep_error_m: a step whose error is larger is cut into pieces; None: never (see `step_error`).
+    """
+
+    integrator: Integrator = "implicit_euler"
+    tolerance_N: float = 1e-4
+    iterations: int = 1
+    residual_bound_N: float = 0.1
+    newton: NewtonOptions = NewtonOptions(reuse_max=6)
+    damping_per_s: float = 0.0
+    substep_error_m: float | None = None
+
+    @property
+    def whole(self) -> NewtonOptions:
+        """Bounds of the iteration of an ordinary step until it is solved."""
+        return replace(self.newton, tolerance_N=self.tolerance_N)
+
+    @property
+    def closely(self) -> bool:
+        """Whether what elements find by themselves is to be found as in statics."""
+        return self.tolerance_N < _CLOSE_N
+
+    @property
+    def gain(self) -> float:
+        """Fraction of a step's gain in velocity that moves the nodes; BDF2 moves them with half of it."""
+        return 0.5 if self.integrator == "bdf2" else 1.0
+
+
+def difference_scheme(integrator: Integrator, state: SoftState, h: float) -> tuple[bool, float]:
+    """Return whether the next step looks back over two, and its span s; see `fill_bed`.
+
+    Args:
+        integrator: see the module's text.
+        state: at the beginning of the step.
+        h: its length [s].
+    """
+    two_steps = integrator == "bdf2" and state.earlier is not None
+    return two_steps, 2.0 * h / 3.0 if two_steps else h
+
+
+def inertia_weight(span: float, damping_per_s: float) -> float:
+    """Return (1 + alpha s) / s^2 [1/s^2]: what a step's inertia and damping add to the stiffness, per mass.
+
+    Args:
+        span: s [s], of `difference_scheme`.
+        damping_per_s: alpha [1/s].
+    """
+    return (1.0 + damping_per_s * span) / span**2
+
+
+@final
+@dataclass(frozen=True)
+class StepScheme:
+    """What the steps of one length have in common.
+
+    Args:
+        two_steps: whether they look back over two.
+        span: s [s].
+        factor: s / (1 + alpha s) [s].
+        inertia: (n,) [N/m], coefficient of the bed that inertia is.
+        kind: tells apart tangents of different beds.
+    """
+
+    two_steps: bool
+    span: float
+    factor: float
+    inertia: Array
+    kind: float
+
+    @classmethod
+    def of(cls, two_steps: bool, span: float, damping_per_s: float, mass: Array) -> StepScheme:
+        """Return the scheme of steps with a span, under a damping, of nodes (n,) [kg]."""
+        inertia = mass * inertia_weight(span, damping_per_s)
+        return cls(two_steps, span, span / (1.0 + damping_per_s * span), inertia, float(inertia.sum()))
+
+
+@final
+@dataclass(frozen=True)
+class StepAim:
+    """How closely a step is solved that is taken again and again.
+
+    Args:
+        tolerance_N: a step whose residual is below this is done.
+        start: (n, 3) [m], where an earlier try of the same step ended; None for the first.
+    """
+
+    tolerance_N: float
+    start: Array | None = None
+
+    def newton(self, options: StepOptions) -> tuple[NewtonOptions, NewtonOptions]:
+        """Return the bounds of Newton's method up to an ordinary step's tolerance, and beyond it.
+
+        Beyond, few new tangents are spent: where films buckle, the tangent is shifted and gains little.
+        """
+        coarse = max(self.tolerance_N, options.tolerance_N)
+        given, fine = replace(options.newton, reuse_max=_REUSE_MAX), self.tolerance_N
+        return (
+            replace(given, tolerance_N=coarse, start_tolerance_N=coarse),
+            replace(given, tolerance_N=fine, start_tolerance_N=fine, iterations_max=_FINE_ITERATIONS_MAX),
+        )

@@ -15,7 +15,7 @@ import numpy as np
 from cosim.base.frames import Array, Pose
 from cosim.errors import ConvergenceError, InputError
 from cosim.soft.body.loads import Loads, Touching, nothing_touching
-from cosim.soft.body.place import place_of_largest
+from cosim.soft.body.places import place_of_largest
 from cosim.soft.elements.cable import losses_follow
 from cosim.soft.elements.mass_terms import Inertia
 from cosim.soft.film.step_arrays import (
@@ -29,13 +29,21 @@ from cosim.soft.film.step_arrays import (
     StepPlace,
 )
 from cosim.soft.solve.film_step import FilmSide
-from cosim.soft.solve.held_nodes import flange_axes, place_flight
 from cosim.soft.solve.newton import NewtonProgress, NewtonSolver, NewtonTask
 from cosim.soft.solve.newton_options import NewtonResult, Outcome
 from cosim.soft.solve.self_contact import SelfContact
-from cosim.soft.solve.state import BegunStep, Clamp, SoftState
+from cosim.soft.solve.state import (
+    BegunStep,
+    Clamp,
+    SoftState,
+    StepAim,
+    StepOptions,
+    StepScheme,
+    difference_scheme,
+    flange_axes,
+    place_flight,
+)
 from cosim.soft.solve.step_begin import fill_bed, fill_flight
-from cosim.soft.solve.time_scheme import StepAim, StepOptions, StepScheme, difference_scheme
 
 _LOSS_ROUNDS_MAX = 8
 

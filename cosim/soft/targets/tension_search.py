@@ -1,4 +1,12 @@
-"""Sag compensation by the cables: the tensions that bring the deformed tip to a target; the flange stays.
+"""Cable tensions that bring the deformed tip to a target; the flange stays.
+
+Cables pulled along a straight line of tension, the tip's height watched on the way.
+
+Between two states that have the wanted height between them it is found by Brent's method, each trial
+followed from the first of the two. Where the height jumps instead, the arm snaps.
+Source: Brent, Algorithms for Minimization without Derivatives, chapter 4.
+
+Sag compensation by the cables: the tensions that bring the deformed tip to a target; the flange stays.
 
 Gauss-Newton first. Where it ends before the target, the cables are pulled along straight lines of tension
 from the present state on, and a height is looked for between any two states that have it between them.
@@ -6,6 +14,7 @@ from the present state on, and a height is looked for between any two states tha
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import final
 
@@ -14,14 +23,195 @@ import numpy as np
 from cosim.base.frames import Array, Pose
 from cosim.errors import ConvergenceError, UnreachableError
 from cosim.soft.body.loads import Loads
-from cosim.soft.body.tip_frame import TipFrame
+from cosim.soft.body.places import TipFrame
 from cosim.soft.solve.equilibrium import EquilibriumSolver
 from cosim.soft.solve.state import Equilibrium
-from cosim.soft.targets.target_solution import TargetOptions, TargetSolution
-from cosim.soft.targets.tension_sweep import TensionSweep, pull_lines, tensions_text
-from cosim.soft.targets.tip_follower import Follower, follower_of
-from cosim.soft.targets.tip_search import Ended, TipSearch
-from cosim.soft.targets.tip_target import TipTarget
+from cosim.soft.targets.tip_search import Ended, Follower, TipSearch, follower_of
+from cosim.soft.targets.tip_target import TargetOptions, TargetSolution, TipTarget
+
+_FIRST_STEP = 0.005  # of the largest tension
+_LEAST_STEP = 0.0005
+_LARGEST_STEP = 0.05
+_FAR = 0.05  # of the length from flange to tip: a step that moves the tip farther is halved
+_LITTLE = 0.0125  # the next one is twice as long
+_NO_INFLUENCE = 1e-3  # of the most influential cable
+
+
+@final
+@dataclass(frozen=True)
+class PullLine:
+    """Where the tensions go from the present ones.
+
+    Args:
+        what: is done to the cables, for messages.
+        end_N: (cables,) [N], at the line's end.
+    """
+
+    what: str
+    end_N: Array
+
+
+@final
+@dataclass(frozen=True)
+class _SweepPoint:
+    """A state of a sweep.
+
+    Args:
+        fraction: of the line.
+        here: the equilibrium.
+        tip: (3,) [m], its tip.
+    """
+
+    fraction: float
+    here: Equilibrium
+    tip: Array
+
+
+def pull_lines(follower: Follower, begin: Equilibrium, tension_max_N: float) -> list[PullLine]:
+    """Return the lines worth a sweep: all cables pulled, all released, each cable that moves the tip alone.
+
+    Args:
+        follower: of equilibria.
+        begin: present equilibrium.
+        tension_max_N: largest tension.
+    """
+    now = np.array(begin.loads.cable_tension_N)
+    if not len(now):
+        return []
+    lines = [PullLine("pulling all cables", now + max(tension_max_N - now.max(), 0.0))]
+    if now.any():
+        lines.append(PullLine("releasing all cables", np.zeros(len(now))))
+    try:
+        influence = np.linalg.norm(follower.sensitivity(begin).to_tension()[:3], axis=0)
+    except ConvergenceError:
+        influence = np.ones(len(now))
+    for k in np.flatnonzero(influence > _NO_INFLUENCE * influence.max()) if len(now) > 1 else ():
+        end = now.copy()
+        end[k] = max(tension_max_N, now[k])
+        lines.append(PullLine(f"pulling cable {k + 1} alone", end))
+    return lines
+
+
+@final
+class TensionSweep:
+    """What a pull along one line gave; `lost` says what ended it before the line's end, empty for nothing.
+
+    Args:
+        follower: of equilibria.
+        begin: present equilibrium.
+        line: of tensions.
+        target: of the tip.
+    """
+
+    def __init__(self, follower: Follower, begin: Equilibrium, line: PullLine, target: TipTarget) -> None:
+        self._follower, self._line, self._target = follower, line, target
+        self._first = self._place(0.0, begin)
+        self._places = [self._first]
+        self.lost = ""
+        self._jumps: list[tuple[_SweepPoint, _SweepPoint]] = []
+
+    @property
+    def nearest(self) -> Equilibrium:
+        """The state whose tip is nearest to the target."""
+        return min(self._places, key=self._missing).here
+
+    @property
+    def walked(self) -> bool:
+        """Whether there is a state beside the present one on the line."""
+        return len(self._places) > 1
+
+    def crossings(self, tolerance_m: float) -> Iterator[Equilibrium]:
+        """Walk along the line; yield the equilibria on it that have the wanted height."""
+        for before, after in self._steps():
+            if self._target.height is None:
+                continue
+            over = [place.tip[2] - self._target.height for place in (before, after)]
+            if over[0] * over[1] <= 0.0:
+                found = self._between(before, after, 0.5 * tolerance_m)
+                if found is not None:
+                    yield found
+
+    def told(self) -> str:
+        """Return what heights were reached, for a message."""
+        low, high = (pick(self._places, key=_height) for pick in (min, max))
+        ends = [tensions_text(place.here) for place in (self._first, self._places[-1])]
+        text = (
+            f"{self._line.what} from {ends[0]} to {ends[1]}: from {_height(low):.4f} m at "
+            f"{tensions_text(low.here)} to {_height(high):.4f} m at {tensions_text(high.here)}"
+        )
+        for before, after in self._jumps:
+            heights = f"{_height(before):.4f} to {_height(after):.4f} m"
+            text += f", with a snap from {heights} at {tensions_text(after.here)}"
+        return text + (f", beyond which {self.lost}" if self.lost else "")
+
+    def _steps(self) -> Iterator[tuple[_SweepPoint, _SweepPoint]]:
+        """Yield every two neighbouring states, until the line ends or the equilibrium is lost."""
+        length = np.linalg.norm(self._first.tip - self._first.here.world_from_flange.translation)
+        here, step = self._first, _FIRST_STEP
+        while here.fraction < 1.0:
+            try:
+                there = self._followed(here, min(1.0, here.fraction + step))
+            except ConvergenceError as error:
+                self.lost = str(error)
+                return
+            moved = float(np.linalg.norm(there.tip - here.tip))
+            if moved > _FAR * length and step > _LEAST_STEP:
+                step *= 0.5
+                continue
+            self._places.append(there)
+            yield here, there
+            here, step = there, min(_LARGEST_STEP, 2.0 * step) if moved < _LITTLE * length else step
+
+    def _between(self, before: _SweepPoint, after: _SweepPoint, tolerance_m: float) -> Equilibrium | None:
+        """Return the state between two that has the wanted height; None where it jumps over it."""
+        from scipy.optimize import brentq  # here: it takes long to load
+
+        sides = {np.sign(self._over(place)): place for place in (after, before)}
+
+        def over(fraction: float) -> float:
+            place = before if fraction == before.fraction else self._followed(before, fraction)
+            difference = self._over(place)
+            sides[np.sign(difference)] = place
+            return 0.0 if abs(difference) <= tolerance_m else difference
+
+        try:
+            fraction = brentq(over, before.fraction, after.fraction, xtol=1e-9)
+            found = self._followed(before, fraction)
+        except ConvergenceError as error:
+            self.lost = str(error)
+            return None
+        if abs(self._over(found)) <= 2.0 * tolerance_m:
+            return found.here
+        self._jumps.append((sides[np.sign(self._over(before))], sides[np.sign(self._over(after))]))
+        return None
+
+    def _followed(self, begin: _SweepPoint, fraction: float) -> _SweepPoint:
+        start = np.array(self._first.here.loads.cable_tension_N)
+        tension = tuple(((1.0 - fraction) * start + fraction * self._line.end_N).tolist())
+        loads = replace(begin.here.loads, cable_tension_N=tension)
+        return self._place(fraction, self._follower.follow(begin.here, begin.here.world_from_flange, loads))
+
+    def _place(self, fraction: float, here: Equilibrium) -> _SweepPoint:
+        return _SweepPoint(fraction, here, self._follower.body.tip_position(here.state.positions))
+
+    def _over(self, place: _SweepPoint) -> float:
+        assert self._target.height is not None
+        return float(place.tip[2] - self._target.height)
+
+    def _missing(self, place: _SweepPoint) -> float:
+        if self._target.position is None:
+            return 0.0 if self._target.height is None else abs(self._over(place))
+        return float(np.linalg.norm(place.tip - self._target.position))
+
+
+def _height(place: _SweepPoint) -> float:
+    return float(place.tip[2])
+
+
+def tensions_text(here: Equilibrium) -> str:
+    """Return an equilibrium's cable tensions, for a message."""
+    return f"{np.round(here.loads.cable_tension_N, 2).tolist()} N"
+
 
 _LARGEST_CHANGE_N = 10.0
 

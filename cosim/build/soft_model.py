@@ -1,0 +1,334 @@
+"""The model that represents the soft robot of a scenario: its fidelity, its body, its section model.
+
+The ladder of fidelities: which model stands for the soft robot in a run.
+
+Section models of soft robots, built once and kept on disk.
+
+What stands for the soft robot of a scenario: its body, its section model, and soft sides made of them.
+"""
+
+from __future__ import annotations
+
+import io
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import final
+
+import numpy as np
+
+from cosim.base.identity import content_name
+from cosim.base.kept_parts import KeptParts, name_of, nameless, stamps
+from cosim.base.whole_files import cache_directory, keep, kept
+from cosim.build.arms import blamed_on
+from cosim.build.soft_body import build_soft_body
+from cosim.config.rules.soft_robot_rules import file_of
+from cosim.config.schema.scenario import AnySoftRobot, GivenBodyTable, ModelTable, Scenario
+from cosim.config.schema.soft_robot import BodySourceTable, MeshTable, SoftRobotTable
+from cosim.coupling.soft_sides.frozen_body import FrozenBody
+from cosim.coupling.soft_sides.lumped_arm import SoftArm
+from cosim.coupling.soft_sides.section_arm import SectionArm
+from cosim.coupling.soft_sides.soft_side import SoftSide
+from cosim.errors import ConvergenceError, ScenarioError
+from cosim.plan.motion import pose_of
+from cosim.reduced.fit.fitting import METHOD, LARGEST_PRESSURE_Pa, build_model
+from cosim.reduced.section_model import SectionBody, SectionModel
+from cosim.reduced.sections.section_energy import PressureSpline
+from cosim.soft.body.body import SoftBody
+from cosim.soft.contact.contact_law import ContactLaw
+from cosim.soft.elements.hinge_gradient import CLOSED_FRACTION
+from cosim.soft.solve.newton_options import NewtonOptions
+from cosim.soft.solve.state import StepOptions
+from cosim.stepping.parts import film_law
+
+_REUSE_MAX = 12  # iterations with a kept factorisation: beyond, a new one is cheaper
+_STATIC_REUSE_BELOW_N = 1e-2  # before, in statics, tangents decide to which equilibrium an increment leads
+
+
+def fidelity_body(scenario: Scenario) -> SoftBody:
+    """Return the soft body of a scenario, with the mesh of its fidelity, in the flange frame.
+
+    Raises:
+        ScenarioError: the geometry gives degenerate triangles.
+    """
+    return described_body(*_described(scenario))
+
+
+def described_body(robot: SoftRobotTable, model: ModelTable) -> SoftBody:
+    """Return the soft body of a description, in the flange frame; what is wrong with it names a key.
+
+    Raises:
+        ScenarioError: it cannot be built; see `build_soft_body`.
+    """
+    with blamed_on("soft_robot.body" if robot.stack is None else "soft_robot.stack"):
+        return build_soft_body(robot, model)
+
+
+def _described(scenario: Scenario) -> tuple[SoftRobotTable, ModelTable]:
+    """Return the soft robot and the comparison switches with a refined mesh where it is asked for."""
+    robot, model = file_of(scenario, "its mesh"), scenario.model
+    if scenario.fidelity != "refined":
+        return robot, model
+    return _finer(robot), model
+
+
+def _finer(robot: SoftRobotTable) -> SoftRobotTable:
+    """Return a robot with every triangle divided into four, those of what it carries as well."""
+    parts = tuple(replace(part, robot=_finer(part.robot)) for part in robot.attachments)
+    assert robot.stack is not None, "fidelity rules refuse what is no stack"
+    stack = replace(robot.stack, refine=robot.stack.refine + 1)
+    return replace(robot, stack=stack, attachments=parts)
+
+
+def static_options(scenario: Scenario) -> NewtonOptions:
+    """Return how equilibria of a scenario are solved."""
+    return NewtonOptions(
+        tolerance_N=scenario.solver.residual_tolerance_N,
+        start_tolerance_N=scenario.solver.residual_tolerance_N,
+        iterations_max=scenario.solver.newton_iterations_max,
+        search_iterations_max=scenario.solver.search_iterations_max,
+        reuse_max=_REUSE_MAX if scenario.mode == "quasistatic" else 0,
+        reuse_below_N=_STATIC_REUSE_BELOW_N,
+    )
+
+
+def dynamic_options(scenario: Scenario) -> StepOptions:
+    """Return how ticks of a scenario are solved."""
+    return StepOptions(
+        integrator=scenario.solver.integrator,
+        tolerance_N=scenario.solver.dynamic_tolerance_N,
+        iterations=scenario.solver.dynamic_newton_iterations,
+        newton=replace(static_options(scenario), reuse_max=_REUSE_MAX, reuse_below_N=math.inf),
+        damping_per_s=scenario.solver.damping_per_s,
+        substep_error_m=scenario.solver.substep_error_m,
+    )
+
+
+def fidelity_report(scenario: Scenario, section: SectionModel | None) -> str:
+    """Return in words how finely the soft robot is modelled, and by which section model, if any."""
+    chosen = scenario.auto.chosen if scenario.auto is not None else None
+    paper = "; the paper's lumped model (model.published)" if scenario.model.published else ""
+    return _rung(scenario, section) + paper + (f"; chosen by measurement: {chosen}" if chosen else "")
+
+
+def _section_rung(model: SectionModel) -> str:
+    built = (
+        f"section: {model.length.shape[1] + 1} rigid frames, energies condensed from the film at "
+        f"{model.samples} poses up to {1e-3 * model.spline.largest_Pa:g} kPa; "
+    )
+    if not math.isfinite(model.tip_error):
+        return built + "it has no equilibrium at some loads it was not built from, at which the film has one"
+    return built + (
+        f"its tip is within {1e3 * model.tip_error_m:.1f} mm ({1e2 * model.tip_error:.2f} % of the length) "
+        "of the film's at loads it was not built from"
+    )
+
+
+def _rung(scenario: Scenario, section: SectionModel | None) -> str:
+    targets = [phase.name for phase in scenario.phases if phase.tip_key is not None]
+    if scenario.fidelity == "rigid":
+        planned = f"; the targets of {', '.join(targets)} are planned on the lumped model" if targets else ""
+        return f"rigid: the shape of the start is kept, weight and inertia only{planned}"
+    if section is not None:
+        return _section_rung(section)
+    if scenario.fidelity == "refined":
+        return "refined: every triangle divided into four"
+    if isinstance(scenario.soft_robot, GivenBodyTable):
+        return "lumped: the mesh that is given as arrays"
+    return "lumped: the mesh of the soft robot's file"
+
+
+def contact_law(scenario: Scenario) -> ContactLaw:
+    """Return the law of contact with the scene."""
+    given = scenario.contact
+    return ContactLaw(given.stiffness_N_m3, given.smoothing_m, given.stick_m)
+
+
+_ARRAYS = ("energy", "length", "gas", "nodes", "force_error")
+_MARGIN = 1.1  # of the range of pressure over the largest that a scenario gives
+
+
+def section_model(
+    scenario: Scenario, tell: Callable[[str], None] = lambda text: None, body: SoftBody | None = None
+) -> SectionModel:
+    """Return the section model of a scenario's soft robot, from disk or newly built.
+
+    Args:
+        scenario: checked, of a soft robot that has one.
+        tell: told in one sentence what takes long.
+        body: of that soft robot, if it has been built already.
+
+    Raises:
+        ScenarioError: the film has no smooth states to condense.
+    """
+    if body is None:
+        body = build_soft_body(file_of(scenario, "a section model"), scenario.model)
+    largest = largest_covered(scenario)
+    path = cache_directory() / f"section_{content_hash(body, largest)}.kept"
+    found = kept(path, _unpacked)
+    if found is not None:
+        return found
+    tell(f"Building the section model of {scenario.soft_robot.name}: up to a minute, once; kept in {path}")
+    try:
+        model = build_model(body, largest)
+    except ConvergenceError as error:
+        raise ScenarioError(
+            "fidelity",
+            f"no section model of '{scenario.soft_robot.name}': straight, up to {1e-3 * largest:g} kPa and "
+            f"pulled, its film loses its equilibrium, as where thin stiffeners buckle ({error}); "
+            "take fidelity = 'lumped', or a larger section of the stiffener",
+        ) from error
+    keep(path, _packed(model))
+    return model
+
+
+def section_figures(model: SectionModel | None) -> dict[str, float] | None:
+    """Return the figures of a section model as a summary has them; None without one."""
+    if model is None:
+        return None
+    return {
+        "tip_error_m": model.tip_error_m,
+        "tip_error": model.tip_error,
+        "frames": model.length.shape[1] + 1,
+        "samples": model.samples,
+        "failures": model.failures,
+        "largest_pressure_Pa": model.spline.largest_Pa,
+    }
+
+
+def largest_covered(scenario: Scenario) -> float:
+    """Return the pressure [Pa] up to which a scenario's section model is built."""
+    given = [scenario.start.pressure_Pa, *(phase.pressure_Pa for phase in scenario.phases)]
+    given += [p for phase in scenario.phases for p in (phase.pump_pressure_Pa or {}).values()]
+    # a stack of units is one chamber; where several are named, there is no section model
+    single = [float(p) for p in given if isinstance(p, int | float)]
+    return max(LARGEST_PRESSURE_Pa, *(_MARGIN * p for p in single))
+
+
+def content_hash(body: SoftBody, largest_Pa: float) -> str:
+    """Return a short name of everything that a section model depends on."""
+    return content_name(METHOD, CLOSED_FRACTION, largest_Pa, body)
+
+
+def _packed(model: SectionModel) -> bytes:
+    stream = io.BytesIO()
+    np.savez_compressed(
+        stream,
+        spline=np.array([model.spline.largest_Pa, model.spline.intervals]),
+        counts=np.array([model.samples, model.failures]),
+        tip_error=np.array(model.tip_error),
+        tip_error_m=np.array(model.tip_error_m),
+        **{name: getattr(model, name) for name in _ARRAYS},
+    )
+    return stream.getvalue()
+
+
+def _unpacked(data: bytes) -> SectionModel:
+    with np.load(io.BytesIO(data), allow_pickle=False) as stored:
+        arrays = {name: stored[name] for name in _ARRAYS}
+        largest, intervals = stored["spline"].tolist()
+        samples, failures = stored["counts"].tolist()
+        error, error_m = float(stored["tip_error"]), float(stored["tip_error_m"])
+    return SectionModel(
+        PressureSpline(largest, int(intervals)),
+        **arrays,
+        samples=int(samples),
+        failures=int(failures),
+        tip_error=error,
+        tip_error_m=error_m,
+    )
+
+
+@final
+class SoftModel:
+    """The model of a scenario's soft robot.
+
+    Attributes: `body`, in the flange frame; `section`, None unless that is the fidelity; `body_name` and
+    `name`, of all that the body, and the soft sides, depend on; `lasting`, whether these names tell it from
+    all others in other processes too: where users' own code has a part in it, they do not.
+
+    Args:
+        scenario: checked.
+        kept: parts that may serve again.
+        given: the soft body, where the scenario's is given as arrays.
+        tell: told in one sentence what takes long, and what soft sides that search for long try.
+
+    Raises:
+        ScenarioError: the fidelity is still to be chosen, or the geometry gives degenerate triangles.
+    """
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        kept: KeptParts,
+        given: SoftBody | None = None,
+        tell: Callable[[str], None] = lambda _text: None,
+    ) -> None:
+        if scenario.fidelity == "auto":
+            raise ScenarioError("fidelity", "'auto' is settled before a run is built; see cosim.trade.auto")
+        self._scenario, self._tell = scenario, tell
+        self._flange = pose_of(scenario.start.flange)
+        self._statics, self._dynamics = static_options(scenario), dynamic_options(scenario)
+        self._films = film_law(scenario)
+        self.body_name, self.lasting = body_name(scenario), _is_lasting(scenario.soft_robot)
+        self.body = kept.made(
+            "body", self.body_name, lambda: fidelity_body(scenario) if given is None else given
+        )
+        self.section, largest = None, 0.0
+        if scenario.fidelity == "section":
+            largest = largest_covered(scenario)
+            self.section = kept.made(
+                "section model", name_of(self.body_name, largest),
+                lambda: section_model(scenario, tell, self.body),
+            )  # fmt: skip
+        self.name = name_of(
+            self.body_name, scenario.fidelity, largest, self._flange, self._statics, self._dynamics,
+            self._films,
+        )  # fmt: skip
+
+    def trial(self) -> SoftSide:
+        """Return a soft side to plan phases on.
+
+        It is of the model that runs, but that a rigid one is planned on the lumped one: tensions and flange
+        poses are then those of the run that it stands for.
+        """
+        if self.section is not None:
+            section = SectionBody(self.body, self.section)
+            return SectionArm(section, self._flange, self._statics, self._dynamics)
+        arm = SoftArm(self.body, self._flange, self._statics, self._dynamics, self._films)
+        arm.effort.tell = self._tell
+        return arm
+
+    def side(self) -> SoftSide:
+        """Return a soft side to run."""
+        flexible = self.trial()
+        if self._scenario.fidelity == "rigid":
+            return FrozenBody(flexible, self._scenario.solver.damping_per_s)
+        return flexible
+
+
+def body_name(scenario: Scenario) -> str:
+    """Return a name of all that a scenario's soft body is made of, files of meshes among it."""
+    sources = tuple(_sources(scenario.soft_robot))
+    if not all(isinstance(source, MeshTable) for source in sources):
+        return nameless()  # what other kinds of sources read is not known
+    files = stamps(Path(source.file) for source in sources if isinstance(source, MeshTable))
+    return name_of(scenario.soft_robot, scenario.model, scenario.fidelity == "refined", files)
+
+
+def _is_lasting(robot: AnySoftRobot) -> bool:
+    """Return whether all kinds of parts that a soft robot has are those of cosim."""
+    if not isinstance(robot, SoftRobotTable):
+        return False
+    own = (type(entry).__module__.startswith("cosim.") for entry in robot.elements)
+    return all(own) and all(_is_lasting(part.robot) for part in robot.attachments)
+
+
+def _sources(robot: AnySoftRobot) -> Iterator[BodySourceTable]:
+    if not isinstance(robot, SoftRobotTable):
+        return
+    if robot.body is not None:
+        yield robot.body
+    for part in robot.attachments:
+        yield from _sources(part.robot)

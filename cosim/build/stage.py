@@ -1,0 +1,386 @@
+"""What a run says of itself before it starts: names, counts, what is modelled, how, and how well.
+
+What a run tells of how the values of its soft robot are known.
+
+How far the model of a soft robot is expected to be off, from a table of what has been measured.
+
+What a run models, what it leaves out, and why; each with the key that decides otherwise.
+
+What a run says of itself before it starts: names, counts, and in words what is modelled and how.
+"""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Callable
+from functools import cache, partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from cosim.base.frames import Array
+from cosim.build.soft_body import TAKEN_AWAY, published_robot
+from cosim.build.soft_model import SoftModel, contact_law, fidelity_report, section_figures
+from cosim.config.rules.device_rules import gas_report, gas_rules
+from cosim.config.rules.scene_rules import CELL_KEYS
+from cosim.config.schema.scenario import GivenBodyTable, Scenario
+from cosim.config.schema.soft_robot import SoftRobotTable
+from cosim.config.writing import to_table
+from cosim.coupling.soft_sides.soft_side import SoftSide
+from cosim.devices.device_loop import device_names, device_report
+from cosim.plan.arm_limits import PlannedArm
+from cosim.plan.clearance import FlangeTravel, film_reach, flange_travel, within_reach
+from cosim.plan.decision import Decision
+from cosim.plan.plan import Plan
+from cosim.soft.beams.beam_rings import stiffener_report, stiffener_strain
+from cosim.soft.body.body import SoftBody
+from cosim.soft.contact.self_contact_faces import FilmFaces
+from cosim.soft.solve.energy_share import hinge_energy_share
+from cosim.stepping.parts import Parts, film_report
+from cosim.telemetry.choices import CONTACT, CONTACT_ENABLED, ONLY_IN_REACH
+from cosim.telemetry.snapshot import RunInfo
+
+if TYPE_CHECKING:
+    from cosim.kinematics.arm import Arm
+    from cosim.rigid.scene.scene import RigidScene
+
+
+def known_report(scenario: Scenario) -> str:
+    """Return the keys of a scenario's soft robot by how its file says that their values are known."""
+    robot = scenario.soft_robot
+    if isinstance(robot, GivenBodyTable):
+        return "given as arrays"
+    return _told(robot, scenario.model.published) or "not stated by its file"
+
+
+def _told(robot: SoftRobotTable, published: bool) -> str:
+    texts = []
+    for how, keys in to_table(robot.known).items():
+        left = [key for key in keys if not (published and key.startswith(TAKEN_AWAY))]
+        if left:
+            texts.append(f"{how}: {', '.join(left)}")
+    for part in robot.attachments:
+        carried = _told(part.robot, published)
+        if carried:
+            texts.append(f"{part.name}: {carried}")
+    return "; ".join(texts)
+
+
+FIGURES: Final = ("extension", "bending", "volume")
+"""What errors are expected of."""
+PRESSURE_Pa: Final = (2e3, 40e3)
+"""Between which the table holds."""
+_TABLE: Final = Path(__file__).with_name("measured_models.toml")
+
+
+def modelled_robot(scenario: Scenario) -> SoftRobotTable | None:
+    """Return a scenario's soft robot as it is modelled, but for a finer mesh; None for a given body."""
+    robot = scenario.soft_robot
+    if isinstance(robot, GivenBodyTable):
+        return None
+    return published_robot(robot) if scenario.model.published else robot
+
+
+def expected_error(scenario: Scenario) -> dict[str, dict[str, Any] | None]:
+    """Return what is expected of each figure: low, high, against what, source, pressures; None: not measured.
+
+    Args:
+        scenario: checked. What its robot carries is not looked at.
+    """
+    robot = modelled_robot(scenario)
+    if robot is None or robot.stack is None or scenario.fidelity == "rigid":
+        return dict.fromkeys(FIGURES)
+    refine = robot.stack.refine + (scenario.fidelity == "refined")
+    keys = ("low", "high", "against", "source")
+    found: dict[str, dict[str, Any] | None] = {}
+    for figure in FIGURES:
+        rows = (row for row in _measured()["error"] if row["of"] == figure and _fits(row, robot, refine))
+        row = next(rows, None)
+        found[figure] = (
+            None if row is None else {**{key: row[key] for key in keys}, "pressure_Pa": list(PRESSURE_Pa)}
+        )
+    return found
+
+
+def expected_error_report(scenario: Scenario) -> str:
+    """Return the same for people."""
+    low, high = (1e-3 * pressure for pressure in PRESSURE_Pa)
+    texts = [f"{figure} {_text(error)}" for figure, error in expected_error(scenario).items()]
+    return f"{'; '.join(texts)}; from {low:g} to {high:g} kPa"
+
+
+def extension_report(scenario: Scenario) -> str:
+    """Return how far specimens extend with other stiffeners; empty where the robot has no beams."""
+    robot = modelled_robot(scenario)
+    if robot is None or robot.stack is None or robot.stiffener.kind != "beam":
+        return ""
+    texts = []
+    for row in _measured()["extension"]:
+        if row["sides"] == robot.stack.sides:
+            widths, lengths = (
+                ", ".join(f"{1e3 * x:g}" for x in row[key]) for key in ("width_m", "extension_m")
+            )
+            texts.append(
+                f"{row['specimen']} with {widths} mm square extend by {lengths} mm at "
+                f"{1e-3 * row['pressure_Pa']:g} kPa"
+            )
+    return "; ".join(texts)
+
+
+def _fits(row: dict[str, Any], robot: SoftRobotTable, refine: int) -> bool:
+    stack, stiffener = robot.stack, robot.stiffener
+    assert stack is not None
+    return (
+        row["law"] == robot.film.law
+        and row["stiffener"] == stiffener.kind
+        and stack.sides in row["sides"]
+        and row["refine"] == refine
+        and row.get("refine_holes", stack.refine_holes) == stack.refine_holes
+        and row.get("neck", stack.neck is not None) == (stack.neck is not None)
+        and row.get("least_width_m", 0.0) <= (stiffener.width_m or 0.0)
+    )
+
+
+def _text(error: dict[str, Any] | None) -> str:
+    if error is None:
+        return "not measured"
+    low, high = (f"{100.0 * error[end]:+.0f}" for end in ("low", "high"))
+    return f"{low if low == high else f'{low} to {high}'} % (against {error['against']}; {error['source']})"
+
+
+@cache
+def _measured() -> dict[str, Any]:
+    return tomllib.loads(_TABLE.read_text(encoding="utf-8"))
+
+
+_TOUCHED_AT_REST = ("section", "lumped", "refined")  # models whose equilibria take in contact
+_SLOW = 0.01  # share of gravity below which accelerations are negligible
+
+
+def contact_decision(
+    scenario: Scenario, soft: SoftSide, plan: Plan, arm: Arm, scene: RigidScene, ready: Callable[[], None]
+) -> Decision:
+    """Decide whether contact with the scene is searched for.
+
+    Args:
+        scenario: checked, with an arm.
+        soft: soft side.
+        plan: of the run.
+        arm: kinematics.
+        scene: at its start.
+        ready: called before distances to the scene are computed.
+    """
+    what, switch = CONTACT, CONTACT_ENABLED
+    if not scenario.contact.enabled:
+        return Decision(what, False, "switched off", switch)
+    if scenario.mode == "quasistatic" and scenario.fidelity not in _TOUCHED_AT_REST:
+        reason = f"in the quasistatic mode the {scenario.fidelity} model knows none"
+        return Decision(what, False, reason, "fidelity")
+    if not scenario.contact.only_in_reach:
+        return Decision(what, True, "asked for, whatever is in reach", ONLY_IN_REACH)
+    open_question = _unknown_reach(scenario)
+    if open_question:
+        return Decision(what, True, open_question, switch)
+    reach = soft.reach_m or film_reach(soft.body, largest_pressure(plan))
+    statics = scenario.mode == "quasistatic"
+    bodies = within_reach(scene, flange_travel(arm, plan), reach, fixed_only=statics, ready=ready)
+    if bodies:
+        return Decision(what, True, f"the film reaches {reach:.2f} m, as far as {', '.join(bodies)}", switch)
+    reason = f"nothing is within the film's reach of {reach:.2f} m around the flange's way"
+    return Decision(what, False, reason, ONLY_IN_REACH)
+
+
+def _unknown_reach(scenario: Scenario) -> str:
+    """Return why what the film can get to is not known beforehand; empty if it is."""
+    moving = [entry.name for entry in scenario.objects if entry.mass_kg is not None]
+    moving += [wire.name for wire in scenario.wires]
+    asked = (getattr(phase, key) for phase in scenario.phases for key in CELL_KEYS)
+    moving += sorted({f"cell/{name}" for names in asked for name in names or {}})
+    if moving and scenario.mode == "dynamic":
+        return f"{', '.join(moving)} can move"
+    if any(rule.sealed for rules in gas_rules(scenario) for rule in rules):
+        return "sealed gas has no pressure known beforehand"
+    if any(entry.kind == "python" for entry in scenario.controllers):
+        return "a controller in Python can move the flange"
+    if scenario.endless:
+        return "without phases, commands are not known beforehand"
+    if scenario.commands:
+        return "what [[command]] asks for is not known beforehand"
+    if any(phase.release for phase in scenario.phases):
+        return "rings are let go"
+    return ""
+
+
+def largest_pressure(plan: Plan) -> float:
+    """Return the largest gauge pressure [Pa] that a plan gives to a chamber, at least 0."""
+    commands = [plan.command, *(asked for phase in plan.phases for asked in (phase.begin, phase.end))]
+    return max(0.0, *(pressure for command in commands for pressure in command.pressure_Pa))
+
+
+def decisions(
+    scenario: Scenario, body: SoftBody, plan: Plan, contact: Decision, travel: FlangeTravel | None
+) -> tuple[Decision, ...]:
+    """Return all decisions of a run.
+
+    Args:
+        scenario: checked.
+        body: of the soft robot.
+        plan: of the run.
+        contact: with the scene.
+        travel: of the flange; None where it is held.
+    """
+    return (
+        _elasticity(scenario),
+        _inertia(scenario, travel),
+        contact,
+        _self_contact(scenario, body),
+        _cables(scenario, body, plan),
+        _hinges(scenario, body),
+    )
+
+
+def _elasticity(scenario: Scenario) -> Decision:
+    if scenario.fidelity == "rigid":
+        return Decision("elasticity", False, "the shape of the start is kept", "fidelity")
+    return Decision("elasticity", True, f"fidelity is {scenario.fidelity}", "fidelity")
+
+
+def _inertia(scenario: Scenario, travel: FlangeTravel | None) -> Decision:
+    what = "inertia"
+    if scenario.mode == "quasistatic":
+        return Decision(what, False, "a chain of equilibria", "mode")
+    gravity = float(np.linalg.norm(scenario.gravity_m_s2))
+    if travel is None or gravity == 0.0:
+        return Decision(what, True, "the mode is dynamic", "mode")
+    fraction = travel.acceleration_m_s2 / gravity
+    hint = "; mode = 'quasistatic' would leave out little" if fraction < _SLOW else ""
+    reason = f"the plan asks the end of a straight arm for up to {100.0 * fraction:.2g} % of gravity{hint}"
+    return Decision(what, True, reason, "mode")
+
+
+def _self_contact(scenario: Scenario, body: SoftBody) -> Decision:
+    included = scenario.contact.self_contact and scenario.fidelity != "rigid" and FilmFaces.of(body).can_meet
+    return Decision("contact with itself", included, film_report(scenario, body), "contact.self_contact")
+
+
+def _cables(scenario: Scenario, body: SoftBody, plan: Plan) -> Decision:
+    what, switch = "cables", "phase.*.cable_tension_N"
+    if not body.cables:
+        return Decision(what, False, "there are none", _of_robot(scenario, "cable"))
+    if scenario.fidelity == "rigid":
+        return Decision(what, False, "they do not move a rigid body", "fidelity")
+    commands = [plan.command, *(asked for phase in plan.phases for asked in (phase.begin, phase.end))]
+    driven = scenario.winches or scenario.controllers or scenario.commands or scenario.endless
+    if any(any(command.cable_tension_N) for command in commands) or driven:
+        return Decision(what, True, "they are pulled", switch)
+    return Decision(what, False, "they are slack throughout", switch)
+
+
+def _hinges(scenario: Scenario, body: SoftBody) -> Decision:
+    switch = _of_robot(scenario, "hinge.stiffness_factor")
+    if scenario.fidelity == "rigid":
+        return Decision("hinges", False, "the shape of the start is kept", "fidelity")
+    if not body.hinges.stiffness.any():
+        return Decision("hinges", False, "their stiffness is zero", switch)
+    return Decision("hinges", True, "their share of the elastic energy is in the summary, by phase", switch)
+
+
+def _of_robot(scenario: Scenario, key: str) -> str:
+    """Return the switch that a soft robot's file has; of a body given from Python, its arrays are that."""
+    return "body" if isinstance(scenario.soft_robot, GivenBodyTable) else f"soft_robot.{key}"
+
+
+def stage_of(
+    parts: Parts, modelled: tuple[Decision, ...], arm: PlannedArm | None, model: SoftModel
+) -> RunInfo:
+    """Return everything about a run that does not change while it lasts.
+
+    Args:
+        parts: of the run.
+        modelled: what it models, and what it leaves out.
+        arm: what the plan asks of it; None without one.
+        model: of the soft robot.
+    """
+    ticks, tick_s = _steps(parts)
+    scenario, carrier, body = parts.scenario, parts.carrier, parts.soft.body
+    return RunInfo(
+        scenario=scenario.name,
+        title=scenario.title,
+        mode=scenario.mode,
+        tick_s=tick_s,
+        duration_s=ticks * tick_s,
+        ticks=ticks,
+        phase_names=tuple(phase.name for phase in scenario.phases),
+        joint_names=carrier.joint_names,
+        body_names=carrier.body_names,
+        shapes=carrier.shapes,
+        soft_triangles=body.triangles,
+        cables=tuple(cable.nodes for cable in body.cables),
+        chamber_names=tuple(chamber.name for chamber in body.gas_chambers),
+        soft_weight_N=body.mass_kg * float(np.linalg.norm(scenario.gravity_m_s2)),
+        gravity=np.array(scenario.gravity_m_s2),
+        membrane_stress=partial(_largest_stress, body),
+        cable_names=scenario.soft_robot.cable_names(),
+        devices=device_names(scenario),
+        report=_report(parts, modelled, model),
+        modelled=modelled,
+        hinge_energy_share=partial(hinge_energy_share, body),
+        stiffener_strain=partial(stiffener_strain, body),
+        section_model=section_figures(model.section),
+        expected_error=expected_error(scenario),
+        arm=arm,
+        tip_paths=parts.tip_paths,
+    )
+
+
+def _steps(parts: Parts) -> tuple[int, float]:
+    """Return how many steps a run has, and how long one is [s], in the mean where it has no clock."""
+    scenario = parts.scenario
+    if scenario.mode == "dynamic":
+        return sum(parts.ticks(phase) for phase in scenario.phases), scenario.clock.tick_s
+    count = sum(phase.increments for phase in scenario.phases)
+    return count, sum(phase.duration_s + phase.settle_s for phase in scenario.phases) / count
+
+
+def _largest_stress(body: SoftBody, positions: Array) -> Array:
+    return body.principal_stress(np.array(positions))[:, 0]  # kernels take no array that is read-only
+
+
+def _report(parts: Parts, modelled: tuple[Decision, ...], model: SoftModel) -> str:
+    scenario, body = parts.scenario, parts.soft.body
+    integrator = scenario.solver.integrator.replace("_", " ")
+    lines = {
+        **parts.carrier.report,
+        "Soft robot": f"{scenario.soft_robot.name}, {1e3 * body.mass_kg:.0f} g, {body.nodes} nodes, "
+        f"{len(body.triangles)} triangles, {len(body.hinges.nodes)} hinges, "
+        f"{len(body.cables)} cables",
+        "Stiffeners": "; ".join(filter(None, (stiffener_report(body), extension_report(scenario)))),
+        "Known": known_report(scenario),
+        "Fidelity": fidelity_report(scenario, model.section),
+        "Chamber": "closed by caps" if body.closed else "open ends (no cap force)",
+        "Gas": gas_report(scenario),
+        **device_report(scenario),
+        "Motion": "quasistatic" if scenario.mode == "quasistatic" else f"dynamic, {integrator}",
+        "Self contact": film_report(scenario, body),
+        "Contact": _contact_report(scenario, modelled),
+        "Expected error": expected_error_report(scenario),
+        "Modelled": "; ".join(entry.line for entry in modelled if entry.included),
+        "Left out": "; ".join(entry.line for entry in modelled if not entry.included) or "nothing",
+    }
+    return "\n".join(f"- **{name}**: {text}" for name, text in lines.items())
+
+
+def _contact_report(scenario: Scenario, modelled: tuple[Decision, ...]) -> str:
+    decision = next(entry for entry in modelled if entry.what == CONTACT)
+    if not decision.included:
+        return f"none: {decision.reason}"
+    law = contact_law(scenario)
+    names = [entry.name for entry in scenario.objects] + [wire.name for wire in scenario.wires]
+    friction = f"friction sticks within {1e3 * law.stick_m:g} mm"
+    if scenario.mode == "quasistatic":
+        names = [entry.name for entry in scenario.objects if entry.mass_kg is None]
+        friction = "no friction; what can move is not touched"
+    cell = [] if scenario.scene is None else ["cell"]
+    things = ", ".join(["floor", *cell, *names])
+    return f"with {things}; {law.stiffness_N_m3:.0e} N/m^3, {friction}"

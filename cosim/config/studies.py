@@ -1,0 +1,192 @@
+"""Study files: one scenario, what is varied in it, spelled out by key path.
+
+Schema of a study: one scenario, and what is varied in it.
+
+Loads study files, and spells out what is varied by key path.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Annotated, Any, Literal, final
+
+from annotated_types import Interval
+
+from cosim.base.resources import is_file, list_scenarios
+from cosim.config.toml.keys import Count, Text
+from cosim.config.toml.parsing import parse
+from cosim.config.toml.reading import Faults, copy_with, read_table
+from cosim.errors import InputError, ScenarioError
+
+
+@final
+@dataclass(frozen=True)
+class RangeTable:
+    """A range that samples are taken from.
+
+    Args:
+        low: its lower end.
+        high: its upper end, above it.
+        scale: whether samples are even in the value or in its logarithm.
+        integer: whether whole numbers are taken, both ends included.
+    """
+
+    low: float
+    high: float
+    scale: Literal["linear", "log"] = "linear"
+    integer: bool = False
+
+
+@final
+@dataclass(frozen=True)
+class SamplesTable:
+    """Samples that fill a box evenly (scipy.stats.qmc).
+
+    Args:
+        count: of samples.
+        range: by key path: [low, high], or a table of low, high, scale ("linear" or "log") and integer.
+        method: of sampling; Sobol's is balanced where the count is a power of 2.
+        seed: the same one gives the same samples.
+    """
+
+    count: Count
+    range: Mapping[str, Any]
+    method: Literal["latin_hypercube", "sobol", "halton"] = "latin_hypercube"
+    seed: Annotated[int, Interval(ge=0)] = 0
+
+
+@final
+@dataclass(frozen=True)
+class StudyTable:
+    """A study: every entry of `design`, with every combination of `grid`, with every one of `samples`.
+
+    Args:
+        scenario: name of one that comes with cosim, or path of a .toml file, seen from the study's file.
+        set: values by key path, in all designs.
+        grid: lists of values by key path; every combination is a design.
+        design: tables of values by key path, one for each design.
+        samples: of ranges of values.
+        figures: columns of the table beside the varied keys, such as "sag_m", at the end of the run, or
+            "phases.inflate.volume_m3"; omitted: all of the run and of its end.
+        measure: function that returns more columns of a run: "module:function" or "file.py:function".
+        keep_runs: whether the directory of every run is kept, with its arrays.
+    """
+
+    scenario: Text
+    set: Mapping[str, Any] = field(default_factory=dict)
+    grid: Mapping[str, Any] = field(default_factory=dict)
+    design: tuple[Mapping[str, Any], ...] = ()
+    samples: SamplesTable | None = None
+    figures: tuple[str, ...] = ()
+    measure: Text | None = None
+    keep_runs: bool = False
+
+
+def is_study(table: Mapping[str, Any]) -> bool:
+    """Return whether a file's tables are those of a study: whether something is varied in it."""
+    return "scenario" in table and bool({"grid", "design", "samples"} & table.keys())
+
+
+def load_study(source: str | Path | Mapping[str, Any]) -> StudyTable:
+    """Return a checked study; its tables have an entry for each key path, ranges are `RangeTable`.
+
+    Args:
+        source: path of a .toml file, or the table itself; paths in it are seen from there.
+
+    Raises:
+        InputError: there is no such file.
+        ScenarioError: keys or values are wrong.
+    """
+    folder, faults = Path(), Faults()
+    if isinstance(source, Mapping):
+        table = dict(source)
+    else:
+        path = Path(source)
+        if not is_file(path):
+            raise InputError(f"no study {str(source)!r}; give the path of a .toml file")
+        table, folder = read_table(path), path.parent
+    study = parse(StudyTable, table, "", faults)
+    faults.tell()
+    study = _with_key_paths(study, faults)
+    _check(study, faults)
+    faults.tell()
+    return _seen_from(study, folder)
+
+
+def _with_key_paths(study: StudyTable, faults: Faults) -> StudyTable:
+    grid = flat(study.grid)
+    for key, values in grid.items():
+        if not isinstance(values, list) or not values:
+            faults.add(f"grid.{key}", f"is {values!r}; give a list of values")
+    changes: dict[str, Any] = {
+        "set": flat(study.set), "grid": grid, "design": tuple(map(flat, study.design)),
+    }  # fmt: skip
+    if study.samples is not None:
+        found = flat(study.samples.range, ends=frozenset({"low", "high"}))
+        ranges = {}
+        for key, value in found.items():
+            with faults:
+                ranges[key] = _range(key, value, faults)
+        if not found:
+            faults.add("samples.range", "is empty; give [low, high] for at least one key path")
+        changes["samples"] = replace(study.samples, range=ranges)
+    return copy_with(study, **changes)
+
+
+def flat(table: Mapping[str, Any], *, ends: frozenset[str] = frozenset()) -> dict[str, Any]:
+    """Return the values of nested tables by key path; a table that holds one of `ends` is a value."""
+    found: dict[str, Any] = {}
+    for key, value in table.items():
+        if isinstance(value, Mapping) and not ends & value.keys():
+            found.update({f"{key}.{inner}": item for inner, item in flat(value, ends=ends).items()})
+        else:
+            found[key] = value
+    return found
+
+
+def _range(key: str, value: Any, faults: Faults) -> RangeTable:
+    path = f"samples.range.{key}"
+    if isinstance(value, list):
+        if len(value) != 2 or not all(isinstance(end, int | float) for end in value):
+            raise ScenarioError(path, f"is {value!r}; give [low, high], two numbers")
+        value = {"low": float(value[0]), "high": float(value[1])}
+    if not isinstance(value, Mapping):
+        raise ScenarioError(path, f"is {value!r}; give [low, high], or a table with low and high")
+    ends = {end: float(value[end]) for end in ("low", "high") if isinstance(value.get(end), int)}
+    found = parse(RangeTable, {**value, **ends}, path, faults)
+    if not found.low < found.high:
+        raise ScenarioError(f"{path}.high", f"is {found.high:g}; must be above low, {found.low:g}")
+    if found.scale == "log" and not found.low > 0.0:
+        raise ScenarioError(f"{path}.low", f"is {found.low:g}; must be above 0 with scale = 'log'")
+    if found.integer and not (found.low.is_integer() and found.high.is_integer()):
+        raise ScenarioError(
+            path, f"ends at {found.low:g} and {found.high:g}; integer = true needs whole numbers"
+        )
+    return found
+
+
+def _check(study: StudyTable, faults: Faults) -> None:
+    """Note keys that two parts of a study set, and a study that varies nothing."""
+    sampled = study.samples.range if study.samples is not None else {}
+    designs = {key for design in study.design for key in design}
+    parts = {"set": study.set, "grid": study.grid, "design": designs, "samples.range": sampled}
+    owner: dict[str, str] = {}
+    for part, keys in parts.items():
+        for key in keys:
+            if key in owner:
+                faults.add(f"{part}.{key}", f"is in {owner[key]} as well; leave it in one of them")
+            owner.setdefault(key, part)
+    if not (study.grid or study.design or sampled):
+        faults.add("", "nothing is varied; give [grid], [[design]] or [samples]")
+
+
+def _seen_from(study: StudyTable, folder: Path) -> StudyTable:
+    """Return the study with the paths of its own files seen from the working directory."""
+    changes: dict[str, Any] = {}
+    if study.scenario not in list_scenarios():
+        changes["scenario"] = str(folder / study.scenario)
+    if study.measure is not None and study.measure.partition(":")[0].endswith(".py"):
+        changes["measure"] = str((folder / study.measure).resolve())
+    return copy_with(study, **changes)

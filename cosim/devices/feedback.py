@@ -1,0 +1,203 @@
+"""Feedback: laws from an error to an output, and controllers that close one loop with them.
+
+Feedback laws: from the error of one quantity to one output, sample by sample.
+
+A controller that closes one loop: a measured quantity, a feedback law, and the cables that it moves.
+"""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Final, Literal, TypeAlias, final
+
+from cosim.devices.controller import Command, Controller, Measurement
+from cosim.errors import InputError
+
+
+@final
+@dataclass(frozen=True)
+class LawState:
+    """What a feedback law remembers.
+
+    Args:
+        output: the last one.
+        integral: share of the output that has been integrated.
+    """
+
+    output: float
+    integral: float = 0.0
+
+
+class FeedbackLaw(ABC):
+    """Keeps a measured quantity at its setpoint."""
+
+    @abstractmethod
+    def begin(self, output: float) -> LawState:
+        """Return the state of a law that takes over at a given output."""
+
+    @abstractmethod
+    def next(self, state: LawState, error: float) -> LawState:
+        """Return the state after one more sample; its `output` holds until the next.
+
+        Args:
+            state: after the last sample.
+            error: setpoint minus measured value.
+        """
+
+
+@final
+@dataclass(frozen=True)
+class BangBang(FeedbackLaw):
+    """Raises the output by a fixed increment while the measured value is low, lowers it while it is high.
+
+    Source: the law of the example Hexagon_Arm_Control of the paper "cable pneumatic soft robots".
+
+    Args:
+        increment: per sample.
+        band: width about the setpoint within which the output stays.
+        output_min: lowest output.
+        output_max: highest output.
+
+    Raises:
+        InputError: a value out of bounds.
+    """
+
+    increment: float
+    band: float = 0.0
+    output_min: float = 0.0
+    output_max: float = math.inf
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.increment < math.inf:
+            raise InputError(f"bang-bang law: increment is {self.increment}; it must be above 0")
+        if not 0.0 <= self.band < math.inf:
+            raise InputError(f"bang-bang law: band is {self.band}; it must not be negative")
+        _check_limits(self.output_min, self.output_max)
+
+    def begin(self, output: float) -> LawState:
+        return LawState(_limited(output, self.output_min, self.output_max))
+
+    def next(self, state: LawState, error: float) -> LawState:
+        if abs(error) < 0.5 * self.band or error == 0.0:
+            return state
+        wanted = state.output + math.copysign(self.increment, error)
+        return replace(state, output=_limited(wanted, self.output_min, self.output_max))
+
+
+@final
+@dataclass(frozen=True)
+class ProportionalIntegral(FeedbackLaw):
+    """output = K_p e + I, I += K_i e h, within limits.
+
+    Anti-windup: a sample whose output is beyond a limit does not integrate an error that pushes further out.
+    Source: Astrom and Hagglund, Advanced PID Control (2006), section 3.5 (conditional integration).
+
+    Args:
+        proportional_gain: K_p, output per error.
+        integral_gain_per_s: K_i, output per error and second.
+        period_s: h, between samples.
+        output_min: lowest output.
+        output_max: highest output.
+
+    Raises:
+        InputError: a value out of bounds.
+    """
+
+    proportional_gain: float
+    integral_gain_per_s: float
+    period_s: float
+    output_min: float = 0.0
+    output_max: float = math.inf
+
+    def __post_init__(self) -> None:
+        for name in ("proportional_gain", "integral_gain_per_s"):
+            if not 0.0 <= getattr(self, name) < math.inf:
+                raise InputError(f"PI law: {name} is {getattr(self, name)}; it must not be negative")
+        if not 0.0 < self.period_s < math.inf:
+            raise InputError(f"PI law: period_s is {self.period_s}; it must be above 0")
+        _check_limits(self.output_min, self.output_max)
+
+    def begin(self, output: float) -> LawState:
+        limited = _limited(output, self.output_min, self.output_max)
+        return LawState(limited, limited)
+
+    def next(self, state: LawState, error: float) -> LawState:
+        integral = state.integral + self.integral_gain_per_s * self.period_s * error
+        wanted = self.proportional_gain * error + integral
+        output = _limited(wanted, self.output_min, self.output_max)
+        windup = (wanted - output) * error > 0.0
+        return LawState(output, state.integral if windup else integral)
+
+
+def _check_limits(output_min: float, output_max: float) -> None:
+    if not output_min < output_max:
+        raise InputError(f"output limits {output_min} and {output_max}: the first must be below the second")
+
+
+def _limited(value: float, lowest: float, highest: float) -> float:
+    return min(max(value, lowest), highest)
+
+
+Quantity: TypeAlias = Literal["bending_angle_rad", "tip_height_m"]
+Output: TypeAlias = Literal["cable_tension_N", "cable_shortening_m"]
+MEASURE: Final[dict[str, Callable[[Measurement], float]]] = {
+    "bending_angle_rad": lambda seen: seen.bending_angle_rad,
+    "tip_height_m": lambda seen: float(seen.tip_position[2]),
+}
+
+
+@final
+@dataclass(frozen=True)
+class LoopState:
+    """What a feedback loop remembers.
+
+    Args:
+        law: of its feedback law.
+        unstretched_m: length of each cable at zero shortening; empty where tensions are commanded.
+    """
+
+    law: LawState
+    unstretched_m: tuple[float, ...] = ()
+
+
+@final
+@dataclass(frozen=True)
+class FeedbackLoop(Controller[LoopState]):
+    """Moves cables so that a quantity keeps to its setpoint; all of them get the same output.
+
+    Args:
+        quantity: that is measured; a higher output is expected to raise it.
+        law: from its error to the output.
+        output: a tension, or how much shorter a cable is than it was at the start.
+        cables: names.
+
+    Raises:
+        InputError: there are no cables.
+    """
+
+    quantity: Quantity
+    law: FeedbackLaw
+    output: Output
+    cables: tuple[str, ...]
+
+    def __post_init__(self) -> None:
+        if not self.cables:
+            raise InputError("a feedback loop needs at least one cable to move")
+
+    def start(self, seen: Measurement) -> LoopState:
+        if self.output == "cable_tension_N":
+            return LoopState(self.law.begin(seen.cable_tension_N[self.cables[0]]))
+        return LoopState(self.law.begin(0.0), tuple(seen.cable_unstretched_m[name] for name in self.cables))
+
+    def act(self, state: LoopState, seen: Measurement) -> tuple[LoopState, Command]:
+        if seen.setpoint is None:
+            raise InputError(f"a feedback loop needs a setpoint for {self.quantity}; none is given")
+        law = self.law.next(state.law, seen.setpoint - MEASURE[self.quantity](seen))
+        after = LoopState(law, state.unstretched_m)
+        if self.output == "cable_tension_N":
+            return after, Command(cable_tension_N=dict.fromkeys(self.cables, law.output))
+        pairs = zip(self.cables, state.unstretched_m, strict=True)
+        return after, Command(cable_length_m={name: length - law.output for name, length in pairs})

@@ -1,0 +1,409 @@
+"""Paths and targets of the tip, and the flange's motion that takes the deformed tip there.
+
+A motion of the flange through poses that have been worked out one by one.
+
+The flange's motion that takes the deformed tip along a path, found on the statics before anything runs.
+
+From one instant to the next the flange first moves as if the tip were fixed to it, then Gauss-Newton steps by
+the exact sensitivities bring the tip onto the path; of all flange motions that do, the smallest is taken, so
+that what the path leaves free (the roll about the tip, or its direction) changes as little as it can. An arm
+that moves feels gravity less its acceleration a, and its damping c as one more: g - a - c v.
+
+The motion that brings the tip to a target, found on the statics before anything runs.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Final, final
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from cosim.base.frames import Array, Pose, rotation_from_quaternion, rotation_from_vector
+from cosim.base.tip_course import CourseInstant, TipCourse
+from cosim.config.schema.phase import TipPathTable, TipTargetTable
+from cosim.coupling.soft_sides.soft_side import SoftSide
+from cosim.errors import CosimError, InputError, SolverError, UnreachableError
+from cosim.plan.motion import FlangeWay, PlannedTipPath, TipErrors, tip_distances
+from cosim.soft.body.body import SoftBody
+from cosim.soft.body.loads import Loads
+from cosim.soft.body.places import TipFrame, center_line_length, center_rings
+from cosim.soft.solve.state import Equilibrium
+from cosim.soft.targets import tip_target as search
+from cosim.soft.targets.tip_target import TargetOptions, TargetSolution, TipTarget, shortest_turn
+
+_KNOT_s: Final = 0.02  # of the joints' spline
+_PER_RAMP: Final = 10
+_FEWEST, _MOST = 50, 2000  # of its knots
+
+
+@final
+class PoseTrack:
+    """A motion from rest to rest: cubic splines through the flange's places and quaternions over time.
+
+    Args:
+        time_s: (k,), from 0 on, increasing.
+        poses: k, world from flange.
+        course: of the tip, that it is made for.
+    """
+
+    even: Final = False
+
+    def __init__(self, time_s: Array, poses: Sequence[Pose], course: TipCourse) -> None:
+        rows = np.array([[*pose.translation, *pose.quaternion] for pose in poses])
+        for k in range(1, len(rows)):  # a quaternion and its opposite are one rotation
+            if rows[k, 3:] @ rows[k - 1, 3:] < 0.0:
+                rows[k, 3:] *= -1.0
+        self._end_s = float(time_s[-1])
+        self._spline = CubicSpline(time_s, rows, bc_type="clamped")
+        self.begin, self.end, self.course = poses[0], poses[-1], course
+
+    def at(self, fraction: float) -> Pose:
+        """Return world_from_flange at a fraction of the time."""
+        row = self._spline(fraction * self._end_s)
+        return Pose(rotation_from_quaternion(row[3:] / np.linalg.norm(row[3:])), row[:3])
+
+    @property
+    def pieces(self) -> int:
+        """Into how many small motions it is cut."""
+        return min(max(_FEWEST, math.ceil(self._end_s / min(_KNOT_s, self.course.ramp_s / _PER_RAMP))), _MOST)
+
+    def instant(self, fraction: float) -> CourseInstant:
+        """Return where the tip is to be at a fraction of the time."""
+        return self.course.at(fraction * self.course.duration_s)
+
+
+_STEP_m: Final = 8e-3  # of path from one instant to the next
+_TURN_rad: Final = 0.06
+
+_APPROACH: Final = 12  # pieces of the way to where a straight arm begins
+_BEGINS_WITHIN: Final = (1e-4, 2e-3)  # m, rad
+_FELT_m_s2: Final = 0.5  # a twentieth of gravity: what accelerates less bends an arm little
+
+_CLOSELY: Final = TargetOptions(position_tolerance_m=1e-6, angle_tolerance_rad=1e-5)
+"""Errors between instants that are some hundredths of a second apart are accelerations."""
+
+_Next = Callable[[Equilibrium, CourseInstant, CourseInstant, Loads], Equilibrium]
+
+
+@final
+@dataclass(frozen=True)
+class FollowedPath:
+    """A motion of the flange along a path of the tip.
+
+    Args:
+        way: of the flange.
+        end: equilibrium at its end.
+        planned: the path.
+    """
+
+    way: PoseTrack
+    end: Equilibrium
+    planned: PlannedTipPath
+
+
+def follow_path(
+    soft: SoftSide, begin: Equilibrium, loads: Loads, path: TipPathTable, damping_per_s: float | None
+) -> FollowedPath:
+    """Return the flange's motion along a path, and the equilibrium that it ends in.
+
+    Args:
+        soft: follows equilibria.
+        begin: with the tip on the path's first point.
+        loads: at the end; they change evenly with time.
+        path: to follow.
+        damping_per_s: c; None in statics, where nothing has an acceleration.
+
+    Raises:
+        UnreachableError: the tip does not begin on the path, or cannot follow it.
+        ConvergenceError: the equilibrium was lost on the way.
+    """
+    trip = _Trip(soft, path.course(), begin.loads, loads, damping_per_s)
+    if path.reach_with == "none":
+        rigid = _RigidArm.towards(begin, trip.instants)
+        states = trip.through(begin, lambda here, before, after, load: rigid.moved(soft, here, after, load))
+        errors = trip.errors(states)
+        return FollowedPath(trip.track(states), states[-1], PlannedTipPath(trip.course, errors, errors))
+    tip = _begin_tip(soft, begin, trip.instants)
+    uncompensated = trip.uncompensated(_RigidArm.at(soft, begin), begin)
+    states = trip.through(begin, lambda *step: _onto(soft, *step), trip.beginning_at(tip))
+    planned = PlannedTipPath(trip.course, trip.errors(states), uncompensated)
+    return FollowedPath(trip.track(states), states[-1], planned)
+
+
+@final
+class _Trip:
+    """Goes from instant to instant of a course.
+
+    Args:
+        soft: follows equilibria.
+        course: of the tip.
+        begin: loads at its begin.
+        end: loads at its end.
+        damping_per_s: c; None in statics.
+    """
+
+    def __init__(
+        self, soft: SoftSide, course: TipCourse, begin: Loads, end: Loads, damping_per_s: float | None
+    ) -> None:
+        self.course = course
+        self._soft = soft
+        self._time_s = course.knots(_STEP_m, _TURN_rad, _PER_RAMP)
+        self.instants = course.at(self._time_s)
+        self._loads = [self._load(begin, end, k, damping_per_s) for k in range(len(self._time_s))]
+
+    def _load(self, begin: Loads, end: Loads, k: int, damping_per_s: float | None) -> Loads:
+        if k == len(self._time_s) - 1:
+            return end
+        load = begin.interpolated(end, self._time_s[k] / self._time_s[-1])
+        if damping_per_s is None:
+            return load
+        felt = self.instants.acceleration[k] + damping_per_s * self.instants.velocity[k]
+        x, y, z = (np.array(load.gravity) - felt).tolist()
+        return replace(load, gravity=(x, y, z))
+
+    def beginning_at(self, tip: TipFrame) -> CourseInstant:
+        """Return the path from a tip a little beside it; it comes onto the path within the first ramp."""
+        first, since = self.instants.row(0), np.minimum(self._time_s / self.course.ramp_s, 1.0)
+        beside = 1.0 - since**3 * (10.0 - 15.0 * since + 6.0 * since**2)
+        place = self.instants.position + beside[:, None] * (tip.position - first.position)
+        direction = self.instants.direction
+        if direction is not None and first.direction is not None:
+            turn = shortest_turn(first.direction, tip.direction)
+            direction = np.array(
+                [rotation_from_vector(b * turn) @ d for b, d in zip(beside, direction, strict=True)]
+            )
+        return replace(self.instants, position=place, direction=direction)
+
+    def through(
+        self, begin: Equilibrium, step: _Next, asked: CourseInstant | None = None
+    ) -> list[Equilibrium]:
+        """Return the equilibria at all instants, each found from the one before; asked: of another path."""
+        path = asked or self.instants
+        found = [begin]
+        for k in range(1, len(self._time_s)):
+            try:
+                found.append(step(found[-1], path.row(k - 1), path.row(k), self._loads[k]))
+            except CosimError as error:
+                raise _placed(error, self.instants.row(k)) from error
+        return found
+
+    def track(self, states: list[Equilibrium]) -> PoseTrack:
+        """Return the motion of the flange through equilibria."""
+        return PoseTrack(self._time_s, [state.world_from_flange for state in states], self.course)
+
+    def errors(self, states: list[Equilibrium]) -> TipErrors:
+        """Return how far the tips of equilibria are from the path."""
+        tips = [TipFrame.of(self._soft.body, state.state.positions) for state in states]
+        return TipErrors.of(
+            self.instants, np.array([t.position for t in tips]), np.array([t.direction for t in tips])
+        )
+
+    def uncompensated(self, rigid: _RigidArm, begin: Equilibrium) -> TipErrors | None:
+        """Return how far the tip would be from the path on a flange that takes the arm to be straight."""
+        soft = self._soft
+        try:
+            pose = rigid.pose(begin.world_from_flange, self.instants.row(0))
+            first = begin
+            for share in np.linspace(0.0, 1.0, _APPROACH + 1)[1:].tolist():
+                between = begin.world_from_flange.interpolated(pose, share)
+                first = soft.follow(first, between, begin.loads)
+            moved = self.through(first, lambda here, _, after, load: rigid.moved(soft, here, after, load))
+        except SolverError:
+            return None
+        return self.errors(moved)
+
+
+@final
+@dataclass(frozen=True)
+class _RigidArm:
+    """An arm that is straight along the flange's z axis.
+
+    Args:
+        length_m: from the flange to the tip.
+    """
+
+    length_m: float
+
+    @classmethod
+    def at(cls, soft: SoftSide, here: Equilibrium) -> _RigidArm:
+        """Return the arm as long as it is now."""
+        return cls(center_line_length(center_rings(soft.body), here.state.positions))
+
+    @classmethod
+    def towards(cls, here: Equilibrium, instants: CourseInstant) -> _RigidArm:
+        """Return the arm whose straight tip is on the path's first point.
+
+        Raises:
+            UnreachableError: there is none.
+        """
+        first, flange = instants.row(0), here.world_from_flange
+        way = first.position - flange.translation
+        axis = flange.rotation[:, 2]
+        turned = 0.0 if first.direction is None else np.linalg.norm(shortest_turn(axis, first.direction))
+        if np.linalg.norm(way - (way @ axis) * axis) > _BEGINS_WITHIN[0] or turned > _BEGINS_WITHIN[1]:
+            raise UnreachableError(
+                "with reach_with = 'none' a straight arm begins on the path, and this one does not; "
+                f"{_remedy(first)}"
+                ", reach_with = 'none' }"
+            )
+        return cls(float(way @ axis))
+
+    def pose(self, here: Pose, wanted: CourseInstant) -> Pose:
+        """Return the flange's next pose."""
+        axis = here.rotation[:, 2]
+        direction = axis if wanted.direction is None else wanted.direction
+        rotation = rotation_from_vector(shortest_turn(axis, direction)) @ here.rotation
+        return Pose(rotation, wanted.position - self.length_m * rotation[:, 2])
+
+    def moved(self, soft: SoftSide, here: Equilibrium, wanted: CourseInstant, loads: Loads) -> Equilibrium:
+        """Return the equilibrium at the flange's next pose."""
+        return soft.follow(here, self.pose(here.world_from_flange, wanted), loads)
+
+
+def _onto(
+    soft: SoftSide, here: Equilibrium, before: CourseInstant, after: CourseInstant, loads: Loads
+) -> Equilibrium:
+    """Return the equilibrium with the tip at the next instant's place."""
+    turn, pose = np.eye(3), here.world_from_flange
+    if before.direction is not None and after.direction is not None:
+        turn = rotation_from_vector(shortest_turn(before.direction, after.direction))
+    carried = Pose(turn @ pose.rotation, after.position + turn @ (pose.translation - before.position))
+    found = soft.follow(here, carried, loads)
+    return soft.find_flange_pose(found, TipTarget(after.position, after.direction), _CLOSELY)
+
+
+def _begin_tip(soft: SoftSide, begin: Equilibrium, instants: CourseInstant) -> TipFrame:
+    """Return the tip where it is; raise UnreachableError where that is not the path's first point."""
+    tip, first = TipFrame.of(soft.body, begin.state.positions), instants.row(0)
+    (away,), (turned,) = tip_distances(first, tip.position[None], tip.direction[None])
+    if away <= _BEGINS_WITHIN[0] and turned <= _BEGINS_WITHIN[1]:
+        return tip
+    place = np.round(tip.position, 4).tolist()
+    raise UnreachableError(
+        f"begins {1e3 * away:.4g} mm and {np.degrees(turned):.3g} degrees off the tip, which is at {place} "
+        f"m then; {_remedy(instants.row(0))}"
+    )
+
+
+def _remedy(first: CourseInstant) -> str:
+    direction = ""
+    if first.direction is not None:
+        direction = f", direction = {np.round(first.direction, 5).tolist()}"
+    return (
+        "bring it there in a phase before: tip_target = { position_m = "
+        f"{np.round(first.position, 5).tolist()}{direction} }}"
+    )
+
+
+def _placed(error: CosimError, instant: CourseInstant) -> CosimError:
+    """Return an error that says where along the path it happened."""
+    text, felt = f"{instant}: {error}", float(np.linalg.norm(instant.acceleration))
+    if felt > _FELT_m_s2:
+        text += (
+            f"; the path accelerates by {felt:.3g} m/s^2 there: a lower speed_m_s or a longer ramp_s eases it"
+        )
+    if isinstance(error, InputError):
+        return UnreachableError(text)
+    error.args = (text, *error.args[1:])
+    return error
+
+
+# A static path is cut finer than the joint path only where loads change much: these pieces suffice
+# for the branch to be the one that a slow motion follows.
+_LOAD_PIECES = 4
+_FINER = (1, 8)  # how much finer it is cut where it ends beside its target
+_SEARCHES = 3
+_ON_TARGET = TargetOptions(position_tolerance_m=1e-4, angle_tolerance_rad=1e-3)
+
+
+def walk(soft: SoftSide, begin: Equilibrium, way: FlangeWay, loads: Loads, finer: int = 1) -> Equilibrium:
+    """Return the equilibrium at the end of a slow motion.
+
+    Args:
+        soft: follows equilibria.
+        begin: where the motion starts.
+        way: of the flange.
+        loads: at the end; they change evenly.
+        finer: into how many times more pieces the motion is cut.
+
+    Raises:
+        ConvergenceError: the equilibrium was lost on the way.
+    """
+    count = finer * max(way.pieces, _LOAD_PIECES if loads is not begin.loads else 0)
+    here = begin
+    for k in range(1, count + 1):
+        load = begin.loads.interpolated(loads, k / count)
+        here = soft.follow(here, way.at(k / count), load)
+    return here
+
+
+def reach(
+    soft: SoftSide, begin: Equilibrium, loads: Loads, target: TipTargetTable
+) -> tuple[FlangeWay, Equilibrium]:
+    """Return the flange's way to a target, and the equilibrium that this motion ends in.
+
+    Args:
+        soft: follows equilibria.
+        begin: where the motion starts.
+        loads: that the phase asks for besides.
+        target: of the tip.
+
+    Raises:
+        UnreachableError: it cannot be met, or not by a motion from here.
+        ConvergenceError: the equilibrium was lost on the way.
+    """
+    still = FlangeWay.to(begin.world_from_flange, begin.world_from_flange)
+    here, wanted = walk(soft, begin, still, loads), _wanted(target)
+    for _ in range(_SEARCHES):
+        found = _search(soft, here, target, wanted)
+        way = FlangeWay.to(begin.world_from_flange, found.world_from_flange)
+        # the search may have ended in an equilibrium that this motion does not lead to
+        for finer in _FINER:
+            here = walk(soft, begin, way, found.loads, finer)
+            tip = TipFrame.of(soft.body, here.state.positions)
+            missed = TargetSolution(here, *wanted.distance(tip), 0)
+            if target.reach_with == "none" or _ON_TARGET.met(missed):
+                return way, here
+    raise UnreachableError(
+        "there are equilibria with the tip on the target, but the motion to them ends in others, the last "
+        f"one {missed.off()} off",
+        missed,
+    )
+
+
+def _wanted(target: TipTargetTable) -> search.TipTarget:
+    return search.TipTarget(
+        position=None if target.position_m is None else np.array(target.position_m),
+        direction=None if target.direction is None else np.array(target.direction),
+        height=target.height_m,
+    )
+
+
+def _search(
+    soft: SoftSide, here: Equilibrium, target: TipTargetTable, wanted: search.TipTarget
+) -> Equilibrium:
+    if target.reach_with == "cables":
+        return soft.find_tensions(here, wanted)
+    if target.reach_with == "flange":
+        return soft.find_flange_pose(here, wanted)
+    guess = _rigid_guess(soft.body, here, wanted)
+    return walk(soft, here, FlangeWay.to(here.world_from_flange, guess), here.loads)
+
+
+def _rigid_guess(body: SoftBody, here: Equilibrium, target: search.TipTarget) -> Pose:
+    """Return the flange pose that would meet the target if the arm were straight along the flange's axis."""
+    if target.position is None:
+        raise InputError("a target without position_m needs reach_with = 'cables'")
+    rotation = here.world_from_flange.rotation
+    axis = rotation[:, 2]
+    if target.direction is not None:
+        turn = search.shortest_turn(axis, target.direction)
+        rotation = rotation_from_vector(turn) @ rotation
+        axis = rotation[:, 2]
+    return Pose(
+        rotation, target.position - center_line_length(center_rings(body), here.state.positions) * axis
+    )

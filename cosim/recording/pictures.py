@@ -1,0 +1,224 @@
+"""Pictures and videos of recordings, drawn by Rerun's viewer without a display.
+
+Pictures of recordings, drawn by Rerun's viewer without a display.
+
+A run's recording as a video file.
+"""
+
+from __future__ import annotations
+
+import subprocess
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from tempfile import TemporaryFile
+from types import TracebackType
+from typing import Any, Final, final
+
+import numpy as np
+from rerun.experimental import ViewerClient
+
+from cosim.errors import InputError, OutputError
+from cosim.recording.viewer import Viewer, start_viewer
+
+SIZE: Final = (1600, 900)
+_TIMELINE: Final = "sim_time"
+_WAIT_S: Final = 120.0
+_PAUSE_S: Final = 0.1
+
+
+@final
+class Pictures:
+    """Takes pictures of a recording while entered.
+
+    Args:
+        recordings: files of one run, in order.
+        size: (2,) of the pictures [pixels].
+        view: name of the only view to show, such as "Scene"; None for all of them, as laid out.
+
+    Raises:
+        InputError: on entering: there is no such view; the text names those there are.
+        OutputError: the same: there is no driver to draw with, or the recording cannot be read.
+    """
+
+    def __init__(
+        self, recordings: Sequence[Path], size: tuple[int, int] = SIZE, view: str | None = None
+    ) -> None:
+        self._recordings, self._size, self._view = recordings, size, view
+        self._viewer: Viewer | None = None
+        self._client: Any = None
+        self.end_s = 0.0
+
+    def __enter__(self) -> Pictures:
+        self._viewer = start_viewer("nowhere", self._recordings, size=self._size)
+        try:
+            self._client = self._connected()
+            self.end_s = self._loaded()
+            if self._view is not None:
+                self._show_only(self._view)
+            self._wait_until_drawn()
+        except BaseException:
+            self._viewer.stop()
+            raise
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        assert self._viewer is not None, "entered before"
+        self._viewer.stop()
+
+    def at(self, time_s: float) -> bytes:
+        """Return the picture at a simulated time, as a PNG.
+
+        Args:
+            time_s: seconds; after the end stands the last picture.
+
+        Raises:
+            OutputError: the viewer has ended.
+        """
+        moment = np.timedelta64(round(min(time_s, self.end_s) * 1e9), "ns")
+        self._asked(lambda: self._client.set_time(_TIMELINE, duration=moment, play_state="paused"))
+        return self._shot()
+
+    def _shot(self) -> bytes:
+        return bytes(self._asked(self._client.take_screenshot))
+
+    def _asked(self, ask: Any) -> Any:
+        """Return what the viewer answers; it is asked again while it is not ready.
+
+        Raises:
+            OutputError: it has ended, or does not answer in time.
+        """
+        assert self._viewer is not None, "entered before"
+        until = time.monotonic() + _WAIT_S
+        while True:
+            try:
+                return ask()
+            except ConnectionError as error:
+                self._viewer.check()
+                if time.monotonic() > until:
+                    raise OutputError(f"Rerun's viewer does not answer: {error}") from error
+                time.sleep(_PAUSE_S)
+
+    def _connected(self) -> Any:
+        assert self._viewer is not None, "entered before"
+        address = self._viewer.address
+        client = self._asked(lambda: ViewerClient.connect(address))
+        self._asked(client.get_state)
+        return client
+
+    def _loaded(self) -> float:
+        """Wait for the recording, and return where its time ends, in seconds.
+
+        Raises:
+            OutputError: it cannot be read, or has no frames.
+        """
+        until = time.monotonic() + _WAIT_S
+        while time.monotonic() < until:
+            state = self._asked(self._client.get_state)
+            ends = [line.end for one in state.recordings for line in one.timelines if line.name == _TIMELINE]
+            if ends and state.views and not state.loading:
+                return float(max(ends)) * 1e-9
+            faults = [entry.message for entry in self._asked(self._client.get_logs) if entry.level == "ERROR"]
+            if faults:
+                raise OutputError(f"{self._recordings[0]}: cannot be read: {faults[0]}")
+            time.sleep(_PAUSE_S)
+        raise OutputError(f"{self._recordings[0]}: holds no frame of a run")
+
+    def _show_only(self, name: str) -> None:
+        views = {view.name: view.view_id for view in self._asked(self._client.get_state).views}
+        if name not in views:
+            raise InputError(f"there is no view '{name}'; there are {', '.join(sorted(views))}")
+        layout = self._asked(lambda: self._client.get_blueprint("recording")).blueprint
+        layout.setdefault("/viewport", {}).setdefault("ViewportBlueprint", {})["maximized"] = views[name]
+        self._asked(lambda: self._client.set_blueprint(layout, "recording"))
+
+    def _wait_until_drawn(self) -> None:
+        """Wait until two pictures in a row are the same: data are still fetched once they are loaded."""
+        before, until = b"", time.monotonic() + _WAIT_S
+        while (now := self.at(self.end_s)) != before and time.monotonic() < until:
+            before = now
+            time.sleep(_PAUSE_S)
+
+
+def write_video(
+    recordings: Sequence[Path],
+    path: Path,
+    *,
+    size: tuple[int, int] = SIZE,
+    view: str | None = None,
+    frames_per_s: float = 25.0,
+    speed: float = 1.0,
+    shown: Callable[[int, int], None] = lambda done, frames: None,
+) -> int:
+    """Write a video of a recording, from its begin to its end, and return how many frames it has.
+
+    Args:
+        recordings: files of one run, in order.
+        path: of the video; what it ends with says its kind, such as .mp4. Nothing is there until all is done.
+        size: (2,) of a frame [pixels]; both even.
+        view: name of the only view to show; None for all of them, as laid out.
+        frames_per_s: of the video.
+        speed: simulated seconds per second of the video.
+        shown: told how many of how many frames are drawn.
+
+    Raises:
+        InputError: a value cannot be used, there is no such view, or imageio-ffmpeg is not installed.
+        OutputError: there is no driver to draw with, or the file cannot be written.
+    """
+    if not (0.0 < frames_per_s < np.inf and 0.0 < speed < np.inf):
+        raise InputError(f"{frames_per_s:g} frames per second, speed {speed:g}: both must be above 0")
+    if min(size) < 2 or any(length % 2 for length in size):
+        raise InputError(f"size {size[0]}x{size[1]}: width and height must be even numbers")
+    program, step_s = _encoder(), speed / frames_per_s
+    with Pictures(recordings, size, view) as pictures, _encoded(program, path, frames_per_s) as write:
+        times = np.arange(0.0, pictures.end_s + 0.5 * step_s, step_s)
+        for count, time_s in enumerate(times, 1):
+            write(pictures.at(float(time_s)))
+            shown(count, len(times))
+    return len(times)
+
+
+@contextmanager
+def _encoded(program: str, path: Path, frames_per_s: float) -> Iterator[Callable[[bytes], object]]:
+    """Give what takes a video's frames as PNGs; the file is there once all of them are.
+
+    Raises:
+        OutputError: it cannot be written.
+    """
+    part = path.with_name(f".part-{path.name}")
+    options = ["-f", "image2pipe", "-c:v", "png", "-framerate", f"{frames_per_s:g}", "-i", "-"]
+    command = [program, "-y", *options, "-pix_fmt", "yuv420p", str(part)]
+    with TemporaryFile() as said:
+        encoder = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=said, stderr=said)
+        assert encoder.stdin is not None, "a pipe"
+        try:
+            with suppress(BrokenPipeError):  # the encoder says why itself
+                yield encoder.stdin.write
+                encoder.stdin.close()
+            if encoder.wait() != 0:
+                said.seek(0)
+                lines = said.read().decode(errors="replace").split("\n")
+                raise OutputError(f"{path}: cannot be written: {' '.join(lines[-3:]).strip()}")
+            part.replace(path)
+        finally:
+            with suppress(BrokenPipeError):
+                encoder.stdin.close()
+            encoder.kill()
+            encoder.wait()
+            part.unlink(missing_ok=True)
+
+
+def _encoder() -> str:
+    """Return the program that writes videos.
+
+    Raises:
+        InputError: it is not installed.
+    """
+    try:
+        import imageio_ffmpeg
+    except ImportError as error:
+        raise InputError("videos need imageio-ffmpeg: pip install 'cosim[video]'") from error
+    return str(imageio_ffmpeg.get_ffmpeg_exe())

@@ -1,1 +1,0 @@
-"""Recordings in Rerun's viewer, in pictures and in videos."""

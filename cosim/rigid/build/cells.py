@@ -1,0 +1,181 @@
+"""The cell that a robot stands in: read from MuJoCo's own format, and its driven joints.
+
+The joints of a cell: they go where they are told, whatever pushes them, as drives without give do.
+
+A drive's rotor is so heavy that no load accelerates it, so contacts feel the speed of what it moves; at the
+end of every step its joint is put where it is to be, so that nothing adds up.
+
+Reads the cell that a robot stands in from MuJoCo's own format, and puts it into a specification.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Final, final
+
+import mujoco
+import numpy as np
+
+from cosim.base.frames import Array, Mask
+from cosim.errors import InputError
+from cosim.rigid.build.description import CELL, VISUAL_GROUP, Cell, CellJoint
+from cosim.rigid.build.mjcf_files import read_mjcf_file
+
+ROTOR: Final = 1e6  # kg, kg m^2
+
+
+@final
+class CellDrives:
+    """Moves the joints of a cell; a view into a scene's model and state.
+
+    `names` are those of the joints, in the order of all arrays here; `bodies` (bodies,) says which bodies of
+    the scene belong to the cell; `places` and `dofs` are where MuJoCo has the joints, `goal` (2, joints) is
+    what `aim` has set.
+
+    Args:
+        model: compiled scene.
+        data: its state.
+    """
+
+    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
+        cell = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, CELL)
+        self.bodies: Mask = (model.body_rootid == cell) & (cell > 0)
+        joints = np.flatnonzero(self.bodies[model.jnt_bodyid])
+        self.names = tuple(model.joint(int(joint)).name.removeprefix(f"{CELL}/") for joint in joints)
+        self._data = data
+        self.places, self.dofs = model.jnt_qposadr[joints], model.jnt_dofadr[joints]
+        self.goal = np.zeros((2, len(joints)))
+
+    def aim(self, position: Array, velocity: Array) -> None:
+        """Set where joints are at the end of the step to come, and how fast they go on from there.
+
+        Args:
+            position: (joints,) [m] or [rad], from where the cell's file has them.
+            velocity: (joints,) [m/s] or [rad/s].
+        """
+        self.goal[:] = position, velocity
+
+    def arrive(self) -> None:
+        """Put the joints where they were to be at the end of the step."""
+        if self.names:
+            self._data.qpos[self.places], self._data.qvel[self.dofs] = self.goal
+
+
+_TOUCHABLE: Final = (
+    mujoco.mjtGeom.mjGEOM_PLANE, mujoco.mjtGeom.mjGEOM_BOX, mujoco.mjtGeom.mjGEOM_SPHERE,
+    mujoco.mjtGeom.mjGEOM_CYLINDER, mujoco.mjtGeom.mjGEOM_CAPSULE, mujoco.mjtGeom.mjGEOM_ELLIPSOID,
+    mujoco.mjtGeom.mjGEOM_MESH,
+)  # fmt: skip
+_FIRST_HIDDEN_GROUP: Final = 3  # MuJoCo shows groups 0, 1 and 2
+_HIDDEN_GROUP: Final = 4
+_CELL_CONTACT: Final = (0, 3)  # with links and objects, not with itself
+_DRIVEN: Final = (mujoco.mjtJoint.mjJNT_SLIDE, mujoco.mjtJoint.mjJNT_HINGE)
+
+
+def read_cell(path: Path) -> Cell:
+    """Return the cell of an MJCF file.
+
+    Raises:
+        InputError: MuJoCo refuses the file, something in it moves freely or is soft, or a shape cannot be
+            touched.
+    """
+    read = read_mjcf_file(path, "cell")
+    spec, model = read.spec, read.model
+    joints = _joints(path, model)
+    if model.nflex or model.nskin:
+        raise InputError(f"cell file {path}: holds flexes or skins; a cell is rigid")
+    collides = (model.geom_contype | model.geom_conaffinity) != 0
+    for geom in np.flatnonzero(collides):
+        kind = mujoco.mjtGeom(model.geom_type[geom])
+        if kind not in _TOUCHABLE:
+            name, what = model.geom(int(geom)).name, kind.name.removeprefix("mjGEOM_").lower()
+            raise InputError(
+                f"cell file {path}: geom {name or int(geom)!r} is of type {what!r}, which cannot be touched; "
+                "replace it, or set its contype and conaffinity to 0"
+            )
+    planes = collides & (model.geom_type == mujoco.mjtGeom.mjGEOM_PLANE)
+    return Cell(path, spec, int(collides.sum()), bool(planes.any()), joints, _asked_otherwise(spec))
+
+
+def attach_cell(spec: mujoco.MjSpec, cell: Cell, fixed: Sequence[str]) -> None:
+    """Put a cell into a specification that has the options of the scene already.
+
+    What drives move meets nothing that stands still: no contact would stop it.
+
+    Args:
+        spec: of the scene.
+        cell: to add, in world axes.
+        fixed: names of other bodies of the scene that stand still.
+    """
+    added = cell.spec.copy()
+    others = (*added.keys, *added.sensors, *added.actuators, *added.tendons, *added.cameras)
+    for element in (*others, *added.equalities):
+        added.delete(element)
+    for joint, known in zip(added.joints, cell.joints, strict=True):
+        joint.name, joint.limited, joint.armature, joint.ref = known.name, False, ROTOR, 0.0
+        joint.stiffness, joint.damping, joint.frictionloss = [0.0] * 3, [0.0] * 3, 0.0
+    for name in _options(spec):
+        setattr(added.option, name, getattr(spec.option, name))
+    added.nuser_geom = spec.nuser_geom
+    for number, body in enumerate(added.bodies[1:]):
+        body.name = body.name or f"body_{number + 1}"
+    for geom in added.geoms:
+        geom.group = VISUAL_GROUP if geom.group < _FIRST_HIDDEN_GROUP else _HIDDEN_GROUP
+        geom.userdata = [0.0] * spec.nuser_geom
+        if geom.contype or geom.conaffinity:
+            geom.contype, geom.conaffinity = _CELL_CONTACT
+    carrier = spec.worldbody.add_body(name=CELL)
+    driven = [f"{CELL}/{body.name}" for body in _driven(added.worldbody, moved=False)]
+    spec.attach(added, prefix=f"{CELL}/", frame=carrier.add_frame())
+    for one in driven:
+        for other in fixed:
+            spec.add_exclude(bodyname1=one, bodyname2=other)
+
+
+def _driven(body: mujoco.MjsBody, *, moved: bool) -> Iterator[mujoco.MjsBody]:
+    """Yield the bodies on a body that joints move."""
+    for child in body.bodies:
+        on_joint = moved or bool(child.joints)
+        if on_joint:
+            yield child
+        yield from _driven(child, moved=on_joint)
+
+
+def _joints(path: Path, model: mujoco.MjModel) -> tuple[CellJoint, ...]:
+    """Return the joints that drives move."""
+    found = []
+    for joint in range(model.njnt):
+        body = int(model.jnt_bodyid[joint])
+        name = model.joint(joint).name or model.body(body).name or f"joint_{joint + 1}"
+        if mujoco.mjtJoint(model.jnt_type[joint]) not in _DRIVEN:
+            kind = mujoco.mjtJoint(model.jnt_type[joint]).name.removeprefix("mjJNT_").lower()
+            raise InputError(
+                f"cell file {path}: joint {name!r} is of type {kind!r}; what a cell moves slides or turns "
+                "about a hinge, driven by the phases; give what moves freely as [[object]]"
+            )
+        limits = (-math.inf, math.inf)
+        if model.jnt_limited[joint]:
+            low, high = (model.jnt_range[joint] - model.qpos0[model.jnt_qposadr[joint]]).tolist()
+            limits = (low, high)
+        found.append(CellJoint(name, bool(model.jnt_type[joint] == _DRIVEN[0]), limits))
+    twice = [name for name, count in Counter(joint.name for joint in found).items() if count > 1]
+    if twice:
+        raise InputError(f"cell file {path}: two joints are called {twice[0]!r}; give each a name of its own")
+    return tuple(found)
+
+
+def _options(spec: mujoco.MjSpec) -> list[str]:
+    return [name for name in dir(spec.option) if not name.startswith("_")]
+
+
+def _asked_otherwise(spec: mujoco.MjSpec) -> tuple[str, ...]:
+    """Return the options that a file sets, as names and values: the scene has its own."""
+    plain, found = mujoco.MjSpec(), []
+    for name in _options(spec):
+        asked = np.asarray(getattr(spec.option, name))
+        if not np.array_equal(asked, np.asarray(getattr(plain.option, name))):
+            found.append(f"{name} {' '.join(f'{value:g}' for value in asked.ravel().astype(float))}")
+    return tuple(found)

@@ -1,0 +1,312 @@
+"""The arm of a compiled scene: where it sits, its dynamics, its flange, where its servos droop to.
+
+Where the arm sits in a compiled MuJoCo model.
+
+The arm of a scene at angles where it need not be: flange, joints, inertia and weight.
+
+The flange of a compiled scene: where it is, how it moves, what acts on it and what it measures.
+
+Quasi-static rest of a servo-held arm: where it droops to under a constant load.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import final
+
+import mujoco
+import numpy as np
+
+from cosim.base.frames import Array, IntArray, Pose, SixNumbers, Twist, Wrench
+from cosim.errors import ConvergenceError
+from cosim.rigid.build.description import FLANGE_SITE, FORCE_SENSOR, TORQUE_SENSOR
+
+
+@dataclass(frozen=True)
+class ArmLayout:
+    """Indices of the arm; joints are consecutive, so slices (views, no copies) serve.
+
+    Args:
+        joints: of the arm among joints and actuators.
+        positions: in qpos.
+        dofs: in qvel.
+        site: the flange.
+        mount: massless body at the flange.
+        force: of the flange's force sensor in sensordata.
+        torque: of the flange's torque sensor in sensordata.
+    """
+
+    joints: slice
+    positions: slice
+    dofs: slice
+    site: int
+    mount: int
+    force: slice
+    torque: slice
+
+    @classmethod
+    def of(cls, model: mujoco.MjModel, joint_names: tuple[str, ...]) -> ArmLayout:
+        """Return the layout of the arm with the named joints, base to flange."""
+        joints = np.array([model.joint(name).id for name in joint_names])
+        site = int(model.site(FLANGE_SITE).id)
+        force, torque = (int(model.sensor(name).adr[0]) for name in (FORCE_SENSOR, TORQUE_SENSOR))
+        return cls(
+            joints=_consecutive(joints),
+            positions=_consecutive(model.jnt_qposadr[joints]),
+            dofs=_consecutive(model.jnt_dofadr[joints]),
+            site=site,
+            mount=int(model.site_bodyid[site]),
+            force=slice(force, force + 3),
+            torque=slice(torque, torque + 3),
+        )
+
+
+def effort_limit(model: mujoco.MjModel, layout: ArmLayout) -> Array:
+    """Return the largest servo torques (joints,) [N m]; infinite where the arm's file names none."""
+    limited = model.jnt_actfrclimited[layout.joints]
+    return np.where(limited, model.jnt_actfrcrange[layout.joints, 1], np.inf)
+
+
+def _consecutive(addresses: IntArray) -> slice:
+    first, count = int(addresses[0]), len(addresses)
+    if not np.array_equal(addresses, np.arange(first, first + count)):
+        raise AssertionError(f"the arm's joints are not consecutive in the compiled model: {addresses}")
+    return slice(first, first + count)
+
+
+@final
+@dataclass(frozen=True)
+class ArmAtRest:
+    """An arm that stands still.
+
+    Args:
+        flange: world_from_flange.
+        places: (joints, 3) [m], of the joints, world.
+        mass_matrix: (joints, joints) [kg m^2], armature included.
+        gravity_torque: (joints,) [N m], which hold it.
+    """
+
+    flange: Pose
+    places: Array
+    mass_matrix: Array
+    gravity_torque: Array
+
+
+@final
+class ArmDynamics:
+    """Asks MuJoCo about the arm of a scene, which does not move.
+
+    Args:
+        model: of the scene.
+        scratch: a state of it that is overwritten.
+        layout: of the arm.
+        driven: (d,) places of the cell's joints in the state.
+        servo_inertia: (joints,) [kg m^2], of the model's armature what stands for the servos' damping.
+    """
+
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        scratch: mujoco.MjData,
+        layout: ArmLayout,
+        driven: IntArray,
+        servo_inertia: Array,
+    ) -> None:
+        self._model, self._scratch, self._layout, self._driven = model, scratch, layout, driven
+        self._servo_inertia = servo_inertia
+
+    @property
+    def limits(self) -> tuple[Array, Array]:
+        """Smallest and largest angles (joints,), (joints,) [rad]; infinite where a joint has none."""
+        joints = self._layout.joints
+        bounded, between = self._model.jnt_limited[joints] != 0, self._model.jnt_range[joints]
+        return np.where(bounded, between[:, 0], -np.inf), np.where(bounded, between[:, 1], np.inf)
+
+    def places(self, joints: Array, cell: Array | None = None) -> tuple[Array, Array]:
+        """Return where bodies are (bodies, 3) [m], world, and their axes (bodies, 3, 3), world from body.
+
+        Args:
+            joints: (joints,) [rad]; objects stay where they are.
+            cell: (d,) [m] or [rad], where its joints are; as in its file unless given.
+        """
+        model, data = self._model, self._scratch
+        data.qpos[self._layout.positions] = joints
+        data.qpos[self._driven] = 0.0 if cell is None else cell
+        mujoco.mj_kinematics(model, data)
+        return data.xpos.copy(), data.xmat.reshape(-1, 3, 3).copy()
+
+    def at(self, joints: Array) -> ArmAtRest:
+        """Return the arm at angles (joints,) [rad]; objects do not matter."""
+        model, data, layout = self._model, self._scratch, self._layout
+        data.qpos[layout.positions], data.qvel[:] = joints, 0.0
+        mujoco.mj_fwdKinematics(model, data)
+        mujoco.mj_comVel(model, data)
+        mujoco.mj_makeM(model, data)
+        full, weight, v = np.empty((model.nv, model.nv)), np.empty(model.nv), layout.dofs
+        mujoco.mj_fullM(model, data, full)
+        mujoco.mj_rne(model, data, 0, weight)
+        flange = Pose(data.site_xmat[layout.site].reshape(3, 3), data.site_xpos[layout.site])
+        mass = full[v, v] - np.diag(self._servo_inertia)
+        return ArmAtRest(flange, data.xanchor[layout.joints].copy(), mass, weight[v].copy())
+
+
+_SITE = int(mujoco.mjtObj.mjOBJ_SITE)
+
+
+@final
+class Flange:
+    """A view into a scene's model and state.
+
+    Pose and twist are made once between two calls of `moved`; MuJoCo's arrays stay where they are in memory,
+    so they are looked up once.
+
+    Args:
+        model: compiled scene.
+        data: its state.
+        layout: where the arm sits in it.
+    """
+
+    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, layout: ArmLayout) -> None:
+        self._model, self._data, self._layout = model, data, layout
+        self._axes = data.site_xmat[layout.site].reshape(3, 3)
+        self._origin = data.site_xpos[layout.site]
+        self._applied: Array = data.xfrc_applied[layout.mount]
+        self._center: Array = data.xipos[layout.mount]
+        self._sensor = data.sensordata[layout.force], data.sensordata[layout.torque]
+        self._pose: Pose | None = None
+        self._twist: Twist | None = None
+        self._read_at = Pose()  # axes of what the sensor shows
+        self._restored: Array | None = np.zeros(6)  # in place of what it shows
+
+    def moved(self) -> None:
+        """Forget pose and twist; MuJoCo has computed new ones."""
+        self._pose = self._twist = None
+
+    @property
+    def pose(self) -> Pose:
+        """world_from_flange."""
+        if self._pose is None:
+            self._pose = Pose.owning(self._axes.copy(), self._origin.copy())
+        return self._pose
+
+    @property
+    def twist(self) -> Twist:
+        """Velocity of the flange, at its origin, world axes."""
+        if self._twist is None:
+            twist = np.empty(6)
+            mujoco.mj_objectVelocity(self._model, self._data, _SITE, self._layout.site, twist, False)
+            self._twist = Twist.owning(twist[3:], twist[:3])
+        return self._twist
+
+    def jacobian(self) -> Array:
+        """Return J (6, joints) with [linear; angular] = J qd, at the flange origin, world axes."""
+        jacobian = np.empty((6, self._model.nv))
+        mujoco.mj_jacSite(self._model, self._data, jacobian[:3], jacobian[3:], self._layout.site)
+        return jacobian[:, self._layout.dofs]
+
+    def apply(self, wrench: Wrench) -> None:
+        """Set the load on the flange from now on: at its origin, world axes."""
+        self._applied[:3], self._applied[3:] = wrench.force, wrench.torque
+
+    def received(self) -> SixNumbers:
+        """Return what acts on the flange now: force, and torque about the world's origin, world axes.
+
+        Read back from MuJoCo, so it holds whatever has been applied by whomever.
+        """
+        (x, y, z, u, v, w), (a, b, c) = self._applied.tolist(), self._center.tolist()
+        return x, y, z, u + b * z - c * y, v + c * x - a * z, w + a * y - b * x
+
+    def stepped(self, began: Pose) -> None:
+        """Take note of a step that was taken elsewhere, and read the sensor as it was in it.
+
+        Args:
+            began: pose of the flange at its beginning.
+        """
+        self.moved()
+        self._read_at, self._restored = began, None
+
+    def read_sensor(self) -> None:
+        """Take over what the sensor shows until the next step; it has not `moved` since it was computed."""
+        self._read_at, self._restored = self.pose, None
+
+    @property
+    def measured(self) -> Array:
+        """Load (6,) that what hangs on the flange put on the arm when its sensor was read, world axes."""
+        if self._restored is not None:
+            return self._restored
+        # MuJoCo reports what the arm exerts on the flange, the wanted load is its opposite.
+        return -np.concatenate([self._read_at.rotation @ part for part in self._sensor])
+
+    @measured.setter
+    def measured(self, load: Array) -> None:
+        self._restored = load
+
+
+_ITERATIONS = 60
+_TORQUE_TOLERANCE = 1e-10  # N m; a stiffness of 500 N m/rad turns it into 2e-13 rad
+
+
+def droop(
+    model: mujoco.MjModel,
+    scratch: mujoco.MjData,
+    *,
+    layout: ArmLayout,
+    joint_names: tuple[str, ...],
+    reference: Array,
+    feedforward: Array,
+    load: Array,
+) -> Array:
+    """Return the joint angles at which servo torque, gravity and a flange load balance.
+
+    Fixed-point steps q += residual / stiffness. They contract because gravity and load change far less
+    over an angle than the servo does (on the UR5e by a factor of about 30).
+
+    Args:
+        model: with one position servo per joint, in joint order.
+        scratch: its configuration holds the other bodies; overwritten.
+        layout: of the arm in the model.
+        joint_names: for messages.
+        reference: (joints,) [rad].
+        feedforward: (joints,) [N m].
+        load: (6,) force [N] and torque [N m] at the flange origin, world axes.
+
+    Raises:
+        ConvergenceError: no equilibrium found, or it asks for more than the joints' torque.
+    """
+    stiffness = -model.actuator_biasprm[layout.joints, 1]
+    scratch.qvel[:] = 0.0
+    jacobian, gravity = np.empty((6, model.nv)), np.empty(model.nv)
+    q = reference.copy()
+    servo = residual = np.zeros_like(q)
+    for iteration in range(_ITERATIONS):
+        scratch.qpos[layout.positions] = q
+        mujoco.mj_fwdKinematics(model, scratch)
+        mujoco.mj_comVel(model, scratch)
+        mujoco.mj_rne(model, scratch, 0, gravity)
+        mujoco.mj_jacSite(model, scratch, jacobian[:3], jacobian[3:], layout.site)
+        servo = stiffness * (reference - q) + feedforward
+        residual = servo + jacobian[:, layout.dofs].T @ load - gravity[layout.dofs]
+        if np.max(np.abs(residual)) < _TORQUE_TOLERANCE:
+            _check_torque(servo, effort_limit(model, layout), joint_names, iteration)
+            return q
+        q = q + residual / stiffness
+    _check_torque(servo, effort_limit(model, layout), joint_names, _ITERATIONS)
+    worst = int(np.argmax(np.abs(residual)))
+    raise ConvergenceError(
+        f"the arm's servos find no rest under this load: joint {joint_names[worst]} is still "
+        f"{abs(residual[worst]):.3g} N m out of balance after {_ITERATIONS} iterations",
+        residual_N=float(np.abs(residual[worst])),
+        iterations=_ITERATIONS,
+    )
+
+
+def _check_torque(servo: Array, limit: Array, joint_names: tuple[str, ...], iterations: int) -> None:
+    excess = np.abs(servo) - limit
+    worst = int(np.argmax(excess))
+    if excess[worst] > 0.0:
+        raise ConvergenceError(
+            f"holding this load takes {abs(servo[worst]):.1f} N m at joint {joint_names[worst]}, which can "
+            f"give {limit[worst]:.1f} N m; bring the arm closer in or make the load lighter",
+            residual_N=float(excess[worst]),
+            iterations=iterations,
+        )

@@ -1,0 +1,153 @@
+"""Places on a soft body: the line through its rings, the frame of its tip, and words for a node.
+
+The line through the centres of a body's rings, from its base to its tip.
+
+Where the tip of a body is, and how it moves with the nodes.
+
+Where on a body something is, in words.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+from numba import int64, void
+
+from cosim.base.frames import Array, IntArray, Mask
+from cosim.base.kernels import BLOCKS, MATRIX, VECTOR, kernel, small_vector
+from cosim.soft.body.body import SoftBody
+
+
+def center_rings(body: SoftBody) -> IntArray:
+    """Return the rings (rings, nodes per ring) along the centre, base to tip; those of the first copy.
+
+    They are the body's `center_rings`, or without any the ring "base", and the tip. Where one has fewer
+    nodes than another, its nodes come more than once, which keeps its centre.
+    """
+    given = [body.rings[name] for name in body.center_rings] or [body.rings.get("base", body.base)]
+    rings = [ring for ring in (*given, body.tip) if len(ring)]
+    nodes = math.lcm(*(len(ring) for ring in rings))
+    return np.stack([np.tile(ring, nodes // len(ring)) for ring in rings])
+
+
+def center_line_length(rings: IntArray, positions: Array) -> float:
+    """Return the length [m] of the polyline through the rings' centres.
+
+    Args:
+        rings: (rings, nodes per ring), base to tip.
+        positions: (n, 3) [m].
+    """
+    steps = np.diff(positions[rings].mean(axis=1), axis=0)
+    return float(np.sqrt((steps * steps).sum(axis=1)).sum())
+
+
+@kernel(void(BLOCKS, int64, MATRIX, MATRIX, VECTOR))
+def ring_figures(points: Array, nodes: int, center: Array, normal: Array, length: Array) -> None:
+    """Fill center, normal (k, 3) and length (k,) of k shapes from points (k, n, 3).
+
+    The first `nodes` points are the tip ring in order, sum_i (r_i - r_0) x (r_i+1 - r_0) its normal; the
+    others are the polyline.
+    """
+    area, one, two = small_vector(3), small_vector(3), small_vector(3)
+    for k in range(points.shape[0]):
+        area[:] = 0.0
+        for i in range(1, nodes - 1):
+            for r in range(3):
+                one[r] = points[k, i, r] - points[k, 0, r]
+                two[r] = points[k, i + 1, r] - points[k, 0, r]
+            for r in range(3):
+                s, t = (r + 1) % 3, (r + 2) % 3
+                area[r] += one[s] * two[t] - one[t] * two[s]
+        size = np.sqrt(area[0] * area[0] + area[1] * area[1] + area[2] * area[2])
+        for r in range(3):
+            normal[k, r] = area[r] / size
+            total = 0.0
+            for i in range(nodes):
+                total += points[k, i, r]
+            center[k, r] = total / nodes
+        length[k] = 0.0
+        for i in range(nodes + 1, points.shape[1]):
+            square = 0.0
+            for r in range(3):
+                step = points[k, i, r] - points[k, i - 1, r]
+                square += step * step
+            length[k] += np.sqrt(square)
+
+
+@final
+@dataclass(frozen=True)
+class TipFrame:
+    """Position, direction and frame of the tip ring, and how they move with the nodes.
+
+    Args:
+        position: (3,) [m], mean of the ring.
+        rotation: (3, 3); the last column is the ring's unit normal, the first points to its first node.
+    """
+
+    position: Array
+    rotation: Array
+
+    @classmethod
+    def of(cls, body: SoftBody, positions: Array) -> TipFrame:
+        """Return the tip frame at the given node positions (n, 3) [m]."""
+        center = body.tip_position(positions)
+        z = body.tip_direction(positions)
+        x = positions[body.tip[0]] - center
+        x = x - (x @ z) * z
+        x = x / np.linalg.norm(x)
+        return cls(center, np.stack([x, np.cross(z, x), z], axis=1))
+
+    @property
+    def direction(self) -> Array:
+        """(3,), unit normal of the ring, away from the base."""
+        return np.asarray(self.rotation[:, 2])
+
+    def motion(self, body: SoftBody, positions: Array, displacement: Array) -> Array:
+        """Return the tip's (6,) displacement [m] and rotation [rad] under a nodal displacement.
+
+        Args:
+            body: whose tip it is.
+            positions: (n, 3) [m].
+            displacement: (n, 3) [m], infinitesimal.
+        """
+        ring, moved = positions[body.tip], displacement[body.tip]
+        shift = moved.mean(axis=0)
+        x, _, z = self.rotation.T
+        area = np.cross(ring, np.roll(ring, -1, axis=0)).sum(axis=0)
+        d_area = (
+            np.cross(moved, np.roll(ring, -1, axis=0)) + np.cross(ring, np.roll(moved, -1, axis=0))
+        ).sum(0)
+        dz = (d_area - (d_area @ z) * z) / np.linalg.norm(area)
+        arm, d_arm = ring[0] - self.position, moved[0] - shift
+        flat = arm - (arm @ z) * z
+        d_flat = d_arm - (d_arm @ z + arm @ dz) * z - (arm @ z) * dz
+        dx = (d_flat - (d_flat @ x) * x) / np.linalg.norm(flat)
+        # the rotation w has w x z = dz and (w x x) . (z x x) = w . z
+        spin = float(dx @ np.cross(z, x))
+        return np.concatenate([shift, np.cross(z, dz) + spin * z])
+
+
+def place_of_largest(body: SoftBody, positions: Array, gradient: Array, free: Mask) -> str:
+    """Return the node where the largest residual is, and the ring nearest to it.
+
+    Args:
+        body: whose residual it is.
+        positions: (n, 3) [m].
+        gradient: (n, 3) [N], of the potential there.
+        free: (n, 3) bool, components that move.
+    """
+    size = np.where(free, np.abs(gradient), 0.0).max(axis=1)
+    node = int(np.argmax(np.where(np.isfinite(size), size, np.inf)))
+    if not body.rings:
+        return f"node {node}"
+    own = [name for name, nodes in body.rings.items() if node in nodes]
+    if own:
+        return f"node {node} of {own[0]}"
+    away = {
+        name: np.linalg.norm(positions[nodes] - positions[node], axis=1).min()
+        for name, nodes in body.rings.items()
+    }
+    return f"node {node} near {min(away, key=lambda name: float(away[name]))}"

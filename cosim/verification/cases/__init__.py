@@ -1,1 +1,0 @@
-"""Known answers of equilibria of strips, cables, tubes and gas."""

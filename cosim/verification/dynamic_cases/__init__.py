@@ -1,1 +1,0 @@
-"""Known answers of motions: frequencies, orders of convergence, flight."""

@@ -1,1 +1,0 @@
-"""Known answers of films: stretched, inflated and wrinkled."""

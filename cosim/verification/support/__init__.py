@@ -1,1 +1,0 @@
-"""Meshes and specimens that verification cases share."""

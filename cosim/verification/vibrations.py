@@ -1,0 +1,339 @@
+"""Known answers: natural frequencies and motions of strips and chains.
+
+Natural frequencies of a cantilever strip: from stiffness and mass, and from its motion in time.
+
+A pendulum that swings far, and a heavy chain that swings a little.
+
+A strip without bending stiffness that whirls about an axis: its pull, and how it flaps.
+
+A cantilever strip whose clamp is shaken up and down.
+"""
+
+from __future__ import annotations
+
+import cmath
+import math
+from dataclasses import replace
+
+import numpy as np
+from scipy.linalg import eigh
+from scipy.special import ellipk, jn_zeros
+
+from cosim.base.frames import Array, Pose, rotation_from_vector
+from cosim.soft.solve.state import Clamp
+from cosim.soft.solve.time_step import ImplicitStepper
+from cosim.verification.case import NO_CLAMP, UNLOADED, Figure, Specimen, case, exact_steps, observed_order
+from cosim.verification.strips import Strip
+
+ROOTS = (1.8751040687, 4.6940911330, 7.8547574382)
+"""Solutions of cos x cosh x = -1."""
+
+COARSE, FINE = 30, 60
+DYNAMIC_PANELS = 20
+STEPS_PER_PERIOD = 200
+_DENSITY = 5.0
+
+
+def exact_frequencies(strip: Strip) -> Array:
+    """Return omega = x^2 sqrt(EI / (rho A L^4)) [rad/s]."""
+    mass = strip.density * strip.width_m
+    return np.array(ROOTS) ** 2 * math.sqrt(strip.bending_stiffness / (mass * strip.length_m**4))
+
+
+def bending_modes(strip: Strip) -> tuple[Array, Array]:
+    """Return the three lowest (omega [rad/s], height of each section) of plane bending.
+
+    In the straight strip bending decouples: both nodes of a section move along z together.
+    """
+    specimen = strip.specimen()
+    stiffness = specimen.stiffness(specimen.solve(specimen.drawn(), UNLOADED))
+    sections = np.arange(2, strip.panels + 2)
+    together = np.zeros((3 * strip.nodes, len(sections)))
+    for side in (0, 1):
+        together[3 * (2 * sections + side) + 2, np.arange(len(sections))] = 1.0
+    mass = strip.node_mass().reshape(-1, 2).sum(axis=1)[sections]
+    squares, shapes = eigh(together.T @ stiffness @ together, np.diag(mass), subset_by_index=[0, 2])
+    heights = np.zeros((strip.panels + 2, 3))
+    heights[sections] = shapes
+    return np.sqrt(squares), heights
+
+
+def frequency_in_time(strip: Strip, steps_per_period: int) -> float:
+    """Return omega [rad/s] of the first mode released at rest, stepped by BDF2, from its zero crossings."""
+    omega, shapes = bending_modes(strip)
+    specimen = strip.specimen()
+    bent = strip.body().positions
+    bent[:, 2] = 1e-4 * strip.length_m * np.repeat(shapes[:, 0] / shapes[-1, 0], 2)
+    state = specimen.drawn(bent)
+    # forces are of the order of 1e-4 EI / L^2
+    tolerance = 1e-9 * strip.bending_stiffness / strip.length_m**2
+    stepper = ImplicitStepper(specimen.newton, NO_CLAMP, exact_steps("bdf2", tolerance))
+    step = 2.0 * math.pi / omega[0] / steps_per_period
+    heights = []
+    for _ in range(math.ceil(1.4 * steps_per_period)):
+        heights.append(float(state.positions[strip.tip, 2].mean()))
+        state, _ = stepper.step(state, Pose(), UNLOADED, step)
+    h = np.array(heights)
+    before = np.flatnonzero(h[:-1] * h[1:] < 0.0)
+    crossings = before + h[before] / (h[before] - h[before + 1])
+    return float(2.0 * math.pi / ((crossings[2] - crossings[0]) * step))
+
+
+@case(
+    "cantilever_modes",
+    "Natural frequencies of a cantilever strip",
+    "cos x cosh x = -1, omega = x^2 sqrt(EI / rho A L^4)",
+)
+def cantilever_modes() -> tuple[Figure, ...]:
+    """Three bending frequencies from K and M; the first one also from a motion in time."""
+    strip = replace(Strip(FINE), density=_DENSITY)
+    exact = exact_frequencies(strip)
+    coarse, fine = bending_modes(replace(strip, panels=COARSE))[0], bending_modes(strip)[0]
+    figures = [
+        Figure.refined(f"omega_{k + 1} from K and M", "rad/s", coarse[k], fine[k], exact[k]) for k in range(3)
+    ]
+    moving = replace(strip, panels=DYNAMIC_PANELS)
+    own = bending_modes(moving)[0][0]
+    half, full = (frequency_in_time(moving, n) for n in (STEPS_PER_PERIOD // 2, STEPS_PER_PERIOD))
+    order = observed_order(half - own, full - own)
+    figures.append(Figure("omega_1 in time, BDF2", "rad/s", full, exact[0], 5e-3, observed_order=order))
+    return tuple(figures)
+
+
+AMPLITUDES_DEG = (10.0, 90.0, 150.0)
+PENDULUM_STEPS_PER_PERIOD = 400
+
+_GRAVITY = 9.81
+
+
+def released(amplitude: float, steps_per_period: int) -> float:
+    """Return the period [s] of one stiff panel on a hinge without stiffness, its mass at its end.
+
+    It hangs along x, which is down, and is released at an angle [rad]; a quarter of the period is the time
+    of the first passage, half of it lies between the first two.
+    """
+    strip = Strip(1, density=1.0, hinged=False)
+    specimen = strip.specimen()
+    start = strip.body().positions
+    start[strip.tip, 0] = strip.length_m * math.cos(amplitude)
+    start[strip.tip, 2] = strip.length_m * math.sin(amplitude)
+    state = specimen.drawn(start)
+    stepper = ImplicitStepper(specimen.newton, NO_CLAMP, exact_steps("bdf2", 1e-9))
+    step = period(amplitude, strip.length_m) / steps_per_period
+    loads = replace(UNLOADED, gravity=(_GRAVITY, 0.0, 0.0))
+    heights = [float(start[strip.tip, 2].mean())]
+    for _ in range(math.ceil(0.9 * steps_per_period)):
+        state, _ = stepper.step(state, Pose(), loads, step)
+        heights.append(float(state.positions[strip.tip, 2].mean()))
+    h = np.array(heights)
+    before = np.flatnonzero(h[:-1] * h[1:] < 0.0)
+    crossings = before + h[before] / (h[before] - h[before + 1])
+    return float(2.0 * (crossings[1] - crossings[0]) * step)
+
+
+def period(amplitude: float, length_m: float) -> float:
+    """Return T = 4 sqrt(L / g) K(k) [s], k = sin(amplitude / 2), amplitude [rad]."""
+    return 4.0 * math.sqrt(length_m / _GRAVITY) * float(ellipk(math.sin(0.5 * amplitude) ** 2))
+
+
+@case(
+    "pendulum",
+    "Period of a pendulum that swings far",
+    "T = 4 sqrt(L / g) K(sin(amplitude / 2)), Legendre's complete elliptic integral",
+)
+def pendulum() -> tuple[Figure, ...]:
+    """Periods of three amplitudes, stepped by BDF2; the last one takes 1.8 times as long as a small swing.
+
+    Steps are 1 / 400 of the period; the tolerance is some (omega h)^2 where the swing is fastest.
+    """
+    figures = []
+    for degrees in AMPLITUDES_DEG:
+        angle = math.radians(degrees)
+        exact = period(angle, Strip(1).length_m)
+        coarse, fine = (
+            released(angle, n) for n in (PENDULUM_STEPS_PER_PERIOD // 2, PENDULUM_STEPS_PER_PERIOD)
+        )
+        figures.append(Figure.refined(f"period, {degrees:g} deg", "s", coarse, fine, exact, 2e-3))
+    return tuple(figures)
+
+
+def chain_frequencies(links: int) -> Array:
+    """Return the three lowest frequencies [rad/s] of a hanging strip without bending stiffness, sideways."""
+    strip = Strip(links, density=1.0, hinged=False)
+    specimen = strip.specimen()
+    hung = specimen.solve(specimen.drawn(), replace(UNLOADED, gravity=(_GRAVITY, 0.0, 0.0)))
+    stiffness = specimen.stiffness(hung)
+    sections = np.arange(2, links + 2)
+    together = np.zeros((3 * strip.nodes, links))
+    for side in (0, 1):
+        together[3 * (2 * sections + side) + 2, np.arange(links)] = 1.0
+    mass = strip.node_mass().reshape(-1, 2).sum(axis=1)[sections]
+    squares = eigh(together.T @ stiffness @ together, np.diag(mass), eigvals_only=True)
+    return np.asarray(np.sqrt(squares[:3]))
+
+
+@case(
+    "swinging_chain",
+    "Natural frequencies of a hanging chain",
+    "Daniel Bernoulli 1733: omega = (j / 2) sqrt(g / L), J_0(j) = 0",
+)
+def swinging_chain() -> tuple[Figure, ...]:
+    """Three frequencies of a chain hung at its upper end, from stiffness and mass.
+
+    All stiffness is that of the weight's tension: the film's geometric stiffness, and nothing else. The error
+    falls with the square of the links' length.
+    """
+    exact = 0.5 * jn_zeros(0, 3) * math.sqrt(_GRAVITY / Strip(FINE).length_m)
+    coarse, fine = chain_frequencies(COARSE), chain_frequencies(FINE)
+    return tuple(
+        Figure.refined(f"omega_{k + 1}", "rad/s", float(coarse[k]), float(fine[k]), float(exact[k]))
+        for k in range(3)
+    )
+
+
+PANELS = 30
+SPEED = 20.0
+"""Of the axis [rad/s]."""
+
+STEPS_PER_TURN = 400
+_FLAP = 1e-3
+"""Height of the tip over the strip's length."""
+
+
+def flange_at(strip: Strip, angle: float) -> Pose:
+    """Return the clamp's pose at an angle [rad] about z, the strip's middle line on the axis."""
+    rotation = rotation_from_vector(np.array([0.0, 0.0, angle]))
+    return Pose(rotation, rotation @ np.array([0.0, -0.5 * strip.width_m, 0.0]))
+
+
+def stretched(strip: Strip, specimen: Specimen) -> Array:
+    """Return positions (n, 3) [m] in the clamp's frame under m omega^2 r, from the last shape's r."""
+    here, middle = specimen.solve(specimen.drawn(), UNLOADED), np.array([0.0, 0.5 * strip.width_m, 0.0])
+    for _ in range(3):
+        arm = (here.state.positions - middle) * (1.0, 1.0, 0.0)
+        force = SPEED**2 * strip.node_mass()[:, None] * arm
+        here = specimen.follow(here, replace(UNLOADED, nodal_force=force))
+    return here.state.positions
+
+
+def whirled(steps_per_turn: int) -> tuple[float, float]:
+    """Return (mean pull on the clamp [N], frequency of flapping [rad/s]) over a bit more than a turn.
+
+    Released with the height (5 u^3 - 3 u) / 2 along u = x / L: the second mode, the first one being the
+    strip's whirl in an oblique plane.
+    """
+    strip = Strip(PANELS, density=1.0, hinged=False)
+    specimen = strip.specimen()
+    x = stretched(strip, specimen)
+    held = np.flatnonzero(strip.clamped())
+    clamp = Clamp(held, specimen.body.positions[held], np.ones((len(held), 3), dtype=bool))
+    stepper = ImplicitStepper(specimen.newton, clamp, exact_steps("bdf2", 1e-7))
+    u = np.maximum(x[:, 0], 0.0) / strip.length_m
+    x[:, 2] = 0.5 * _FLAP * strip.length_m * (5.0 * u**3 - 3.0 * u)
+    world = flange_at(strip, 0.0).apply(x)
+    velocity = np.cross(np.array([0.0, 0.0, SPEED]), world)
+    state = replace(specimen.drawn(world), velocities=velocity)
+    step = 2.0 * math.pi / (SPEED * steps_per_turn)
+    pulls, heights = [], []
+    for k in range(1, steps_per_turn + 1):
+        flange = flange_at(strip, SPEED * k * step)
+        heights.append(float(state.positions[strip.tip, 2].mean()))
+        state, _ = stepper.step(state, flange, UNLOADED, step)
+        force = clamp.wrench(specimen.system.gradient, state.positions, flange).force
+        pulls.append(float(force @ flange.rotation[:, 0]))
+    h = np.array(heights)
+    before = np.flatnonzero(h[:-1] * h[1:] < 0.0)
+    crossings = before + h[before] / (h[before] - h[before + 1])
+    return float(np.mean(pulls)), float(math.pi / ((crossings[1] - crossings[0]) * step))
+
+
+@case(
+    "spinning_strip",
+    "Strip that whirls about an axis: pull and flapping",
+    "T = rho A omega^2 (L^2 - r^2) / 2; Southwell and Gough, ARC R&M 766 (1921)",
+)
+def spinning_strip() -> tuple[Figure, ...]:
+    """Pull at the axis and frequency of the second flapping mode, stepped by BDF2 with a clamp that turns.
+
+    The tension is rho A omega^2 (L^2 - r^2) / 2. With it the height w(r) of a strip that flaps obeys
+    Legendre's equation, so frequencies are omega sqrt(n (2 n - 1)): omega, 2.449 omega, 3.873 omega.
+    """
+    strip = Strip(PANELS, density=1.0)
+    pull = 0.5 * strip.density * strip.width_m * (SPEED * strip.length_m) ** 2
+    flapping = math.sqrt(6.0) * SPEED
+    found_pull, found_flapping = whirled(STEPS_PER_TURN)
+    return (
+        Figure("pull at the axis", "N", found_pull, pull, 5e-3),
+        Figure("second flapping frequency", "rad/s", found_flapping, flapping, 5e-3),
+    )
+
+
+SHAKEN_PANELS = 20
+RATIOS = (0.5, 0.8)
+"""Frequencies over the strip's first."""
+
+SHAKEN_STEPS_PER_PERIOD, PERIODS = 120, 6
+_STROKE = 1e-3
+"""Amplitude of the clamp over the strip's length: small, as the formula asks for."""
+
+_DAMPING = 0.3
+"""Of a mass in motion, per second, over the first frequency: what the start leaves has gone after PERIODS."""
+
+
+def tip_ratio(strip: Strip, omega: float, damping_per_s: float) -> complex:
+    """Return the tip's motion over the clamp's, as a complex amplitude, at a frequency [rad/s].
+
+    EI w'''' + rho A (w_tt + alpha w_t) = 0 with w = W(x) exp(i omega t), W(0) = 1, W'(0) = 0 and a free end:
+        W(L) = (cos b + cosh b) / (1 + cos b cosh b),   b^4 = rho A L^4 (omega^2 - i omega alpha) / EI.
+    """
+    mass = strip.density * strip.width_m
+    weight = mass * strip.length_m**4 / strip.bending_stiffness
+    b = (weight * (omega**2 - 1j * omega * damping_per_s)) ** 0.25
+    return (cmath.cos(b) + cmath.cosh(b)) / (1.0 + cmath.cos(b) * cmath.cosh(b))
+
+
+def found_ratio(strip: Strip, omega: float, damping_per_s: float) -> complex:
+    """Return the same from a motion that begins at rest, read from its last period."""
+    specimen = strip.specimen()
+    held = np.flatnonzero(strip.clamped())
+    clamp = Clamp(held, specimen.body.positions[held], np.ones((len(held), 3), dtype=bool))
+    # the strip's stretch rounds to some 2e-9 N, 4e-9 of this force
+    tolerance = 1e-8 * strip.bending_stiffness / strip.length_m**2
+    options = replace(exact_steps("bdf2", tolerance), damping_per_s=damping_per_s)
+    stepper = ImplicitStepper(specimen.newton, clamp, options)
+    state, step = specimen.drawn(), 2.0 * math.pi / omega / SHAKEN_STEPS_PER_PERIOD
+    stroke, heights = _STROKE * strip.length_m, []
+    for k in range(1, PERIODS * SHAKEN_STEPS_PER_PERIOD + 1):
+        flange = Pose(np.eye(3), np.array([0.0, 0.0, stroke * math.sin(omega * k * step)]))
+        state, _ = stepper.step(state, flange, UNLOADED, step)
+        heights.append(float(state.positions[strip.tip, 2].mean()))
+    last = np.array(heights[-SHAKEN_STEPS_PER_PERIOD:])
+    phase = omega * step * np.arange(len(heights) - SHAKEN_STEPS_PER_PERIOD + 1, len(heights) + 1)
+    # of sin(omega t): the imaginary part of exp(i omega t)
+    return complex(2.0j * np.mean(last * np.exp(-1j * phase)) / stroke)
+
+
+@case(
+    "shaken_beam",
+    "Cantilever strip on a shaken clamp: amplitude and lag of the tip",
+    "steady motion of a damped Euler-Bernoulli beam on a moving clamp, closed form",
+)
+def shaken_beam() -> tuple[Figure, ...]:
+    """Amplitude and lag of the tip at two frequencies below resonance, stepped by BDF2.
+
+    Tolerance: 20 panels leave the frequencies 0.2 % low, which near resonance (0.8) makes 1 % of the
+    amplitude; the steps, (omega h)^2 = 3e-3, as much in the lag.
+    """
+    strip = Strip(SHAKEN_PANELS, density=5.0)
+    first = float(exact_frequencies(strip)[0])
+    damping, figures = _DAMPING * first, []
+    for ratio in RATIOS:
+        found = found_ratio(strip, ratio * first, damping)
+        exact = tip_ratio(strip, ratio * first, damping)
+        note = f"omega / omega_1 = {ratio:g}"
+        lags = (-cmath.phase(found), -cmath.phase(exact))
+        figures += [
+            Figure(f"tip over clamp, {note}", "1", abs(found), abs(exact), 1e-2),
+            Figure(f"lag, {note}", "rad", *lags, 1e-2, absolute=True),
+        ]
+    return tuple(figures)
