@@ -53,18 +53,6 @@ PlaceTable: TypeAlias = Annotated[NDArray[np.uint64], numba.uint64[:, ::1]]
 Flags: TypeAlias = Annotated[NDArray[np.bool_], numba.boolean[::1]]
 Masks: TypeAlias = Annotated[NDArray[np.bool_], numba.boolean[:, ::1]]
 
-REAL = numba.float64
-BOOLEAN = numba.boolean
-INTEGER = numba.int64
-VECTOR = numba.float64[::1]
-MATRIX = numba.float64[:, ::1]
-BLOCKS = numba.float64[:, :, ::1]
-CUBES = numba.float64[:, :, :, ::1]
-INDICES = numba.int64[::1]
-PLACES = numba.uint64[::1]
-INDEX_TABLE = numba.int64[:, ::1]
-PLACE_TABLE = numba.uint64[:, ::1]
-MASKS = numba.boolean[:, ::1]
 
 _PACKAGE = Path(__file__).resolve().parents[1]
 _IMPORT = re.compile(r"^\s*(?:from|import) (\.*)([\w.]*)(?: import (\([^)]*\)|.*))?", re.MULTILINE)
@@ -253,24 +241,24 @@ def _imports(path: Path) -> frozenset[Path]:
 
 
 @overload
-def kernel(signature: Function) -> Function:
+def kernel(function: Function) -> Function:
     """Turn a function into a kernel."""
 
 
 @overload
 def kernel(
-    signature: Any = None, *, reorder_sums: bool = ..., allocates: bool = ..., taken_in: bool = ...
+    function: None = None, *, reorder_sums: bool = ..., allocates: bool = ..., taken_in: bool = ...
 ) -> Callable[[Function], Function]:
     """Return what turns a function into a kernel."""
 
 
 def kernel(
-    signature: Any = None, *, reorder_sums: bool = False, allocates: bool = False, taken_in: bool = False
+    function: Any = None, *, reorder_sums: bool = False, allocates: bool = False, taken_in: bool = False
 ) -> Any:
-    """Turn a function into a kernel with one fixed signature, which its annotations give.
+    """Turn a function into a kernel with the signature of its annotations, kept as `fixed_signature`.
 
     Args:
-        signature: numba signature, if not by annotations; kept as `fixed_signature` for `compile_modules`.
+        function: decorated without arguments.
         reorder_sums: whether sums may be taken in any order, with products fused into them, as BLAS does;
             values that are not finite stay visible.
         allocates: whether it makes arrays whose size it does not know when it is compiled, returns arrays, or
@@ -280,12 +268,10 @@ def kernel(
     Raises:
         TypeError: it returns arrays, and does not say that it allocates; or an annotation is missing.
     """
-    if callable(signature) and hasattr(signature, "__code__"):
-        return kernel()(signature)
 
     def decorate(function: Any) -> Any:
-        fixed = _annotated(function) if signature is None else signature
-        if not allocates and has_arrays(getattr(fixed, "return_type", None)):
+        fixed = _annotated(function)
+        if not allocates and has_arrays(fixed.return_type):
             raise TypeError(f"a kernel of {fixed} returns arrays: it has to say that it allocates")
         options = dict(_OPTIONS, fastmath={"reassoc", "contract"}) if reorder_sums else dict(_OPTIONS)
         if KNOWN:
@@ -299,7 +285,7 @@ def kernel(
             result._cache = result.cache  # numba has no public way to say what else a kernel depends on
         return result
 
-    return decorate
+    return decorate if function is None else decorate(function)
 
 
 def _device(function: Any, *, allocates: bool = False, **options: Any) -> Any:

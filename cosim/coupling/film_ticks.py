@@ -10,17 +10,16 @@ from __future__ import annotations
 
 import math
 from operator import itemgetter
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
-from numba import types
 
-from cosim.base.frames import Array, IntArray
+from cosim.base.frames import IntArray
 from cosim.base.kernels import (
-    BLOCKS,
-    INDICES,
-    MATRIX,
-    REAL,
+    Blocks,
+    Indices,
+    Matrix,
+    Vector,
     address_of,
     device_function,
     kernel,
@@ -28,7 +27,7 @@ from cosim.base.kernels import (
     small_vector,
 )
 from cosim.base.numba_insides import caller
-from cosim.coupling.contact.contact_arrays import ASKS, CONTACT, LEFT, REMEMBERED, ContactArrays
+from cosim.coupling.contact.contact_arrays import ASKS, LEFT, REMEMBERED, ContactArrays
 from cosim.coupling.contact.contact_kernels import (
     FIND_TOUCHED,
     SETTLE_TOUCHED,
@@ -38,20 +37,20 @@ from cosim.coupling.contact.contact_kernels import (
 )
 from cosim.coupling.half_ticks import (
     ALL_DONE,
-    RIGID_SIDE,
     RIGID_SIDE_WARNS,
     SOFT_HALF_LEFT,
     SOFT_STEP_BEGUN,
+    RigidSide,
     fill_flange,
     hand_over,
     take_rigid_half,
 )
-from cosim.coupling.ticks import SERVOS, TICKS
+from cosim.coupling.ticks import Servos, Ticks
 from cosim.reduced.sections.assembly import CENTER, fill_center_and_inertia
-from cosim.soft.body.loads import TOUCHING, PlainLoads, Touching
+from cosim.soft.body.loads import PlainLoads, Touching
 from cosim.soft.elements.mass_terms import mass_moments
-from cosim.soft.film.step_arrays import PLACE, StepMotion, StepPlace
-from cosim.soft.solve.film_step import FILM_SIDE, FilmSide, film_step
+from cosim.soft.film.step_arrays import StepMotion, StepPlace
+from cosim.soft.solve.film_step import FilmSide, film_step
 from cosim.soft.solve.state import add_wrench
 
 
@@ -64,9 +63,9 @@ class FilmCommands(NamedTuple):
         gravity: (n, 3) [m/s^2].
     """
 
-    pressure: Array
-    tension: Array
-    gravity: Array
+    pressure: Matrix
+    tension: Matrix
+    gravity: Matrix
 
     def some(self, first: int, end: int) -> FilmCommands:
         """Return what is asked for in some of the ticks."""
@@ -82,9 +81,9 @@ class FilmMotion(NamedTuple):
         memory: (n + 1, values), what its elements remember.
     """
 
-    x: Array
-    velocity: Array
-    memory: Array
+    x: Blocks
+    velocity: Blocks
+    memory: Matrix
 
     def from_on(self, first: int) -> FilmMotion:
         """Return the rows of a tick and all after it."""
@@ -113,17 +112,11 @@ class FilmSteps(NamedTuple):
     touching_place: StepPlace
     rest_m: float
     ahead_s: float
-    calls: IntArray
-    mass: Array
+    calls: Indices
+    mass: Blocks
     largest_turn: float
     contact: ContactArrays
 
-
-FILM_COMMANDS = types.NamedUniTuple(MATRIX, 3, FilmCommands)  # as numba calls arrays of one kind
-FILM_MOTION = types.NamedTuple((BLOCKS, BLOCKS, MATRIX), FilmMotion)
-FILM_STEPS = types.NamedTuple(
-    (FILM_SIDE, TOUCHING, PLACE, PLACE, REAL, REAL, INDICES, BLOCKS, REAL, CONTACT), FilmSteps
-)
 
 _CALLED = (film_step, add_wrench, mass_moments, take_rigid_half, hand_over)
 _STEP, _WRENCH, _MOMENTS, _RIGID, _HAND = range(len(_CALLED))
@@ -137,7 +130,7 @@ def film_calls() -> IntArray:
 
 
 @device_function
-def _turns_far(ticks, k, most):  # type: ignore[no-untyped-def]
+def _turns_far(ticks: Any, k: int, most: float) -> bool:
     """Return whether the flange has turned by more than an angle [rad] in tick k."""
     trace = 0.0
     for r in range(3):
@@ -147,7 +140,16 @@ def _turns_far(ticks, k, most):  # type: ignore[no-untyped-def]
 
 
 @device_function
-def _fill_figures(held, gradient, calls, mass, x, flange, moments, out):  # type: ignore[no-untyped-def]
+def _fill_figures(
+    held: Any,
+    gradient: Matrix,
+    calls: Indices,
+    mass: Blocks,
+    x: Matrix,
+    flange: Matrix,
+    moments: Vector,
+    out: Vector,
+) -> None:
     """Fill the figures (FIGURES,) of a film at the end of a step."""
     for r in range(CENTER):
         out[r] = 0.0
@@ -158,7 +160,9 @@ def _fill_figures(held, gradient, calls, mass, x, flange, moments, out):  # type
 
 
 @device_function
-def _take_soft_step(found, commands, row, ticks, way, k, flange):  # type: ignore[no-untyped-def]
+def _take_soft_step(
+    found: int, commands: FilmCommands, row: FilmSteps, ticks: Any, way: FilmMotion, k: int, flange: Matrix
+) -> bool:
     """Take the film's step of tick k; return whether it has converged."""
     touched = touched_planes(row.contact.touched, found)
     touching = Touching(touched, row.untouched.call, row.untouched.pairs)
@@ -175,7 +179,7 @@ def _take_soft_step(found, commands, row, ticks, way, k, flange):  # type: ignor
 
 
 @device_function
-def _settle(contact, x, ticks, k):  # type: ignore[no-untyped-def]
+def _settle(contact: ContactArrays, x: Matrix, ticks: Any, k: int) -> None:
     """Take in the end of a step that has touched something, or has let go of it; keep what that did."""
     _settle_touched(contact.calls[SETTLE_TOUCHED], (contact, x))
     end = contact.end
@@ -188,7 +192,17 @@ def _settle(contact, x, ticks, k):  # type: ignore[no-untyped-def]
 
 
 @device_function
-def _take_tick(rigid, servos, commands, row, ticks, way, k, flange, moments):  # type: ignore[no-untyped-def]
+def _take_tick(
+    rigid: Any,
+    servos: Any,
+    commands: FilmCommands,
+    row: FilmSteps,
+    ticks: Any,
+    way: FilmMotion,
+    k: int,
+    flange: Matrix,
+    moments: Vector,
+) -> int:
     """Take tick k; return how it ended, -1 if the next one may follow."""
     if not _take_rigid_half(row.calls[_RIGID], (rigid, servos, ticks, k)):
         return RIGID_SIDE_WARNS
@@ -212,8 +226,10 @@ def _take_tick(rigid, servos, commands, row, ticks, way, k, flange, moments):  #
     return -1
 
 
-@kernel(types.UniTuple(types.int64, 2)(RIGID_SIDE, SERVOS, FILM_COMMANDS, FILM_STEPS, TICKS, FILM_MOTION))
-def advance_film(rigid, servos, commands, row, ticks, way):  # type: ignore[no-untyped-def]
+@kernel
+def advance_film(
+    rigid: RigidSide, servos: Servos, commands: FilmCommands, row: FilmSteps, ticks: Ticks, way: FilmMotion
+) -> tuple[int, int]:
     """Advance by as many ticks as the servos are asked for, or fewer; return (ticks done, how it ended)."""
     flange, moments = small_matrix(4, 3), small_vector(9)
     count = servos.position.shape[0]

@@ -7,17 +7,22 @@ figures alone: the wrench on the flange, centre and inertia of its mass.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
-from numba import types, void
 
-from cosim.base.frames import Array
-from cosim.base.kernels import BOOLEAN, REAL, VECTOR, device_function, kernel, small_matrix, small_vector
+from cosim.base.kernels import (
+    Matrix,
+    Vector,
+    device_function,
+    kernel,
+    small_matrix,
+    small_vector,
+)
 from cosim.base.numba_insides import call_native
-from cosim.coupling.ticks import BODY_LOADS, CARRIED, SERVOS, TICKS, BodyLoads, CarriedInertia
+from cosim.coupling.ticks import BodyLoads, CarriedInertia, Servos, Ticks
 from cosim.reduced.sections.assembly import CENTER, INERTIA, WRENCH
-from cosim.rigid.scene.native import BEGIN, FACTORISE, FINISH, NATIVE_SCENE, NativeScene
+from cosim.rigid.scene.native import BEGIN, FACTORISE, FINISH, NativeScene
 
 LEVER_M = 0.1  # torques count as forces at this lever
 SMALLEST_N = 1e-2  # loads below it count as this large: what is left of them is rounding
@@ -39,15 +44,14 @@ class RigidSide(NamedTuple):
     scene: NativeScene
     carried: CarriedInertia
     bodies: BodyLoads
-    mounted: Array
+    mounted: Vector
     mass_kg: float
 
 
-RIGID_SIDE = types.NamedTuple((NATIVE_SCENE, CARRIED, BODY_LOADS, VECTOR, REAL), RigidSide)
-
-
 @device_function
-def _fill_payload(figures, mass, origin, axes, mounted, out):  # type: ignore[no-untyped-def]
+def _fill_payload(
+    figures: Vector, mass: float, origin: Vector, axes: Matrix, mounted: Vector, out: Vector
+) -> None:
     """Fill out (10,) with the `inertial_parameters` of the chain's mass and of what is mounted."""
     center, turned, inertia = small_vector(3), small_matrix(3, 3), small_matrix(3, 3)
     square = 0.0
@@ -76,7 +80,7 @@ def _fill_payload(figures, mass, origin, axes, mounted, out):  # type: ignore[no
 
 
 @device_function
-def _command(scene, servos, k, payload):  # type: ignore[no-untyped-def]
+def _command(scene: NativeScene, servos: Any, k: int, payload: Vector) -> None:
     """Tell the servos what to follow."""
     for j in range(scene.control.shape[0]):
         torque = servos.torque[k, j]
@@ -88,7 +92,7 @@ def _command(scene, servos, k, payload):  # type: ignore[no-untyped-def]
 
 
 @device_function
-def _give_back(scene, carried):  # type: ignore[no-untyped-def]
+def _give_back(scene: NativeScene, carried: CarriedInertia) -> None:
     """Give back what the carried inertia takes as long as the soft side answers as before."""
     joints, depth = carried.inertia.shape[0], carried.past.shape[0]
     for j in range(joints):
@@ -103,7 +107,7 @@ def _give_back(scene, carried):  # type: ignore[no-untyped-def]
 
 
 @device_function
-def _carry(scene, inertia):  # type: ignore[no-untyped-def]
+def _carry(scene: NativeScene, inertia: Matrix) -> None:
     """Add what the joints carry to a mass matrix that MuJoCo has computed for new positions."""
     joints = inertia.shape[0]
     for i in range(joints):
@@ -114,7 +118,7 @@ def _carry(scene, inertia):  # type: ignore[no-untyped-def]
 
 
 @device_function
-def _momentum_error(scene, handed):  # type: ignore[no-untyped-def]
+def _momentum_error(scene: NativeScene, handed: Vector) -> float:
     """Return how far what acts on the flange is from what was handed over, see `momentum_balance`."""
     largest = 0.0
     for r in range(3):
@@ -128,7 +132,7 @@ def _momentum_error(scene, handed):  # type: ignore[no-untyped-def]
 
 
 @device_function
-def _error_on_bodies(bodies):  # type: ignore[no-untyped-def]
+def _error_on_bodies(bodies: BodyLoads) -> float:
     """Return how far what acts on touched bodies is from what was handed over, see `momentum_balance`."""
     largest = 0.0
     for r in range(3):
@@ -145,7 +149,7 @@ def _error_on_bodies(bodies):  # type: ignore[no-untyped-def]
 
 
 @device_function
-def _drive(scene):  # type: ignore[no-untyped-def]
+def _drive(scene: NativeScene) -> None:
     """Put a cell's joints where they were to be at the end of the step."""
     for d in range(scene.drive_place.shape[0]):
         scene.coordinates[scene.drive_place[d]] = scene.drive_aim[0, d]
@@ -153,7 +157,7 @@ def _drive(scene):  # type: ignore[no-untyped-def]
 
 
 @device_function
-def _read_scene(scene, ticks, k):  # type: ignore[no-untyped-def]
+def _read_scene(scene: NativeScene, ticks: Any, k: int) -> None:
     """Keep where arm and bodies are at the end of tick k, and how the flange moves."""
     for j in range(scene.position.shape[0]):
         ticks.joints[k, j], ticks.joint_speed[k, j] = scene.position[j], scene.speed[j]
@@ -174,7 +178,7 @@ def _read_scene(scene, ticks, k):  # type: ignore[no-untyped-def]
 
 
 @device_function
-def _hand_over(ticks, k):  # type: ignore[no-untyped-def]
+def _hand_over(ticks: Any, k: int) -> None:
     """Take the wrench from the chain's figures to the world's origin."""
     place, size = ticks.origin[k + 1], 0.0
     for r in range(3):
@@ -188,7 +192,7 @@ def _hand_over(ticks, k):  # type: ignore[no-untyped-def]
 
 
 @device_function
-def _power(force, torque, twist):  # type: ignore[no-untyped-def]
+def _power(force: Vector, torque: Vector, twist: Vector) -> float:
     """Return the power [W] of a load with a twist."""
     power = 0.0
     for r in range(3):
@@ -199,7 +203,7 @@ def _power(force, torque, twist):  # type: ignore[no-untyped-def]
 
 
 @device_function
-def _fill_power(acted, ticks, k):  # type: ignore[no-untyped-def]
+def _fill_power(acted: Vector, ticks: Any, k: int) -> None:
     """Keep the powers of the wrench that acted and of the answer, see `LedgerEntry`."""
     twist, wrench = ticks.twist[k], ticks.figures[k + 1, WRENCH:CENTER]
     force = moment = speed = turn = 0.0
@@ -212,7 +216,7 @@ def _fill_power(acted, ticks, k):  # type: ignore[no-untyped-def]
 
 
 @device_function
-def rigid_half(rigid, servos, ticks, k):  # type: ignore[no-untyped-def]
+def rigid_half(rigid: RigidSide, servos: Any, ticks: Any, k: int) -> bool:
     """Let MuJoCo step under servos and the wrench of row k; return whether it has not warned."""
     scene, carried = rigid.scene, rigid.carried
     payload = small_vector(10)
@@ -233,14 +237,14 @@ def rigid_half(rigid, servos, ticks, k):  # type: ignore[no-untyped-def]
     return True
 
 
-@kernel(BOOLEAN(RIGID_SIDE, SERVOS, TICKS, types.int64))
-def take_rigid_half(rigid, servos, ticks, k):  # type: ignore[no-untyped-def]
+@kernel
+def take_rigid_half(rigid: RigidSide, servos: Servos, ticks: Ticks, k: int) -> bool:
     """Take the rigid half of a tick, see `rigid_half`."""
     return rigid_half(rigid, servos, ticks, k)
 
 
 @device_function
-def fill_flange(ticks, k, flange):  # type: ignore[no-untyped-def]
+def fill_flange(ticks: Any, k: int, flange: Matrix) -> None:
     """Fill flange (4, 3), see `flange_axes`, with its pose at the end of tick k."""
     for r in range(3):
         flange[0, r] = ticks.origin[k + 1, r]
@@ -248,8 +252,8 @@ def fill_flange(ticks, k, flange):  # type: ignore[no-untyped-def]
             flange[1 + c, r] = ticks.axes[k + 1, r, c]
 
 
-@kernel(void(VECTOR, TICKS, types.int64))
-def hand_over(acted, ticks, k):  # type: ignore[no-untyped-def]
+@kernel
+def hand_over(acted: Vector, ticks: Ticks, k: int) -> None:
     """Hand over the wrench in the figures at the end of tick k, in which (6,) has acted on the flange."""
     _hand_over(ticks, k)
     _fill_power(acted, ticks, k)

@@ -7,18 +7,17 @@ next wrench. A soft step that does not converge in one go is left.
 from __future__ import annotations
 
 from operator import itemgetter
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
-from numba import types
+import numba
+import numpy as np
+from numpy.typing import NDArray
 
-from cosim.base.frames import Array, IntArray
 from cosim.base.kernels import (
-    BOOLEAN,
-    INDICES,
-    INTEGER,
-    MATRIX,
-    REAL,
-    VECTOR,
+    Blocks,
+    Indices,
+    Matrix,
+    Vector,
     device_function,
     kernel,
     small_matrix,
@@ -26,17 +25,16 @@ from cosim.base.kernels import (
 from cosim.base.numba_insides import caller
 from cosim.coupling.half_ticks import (
     ALL_DONE,
-    RIGID_SIDE,
     RIGID_SIDE_WARNS,
     SOFT_HALF_LEFT,
+    RigidSide,
     fill_flange,
     hand_over,
     rigid_half,
 )
-from cosim.coupling.ticks import SERVOS, TICKS
+from cosim.coupling.ticks import Servos, Ticks
 from cosim.reduced.sections.section_energy import weighted_rows
-from cosim.reduced.sections.section_strains import CUBE
-from cosim.reduced.solve.time_step import CHAIN_ARRAYS, FREE_FLIGHT, ChainArrays, implicit_step
+from cosim.reduced.solve.time_step import FREE_FLIGHT, ChainArrays, implicit_step
 
 
 class ChainCommands(NamedTuple):
@@ -49,10 +47,10 @@ class ChainCommands(NamedTuple):
         tension: (n, k) [N], of all cable segments.
     """
 
-    pressure: Array
-    first: IntArray
-    weights: Array
-    tension: Array
+    pressure: Vector
+    first: Indices
+    weights: Matrix
+    tension: Matrix
 
     def some(self, first: int, end: int) -> ChainCommands:
         """Return what is asked for in some of the ticks."""
@@ -67,8 +65,8 @@ class ChainMotion(NamedTuple):
         gradient: (n, f, 6).
     """
 
-    motion: Array
-    gradient: Array
+    motion: Annotated[NDArray[np.float64], numba.float64[:, :, :, :, ::1]]
+    gradient: Blocks
 
     def from_on(self, first: int) -> ChainMotion:
         """Return the rows of a tick and all after it."""
@@ -99,16 +97,11 @@ class ChainSteps(NamedTuple):
     iterations_max: int
 
 
-CHAIN_COMMANDS = types.NamedTuple((VECTOR, INDICES, MATRIX, MATRIX), ChainCommands)
-CHAIN_MOTION = types.NamedTuple((types.Array(types.float64, 5, "C"), CUBE), ChainMotion)
-CHAIN_STEPS = types.NamedTuple(
-    (CHAIN_ARRAYS, INTEGER, REAL, REAL, BOOLEAN, BOOLEAN, BOOLEAN, INTEGER), ChainSteps
-)
 _hand_over, _implicit_step = caller(hand_over), caller(implicit_step)
 
 
 @device_function
-def _set_pressure(chain, commands, k):  # type: ignore[no-untyped-def]
+def _set_pressure(chain: ChainArrays, commands: ChainCommands, k: int) -> None:
     """Bring sections and eyelets to the pressure of tick k."""
     first, weights = commands.first[k], commands.weights[k]
     weighted_rows(chain.energies, first, weights, chain.coefficients.reshape(chain.coefficients.size))
@@ -118,12 +111,10 @@ def _set_pressure(chain, commands, k):  # type: ignore[no-untyped-def]
         chain.inverse_length[s] = 1.0 / chain.inverse_length[s]
 
 
-@kernel(
-    types.Tuple((types.int64, types.int64, types.boolean))(
-        RIGID_SIDE, SERVOS, CHAIN_COMMANDS, CHAIN_STEPS, TICKS, CHAIN_MOTION
-    )
-)
-def advance_chain(rigid, servos, commands, row, ticks, way):  # type: ignore[no-untyped-def]
+@kernel
+def advance_chain(
+    rigid: RigidSide, servos: Servos, commands: ChainCommands, row: ChainSteps, ticks: Ticks, way: ChainMotion
+) -> tuple[int, int, bool]:
     """Advance by as many ticks as the servos are asked for, or fewer.
 
     Returns:

@@ -6,12 +6,10 @@ from operator import itemgetter
 from typing import NamedTuple
 
 import numpy as np
-from numba import types
 
-from cosim.base.frames import Array, IntArray, Pose
-from cosim.base.kernels import BLOCKS, INDICES, MATRIX, VECTOR
+from cosim.base.frames import Array, Pose
+from cosim.base.kernels import Blocks, Indices, Matrix, Vector
 from cosim.reduced.sections.assembly import FIGURES
-from cosim.reduced.sections.section_strains import CUBE
 
 
 class Servos(NamedTuple):
@@ -24,10 +22,10 @@ class Servos(NamedTuple):
         by_payload: (n, joints, 10), its derivative by the payload's `inertial_parameters`; of none: zero.
     """
 
-    position: Array
-    velocity: Array
-    torque: Array
-    by_payload: Array
+    position: Matrix
+    velocity: Matrix
+    torque: Matrix
+    by_payload: Blocks
 
     @classmethod
     def knowing_no_payload(cls, position: Array, velocity: Array, torque: Array) -> Servos:
@@ -48,9 +46,9 @@ class CarriedInertia(NamedTuple):
         past: (k, joints) [rad/s^2], those of the ticks before the last one; kept up to date.
     """
 
-    inertia: Array
-    weights: Array
-    past: Array
+    inertia: Matrix
+    weights: Vector
+    past: Matrix
 
 
 class BodyLoads(NamedTuple):
@@ -63,10 +61,10 @@ class BodyLoads(NamedTuple):
         handed: (7,), film's load on all bodies about the world's origin, and its size [N].
     """
 
-    applied: Array
-    centers: Array
-    loaded: IntArray
-    handed: Array
+    applied: Matrix
+    centers: Matrix
+    loaded: Indices
+    handed: Vector
 
 
 class Ticks(NamedTuple):
@@ -92,23 +90,23 @@ class Ticks(NamedTuple):
         body_force: (n, bodies, 3) [N], of the soft robot on each body, world axes.
     """
 
-    figures: Array
-    origin: Array
-    axes: Array
-    twist: Array
-    handed: Array
-    joints: Array
-    joint_speed: Array
-    servo_torque: Array
-    places: Array
-    quaternions: Array
-    power: Array
-    momentum_error: Array
-    residual: Array
-    iterations: IntArray
-    contacts: IntArray
-    contact: Array
-    body_force: Array
+    figures: Matrix
+    origin: Matrix
+    axes: Blocks
+    twist: Matrix
+    handed: Matrix
+    joints: Matrix
+    joint_speed: Matrix
+    servo_torque: Matrix
+    places: Blocks
+    quaternions: Blocks
+    power: Matrix
+    momentum_error: Vector
+    residual: Vector
+    iterations: Indices
+    contacts: Indices
+    contact: Matrix
+    body_force: Blocks
 
     @classmethod
     def room(cls, n: int, joints: int, bodies: int) -> Ticks:
@@ -127,15 +125,3 @@ class Ticks(NamedTuple):
     def flange(self, row: int) -> Pose:
         """Return the flange's pose before a tick."""
         return Pose.owning(self.axes[row].copy(), self.origin[row].copy())
-
-
-SERVOS = types.NamedTuple((MATRIX, MATRIX, MATRIX, BLOCKS), Servos)
-CARRIED = types.NamedTuple((MATRIX, VECTOR, MATRIX), CarriedInertia)
-BODY_LOADS = types.NamedTuple((MATRIX, MATRIX, INDICES, VECTOR), BodyLoads)
-TICKS = types.NamedTuple(
-    (
-        MATRIX, MATRIX, CUBE, MATRIX, MATRIX, MATRIX, MATRIX, MATRIX, CUBE, CUBE, MATRIX,
-        VECTOR, VECTOR, INDICES, INDICES, MATRIX, CUBE,
-    ),
-    Ticks,
-)  # fmt: skip

@@ -7,14 +7,14 @@ Colours of the film: its stress on a perceptual scale, softly lit so that the sh
 
 from __future__ import annotations
 
-from typing import Final, TypeAlias, final
+from typing import Annotated, Final, TypeAlias, final
 
+import numba
 import numpy as np
-from numba import float64, uint32, void
 from numpy.typing import NDArray
 
 from cosim.base.frames import Array, IntArray
-from cosim.base.kernels import BLOCKS, INDEX_TABLE, MATRIX, VECTOR, kernel
+from cosim.base.kernels import Blocks, IndexTable, Matrix, Vector, kernel
 
 Colour: TypeAlias = tuple[int, int, int]
 Rgba: TypeAlias = NDArray[np.uint8]
@@ -94,10 +94,18 @@ _AMBIENT: Final = 0.62
 """Light that reaches every face: high, so that shading does not hide the scale."""
 
 
-@kernel(
-    void(BLOCKS, INDEX_TABLE, MATRIX, VECTOR, VECTOR, MATRIX, VECTOR, float64, uint32[:, ::1]), allocates=True
-)
-def colour_nodes(x, triangles, stress, weight, stress_range, scale, light, ambient, packed):  # type: ignore[no-untyped-def]
+@kernel(allocates=True)
+def colour_nodes(
+    x: Blocks,
+    triangles: IndexTable,
+    stress: Matrix,
+    weight: Vector,
+    stress_range: Vector,
+    scale: Matrix,
+    light: Vector,
+    ambient: float,
+    packed: Annotated[NDArray[np.uint32], numba.uint32[:, ::1]],
+) -> None:
     """Fill packed (k, n) with the colour of each node in k frames as 0xRRGGBBAA; see `MembraneColours`.
 
     weight: (n,) one over the number of triangles; scale: (colours, 3).

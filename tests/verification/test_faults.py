@@ -12,6 +12,7 @@ import pytest
 from cosim.base.kernels import Blocks, IndexTable, Indices, Matrix, Vector, device_function, kernel
 from cosim.coupling import film_ticks, half_ticks
 from cosim.coupling.schemes import interface
+from cosim.coupling.ticks import Ticks
 from cosim.reduced.sections.assembly import WRENCH
 from cosim.soft.body.loads import Loads
 from cosim.soft.elements import cable, mass_terms
@@ -137,8 +138,8 @@ def weak_wrench(patch: pytest.MonkeyPatch) -> None:
     """The arm feels 98 % of the soft side's wrench."""
     true = device_function(half_ticks.hand_over.py_func)
 
-    @kernel(half_ticks.hand_over.fixed_signature)
-    def weak(acted, ticks, k):  # type: ignore[no-untyped-def]
+    @kernel
+    def weak(acted: Vector, ticks: Ticks, k: int) -> None:
         true(acted, ticks, k)
         for r in range(WRENCH, WRENCH + 6):
             ticks.figures[k + 1, r] *= 0.98

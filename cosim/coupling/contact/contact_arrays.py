@@ -5,13 +5,18 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import types
 
-from cosim.base.frames import Array, IntArray
-from cosim.base.kernels import BLOCKS, BOOLEAN, INDEX_TABLE, INDICES, INTEGER, MATRIX, REAL, VECTOR
-from cosim.coupling.ticks import BODY_LOADS, BodyLoads
-from cosim.rigid.distance.shapes import SHAPE_BOUNDS, ShapeBounds
-from cosim.soft.contact.obstacle_contact import TOUCHED, TouchedPlanes
+from cosim.base.frames import IntArray
+from cosim.base.kernels import (
+    Blocks,
+    IndexTable,
+    Indices,
+    Matrix,
+    Vector,
+)
+from cosim.coupling.ticks import BodyLoads
+from cosim.rigid.distance.shapes import ShapeBounds
+from cosim.soft.contact.obstacle_contact import TouchedPlanes
 
 REMEMBERED, TOUCHES, POINTS, AGE, ASKS, LEFT = range(6)
 """Places in `ContactArrays.counts`: contacts remembered, contacts in the last tick, how many of these are of
@@ -36,17 +41,17 @@ class NearPoints(NamedTuple):
         film_normal: (f, 3), out of the film.
     """
 
-    point: IntArray
-    shape: IntArray
-    distance: Array
-    normal: Array
-    feature: IntArray
-    owner: IntArray
-    place: Array
-    triangle: IntArray
-    weight: Array
-    film_distance: Array
-    film_normal: Array
+    point: Indices
+    shape: Indices
+    distance: Vector
+    normal: Matrix
+    feature: Indices
+    owner: Indices
+    place: Matrix
+    triangle: Indices
+    weight: Matrix
+    film_distance: Vector
+    film_normal: Matrix
 
     @classmethod
     def room(cls, points: int, features: int) -> NearPoints:
@@ -64,31 +69,31 @@ class NearPoints(NamedTuple):
 class SurfaceRows(NamedTuple):
     """The fields of `ContactSurface`."""
 
-    nodes: IntArray
-    weights: Array
-    slots: IntArray
-    area: Array
-    triangles: IntArray
-    triangle_slots: IntArray
+    nodes: IndexTable
+    weights: Matrix
+    slots: IndexTable
+    area: Vector
+    triangles: IndexTable
+    triangle_slots: IndexTable
 
 
 class ShapeRows(NamedTuple):
     """Poses, coefficients of friction and bodies of shapes: fields of `ContactQuery`."""
 
-    position: Array
-    rotation: Array
-    friction: Array
-    body: IntArray
+    position: Matrix
+    rotation: Blocks
+    friction: Vector
+    body: Indices
 
 
 class MemoryRows(NamedTuple):
     """The fields of `ContactMemory`."""
 
-    key: IntArray
-    normal_force: Array
-    offset: Array
-    place: Array
-    triangle: IntArray
+    key: Indices
+    normal_force: Vector
+    offset: Matrix
+    place: Matrix
+    triangle: Indices
 
     @classmethod
     def room(cls, count: int) -> MemoryRows:
@@ -109,10 +114,10 @@ class Ties(NamedTuple):
         triangle: (k,) of the film, that a feature is near; -1 for points of the film.
     """
 
-    shape: IntArray
-    key: IntArray
-    carrier: Array
-    triangle: IntArray
+    shape: Indices
+    key: Indices
+    carrier: Matrix
+    triangle: Indices
 
     @classmethod
     def room(cls, count: int) -> Ties:
@@ -133,13 +138,13 @@ class EndRows(NamedTuple):
         figures: (2,), sum of the normal forces [N]; depth of the deepest that presses [m].
     """
 
-    point: Array
-    slack_friction: Array
-    loads: Array
-    acting: IntArray
-    held: Array
-    film: Array
-    figures: Array
+    point: Matrix
+    slack_friction: Vector
+    loads: Matrix
+    acting: Indices
+    held: Vector
+    film: Vector
+    figures: Vector
 
     @classmethod
     def room(cls, count: int, bodies: int) -> EndRows:
@@ -163,28 +168,28 @@ class ListRows(NamedTuple):
         triangles: (t,), see `TriangleLists`: of the film, for each of these.
     """
 
-    row: IntArray
-    local: Array
+    row: Indices
+    local: Blocks
     reach_m: float
     behind_m: float
-    spans: IntArray
-    listed: IntArray
-    features: IntArray
-    first: IntArray
-    triangles: IntArray
+    spans: IndexTable
+    listed: Indices
+    features: Indices
+    first: Indices
+    triangles: Indices
 
 
 class ShapeSurfaces(NamedTuple):
     """Fields of `Shapes` beside those of `ShapeBounds`."""
 
-    size: Array
-    faces: IntArray
-    planes: Array
-    corners: Array
-    table: IntArray
-    origin: Array
-    spacing: Array
-    values: Array
+    size: Matrix
+    faces: IndexTable
+    planes: Matrix
+    corners: Blocks
+    table: IndexTable
+    origin: Matrix
+    spacing: Matrix
+    values: Vector
 
 
 class Search(NamedTuple):
@@ -210,19 +215,19 @@ class Search(NamedTuple):
 
     bounds: ShapeBounds
     shapes: ShapeSurfaces
-    owner: IntArray
-    feature: Array
+    owner: Indices
+    feature: Matrix
     surface: SurfaceRows
     lists: ListRows
     near: NearPoints
-    held: IntArray
-    places: Array
-    spans: IntArray
-    around: Array
-    found: IntArray
-    out: Array
-    box: Array
-    calls: IntArray
+    held: Indices
+    places: Matrix
+    spans: IndexTable
+    around: Matrix
+    found: Indices
+    out: Matrix
+    box: Matrix
+    calls: Indices
 
 
 class ContactNumbers(NamedTuple):
@@ -275,44 +280,13 @@ class ContactArrays(NamedTuple):
     ties: Ties
     end: EndRows
     bodies: BodyLoads
-    free: IntArray
-    touching: Array
-    weighed: IntArray
-    speed: Array
-    counts: IntArray
-    calls: IntArray
+    free: Indices
+    touching: Vector
+    weighed: Indices
+    speed: Vector
+    counts: Indices
+    calls: Indices
 
 
 def _no_indices(count: int) -> IntArray:
     return np.empty(count, np.int64)
-
-
-NEAR = types.NamedTuple(
-    (INDICES, INDICES, VECTOR, MATRIX, INDICES, INDICES, MATRIX, INDICES, MATRIX, VECTOR, MATRIX), NearPoints
-)
-SURFACE = types.NamedTuple((INDEX_TABLE, MATRIX, INDEX_TABLE, VECTOR, INDEX_TABLE, INDEX_TABLE), SurfaceRows)
-SHAPES = types.NamedTuple((MATRIX, BLOCKS, VECTOR, INDICES), ShapeRows)
-MEMORY = types.NamedTuple((INDICES, VECTOR, MATRIX, MATRIX, INDICES), MemoryRows)
-TIES = types.NamedTuple((INDICES, INDICES, MATRIX, INDICES), Ties)
-END = types.NamedTuple((MATRIX, VECTOR, MATRIX, INDICES, VECTOR, VECTOR, VECTOR), EndRows)
-LISTS = types.NamedTuple(
-    (INDICES, BLOCKS, REAL, REAL, INDEX_TABLE, INDICES, INDICES, INDICES, INDICES), ListRows
-)
-_SHAPES = types.NamedTuple(
-    (MATRIX, INDEX_TABLE, MATRIX, BLOCKS, INDEX_TABLE, MATRIX, MATRIX, VECTOR), ShapeSurfaces
-)
-SEARCH = types.NamedTuple(
-    (
-        SHAPE_BOUNDS, _SHAPES, INDICES, MATRIX, SURFACE, LISTS, NEAR, INDICES, MATRIX, INDEX_TABLE, MATRIX,
-        INDICES, MATRIX, MATRIX, INDICES,
-    ),
-    Search,
-)  # fmt: skip
-_NUMBERS = types.NamedTuple((REAL, REAL, REAL, REAL, INTEGER, BOOLEAN), ContactNumbers)
-CONTACT = types.NamedTuple(
-    (
-        SEARCH, SHAPES, _NUMBERS, MEMORY, MEMORY, TOUCHED, TIES, END, BODY_LOADS, INDICES, VECTOR, INDICES,
-        VECTOR, INDICES, INDICES,
-    ),
-    ContactArrays,
-)  # fmt: skip

@@ -23,7 +23,6 @@ from cosim.coupling.contact.contact_arrays import (
     AGE,
     ASKS,
     LEFT,
-    LISTS,
     REMEMBERED,
     TOUCHES,
     ContactArrays,
@@ -98,7 +97,7 @@ class ContactExchange:
         self.query, self.bodies, self.surface = query, bodies, surface
         self.law = law or ContactLaw()
         self._places = np.zeros((len(surface), 3))
-        nothing: ListRows = nothing_of(LISTS)
+        nothing: ListRows = nothing_of(ListRows)
         nowhere = nothing._replace(row=np.full(len(query), -1))
         self.arrays = self._first_arrays(self._searching(nowhere))
 

@@ -10,17 +10,16 @@ Source: the neighbour list of Verlet, Computer "Experiments" on Classical Fluids
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
-from numba import types, void
 
 from cosim.base.frames import IntArray
 from cosim.base.kernels import (
-    INDICES,
-    INTEGER,
-    MATRIX,
-    REAL,
-    VECTOR,
+    Blocks,
+    Indices,
+    Matrix,
+    Vector,
     address_of,
     device_function,
     handing_on_views,
@@ -32,14 +31,14 @@ from cosim.base.numba_insides import caller
 from cosim.coupling.contact.contact_arrays import (
     AGE,
     ASKS,
-    CONTACT,
     LEFT,
     POINTS,
     REMEMBERED,
-    SEARCH,
     TOUCHES,
+    ContactArrays,
     MemoryRows,
     NearPoints,
+    Search,
     Ties,
 )
 from cosim.rigid.distance.film_distance import film_near
@@ -60,7 +59,9 @@ def search_calls() -> IntArray:
 
 
 @device_function
-def _gone(x, position, rotation, active, row, local):  # type: ignore[no-untyped-def]
+def _gone(
+    x: Matrix, position: Matrix, rotation: Blocks, active: Indices, row: Indices, local: Blocks
+) -> float:
     """Return how far a node has gone at most in the frame of an active shape; infinite for one not listed."""
     most = 0.0
     for g in active:
@@ -77,7 +78,7 @@ def _gone(x, position, rotation, active, row, local):  # type: ignore[no-untyped
 
 
 @device_function
-def _find_points(x, active, reach, search):  # type: ignore[no-untyped-def]
+def _find_points(x: Matrix, active: Indices, reach: float, search: Any) -> int:
     """Fill the points of the film that are near active shapes; return how many."""
     bounds, shapes, lists, near, spans = search.bounds, search.shapes, search.lists, search.near, search.spans
     surface, out = search.surface, search.out
@@ -102,7 +103,7 @@ def _find_points(x, active, reach, search):  # type: ignore[no-untyped-def]
 
 
 @device_function
-def _find_features(x, low, high, reach, behind, search):  # type: ignore[no-untyped-def]
+def _find_features(x: Matrix, low: Vector, high: Vector, reach: float, behind: float, search: Any) -> int:
     """Fill the features that are near the film; return how many."""
     bounds, lists, near, out = search.bounds, search.lists, search.near, search.out
     for r in range(3):
@@ -121,8 +122,10 @@ def _find_features(x, low, high, reach, behind, search):  # type: ignore[no-unty
     return count
 
 
-@kernel(types.UniTuple(types.int64, 2)(MATRIX, VECTOR, VECTOR, INDICES, REAL, REAL, SEARCH))
-def find_near(x, low, high, active, reach, behind, search):  # type: ignore[no-untyped-def]
+@kernel
+def find_near(
+    x: Matrix, low: Vector, high: Vector, active: Indices, reach: float, behind: float, search: Search
+) -> tuple[int, int]:
     """Fill what is near; return how many points of the film and how many features, -1 for lists too old.
 
     Args:
@@ -153,14 +156,23 @@ def contact_calls() -> IntArray:
 
 
 @device_function
-def _find_key(keys, key):  # type: ignore[no-untyped-def]
+def _find_key(keys: Indices, key: int) -> int:
     """Return where a key is among ascending ones, -1 if it is not there."""
     at = np.searchsorted(keys, key)
-    return at if at < keys.shape[0] and keys[at] == key else -1
+    return int(at) if at < keys.shape[0] and keys[at] == key else -1
 
 
 @device_function
-def _take_point(e, places, near, surface, shapes, per_area, planes, ties):  # type: ignore[no-untyped-def]
+def _take_point(
+    e: int,
+    places: Matrix,
+    near: NearPoints,
+    surface: Any,
+    shapes: Any,
+    per_area: float,
+    planes: PlaneRows,
+    ties: Ties,
+) -> float:
     """Fill contact e from a point of the film; return its distance."""
     p, g = near.point[e], near.shape[e]
     for r in range(3):
@@ -175,7 +187,17 @@ def _take_point(e, places, near, surface, shapes, per_area, planes, ties):  # ty
 
 
 @device_function
-def _take_feature(e, f, x, near, surface, stiffness, first_key, planes, ties):  # type: ignore[no-untyped-def]
+def _take_feature(
+    e: int,
+    f: int,
+    x: Matrix,
+    near: NearPoints,
+    surface: Any,
+    stiffness: float,
+    first_key: int,
+    planes: PlaneRows,
+    ties: Ties,
+) -> float:
     """Fill contact e from the f-th feature near the film; return its distance."""
     t = near.triangle[f]
     for k in range(6):
@@ -192,7 +214,18 @@ def _take_feature(e, f, x, near, surface, stiffness, first_key, planes, ties):  
 
 
 @device_function
-def _describe(x, places, near, surface, shapes, memory, per_area, of_feature, planes, ties):  # type: ignore[no-untyped-def]
+def _describe(
+    x: Matrix,
+    places: Matrix,
+    near: NearPoints,
+    surface: Any,
+    shapes: Any,
+    memory: MemoryRows,
+    per_area: float,
+    of_feature: float,
+    planes: PlaneRows,
+    ties: Ties,
+) -> None:
     """Fill tangent planes and what they are tied to, from nodes and contact points (p, 3) [m].
 
     What pressed in the last tick keeps its normal force, and its anchor, which rides on the shape.
@@ -223,7 +256,7 @@ def _describe(x, places, near, surface, shapes, memory, per_area, of_feature, pl
 
 
 @handing_on_views
-def touched_planes(touched, count):  # type: ignore[no-untyped-def]
+def touched_planes(touched: TouchedPlanes, count: int) -> TouchedPlanes:
     """Return the first of some contacts."""
     p = touched.planes
     planes = PlaneRows(
@@ -234,12 +267,14 @@ def touched_planes(touched, count):  # type: ignore[no-untyped-def]
 
 
 @handing_on_views
-def _first_ties(ties, count):  # type: ignore[no-untyped-def]
+def _first_ties(ties: Ties, count: int) -> Ties:
     return Ties(ties.shape[:count], ties.key[:count], ties.carrier[:count], ties.triangle[:count])
 
 
 @device_function
-def _hold_features(listed, first_key, counts, memory, held):  # type: ignore[no-untyped-def]
+def _hold_features(
+    listed: Indices, first_key: int, counts: Indices, memory: MemoryRows, held: Indices
+) -> None:
     """Fill which triangle has held each listed feature back until now."""
     for f in range(listed.shape[0]):
         held[f] = -1
@@ -251,7 +286,7 @@ def _hold_features(listed, first_key, counts, memory, held):  # type: ignore[no-
 
 
 @device_function
-def _read_poses(bounds):  # type: ignore[no-untyped-def]
+def _read_poses(bounds: Any) -> None:
     """Take the shapes' present poses over from MuJoCo."""
     for g in range(bounds.geoms.shape[0]):
         for r in range(3):
@@ -261,7 +296,7 @@ def _read_poses(bounds):  # type: ignore[no-untyped-def]
 
 
 @device_function
-def _find_pairs(contact, x, velocity, rest, ahead):  # type: ignore[no-untyped-def]
+def _find_pairs(contact: Any, x: Matrix, velocity: Matrix, rest: float, ahead: float) -> tuple[int, int]:
     """Find what is near; return how many points of the film and features, -1 for lists that do not serve."""
     bounds, search, numbers = contact.search.bounds, contact.search, contact.numbers
     low, high, fastest = small_vector(3), small_vector(3), small_vector(1)
@@ -277,8 +312,8 @@ def _find_pairs(contact, x, velocity, rest, ahead):  # type: ignore[no-untyped-d
     return _find_near(contact.calls[_FIND], (x, low, high, bounds.near[:near], reach, numbers.behind, search))
 
 
-@kernel(INTEGER(CONTACT, MATRIX, MATRIX, REAL, REAL))
-def find_touched(contact, x, velocity, rest, ahead):  # type: ignore[no-untyped-def]
+@kernel
+def find_touched(contact: ContactArrays, x: Matrix, velocity: Matrix, rest: float, ahead: float) -> int:
     """Fill what the film may touch in a step; return how much, -1 for lists that do not serve.
 
     Args:
@@ -318,7 +353,7 @@ def find_touched(contact, x, velocity, rest, ahead):  # type: ignore[no-untyped-
 
 
 @device_function
-def _add_load(part, force, place, loads):  # type: ignore[no-untyped-def]
+def _add_load(part: float, force: Vector, place: Vector, loads: Vector) -> None:
     """Add part of a force at a place and its torque about the world's origin."""
     for r in range(3):
         s, q = (r + 1) % 3, (r + 2) % 3
@@ -327,7 +362,17 @@ def _add_load(part, force, place, loads):  # type: ignore[no-untyped-def]
 
 
 @device_function
-def _remember(e, kept, push, point, stretch, shapes, ties, on_film, memory):  # type: ignore[no-untyped-def]
+def _remember(
+    e: int,
+    kept: int,
+    push: float,
+    point: Vector,
+    stretch: Vector,
+    shapes: Any,
+    ties: Ties,
+    on_film: bool,
+    memory: MemoryRows,
+) -> None:
     """Fill row `kept` of the memory from contact e, whose anchor is a stretch behind its point."""
     g = ties.shape[e]
     memory.key[kept], memory.normal_force[kept], memory.triangle[kept] = ties.key[e], push, ties.triangle[e]
@@ -339,7 +384,17 @@ def _remember(e, kept, push, point, stretch, shapes, ties, on_film, memory):  # 
 
 
 @device_function
-def _conclude(x, planes, ties, points, shapes, width, stick, memory, end):  # type: ignore[no-untyped-def]
+def _conclude(
+    x: Matrix,
+    planes: PlaneRows,
+    ties: Ties,
+    points: int,
+    shapes: Any,
+    width: float,
+    stick: float,
+    memory: MemoryRows,
+    end: Any,
+) -> int:
     """Fill what is left of contacts, the first `points` of them of film points; return how many press."""
     own, tangent, stretch = small_vector(3), small_matrix(3, 3), small_vector(3)
     kept = 0
@@ -382,7 +437,7 @@ def _conclude(x, planes, ties, points, shapes, width, stick, memory, end):  # ty
 
 
 @device_function
-def _take_for_last(memory, kept, pressing):  # type: ignore[no-untyped-def]
+def _take_for_last(memory: MemoryRows, kept: MemoryRows, pressing: int) -> None:
     """Take the contacts that press for those of the last tick."""
     for e in range(pressing):
         memory.key[e], memory.normal_force[e] = kept.key[e], kept.normal_force[e]
@@ -392,7 +447,7 @@ def _take_for_last(memory, kept, pressing):  # type: ignore[no-untyped-def]
 
 
 @device_function
-def _load_bodies(end, bodies):  # type: ignore[no-untyped-def]
+def _load_bodies(end: Any, bodies: Any) -> None:
     """Let the contacts' loads act on bodies, see `Bodies.apply`."""
     for b in range(bodies.loaded.shape[0]):
         if not (end.acting[b] or bodies.loaded[b]):
@@ -407,7 +462,7 @@ def _load_bodies(end, bodies):  # type: ignore[no-untyped-def]
 
 
 @device_function
-def _asks_for_weighing(contact):  # type: ignore[no-untyped-def]
+def _asks_for_weighing(contact: Any) -> bool:
     """Return whether `BodyMass` has to look at the bodies after a tick that has touched something."""
     loaded, counts, held = contact.bodies.loaded, contact.counts, contact.end.held
     if contact.numbers.on_joints:
@@ -424,8 +479,8 @@ def _asks_for_weighing(contact):  # type: ignore[no-untyped-def]
     return False
 
 
-@kernel(void(CONTACT, MATRIX))
-def settle_touched(contact, x):  # type: ignore[no-untyped-def]
+@kernel
+def settle_touched(contact: ContactArrays, x: Matrix) -> None:
     """Take in the end of a step at x (n, 3) [m]: remember what presses, and load the bodies."""
     counts, end, pressing = contact.counts, contact.end, 0
     count = counts[TOUCHES]

@@ -38,7 +38,7 @@ import numpy as np
 from cosim.base.frames import Array, IntArray
 from cosim.base.kernels import address_of, nothing_of
 from cosim.coupling.contact.added_mass import RATIO_BOUND, rigid_motions
-from cosim.coupling.contact.contact_arrays import CONTACT, ContactArrays
+from cosim.coupling.contact.contact_arrays import ContactArrays
 from cosim.coupling.contact.contact_exchange import AHEAD_TICKS
 from cosim.coupling.film_ticks import FilmCommands, FilmMotion, FilmSteps, advance_film, film_calls
 from cosim.coupling.half_ticks import (
@@ -188,7 +188,7 @@ class _FilmHalves(SoftHalves):
 
     @cached_property
     def _nothing(self) -> ContactArrays:
-        nothing: ContactArrays = nothing_of(CONTACT)
+        nothing: ContactArrays = nothing_of(ContactArrays)
         return nothing._replace(counts=np.zeros(6, np.int64))
 
     def _room(self, count: int) -> FilmMotion:

@@ -15,18 +15,16 @@ What a chain of frames shows its surroundings: the wrench on the flange, centre 
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
-from numba import int64, types, void
 
-from cosim.base.frames import Array, IntArray, Mask, Wrench
+from cosim.base.frames import Array, Mask, Wrench
 from cosim.base.kernels import (
-    CUBES,
-    INDICES,
-    MATRIX,
-    REAL,
-    VECTOR,
+    Blocks,
+    Cubes,
+    Flags,
+    Indices,
+    Matrix,
+    Vector,
     device_function,
     kernel,
     small_matrix,
@@ -34,8 +32,6 @@ from cosim.base.kernels import (
 )
 from cosim.reduced.sections.section_energy import TERMS, active_terms, section_energy, weighted_rows
 from cosim.reduced.sections.section_strains import (
-    CUBE,
-    FLAGS,
     add_cables,
     add_contacts,
     add_frames,
@@ -46,7 +42,7 @@ from cosim.soft.elements.mass_terms import mass_moments
 
 
 @device_function
-def _cholesky(low, f):  # type: ignore[no-untyped-def]
+def _cholesky(low: Blocks, f: int) -> bool:
     """Factorise the lower triangle of block f in place; False where it is not positive definite."""
     for j in range(6):
         for i in range(j, 6):
@@ -64,7 +60,9 @@ def _cholesky(low, f):  # type: ignore[no-untyped-def]
 
 
 @device_function
-def factorise(free, diagonal, off, shift, scale, low, side):  # type: ignore[no-untyped-def]
+def factorise(
+    free: Flags, diagonal: Blocks, off: Blocks, shift: float, scale: Vector, low: Blocks, side: Blocks
+) -> bool:
     """Fill low and side (f, 6, 6) with L and S; False where the free part is not positive definite."""
     for f in range(free.shape[0]):
         if not free[f]:
@@ -92,7 +90,7 @@ def factorise(free, diagonal, off, shift, scale, low, side):  # type: ignore[no-
 
 
 @device_function
-def substitute(free, low, side, load, step):  # type: ignore[no-untyped-def]
+def substitute(free: Flags, low: Blocks, side: Blocks, load: Matrix, step: Matrix) -> None:
     """Solve with the factor for load (f, 6); step (f, 6) is zero where a frame is held."""
     count = free.shape[0]
     for f in range(count):
@@ -121,17 +119,11 @@ def substitute(free, low, side, load, step):  # type: ignore[no-untyped-def]
 
 
 # chain: coefficients (s, c), inverse lengths (s,), masses (f, 4, 4)
-CHAIN = (MATRIX, VECTOR, CUBE)
 # loads (f, 4, 3), bed [1/s^2], targets (f, 4, 3)
-LOADS = (CUBE, REAL, CUBE)
 # cables: far frame of each segment (k,), eyelets (k, 2, 3), tensions (k,)
-CABLES = (INDICES, CUBE, VECTOR)
 # contacts: first frame of each (k,), rows (k, 17), widths (2,) of the law; see `chain_contact`
-TOUCHED = (INDICES, MATRIX, VECTOR)
 # gradient (f, 6), diagonal blocks (f, 6, 6), blocks of rows f and columns f - 1 (f, 6, 6)
-OUT = (MATRIX, CUBE, CUBE)
 # factor of the tangent: blocks (f, 6, 6) of `block_cholesky`, and whether they hold one that may serve
-FACTOR = (CUBE, CUBE, types.boolean)
 
 CONVERGED, LIMIT, NOT_FINITE, INDEFINITE, NO_DESCENT = 0, 1, 2, 3, 4
 _SHIFT_START, _SHIFT_MAX = 0.05, 1e8  # [N/m]
@@ -139,11 +131,26 @@ _STEP_MAX_M, _TURN_MAX = 0.05, 0.4
 _HALVINGS_MAX = 20
 
 
-@kernel(REAL(CUBE, *CHAIN, *LOADS, *CABLES, *TOUCHED, *OUT, types.boolean), taken_in=True)
-def assemble(  # type: ignore[no-untyped-def]
-    frames, coefficients, inverse_length, mass, load, bed, target, far, eyelets, tension, touching, rows,
-    widths, gradient, diagonal, off, hessian,
-):  # fmt: skip
+@kernel(taken_in=True)
+def assemble(
+    frames: Blocks,
+    coefficients: Matrix,
+    inverse_length: Vector,
+    mass: Blocks,
+    load: Blocks,
+    bed: float,
+    target: Blocks,
+    far: Indices,
+    eyelets: Blocks,
+    tension: Vector,
+    touching: Indices,
+    rows: Matrix,
+    widths: Vector,
+    gradient: Matrix,
+    diagonal: Blocks,
+    off: Blocks,
+    hessian: bool,
+) -> float:
     """Fill the gradient and, if asked to, the Hessian's blocks; return the potential [J]."""
     energy = add_frames(frames, load, bed, mass, target, gradient, diagonal, hessian)
     energy += add_sections(frames, coefficients, inverse_length, gradient, diagonal, off, hessian)
@@ -151,8 +158,8 @@ def assemble(  # type: ignore[no-untyped-def]
     return energy + add_contacts(frames, touching, rows, widths, gradient, diagonal, off, hessian)
 
 
-@kernel(void(CUBE, MATRIX, REAL, CUBE), taken_in=True)
-def change_frames(frames: Array, step: Array, factor: float, out: Array) -> None:
+@kernel(taken_in=True)
+def change_frames(frames: Blocks, step: Matrix, factor: float, out: Blocks) -> None:
     """Move every frame by factor times its step (dr, phi): out = (r + dr, exp(S(phi)) a_i)."""
     phi, v, w = small_vector(3), small_vector(3), small_vector(3)
     for f in range(frames.shape[0]):
@@ -178,7 +185,7 @@ def change_frames(frames: Array, step: Array, factor: float, out: Array) -> None
 
 
 @device_function
-def copy_frames(frames, out):  # type: ignore[no-untyped-def]
+def copy_frames(frames: Blocks, out: Blocks) -> None:
     """Fill out (f, 4, 3); an assignment of whole arrays takes seconds to compile, as it can fail."""
     for f in range(frames.shape[0]):
         for a in range(4):
@@ -187,7 +194,7 @@ def copy_frames(frames, out):  # type: ignore[no-untyped-def]
 
 
 @device_function
-def _residual(gradient, free, lever):  # type: ignore[no-untyped-def]
+def _residual(gradient: Matrix, free: Flags, lever: float) -> float:
     """Return the largest out-of-balance force, or moment over lever."""
     largest = 0.0
     for f in range(free.shape[0]):
@@ -200,7 +207,7 @@ def _residual(gradient, free, lever):  # type: ignore[no-untyped-def]
 
 
 @device_function
-def _descent(free, gradient, step):  # type: ignore[no-untyped-def]
+def _descent(free: Flags, gradient: Matrix, step: Matrix) -> tuple[float, float]:
     """Turn the solution into a step; return the potential's slope along it, and the factor that bounds it."""
     slope = longest = turn = 0.0
     for f in range(free.shape[0]):
@@ -215,7 +222,7 @@ def _descent(free, gradient, step):  # type: ignore[no-untyped-def]
 
 
 @device_function
-def _descends(value, energy, fall, residual, before):  # type: ignore[no-untyped-def]
+def _descends(value: float, energy: float, fall: float, residual: float, before: float) -> bool:
     """Whether a step has lowered the potential as it should, or the residual by far."""
     if not np.isfinite(value):
         return False
@@ -223,7 +230,7 @@ def _descends(value, energy, fall, residual, before):  # type: ignore[no-untyped
 
 
 @device_function
-def _factorise(free, diagonal, off, scale, low, side):  # type: ignore[no-untyped-def]
+def _factorise(free: Flags, diagonal: Blocks, off: Blocks, scale: Vector, low: Blocks, side: Blocks) -> float:
     """Factorise the tangent; return the least shift [N/m] tried that makes it definite, or one too large."""
     shift = 0.0
     while shift <= _SHIFT_MAX and not factorise(free, diagonal, off, shift, scale, low, side):
@@ -231,17 +238,31 @@ def _factorise(free, diagonal, off, scale, low, side):  # type: ignore[no-untype
     return shift
 
 
-@kernel(
-    types.Tuple((int64, int64, REAL, REAL, int64, types.boolean))(
-        CUBE, FLAGS, *CHAIN, *LOADS, *CABLES, *TOUCHED, *OUT, *FACTOR, VECTOR, int64
-    ),
-    allocates=True,
-    taken_in=True,
-)
-def minimise(  # type: ignore[no-untyped-def]
-    frames, free, coefficients, inverse_length, mass, load, bed, target, far, eyelets, tension,
-    touching, rows, widths, gradient, diagonal, off, low, side, kept, bounds, iterations_max,
-):  # fmt: skip
+@kernel(allocates=True, taken_in=True)
+def minimise(
+    frames: Blocks,
+    free: Flags,
+    coefficients: Matrix,
+    inverse_length: Vector,
+    mass: Blocks,
+    load: Blocks,
+    bed: float,
+    target: Blocks,
+    far: Indices,
+    eyelets: Blocks,
+    tension: Vector,
+    touching: Indices,
+    rows: Matrix,
+    widths: Vector,
+    gradient: Matrix,
+    diagonal: Blocks,
+    off: Blocks,
+    low: Blocks,
+    side: Blocks,
+    kept: bool,
+    bounds: Vector,
+    iterations_max: int,
+) -> tuple[int, int, float, float, int, bool]:
     """Find the minimum of the potential near `frames`, which are moved there; gradient belongs to it.
 
     The factor of an earlier tangent, where one is kept, serves while the residual falls fast enough.
@@ -300,9 +321,9 @@ def minimise(  # type: ignore[no-untyped-def]
         change_frames(frames, step, factor, trial)
 
 
-@kernel(REAL(CUBE, MATRIX, MATRIX, VECTOR, VECTOR), taken_in=True)
+@kernel(taken_in=True)
 def gas_volume(
-    frames: Array, coefficients: Array, rates: Array, inverse_length: Array, length_rate: Array
+    frames: Blocks, coefficients: Matrix, rates: Matrix, inverse_length: Vector, length_rate: Vector
 ) -> float:
     """Return -d(energy of all sections)/dp [m^3] at given frames.
 
@@ -319,8 +340,8 @@ def gas_volume(
     return volume
 
 
-@kernel(void(CUBE, INDICES, CUBE, MATRIX), taken_in=True)
-def combine_points(frames: Array, before: IntArray, weights: Array, out: Array) -> None:
+@kernel(taken_in=True)
+def combine_points(frames: Blocks, before: Indices, weights: Blocks, out: Matrix) -> None:
     """Fill out (n, 3) with combinations (n, 2, 4) of the points of two frames, `before` (n,) and the next."""
     for n in range(out.shape[0]):
         b = before[n]
@@ -333,8 +354,16 @@ def combine_points(frames: Array, before: IntArray, weights: Array, out: Array) 
             )  # fmt: skip
 
 
-@kernel(void(CUBES, VECTOR, REAL, int64, MATRIX, INDICES, CUBE), allocates=True)
-def chain_points(frames, pressures, largest, intervals, table, before, out):  # type: ignore[no-untyped-def]
+@kernel(allocates=True)
+def chain_points(
+    frames: Cubes,
+    pressures: Vector,
+    largest: float,
+    intervals: int,
+    table: Matrix,
+    before: Indices,
+    out: Blocks,
+) -> None:
     """Fill out (k, n, 3) with points of chains (k, f, 4, 3) at pressures (k,).
 
     table: (size, 8 n), each point as a combination of those of the two frames from `before` (n,) on.
@@ -348,8 +377,17 @@ def chain_points(frames, pressures, largest, intervals, table, before, out):  # 
         combine_points(frames[k], before, combinations, out[k])
 
 
-@kernel(void(CUBES, VECTOR, REAL, int64, MATRIX, MATRIX, VECTOR, VECTOR), allocates=True)
-def gas_volumes(frames, pressures, largest, intervals, energy, length, gas, out):  # type: ignore[no-untyped-def]
+@kernel(allocates=True)
+def gas_volumes(
+    frames: Cubes,
+    pressures: Vector,
+    largest: float,
+    intervals: int,
+    energy: Matrix,
+    length: Matrix,
+    gas: Vector,
+    out: Vector,
+) -> None:
     """Fill out (k,) with the enclosed volumes [m^3] of chains (k, f, 4, 3) at pressures (k,).
 
     energy: (size, s c); length: (size, s); gas: (size,); see `SectionModel`.
@@ -395,8 +433,8 @@ def center_and_inertia(figures: Array) -> tuple[Array, Array]:
     return figures[CENTER:INERTIA], figures[INERTIA:].reshape(3, 3)
 
 
-@kernel(void(CUBE, FLAGS, CUBE, MATRIX, VECTOR), taken_in=True)
-def fill_figures(frames: Array, free: Any, mass: Array, gradient: Array, out: Array) -> None:
+@kernel(taken_in=True)
+def fill_figures(frames: Blocks, free: Flags, mass: Blocks, gradient: Matrix, out: Vector) -> None:
     """Fill out (FIGURES,): the wrench on the flange at its origin, centre and inertia of the mass.
 
     Held frames are supplied with the gradient (f, 6) of the potential; the flange bears its opposite.
@@ -416,7 +454,7 @@ def fill_figures(frames: Array, free: Any, mass: Array, gradient: Array, out: Ar
 
 
 @device_function
-def fill_center_and_inertia(total, moments, place, out):  # type: ignore[no-untyped-def]
+def fill_center_and_inertia(total: float, moments: Vector, place: Vector, out: Vector) -> None:
     """Fill centre and inertia in figures out (FIGURES,).
 
     Args:

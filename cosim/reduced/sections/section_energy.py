@@ -21,17 +21,15 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any, Final, final
+from typing import Final, final
 
 import numpy as np
-from numba import float64, int64, void
 
 from cosim.base.frames import Array
 from cosim.base.kernels import (
-    BLOCKS,
-    MATRIX,
-    REAL,
-    VECTOR,
+    Blocks,
+    Matrix,
+    Vector,
     device_function,
     kernel,
     small_matrix,
@@ -44,7 +42,7 @@ TERMS = 4
 
 
 @device_function
-def _cubics(u, out):  # type: ignore[no-untyped-def]
+def _cubics(u: float, out: Vector) -> None:
     v = 1.0 - u
     out[0] = v * v * v / 6.0
     out[1] = (3.0 * u * u * u - 6.0 * u * u + 4.0) / 6.0
@@ -52,8 +50,8 @@ def _cubics(u, out):  # type: ignore[no-untyped-def]
     out[3] = u * u * u / 6.0
 
 
-@kernel(int64(REAL, REAL, int64, MATRIX), taken_in=True)
-def active_terms(pressure: float, largest: float, intervals: int, out: Array) -> int:
+@kernel(taken_in=True)
+def active_terms(pressure: float, largest: float, intervals: int, out: Matrix) -> int:
     """Fill out (2, TERMS): values and slopes d/dp [1/Pa] of the functions that are not zero.
 
     Returns the first of them. Beyond 0 to `largest` the functions go on as straight lines in p.
@@ -76,8 +74,8 @@ def active_terms(pressure: float, largest: float, intervals: int, out: Array) ->
     return first
 
 
-@kernel(void(VECTOR, REAL, int64, BLOCKS))
-def fill_bases(pressures: Array, largest: float, intervals: int, out: Array) -> None:
+@kernel
+def fill_bases(pressures: Vector, largest: float, intervals: int, out: Blocks) -> None:
     """Put the active terms of pressures (k,) in their places in out (k, 2, size)."""
     terms = small_matrix(2, TERMS)
     for p in range(pressures.shape[0]):
@@ -87,8 +85,8 @@ def fill_bases(pressures: Array, largest: float, intervals: int, out: Array) -> 
             out[p, 1, first + k] = terms[1, k]
 
 
-@kernel(void(MATRIX, int64, VECTOR, VECTOR), taken_in=True)
-def weighted_rows(table: Array, first: int, weights: Array, out: Array) -> None:
+@kernel(taken_in=True)
+def weighted_rows(table: Matrix, first: int, weights: Vector, out: Vector) -> None:
     """Fill out (m,) with TERMS rows of table (size, m) from `first` on, times weights (TERMS,)."""
     for k in range(out.shape[0]):
         out[k] = (
@@ -170,7 +168,7 @@ LOW, HIGH, BENT = COEFFICIENTS, COEFFICIENTS + 1, COEFFICIENTS + 2
 
 
 @device_function
-def _polynomial(c, s, first, order, z):  # type: ignore[no-untyped-def]
+def _polynomial(c: Matrix, s: int, first: int, order: int, z: float) -> tuple[float, float, float]:
     """Return value, slope and curvature of sum_k c[s, first + k] z^k."""
     value = slope = curvature = 0.0
     for k in range(order, -1, -1):
@@ -181,13 +179,15 @@ def _polynomial(c, s, first, order, z):  # type: ignore[no-untyped-def]
 
 
 @device_function
-def _quadratic(c0, c1, c2, z):  # type: ignore[no-untyped-def]
+def _quadratic(c0: float, c1: float, c2: float, z: float) -> tuple[float, float, float]:
     """Return value, slope and curvature of c0 + c1 z + c2 z^2."""
     return c0 + z * (c1 + z * c2), c1 + 2.0 * c2 * z, 2.0 * c2
 
 
 @device_function
-def section_energy(c, s, x, inverse_length, gradient, hessian):  # type: ignore[no-untyped-def]
+def section_energy(
+    c: Matrix, s: int, x: Vector, inverse_length: float, gradient: Vector, hessian: Matrix
+) -> float:
     """Return F; fill its gradient (6,) and, if asked to, its Hessian (6, 6) with respect to the strains.
 
     Args:
@@ -236,7 +236,9 @@ def section_energy(c, s, x, inverse_length, gradient, hessian):  # type: ignore[
 
 
 @device_function
-def _stretching(x, inverse_length, second, hessian):  # type: ignore[no-untyped-def]
+def _stretching(
+    x: Vector, inverse_length: float, second: tuple[float, float, float, float, float], hessian: Matrix
+) -> None:
     """Fill the Hessian's row and column of u_3 from the second derivatives z and (z, b, s, q, t)."""
     f_zz, f_zb, f_zs, f_zq, f_zt = second
     u1, u2, w1, w2, w3 = x[0], x[1], x[3], x[4], x[5]
@@ -251,7 +253,12 @@ def _stretching(x, inverse_length, second, hessian):  # type: ignore[no-untyped-
 
 
 @device_function
-def _bending(x, derivatives, mixed, hessian):  # type: ignore[no-untyped-def]
+def _bending(
+    x: Vector,
+    derivatives: tuple[float, float, float, float, float, float, float],
+    mixed: tuple[float, float, float],
+    hessian: Matrix,
+) -> None:
     """Fill the rest of the Hessian from the derivatives by (b, s, q, t), and by bb, bq, qq."""
     f_b, f_s, f_q, f_t, f_bb, f_bq, f_qq = derivatives
     c2, c3, c4 = mixed
@@ -276,8 +283,8 @@ def _bending(x, derivatives, mixed, hessian):  # type: ignore[no-untyped-def]
         hessian[k, i] = hessian[i, k]
 
 
-@kernel(void(MATRIX, VECTOR, MATRIX, float64[:, :, ::1]), allocates=True)
-def basis(strains: Array, inverse_length: Array, values: Array, gradients: Any) -> None:
+@kernel(allocates=True)
+def basis(strains: Matrix, inverse_length: Vector, values: Matrix, gradients: Blocks) -> None:
     """Fill values (n, COEFFICIENTS) and gradients (n, 6, COEFFICIENTS) of every term, coefficient one."""
     count = values.shape[1]
     unit = np.zeros((1, count))

@@ -24,18 +24,23 @@ Contact points on a chain of frames: energy, gradient and Hessian; see `chain_co
 from __future__ import annotations
 
 import numpy as np
-from numba import boolean, float64
 
-from cosim.base.kernels import device_function, small_matrix, small_vector, zero_matrix
+from cosim.base.kernels import (
+    Blocks,
+    Indices,
+    Matrix,
+    Vector,
+    device_function,
+    small_matrix,
+    small_vector,
+    zero_matrix,
+)
 from cosim.reduced.sections.section_energy import BENT, HIGH, LOW, section_energy
 from cosim.soft.contact.contact_law import touch
 
-CUBE = float64[:, :, ::1]
-FLAGS = boolean[::1]
-
 
 @device_function
-def add_skew(block, f, row, column, x, y, z):  # type: ignore[no-untyped-def]
+def add_skew(block: Blocks, f: int, row: int, column: int, x: float, y: float, z: float) -> None:
     """Add S((x, y, z)) to a 3 x 3 part of block f."""
     block[f, row, column + 1] -= z
     block[f, row, column + 2] += y
@@ -46,7 +51,7 @@ def add_skew(block, f, row, column, x, y, z):  # type: ignore[no-untyped-def]
 
 
 @device_function
-def add_turning(block, f, n, factor):  # type: ignore[no-untyped-def]
+def add_turning(block: Blocks, f: int, n: Matrix, factor: float) -> None:
     """Add factor [(n + n^T) / 2 - (trace n) 1] to the rotational part of block f, n (3, 3) a sum of f v^T."""
     trace = n[0, 0] + n[1, 1] + n[2, 2]
     for r in range(3):
@@ -56,7 +61,7 @@ def add_turning(block, f, n, factor):  # type: ignore[no-untyped-def]
 
 
 @device_function
-def section_strains(frames, s, d, x):  # type: ignore[no-untyped-def]
+def section_strains(frames: Blocks, s: int, d: Vector, x: Vector) -> None:
     """Fill d (3,) and the strains x (6,) of section s."""
     for r in range(3):
         d[r] = frames[s + 1, 0, r] - frames[s, 0, r]
@@ -71,7 +76,7 @@ def section_strains(frames, s, d, x):  # type: ignore[no-untyped-def]
 
 
 @device_function
-def _add_pull(frames, s, d, g, out, lean, turn):  # type: ignore[no-untyped-def]
+def _add_pull(frames: Blocks, s: int, d: Vector, g: Vector, out: Matrix, lean: Matrix, turn: Matrix) -> None:
     """Add the section's forces and moments, from the derivatives g (6,) by its strains.
 
     Fills lean (2, 3), sum_i g_i a_i and sum_i g_i b_i, and turn (3, 3), the sum of g p q^T / 2 over all
@@ -96,7 +101,7 @@ def _add_pull(frames, s, d, g, out, lean, turn):  # type: ignore[no-untyped-def]
 
 
 @device_function
-def _strain_slopes(frames, s, d, jac):  # type: ignore[no-untyped-def]
+def _strain_slopes(frames: Blocks, s: int, d: Vector, jac: Matrix) -> None:
     """Fill jac (6, 9), d strains / d (r_b, phi_a, phi_b); r_a has the opposite sign of r_b.
 
     Its last three rows are zero by r_b, and by phi_b the opposite of those by phi_a.
@@ -115,7 +120,7 @@ def _strain_slopes(frames, s, d, jac):  # type: ignore[no-untyped-def]
 
 
 @device_function
-def _turned(h, jac, out):  # type: ignore[no-untyped-def]
+def _turned(h: Matrix, jac: Matrix, out: Matrix) -> None:
     """Fill out (6, 9), h jac."""
     for i in range(6):
         for k in range(3):
@@ -126,13 +131,13 @@ def _turned(h, jac, out):  # type: ignore[no-untyped-def]
 
 
 @device_function
-def _product(a, b, row, i, k):  # type: ignore[no-untyped-def]
+def _product(a: Matrix, b: Matrix, row: int, i: int, k: int) -> float:
     """Return the product of columns i of a and k of b, over three rows from `row` on."""
     return a[row, i] * b[row, k] + a[row + 1, i] * b[row + 1, k] + a[row + 2, i] * b[row + 2, k]
 
 
 @device_function
-def _add_stiffness(jac, turned, s, diagonal, off):  # type: ignore[no-untyped-def]
+def _add_stiffness(jac: Matrix, turned: Matrix, s: int, diagonal: Blocks, off: Blocks) -> None:
     """Add jac^T turned to the blocks of the frames beside section s; the block between them is new."""
     b = s + 1
     for i in range(3):
@@ -159,7 +164,7 @@ def _add_stiffness(jac, turned, s, diagonal, off):  # type: ignore[no-untyped-de
 
 
 @device_function
-def _add_geometric(s, d, lean, turn, diagonal, off):  # type: ignore[no-untyped-def]
+def _add_geometric(s: int, d: Vector, lean: Matrix, turn: Matrix, diagonal: Blocks, off: Blocks) -> None:
     """Add the strains' own second derivatives times the energy's gradient; turn is overwritten."""
     b = s + 1
     # r-phi parts: u_i moves by (phi x a_i) . dr / 2
@@ -186,7 +191,15 @@ def _add_geometric(s, d, lean, turn, diagonal, off):  # type: ignore[no-untyped-
 
 
 @device_function
-def add_sections(frames, c, inverse_length, out, diagonal, off, hessian):  # type: ignore[no-untyped-def]
+def add_sections(
+    frames: Blocks,
+    c: Matrix,
+    inverse_length: Vector,
+    out: Matrix,
+    diagonal: Blocks,
+    off: Blocks,
+    hessian: bool,
+) -> float:
     """Add all sections; off is filled anew. Returns their energy."""
     d, x, g, h = (
         small_vector(3),
@@ -213,7 +226,16 @@ def add_sections(frames, c, inverse_length, out, diagonal, off, hessian):  # typ
 
 
 @device_function
-def add_frames(frames, load, bed, mass, target, out, diagonal, hessian):  # type: ignore[no-untyped-def]
+def add_frames(
+    frames: Blocks,
+    load: Blocks,
+    bed: float,
+    mass: Blocks,
+    target: Blocks,
+    out: Matrix,
+    diagonal: Blocks,
+    hessian: bool,
+) -> float:
     """Fill gradient and diagonal blocks with dead loads and the inertial bed; return their energy.
 
     Args:
@@ -258,7 +280,7 @@ def add_frames(frames, load, bed, mass, target, out, diagonal, hessian):  # type
 
 
 @device_function
-def _add_bed(frames, f, bed, mass, turn, diagonal):  # type: ignore[no-untyped-def]
+def _add_bed(frames: Blocks, f: int, bed: float, mass: Blocks, turn: Matrix, diagonal: Blocks) -> None:
     """Add the second derivatives of dead loads and bed; turn (3, 3), sum of forces times axes."""
     add_turning(diagonal, f, turn, 1.0)
     if bed == 0.0:
@@ -289,7 +311,16 @@ def _add_bed(frames, f, bed, mass, turn, diagonal):  # type: ignore[no-untyped-d
 
 
 @device_function
-def add_cables(frames, far, eyelets, tension, out, diagonal, off, hessian):  # type: ignore[no-untyped-def]
+def add_cables(
+    frames: Blocks,
+    far: Indices,
+    eyelets: Blocks,
+    tension: Vector,
+    out: Matrix,
+    diagonal: Blocks,
+    off: Blocks,
+    hessian: bool,
+) -> float:
     """Add all cable segments under tension; return their energy.
 
     Args:
@@ -333,7 +364,9 @@ def add_cables(frames, far, eyelets, tension, out, diagonal, off, hessian):  # t
 
 
 @device_function
-def _add_across(b, arm, t, tension, length, diagonal, off):  # type: ignore[no-untyped-def]
+def _add_across(
+    b: int, arm: Matrix, t: Vector, tension: float, length: float, diagonal: Blocks, off: Blocks
+) -> None:
     """Add the stiffness of a segment across its direction t, and what turning its arms q adds.
 
     With w = tension / length and n = t x q: the step between the eyelets has w (1 - t t^T), its product
@@ -379,7 +412,16 @@ WEIGHTS, NORMAL, OFFSET, STIFFNESS, FRICTION, ANCHOR, COLUMNS = 0, 8, 11, 12, 13
 
 
 @device_function
-def add_contacts(frames, first, rows, widths, out, diagonal, off, hessian):  # type: ignore[no-untyped-def]
+def add_contacts(
+    frames: Blocks,
+    first: Indices,
+    rows: Matrix,
+    widths: Vector,
+    out: Matrix,
+    diagonal: Blocks,
+    off: Blocks,
+    hessian: bool,
+) -> float:
     """Add all contacts; return their energy.
 
     Args:
@@ -420,7 +462,7 @@ def add_contacts(frames, first, rows, widths, out, diagonal, off, hessian):  # t
 
 
 @device_function
-def _place(frames, f, rows, k, arm, point):  # type: ignore[no-untyped-def]
+def _place(frames: Blocks, f: int, rows: Matrix, k: int, arm: Matrix, point: Vector) -> None:
     """Fill the contact point and its arms q (2, 3) from both origins, each by its weights."""
     for r in range(3):
         point[r] = 0.0
@@ -434,7 +476,7 @@ def _place(frames, f, rows, k, arm, point):  # type: ignore[no-untyped-def]
 
 
 @device_function
-def _slopes(rows, k, arm, jac):  # type: ignore[no-untyped-def]
+def _slopes(rows: Matrix, k: int, arm: Matrix, jac: Matrix) -> None:
     """Fill jac (3, 12), d point / d (dr, phi) of both frames: [w 1, -S(q)]."""
     for side in range(2):
         for r in range(3):
@@ -445,7 +487,9 @@ def _slopes(rows, k, arm, jac):  # type: ignore[no-untyped-def]
 
 
 @device_function
-def _contact_add_stiffness(f, jac, tangent, turned, diagonal, off):  # type: ignore[no-untyped-def]
+def _contact_add_stiffness(
+    f: int, jac: Matrix, tangent: Matrix, turned: Matrix, diagonal: Blocks, off: Blocks
+) -> None:
     """Add J^T K J to the blocks of frames f and f + 1."""
     for k in range(12):
         for r in range(3):
@@ -459,7 +503,7 @@ def _contact_add_stiffness(f, jac, tangent, turned, diagonal, off):  # type: ign
 
 
 @device_function
-def _add_rotations(f, own, arm, work, diagonal):  # type: ignore[no-untyped-def]
+def _add_rotations(f: int, own: Vector, arm: Matrix, work: Matrix, diagonal: Blocks) -> None:
     """Add the second order of the rotations, the gradient `own` (3,) by the point times its arms."""
     for side in range(2):
         for r in range(3):

@@ -21,15 +21,21 @@ from dataclasses import dataclass, replace
 from typing import Protocol, TypeAlias, TypeVar, final
 
 import numpy as np
-from numba import types
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
 from cosim.base.frames import Array, IntArray, Mask
-from cosim.base.kernels import INDEX_TABLE, INDICES, MATRIX, VECTOR, kernel
+from cosim.base.kernels import (
+    Blocks,
+    IndexTable,
+    Indices,
+    Matrix,
+    Vector,
+    kernel,
+)
 from cosim.errors import ConvergenceError, InputError
 from cosim.reduced.section_model import SectionBody
 from cosim.reduced.sections.assembly import assemble, minimise
-from cosim.reduced.sections.section_strains import ANCHOR, COLUMNS, CUBE, FRICTION, NORMAL, OFFSET, STIFFNESS
+from cosim.reduced.sections.section_strains import ANCHOR, COLUMNS, FRICTION, NORMAL, OFFSET, STIFFNESS
 from cosim.soft.body.loads import Loads
 from cosim.soft.body.places import TipFrame
 from cosim.soft.contact.obstacle_contact import ContactPlanes
@@ -87,14 +93,20 @@ def solve_sealed(
     return found
 
 
-@kernel(
-    types.boolean(
-        INDEX_TABLE, MATRIX, INDICES, CUBE, MATRIX, VECTOR, VECTOR, VECTOR, MATRIX, INDICES, MATRIX
-    )
-)  # fmt: skip
-def _fill_rows(  # type: ignore[no-untyped-def]
-    nodes, weights, before, combination, normal, offset, stiffness, friction, anchor, first, rows
-):
+@kernel
+def _fill_rows(
+    nodes: IndexTable,
+    weights: Matrix,
+    before: Indices,
+    combination: Blocks,
+    normal: Matrix,
+    offset: Vector,
+    stiffness: Vector,
+    friction: Vector,
+    anchor: Matrix,
+    first: Indices,
+    rows: Matrix,
+) -> bool:
     """Fill first (k,) and rows (k, COLUMNS); False where a triangle reaches across a frame."""
     for k in range(nodes.shape[0]):
         f = min(before[nodes[k, 0]], before[nodes[k, 1]], before[nodes[k, 2]])

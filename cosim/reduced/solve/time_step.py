@@ -19,15 +19,15 @@ from dataclasses import dataclass, replace
 from typing import Annotated, NamedTuple, final
 
 import numpy as np
-from numba import int64, types
 
-from cosim.base.frames import Array, IntArray, Mask, Pose
+from cosim.base.frames import Array, Pose
 from cosim.base.kernels import (
-    INDICES,
-    INTEGER,
-    MATRIX,
-    REAL,
-    VECTOR,
+    Blocks,
+    Cubes,
+    Flags,
+    Indices,
+    Matrix,
+    Vector,
     address_of,
     device_function,
     kernel,
@@ -35,17 +35,12 @@ from cosim.base.kernels import (
 )
 from cosim.errors import ConvergenceError, OutOfRangeError
 from cosim.reduced.sections.assembly import (
-    CABLES,
-    CHAIN,
-    FACTOR,
     FIGURES,
-    TOUCHED,
     change_frames,
     copy_frames,
     fill_figures,
     minimise,
 )
-from cosim.reduced.sections.section_strains import CUBE, FLAGS
 from cosim.reduced.solve.clamp import FrameClamp, check_pressure, place_in_range
 from cosim.reduced.solve.commanded_cables import CLOSE_N, commanded, solve_commanded, tensions_at
 from cosim.reduced.solve.newton import OUTCOMES, Bed, ChainSolver, solve_sealed
@@ -113,35 +108,26 @@ class ChainArrays(NamedTuple):
     """
 
     call: int
-    free: Mask
-    offsets: Array
-    coefficients: Array
-    inverse_length: Array
-    mass: Array
-    load: Array
-    far: IntArray
-    eyelets: Array
-    touching: IntArray
-    rows: Array
-    widths: Array
-    energies: Array
-    lengths: Array
-    eyelet_table: Array
-    target: Array
-    diagonal: Array
-    off: Array
-    low: Array
-    side: Array
-    bounds: Array
-
-
-CHAIN_ARRAYS = types.NamedTuple(
-    (
-        INTEGER, FLAGS, CUBE, MATRIX, VECTOR, CUBE, CUBE, INDICES, CUBE, INDICES, MATRIX, VECTOR, MATRIX,
-        MATRIX, MATRIX, CUBE, CUBE, CUBE, CUBE, CUBE, VECTOR,
-    ),
-    ChainArrays,
-)  # fmt: skip
+    free: Flags
+    offsets: Blocks
+    coefficients: Matrix
+    inverse_length: Vector
+    mass: Blocks
+    load: Blocks
+    far: Indices
+    eyelets: Blocks
+    touching: Indices
+    rows: Matrix
+    widths: Vector
+    energies: Matrix
+    lengths: Matrix
+    eyelet_table: Matrix
+    target: Blocks
+    diagonal: Blocks
+    off: Blocks
+    low: Blocks
+    side: Blocks
+    bounds: Vector
 
 
 @final
@@ -198,15 +184,15 @@ class KeptTangent:
         self.keep(True, clamp, state.step_s, state.two_steps)
 
 
-MOTION = types.Array(types.float64, 4, "C")
-
 FREE_FLIGHT, STANDING, CARRIED, GIVEN = 0, 1, 2, 3
 """Where Newton's method starts: as if nothing acted, where the frames are, as if rigid on the flange, or from
 what is in the result already."""
 
 
 @device_function
-def _scheme(here, earlier, two_steps, h, damping, base, target):  # type: ignore[no-untyped-def]
+def _scheme(
+    here: Cubes, earlier: Cubes, two_steps: bool, h: float, damping: float, base: Blocks, target: Blocks
+) -> tuple[float, float]:
     """Fill base and target (f, 4, 3); return span and the bed's coefficient."""
     span = 2.0 * h / 3.0 if two_steps else h
     share = span / (1.0 + damping * span)
@@ -223,7 +209,7 @@ def _scheme(here, earlier, two_steps, h, damping, base, target):  # type: ignore
 
 
 @device_function
-def _free_flight(here, h, twists, out):  # type: ignore[no-untyped-def]
+def _free_flight(here: Cubes, h: float, twists: Matrix, out: Blocks) -> None:
     """Fill out (f, 4, 3) with the frames after moving on as they do; twists (f, 6) is scratch."""
     for f in range(out.shape[0]):
         for r in range(3):
@@ -237,7 +223,7 @@ def _free_flight(here, h, twists, out):  # type: ignore[no-untyped-def]
 
 
 @device_function
-def _carry(frames, flange, out):  # type: ignore[no-untyped-def]
+def _carry(frames: Blocks, flange: Matrix, out: Blocks) -> None:
     """Fill out (f, 4, 3) with the frames moved rigidly as frame 0 comes to the flange (4, 3)."""
     arm = small_vector(3)
     for f in range(out.shape[0]):
@@ -254,7 +240,7 @@ def _carry(frames, flange, out):  # type: ignore[no-untyped-def]
 
 
 @device_function
-def _place(free, offsets, flange, out):  # type: ignore[no-untyped-def]
+def _place(free: Flags, offsets: Blocks, flange: Matrix, out: Blocks) -> None:
     """Put the held frames of out where the flange (4, 3) has them, offsets (f, 4, 3) in its frame."""
     for f in range(out.shape[0]):
         if free[f]:
@@ -267,17 +253,39 @@ def _place(free, offsets, flange, out):  # type: ignore[no-untyped-def]
                 )  # fmt: skip
 
 
-@kernel(
-    types.Tuple((int64, int64, REAL, types.boolean))(
-        MOTION, MOTION, types.boolean, REAL, REAL, int64, MATRIX, FLAGS, CUBE,
-        *CHAIN, CUBE, *CABLES, *TOUCHED, CUBE, CUBE, CUBE, *FACTOR, VECTOR, int64, MOTION, MATRIX, VECTOR,
-    )
-)  # fmt: skip
-def implicit_step(  # type: ignore[no-untyped-def]
-    here, earlier, two_steps, h, damping, start, flange, free, offsets,
-    coefficients, inverse_length, mass, load, far, eyelets, tension, touching, rows, widths,
-    target, diagonal, off, low, side, kept, bounds, iterations_max, there, gradient, figures,
-):  # fmt: skip
+@kernel
+def implicit_step(
+    here: Cubes,
+    earlier: Cubes,
+    two_steps: bool,
+    h: float,
+    damping: float,
+    start: int,
+    flange: Matrix,
+    free: Flags,
+    offsets: Blocks,
+    coefficients: Matrix,
+    inverse_length: Vector,
+    mass: Blocks,
+    load: Blocks,
+    far: Indices,
+    eyelets: Blocks,
+    tension: Vector,
+    touching: Indices,
+    rows: Matrix,
+    widths: Vector,
+    target: Blocks,
+    diagonal: Blocks,
+    off: Blocks,
+    low: Blocks,
+    side: Blocks,
+    kept: bool,
+    bounds: Vector,
+    iterations_max: int,
+    there: Cubes,
+    gradient: Matrix,
+    figures: Vector,
+) -> tuple[int, int, float, bool]:
     """Take one step of h [s] from `here` (2, f, 4, 3); return (outcome, iterations, residual [N], kept).
 
     Fills `there` with the motion at its end, the gradient (f, 6) of the potential and the chain's figures.
@@ -507,9 +515,10 @@ class ChainStepper:
             near = near + step_s * motion[1]
         load, others = solver.acting(loads, pressure_Pa, near)
         two_steps = self._two_steps and chain.earlier is not None
+        earlier = motion if chain.earlier is None or not two_steps else chain.earlier
         tangent = self.tangent
         outcome, iterations, residual, kept = implicit_step(
-            motion, chain.earlier if two_steps else motion, two_steps, step_s, self._options.damping_per_s,
+            motion, earlier, two_steps, step_s, self._options.damping_per_s,
             start, self._flange, clamp.free, clamp.offsets, *solver.section.chain, load, *others,
             self._target, solver.diagonal, solver.off, tangent.low, tangent.side,
             tangent.serves(clamp, step_s, two_steps), *bounds, there, gradient, figures,

@@ -9,12 +9,10 @@ import numpy as np
 
 from cosim.base.frames import Array, IntArray
 from cosim.base.kernels import (
-    INDEX_TABLE,
-    INDICES,
-    INTEGER,
-    MATRIX,
-    REAL,
-    VECTOR,
+    IndexTable,
+    Indices,
+    Matrix,
+    Vector,
     device_function,
     kernel,
     small_matrix,
@@ -30,7 +28,7 @@ _HELD_m = 1e-3  # deeper, an edge of the film has been cut into from its side ra
 
 
 @device_function
-def _square_to_box(p, low, high):  # type: ignore[no-untyped-def]
+def _square_to_box(p: Vector, low: Vector, high: Vector) -> float:
     """Return the squared distance of a point from a box."""
     square = 0.0
     for r in range(3):
@@ -40,7 +38,7 @@ def _square_to_box(p, low, high):  # type: ignore[no-untyped-def]
 
 
 @device_function
-def _gap(p, a, b, c):  # type: ignore[no-untyped-def]
+def _gap(p: Vector, a: Vector, b: Vector, c: Vector) -> float:
     """Return by how much a point is outside of the box of three others, along the axis where it is most."""
     most = -np.inf
     for r in range(3):
@@ -48,8 +46,10 @@ def _gap(p, a, b, c):  # type: ignore[no-untyped-def]
     return most
 
 
-@kernel(INTEGER(MATRIX, MATRIX, INDEX_TABLE, REAL, INDICES, INDICES), allocates=True)
-def _triangles_around(points, x, triangles, room, first, listed):  # type: ignore[no-untyped-def]
+@kernel(allocates=True)
+def _triangles_around(
+    points: Matrix, x: Matrix, triangles: IndexTable, room: float, first: Indices, listed: Indices
+) -> int:
     """Fill the triangles whose boxes come within `room` of each point, ascending; return how many there are.
 
     Those of point n are listed[first[n]] .. listed[first[n + 1] - 1]; none are written beyond the end.
@@ -80,7 +80,7 @@ def _triangles_around(points, x, triangles, room, first, listed):  # type: ignor
 
 
 @device_function
-def _fill_normal(a, b, c, normal):  # type: ignore[no-untyped-def]
+def _fill_normal(a: Vector, b: Vector, c: Vector, normal: Vector) -> None:
     """Fill the normal of a triangle, twice its area long."""
     for r in range(3):
         s, q = (r + 1) % 3, (r + 2) % 3
@@ -88,7 +88,9 @@ def _fill_normal(a, b, c, normal):  # type: ignore[no-untyped-def]
 
 
 @device_function
-def _nearest(p, x, triangles, some, furthest, side, there):  # type: ignore[no-untyped-def]
+def _nearest(
+    p: Vector, x: Matrix, triangles: IndexTable, some: Indices, furthest: float, side: Vector, there: Matrix
+) -> tuple[int, float, float]:
     """Return the nearest of some triangles that face a side, its distance and p's height over its plane.
 
     -1 where none comes within `furthest`; a side of zeros is every side's. There, weights, offset of p from
@@ -124,16 +126,23 @@ def _nearest(p, x, triangles, some, furthest, side, there):  # type: ignore[no-u
     return nearest, np.sqrt(best), lean
 
 
-@kernel(
-    INTEGER(
-        MATRIX, VECTOR, VECTOR, MATRIX, INDEX_TABLE, INDICES, INDICES, INDICES, REAL, REAL, INDICES, INDICES,
-        MATRIX, MATRIX,
-    )
-)  # fmt: skip
-def film_near(  # type: ignore[no-untyped-def]
-    points, least, most, x, triangles, first, listed, held, reach, depth, out_point, out_triangle, out_weight,
-    out,
-):  # fmt: skip
+@kernel
+def film_near(
+    points: Matrix,
+    least: Vector,
+    most: Vector,
+    x: Matrix,
+    triangles: IndexTable,
+    first: Indices,
+    listed: Indices,
+    held: Indices,
+    reach: float,
+    depth: float,
+    out_point: Indices,
+    out_triangle: Indices,
+    out_weight: Matrix,
+    out: Matrix,
+) -> int:
     """Fill each point's nearest triangle if the signed distance is in -depth .. reach; return how many.
 
     Of points outside of least .. most there is none. A point that triangle held[n] >= 0 has held back, and

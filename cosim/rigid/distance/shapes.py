@@ -14,10 +14,15 @@ from enum import IntEnum
 from typing import NamedTuple, final
 
 import numpy as np
-from numba import types, void
 
 from cosim.base.frames import Array, IntArray
-from cosim.base.kernels import BLOCKS, INDICES, INTEGER, MATRIX, REAL, VECTOR, kernel
+from cosim.base.kernels import (
+    Blocks,
+    Indices,
+    Matrix,
+    Vector,
+    kernel,
+)
 
 
 class ShapeKind(IntEnum):
@@ -65,8 +70,18 @@ class Shapes:
     values: Array
 
 
-@kernel(INTEGER(INDICES, MATRIX, MATRIX, MATRIX, BLOCKS, VECTOR, VECTOR, REAL, INDICES))
-def fill_near_box(kind, center, half, position, rotation, low, high, reach, near):  # type: ignore[no-untyped-def]
+@kernel
+def fill_near_box(
+    kind: Indices,
+    center: Matrix,
+    half: Matrix,
+    position: Matrix,
+    rotation: Blocks,
+    low: Vector,
+    high: Vector,
+    reach: float,
+    near: Indices,
+) -> int:
     """Fill the indices of the shapes whose bounds come within `reach` of a box; return how many."""
     count = 0
     for g in range(kind.shape[0]):
@@ -129,20 +144,15 @@ class ShapeBounds(NamedTuple):
         near: (g,), scratch.
     """
 
-    kind: IntArray
-    center: Array
-    half: Array
-    geoms: IntArray
-    places: Array
-    axes: Array
-    position: Array
-    rotation: Array
-    near: IntArray
-
-
-SHAPE_BOUNDS = types.NamedTuple(
-    (INDICES, MATRIX, MATRIX, INDICES, MATRIX, MATRIX, MATRIX, BLOCKS, INDICES), ShapeBounds
-)
+    kind: Indices
+    center: Matrix
+    half: Matrix
+    geoms: Indices
+    places: Matrix
+    axes: Matrix
+    position: Matrix
+    rotation: Blocks
+    near: Indices
 
 
 _SPACING_M = 4e-3  # of points along sharp edges
@@ -150,8 +160,10 @@ _MOST_PIECES = 2_500  # of an edge or a rim: on those of more than 10 m points a
 _SHARP_COSINE = np.cos(np.radians(20.0))  # hull edges below this turn are no edges
 
 
-@kernel(void(MATRIX, BLOCKS, INDICES, MATRIX, INDICES, MATRIX))
-def carry(position, rotation, owner, local, chosen, out):  # type: ignore[no-untyped-def]
+@kernel
+def carry(
+    position: Matrix, rotation: Blocks, owner: Indices, local: Matrix, chosen: Indices, out: Matrix
+) -> None:
     """Fill where chosen points, given in the frames of their shapes, are in the world."""
     for k in range(chosen.shape[0]):
         p = local[chosen[k]]

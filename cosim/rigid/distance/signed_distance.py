@@ -24,14 +24,11 @@ import numpy as np
 
 from cosim.base.frames import Array, IntArray
 from cosim.base.kernels import (
-    BLOCKS,
-    BOOLEAN,
-    INDEX_TABLE,
-    INDICES,
-    INTEGER,
-    MATRIX,
-    REAL,
-    VECTOR,
+    Blocks,
+    IndexTable,
+    Indices,
+    Matrix,
+    Vector,
     device_function,
     kernel,
     small_vector,
@@ -42,7 +39,7 @@ FAR = 1e9  # distance reported where a surface is not defined
 
 
 @device_function
-def closest_on_triangle(p, a, b, c, weight):  # type: ignore[no-untyped-def]
+def closest_on_triangle(p: Vector, a: Vector, b: Vector, c: Vector, weight: Vector) -> None:
     """Fill the barycentric weights (3,) of the point of triangle a, b, c closest to p."""
     d1 = d2 = d3 = d4 = d5 = d6 = 0.0
     for r in range(3):
@@ -74,7 +71,7 @@ def closest_on_triangle(p, a, b, c, weight):  # type: ignore[no-untyped-def]
 
 
 @device_function
-def hull(p, planes, corners, reach, weight, normal):  # type: ignore[no-untyped-def]
+def hull(p: Vector, planes: Matrix, corners: Blocks, reach: float, weight: Vector, normal: Vector) -> float:
     """Convex hull of triangles: planes (f, 4), outward normal and offset, corners (f, 3, 3).
 
     Distances above `reach` may be any number above it.
@@ -112,7 +109,7 @@ def hull(p, planes, corners, reach, weight, normal):  # type: ignore[no-untyped-
 
 
 @device_function
-def grid(p, table, origin, spacing, normal):  # type: ignore[no-untyped-def]
+def grid(p: Vector, table: Blocks, origin: Vector, spacing: Vector, normal: Vector) -> float:
     """Trilinear table of signed distances [m]; normal along its gradient."""
     i, j, k = 0, 0, 0
     s = small_vector(3)
@@ -146,7 +143,7 @@ def grid(p, table, origin, spacing, normal):  # type: ignore[no-untyped-def]
 
 
 @device_function
-def _solid_angle(p, a, b, c):  # type: ignore[no-untyped-def]
+def _solid_angle(p: Vector, a: Vector, b: Vector, c: Vector) -> float:
     """Return the signed solid angle of a triangle seen from p (van Oosterom and Strackee, 1983)."""
     # component by component: temporary arrays would cost ten times as much
     ux, uy, uz = a[0] - p[0], a[1] - p[1], a[2] - p[2]
@@ -160,8 +157,8 @@ def _solid_angle(p, a, b, c):  # type: ignore[no-untyped-def]
     return 2.0 * np.arctan2(volume, below)
 
 
-@kernel((MATRIX, BLOCKS, MATRIX))
-def _exact_distances(points: Array, corners: Array, out: Array) -> None:
+@kernel
+def _exact_distances(points: Matrix, corners: Blocks, out: Matrix) -> None:
     """Fill out[:, 0] with the signed distance of points (n, 3) to a closed surface of corners (f, 3, 3)."""
     weight = small_vector(3)
     for n in range(points.shape[0]):
@@ -309,7 +306,20 @@ def ellipsoid(x: float, y: float, z: float, size: Array, normal: Array) -> Any:
 
 
 @device_function
-def _distance(kind, p, size, reach, planes, corners, values, table, origin, spacing, weight, normal):  # type: ignore[no-untyped-def]
+def _distance(
+    kind: int,
+    p: Vector,
+    size: Vector,
+    reach: float,
+    planes: Matrix,
+    corners: Blocks,
+    values: Vector,
+    table: Indices,
+    origin: Vector,
+    spacing: Vector,
+    weight: Vector,
+    normal: Vector,
+) -> float:
     if kind == 0:
         return plane(p[0], p[1], p[2], size, normal)
     if kind == 2:
@@ -331,16 +341,31 @@ def _distance(kind, p, size, reach, planes, corners, values, table, origin, spac
     return FAR
 
 
-@kernel(
-    INTEGER(
-        MATRIX, REAL, BOOLEAN, INDICES, INDEX_TABLE, INDICES, MATRIX, BLOCKS, INDICES, MATRIX, MATRIX, MATRIX,
-        INDEX_TABLE, MATRIX, BLOCKS, INDEX_TABLE, MATRIX, MATRIX, VECTOR, INDICES, INDICES, MATRIX,
-    )
-)  # fmt: skip
-def points_near(  # type: ignore[no-untyped-def]
-    points, reach, boxes, active, spans, listed, position, rotation, kind, size, center, half, faces, planes,
-    corners, table, origin, spacing, values, out_point, out_shape, out,
-):  # fmt: skip
+@kernel
+def points_near(
+    points: Matrix,
+    reach: float,
+    boxes: bool,
+    active: Indices,
+    spans: IndexTable,
+    listed: Indices,
+    position: Matrix,
+    rotation: Blocks,
+    kind: Indices,
+    size: Matrix,
+    center: Matrix,
+    half: Matrix,
+    faces: IndexTable,
+    planes: Matrix,
+    corners: Blocks,
+    table: IndexTable,
+    origin: Matrix,
+    spacing: Matrix,
+    values: Vector,
+    out_point: Indices,
+    out_shape: Indices,
+    out: Matrix,
+) -> int:
     """Fill the pairs nearer than `reach`: indices, distance and world normal; return how many.
 
     Asked for are active[a] with each of listed[spans[a, 0]] .. listed[spans[a, 1] - 1]. With `boxes` a point

@@ -8,14 +8,15 @@ from __future__ import annotations
 import ctypes
 from functools import cache
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Annotated, NamedTuple
 
 import mujoco
 import numpy as np
 from numba import types
+from numpy.typing import NDArray
 
-from cosim.base.frames import Array, IntArray
-from cosim.base.kernels import INDEX_TABLE, INDICES, MATRIX, VECTOR
+from cosim.base.frames import IntArray
+from cosim.base.kernels import IndexTable, Indices, Matrix, Vector
 from cosim.errors import SceneError
 from cosim.rigid.build.cells import CellDrives
 from cosim.rigid.scene.arm import ArmLayout
@@ -54,40 +55,30 @@ class NativeScene(NamedTuple):
         drive_aim: (2, d), see `CellDrives.aim`.
     """
 
-    steps: IntArray
-    sides: IntArray
-    control: Array
-    position: Array
-    speed: Array
-    servo_torque: Array
-    acceleration: Array
-    torque: Array
-    applied: Array
-    center: Array
-    origin: Array
-    axes: Array
-    velocity: Array
-    reference: Array
-    places: Array
-    quaternions: Array
-    warnings: Any
-    mass: Array
-    mass_places: IntArray
-    coordinates: Array
-    speeds: Array
-    drive_place: IntArray
-    drive_dof: IntArray
-    drive_aim: Array
-
-
-NATIVE_SCENE = types.NamedTuple(
-    (
-        INDICES, INDICES, MATRIX, VECTOR, VECTOR, VECTOR, VECTOR, VECTOR, VECTOR, VECTOR, VECTOR, MATRIX,
-        VECTOR, VECTOR, MATRIX, MATRIX, types.Array(types.int32, 1, "A"), VECTOR, INDEX_TABLE,
-        VECTOR, VECTOR, INDICES, INDICES, MATRIX,
-    ),
-    NativeScene,
-)  # fmt: skip
+    steps: Indices
+    sides: Indices
+    control: Matrix
+    position: Vector
+    speed: Vector
+    servo_torque: Vector
+    acceleration: Vector
+    torque: Vector
+    applied: Vector
+    center: Vector
+    origin: Vector
+    axes: Matrix
+    velocity: Vector
+    reference: Vector
+    places: Matrix
+    quaternions: Matrix
+    warnings: Annotated[NDArray[np.int32], types.Array(types.int32, 1, "A")]
+    mass: Vector
+    mass_places: IndexTable
+    coordinates: Vector
+    speeds: Vector
+    drive_place: Indices
+    drive_dof: Indices
+    drive_aim: Matrix
 
 
 def native_scene(

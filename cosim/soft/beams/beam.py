@@ -1,4 +1,4 @@
-"""The energy of a ring's beams between nodes that have rotations: in lanes, with second derivatives one by one.
+"""The energy of a ring's beams between nodes that have rotations, in lanes, and its second derivatives.
 
 Energies and gradients of a ring's beams in groups, one beam per lane, by these measures.
 
@@ -40,30 +40,30 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from cosim.base.frames import Array
-from cosim.base.kernels import allocating, device_function, inlined
+from cosim.base.kernels import Matrix, Vector, allocating, device_function, inlined
 from cosim.soft.elements.hinge_gradient import full_angle
 
 
 @inlined
-def dot(a, b):  # type: ignore[no-untyped-def]
+def dot(a: tuple[float, float, float], b: tuple[float, float, float]) -> float:
     """Return a . b."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 @inlined
-def cross(a, b):  # type: ignore[no-untyped-def]
+def cross(a: tuple[float, float, float], b: tuple[float, float, float]) -> tuple[float, float, float]:
     """Return a x b."""
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
 @inlined
-def scaled(factor, a):  # type: ignore[no-untyped-def]
+def scaled(factor: float, a: tuple[float, float, float]) -> tuple[float, float, float]:
     """Return factor a."""
     return factor * a[0], factor * a[1], factor * a[2]
 
 
 @inlined
-def added(a, b):  # type: ignore[no-untyped-def]
+def added(a: tuple[float, float, float], b: tuple[float, float, float]) -> tuple[float, float, float]:
     """Return a + b."""
     return a[0] + b[0], a[1] + b[1], a[2] + b[2]
 
@@ -104,7 +104,7 @@ class BeamWork(NamedTuple):
 
 
 @allocating
-def beam_work(m):  # type: ignore[no-untyped-def]
+def beam_work(m: int) -> BeamWork:
     """Return the scratch for m beams; what stays zero in it is zero."""
     return BeamWork(
         np.empty((m, 2, 3, 3)), np.empty((m, 9)), np.empty((m, 3)), np.empty((m, 2, 2)), np.empty((m, 2, 3)),
@@ -120,7 +120,7 @@ FAR: Final = 0.05
 
 
 @inlined
-def factor_by_series(c):  # type: ignore[no-untyped-def]
+def factor_by_series(c: float) -> tuple[float, float, float]:
     """Return arccos(c) / (1 - c^2)^(1/2) and its first two derivatives by c, by a series in 1 - c."""
     u, value, slope, curvature = 1.0 - c, 0.0, 0.0, 0.0
     for a in _SERIES:
@@ -131,7 +131,7 @@ def factor_by_series(c):  # type: ignore[no-untyped-def]
 
 
 @device_function
-def angle_factor(c):  # type: ignore[no-untyped-def]
+def angle_factor(c: float) -> tuple[float, float, float]:
     """Return arccos(c) / (1 - c^2)^(1/2) and its first two derivatives by c."""
     if 1.0 - c < FAR:
         return factor_by_series(c)
@@ -143,26 +143,26 @@ def angle_factor(c):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def bowing(begin, end):  # type: ignore[no-untyped-def]
+def bowing(begin: float, end: float) -> float:
     """Return by how much of the chord the angles theta_k1 and theta_k2 make the centre line longer."""
     return (2.0 * begin * begin - begin * end + 2.0 * end * end) / 30.0
 
 
 @inlined
-def by_bow(here, there):  # type: ignore[no-untyped-def]
+def by_bow(here: float, there: float) -> float:
     """Return the derivative of that by theta_k of one end."""
     return (4.0 * here - there) / 30.0
 
 
 @inlined
-def twist(sine, cosine):  # type: ignore[no-untyped-def]
+def twist(sine: float, cosine: float) -> tuple[float, float, float]:
     """Return phi and its derivatives by S and C."""
     over = 1.0 / (sine * sine + cosine * cosine)
     return math.copysign(full_angle(abs(sine), cosine), sine), cosine * over, -sine * over
 
 
 @device_function
-def _fill_second_of_twist(stiffness, m, second):  # type: ignore[no-untyped-def]
+def _fill_second_of_twist(stiffness: float, m: Vector, second: Matrix) -> None:
     phi, by_sine, by_cosine = twist(m[SINE], m[COSINE])
     mixed = 2.0 * by_sine * by_cosine  # -2 S C / (S^2 + C^2)^2
     second[SINE, SINE] = stiffness * (by_sine * by_sine + phi * mixed)
@@ -172,7 +172,7 @@ def _fill_second_of_twist(stiffness, m, second):  # type: ignore[no-untyped-def]
 
 
 @device_function
-def fill_second(rigidities, lengths, w):  # type: ignore[no-untyped-def]
+def fill_second(rigidities: Vector, lengths: Vector, w: BeamWork) -> None:
     """Fill second derivatives by the measures."""
     for e in range(lengths.shape[0]):
         second, m, factor, along = w.second[e], w.measures[e], w.factor[e], rigidities[0] / lengths[e]
@@ -220,25 +220,27 @@ SIZE: Final = LANES * (24 + 2 * 33)
 
 
 @device_function
-def lane_of(e):  # type: ignore[no-untyped-def]
+def lane_of(e: int) -> int:
     """Return where the quantities of a beam begin."""
     return e // LANES * SIZE + e % LANES
 
 
 @inlined
-def three(s, at):  # type: ignore[no-untyped-def]
+def three(s: Vector, at: int) -> tuple[float, float, float]:
     """Return a vector of a lane."""
     return s[at], s[at + LANES], s[at + 2 * LANES]
 
 
 @inlined
-def put(s, at, vector):  # type: ignore[no-untyped-def]
+def put(s: Vector, at: int, vector: tuple[float, float, float]) -> None:
     """Write a vector of a lane."""
     s[at], s[at + LANES], s[at + 2 * LANES] = vector
 
 
 @inlined
-def _turned(q, half):  # type: ignore[no-untyped-def]
+def _turned(
+    q: tuple[float, float, float, float], half: tuple[float, float, float]
+) -> tuple[float, float, float, float]:
     """Return a quaternion turned by twice a vector."""
     a, b, c = half
     # tan(angle / 2) = |step| / 2: as good as the angle itself, which is a step of Newton's method
@@ -251,7 +253,9 @@ def _turned(q, half):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def _rotation(q):  # type: ignore[no-untyped-def]
+def _rotation(
+    q: tuple[float, float, float, float],
+) -> tuple[tuple[float, float, float], tuple[float, float, float], tuple[float, float, float]]:
     """Return the rows of the rotation by a quaternion."""
     p0, p1, p2, p3 = q
     return (
@@ -262,7 +266,7 @@ def _rotation(q):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def _measure_end(s, lane, end, fraction):  # type: ignore[no-untyped-def]
+def _measure_end(s: Vector, lane: int, end: int, fraction: float) -> None:
     """Fill the quaternion after the step's fraction, directors and measures of one end."""
     at = end + lane
     q = s[TURNS + at], s[TURNS + LANES + at], s[TURNS + 2 * LANES + at], s[TURNS + 3 * LANES + at]
@@ -287,14 +291,14 @@ def _measure_end(s, lane, end, fraction):  # type: ignore[no-untyped-def]
 
 
 @device_function
-def _correct_factor(s, at):  # type: ignore[no-untyped-def]
+def _correct_factor(s: Vector, at: int) -> None:
     """Replace the factor of an end's angle where the series does not reach."""
     if 1.0 - s[MEASURES + at] >= FAR:
         s[FACTOR + at], s[FACTOR + LANES + at], _ = angle_factor(s[MEASURES + at])
 
 
 @inlined
-def _strain(stretch, s, lane):  # type: ignore[no-untyped-def]
+def _strain(stretch: float, s: Vector, lane: int) -> float:
     """Fill angles, strain and the derivatives by l and v that come of it; return the energy."""
     for at in (lane, SECOND + lane):
         factor = s[FACTOR + at]
@@ -310,7 +314,7 @@ def _strain(stretch, s, lane):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def _bend(second, third, s, lane, end):  # type: ignore[no-untyped-def]
+def _bend(second: float, third: float, s: Vector, lane: int, end: int) -> float:
     """Fill what one end's measures give of all derivatives; return its part of the energy of bending."""
     at, there = end + lane, SECOND - end + lane
     t, length = three(s, DIRECTION + lane), s[DRAWN_LENGTH + lane]
@@ -340,7 +344,7 @@ def _bend(second, third, s, lane, end):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def _twist(torsion, s, lane):  # type: ignore[no-untyped-def]
+def _twist(torsion: float, s: Vector, lane: int) -> float:
     """Fill S and C, and add what they give of all derivatives; return the energy of twisting."""
     other, stiffness = SECOND + lane, torsion / s[DRAWN_LENGTH + lane]
     b2, b3 = three(s, DIRECTORS + 3 * LANES + lane), three(s, DIRECTORS + 6 * LANES + lane)
@@ -359,7 +363,7 @@ def _twist(torsion, s, lane):  # type: ignore[no-untyped-def]
 
 
 @device_function
-def differentiate(rigidities, s, fraction):  # type: ignore[no-untyped-def]
+def differentiate(rigidities: Vector, s: Vector, fraction: float) -> None:
     """Fill energies and gradients of a group after a fraction of its step.
 
     Args:
@@ -382,7 +386,7 @@ def differentiate(rigidities, s, fraction):  # type: ignore[no-untyped-def]
 
 
 @device_function
-def _read_lanes(s, w):  # type: ignore[no-untyped-def]
+def _read_lanes(s: Vector, w: BeamWork) -> None:
     """Fill what the groups hold of all beams, and the factors of the angles with both derivatives."""
     for e in range(w.hessian.shape[0]):
         lane, first, m = lane_of(e), w.first[e], w.measures[e]
@@ -404,7 +408,7 @@ def _read_lanes(s, w):  # type: ignore[no-untyped-def]
 
 
 @device_function
-def _fill_jacobians(w):  # type: ignore[no-untyped-def]
+def _fill_jacobians(w: BeamWork) -> None:
     """Fill the derivatives of the measures."""
     for e in range(w.hessian.shape[0]):
         d, j, m, t = w.directors[e], w.jacobian[e], w.measures[e], w.direction[e]
@@ -425,7 +429,7 @@ def _fill_jacobians(w):  # type: ignore[no-untyped-def]
 
 
 @device_function
-def _fill_products(w, begin):  # type: ignore[no-untyped-def]
+def _fill_products(w: BeamWork, begin: int) -> None:
     """Fill the Hessians, from a row and column on, with what the first derivatives of the measures give."""
     for e in range(w.hessian.shape[0]):
         jacobian, second, hessian, product = w.jacobian[e], w.second[e], w.hessian[e], w.product
@@ -448,7 +452,7 @@ def _fill_products(w, begin):  # type: ignore[no-untyped-def]
 
 
 @device_function
-def _add_by_turned_chords(w, whole):  # type: ignore[no-untyped-def]
+def _add_by_turned_chords(w: BeamWork, whole: bool) -> None:
     """Add to the Hessians, whole or by turns alone, what the second derivatives of l, c, s_2 and s_3 give."""
     pull = w.pull
     for e in range(w.hessian.shape[0]):
@@ -484,7 +488,7 @@ def _add_by_turned_chords(w, whole):  # type: ignore[no-untyped-def]
 
 
 @device_function
-def _add_by_twists(w):  # type: ignore[no-untyped-def]
+def _add_by_twists(w: BeamWork) -> None:
     """Add to the Hessians what the second derivatives of S and C give."""
     meets = w.pull  # the sum of the directors of the second end that d_k of the first meets in S and C
     for e in range(w.hessian.shape[0]):
@@ -506,7 +510,7 @@ def _add_by_twists(w):  # type: ignore[no-untyped-def]
 
 
 @device_function
-def fill_hessians(rigidities, lengths, s, w, whole):  # type: ignore[no-untyped-def]
+def fill_hessians(rigidities: Vector, lengths: Vector, s: Vector, w: BeamWork, whole: bool) -> None:
     """Fill the Hessians by chords and turns.
 
     Args:

@@ -26,17 +26,15 @@ import math
 from typing import Final, NamedTuple
 
 import numpy as np
-from numba import types
 
 from cosim.base.frames import Array, IntArray
 from cosim.base.kernels import (
-    BLOCKS,
-    BOOLEAN,
-    CUBES,
-    INDEX_TABLE,
-    MATRIX,
-    REAL,
-    VECTOR,
+    Blocks,
+    Cubes,
+    IndexTable,
+    Indices,
+    Matrix,
+    Vector,
     allocating,
     device_function,
     kernel,
@@ -70,7 +68,7 @@ from cosim.soft.linear.pattern import add_block
 
 
 @device_function
-def fill_axes(x, ring, axes):  # type: ignore[no-untyped-def]
+def fill_axes(x: Matrix, ring: Indices, axes: Matrix) -> None:
     """Fill the axes (3, 3), as columns, laid through three nodes of a ring (m,)."""
     count = ring.shape[0]
     first, second, third = ring[0], ring[count // 3], ring[2 * count // 3]
@@ -85,14 +83,14 @@ def fill_axes(x, ring, axes):  # type: ignore[no-untyped-def]
 
 
 @device_function
-def _cross_columns(axes, a, b, into):  # type: ignore[no-untyped-def]
+def _cross_columns(axes: Matrix, a: int, b: int, into: int) -> None:
     for r in range(3):
         p, q = (r + 1) % 3, (r + 2) % 3
         axes[r, into] = axes[p, a] * axes[q, b] - axes[q, a] * axes[p, b]
 
 
 @device_function
-def place_ring(x, beams, f, turns, axes, lanes):  # type: ignore[no-untyped-def]
+def place_ring(x: Matrix, beams: BeamArrays, f: int, turns: Vector, axes: Matrix, lanes: Vector) -> None:
     """Fill axes and groups of ring f, its turns from quaternions (4 m,)."""
     ring, count = beams.rings[f], beams.rings.shape[1]
     fill_axes(x, ring, axes)
@@ -115,7 +113,7 @@ def place_ring(x, beams, f, turns, axes, lanes):  # type: ignore[no-untyped-def]
 
 
 @device_function
-def place_step(lanes, places, step):  # type: ignore[no-untyped-def]
+def place_step(lanes: Vector, places: Indices, step: Vector) -> None:
     """Hand a step to the groups."""
     for n in range(lanes.shape[0] // SIZE * LANES):
         e = min(n, places.shape[0] - 2)
@@ -125,7 +123,7 @@ def place_step(lanes, places, step):  # type: ignore[no-untyped-def]
 
 
 @device_function
-def accept(s):  # type: ignore[no-untyped-def]
+def accept(s: Vector) -> None:
     """Make the trial quaternions the turns."""
     for first in range(0, s.shape[0], SIZE):
         for k in range(4 * LANES):
@@ -135,7 +133,7 @@ def accept(s):  # type: ignore[no-untyped-def]
 
 
 @device_function
-def sum_lanes(lanes, places, moment):  # type: ignore[no-untyped-def]
+def sum_lanes(lanes: Vector, places: Indices, moment: Vector) -> float:
     """Fill the moments; return the energy."""
     energy = 0.0
     for i in range(moment.shape[0]):
@@ -174,13 +172,10 @@ class BeamArrays(NamedTuple):
         rigidities: (4,), see `RectangularSection`.
     """
 
-    rings: IntArray
-    directors: Array
-    lengths: Array
-    rigidities: Array
-
-
-BEAM_ARRAYS = types.NamedTuple((INDEX_TABLE, CUBES, MATRIX, VECTOR), BeamArrays)
+    rings: IndexTable
+    directors: Cubes
+    lengths: Matrix
+    rigidities: Vector
 
 
 class RingWork(NamedTuple):
@@ -208,7 +203,7 @@ class RingWork(NamedTuple):
 
 
 @allocating
-def ring_work(m):  # type: ignore[no-untyped-def]
+def ring_work(m: int) -> RingWork:
     """Return the scratch of rings of m nodes."""
     places = np.empty(m + 1, np.int64)
     for i in range(m + 1):
@@ -220,7 +215,7 @@ def ring_work(m):  # type: ignore[no-untyped-def]
 
 
 @device_function
-def _sum_beams(beams, f, w, fraction, hessian, whole):  # type: ignore[no-untyped-def]
+def _sum_beams(beams: BeamArrays, f: int, w: RingWork, fraction: float, hessian: bool, whole: bool) -> float:
     """Sum all beams after the step's fraction, with the band if told to; return the energy [J].
 
     The beams' own Hessians are filled with it: wholly, or what belongs to the turns alone.
@@ -235,7 +230,7 @@ def _sum_beams(beams, f, w, fraction, hessian, whole):  # type: ignore[no-untype
 
 
 @device_function
-def _fill_band(w):  # type: ignore[no-untyped-def]
+def _fill_band(w: RingWork) -> None:
     band = w.band
     band[:] = 0.0
     for e in range(w.beams.hessian.shape[0]):
@@ -252,7 +247,7 @@ def _fill_band(w):  # type: ignore[no-untyped-def]
 
 
 @device_function
-def _fill_step(factor, moment, step):  # type: ignore[no-untyped-def]
+def _fill_step(factor: Matrix, moment: Vector, step: Vector) -> tuple[float, float]:
     """Fill the step that the factor gives; return its largest entry and its slope."""
     for i in range(step.shape[0]):
         step[i] = -moment[i]
@@ -267,7 +262,7 @@ def _fill_step(factor, moment, step):  # type: ignore[no-untyped-def]
 
 
 @device_function
-def _fill_unstable_step(w):  # type: ignore[no-untyped-def]
+def _fill_unstable_step(w: RingWork) -> tuple[float, float]:
     """Fill a step the way the energy curves down most, away from a saddle; return what `_fill_step` does."""
     for i in range(w.step.shape[0]):
         w.step[i] = 1.0 + 0.1 * (i % 7)  # along no symmetry
@@ -287,7 +282,7 @@ def _fill_unstable_step(w):  # type: ignore[no-untyped-def]
 
 
 @device_function
-def balance_turns(beams, f, w, hessian, small, kept):  # type: ignore[no-untyped-def]
+def balance_turns(beams: BeamArrays, f: int, w: RingWork, hessian: bool, small: float, kept: bool) -> float:
     """Bring the turns of ring f into balance from those that it has; return the energy [J], or infinity.
 
     Afterwards `w` holds turns and first derivatives there; if told to, second ones too, and the factor of
@@ -342,7 +337,7 @@ BAND: Final = 9
 
 
 @device_function
-def place_in_band(node, count):  # type: ignore[no-untyped-def]
+def place_in_band(node: int, count: int) -> int:
     """Return the place of a node of a ring of so many."""
     if node == 0:
         return 0
@@ -350,7 +345,7 @@ def place_in_band(node, count):  # type: ignore[no-untyped-def]
 
 
 @device_function
-def factorise(band, shift, factor):  # type: ignore[no-untyped-def]
+def factorise(band: Matrix, shift: float, factor: Matrix) -> bool:
     """Fill factor with L, L L^T = band + shift 1; return whether that is positive definite."""
     for i in range(band.shape[0]):
         for j in range(max(0, i - BAND + 1), i + 1):
@@ -368,7 +363,7 @@ def factorise(band, shift, factor):  # type: ignore[no-untyped-def]
 
 
 @device_function
-def _lower(factor, values, i, reach):  # type: ignore[no-untyped-def]
+def _lower(factor: Matrix, values: Vector, i: int, reach: int) -> float:
     """Solve row i of L for its value; `reach` rows before it are there."""
     row, before, value = factor[i], values[i - reach :], values[i]
     for k in range(reach):
@@ -377,7 +372,7 @@ def _lower(factor, values, i, reach):  # type: ignore[no-untyped-def]
 
 
 @device_function
-def _upper(factor, values, i, reach):  # type: ignore[no-untyped-def]
+def _upper(factor: Matrix, values: Vector, i: int, reach: int) -> float:
     """Solve row i of L^T for its value; `reach` rows after it are there."""
     rows, after, value = factor[i:], values[i:], values[i]
     for k in range(reach, 0, -1):
@@ -386,7 +381,7 @@ def _upper(factor, values, i, reach):  # type: ignore[no-untyped-def]
 
 
 @device_function
-def forward(factor, values):  # type: ignore[no-untyped-def]
+def forward(factor: Matrix, values: Vector) -> None:
     """Turn values (3 m,) into L^-1 values."""
     for i in range(BAND - 1):
         values[i] = _lower(factor, values, i, i)
@@ -395,7 +390,7 @@ def forward(factor, values):  # type: ignore[no-untyped-def]
 
 
 @device_function
-def backward(factor, values):  # type: ignore[no-untyped-def]
+def backward(factor: Matrix, values: Vector) -> None:
     """Turn values (3 m,) into L^-T values."""
     rows = factor.shape[0]
     for i in range(rows - 1, rows - BAND, -1):
@@ -405,7 +400,7 @@ def backward(factor, values):  # type: ignore[no-untyped-def]
 
 
 @device_function
-def forward_rows(factor, rows):  # type: ignore[no-untyped-def]
+def forward_rows(factor: Matrix, rows: Matrix) -> None:
     """Turn the columns of rows (3 m, n) into L^-1 times them."""
     for i in range(factor.shape[0]):
         for k in range(max(0, i - BAND + 1), i):
@@ -420,13 +415,13 @@ REMEMBERED: Final = 4 + 3 * BAND
 
 
 @device_function
-def _copy(values, to):  # type: ignore[no-untyped-def]
+def _copy(values: Vector, to: Vector) -> None:
     for i in range(values.shape[0]):
         to[i] = values[i]
 
 
 @device_function
-def _read_memory(x, beams, f, memory, w):  # type: ignore[no-untyped-def]
+def _read_memory(x: Matrix, beams: BeamArrays, f: int, memory: Vector, w: RingWork) -> bool:
     """Lay ring f with the turns and fill the factor that it remembers; return whether there is a factor."""
     count, factor = beams.rings.shape[1], w.factor.reshape(w.factor.size)
     first = REMEMBERED * f * count
@@ -436,7 +431,7 @@ def _read_memory(x, beams, f, memory, w):  # type: ignore[no-untyped-def]
 
 
 @device_function
-def _write_memory(w, f, memory):  # type: ignore[no-untyped-def]
+def _write_memory(w: RingWork, f: int, memory: Vector) -> None:
     """Keep turns and factor of ring f."""
     count, factor = w.beams.hessian.shape[0], w.factor.reshape(w.factor.size)
     first = REMEMBERED * f * count
@@ -448,7 +443,7 @@ def _write_memory(w, f, memory):  # type: ignore[no-untyped-def]
 
 
 @device_function
-def _fill_matrix(w, mixed, matrix):  # type: ignore[no-untyped-def]
+def _fill_matrix(w: RingWork, mixed: Matrix, matrix: Matrix) -> None:
     """Fill matrix (3 m, 3 m) = E_xx - E_xR E_RR^-1 E_Rx in axes of the ring; mixed (3 m, 3 m) is scratch."""
     count = w.beams.hessian.shape[0]
     matrix[:] = 0.0
@@ -474,7 +469,7 @@ def _fill_matrix(w, mixed, matrix):  # type: ignore[no-untyped-def]
 
 
 @device_function
-def _add_matrix(w, slots, matrix, blocks):  # type: ignore[no-untyped-def]
+def _add_matrix(w: RingWork, slots: Indices, matrix: Matrix, blocks: Blocks) -> None:
     """Add the lower triangle of a matrix in axes of the ring to blocks in those of the world."""
     axes, count = w.axes, w.beams.hessian.shape[0]
     block, half = small_matrix(3, 3), small_matrix(3, 3)
@@ -492,8 +487,17 @@ def _add_matrix(w, slots, matrix, blocks):  # type: ignore[no-untyped-def]
             add_block(blocks, slots[a * (a + 1) // 2 + b], block)
 
 
-@kernel(REAL(MATRIX, BEAM_ARRAYS, VECTOR, BOOLEAN, INDEX_TABLE, MATRIX, BLOCKS, VECTOR), allocates=True)
-def add_beam_rings(x, beams, memory, moving, slots, gradient, blocks, tracked):  # type: ignore[no-untyped-def]
+@kernel(allocates=True)
+def add_beam_rings(
+    x: Matrix,
+    beams: BeamArrays,
+    memory: Vector,
+    moving: bool,
+    slots: IndexTable,
+    gradient: Matrix,
+    blocks: Blocks,
+    tracked: Vector,
+) -> float:
     """Add all rings to gradient and, if slots is not empty, their Hessian to blocks.
 
     The search for the turns begins at those in memory (REMEMBERED f m,), and without a Hessian with the
@@ -526,8 +530,8 @@ def add_beam_rings(x, beams, memory, moving, slots, gradient, blocks, tracked): 
     return energy
 
 
-@kernel(MATRIX(MATRIX, BEAM_ARRAYS, REAL, REAL, VECTOR), allocates=True)
-def peak_strains(x, beams, width, height, memory):  # type: ignore[no-untyped-def]
+@kernel(allocates=True)
+def peak_strains(x: Matrix, beams: BeamArrays, width: float, height: float, memory: Vector) -> Matrix:
     """Return the largest strain (f, m) of each beam's fibres, at its ends; NaN where no balance is found."""
     count = beams.rings.shape[1]
     w, found = ring_work(count), np.empty(beams.rings.shape)
@@ -546,8 +550,8 @@ def peak_strains(x, beams, width, height, memory):  # type: ignore[no-untyped-de
     return found
 
 
-@kernel(BLOCKS(MATRIX, INDEX_TABLE), allocates=True)
-def ring_axes(x, rings):  # type: ignore[no-untyped-def]
+@kernel(allocates=True)
+def ring_axes(x: Matrix, rings: IndexTable) -> Blocks:
     """Return the axes (f, 3, 3) of all rings, as columns."""
     axes = np.empty((rings.shape[0], 3, 3))
     for f in range(rings.shape[0]):

@@ -7,13 +7,12 @@ from functools import cache, cached_property
 from typing import Annotated, Any, Final, NamedTuple, TypeVar, final
 
 import numpy as np
-from numba import types
 
 from cosim.base.frames import Array
-from cosim.base.kernels import nothing_of
+from cosim.base.kernels import Vector, nothing_of
 from cosim.errors import InputError
-from cosim.soft.contact.obstacle_contact import TOUCHED, ContactPlanes, TouchedPlanes
-from cosim.soft.contact.self_contact_memory import FILM_PAIRS, PairRows
+from cosim.soft.contact.obstacle_contact import ContactPlanes, TouchedPlanes
+from cosim.soft.contact.self_contact_memory import PairRows
 from cosim.soft.contact.self_contact_pairs import FilmPairs
 from cosim.soft.elements.element import NodalPotential
 from cosim.soft.elements.gas import SealedGas
@@ -32,9 +31,9 @@ class PlainLoads(NamedTuple):
         gravity: (3,) [m/s^2].
     """
 
-    pressure: Array
-    tension: Array
-    gravity: Array
+    pressure: Vector
+    tension: Vector
+    gravity: Vector
 
 
 class Touching(NamedTuple):
@@ -51,13 +50,10 @@ class Touching(NamedTuple):
     pairs: PairRows
 
 
-TOUCHING = types.NamedTuple((TOUCHED, types.int64, FILM_PAIRS), Touching)
-
-
 @cache
 def nothing_touching() -> Touching:
     """Return what stands for nothing that may touch."""
-    nothing: Touching = nothing_of(TOUCHING)
+    nothing: Touching = nothing_of(Touching)
     return nothing
 
 

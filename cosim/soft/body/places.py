@@ -14,10 +14,9 @@ from dataclasses import dataclass
 from typing import final
 
 import numpy as np
-from numba import int64, void
 
 from cosim.base.frames import Array, IntArray, Mask
-from cosim.base.kernels import BLOCKS, MATRIX, VECTOR, kernel, small_vector
+from cosim.base.kernels import Blocks, Matrix, Vector, kernel, small_vector
 from cosim.soft.body.body import SoftBody
 
 
@@ -44,8 +43,8 @@ def center_line_length(rings: IntArray, positions: Array) -> float:
     return float(np.sqrt((steps * steps).sum(axis=1)).sum())
 
 
-@kernel(void(BLOCKS, int64, MATRIX, MATRIX, VECTOR))
-def ring_figures(points: Array, nodes: int, center: Array, normal: Array, length: Array) -> None:
+@kernel
+def ring_figures(points: Blocks, nodes: int, center: Matrix, normal: Matrix, length: Vector) -> None:
     """Fill center, normal (k, 3) and length (k,) of k shapes from points (k, n, 3).
 
     The first `nodes` points are the tip ring in order, sum_i (r_i - r_0) x (r_i+1 - r_0) its normal; the

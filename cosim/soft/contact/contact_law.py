@@ -20,7 +20,7 @@ from typing import final
 
 import numpy as np
 
-from cosim.base.kernels import device_function, small_vector
+from cosim.base.kernels import Matrix, Vector, device_function, small_vector
 from cosim.errors import InputError
 
 
@@ -49,7 +49,7 @@ class ContactLaw:
 
 
 @device_function
-def pressing_law(depth, width):  # type: ignore[no-untyped-def]
+def pressing_law(depth: float, width: float) -> tuple[float, float, float]:
     """Return energy, force and stiffness over k at a depth."""
     if depth <= 0.0:
         return 0.0, 0.0, 0.0
@@ -60,7 +60,7 @@ def pressing_law(depth, width):  # type: ignore[no-untyped-def]
 
 
 @device_function
-def dragging_law(length, stick):  # type: ignore[no-untyped-def]
+def dragging_law(length: float, stick: float) -> tuple[float, float, float]:
     """Return f0, f1 / |u| and the derivative of f1 by |u| at |u| = length."""
     fraction = length / stick
     if fraction < 1.0:
@@ -70,7 +70,7 @@ def dragging_law(length, stick):  # type: ignore[no-untyped-def]
 
 
 @device_function
-def shorten(u, n, stick):  # type: ignore[no-untyped-def]
+def shorten(u: Vector, n: Vector, stick: float) -> None:
     """Leave of the stretch of a stick spring what a step leaves: its part across n, at most `stick` long."""
     along, square = 0.0, 0.0
     for r in range(3):
@@ -84,7 +84,18 @@ def shorten(u, n, stick):  # type: ignore[no-untyped-def]
 
 
 @device_function
-def touch(point, n, offset, stiffness, friction, anchor, width, stick, own, tangent):  # type: ignore[no-untyped-def]
+def touch(
+    point: Vector,
+    n: Vector,
+    offset: float,
+    stiffness: float,
+    friction: float,
+    anchor: Vector,
+    width: float,
+    stick: float,
+    own: Vector,
+    tangent: Matrix,
+) -> tuple[float, float]:
     """Fill gradient (3,) and tangent (3, 3) of a contact by its point; return energy and normal force."""
     u = small_vector(3)
     distance, along = -offset, 0.0

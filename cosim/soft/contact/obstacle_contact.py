@@ -14,17 +14,14 @@ from functools import cached_property
 from typing import Annotated, NamedTuple, final
 
 import numpy as np
-from numba import types
 
 from cosim.base.frames import Array, IntArray
 from cosim.base.kernels import (
-    BLOCKS,
-    INDEX_TABLE,
-    INDICES,
-    INTEGER,
-    MATRIX,
-    REAL,
-    VECTOR,
+    Blocks,
+    IndexTable,
+    Indices,
+    Matrix,
+    Vector,
     address_of,
     kernel,
     small_matrix,
@@ -40,15 +37,15 @@ _NO_BLOCKS = np.zeros((0, 3, 3))
 class PlaneRows(NamedTuple):
     """The arrays of `ContactPlanes`, for kernels."""
 
-    nodes: IntArray
-    weights: Array
-    slots: IntArray
-    normal: Array
-    offset: Array
-    stiffness: Array
-    friction: Array
-    anchor: Array
-    body: IntArray
+    nodes: IndexTable
+    weights: Matrix
+    slots: IndexTable
+    normal: Matrix
+    offset: Vector
+    stiffness: Vector
+    friction: Vector
+    anchor: Matrix
+    body: Indices
 
     @classmethod
     def room(cls, count: int) -> PlaneRows:
@@ -72,19 +69,23 @@ class TouchedPlanes(NamedTuple):
 
     call: int
     planes: PlaneRows
-    widths: Array
-    own: Array
-    pressing: Array
+    widths: Vector
+    own: Matrix
+    pressing: Vector
 
 
-PLANES = types.NamedTuple(
-    (INDEX_TABLE, MATRIX, INDEX_TABLE, MATRIX, VECTOR, VECTOR, VECTOR, MATRIX, INDICES), PlaneRows
-)
-TOUCHED = types.NamedTuple((types.int64, PLANES, VECTOR, MATRIX, VECTOR), TouchedPlanes)
-
-
-@kernel(REAL(MATRIX, PLANES, VECTOR, INTEGER, INTEGER, MATRIX, BLOCKS, MATRIX, VECTOR))
-def add_contacts(x, planes, widths, begin, end, gradient, blocks, own, pressing):  # type: ignore[no-untyped-def]
+@kernel
+def add_contacts(
+    x: Matrix,
+    planes: PlaneRows,
+    widths: Vector,
+    begin: int,
+    end: int,
+    gradient: Matrix,
+    blocks: Blocks,
+    own: Matrix,
+    pressing: Vector,
+) -> float:
     """Add gradient (and Hessian, if there are blocks) of contacts of some nodes; return the energy [J].
 
     They are those of triangles whose first node is from `begin` on and before `end`.

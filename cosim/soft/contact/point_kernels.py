@@ -9,14 +9,13 @@ across from it.
 from __future__ import annotations
 
 import numpy as np
-from numba import void
 
 from cosim.base.frames import Array, IntArray
 from cosim.base.kernels import (
-    INDEX_TABLE,
-    INDICES,
-    MATRIX,
-    VECTOR,
+    IndexTable,
+    Indices,
+    Matrix,
+    Vector,
     device_function,
     kernel,
     small_matrix,
@@ -24,8 +23,8 @@ from cosim.base.kernels import (
 )
 
 
-@kernel(void(MATRIX, INDEX_TABLE, MATRIX, INDICES, MATRIX))
-def combine(x: Array, nodes: IntArray, weights: Array, chosen: IntArray, out: Array) -> None:
+@kernel
+def combine(x: Matrix, nodes: IndexTable, weights: Matrix, chosen: Indices, out: Matrix) -> None:
     """Fill out[k] = sum_a weights[k, a] x[nodes[k, a]] for chosen k."""
     for k in chosen:
         for r in range(3):
@@ -36,8 +35,8 @@ def combine(x: Array, nodes: IntArray, weights: Array, chosen: IntArray, out: Ar
             )
 
 
-@kernel(void(MATRIX, MATRIX, VECTOR, VECTOR, VECTOR))
-def span(x: Array, v: Array, low: Array, high: Array, fastest: Array) -> None:
+@kernel
+def span(x: Matrix, v: Matrix, low: Vector, high: Vector, fastest: Vector) -> None:
     """Fill smallest and largest coordinates of x and, in fastest[0], the largest |v| squared."""
     low[:], high[:], fastest[0] = np.inf, -np.inf, 0.0
     for n in range(x.shape[0]):
@@ -50,7 +49,7 @@ def span(x: Array, v: Array, low: Array, high: Array, fastest: Array) -> None:
 
 
 @device_function
-def plane_of(x, corners, n):  # type: ignore[no-untyped-def]
+def plane_of(x: Matrix, corners: Indices, n: Vector) -> float:
     """Fill a triangle's unit normal; return the reciprocal of twice its area."""
     a, b, c = corners[0], corners[1], corners[2]
     ux, uy, uz = x[b, 0] - x[a, 0], x[b, 1] - x[a, 1], x[b, 2] - x[a, 2]
@@ -62,7 +61,7 @@ def plane_of(x, corners, n):  # type: ignore[no-untyped-def]
 
 
 @device_function
-def fill_slopes(x, corners, n, shrink, slope):  # type: ignore[no-untyped-def]
+def fill_slopes(x: Matrix, corners: Indices, n: Vector, shrink: float, slope: Matrix) -> None:
     """Fill the gradients of the weights of a foot, given what `plane_of` has found."""
     for j in range(3):
         b, c = corners[(j + 1) % 3], corners[(j + 2) % 3]
@@ -73,7 +72,7 @@ def fill_slopes(x, corners, n, shrink, slope):  # type: ignore[no-untyped-def]
 
 
 @device_function
-def fill_weights(x, corners, slope, y, weight):  # type: ignore[no-untyped-def]
+def fill_weights(x: Matrix, corners: Indices, slope: Matrix, y: Vector, weight: Vector) -> None:
     """Fill the weights of a point's foot."""
     for j in range(3):
         b, weight[j] = corners[(j + 1) % 3], 0.0
@@ -82,7 +81,7 @@ def fill_weights(x, corners, slope, y, weight):  # type: ignore[no-untyped-def]
 
 
 @device_function
-def fill_point(x, nodes, weights, y):  # type: ignore[no-untyped-def]
+def fill_point(x: Matrix, nodes: Indices, weights: Vector, y: Vector) -> None:
     """Fill where a point is that combines three nodes."""
     a, b, c = nodes[0], nodes[1], nodes[2]
     for r in range(3):
@@ -90,13 +89,15 @@ def fill_point(x, nodes, weights, y):  # type: ignore[no-untyped-def]
 
 
 @device_function
-def distance_of(x, corner, n, y):  # type: ignore[no-untyped-def]
+def distance_of(x: Matrix, corner: int, n: Vector, y: Vector) -> float:
     """Return how far a point is in front of the plane through a corner."""
     return n[0] * (y[0] - x[corner, 0]) + n[1] * (y[1] - x[corner, 1]) + n[2] * (y[2] - x[corner, 2])
 
 
-@kernel((MATRIX, INDEX_TABLE, MATRIX, MATRIX, MATRIX, VECTOR))
-def _feet(x, nodes, weights, foot, normal, distance):  # type: ignore[no-untyped-def]
+@kernel
+def _feet(
+    x: Matrix, nodes: IndexTable, weights: Matrix, foot: Matrix, normal: Matrix, distance: Vector
+) -> None:
     y, slope = small_vector(3), small_matrix(3, 3)
     for e in range(nodes.shape[0]):
         fill_point(x, nodes[e], weights[e], y)

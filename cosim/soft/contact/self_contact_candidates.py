@@ -34,16 +34,13 @@ from itertools import pairwise
 from typing import Final, NamedTuple, final
 
 import numpy as np
-from numba import types
 
 from cosim.base.frames import Array, IntArray, Mask
 from cosim.base.kernels import (
-    BOOLEAN,
-    INDEX_TABLE,
-    INDICES,
-    INTEGER,
-    MATRIX,
-    REAL,
+    IndexTable,
+    Indices,
+    Matrix,
+    Vector,
     device_function,
     kernel,
     small_matrix,
@@ -60,8 +57,8 @@ _ITERATIONS_MAX = 30
 _FLAT = 1e-9  # determinant of what is nearly singular: the rotation is not to be told
 
 
-@kernel(REAL(MATRIX), allocates=True)
-def furthest_from_mean(values: Array) -> float:
+@kernel(allocates=True)
+def furthest_from_mean(values: Matrix) -> float:
     """Return how far from their mean the row of values (n, 3) is that is furthest from it."""
     mean, most = np.zeros(3), 0.0
     for n in range(values.shape[0]):
@@ -76,14 +73,14 @@ def furthest_from_mean(values: Array) -> float:
 
 
 @device_function
-def _set_straight(turn):  # type: ignore[no-untyped-def]
+def _set_straight(turn: Matrix) -> None:
     for r in range(3):
         for c in range(3):
             turn[r, c] = 1.0 if r == c else 0.0
 
 
 @device_function
-def _make_rotation(turn, minors):  # type: ignore[no-untyped-def]
+def _make_rotation(turn: Matrix, minors: Matrix) -> None:
     """Replace a matrix by the rotation nearest to it, by none where that is not to be told."""
     for _ in range(_ITERATIONS_MAX):
         size, area, determinant, change = 0.0, 0.0, 0.0, 0.0
@@ -107,7 +104,16 @@ def _make_rotation(turn, minors):  # type: ignore[no-untyped-def]
 
 
 @device_function
-def _fit(x, before, nodes, begin, end, mean, turn, minors):  # type: ignore[no-untyped-def]
+def _fit(
+    x: Matrix,
+    before: Matrix,
+    nodes: Indices,
+    begin: int,
+    end: int,
+    mean: Matrix,
+    turn: Matrix,
+    minors: Matrix,
+) -> None:
     """Fill the means (2, 3) of some nodes, now and before, and the rotation between."""
     for r in range(3):
         mean[0, r] = mean[1, r] = 0.0
@@ -125,7 +131,9 @@ def _fit(x, before, nodes, begin, end, mean, turn, minors):  # type: ignore[no-u
 
 
 @device_function
-def _deviation(x, before, nodes, begin, end, mean, turn):  # type: ignore[no-untyped-def]
+def _deviation(
+    x: Matrix, before: Matrix, nodes: Indices, begin: int, end: int, mean: Matrix, turn: Matrix
+) -> float:
     """Return how far some nodes are at most from where the rigid motion takes them."""
     most = 0.0
     for k in range(begin, end):
@@ -138,8 +146,8 @@ def _deviation(x, before, nodes, begin, end, mean, turn):  # type: ignore[no-unt
     return np.sqrt(most)
 
 
-@kernel(BOOLEAN(MATRIX, MATRIX, INDICES, INDICES, MATRIX, REAL), allocates=True)
-def _stay(x, before, nodes, start, allowed, whole):  # type: ignore[no-untyped-def]
+@kernel(allocates=True)
+def _stay(x: Matrix, before: Matrix, nodes: Indices, start: Indices, allowed: Matrix, whole: float) -> bool:
     """Return whether no two units have moved against each other by more than is allowed, or by the whole."""
     mean, turn, minors = np.empty((2, 3)), np.empty((3, 3)), np.empty((3, 3))
     units = start.shape[0] - 1
@@ -216,19 +224,14 @@ class _FilmRows(NamedTuple):
         triangles_from: (c + 1,), the same of triangles.
     """
 
-    nodes: IntArray
-    weights: Array
-    homes: IntArray
-    triangles: IntArray
-    films: IntArray
-    relation: IntArray
-    points_from: IntArray
-    triangles_from: IntArray
-
-
-_ROWS = types.NamedTuple(
-    (INDEX_TABLE, MATRIX, INDEX_TABLE, INDEX_TABLE, INDEX_TABLE, INDEX_TABLE, INDICES, INDICES), _FilmRows
-)
+    nodes: IndexTable
+    weights: Matrix
+    homes: IndexTable
+    triangles: IndexTable
+    films: IndexTable
+    relation: IndexTable
+    points_from: Indices
+    triangles_from: Indices
 
 
 def _runs(face: IntArray, most: int) -> IntArray:
@@ -237,8 +240,8 @@ def _runs(face: IntArray, most: int) -> IntArray:
     return np.array([*(k for a, b in pairwise(ends) for k in range(a, b, most)), len(face)], np.int64)
 
 
-@kernel(REAL(MATRIX, INDEX_TABLE))
-def _longest_edge(x: Array, triangles: IntArray) -> float:
+@kernel
+def _longest_edge(x: Matrix, triangles: IndexTable) -> float:
     """Return the length [m] of the longest edge."""
     most = 0.0
     for t in range(triangles.shape[0]):
@@ -251,7 +254,7 @@ def _longest_edge(x: Array, triangles: IntArray) -> float:
 
 
 @device_function
-def _share_nodes(nodes, corners):  # type: ignore[no-untyped-def]
+def _share_nodes(nodes: Indices, corners: Indices) -> bool:
     """Return whether a point and a triangle have a node in common."""
     for a in range(3):
         for b in range(3):
@@ -261,7 +264,7 @@ def _share_nodes(nodes, corners):  # type: ignore[no-untyped-def]
 
 
 @device_function
-def _enclose(boxes, begin, end, around):  # type: ignore[no-untyped-def]
+def _enclose(boxes: Matrix, begin: int, end: int, around: Vector) -> None:
     """Fill the box (6,), smallest and largest coordinates, around some boxes."""
     for r in range(3):
         around[r], around[3 + r] = np.inf, -np.inf
@@ -270,7 +273,9 @@ def _enclose(boxes, begin, end, around):  # type: ignore[no-untyped-def]
 
 
 @device_function
-def _square_between(boxes, k, x, y, z, u, v, w):  # type: ignore[no-untyped-def]
+def _square_between(
+    boxes: Matrix, k: int, x: float, y: float, z: float, u: float, v: float, w: float
+) -> float:
     """Return the squared distance of box k from that between the corners (x, y, z) and (u, v, w)."""
     along = max(boxes[k, 0] - u, x - boxes[k, 3], 0.0)
     across = max(boxes[k, 1] - v, y - boxes[k, 4], 0.0)
@@ -279,7 +284,7 @@ def _square_between(boxes, k, x, y, z, u, v, w):  # type: ignore[no-untyped-def]
 
 
 @device_function
-def _fill_boxes(x, rows, points, triangles, bundles):  # type: ignore[no-untyped-def]
+def _fill_boxes(x: Matrix, rows: _FilmRows, points: Matrix, triangles: Matrix, bundles: Matrix) -> None:
     """Fill the boxes of all points, which have no size, of all triangles, and around those of each run."""
     for p in range(points.shape[0]):
         fill_point(x, rows.nodes[p], rows.weights[p], points[p])
@@ -295,7 +300,7 @@ def _fill_boxes(x, rows, points, triangles, bundles):  # type: ignore[no-untyped
 
 
 @device_function
-def _fill_near(rows, bundles, box, face, limit, near):  # type: ignore[no-untyped-def]
+def _fill_near(rows: _FilmRows, bundles: Matrix, box: Vector, face: int, limit: float, near: Indices) -> int:
     """Fill which runs of triangles can meet a face's points in a box; return how many."""
     count, own = 0, (box[0], box[1], box[2], box[3], box[4], box[5])
     for k in range(bundles.shape[0]):
@@ -307,7 +312,16 @@ def _fill_near(rows, bundles, box, face, limit, near):  # type: ignore[no-untype
 
 
 @device_function
-def _list_point(rows, p, point, triangles, near, limit, listed, total):  # type: ignore[no-untyped-def]
+def _list_point(
+    rows: _FilmRows,
+    p: int,
+    point: Vector,
+    triangles: Matrix,
+    near: Indices,
+    limit: float,
+    listed: Indices,
+    total: int,
+) -> int:
     """Add the triangles of a point to the list; return how many entries there are then."""
     x, y, z = point[0], point[1], point[2]
     for entry in range(near.shape[0]):
@@ -325,8 +339,8 @@ def _list_point(rows, p, point, triangles, near, limit, listed, total):  # type:
     return total
 
 
-@kernel(INTEGER(MATRIX, _ROWS, REAL, INDICES, INDICES), allocates=True)
-def _fill_list(x, rows, room, first, listed):  # type: ignore[no-untyped-def]
+@kernel(allocates=True)
+def _fill_list(x: Matrix, rows: _FilmRows, room: float, first: Indices, listed: Indices) -> int:
     """Fill each point's triangles, in ascending order; return how many there are.
 
     None are written beyond the room of the list.
@@ -406,8 +420,8 @@ _MOTION_M = 0.3e-3  # more of it lengthens the list, less makes it anew more oft
 _MOST_OF_HEIGHT = 0.25  # where m is more of it, all that is near the plane is listed
 
 
-@kernel((MATRIX, INDEX_TABLE, MATRIX))
-def measure_sides(x, triangles, sides):  # type: ignore[no-untyped-def]
+@kernel
+def measure_sides(x: Matrix, triangles: IndexTable, sides: Matrix) -> None:
     """Fill sides (t, 12): a corner of each triangle, its unit normal, slopes of the others' weights."""
     n, slope = small_vector(3), small_matrix(3, 3)
     for t in range(triangles.shape[0]):
@@ -418,14 +432,14 @@ def measure_sides(x, triangles, sides):  # type: ignore[no-untyped-def]
 
 
 @device_function
-def over_plane(side, x, y, z):  # type: ignore[no-untyped-def]
+def over_plane(side: Vector, x: float, y: float, z: float) -> float:
     """Return a point's distance from a triangle's plane."""
     x, y, z = x - side[0], y - side[1], z - side[2]
     return side[3] * x + side[4] * y + side[5] * z
 
 
 @device_function
-def over_side(side, x, y, z):  # type: ignore[no-untyped-def]
+def over_side(side: Vector, x: float, y: float, z: float) -> tuple[float, float]:
     """Return a point's distance from a triangle's plane, and the least weight of its foot."""
     x, y, z = x - side[0], y - side[1], z - side[2]
     b, c = side[6] * x + side[7] * y + side[8] * z, side[9] * x + side[10] * y + side[11] * z
@@ -433,7 +447,7 @@ def over_side(side, x, y, z):  # type: ignore[no-untyped-def]
 
 
 @device_function
-def _lowest_weight(side, motion, room):  # type: ignore[no-untyped-def]
+def _lowest_weight(side: Vector, motion: float, room: float) -> float:
     """Return the weight above which a foot may come into its triangle."""
     steepest = 0.0
     first, second, both = 0.0, 0.0, 0.0
@@ -447,8 +461,18 @@ def _lowest_weight(side, motion, room):  # type: ignore[no-untyped-def]
     return -BEYOND_EDGES - along * steepest
 
 
-@kernel(INTEGER(MATRIX, MATRIX, INDICES, INDICES, REAL, REAL, REAL, INDICES, INDICES), allocates=True)
-def _shorten(sides, place, first, listed, room, behind, motion, start, kept):  # type: ignore[no-untyped-def]
+@kernel(allocates=True)
+def _shorten(
+    sides: Matrix,
+    place: Matrix,
+    first: Indices,
+    listed: Indices,
+    room: float,
+    behind: float,
+    motion: float,
+    start: Indices,
+    kept: Indices,
+) -> int:
     """Fill what is kept of the list of each point; return how many there are."""
     count, across = 0, FEET_FOLLOW * motion
     lowest = np.empty(sides.shape[0])

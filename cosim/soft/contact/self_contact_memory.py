@@ -6,10 +6,9 @@ from dataclasses import dataclass
 from typing import Annotated, NamedTuple, final
 
 import numpy as np
-from numba import types
 
 from cosim.base.frames import Array, IntArray, Pose
-from cosim.base.kernels import INDEX_TABLE, MATRIX, VECTOR
+from cosim.base.kernels import IndexTable, Matrix, Vector
 
 
 @final
@@ -73,15 +72,15 @@ class PairRows(NamedTuple):
         out: (k, 5), filled with normal force [N], distance [m], and the force on the point (3,) [N].
     """
 
-    nodes: IntArray
-    weights: Array
-    stiffness: Array
-    friction: Array
-    foot: Array
-    normal: Array
-    stretch: Array
-    widths: Array
-    out: Array
+    nodes: IndexTable
+    weights: Matrix
+    stiffness: Vector
+    friction: Vector
+    foot: Matrix
+    normal: Matrix
+    stretch: Matrix
+    widths: Vector
+    out: Matrix
 
     def of(self, places: IntArray) -> PairRows:
         """Return some of the rows, by their places (j,)."""
@@ -89,8 +88,3 @@ class PairRows(NamedTuple):
             self.nodes[places], self.weights[places], self.stiffness[places], self.friction[places],
             self.foot[places], self.normal[places], self.stretch[places], self.widths, self.out[places],
         )  # fmt: skip
-
-
-FILM_PAIRS = types.NamedTuple(
-    (INDEX_TABLE, MATRIX, VECTOR, VECTOR, MATRIX, MATRIX, MATRIX, VECTOR, MATRIX), PairRows
-)

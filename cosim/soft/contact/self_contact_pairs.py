@@ -28,10 +28,11 @@ import numpy as np
 
 from cosim.base.frames import Array, IntArray, Mask
 from cosim.base.kernels import (
-    BLOCKS,
-    INDEX_TABLE,
-    MATRIX,
-    REAL,
+    Blocks,
+    IndexTable,
+    Indices,
+    Matrix,
+    Vector,
     address_of,
     device_function,
     kernel,
@@ -49,7 +50,7 @@ from cosim.soft.contact.point_kernels import (
     fill_weights,
     plane_of,
 )
-from cosim.soft.contact.self_contact_memory import FILM_PAIRS, FilmMemory, PairRows
+from cosim.soft.contact.self_contact_memory import FilmMemory, PairRows
 from cosim.soft.elements.element import Sums
 from cosim.soft.linear.pattern import add_block
 
@@ -58,7 +59,17 @@ _NO_BLOCKS = np.zeros((0, 3, 3))
 
 
 @device_function
-def _rub(x, nodes, w, stick, limit, m, stretch, gradient, tangent):  # type: ignore[no-untyped-def]
+def _rub(
+    x: Matrix,
+    nodes: Indices,
+    w: Vector,
+    stick: float,
+    limit: float,
+    m: Vector,
+    stretch: Vector,
+    gradient: Vector,
+    tangent: Matrix,
+) -> float:
     """Fill force and stiffness of one stick spring between two films; return its energy."""
     u, along, square = gradient, 0.0, 0.0  # in its place, until all is known
     for r in range(3):
@@ -81,7 +92,9 @@ def _rub(x, nodes, w, stick, limit, m, stretch, gradient, tangent):  # type: ign
 
 
 @device_function
-def _add_normal_part(push, rate, d, n, weight, slope, a, b, k):  # type: ignore[no-untyped-def]
+def _add_normal_part(
+    push: float, rate: float, d: float, n: Vector, weight: Vector, slope: Matrix, a: int, b: int, k: Matrix
+) -> None:
     """Fill the block of nodes a and b: E'' c_a c_b n n^T + E' d2(d), E' = -push."""
     outer = rate * weight[a] * weight[b]
     for r in range(3):
@@ -92,8 +105,8 @@ def _add_normal_part(push, rate, d, n, weight, slope, a, b, k):  # type: ignore[
             k[r, c] = outer * n[r] * n[c] + push * turning
 
 
-@kernel(REAL(MATRIX, FILM_PAIRS, INDEX_TABLE, MATRIX, BLOCKS))
-def add_pairs(x, pairs, slots, gradient, blocks):  # type: ignore[no-untyped-def]
+@kernel
+def add_pairs(x: Matrix, pairs: PairRows, slots: IndexTable, gradient: Matrix, blocks: Blocks) -> float:
     """Add gradient (and Hessian, if slots is not empty) of all pairs; return the energy [J]."""
     nodes, weights, stiffness, friction = pairs.nodes, pairs.weights, pairs.stiffness, pairs.friction
     held, normal, stretch, out = pairs.foot, pairs.normal, pairs.stretch, pairs.out
@@ -136,8 +149,10 @@ def add_pairs(x, pairs, slots, gradient, blocks):  # type: ignore[no-untyped-def
     return energy
 
 
-@kernel((MATRIX, INDEX_TABLE, MATRIX, MATRIX, MATRIX, REAL, MATRIX), allocates=True)
-def _drag(x, nodes, weights, held, normal, stick, stretch):  # type: ignore[no-untyped-def]
+@kernel(allocates=True)
+def _drag(
+    x: Matrix, nodes: IndexTable, weights: Matrix, held: Matrix, normal: Matrix, stick: float, stretch: Matrix
+) -> None:
     """Bring the stretch of the stick springs from before a step to its end: at most `stick`, in the plane."""
     for e in range(nodes.shape[0]):
         for r in range(3):

@@ -11,15 +11,13 @@ from dataclasses import dataclass
 from typing import NamedTuple, final
 
 import numpy as np
-from numba import types
 
 from cosim.base.frames import Array, IntArray
 from cosim.base.kernels import (
-    INDEX_TABLE,
-    INDICES,
-    INTEGER,
-    MATRIX,
-    REAL,
+    IndexTable,
+    Indices,
+    Matrix,
+    Vector,
     device_function,
     kernel,
 )
@@ -55,12 +53,12 @@ class SearchRows(NamedTuple):
         around: these.
     """
 
-    homes: IntArray
-    films: IntArray
-    relation: IntArray
-    triangles: IntArray
-    start: IntArray
-    around: IntArray
+    homes: IndexTable
+    films: IndexTable
+    relation: IndexTable
+    triangles: IndexTable
+    start: Indices
+    around: Indices
 
 
 class NearList(NamedTuple):
@@ -73,18 +71,14 @@ class NearList(NamedTuple):
         behind: [m], behind it.
     """
 
-    first: IntArray
-    listed: IntArray
+    first: Indices
+    listed: Indices
     reach: float
     behind: float
 
 
-_ROWS = types.NamedTuple((*(4 * [INDEX_TABLE]), INDICES, INDICES), SearchRows)
-_NEAR = types.NamedTuple((INDICES, INDICES, REAL, REAL), NearList)
-
-
 @device_function
-def _faces(x, rows, p, n):  # type: ignore[no-untyped-def]
+def _faces(x: Matrix, rows: SearchRows, p: int, n: Vector) -> float:
     """Return the cosine of the angle between a point's outer normal and a direction of unit length."""
     ox = oy = oz = 0.0
     for k in range(rows.start[p], rows.start[p + 1]):
@@ -96,8 +90,8 @@ def _faces(x, rows, p, n):  # type: ignore[no-untyped-def]
     return (ox * n[0] + oy * n[1] + oz * n[2]) / np.sqrt(ox * ox + oy * oy + oz * oz)
 
 
-@kernel((MATRIX, INDEX_TABLE, MATRIX, MATRIX))
-def _fill_places(x, nodes, weights, place):  # type: ignore[no-untyped-def]
+@kernel
+def _fill_places(x: Matrix, nodes: IndexTable, weights: Matrix, place: Matrix) -> None:
     for p in range(nodes.shape[0]):
         for r in range(3):
             place[p, r] = 0.0
@@ -105,8 +99,10 @@ def _fill_places(x, nodes, weights, place):  # type: ignore[no-untyped-def]
                 place[p, r] += weights[p, a] * x[nodes[p, a], r]
 
 
-@kernel(INTEGER(MATRIX, MATRIX, MATRIX, _ROWS, _NEAR, INDEX_TABLE), allocates=True)
-def _over(x, sides, place, rows, near_list, out):  # type: ignore[no-untyped-def]
+@kernel(allocates=True)
+def _over(
+    x: Matrix, sides: Matrix, place: Matrix, rows: SearchRows, near_list: NearList, out: IndexTable
+) -> int:
     """Fill rows (point, triangle) of what lies over what, ascending by point, then by the triangle's unit.
 
     Returns:

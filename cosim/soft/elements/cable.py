@@ -39,11 +39,10 @@ import numpy as np
 
 from cosim.base.frames import Array, IntArray
 from cosim.base.kernels import (
-    BLOCKS,
-    INDEX_TABLE,
-    MATRIX,
-    REAL,
-    VECTOR,
+    Blocks,
+    IndexTable,
+    Matrix,
+    Vector,
     device_function,
     kernel,
     small_matrix,
@@ -79,7 +78,7 @@ ROUNDED_m: Final = 1e-4
 
 
 @device_function
-def segment_length(x, a, b):  # type: ignore[no-untyped-def]
+def segment_length(x: Matrix, a: int, b: int) -> float:
     """Return the length of a segment [m], rounded where its eyelets meet."""
     square = 0.0
     for r in range(3):
@@ -89,9 +88,9 @@ def segment_length(x, a, b):  # type: ignore[no-untyped-def]
     return length if s >= 1.0 else ROUNDED_m * (0.375 + s * s * (0.75 - 0.125 * s * s))
 
 
-@kernel(REAL(MATRIX, INDEX_TABLE, VECTOR, INDEX_TABLE, MATRIX, BLOCKS))
+@kernel
 def add_segments(
-    x: Array, segments: IntArray, tension: Array, slots: IntArray, gradient: Array, blocks: Array
+    x: Matrix, segments: IndexTable, tension: Vector, slots: IndexTable, gradient: Matrix, blocks: Blocks
 ) -> float:
     """Add all segments to gradient, their Hessian to blocks if slots is not empty.
 

@@ -17,7 +17,14 @@ from typing import Annotated, ClassVar, final
 import numpy as np
 
 from cosim.base.frames import Array, IntArray
-from cosim.base.kernels import BLOCKS, INDEX_TABLE, MATRIX, REAL, kernel, small_vector, zero_matrix
+from cosim.base.kernels import (
+    Blocks,
+    IndexTable,
+    Matrix,
+    kernel,
+    small_vector,
+    zero_matrix,
+)
 from cosim.errors import MeshError
 from cosim.soft.elements.element import NODES, ROWS, STILL, DirectElement, Instant
 from cosim.soft.linear.pattern import add_block
@@ -25,8 +32,17 @@ from cosim.soft.linear.pattern import add_block
 _ORDERS_TRIED = 100
 
 
-@kernel(REAL(MATRIX, INDEX_TABLE, BLOCKS, MATRIX, REAL, INDEX_TABLE, MATRIX, BLOCKS))
-def add_frames(x, rings, projections, lengths, stiffness, slots, gradient, blocks):  # type: ignore[no-untyped-def]
+@kernel
+def add_frames(
+    x: Matrix,
+    rings: IndexTable,
+    projections: Blocks,
+    lengths: Matrix,
+    stiffness: float,
+    slots: IndexTable,
+    gradient: Matrix,
+    blocks: Blocks,
+) -> float:
     """Add all frames to gradient and, if slots is not empty, their Hessian to blocks.
 
     Returns the energy [J].

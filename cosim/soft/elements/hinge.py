@@ -1,4 +1,4 @@
-"""Rotational springs on the dihedral angle of interior edges, and how stiff they are where film bends like a shell.
+"""Rotational springs on the dihedral angle of interior edges, and their stiffness where film bends like a shell.
 
 Rotational springs on the dihedral angle of interior edges, with an optional fold barrier.
 
@@ -43,11 +43,10 @@ import numpy as np
 
 from cosim.base.frames import Array, IntArray
 from cosim.base.kernels import (
-    BLOCKS,
-    INDEX_TABLE,
-    MATRIX,
-    REAL,
-    VECTOR,
+    Blocks,
+    IndexTable,
+    Matrix,
+    Vector,
     device_function,
     kernel,
     small_vector,
@@ -81,7 +80,7 @@ _II, _JI, _JJ, _KI, _KJ, _KK, _LI, _LJ, _LK, _LL = (9 * _FEW * pair for pair in 
 
 
 @device_function
-def _second_derivatives(s, begin, h):  # type: ignore[no-untyped-def]
+def _second_derivatives(s: Vector, begin: int, h: Vector) -> None:
     """Fill the second derivatives of the angle."""
     for lane in range(_FEW):
         at = begin + lane
@@ -111,7 +110,7 @@ def _second_derivatives(s, begin, h):  # type: ignore[no-untyped-def]
 
 
 @device_function
-def _complete(s, begin, h):  # type: ignore[no-untyped-def]
+def _complete(s: Vector, begin: int, h: Vector) -> None:
     """Fill what translations fix, and turn second derivatives of the angle into those of the energy."""
     for lane in range(_FEW):
         at = begin + lane
@@ -150,7 +149,7 @@ def _complete(s, begin, h):  # type: ignore[no-untyped-def]
 
 
 @device_function
-def _assemble(slots, first, lanes, h, blocks):  # type: ignore[no-untyped-def]
+def _assemble(slots: IndexTable, first: int, lanes: int, h: Vector, blocks: Blocks) -> None:
     """Add the Hessians of some hinges from `first` on to the blocks."""
     for lane in range(lanes):
         for pair in range(10):
@@ -167,7 +166,18 @@ def _assemble(slots, first, lanes, h, blocks):  # type: ignore[no-untyped-def]
 
 
 @device_function
-def add_hinge_hessians(x, hinges, stiffness, rest, theta1, reference, slots, gradient, blocks, angles):  # type: ignore[no-untyped-def]
+def add_hinge_hessians(
+    x: Matrix,
+    hinges: IndexTable,
+    stiffness: Vector,
+    rest: Vector,
+    theta1: float,
+    reference: Vector,
+    slots: IndexTable,
+    gradient: Matrix,
+    blocks: Blocks,
+    angles: Vector,
+) -> float:
     """Add all hinges to gradient and Hessian to blocks, write their angles; return the energy."""
     s, h = small_vector(ROOM), small_vector(_ENTRIES)
     energy = 0.0
@@ -184,8 +194,19 @@ def add_hinge_hessians(x, hinges, stiffness, rest, theta1, reference, slots, gra
     return energy
 
 
-@kernel(REAL(MATRIX, INDEX_TABLE, VECTOR, VECTOR, REAL, VECTOR, INDEX_TABLE, MATRIX, BLOCKS, VECTOR))
-def add_hinges(x, hinges, stiffness, rest, theta1, reference, slots, gradient, blocks, angles):  # type: ignore[no-untyped-def]
+@kernel
+def add_hinges(
+    x: Matrix,
+    hinges: IndexTable,
+    stiffness: Vector,
+    rest: Vector,
+    theta1: float,
+    reference: Vector,
+    slots: IndexTable,
+    gradient: Matrix,
+    blocks: Blocks,
+    angles: Vector,
+) -> float:
     """Add all hinges to gradient and, if slots is not empty, their Hessian to blocks.
 
     The angle is unwrapped against `reference`, the angle at the last accepted state, and written to

@@ -15,7 +15,7 @@ from typing import Any, Final
 import numpy as np
 
 from cosim.base.frames import Array, IntArray
-from cosim.base.kernels import device_function, small_vector
+from cosim.base.kernels import IndexTable, Matrix, Vector, device_function, small_vector
 
 TURN = 2.0 * math.pi
 _EIGHTH = math.tan(math.pi / 8.0)
@@ -103,7 +103,7 @@ ROOM = QUANTITIES * LANES
 
 
 @device_function
-def nodes_of(hinges, h):  # type: ignore[no-untyped-def]
+def nodes_of(hinges: IndexTable, h: int) -> tuple[Any, Any, Any, Any]:
     """Return the nodes of a hinge, of a type that needs no test for places counted from the end."""
     i, j, k, m = hinges[h, 0], hinges[h, 1], hinges[h, 2], hinges[h, 3]
     return np.uint64(i), np.uint64(j), np.uint64(k), np.uint64(m)
@@ -143,7 +143,16 @@ def differentiate(s: Array) -> None:
 
 
 @device_function
-def load(stiffness, rest, theta1, reference, first, lanes, s, angles):  # type: ignore[no-untyped-def]
+def load(
+    stiffness: Vector,
+    rest: Vector,
+    theta1: float,
+    reference: Vector,
+    first: int,
+    lanes: int,
+    s: Vector,
+    angles: Vector,
+) -> float:
     """Write a group's unwrapped angles to `angles`, fill its moments and tangents; return the energy."""
     k, free, before, after = stiffness[first:], rest[first:], reference[first:], angles[first:]
     for lane in range(lanes):
@@ -185,7 +194,16 @@ def scatter(hinges: IntArray, first: int, lanes: int, s: Array, gradient: Any) -
 
 
 @device_function
-def add_hinge_gradients(x, hinges, stiffness, rest, theta1, reference, gradient, angles):  # type: ignore[no-untyped-def]
+def add_hinge_gradients(
+    x: Matrix,
+    hinges: IndexTable,
+    stiffness: Vector,
+    rest: Vector,
+    theta1: float,
+    reference: Vector,
+    gradient: Matrix,
+    angles: Vector,
+) -> float:
     """Add all hinges to gradient, write their angles; return the energy as `add_hinges` does.
 
     A loop of its own: one loop for both, with a branch for the Hessian, takes a fifth longer with it.

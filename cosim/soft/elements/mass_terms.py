@@ -14,11 +14,11 @@ from dataclasses import dataclass
 from typing import final
 
 from cosim.base.frames import Array
-from cosim.base.kernels import BLOCKS, INDICES, MATRIX, REAL, VECTOR, kernel
+from cosim.base.kernels import Blocks, Indices, Matrix, Vector, kernel
 
 
-@kernel(REAL(MATRIX, VECTOR, VECTOR, MATRIX))
-def add_gravity(x: Array, mass: Array, gravity: Array, gradient: Array) -> float:
+@kernel
+def add_gravity(x: Matrix, mass: Vector, gravity: Vector, gradient: Matrix) -> float:
     """Add the weight's potential to gradient; return that potential [J]."""
     energy = 0.0
     for i in range(x.shape[0]):
@@ -29,8 +29,10 @@ def add_gravity(x: Array, mass: Array, gravity: Array, gradient: Array) -> float
     return energy
 
 
-@kernel(REAL(MATRIX, VECTOR, MATRIX, INDICES, MATRIX, BLOCKS))
-def add_inertia(x, coefficient, target, diagonal, gradient, blocks):  # type: ignore[no-untyped-def]
+@kernel
+def add_inertia(
+    x: Matrix, coefficient: Vector, target: Matrix, diagonal: Indices, gradient: Matrix, blocks: Blocks
+) -> float:
     """Add the inertial bed to gradient, its Hessian to the diagonal blocks if any are named.
 
     Returns its energy [J].
@@ -48,8 +50,8 @@ def add_inertia(x, coefficient, target, diagonal, gradient, blocks):  # type: ig
     return energy
 
 
-@kernel(REAL(BLOCKS, BLOCKS, VECTOR), taken_in=True)
-def mass_moments(mass: Array, points: Array, moments: Array) -> float:
+@kernel(taken_in=True)
+def mass_moments(mass: Blocks, points: Blocks, moments: Vector) -> float:
     """Set moments (9,) to the first ones, and xx, xy, xz, yy, yz, zz of the second; return the mass [kg].
 
     Args:

@@ -20,18 +20,17 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Annotated, ClassVar, final
+from typing import Annotated, Any, ClassVar, final
 
 import numpy as np
 
 from cosim.base.frames import Array, IntArray
 from cosim.base.kernels import (
-    BLOCKS,
-    INDEX_TABLE,
-    INTEGER,
-    MATRIX,
-    REAL,
-    VECTOR,
+    Blocks,
+    IndexTable,
+    Indices,
+    Matrix,
+    Vector,
     device_function,
     kernel,
     small_matrix,
@@ -55,7 +54,7 @@ from cosim.soft.published.edge_strain import edge_strain
 
 
 @device_function
-def deformation(x, triangle, g, f):  # type: ignore[no-untyped-def]
+def deformation(x: Matrix, triangle: Indices, g: Matrix, f: Matrix) -> tuple[float, float, float]:
     """Fill f = F^T (2, 3) for one triangle and return E11, E22, 2 E12."""
     a, b, c = triangle[0], triangle[1], triangle[2]
     for k in range(3):
@@ -70,7 +69,9 @@ def deformation(x, triangle, g, f):  # type: ignore[no-untyped-def]
 
 
 @device_function
-def pair_block(f, stiffness, ga, gb, geometric, area, out):  # type: ignore[no-untyped-def]
+def pair_block(
+    f: Matrix, stiffness: Matrix, ga: Vector, gb: Vector, geometric: float, area: float, out: Matrix
+) -> None:
     """Fill out = area (geometric 1 + B_a^T C B_b) with B_a = u1_a f1^T + u2_a f2^T."""
     # C u_q for u_1 = (gb0, 0, gb1) and u_2 = (0, gb1, gb0), in the strain components (E11, E22, 2 E12)
     p0 = stiffness[0, 0] * gb[0] + stiffness[0, 2] * gb[1]
@@ -92,7 +93,7 @@ def pair_block(f, stiffness, ga, gb, geometric, area, out):  # type: ignore[no-u
 
 
 @device_function
-def first_node_blocks(k11, k21, k22, k10, k20, k00):  # type: ignore[no-untyped-def]
+def first_node_blocks(k11: Matrix, k21: Matrix, k22: Matrix, k10: Matrix, k20: Matrix, k00: Matrix) -> None:
     """Fill the blocks of node 0: the gradients g_a sum to zero, so they follow from the others."""
     for r in range(3):
         for c in range(3):
@@ -126,13 +127,13 @@ def in_lanes(shape_gradients: Array, areas: Array) -> Array:
 
 
 @device_function
-def corners_of(triangles, e):  # type: ignore[no-untyped-def]
+def corners_of(triangles: IndexTable, e: int) -> tuple[Any, Any, Any]:
     """Return the nodes of a triangle, of a type that needs no test for places counted from the end."""
     return np.uint64(triangles[e, 0]), np.uint64(triangles[e, 1]), np.uint64(triangles[e, 2])
 
 
 @device_function
-def _gather(x, triangles, first, lanes, s):  # type: ignore[no-untyped-def]
+def _gather(x: Matrix, triangles: IndexTable, first: int, lanes: int, s: Vector) -> None:
     """Fill both edges from node 0; lanes to spare repeat the first triangle."""
     for lane in range(LANES):
         e = first + (lane if lane < lanes else 0)
@@ -143,7 +144,7 @@ def _gather(x, triangles, first, lanes, s):  # type: ignore[no-untyped-def]
 
 
 @device_function
-def _stretch(drawn, stiffness, s):  # type: ignore[no-untyped-def]
+def _stretch(drawn: Vector, stiffness: Matrix, s: Vector) -> None:
     """Replace the edges by F^T, and fill strains, and forces A N and energies of the plain law."""
     c00, c01, c02 = stiffness[0, 0], stiffness[0, 1], stiffness[0, 2]
     c10, c11, c12 = stiffness[1, 0], stiffness[1, 1], stiffness[1, 2]
@@ -171,7 +172,7 @@ def _stretch(drawn, stiffness, s):  # type: ignore[no-untyped-def]
 
 
 @device_function
-def _list_wrinkled(drawn, forces, lanes, s):  # type: ignore[no-untyped-def]
+def _list_wrinkled(drawn: Vector, forces: Matrix, lanes: int, s: Vector) -> int:
     """List the lanes that are not taut, and move their strains, s0 and f0 to the front; return how many.
 
     Up to the next full run the last one is repeated.
@@ -194,7 +195,7 @@ def _list_wrinkled(drawn, forces, lanes, s):  # type: ignore[no-untyped-def]
 
 
 @device_function
-def _wrinkle_listed(count, stiffness, s):  # type: ignore[no-untyped-def]
+def _wrinkle_listed(count: int, stiffness: Matrix, s: Vector) -> None:
     """Fill forces and energy density of listed lanes, as of the wrinkled state, and N1, which tells it."""
     for lane in range(count):
         plate, hardening = s[_PLATE + lane], s[_HARDENING + lane]
@@ -207,7 +208,9 @@ def _wrinkle_listed(count, stiffness, s):  # type: ignore[no-untyped-def]
 
 
 @device_function
-def _wrinkle(drawn, forces, lanes, stiffness, n, no_tangent, s):  # type: ignore[no-untyped-def]
+def _wrinkle(
+    drawn: Vector, forces: Matrix, lanes: int, stiffness: Matrix, n: Vector, no_tangent: Matrix, s: Vector
+) -> None:
     """Replace forces A N and energies where a triangle is not taut."""
     count = _list_wrinkled(drawn, forces, lanes, s)
     _wrinkle_listed(-(-count // _STRIDE) * _STRIDE, stiffness, s)
@@ -223,7 +226,7 @@ def _wrinkle(drawn, forces, lanes, stiffness, n, no_tangent, s):  # type: ignore
 
 
 @device_function
-def _pull(drawn, s):  # type: ignore[no-untyped-def]
+def _pull(drawn: Vector, s: Vector) -> None:
     """Replace F^T by the gradients of nodes 1 and 2."""
     for lane in range(LANES):
         ax, ay = drawn[lane], drawn[LANES + lane]
@@ -239,7 +242,7 @@ def _pull(drawn, s):  # type: ignore[no-untyped-def]
 
 
 @device_function
-def _scatter(triangles, first, lanes, s, gradient):  # type: ignore[no-untyped-def]
+def _scatter(triangles: IndexTable, first: int, lanes: int, s: Vector, gradient: Matrix) -> float:
     """Add a group to gradient; return its energy."""
     energy = 0.0
     for lane in range(LANES):
@@ -257,7 +260,9 @@ def _scatter(triangles, first, lanes, s, gradient):  # type: ignore[no-untyped-d
 
 
 @device_function
-def add_membrane_gradients(x, triangles, drawn, stiffness, forces, gradient):  # type: ignore[no-untyped-def]
+def add_membrane_gradients(
+    x: Matrix, triangles: IndexTable, drawn: Matrix, stiffness: Matrix, forces: Matrix, gradient: Matrix
+) -> float:
     """Add the gradient of all triangles to gradient; return the energy [J].
 
     `drawn` is what `in_lanes` returns; `forces` those of `wrinkling_forces`, empty for the plain law.
@@ -275,25 +280,21 @@ def add_membrane_gradients(x, triangles, drawn, stiffness, forces, gradient):  #
     return energy
 
 
-@kernel(
-    REAL(
-        MATRIX,
-        INDEX_TABLE,
-        BLOCKS,
-        VECTOR,
-        MATRIX,
-        MATRIX,
-        INTEGER,
-        REAL,
-        MATRIX,
-        INDEX_TABLE,
-        MATRIX,
-        BLOCKS,
-    )
-)
-def add_membranes(  # type: ignore[no-untyped-def]
-    x, triangles, gradients, areas, drawn, stiffness, law, fraction, forces, slots, gradient, blocks
-):
+@kernel
+def add_membranes(
+    x: Matrix,
+    triangles: IndexTable,
+    gradients: Blocks,
+    areas: Vector,
+    drawn: Matrix,
+    stiffness: Matrix,
+    law: int,
+    fraction: float,
+    forces: Matrix,
+    slots: IndexTable,
+    gradient: Matrix,
+    blocks: Blocks,
+) -> float:
     """Add all triangles to gradient and, if slots is not empty, their Hessian to blocks.
 
     `law` is a law code of the film, `fraction` the compressive fraction, `forces` those of
@@ -353,8 +354,16 @@ def add_membranes(  # type: ignore[no-untyped-def]
     return energy
 
 
-@kernel(MATRIX(MATRIX, INDEX_TABLE, BLOCKS, MATRIX, INTEGER, REAL, MATRIX), allocates=True)
-def principal_forces(x, triangles, gradients, stiffness, law, fraction, forces):  # type: ignore[no-untyped-def]
+@kernel(allocates=True)
+def principal_forces(
+    x: Matrix,
+    triangles: IndexTable,
+    gradients: Blocks,
+    stiffness: Matrix,
+    law: int,
+    fraction: float,
+    forces: Matrix,
+) -> Matrix:
     """Return the principal membrane forces (m, 2) [N/m] of all triangles by the law, largest first."""
     principal = np.empty((triangles.shape[0], 2))
     f, n = small_matrix(2, 3), small_vector(3)

@@ -17,20 +17,18 @@ potential is in `film_terms`.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from typing import Any, final
+from typing import final
 
 import numpy as np
-from numba import types
 
 from cosim.base.frames import Array, IntArray
 from cosim.base.kernels import (
-    BLOCKS,
-    CUBES,
-    INDEX_TABLE,
-    INDICES,
-    MATRIX,
-    REAL,
-    VECTOR,
+    Blocks,
+    Cubes,
+    IndexTable,
+    Indices,
+    Matrix,
+    Vector,
     device_function,
     kernel,
     small_matrix,
@@ -40,7 +38,7 @@ from cosim.soft.linear.pattern import add_block
 
 
 @device_function
-def _cross_block(v, factor, out):  # type: ignore[no-untyped-def]
+def _cross_block(v: Vector, factor: float, out: Matrix) -> None:
     """Fill out with factor * S(v), S(v) b = v x b."""
     out[0, 0] = out[1, 1] = out[2, 2] = 0.0
     out[0, 1] = -factor * v[2]
@@ -52,12 +50,14 @@ def _cross_block(v, factor, out):  # type: ignore[no-untyped-def]
 
 
 @device_function
-def _cross(v, w):  # type: ignore[no-untyped-def]
+def _cross(v: tuple[float, float, float], w: tuple[float, float, float]) -> tuple[float, float, float]:
     return v[1] * w[2] - v[2] * w[1], v[2] * w[0] - v[0] * w[2], v[0] * w[1] - v[1] * w[0]
 
 
-@kernel(REAL(MATRIX, INDEX_TABLE, REAL, INDEX_TABLE, MATRIX, BLOCKS))
-def add_pressure(x, triangles, pressure, slots, gradient, blocks):  # type: ignore[no-untyped-def]
+@kernel
+def add_pressure(
+    x: Matrix, triangles: IndexTable, pressure: float, slots: IndexTable, gradient: Matrix, blocks: Blocks
+) -> float:
     """Add -p V of all film triangles to gradient, and to blocks if slots is not empty.
 
     Returns the triangles' share of V [m^3].
@@ -91,8 +91,8 @@ def add_pressure(x, triangles, pressure, slots, gradient, blocks):  # type: igno
     return volume / 6.0
 
 
-@kernel(types.void(BLOCKS, INDEX_TABLE, INDICES, INDICES, VECTOR))
-def fill_volumes(shapes: Array, triangles: IntArray, rings: IntArray, starts: IntArray, out: Array) -> None:
+@kernel
+def fill_volumes(shapes: Blocks, triangles: IndexTable, rings: Indices, starts: Indices, out: Vector) -> None:
     """Fill V (k,) [m^3] alone of shapes (k, n, 3) [m]; cap c is rings[starts[c] : starts[c + 1]]."""
     total, area = small_vector(3), small_vector(3)
     for k in range(shapes.shape[0]):
@@ -108,7 +108,7 @@ def fill_volumes(shapes: Array, triangles: IntArray, rings: IntArray, starts: In
 
 
 @device_function
-def _cap_volume(x, ring, total, area):  # type: ignore[no-untyped-def]
+def _cap_volume(x: Matrix, ring: Indices, total: Vector, area: Vector) -> float:
     """Return a cap's share of V [m^3]; fill in the sums of r_i and of r_i x r_i+1."""
     count = ring.shape[0]
     total[:] = 0.0
@@ -123,7 +123,9 @@ def _cap_volume(x, ring, total, area):  # type: ignore[no-untyped-def]
 
 
 @device_function
-def _add_cap_hessian(x, ring, factor, total, slots, blocks, k):  # type: ignore[no-untyped-def]
+def _add_cap_hessian(
+    x: Matrix, ring: Indices, factor: float, total: Vector, slots: Indices, blocks: Blocks, k: Matrix
+) -> None:
     """Add the second derivatives of -p V of one cap; ring nodes are coupled pairwise."""
     count = ring.shape[0]
     vector = small_vector(3)
@@ -144,10 +146,10 @@ def _add_cap_hessian(x, ring, factor, total, slots, blocks, k):  # type: ignore[
             pair += 1
 
 
-@kernel(REAL(MATRIX, INDICES, REAL, INDICES, MATRIX, BLOCKS))
+@kernel
 def add_cap(
-    x: Array, ring: IntArray, pressure: float, slots: IntArray, gradient: Array, blocks: Array
-) -> Any:
+    x: Matrix, ring: Indices, pressure: float, slots: Indices, gradient: Matrix, blocks: Blocks
+) -> float:
     """Add the gradient of -p V of one cap to gradient, its Hessian to blocks if slots is not empty.
 
     Returns the cap's share of V [m^3].
@@ -172,8 +174,8 @@ def add_cap(
     return volume
 
 
-@kernel(types.void(MATRIX, INDICES, REAL, MATRIX))
-def add_cap_force(x, ring, pressure, gradient):  # type: ignore[no-untyped-def]
+@kernel
+def add_cap_force(x: Matrix, ring: Indices, pressure: float, gradient: Matrix) -> None:
     """Add the pressure force [N] that a cap would put on its ring to the rows of the ring in gradient.
 
     Each fan triangle (c, r_i, r_i+1) gives a third of its p A to each corner; c's share is spread evenly.
@@ -205,8 +207,8 @@ def add_cap_force(x, ring, pressure, gradient):  # type: ignore[no-untyped-def]
             gradient[ring[i], r] += total[r] / count
 
 
-@kernel(types.void(MATRIX, INDICES, REAL, CUBES))
-def add_cap_stiffness(x, ring, pressure, out):  # type: ignore[no-untyped-def]
+@kernel
+def add_cap_stiffness(x: Matrix, ring: Indices, pressure: float, out: Cubes) -> None:
     """Add the derivative (k, k, 3, 3) [N/m] of `add_cap_force` by the ring's nodes, not symmetric."""
     count = ring.shape[0]
     mean, left, right = small_vector(3), small_matrix(3, 3), small_matrix(3, 3)

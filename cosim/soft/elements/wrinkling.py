@@ -43,7 +43,7 @@ from typing import Final
 import numpy as np
 
 from cosim.base.frames import Array, IntArray
-from cosim.base.kernels import device_function, inlined
+from cosim.base.kernels import Matrix, Vector, device_function, inlined
 from cosim.base.numba_insides import same_bits
 
 SLACK: Final = 0
@@ -52,7 +52,9 @@ TAUT: Final = 2
 
 
 @device_function
-def tension_field(e11, e22, e12, stiffness, fraction, n, c):  # type: ignore[no-untyped-def]
+def tension_field(
+    e11: float, e22: float, e12: float, stiffness: Matrix, fraction: float, n: Vector, c: Matrix
+) -> float:
     """Fill n (3,) and c (3, 3), first and second derivative of the energy density by (E11, E22, 2 E12).
 
     In the wrinkled state e1 = m + r, m the mean and r the radius of Mohr's circle. Its derivative is a, the
@@ -153,7 +155,7 @@ def wrinkling_forces(rigidity_Nm: float, young_N_m: float, panel_m: Array, areas
 
 
 @inlined
-def rough_cube_root(value):  # type: ignore[no-untyped-def]
+def rough_cube_root(value: float) -> float:
     """Return the cube root of a positive number within 5 %: a third of its upper bits, and a bias.
 
     Loops over lanes are vectorised with it, as they are not with calls of a library.
@@ -165,7 +167,7 @@ def rough_cube_root(value):  # type: ignore[no-untyped-def]
 
 
 @device_function
-def _beyond(excess, compliance, hardening):  # type: ignore[no-untyped-def]
+def _beyond(excess: float, compliance: float, hardening: float) -> float:
     """Return r of compliance r + (r / hardening)^3 = excess: r = m u of u^3 + 3 u = z, by Newton's method."""
     m = hardening * math.sqrt(compliance * hardening / 3.0)
     ratio = hardening / m
@@ -178,7 +180,7 @@ def _beyond(excess, compliance, hardening):  # type: ignore[no-untyped-def]
 
 
 @device_function
-def _slack(g1, g2, ratio, young, hardening):  # type: ignore[no-untyped-def]
+def _slack(g1: float, g2: float, ratio: float, young: float, hardening: float) -> tuple[float, float]:
     """Return r1, r2 of (r_i - ratio r_j) / young + (r_i / hardening)^3 = g_i, by turns."""
     compliance = 1.0 / young
     r1 = 0.0
@@ -193,7 +195,7 @@ def _slack(g1, g2, ratio, young, hardening):  # type: ignore[no-untyped-def]
 
 
 @device_function
-def principal(e11, e22, e12):  # type: ignore[no-untyped-def]
+def principal(e11: float, e22: float, e12: float) -> tuple[float, float, float, float]:
     """Return the principal strains, and cosine and sine of twice the first one's angle."""
     mean, half = 0.5 * (e11 + e22), 0.5 * (e11 - e22)
     radius = math.sqrt(half * half + 0.25 * e12 * e12)
@@ -202,7 +204,9 @@ def principal(e11, e22, e12):  # type: ignore[no-untyped-def]
 
 
 @device_function
-def hide_across(e1, e2, stiffness, plate, hardening):  # type: ignore[no-untyped-def]
+def hide_across(
+    e1: float, e2: float, stiffness: Matrix, plate: float, hardening: float
+) -> tuple[float, float]:
     """Return r2 and N1 of principal strains in the wrinkled state; it is slack where N1 < -plate."""
     d00 = stiffness[0, 0]
     ratio = stiffness[0, 1] / d00
@@ -211,14 +215,16 @@ def hide_across(e1, e2, stiffness, plate, hardening):  # type: ignore[no-untyped
 
 
 @device_function
-def turn_forces(first, second, cosine, sine):  # type: ignore[no-untyped-def]
+def turn_forces(first: float, second: float, cosine: float, sine: float) -> tuple[float, float, float]:
     """Return N11, N22, N12 of principal forces, from cosine and sine of twice the first one's angle."""
     center, shear = 0.5 * (first + second), 0.5 * (first - second)
     return center + shear * cosine, center - shear * cosine, shear * sine
 
 
 @device_function
-def density(e1, e2, first, r1, r2, plate, hardening):  # type: ignore[no-untyped-def]
+def density(
+    e1: float, e2: float, first: float, r1: float, r2: float, plate: float, hardening: float
+) -> float:
     """Return psi of principal strains, of N1, and of what N1 and N2 are below -plate."""
     t1, t2 = r1 / hardening, r2 / hardening
     w1, w2 = t1 * t1 * t1, t2 * t2 * t2
@@ -227,7 +233,16 @@ def density(e1, e2, first, r1, r2, plate, hardening):  # type: ignore[no-untyped
 
 
 @device_function
-def wrinkling(e11, e22, e12, stiffness, plate, hardening, n, c):  # type: ignore[no-untyped-def]
+def wrinkling(
+    e11: float,
+    e22: float,
+    e12: float,
+    stiffness: Matrix,
+    plate: float,
+    hardening: float,
+    n: Vector,
+    c: Matrix,
+) -> float:
     """Fill n (3,) and c, first and second derivative of the energy density by (E11, E22, 2 E12).
 
     With a, b the squares of the principal directions and v the turn of a, in the components of E,
@@ -274,7 +289,13 @@ def wrinkling(e11, e22, e12, stiffness, plate, hardening, n, c):  # type: ignore
 
 
 @device_function
-def _fill_tangent(c, stiffness, beyond, direction, difference):  # type: ignore[no-untyped-def]
+def _fill_tangent(
+    c: Matrix,
+    stiffness: Matrix,
+    beyond: tuple[float, float, float],
+    direction: tuple[float, float],
+    difference: float,
+) -> None:
     """Fill c (3, 3).
 
     Args:

@@ -7,15 +7,21 @@ and that of beams for bodies with beams alone.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
-from numba import types
 
-from cosim.base.kernels import INTEGER, REAL, VECTOR, address_of, device_function, kernel
+from cosim.base.kernels import (
+    Blocks,
+    Matrix,
+    Vector,
+    address_of,
+    device_function,
+    kernel,
+)
 from cosim.base.numba_insides import caller
 from cosim.soft.beams.ring_kernels import REMEMBERED, BeamArrays, add_beam_rings
-from cosim.soft.body.loads import TOUCHING, PlainLoads, Touching
+from cosim.soft.body.loads import PlainLoads, Touching
 from cosim.soft.contact.obstacle_contact import add_contacts
 from cosim.soft.contact.self_contact_pairs import add_pairs
 from cosim.soft.elements import gas
@@ -27,17 +33,15 @@ from cosim.soft.elements.membrane import add_membranes
 from cosim.soft.elements.pressure import add_cap, add_cap_force, add_pressure
 from cosim.soft.film.step_arrays import (
     BEAMS,
-    BED,
     CHAMBERS,
-    FILM,
-    FILM_LOADS,
-    FILM_POINT,
     FILMS,
     HINGES,
     NODES,
     SEGMENTS,
-    SLOTS,
+    FilmArrays,
     FilmLoads,
+    FilmPoint,
+    FilmSlots,
     StepBed,
 )
 
@@ -54,8 +58,6 @@ _MEMBRANES, _HINGES, _SEGMENTS, _PRESSURE, _CAP, _OPEN, _GRAVITY, _INERTIA, _BEA
     _add_inertia,
 ) = map(caller, _CALLED)  # fmt: skip
 _add_beam_rings, _add_contacts, _add_pairs = map(caller, (add_beam_rings, add_contacts, add_pairs))
-
-PLAIN_LOADS = types.NamedUniTuple(VECTOR, 3, PlainLoads)  # as numba has it where all fields are alike
 
 
 class FilmActing(NamedTuple):
@@ -74,16 +76,13 @@ class FilmActing(NamedTuple):
     bed: StepBed
 
 
-FILM_ACTING = types.NamedTuple((PLAIN_LOADS, FILM_LOADS, TOUCHING, BED), FilmActing)
-
-
 def term_calls(*, beams: bool) -> list[int]:
     """Return the addresses (9,) of the kernels of the terms; of a body without beams none of theirs."""
     return [*map(address_of, _CALLED), address_of(add_beam_rings) if beams else 0]
 
 
-@kernel(REAL(FILM, SLOTS, FILM_ACTING, INTEGER, FILM_POINT))
-def film_terms(film, slots, acting, part, point):  # type: ignore[no-untyped-def]
+@kernel
+def film_terms(film: FilmArrays, slots: FilmSlots, acting: FilmActing, part: int, point: FilmPoint) -> float:
     """Fill a part's rows of the gradient (n, 3) [N] of a film; return its potential [J].
 
     It is infinite where a sealed gas has no volume. Fills as well what its elements track, and adds to the
@@ -129,7 +128,7 @@ def film_terms(film, slots, acting, part, point):  # type: ignore[no-untyped-def
 
 
 @device_function
-def _add_film(film, slots, k, x, gradient, blocks):  # type: ignore[no-untyped-def]
+def _add_film(film: Any, slots: Any, k: int, x: Matrix, gradient: Matrix, blocks: Blocks) -> float:
     """Add the triangles of film k; return their energy [J]."""
     a, b = film.films[k], film.films[k + 1]
     return _add_membranes(
@@ -143,7 +142,7 @@ def _add_film(film, slots, k, x, gradient, blocks):  # type: ignore[no-untyped-d
 
 
 @device_function
-def _add_bends(film, slots, first, last, point):  # type: ignore[no-untyped-def]
+def _add_bends(film: Any, slots: Any, first: int, last: int, point: Any) -> float:
     """Add some of the hinges; return their energy [J]."""
     begin, end = film.angles[0] + first, film.angles[0] + last
     return _add_hinges(
@@ -157,7 +156,7 @@ def _add_bends(film, slots, first, last, point):  # type: ignore[no-untyped-def]
 
 
 @device_function
-def _add_cables(film, slots, first, last, acting, point):  # type: ignore[no-untyped-def]
+def _add_cables(film: Any, slots: Any, first: int, last: int, acting: FilmActing, point: Any) -> float:
     """Add segments, given tensions or commanded lengths; return their energy [J]."""
     loads, more, pull, energy = acting.loads, acting.more, point.pull, 0.0
     for s in range(first, last):
@@ -171,7 +170,7 @@ def _add_cables(film, slots, first, last, acting, point):  # type: ignore[no-unt
 
 
 @device_function
-def _pull_cable(film, c, more, with_hessian, point):  # type: ignore[no-untyped-def]
+def _pull_cable(film: Any, c: int, more: FilmLoads, with_hessian: bool, point: Any) -> float:
     """Fill the tensions of a cable of commanded length; return its energy [J] less sum T_i L_i."""
     first, last = film.routes[c], film.routes[c + 1]
     weighted = 0.0
@@ -191,7 +190,7 @@ def _pull_cable(film, c, more, with_hessian, point):  # type: ignore[no-untyped-
 
 
 @device_function
-def _add_forces(force, begin, end, x, gradient):  # type: ignore[no-untyped-def]
+def _add_forces(force: Matrix, begin: int, end: int, x: Matrix, gradient: Matrix) -> float:
     """Add forces that keep their direction; return their potential [J]."""
     energy = 0.0
     if force.shape[0] > 0:
@@ -203,7 +202,7 @@ def _add_forces(force, begin, end, x, gradient):  # type: ignore[no-untyped-def]
 
 
 @device_function
-def _add_beams(film, slots, groups, moving, point):  # type: ignore[no-untyped-def]
+def _add_beams(film: Any, slots: Any, groups: tuple[int, int], moving: bool, point: Any) -> float:
     """Add some groups of rings of beams; return their energy [J]."""
     energy = 0.0
     for k in range(groups[0], groups[1]):
@@ -230,7 +229,7 @@ def _add_beams(film, slots, groups, moving, point):  # type: ignore[no-untyped-d
 
 
 @device_function
-def _add_gas(film, slots, first, last, acting, point):  # type: ignore[no-untyped-def]
+def _add_gas(film: Any, slots: Any, first: int, last: int, acting: FilmActing, point: Any) -> float:
     """Add the gas of some chambers; return its potential [J], infinite where sealed gas has no volume."""
     energy, more = 0.0, acting.more
     for k in range(first, last):
@@ -251,12 +250,12 @@ def _add_gas(film, slots, first, last, acting, point):  # type: ignore[no-untype
 
 
 @device_function
-def _sealed_energy(gas, volume):  # type: ignore[no-untyped-def]
+def _sealed_energy(gas: Vector, volume: float) -> float:
     return gas_potential(gas[0], gas[1], gas[2], gas[3], volume)
 
 
 @device_function
-def _press(film, slots, k, given, x, gradient, blocks):  # type: ignore[no-untyped-def]
+def _press(film: Any, slots: Any, k: int, given: float, x: Matrix, gradient: Matrix, blocks: Blocks) -> float:
     """Add -p V of chamber k at a given pressure; return V [m^3]."""
     a, b = film.chambers[k], film.chambers[k + 1]
     own = slots.gas[a[0] : b[0]]
@@ -270,7 +269,7 @@ def _press(film, slots, k, given, x, gradient, blocks):  # type: ignore[no-untyp
 
 
 @device_function
-def _seal(film, k, more, with_hessian, point):  # type: ignore[no-untyped-def]
+def _seal(film: Any, k: int, more: FilmLoads, with_hessian: bool, point: Any) -> float:
     """Return the gauge pressure [Pa] of what is sealed in chamber k, infinite without volume.
 
     Fills what it adds to a Hessian.

@@ -11,11 +11,17 @@ from __future__ import annotations
 from typing import Final, NamedTuple
 
 import numpy as np
-from numba import types
 
-from cosim.base.frames import Array, IntArray
-from cosim.base.kernels import BLOCKS, BOOLEAN, INDEX_TABLE, INDICES, MATRIX, REAL, VECTOR, device_function
-from cosim.soft.linear.secant_pairs import PAIRS, SecantPairs
+from cosim.base.frames import Array
+from cosim.base.kernels import (
+    Blocks,
+    IndexTable,
+    Indices,
+    Matrix,
+    Vector,
+    device_function,
+)
+from cosim.soft.linear.secant_pairs import SecantPairs
 
 NODES, FILMS, HINGES, SEGMENTS, BEAMS, CHAMBERS = range(6)
 """What columns of `FilmArrays.parts` are."""
@@ -34,11 +40,11 @@ class FilmBeams(NamedTuple):
         rigidities: (g, 4).
     """
 
-    groups: IntArray
-    rings: IntArray
-    directors: Array
-    lengths: Array
-    rigidities: Array
+    groups: IndexTable
+    rings: Indices
+    directors: Vector
+    lengths: Vector
+    rigidities: Matrix
 
 
 class FilmSlots(NamedTuple):
@@ -55,14 +61,14 @@ class FilmSlots(NamedTuple):
         diagonal: (n,).
     """
 
-    triangles: IntArray
-    hinges: IntArray
-    segments: IntArray
-    gas: IntArray
-    caps: IntArray
-    first_of_cap: IntArray
-    beams: IntArray
-    diagonal: IntArray
+    triangles: IndexTable
+    hinges: IndexTable
+    segments: IndexTable
+    gas: IndexTable
+    caps: Indices
+    first_of_cap: Indices
+    beams: Indices
+    diagonal: Indices
 
 
 class FilmArrays(NamedTuple):
@@ -100,46 +106,34 @@ class FilmArrays(NamedTuple):
         no_blocks: (0, 3, 3), for none.
     """
 
-    calls: IntArray
-    triangles: IntArray
-    shape_gradients: Array
-    areas: Array
-    drawn: Array
-    stiffness: Array
-    laws: IntArray
-    fraction: Array
-    forces: Array
-    films: IntArray
-    hinges: IntArray
-    hinge_stiffness: Array
-    rest_angle: Array
-    fold_barrier: Array
-    angles: IntArray
-    segments: IntArray
-    cable: IntArray
-    routes: IntArray
+    calls: Indices
+    triangles: IndexTable
+    shape_gradients: Blocks
+    areas: Vector
+    drawn: Matrix
+    stiffness: Blocks
+    laws: Indices
+    fraction: Vector
+    forces: Matrix
+    films: IndexTable
+    hinges: IndexTable
+    hinge_stiffness: Vector
+    rest_angle: Vector
+    fold_barrier: Vector
+    angles: Indices
+    segments: IndexTable
+    cable: Indices
+    routes: Indices
     beams: FilmBeams
-    gas_triangles: IntArray
-    rings: IntArray
-    caps: IntArray
-    chambers: IntArray
-    open: IntArray
-    mass: Array
-    parts: IntArray
+    gas_triangles: IndexTable
+    rings: Indices
+    caps: Indices
+    chambers: IndexTable
+    open: Indices
+    mass: Vector
+    parts: IndexTable
     no_slots: FilmSlots
-    no_blocks: Array
-
-
-_FILM_BEAMS = types.NamedTuple((INDEX_TABLE, INDICES, VECTOR, VECTOR, MATRIX), FilmBeams)
-SLOTS = types.NamedTuple((*(4 * [INDEX_TABLE]), *(4 * [INDICES])), FilmSlots)
-FILM = types.NamedTuple(
-    (
-        INDICES, INDEX_TABLE, BLOCKS, VECTOR, MATRIX, BLOCKS, INDICES, VECTOR, MATRIX, INDEX_TABLE,
-        INDEX_TABLE, VECTOR, VECTOR, VECTOR, INDICES, INDEX_TABLE, INDICES, INDICES, _FILM_BEAMS, INDEX_TABLE,
-        INDICES, INDICES, INDEX_TABLE, INDICES, VECTOR, INDEX_TABLE, SLOTS, BLOCKS,
-    ),
-    FilmArrays,
-)  # fmt: skip
+    no_blocks: Blocks
 
 
 class StepBed(NamedTuple):
@@ -151,12 +145,9 @@ class StepBed(NamedTuple):
         closely: whether the step is solved closely, see `Inertia`.
     """
 
-    coefficient: Array
-    target: Array
+    coefficient: Vector
+    target: Matrix
     closely: bool
-
-
-BED = types.NamedTuple((VECTOR, MATRIX, BOOLEAN), StepBed)
 
 
 class FilmLoads(NamedTuple):
@@ -175,17 +166,14 @@ class FilmLoads(NamedTuple):
         coefficients: (cables + chambers,), of these; 0 for none.
     """
 
-    share: Array
-    length: Array
-    spring: Array
-    gas: Array
-    force: Array
-    found: Array
-    vectors: Array
-    coefficients: Array
-
-
-FILM_LOADS = types.NamedTuple((VECTOR, VECTOR, VECTOR, MATRIX, MATRIX, MATRIX, BLOCKS, VECTOR), FilmLoads)
+    share: Vector
+    length: Vector
+    spring: Vector
+    gas: Matrix
+    force: Matrix
+    found: Matrix
+    vectors: Blocks
+    coefficients: Vector
 
 
 class FilmPoint(NamedTuple):
@@ -200,15 +188,12 @@ class FilmPoint(NamedTuple):
         pull: (s,) [N], scratch.
     """
 
-    x: Array
-    memory: Array
-    tracked: Array
-    gradient: Array
-    blocks: Array
-    pull: Array
-
-
-FILM_POINT = types.NamedTuple((MATRIX, VECTOR, VECTOR, MATRIX, BLOCKS, VECTOR), FilmPoint)
+    x: Matrix
+    memory: Vector
+    tracked: Vector
+    gradient: Matrix
+    blocks: Blocks
+    pull: Vector
 
 
 (
@@ -272,15 +257,15 @@ class StepMotion(NamedTuple):
         new_memory: (values,).
     """
 
-    x: Array
-    velocity: Array
-    earlier_x: Array
-    earlier_velocity: Array
-    memory: Array
-    flange: Array
-    new_x: Array
-    new_velocity: Array
-    new_memory: Array
+    x: Matrix
+    velocity: Matrix
+    earlier_x: Matrix
+    earlier_velocity: Matrix
+    memory: Vector
+    flange: Matrix
+    new_x: Matrix
+    new_velocity: Matrix
+    new_memory: Vector
 
 
 class StepPlace(NamedTuple):
@@ -308,8 +293,8 @@ class NewTangents(NamedTuple):
     """
 
     slots: FilmSlots
-    blocks: Array
-    first: IntArray
+    blocks: Blocks
+    first: Indices
 
 
 class StepWork(NamedTuple):
@@ -331,35 +316,26 @@ class StepWork(NamedTuple):
         more: loads that are not plain.
     """
 
-    calls: IntArray
-    gradient: Array
-    solution: Array
-    served: Array
+    calls: Indices
+    gradient: Matrix
+    solution: Blocks
+    served: Blocks
     pairs: SecantPairs
-    reference: Array
-    pull: Array
-    parts: Array
+    reference: Vector
+    pull: Vector
+    parts: Matrix
     more: FilmLoads
 
 
-NUMBERS = types.NamedTuple((BOOLEAN, *(9 * [REAL]), types.int64, BOOLEAN, BOOLEAN), StepNumbers)
-PLACE = types.NamedUniTuple(types.int64, 3, StepPlace)  # as numba has it where all fields are alike
-NEW_TANGENTS = types.NamedTuple((SLOTS, BLOCKS, INDICES), NewTangents)
-MOTION = types.NamedTuple((*(4 * [MATRIX]), VECTOR, *(3 * [MATRIX]), VECTOR), StepMotion)
-WORK = types.NamedTuple(
-    (INDICES, MATRIX, BLOCKS, BLOCKS, PAIRS, VECTOR, VECTOR, MATRIX, FILM_LOADS), StepWork
-)
-
-
 @device_function
-def copy(values, to):  # type: ignore[no-untyped-def]
+def copy(values: Vector, to: Vector) -> None:
     """Copy values; a loop compiles in a fraction of the time of an assignment to a slice."""
     for i in range(values.shape[0]):
         to[i] = values[i]
 
 
 @device_function
-def copy_rows(values, to):  # type: ignore[no-untyped-def]
+def copy_rows(values: Matrix, to: Matrix) -> None:
     """Copy the rows of a matrix with three columns."""
     for i in range(values.shape[0]):
         for r in range(3):
@@ -367,7 +343,7 @@ def copy_rows(values, to):  # type: ignore[no-untyped-def]
 
 
 @device_function
-def move(place, share, change, x):  # type: ignore[no-untyped-def]
+def move(place: Matrix, share: float, change: Matrix, x: Matrix) -> None:
     """Fill x with a place to which a share of a change is added."""
     for i in range(x.shape[0]):
         for r in range(3):

@@ -19,6 +19,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import reverse_cuthill_mckee
 
 from cosim.base.frames import Array, IntArray, Mask, PlaceArray
+from cosim.base.kernels import IndexTable, Places
 from cosim.base.state_check import KnownStates, check_state
 from cosim.soft.linear.envelope_kernels import factorise, forward, substitute
 from cosim.soft.linear.linear_solver import EnvelopeArrays, LinearSolver, equations, lower_entries, numbering
@@ -119,10 +120,10 @@ class EnvelopeEntries(NamedTuple):
         parts: (parts + 1, 2), where entries and tiles with what is behind them begin of each.
     """
 
-    source: PlaceArray
-    place: PlaceArray
-    first: PlaceArray
-    parts: IntArray
+    source: Places
+    place: Places
+    first: Places
+    parts: IndexTable
 
 
 @final
@@ -180,8 +181,9 @@ class EnvelopeCholesky(LinearSolver):
         if self._lent:  # of the other parts it stays
             self._store, self._inverse, self._lent = self._store.copy(), self._inverse.copy(), False
         part = self._parts[number]
-        places = part.start, part.first, *self._factor_of(number)
-        return bool(factorise(blocks.reshape(-1), *part.entries, shift, len(part.dofs), *places))
+        store, inverse = self._factor_of(number)
+        start, first, size = part.start, part.first, len(part.dofs)
+        return factorise(blocks.reshape(-1), *part.entries, shift, size, start, first, store, inverse)
 
     def _factor_of(self, number: int) -> tuple[Array, Array]:
         """Return entries of L and the reciprocal diagonal of a part."""

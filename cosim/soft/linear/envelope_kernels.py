@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
-from numba import types
 
 from cosim.base.kernels import (
-    BLOCKS,
-    BOOLEAN,
-    INDICES,
-    INTEGER,
-    MATRIX,
-    PLACES,
-    REAL,
-    VECTOR,
+    Blocks,
+    Indices,
+    Matrix,
+    Places,
+    Vector,
     device_function,
     kernel,
 )
@@ -25,7 +22,14 @@ _1, _2, _3, _4 = np.uint64(1), np.uint64(2), np.uint64(3), np.uint64(4)
 
 
 @device_function
-def _products(store, a, wide, b, other, count):  # type: ignore[no-untyped-def]
+def _products(
+    store: Vector, a: Any, wide: Any, b: Any, other: Any, count: Any
+) -> tuple[
+    tuple[float, float, float, float],
+    tuple[float, float, float, float],
+    tuple[float, float, float, float],
+    tuple[float, float, float, float],
+]:
     """Return the sums of products of four rows at a and four at b, over `count` columns."""
     s00 = s01 = s02 = s03 = s10 = s11 = s12 = s13 = 0.0
     s20 = s21 = s22 = s23 = s30 = s31 = s32 = s33 = 0.0
@@ -54,7 +58,13 @@ def _products(store, a, wide, b, other, count):  # type: ignore[no-untyped-def]
 
 
 @device_function
-def _finish_row(store, at, sums, below, scale):  # type: ignore[no-untyped-def]
+def _finish_row(
+    store: Vector,
+    at: Any,
+    sums: tuple[float, float, float, float],
+    below: tuple[float, float, float, float, float, float],
+    scale: tuple[float, float, float, float],
+) -> None:
     """Turn a row of A_IJ into that of L_IJ, given L_JJ's strict lower triangle and inverse diagonal."""
     l10, l20, l21, l30, l31, l32 = below
     x0 = (store[at] - sums[0]) * scale[0]
@@ -65,7 +75,21 @@ def _finish_row(store, at, sums, below, scale):  # type: ignore[no-untyped-def]
 
 
 @device_function
-def _finish_tile(store, at, wide, diagonal, other, inverse, c, sums):  # type: ignore[no-untyped-def]
+def _finish_tile(
+    store: Vector,
+    at: Any,
+    wide: Any,
+    diagonal: Any,
+    other: Any,
+    inverse: Vector,
+    c: Any,
+    sums: tuple[
+        tuple[float, float, float, float],
+        tuple[float, float, float, float],
+        tuple[float, float, float, float],
+        tuple[float, float, float, float],
+    ],
+) -> None:
     """Turn A_IJ into L_IJ, given the sums of products and L_JJ."""
     to1, to2, to3 = diagonal + other, diagonal + _2 * other, diagonal + _3 * other
     below = store[to1], store[to2], store[to2 + _1], store[to3], store[to3 + _1], store[to3 + _2]
@@ -77,7 +101,19 @@ def _finish_tile(store, at, wide, diagonal, other, inverse, c, sums):  # type: i
 
 
 @device_function
-def _finish_diagonal(store, at, wide, inverse, c, sums):  # type: ignore[no-untyped-def]
+def _finish_diagonal(
+    store: Vector,
+    at: Any,
+    wide: Any,
+    inverse: Vector,
+    c: Any,
+    sums: tuple[
+        tuple[float, float, float, float],
+        tuple[float, float, float, float],
+        tuple[float, float, float, float],
+        tuple[float, float, float, float],
+    ],
+) -> bool:
     """Turn A_II into L_II, given the sums of products; False where it is not positive definite."""
     at1, at2, at3 = at + wide, at + _2 * wide, at + _3 * wide
     p0 = store[at] - sums[0][0]
@@ -100,7 +136,19 @@ def _finish_diagonal(store, at, wide, inverse, c, sums):  # type: ignore[no-unty
 
 
 @device_function
-def _fill(values, source, place, begin, end, shift, size, row, store, at, wide):  # type: ignore[no-untyped-def]
+def _fill(
+    values: Vector,
+    source: Places,
+    place: Places,
+    begin: Any,
+    end: Any,
+    shift: float,
+    size: Any,
+    row: Any,
+    store: Vector,
+    at: Any,
+    wide: Any,
+) -> None:
     """Write four rows of A + shift 1 to the store; rows beyond `size` are those of the identity."""
     store[at : at + _4 * wide] = 0.0
     for e in range(begin, end):
@@ -109,10 +157,19 @@ def _fill(values, source, place, begin, end, shift, size, row, store, at, wide):
         store[at + r * wide + wide - _4 + r] += shift if row + r < size else 1.0
 
 
-@kernel(
-    BOOLEAN(VECTOR, PLACES, PLACES, PLACES, REAL, INTEGER, PLACES, PLACES, VECTOR, VECTOR), reorder_sums=True
-)
-def factorise(values, source, place, entry, shift, size, start, first, store, inverse):  # type: ignore[no-untyped-def]
+@kernel(reorder_sums=True)
+def factorise(
+    values: Vector,
+    source: Places,
+    place: Places,
+    entry: Places,
+    shift: float,
+    size: int,
+    start: Places,
+    first: Places,
+    store: Vector,
+    inverse: Vector,
+) -> bool:
     """Fill the store with L of A + shift 1; return whether that is positive definite.
 
     Rows 4 I to 4 I + 3 begin in column 4 first[I], at start[I] in the store, one after the other. Their
@@ -138,7 +195,9 @@ def factorise(values, source, place, entry, shift, size, start, first, store, in
 
 
 @device_function
-def _substitute_forward(store, start, first, inverse, begin, x):  # type: ignore[no-untyped-def]
+def _substitute_forward(
+    store: Vector, start: Places, first: Places, inverse: Vector, begin: Any, x: Vector
+) -> None:
     for i in range(begin, np.uint64(start.shape[0])):
         wide, column, e = _4 * (i - first[i] + _1), _4 * first[i], _4 * i
         a, count = start[i], wide - _4
@@ -159,7 +218,7 @@ def _substitute_forward(store, start, first, inverse, begin, x):  # type: ignore
 
 
 @device_function
-def _substitute_backward(store, start, first, inverse, x):  # type: ignore[no-untyped-def]
+def _substitute_backward(store: Vector, start: Places, first: Places, inverse: Vector, x: Vector) -> None:
     groups = np.uint64(start.shape[0])
     for done in range(groups):
         i = groups - _1 - done
@@ -177,7 +236,7 @@ def _substitute_backward(store, start, first, inverse, x):  # type: ignore[no-un
 
 
 @device_function
-def turned(values, turn):  # type: ignore[no-untyped-def]
+def turned(values: Matrix, turn: Matrix) -> None:
     """Multiply the rows of values (n, 3) by turn (3, 3) from the right, in place."""
     for i in range(values.shape[0]):
         a, b, c = values[i, 0], values[i, 1], values[i, 2]
@@ -185,10 +244,10 @@ def turned(values, turn):  # type: ignore[no-untyped-def]
             values[i, r] = a * turn[0, r] + b * turn[1, r] + c * turn[2, r]
 
 
-@kernel(
-    types.void(VECTOR, PLACES, PLACES, VECTOR, INDICES, MATRIX, BLOCKS), reorder_sums=True, allocates=True
-)
-def substitute(store, start, first, inverse, dofs, turn, loads):  # type: ignore[no-untyped-def]
+@kernel(reorder_sums=True, allocates=True)
+def substitute(
+    store: Vector, start: Places, first: Places, inverse: Vector, dofs: Indices, turn: Matrix, loads: Blocks
+) -> None:
     """Solve in place for each of loads (k, n, 3), turned before and back after; equation e is dofs[e]."""
     x = np.zeros(4 * start.shape[0])
     back = turn.T.copy()
@@ -205,8 +264,10 @@ def substitute(store, start, first, inverse, dofs, turn, loads):  # type: ignore
         turned(loads[case], back)
 
 
-@kernel(types.void(VECTOR, PLACES, PLACES, VECTOR, INDICES, MATRIX, MATRIX), reorder_sums=True)
-def forward(store, start, first, inverse, dofs, loads, found):  # type: ignore[no-untyped-def]
+@kernel(reorder_sums=True)
+def forward(
+    store: Vector, start: Places, first: Places, inverse: Vector, dofs: Indices, loads: Matrix, found: Matrix
+) -> None:
     """Fill found (k, 4 tiles), zero before, with L^-1 b of each of loads (k, 3 n); equation e is dofs[e]."""
     for case in range(loads.shape[0]):
         begin = dofs.shape[0]

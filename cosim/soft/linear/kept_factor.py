@@ -9,20 +9,16 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Annotated, Final, NamedTuple, final
+from typing import Annotated, Any, Final, NamedTuple, final
 
 import numpy as np
-from numba import types
 
-from cosim.base.frames import Array, IntArray, Mask
+from cosim.base.frames import Array, IntArray
 from cosim.base.kernels import (
-    BLOCKS,
-    INDEX_TABLE,
-    INDICES,
-    MASKS,
-    MATRIX,
-    PLACES,
-    VECTOR,
+    Blocks,
+    Indices,
+    Masks,
+    Matrix,
     address_of,
     device_function,
 )
@@ -111,30 +107,22 @@ class KeptEnvelope(NamedTuple):
         free: (n, 3), components that move.
     """
 
-    calls: IntArray
-    there: IntArray
-    made: IntArray
+    calls: Indices
+    there: Indices
+    made: Indices
     factor: EnvelopeArrays
     entries: EnvelopeEntries
-    extra: IntArray
-    frame: Array
-    vectors: Array
-    inner: Array
-    scratch: Array
-    share: Array
-    free: Mask
-
-
-_FACTOR = types.NamedTuple((VECTOR, PLACES, PLACES, VECTOR, INDICES, INDEX_TABLE), EnvelopeArrays)
-_ENTRIES = types.NamedTuple((PLACES, PLACES, PLACES, INDEX_TABLE), EnvelopeEntries)
-KEPT = types.NamedTuple(
-    (INDICES, INDICES, INDICES, _FACTOR, _ENTRIES, INDICES, BLOCKS, MATRIX, MATRIX, BLOCKS, MATRIX, MASKS),
-    KeptEnvelope,
-)
+    extra: Indices
+    frame: Blocks
+    vectors: Matrix
+    inner: Matrix
+    scratch: Blocks
+    share: Matrix
+    free: Masks
 
 
 @device_function
-def _turn_since(frame, flange, turn):  # type: ignore[no-untyped-def]
+def _turn_since(frame: Matrix, flange: Matrix, turn: Matrix) -> None:
     """Fill turn (3, 3) with the rotation from the axes (3, 3) of a factorisation to the flange's."""
     turned = False
     for r in range(3):
@@ -149,7 +137,7 @@ def _turn_since(frame, flange, turn):  # type: ignore[no-untyped-def]
 
 
 @device_function
-def is_kept(kept, begin, end):  # type: ignore[no-untyped-def]
+def is_kept(kept: KeptEnvelope, begin: int, end: int) -> bool:
     """Return whether the factorisation of nodes begin to end is there, and is to serve on."""
     for k in range(kept.there.shape[0]):
         first, last = kept.factor.parts[k, NODE], kept.factor.parts[k + 1, NODE]
@@ -160,7 +148,7 @@ def is_kept(kept, begin, end):  # type: ignore[no-untyped-def]
 
 
 @device_function
-def count_extra(kept, iterations, begin, end):  # type: ignore[no-untyped-def]
+def count_extra(kept: KeptEnvelope, iterations: float, begin: int, end: int) -> None:
     """Count iterations of a step with the factorisation of nodes begin to end."""
     for k in range(kept.there.shape[0]):
         if iterations > 1 and begin <= kept.factor.parts[k, NODE] < end:
@@ -168,7 +156,9 @@ def count_extra(kept, iterations, begin, end):  # type: ignore[no-untyped-def]
 
 
 @device_function
-def _substitute_parts(kept, flange, turn, begin, end, solution):  # type: ignore[no-untyped-def]
+def _substitute_parts(
+    kept: KeptEnvelope, flange: Matrix, turn: Matrix, begin: int, end: int, solution: Blocks
+) -> None:
     """Solve in place with the factor of nodes begin to end; turned to the flange unless that is empty."""
     factor = kept.factor
     for k in range(kept.there.shape[0]):
@@ -189,7 +179,7 @@ def _substitute_parts(kept, flange, turn, begin, end, solution):  # type: ignore
 
 
 @device_function
-def _solve_dense(kept, flange, turn, solution):  # type: ignore[no-untyped-def]
+def _solve_dense(kept: KeptEnvelope, flange: Matrix, turn: Matrix, solution: Blocks) -> None:
     """Solve in place with the factor and the dense terms beside it, of all nodes; see `Correction`."""
     load, y, count = kept.scratch[0], solution[0].reshape(solution[0].size), kept.inner.shape[0]
     _turn_since(kept.frame[0], flange, turn)
@@ -223,14 +213,24 @@ def _solve_dense(kept, flange, turn, solution):  # type: ignore[no-untyped-def]
 
 
 @device_function
-def _set_straight(turn):  # type: ignore[no-untyped-def]
+def _set_straight(turn: Matrix) -> None:
     for r in range(3):
         for c in range(3):
             turn[r, c] = 1.0 if r == c else 0.0
 
 
 @device_function
-def solve_kept(kept, flange, turn, pairs, count, begin, end, gradient, solution):  # type: ignore[no-untyped-def]
+def solve_kept(
+    kept: KeptEnvelope,
+    flange: Matrix,
+    turn: Matrix,
+    pairs: Any,
+    count: int,
+    begin: int,
+    end: int,
+    gradient: Matrix,
+    solution: Blocks,
+) -> float:
     """Fill the solution of nodes begin to end, corrected by some pairs; return its largest component.
 
     NaN if one is none.
@@ -262,7 +262,7 @@ def solve_kept(kept, flange, turn, pairs, count, begin, end, gradient, solution)
 
 
 @device_function
-def renew(kept, blocks, flange, begin, end):  # type: ignore[no-untyped-def]
+def renew(kept: KeptEnvelope, blocks: Blocks, flange: Matrix, begin: int, end: int) -> bool:
     """Factorise the tangent of nodes begin to end anew; return whether it is positive definite.
 
     Args:

@@ -25,7 +25,8 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_matrix, csc_matrix
 from scipy.sparse.linalg import SuperLU, splu
 
-from cosim.base.frames import Array, IntArray, Mask, PlaceArray
+from cosim.base.frames import Array, IntArray, Mask
+from cosim.base.kernels import IndexTable, Indices, Places, Vector
 from cosim.errors import InputError
 from cosim.soft.linear.pattern import BlockPattern
 
@@ -146,12 +147,12 @@ class EnvelopeArrays(NamedTuple):
         parts: (parts + 1, 4), where the nodes, entries, tiles and equations of each begin.
     """
 
-    store: Array
-    start: PlaceArray
-    first: PlaceArray
-    inverse: Array
-    dofs: IntArray
-    parts: IntArray
+    store: Vector
+    start: Places
+    first: Places
+    inverse: Vector
+    dofs: Indices
+    parts: IndexTable
 
 
 @final

@@ -6,11 +6,18 @@ A front's own columns, p of them, are assembled in `work`. Its factor is kept as
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 
-from cosim.base.frames import Array, PlaceArray
-from cosim.base.kernels import BOOLEAN, PLACE_TABLE, PLACES, REAL, VECTOR, allocating, device_function, kernel
+from cosim.base.kernels import (
+    Places,
+    PlaceTable,
+    Vector,
+    allocating,
+    device_function,
+    kernel,
+)
 from cosim.soft.linear.elimination_tree import CHILD, COLUMNS, ENTRY, FIRST, LEFT, REST, RUN, START
 
 # Places are unsigned, as in `envelope_kernels`.
@@ -18,7 +25,7 @@ _0, _1, _2, _3, _4, _WIDE = (np.uint64(n) for n in (0, 1, 2, 3, 4, COLUMNS))
 
 
 @device_function
-def _invert(own, p, inverse, scale, row):  # type: ignore[no-untyped-def]
+def _invert(own: Vector, p: Any, inverse: Vector, scale: Vector, row: Vector) -> bool:
     """Turn A_pp (p, p) into L and write L^-1 to inverse; False where A_pp is not positive definite."""
     for i in range(p):
         at = i * p
@@ -48,7 +55,18 @@ def _invert(own, p, inverse, scale, row):  # type: ignore[no-untyped-def]
 
 
 @device_function
-def _take(fronts, children, runs, rows, k, owned, stack, to, wide, back):  # type: ignore[no-untyped-def]
+def _take(
+    fronts: PlaceTable,
+    children: Places,
+    runs: PlaceTable,
+    rows: Places,
+    k: Any,
+    owned: Any,
+    stack: Vector,
+    to: Vector,
+    wide: Any,
+    back: Any,
+) -> None:
     """Add what the children of front k leave: to the columns it owns, of rows of `wide`, or to its rest."""
     for place in range(fronts[k, CHILD], fronts[k + _1, CHILD]):
         child = children[place]
@@ -65,7 +83,7 @@ def _take(fronts, children, runs, rows, k, owned, stack, to, wide, back):  # typ
 
 
 @allocating
-def _leave(below, q, p, factor, left):  # type: ignore[no-untyped-def]
+def _leave(below: Vector, q: Any, p: Any, factor: Vector, left: Vector) -> None:
     """Write -W^T to the factor and -W W^T to left, both by groups of rows of W (q, p)."""
     at, to, room = _0, _0, p * _WIDE
     for first in range(_0, q, _WIDE):
@@ -80,14 +98,21 @@ def _leave(below, q, p, factor, left):  # type: ignore[no-untyped-def]
         at, to = at + count * _WIDE, to + room
 
 
-@kernel(
-    BOOLEAN(
-        VECTOR, PLACES, PLACES, REAL, PLACE_TABLE, PLACES, PLACE_TABLE, PLACES, VECTOR, VECTOR, VECTOR, VECTOR
-    ),
-    reorder_sums=True,
-    allocates=True,
-)
-def factorise(values, source, place, shift, fronts, children, runs, rows, work, spare, stack, store):  # type: ignore[no-untyped-def]
+@kernel(reorder_sums=True, allocates=True)
+def factorise(
+    values: Vector,
+    source: Places,
+    place: Places,
+    shift: float,
+    fronts: PlaceTable,
+    children: Places,
+    runs: PlaceTable,
+    rows: Places,
+    work: Vector,
+    spare: Vector,
+    stack: Vector,
+    store: Vector,
+) -> bool:
     """Fill the store; return whether the matrix is positive definite.
 
     Entry place[e] of a front's own columns is values[source[e]]; for the lists see `FrontTree`.
@@ -119,7 +144,7 @@ def factorise(values, source, place, shift, fronts, children, runs, rows, work, 
 
 
 @device_function
-def _add_product(store, at, count, wide, x, y):  # type: ignore[no-untyped-def]
+def _add_product(store: Vector, at: Any, count: Any, wide: Any, x: Vector, y: Vector) -> None:
     """Add M x to y, M (count, wide) at a place of the store."""
     for i in range(_0, count & ~_3, _4):
         a = at + i * wide
@@ -143,7 +168,7 @@ def _add_product(store, at, count, wide, x, y):  # type: ignore[no-untyped-def]
 
 
 @device_function
-def _add_transposed(store, at, count, p, x, y):  # type: ignore[no-untyped-def]
+def _add_transposed(store: Vector, at: Any, count: Any, p: Any, x: Vector, y: Vector) -> None:
     """Add M^T x to y, M (count, p) at a place of the store."""
     for i in range(_0, count & ~_3, _4):
         a = at + i * p
@@ -157,9 +182,9 @@ def _add_transposed(store, at, count, p, x, y):  # type: ignore[no-untyped-def]
             y[k] += store[a + k] * value
 
 
-@kernel((VECTOR, PLACE_TABLE, PLACES, VECTOR, VECTOR, VECTOR), reorder_sums=True)
+@kernel(reorder_sums=True)
 def substitute(
-    store: Array, fronts: PlaceArray, rest: PlaceArray, here: Array, there: Array, x: Array
+    store: Vector, fronts: PlaceTable, rest: Places, here: Vector, there: Vector, x: Vector
 ) -> None:
     """Solve for x (size,) in place; `here` and `there` are room for a front's components and its rest."""
     count = np.uint64(fronts.shape[0]) - _1

@@ -15,15 +15,15 @@ from typing import Annotated, Any, final
 import numpy as np
 
 from cosim.base.frames import Array, IntArray
-from cosim.base.kernels import INDEX_TABLE, INDICES, INTEGER, device_function, kernel
+from cosim.base.kernels import IndexTable, Indices, device_function, kernel
 from cosim.base.state_check import check_indices
 from cosim.errors import InputError
 
 _SPARE = 1.1  # blocks of a wider pattern that is kept, over those that are needed
 
 
-@kernel(INTEGER(INDICES, INDICES, INDEX_TABLE, INDEX_TABLE))
-def _find_slots(first, column, elements, slots):  # type: ignore[no-untyped-def]
+@kernel
+def _find_slots(first: Indices, column: Indices, elements: IndexTable, slots: IndexTable) -> int:
     """Fill where each element's node pairs are stored; return how many are not."""
     missing = 0
     for e in range(elements.shape[0]):

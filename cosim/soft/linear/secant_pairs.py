@@ -13,10 +13,8 @@ from __future__ import annotations
 from typing import Final, NamedTuple
 
 import numpy as np
-from numba import types
 
-from cosim.base.frames import Array
-from cosim.base.kernels import INTEGER, MASKS, MATRIX, VECTOR, kernel
+from cosim.base.kernels import Masks, Matrix, Vector, kernel
 
 _MOST: Final = 8
 FAR: Final = 10.0
@@ -34,10 +32,10 @@ class SecantPairs(NamedTuple):
         share: (m,), scratch.
     """
 
-    step: Array
-    change: Array
-    scale: Array
-    share: Array
+    step: Matrix
+    change: Matrix
+    scale: Vector
+    share: Vector
 
     @classmethod
     def room(cls, nodes: int) -> SecantPairs:
@@ -47,11 +45,8 @@ class SecantPairs(NamedTuple):
         )
 
 
-PAIRS = types.NamedTuple((MATRIX, MATRIX, VECTOR, VECTOR), SecantPairs)
-
-
-@kernel(types.void(PAIRS, INTEGER, MATRIX, MATRIX), reorder_sums=True)
-def bend_load(pairs, count, gradient, load):  # type: ignore[no-untyped-def]
+@kernel(reorder_sums=True)
+def bend_load(pairs: SecantPairs, count: int, gradient: Matrix, load: Matrix) -> None:
     """Fill the load (n, 3) [N] under which the kept factor is to be solved, of `count` pairs so far.
 
     Args:
@@ -73,8 +68,8 @@ def bend_load(pairs, count, gradient, load):  # type: ignore[no-untyped-def]
             force[i] -= share * change[i]
 
 
-@kernel(types.void(PAIRS, INTEGER, MATRIX), reorder_sums=True)
-def mend_step(pairs, count, solution):  # type: ignore[no-untyped-def]
+@kernel(reorder_sums=True)
+def mend_step(pairs: SecantPairs, count: int, solution: Matrix) -> None:
     """Bring a solution (n, 3) [m] under such a load to the step that the corrected inverse gives."""
     room, result = pairs.scale.shape[0], solution.reshape(solution.size)
     for k in range(max(count - room, 0), count):
@@ -87,8 +82,10 @@ def mend_step(pairs, count, solution):  # type: ignore[no-untyped-def]
             result[i] += lacking * step[i]
 
 
-@kernel(INTEGER(PAIRS, INTEGER, MATRIX, MATRIX, MATRIX, MASKS), reorder_sums=True)
-def keep_pair(pairs, count, taken, before, gradient, free):  # type: ignore[no-untyped-def]
+@kernel(reorder_sums=True)
+def keep_pair(
+    pairs: SecantPairs, count: int, taken: Matrix, before: Matrix, gradient: Matrix, free: Masks
+) -> int:
     """Keep a step and the change of the gradient along it; return how many pairs there are then.
 
     Args:

@@ -11,11 +11,11 @@ from __future__ import annotations
 
 import math
 
-from cosim.base.kernels import device_function
+from cosim.base.kernels import Matrix, Vector, device_function
 
 
 @device_function
-def _edge_maps(g, rows, columns):  # type: ignore[no-untyped-def]
+def _edge_maps(g: Matrix, rows: Matrix, columns: Matrix) -> None:
     """Fill rows (3, 3) with Q of the edges 0-1, 0-2 and 1-2, columns (3, 3) with its inverse's columns.
 
     The gradients of nodes 1 and 2 are the rows of the inverse of the edges 0-1 and 0-2: these two are,
@@ -43,7 +43,17 @@ def _edge_maps(g, rows, columns):  # type: ignore[no-untyped-def]
 
 
 @device_function
-def edge_strain(e11, e22, e12, g, stiffness, rows, columns, n, c):  # type: ignore[no-untyped-def]
+def edge_strain(
+    e11: float,
+    e22: float,
+    e12: float,
+    g: Matrix,
+    stiffness: Matrix,
+    rows: Matrix,
+    columns: Matrix,
+    n: Vector,
+    c: Matrix,
+) -> float:
     """Fill n (3,) and c (3, 3), first and second derivative of the energy density by (E11, E22, 2 E12).
 
     With p = d(density)/ds and a = ds/dq = L / l:

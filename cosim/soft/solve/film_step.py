@@ -15,17 +15,16 @@ Source: Nocedal and Wright, Numerical Optimization, 2nd ed., sections 3.4 and 3.
 from __future__ import annotations
 
 import math
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
-from numba import types
 
-from cosim.base.frames import Array, IntArray, Mask
+from cosim.base.frames import IntArray
 from cosim.base.kernels import (
-    BOOLEAN,
-    MASKS,
-    MATRIX,
-    REAL,
+    Blocks,
+    Masks,
+    Matrix,
+    Vector,
     address_of,
     device_function,
     handing_on_views,
@@ -34,29 +33,23 @@ from cosim.base.kernels import (
 )
 from cosim.base.numba_insides import caller
 from cosim.soft.beams.ring_kernels import REMEMBERED
-from cosim.soft.body.loads import TOUCHING
-from cosim.soft.film.film_terms import PLAIN_LOADS, FilmActing, film_terms
+from cosim.soft.body.loads import PlainLoads, Touching
+from cosim.soft.film.film_terms import FilmActing, film_terms
 from cosim.soft.film.step_arrays import (
     AGAIN,
     ASKS,
     BEAMS,
-    BED,
     BEGINS_STEP,
     ENERGY,
     EVALUATED,
     EVALUATION,
-    FILM,
     GOES_ON,
     HINGES,
     LEFT,
-    MOTION,
     MOVED,
-    NEW_TANGENTS,
     NODES,
     NOTHING,
-    NUMBERS,
     PAIRS_KNOWN,
-    PLACE,
     RESIDUAL,
     RUN,
     SEARCHES,
@@ -71,19 +64,19 @@ from cosim.soft.film.step_arrays import (
     TO_DO,
     TRIED,
     TRIES,
-    WORK,
     FilmArrays,
     FilmPoint,
     NewTangents,
     StepBed,
+    StepMotion,
     StepNumbers,
+    StepPlace,
     StepWork,
     copy,
     copy_rows,
     move,
 )
 from cosim.soft.linear.kept_factor import (
-    KEPT,
     OUTSIDE,
     KeptEnvelope,
     count_extra,
@@ -92,7 +85,7 @@ from cosim.soft.linear.kept_factor import (
     solve_kept,
 )
 from cosim.soft.linear.secant_pairs import FAR, SecantPairs, keep_pair
-from cosim.soft.solve.state import HELD, HeldNodes, place_flight, place_held
+from cosim.soft.solve.state import HeldNodes, place_flight, place_held
 from cosim.soft.solve.step_begin import FOLD_SWEEPS, fill_bed, fill_flight, keep_folds_open
 
 RESULTANT_SHARE: Final = 1e-2
@@ -103,8 +96,8 @@ _MUCH_LESS: Final = 0.1
 _TRY, _DIRECT, _RENEW, _STOP = range(4)  # what a part does next
 
 
-@kernel(REAL(MATRIX, MATRIX, MASKS))
-def largest_residual(x: Array, values: Array, counted: Mask) -> float:
+@kernel
+def largest_residual(x: Matrix, values: Matrix, counted: Masks) -> float:
     """Return the largest component of those counted, or the share of their resultant where that is larger.
 
     Many small forces of one sign add up to a wrench that is not there. NaN if a component is not a number.
@@ -166,11 +159,8 @@ class FilmSide(NamedTuple):
     work: StepWork
 
 
-FILM_SIDE = types.NamedTuple((FILM, BED, KEPT, NEW_TANGENTS, HELD, NUMBERS, WORK), FilmSide)
-
-
 @device_function
-def _begin(side, motion):  # type: ignore[no-untyped-def]
+def _begin(side: FilmSide, motion: Any) -> None:
     """Fill base (as new velocity), target and start, and memories as they were."""
     x, velocity, before = motion.x, motion.velocity, motion.earlier_velocity
     base, work, numbers = motion.new_velocity, side.work, side.numbers
@@ -182,7 +172,7 @@ def _begin(side, motion):  # type: ignore[no-untyped-def]
 
 
 @device_function
-def _copy_memory(film, part, values, to):  # type: ignore[no-untyped-def]
+def _copy_memory(film: FilmArrays, part: int, values: Vector, to: Vector) -> None:
     """Copy what a part's elements remember; of one part all, what kernels do not know included."""
     if film.parts.shape[0] == 2:
         copy(values, to)
@@ -197,7 +187,7 @@ def _copy_memory(film, part, values, to):  # type: ignore[no-untyped-def]
 
 
 @device_function
-def _opens_folds(side, motion, part):  # type: ignore[no-untyped-def]
+def _opens_folds(side: FilmSide, motion: Any, part: int) -> bool:
     """Take nodes of a part's folds that close out of their flight; return whether there are any."""
     film, calls = side.film, side.work.calls
     first, end = film.parts[part, HINGES], film.parts[part + 1, HINGES]
@@ -210,7 +200,7 @@ def _opens_folds(side, motion, part):  # type: ignore[no-untyped-def]
 
 
 @device_function
-def _terms(side, acting, motion, slots, blocks, part):  # type: ignore[no-untyped-def]
+def _terms(side: FilmSide, acting: FilmActing, motion: Any, slots: Any, blocks: Blocks, part: int) -> float:
     """Fill gradient, and blocks if slots are not empty, of a part at the end of the motion; see `film_terms`.
 
     Its elements remember the last point that serves.
@@ -221,7 +211,7 @@ def _terms(side, acting, motion, slots, blocks, part):  # type: ignore[no-untype
 
 
 @handing_on_views
-def _own(work, begin, end):  # type: ignore[no-untyped-def]
+def _own(work: StepWork, begin: int, end: int) -> SecantPairs:
     """Return the pairs of steps of a part's nodes, each in one stretch."""
     room, size = work.pairs.scale.shape[0], 3 * (end - begin)
     own = 3 * room * begin
@@ -233,7 +223,7 @@ def _own(work, begin, end):  # type: ignore[no-untyped-def]
 
 
 @device_function
-def _accept(side, motion, part, residual):  # type: ignore[no-untyped-def]
+def _accept(side: FilmSide, motion: Any, part: int, residual: float) -> int:
     """Let the point that is tried be the one that serves; return what is next."""
     work, numbers, state = side.work, side.numbers, side.work.parts[part]
     begin, end = side.film.parts[part, NODES], side.film.parts[part + 1, NODES]
@@ -251,7 +241,7 @@ def _accept(side, motion, part, residual):  # type: ignore[no-untyped-def]
 
 
 @device_function
-def _judge_kept(side, motion, part, residual):  # type: ignore[no-untyped-def]
+def _judge_kept(side: FilmSide, motion: Any, part: int, residual: float) -> int:
     """Judge a step with a kept factorisation, or a start; return what is next."""
     work, numbers, state = side.work, side.numbers, side.work.parts[part]
     begin, end = side.film.parts[part, NODES], side.film.parts[part + 1, NODES]
@@ -274,7 +264,7 @@ def _judge_kept(side, motion, part, residual):  # type: ignore[no-untyped-def]
 
 
 @device_function
-def _serves(side, part, residual):  # type: ignore[no-untyped-def]
+def _serves(side: FilmSide, part: int, residual: float) -> bool:
     """Return whether a share of the step along a new tangent lowers the potential, or the residual by far."""
     work, state = side.work, side.work.parts[part]
     energy, before, slope = state[TRIED], state[ENERGY], state[SHARE] * state[SLOPE]
@@ -292,7 +282,7 @@ def _serves(side, part, residual):  # type: ignore[no-untyped-def]
 
 
 @device_function
-def _along(force, step, begin, end):  # type: ignore[no-untyped-def]
+def _along(force: Matrix, step: Matrix, begin: int, end: int) -> float:
     """Return the work of a force along a step of some nodes."""
     work = 0.0
     for i in range(begin, end):
@@ -302,7 +292,7 @@ def _along(force, step, begin, end):  # type: ignore[no-untyped-def]
 
 
 @device_function
-def _judge_search(side, motion, part, residual):  # type: ignore[no-untyped-def]
+def _judge_search(side: FilmSide, motion: Any, part: int, residual: float) -> int:
     """Judge a share of a step along a new tangent; return what is next."""
     work, state = side.work, side.work.parts[part]
     begin, end = side.film.parts[part, NODES], side.film.parts[part + 1, NODES]
@@ -320,7 +310,7 @@ def _judge_search(side, motion, part, residual):  # type: ignore[no-untyped-def]
 
 
 @device_function
-def _go_back(side, motion, part):  # type: ignore[no-untyped-def]
+def _go_back(side: FilmSide, motion: Any, part: int) -> None:
     """Bring the end of the motion to the last point that serves."""
     begin, end = side.film.parts[part, NODES], side.film.parts[part + 1, NODES]
     copy_rows(side.work.served[0, begin:end], motion.new_x[begin:end])
@@ -328,7 +318,7 @@ def _go_back(side, motion, part):  # type: ignore[no-untyped-def]
 
 
 @device_function
-def _follow(side, motion, part, longest):  # type: ignore[no-untyped-def]
+def _follow(side: FilmSide, motion: Any, part: int, longest: float) -> int:
     """Try a step whose largest component is known; return what is next."""
     work, numbers, state = side.work, side.numbers, side.work.parts[part]
     begin, end = side.film.parts[part, NODES], side.film.parts[part + 1, NODES]
@@ -346,7 +336,7 @@ def _follow(side, motion, part, longest):  # type: ignore[no-untyped-def]
 
 
 @device_function
-def _direct(side, motion, turn, part):  # type: ignore[no-untyped-def]
+def _direct(side: FilmSide, motion: Any, turn: Matrix, part: int) -> int:
     """Take a step with a kept factorisation if there is one that may serve; return what is next."""
     work, kept, state = side.work, side.kept, side.work.parts[part]
     begin, end = side.film.parts[part, NODES], side.film.parts[part + 1, NODES]
@@ -356,15 +346,13 @@ def _direct(side, motion, turn, part):  # type: ignore[no-untyped-def]
     if kept.there[0] == OUTSIDE:
         state[ASKS] = SOLUTION
         return _STOP
-    pairs, ends = (
-        (_own(work, begin, end), int(state[PAIRS_KNOWN])),
-        (begin, end, work.served[1], work.solution),
-    )
-    return _follow(side, motion, part, solve_kept(kept, motion.flange, turn, *pairs, *ends))
+    pairs, known, load = _own(work, begin, end), int(state[PAIRS_KNOWN]), work.served[1]
+    largest = solve_kept(kept, motion.flange, turn, pairs, known, begin, end, load, work.solution)
+    return _follow(side, motion, part, largest)
 
 
 @device_function
-def _renew(side, acting, motion, turn, place, part):  # type: ignore[no-untyped-def]
+def _renew(side: FilmSide, acting: FilmActing, motion: Any, turn: Matrix, place: Any, part: int) -> int:
     """Take a step with a new tangent where the last point serves; return what is next."""
     kept, new, work, state = side.kept, side.tangents, side.work, side.work.parts[part]
     begin, end = side.film.parts[part, NODES], side.film.parts[part + 1, NODES]
@@ -387,7 +375,7 @@ def _renew(side, acting, motion, turn, place, part):  # type: ignore[no-untyped-
 
 
 @device_function
-def _evaluate(side, acting, motion, part):  # type: ignore[no-untyped-def]
+def _evaluate(side: FilmSide, acting: FilmActing, motion: Any, part: int) -> bool:
     """Find the potential where a part is to be tried; return whether it is known."""
     state, film = side.work.parts[part], side.film
     if state[ASKS] != EVALUATED:
@@ -400,7 +388,7 @@ def _evaluate(side, acting, motion, part):  # type: ignore[no-untyped-def]
 
 
 @device_function
-def _solve_part(side, acting, motion, turn, place, part):  # type: ignore[no-untyped-def]
+def _solve_part(side: FilmSide, acting: FilmActing, motion: Any, turn: Matrix, place: Any, part: int) -> None:
     """Iterate a part until it has converged, asks for something or cannot go on."""
     state, work = side.work.parts[part], side.work
     begin, end = side.film.parts[part, NODES], side.film.parts[part + 1, NODES]
@@ -438,7 +426,7 @@ def _solve_part(side, acting, motion, turn, place, part):  # type: ignore[no-unt
 
 
 @device_function
-def _prepare(side, motion, place):  # type: ignore[no-untyped-def]
+def _prepare(side: FilmSide, motion: Any, place: Any) -> None:
     """Let all parts be solved from where the motion ends, or a step from where it begins."""
     work, steps = side.work, place.begins == BEGINS_STEP
     if steps:
@@ -454,19 +442,17 @@ def _prepare(side, motion, place):  # type: ignore[no-untyped-def]
 
 
 @device_function
-def _end(x, base, span):  # type: ignore[no-untyped-def]
+def _end(x: Matrix, base: Matrix, span: float) -> None:
     """Replace base by the velocities."""
     for i in range(x.shape[0]):
         for r in range(3):
             base[i, r] = (x[i, r] - base[i, r]) / span
 
 
-@kernel(
-    types.Tuple((BOOLEAN, types.int64, types.int64, REAL, REAL))(
-        FILM_SIDE, PLAIN_LOADS, TOUCHING, MOTION, PLACE
-    )
-)
-def film_step(side, loads, touching, motion, place):  # type: ignore[no-untyped-def]
+@kernel
+def film_step(
+    side: FilmSide, loads: PlainLoads, touching: Touching, motion: StepMotion, place: StepPlace
+) -> tuple[bool, int, int, float, float]:
     """Solve, or go on; return whether it has converged, iterations, tangents, residual and potential.
 
     Iterations are those with a kept factorisation in this call, tangents the new ones in the whole solution:

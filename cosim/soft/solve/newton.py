@@ -25,9 +25,7 @@ from cosim.soft.film.step_arrays import (
     BEGINS,
     EVALUATED,
     EVALUATION,
-    FILM_LOADS,
     GOES_ON,
-    NEW_TANGENTS,
     NODES,
     PAIRS_KNOWN,
     SEARCHES,
@@ -37,6 +35,7 @@ from cosim.soft.film.step_arrays import (
     TANGENT,
     TRIED,
     FilmArrays,
+    FilmLoads,
     FilmPoint,
     NewTangents,
     StepMotion,
@@ -47,7 +46,6 @@ from cosim.soft.film.step_arrays import (
 )
 from cosim.soft.linear.envelope_cholesky import NODE, EnvelopeCholesky
 from cosim.soft.linear.kept_factor import (
-    KEPT,
     OUTSIDE,
     KeptEnvelope,
     KeptFactor,
@@ -435,7 +433,7 @@ class NewtonSolver:
     @cached_property
     def _nothing_kept(self) -> KeptEnvelope:
         """What stands for no factorisation."""
-        nothing: KeptEnvelope = nothing_of(KEPT)
+        nothing: KeptEnvelope = nothing_of(KeptEnvelope)
         table = np.zeros((2, 4), np.int64)
         table[1, NODE] = len(self.free)
         factor, (there, made, extra) = nothing.factor._replace(parts=table), np.zeros((3, 1), np.int64)
@@ -455,7 +453,7 @@ class NewtonSolver:
 
     @cached_property
     def _no_tangents(self) -> NewTangents:
-        nothing: NewTangents = nothing_of(NEW_TANGENTS)
+        nothing: NewTangents = nothing_of(NewTangents)
         return nothing
 
     @cached_property
@@ -465,7 +463,7 @@ class NewtonSolver:
             step_calls(), system.gradient, np.empty((1, *system.gradient.shape)),
             np.empty((2, *system.gradient.shape)), SecantPairs.room(len(system.gradient)),
             np.empty_like(system.memory), np.empty(len(system.film.segments)),
-            room_for_parts(len(system.film.parts) - 1), nothing_of(FILM_LOADS),
+            room_for_parts(len(system.film.parts) - 1), nothing_of(FilmLoads),
         )  # fmt: skip
 
     @property

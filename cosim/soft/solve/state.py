@@ -22,15 +22,13 @@ from functools import cached_property
 from typing import Annotated, Final, Literal, NamedTuple, TypeAlias, final
 
 import numpy as np
-from numba import types
 
 from cosim.base.frames import Array, IntArray, Mask, Pose, Wrench
 from cosim.base.kernels import (
-    BOOLEAN,
-    INDICES,
-    MASKS,
-    MATRIX,
-    VECTOR,
+    Indices,
+    Masks,
+    Matrix,
+    Vector,
     device_function,
     kernel,
     small_vector,
@@ -55,12 +53,9 @@ class HeldNodes(NamedTuple):
         components: (k, 3), world components that are held.
     """
 
-    nodes: IntArray
-    offsets: Array
-    components: Mask
-
-
-HELD = types.NamedTuple((INDICES, MATRIX, MASKS), HeldNodes)
+    nodes: Indices
+    offsets: Matrix
+    components: Masks
 
 
 def flange_axes(pose: Pose) -> Array:
@@ -71,28 +66,28 @@ def flange_axes(pose: Pose) -> Array:
 
 
 @device_function
-def _place(held, flange, k, r):  # type: ignore[no-untyped-def]
+def _place(held: HeldNodes, flange: Matrix, k: int, r: int) -> float:
     """Return component r of where the flange has held node k."""
     place = held.offsets[k, 0] * flange[1, r] + held.offsets[k, 1] * flange[2, r]
     return place + held.offsets[k, 2] * flange[3, r] + flange[0, r]
 
 
 @device_function
-def _place_all(held, flange, x):  # type: ignore[no-untyped-def]
+def _place_all(held: HeldNodes, flange: Matrix, x: Matrix) -> None:
     for k in range(held.nodes.shape[0]):
         for r in range(3):
             if held.components[k, r]:
                 x[held.nodes[k], r] = _place(held, flange, k, r)
 
 
-@kernel(types.void(HELD, MATRIX, MATRIX))
-def place_held(held: HeldNodes, flange: Array, x: Array) -> None:
+@kernel
+def place_held(held: HeldNodes, flange: Matrix, x: Matrix) -> None:
     """Put the held components of x (n, 3) [m] where the flange has them."""
     _place_all(held, flange, x)
 
 
-@kernel(BOOLEAN(HELD, MATRIX, MATRIX))
-def place_flight(held: HeldNodes, flange: Array, x: Array) -> bool:
+@kernel
+def place_flight(held: HeldNodes, flange: Matrix, x: Matrix) -> bool:
     """Put the held components where the flange has them; where that is a jump, all nodes go along.
 
     Free flight does not know what a flange is commanded anew. Held nodes alone would stretch the film beside
@@ -123,8 +118,8 @@ def place_flight(held: HeldNodes, flange: Array, x: Array) -> bool:
     return jumps
 
 
-@kernel(types.void(HELD, MATRIX, MATRIX, MATRIX, VECTOR))
-def add_wrench(held: HeldNodes, gradient: Array, x: Array, flange: Array, wrench: Array) -> None:
+@kernel
+def add_wrench(held: HeldNodes, gradient: Matrix, x: Matrix, flange: Matrix, wrench: Vector) -> None:
     """Subtract the reactions r_k at the held nodes, and (x_k - o) x r_k, from the wrench at the flange.
 
     Args:

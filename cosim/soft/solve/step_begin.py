@@ -9,9 +9,14 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
-from numba import types
 
-from cosim.base.kernels import BOOLEAN, INDEX_TABLE, MATRIX, REAL, VECTOR, device_function, kernel
+from cosim.base.kernels import (
+    IndexTable,
+    Matrix,
+    Vector,
+    device_function,
+    kernel,
+)
 
 # An acceleration is taken to stay where it moves nodes by so much in a step. Below, starts that are near
 # enough would carry it on for ever: a resting body would wander. Above, films flutter: it will turn round.
@@ -23,10 +28,17 @@ _STAYS = 0.9  # of its angle: a fold that is left so much is not being closed
 _CLOSED = 1e-3  # of theta1: a fold may be closed further than this
 
 
-@kernel(types.void(MATRIX, MATRIX, MATRIX, MATRIX, BOOLEAN, REAL, MATRIX, MATRIX))
-def fill_bed(  # type: ignore[no-untyped-def]
-    x, velocity, earlier_x, earlier_velocity, two_steps, factor, base, target
-):
+@kernel
+def fill_bed(
+    x: Matrix,
+    velocity: Matrix,
+    earlier_x: Matrix,
+    earlier_velocity: Matrix,
+    two_steps: bool,
+    factor: float,
+    base: Matrix,
+    target: Matrix,
+) -> None:
     """Fill base and target (n, 3) [m] of a step from positions and velocities, now and one step earlier.
 
     Args:
@@ -49,10 +61,10 @@ def fill_bed(  # type: ignore[no-untyped-def]
             target[i, r] = place + factor * speed
 
 
-@kernel(types.void(MATRIX, MATRIX, MATRIX, REAL, REAL, MATRIX))
-def fill_flight(  # type: ignore[no-untyped-def]
-    x, velocity, earlier_velocity, h, fraction, flight
-):
+@kernel
+def fill_flight(
+    x: Matrix, velocity: Matrix, earlier_velocity: Matrix, h: float, fraction: float, flight: Matrix
+) -> None:
     """Fill flight (n, 3) [m]: where nodes get if their acceleration stays, or their velocity where it won't.
 
     Args:
@@ -76,15 +88,15 @@ def fill_flight(  # type: ignore[no-untyped-def]
 
 
 @device_function
-def _gap(angle):  # type: ignore[no-untyped-def]
+def _gap(angle: float) -> float:
     """Return how far a fold is from where its films meet [rad], whichever way it folds."""
     return min(angle, 2.0 * np.pi - angle)
 
 
-@kernel(BOOLEAN(MATRIX, INDEX_TABLE, REAL, VECTOR, VECTOR, MATRIX))
-def keep_folds_open(  # type: ignore[no-untyped-def]
-    x, hinges, theta1, before, angles, flight
-):
+@kernel
+def keep_folds_open(
+    x: Matrix, hinges: IndexTable, theta1: float, before: Vector, angles: Vector, flight: Matrix
+) -> bool:
     """Let the nodes of folds that close in free flight move as one; return whether there are any.
 
     From a closed fold Newton's method doubles the angle per iteration, as the moment goes with 1 / angle.
