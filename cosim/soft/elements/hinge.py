@@ -1,4 +1,4 @@
-"""Rotational springs on the dihedral angle of interior edges, and their stiffness where film bends like a shell.
+"""Rotational springs on the dihedral angle of interior edges, and their stiffness where film bends.
 
 Rotational springs on the dihedral angle of interior edges, with an optional fold barrier.
 
