@@ -114,6 +114,8 @@ class Batch:
     ) -> tuple[Measurement | None, ...]:
         """Let runs begin again, those that have failed too, and return what is measured of these then.
 
+        A process that has ended is replaced; other runs of it begin again when they are reset.
+
         Args:
             runs: their numbers; None for all.
             start: what they go on from; None: from where they began.
@@ -127,6 +129,7 @@ class Batch:
             raise InputError(f"there is no run {shown(unknown[0])}; there are 0 to {len(self) - 1}")
         listed = changes if isinstance(changes, Sequence) else (changes,) * len(chosen)
         given = _for_each(listed, len(chosen), "changes")
+        self._workers.replace(chosen)
         for k in chosen:
             self._failed.pop(k, None)
         return self._called("reset", {k: (start, change) for k, change in zip(chosen, given, strict=True)})

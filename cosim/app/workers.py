@@ -1,4 +1,8 @@
-"""Objects in processes of their own, called by name: one that ends takes none of the others with it."""
+"""Objects in processes of their own, called by name: one that ends takes none of the others with it.
+
+A process that has ended, or that does not answer in time, is lost with its objects until `replace` starts
+another one in its place. What cannot be sent to an object is the failure of that object alone.
+"""
 
 from __future__ import annotations
 
@@ -6,6 +10,7 @@ import multiprocessing
 import os
 import pickle
 import signal
+import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from multiprocessing.connection import Connection, wait
@@ -16,6 +21,8 @@ from cosim.errors import InputError, WorkerError
 THREADS: Final = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
 """Of these each worker takes one: there are as many workers as anybody wants processors used."""
 _JOIN_S: Final = 5.0
+ANSWER_S: Final = 600.0
+"""Wall time within which a process has to answer a call; no step of a run takes as long."""
 
 
 @final
@@ -26,30 +33,46 @@ class Workers:
         make: returns object k; pickled, as is whatever goes to and fro.
         count: of objects.
         workers: processes, at least one; object k is in number k modulo their number.
+        answer_s: wall time within which a process has to answer a call [s].
 
     Raises:
         InputError: there are no objects, or no workers.
     """
 
-    def __init__(self, make: Callable[[int], Any], count: int, workers: int) -> None:
+    def __init__(
+        self, make: Callable[[int], Any], count: int, workers: int, answer_s: float = ANSWER_S
+    ) -> None:
         if count < 1 or workers < 1:
             raise InputError(f"{count} runs in {workers} workers; there must be at least one of each")
-        context = multiprocessing.get_context("spawn")
-        self.count, self._lost = count, dict[int, WorkerError]()
-        self._links: list[Connection] = []
-        self._processes: list[Any] = []
-        for worker in range(min(workers, count)):
-            here, there = context.Pipe()
-            process = context.Process(
-                target=_serve, args=(there,), daemon=True, name=f"cosim worker {worker}"
-            )
-            with one_thread_each():
-                process.start()
-            there.close()
-            self._links.append(here)
-            self._processes.append(process)
-        for worker in range(len(self._links)):
+        self.count, self._make, self._answer_s = count, make, answer_s
+        self._lost = dict[int, WorkerError]()
+        begun = [self._begin(worker) for worker in range(min(workers, count))]
+        self._processes: list[Any] = [process for process, _ in begun]
+        self._links: list[Connection] = [link for _, link in begun]
+        for worker in range(len(begun)):
             self._send(worker, (make, self.objects_of(worker)))
+
+    def _begin(self, worker: int) -> tuple[Any, Connection]:
+        """Start a process; return it and this end of the link to it."""
+        context = multiprocessing.get_context("spawn")
+        here, there = context.Pipe()
+        process = context.Process(target=_serve, args=(there,), daemon=True, name=f"cosim worker {worker}")
+        with one_thread_each():
+            process.start()
+        there.close()
+        return process, here
+
+    def replace(self, objects: Iterable[int]) -> None:
+        """Start lost processes that hold some of the objects again, with all that they hold at its start.
+
+        Args:
+            objects: wanted.
+        """
+        for worker in sorted({k % len(self._links) for k in objects} & self._lost.keys()):
+            self._links[worker].close()
+            self._processes[worker], self._links[worker] = self._begin(worker)
+            del self._lost[worker]
+            self._send(worker, (self._make, self.objects_of(worker)))
 
     @property
     def processes(self) -> tuple[int, ...]:
@@ -65,17 +88,24 @@ class Workers:
 
         Args:
             method: name.
-            arguments: of the call, by object.
+            arguments: of the call, by object; where they cannot be pickled, that object's answer says so.
         """
-        found: dict[int, Any] = {}
+        packed = {k: _packed(given) for k, given in arguments.items()}
+        found: dict[int, Any] = {k: one for k, one in packed.items() if isinstance(one, Exception)}
         waiting: dict[Connection, int] = {}
         try:
             for worker, link in enumerate(self._links):
-                asked = {k: arguments[k] for k in self.objects_of(worker) if k in arguments}
+                asked = {k: packed[k] for k in self.objects_of(worker) if k in packed.keys() - found.keys()}
                 if asked and worker not in self._lost and self._send(worker, (method, asked)):
                     waiting[link] = worker
+            until = time.monotonic() + self._answer_s
             while waiting:
-                for ready in wait(list(waiting)):
+                answered = wait(list(waiting), max(0.0, until - time.monotonic()))
+                if not answered:
+                    for worker in waiting.values():
+                        self._end_silent(worker)
+                    break
+                for ready in answered:
                     link = cast("Connection", ready)
                     found |= self._received(waiting.pop(link), link)
         except BaseException:  # answers that nobody has taken would be those of the next call
@@ -109,13 +139,24 @@ class Workers:
             return {}
         return answer
 
+    def _end_silent(self, worker: int) -> None:
+        """End a process that has not answered in time: it hangs, or has been stopped."""
+        process, runs = self._processes[worker], ", ".join(map(str, self.objects_of(worker)))
+        process.kill()
+        process.join(_JOIN_S)
+        self._lost[worker] = WorkerError(
+            f"worker {worker} (process {process.pid}) did not answer within {self._answer_s:g} s and was "
+            f"ended, and with it runs {runs}; reset them to begin again"
+        )
+
     def _lose(self, worker: int) -> None:
         process = self._processes[worker]
         process.join(_JOIN_S)
         code, runs = process.exitcode, ", ".join(map(str, self.objects_of(worker)))
         how = f"by {signal.Signals(-code).name}" if code is not None and code < 0 else f"with code {code}"
         self._lost[worker] = WorkerError(
-            f"worker {worker} (process {process.pid}) has ended {how}, and with it runs {runs}"
+            f"worker {worker} (process {process.pid}) has ended {how}, and with it runs {runs}; "
+            "reset them to begin again"
         )
 
 
@@ -150,8 +191,21 @@ def one_thread_each() -> Iterator[None]:
                 os.environ[name] = value
 
 
-def _called(target: Any, method: str, arguments: Iterable[Any]) -> Any:
-    return target if isinstance(target, Exception) else _outcome(getattr(target, method), *arguments)
+def _packed(arguments: tuple[Any, ...]) -> bytes | InputError:
+    """Return arguments as they are sent, or why they cannot be."""
+    try:
+        return pickle.dumps(arguments)
+    except Exception as error:  # whatever the pickling of anybody's objects raises
+        return InputError(
+            f"what is asked cannot be sent to another process: {type(error).__name__}: {error}; "
+            "give values that can be pickled"
+        )
+
+
+def _called(target: Any, method: str, packed: bytes) -> Any:
+    if isinstance(target, Exception):
+        return target
+    return _outcome(lambda: getattr(target, method)(*pickle.loads(packed)))
 
 
 def _outcome(function: Callable[..., Any], *arguments: Any) -> Any:

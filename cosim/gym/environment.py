@@ -272,7 +272,8 @@ class VectorRun:
 class TaskVectorEnvironment(VectorEnv[Observation, NDArray[Any], Array]):
     """Environments in processes, each bit for bit what it is alone; all three modes of autoreset.
 
-    Where a process ends, its environments stay truncated, with the last observation and "failure" in `info`.
+    Where a process ends, its environments stay truncated, with the last observation and "failure" in `info`,
+    until a reset of one of them starts another process.
 
     Args:
         count: of environments.
@@ -321,6 +322,7 @@ class TaskVectorEnvironment(VectorEnv[Observation, NDArray[Any], Array]):
         further = [0] * self.num_envs if isinstance(seed, Sequence) else range(self.num_envs)
         seeds = [None if one is None else one + k for one, k in zip(listed, further, strict=True)]
         asked = {k: (seeds[k], given or None) for k in np.flatnonzero(chosen).tolist()}
+        self._workers.replace(asked)
         observation, *_, info = self._called("reset", asked)
         return observation, info
 

@@ -94,6 +94,39 @@ def test_runs_are_what_they_are_alone_whatever_happens_to_others(tmp_path: Path)
         with pytest.raises(WorkerError, match=text):
             raise batch.failed[2]
         assert all(seen is not None for seen in batch.step(ticks=1)[1::2])
+        batch.reset([2])  # in another process
+        assert list(batch.failed) == [0]
+        batch.reset([0])
+        assert same(batch.step(COMMANDS, ticks=2)[0], expected[0][2])
+
+
+def test_what_cannot_be_sent_fails_alone() -> None:
+    workers = Workers(complex, 2, 1)
+    try:
+        found = workers.call("__add__", {0: (lambda: 0.0,), 1: (2.0,)})
+        assert isinstance(found[0], InputError)
+        assert "give values that can be pickled" in str(found[0])
+        assert found[1] == 3.0
+        assert workers.call("__add__", {0: (1.0,), 1: (1.0,)}) == {0: 1.0, 1: 2.0}
+    finally:
+        workers.close()
+
+
+def test_a_process_that_does_not_answer_is_ended_and_replaced() -> None:
+    workers = Workers(complex, 2, 2, answer_s=10.0)
+    try:
+        assert workers.call("__add__", {0: (1.0,), 1: (1.0,)}) == {0: 1.0, 1: 2.0}
+        os.kill(workers.processes[0], signal.SIGSTOP)
+        found = workers.call("__add__", {0: (1.0,), 1: (1.0,)})
+        with pytest.raises(WorkerError, match="did not answer within 10 s and was ended, and with it runs 0"):
+            raise found[0]
+        assert found[1] == 2.0
+        workers.replace([1])
+        assert isinstance(workers.call("__add__", {0: (1.0,)})[0], WorkerError)
+        workers.replace([0])
+        assert workers.call("__add__", {0: (1.0,), 1: (1.0,)}) == {0: 1.0, 1: 2.0}
+    finally:
+        workers.close()
 
 
 def test_what_does_not_fit_is_refused_before_a_process_starts(tmp_path: Path) -> None:
