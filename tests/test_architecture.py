@@ -20,7 +20,7 @@ PYTHON_FILES = SOURCES + sorted((ROOT / "tests").rglob("*.py")) + sorted((ROOT /
 TEXT_SUFFIXES = {".py", ".toml", ".md", ".cff", ".urdf", ".yaml", ".yml", ".sh", ""}
 
 MAX_FILE_LINES = 650
-MAX_FUNCTION_LINES = 60
+MAX_FUNCTION_LINES = 60  # of a body, without its docstring
 
 
 def relative(path: Path) -> str:
@@ -81,7 +81,8 @@ def test_files_and_functions_stay_short(path: Path) -> None:
     for node in ast.walk(ast.parse(text)):
         if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
             assert node.end_lineno is not None
-            lines = node.end_lineno - node.lineno + 1
+            documented = ast.get_docstring(node) is not None and len(node.body) > 1
+            lines = node.end_lineno - node.body[documented].lineno + 1
             assert lines <= MAX_FUNCTION_LINES, f"{node.name} has {lines} lines"
 
 

@@ -16,6 +16,9 @@ from cosim.plan.motion import TipErrors, TipPathInfo, tip_distances
 from cosim.telemetry.snapshot import RunInfo
 from cosim.telemetry.tick_batch import TickBatch
 
+_INERT_BODY: Final = 10.0
+"""Contact ratio above which a run warns: it hits like something else."""
+
 
 @final
 @dataclass(frozen=True)
@@ -29,6 +32,7 @@ class ExchangeFigures:
         residual: largest relative difference of the loads in them.
         power_error: largest relative one, of any tick.
         momentum_error: the same.
+        contact_ratio: largest of ticks that are not iterated; above 1 a touched body carries what it lacks.
     """
 
     iterated_ticks: int = 0
@@ -37,6 +41,7 @@ class ExchangeFigures:
     residual: float = 0.0
     power_error: float = 0.0
     momentum_error: float = 0.0
+    contact_ratio: float = 0.0
 
     def after(self, batch: TickBatch) -> ExchangeFigures:
         """Return the figures with some ticks more."""
@@ -48,6 +53,7 @@ class ExchangeFigures:
             largest(self.residual, batch.interface_residual),
             largest(self.power_error, batch.power_error),
             largest(self.momentum_error, batch.momentum_error),
+            largest(self.contact_ratio, np.where(trials == 0, batch.contact_ratio, 0.0)),
         )
 
     def summary(self) -> dict[str, Any]:
@@ -59,7 +65,22 @@ class ExchangeFigures:
             "max_interface_residual": self.residual,
             "max_interface_power_error": self.power_error,
             "max_momentum_error": self.momentum_error,
+            "max_contact_ratio": self.contact_ratio,
         }
+
+    def warnings(self, tick_s: float) -> list[str]:
+        """Return a warning where a touched body was far more inert than it is.
+
+        Args:
+            tick_s: length of a tick [s].
+        """
+        if self.contact_ratio <= _INERT_BODY:
+            return []
+        shorter = tick_s / math.sqrt(self.contact_ratio)  # the ratio falls with the square of the tick
+        return [
+            f"a body that the film touched moved as if it were up to {self.contact_ratio:.3g} times as heavy "
+            f"as it is: set clock.tick_s = {shorter:.1g}, or a heavier body"
+        ]
 
 
 def largest(before: float, values: Array) -> float:

@@ -247,7 +247,8 @@ class SummaryBuilder:
         return {"planned": planned.figures(), "run": run}
 
     def _warnings(self) -> list[str]:
-        planned, beyond = self._stage.arm, strength_warnings(self._phases)
+        planned = self._stage.arm
+        beyond = [*self._exchange.warnings(self._stage.tick_s), *strength_warnings(self._phases)]
         if planned is None:
             return beyond
         return [*planned.warnings(), *self._arm.warnings(planned.limits, self._stage.phase_names), *beyond]
