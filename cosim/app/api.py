@@ -1,7 +1,5 @@
 """Running a scenario from Python, loading a run, exporting its tip paths.
 
-Running a scenario from Python.
-
 Loading what a run saw from its directory.
 
 Planned tip paths for the controllers of robots.

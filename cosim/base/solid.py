@@ -1,8 +1,6 @@
 """Solids of rigid bodies, as distances are measured from them, and what a link of an arm touches.
 
 A solid of a rigid body, as distances are measured from it, whoever made it and whoever measures.
-
-What a link of an arm touches.
 """
 
 from __future__ import annotations

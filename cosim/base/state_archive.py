@@ -5,8 +5,6 @@ What can be saved and restored while it runs.
 A state is a frozen dataclass of arrays, numbers, texts, tuples, None and further frozen dataclasses. It may
 share arrays with the object it was taken from: whoever writes to an array in place saves a copy of it.
 
-Saved states on disk: arrays and JSON in one .npz file, made from the dataclasses themselves.
-
 Whatever is made of frozen dataclasses, enums, arrays, numbers, texts, tuples, lists, dictionaries by text and
 None is written and read back bit for bit; an array that occurs twice is stored once, and is one array again.
 Nothing is executed in reading: a class is looked up among the modules that are loaded already, and only a

@@ -3,8 +3,6 @@
 Whether MuJoCo and Pinocchio have the same arm: both are asked at random angles before anything runs.
 
 Rigid objects of a scenario, and the palm of a soft robot, as the rigid side wants them.
-
-The arm of a scenario and the scene around it, with what is planned of the arm.
 """
 
 from __future__ import annotations

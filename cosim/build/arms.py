@@ -2,8 +2,6 @@
 
 Gives refusals of the sides, which know no keys, the path of the key that they are about.
 
-Arms by name and by file, read so that both engines are given the same one.
-
 The cell of a scenario, as the rigid side wants it.
 """
 

@@ -7,8 +7,6 @@ Mesh files as a source of soft bodies: the film, the caps of its open ends, and 
 Stacks of polygonal units as a source of soft bodies: the one place that turns their tables into names.
 
 Soft bodies that are given from Python, as arrays, in place of a scenario's soft robot.
-
-Makes a soft body from a soft robot's description.
 """
 
 from __future__ import annotations

@@ -1,12 +1,6 @@
 """What a run says of itself before it starts: names, counts, what is modelled, how, and how well.
 
-What a run tells of how the values of its soft robot are known.
-
 How far the model of a soft robot is expected to be off, from a table of what has been measured.
-
-What a run models, what it leaves out, and why; each with the key that decides otherwise.
-
-What a run says of itself before it starts: names, counts, and in words what is modelled and how.
 """
 
 from __future__ import annotations

@@ -1,7 +1,5 @@
 """`cosim check`, `cosim upgrade`, `cosim schema`, `cosim new`, `cosim export`: files in and out.
 
-`cosim check`, `cosim upgrade`, `cosim schema`, `cosim new`: scenario and robot files.
-
 `cosim export`: what a run saw, for other programs.
 """
 

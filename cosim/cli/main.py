@@ -2,8 +2,6 @@
 
 Looks for garbage only once a run has started: until then objects are made that stay.
 
-The command line: from its words to a command and an exit code.
-
 Exit codes: 0 done, 1 the physics could not be solved or verified, 2 wrong input, 3 results could not be
 written, 128 + n stopped by signal n (141: nobody read standard output any more).
 """

@@ -1,8 +1,6 @@
 """`cosim run`: from the command line's words to an exit code, with its progress line.
 
 The progress line: phase, simulated time, real-time factor, time left.
-
-`cosim run`: from the command line's words to an exit code.
 """
 
 from __future__ import annotations

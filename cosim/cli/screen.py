@@ -1,7 +1,5 @@
 """What the command line prints, and how Ctrl-C and other signals end a run in good order.
 
-What the command line prints: texts that come from files cannot steer the terminal.
-
 Ends a run in good order on Ctrl-C, SIGTERM, or SIGHUP of a terminal that has been closed.
 """
 

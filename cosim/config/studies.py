@@ -1,8 +1,6 @@
 """Study files: one scenario, what is varied in it, spelled out by key path.
 
 Schema of a study: one scenario, and what is varied in it.
-
-Loads study files, and spells out what is varied by key path.
 """
 
 from __future__ import annotations

@@ -119,7 +119,7 @@ def _carry(scene: NativeScene, inertia: Matrix) -> None:
 
 @device_function
 def _momentum_error(scene: NativeScene, handed: Vector) -> float:
-    """Return how far what acts on the flange is from what was handed over, see `momentum_balance`."""
+    """Return how far what acts on the flange is from what was handed over, see `interface`."""
     largest = 0.0
     for r in range(3):
         i, k = (r + 1) % 3, (r + 2) % 3
@@ -133,7 +133,7 @@ def _momentum_error(scene: NativeScene, handed: Vector) -> float:
 
 @device_function
 def _error_on_bodies(bodies: BodyLoads) -> float:
-    """Return how far what acts on touched bodies is from what was handed over, see `momentum_balance`."""
+    """Return how far what acts on touched bodies is from what was handed over, see `interface`."""
     largest = 0.0
     for r in range(3):
         i, m = (r + 1) % 3, (r + 2) % 3

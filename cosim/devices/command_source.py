@@ -2,8 +2,6 @@
 
 Where rigid bodies are, by name.
 
-Says at every tick or increment of a run what is asked of the robot.
-
 Measures a run: what controllers see, and what `Simulation.measure` returns.
 
 How controllers move the flange besides the plan: twists of its reference, as motions of the joints.

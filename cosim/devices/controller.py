@@ -1,7 +1,5 @@
 """What a controller sees, commands and is; its commands are checked and held between its samples.
 
-What a controller sees, commands and is.
-
 A controller is a frozen description; what it remembers is a state that goes in and comes out, so that a run
 can be saved and continued. It is asked at a fixed rate; its last command holds in between.
 

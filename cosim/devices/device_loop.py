@@ -4,8 +4,6 @@ Makes devices and controllers from their tables.
 
 Says which devices a scenario models.
 
-What moves cables and gas through a run, besides the ramps of the phases: controllers, winches, pumps.
-
 Per tick, at the state before it: controllers that are due see the run and command; pumps work on the gas;
 winches turn. A scenario without any of these passes through untouched.
 

@@ -1,7 +1,5 @@
 """Feedback: laws from an error to an output, and controllers that close one loop with them.
 
-Feedback laws: from the error of one quantity to one output, sample by sample.
-
 A controller that closes one loop: a measured quantity, a feedback law, and the cables that it moves.
 """
 

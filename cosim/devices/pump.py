@@ -1,15 +1,11 @@
 """A pump that a pressure switch turns on and off, with a vent valve, and its work on a chamber's gas.
 
-A pump that a pressure switch turns on and off, with a vent valve: both act on a sealed gas.
-
 The switch sees the gauge pressure of some ticks ago. With the setpoint r and the band b
     on below r - b/2, off above r + b/2, in between as before;
     the valve opens above r + v and closes below r; it stays shut where no v is given.
 While on, the pump delivers q (1 - p / p_max) kg/s against the gauge pressure p (the usual straight line of a
 diaphragm pump; q without p_max). At constant volume and temperature dp/dm = R T / V, so that a step has the
 closed form p(t) = p_max - (p_max - p_0) exp(-q R T t / (V p_max)), whatever its length.
-
-A pump at work on a chamber's gas through a run.
 """
 
 from __future__ import annotations

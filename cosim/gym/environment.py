@@ -1,9 +1,4 @@
-"""A task as a Gymnasium environment, alone or many at once in processes.
-
-A task as a Gymnasium environment.
-
-Many environments of a task at once, in processes.
-"""
+"""A task as a Gymnasium environment, alone or many at once in processes."""
 
 from __future__ import annotations
 

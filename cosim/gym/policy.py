@@ -1,7 +1,5 @@
 """Policies: what chooses an action, and whether one holds on a finer model.
 
-Policies: what chooses an action from an observation.
-
 Whether a policy holds on a finer model: the same episodes on two fidelities.
 """
 

@@ -1,7 +1,5 @@
 """What is to be learned: how actions command a robot, what is observed of it, what counts as reached.
 
-What is to be learned: how actions command a robot, what is observed of it, and what counts as reached.
-
 How the tip of an inflated arm is commanded, and what is observed of it.
 
 Soft fingers close around a roll and lift it.

@@ -1,7 +1,5 @@
 """Inverse kinematics by Levenberg-Marquardt steps with seeded restarts, and a home configuration.
 
-Inverse kinematics by Levenberg-Marquardt steps with seeded restarts.
-
 A configuration far from singularities and joint limits, for arms whose files name none.
 """
 

@@ -5,8 +5,6 @@ How near links and soft robot come to what is around them along a planned way, b
 Solids are measured only where they may be nearer than is asked: a pair that was d apart is at least d less
 what both have moved since. A point at r in a body moves by |dx| + ||dR|| r at most.
 
-How far the film of a soft robot can get, and what of a scene is within that reach.
-
 Film hardly stretches: a node is no farther from the base than the shortest way to it along the drawn mesh,
 times one plus the strain. So the film stays within a ball around the flange's origin, wherever it bends.
 """

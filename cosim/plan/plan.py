@@ -4,8 +4,6 @@ What is asked of the robot at a tick or increment, always complete; and the load
 
 The gas in the chambers through a run: each at a given pressure, or a sealed amount that may flow.
 
-The plan of a run: for every phase where flange, pressure and tensions begin and end.
-
 What a phase asks for at each of its ticks, worked out for many ticks at once, or increments.
 """
 

@@ -2,8 +2,6 @@
 
 How far a soft arm swings that is carried along a path: as one oscillator that is shaken at its foot.
 
-Whether a plan stays within the range of a section model, before anything runs.
-
 The plan is walked through on the statics; where a phase accelerates the flange, gravity is replaced by g - y,
 with y what the arm's swing comes to (`swing`).
 """

@@ -3,8 +3,6 @@
 Where to look from, so that arm and soft robot fill their views at the start of any run.
 
 The colour scale of the film's stress, as a picture with numbers.
-
-How the viewer lays a recording out.
 """
 
 from __future__ import annotations

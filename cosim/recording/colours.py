@@ -1,7 +1,5 @@
 """Colours: one palette for things, one perceptual scale for the film's stress.
 
-Colours: one palette for things, one perceptual scale for stress.
-
 Colours of the film: its stress on a perceptual scale, softly lit so that the shape reads.
 """
 

@@ -2,8 +2,6 @@
 
 Columns of components, straight from arrays: an archetype's `columns` looks at every field that it has.
 
-Rows gathered over many ticks, written as columns: one call costs as much for 500 rows as for one.
-
 Lines of many frames as one array: converting them one by one would cost more than all the rest.
 """
 

@@ -1,7 +1,5 @@
 """Pictures and videos of recordings, drawn by Rerun's viewer without a display.
 
-Pictures of recordings, drawn by Rerun's viewer without a display.
-
 A run's recording as a video file.
 """
 

@@ -1,8 +1,6 @@
 """The curves of a recording: what is plotted, in which unit, under which name.
 
 One plot of a recording.
-
-The curves of pumps, winches and controllers; only those that a scenario has.
 """
 
 from __future__ import annotations

@@ -9,8 +9,6 @@ What does not change during a run, as values of JSON in the files of its arrays.
 
 What only engines can tell (the film's stress at given nodes) and what is only drawn is not kept.
 
-The arrays of a run on disk: written part by part while it lasts, read back as one.
-
 A part of a run that went on from a checkpoint begins there; what an earlier part holds of later ticks is
 passed over.
 """

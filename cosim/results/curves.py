@@ -1,9 +1,4 @@
-"""What each array of a run holds, and the usual curves of a run as a picture; needs matplotlib.
-
-What each array of a run holds: shape, unit and meaning, as the docstring of their class says them.
-
-The usual curves of a run as a picture; needs matplotlib.
-"""
+"""What each array of a run holds, and the usual curves of a run as a picture; needs matplotlib."""
 
 from __future__ import annotations
 

@@ -1,7 +1,5 @@
 """The arrays of a run for other programs: a table of numbers, the deformed film as VTK files.
 
-The arrays of a run as one table of numbers: a row per tick, a column per component.
-
 The deformed film as VTK files (PolyData in XML): triangles of the film, cables as lines, a file per time.
 
 A `.pvd` file lists them with their times; ParaView and PyVista open it as a film in time.

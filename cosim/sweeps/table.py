@@ -1,7 +1,5 @@
 """The table of a sweep: a row per design, in Parquet with units; and its columns as a picture.
 
-The table of a sweep: a row per design, in Parquet, with the unit of each column in its metadata.
-
 Columns of a sweep against one of them, as a picture; needs pandas and matplotlib.
 """
 

@@ -2,8 +2,6 @@
 
 Columns of one's own: a function of a run's result, named so that every worker finds it.
 
-What travels to a worker and back: a design, and its row.
-
 The figures of a run as a flat row: numbers of its summary by name, of its last phase without a prefix.
 """
 

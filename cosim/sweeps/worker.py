@@ -1,8 +1,6 @@
 """What a worker does with a design: compiles once, runs it, one at a time, and returns a row.
 
 Kernels are compiled once, here, before any worker needs them: many processes at once would each do it.
-
-What a worker does with a design: runs it, one at a time, and returns a row.
 """
 
 from __future__ import annotations

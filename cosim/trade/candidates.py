@@ -1,7 +1,5 @@
 """The candidates of a trade: one scenario with other fidelities, ticks, integrators and models.
 
-One candidate of a trade.
-
 Candidates of a trade that differ in what is modelled: models, and switches of what a run leaves out.
 """
 

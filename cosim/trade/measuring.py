@@ -16,8 +16,6 @@ The commands that a scenario's plan finds, in place of the targets that it was a
 Candidates that differ in what is modelled would each find their own tensions and flange poses for a target of
 the tip: their errors would be those of the targets, not of the models.
 
-Runs the candidates of a trade and measures each against the reference of its group.
-
 Tip position, objects and contact forces are sampled at common times. The flange force is compared by its
 moving mean: from tick to tick it chatters, and its values do not converge with the tick; what it passes on
 over some time does.

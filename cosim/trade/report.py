@@ -2,8 +2,6 @@
 
 Which candidates are worth having, and which one to take.
 
-A trade as Markdown and as JSON.
-
 A trade as a picture: errors of positions and forces against the real-time factor, Pareto front marked.
 """
 

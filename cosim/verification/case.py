@@ -1,7 +1,5 @@
 """What a verification case is and finds; meshes and held specimens that cases are made of.
 
-What a verification case is, and what it finds.
-
 Meshes of simple shapes, with the components that their planes of symmetry hold.
 
 A soft body held at given components, and its equilibria: what every static case needs.

@@ -1,9 +1,4 @@
-"""The suite: every case in the order of the table, how one is run, and its results as a table and as JSON.
-
-The suite: every case in the order of the table, and how one is run.
-
-The suite's results as a table and as JSON.
-"""
+"""The suite: every case in the order of the table, how one is run, and its results as a table and as JSON."""
 
 from __future__ import annotations
 

@@ -1,8 +1,6 @@
 """Finds the file of an arm, by name or by path, and makes an arm of it and of its `arm.toml`.
 
 Makes an arm of a robot's links and joints and of what its `arm.toml` says.
-
-Finds the file of an arm, by name or by path, and what its `arm.toml` says.
 """
 
 from __future__ import annotations

@@ -2,8 +2,6 @@
 
 Poses as URDF writes them: `<origin xyz rpy>`, rotation = Rz(yaw) Ry(pitch) Rx(roll).
 
-Schema of the file of an arm, `arm.toml`: where its URDF or MJCF is, and what that does not say.
-
 Lists have an entry for each joint from the base to the flange: angles in rad and torques in N m; of prismatic
 joints lengths in m and forces in N.
 

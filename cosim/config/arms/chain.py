@@ -1,7 +1,5 @@
 """The chain of a URDF from its root to the flange: joints checked, shapes of links found.
 
-The chain of joints from the root of a URDF to its flange.
-
 Checks what joints and links of a chain say, so that a refusal names them before any engine reads it.
 
 The shapes of an arm's links: their mesh files are found, and what no engine reads is replaced.

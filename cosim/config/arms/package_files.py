@@ -5,8 +5,6 @@ Finds arms of MuJoCo Menagerie on this machine; nothing is downloaded.
 Looked for in a checkout (`MENAGERIE_ROOT`), in what the package mujoco-menagerie has fetched
 (`MENAGERIE_CACHE_DIR`), and in what robot_descriptions has cloned (`ROBOT_DESCRIPTIONS_CACHE`), by the
 variables and default places of these packages.
-
-Finds the files that a robot's file names, `package://NAME/...` among them.
 """
 
 from __future__ import annotations

@@ -2,8 +2,6 @@
 
 Rules that tie several values of a scenario's objects together.
 
-Rules on what phases ask of a cell.
-
 Rules on what holds and loads a soft robot: rings, supports, forces, with and without an arm.
 """
 

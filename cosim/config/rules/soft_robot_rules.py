@@ -1,12 +1,6 @@
 """Rules on what draws the film of a soft robot, on its stacks, and on how its values are known.
 
 Rules on stacks of polygonal units and the cables along them.
-
-Rules on what draws the film of a soft robot, and on what names its nodes and triangles.
-
-Rules on what a soft robot's file says of how its values are known.
-
-Rules on what may be asked of a soft body that is given from Python.
 """
 
 from __future__ import annotations

@@ -1,7 +1,5 @@
 """Schema of the rigid objects and wires of a scenario, and where their mesh files are.
 
-Schema of the rigid objects of a scenario.
-
 An object has one `shape`, or `[[object.part]]`s, or both: all of them make one rigid body. A mesh is a closed
 surface from an STL or OBJ file in m, looked up beside the scenario file, then in `robots/objects/`. Its
 shells (pieces that share no vertex) are touched as their convex hulls, which is exact where each shell is
@@ -12,8 +10,6 @@ cell at edges), while rigid bodies meet the hull of the whole.
 With a `hinge` or a `slide` an object hangs on the world or on another object, its `parent`, and turns or
 shifts from where the scenario puts it; it does not collide with its parent. Poses, axes and anchors are
 those of the world at the start, also with a parent.
-
-Schema of the wires of a scenario: `[[wire]]` in the file.
 
 A wire is a row of capsules joined by ball joints that resist bending. Its first point may be held by an
 object, such as a spool on a hinge, and its last one tied to another. It touches robots, soft robots, the

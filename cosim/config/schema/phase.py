@@ -11,8 +11,6 @@ Tables of what changes the commands of a scenario's phases: `[[command]]`.
 
 Each kind has a table of its own, a subclass of `CommandTable`, and is known once it is registered.
 
-Schema of the start and the phases of a scenario: where the flange goes, what is loaded and held.
-
 A rigid target is a pose of the flange. `direction` is the flange's z axis, out of the flange. At
 `roll_rad = 0` the flange is turned the shortest way from hanging straight down with its x axis along the
 world's x axis; pointing straight up it is turned half a turn about the world's y axis instead.

@@ -2,8 +2,6 @@
 
 Schema of the exchange between arm and soft robot.
 
-Schema of a scenario's fidelity, and of how it is chosen.
-
 Schema of how a scenario is computed and recorded: clock, solver, plan, contact, gas, recording.
 
 Schema of the devices of a scenario: pumps, winches, controllers. They act in time: dynamic mode only.

@@ -11,8 +11,6 @@ Keys of the schema number before, and what they are called now.
 
 What to say about a value that does not fit its schema.
 
-Turns tables (nested dicts, as TOML gives them) into frozen dataclasses, strictly.
-
 pydantic checks types, keys and bounds; every fault is told with the path of its key, the value, and what is
 allowed. What is wrong in a table does not keep rules from being checked on the rest.
 """

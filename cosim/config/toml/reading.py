@@ -2,8 +2,6 @@
 
 Faults of a file that are collected, so that all are told at once; and values that no one can know.
 
-Reads TOML files that may be anybody's: bounded in size, depth and length before they are used.
-
 Changes to a scenario's tables by key path, as `--set key=value` gives them.
 """
 

@@ -2,8 +2,6 @@
 
 How commands from outside move the reference of an arm's joints: evenly, within their bounds.
 
-Commands from outside, step by step: what `Simulation.step` is given changes what is planned.
-
 A value that is commanded is reached evenly within the ticks of its step, as far as devices are as fast, and
 held then; what no command has named goes as planned.
 """

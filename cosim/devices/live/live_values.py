@@ -1,7 +1,5 @@
 """What `Simulation.step` may command of gas, cables and pumps, what it has commanded, and its bounds.
 
-What `Simulation.step` has commanded so far of gas, cables and pumps, and how that goes on.
-
 Which commands a chamber takes: its pressure where that is given, an amount of gas where that is sealed in.
 
 A phase that seals a chamber, or opens it, ends what was commanded of it before: it has nothing to act on any

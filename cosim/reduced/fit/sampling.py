@@ -6,8 +6,6 @@ With J the measure of a ring's frame (see `RingFrames.measures`) at the wanted o
     energy = k_t |J_r x - c|^2 / 2 + k_r |J_phi x|^2 / 2,
 quadratic in the nodes. What the springs exert is what the section models are fitted to.
 
-Samples of a film's answer: strains of its sections and the forces that belong to them.
-
 Guides on all rings put the frames near random wanted poses, over the working range of pressure and of
 relative motion. The frames that result, and what the guides exert on them, are exact samples: beyond a
 section hang known forces only, so their resultant is the derivative of its energy by its strains.

@@ -6,8 +6,6 @@ With free frames f and the blocks A_f on the diagonal and B_f before them:
     L_f L_f^T = A_f + shift diag(scale) - S_f S_f^T,    S_f = B_f L_(f-1)^-T.
 The diagonals of the L_f are kept as their reciprocals.
 
-Kernels on whole chains: assembly, Newton's method, changes of frames, volume.
-
 Kernels on the shapes that a chain takes on one after the other.
 
 What a chain of frames shows its surroundings: the wrench on the flange, centre and inertia of its mass.
@@ -123,7 +121,7 @@ def substitute(free: Flags, low: Blocks, side: Blocks, load: Matrix, step: Matri
 # cables: far frame of each segment (k,), eyelets (k, 2, 3), tensions (k,)
 # contacts: first frame of each (k,), rows (k, 17), widths (2,) of the law; see `chain_contact`
 # gradient (f, 6), diagonal blocks (f, 6, 6), blocks of rows f and columns f - 1 (f, 6, 6)
-# factor of the tangent: blocks (f, 6, 6) of `block_cholesky`, and whether they hold one that may serve
+# factor of the tangent: blocks (f, 6, 6) of their Cholesky factor, and whether they hold one that may serve
 
 CONVERGED, LIMIT, NOT_FINITE, INDEFINITE, NO_DESCENT = 0, 1, 2, 3, 4
 _SHIFT_START, _SHIFT_MAX = 0.05, 1e8  # [N/m]

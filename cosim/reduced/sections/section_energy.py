@@ -4,8 +4,6 @@ Uniform cubic B-splines over pressure, fine where a film changes most: near zero
 
 q = arsinh(p / p_0); c(p) = sum_k B_k(q) c_k. Source: de Boor, A Practical Guide to Splines, chapter IX.
 
-The condensed energy of one section: a polynomial in six strains of the pose of two frames.
-
 Strains x = (u, w) of a section (see `chain`): u_3 its length, (u_1, u_2) shear, (w_1, w_2) bending,
 w_3 twist.
 A regular polygon's film answers alike in all directions up to the fourth order (six corners; four corners: up

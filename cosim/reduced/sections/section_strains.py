@@ -1,7 +1,5 @@
 """A chain of rigid frames: energy, gradient and Hessian of sections, frames, cables and contacts.
 
-A chain of rigid frames: energy, gradient and Hessian of the sections between them.
-
 A frame is four points (4, 3): its origin r [m] and its three unit axes. Strains of the section between
 frames a and b, d = r_b - r_a, axes a_i and b_i:
     u_i = (a_i + b_i) . d / 2,    w_1 = (a_3 . b_2 - a_2 . b_3) / 2  and so on in cyclic order;

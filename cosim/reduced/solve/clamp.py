@@ -1,10 +1,6 @@
 """How a chain is held, moves in time, and where in the working range of its model it is.
 
-Changes of a chain of frames in time.
-
 Which frames of a chain the flange holds, and where.
-
-Where in the working range of their model the sections of a chain are.
 """
 
 from __future__ import annotations

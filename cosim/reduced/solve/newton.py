@@ -9,8 +9,6 @@ frames beside them, and no triangle reaches across an outer ring: y = sum_s (w_s
 a_si, s the two frames. A change of the frames moves it by sum_s (w_s0 dr_s + phi_s x q_s) = J (dr, phi); its
 energy adds J^T g to the gradient, J^T K J and the second order of the rotations to the Hessian, g and K by y.
 
-Newton's method for a chain of frames under the loads of a soft body.
-
 How the tip of a chain of frames moves with its loads: the implicit function theorem.
 """
 

@@ -136,7 +136,7 @@ class KeptTangentState:
     """A kept factor.
 
     Args:
-        low: (f, 6, 6), see `block_cholesky`.
+        low: (f, 6, 6), of the Cholesky factor.
         side: (f, 6, 6).
         step_s: length of the step that it was made in [s].
         two_steps: whether that looked back over two steps.

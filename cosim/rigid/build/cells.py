@@ -4,8 +4,6 @@ The joints of a cell: they go where they are told, whatever pushes them, as driv
 
 A drive's rotor is so heavy that no load accelerates it, so contacts feel the speed of what it moves; at the
 end of every step its joint is put where it is to be, so that nothing adds up.
-
-Reads the cell that a robot stands in from MuJoCo's own format, and puts it into a specification.
 """
 
 from __future__ import annotations

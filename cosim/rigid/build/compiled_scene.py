@@ -4,8 +4,6 @@ Triangle meshes of primitive shapes, for drawing. Triangles run counter-clockwis
 
 Reads what is drawn of a MuJoCo model's bodies as plain triangle meshes.
 
-Compiles a scene description into a MuJoCo model.
-
 A scene's MuJoCo model and what is drawn of it, from which any number of scenes can be made.
 """
 

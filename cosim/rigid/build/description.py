@@ -7,8 +7,6 @@ How an object hangs on another one, or on the world: by a hinge or a slide.
 A wire: capsules in a row, joined by ball joints that resist bending.
 
 The cell that a robot stands in: whatever stands still around the arm, or is moved by drives.
-
-What a rigid scene is made of: an arm on its base, its servos, and objects around it.
 """
 
 from __future__ import annotations

@@ -2,8 +2,6 @@
 
 Shapes of an arm's links from a compiled MuJoCo model, and back into a specification.
 
-Reads an arm from MuJoCo's own format: the chain of bodies to the flange, as MuJoCo has compiled it.
-
 Links and joints become those of a URDF, which both engines are given; the shapes of the links are kept as
 they are. Link frames are those of the bodies, moved to their joints.
 """

@@ -1,7 +1,5 @@
 """Shapes that a soft body may touch: their bounds, which of them are near, their corners and edges.
 
-Shapes that a soft body may touch, and which of them are near; what is far needs no distances.
-
 Bounds of the shapes of a scene as kernels see them.
 
 Corners of obstacles, and points on their edges: points of the film alone miss what enters between them.

@@ -5,14 +5,10 @@ Signed distance to surfaces given by data: convex hulls and grids of distances.
 Each function fills `normal` (3,), outward, and returns the distance [m], negative inside.
 Source of the closest point on a triangle: Ericson, Real-Time Collision Detection, section 5.1.5.
 
-Signed distance and outward unit normal of solid primitives, in their own frame.
-
 Negative inside; exact at every depth. Each function fills `normal` (3,) and returns the distance [m]. On a
 medial axis, where several surface points are nearest, one of their normals is taken.
 Source: plane geometry; for the ellipsoid Eberly, "Distance from a Point to an Ellipsoid" (2013), with the
 root found by Newton's method from a bound below it, where the function is convex.
-
-Signed distance and normal from many points to many shapes of every kind, broad phase included.
 """
 
 from __future__ import annotations

@@ -2,8 +2,6 @@
 
 Where the arm sits in a compiled MuJoCo model.
 
-The arm of a scene at angles where it need not be: flange, joints, inertia and weight.
-
 The flange of a compiled scene: where it is, how it moves, what acts on it and what it measures.
 
 Quasi-static rest of a servo-held arm: where it droops to under a constant load.

@@ -7,8 +7,6 @@ Unlike extra mass of the bodies it weighs nothing and knows no gyroscopic forces
 joints it costs a chain no more inertia than its bodies carry.
 
 How bodies of a compiled scene answer impulses.
-
-The bodies of a compiled scene as contact sees them: places, loads, and inertia carried for a while.
 """
 
 from __future__ import annotations

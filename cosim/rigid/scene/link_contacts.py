@@ -2,8 +2,6 @@
 
 The solids of a compiled scene: of the arm's links, and of what they may meet.
 
-Where links of the arm stand in one another, in an object or in the floor.
-
 MuJoCo's own contacts show no two links: these meet nothing but floor and objects. So contacts are searched
 for in a copy of the model in which the arm's links meet everything, and nothing else meets anything.
 """

@@ -2,8 +2,6 @@
 
 What `RigidScene.save_state` returns.
 
-The rigid scene: an arm with servos, and objects, stepped in two halves by MuJoCo.
-
 One tick of the coupling reads
 
     scene.set_control(...); scene.apply_flange_wrench(...)

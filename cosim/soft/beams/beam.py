@@ -6,8 +6,6 @@ Quantity q of a lane is at s[q + lane], q a multiple of LANES: constant distance
 lanes vectorise. Those of a beam's second end are SECOND further on than those of its first. What is linear in
 the chord's direction and the directors has the vectors that these meet in it as derivatives.
 
-The energy of straight beams between nodes that have rotations, and their measures of strain.
-
 A beam leads from node 1 to node 2: chord v, its length l = |v|, direction t = v / l, drawn length L. Each
 end turns with its node; its directors d1, d2, d3 are along the drawn chord, in the ring's plane, and across.
 With c = t . d1, s_k = t . d_k the section at an end is turned against the chord by the angles
@@ -28,7 +26,7 @@ Vectors of three values for kernels: tuples, so that loops over lanes vectorise.
 Second derivatives of the energies of beams by their chords and by the turns of their nodes.
 
 The energy is one of measures that are linear in the chord's direction t and in the directors d of each end
-(`beam_lanes`). A turn w of a node changes its directors by w x d + w x (w x d) / 2, a change of the chord
+(in lanes). A turn w of a node changes its directors by w x d + w x (w x d) / 2, a change of the chord
 v the direction by (1 - t t^T) dv / l; the derivatives of products follow from these.
 """
 
@@ -516,7 +514,7 @@ def fill_hessians(rigidities: Vector, lengths: Vector, s: Vector, w: BeamWork, w
     Args:
         rigidities: (4,), see `RectangularSection`.
         lengths: (m,) [m], drawn.
-        s: the beams in groups, see `beam_lanes`.
+        s: the beams in groups, one per lane.
         w: `BeamWork`.
         whole: all of them, or what belongs to the turns alone.
     """

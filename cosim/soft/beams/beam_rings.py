@@ -2,15 +2,13 @@
 
 The rectangular section of a beam: its stiffness against stretch, bending and twist.
 
-Stiffeners with a section: closed rings of beams whose nodes are nodes of the film.
-
 The film knows positions alone, a beam also how its ends are turned. The turns are unknowns of the ring alone
 (loads and film hold no node against turning), so they are taken where they are in balance:
-    energy(x) = min over the turns R of the sum of all beams' energies(x, R),   see `node_turns`,
+    energy(x) = min over the turns R of the sum of all beams' energies(x, R),   see `ring_kernels`,
     gradient  = derivative by x at these turns,
     hessian   = E_xx - E_xR E_RR^-1 E_Rx,
 a full matrix over the ring. A node turns as one, so that corners of the drawn shape are built in, and a
-straight side of one beam or of eight has the same stiffness between its ends (`beam_lanes`): the energy is
+straight side of one beam or of eight has the same stiffness between its ends (`beam`): the energy is
 that of a continuous ring, whatever the refinement. Without loads the ring has its drawn shape.
 What is remembered are the turns of the last accepted state, quaternions in axes of the ring, from which the
 next ones are sought, and a factor of E_RR with which.

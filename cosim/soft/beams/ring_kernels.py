@@ -9,7 +9,7 @@ kept while steps shrink well, in dynamics from one step in time to the next, in 
 search ends where what the last step leaves is below a small turn, judged by how the steps shrink. All of it
 happens in axes of the ring, laid through three of its nodes, so that a rigid motion changes nothing.
 
-A ring in lanes: its beams in groups as `beam_lanes` takes them, what goes in and what comes out.
+A ring in lanes: its beams in groups as the kernels of `beam` take them, what goes in and what comes out.
 
 Cholesky factor of a closed ring's matrix: each node is coupled with itself and its two neighbours.
 
@@ -184,7 +184,7 @@ class RingWork(NamedTuple):
     Args:
         axes: (3, 3), of the ring, as columns.
         places: (m + 1,), where the turn of each node begins; the last is the first.
-        lanes: its beams in groups, see `beam_lanes`; those to spare are as the last one.
+        lanes: its beams in groups, see `beam`; those to spare are as the last one.
         moment: (3 m,) [N m], derivative by the turns.
         band: (3 m, 9), of second derivatives by the turns.
         factor: (3 m, 9), its Cholesky factor.

@@ -13,7 +13,7 @@ with w_i = c_i / m and m = sum c_i L_i / sum L_i at its start, the term has the 
 L_w is L wherever the losses were frozen, so that a command means the length of the cable itself. A solution
 that moves away from there is repeated from where it ends, until it moves no more (as for capstan friction).
 
-Cables under a prescribed tension, routed through eyelets at nodes (commanded lengths: `cable_length`).
+Cables under a prescribed tension, routed through eyelets at nodes (commanded lengths: below).
 
 Segment i between eyelets has the length L_i and the tension T_i = T_0 c_i, so that
     energy = sum_i T_i L_i,
@@ -242,7 +242,7 @@ def segment_share(cables: tuple[Cable, ...], positions: Array, lengths_m: tuple[
     """Return what losses at a given shape make of each cable in its segments (segments,).
 
     The tension over that at the base end; of a cable whose length is commanded the weight w_i (see
-    `cable_length`).
+    cables of commanded length).
 
     Args:
         cables: of a body.

@@ -1,7 +1,5 @@
 """Rotational springs on the dihedral angle of interior edges, and their stiffness where film bends.
 
-Rotational springs on the dihedral angle of interior edges, with an optional fold barrier.
-
 Nodes (i, j, k, l): j-k is the edge, i and l its opposite corners. With u = x_i - x_j, e = x_k - x_j,
 w = x_k - x_l, m = u x e, n = e x w the angle is
     theta = atan2(e/|e| . (m x n), m . n)  in [0, 2 pi),   theta = pi where the film is flat,

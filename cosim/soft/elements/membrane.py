@@ -4,8 +4,6 @@ Strain of a film triangle and the node blocks of its Hessian; formulas: see `mem
 
 Energy and gradient of many film triangles, plain or wrinkling, in groups: one triangle per lane.
 
-Constant-strain film triangles in plane stress, under one of four laws on the Green strain.
-
 With F = sum_a x_a g_a^T (3 x 2), E = (F^T F - 1) / 2, the energy density psi(E) of the law, the membrane
 force N = dpsi/dE [N/m] and the tangent C = dN/dE,
     energy = A psi,

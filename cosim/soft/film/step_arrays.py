@@ -155,7 +155,7 @@ class FilmLoads(NamedTuple):
 
     Args:
         share: (s,), tension of each segment over that at its cable's base end, or, of a cable whose length is
-            commanded, its weight (see `cable_length`); losses as they were where a solution began.
+            commanded, its weight (see `cable`); losses as they were where a solution began.
         length: (cables,) [m], the commanded ones, NaN where a tension is; empty where all are tensions.
         spring: (cables,) [N/m], k m of those.
         gas: (chambers, 4), of what is sealed in each: absolute pressure [Pa], volume [m^3], exponent, ambient

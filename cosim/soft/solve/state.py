@@ -4,8 +4,6 @@ Nodes that the flange holds, in kernels: where it has them, and what they put on
 
 The flange is a (4, 3) array: its origin [m], then its three axes, world.
 
-States of a soft body: how it moves, how the flange holds it, and its equilibria.
-
 Time schemes: what a step makes of positions and velocities, and how closely it is solved.
 
 Implicit Euler:  y = x_n + h v_n,  M (x - y) / h^2 = f(x),  v = (x - x_n) / h.

@@ -1,6 +1,6 @@
 """How a step begins, in kernels: the elastic bed that inertia is, and where Newton's method starts.
 
-The formulas are those of `time_scheme`: inertia and damping are a bed of `inertia_weight` times the mass
+The formulas are those of `state`: inertia and damping are a bed of `inertia_weight` times the mass
 about the target y = base + s / (1 + alpha s) speed, from which the nodes move by v = (x - base) / s.
 """
 

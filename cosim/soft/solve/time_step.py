@@ -1,6 +1,6 @@
 """Implicit time steps of a soft body: each is the minimum of an incremental potential.
 
-The formulas are those of `time_scheme`. Most steps are one call of the kernel, from where free flight leads.
+The formulas are those of `state`. Most steps are one call of the kernel, from where free flight leads.
 """
 
 from __future__ import annotations

@@ -6,8 +6,6 @@ Between two states that have the wanted height between them it is found by Brent
 followed from the first of the two. Where the height jumps instead, the arm snaps.
 Source: Brent, Algorithms for Minimization without Derivatives, chapter 4.
 
-Sag compensation by the cables: the tensions that bring the deformed tip to a target; the flange stays.
-
 Gauss-Newton first. Where it ends before the target, the cables are pulled along straight lines of tension
 from the present state on, and a height is looked for between any two states that have it between them.
 """

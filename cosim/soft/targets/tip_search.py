@@ -2,14 +2,10 @@
 
 What follows equilibria and knows how their tip moves: the film itself, or a model that stands for it.
 
-Gauss-Newton on the deformed tip's pose, held back by a trust region.
-
 A step solves the linear model J change = missing within a bound. It is taken when the equilibrium it leads to
 is stable and brings the tip nearer by at least a tenth of what the linear model promised; else it is cut to a
 quarter. The bound of the next step follows from how well the model foretold the last one.
 Source: Nocedal and Wright, Numerical Optimization, 2nd ed., sections 4.1 and 10.3.
-
-Sag compensation by the arm: the flange pose that brings the deformed tip to a target.
 
 Moving the flange by a translation d and a rotation w (world axes, about its origin o) carries the tip p
 rigidly and turns gravity by -w seen from the flange:
