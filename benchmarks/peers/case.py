@@ -245,19 +245,16 @@ def run(
 
 
 def longest_tick(error_of: Callable[[float], float], allowed_m: float) -> float | None:
-    """Return the longest tick [s] of 10 ms and less whose error is allowed; None if 0.1 ms is too long.
+    """Return the longest tick [s] from 10 ms down to 0.25 ms whose error is allowed; None if none is.
+
+    Errors need not grow with the tick: below some length they are those of the tolerance, so all are tried.
 
     Args:
-        error_of: of a tick [s], of which a whole number fits into `SAMPLE_S`; grows with it.
+        error_of: of a tick [s], of which a whole number fits into `SAMPLE_S`.
         allowed_m: bound on it.
     """
-    low, high = round(SAMPLE_S / 1e-2), round(SAMPLE_S / 1e-4)
-    if error_of(SAMPLE_S / high) > allowed_m:
-        return None
-    while low < high:
-        ticks = (low + high) // 2
-        low, high = (low, ticks) if error_of(SAMPLE_S / ticks) <= allowed_m else (ticks + 1, high)
-    return SAMPLE_S / high
+    ticks_s = (SAMPLE_S / ticks for ticks in range(round(SAMPLE_S / 1e-2), round(SAMPLE_S / 2.5e-4) + 1))
+    return next((tick_s for tick_s in ticks_s if error_of(tick_s) <= allowed_m), None)
 
 
 def alternately(first: Callable[[], Run], second: Callable[[], Run], repeats: int) -> tuple[float, float]:

@@ -132,7 +132,7 @@ def beside(peer: Row, runs: Runs) -> str:
     """Return a line of the second table: cosim at the longest tick with no larger error, beside a peer."""
     tick_s = longest_tick(runs.error_of, peer.quarter_m)
     if tick_s is None:
-        return f"| {peer.words} | {1e3 * peer.quarter_m:.3g} | | none from 0.1 ms on | | | |"
+        return f"| {peer.words} | {1e3 * peer.quarter_m:.3g} | | none down to 0.25 ms | | | |"
     peer_s, own_s = alternately(
         lambda: runs.take(peer.name, peer.tick_s), lambda: runs.take(BDF2, tick_s), REPEATS
     )
