@@ -12,7 +12,7 @@ from cosim.config.schema.body_source import MeshTable, NodeSetTable
 from cosim.errors import MeshError
 from cosim.soft.geometry.named_mesh import NamedMesh
 from cosim.soft.geometry.rims import rims
-from cosim.soft.geometry.surface import directed_edges
+from cosim.soft.geometry.surface import check_mesh, directed_edges
 
 _SAME_PLANE = 1e-5  # of the film's size
 
@@ -25,6 +25,7 @@ def drawn_mesh(table: MeshTable) -> NamedMesh:
     """
     read = read_surface(Path(table.file))
     surface = GroupedSurface(table.scale * read.vertices, read.triangles, read.groups)
+    check_mesh(surface.vertices, surface.triangles)
     holes = rims(surface.triangles)
     if _six_volumes(surface, holes) < 0.0:
         raise MeshError(f"{Path(table.file).name}: is inside out; turn its triangles over")
