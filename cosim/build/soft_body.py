@@ -99,6 +99,7 @@ def drawn_mesh(table: MeshTable) -> NamedMesh:
     """
     read = read_surface(Path(table.file))
     surface = GroupedSurface(table.scale * read.vertices, read.triangles, read.groups)
+    check_mesh(surface.vertices, surface.triangles)
     holes = rims(surface.triangles)
     if _six_volumes(surface, holes) < 0.0:
         raise MeshError(f"{Path(table.file).name}: is inside out; turn its triangles over")

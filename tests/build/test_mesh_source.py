@@ -289,3 +289,13 @@ def test_only_stacks_have_sections_finer_meshes_and_published_hinges(tmp_path: P
             load_scenario(tmp_path / "scenario.toml", changes)
     with pytest.raises(ScenarioError, match=r"body: cannot stand beside stack"):
         load_scenario("ur5e_hexagon_arm", {"soft_robot.body": {"kind": "mesh", "file": "a.obj", "set": []}})
+
+
+def test_three_triangles_on_an_edge_are_refused(tmp_path: Path) -> None:
+    robot, mesh = written(tmp_path), tmp_path / "tube.obj"
+    text = mesh.read_text(encoding="utf-8")
+    first, second, _ = re.findall(r"^f (\d+) (\d+) (\d+)$", text, re.MULTILINE)[40]
+    count = len(re.findall(r"^v ", text, re.MULTILINE))
+    mesh.write_text(f"{text}\nv 0.0 0.0 100.0\nf {first} {second} {count + 1}\n", encoding="utf-8")
+    with pytest.raises(MeshError, match="edge"):
+        built(robot)
