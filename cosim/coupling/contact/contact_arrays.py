@@ -56,9 +56,9 @@ class NearPoints(NamedTuple):
     @classmethod
     def room(cls, points: int, features: int) -> NearPoints:
         """Return room for so many."""
-        of_points = _no_indices(points), _no_indices(points), np.empty(points), np.empty((points, 3))
-        owned = _no_indices(features), _no_indices(features), np.empty((features, 3)), _no_indices(features)
-        rest = np.empty((features, 3)), np.empty(features), np.empty((features, 3))
+        of_points = _no_indices(points), _no_indices(points), np.zeros(points), np.zeros((points, 3))
+        owned = _no_indices(features), _no_indices(features), np.zeros((features, 3)), _no_indices(features)
+        rest = np.zeros((features, 3)), np.zeros(features), np.zeros((features, 3))
         return cls(*of_points, *owned, *rest)
 
     def first(self, points: int, features: int) -> NearPoints:
@@ -99,7 +99,7 @@ class MemoryRows(NamedTuple):
     def room(cls, count: int) -> MemoryRows:
         """Return room for so many."""
         return cls(
-            _no_indices(count), np.empty(count), np.empty((count, 3)), np.empty((count, 3)),
+            _no_indices(count), np.zeros(count), np.zeros((count, 3)), np.zeros((count, 3)),
             _no_indices(count),
         )  # fmt: skip
 
@@ -122,7 +122,7 @@ class Ties(NamedTuple):
     @classmethod
     def room(cls, count: int) -> Ties:
         """Return room for so many."""
-        return cls(_no_indices(count), _no_indices(count), np.empty((count, 3)), _no_indices(count))
+        return cls(_no_indices(count), _no_indices(count), np.zeros((count, 3)), _no_indices(count))
 
 
 class EndRows(NamedTuple):
@@ -149,8 +149,8 @@ class EndRows(NamedTuple):
     @classmethod
     def room(cls, count: int, bodies: int) -> EndRows:
         """Return room for so many."""
-        of_bodies = np.empty((bodies, 6)), _no_indices(bodies), np.empty(bodies)
-        return cls(np.empty((count, 3)), np.empty(count), *of_bodies, np.empty(6), np.empty(2))
+        of_bodies = np.zeros((bodies, 6)), _no_indices(bodies), np.zeros(bodies)
+        return cls(np.zeros((count, 3)), np.zeros(count), *of_bodies, np.zeros(6), np.zeros(2))
 
 
 class ListRows(NamedTuple):
@@ -289,4 +289,4 @@ class ContactArrays(NamedTuple):
 
 
 def _no_indices(count: int) -> IntArray:
-    return np.empty(count, np.int64)
+    return np.zeros(count, np.int64)
