@@ -20,6 +20,8 @@ from cosim.errors import MeshError
 SMALLEST_SHAPE_RATIO = 1e-8
 """Bound on area / (longest edge)^2; an equilateral triangle has 0.43."""
 
+_NAMED = 6  # triangles, of those that share an edge
+
 
 def triangle_area(positions: Array, triangles: IntArray) -> Array:
     """Return the area |(b - a) x (c - a)| / 2 of each triangle.
@@ -110,15 +112,16 @@ def _check_edges(triangles: IntArray) -> None:
     inverse = inverse.ravel()
     bad = np.flatnonzero(count > 2)
     if bad.size:
-        owners = (np.flatnonzero(inverse == bad[0]) // 3).tolist()
+        some = (np.flatnonzero(inverse == bad[0]) // 3)[:_NAMED].tolist()
         raise MeshError(
-            f"edge {undirected[bad[0]].tolist()} belongs to {count[bad[0]]} triangles {owners}; 2 at most"
+            f"edge {undirected[bad[0]].tolist()} belongs to {count[bad[0]]} triangles {some}"
+            f"{' and others' if count[bad[0]] > _NAMED else ''}; 2 at most"
         )
     forward, count = np.unique(edges, axis=0, return_counts=True)
     bad = np.flatnonzero(count > 1)
     if bad.size:
         edge = forward[bad[0]]
-        owners = (np.flatnonzero((edges == edge).all(axis=1)) // 3).tolist()
+        owners = (np.flatnonzero((edges == edge).all(axis=1)) // 3)[:_NAMED].tolist()
         raise MeshError(
             f"triangles {owners} both run along edge {edge.tolist()} in the same sense: "
             "one of them is turned inside out"
