@@ -16,6 +16,7 @@ from cosim.soft.body.body import SoftBody
 from cosim.soft.body.copies import around_axis, copies
 from cosim.soft.contact.contact_law import ContactLaw
 from cosim.soft.contact.contact_points import ContactSurface
+from cosim.soft.elements.frame_ring import FrameRings
 from cosim.soft.film.step_arrays import CHAMBERS, HINGES, NODES, SEGMENTS
 from cosim.soft.linear.envelope_cholesky import EnvelopeCholesky
 from cosim.soft.linear.kept_factor import KeptEnvelope
@@ -84,15 +85,40 @@ def test_lone_nodes_belong_to_a_neighbour_and_interleaved_bodies_are_one() -> No
 def test_all_that_is_listed_of_a_film_is_of_one_finger() -> None:
     body = gripper()
     film = film_arrays(body, ranges_apart(SoftSystem(body).pattern))
-    assert film.parts.shape == (FINGERS + 1, 6)
+    assert film.parts.shape == (FINGERS + 1, 7)
     np.testing.assert_array_equal(np.diff(film.parts, axis=0), np.tile(film.parts[1], (FINGERS, 1)))
-    assert film.parts[1].tolist() == [finger().nodes, 2, len(finger().hinges.coupled), 2, 1, 1]
+    assert film.parts[1].tolist() == [finger().nodes, 2, len(finger().hinges.coupled), 2, 1, 0, 1]
     finger_of = np.arange(body.nodes) // finger().nodes
     for column, nodes in ((HINGES, film.hinges), (SEGMENTS, film.segments)):
         for k in range(FINGERS):
             listed = nodes[film.parts[k, column] : film.parts[k + 1, column]]
             assert (finger_of[listed] == k).all()
     assert film.parts[-1, CHAMBERS] == len(body.gas_chambers)
+
+
+def test_plates_and_frames_are_summed_in_the_kernel_as_by_themselves() -> None:
+    body = arm_and_fingers()
+    frames = tuple(element for element in body.elements if isinstance(element, FrameRings))
+    assert any(frame.leads_on for frame in frames)
+    x = body.positions + 1e-4 * np.random.default_rng(3).standard_normal(body.positions.shape)
+    whole, system = np.zeros_like(x), SoftSystem(body)
+    assert system.complete
+    blocks, loads = np.zeros_like(system.blocks), no_load(body)
+    energy = sum(frame.add(x, system.pattern.slots(frame.coupled), whole, blocks) for frame in frames)
+    stiffer = replace(
+        body,
+        elements=tuple(
+            replace(each, stiffness_N_m=2.0 * each.stiffness_N_m) if each in frames else each
+            for each in body.elements
+        ),
+    )
+    twice = SoftSystem(stiffer)
+    share, memory = system.segment_share(x, loads), body.first_memory()
+    more = twice.evaluate(x, loads, share, memory) - system.evaluate(x, loads, share, memory)
+    assert more == pytest.approx(energy, rel=1e-9)
+    size = np.abs(whole).max(), np.abs(blocks).max()
+    np.testing.assert_allclose(twice.gradient - system.gradient, whole, atol=1e-12 * size[0])
+    np.testing.assert_allclose(twice.blocks - system.blocks, blocks, atol=1e-12 * size[1])
 
 
 def test_a_part_of_a_factorisation_is_made_by_itself() -> None:

@@ -1,7 +1,7 @@
 """What the elements of most bodies add, in one call: potential, gradient and tangent of one part of a film.
 
 The terms are added by the kernels that sum them one by one, called by their addresses: each is compiled once,
-and that of beams for bodies with beams alone.
+those of beams and of frames for bodies that have some.
 """
 
 from __future__ import annotations
@@ -27,6 +27,7 @@ from cosim.soft.contact.self_contact_pairs import add_pairs
 from cosim.soft.elements import gas
 from cosim.soft.elements.cable import add_segments, segment_length
 from cosim.soft.elements.cable import onset as onset_of_tension
+from cosim.soft.elements.frame_ring import add_frames
 from cosim.soft.elements.hinge import add_hinges
 from cosim.soft.elements.mass_terms import add_gravity, add_inertia
 from cosim.soft.elements.membrane import add_membranes
@@ -35,6 +36,7 @@ from cosim.soft.film.step_arrays import (
     BEAMS,
     CHAMBERS,
     FILMS,
+    FRAMES,
     HINGES,
     NODES,
     SEGMENTS,
@@ -52,12 +54,16 @@ gas_potential = device_function(gas.gas_potential)
 _CALLED = (
     add_membranes, add_hinges, add_segments, add_pressure, add_cap, add_cap_force, add_gravity, add_inertia,
 )  # fmt: skip
-_MEMBRANES, _HINGES, _SEGMENTS, _PRESSURE, _CAP, _OPEN, _GRAVITY, _INERTIA, _BEAMS = range(len(_CALLED) + 1)
+_MEMBRANES, _HINGES, _SEGMENTS, _PRESSURE, _CAP, _OPEN, _GRAVITY, _INERTIA, _BEAMS, _FRAMES = range(
+    len(_CALLED) + 2
+)
 (
     _add_membranes, _add_hinges, _add_segments, _add_pressure, _add_cap, _add_cap_force, _add_gravity,
     _add_inertia,
 ) = map(caller, _CALLED)  # fmt: skip
-_add_beam_rings, _add_contacts, _add_pairs = map(caller, (add_beam_rings, add_contacts, add_pairs))
+_add_beam_rings, _add_frame_rings, _add_contacts, _add_pairs = map(
+    caller, (add_beam_rings, add_frames, add_contacts, add_pairs)
+)
 
 
 class FilmActing(NamedTuple):
@@ -76,9 +82,10 @@ class FilmActing(NamedTuple):
     bed: StepBed
 
 
-def term_calls(*, beams: bool) -> list[int]:
-    """Return the addresses (9,) of the kernels of the terms; of a body without beams none of theirs."""
-    return [*map(address_of, _CALLED), address_of(add_beam_rings) if beams else 0]
+def term_calls(*, beams: bool, frames: bool) -> list[int]:
+    """Return the addresses (10,) of the kernels of the terms; of beams and frames 0 where there are none."""
+    some = (add_beam_rings, beams), (add_frames, frames)
+    return [*map(address_of, _CALLED), *(address_of(called) if there else 0 for called, there in some)]
 
 
 @kernel
@@ -108,6 +115,7 @@ def film_terms(film: FilmArrays, slots: FilmSlots, acting: FilmActing, part: int
     energy += _add_cables(film, slots, a[SEGMENTS], b[SEGMENTS], acting, point)
     moves = bed.coefficient.shape[0] > 0
     energy += _add_beams(film, slots, (a[BEAMS], b[BEAMS]), moves and not bed.closely, point)
+    energy += _add_frames(film, slots, a[FRAMES], b[FRAMES], point)
     energy += _add_gas(film, slots, a[CHAMBERS], b[CHAMBERS], acting, point)
     if not energy < np.inf:
         return np.inf
@@ -225,6 +233,24 @@ def _add_beams(film: Any, slots: Any, groups: tuple[int, int], moving: bool, poi
             point.tracked[first:last],
         )
         energy += _add_beam_rings(film.calls[_BEAMS], (point.x, beams, *places))
+    return energy
+
+
+@device_function
+def _add_frames(film: Any, slots: Any, first: int, last: int, point: Any) -> float:
+    """Add some groups of frames; return their energy [J]."""
+    energy, frames = 0.0, film.frames
+    for k in range(first, last):
+        begin, rings, nodes, projection, slot = frames.groups[k]
+        end, shape = begin + rings * nodes, (rings, nodes, nodes)
+        pairs, differentiated = nodes * (nodes + 1) // 2, rings if slots.diagonal.shape[0] > 0 else 0
+        given = (
+            point.x, frames.rings[begin:end].reshape((rings, nodes)),
+            frames.projections[projection : projection + rings * nodes * nodes].reshape(shape),
+            frames.lengths[begin:end].reshape((rings, nodes)), frames.stiffness[k],
+        )  # fmt: skip
+        own = slots.frames[slot : slot + differentiated * pairs].reshape((differentiated, pairs))
+        energy += _add_frame_rings(film.calls[_FRAMES], (*given, own, point.gradient, point.blocks))
     return energy
 
 

@@ -23,9 +23,9 @@ from cosim.base.kernels import (
 )
 from cosim.soft.linear.secant_pairs import SecantPairs
 
-NODES, FILMS, HINGES, SEGMENTS, BEAMS, CHAMBERS = range(6)
+NODES, FILMS, HINGES, SEGMENTS, BEAMS, FRAMES, CHAMBERS = range(7)
 """What columns of `FilmArrays.parts` are."""
-PART_COLUMNS: Final = 6
+PART_COLUMNS: Final = 7
 
 
 class FilmBeams(NamedTuple):
@@ -47,6 +47,25 @@ class FilmBeams(NamedTuple):
     rigidities: Matrix
 
 
+class FilmFrames(NamedTuple):
+    """Stiff frames and plates, group after group of equal ones; see `FrameRings`.
+
+    Args:
+        groups: (g, 5), where the nodes of each begin, how many rings, nodes of a ring, first of its
+            projections, first of its slots.
+        rings: nodes of all rings.
+        projections: of all rings.
+        lengths: [m], of their chords.
+        stiffness: (g,) [N/m].
+    """
+
+    groups: IndexTable
+    rings: Indices
+    projections: Vector
+    lengths: Vector
+    stiffness: Vector
+
+
 class FilmSlots(NamedTuple):
     """Where pairs of nodes are in the tangent's blocks, see `BlockPattern.slots`; empty for no Hessian.
 
@@ -58,6 +77,7 @@ class FilmSlots(NamedTuple):
         caps: of ring after ring.
         first_of_cap: (caps + 1,), where those of each begin.
         beams: of ring after ring.
+        frames: of ring after ring.
         diagonal: (n,).
     """
 
@@ -68,6 +88,7 @@ class FilmSlots(NamedTuple):
     caps: Indices
     first_of_cap: Indices
     beams: Indices
+    frames: Indices
     diagonal: Indices
 
 
@@ -75,7 +96,7 @@ class FilmArrays(NamedTuple):
     """Films, hinges, cables, beams, chambers and masses of one body.
 
     Args:
-        calls: (9,) addresses of the kernels.
+        calls: (10,) addresses of the kernels.
         triangles: (m, 3), film after film.
         shape_gradients: (m, 3, 2), see `Membranes`.
         areas: (m,) [m^2].
@@ -94,14 +115,15 @@ class FilmArrays(NamedTuple):
         cable: (s,), of which each is.
         routes: (cables + 1,), where the segments of each cable begin.
         beams: stiffeners.
+        frames: that keep their shape.
         gas_triangles: (t, 3), chamber after chamber.
         rings: (r,), nodes of the caps, one after the other.
         caps: (caps + 1,), where each begins.
         chambers: (chambers + 1, 2), where the triangles and caps of each begin.
         open: (caps,), 1 for those that carry no pressure, 0 for the others.
         mass: (n,) [kg].
-        parts: (parts + 1, 6), of bodies that nothing couples: where nodes, films, hinges, segments, groups of
-            beams and chambers of each begin.
+        parts: (parts + 1, 7), of bodies that nothing couples: where nodes, films, hinges, segments, groups of
+            beams, groups of frames and chambers of each begin.
         no_slots: for no Hessian.
         no_blocks: (0, 3, 3), for none.
     """
@@ -125,6 +147,7 @@ class FilmArrays(NamedTuple):
     cable: Indices
     routes: Indices
     beams: FilmBeams
+    frames: FilmFrames
     gas_triangles: IndexTable
     rings: Indices
     caps: Indices

@@ -21,12 +21,21 @@ from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
 from cosim.soft.elements.cable import Cable, segment_share
 from cosim.soft.elements.element import Element, Instant, Sums, Term
+from cosim.soft.elements.frame_ring import FrameRings
 from cosim.soft.elements.hinge import Hinges
 from cosim.soft.elements.mass_terms import Inertia
 from cosim.soft.elements.membrane import Membranes
 from cosim.soft.elements.pressure import GasChambers
 from cosim.soft.film.film_terms import FilmActing, film_terms, term_calls
-from cosim.soft.film.step_arrays import FilmArrays, FilmBeams, FilmLoads, FilmPoint, FilmSlots, StepBed
+from cosim.soft.film.step_arrays import (
+    FilmArrays,
+    FilmBeams,
+    FilmFrames,
+    FilmLoads,
+    FilmPoint,
+    FilmSlots,
+    StepBed,
+)
 from cosim.soft.linear.linear_solver import LowRank
 from cosim.soft.linear.pattern import BlockPattern, PatternWidening, ranges_apart
 
@@ -226,7 +235,7 @@ class SoftSystem:
         return self.tangent_blocks, slots
 
 
-_TAKEN: Final[tuple[type, ...]] = (Membranes, Hinges, Cable)
+_TAKEN: Final[tuple[type, ...]] = (Membranes, Hinges, Cable, FrameRings)
 """What kernels know besides rings of beams; all else is summed after them, term by term."""
 
 
@@ -250,19 +259,20 @@ def film_arrays(body: SoftBody, apart: IntArray) -> FilmArrays:
     angles = body.memory_places[body.elements.index(hinges)]
     gas, caps = zip(*body.enclosures, strict=True)
     rings = [ring for those in caps for ring in those]
-    no_pairs, none, beams = np.zeros((0, 2), np.int64), np.zeros(0, np.int64), _film_beams(body, apart)
+    no_pairs, none = np.zeros((0, 2), np.int64), np.zeros(0, np.int64)
+    beams, frames = _film_beams(body, apart), _film_frames(body, apart)
     segments = np.concatenate([no_pairs, *(cable.segments for cable in cables)])
     listed = hinges.coupled[:, None], segments[:, None]  # row by row
-    rows = triangles, *listed, _rings(beams), gas
+    rows = triangles, *listed, _rings(beams), _rings(frames), gas
     return FilmArrays(
-        np.array(term_calls(beams=len(beams.groups) > 0)),
+        np.array(term_calls(beams=len(beams.groups) > 0, frames=len(frames.groups) > 0)),
         np.concatenate(triangles), np.concatenate(shapes), np.concatenate(areas), np.concatenate(drawn),
         np.array(stiffness), np.array(laws), np.array(fractions), np.concatenate(forces),
         np.stack([_firsts(triangles), _firsts(drawn), _firsts(forces)], axis=1),
         hinges.coupled, hinges.stiffness[:bent], hinges.rest_angle[:bent],
         np.array([hinges.fold_barrier_rad]), np.array([angles.start, angles.start + bent]), segments,
         np.repeat(np.arange(len(cables)), [len(cable.segments) for cable in cables]),
-        _firsts([cable.segments for cable in cables]), beams, np.concatenate(gas),
+        _firsts([cable.segments for cable in cables]), beams, frames, np.concatenate(gas),
         np.concatenate([none, *rings]), _firsts(rings), np.stack([_firsts(gas), _firsts(caps)], axis=1),
         np.full(len(rings), not body.closed, np.int64), body.node_mass, _parts(rows, apart),
         _no_slots(len(rings)), np.zeros((0, 3, 3)),
@@ -277,6 +287,7 @@ def film_slots(film: FilmArrays, pattern: BlockPattern) -> FilmSlots:
         pattern.slots(film.triangles), pattern.slots(film.hinges), pattern.slots(film.segments),
         pattern.slots(film.gas_triangles), np.concatenate([none, *caps]), _firsts(caps),
         np.concatenate([none, *(pattern.slots(ring).ravel() for ring in _rings(film.beams))]),
+        np.concatenate([none, *(pattern.slots(ring).ravel() for ring in _rings(film.frames))]),
         np.flatnonzero(pattern.row == pattern.column),
     )  # fmt: skip
 
@@ -313,14 +324,14 @@ def film_loads(body: SoftBody, loads: Loads, share: Array) -> FilmLoads:
 
 def _no_slots(caps: int) -> FilmSlots:
     table, none = np.zeros((0, 0), np.int64), np.zeros(0, np.int64)
-    return FilmSlots(table, table, table, table, none, np.zeros(caps + 1, np.int64), none, none)
+    return FilmSlots(table, table, table, table, none, np.zeros(caps + 1, np.int64), none, none, none)
 
 
 def _parts(rows: Sequence[Sequence[IntArray] | IntArray], apart: IntArray) -> IntArray:
     """Return where nodes and each of some kinds of rows begin in each part; one part where they are mixed.
 
     Args:
-        rows: nodes of each film, hinge, segment, group of rings of beams and chamber, kind by kind.
+        rows: nodes of each film, hinge, segment, group of beams, group of frames and chamber, kind by kind.
         apart: (k + 1,), where the nodes of parts begin.
     """
     columns, mixed = [apart], False
@@ -358,9 +369,7 @@ def _film_beams(body: SoftBody, apart: IntArray) -> FilmBeams:
         if beams is None:
             continue
         count, nodes = beams.rings.shape
-        part = np.searchsorted(apart, beams.rings.min(axis=1), side="right")
-        ends = [0, *(1 + np.flatnonzero(np.diff(part))).tolist(), count]
-        for a, b in pairwise(ends):
+        for a, b in _part_by_part(beams.rings, apart):
             groups.append((begin + a * nodes, b - a, nodes, place.start + REMEMBERED * a * nodes, slot))
             slot += (b - a) * nodes * (nodes + 1) // 2
             found.append(beams)
@@ -375,11 +384,36 @@ def _film_beams(body: SoftBody, apart: IntArray) -> FilmBeams:
     )
 
 
-def _rings(beams: FilmBeams) -> list[IntArray]:
+def _film_frames(body: SoftBody, apart: IntArray) -> FilmFrames:
+    """Return the frames and plates of a body, those of each element part by part."""
+    groups, found = list[tuple[int, int, int, int, int]](), list(body.of_kind(FrameRings))
+    begin, first, slot = 0, 0, 0
+    for frames in found:
+        nodes = frames.rings.shape[1]
+        for a, b in _part_by_part(frames.rings, apart):
+            groups.append((begin + a * nodes, b - a, nodes, first + a * nodes * nodes, slot))
+            slot += (b - a) * nodes * (nodes + 1) // 2
+        begin, first = begin + frames.rings.size, first + frames.projections.size
+    return FilmFrames(
+        np.array(groups, np.int64).reshape(-1, 5),
+        np.concatenate([np.zeros(0, np.int64), *(frames.rings.ravel() for frames in found)]),
+        np.concatenate([np.zeros(0), *(frames.projections.ravel() for frames in found)]),
+        np.concatenate([np.zeros(0), *(frames.lengths.ravel() for frames in found)]),
+        np.array([each.stiffness_N_m for each in found for _ in _part_by_part(each.rings, apart)]),
+    )
+
+
+def _part_by_part(rings: IntArray, apart: IntArray) -> list[tuple[int, int]]:
+    """Return where the rings (f, m) of each part begin and end, the nodes of parts beginning at `apart`."""
+    part = np.searchsorted(apart, rings.min(axis=1), side="right")
+    return list(pairwise([0, *(1 + np.flatnonzero(np.diff(part))).tolist(), len(rings)]))
+
+
+def _rings(groups: FilmBeams | FilmFrames) -> list[IntArray]:
     """Return the nodes (f, m) of each group of rings."""
     return [
-        beams.rings[begin : begin + count * nodes].reshape(count, nodes)
-        for begin, count, nodes, *_ in beams.groups.tolist()
+        groups.rings[begin : begin + count * nodes].reshape(count, nodes)
+        for begin, count, nodes, *_ in groups.groups.tolist()
     ]
 
 
