@@ -249,7 +249,7 @@ def test_arm_does_not_collide_with_itself_but_with_objects() -> None:
     scene.set_control(folded)
     run(scene, 10)
     np.testing.assert_allclose(scene.joint_position, folded, atol=1e-12)
-    obstacle = SceneObject("block", "box", (0.2, 0.2, 0.2), tuple(scene.flange_pose.translation))
+    obstacle = SceneObject("block", "box", (0.02, 0.02, 0.02), tuple(scene.flange_pose.translation))
     blocked = make_scene(floor_height_m=None, gravity=(0.0, 0.0, 0.0), objects=(obstacle,))
     blocked.set_joint_state(folded)
     blocked.set_control(folded)

@@ -234,6 +234,7 @@ FLOOR = "floor"
 # Robot links meet floor and objects but not one another.
 _ROBOT_CONTACT = (1, 2)
 _FRICTION_OVER_NORMAL = 1e4  # impedances of a contact: below friction's limit, creep goes with its inverse
+_WITH_WIRES = 1e2  # of a wound wire's many contacts, harder friction doubles the cost of a step
 _TOLERANCE = 1e-14  # of contact forces, relative to a mean inertia that is the arm's more than the objects'
 _DEPTH_TOLERANCE_M = 1e-9  # normals of shapes that touch less deeply may point the other way
 _MESH_GREY = "0.80 0.81 0.83 1"
@@ -291,12 +292,11 @@ def _compiled(description: SceneDescription) -> mujoco.MjModel:
         floor = SceneObject(FLOOR, "plane", (4.0, 4.0), (0.0, 0.0, height), rgba=_FLOOR_GREY)
         add_object(spec, floor, {}, description.tick_s)
     prepare(spec)
-    if description.mounted:
-        # What a palm clamps must not creep, as MuJoCo's regularised friction does. With its default, a
-        # pyramid for a cone, it would all the same: each of the pyramid's two directions has a share of
-        # the normal force for itself.
-        spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
-        spec.option.impratio = _FRICTION_OVER_NORMAL
+    # What friction holds must not creep, as MuJoCo's regularised friction does. With its default, a pyramid
+    # for a cone, it would all the same: each of the pyramid's two directions has a share of the normal force
+    # for itself.
+    spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
+    spec.option.impratio = _WITH_WIRES if description.wires else _FRICTION_OVER_NORMAL
     for item in description.mounted:
         add_mounted(spec, spec.body(FLANGE_MOUNT), item, _ROBOT_CONTACT, description.tick_s)
     objects = {item.name: item for item in description.objects}

@@ -114,7 +114,8 @@ def _add_joint(body: mujoco.MjsBody, item: SceneObject, joint: Joint, tick_s: fl
     own.frictionloss, own.solimp_friction = joint.friction, HARD
     # linear, quadratic, cubic
     own.stiffness = [joint.stiffness, 0.0, 0.0]
-    own.damping = [joint.damping + joint.stiffness * tick_s, 0.0, 0.0]
+    own.damping = [joint.damping, 0.0, 0.0]
+    own.armature = 0.25 * joint.stiffness * tick_s**2  # see `Joint`
     own.limited = joint.limits is not None
     if joint.limits is not None:
         own.range = joint.limits
