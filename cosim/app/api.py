@@ -22,7 +22,7 @@ from cosim.app.run_files import ARRAYS, CHECKPOINT, FRAMES, SCENARIO, SUMMARY, d
 from cosim.base.kept_parts import KeptParts
 from cosim.base.whole_files import cache_directory
 from cosim.config.loading import load_scenario
-from cosim.config.rules.scenario_rules import check_ends
+from cosim.config.rules import check_ends
 from cosim.config.schema.scenario import Scenario
 from cosim.errors import InputError, RunInterrupted
 from cosim.results.array_files import check_rows, read_parts, read_stage

@@ -23,7 +23,7 @@ from cosim.base.kept_parts import KeptParts, name_of, nameless, stamps
 from cosim.base.whole_files import cache_directory, keep, kept
 from cosim.build.arms import blamed_on
 from cosim.build.soft_body import build_soft_body
-from cosim.config.rules.soft_robot_rules import file_of
+from cosim.config.rules import file_of
 from cosim.config.schema.scenario import AnySoftRobot, GivenBodyTable, ModelTable, Scenario
 from cosim.config.schema.soft_robot import BodySourceTable, MeshTable, SoftRobotTable
 from cosim.coupling.soft_sides.frozen_body import FrozenBody

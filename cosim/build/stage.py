@@ -16,8 +16,8 @@ import numpy as np
 from cosim.base.frames import Array
 from cosim.build.soft_body import TAKEN_AWAY, published_robot
 from cosim.build.soft_model import SoftModel, contact_law, fidelity_report, section_figures
-from cosim.config.rules.device_rules import gas_report, gas_rules
-from cosim.config.rules.scene_rules import CELL_KEYS
+from cosim.config.rules import gas_report, gas_rules
+from cosim.config.schema.phase import CELL_KEYS
 from cosim.config.schema.scenario import GivenBodyTable, Scenario
 from cosim.config.schema.soft_robot import SoftRobotTable
 from cosim.config.writing import to_table

@@ -22,7 +22,7 @@ from cosim.base.kept_parts import KeptParts
 from cosim.base.whole_files import cache_directory
 from cosim.cli.screen import Interruption, draw, tell
 from cosim.config.loading import load_scenario
-from cosim.config.rules.scenario_rules import check_ends
+from cosim.config.rules import check_ends
 from cosim.config.schema.scenario import Scenario
 from cosim.config.toml.reading import parse_assignment
 from cosim.plan.arm_limits import PLANNED

@@ -26,8 +26,7 @@ from cosim.base.files_read import note_file
 from cosim.base.resources import is_file, scenario_path, soft_robot_path
 from cosim.config.arms.arm_files import with_arm_path
 from cosim.config.resolving import complete_tip_paths, with_listed_tensions
-from cosim.config.rules.scenario_rules import check_scenario, check_soft_robot
-from cosim.config.rules.soft_robot_rules import check_in_file
+from cosim.config.rules import check_scenario
 from cosim.config.schema.objects import with_mesh_paths, with_scene_path
 from cosim.config.schema.phase import HOLD
 from cosim.config.schema.scenario import GivenBodyTable, Scenario
@@ -40,6 +39,7 @@ from cosim.config.toml.reading import (
     Faults,
     Unreadable,
     apply_override,
+    check,
     copy_with,
     merge,
     only_readable,
@@ -253,7 +253,7 @@ def load_scenario(
     if "soft_robot" in table and body is None:
         robot, table["soft_robot"] = table["soft_robot"], UNKNOWN
         with faults:
-            check_in_file(robot)
+            _check_in_file(robot)
             table["soft_robot"] = RobotFiles(faults).expand(robot, folder, "soft_robot")
     for key, value in overrides.items():
         with faults:
@@ -294,6 +294,16 @@ def _check_no_robot(overrides: Mapping[str, Any], body: GivenBodyTable) -> None:
             raise ScenarioError(key, f"cannot be set: the soft body '{body.name}' is given as arrays")
 
 
+def _check_in_file(soft_robot: object) -> None:
+    """Refuse a soft robot's table that a run with a body given from Python has written."""
+    if isinstance(soft_robot, dict) and "arrays" in soft_robot:
+        raise ScenarioError(
+            "soft_robot",
+            f"'{soft_robot.get('name')}' was given as arrays, which are in no file: run this from Python, "
+            "cosim.run(..., body=...), or go on with cosim.Simulation(..., body=..., start=...)",
+        )
+
+
 def load_soft_robot(name_or_path: str | Path) -> SoftRobotTable:
     """Return a checked soft robot, by name or path of its file.
 
@@ -305,7 +315,7 @@ def load_soft_robot(name_or_path: str | Path) -> SoftRobotTable:
     path, faults = soft_robot_path(name_or_path), Faults()
     table = RobotFiles(faults).expand(str(path), Path(), "soft_robot")
     robot = parse(SoftRobotTable, table, "soft_robot", faults)
-    check_soft_robot(robot, "soft_robot", faults)
+    check(robot, "soft_robot", None, (), faults)
     faults.tell()
     return robot
 
@@ -331,7 +341,7 @@ def resolve(scenario: Scenario) -> Scenario:
     """Return the scenario with its rules checked and its tensions listed, zeros where the start omits them.
 
     Raises:
-        ScenarioError: see `cosim.config.rules.scenario_rules`.
+        ScenarioError: see `cosim.config.rules`.
     """
     return _resolved(scenario, Faults())
 
