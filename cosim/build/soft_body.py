@@ -20,7 +20,7 @@ from typing import Final, TypeAlias, final
 import numpy as np
 
 from cosim.base.frames import Array, IntArray, Pose, cross
-from cosim.base.identity import content_name
+from cosim.base.kept_parts import content_name
 from cosim.base.triangle_mesh import GroupedSurface, read_surface
 from cosim.config.schema.scenario import GivenBodyTable, ModelTable
 from cosim.config.schema.soft_robot import (

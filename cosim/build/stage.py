@@ -25,14 +25,13 @@ from cosim.coupling.soft_sides.soft_side import SoftSide
 from cosim.devices.device_loop import device_names, device_report
 from cosim.plan.arm_limits import PlannedArm
 from cosim.plan.clearance import FlangeTravel, film_reach, flange_travel, within_reach
-from cosim.plan.decision import Decision
+from cosim.plan.decision import CONTACT, CONTACT_ENABLED, ONLY_IN_REACH, Decision
 from cosim.plan.plan import Plan
 from cosim.soft.beams.beam_rings import stiffener_report, stiffener_strain
 from cosim.soft.body.body import SoftBody
 from cosim.soft.contact.self_contact_faces import FilmFaces
 from cosim.soft.solve.energy_share import hinge_energy_share
 from cosim.stepping.parts import Parts, film_report
-from cosim.telemetry.choices import CONTACT, CONTACT_ENABLED, ONLY_IN_REACH
 from cosim.telemetry.snapshot import RunInfo
 
 if TYPE_CHECKING:

@@ -14,7 +14,7 @@ from cosim.config.rules import file_of
 from cosim.config.schema.scenario import NO_ARM, Fidelity, Scenario
 from cosim.config.schema.soft_robot import FilmTable, SoftRobotTable
 from cosim.errors import InputError, ScenarioError
-from cosim.telemetry.choices import CONTACT
+from cosim.plan.decision import CONTACT
 
 Group: TypeAlias = Literal["time", "model"]
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cosim.base.identity import content_name
+from cosim.base.kept_parts import content_name
 from cosim.base.resources import scenario_path
 from cosim.build.soft_body import build_soft_body, published_robot
 from cosim.config.loading import load_scenario, load_soft_robot

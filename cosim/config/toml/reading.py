@@ -18,7 +18,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Final, NamedTuple, TypeAlias, TypeVar, final, get_type_hints
 
-from cosim.base.files_read import read_file
+from cosim.base.files import read_file
 from cosim.config.toml.keys import join, key_of
 from cosim.errors import ScenarioError
 
