@@ -13,13 +13,13 @@ from typing import TYPE_CHECKING, Any
 from cosim._version import __version__ as __version__
 
 if TYPE_CHECKING:
+    from cosim.app.api import load_run as load_run
     from cosim.app.api import plan_path as plan_path
     from cosim.app.api import run as run
     from cosim.app.batch import Batch as Batch
     from cosim.app.driver import Observer as Observer
     from cosim.app.picture import picture as picture
     from cosim.app.progress import ProgressBar as ProgressBar
-    from cosim.app.run_files import load_run as load_run
     from cosim.app.simulation import SavedState as SavedState
     from cosim.app.simulation import Simulation as Simulation
     from cosim.base.frames import Pose as Pose
@@ -80,7 +80,7 @@ _HOMES = {
     "UnreachableError": "cosim.errors",
     "WorkerError": "cosim.errors",
     "list_scenarios": "cosim.base.resources",
-    "load_run": "cosim.app.run_files",
+    "load_run": "cosim.app.api",
     "load_scenario": "cosim.config.loading",
     "picture": "cosim.app.picture",
     "open_sweep": "cosim.sweeps.table",
