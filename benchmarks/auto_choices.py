@@ -23,10 +23,9 @@ from cosim.config.schema.scenario import Scenario
 from cosim.errors import ScenarioError
 from cosim.telemetry.snapshot import RunInfo
 from cosim.telemetry.tick_batch import TickBatch
-from cosim.trade.auto import chosen_fidelity
 from cosim.trade.candidates import Candidate, durations, short_candidates
 from cosim.trade.measuring import FORCE_MEAN, Curve, CurveBuilder, compared, trace
-from cosim.trade.report import Requirement
+from cosim.trade.report import Requirement, chosen_fidelity
 
 
 @dataclass

@@ -17,8 +17,7 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from cosim.app.driver import Options, build_simulation, execute, rerun_recorder
-from cosim.app.first_run import prepared
+from cosim.app.driver import Options, build_simulation, execute, prepared, rerun_recorder
 from cosim.config.loading import load_scenario
 from cosim.recording.viewer import start_viewer
 

@@ -114,8 +114,7 @@ def run_once(
     name: str, changes: Mapping[str, Any], tally: Tally, counted: list[float], found: dict[str, Any]
 ) -> Timed:
     """Run a scenario; `counted` receives calls of a tick, batch by batch, `found` what it is."""
-    from cosim.app.driver import build_simulation, recorded
-    from cosim.app.first_run import prepared
+    from cosim.app.driver import build_simulation, prepared, recorded
     from cosim.config.loading import load_scenario
     from cosim.recording import rerun_recorder
     from cosim.stepping import dynamic, stepped_run
@@ -156,8 +155,7 @@ def run_once(
 
 def accuracy_of(name: str, changes: Mapping[str, Any]) -> dict[str, Any]:
     """Return how far a scenario is from itself with a quarter of its tick [m]; nothing without contact."""
-    from cosim.app.driver import build_simulation
-    from cosim.app.first_run import prepared
+    from cosim.app.driver import build_simulation, prepared
     from cosim.config.loading import load_scenario
     from cosim.trade.candidates import Candidate
     from cosim.trade.measuring import compared, trace

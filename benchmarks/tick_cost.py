@@ -85,8 +85,7 @@ def main() -> None:
     parser.add_argument("--ticks", type=int, default=2000)
     parser.add_argument("--json", type=Path)
     options = parser.parse_args()
-    from cosim.app.driver import build_simulation
-    from cosim.app.first_run import with_fidelity_chosen
+    from cosim.app.driver import build_simulation, with_fidelity_chosen
     from cosim.config.loading import load_scenario
     from cosim.coupling.schemes.staggered import SoftHalves
 

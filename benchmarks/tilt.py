@@ -29,11 +29,10 @@ from cosim.config.schema.soft_robot import (
     FilmTable,
     HingeTable,
     MassTable,
-    NeckTable,
     SoftRobotTable,
-    StackTable,
     StiffenerTable,
 )
+from cosim.config.schema.stack import NeckTable, StackTable
 from cosim.errors import ConvergenceError
 from cosim.soft.body.body import SoftBody
 from cosim.soft.solve.compilation import compile_kernels

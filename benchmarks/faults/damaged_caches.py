@@ -23,13 +23,13 @@ import numpy as np
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
-from cosim.base.whole_files import keep
+from cosim.base.files import keep
 from cosim.build import soft_model
 from cosim.config.loading import load_scenario
 from cosim.config.schema.scenario import Scenario
 from cosim.reduced.section_model import SectionModel
 from cosim.reduced.sections.section_energy import PressureSpline
-from cosim.trade import auto
+from cosim.trade import report
 from cosim.trade.candidates import short_candidates
 from cosim.trade.measuring import Measured
 
@@ -93,7 +93,7 @@ def section_result(scenario: Scenario) -> bytes:
 
 def trade_result(scenario: Scenario, cache: Path) -> bytes:
     """Return the figures that a scenario's choice rests on."""
-    results, _ = auto.figures(scenario, no_build, cache, lambda text: None)
+    results, _ = report.figures(scenario, no_build, cache, lambda text: None)
     return repr(results).encode()
 
 
@@ -130,7 +130,7 @@ def try_all(seed: int, folder: Path, ways: int = WAYS) -> list[str]:
     os.environ["XDG_CACHE_HOME"] = str(folder)
     scenario = load_scenario("ur5e_hexagon_arm")
     model = made_up_model(random)
-    replaced: tuple[Any, Any] = soft_model, auto
+    replaced: tuple[Any, Any] = soft_model, report
     replaced[0].build_model = lambda *_: model
     # numbers that a file holds in few digits
     figures = [(random.integers(1, 9, 9) / 8.0).tolist() for _ in short_candidates(scenario)]

@@ -45,7 +45,7 @@ import cosim.cli.running as running
 from cosim.app.checkpoint import read_checkpoint
 from cosim.app.driver import build_simulation
 from cosim.cli.main import main
-from cosim.app.first_run import prepared
+from cosim.app.driver import prepared
 from cosim.config.loading import load_scenario
 
 prepared(load_scenario(Path(sys.argv[1]) / "scenario.toml"), lambda text: None, recording=False)

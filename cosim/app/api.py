@@ -16,13 +16,21 @@ from typing import TYPE_CHECKING, Any, get_args
 
 import numpy as np
 
-from cosim.app.driver import Observer, Options, build_simulation, execute, rerun_recorder
-from cosim.app.first_run import log, named_body, prepared
+from cosim.app.driver import (
+    Observer,
+    Options,
+    build_simulation,
+    execute,
+    log,
+    named_body,
+    prepared,
+    rerun_recorder,
+)
 from cosim.app.run_files import ARRAYS, CHECKPOINT, FRAMES, SCENARIO, SUMMARY, default_directory, parts
+from cosim.base.files import cache_directory
 from cosim.base.kept_parts import KeptParts
-from cosim.base.whole_files import cache_directory
 from cosim.config.loading import load_scenario
-from cosim.config.rules.scenario_rules import check_ends
+from cosim.config.rules import check_ends
 from cosim.config.schema.scenario import Scenario
 from cosim.errors import InputError, RunInterrupted
 from cosim.results.array_files import check_rows, read_parts, read_stage

@@ -8,11 +8,11 @@ from pathlib import Path
 from types import MappingProxyType, TracebackType
 from typing import TYPE_CHECKING, Any, Self, TypeAlias, TypeVar, final
 
-from cosim.app.first_run import log, prepared
+from cosim.app.driver import log, prepared
 from cosim.app.simulation import SavedState, Simulation
 from cosim.app.workers import Workers
+from cosim.base.files import cache_directory
 from cosim.base.kept_parts import KeptParts
-from cosim.base.whole_files import cache_directory
 from cosim.config.loading import load_scenario
 from cosim.config.schema.scenario import Scenario
 from cosim.devices.controller import checked_step, shown, whole

@@ -17,8 +17,8 @@ from typing import Any, Protocol, final
 import numpy as np
 
 from cosim.app.run_files import CHECKPOINT, SCENARIO, SUMMARY, RunFiles, scenario_digest
-from cosim.base.files_read import changed_file
-from cosim.base.identity import code_identity
+from cosim.base.files import changed_file
+from cosim.base.kept_parts import code_identity
 from cosim.base.resources import is_file
 from cosim.base.state_archive import Stateful, read_archive, read_header, write_archive
 from cosim.base.state_check import check_indices, check_state

@@ -30,7 +30,7 @@ from tempfile import mkstemp
 from types import TracebackType
 from typing import Any, TextIO, final
 
-from cosim.base.whole_files import unfinished_files, write_whole
+from cosim.base.files import unfinished_files, write_whole
 from cosim.config.schema.scenario import Scenario
 from cosim.config.writing import scenario_text
 from cosim.errors import InputError, OutputError

@@ -9,20 +9,19 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, final, overload
 
 from cosim.app.checkpoint import Checkpoint, check_shown, naming
-from cosim.app.driver import Runnable, build_simulation
-from cosim.app.first_run import log, named_body, prepared
+from cosim.app.driver import Runnable, build_simulation, log, named_body, prepared
+from cosim.base.files import cache_directory
 from cosim.base.kept_parts import KeptParts
 from cosim.base.state_archive import read_archive, write_archive
 from cosim.base.state_check import check_state
-from cosim.base.whole_files import cache_directory
 from cosim.config.loading import load_scenario
 from cosim.config.schema.scenario import Scenario
 from cosim.devices.controller import checked_step
 from cosim.devices.live.live_values import WHO
 from cosim.errors import InputError, OutputError
+from cosim.plan.decision import Choices
 from cosim.results.result import result_of
 from cosim.stepping.stepped_run import RunState
-from cosim.telemetry.choices import Choices
 from cosim.telemetry.snapshot import RunInfo, Snapshot
 from cosim.telemetry.tick_batch import TickBatch
 

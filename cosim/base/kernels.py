@@ -30,11 +30,11 @@ from numba.extending import intrinsic
 from numpy.typing import NDArray
 
 from cosim.base import numba_insides
+from cosim.base.files import cache_directory, keep, kept
 from cosim.base.numba_insides import KNOWN, from_bytes, has_arrays, processor, stack_array, to_bytes
 from cosim.base.numba_insides import call_native as call_native
 from cosim.base.numba_insides import caller as caller
 from cosim.base.numba_insides import same_bits as same_bits
-from cosim.base.whole_files import cache_directory, keep, kept
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 

@@ -1,7 +1,4 @@
-"""Solids of rigid bodies, as distances are measured from them, and what a link of an arm touches.
-
-A solid of a rigid body, as distances are measured from it, whoever made it and whoever measures.
-"""
+"""Solids of rigid bodies, as distances are measured from them; shapes that are drawn; what a link touches."""
 
 from __future__ import annotations
 
@@ -10,7 +7,7 @@ from typing import Literal, TypeAlias, final
 
 import numpy as np
 
-from cosim.base.frames import Array, IntArray, Pose
+from cosim.base.frames import Array, IntArray, Pose, Shown
 
 SolidShape: TypeAlias = Literal[
     "box", "sphere", "capsule", "cylinder", "ellipsoid", "plane", "hull", "surface"
@@ -68,3 +65,20 @@ class LinkContact:
     other: str
     depth_m: float
     movable: bool
+
+
+@dataclass(frozen=True)
+class BodyShape(Shown):
+    """A triangle mesh fixed to a rigid body, for drawing only.
+
+    Args:
+        body: index into the names of the bodies of its scene.
+        vertices: (n, 3) [m], body frame.
+        triangles: (m, 3), counter-clockwise seen from outside.
+        rgba: colour, components 0 to 1.
+    """
+
+    body: int
+    vertices: Array
+    triangles: IntArray
+    rgba: tuple[float, float, float, float]

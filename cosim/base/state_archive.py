@@ -31,7 +31,7 @@ import numpy as np
 from numpy.lib import format as npy
 from numpy.typing import NDArray
 
-from cosim.base.whole_files import whole_file
+from cosim.base.files import whole_file
 from cosim.errors import InputError
 
 State = TypeVar("State")

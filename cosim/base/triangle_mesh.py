@@ -16,7 +16,7 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from cosim.base.files_read import read_file
+from cosim.base.files import read_file
 from cosim.base.frames import Array, IntArray, Mask
 from cosim.errors import MeshError
 

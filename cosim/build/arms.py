@@ -19,8 +19,8 @@ from cosim.base.arm_file import ArmFile
 from cosim.base.frames import Pose
 from cosim.config.arms.arm_files import arm_source, read_urdf
 from cosim.config.arms.arm_table import BaseTable
-from cosim.config.rules.scene_rules import CELL_KEYS
 from cosim.config.schema.objects import SceneTable
+from cosim.config.schema.phase import CELL_KEYS
 from cosim.config.schema.scenario import Scenario
 from cosim.errors import InputError, ScenarioError
 from cosim.plan.motion import CellMotion, cell_motion

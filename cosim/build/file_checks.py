@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from cosim.base.arm_file import ArmFile
 from cosim.base.kept_parts import KeptParts
 from cosim.build.arm_parts import ArmParts, check_engines_agree
 from cosim.build.arms import find_arm
 from cosim.build.soft_model import body_name, described_body, fidelity_body
+from cosim.config.loading import load_scenario
 from cosim.config.schema.scenario import NO_ARM, ModelTable, Scenario
 from cosim.config.schema.soft_robot import SoftRobotTable
+from cosim.config.studies import StudyTable, designs_of
 from cosim.config.toml.reading import Faults
+from cosim.errors import MOST_LINES, InputError, ScenarioError
 from cosim.kinematics.arm import Arm
 from cosim.plan.arm_plan import checked_start, drawn_payload
 from cosim.plan.planning import check_given_ways
@@ -75,3 +80,37 @@ def check_built(scenario: Scenario, kept: KeptParts | None = None) -> None:
         return
     planner = checked_start(built.plan_joints, built.arm, built.scene, drawn_payload(body, built.mounted))
     check_given_ways(scenario, planner)
+
+
+def check_designs(study: StudyTable) -> None:
+    """Check that each design of a study can be loaded and built; nothing is run.
+
+    Args:
+        study: checked by `load_study`.
+
+    Raises:
+        ScenarioError: what is wrong, by design and key; what several designs share stands there once.
+    """
+
+    designs, kept, found = designs_of(study), KeptParts(), dict[str, list[int]]()
+    for number, varied in enumerate(designs, 1):
+        try:
+            check_built(load_scenario(study.scenario, {**study.set, **varied}), kept)
+        except InputError as error:
+            for place, problem in getattr(error, "faults", (("", str(error)),)):
+                found.setdefault(f"{place}: {problem}" if place else problem, []).append(number)
+    if not found:
+        return
+    faults = [(_named(numbers, designs), problem) for problem, numbers in found.items()]
+    if len(faults) > MOST_LINES:
+        faults[MOST_LINES:] = [("", f"... and {len(faults) - MOST_LINES} more")]
+    raise ScenarioError(*faults[0], further=tuple(faults[1:]))
+
+
+def _named(numbers: list[int], designs: list[dict[str, Any]]) -> str:
+    """Return the designs of some numbers, for a message: the first one with what it sets."""
+    if len(numbers) == len(designs):
+        return f"all {len(designs)} designs"
+    values = ", ".join(f"{key} = {value!r}" for key, value in designs[numbers[0] - 1].items())
+    others = f", and {len(numbers) - 1} more" if len(numbers) > 1 else ""
+    return f"design {numbers[0]} of {len(designs)} ({values}){others}"

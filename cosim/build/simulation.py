@@ -12,11 +12,10 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Final, TypeAlias
 
-from cosim.base.identity import code_identity, content_name
-from cosim.base.kept_parts import KeptParts, is_nameless, name_of
+from cosim.base.files import keep, kept
+from cosim.base.kept_parts import KeptParts, code_identity, content_name, is_nameless, name_of
 from cosim.base.numba_insides import processor
 from cosim.base.state_archive import read_archive, write_archive
-from cosim.base.whole_files import keep, kept
 from cosim.build.kernel_modules import compile_contact
 from cosim.build.soft_model import SoftModel, contact_law
 from cosim.build.stage import contact_decision, decisions, largest_pressure, stage_of
@@ -32,7 +31,7 @@ from cosim.errors import ScenarioError, SolverError
 from cosim.plan.arm_limits import ArmLimits, PlannedArm
 from cosim.plan.arm_plan import check_base, checked_start, drawn_payload
 from cosim.plan.clearance import check_clearances, film_reach, flange_travel
-from cosim.plan.decision import Decision
+from cosim.plan.decision import CONTACT, ONLY_IN_REACH, Choices, Decision
 from cosim.plan.plan import Plan
 from cosim.plan.planning import JointPlanner, SolvedPhases, make_plan, solved_phases
 from cosim.plan.section_plan import section_range
@@ -41,7 +40,6 @@ from cosim.stepping.carrier import Carrier, HeldBase
 from cosim.stepping.dynamic import DynamicSimulation
 from cosim.stepping.parts import Parts, brought_to_rest
 from cosim.stepping.quasistatic import QuasistaticSimulation
-from cosim.telemetry.choices import CONTACT, ONLY_IN_REACH, Choices
 
 if TYPE_CHECKING:
     from cosim.kinematics.arm import Arm

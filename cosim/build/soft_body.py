@@ -20,21 +20,21 @@ from typing import Final, TypeAlias, final
 import numpy as np
 
 from cosim.base.frames import Array, IntArray, Pose, cross
-from cosim.base.identity import content_name
+from cosim.base.kept_parts import content_name
 from cosim.base.triangle_mesh import GroupedSurface, read_surface
-from cosim.config.rules.scenario_rules import LEAST_NODE_MASS_kg
 from cosim.config.schema.scenario import GivenBodyTable, ModelTable
 from cosim.config.schema.soft_robot import (
     ARM_CHAMBER,
     AttachmentTable,
     CableTable,
     FilmTable,
+    LEAST_NODE_MASS_kg,
     MeshTable,
     NodeSetTable,
     SoftRobotTable,
-    StackTable,
     StiffenerTable,
 )
+from cosim.config.schema.stack import StackTable
 from cosim.config.toml.parsing import parse
 from cosim.config.toml.reading import Faults
 from cosim.errors import MeshError, ScenarioError

@@ -18,12 +18,11 @@ from typing import final
 
 import numpy as np
 
-from cosim.base.identity import content_name
-from cosim.base.kept_parts import KeptParts, name_of, nameless, stamps
-from cosim.base.whole_files import cache_directory, keep, kept
+from cosim.base.files import cache_directory, keep, kept
+from cosim.base.kept_parts import KeptParts, content_name, name_of, nameless, stamps
 from cosim.build.arms import blamed_on
 from cosim.build.soft_body import build_soft_body
-from cosim.config.rules.soft_robot_rules import file_of
+from cosim.config.rules import file_of
 from cosim.config.schema.scenario import AnySoftRobot, GivenBodyTable, ModelTable, Scenario
 from cosim.config.schema.soft_robot import BodySourceTable, MeshTable, SoftRobotTable
 from cosim.coupling.soft_sides.frozen_body import FrozenBody
@@ -266,7 +265,7 @@ class SoftModel:
         tell: Callable[[str], None] = lambda _text: None,
     ) -> None:
         if scenario.fidelity == "auto":
-            raise ScenarioError("fidelity", "'auto' is settled before a run is built; see cosim.trade.auto")
+            raise ScenarioError("fidelity", "'auto' is settled before a run is built; see cosim.trade.report")
         self._scenario, self._tell = scenario, tell
         self._flange = pose_of(scenario.start.flange)
         self._statics, self._dynamics = static_options(scenario), dynamic_options(scenario)

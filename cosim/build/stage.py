@@ -16,8 +16,8 @@ import numpy as np
 from cosim.base.frames import Array
 from cosim.build.soft_body import TAKEN_AWAY, published_robot
 from cosim.build.soft_model import SoftModel, contact_law, fidelity_report, section_figures
-from cosim.config.rules.device_rules import gas_report, gas_rules
-from cosim.config.rules.scene_rules import CELL_KEYS
+from cosim.config.rules import gas_report, gas_rules
+from cosim.config.schema.phase import CELL_KEYS
 from cosim.config.schema.scenario import GivenBodyTable, Scenario
 from cosim.config.schema.soft_robot import SoftRobotTable
 from cosim.config.writing import to_table
@@ -25,14 +25,13 @@ from cosim.coupling.soft_sides.soft_side import SoftSide
 from cosim.devices.device_loop import device_names, device_report
 from cosim.plan.arm_limits import PlannedArm
 from cosim.plan.clearance import FlangeTravel, film_reach, flange_travel, within_reach
-from cosim.plan.decision import Decision
+from cosim.plan.decision import CONTACT, CONTACT_ENABLED, ONLY_IN_REACH, Decision
 from cosim.plan.plan import Plan
 from cosim.soft.beams.beam_rings import stiffener_report, stiffener_strain
 from cosim.soft.body.body import SoftBody
 from cosim.soft.contact.self_contact_faces import FilmFaces
 from cosim.soft.solve.energy_share import hinge_energy_share
 from cosim.stepping.parts import Parts, film_report
-from cosim.telemetry.choices import CONTACT, CONTACT_ENABLED, ONLY_IN_REACH
 from cosim.telemetry.snapshot import RunInfo
 
 if TYPE_CHECKING:

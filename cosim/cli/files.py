@@ -13,8 +13,8 @@ from typing import Final
 
 from cosim.app.api import load_run
 from cosim.app.run_files import OutputDirectory
+from cosim.base.files import write_whole
 from cosim.base.resources import arm_path, is_file, list_arms, scenario_path
-from cosim.base.whole_files import write_whole
 from cosim.build.arms import blamed_on, find_arm
 from cosim.cli.screen import printable
 from cosim.config.arms.arm_files import is_arm_file, read_arm_table
@@ -115,8 +115,7 @@ def _check_built(path: Path) -> None:
     """
     found = load_file(path)
     # imported here: a file that cannot be read needs no engine
-    from cosim.build.file_checks import check_built, check_robot
-    from cosim.sweeps.sweeping import check_designs
+    from cosim.build.file_checks import check_built, check_designs, check_robot
 
     if isinstance(found, StudyTable):
         check_designs(found)

@@ -14,15 +14,22 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TextIO, final
 
 from cosim.app.checkpoint import check_resumable, tick_to_resume
-from cosim.app.driver import Observer, Options, RunOutcome, build_simulation, execute, rerun_recorder
-from cosim.app.first_run import prepared
+from cosim.app.driver import (
+    Observer,
+    Options,
+    RunOutcome,
+    build_simulation,
+    execute,
+    prepared,
+    rerun_recorder,
+)
 from cosim.app.progress import progress_line
 from cosim.app.run_files import SCENARIO, SUMMARY, check_directory, default_directory, recordings
+from cosim.base.files import cache_directory
 from cosim.base.kept_parts import KeptParts
-from cosim.base.whole_files import cache_directory
 from cosim.cli.screen import Interruption, draw, tell
 from cosim.config.loading import load_scenario
-from cosim.config.rules.scenario_rules import check_ends
+from cosim.config.rules import check_ends
 from cosim.config.schema.scenario import Scenario
 from cosim.config.toml.reading import parse_assignment
 from cosim.plan.arm_limits import PLANNED

@@ -9,13 +9,12 @@ from functools import partial
 from pathlib import Path
 from typing import Final, TextIO, final
 
-from cosim.app.first_run import prepared
+from cosim.app.driver import prepared
 from cosim.app.progress import clock
 from cosim.cli.screen import draw, tell
 from cosim.errors import OutputError
-from cosim.sweeps.sweeping import SweepOutcome, SweepProgress, run_study
+from cosim.sweeps.sweeping import SweepOutcome, SweepProgress, run_study, run_task
 from cosim.sweeps.table import TABLE, plot_sweep
-from cosim.sweeps.worker import run_task
 
 PLOT: Final = "sweep.png"
 _REASONS: Final = 3

@@ -13,7 +13,7 @@ from cosim.app.run_files import OutputDirectory
 from cosim.cli.screen import draw as draw_line
 from cosim.cli.screen import printable, tell
 from cosim.config.loading import load_scenario
-from cosim.config.rules.scenario_rules import check_ends
+from cosim.config.rules import check_ends
 from cosim.config.schema.scenario import Scenario
 from cosim.config.toml.reading import parse_assignment
 from cosim.recording import colours

@@ -1,4 +1,15 @@
-"""Loads scenario and soft-robot files into their frozen dataclasses.
+"""Reads scenarios, soft robots and studies: files, changes on top of them, and what they name.
+
+Resolves what a scenario names, cable tensions and tip-path files, into values.
+
+Cable tensions that a scenario gives by name: tables become lists when the scenario is resolved.
+
+`cable_tension_N = { right = 8.0, gripper = 1.5 }` names cables, groups ("gripper" for all whose names begin
+with "gripper/") or patterns; what it leaves out stays as it was.
+
+Paths of the tip in a scenario's tables: read from their CSV files, with the time that they take.
+
+Loads scenario and soft-robot files into their frozen dataclasses.
 
 Makes kinds of tables known that are not part of cosim: those of a module, and of installed packages.
 
@@ -10,36 +21,39 @@ Puts together the table of a soft robot from the files that it starts from and a
 
 from __future__ import annotations
 
+import csv
 import importlib.util
 import inspect
+import math
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import is_dataclass
 from functools import cache
 from importlib import import_module
 from pathlib import Path
 from types import ModuleType
-from typing import Any, Final, final
+from typing import Any, Final, TypeVar, final
 
-from cosim.base.files_read import note_file
+from cosim.base.files import note_file, read_file
 from cosim.base.resources import is_file, scenario_path, soft_robot_path
 from cosim.config.arms.arm_files import with_arm_path
-from cosim.config.resolving import complete_tip_paths, with_listed_tensions
-from cosim.config.rules.scenario_rules import check_scenario, check_soft_robot
-from cosim.config.rules.soft_robot_rules import check_in_file
+from cosim.config.rules import check_scenario
 from cosim.config.schema.objects import with_mesh_paths, with_scene_path
-from cosim.config.schema.phase import HOLD
+from cosim.config.schema.phase import HOLD, MOST_POINTS, PhaseTable, StartTable, TipPathTable, by_name
 from cosim.config.schema.scenario import GivenBodyTable, Scenario
 from cosim.config.schema.soft_robot import SoftRobotTable
 from cosim.config.studies import StudyTable, is_study, load_study
 from cosim.config.toml.keys import describe, join, label
 from cosim.config.toml.parsing import KindTable, name_of, parse, register_kind, with_unknown
 from cosim.config.toml.reading import (
+    LARGEST_FILE_BYTES,
     UNKNOWN,
     Faults,
+    NotKnown,
     Unreadable,
     apply_override,
+    check,
     copy_with,
     merge,
     only_readable,
@@ -47,6 +61,156 @@ from cosim.config.toml.reading import (
 )
 from cosim.config.writing import to_table
 from cosim.errors import InputError, ScenarioError
+
+Table = TypeVar("Table", StartTable, PhaseTable)
+_KEY: Final = "cable_tension_N"
+
+
+def with_listed_tensions(scenario: Scenario, faults: Faults) -> Scenario:
+    """Return a scenario whose start and phases give tensions as lists; omitted ones at the start are zeros.
+
+    Args:
+        scenario: as its file gives it.
+        faults: gets names that stand for no cable, and tensions that are not known before.
+    """
+    cables = scenario.soft_robot.cable_names()
+    before: tuple[float, ...] | None = (0.0,) * len(cables)
+    start, phases = scenario.start, []
+    with faults:
+        start = _with_list(start, before, cables, "start")
+        before = start.cable_tension_N or before
+        start = copy_with(start, cable_tension_N=before)
+    for phase in scenario.phases:
+        listed = phase
+        with faults:
+            listed = _with_list(phase, before, cables, f"phase.{phase.name}")
+            before = before if listed.cable_tension_N is None else listed.cable_tension_N
+            if listed.tip_target is not None and listed.tip_target.reach_with == "cables":
+                before = None
+        phases.append(listed)
+    return copy_with(scenario, start=start, phases=tuple(phases))
+
+
+def _with_list(table: Table, before: tuple[float, ...] | None, cables: Sequence[str], path: str) -> Table:
+    """Return a start or phase whose tensions are a list, or None.
+
+    Raises:
+        ScenarioError: a name stands for no cable, or the tensions before are not known.
+    """
+    given: Any = table.cable_tension_N
+    if not isinstance(given, Mapping):
+        return table
+    found = by_name(given, cables, "cable", f"{path}.{_KEY}")
+    missing = [name for name in cables if name not in found]
+    if missing and (before is None or len(before) != len(cables)):
+        raise ScenarioError(
+            f"{path}.{_KEY}",
+            f"leaves out {missing[0]}, whose tension before is not known here; name all cables",
+        )
+    tensions = dict(zip(cables, before or (), strict=False)) | found
+    return copy_with(table, cable_tension_N=tuple(tensions[name] for name in cables))
+
+
+_POINT: Final = ("x_m", "y_m", "z_m")
+_DIRECTION: Final = ("direction_x", "direction_y", "direction_z")
+
+
+def complete_tip_paths(table: dict[str, Any], folder: Path, faults: Faults) -> None:
+    """Put into each phase that has a tip path the path's points, its duration and its ramp.
+
+    Args:
+        table: of a scenario, as TOML gives it; changed in place.
+        folder: that files of points are relative to.
+        faults: gets files that cannot be read.
+    """
+    phases = table.get("phase")
+    if "tip_path" not in str(phases):  # as in most scenarios: their phases are not looked into
+        return
+    for place, phase in enumerate(phases if isinstance(phases, list) else [], start=1):
+        path = phase.get("tip_path") if isinstance(phase, dict) else None
+        if isinstance(path, dict):
+            phase["tip_path"] = UNKNOWN
+            with faults:
+                phase["tip_path"] = _read(path, folder, f"phase.{phase.get('name', place)}.tip_path")
+            phase.setdefault("ramp", "linear")
+            if "duration_s" not in phase:
+                phase["duration_s"] = _duration_s(phase["tip_path"])
+
+
+def _duration_s(path: Any) -> Any:
+    """Return how long a path takes; UNKNOWN for one that is wrong, which is told where it is checked."""
+    if path is UNKNOWN:
+        return UNKNOWN
+    try:
+        return parse(TipPathTable, path, "", Faults()).course().duration_s
+    except (InputError, NotKnown):
+        return UNKNOWN
+
+
+def _read(path: dict[str, Any], folder: Path, key: str) -> dict[str, Any]:
+    """Return the table of a path with points and directions in place of its file."""
+    if not isinstance(path.get("file"), str):
+        return path
+    for given in ("points_m", "directions"):
+        if given in path:
+            raise ScenarioError(f"{key}.{given}", "cannot stand beside file, which gives the points")
+    points, directions = read_tip_path(folder / path["file"], f"{key}.file")
+    kept = {name: value for name, value in path.items() if name != "file"}
+    return {**kept, "points_m": points, **({"directions": directions} if directions else {})}
+
+
+def read_tip_path(file: Path, key: str) -> tuple[list[list[float]], list[list[float]]]:
+    """Return points [m] and directions of a CSV file; the latter empty where it has none.
+
+    Args:
+        file: with a header that names its columns; lines that begin with # are left out.
+        key: of the scenario that names it.
+
+    Raises:
+        ScenarioError: it cannot be read, or lacks columns or numbers.
+    """
+    try:
+        data = read_file(file, LARGEST_FILE_BYTES)
+        if len(data) > LARGEST_FILE_BYTES:
+            raise ScenarioError(
+                key, f"{file.name} is longer than {LARGEST_FILE_BYTES} bytes; take fewer points"
+            )
+        text = data.decode("utf-8-sig")
+    except (OSError, UnicodeDecodeError) as error:
+        reason = error.strerror if isinstance(error, OSError) else "it is not UTF-8 text"
+        raise ScenarioError(key, f"{str(file)!r} cannot be read: {reason}") from error
+    lines = [
+        (k, line) for k, line in enumerate(text.splitlines(), start=1) if line.strip() and line[0] != "#"
+    ]
+    rows = [(k, [cell.strip() for cell in next(csv.reader([line]))]) for k, line in lines]
+    header = rows[0][1] if rows else []
+    known = (*_POINT, *_DIRECTION)
+    wrong = [name for name in header if name not in known or header.count(name) > 1]
+    lacks = [name for name in (known if set(header) & set(_DIRECTION) else _POINT) if name not in header]
+    if wrong or lacks:
+        problem = f"has the column {wrong[0]!r}" if wrong else f"lacks the column {lacks[0]}"
+        raise ScenarioError(
+            key,
+            f"{file.name} {problem}; its header names {', '.join(_POINT)}, and for directions "
+            f"{', '.join(_DIRECTION)}",
+        )
+    if len(rows) - 1 > MOST_POINTS:
+        raise ScenarioError(key, f"{file.name} has {len(rows) - 1} points; at most {MOST_POINTS} are read")
+    numbers = [_numbers(row, len(header), f"{file.name}, line {k}", key) for k, row in rows[1:]]
+    found = [dict(zip(header, row, strict=True)) for row in numbers]
+    points = [[row[name] for name in _POINT] for row in found]
+    return points, [[row[name] for name in _DIRECTION] for row in found if _DIRECTION[0] in row]
+
+
+def _numbers(row: list[str], count: int, place: str, key: str) -> list[float]:
+    try:
+        values = [float(cell) for cell in row]
+    except ValueError as error:
+        raise ScenarioError(key, f"{place}: {error}") from error
+    if len(values) != count or not all(map(math.isfinite, values)):
+        raise ScenarioError(key, f"{place}: {', '.join(row)!r} must be {count} finite numbers")
+    return values
+
 
 GROUP: Final = "cosim.kinds"
 """Of entry points; each names a module that holds kinds, or a kind."""
@@ -253,7 +417,7 @@ def load_scenario(
     if "soft_robot" in table and body is None:
         robot, table["soft_robot"] = table["soft_robot"], UNKNOWN
         with faults:
-            check_in_file(robot)
+            _check_in_file(robot)
             table["soft_robot"] = RobotFiles(faults).expand(robot, folder, "soft_robot")
     for key, value in overrides.items():
         with faults:
@@ -294,6 +458,16 @@ def _check_no_robot(overrides: Mapping[str, Any], body: GivenBodyTable) -> None:
             raise ScenarioError(key, f"cannot be set: the soft body '{body.name}' is given as arrays")
 
 
+def _check_in_file(soft_robot: object) -> None:
+    """Refuse a soft robot's table that a run with a body given from Python has written."""
+    if isinstance(soft_robot, dict) and "arrays" in soft_robot:
+        raise ScenarioError(
+            "soft_robot",
+            f"'{soft_robot.get('name')}' was given as arrays, which are in no file: run this from Python, "
+            "cosim.run(..., body=...), or go on with cosim.Simulation(..., body=..., start=...)",
+        )
+
+
 def load_soft_robot(name_or_path: str | Path) -> SoftRobotTable:
     """Return a checked soft robot, by name or path of its file.
 
@@ -305,7 +479,7 @@ def load_soft_robot(name_or_path: str | Path) -> SoftRobotTable:
     path, faults = soft_robot_path(name_or_path), Faults()
     table = RobotFiles(faults).expand(str(path), Path(), "soft_robot")
     robot = parse(SoftRobotTable, table, "soft_robot", faults)
-    check_soft_robot(robot, "soft_robot", faults)
+    check(robot, "soft_robot", None, (), faults)
     faults.tell()
     return robot
 
@@ -331,7 +505,7 @@ def resolve(scenario: Scenario) -> Scenario:
     """Return the scenario with its rules checked and its tensions listed, zeros where the start omits them.
 
     Raises:
-        ScenarioError: see `cosim.config.rules.scenario_rules`.
+        ScenarioError: see `cosim.config.rules`.
     """
     return _resolved(scenario, Faults())
 

@@ -12,7 +12,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
-from cosim.base.whole_files import rewrite
+from cosim.base.files import rewrite
 from cosim.config.loading import is_scenario
 from cosim.config.toml.parsing import RENAMED, SCHEMA
 from cosim.config.toml.reading import read_table

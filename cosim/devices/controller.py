@@ -20,8 +20,7 @@ from typing import Any, Final, Generic, TypeVar, final
 
 import numpy as np
 
-from cosim.base.frames import Array, Pose, Wrench
-from cosim.base.shown import Shown
+from cosim.base.frames import Array, Pose, Shown, Wrench
 from cosim.errors import InputError, InstabilityError
 
 State = TypeVar("State")

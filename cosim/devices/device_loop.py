@@ -21,7 +21,6 @@ from typing import final
 import numpy as np
 
 from cosim.base.frames import Array, Pose
-from cosim.config.rules.device_rules import acting, uses_lengths
 from cosim.config.schema.scenario import ControllerTable, PumpTable, Scenario, WinchTable
 from cosim.coupling.soft_sides.soft_side import SoftSide
 from cosim.devices.command_source import (
@@ -126,7 +125,7 @@ def _law(entry: ControllerTable) -> FeedbackLaw:
 
 def device_names(scenario: Scenario) -> DeviceNames | None:
     """Return what of devices there is to show; None where nothing is."""
-    lengths = any(map(uses_lengths, scenario.phases)) or any(
+    lengths = any(phase.commands_lengths for phase in scenario.phases) or any(
         entry.kind == "python" or entry.commands == "cable_shortening_m" for entry in scenario.controllers
     )
     if not (lengths or scenario.pumps or scenario.controllers):
@@ -376,7 +375,7 @@ class Actuation:
         """Read what a phase asks: a run that goes on from a saved state may ask something else."""
         if planned is not self._planned:
             self._planned, self._orders = planned, orders_of(planned, self._names)
-            self._setpoints = acting(planned.phase)
+            self._setpoints = planned.phase.acting()
 
     def _ask(self, name: str, see: Callable[[], Measurement]) -> Held:
         hold = self._holds[name]

@@ -5,8 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Annotated, final
 
-from cosim.base.frames import Array, IntArray
-from cosim.base.shown import Shown
+from cosim.base.frames import Array, IntArray, Shown
 
 
 @final

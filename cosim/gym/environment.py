@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 
 from cosim.app.simulation import SavedState, Simulation
 from cosim.app.workers import Workers
+from cosim.base.files import cache_directory
 from cosim.base.frames import Array, Mask
 from cosim.base.kept_parts import KeptParts
-from cosim.base.whole_files import cache_directory
 from cosim.config.loading import load_scenario
 from cosim.config.schema.scenario import Scenario
 from cosim.devices.controller import Measurement, row_of_numbers, shown

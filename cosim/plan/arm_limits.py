@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Any, Final, final
 
 import numpy as np
 
-from cosim.base.frames import Array, IntArray, Mask
-from cosim.base.shown import Shown
+from cosim.base.frames import Array, IntArray, Mask, Shown
 
 if TYPE_CHECKING:  # a scene without an arm waits for neither engine
     from cosim.base.solid import LinkContact

@@ -1,9 +1,19 @@
-"""One thing that a run models or leaves out."""
+"""What a run models or leaves out, and what its state depends on.
+
+One thing that a run models or leaves out.
+
+What a run has been built for and its state depends on: who goes on from that state keeps to it.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final, final
+from typing import TYPE_CHECKING, Final, final
+
+from cosim.errors import InputError
+
+if TYPE_CHECKING:
+    from cosim.config.schema.scenario import Scenario
 
 SECTION_RANGE: Final = "motion within the section model's range"
 
@@ -29,3 +39,70 @@ class Decision:
     def line(self) -> str:
         """The decision in one line."""
         return f"{self.what}: {self.reason} ({self.switch})"
+
+
+CONTACT: Final = "contact with the scene"
+"""What the decision is on."""
+CONTACT_ENABLED: Final = "contact.enabled"
+ONLY_IN_REACH: Final = "contact.only_in_reach"
+
+
+@final
+@dataclass(frozen=True)
+class Choices:
+    """What the kind of a run's state follows from.
+
+    Args:
+        values: of the scenario, by key.
+        contact: whether contact with the scene is modelled, and why.
+    """
+
+    values: dict[str, str]
+    contact: Decision
+
+    @classmethod
+    def of(cls, scenario: Scenario, contact: Decision) -> Choices:
+        """Return the choices of a scenario, with what has been decided on contact."""
+        values: dict[str, str] = {"mode": scenario.mode, "fidelity": scenario.fidelity}
+        if scenario.mode == "dynamic":
+            values["coupling.scheme"] = scenario.coupling.scheme
+        return cls(values, contact)
+
+    def check(self, here: Choices) -> None:
+        """Check that a run with other choices can go on from a state of this one.
+
+        Raises:
+            InputError: it cannot; the text names key, both values and what to do.
+        """
+        for key, value in self.values.items():
+            other = here.values.get(key, value)
+            if other != value:
+                raise InputError(
+                    f"{key} is '{other}', in the run whose state it goes on from '{value}'; that state is of "
+                    f"another kind: leave {key} = '{value}', or start a run with '{other}' anew"
+                )
+        if self.contact.included and not here.contact.included:
+            raise InputError(
+                f"{here.contact.switch}: contact with the scene is left out ({here.contact.reason}), in the "
+                f"run whose state it goes on from it is modelled ({self.contact.reason}); leave "
+                f"{here.contact.switch} as it is there, or start anew without contact"
+            )
+        if here.contact.included and self.contact.switch == CONTACT_ENABLED and not self.contact.included:
+            raise InputError(
+                f"{CONTACT_ENABLED} is true, in the run whose state it goes on from false: the film may be "
+                f"inside of what it would touch; leave it false, or start anew with {CONTACT_ENABLED} = true"
+            )
+
+    def keep(self, contact: Decision) -> Decision:
+        """Return the decision on contact of a run that goes on from this one.
+
+        What has been left out because nothing was in reach begins untouched where something comes into reach
+        now; what has been modelled stays so, with what it touches, though nothing would be in reach any more.
+
+        Args:
+            contact: what would be decided anew.
+        """
+        if self.contact.included and contact.switch == ONLY_IN_REACH and not contact.included:
+            reason = f"as in the run that it goes on from: {self.contact.reason}"
+            return Decision(contact.what, True, reason, ONLY_IN_REACH)
+        return contact

@@ -33,8 +33,7 @@ from cosim.base.frames import (
     vector_from_rotation,
 )
 from cosim.base.tip_course import CourseInstant, TipCourse
-from cosim.config.rules.scene_rules import CELL_KEYS
-from cosim.config.schema.phase import FlangePoseTable, FlangeTurnTable, PhaseTable
+from cosim.config.schema.phase import CELL_KEYS, FlangePoseTable, FlangeTurnTable, PhaseTable
 from cosim.config.toml.keys import unknown_name_message
 from cosim.config.toml.reading import Fault, Faults
 
@@ -404,7 +403,9 @@ def _out_of_range(phase: PhaseTable, joint: CellJoint, place: float) -> Fault:
     (low, high), unit = joint.limits, "m" if joint.slides else "rad"
     keys = [key for key in CELL_KEYS if joint.name in (getattr(phase, key) or {})]
     where = f"phase.{phase.name}.{keys[0]}.{joint.name}" if keys else f"phase.{phase.name}"
-    return where, f"takes the cell's joint to {place:g} {unit}; its range is {low:g} to {high:g} {unit}"
+    return Fault(
+        where, f"takes the cell's joint to {place:g} {unit}; its range is {low:g} to {high:g} {unit}"
+    )
 
 
 @final

@@ -16,7 +16,7 @@ import numpy as np
 
 from cosim.base.frames import Array, IntArray, Mask, Pose
 from cosim.base.state_check import check_indices
-from cosim.config.rules.device_rules import GasRule
+from cosim.config.rules import GasRule
 from cosim.config.schema.phase import PhaseTable
 from cosim.config.schema.scenario import GasTable
 from cosim.coupling.soft_sides.soft_side import SoftSide

@@ -18,17 +18,17 @@ from typing import TypeAlias, final
 import numpy as np
 
 from cosim.base.frames import Array, IntArray, Mask, Pose
-from cosim.config.rules.device_rules import gas_rules
+from cosim.config.rules import gas_rules
 from cosim.config.schema.phase import (
     ForceTable,
     PhaseTable,
     StartTable,
     SupportTable,
     TipTargetTable,
-    matching,
     values_after,
 )
 from cosim.config.schema.scenario import Scenario
+from cosim.config.toml.keys import matching
 from cosim.coupling.soft_sides.soft_side import SoftSide
 from cosim.errors import ScenarioError, SolverError, UnreachableError
 from cosim.plan.motion import FlangeWay, JointPath, PlannedTipPath, Shake, pose_of

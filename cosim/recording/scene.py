@@ -28,7 +28,7 @@ from rerun.components import (
 )
 
 from cosim.base.frames import Array, IntArray, cross
-from cosim.base.shown import BodyShape
+from cosim.base.solid import BodyShape
 from cosim.recording.blueprint import FOLLOW, TIP_PATH, Eye, close_eye, soft_size
 from cosim.recording.colours import (
     FLOOR_SHADE,

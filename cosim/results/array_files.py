@@ -25,8 +25,8 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from cosim._version import __version__
+from cosim.base.files import whole_file
 from cosim.base.frames import Array
-from cosim.base.whole_files import whole_file
 from cosim.devices.device_report import DeviceNames
 from cosim.errors import InputError, OutputError
 from cosim.plan.decision import Decision

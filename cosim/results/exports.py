@@ -16,8 +16,8 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 from numpy.typing import NDArray
 
+from cosim.base.files import whole_file, write_whole
 from cosim.base.frames import Array, IntArray
-from cosim.base.whole_files import whole_file, write_whole
 from cosim.errors import InputError, OutputError
 from cosim.results.curves import array_texts
 from cosim.results.result import COLUMNS, RunResult

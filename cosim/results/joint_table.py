@@ -11,8 +11,8 @@ from typing import Final, Self, final
 
 import numpy as np
 
+from cosim.base.files import write_whole
 from cosim.base.frames import Array
-from cosim.base.whole_files import write_whole
 from cosim.errors import InputError, OutputError
 
 CSV: Final = ".csv"

@@ -9,8 +9,7 @@ from typing import Any, final
 import numpy as np
 
 from cosim.base.frames import Array, Pose, Twist, Wrench
-from cosim.base.shown import BodyShape
-from cosim.base.solid import LinkContact
+from cosim.base.solid import BodyShape, LinkContact
 from cosim.base.state_check import KnownStates, check_indices, check_state
 from cosim.config.schema.scenario import CouplingTable
 from cosim.coupling.contact.contact_exchange import ContactExchange

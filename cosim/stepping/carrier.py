@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, final
 import numpy as np
 
 from cosim.base.frames import Array, Pose, Twist, Wrench
-from cosim.base.shown import BodyShape
+from cosim.base.solid import BodyShape
 from cosim.coupling.contact.contact_report import NOTHING_TOUCHED, ContactReport
 from cosim.coupling.soft_sides.soft_side import SoftSide
 from cosim.coupling.ticks import Servos

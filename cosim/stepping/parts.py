@@ -9,9 +9,8 @@ from typing import Any, Final, final
 
 import numpy as np
 
-from cosim.base.frames import Array, Pose, Twist
+from cosim.base.frames import Array, Pose, Twist, read_only
 from cosim.base.kept_parts import KeptParts, name_of
-from cosim.base.shown import read_only
 from cosim.config.schema.phase import PhaseTable
 from cosim.config.schema.scenario import Scenario
 from cosim.coupling.contact.contact_report import NOTHING_TOUCHED, ContactReport

@@ -13,9 +13,9 @@ from cosim.base.frames import Pose
 from cosim.base.state_check import KnownStates, check_state
 from cosim.devices.controller import Command, Measurement
 from cosim.errors import InputError, SolverError
+from cosim.plan.decision import CONTACT, Choices
 from cosim.plan.plan import Plan
 from cosim.stepping.parts import Parts
-from cosim.telemetry.choices import CONTACT, Choices
 from cosim.telemetry.snapshot import RunInfo, Snapshot
 from cosim.telemetry.tick_batch import TickBatch
 

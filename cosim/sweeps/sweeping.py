@@ -1,6 +1,7 @@
 """Runs the designs of a study and writes their table; what is known is not run again.
 
-The designs of a study: what each of them sets, by key path.
+What a worker does with a design: compiles once, runs it, one at a time, and returns a row. Kernels are
+compiled once, here, before any worker needs them: many processes at once would each do it.
 
 The rows of a sweep, one line of JSON each, written as they come: what a killed sweep goes on from.
 
@@ -10,125 +11,140 @@ The rows of a sweep, one line of JSON each, written as they come: what a killed 
 from __future__ import annotations
 
 import json
-import math
+import logging
+import os
+import pickle
+import platform
+import sys
+import threading
 import time
-import warnings
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import suppress
-from dataclasses import asdict, dataclass, field
-from functools import partial
+from dataclasses import asdict, dataclass, field, replace
+from functools import cache, partial
 from hashlib import sha256
-from itertools import product
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Final, TextIO, final
 
-import numpy as np
-
-from cosim.app.first_run import prepared
+from cosim.app.driver import Observer, Options, build_simulation, execute, prepared
 from cosim.app.run_files import OutputDirectory
-from cosim.base.files_read import changed_file
-from cosim.base.frames import Array
-from cosim.base.identity import code_identity, content_name
-from cosim.base.kept_parts import KeptParts
+from cosim.base.files import changed_file, files_read
+from cosim.base.kept_parts import KeptParts, code_identity, content_name
 from cosim.base.resources import is_file
 from cosim.base.state_check import check_state
-from cosim.config.loading import load_scenario
+from cosim.build.kernel_modules import kernel_modules
+from cosim.config.loading import load_scenario, register_installed, register_module
 from cosim.config.schema.scenario import Scenario
-from cosim.config.studies import RangeTable, SamplesTable, StudyTable, load_study
+from cosim.config.studies import StudyTable, designs_of, load_study, varied_keys
 from cosim.config.writing import scenario_text
-from cosim.errors import MOST_LINES, InputError, OutputError, ScenarioError
+from cosim.errors import InputError, OutputError
+from cosim.results.result import ResultBuilder
 from cosim.sweeps.engines import PROCESSES, Engine, Run, rows_of
 from cosim.sweeps.table import TABLE, Design, write_table
-from cosim.sweeps.task import LOST, Measure, Row, Task, check_travels, measure_identity, measure_named
-from cosim.sweeps.worker import run_task, warm_up
+from cosim.sweeps.task import (
+    LOST,
+    Measure,
+    Row,
+    Task,
+    check_travels,
+    figures_of,
+    measure_identity,
+    measure_named,
+    measured,
+)
 from cosim.telemetry.summary import reason_of
 
-MOST_DESIGNS: Final = 1_000_000
 
-
-def varied_keys(study: StudyTable) -> list[str]:
-    """Return the key paths that differ between designs, in the order of the study."""
-    sampled = study.samples.range if study.samples is not None else {}
-    return list(dict.fromkeys([*(key for design in study.design for key in design), *study.grid, *sampled]))
-
-
-def designs_of(study: StudyTable) -> list[dict[str, Any]]:
-    """Return what each design sets beside `set`; samples vary fastest, entries of `design` slowest.
-
-    Raises:
-        InputError: there are too many.
-    """
-    listed = list(study.design) or [{}]
-    count = len(listed) * math.prod(map(len, study.grid.values()))
-    count *= study.samples.count if study.samples is not None else 1
-    if count > MOST_DESIGNS:
-        raise InputError(f"the study has {count} designs; at most {MOST_DESIGNS} are run, vary less")
-    samples = _samples(study.samples)
-    grid = [dict(zip(study.grid, values, strict=True)) for values in product(*study.grid.values())]
-    return [{**design, **point, **sample} for design, point, sample in product(listed, grid, samples)]
-
-
-def check_designs(study: StudyTable) -> None:
-    """Check that each design of a study can be loaded and built; nothing is run.
+def warm_up(scenario: Scenario) -> None:
+    """Compile the kernels of a scenario, unless those of another one like it have been.
 
     Args:
-        study: checked by `load_study`.
-
-    Raises:
-        ScenarioError: what is wrong, by design and key; what several designs share stands there once.
+        scenario: checked.
     """
-    from cosim.build.file_checks import check_built  # here: it loads the engines
-
-    designs, kept, found = designs_of(study), KeptParts(), dict[str, list[int]]()
-    for number, varied in enumerate(designs, 1):
-        try:
-            check_built(load_scenario(study.scenario, {**study.set, **varied}), kept)
-        except InputError as error:
-            for place, problem in getattr(error, "faults", (("", str(error)),)):
-                found.setdefault(f"{place}: {problem}" if place else problem, []).append(number)
-    if not found:
-        return
-    faults = [(_named(numbers, designs), problem) for problem, numbers in found.items()]
-    if len(faults) > MOST_LINES:
-        faults[MOST_LINES:] = [("", f"... and {len(faults) - MOST_LINES} more")]
-    raise ScenarioError(*faults[0], further=tuple(faults[1:]))
+    _compile(tuple(module.__name__ for module in kernel_modules(scenario)))
 
 
-def _named(numbers: list[int], designs: list[dict[str, Any]]) -> str:
-    """Return the designs of some numbers, for a message: the first one with what it sets."""
-    if len(numbers) == len(designs):
-        return f"all {len(designs)} designs"
-    values = ", ".join(f"{key} = {value!r}" for key, value in designs[numbers[0] - 1].items())
-    others = f", and {len(numbers) - 1} more" if len(numbers) > 1 else ""
-    return f"design {numbers[0]} of {len(designs)} ({values}){others}"
+@cache
+def _compile(names: tuple[str, ...]) -> None:
+    import cosim.build.simulation  # noqa: F401  # the engines: a run waits for them, too
+    from cosim.soft.solve.compilation import compile_kernels  # here: it loads the kernels
+
+    announce = logging.getLogger("cosim").warning
+    compile_kernels(announce, tuple(sys.modules[name] for name in names))
 
 
-def _samples(table: SamplesTable | None) -> list[dict[str, Any]]:
-    if table is None:
-        return [{}]
-    from scipy.stats import qmc  # here: it takes long to load
-
-    engines = {"latin_hypercube": qmc.LatinHypercube, "sobol": qmc.Sobol, "halton": qmc.Halton}
-    engine = engines[table.method](len(table.range), rng=table.seed)
-    with warnings.catch_warnings():  # counts that are no power of 2 are as balanced as they can be
-        warnings.simplefilter("ignore", UserWarning)
-        points: Array = engine.random(table.count)
-    columns = [list(_scaled(points[:, k], entry)) for k, entry in enumerate(table.range.values())]
-    return [dict(zip(table.range, row, strict=True)) for row in zip(*columns, strict=True)]
+Prepare = Callable[..., Scenario]
+"""`cosim.app.driver.prepared`, or what stands for it."""
+_ONE_AT_A_TIME: Final = threading.Lock()
+"""Executors may have several threads in a process; runs keep to one each, as kernels and engines expect."""
 
 
-def _scaled(points: Array, entry: RangeTable) -> Iterator[float | int]:
-    """Yield points of 0 to 1 as values of a range."""
-    low, high = entry.low, entry.high + (1.0 if entry.integer else 0.0)
-    values = low * (high / low) ** points if entry.scale == "log" else low + (high - low) * points
-    if entry.integer:
-        whole: list[int] = np.floor(values).astype(np.int64).tolist()
-        yield from (min(value, int(entry.high)) for value in whole)
-    else:
-        yield from np.clip(values, entry.low, entry.high).tolist()
+def run_task(prepare: Prepare, task: Task) -> Row:
+    """Run a design; whatever is wrong with it is said in the row.
+
+    Args:
+        prepare: chooses the fidelity of a scenario, and builds what its run needs.
+        task: the design.
+    """
+    with _ONE_AT_A_TIME:
+        wall, cpu = time.perf_counter(), time.thread_time()
+        with files_read() as files:
+            try:
+                scenario = _unpacked(task)
+                wall, cpu = time.perf_counter(), time.thread_time()
+                row = _run(prepare(scenario, _say_nothing, recording=False), task)
+            except InputError as error:
+                row = Row("refused", reason_of(error))
+            except Exception as error:  # a design must not end the sweep, whatever it raises
+                row = Row("failed", reason_of(error))
+        wall_s, cpu_s = time.perf_counter() - wall, time.thread_time() - cpu
+        name = f"{platform.node()}:{os.getpid()}"
+        return replace(row, wall_s=wall_s, cpu_s=cpu_s, worker=name, files=files)
+
+
+def _unpacked(task: Task) -> Scenario:
+    """Return the scenario of a task; what the first one of a process waits for is no part of its run."""
+    _make_known(task.modules)
+    scenario: Scenario = pickle.loads(task.scenario)
+    warm_up(scenario)
+    return scenario
+
+
+def _run(scenario: Scenario, task: Task) -> Row:
+    started = time.perf_counter()
+    measure = measure_named(task.measure) if isinstance(task.measure, str) else task.measure
+    arrays = ResultBuilder(scenario.recording.frames_per_s)
+    watchers: Sequence[Observer] = () if measure is None else (arrays,)
+    directory = None if task.directory is None else Path(task.directory)
+    build = partial(build_simulation, kept=_kept_here())
+    outcome = execute(scenario, build, Options(directory, None, watchers), started)
+    error, summary = outcome.error, outcome.summary
+    if isinstance(error, InputError):
+        return Row("refused", reason_of(error))
+    figures = figures_of(summary)
+    if measure is not None and summary["status"] == "completed":
+        figures |= measured(measure, arrays.result(summary, directory))
+    return Row(summary["status"], summary["reason"], figures)
+
+
+@cache
+def _kept_here() -> KeptParts:
+    """Return the parts that the designs of a process share; see `_ONE_AT_A_TIME`."""
+    return KeptParts()
+
+
+@cache
+def _make_known(modules: tuple[str, ...]) -> None:
+    register_installed()
+    for name in modules:
+        register_module(name)
+
+
+def _say_nothing(_text: Any) -> None:
+    """Do nothing: who started the sweep has been told."""
 
 
 @final

@@ -12,8 +12,8 @@ from hashlib import sha256
 from pathlib import Path
 from typing import Any, Final, final
 
+from cosim.base.files import whole_file
 from cosim.base.resources import is_file
-from cosim.base.whole_files import whole_file
 from cosim.errors import InputError, OutputError
 from cosim.results.curves import figure_kind, unit_by_name
 from cosim.sweeps.task import PHASES, Row

@@ -142,7 +142,7 @@ class Row:
         wall_s: wall time of the run, without what the first one of a process waits for.
         cpu_s: CPU time of the run, the same.
         worker: which process it was.
-        files: digests of the files that building it read, by names; see `cosim.base.files_read`.
+        files: digests of the files that building it read, by names; see `cosim.base.files`.
     """
 
     status: str

@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, TypeAlias, final
 
 import numpy as np
 
-from cosim.base.frames import Array, IntArray, Pose, Twist
-from cosim.base.shown import BodyShape, Shown, read_only
+from cosim.base.frames import Array, IntArray, Pose, Shown, Twist, read_only
+from cosim.base.solid import BodyShape
 from cosim.coupling.schemes.ledger import LedgerEntry
 from cosim.coupling.soft_sides.shape_figures import ShapeFigures
 from cosim.devices.device_report import ActuationReport, DeviceNames

@@ -10,8 +10,16 @@ from typing import TYPE_CHECKING, Any, Final, final
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.base.frames import Array, IntArray, Mask, Pose, Twist, Wrench, quaternions_from_rotations
-from cosim.base.shown import read_only
+from cosim.base.frames import (
+    Array,
+    IntArray,
+    Mask,
+    Pose,
+    Twist,
+    Wrench,
+    quaternions_from_rotations,
+    read_only,
+)
 from cosim.coupling.schemes.ledger import LedgerEntry
 from cosim.devices.device_report import ActuationReport
 from cosim.telemetry.snapshot import FilmShapes, Snapshot

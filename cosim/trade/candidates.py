@@ -10,12 +10,11 @@ from dataclasses import dataclass, field, replace
 from typing import Any, Final, Literal, TypeAlias, final, get_args, get_type_hints
 
 from cosim.config.loading import load_scenario
-from cosim.config.rules.scenario_rules import triangle_count
-from cosim.config.rules.soft_robot_rules import file_of
+from cosim.config.rules import file_of
 from cosim.config.schema.scenario import NO_ARM, Fidelity, Scenario
 from cosim.config.schema.soft_robot import FilmTable, SoftRobotTable
 from cosim.errors import InputError, ScenarioError
-from cosim.telemetry.choices import CONTACT
+from cosim.plan.decision import CONTACT
 
 Group: TypeAlias = Literal["time", "model"]
 
@@ -106,7 +105,7 @@ def _truths(scenario: Scenario) -> dict[str, dict[str, Any]]:
     if robot.stack is None:  # a film with a source of its own is not divided
         laws = {f"{path}.film.law": "wrinkling" for path in _parts(robot, "soft_robot")}
         return {"wrinkling film": {**_AS_IN_FILE, **laws}}
-    while triangle_count(robot) << 2 * (times + 1) <= _TRIANGLES_MAX:
+    while robot.triangles << 2 * (times + 1) <= _TRIANGLES_MAX:
         times += 1
     parts = _parts(robot, "soft_robot")
     found: dict[str, dict[str, Any]] = {}

@@ -14,7 +14,7 @@ from typing import Any, Literal
 import pytest
 
 import cosim
-from cosim.base.files_read import files_read, read_file
+from cosim.base.files import files_read, read_file
 from cosim.build.arms import find_arm
 from cosim.cli import running
 from cosim.cli.main import EXIT_DONE, EXIT_INPUT, EXIT_INTERRUPTED, main

@@ -13,8 +13,7 @@ import pytest
 import cosim
 from cosim import KeptParts, Simulation
 from cosim.base.frames import Pose
-from cosim.base.identity import content_name
-from cosim.base.kept_parts import name_of
+from cosim.base.kept_parts import content_name, name_of
 from cosim.build import simulation as building
 from cosim.build import simulation as solved_plans
 from cosim.errors import ScenarioError

@@ -188,7 +188,7 @@ def test_a_group_has_a_film_of_its_own(tmp_path: Path) -> None:
             'axis = "z"\n',
             r"body\.set\.base: give axis and at_m, or points_m, or group",
         ),
-        ('name = "middle"', 'name = "base"', r"body\.set\.base: stands twice"),
+        ('name = "middle"', 'name = "base"', r"body\.set\.base: the name is used twice"),
         ('name = "tip"', 'name = "end"', r"body\.tip: no set 'tip'"),
         ('line = "side"', 'line = "sight"', r"cable\.side\.line: no set 'sight'.*side"),
         ('line = "side"', "corner = 0\nunits = [1, 3]", r"cable\.side: runs along no stack of units"),

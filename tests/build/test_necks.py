@@ -13,7 +13,8 @@ from cosim.base.frames import IntArray
 from cosim.build.soft_body import build_soft_body, published_robot
 from cosim.config.loading import load_scenario
 from cosim.config.schema.scenario import ModelTable
-from cosim.config.schema.soft_robot import NeckTable, SoftRobotTable
+from cosim.config.schema.soft_robot import SoftRobotTable
+from cosim.config.schema.stack import NeckTable
 from cosim.errors import ScenarioError
 from cosim.soft.body.body import SoftBody
 from cosim.soft.elements.hinge import shell_stiffness

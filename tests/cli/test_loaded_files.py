@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from cosim.app.driver import build_simulation
-from cosim.base.files_read import ABSENT, changed_file, files_read
+from cosim.base.files import ABSENT, changed_file, files_read
 from cosim.base.kept_parts import KeptParts
 from cosim.base.resources import object_mesh_path, scenario_path
 from cosim.config.loading import load_scenario

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cosim.base.files_read import changed_file, files_read
+from cosim.base.files import changed_file, files_read
 from cosim.base.resources import list_arms
 from cosim.build.arms import find_arm
 from cosim.config.loading import load_scenario

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from cosim.base.files_read import files_read
+from cosim.base.files import files_read
 from cosim.build.arms import find_arm
 from cosim.cli.main import main
 from cosim.config.loading import load_scenario

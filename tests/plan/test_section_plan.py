@@ -9,8 +9,7 @@ from typing import Any
 
 import pytest
 
-from cosim.app.driver import build_simulation
-from cosim.app.first_run import with_fidelity_chosen
+from cosim.app.driver import build_simulation, with_fidelity_chosen
 from cosim.build import soft_model
 from cosim.cli.running import PlanWarnings
 from cosim.config.loading import load_scenario

@@ -13,7 +13,7 @@ import rerun as rr
 from rerun.chunk import RrdReader
 
 from cosim.base.frames import Array, Pose, Twist, Wrench, quaternion_from_rotation, rotation_from_vector
-from cosim.base.shown import BodyShape
+from cosim.base.solid import BodyShape
 from cosim.coupling.schemes.ledger import LedgerEntry
 from cosim.recording.rerun_recorder import RerunRecorder
 from cosim.soft.geometry.polygonal_stack import PolygonalStack

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import cosim
-from cosim.base.files_read import files_read
+from cosim.base.files import files_read
 from cosim.build.arms import find_arm
 from cosim.cli.main import main
 from cosim.config.loading import load_scenario

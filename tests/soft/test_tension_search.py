@@ -15,7 +15,7 @@ from cosim.soft.body.loads import Loads
 from cosim.soft.body.places import TipFrame
 from cosim.soft.elements.cable import Cable
 from cosim.soft.solve.state import Equilibrium, SoftState
-from cosim.soft.targets.tension_search import find_tensions
+from cosim.soft.targets.tip_search import find_tensions
 from cosim.soft.targets.tip_target import TipTarget
 from tests.soft.bodies import HANGING, hexagon_arm, no_load
 

@@ -9,8 +9,7 @@ from cosim.base.frames import Pose, rotation_from_vector
 from cosim.errors import UnreachableError
 from cosim.soft.body.places import TipFrame
 from cosim.soft.solve.state import Equilibrium
-from cosim.soft.targets.tension_search import find_tensions
-from cosim.soft.targets.tip_search import find_flange_pose
+from cosim.soft.targets.tip_search import find_flange_pose, find_tensions
 from cosim.soft.targets.tip_target import TargetOptions, TipTarget, shortest_turn
 from tests.soft.bodies import HANGING, Held, PRESSURE_Pa, held, hexagon_arm, hung, no_load
 

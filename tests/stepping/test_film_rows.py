@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cosim.app.driver import build_simulation
-from cosim.app.first_run import with_fidelity_chosen
+from cosim.app.driver import build_simulation, with_fidelity_chosen
 from cosim.config.loading import load_scenario
 from cosim.config.schema.scenario import Scenario
 from cosim.coupling.schemes import staggered

@@ -11,8 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cosim.app.driver import Options, Runnable, build_simulation, drive, execute
-from cosim.app.first_run import with_fidelity_chosen
+from cosim.app.driver import Options, Runnable, build_simulation, drive, execute, with_fidelity_chosen
 from cosim.app.simulation import Simulation
 from cosim.build import soft_model
 from cosim.config.loading import load_scenario

@@ -1,4 +1,4 @@
-"""The ways of a pressure and of a contact force are as short as docs/architecture.md draws them."""
+"""The ways of a pressure, a contact force and a key are as short as docs/architecture.md draws them."""
 
 from __future__ import annotations
 
@@ -23,6 +23,7 @@ from tests.stepping.snapshots import python_takes_every_soft_half
 PRESSURE_Pa = 31234.5  # nothing else is that large
 MOST_FILES = 9
 MOST_FILES_OF_A_FORCE = 7
+MOST_FILES_OF_A_KEY = 5
 PACKAGE = Path(cosim.__file__).parent
 PAGE = PACKAGE.parent / "docs" / "architecture.md"
 SCENARIO = f"""
@@ -200,3 +201,35 @@ def test_the_way_of_a_contact_force_is_the_figure_and_at_most_seven_files(tmp_pa
     text = PAGE.read_text(encoding="utf-8").partition("## The way of a contact force\n")[2]
     assert sorted(found) == sorted(re.findall(r"^ *\* (\S+\.py)", text.partition("\n## ")[0], re.MULTILINE))
     assert len(found) <= MOST_FILES_OF_A_FORCE
+
+
+KEY = 0.00123456
+
+
+@pytest.mark.parametrize(
+    ("place", "key"),
+    [
+        ("cable = []", f"cable = [], film.thickness_m = {KEY}"),
+        ("clock = {", f"contact.stick_m = {KEY}\nclock = {{"),
+        ("clock = {", f"solver.damping_per_s = {KEY}\nclock = {{"),
+    ],
+)
+def test_the_way_of_a_key_is_at_most_five_files(place: str, key: str, tmp_path: Path) -> None:
+    """From the scenario's file to where a number is used, in a run of the film on an arm with contact."""
+    file, found = tmp_path / "key.toml", set[str]()
+    file.write_text(FORCE_SCENARIO.replace(place, key, 1), encoding="utf-8")
+
+    def known(value: Any) -> bool:
+        values = (
+            value.values() if type(value) is dict else value if isinstance(value, list | tuple) else (value,)
+        )
+        if any(isinstance(item, float) and item == KEY for item in values):
+            return True
+        return isinstance(value, np.ndarray) and value.dtype == np.float64 and bool((value == KEY).any())
+
+    def within(value: Any) -> bool:
+        return any(map(within, value)) if isinstance(value, tuple) else known(value)
+
+    noted(found, lambda: build(load_scenario(file)).advance(2), known, within)
+    assert {"config/toml/reading.py", "config/toml/parsing.py"} < found
+    assert len(found) <= MOST_FILES_OF_A_KEY, sorted(found)

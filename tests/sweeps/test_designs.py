@@ -9,9 +9,8 @@ from typing import Any
 import pytest
 
 from cosim.cli.main import main
-from cosim.config.studies import load_study
+from cosim.config.studies import designs_of, load_study, varied_keys
 from cosim.errors import InputError, ScenarioError
-from cosim.sweeps.sweeping import designs_of, varied_keys
 
 SCENARIO = "three_unit_inflation"
 

@@ -16,7 +16,7 @@ from pyarrow import parquet
 import cosim
 from cosim.cli.main import main
 from cosim.cli.sweep import sweep_line
-from cosim.sweeps import worker
+from cosim.sweeps import sweeping as worker
 from cosim.sweeps.sweeping import SweepProgress
 
 SET = {"phase.start.increments": 1, "phase.inflate.increments": 2}

@@ -16,7 +16,7 @@ from cosim.config.loading import load_scenario
 from cosim.config.schema.scenario import Scenario
 from cosim.config.writing import scenario_text
 from cosim.errors import ScenarioError
-from cosim.trade import auto
+from cosim.trade import report
 from cosim.trade.candidates import Candidate, short_candidates
 from cosim.trade.measuring import Measured, compared, trace
 
@@ -63,7 +63,7 @@ def made_up_measure(calls: list[int]) -> Callable[..., list[Measured]]:
 @pytest.fixture
 def calls(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     made: list[int] = []
-    monkeypatch.setattr(auto, "measure", made_up_measure(made))
+    monkeypatch.setattr(report, "measure", made_up_measure(made))
     return made
 
 
@@ -82,7 +82,7 @@ def test_the_choice_meets_the_requirement(
     requirement: dict[str, float], tick_s: float, calls: list[int], tmp_path: Path
 ) -> None:
     told: list[str] = []
-    chosen = auto.chosen_fidelity(small(fidelity="auto", **requirement), build, tmp_path, told.append)
+    chosen = report.chosen_fidelity(small(fidelity="auto", **requirement), build, tmp_path, told.append)
     assert chosen.clock.tick_s == tick_s
     assert chosen.fidelity != "auto"
     assert chosen.auto is not None
@@ -96,27 +96,27 @@ def test_the_choice_meets_the_requirement(
 
 def test_figures_are_measured_once_and_serve_every_requirement(calls: list[int], tmp_path: Path) -> None:
     told: list[str] = []
-    auto.chosen_fidelity(small(**WORDS), build, tmp_path, told.append)
-    auto.chosen_fidelity(small(fidelity="auto", **{"auto.budget": 1.0}), build, tmp_path, told.append)
-    auto.chosen_fidelity(small(**WORDS, title="another name for it"), build, tmp_path, told.append)
+    report.chosen_fidelity(small(**WORDS), build, tmp_path, told.append)
+    report.chosen_fidelity(small(fidelity="auto", **{"auto.budget": 1.0}), build, tmp_path, told.append)
+    report.chosen_fidelity(small(**WORDS, title="another name for it"), build, tmp_path, told.append)
     assert calls == [len(short_candidates(small()))]
     assert "measured before" in told[-1]
-    auto.chosen_fidelity(small(**WORDS, **{"solver.damping_per_s": 3.0}), build, tmp_path, told.append)
+    report.chosen_fidelity(small(**WORDS, **{"solver.damping_per_s": 3.0}), build, tmp_path, told.append)
     assert len(calls) == 2  # another motion, other figures
     for path in tmp_path.glob("trade_*.kept"):
         path.write_text("{", encoding="utf-8")
     with pytest.warns(RuntimeWarning, match="is damaged"):
-        auto.chosen_fidelity(small(**WORDS), build, tmp_path, told.append)
+        report.chosen_fidelity(small(**WORDS), build, tmp_path, told.append)
     assert len(calls) == 3
 
 
 def test_figures_that_other_code_has_measured_are_not_used(
     calls: list[int], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    auto.chosen_fidelity(small(**WORDS), build, tmp_path, lambda _text: None)
-    here = auto.code_identity()
-    monkeypatch.setattr(auto, "code_identity", lambda: {**here, "source": "edited"})  # of the same version
-    auto.chosen_fidelity(small(**WORDS), build, tmp_path, lambda _text: None)
+    report.chosen_fidelity(small(**WORDS), build, tmp_path, lambda _text: None)
+    here = report.code_identity()
+    monkeypatch.setattr(report, "code_identity", lambda: {**here, "source": "edited"})  # of the same version
+    report.chosen_fidelity(small(**WORDS), build, tmp_path, lambda _text: None)
     assert len(calls) == 2
 
 
@@ -126,7 +126,7 @@ def test_a_requirement_that_nothing_meets_is_refused_with_the_nearest(
     with pytest.raises(
         ScenarioError, match=r"auto: no candidate meets tolerance tip error 1e-06 mm.*BDF2, 2 ms"
     ):
-        auto.chosen_fidelity(
+        report.chosen_fidelity(
             small(fidelity="auto", **{"auto.tolerance_m": 1e-9}), build, tmp_path, lambda _t: None
         )
 
@@ -147,7 +147,7 @@ def test_wrong_requirements_are_refused(changes: dict[str, Any], message: str) -
 
 def test_a_scenario_without_the_requirement_stays_as_it_is(tmp_path: Path) -> None:
     scenario = small()
-    assert auto.chosen_fidelity(scenario, build, tmp_path, lambda _text: None) is scenario
+    assert report.chosen_fidelity(scenario, build, tmp_path, lambda _text: None) is scenario
     assert not list(tmp_path.iterdir())
 
 
@@ -177,9 +177,9 @@ def test_the_run_that_was_chosen_is_within_the_tolerance(
     lumped = [
         candidate for candidate in short_candidates(scenario) if candidate.changes["fidelity"] == "lumped"
     ]
-    monkeypatch.setattr(auto, "short_candidates", lambda _scenario: tuple(lumped))
+    monkeypatch.setattr(report, "short_candidates", lambda _scenario: tuple(lumped))
     asking = load_scenario(scenario, {"fidelity": "auto", "auto.tolerance_m": tolerance_m})
-    chosen = auto.chosen_fidelity(asking, build, tmp_path, lambda _text: None)
+    chosen = report.chosen_fidelity(asking, build, tmp_path, lambda _text: None)
     truth, *others = (trace(load_scenario(scenario, candidate.changes), build) for candidate in lumped)
     errors = [compared(lumped[1], curve, truth).tip_error_m for curve in others]
     assert errors[0] < tolerance_m < errors[-1]  # there is something to choose

@@ -18,7 +18,7 @@ from typing import Final
 import numpy as np
 
 from cosim.base.arm_file import FIXED, MOVING
-from cosim.base.files_read import note_file
+from cosim.base.files import note_file
 from cosim.base.frames import Array, Pose
 from cosim.config.arms.arm_table import add_origin, origin_of, text_of
 from cosim.config.arms.package_files import found_file

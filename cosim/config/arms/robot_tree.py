@@ -7,7 +7,7 @@ from collections import Counter
 from pathlib import Path
 from typing import Final
 
-from cosim.base.files_read import read_file
+from cosim.base.files import read_file
 from cosim.base.resources import is_file
 from cosim.errors import InputError
 

@@ -23,11 +23,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Literal, TypeAlias, TypeVar, final
+from typing import Annotated, Final, Literal, TypeAlias, TypeVar, final
 
+import numpy as np
 from annotated_types import Interval, Len
 
 from cosim.base.resources import is_file, list_object_meshes, object_mesh_path
+from cosim.base.triangle_mesh import read_mesh
 from cosim.config.toml.keys import (
     Colour,
     Direction,
@@ -38,18 +40,65 @@ from cosim.config.toml.keys import (
     Text,
     Vector3,
 )
-from cosim.config.toml.reading import UNKNOWN, Faults, copy_with, guard
-from cosim.errors import ScenarioError
+from cosim.config.toml.reading import UNKNOWN, Fault, Faults, Told, copy_with, guard, rule
+from cosim.errors import MeshError, ScenarioError
 
 Shape: TypeAlias = Literal["box", "sphere", "cylinder", "capsule", "ellipsoid", "mesh"]
 Size: TypeAlias = Annotated[tuple[Positive, ...], Len(max_length=3)]
 STANDING_STILL: tuple[float, float, float, float] = (1.0, 0.0, 0.0, 0.0)
 GREY: tuple[float, float, float, float] = (0.55, 0.57, 0.60, 1.0)
+SMALLEST_MESH_m: Final = 1e-6
+LARGEST_MESH_m: Final = 100.0
+LEAST_INERTIA_kg_m2: Final = 1e-15  # that MuJoCo takes
+_SIZE_ENTRIES: Final = {"box": 3, "sphere": 1, "cylinder": 2, "capsule": 2, "ellipsoid": 3, "mesh": 0}
+
+
+class _Shaped:
+    """Rules of what has a shape."""
+
+    shape: Shape | None
+    size_m: Size
+    file: str | None
+    scale: float
+
+    @rule
+    def _has_its_size(self) -> Told:
+        if self.shape is None:
+            if self.size_m:
+                yield "size_m", "goes with a shape; none is given"
+        elif len(self.size_m) != _SIZE_ENTRIES[self.shape]:
+            has, needed = len(self.size_m), _SIZE_ENTRIES[self.shape]
+            yield "size_m", f"has {has} entries; a {self.shape} has {needed}"
+
+    @rule
+    def _has_its_mesh(self) -> Told:
+        if self.shape != "mesh":
+            if self.file is not None:
+                yield "file", "goes with shape = 'mesh'"
+        elif self.file is None:
+            yield "file", "is missing; a mesh needs an .stl or .obj file"
+        else:
+            try:
+                size_m = self.scale * float(np.abs(read_mesh(mesh_path(self.file)).vertices).max())
+            except MeshError as error:
+                yield "file", str(error)
+                return
+            if not SMALLEST_MESH_m <= size_m <= LARGEST_MESH_m:
+                yield Fault(
+                    "scale",
+                    f"{self.scale:g} makes the mesh reach {size_m:g} m from its origin; must be within "
+                    f"{SMALLEST_MESH_m:g} and {LARGEST_MESH_m:g} m",
+                )
+
+
+def _range_told(key: str, limits: tuple[float, float] | None) -> Told:
+    if limits is not None and not (limits[0] <= 0.0 <= limits[1] and limits[0] < limits[1]):
+        yield key, f"{list(limits)} must increase and hold 0, where the object starts"
 
 
 @final
 @dataclass(frozen=True)
-class SolidTable:
+class SolidTable(_Shaped):
     """A further solid on an object's body; parts may overlap.
 
     Args:
@@ -100,6 +149,10 @@ class HingeJointTable:
     stiffness_Nm: NonNegative = 0.0
     friction_Nm: NonNegative = 0.0
 
+    @rule
+    def _ranges(self) -> Told:
+        return _range_told("range_rad", self.range_rad)
+
 
 @final
 @dataclass(frozen=True)
@@ -122,10 +175,14 @@ class SlideJointTable:
     stiffness_N_m: NonNegative = 0.0
     friction_N: NonNegative = 0.0
 
+    @rule
+    def _ranges(self) -> Told:
+        return _range_told("range_m", self.range_m)
+
 
 @final
 @dataclass(frozen=True)
-class ObjectTable:
+class ObjectTable(_Shaped):
     """A rigid body of the scene.
 
     Args:
@@ -170,6 +227,33 @@ class ObjectTable:
     hinge: HingeJointTable | None = None
     slide: SlideJointTable | None = None
     parts: tuple[SolidTable, ...] = field(default=(), metadata={"alias": "part"})
+
+    @rule
+    def _is_something(self) -> Told:
+        if self.shape is None and not self.parts:
+            yield "", "give a shape, or [[object.part]] tables; neither is given"
+
+    @rule
+    def _has_inertia(self) -> Told:
+        inertia = self.inertia_kg_m2
+        if inertia is None:
+            if self.center_of_mass_m is not None:
+                yield "center_of_mass_m", "goes with inertia_kg_m2; none is given"
+        elif self.mass_kg is None:
+            yield "mass_kg", "is missing; what has inertia_kg_m2 needs mass"
+        elif 2.0 * max(inertia) > sum(inertia):
+            yield Fault(
+                "inertia_kg_m2",
+                f"{list(inertia)} is of no body: the largest must not be above the sum of the other two",
+            )
+
+    @rule
+    def _hangs_on_one_joint(self) -> Told:
+        if self.hinge is not None and self.slide is not None:
+            yield "slide", "cannot stand beside hinge; an object has one joint"
+        elif (self.hinge or self.slide) and self.mass_kg is None:
+            key = "slide" if self.hinge is None else "hinge"
+            yield "mass_kg", f"is missing; what hangs on a {key} needs mass"
 
 
 @final
@@ -221,6 +305,26 @@ class WireTable:
     last: str | None = None
     rgba: Colour = COPPER
     friction: NonNegative = 0.5
+
+    @rule
+    def _bends(self) -> Told:
+        length = float(np.linalg.norm(np.diff(np.array(self.points_m), axis=0), axis=1).sum())
+        if length / self.segments <= 2.0 * self.radius_m:
+            yield Fault(
+                "segments",
+                f"{self.segments} segments of {length:.3g} m are not longer than thick; fewer than "
+                f"{int(length / (2.0 * self.radius_m))} are",
+            )
+
+    @rule
+    def _is_heavy_enough(self) -> Told:
+        least = LEAST_INERTIA_kg_m2 / (0.4 * self.radius_m**2) * self.segments
+        if self.mass_kg <= least:
+            yield Fault(
+                "mass_kg",
+                f"{self.mass_kg:g} is too light for {self.segments} segments that thin, which would spin "
+                f"without inertia; must be above {least:.3g}",
+            )
 
 
 Solid = TypeVar("Solid", ObjectTable, SolidTable)

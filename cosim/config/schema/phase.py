@@ -18,9 +18,9 @@ world's x axis; pointing straight up it is turned half a turn about the world's 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from fnmatch import fnmatchcase
 from typing import TYPE_CHECKING, Annotated, Any, Final, Literal, TypeAlias, TypeVar, final
 
 from annotated_types import Interval, Len
@@ -36,21 +36,18 @@ from cosim.config.toml.keys import (
     Text,
     Vector3,
     listing,
+    matching,
     unknown_name_message,
 )
 from cosim.config.toml.parsing import KindTable
-from cosim.errors import ScenarioError
+from cosim.config.toml.reading import Fault, Told, rule
+from cosim.errors import InputError, ScenarioError
 
 if TYPE_CHECKING:
     from cosim.base.tip_course import TipCourse
 
 
 Value = TypeVar("Value")
-
-
-def matching(pattern: str, names: Iterable[str]) -> list[str]:
-    """Return the names that a name, group or pattern stands for, in their order."""
-    return [name for name in names if name.startswith(f"{pattern}/") or fnmatchcase(name, pattern)]
 
 
 def by_name(table: Mapping[str, Value], names: Sequence[str], what: str, path: str) -> dict[str, Value]:
@@ -138,6 +135,18 @@ class CommandTable(KindTable):
 MOST_POINTS: Final = 10_000
 """Of a tip path."""
 
+MOST_SHAKE_PERIODS: Final = 1_000
+CELL_KEYS: Final = ("cell_shift_m", "cell_angle_rad", "cell_speed_m_s", "cell_speed_rad_s")
+"""Keys of a phase that drive joints of the cell."""
+
+SETPOINTS: Final = {
+    "control_bending_angle_rad": "bending_angle_rad", "control_tip_height_m": "tip_height_m"
+}  # fmt: skip
+"""Key of a phase -> what the controllers that it names measure."""
+
+_MOVES: Final = ("flange", "flange_turn", "flange_shift_m", "flange_shake")
+_SAME: Final = 1e-6  # of a duration
+
 Tensions = Annotated[tuple[NonNegative, ...], OrByName()]
 
 
@@ -205,6 +214,14 @@ class TipTargetTable:
     direction: Direction | None = None
     height_m: float | None = None
     reach_with: Literal["flange", "cables", "none"] = "flange"
+
+    @rule
+    def _is_one_place(self) -> Told:
+        if (self.position_m is None) == (self.height_m is None):
+            given = "neither" if self.position_m is None else "both"
+            yield "", f"give position_m or height_m; {given} is given"
+        elif self.reach_with != "cables" and self.height_m is not None:
+            yield "height_m", "needs reach_with = 'cables'"
 
 
 @final
@@ -368,7 +385,89 @@ class PhaseTable:
     @property
     def tip_key(self) -> str | None:
         """The key that says where the tip goes; None where nothing does."""
-        return next((key for key in ("tip_target", "tip_path") if getattr(self, key) is not None), None)
+        return next(iter(self._given(("tip_target", "tip_path"))), None)
+
+    @property
+    def commands_lengths(self) -> bool:
+        """Whether it commands cable lengths."""
+        return bool(self._given(("cable_length_m", "cable_shortening_m")))
+
+    def acting(self) -> dict[str, float | None]:
+        """Return the controllers that act in it, with their setpoints; None for one without."""
+        named: dict[str, float | None] = dict.fromkeys(self.control)
+        for key in SETPOINTS:
+            named.update(getattr(self, key) or {})
+        return named
+
+    def _given(self, keys: Sequence[str]) -> list[str]:
+        return [key for key in keys if getattr(self, key) is not None]
+
+    @rule
+    def _moves_in_one_way(self) -> Told:
+        moves = self._given(_MOVES)
+        if self.flange is not None and len(moves) > 1:
+            yield moves[1], "cannot stand beside flange, which already gives the pose"
+
+    @rule
+    def _shakes(self) -> Told:
+        if self.flange_shake is None:
+            return
+        if self.ramp != "linear":
+            yield "ramp", f"flange_shake needs ramp = 'linear'; it is '{self.ramp}'"
+        periods = self.flange_shake.frequency_Hz * self.duration_s
+        if periods < 3.0:
+            yield "duration_s", f"{self.duration_s:g} is shorter than 3 periods of flange_shake"
+        if periods > MOST_SHAKE_PERIODS:
+            yield Fault(
+                "flange_shake.frequency_Hz",
+                f"makes {periods:g} periods in one phase; at most {MOST_SHAKE_PERIODS} are allowed",
+            )
+
+    @rule
+    def _follows_a_path_alone(self) -> Told:
+        if self.tip_path is None:
+            return
+        for other in self._given((*_MOVES, "tip_target")):
+            yield other, "cannot stand beside tip_path, which moves the flange"
+        if self.ramp != "linear":
+            yield "ramp", f"is '{self.ramp}'; a tip_path has ramps of its own (ramp_s): leave it out"
+
+    @rule
+    def _lasts_as_long_as_its_path(self) -> Told:
+        path = self.tip_path
+        if path is None:
+            return
+        if path.file is not None:
+            yield "tip_path.file", "is read where a scenario's file names it; give points_m"
+            return
+        try:
+            lasts_s = path.course().duration_s
+        except InputError as error:
+            yield "tip_path", str(error)
+            return
+        if not math.isclose(self.duration_s, lasts_s, rel_tol=_SAME):
+            yield Fault(
+                "duration_s",
+                f"is {self.duration_s:g}, but the path takes {lasts_s:.6g} s at {path.speed_m_s:g} m/s; "
+                "leave it out",
+            )
+
+    @rule
+    def _reaches_in_one_way(self) -> Told:
+        if self.tip_target is None:
+            return
+        for key in self._given(_MOVES)[:1]:
+            yield key, "cannot stand beside tip_target in one phase"
+        if self.tip_target.reach_with == "cables" and self.cable_tension_N is not None:
+            yield "cable_tension_N", "cannot stand beside a target reached with cables"
+
+    @rule
+    def _commands_cables_in_one_way(self) -> Told:
+        for key in self._given(("cable_length_m", "cable_shortening_m")):
+            if getattr(self, key) and self.cable_tension_N is not None:
+                yield key, "cannot stand beside cable_tension_N, which commands the same cables"
+        for name in sorted((self.cable_length_m or {}).keys() & (self.cable_shortening_m or {}).keys()):
+            yield f"cable_shortening_m.{name}", "cannot stand beside cable_length_m of the same cable"
 
 
 HOLD: Final = PhaseTable(name="hold", duration_s=1e9, ramp="step")

@@ -11,7 +11,7 @@ What a scenario may name of a soft body that is given from Python in place of a 
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from typing import Annotated, Any, ClassVar, Final, Literal, TypeAlias, final
 
@@ -21,7 +21,17 @@ from cosim.config.arms.arm_table import BaseTable
 from cosim.config.schema.objects import ObjectTable, SceneTable, WireTable
 from cosim.config.schema.phase import HOLD, CommandTable, PhaseTable, StartTable
 from cosim.config.schema.soft_robot import SoftRobotTable
-from cosim.config.toml.keys import Count, Name, NonNegative, Positive, Text, Vector3
+from cosim.config.toml.keys import (
+    Count,
+    Name,
+    NonNegative,
+    Positive,
+    Text,
+    Vector3,
+    listing,
+    unknown_name_message,
+)
+from cosim.config.toml.reading import Told, rule
 
 
 @final
@@ -181,6 +191,14 @@ class OrificeTable:
     chambers: tuple[str, str]
     conductance_kg_s_Pa: Positive
 
+    @rule
+    def _joins_two_chambers(self, scenario: Scenario) -> Told:
+        names = scenario.soft_robot.chamber_names()
+        for name in [name for name in self.chambers if name not in names][:1]:
+            yield "chambers", unknown_name_message("chamber", name, names)
+        if self.chambers[0] == self.chambers[1]:
+            yield "chambers", f"joins '{self.chambers[0]}' to itself; name two chambers"
+
 
 @final
 @dataclass(frozen=True)
@@ -212,6 +230,19 @@ class RecordingTable:
     frames_per_s: Positive = 60.0
 
 
+_NEEDED: Final = {
+    "bang_bang": ("increment",), "pi": ("proportional_gain", "integral_gain_per_s"), "python": ()
+}  # fmt: skip
+_PERIOD_ROUNDING: Final = 1e-6
+
+
+def unknown_cables(named: Iterable[str], scenario: Scenario, key: str) -> Told:
+    """Yield what is wrong with a key that names cables: the first that does not exist."""
+    known = scenario.soft_robot.cable_names()
+    for name in [name for name in named if name not in known][:1]:
+        yield key, unknown_name_message("cable", name, known)
+
+
 @final
 @dataclass(frozen=True)
 class PumpTable:
@@ -237,6 +268,19 @@ class PumpTable:
     vent_above_Pa: Positive | None = None
     vent_kg_s_Pa: NonNegative = 0.0
 
+    @rule
+    def _vents(self) -> Told:
+        if self.vent_above_Pa is not None and self.vent_kg_s_Pa == 0.0:
+            yield "vent_kg_s_Pa", "is missing: the valve of vent_above_Pa lets nothing through"
+
+    @rule
+    def _is_on_a_chamber(self, scenario: Scenario) -> Told:
+        names = scenario.soft_robot.chamber_names()
+        if self.chamber is None and len(names) > 1:
+            yield "chamber", f"is missing; there are: {listing(names)}"
+        if self.chamber is not None and self.chamber not in names:
+            yield "chamber", unknown_name_message("chamber", self.chamber, names)
+
 
 @final
 @dataclass(frozen=True)
@@ -260,6 +304,22 @@ class WinchTable:
     step_rate_per_s: Positive
     stall_torque_Nm: Positive
     gear_ratio: Positive = 1.0
+
+    @rule
+    def _winds_cables(self, scenario: Scenario) -> Told:
+        return unknown_cables(self.cables, scenario, "cables")
+
+    @rule
+    def _winds_them_alone(self, scenario: Scenario) -> Told:
+        wound: dict[str, str] = {}
+        for winch in scenario.winches:
+            for name in winch.cables:
+                if winch is self and name in wound:
+                    yield "cables", f"cable '{name}' is wound by winch '{wound[name]}' already"
+                    return
+                wound[name] = winch.name
+            if winch is self:
+                return
 
 
 @final
@@ -295,6 +355,33 @@ class ControllerTable:
     integral_gain_per_s: NonNegative | None = None
     output_min: float = 0.0
     output_max: float | None = None
+
+    @rule
+    def _acts_every_few_ticks(self, scenario: Scenario) -> Told:
+        tick_s = scenario.clock.tick_s
+        ticks = self.period_s / tick_s
+        if round(ticks) < 1 or abs(ticks - round(ticks)) > _PERIOD_ROUNDING * ticks:
+            yield "period_s", f"{self.period_s:g} must be a whole number of ticks of {tick_s:g} s"
+
+    @rule
+    def _moves_cables(self, scenario: Scenario) -> Told:
+        yield from unknown_cables(self.cables, scenario, "cables")
+        if not self.cables and self.kind != "python":
+            yield "cables", f"is missing; there are: {listing(scenario.soft_robot.cable_names())}"
+
+    @rule
+    def _has_what_its_kind_needs(self) -> Told:
+        for key in [key for key in _NEEDED[self.kind] if getattr(self, key) is None]:
+            yield key, f"is missing; kind '{self.kind}' needs it"
+
+    @rule
+    def _has_a_range(self) -> Told:
+        if self.kind == "python":
+            return
+        if self.output_max is not None and self.output_max <= self.output_min:
+            yield "output_max", f"{self.output_max:g} must be above output_min, {self.output_min:g}"
+        if self.commands == "cable_tension_N" and self.output_min < 0.0:
+            yield "output_min", f"{self.output_min:g} N: a cable cannot push, give 0 or more"
 
 
 @final

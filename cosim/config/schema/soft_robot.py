@@ -6,32 +6,34 @@ Tables of elements that a soft robot has besides its film, folds, cables and sti
 
 Each kind has a table of its own, a subclass of `ElementTable`, and is known once it is registered.
 
-Tables of what a soft robot is made of: film, hinges, stiffeners, mass.
-
-Schema of stacks of polygonal units: their geometry, and how cables run along them.
-"""
+Tables of what a soft robot is made of: film, hinges, stiffeners, mass."""
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass, field
+from collections import Counter
+from dataclasses import dataclass, field, fields, is_dataclass
+from pathlib import Path
 from typing import Annotated, Any, Final, Literal, final
 
 from annotated_types import Interval, Len
 
 from cosim.base.names import ONLY_CHAMBER
+from cosim.base.resources import is_file
+from cosim.config.schema.stack import FIRST_RING, StackTable
 from cosim.config.toml.keys import (
     Colour,
     Count,
-    Fraction,
-    Increasing,
     Name,
     NonNegative,
     Positive,
     Text,
     Vector3,
+    key_of,
+    matching,
+    unknown_name_message,
 )
 from cosim.config.toml.parsing import KindTable
+from cosim.config.toml.reading import Fault, Told, rule
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -76,6 +78,12 @@ class NodeSetTable:
     points_m: tuple[Vector3, ...] = ()
     group: Text | None = None
 
+    @rule
+    def _is_said_once(self) -> Told:
+        ways = (self.axis is not None, self.at_m is not None, bool(self.points_m), self.group is not None)
+        if ways not in ((True, True, False, False), (False, False, True, False), (False, False, False, True)):
+            yield "", "give axis and at_m, or points_m, or group, and one of these"
+
 
 @final
 @dataclass(frozen=True, kw_only=True)
@@ -96,6 +104,16 @@ class MeshTable(BodySourceTable):
     scale: Positive = 1.0
     sets: Annotated[tuple[NodeSetTable, ...], Len(min_length=2)] = field(metadata={"alias": "set"})
     tip: Name = "tip"
+
+    @rule
+    def _has_its_file(self) -> Told:
+        if not is_file(Path(self.file)):
+            yield "file", f"no file {self.file!r} beside the one that names it"
+
+    @rule
+    def _has_its_tip(self) -> Told:
+        if self.tip not in self.set_names():
+            yield "tip", unknown_name_message("set", self.tip, self.set_names())
 
     def set_names(self) -> tuple[str, ...]:
         """Return the names of the node sets."""
@@ -147,6 +165,11 @@ class FilmTable:
     law: Literal["plain", "tension_field", "edge_strain", "wrinkling"] = "plain"
     wrinkle_panel_m: Positive | None = None
 
+    @rule
+    def _wrinkles_in_panels(self) -> Told:
+        if self.wrinkle_panel_m is not None and self.law != "wrinkling":
+            yield "wrinkle_panel_m", f"goes with law = 'wrinkling'; the law is '{self.law}'"
+
 
 @final
 @dataclass(frozen=True)
@@ -194,6 +217,15 @@ class StiffenerTable:
     density_kg_m3: NonNegative = 0.0
     strength_strain: Positive | None = None
 
+    @rule
+    def _is_a_beam(self) -> Told:
+        for key in ("width_m", "height_m", "young_modulus_Pa"):
+            given = getattr(self, key) is not None
+            if given is not (self.kind == "beam"):
+                has = "goes with" if given else "is missing; needed with"
+                yield key, f"{has} kind = 'beam'; the kind is '{self.kind}'"
+                return
+
 
 @final
 @dataclass(frozen=True)
@@ -212,91 +244,8 @@ class MassTable:
     seam_mass_kg: NonNegative = 0.0
 
 
-HeightFractions = Annotated[tuple[Fraction, Fraction, Fraction], Increasing]
 UnitRange = tuple[Count, Count]
-FIRST_RING: Final = "unit_1.hole"
-"""The ring of a stack that the flange holds, unless a robot's `base` says otherwise."""
-_RINGS: Final = ("hole", "lower", "outer", "upper")
-_TRIANGLES_PER_UNIT_AND_SIDE: Final = (14, 28, 56)
-"""By `refine_holes`."""
-_WITH_NECK: Final = (14, 28, 84)
-
-
-@final
-@dataclass(frozen=True)
-class NeckTable:
-    """Film of double thickness around the holes, where the films of neighbouring units are fused.
-
-    Args:
-        fused_radius_m: its distance from the axis; beyond the holes' corners and within the mid rings.
-    """
-
-    fused_radius_m: Positive
-
-
-@final
-@dataclass(frozen=True)
-class StackTable:
-    """Geometry of a straight stack of polygonal units, drawn along the flange's z axis.
-
-    Args:
-        kind: the only geometry so far.
-        sides: corners of each unit.
-        units: number of units.
-        corner_radius_m: distance of the first unit's corners from the axis.
-        taper: corner radius of a unit divided by that of the unit before it.
-        hole_radius_m: distance of the corners of the hole rings between units from the axis.
-        mid_ring_fraction: 0 puts the mid rings' corners at the hole, 1 at the unit's corner.
-        unit_height_m: drawn height of one unit.
-        ring_heights: of lower mid, outer and upper mid ring, as fractions of the unit's height.
-        first_corner_rad: angle of corner 0 from the flange's x axis about its z axis; omitted:
-            -pi / sides, so that the edge between corners 0 and 1 faces +x.
-        refine_holes: how often all edges that end at hole rings are cut, a third of the logarithmic way
-            outwards: units bend there, and the drawn mesh is several times too stiff for it.
-        neck: films fused around the holes; omitted: each unit has films of its own up to the holes. Only with
-            refine_holes.
-        refine: how often each triangle is divided into four, after that.
-    """
-
-    sides: Annotated[int, Interval(ge=3, le=64)]
-    units: Annotated[int, Interval(ge=1, le=200)]
-    corner_radius_m: Positive
-    hole_radius_m: Positive
-    unit_height_m: Positive
-    ring_heights: HeightFractions
-    kind: Literal["polygonal_stack"] = "polygonal_stack"
-    taper: Annotated[float, Interval(gt=0.0, le=1.0)] = 1.0
-    mid_ring_fraction: Fraction = 0.5
-    first_corner_rad: float | None = None
-    refine_holes: Annotated[int, Interval(ge=0, le=2)] = 0
-    neck: NeckTable | None = None
-    refine: Annotated[int, Interval(ge=0, le=4)] = 0
-
-    @property
-    def smallest_radius_m(self) -> float:
-        """Distance of the last unit's corners from the axis."""
-        return self.corner_radius_m * self.taper ** (self.units - 1)
-
-    @property
-    def triangles(self) -> int:
-        """How many triangles the refined mesh has."""
-        counts = _TRIANGLES_PER_UNIT_AND_SIDE if self.neck is None else _WITH_NECK
-        return counts[self.refine_holes] * self.sides * self.units << 2 * self.refine
-
-    @property
-    def neck_bound_m(self) -> float:
-        """Distance from the axis of the nodes next to a hole, those of the smallest mid ring's edges."""
-        middle = self.hole_radius_m + self.mid_ring_fraction * (self.smallest_radius_m - self.hole_radius_m)
-        return middle * math.cos(math.pi / self.sides)
-
-    def ring_names(self) -> tuple[str, ...]:
-        """Return the names of the rings, base to tip; see `PolygonalStack.mesh`."""
-        units = range(1, self.units + 1)
-        return (*(f"unit_{unit}.{ring}" for unit in units for ring in _RINGS), "tip")
-
-    def frame_rings(self) -> tuple[str, ...]:
-        """Return the names of the rings that are frames of a section model, base to tip."""
-        return (*(f"unit_{unit}.outer" for unit in range(1, self.units + 1)), "tip")
+LEAST_NODE_MASS_kg: Final = 1e-12
 
 
 @final
@@ -323,6 +272,37 @@ class CableTable:
     capstan_factor: Annotated[float, Interval(gt=0.0, le=1.0)] | None = None
     friction_coefficient: NonNegative | None = None
     stiffness_N_m: Positive = 1e4
+
+    @rule
+    def _runs_along_a_stack(self, robot: SoftRobotTable) -> Told:
+        if robot.stack is None:
+            return
+        if self.corner is None or self.units is None or self.line is not None:
+            yield "", "runs along a stack of units: give corner and units, and no line"
+            return
+        (first, last), units, sides = self.units, robot.stack.units, robot.stack.sides
+        if self.corner >= sides:
+            yield "corner", f"{self.corner} does not exist; corners 0 to {sides - 1} do"
+        if last > units:
+            yield "units", f"unit {last} does not exist; units 1 to {units} do"
+        elif first >= last:
+            yield "units", f"[{first}, {last}] must run from a unit to a later one"
+
+    @rule
+    def _runs_along_a_line(self, robot: SoftRobotTable) -> Told:
+        if robot.stack is not None or robot.body is None:
+            return
+        names = robot.body.set_names()
+        if self.line is None or self.corner is not None or self.units is not None:
+            yield "", "runs along no stack of units: give line, without corner and units"
+        elif self.line not in names:
+            yield "line", unknown_name_message("set", self.line, names)
+
+    @rule
+    def _has_one_law_of_losses(self) -> Told:
+        if (self.capstan_factor is None) == (self.friction_coefficient is None):
+            given = "neither" if self.capstan_factor is None else "both"
+            yield "", f"give capstan_factor or friction_coefficient; {given} is given"
 
 
 ARM_CHAMBER: Final = "arm"
@@ -407,6 +387,25 @@ class AttachmentTable:
     height_m: NonNegative = 0.0
     plate: PlateTable = PlateTable()
 
+    @rule
+    def _has_a_tip_to_be_on(self, robot: SoftRobotTable) -> Told:
+        if robot.copies is not None:
+            yield "", "cannot stand beside copies, which have no single tip"
+
+    @rule
+    def _has_the_same_film(self, robot: SoftRobotTable) -> Told:
+        if self.robot.film != robot.film:
+            yield "robot.film", f"differs from the film of '{robot.name}'; must not"
+
+    @rule
+    def _has_the_same_barrier(self, robot: SoftRobotTable) -> Told:
+        barrier, own = self.robot.hinge.fold_barrier_rad, robot.hinge.fold_barrier_rad
+        if barrier != own:
+            yield Fault(
+                "robot.hinge.fold_barrier_rad",
+                f"{barrier:g} differs from that of '{robot.name}', {own:g}; must not",
+            )
+
 
 @final
 @dataclass(frozen=True)
@@ -438,6 +437,29 @@ class KnownTable:
     published: tuple[Text, ...] = ()
     measured: tuple[Text, ...] = ()
     assumed: tuple[Text, ...] = ()
+
+    @rule
+    def _names_keys(self, robot: SoftRobotTable) -> Told:
+        for entry in fields(self):
+            for key in getattr(self, entry.name):
+                if not _has_key(robot, key.split(".")):
+                    yield entry.name, f"names '{key}'; the robot has no such key"
+
+    @rule
+    def _names_each_once(self) -> Told:
+        counts = Counter((*self.published, *self.measured, *self.assumed))
+        for key in [key for key, count in counts.items() if count > 1][:1]:
+            yield "", f"names '{key}' more than once"
+
+
+def _has_key(table: Any, parts: list[str]) -> bool:
+    """Return whether a table has a key; of a table that is left out, any."""
+    if isinstance(table, tuple):
+        table = table[0] if table else None
+    if table is None or not parts:
+        return True
+    names = {key_of(entry): entry.name for entry in fields(table)} if is_dataclass(table) else {}
+    return parts[0] in names and _has_key(getattr(table, names[parts[0]]), parts[1:])
 
 
 @final
@@ -521,6 +543,47 @@ class SoftRobotTable:
         if self.stack is not None:
             return self.stack.ring_names()
         return () if self.body is None else self.body.set_names()
+
+    @property
+    def triangles(self) -> int:
+        """How many triangles its mesh has, with its copies and attachments."""
+        copies = 1 if self.copies is None else self.copies.count
+        own = 0 if self.stack is None else self.stack.triangles  # mesh files have a bound of their own
+        return copies * own + sum(part.robot.triangles for part in self.attachments)
+
+    @rule
+    def _is_drawn_once(self) -> Told:
+        if self.stack is not None and self.body is not None:
+            yield "body", "cannot stand beside stack; one draws the film"
+        elif self.stack is None and self.body is None:
+            yield "stack", "is missing; give [stack], or [body] with what draws the film"
+        elif self.stack is not None and self.groups:
+            yield "group", "a stack of units has no named groups of triangles"
+
+    @rule
+    def _has_outer_rings(self) -> Told:
+        if self.stack is None and self.body is not None:
+            if self.stiffener.kind != "none":
+                yield "stiffener.kind", "is of stacks of units: they have outer rings"
+            if self.mass.seam_mass_kg:
+                yield "mass.seam_mass_kg", "is of stacks of units: they have outer rings"
+
+    @rule
+    def _has_mass(self) -> Told:
+        size_m = 1.0 if self.stack is None else self.stack.unit_height_m  # of other films the mesh will tell
+        film_mass = self.film.density_kg_m3 * self.film.thickness_m * size_m**2
+        if self.mass.node_mass_kg < LEAST_NODE_MASS_kg and film_mass < LEAST_NODE_MASS_kg:
+            yield Fault(
+                "mass.node_mass_kg",
+                f"every node needs mass, {LEAST_NODE_MASS_kg:g} kg at least; give node_mass_kg or "
+                "film.density_kg_m3",
+            )
+
+    @rule
+    def _has_its_base(self) -> Told:
+        known = self.ring_names()
+        for ring in [ring for ring in self.base if not matching(ring, known)][:1]:
+            yield "base", unknown_name_message("ring", ring, known)
 
     @property
     def all_stacks(self) -> bool:

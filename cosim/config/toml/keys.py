@@ -18,9 +18,10 @@ Words for unknown keys: the nearest known ones, and units that do not fit.
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import Field, dataclass
 from difflib import get_close_matches
+from fnmatch import fnmatchcase
 from functools import cache
 from itertools import pairwise
 from typing import Annotated, Any, Final, final
@@ -295,6 +296,11 @@ def unknown_name_message(kind: str, name: str, known: tuple[str, ...]) -> str:
 def listing(names: Sequence[str]) -> str:
     """Return names in one line, the middle of many left out."""
     return ", ".join(names if len(names) <= 12 else (*names[:6], "...", *names[-3:])) or "none"
+
+
+def matching(pattern: str, names: Iterable[str]) -> list[str]:
+    """Return the names that a name, group or pattern stands for, in their order."""
+    return [name for name in names if name.startswith(f"{pattern}/") or fnmatchcase(name, pattern)]
 
 
 def split_unit(key: str) -> tuple[str, str]:

@@ -37,8 +37,8 @@ from cosim.config.toml.keys import (
     shown,
     unknown_key_message,
 )
-from cosim.config.toml.reading import UNKNOWN, Faults, Unreadable, guard, only_readable
-from cosim.errors import InputError, ScenarioError
+from cosim.config.toml.reading import UNKNOWN, Fault, Faults, Told, Unreadable, guard, only_readable, rule
+from cosim.errors import InputError
 
 Node: TypeAlias = Mapping[str, Any]
 """A node of a pydantic core schema."""
@@ -176,6 +176,15 @@ class KindTable:
         choices = {kind: handler.generate_schema(table) for kind, table in cls.kinds.items()}
         return core_schema.tagged_union_schema(choices, "kind")
 
+    @rule
+    def _known(self) -> Told:
+        if name_of(type(self)) is None:
+            yield Fault(
+                "",
+                f"kind '{self.kind}' is not known; there are: {listing(tuple(self.kinds))}; make it known by "
+                "--import MODULE, or from Python by cosim.register_kind",
+            )
+
 
 def name_of(table: type[KindTable]) -> str | None:
     """Return the name of a kind; None for a family of kinds."""
@@ -202,21 +211,6 @@ def register_kind(table: type[KindTable]) -> None:
         )
     table.kinds[name] = table
     forget_schemas()
-
-
-def check_registered(entry: KindTable, path: str) -> None:
-    """Check that a table read from a file is of a kind that is known.
-
-    Raises:
-        ScenarioError: it is not.
-    """
-    if name_of(type(entry)) is None:
-        known = listing(tuple(entry.kinds))
-        raise ScenarioError(
-            path,
-            f"kind '{entry.kind}' is not known; there are: {known}; make it known by --import MODULE, or "
-            "from Python by cosim.register_kind",
-        )
 
 
 def _kind_place(table: type) -> str:

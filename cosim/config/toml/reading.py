@@ -1,6 +1,7 @@
 """Reads TOML files that may be anybody's, changes tables by key path, and collects their faults.
 
-Faults of a file that are collected, so that all are told at once; and values that no one can know.
+Faults of a file that are collected, so that all are told at once; values that no one can know; and the
+rules of tables, which are beside their fields.
 
 Changes to a scenario's tables by key path, as `--set key=value` gives them.
 """
@@ -9,20 +10,27 @@ from __future__ import annotations
 
 import sys
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from copy import copy
-from dataclasses import dataclass, is_dataclass
+from dataclasses import dataclass, fields, is_dataclass
 from functools import cache
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Final, TypeAlias, TypeVar, final
+from typing import Any, Final, NamedTuple, TypeAlias, TypeVar, final, get_type_hints
 
-from cosim.base.files_read import read_file
+from cosim.base.files import read_file
+from cosim.config.toml.keys import join, key_of
 from cosim.errors import ScenarioError
 
 T = TypeVar("T")
-Fault: TypeAlias = tuple[str, str]
-"""Path of a key, and what is wrong with it."""
+
+
+class Fault(NamedTuple):
+    """Path of a key, and what is wrong with it."""
+
+    path: str
+    problem: str
+
 
 _PLAIN: Final = "_plain"
 """Where a guarded class keeps the one that it stands for."""
@@ -109,7 +117,7 @@ class Faults:
 
     def add(self, path: str, message: str) -> None:
         """Note what is wrong with a key, once."""
-        self._found[path, message] = None
+        self._found[Fault(path, message)] = None
 
     def tell(self) -> None:
         """Raise what was found.
@@ -120,6 +128,71 @@ class Faults:
         if self._found:
             first, *others = self._found
             raise ScenarioError(*first, further=tuple(others))
+
+
+Told: TypeAlias = Iterator[Fault | tuple[str, str]]
+"""What a rule yields: for each fault the key within its table; "" is the table itself."""
+
+Rule = TypeVar("Rule", bound=Callable[..., Told])
+RuleOn: TypeAlias = tuple[Any, Callable[..., Told]]
+"""The class of tables that a rule is on, and the rule."""
+
+
+def rule(told: Rule) -> Rule:
+    """Mark a rule: a method of a table, or a function whose first argument is one.
+
+    A second argument is what the table is in: the scenario, or the soft robot whose file it is part of (the
+    tables with a `schema`). A rule that needs a value that is wrong by itself ends there; what it has yielded
+    before counts.
+    """
+    told.__dict__["is_rule"] = True
+    return told
+
+
+def rules_of(module: Mapping[str, Any]) -> tuple[RuleOn, ...]:
+    """Return the rules that are functions of a module."""
+    found = [entry for entry in module.values() if getattr(entry, "is_rule", False)]
+    return tuple((next(iter(get_type_hints(entry).values())), entry) for entry in found)
+
+
+def check(table: Any, path: str, around: Any, rules: Sequence[RuleOn], faults: Faults) -> None:
+    """Check a table by its rules, then all tables in it; names in a list of tables must differ.
+
+    Args:
+        table: a dataclass; may hold UNKNOWN.
+        path: of the table.
+        around: what it is in.
+        rules: further ones, on classes of tables.
+        faults: gets the rules that are broken.
+    """
+    names = [entry for kind in type(table).__mro__ for entry in vars(kind).values()]
+    own = [entry for entry in names if hasattr(entry, "is_rule")]
+    for told in (*(entry for kind, entry in rules if isinstance(table, kind)), *own):
+        with faults:
+            for key, problem in told(*(table, around)[: told.__code__.co_argcount]):
+                faults.add(".".join(filter(None, (path, key))), problem)
+    parts = fields(table)
+    inner = table if any(entry.name == "schema" for entry in parts) else around
+    for entry in parts:
+        with faults:
+            value, place = getattr(table, entry.name), join(path, key_of(entry))
+            if is_dataclass(value):
+                check(value, place, inner, rules, faults)
+            elif isinstance(value, tuple) and any(map(is_dataclass, value)):
+                _check_entries(value, place, inner, rules, faults)
+
+
+def _check_entries(
+    entries: tuple[Any, ...], path: str, around: Any, rules: Sequence[RuleOn], faults: Faults
+) -> None:
+    seen = set[str]()
+    for number, entry in enumerate(entries, start=1):
+        with faults:
+            name = getattr(entry, "name", str(number))
+            if name in seen:
+                faults.add(join(path, name), "the name is used twice; names must differ")
+            seen.add(name)
+            check(entry, join(path, name), around, rules, faults)
 
 
 LARGEST_FILE_BYTES: Final = 4_000_000

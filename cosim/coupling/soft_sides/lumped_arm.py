@@ -49,7 +49,7 @@ from cosim.soft.solve.state import (
     inertia_weight,
 )
 from cosim.soft.solve.time_step import ImplicitStepper
-from cosim.soft.targets import tension_search, tip_search
+from cosim.soft.targets import tip_search
 from cosim.soft.targets.tip_target import TargetOptions, TipTarget
 
 
@@ -359,7 +359,7 @@ class SoftArm(SoftSide):
     def find_tensions(self, begin: Equilibrium, target: TipTarget) -> Equilibrium:
         """Return the equilibrium whose cable tensions bring the tip to a target; the flange stays."""
         with self.effort.search("cable tensions for a tip target"):
-            return tension_search.find_tensions(self.equilibrium_solver, begin, target).equilibrium
+            return tip_search.find_tensions(self.equilibrium_solver, begin, target).equilibrium
 
     def find_flange_pose(
         self, begin: Equilibrium, target: TipTarget, options: TargetOptions | None = None

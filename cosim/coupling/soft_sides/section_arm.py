@@ -36,7 +36,7 @@ from cosim.soft.contact.obstacle_contact import ContactPlanes
 from cosim.soft.solve.assembly import SoftSystem
 from cosim.soft.solve.newton_options import NewtonOptions, Outcome
 from cosim.soft.solve.state import Equilibrium, Obstacles, SoftState, StepAim, StepOptions
-from cosim.soft.targets import tension_search, tip_search
+from cosim.soft.targets import tip_search
 from cosim.soft.targets.tip_target import TargetOptions, TipTarget
 
 
@@ -281,7 +281,7 @@ class SectionArm(SoftSide):
 
     def find_tensions(self, begin: Equilibrium, target: TipTarget) -> Equilibrium:
         """Return the equilibrium whose cable tensions bring the tip to a target; the flange stays."""
-        return tension_search.find_tensions(self, begin, target).equilibrium
+        return tip_search.find_tensions(self, begin, target).equilibrium
 
     def find_flange_pose(
         self, begin: Equilibrium, target: TipTarget, options: TargetOptions | None = None

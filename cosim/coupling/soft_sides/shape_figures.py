@@ -7,8 +7,7 @@ from typing import final
 
 import numpy as np
 
-from cosim.base.frames import Array, IntArray
-from cosim.base.shown import Shown
+from cosim.base.frames import Array, IntArray, Shown
 
 
 @final

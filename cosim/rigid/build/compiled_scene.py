@@ -22,7 +22,7 @@ import mujoco
 import numpy as np
 
 from cosim.base.frames import Array, IntArray, Pose
-from cosim.base.shown import BodyShape
+from cosim.base.solid import BodyShape
 from cosim.config.arms.chain import readable_mesh
 from cosim.errors import InputError, SceneError
 from cosim.rigid.build.cells import attach_cell

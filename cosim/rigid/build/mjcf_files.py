@@ -20,7 +20,7 @@ from typing import Any, Final, Never, final
 import mujoco
 import numpy as np
 
-from cosim.base.files_read import note_file
+from cosim.base.files import note_file
 from cosim.base.frames import Array
 from cosim.base.resources import is_file
 from cosim.config.arms.robot_tree import check_depth, read_xml

@@ -20,7 +20,7 @@ import mujoco
 import numpy as np
 
 from cosim.base.frames import Array, IntArray, Pose, SixNumbers, Twist, Wrench
-from cosim.base.shown import BodyShape
+from cosim.base.solid import BodyShape
 from cosim.errors import InputError
 from cosim.rigid.build.cells import CellDrives
 from cosim.rigid.build.compiled_scene import CompiledScene

@@ -1,6 +1,7 @@
-"""Gauss-Newton on the deformed tip's pose, and the flange pose that brings the tip to a target.
+"""Searches flange poses and cable tensions that bring the tip to a target.
 
-What follows equilibria and knows how their tip moves: the film itself, or a model that stands for it.
+Gauss-Newton on the deformed tip's pose. What follows equilibria and knows how their tip moves is the film
+itself, or a model in its place.
 
 A step solves the linear model J change = missing within a bound. It is taken when the equilibrium it leads to
 is stable and brings the tip nearer by at least a tenth of what the linear model promised; else it is cut to a
@@ -11,11 +12,20 @@ Moving the flange by a translation d and a rotation w (world axes, about its ori
 rigidly and turns gravity by -w seen from the flange:
     dp = d + w x (p - o) + (dp/dgravity) (gravity x w)     (both with w also turned on the direction).
 Source: implicit function theorem; DESIGN section 4 for the exact tangent.
+
+Cable tensions, while the flange stays: Gauss-Newton first. Where it ends before the target, the cables are
+pulled along straight lines of tension from the present state on, and a height is looked for between any two
+states that have it between them.
+
+Between two states that have the wanted height between them it is found by Brent's method, each trial
+followed from the first of the two. Where the height jumps instead, the arm snaps.
+Source: Brent, Algorithms for Minimization without Derivatives, chapter 4.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from typing import Protocol, TypeAlias, final
 
 import numpy as np
@@ -262,3 +272,278 @@ def find_flange_pose(
         f"iterations, is {nearest.off()} off, with the flange at {place} m: {ended.why_not}",
         nearest,
     )
+
+
+_FIRST_STEP = 0.005  # of the largest tension
+_LEAST_STEP = 0.0005
+_LARGEST_STEP = 0.05
+_FAR = 0.05  # of the length from flange to tip: a step that moves the tip farther is halved
+_LITTLE = 0.0125  # the next one is twice as long
+_NO_INFLUENCE = 1e-3  # of the most influential cable
+
+
+@final
+@dataclass(frozen=True)
+class PullLine:
+    """Where the tensions go from the present ones.
+
+    Args:
+        what: is done to the cables, for messages.
+        end_N: (cables,) [N], at the line's end.
+    """
+
+    what: str
+    end_N: Array
+
+
+@final
+@dataclass(frozen=True)
+class _SweepPoint:
+    """A state of a sweep.
+
+    Args:
+        fraction: of the line.
+        here: the equilibrium.
+        tip: (3,) [m], its tip.
+    """
+
+    fraction: float
+    here: Equilibrium
+    tip: Array
+
+
+def pull_lines(follower: Follower, begin: Equilibrium, tension_max_N: float) -> list[PullLine]:
+    """Return the lines worth a sweep: all cables pulled, all released, each cable that moves the tip alone.
+
+    Args:
+        follower: of equilibria.
+        begin: present equilibrium.
+        tension_max_N: largest tension.
+    """
+    now = np.array(begin.loads.cable_tension_N)
+    if not len(now):
+        return []
+    lines = [PullLine("pulling all cables", now + max(tension_max_N - now.max(), 0.0))]
+    if now.any():
+        lines.append(PullLine("releasing all cables", np.zeros(len(now))))
+    try:
+        influence = np.linalg.norm(follower.sensitivity(begin).to_tension()[:3], axis=0)
+    except ConvergenceError:
+        influence = np.ones(len(now))
+    for k in np.flatnonzero(influence > _NO_INFLUENCE * influence.max()) if len(now) > 1 else ():
+        end = now.copy()
+        end[k] = max(tension_max_N, now[k])
+        lines.append(PullLine(f"pulling cable {k + 1} alone", end))
+    return lines
+
+
+@final
+class TensionSweep:
+    """What a pull along one line gave; `lost` says what ended it before the line's end, empty for nothing.
+
+    Args:
+        follower: of equilibria.
+        begin: present equilibrium.
+        line: of tensions.
+        target: of the tip.
+    """
+
+    def __init__(self, follower: Follower, begin: Equilibrium, line: PullLine, target: TipTarget) -> None:
+        self._follower, self._line, self._target = follower, line, target
+        self._first = self._place(0.0, begin)
+        self._places = [self._first]
+        self.lost = ""
+        self._jumps: list[tuple[_SweepPoint, _SweepPoint]] = []
+
+    @property
+    def nearest(self) -> Equilibrium:
+        """The state whose tip is nearest to the target."""
+        return min(self._places, key=self._missing).here
+
+    @property
+    def walked(self) -> bool:
+        """Whether there is a state beside the present one on the line."""
+        return len(self._places) > 1
+
+    def crossings(self, tolerance_m: float) -> Iterator[Equilibrium]:
+        """Walk along the line; yield the equilibria on it that have the wanted height."""
+        for before, after in self._steps():
+            if self._target.height is None:
+                continue
+            over = [place.tip[2] - self._target.height for place in (before, after)]
+            if over[0] * over[1] <= 0.0:
+                found = self._between(before, after, 0.5 * tolerance_m)
+                if found is not None:
+                    yield found
+
+    def told(self) -> str:
+        """Return what heights were reached, for a message."""
+        low, high = (pick(self._places, key=_height) for pick in (min, max))
+        ends = [tensions_text(place.here) for place in (self._first, self._places[-1])]
+        text = (
+            f"{self._line.what} from {ends[0]} to {ends[1]}: from {_height(low):.4f} m at "
+            f"{tensions_text(low.here)} to {_height(high):.4f} m at {tensions_text(high.here)}"
+        )
+        for before, after in self._jumps:
+            heights = f"{_height(before):.4f} to {_height(after):.4f} m"
+            text += f", with a snap from {heights} at {tensions_text(after.here)}"
+        return text + (f", beyond which {self.lost}" if self.lost else "")
+
+    def _steps(self) -> Iterator[tuple[_SweepPoint, _SweepPoint]]:
+        """Yield every two neighbouring states, until the line ends or the equilibrium is lost."""
+        length = np.linalg.norm(self._first.tip - self._first.here.world_from_flange.translation)
+        here, step = self._first, _FIRST_STEP
+        while here.fraction < 1.0:
+            try:
+                there = self._followed(here, min(1.0, here.fraction + step))
+            except ConvergenceError as error:
+                self.lost = str(error)
+                return
+            moved = float(np.linalg.norm(there.tip - here.tip))
+            if moved > _FAR * length and step > _LEAST_STEP:
+                step *= 0.5
+                continue
+            self._places.append(there)
+            yield here, there
+            here, step = there, min(_LARGEST_STEP, 2.0 * step) if moved < _LITTLE * length else step
+
+    def _between(self, before: _SweepPoint, after: _SweepPoint, tolerance_m: float) -> Equilibrium | None:
+        """Return the state between two that has the wanted height; None where it jumps over it."""
+        from scipy.optimize import brentq  # here: it takes long to load
+
+        sides = {np.sign(self._over(place)): place for place in (after, before)}
+
+        def over(fraction: float) -> float:
+            place = before if fraction == before.fraction else self._followed(before, fraction)
+            difference = self._over(place)
+            sides[np.sign(difference)] = place
+            return 0.0 if abs(difference) <= tolerance_m else difference
+
+        try:
+            fraction = brentq(over, before.fraction, after.fraction, xtol=1e-9)
+            found = self._followed(before, fraction)
+        except ConvergenceError as error:
+            self.lost = str(error)
+            return None
+        if abs(self._over(found)) <= 2.0 * tolerance_m:
+            return found.here
+        self._jumps.append((sides[np.sign(self._over(before))], sides[np.sign(self._over(after))]))
+        return None
+
+    def _followed(self, begin: _SweepPoint, fraction: float) -> _SweepPoint:
+        start = np.array(self._first.here.loads.cable_tension_N)
+        tension = tuple(((1.0 - fraction) * start + fraction * self._line.end_N).tolist())
+        loads = replace(begin.here.loads, cable_tension_N=tension)
+        return self._place(fraction, self._follower.follow(begin.here, begin.here.world_from_flange, loads))
+
+    def _place(self, fraction: float, here: Equilibrium) -> _SweepPoint:
+        return _SweepPoint(fraction, here, self._follower.body.tip_position(here.state.positions))
+
+    def _over(self, place: _SweepPoint) -> float:
+        assert self._target.height is not None
+        return float(place.tip[2] - self._target.height)
+
+    def _missing(self, place: _SweepPoint) -> float:
+        if self._target.position is None:
+            return 0.0 if self._target.height is None else abs(self._over(place))
+        return float(np.linalg.norm(place.tip - self._target.position))
+
+
+def _height(place: _SweepPoint) -> float:
+    return float(place.tip[2])
+
+
+def tensions_text(here: Equilibrium) -> str:
+    """Return an equilibrium's cable tensions, for a message."""
+    return f"{np.round(here.loads.cable_tension_N, 2).tolist()} N"
+
+
+_LARGEST_CHANGE_N = 10.0
+
+
+@final
+@dataclass(frozen=True)
+class _TensionChange:
+    """A change of the cable tensions (cables,) [N] that leaves none negative."""
+
+    follower: Follower
+    tension_max_N: float
+
+    def jacobian(self, here: Equilibrium) -> tuple[TipFrame, Array]:
+        sensitivity = self.follower.sensitivity(here)
+        return sensitivity.tip, sensitivity.to_tension()
+
+    def step(self, here: Equilibrium, matrix: Array, missing: Array, bound: float) -> Array:
+        from scipy.optimize import lsq_linear  # here: it takes long to load
+
+        tension = np.array(here.loads.cable_tension_N)
+        # a slight preference for the smallest change decides among equivalent tensions
+        keep = 1e-6 * np.linalg.norm(matrix) * np.eye(len(tension))
+        lower = np.maximum(-tension, -bound * _LARGEST_CHANGE_N)
+        upper = np.minimum(np.maximum(self.tension_max_N - tension, 0.0), bound * _LARGEST_CHANGE_N)
+        problem = np.concatenate([matrix, keep]), np.concatenate([missing, np.zeros(len(tension))])
+        return np.asarray(lsq_linear(*problem, bounds=(lower - 1e-12, upper + 1e-12)).x)
+
+    def size(self, change: Array) -> float:
+        return float(np.abs(change).max(initial=0.0)) / _LARGEST_CHANGE_N
+
+    def moved(self, here: Equilibrium, change: Array) -> tuple[Pose, Loads]:
+        pulled = np.maximum(np.array(here.loads.cable_tension_N) + change, 0.0)
+        return here.world_from_flange, replace(here.loads, cable_tension_N=tuple(pulled.tolist()))
+
+
+def find_tensions(
+    solver: EquilibriumSolver | Follower,
+    begin: Equilibrium,
+    target: TipTarget,
+    options: TargetOptions | None = None,
+) -> TargetSolution:
+    """Find the cable tensions, none negative, that bring the sagging tip to the target; the flange stays.
+
+    Args:
+        solver: follows equilibria of the body.
+        begin: present equilibrium.
+        target: of the tip, world; a point or only a height.
+        options: bounds.
+
+    Raises:
+        UnreachableError: not found; `closest` is the best TargetSolution, the message says what was reached.
+    """
+    options, follower = options or TargetOptions(), follower_of(solver)
+    search = TipSearch(follower, target, options, _TensionChange(follower, options.tension_max_N))
+    ended = search.run(begin)
+    if not ended.why_not:
+        return ended.nearest
+    sweeps: list[TensionSweep] = []
+    for line in pull_lines(follower, begin, options.tension_max_N):
+        sweeps.append(TensionSweep(follower, begin, line, target))
+        for found in sweeps[-1].crossings(options.position_tolerance_m):
+            solution = search.reached(found, ended.nearest.iterations)
+            if options.met(solution) and _stable(follower, found):
+                return solution
+    again = [search.run(sweep.nearest) for sweep in sweeps]
+    ended = min([ended, *again], key=lambda each: each.nearest.position_error_m)
+    if not ended.why_not:
+        return ended.nearest
+    raise UnreachableError(_refusal(ended, target, sweeps, options.tension_max_N), ended.nearest)
+
+
+def _stable(follower: Follower, here: Equilibrium) -> bool:
+    try:
+        follower.sensitivity(here)
+    except ConvergenceError:
+        return False
+    return True
+
+
+def _refusal(ended: Ended, target: TipTarget, sweeps: list[TensionSweep], tension_max_N: float) -> str:
+    nearest = ended.nearest
+    goal = "the target" if target.height is None else f"a height of {target.height:g} m"
+    message = (
+        f"no cable tensions of 0 to {tension_max_N:g} N found that bring the tip to {goal}; the nearest is "
+        f"{nearest.off()} off at {tensions_text(nearest.equilibrium)}: {ended.why_not}"
+    )
+    if target.height is None:
+        lost = dict.fromkeys(sweep.lost for sweep in sweeps if sweep.lost not in message)
+        return "; ".join([message, *lost])
+    return "; ".join([message, *(sweep.told() for sweep in sweeps if sweep.walked)])

@@ -1,1 +1,0 @@
-"""Checks of a scenario that take more than one table."""
